@@ -1,0 +1,30 @@
+.PHONY: demo test lint types bench clean
+VENV := .venv
+BIN := $(VENV)/bin
+PYTHON ?= python3
+READY := $(VENV)/.ready
+
+demo: $(READY) ## repeat the paper's experiment at a small size and draw its figures
+	$(BIN)/forewarn study --n-monitors 4 --n-test 300 --out results/demo
+
+test: $(READY) ## every test
+	$(BIN)/python -m pytest
+
+lint: $(READY) ## style, formatting and the direction of imports
+	$(BIN)/ruff check
+	$(BIN)/ruff format --check
+	$(BIN)/lint-imports
+
+types: $(READY) ## static types
+	$(BIN)/pyright
+
+bench: $(READY) ## ratios against public peers, each pair in one run
+	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -m benchmark -s tests/benchmarks
+
+$(READY): pyproject.toml
+	$(PYTHON) -m venv $(VENV)
+	$(BIN)/pip install --quiet --editable '.[dev]'
+	touch $@
+
+clean: ## forget the virtual environment and all results
+	rm -rf $(VENV) results

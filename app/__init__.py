@@ -1,0 +1,1 @@
+"""The application around the numerics: command line, files, figures."""

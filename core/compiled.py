@@ -1,0 +1,51 @@
+"""How the numerical kernels are compiled, and who is told while that happens."""
+
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
+from functools import cache
+from os import cpu_count
+
+import numba
+from numba.core import event
+
+jit = numba.njit(cache=True, nogil=True)
+"""Compile a kernel once a machine, without the GIL; IEEE arithmetic, so that bits repeat."""
+
+
+@cache
+def threads() -> ThreadPoolExecutor:
+    """The process's threads for kernels; a kernel never submits to it, so it cannot deadlock."""
+    return ThreadPoolExecutor(cpu_count() or 1, thread_name_prefix="kernel")
+
+
+def in_chunks(n: int, size: int, task: Callable[[int, int], object]) -> None:
+    """Run task(start, stop) over range(n) in pieces of `size`, on all threads; alone if one."""
+    if n <= size:
+        task(0, n)
+        return
+    starts = range(0, n, size)
+    for job in [threads().submit(task, start, min(start + size, n)) for start in starts]:
+        job.result()
+
+
+class _Compilation(event.Listener):
+    def __init__(self, say: Callable[[str], None]) -> None:
+        self.say = say
+        self.said = False
+
+    def on_start(self, event: event.Event) -> None:
+        if not self.said:
+            self.said = True
+            self.say("compiling the numerical kernels: once on this machine, under a minute")
+
+    def on_end(self, event: event.Event) -> None:
+        pass
+
+
+@contextmanager
+def announce_compilation(say: Callable[[str], None]):
+    """Call `say` once if any kernel has to be compiled inside the block; silent on a warm cache."""
+    listener = _Compilation(say)
+    with event.install_listener("numba:compile", listener):
+        yield

@@ -1,0 +1,1 @@
+"""From an uncertain aircraft and a planned manoeuvre to batches of closed-loop rollouts."""
