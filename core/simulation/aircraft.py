@@ -1,0 +1,357 @@
+"""The aircraft that the real one might be: published models, and the user's own matrices."""
+
+import re
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from math import cos, sin, tan
+from typing import TYPE_CHECKING, Any, Literal, Self
+
+import numpy as np
+
+from core.channels import KEYS, N_CHANNELS
+from core.simulation.published import (
+    DERIVATIVES,
+    MODELS,
+    SIGMA_FRACTION,
+    ModelName,
+    PublishedModel,
+)
+from core.simulation.uncertain_plant import Effect, Plants, UncertainPlant, Uncertainty
+
+if TYPE_CHECKING:
+    from control import InputOutputSystem
+
+Rows = tuple[tuple[float, ...], ...]
+
+MEASURED, SURFACES = KEYS[:4], KEYS[4:]
+NY = KEYS.index("Ny")
+
+PUBLISHED_SCATTER = Uncertainty(dict(SIGMA_FRACTION))
+"""The flight-to-flight scatter of identified derivatives, see core.simulation.published."""
+
+
+@dataclass(frozen=True)
+class Aircraft(ABC):
+    """The recipe of an uncertain aircraft: which model, and how well it is known."""
+
+    @property
+    @abstractmethod
+    def description(self) -> str:
+        """What aircraft this is and where its numbers come from, in one line."""
+
+    @abstractmethod
+    def uncertain_plant(self) -> UncertainPlant:
+        """The plant with its parameters' distribution; cheap, and the same at every call."""
+
+
+@dataclass(frozen=True)
+class PublishedAircraft(Aircraft):
+    """A model from the literature whose fifteen stability derivatives are uncertain.
+
+    beta_dot = Y_beta beta + (sin alpha0 + Y_p) p + (Y_r - cos alpha0) r + (g cos theta0 / V) phi
+               + Y_da delta_a + Y_dr delta_r
+    N_y = (V / g) (Y_beta beta + Y_p p + Y_r r + Y_da delta_a + Y_dr delta_r)  [g]
+
+    Only the Y, L, N terms are aerodynamic and uncertain; a Y derivative moves beta_dot and N_y
+    together, the kinematic terms stay.
+    n_states: 4 with bank angle phi, or 3 as in the paper: without it the Dutch roll damps more than
+        the aircraft's where g/V is not small.
+    Raises ValueError for an unknown model, number of states or derivative.
+    """
+
+    name: ModelName
+    n_states: Literal[3, 4] = 3
+    uncertainty: Uncertainty = PUBLISHED_SCATTER
+
+    def __post_init__(self) -> None:
+        if self.name not in MODELS:
+            raise ValueError(f"no published model {self.name!r}; there are {', '.join(MODELS)}")
+        if self.n_states not in (3, 4):
+            raise ValueError(f"n_states is {self.n_states}; give 3 (beta, p, r) or 4 (and phi)")
+        self.uncertainty.absolute(DERIVATIVES, np.zeros(len(DERIVATIVES)))
+
+    @property
+    def model(self) -> PublishedModel:
+        """The numbers and where they come from."""
+        return MODELS[self.name]
+
+    @property
+    def description(self) -> str:
+        """The aircraft, its flight condition, source and check, in one line."""
+        model = self.model
+        return f"{model.title}, {model.condition}; {model.reference}; {model.checked}"
+
+    def uncertain_plant(self) -> UncertainPlant:
+        """The derivatives with their distribution, in the order of published.DERIVATIVES."""
+        nominal = np.array(self.model.Y + self.model.L + self.model.N)
+        return UncertainPlant(
+            states=("beta", "p", "r", "phi")[: self.n_states],
+            names=DERIVATIVES,
+            nominal=nominal,
+            spread=self.uncertainty.absolute(DERIVATIVES, nominal),
+            distribution=self.uncertainty.distribution,
+            fixed=_kinematics(self.model, self.n_states),
+            effects=_derivative_effects(self.model.speed / self.model.gravity),
+        )
+
+
+def _kinematics(model: PublishedModel, n_states: int) -> Plants:
+    """What geometry and gravity fix in a published model; the states and surfaces as outputs."""
+    weight = model.phi_to_beta
+    if weight is None:
+        weight = model.gravity * cos(model.theta0) / model.speed
+    climb = model.r_to_phi if model.r_to_phi is not None else tan(model.theta0)
+    a = np.zeros((1, 4, 4))
+    a[0, 0] = 0.0, sin(model.alpha0), -cos(model.alpha0), weight
+    a[0, 3] = 0.0, 1.0, climb, 0.0
+    c = np.zeros((1, N_CHANNELS, n_states))
+    c[0, :3, :3] = np.eye(3)
+    d = np.zeros((1, N_CHANNELS, 2))
+    d[0, 4:] = np.eye(2)
+    kept = np.ascontiguousarray(a[:, :n_states, :n_states])
+    return Plants(kept, np.zeros((1, n_states, 2)), c, d)
+
+
+def _derivative_effects(speed_over_gravity: float) -> tuple[Effect, ...]:
+    """Y, L, N are rows 0-2 of A and B; Y times V/g is the N_y row of C and D too."""
+    effects: list[Effect] = []
+    for parameter in range(len(DERIVATIVES)):
+        row, cause = divmod(parameter, 5)
+        of_input, column = (0, cause) if cause < 3 else (1, cause - 3)
+        effects.append(Effect(of_input, row, column, parameter, 1.0))
+        if row == 0:
+            effects.append(Effect(2 + of_input, NY, column, parameter, speed_over_gravity))
+    return tuple(effects)
+
+
+@dataclass(frozen=True)
+class MatrixAircraft(Aircraft):
+    """The user's own linear model, by its nominal matrices and the uncertainty of their entries.
+
+    a (nx, nx), b (nx, 2): inputs delta_a, delta_r [rad], any nx >= 1 with any states.
+    c (4, nx), d (4, 2): outputs beta [rad], p, r [rad/s], Ny [g]; the surfaces themselves are
+        appended. With 6 rows, the last two must be the surfaces: zeros in c, identity in d.
+    uncertainty: by entry, as {"A[0,0]": 0.1, "C[3,0]": 0.1} (row, column, from 0; not the surfaces'
+        rows). One number means every entry that is not 0, 1 or -1; kinematic ones such as
+        cos(alpha0) are then among them. Entries vary independently, also where beta_dot and N_y
+        share a derivative.
+    states: names of x; x0, x1, ... if empty. A law that feeds back bank angle looks for "phi".
+    Raises ValueError for wrong shapes, numbers that are not finite, entries that do not exist, and
+    fractions of zero.
+    """
+
+    a: Rows
+    b: Rows
+    c: Rows
+    d: Rows
+    uncertainty: Uncertainty
+    states: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        self.uncertain_plant()
+
+    @classmethod
+    def from_json(cls, document: Any) -> Self:
+        """From parsed JSON; the keys are the fields, matrices in capitals or not, as lists of rows.
+
+            {"states": ["beta", "p", "r"],
+             "A": [[...], ...], "B": [[...], ...], "C": [[...], ...], "D": [[...], ...],
+             "uncertainty": {"distribution": "normal", "unit": "fraction",
+                             "spread": {"A[0,0]": 0.1, "B[2,1]": 0.15}}}
+
+        `states`, `distribution` and `unit` may be left out; `spread` may be one number.
+        """
+        if not isinstance(document, dict):
+            raise ValueError(f"a model is a JSON object with A, B, C, D; this is {document!r:.40}")
+        fields = {key.lower(): value for key, value in document.items()}
+        needed, allowed = {"a", "b", "c", "d", "uncertainty"}, {"states"}
+        if not needed <= fields.keys() <= needed | allowed:
+            raise ValueError(
+                f"the model has the keys {', '.join(document)}; it needs A, B, C, D and "
+                "uncertainty, and may have states"
+            )
+        uncertainty = fields["uncertainty"]
+        if not isinstance(uncertainty, dict) or not (
+            {"spread"} <= uncertainty.keys() <= {"spread", "distribution", "unit"}
+        ):
+            raise ValueError(
+                f"uncertainty is {uncertainty!r:.60}; give an object with spread, and if you like "
+                "distribution and unit"
+            )
+        states = fields.get("states", [])
+        if not isinstance(states, list) or not all(isinstance(name, str) for name in states):
+            raise ValueError(f"states is {states!r:.60}; give a list of names")
+        return cls(
+            *(_rows(key.upper(), fields[key]) for key in "abcd"),
+            uncertainty=Uncertainty(**uncertainty),
+            states=tuple(states),
+        )
+
+    @classmethod
+    def from_statespace(cls, system: "InputOutputSystem", uncertainty: Uncertainty) -> Self:
+        """From python-control: continuous time, inputs delta_a, delta_r, outputs beta, p, r, Ny.
+
+        Signals labelled as in core.channels are found by label, further outputs are left out;
+        unlabelled ones (u[0], y[0], ...) are taken in that order, with or without the surfaces.
+        """
+        from control import StateSpace
+
+        if not isinstance(system, StateSpace):
+            raise ValueError(
+                f"a {type(system).__name__} was given; convert it with control.ss first"
+            )
+        if not system.isctime():
+            raise ValueError(
+                f"the model is sampled every {system.dt} s; give it in continuous time"
+            )
+        inputs = _signals("inputs", system.input_labels, "u", (SURFACES,))
+        outputs = _signals("outputs", system.output_labels, "y", (KEYS, MEASURED))
+        a, b, c, d = (np.asarray(matrix) for matrix in (system.A, system.B, system.C, system.D))
+        return cls(
+            _rows("A", a),
+            _rows("B", b[:, inputs]),
+            _rows("C", c[outputs]),
+            _rows("D", d[np.ix_(outputs, inputs)]),
+            uncertainty,
+            tuple(system.state_labels),
+        )
+
+    @property
+    def description(self) -> str:
+        """The model's size; it has no other source than its user."""
+        return f"own model with {len(self.a)} states"
+
+    def uncertain_plant(self) -> UncertainPlant:
+        """The uncertain entries as parameters, named as in the uncertainty."""
+        matrices = self._matrices()
+        names = self._uncertain_names(matrices)
+        places = [_place(name, matrices) for name in names]
+        nominal = np.array([matrices[m][row, column] for m, row, column in places])
+        spread = self.uncertainty.absolute(names, nominal)
+        asked = self.uncertainty.absolute(names, np.ones(len(names)))
+        for name in np.array(names)[(asked > 0.0) & (spread == 0.0)]:
+            raise ValueError(
+                f"{name} is 0, and a fraction of 0 does not vary; give its spread as absolute"
+            )
+        for matrix, row, column in places:
+            matrices[matrix][row, column] = 0.0
+        return UncertainPlant(
+            states=self.states or tuple(f"x{i}" for i in range(len(self.a))),
+            names=names,
+            nominal=nominal,
+            spread=spread,
+            distribution=self.uncertainty.distribution,
+            fixed=Plants(*(matrix[np.newaxis] for matrix in matrices)),
+            effects=tuple(Effect(*place, k, 1.0) for k, place in enumerate(places)),
+        )
+
+    def _matrices(self) -> Plants:
+        """A, B, C, D checked and with the surfaces' rows; without the batch axis."""
+        a, b, c, d = (
+            np.array(_rows(name, rows), dtype=np.float64)
+            for name, rows in zip("ABCD", (self.a, self.b, self.c, self.d), strict=True)
+        )
+        nx = len(a)
+        n_outputs = len(c) if len(c) in (len(MEASURED), N_CHANNELS) else len(MEASURED)
+        needs = ("A", a, (nx, nx)), ("B", b, (nx, 2)), ("C", c, (n_outputs, nx))
+        for name, matrix, shape in (*needs, ("D", d, (n_outputs, 2))):
+            if matrix.shape != shape:
+                raise ValueError(
+                    f"{name} is {_by(matrix.shape)}; with {nx} states it needs {_by(shape)}"
+                    + " (rows beta, p, r, Ny)" * (name in "CD")
+                )
+        if self.states and len(self.states) != nx:
+            raise ValueError(f"{len(self.states)} states are named; A is {_by(a.shape)}")
+        own_c, own_d = np.zeros((2, nx)), np.eye(2)
+        if n_outputs == N_CHANNELS:
+            if not (np.array_equal(c[4:], own_c) and np.array_equal(d[4:], own_d)):
+                raise ValueError(
+                    "rows 4 and 5 of C and D are not delta_a and delta_r themselves (C 0, D "
+                    "identity); leave them out, and model the actuators in the control law"
+                )
+            return Plants(a, b, c, d)
+        return Plants(a, b, np.vstack((c, own_c)), np.vstack((d, own_d)))
+
+    def _uncertain_names(self, matrices: Plants) -> tuple[str, ...]:
+        if isinstance(self.uncertainty.spread, dict):
+            return tuple(self.uncertainty.spread)
+        return tuple(
+            f"{name}[{row},{column}]"
+            for name, matrix in zip("ABCD", matrices, strict=True)
+            for row, column in np.argwhere(~np.isin(matrix, (0.0, 1.0, -1.0)))
+        )
+
+
+def _place(name: str, matrices: Plants) -> tuple[int, int, int]:
+    """Matrix, row and column of an entry called e.g. "A[0,1]"."""
+    nx = len(matrices.a)
+    limits = {"A": (nx, nx), "B": (nx, 2), "C": (len(MEASURED), nx), "D": (len(MEASURED), 2)}
+    match = re.fullmatch(r"([ABCD])\[(0|[1-9]\d*),(0|[1-9]\d*)\]", name)
+    if match:
+        letter, row, column = match[1], int(match[2]), int(match[3])
+        if row < limits[letter][0] and column < limits[letter][1]:
+            return "ABCD".index(letter), row, column
+    sizes = ", ".join(f"{letter} {_by(shape)}" for letter, shape in limits.items())
+    raise ValueError(
+        f"{name!r} is not an entry that can vary; write it like A[0,1], counted from 0, within "
+        f"{sizes}"
+    )
+
+
+def _rows(name: str, matrix: Any) -> Rows:
+    """A matrix given as rows or as an array, as tuples of floats; all numbers finite."""
+    try:
+        array = np.asarray(matrix, dtype=np.float64)
+    except (TypeError, ValueError):
+        array = np.empty(0)
+    if array.ndim != 2 or array.size == 0:
+        raise ValueError(f"{name} is {matrix!r:.60}; give a list of rows of equally many numbers")
+    if not np.isfinite(array).all():
+        row, column = np.argwhere(~np.isfinite(array))[0]
+        raise ValueError(f"{name}[{row},{column}] is {array[row, column]}; give a finite number")
+    return tuple(tuple(float(number) for number in array[i]) for i in range(len(array)))
+
+
+def _signals(
+    kind: str, labels: list[str], default: str, choices: tuple[tuple[str, ...], ...]
+) -> list[int]:
+    """Positions of the first set of signals that is there: by label, or all unlabelled in order."""
+    unlabelled = labels == [f"{default}[{i}]" for i in range(len(labels))]
+    for keys in choices:
+        if set(keys) <= set(labels):
+            return [labels.index(key) for key in keys]
+        if unlabelled and len(labels) == len(keys):
+            return list(range(len(keys)))
+    raise ValueError(
+        f"the model's {kind} are {', '.join(labels)}; label them {', '.join(choices[-1])}, or give "
+        "them unlabelled in that order"
+    )
+
+
+def _by(shape: tuple[int, ...]) -> str:
+    return " by ".join(map(str, shape))
+
+
+def _example() -> MatrixAircraft:
+    """The F-16's 3-state matrices and scatter, entry by entry: the form that a user overwrites."""
+    plant = PublishedAircraft("f16_sl_h0_v502").uncertain_plant()
+    a, b, c, d = (np.round(matrix[0], 6) for matrix in plant.nominal_plant())
+    scatter = {
+        f"{'ABCD'[matrix]}[{row},{column}]": SIGMA_FRACTION[plant.names[parameter]]
+        for matrix, row, column, parameter, _ in plant.effects
+        if plant.fixed[matrix][0, row, column] == 0.0  # not where kinematics dominate the entry
+    }
+    return MatrixAircraft(
+        _rows("A", a),
+        _rows("B", b),
+        _rows("C", c[: len(MEASURED)]),
+        _rows("D", d[: len(MEASURED)]),
+        Uncertainty(scatter),
+        plant.states,
+    )
+
+
+AIRCRAFT: dict[str, Aircraft] = {
+    **{name: PublishedAircraft(name) for name in MODELS},
+    "matrices": _example(),
+}

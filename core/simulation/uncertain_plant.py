@@ -1,0 +1,119 @@
+"""A plant known only up to a parameter vector theta: D_theta, and the (A, B, C, D) of each theta.
+
+x_dot = A x + B u,  y = C x + D u,  u = (delta_a, delta_r) [rad], y in the order of core.channels.
+"""
+
+from dataclasses import dataclass, field
+from math import isfinite
+from typing import Literal, NamedTuple, get_args
+
+import numpy as np
+import numpy.typing as npt
+
+Array = npt.NDArray[np.float64]
+Distribution = Literal["normal", "uniform"]
+Unit = Literal["fraction", "absolute"]
+
+
+class Plants(NamedTuple):
+    """A batch of plants, C-contiguous: a (n, nx, nx), b (n, nx, 2), c (n, 6, nx), d (n, 6, 2)."""
+
+    a: Array
+    b: Array
+    c: Array
+    d: Array
+
+
+class Effect(NamedTuple):
+    """Parameter `parameter` adds `gain * theta` to entry [row, column] of one of the matrices."""
+
+    matrix: int
+    row: int
+    column: int
+    parameter: int
+    gain: float
+
+
+@dataclass(frozen=True)
+class Uncertainty:
+    """How far each parameter scatters about its nominal value, independently of the others.
+
+    spread: one number for all parameters, or one by name; a parameter not named is certain.
+        A standard deviation where the distribution is normal (not truncated), a half width where
+        it is uniform.
+    unit: the spread is a fraction of the nominal value, or absolute in the parameter's own unit.
+    Raises ValueError for a spread that is negative or not finite, or an unknown word.
+    """
+
+    spread: float | dict[str, float] = field(hash=False)
+    distribution: Distribution = "normal"
+    unit: Unit = "fraction"
+
+    def __post_init__(self) -> None:
+        for given, known in ((self.distribution, Distribution), (self.unit, Unit)):
+            if given not in get_args(known):
+                raise ValueError(f"{given!r} is not one of {', '.join(get_args(known))}")
+        numbers = self.spread if isinstance(self.spread, dict) else {"every parameter": self.spread}
+        for name, number in numbers.items():
+            if not (isinstance(number, int | float) and isfinite(number) and number >= 0):
+                raise ValueError(
+                    f"the spread of {name} is {number!r}; give a finite number, zero or more"
+                )
+
+    def absolute(self, names: tuple[str, ...], nominal: Array) -> Array:
+        """Spread of each named parameter in its own unit, (n_params,); ValueError: unknown name."""
+        by_name = (
+            self.spread if isinstance(self.spread, dict) else dict.fromkeys(names, self.spread)
+        )
+        if unknown := [name for name in by_name if name not in names]:
+            raise ValueError(
+                f"the uncertainty names {', '.join(unknown)}; this aircraft's parameters are "
+                f"{', '.join(names)}"
+            )
+        spread = np.array([by_name.get(name, 0.0) for name in names], dtype=np.float64)
+        return spread * np.abs(nominal) if self.unit == "fraction" else spread
+
+
+@dataclass(frozen=True, eq=False)
+class UncertainPlant:
+    """A parameter vector theta, its distribution, and the linear map from theta to the plant.
+
+    states: names of x.   names, nominal, spread: (n_params,); spread in the parameter's own unit.
+    fixed: a batch of one, what the plant holds besides theta (kinematics, the surfaces' rows).
+    effects: where theta enters; an entry may take several.
+    """
+
+    states: tuple[str, ...]
+    names: tuple[str, ...]
+    nominal: Array
+    spread: Array
+    distribution: Distribution
+    fixed: Plants
+    effects: tuple[Effect, ...]
+
+    def sample(self, n: int, rng: np.random.Generator) -> Array:
+        """Draw theta (n, n_params); certain parameters use no random numbers."""
+        uncertain = np.flatnonzero(self.spread)
+        shape = (n, len(uncertain))
+        normal = self.distribution == "normal"
+        deviation = rng.standard_normal(shape) if normal else rng.uniform(-1.0, 1.0, shape)
+        deviation *= self.spread[uncertain]
+        theta = np.repeat(self.nominal[np.newaxis], n, axis=0)
+        theta[:, uncertain] += deviation
+        return theta
+
+    def plants(self, theta: Array) -> Plants:
+        """The plants that theta (n, n_params) means, in fresh arrays."""
+        if theta.ndim != 2 or theta.shape[1] != len(self.names):
+            raise ValueError(
+                f"theta has shape {theta.shape}; this aircraft needs (n, {len(self.names)})"
+            )
+        plants = Plants(*(np.repeat(matrix, len(theta), axis=0) for matrix in self.fixed))
+        for effect in self.effects:
+            entry = plants[effect.matrix][:, effect.row, effect.column]
+            entry += effect.gain * theta[:, effect.parameter]
+        return plants
+
+    def nominal_plant(self) -> Plants:
+        """The plant of the nominal parameters, a batch of one."""
+        return self.plants(self.nominal[np.newaxis])
