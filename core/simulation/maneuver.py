@@ -1,0 +1,342 @@
+"""The planned manoeuvre as the pilot's commands, with the pilot's scatter in timing and amplitude.
+
+Commands are held over each step: the one at sample k is the value at t_k = k dt. All start at trim.
+"""
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass, fields
+from itertools import pairwise
+from math import inf, isfinite, log
+from typing import Literal, get_args
+
+import numpy as np
+import numpy.typing as npt
+
+Array = npt.NDArray[np.float64]
+Surface = Literal["aileron", "rudder"]
+Spacing = Literal["log", "linear"]
+Interpolation = Literal["hold", "linear"]
+
+COLUMN: dict[Surface, int] = {"aileron": 0, "rudder": 1}
+"""Where a surface's command stands in (delta_a, delta_r)."""
+TIME_GUARD = 1e-9
+"""[s] An input due at t_k is flown from sample k on, however t_k was rounded."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Maneuver(ABC):
+    """A trim lead-in, then inputs in segments; amplitudes in degrees of command, either sign.
+
+    duration_s: length of the rollout; inputs that last longer are cut.
+    lead_in_s: trim before the first input.
+    pedal_lag_s: first-order lag of stick and pedals, applied by the rollout, not by `pilot`.
+    timing_jitter_s: standard deviation of the normal scatter of the first input's start and,
+        independently, of every segment's duration; later segments shift along. A start before t = 0
+        is moved to 0, a negative duration to 0; a segment planned to last 0 s stays out.
+    amplitude_jitter: standard deviation of the one factor 1 + jitter on all commands of a rollout.
+    Raises ValueError for numbers that are not finite, for negative times, frequencies and jitters,
+    and for a lead-in that leaves nothing of the duration.
+    """
+
+    duration_s: float = 6.0
+    lead_in_s: float = 0.5
+    pedal_lag_s: float = 0.1
+    timing_jitter_s: float = 0.0
+    amplitude_jitter: float = 0.0
+
+    def __post_init__(self) -> None:
+        for entry in fields(self):
+            value = getattr(self, entry.name)
+            if isinstance(value, str):
+                continue
+            numbers = value if isinstance(value, tuple) else (value,)
+            signed = entry.name.endswith("_deg")
+            if bad := [x for x in numbers if not (isfinite(x) and (signed or x >= 0))]:
+                needed = "a finite number" if signed else "a finite number, zero or more"
+                raise ValueError(f"{entry.name} is {bad[0]}; give {needed}")
+        if self.lead_in_s >= self.duration_s:
+            raise ValueError(
+                f"lead_in_s={self.lead_in_s} leaves nothing of duration_s={self.duration_s}; "
+                "give a longer duration or a shorter lead-in"
+            )
+
+    @property
+    @abstractmethod
+    def segments_s(self) -> tuple[float, ...]:
+        """Planned duration of each segment [s]; inf for one that lasts to the end."""
+
+    @abstractmethod
+    def commands(self, elapsed: Array, segments: Array) -> Array:
+        """Commands [deg] (n, n_samples, 2) in a fresh array; trim where elapsed is negative.
+
+        elapsed: (n, n_samples) time since the first input began [s].
+        segments: (n, n_segments) durations flown [s].
+        """
+
+    def n_samples(self, dt: float) -> int:
+        """Samples of a rollout, both ends included; ValueError unless dt divides the duration."""
+        if not (isfinite(dt) and dt > 0):
+            raise ValueError(f"dt={dt} s; give a finite time step above zero")
+        steps = self.duration_s / dt
+        if abs(steps - round(steps)) > 1e-6:
+            raise ValueError(
+                f"duration_s={self.duration_s} is {steps:.6g} steps of dt={dt}; "
+                f"give a whole number of steps, such as duration_s={round(steps) * dt:.6g}"
+            )
+        return round(steps) + 1
+
+    def pilot(self, dt: float, n: int, rng: np.random.Generator) -> Array:
+        """Commands (delta_a, delta_r) [rad], (n, n_samples, 2); a batch of one without jitter.
+
+        The scatter of a rollout depends on rng and n only; without jitter rng is not used.
+        """
+        t = np.arange(self.n_samples(dt), dtype=np.float64) * dt
+        start, segments = np.array([[self.lead_in_s]]), np.array([self.segments_s])
+        if self.timing_jitter_s > 0.0:
+            scatter = self.timing_jitter_s * rng.standard_normal((n, 1 + segments.shape[1]))
+            start = np.maximum(start + scatter[:, :1], 0.0)
+            segments = np.maximum(segments + scatter[:, 1:] * (segments > 0.0), 0.0)
+        factor = np.ones(1)
+        if self.amplitude_jitter > 0.0:
+            factor = 1.0 + self.amplitude_jitter * rng.standard_normal(n)
+        commands = self.commands(t - start, segments)
+        scale = np.deg2rad(factor)[:, np.newaxis, np.newaxis]
+        return np.multiply(commands, scale, out=commands if len(commands) == n else None)
+
+
+def _check_word(name: str, word: str, known: tuple[str, ...]) -> None:
+    if word not in known:
+        raise ValueError(f"{name} is {word!r}; give one of {', '.join(known)}")
+
+
+@dataclass(frozen=True, kw_only=True)
+class OneSurface(Maneuver, ABC):
+    """A manoeuvre flown with one control."""
+
+    surface: Surface = "rudder"
+    amplitude_deg: float = 5.0
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        _check_word("surface", self.surface, get_args(Surface))
+
+    @abstractmethod
+    def shape(self, elapsed: Array, segments: Array) -> Array:
+        """The command (n, n_samples) in amplitudes; arguments as for `commands`."""
+
+    def commands(self, elapsed: Array, segments: Array) -> Array:
+        """`shape` on the one surface, the other at trim."""
+        command = np.zeros((*elapsed.shape, len(COLUMN)))
+        column = command[..., COLUMN[self.surface]]
+        np.multiply(self.shape(elapsed, segments), self.amplitude_deg, out=column)
+        return command
+
+
+@dataclass(frozen=True, kw_only=True)
+class Steps(OneSurface, ABC):
+    """A manoeuvre that holds one level per segment."""
+
+    @property
+    @abstractmethod
+    def levels(self) -> tuple[float, ...]:
+        """Level of each segment, in amplitudes."""
+
+    def shape(self, elapsed: Array, segments: Array) -> Array:
+        """The level of the segment that each time falls into; trim before and after."""
+        edges = np.cumsum(segments, axis=1) - TIME_GUARD
+        begun = (elapsed >= -TIME_GUARD).astype(np.uint8)
+        for edge in edges.T:
+            begun += elapsed >= edge[:, np.newaxis]
+        return np.array([0.0, *self.levels, 0.0])[begun]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Doublet(Steps):
+    """One way, then the other, equally long; the paper's is 1 s + 1 s of rudder from t = 0.5 s."""
+
+    half_s: float = 1.0
+
+    @property
+    def segments_s(self) -> tuple[float, ...]:
+        """Two equal halves [s]."""
+        return self.half_s, self.half_s
+
+    @property
+    def levels(self) -> tuple[float, ...]:
+        """One amplitude, then its opposite."""
+        return 1.0, -1.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class Step(Steps):
+    """One input that is held to the end."""
+
+    @property
+    def segments_s(self) -> tuple[float, ...]:
+        """One segment to the end."""
+        return (inf,)
+
+    @property
+    def levels(self) -> tuple[float, ...]:
+        """One amplitude."""
+        return (1.0,)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Pulse(Steps):
+    """One input, then back to trim."""
+
+    width_s: float = 0.5
+
+    @property
+    def segments_s(self) -> tuple[float, ...]:
+        """The pulse's width [s]."""
+        return (self.width_s,)
+
+    @property
+    def levels(self) -> tuple[float, ...]:
+        """One amplitude."""
+        return (1.0,)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Multistep3211(Steps):
+    """Inputs of alternating sign that last 3, 2, 1 and 1 units: a broad band for identification."""
+
+    unit_s: float = 0.5
+
+    @property
+    def segments_s(self) -> tuple[float, ...]:
+        """3, 2, 1 and 1 units [s]."""
+        return 3 * self.unit_s, 2 * self.unit_s, self.unit_s, self.unit_s
+
+    @property
+    def levels(self) -> tuple[float, ...]:
+        """Alternating signs."""
+        return 1.0, -1.0, 1.0, -1.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class BankToBank(Steps):
+    """Roll in, hold, roll across to the opposite bank (twice as long), hold, roll out to level."""
+
+    surface: Surface = "aileron"
+    roll_s: float = 1.0
+    hold_s: float = 0.5
+
+    @property
+    def segments_s(self) -> tuple[float, ...]:
+        """In, hold, across, hold, out [s]."""
+        return self.roll_s, self.hold_s, 2 * self.roll_s, self.hold_s, self.roll_s
+
+    @property
+    def levels(self) -> tuple[float, ...]:
+        """Centred stick while holding a bank."""
+        return 1.0, 0.0, -1.0, 0.0, 1.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class FrequencySweep(OneSurface):
+    """A sine whose frequency runs from start to end, logarithmically or linearly in time.
+
+    One segment: jitter of its duration stretches the sweep, its frequencies stay.
+    Raises ValueError for frequencies that are not above zero; `pilot` refuses a dt with fewer than
+    two samples a period.
+    """
+
+    start_hz: float = 0.2
+    end_hz: float = 2.0
+    sweep_s: float = 5.0
+    spacing: Spacing = "log"
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        _check_word("spacing", self.spacing, get_args(Spacing))
+        if min(self.start_hz, self.end_hz) <= 0.0:
+            raise ValueError(
+                f"start_hz={self.start_hz}, end_hz={self.end_hz}; both must be above zero"
+            )
+
+    @property
+    def segments_s(self) -> tuple[float, ...]:
+        """The sweep [s]."""
+        return (self.sweep_s,)
+
+    def n_samples(self, dt: float) -> int:
+        """As for every manoeuvre; ValueError too if dt cannot show the highest frequency."""
+        highest = max(self.start_hz, self.end_hz)
+        if dt * highest >= 0.5:
+            raise ValueError(
+                f"dt={dt} s shows frequencies below {0.5 / dt:.4g} Hz; the sweep goes to "
+                f"{highest} Hz: give a smaller dt or a lower frequency"
+            )
+        return super().n_samples(dt)
+
+    def shape(self, elapsed: Array, segments: Array) -> Array:
+        """sin(2 pi cycles), cycles the integral of the frequency over the sweep so far."""
+        on = (elapsed >= -TIME_GUARD) & (elapsed < segments - TIME_GUARD)
+        part = np.where(on, elapsed, 0.0) / np.maximum(segments, TIME_GUARD)
+        octaves = log(self.end_hz / self.start_hz)
+        if self.spacing == "linear" or octaves == 0.0:
+            cycles = part * (self.start_hz + 0.5 * (self.end_hz - self.start_hz) * part)
+        else:
+            cycles = self.start_hz * np.expm1(octaves * part) / octaves
+        return np.where(on, np.sin(2.0 * np.pi * segments * cycles), 0.0)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Table(Maneuver):
+    """Commands at given times after the lead-in, held or joined by lines; the last one stays.
+
+    t_s: increasing, from 0.   delta_a_deg, delta_r_deg: as many. Trim before the first time.
+    One segment: jitter of its duration stretches the whole table.
+    Raises ValueError for no rows, columns of unequal length and times that do not increase.
+    """
+
+    t_s: tuple[float, ...] = (0.0, 0.5, 1.5, 2.5, 3.0)
+    delta_a_deg: tuple[float, ...] = (0.0, 2.0, -2.0, 2.0, 0.0)
+    delta_r_deg: tuple[float, ...] = (0.0, 5.0, -5.0, 1.0, 0.0)
+    interpolation: Interpolation = "linear"
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        _check_word("interpolation", self.interpolation, get_args(Interpolation))
+        rows = len(self.t_s)
+        if not rows == len(self.delta_a_deg) == len(self.delta_r_deg) > 0:
+            raise ValueError(
+                f"{rows} times, {len(self.delta_a_deg)} aileron and {len(self.delta_r_deg)} rudder "
+                "commands; give equally many, at least one"
+            )
+        for row, (before, after) in enumerate(pairwise(self.t_s), 1):
+            if after <= before:
+                raise ValueError(f"t_s[{row}]={after} follows {before}; the times must increase")
+
+    @property
+    def segments_s(self) -> tuple[float, ...]:
+        """From the end of the lead-in to the last row [s]."""
+        return (self.t_s[-1],)
+
+    def commands(self, elapsed: Array, segments: Array) -> Array:
+        """The table at the planned time that each sample, stretched, stands for."""
+        whole = self.t_s[-1]
+        planned = elapsed * (whole / np.maximum(segments, TIME_GUARD)) if whole else elapsed
+        begun = np.searchsorted(self.t_s, planned + TIME_GUARD, side="right")
+        columns = (
+            np.where(begun > 0, np.interp(planned, self.t_s, column), 0.0)
+            if self.interpolation == "linear"
+            else np.array((0.0, *column))[begun]
+            for column in (self.delta_a_deg, self.delta_r_deg)
+        )
+        return np.stack(tuple(columns), axis=-1)
+
+
+MANEUVERS: dict[str, Maneuver] = {
+    "rudder_doublet": Doublet(),
+    "aileron_doublet": Doublet(surface="aileron"),
+    "step": Step(),
+    "pulse": Pulse(),
+    "multistep_3211": Multistep3211(),
+    "bank_to_bank": BankToBank(),
+    "frequency_sweep": FrequencySweep(),
+    "table": Table(),
+}
