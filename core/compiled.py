@@ -1,22 +1,45 @@
 """How the numerical kernels are compiled, and who is told while that happens."""
 
+import hashlib
+import os
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from functools import cache
-from os import cpu_count
+from pathlib import Path
+from typing import Any
 
 import numba
-from numba.core import event
+from numba.core import config, event
 
-jit = numba.njit(cache=True, nogil=True)
-"""Compile a kernel once a machine, without the GIL; IEEE arithmetic, so that bits repeat."""
+
+@cache
+def _kernel_directory() -> str:
+    """Where this version's compiled kernels are kept: another for any change of the sources.
+
+    numba itself looks at the one file a kernel stands in, not at the kernels which that one calls.
+    """
+    sources = sorted(Path(__file__).parent.rglob("*.py"))
+    digest = hashlib.sha256(b"".join(source.read_bytes() for source in sources))
+    home = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
+    return str(Path(home) / "forewarn" / f"kernels-{digest.hexdigest()[:16]}")
+
+
+def jit(function: Callable[..., Any]) -> Any:
+    """Compile a kernel once a machine, without the GIL; IEEE arithmetic, so that bits repeat."""
+    settings: Any = config
+    given = settings.CACHE_DIR
+    settings.CACHE_DIR = given or _kernel_directory()
+    try:
+        return numba.njit(cache=True, nogil=True)(function)
+    finally:
+        settings.CACHE_DIR = given
 
 
 @cache
 def threads() -> ThreadPoolExecutor:
     """The process's threads for kernels; a kernel never submits to it, so it cannot deadlock."""
-    return ThreadPoolExecutor(cpu_count() or 1, thread_name_prefix="kernel")
+    return ThreadPoolExecutor(os.cpu_count() or 1, thread_name_prefix="kernel")
 
 
 def in_chunks(n: int, size: int, task: Callable[[int, int], object]) -> None:
