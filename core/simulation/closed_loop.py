@@ -1,0 +1,75 @@
+"""The closed loop of aircraft, actuators and control law, for eight rollouts at a time.
+
+State z = (plant states, delta_a, delta_r, law's states), n numbers; z_dot = F z + bandwidth pilot,
+the pilot on the rows of the surfaces. Measured: (beta, p, r, Ny, delta_a, delta_r, phi) = rows
+(x, delta); the surfaces' rows of C and D are not read. For one plant, in numpy, the same is
+control_law.closed_loop.
+A matrix of lanes is flat: its entry (i, j) is the run of eight numbers from 8 (i columns + j) on.
+"""
+
+from core.compiled import jit
+from core.simulation.lanes import WIDTH, fma, load, read_integer, splat, store, total, write
+
+PHI = 3  # the plant state that is the bank angle, where a law feeds it back
+N_FEEDBACK = 7
+
+
+@jit
+def clear(w, at, vectors):
+    """Fill with zeros."""
+    for i in range(vectors):
+        store(w, at + i * WIDTH, splat(0.0))
+
+
+@jit
+def gather(source, rows, which, w, at, columns):
+    """Copy the first rows of eight matrices into lanes, `columns` to a row; 0 times their sum."""
+    for lane in range(WIDTH):
+        rollout = read_integer(which, lane)
+        for i in range(rows):
+            for j in range(source.shape[2]):
+                write(w, at + (i * columns + j) * WIDTH + lane, source[rollout, i, j])
+    check = splat(0.0)
+    for i in range(rows):
+        for j in range(source.shape[2]):
+            check = fma(splat(0.0), load(w, at + (i * columns + j) * WIDTH), check)
+    return total(check)
+
+
+@jit
+def close_loop(plants, law, bandwidth, which, w, loop, rows):
+    """Fill F (n, n) at w[loop:] and the measured rows (7, nx + 2) at w[rows:]; False if not finite.
+
+    plants, law: as Plants and Controller; which: address of the eight rollouts' indices.
+    """
+    a, b, c, d = plants
+    law_a, law_b, law_c, law_d = law
+    nx = a.shape[1]
+    m = law_a.shape[0]
+    ny = nx + 2
+    n = ny + m
+    clear(w, loop, n * n)
+    clear(w, rows, N_FEEDBACK * ny)
+    check = gather(a, nx, which, w, loop, n) + gather(b, nx, which, w, loop + nx * WIDTH, n)
+    check += gather(c, 4, which, w, rows, ny) + gather(d, 4, which, w, rows + nx * WIDTH, ny)
+    one = splat(1.0)
+    store(w, rows + (4 * ny + nx) * WIDTH, one)
+    store(w, rows + (5 * ny + nx + 1) * WIDTH, one)
+    if nx > PHI:
+        store(w, rows + (6 * ny + PHI) * WIDTH, one)
+    for i in range(2 + m):  # delta rows, then controller rows
+        row = loop + (nx + i) * n * WIDTH
+        for o in range(N_FEEDBACK):
+            gain = -bandwidth * law_d[i, o] if i < 2 else law_b[i - 2, o]
+            if gain != 0.0:
+                for j in range(ny):
+                    at = row + j * WIDTH
+                    measured = load(w, rows + (o * ny + j) * WIDTH)
+                    store(w, at, fma(splat(gain), measured, load(w, at)))
+        for j in range(m):
+            gain = -bandwidth * law_c[i, j] if i < 2 else law_a[i - 2, j]
+            store(w, row + (ny + j) * WIDTH, splat(gain))
+        if i < 2:
+            at = row + (nx + i) * WIDTH
+            store(w, at, fma(splat(-bandwidth), one, load(w, at)))
+    return check == 0.0

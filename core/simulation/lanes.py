@@ -1,0 +1,281 @@
+"""Eight float64 side by side: the SIMD register as a value that compiled kernels compute with.
+
+A kernel written on lanes advances eight rollouts at once, one a lane. numba would have to guess
+that its loops vectorise; here they are vectors from the start (LLVM's `<8 x double>`: one AVX-512
+register, two of AVX2, four of NEON). Every operation is IEEE and element by element, and `fma`
+rounds once, so a lane's bits depend on that lane's numbers only.
+
+Memory is a plain address and a position that counts eight-byte numbers; nothing checks bounds.
+Addresses instead of arrays because numba counts references to arrays in every call, which costs
+more than the arithmetic. They do not keep an array alive: take the `address` of arguments only.
+"""
+
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from llvmlite import ir
+from numba.core import cgutils, types
+from numba.extending import intrinsic as numba_intrinsic
+from numba.extending import models, register_model
+
+intrinsic: Any = numba_intrinsic  # its decorated functions lose the argument `typing` when called
+
+WIDTH = 8
+UNROLLED = 9  # largest matrices for which products are unrolled
+_VECTOR = ir.VectorType(ir.DoubleType(), WIDTH)
+_REAL = ir.DoubleType()
+_INDEX = ir.IntType(32)
+_INTEGER = ir.IntType(64)
+
+
+class _LanesType(types.Type):
+    def __init__(self) -> None:
+        super().__init__(name="Lanes")
+
+
+@register_model(_LanesType)
+class _LanesModel(models.PrimitiveModel):
+    def __init__(self, manager, numba_type) -> None:
+        super().__init__(manager, numba_type, _VECTOR)
+
+
+lanes = _LanesType()
+
+
+def aligned(size: int) -> npt.NDArray[np.float64]:
+    """Return uninitialised room for `size` numbers, from a cache line on as fast loads need."""
+    room = np.empty(size + WIDTH)
+    skip = -(room.ctypes.data // 8) % WIDTH
+    return room[skip : skip + size]
+
+
+def _pointer(builder, address, position, pointee):
+    base = builder.inttoptr(address, _REAL.as_pointer())
+    return builder.bitcast(builder.gep(base, [position]), pointee.as_pointer())
+
+
+def _call(builder, name: str, arguments):
+    """Call one of LLVM's elementwise functions."""
+    kind = ir.FunctionType(_VECTOR, [_VECTOR] * len(arguments))
+    name = f"llvm.{name}.v{WIDTH}f64"
+    return builder.call(cgutils.get_or_insert_function(builder.module, kind, name), arguments)
+
+
+def _reader(numba_type, llvm_type):
+    @intrinsic
+    def read(typing, address, position):
+        """Return what is at this position."""
+
+        def generate(context, builder, signature, arguments):
+            address, position = arguments
+            return builder.load(_pointer(builder, address, position, llvm_type), align=8)
+
+        return numba_type(types.intp, types.intp), generate
+
+    return read
+
+
+def _writer(numba_type, llvm_type):
+    @intrinsic
+    def write(typing, address, position, value):
+        """Write to this position."""
+
+        def generate(context, builder, signature, arguments):
+            address, position, value = arguments
+            builder.store(value, _pointer(builder, address, position, llvm_type), align=8)
+            return context.get_dummy_value()
+
+        return types.void(types.intp, types.intp, numba_type), generate
+
+    return write
+
+
+load, store = _reader(lanes, _VECTOR), _writer(lanes, _VECTOR)
+read, write = _reader(types.float64, _REAL), _writer(types.float64, _REAL)
+read_integer, write_integer = _reader(types.int64, _INTEGER), _writer(types.int64, _INTEGER)
+
+
+@intrinsic
+def address(typing, array):
+    """Where an array's numbers lie."""
+
+    def generate(context, builder, signature, arguments):
+        data = context.make_array(signature.args[0])(context, builder, arguments[0]).data
+        return builder.ptrtoint(data, _INTEGER)
+
+    return types.intp(array), generate
+
+
+@intrinsic
+def splat(typing, scalar):
+    """One number in all eight lanes."""
+
+    def generate(context, builder, signature, arguments):
+        undefined = ir.Constant(_VECTOR, ir.Undefined)
+        first = builder.insert_element(undefined, arguments[0], _INDEX(0))
+        zeros = ir.Constant(ir.VectorType(_INDEX, WIDTH), [0] * WIDTH)
+        return builder.shuffle_vector(first, first, zeros)
+
+    return lanes(types.float64), generate
+
+
+@intrinsic
+def add(typing, a, b):
+    """Return a + b."""
+    return lanes(lanes, lanes), lambda context, builder, signature, x: builder.fadd(*x)
+
+
+@intrinsic
+def subtract(typing, a, b):
+    """Return a - b."""
+    return lanes(lanes, lanes), lambda context, builder, signature, x: builder.fsub(*x)
+
+
+@intrinsic
+def multiply(typing, a, b):
+    """Return a b."""
+    return lanes(lanes, lanes), lambda context, builder, signature, x: builder.fmul(*x)
+
+
+@intrinsic
+def fma(typing, a, b, c):
+    """Return a b + c, rounded once."""
+    return lanes(lanes, lanes, lanes), lambda context, builder, signature, x: _call(
+        builder, "fma", x
+    )
+
+
+@intrinsic
+def magnitude(typing, a):
+    """Return |a|."""
+    return lanes(lanes), lambda context, builder, signature, x: _call(builder, "fabs", x)
+
+
+@intrinsic
+def total(typing, a):
+    """Sum of the eight lanes, in order."""
+
+    def generate(context, builder, signature, arguments):
+        out = builder.extract_element(arguments[0], _INDEX(0))
+        for i in range(1, WIDTH):
+            out = builder.fadd(out, builder.extract_element(arguments[0], _INDEX(i)))
+        return out
+
+    return types.float64(lanes), generate
+
+
+@intrinsic
+def where_greater(typing, a, b, x, y):
+    """Return x in the lanes where a > b, y in the others (and where a or b is NaN)."""
+
+    def generate(context, builder, signature, arguments):
+        a, b, x, y = arguments
+        return builder.select(builder.fcmp_ordered(">", a, b), x, y)
+
+    return lanes(lanes, lanes, lanes, lanes), generate
+
+
+def _column_function(module, n: int, columns: int):
+    """Define, once a module, out = start + left right for `columns` columns and n unrolled rows."""
+    vectors = _VECTOR.as_pointer()
+    kind = ir.FunctionType(ir.VoidType(), [vectors] * 4 + [_INTEGER])
+    function = cgutils.get_or_insert_function(module, kind, f"lanes_columns_{n}_{columns}")
+    if function.blocks:
+        return function
+    function.linkage = "internal"
+    function.attributes.add("noinline")  # one copy: inlined everywhere it takes seconds to compile
+    left, right, start, out, stride = function.args
+    builder = ir.IRBuilder(function.append_basic_block())
+
+    def item(base, row, column):
+        skip = builder.mul(stride, _INTEGER(row))
+        return builder.gep(base, [builder.add(skip, _INTEGER(column))])
+
+    places = [(i, j) for i in range(n) for j in range(columns)]
+    sums: dict[tuple[int, int], ir.Value] = {
+        place: builder.load(item(start, *place), align=8) for place in places
+    }
+    for k in range(n):
+        x = [builder.load(item(right, k, j), align=8) for j in range(columns)]
+        for i in range(n):
+            a = builder.load(builder.gep(left, [_INTEGER(i * n + k)]), align=8)
+            for j in range(columns):
+                sums[i, j] = _call(builder, "fma", [a, x[j], sums[i, j]])
+    for place in places:
+        builder.store(sums[place], item(out, *place), align=8)
+    builder.ret_void()
+    return function
+
+
+def _columns(columns: int):
+    @intrinsic
+    def multiply_columns(typing, w, left, right, start, out, n, stride):
+        """out = start + left right for some columns, 1 <= n <= UNROLLED rows, kept in registers.
+
+        left[i, k] is at left + 8 (n i + k) of w; right[k, j], start[i, j] and out[i, j] have rows
+        `stride` vectors apart. Another n does nothing.
+        """
+
+        def generate(context, builder, signature, arguments):
+            w, *places, n, stride = arguments
+            pointers = [_pointer(builder, w, place, _VECTOR) for place in places]
+            end = builder.append_basic_block("columns_end")
+            switch = builder.switch(n, end)
+            for size in range(1, UNROLLED + 1):
+                block = builder.append_basic_block(f"columns_{size}")
+                switch.add_case(ir.Constant(n.type, size), block)
+                function = _column_function(builder.module, size, columns)
+                with builder.goto_block(block):
+                    builder.call(function, [*pointers, stride])
+                    builder.branch(end)
+            builder.position_at_end(end)
+            return context.get_dummy_value()
+
+        return types.void(*[types.intp] * 7), generate
+
+    return multiply_columns
+
+
+multiply_column, multiply_column_pair = _columns(1), _columns(2)
+
+
+@intrinsic
+def store_transposed(typing, source, rows, target, places, offset):
+    """Turn an 8 x 8 block: lane l of eight runs of `source` becomes eight neighbours in `target`.
+
+    target[places[l] + offset + i] = source[rows[i] + l]; rows, places: addresses of eight integers.
+    """
+
+    def generate(context, builder, signature, arguments):
+        source, rows, target, places, offset = arguments
+
+        def integer(base, i):
+            return builder.load(_pointer(builder, base, _INTEGER(i), _INTEGER))
+
+        columns = [
+            builder.load(_pointer(builder, source, integer(rows, i), _VECTOR), align=8)
+            for i in range(WIDTH)
+        ]
+        for half in (4, 2, 1):
+            columns = _exchange(builder, columns, half)
+        for lane, column in enumerate(columns):
+            at = builder.add(integer(places, lane), offset)
+            builder.store(column, _pointer(builder, target, at, _VECTOR), align=8)
+        return context.get_dummy_value()
+
+    return types.void(*[types.intp] * 5), generate
+
+
+def _exchange(builder, rows, half):
+    """Exchange the off-diagonal blocks of `half` numbers in pairs of rows: a third of turning."""
+    low = [i + (WIDTH - half if i & half else 0) for i in range(WIDTH)]
+    high = [i + (WIDTH if i & half else half) for i in range(WIDTH)]
+    masks = [ir.Constant(ir.VectorType(_INDEX, WIDTH), mask) for mask in (low, high)]
+    exchanged = list(rows)
+    for i in range(WIDTH):
+        if not i & half:
+            pair = rows[i], rows[i + half]
+            exchanged[i] = builder.shuffle_vector(*pair, masks[0])
+            exchanged[i + half] = builder.shuffle_vector(*pair, masks[1])
+    return exchanged

@@ -1,0 +1,165 @@
+"""Batches of closed-loop rollouts: what the telemetry of each random aircraft would be."""
+
+from functools import partial
+from math import ceil, exp, inf, isfinite, radians
+
+import numpy as np
+import numpy.typing as npt
+
+from core.channels import N_CHANNELS
+from core.compiled import in_chunks
+from core.simulation.control_law import FEEDBACK, PHI_STATE, SURFACES, Actuator, Controller
+from core.simulation.lanes import WIDTH, aligned
+from core.simulation.response import GROUPS, LEDGER, linear_room, roll_out_linear
+from core.simulation.saturation import LIMITED_LEDGER, limited_room, roll_out_limited
+from core.simulation.uncertain_plant import Plants
+from core.simulation.zero_order_hold import input_series
+
+Array = npt.NDArray[np.float64]
+CHUNK = 32 * GROUPS * WIDTH
+"""Rollouts that a thread takes at a time."""
+LONGEST_STEP = 0.002
+"""[s] Runge-Kutta step where surfaces have limits, and at most a fifth of the fastest time constant
+of actuators and law; plants with modes beyond 500 rad/s need smaller steps (substeps)."""
+
+
+def roll_out(
+    plants: Plants,
+    controller: Controller,
+    actuator: Actuator,
+    pilot: Array,
+    dt: float,
+    *,
+    pedal_lag_s: float = 0.0,
+    substeps: int = 1,
+    out: Array | None = None,
+) -> Array:
+    """Simulate every plant in the closed loop from trim, exactly where surfaces have no limits.
+
+    pilot: (1 or n, n_samples, 2) commands [rad] of aileron and rudder; that of sample k acts from
+        t_k to t_(k+1) (zero-order hold), through a first-order lag of pedal_lag_s if that is not 0.
+    substeps: output samples a step.   out: written and returned if given.
+    Returns y (n, (n_samples - 1) substeps + 1, 6) in the order of core.channels; sample k is
+    y(t_k), before command k has acted. An unstable rollout may grow to inf and then be NaN: a
+    sample that is not finite breaks every limit. The numbers of a rollout depend, bit for bit, on
+    its own plant and commands only.
+    Raises ValueError for shapes that do not fit and numbers that are not finite.
+    """
+    n, n_states, pilot = _checked(plants, controller, pilot, dt, pedal_lag_s, substeps)
+    shape = (n, (pilot.shape[1] - 1) * substeps + 1, N_CHANNELS)
+    out = np.empty(shape) if out is None else _checked_out(out, shape)
+    plants = Plants(*(np.ascontiguousarray(matrix, dtype=np.float64) for matrix in plants))
+    law = tuple(np.ascontiguousarray(matrix, dtype=np.float64) for matrix in controller)
+    m = len(controller.a)
+    if actuator.rate_limit_deg_s is None and actuator.position_limit_deg is None:
+        step = dt / substeps
+        series, decays = input_series(step, pedal_lag_s)
+        kernel = partial(
+            roll_out_linear,
+            *(plants, law, actuator.bandwidth_rad_s, pilot, step, substeps, series, decays),
+        )
+        room, ledger = linear_room(n_states, m, pilot.shape[1]), LEDGER
+    else:
+        kernel = partial(
+            roll_out_limited,
+            *(plants, law, actuator.bandwidth_rad_s),
+            *_limits(actuator),
+            *(pilot, dt / substeps),
+            *_runge_kutta(dt / substeps, actuator, controller, pedal_lag_s, substeps),
+        )
+        room, ledger = limited_room(n_states, m, pilot.shape[1]), LIMITED_LEDGER
+
+    def simulate(start: int, stop: int) -> None:
+        failed = kernel(aligned(room), np.empty(ledger, np.int64), out, start, stop)
+        if failed >= 0:
+            raise ValueError(_what_failed(plants, failed, dt / substeps))
+
+    in_chunks(n, CHUNK, simulate)
+    return out
+
+
+def _checked(
+    plants: Plants,
+    controller: Controller,
+    pilot: Array,
+    dt: float,
+    pedal_lag_s: float,
+    substeps: int,
+) -> tuple[int, int, Array]:
+    """Refuse what the kernels could not compute with; n, nx and the pilot's commands."""
+    if plants.a.ndim != 3 or 0 in plants.a.shape:
+        raise ValueError(f"plants.a has shape {plants.a.shape}; it needs (n, nx, nx), n, nx >= 1")
+    n, nx, m = len(plants.a), plants.a.shape[1], len(controller.a)
+    inputs = len(FEEDBACK)
+    needed = {
+        "plants.a": (plants.a, (n, nx, nx)),
+        "plants.b": (plants.b, (n, nx, 2)),
+        "plants.c": (plants.c, (n, N_CHANNELS, nx)),
+        "plants.d": (plants.d, (n, N_CHANNELS, 2)),
+        "controller.a": (controller.a, (m, m)),
+        "controller.b": (controller.b, (m, inputs)),
+        "controller.c": (controller.c, (2, m)),
+        "controller.d": (controller.d, (2, inputs)),
+    }
+    for name, (matrix, shape) in needed.items():
+        if matrix.shape != shape:
+            raise ValueError(f"{name} has shape {matrix.shape}; it needs {shape}")
+        if name.startswith("controller") and not np.isfinite(matrix).all():
+            raise ValueError(f"{name} holds numbers that are not finite; check the control law")
+    if nx <= PHI_STATE and (controller.b[:, -1].any() or controller.d[:, -1].any()):
+        raise ValueError(
+            f"the control law feeds back phi, but the plant has {nx} states; choose a plant with "
+            "phi as its fourth state, or a law without phi"
+        )
+    pilot = np.ascontiguousarray(pilot, dtype=np.float64)
+    if pilot.ndim != 3 or pilot.shape[0] not in (1, n) or pilot.shape[1] < 1 or pilot.shape[2] != 2:
+        raise ValueError(
+            f"pilot has shape {pilot.shape}; it needs (1 or {n}, n_samples, {len(SURFACES)})"
+        )
+    if not np.isfinite(pilot).all():
+        raise ValueError("pilot holds commands that are not finite; check the manoeuvre")
+    if not (isfinite(dt) and dt > 0):
+        raise ValueError(f"dt is {dt} s; give a finite step above zero")
+    if not (isfinite(pedal_lag_s) and pedal_lag_s >= 0):
+        raise ValueError(f"pedal_lag_s is {pedal_lag_s} s; give a finite time, 0 for no lag")
+    if substeps < 1:
+        raise ValueError(f"substeps is {substeps}; give a whole number, 1 or more")
+    return n, nx, pilot
+
+
+def _checked_out(out: Array, shape: tuple[int, int, int]) -> Array:
+    if out.shape != shape or out.dtype != np.float64 or not out.flags.c_contiguous:
+        raise ValueError(
+            f"out has shape {out.shape}, {out.dtype}; it needs {shape}, float64, C-contiguous"
+        )
+    if not out.flags.writeable:
+        raise ValueError("out is read-only; give an array that may be written")
+    return out
+
+
+def _limits(actuator: Actuator) -> tuple[float, float]:
+    """Rate limit [rad/s] and position limit [rad], inf where there is none."""
+    limits = actuator.rate_limit_deg_s, actuator.position_limit_deg
+    rate, position = (inf if limit is None else radians(limit) for limit in limits)
+    return rate, position
+
+
+def _runge_kutta(
+    step: float, actuator: Actuator, controller: Controller, lag_s: float, substeps: int
+) -> tuple[int, int, float]:
+    """Parts of an output step, output steps a sample, and what half a part leaves of a lag."""
+    law_poles = np.abs(np.linalg.eigvals(controller.a)) if len(controller.a) else np.zeros(1)
+    fastest = max(actuator.bandwidth_rad_s, law_poles.max())
+    parts = ceil(step / min(LONGEST_STEP, 0.2 / fastest) - 1e-9)
+    return parts, substeps, exp(-0.5 * step / parts / lag_s) if lag_s > 0 else 0.0
+
+
+def _what_failed(plants: Plants, first: int, step: float) -> str:
+    """Say why the block of rollouts that begins with `first` could not be simulated."""
+    for i in range(first, min(first + GROUPS * WIDTH, len(plants.a))):
+        if not all(np.isfinite(matrix[i]).all() for matrix in plants):
+            return f"plant {i} holds numbers that are not finite; check its uncertainty"
+    return (
+        f"a plant among {first} to {min(first + GROUPS * WIDTH, len(plants.a)) - 1} is too fast "
+        f"for steps of {step:g} s; check its numbers' size, or give a smaller dt"
+    )

@@ -1,0 +1,239 @@
+"""Exact zero-order-hold discretisation of eight closed loops at a time, by scaling and squaring.
+
+Taylor polynomial of degree 16 in blocks of four powers (Paterson and Stockmeyer 1973), the scale
+chosen from the norms of M and M^4 (after Al-Mohy and Higham 2009) for each lane by itself: a lane
+that needs fewer squarings than its neighbours keeps its result, so its bits do not depend on them.
+"""
+
+from functools import cache
+from math import factorial
+
+import numpy as np
+import numpy.typing as npt
+from scipy.special import hyp1f1
+
+from core.compiled import jit
+from core.simulation.closed_loop import clear
+from core.simulation.lanes import (
+    UNROLLED,
+    WIDTH,
+    add,
+    fma,
+    load,
+    magnitude,
+    multiply,
+    multiply_column,
+    multiply_column_pair,
+    read,
+    splat,
+    store,
+    where_greater,
+    write,
+)
+
+Array = npt.NDArray[np.float64]
+DEGREE = 16
+MAX_SCALE = 40
+_TRUNCATION = (
+    factorial(DEGREE + 1) * 2.0**-53
+)  # |M^17| below this: the remainder is below half an ulp
+_LARGEST_NORM = 3.0  # of the scaled matrix: keeps the polynomial's rounding within e^3 ulp
+_EXP = np.array([0.0] + [1.0 / factorial(k) for k in range(1, DEGREE + 1)])  # exp(M) - I
+
+
+@jit
+def scratch(n):
+    """Room that `discretise` needs at `loop`: F, five more matrices, and twenty vectors."""
+    return (6 * n * n + DEGREE + 4) * WIDTH
+
+
+@cache
+def input_series(step: float, lag_s: float) -> tuple[Array, Array]:
+    """Coefficients d of h sum_j d_j (F h)^j B, the effect of inputs 1 and exp(-t / lag) in a step.
+
+    Row s is for the step h = step / 2^s. Returns d (2, MAX_SCALE + 1, DEGREE + 1) with
+    d_j = phi_{j+1}(-h / lag), 1/(j+1)! for the constant input, and exp(-h / lag) (MAX_SCALE + 1,).
+    lag_s = 0: no lag, the second input is zero.
+    """
+    halves = step * 0.5 ** np.arange(MAX_SCALE + 1)
+    order = np.arange(1, DEGREE + 2)
+    factorials = np.array([float(factorial(k)) for k in order])
+    held = np.broadcast_to(1.0 / factorials, (MAX_SCALE + 1, DEGREE + 1))
+    if lag_s == 0.0:
+        return np.stack([held, np.zeros_like(held)]), np.zeros(MAX_SCALE + 1)
+    fading = hyp1f1(1, order + 1, -halves[:, None] / lag_s) / factorials
+    return np.stack([held, fading]), np.exp(-halves / lag_s)
+
+
+@jit
+def product(w, left, right, start, out, n, columns):
+    """out = start + left right: left (n, n), the others (n, columns), at these positions of `w`."""
+    stride = columns * WIDTH
+    if n > UNROLLED:
+        for j in range(0, stride, WIDTH):
+            for i in range(n):
+                v = load(w, start + i * stride + j)
+                for k in range(n):
+                    v = fma(load(w, left + (i * n + k) * WIDTH), load(w, right + k * stride + j), v)
+                store(w, out + i * stride + j, v)
+        return
+    for j in range(0, stride - WIDTH, 2 * WIDTH):
+        multiply_column_pair(w, left, right + j, start + j, out + j, n, columns)
+    if columns % 2 == 1:
+        j = stride - WIDTH
+        multiply_column(w, left, right + j, start + j, out + j, n, columns)
+
+
+@jit
+def _norm(w, matrix, n):
+    """Largest row sum of magnitudes, a lane each."""
+    largest = splat(0.0)
+    for i in range(n):
+        row = splat(0.0)
+        for j in range(n):
+            row = add(row, magnitude(load(w, matrix + (i * n + j) * WIDTH)))
+        largest = where_greater(row, largest, row, largest)
+    return largest
+
+
+@jit
+def _halvings(w, norm, norm4, scale):
+    """Write how often each lane has to halve its step; returns the most."""
+    most = 0
+    for lane in range(WIDTH):
+        n1 = read(w, norm + lane)
+        n4 = read(w, norm4 + lane)
+        s = 0
+        while s <= MAX_SCALE and (n1 > _LARGEST_NORM or n4 * n4 * n4 * n4 * n1 > _TRUNCATION):
+            s += 1
+            n1 *= 0.5
+            n4 *= 0.0625
+        write(w, scale + lane, float(s))
+        most = max(most, s)
+    return most
+
+
+@jit
+def _block(w, powers, coefficients, first, last, n, out):
+    """out = sum of c_k M^k, k = 0..last, c = coefficients[first:], with M to M^4 at `powers`."""
+    size = n * n * WIDTH
+    c1 = splat(coefficients[first + 1])
+    c2 = splat(coefficients[first + 2])
+    c3 = splat(coefficients[first + 3])
+    for at in range(0, size, WIDTH):
+        v = multiply(c1, load(w, powers + at))
+        v = fma(c2, load(w, powers + size + at), v)
+        v = fma(c3, load(w, powers + 2 * size + at), v)
+        if last == 4:
+            v = fma(splat(coefficients[first + 4]), load(w, powers + 3 * size + at), v)
+        store(w, out + at, v)
+    c0 = splat(coefficients[first])
+    for i in range(n):
+        at = out + (i * n + i) * WIDTH
+        store(w, at, add(c0, load(w, at)))
+
+
+@jit
+def _column_block(w, powers, series, first, last, n, surface, out):
+    """The two columns from `surface` on of `_block`, its coefficients differing between lanes."""
+    size = n * n * WIDTH
+    for i in range(n):
+        for j in range(2):
+            v = load(w, series + first * WIDTH) if i == surface + j else splat(0.0)
+            at = powers + (i * n + surface + j) * WIDTH
+            for k in range(last):
+                v = fma(load(w, series + (first + k + 1) * WIDTH), load(w, at + k * size), v)
+            store(w, out + (i * 2 + j) * WIDTH, v)
+
+
+@jit
+def discretise(w, loop, n, surface, bandwidth, step, series, decays, kinds, phi, inputs):
+    """phi = exp(F step) and the effect of inputs over one step; False if a loop is too fast.
+
+    w: workspace; F (n, n) at `loop`, the start of `scratch(n)` numbers, is overwritten.
+    inputs: `kinds` (1 or 2) matrices (n, 2): integral of exp(F (step - t)) B e(t) dt with e = 1 and
+    exp(-t / lag), B = bandwidth on the rows of the two surfaces. series, decays: `input_series`.
+    """
+    size = n * n * WIDTH
+    narrow = 2 * n * WIDTH
+    two_columns = narrow // (n * WIDTH)  # a literal 2 would compile `product` once more
+    powers, p2, p3, p4 = loop, loop + size, loop + 2 * size, loop + 3 * size
+    start, total = loop + 4 * size, loop + 5 * size
+    scale = loop + 6 * size
+    decay, half_step, own = scale + WIDTH, scale + 2 * WIDTH, scale + 3 * WIDTH
+    h = splat(step)
+    for at in range(powers, powers + size, WIDTH):
+        store(w, at, multiply(h, load(w, at)))
+    clear(w, start, n * n)
+    product(w, powers, powers, start, p2, n, n)
+    product(w, p2, p2, start, p4, n, n)
+    store(w, decay, _norm(w, powers, n))
+    store(w, half_step, _norm(w, p4, n))
+    most = _halvings(w, decay, half_step, scale)
+    if most > MAX_SCALE:
+        return False
+    product(w, p2, powers, start, p3, n, n)
+    for lane in range(WIDTH):
+        s = int(read(w, scale + lane))
+        write(w, decay + lane, decays[s])
+        write(w, half_step + lane, 0.5**s)
+    half = load(w, half_step)
+    if most > 0:
+        factor = half
+        for k in range(4):
+            for at in range(powers + k * size, powers + (k + 1) * size, WIDTH):
+                store(w, at, multiply(factor, load(w, at)))
+            factor = multiply(factor, half)
+
+    # exp(M) - I by Horner's rule in M^4; the I would cost slow modes their digits
+    _block(w, powers, _EXP, 12, 4, n, total)
+    _block(w, powers, _EXP, 8, 3, n, start)
+    product(w, p4, total, start, phi, n, n)
+    _block(w, powers, _EXP, 4, 3, n, start)
+    product(w, p4, phi, start, total, n, n)
+    _block(w, powers, _EXP, 0, 3, n, start)
+    product(w, p4, total, start, phi, n, n)
+    for kind in range(kinds):
+        out = inputs + kind * narrow
+        for lane in range(WIDTH):
+            s = int(read(w, scale + lane))
+            for k in range(DEGREE + 1):
+                write(w, own + k * WIDTH + lane, series[kind, s, k])
+        _column_block(w, powers, own, 12, 4, n, surface, total)
+        _column_block(w, powers, own, 8, 3, n, surface, start)
+        product(w, p4, total, start, out, n, two_columns)
+        _column_block(w, powers, own, 4, 3, n, surface, start)
+        product(w, p4, out, start, total, n, two_columns)
+        _column_block(w, powers, own, 0, 3, n, surface, start)
+        product(w, p4, total, start, out, n, two_columns)
+        factor = multiply(splat(bandwidth * step), half)
+        for at in range(out, out + narrow, WIDTH):
+            store(w, at, multiply(factor, load(w, at)))
+
+    # from h to 2 h: E <- E E + 2 E, G <- E G + (1 + e(h)) G
+    one = splat(1.0)
+    two = splat(2.0)
+    for level in range(most):
+        now = splat(float(level))
+        active = load(w, scale)
+        for kind in range(kinds):
+            out = inputs + kind * narrow
+            factor = two if kind == 0 else add(load(w, decay), one)
+            for i in range(0, narrow, WIDTH):
+                store(w, start + i, multiply(factor, load(w, out + i)))
+            product(w, phi, out, start, total, n, two_columns)
+            for i in range(0, narrow, WIDTH):
+                doubled = where_greater(active, now, load(w, total + i), load(w, out + i))
+                store(w, out + i, doubled)
+        rate = load(w, decay)
+        store(w, decay, where_greater(active, now, multiply(rate, rate), rate))
+        for i in range(0, size, WIDTH):
+            store(w, start + i, multiply(two, load(w, phi + i)))
+        product(w, phi, phi, start, total, n, n)
+        for i in range(0, size, WIDTH):
+            doubled = where_greater(active, now, load(w, total + i), load(w, phi + i))
+            store(w, phi + i, doubled)
+    for i in range(n):
+        at = phi + (i * n + i) * WIDTH
+        store(w, at, add(load(w, at), one))
+    return True
