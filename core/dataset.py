@@ -1,0 +1,57 @@
+"""Labelled trajectories that a monitor learns from, simulated or flown."""
+
+import hashlib
+import json
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+Array = npt.NDArray[np.float64]
+Indices = npt.NDArray[np.int64]
+
+
+@dataclass(frozen=True, eq=False)
+class Dataset:
+    """Unsafe and safe rollouts of one manoeuvre on aircraft drawn from D_theta.
+
+    unsafe: (n_unsafe, n_samples, 6) measured outputs y, NaN after the failure sample.
+    fail_index: (n_unsafe,) first sample that violates the specification.
+    safe: (n_safe, n_samples, 6).
+    safe_times: (n_safe, n_obs) the sampled observation indices of each safe rollout, ascending.
+    theta_unsafe, theta_safe: (n, n_parameters) parameters, named by `theta_names`.
+    dt: sample interval [s].
+    n_safe_met: safe rollouts met before the last unsafe one, kept or not.
+    """
+
+    unsafe: Array
+    fail_index: Indices
+    safe: Array
+    safe_times: Indices
+    theta_unsafe: Array
+    theta_safe: Array
+    dt: float
+    theta_names: tuple[str, ...] = ()
+    n_safe_met: int = 0
+    seed: int | None = None
+    recipe: dict[str, Any] = field(default_factory=dict)
+
+    @property
+    def unsafe_rate(self) -> float:
+        """Unbiased share of unsafe rollouts when collection stopped at the last unsafe one."""
+        n_unsafe = len(self.unsafe)
+        return (n_unsafe - 1) / (n_unsafe + self.n_safe_met - 1)
+
+    def digest(self) -> str:
+        """SHA-256 of everything a monitor can learn from this dataset, in hexadecimal."""
+        return self._digest
+
+    @cached_property
+    def _digest(self) -> str:
+        sha = hashlib.sha256(json.dumps([self.dt, self.theta_names]).encode())
+        for array in (self.unsafe, self.fail_index, self.safe, self.safe_times):
+            sha.update(repr(array.shape).encode())
+            sha.update(np.ascontiguousarray(array).data)
+        return sha.hexdigest()

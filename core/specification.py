@@ -1,0 +1,70 @@
+"""What unsafe means: the first violation of a batch of trajectories."""
+
+from dataclasses import asdict, dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from core.channels import KEYS
+from core.compiled import jit
+
+Array = npt.NDArray[np.float64]
+Indices = npt.NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class Limits:
+    """Unsafe as soon as the magnitude of one channel reaches its limit; the limit itself is unsafe.
+
+    One optional limit a channel, in the channel's SI unit (N_y in g). The default is the paper's.
+    """
+
+    beta: float | None = None
+    p: float | None = None
+    r: float | None = None
+    Ny: float | None = 0.5
+    delta_a: float | None = None
+    delta_r: float | None = None
+
+    def __post_init__(self) -> None:
+        """Refuse limits that no flight could keep or none could break."""
+        given = {key: limit for key, limit in asdict(self).items() if limit is not None}
+        if not given:
+            raise ValueError("no limit was given: set at least one channel's, for example Ny=0.5")
+        for key, limit in given.items():
+            if not 0 < limit < np.inf:
+                raise ValueError(
+                    f"{key} limit {limit} was given: a limit is a positive, finite magnitude"
+                )
+
+    @property
+    def magnitudes(self) -> Array:
+        """(6,) limit of each channel in channel order; infinite where there is none."""
+        limits = [getattr(self, key) for key in KEYS]
+        return np.array([np.inf if limit is None else limit for limit in limits])
+
+    def first_violation(self, y: Array) -> Indices:
+        """First sample of each trajectory that violates a limit.
+
+        y: (n, n_samples, 6). A limited channel that is not finite violates: it has diverged.
+        Returns (n,) sample indices; n_samples where the limits hold throughout.
+        """
+        return _first_violation(y, self.magnitudes)
+
+
+@jit
+def _first_violation(y: Array, limits: Array) -> Indices:
+    n, n_samples, n_channels = y.shape
+    first = np.full(n, n_samples, np.int64)
+    for c in range(n_channels):
+        if limits[c] == np.inf:
+            continue
+        for i in range(n):
+            for k in range(first[i]):
+                if not abs(y[i, k, c]) < limits[c]:
+                    first[i] = k
+                    break
+    return first
+
+
+SPECIFICATIONS = {"limits": Limits()}
