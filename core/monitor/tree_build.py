@@ -1,0 +1,174 @@
+"""How the points of a nearest-neighbour search are laid out: distinct, split, packed by leaf."""
+
+import numpy as np
+
+from core.compiled import jit
+
+LEAF = 32
+WIDTH = 8
+EMPTY = 2**31 - 1
+"""Original index of an unused lane: above every point's, so that it never wins a tie."""
+
+
+@jit
+def pack(points):
+    """Fields of a Tree. points: (n, d) finite, C-contiguous."""
+    n, d = points.shape
+    order, slot = _distinct(points)
+    n_leaves = (len(order) + LEAF - 1) // LEAF
+    n_nodes = (n_leaves + WIDTH - 3) // (WIDTH - 1)
+    start = _split_all(points, order, n_nodes, n_leaves)
+    leaves = np.full((n_leaves, d, LEAF), np.inf)
+    original = np.full(n_leaves * LEAF, EMPTY, np.int32)
+    boxes = np.empty((n_nodes, 2, d, WIDTH))
+    boxes[:, 0], boxes[:, 1] = np.inf, -np.inf
+    lane_of = np.empty(n, np.int32)
+    for leaf in range(n_leaves):
+        node = n_nodes + leaf
+        rows = order[start[node, 0] : start[node, 1]]
+        for j in range(len(rows)):
+            original[leaf * LEAF + j] = rows[j]
+            lane_of[rows[j]] = leaf * LEAF + j
+            leaves[leaf, :, j] = points[rows[j]]
+        if node > 0:
+            above, j = (node - 1) // WIDTH, (node - 1) % WIDTH
+            _extent(points, rows, boxes[above, 0, :, j], boxes[above, 1, :, j])
+    for node in range(n_nodes - 1, 0, -1):
+        above, j = (node - 1) // WIDTH, (node - 1) % WIDTH
+        for k in range(d):
+            boxes[above, 0, k, j] = boxes[node, 0, k].min()
+            boxes[above, 1, k, j] = boxes[node, 1, k].max()
+    for i in range(n):
+        slot[i] = lane_of[slot[i]]
+    return leaves.reshape(-1), original, boxes.reshape(-1), slot
+
+
+@jit
+def _distinct(points):
+    """Points without third and further copies, and for each point the first equal to it.
+
+    Two copies stay, the lowest numbered: leave one point out, and its copy is there to be found.
+    """
+    n = len(points)
+    bits = points.view(np.uint64)
+    size = 16
+    while size < 2 * n:
+        size *= 2
+    table = np.full(size, -1, np.int32)
+    twice = np.zeros(n, np.bool_)
+    first, kept, n_kept = np.empty(n, np.int32), np.empty(n, np.int32), 0
+    for i in range(n):
+        at = _hash(bits, i) % np.uint64(size)
+        while table[at] >= 0 and not _equal(bits, i, table[at]):
+            at = (at + np.uint64(1)) % np.uint64(size)
+        new = table[at] < 0
+        if new:
+            table[at] = i
+        first[i] = table[at]
+        if new or not twice[first[i]]:
+            twice[first[i]] = not new
+            kept[n_kept] = i
+            n_kept += 1
+    return kept[:n_kept].copy(), first
+
+
+@jit
+def _hash(bits, i):
+    h = np.uint64(0)
+    for k in range(bits.shape[1]):
+        h = (h ^ bits[i, k]) * np.uint64(0x9E3779B97F4A7C15)
+        h ^= h >> np.uint64(32)
+    return h
+
+
+@jit
+def _equal(bits, i, j):
+    same = True
+    for k in range(bits.shape[1]):
+        same &= bits[i, k] == bits[j, k]
+    return same
+
+
+@jit
+def _split_all(points, order, n_nodes, n_leaves):
+    """Sort `order` so that each node of the heap owns a compact range of it, evenly filled.
+
+    Returns (n_nodes + n_leaves, 2): first and past-the-last position of each node's points.
+    """
+    # Numbers up to the last node's last child; those past the last leaf own no leaf and no point.
+    size = max(WIDTH * n_nodes + 1, n_nodes + n_leaves)
+    leaves = np.zeros(size, np.int64)
+    leaves[n_nodes : n_nodes + n_leaves] = 1
+    for node in range(n_nodes - 1, -1, -1):
+        leaves[node] = leaves[WIDTH * node + 1 : WIDTH * node + 1 + WIDTH].sum()
+    owned = np.zeros((size, 2), np.int64)
+    owned[0, 1] = len(order)
+    key = np.empty(len(order))
+    edge = np.empty(WIDTH + 1, np.int64)
+    for node in range(n_nodes):
+        child = WIDTH * node + 1
+        edge[0], edge[WIDTH] = owned[node]
+        half = WIDTH // 2
+        while half > 0:
+            for a in range(0, WIDTH, 2 * half):
+                lo, hi = edge[a], edge[a + 2 * half]
+                left = leaves[child + a : child + a + half].sum()
+                right = leaves[child + a + half : child + a + 2 * half].sum()
+                edge[a + half] = lo + (hi - lo) * left // max(left + right, 1)
+                if left > 0 and right > 0:
+                    _split(points, order[lo:hi], key, edge[a + half] - lo)
+            half //= 2
+        for j in range(WIDTH):
+            owned[child + j, 0], owned[child + j, 1] = edge[j], edge[j + 1]
+    return owned
+
+
+@jit
+def _split(points, order, key, middle):
+    """Move the `middle` lowest along the longest side to the front."""
+    low, high = np.empty(points.shape[1]), np.empty(points.shape[1])
+    _extent(points, order, low, high)
+    axis = np.argmax(high - low)
+    for i in range(len(order)):
+        key[i] = points[order[i], axis]
+    _select(key, order, middle)
+
+
+@jit
+def _extent(points, rows, low, high):
+    low[:], high[:] = np.inf, -np.inf
+    for i in range(len(rows)):
+        for k in range(points.shape[1]):
+            x = points[rows[i], k]
+            low[k] = x if x < low[k] else low[k]
+            high[k] = x if x > high[k] else high[k]
+
+
+@jit
+def _select(key, order, middle):
+    """Quickselect: afterwards key[:middle] <= key[middle:len(order)]; `order` moves along."""
+    lo, hi = 0, len(order)
+    for _ in range(64):
+        if hi - lo < 2:
+            return
+        a, b, c = key[lo], key[(lo + hi) // 2], key[hi - 1]
+        pivot = max(min(a, b), min(max(a, b), c))
+        i, j = lo, hi - 1
+        while i <= j:
+            while key[i] < pivot:
+                i += 1
+            while key[j] > pivot:
+                j -= 1
+            if i <= j:
+                key[i], key[j] = key[j], key[i]
+                order[i], order[j] = order[j], order[i]
+                i += 1
+                j -= 1
+        if middle <= j:
+            hi = j + 1
+        elif middle >= i:
+            lo = i
+        else:
+            return
+    # Pivots that keep failing are no accident: sort what is left, so that it stays O(n log n).
+    order[lo:hi] = order[lo:hi][np.argsort(key[lo:hi], kind="mergesort")]
