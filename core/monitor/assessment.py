@@ -1,0 +1,104 @@
+"""What a monitor says of one sample, and the states in which it says nothing."""
+
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from core.channels import KEYS
+
+Array = npt.NDArray[np.float64]
+Indices = npt.NDArray[np.int64]
+
+
+class State(StrEnum):
+    """Whether a sample could be assessed; only `ok` has a p-value."""
+
+    OK = "ok"
+    WARMING_UP = "warming_up"
+    STALE = "stale"
+    INVALID = "invalid"
+
+
+STATES = tuple(State)
+"""States in the order of the compiled path's codes."""
+
+REASONS = (
+    "",
+    "the history restarted after a gap or an invalid sample and is not full yet",
+    "the sample repeats the time of the one before it",
+    "the sample is not finite, or its time does not follow the last one by the monitor's interval",
+)
+
+
+class Exemplar(NamedTuple):
+    """The simulated rollout behind an assessment: the "why".
+
+    rollout: index into the dataset's unsafe or safe rollouts.   t: time in it [s].
+    distance: from the assessed point, in the monitor's scaled units.   theta: its parameters.
+    """
+
+    rollout: int
+    t: float
+    distance: float
+    theta: dict[str, float]
+
+
+@dataclass(frozen=True, slots=True)
+class Assessment:
+    """What the monitor says of one sample.
+
+    t: time [s].   p_value, alert, score: None unless state is `ok`.
+    y_hat: (6,) forecast of the outputs t_early ahead; None where the predictor makes none.
+    nearest_unsafe, nearest_safe: exemplars; None where the score looks up no neighbours.
+    """
+
+    t: float
+    p_value: float | None
+    alert: bool | None
+    state: State
+    reason: str = ""
+    y_hat: Array | None = None
+    score: float | None = None
+    nearest_unsafe: Exemplar | None = None
+    nearest_safe: Exemplar | None = None
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return the wire form: plain numbers, the forecast by channel key."""
+        return {
+            "t": self.t,
+            "p_value": self.p_value,
+            "alert": self.alert,
+            "state": self.state.value,
+            "reason": self.reason,
+            "y_hat": None
+            if self.y_hat is None
+            else dict(zip(KEYS, self.y_hat.tolist(), strict=True)),
+            "score": self.score,
+            "nearest_unsafe": self.nearest_unsafe and self.nearest_unsafe._asdict(),
+            "nearest_safe": self.nearest_safe and self.nearest_safe._asdict(),
+        }
+
+
+@dataclass(frozen=True, eq=False)
+class Assessments:
+    """Assessments of a whole trajectory, one array a field; row i is sample i.
+
+    t: (n,) [s].   state: (n,) codes into STATES.   p_value, score: (n,), NaN unless `ok`.
+    alert: (n,) false unless `ok`.   y_hat: (n, 6), NaN where there is no forecast.
+    nearest_unsafe, nearest_safe: (n,) point numbers of the monitor; -1 where there is none.
+    """
+
+    t: Array
+    state: Indices
+    p_value: Array
+    alert: npt.NDArray[np.bool_]
+    score: Array
+    y_hat: Array
+    nearest_unsafe: Indices
+    nearest_safe: Indices
+
+    def __len__(self) -> int:
+        return len(self.t)

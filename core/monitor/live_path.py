@@ -1,0 +1,311 @@
+"""The compiled way of a sample: buffer, predict, score, p-value; stream and batch share it."""
+
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+from numba.np.numpy_support import carray
+
+from core.channels import N_CHANNELS
+from core.compiled import in_chunks, jit
+from core.monitor.nearest import (
+    Tree,
+    U,
+    address,
+    inlined,
+    nearest,
+    scratch,
+    squared_distance,
+)
+from core.monitor.predictor import Affine
+
+Array = npt.NDArray[np.float64]
+Indices = npt.NDArray[np.int64]
+Flags = npt.NDArray[np.bool_]
+
+OK, WARMING_UP, STALE, INVALID = range(4)
+SAMPLES_A_TASK = 8_192
+LANES = 8
+"""Entries of a point that are computed side by side."""
+
+
+class Fitted(NamedTuple):
+    """What scoring one observation needs.
+
+    matrix: (6 * (n_delay + 1), width), offset: (width,) the predictor's map of unscaled
+    observations to the first `d` columns; see in_lanes.
+    Score: unsafe_weight * min_u |z - y_u|^2 - safe_weight * min_s |z - y_s|^2, or, where
+    `channel` is not negative, -|z_channel|.
+    alphas: (n_unsafe,) sorted.
+    """
+
+    matrix: Array
+    offset: Array
+    d: int
+    unsafe: Tree
+    safe: Tree
+    unsafe_weight: float
+    safe_weight: float
+    channel: int
+    alphas: Array
+
+
+class Transduction(NamedTuple):
+    """What the exact p-value needs to calibrate anew with the test point among the unsafe ones.
+
+    points: (n, d) mapped samples of the failures' histories; failure i owns start[i]:start[i+1].
+    unsafe, safe: (n,) their weighted squared distances, own failure left out.
+    alphas: (n_failures,) in the order of `start`.
+    always: failures too early to be warned of.   running: score a flight by its lowest so far.
+    Empty arrays mean the simple p-value (SIMPLE).
+    """
+
+    points: Array
+    unsafe: Array
+    safe: Array
+    start: Indices
+    alphas: Array
+    always: int
+    running: bool
+
+
+SIMPLE = Transduction(
+    np.empty((0, 1)), np.empty(0), np.empty(0), np.empty(0, np.int64), np.empty(0), 0, False
+)
+
+
+@inlined
+def map_observation(fitted, y, i, n_delay, z):
+    """Map observation o_i of y (n, 6) into z (d,); rows before the first repeat it."""
+    _map(
+        address(fitted.matrix),
+        address(fitted.offset),
+        address(y),
+        address(z),
+        z.shape[0],
+        i,
+        n_delay,
+    )
+
+
+@jit
+def _map(matrix, offset, y, z, d, i, n_delay):
+    matrix, offset = carray(matrix, (1,)), carray(offset, (1,))
+    y, z, total = carray(y, (1,)), carray(z, (1,)), carray(scratch(), (1,))
+    width = U((d + LANES - 1) // LANES * LANES)
+    for block in range(U(0), width, U(LANES)):
+        for j in range(U(LANES)):
+            total[j] = offset[block + j]
+        for row in range(n_delay + 1):
+            at = U(row * N_CHANNELS) * width + block
+            sample = U(max(i - n_delay + row, 0) * N_CHANNELS)
+            for j in range(U(LANES)):
+                t = total[j]
+                for c in range(U(N_CHANNELS)):
+                    t += matrix[at + c * width + j] * y[sample + c]
+                total[j] = t
+        for j in range(min(U(LANES), U(d) - block)):
+            z[block + j] = total[j]
+
+
+def in_lanes(affine: Affine) -> Affine:
+    """Return the same map with columns of zeros up to whole SIMD lanes."""
+    missing = -len(affine.offset) % LANES
+    return Affine(
+        np.pad(affine.matrix, ((0, 0), (0, missing))), np.pad(affine.offset, (0, missing))
+    )
+
+
+@inlined
+def score_point(fitted, z, skip, near_unsafe, near_safe):
+    """Score of a mapped point, and its neighbours; low means close to a failure."""
+    if fitted.channel >= 0:
+        return -abs(z[fitted.channel]), -1, -1
+    unsafe, safe = 0.0, 0.0
+    if fitted.unsafe_weight > 0.0:
+        distance, near_unsafe = nearest(fitted.unsafe, z, skip, near_unsafe)
+        unsafe = fitted.unsafe_weight * distance
+    if fitted.safe_weight > 0.0:
+        distance, near_safe = nearest(fitted.safe, z, -1, near_safe)
+        safe = fitted.safe_weight * distance
+    return unsafe - safe, near_unsafe, near_safe
+
+
+@inlined
+def _simple_p(alphas, s):
+    n = alphas.shape[0]
+    return (n - np.searchsorted(alphas, s) + 1) / (n + 1)
+
+
+@jit
+def _exact_p(fitted, exact, z, s):
+    """p-value with z joined to the unsafe points; never above the simple one at the same s."""
+    count = exact.always
+    for i in range(exact.alphas.shape[0]):
+        if exact.alphas[i] < s:
+            continue
+        stays = 1
+        for j in range(exact.start[i], exact.start[i + 1]):
+            total = 0.0
+            for k in range(z.shape[0]):
+                e = z[k] - exact.points[j, k]
+                total += e * e
+            if min(exact.unsafe[j], fitted.unsafe_weight * total) - exact.safe[j] < s:
+                stays = 0
+                break
+        count += stays
+    return (count + 1) / (fitted.alphas.shape[0] + 1)
+
+
+@inlined
+def p_value_of(fitted, exact, z, s, lowest):
+    """p-value of a score; `lowest` is the flight's lowest score so far, this one included."""
+    if exact.start.shape[0] == 0:
+        return _simple_p(fitted.alphas, s)
+    return _exact_p(fitted, exact, z, lowest if exact.running else s)
+
+
+@jit
+def _follow(first, step, finite, dt, count, n_delay):
+    """State of a sample `step` seconds after the last one, and the length of its history."""
+    full = n_delay + 1
+    if first:
+        return (OK, full) if finite else (INVALID, 0)
+    if step == 0.0:
+        return STALE, count
+    if not (finite and step > 0.5 * dt):
+        return INVALID, 0
+    count = 1 if step >= 1.5 * dt else min(count + 1, full)
+    return (OK if count == full else WARMING_UP), count
+
+
+@jit
+def states(t, y, dt, n_delay):
+    """State code of each sample. A flight's first sample starts a full, padded history."""
+    codes = np.empty(t.shape[0], np.int64)
+    count = 0
+    for i in range(t.shape[0]):
+        finite = np.isfinite(t[i])
+        for c in range(y.shape[1]):
+            finite &= np.isfinite(y[i, c])
+        codes[i], count = _follow(i == 0, t[i] - t[i - 1], finite, dt, count, n_delay)
+    return codes
+
+
+@jit
+def update(fitted, exact, buffer, status, clock, dt, t, y, z):
+    """Take one sample of a stream and assess it.
+
+    buffer: (n_delay + 1, 6).   status: (4,) history length, samples taken, last neighbours.
+    clock: (4,) time of the last sample, lowest score so far, distances from the neighbours.
+    z: (d,) out, the mapped point.
+    Returns (state code, p-value, score); both NaN unless the state is OK.
+    """
+    finite = np.isfinite(t)
+    for c in range(y.shape[0]):
+        finite &= np.isfinite(y[c])
+    first = status[1] == 0
+    code, status[0] = _follow(first, t - clock[0], finite, dt, status[0], buffer.shape[0] - 1)
+    if code == STALE:
+        return code, np.nan, np.nan
+    status[1] += 1
+    clock[0] = t
+    if code == INVALID:
+        return code, np.nan, np.nan
+    newest = buffer.shape[0] - 1
+    for row in range(newest):
+        buffer[row] = y if first else buffer[row + 1]
+    buffer[newest] = y
+    if code != OK:
+        return code, np.nan, np.nan
+    map_observation(fitted, buffer, newest, newest, z)
+    s, status[2], status[3] = score_point(fitted, z, -1, status[2], status[3])
+    clock[1] = min(clock[1], s)
+    if status[2] >= 0:
+        clock[2] = np.sqrt(squared_distance(fitted.unsafe, z, status[2]))
+    if status[3] >= 0:
+        clock[3] = np.sqrt(squared_distance(fitted.safe, z, status[3]))
+    return code, p_value_of(fitted, exact, z, s, clock[1]), s
+
+
+@jit
+def _score_some(fitted, y, ok, n_delay, start, stop, z, s, unsafe, safe):
+    near_unsafe, near_safe = -1, -1
+    for i in range(start, stop):
+        if ok[i]:
+            map_observation(fitted, y, i, n_delay, z[i])
+            s[i], near_unsafe, near_safe = score_point(fitted, z[i], -1, near_unsafe, near_safe)
+            unsafe[i], safe[i] = near_unsafe, near_safe
+
+
+@jit
+def _p_some(fitted, exact, ok, start, stop, z, s, lowest, p):
+    for i in range(start, stop):
+        if ok[i]:
+            p[i] = p_value_of(fitted, exact, z[i], s[i], lowest[i])
+
+
+def score_all(
+    fitted: Fitted, exact: Transduction, y: Array, ok: Flags, n_delay: int
+) -> tuple[Array, Array, Array, Indices, Indices]:
+    """Mapped points, scores, p-values and neighbours of one trajectory; NaN, -1 where not ok.
+
+    y: (n, 6).   ok: (n,) whether the sample has a full history.
+    """
+    n = len(y)
+    z = np.full((n, fitted.d), np.nan)
+    s, p = np.full(n, np.nan), np.full(n, np.nan)
+    unsafe, safe = np.full(n, -1), np.full(n, -1)
+    in_chunks(
+        n,
+        SAMPLES_A_TASK,
+        lambda a, b: _score_some(fitted, y, ok, n_delay, a, b, z, s, unsafe, safe),
+    )
+    lowest = np.fmin.accumulate(s)
+    in_chunks(n, SAMPLES_A_TASK, lambda a, b: _p_some(fitted, exact, ok, a, b, z, s, lowest, p))
+    return z, s, p, unsafe, safe
+
+
+@jit
+def _map_some(affine, y, where, n_delay, start, stop, z):
+    for i in range(start, stop):
+        map_observation(affine, y[where[i, 0]], where[i, 1], n_delay, z[i])
+
+
+def map_samples(affine: Affine, y: Array, where: Indices, n_delay: int) -> Array:
+    """Mapped points of chosen samples, to the bit what a flight through them would give.
+
+    y: (n, n_samples, 6).   where: (m, 2) trajectory and sample.   Returns (m, d).
+    """
+    z = np.empty((len(where), len(affine.offset)))
+    lanes = in_lanes(affine)
+    in_chunks(
+        len(where),
+        SAMPLES_A_TASK,
+        lambda a, b: _map_some(lanes, y, where, n_delay, a, b, z),
+    )
+    return z
+
+
+@jit
+def _distances_some(fitted, z, own, start, stop, unsafe, safe):
+    near_unsafe, near_safe = -1, -1
+    for i in range(start, stop):
+        distance, near_unsafe = nearest(fitted.unsafe, z[i], own[i], near_unsafe)
+        unsafe[i] = fitted.unsafe_weight * distance
+        distance, near_safe = nearest(fitted.safe, z[i], -1, near_safe)
+        safe[i] = fitted.safe_weight * distance
+
+
+def weighted_distances(fitted: Fitted, z: Array, own: Indices) -> tuple[Array, Array]:
+    """Weighted squared distances to the nearest unsafe and the nearest safe point.
+
+    z: (n, d).   own: (n,) unsafe point left out.   Returns (n,), (n,).
+    """
+    unsafe, safe = np.empty(len(z)), np.empty(len(z))
+    in_chunks(
+        len(z),
+        SAMPLES_A_TASK,
+        lambda a, b: _distances_some(fitted, z, own, a, b, unsafe, safe),
+    )
+    return unsafe, safe

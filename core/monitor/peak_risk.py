@@ -1,0 +1,137 @@
+"""The riskiest moment of each trajectory: its lowest score, its highest p-value.
+
+Calibration and evaluation need only the extreme of a whole trajectory, so most samples can be
+passed over: a bound on their score shows that they cannot be it.
+"""
+
+import numpy as np
+import numpy.typing as npt
+
+from core.compiled import in_chunks, jit
+from core.monitor.live_path import (
+    Fitted,
+    Transduction,
+    map_observation,
+    p_value_of,
+    score_point,
+)
+from core.monitor.nearest import inlined, nearest, squared_distance
+
+Array = npt.NDArray[np.float64]
+Indices = npt.NDArray[np.int64]
+
+FLIGHTS_A_TASK = 32
+ROUNDING = 1e-9
+"""Relative slack of a bound that is computed another way than the score it stands for."""
+
+
+@jit
+def _next_goal(lowest, levels):
+    """Score that the next candidate must not exceed to matter."""
+    if levels.shape[0] == 0:
+        return lowest
+    below = np.searchsorted(levels, lowest) - 1
+    return levels[below] if below >= 0 else -np.inf
+
+
+@jit
+def _lowest_some(fitted, y, n_delay, first, last, own, levels, start, stop, lowest):
+    z, anchor = np.empty(fitted.d), np.zeros(fitted.d)
+    a, b = fitted.unsafe_weight, fitted.safe_weight
+    bounded = fitted.channel < 0 and a > 0.0 and b > 0.0
+    unsafe_tree, safe_tree, channel = fitted.unsafe, fitted.safe, fitted.channel
+    for i in range(start, stop):
+        flight = y[i]
+        near_unsafe, near_safe = -1, -1
+        goal = _next_goal(np.inf, levels)
+        to_unsafe, to_safe = 0.0, np.inf
+        for t in range(first[i], last[i] + 1):
+            map_observation(fitted, flight, t, n_delay, z)
+            if channel >= 0:
+                s = -abs(z[channel])
+            elif not bounded:
+                s, near_unsafe, near_safe = score_point(fitted, z, own[i], near_unsafe, near_safe)
+            else:
+                # A step away from the anchor changes each distance by at most its length.
+                step = _distance(z, anchor)
+                unsafe = a * max(to_unsafe - step, 0.0) ** 2
+                safe = b * (to_safe + step) ** 2
+                if unsafe - safe - ROUNDING * (unsafe + safe) > goal:
+                    continue
+                # Any safe point bounds the distance to the nearest one: take the last neighbour.
+                unsafe, near_unsafe = nearest(unsafe_tree, z, own[i], near_unsafe)
+                safe = squared_distance(safe_tree, z, near_safe) if near_safe >= 0 else np.inf
+                if a * unsafe - b * safe <= goal:
+                    safe, near_safe = nearest(safe_tree, z, -1, near_safe)
+                anchor[:] = z
+                to_unsafe, to_safe = np.sqrt(unsafe), np.sqrt(safe)
+                s = a * unsafe - b * safe
+            if s < lowest[i] and s <= goal:
+                lowest[i] = s
+                goal = _next_goal(s, levels)
+                if goal == -np.inf:
+                    break
+
+
+@inlined
+def _distance(z, anchor):
+    total = 0.0
+    for k in range(z.shape[0]):
+        total += (z[k] - anchor[k]) ** 2
+    return np.sqrt(total)
+
+
+def lowest_scores(
+    fitted: Fitted,
+    y: Array,
+    n_delay: int,
+    first: Indices,
+    last: Indices,
+    own: Indices,
+    levels: Array,
+) -> Array:
+    """Lowest score of each trajectory over its samples first..last.
+
+    y: (n, n_samples, 6), finite over those samples.
+    first, last: (n,); +inf where last < first.   own: (n,) unsafe point left out, -1 for none.
+    levels: sorted scores; if there are any, the lowest score is sought only so far as it decides
+    which of them are at least as high.
+    """
+    lowest = np.full(len(y), np.inf)
+    in_chunks(
+        len(y),
+        FLIGHTS_A_TASK,
+        lambda a, b: _lowest_some(fitted, y, n_delay, first, last, own, levels, a, b, lowest),
+    )
+    return lowest
+
+
+@jit
+def _highest_p_some(fitted, exact, y, n_delay, last, start, stop, highest):
+    z = np.empty(fitted.d)
+    for i in range(start, stop):
+        near_unsafe, near_safe = -1, -1
+        lowest = np.inf
+        for t in range(last[i] + 1):
+            map_observation(fitted, y[i], t, n_delay, z)
+            s, near_unsafe, near_safe = score_point(fitted, z, -1, near_unsafe, near_safe)
+            lowest = min(lowest, s)
+            highest[i] = max(highest[i], p_value_of(fitted, exact, z, s, lowest))
+
+
+def highest_p_values(
+    fitted: Fitted, exact: Transduction, y: Array, n_delay: int, last: Indices
+) -> Array:
+    """Highest p-value of each trajectory over its samples 0..last; 0 where last < 0."""
+    if len(exact.start) == 0:
+        alphas, nobody = fitted.alphas, np.full(len(y), -1)
+        s = lowest_scores(fitted, y, n_delay, np.zeros_like(last), last, nobody, alphas)
+        at_least = len(alphas) - np.searchsorted(alphas, s)
+        return np.where(last < 0, 0.0, (at_least + 1) / (len(alphas) + 1))
+    highest = np.zeros(len(y))
+    in_chunks(
+        len(y),
+        FLIGHTS_A_TASK,
+        lambda a, b: _highest_p_some(fitted, exact, y, n_delay, last, a, b, highest),
+    )
+    return highest

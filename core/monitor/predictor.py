@@ -1,0 +1,133 @@
+"""Predictors: how an observation is mapped to the point whose neighbours are looked up."""
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from typing import ClassVar, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+Array = npt.NDArray[np.float64]
+N_OUTPUTS = 6
+BLOCK = 256
+"""Rows that a QR step takes: fits the cache, and is too small for BLAS to start threads on."""
+RANK_TOLERANCE = 1e-10
+
+
+class Affine(NamedTuple):
+    """A fitted predictor: z = o @ matrix + offset.
+
+    matrix: (6 * (n_delay + 1), d).   offset: (d,).
+    """
+
+    matrix: Array
+    offset: Array
+
+    def in_units(self, scale: Array) -> "Affine":
+        """Return the same map for observations that are yet to be divided by `scale`."""
+        return Affine(np.ascontiguousarray(self.matrix / scale[:, None]), self.offset)
+
+
+@dataclass(frozen=True)
+class Predictor(ABC):
+    """Recipe of a map from observations to points, fitted on safe observations only."""
+
+    maps_to_outputs: ClassVar[bool] = False
+    """Whether the mapped point is an output y, channel by channel."""
+    forecasts: ClassVar[bool] = False
+    """Whether that output is the one t_early ahead."""
+
+    @abstractmethod
+    def fit(self, o: Array, y_ahead: Array) -> Affine:
+        """Fit the map.
+
+        o: (n, 6 * (n_delay + 1)) safe observations, the newest outputs last.
+        y_ahead: (n, 6) outputs t_early later; rows of NaN where the rollout ended before.
+        """
+
+
+@dataclass(frozen=True)
+class Linear(Predictor):
+    """Least-squares forecast y_hat_{t+h} = M o_t + mu (paper, "State Prediction").
+
+    Where observations are linearly dependent, the solution of least norm.
+    """
+
+    maps_to_outputs: ClassVar[bool] = True
+    forecasts: ClassVar[bool] = True
+
+    def fit(self, o: Array, y_ahead: Array) -> Affine:
+        """Fit by QR in blocks, so that memory stays small, and without normal equations."""
+        known = ~np.isnan(y_ahead[:, 0])
+        if not known.any():
+            raise ValueError(
+                "no safe observation has an output t_early later: shorten t_early or lengthen "
+                "the manoeuvre"
+            )
+        o_mean, y_mean = o[known].mean(axis=0), y_ahead[known].mean(axis=0)
+        triangle = _triangle(np.hstack([o - o_mean, y_ahead - y_mean])[known])
+        n_o = o.shape[1]
+        found = np.linalg.lstsq(triangle[:, :n_o], triangle[:, n_o:], rcond=RANK_TOLERANCE)
+        solution = np.asarray(found[0], np.float64)
+        return Affine(solution, y_mean - o_mean @ solution)
+
+
+def _triangle(rows: Array) -> Array:
+    """R of the QR decomposition of rows (n, m), block by block: small memory, no lost digits."""
+    triangle = np.empty((0, rows.shape[1]))
+    for start in range(0, len(rows), BLOCK):
+        block = np.vstack([triangle, rows[start : start + BLOCK]])
+        triangle = np.asarray(np.linalg.qr(block, mode="r"))
+    return triangle
+
+
+@dataclass(frozen=True)
+class Identity(Predictor):
+    """The observation itself (the paper's "No pred")."""
+
+    def fit(self, o: Array, y_ahead: Array) -> Affine:
+        """Fit nothing."""
+        n_o = o.shape[1]
+        return Affine(np.eye(n_o), np.zeros(n_o))
+
+
+@dataclass(frozen=True)
+class PrincipalComponents(Predictor):
+    """Projection on the leading principal components of the safe observations (the paper's "PCA").
+
+    n_components: how many to keep.
+    """
+
+    n_components: int = 6
+
+    def fit(self, o: Array, y_ahead: Array) -> Affine:
+        """Fit by singular vectors; each sign makes the largest entry positive."""
+        if not 1 <= self.n_components <= o.shape[1]:
+            raise ValueError(
+                f"n_components={self.n_components} was given: observations have {o.shape[1]} "
+                f"entries, choose 1 to {o.shape[1]}"
+            )
+        mean = o.mean(axis=0)
+        vectors = np.linalg.svd(_triangle(o - mean))[2][: self.n_components].T
+        leading = np.abs(vectors).argmax(axis=0)
+        matrix = vectors * np.sign(vectors[leading, np.arange(len(leading))])
+        return Affine(matrix, -mean @ matrix)
+
+
+@dataclass(frozen=True)
+class LastOutput(Predictor):
+    """The newest output: no look ahead (the paper's "Current")."""
+
+    maps_to_outputs: ClassVar[bool] = True
+
+    def fit(self, o: Array, y_ahead: Array) -> Affine:
+        """Fit nothing."""
+        return Affine(np.eye(o.shape[1])[:, -N_OUTPUTS:], np.zeros(N_OUTPUTS))
+
+
+PREDICTORS: dict[str, Predictor] = {
+    "linear": Linear(),
+    "identity": Identity(),
+    "pca": PrincipalComponents(),
+    "last_output": LastOutput(),
+}

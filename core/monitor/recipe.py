@@ -1,0 +1,94 @@
+"""The recipe of a monitor: every choice that training makes, and what the form shows."""
+
+import math
+from dataclasses import dataclass, fields, is_dataclass, replace
+from typing import Any, Literal, get_args
+
+from core.monitor.predictor import PREDICTORS, Predictor
+from core.monitor.score import SCORES, Score
+
+Calibration = Literal["trajectory", "pointwise"]
+PValue = Literal["simple", "exact"]
+Scaling = Literal["safe_std", "raw"]
+
+
+@dataclass(frozen=True)
+class MonitorRecipe:
+    """How to train a monitor. The defaults are the method with trajectory calibration.
+
+    t_early: wished lead [s]; the lead in effect is the next whole number of samples.
+    n_delay: past outputs in an observation beside the newest one.
+    calibration: `pointwise` at the one sample t_fail - h (paper), or `trajectory` over all samples
+    up to it: the rule that is flown, as valid and more powerful.
+    p_value: `simple`, or the `exact` transductive one, never larger.
+    scaling: channels by their safe standard deviation, or `raw` units (paper).
+    epsilon: share of failing flights on which silence is accepted.
+    """
+
+    t_early: float = 0.25
+    n_delay: int = 2
+    predictor: Predictor = PREDICTORS["linear"]
+    score: Score = SCORES["nearest_neighbor"]
+    calibration: Calibration = "trajectory"
+    p_value: PValue = "simple"
+    scaling: Scaling = "safe_std"
+    epsilon: float = 0.1
+
+    def __post_init__(self) -> None:
+        """Refuse what no dataset could make right."""
+        if not 0 < self.t_early < math.inf:
+            raise ValueError(f"t_early={self.t_early} s was given: the lead must be positive")
+        if self.n_delay < 0:
+            raise ValueError(f"n_delay={self.n_delay} was given: it must be 0 or more")
+        if not 0 < self.epsilon < 1:
+            raise ValueError(f"epsilon={self.epsilon} was given: a miss rate lies between 0 and 1")
+        for name, choices in (
+            ("calibration", Calibration),
+            ("p_value", PValue),
+            ("scaling", Scaling),
+        ):
+            if getattr(self, name) not in get_args(choices):
+                raise ValueError(
+                    f"{name}={getattr(self, name)!r} was given: choose "
+                    f"{' or '.join(get_args(choices))}"
+                )
+        if self.score.channel >= 0 and not self.predictor.maps_to_outputs:
+            raise ValueError(
+                "the score negative_magnitude reads an output: choose the predictor linear or "
+                "last_output"
+            )
+
+    def to_json(self) -> dict[str, Any]:
+        """Return plain data, each family member tagged by its `kind`."""
+        data = {field.name: getattr(self, field.name) for field in fields(self)}
+        return data | {
+            "predictor": tagged(self.predictor, PREDICTORS),
+            "score": tagged(self.score, SCORES),
+        }
+
+    @classmethod
+    def from_json(cls, data: dict[str, Any]) -> "MonitorRecipe":
+        """Rebuild a recipe from `to_json`."""
+        return cls(
+            **data
+            | {
+                "predictor": untagged(data["predictor"], PREDICTORS),
+                "score": untagged(data["score"], SCORES),
+            }
+        )
+
+
+def tagged(member: Any, family: dict[str, Any]) -> dict[str, Any]:
+    """Return a family member's parameters with its name in the family as `kind`."""
+    assert is_dataclass(member)
+    kind = next(name for name, entry in family.items() if type(entry) is type(member))
+    return {"kind": kind} | {field.name: getattr(member, field.name) for field in fields(member)}
+
+
+def untagged(data: dict[str, Any], family: dict[str, Any]) -> Any:
+    """Rebuild a family member from `tagged`; ValueError where the family has no such kind."""
+    parameters = dict(data)
+    kind = parameters.pop("kind")
+    if kind not in family:
+        raise ValueError(f"kind {kind!r} was given: choose one of {', '.join(family)}")
+    return replace(family[kind], **parameters)

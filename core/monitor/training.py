@@ -1,0 +1,126 @@
+"""Training: from labelled trajectories to a calibrated monitor."""
+
+import numpy as np
+import numpy.typing as npt
+
+from core import __version__
+from core.dataset import Dataset
+from core.monitor.live_path import (
+    SIMPLE,
+    Fitted,
+    Transduction,
+    map_samples,
+    weighted_distances,
+)
+from core.monitor.monitor import Monitor, assemble
+from core.monitor.observation import (
+    channel_scale,
+    lead_steps,
+    observations_at,
+    outputs_ahead,
+)
+from core.monitor.peak_risk import lowest_scores
+from core.monitor.predictor import Affine
+from core.monitor.recipe import MonitorRecipe
+
+Array = npt.NDArray[np.float64]
+Indices = npt.NDArray[np.int64]
+
+
+def train(dataset: Dataset, recipe: MonitorRecipe | None = None) -> Monitor:
+    """Fit the predictor on safe observations, then calibrate the score on the failures.
+
+    Calibration data chooses nothing: scale and predictor come from safe observations only.
+    ValueError where the dataset has no unsafe or no safe rollout.
+    """
+    recipe = recipe or MonitorRecipe()
+    _check(dataset, recipe)
+    h, n_delay = lead_steps(recipe.t_early, dataset.dt), recipe.n_delay
+
+    o_safe = observations_at(dataset.safe, dataset.safe_times, n_delay)
+    ahead = outputs_ahead(dataset.safe, dataset.safe_times, h)
+    newest = o_safe[:, -dataset.safe.shape[2] :]
+    scale = channel_scale(newest) if recipe.scaling == "safe_std" else np.ones(newest.shape[1])
+    o_safe /= np.tile(scale, n_delay + 1)
+    ahead /= scale
+    affine = recipe.predictor.fit(o_safe, ahead).in_units(np.tile(scale, n_delay + 1))
+
+    last = dataset.fail_index - h
+    timely = np.flatnonzero(last >= 0)
+    unsafe_where = np.column_stack([timely, last[timely]])
+    n_safe, n_obs = dataset.safe_times.shape
+    safe_where = np.column_stack([np.repeat(np.arange(n_safe), n_obs), dataset.safe_times.ravel()])
+    unsafe_points = map_samples(affine, dataset.unsafe, unsafe_where, n_delay)
+    safe_points = map_samples(affine, dataset.safe, safe_where, n_delay)
+
+    fitted = assemble(recipe, affine, unsafe_points, safe_points, np.empty(0))
+    own = np.full(len(last), -1)
+    own[timely] = np.arange(len(timely))
+    first = np.maximum(last, 0) if recipe.calibration == "pointwise" else np.zeros_like(last)
+    alphas = lowest_scores(fitted, dataset.unsafe, n_delay, first, last, own, np.empty(0))
+    exact = SIMPLE
+    if recipe.p_value == "exact" and recipe.score.channel < 0:
+        running = recipe.calibration == "trajectory"
+        exact = _transduction(
+            fitted, affine, dataset.unsafe, n_delay, timely, first, last, alphas, running
+        )
+    return Monitor(
+        recipe=recipe,
+        dt=dataset.dt,
+        h=h,
+        scale=scale,
+        unsafe_points=unsafe_points,
+        unsafe_where=unsafe_where,
+        safe_points=safe_points,
+        safe_where=safe_where,
+        theta_names=dataset.theta_names,
+        theta_unsafe=dataset.theta_unsafe,
+        theta_safe=dataset.theta_safe,
+        n_early=len(last) - len(timely),
+        fitted=fitted._replace(alphas=np.sort(alphas)),
+        exact=exact,
+        dataset_recipe=dataset.recipe,
+        dataset_digest=dataset.digest(),
+        seed=dataset.seed,
+        version=__version__,
+    )
+
+
+def _transduction(
+    fitted: Fitted,
+    affine: Affine,
+    y: Array,
+    n_delay: int,
+    timely: Indices,
+    first: Indices,
+    last: Indices,
+    alphas: Array,
+    running: bool,
+) -> Transduction:
+    """Keep the distances that calibration looked up, so that a joined test point can lower them."""
+    lengths = (last - first + 1)[timely]
+    start = np.concatenate([[0], lengths.cumsum()])
+    point = np.repeat(np.arange(len(timely)), lengths)
+    sample = first[timely][point] + np.arange(len(point)) - start[point]
+    points = map_samples(affine, y, np.column_stack([timely[point], sample]), n_delay)
+    unsafe, safe = weighted_distances(fitted, points, point)
+    return Transduction(points, unsafe, safe, start, alphas[timely], len(y) - len(timely), running)
+
+
+def _check(dataset: Dataset, recipe: MonitorRecipe) -> None:
+    if not len(dataset.unsafe) or not len(dataset.safe):
+        raise ValueError(
+            f"the dataset has {len(dataset.unsafe)} unsafe and {len(dataset.safe)} safe rollouts: "
+            "a monitor needs both, change the amplitude or the limit"
+        )
+    if dataset.theta_unsafe.shape[1] != len(dataset.theta_names):
+        raise ValueError(
+            f"theta has {dataset.theta_unsafe.shape[1]} parameters and theta_names has "
+            f"{len(dataset.theta_names)}: name each parameter"
+        )
+    horizon = (dataset.safe.shape[1] - 1) * dataset.dt
+    if recipe.t_early >= horizon:
+        raise ValueError(
+            f"t_early={recipe.t_early} s was given: the manoeuvre lasts {horizon:g} s, choose a "
+            "shorter lead"
+        )

@@ -1,0 +1,142 @@
+import os
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+from time import perf_counter, perf_counter_ns
+
+import numpy as np
+import pytest
+from tests.benchmarks.peers import CKDTreeMonitor
+
+from core.collection import DatasetRecipe, Simulator, collect
+from core.compiled import jit
+from core.monitor import Monitor, live_path, train
+
+pytestmark = pytest.mark.benchmark
+
+
+def monitor_of(n_safe_points: int) -> tuple[Monitor, np.ndarray]:
+    """Return a monitor of about so many safe points, and a fresh flight of 12,100 samples."""
+    recipe = replace(DatasetRecipe(), n_obs=50)
+    rate = collect(replace(recipe, n_unsafe=500)).unsafe_rate
+    n_unsafe = max(20, round(n_safe_points / recipe.n_obs * rate / (1 - rate)))
+    monitor = train(collect(replace(recipe, n_unsafe=n_unsafe)))
+    flights = Simulator(recipe).rollouts(100, np.random.default_rng(1))
+    return monitor, flights.y.reshape(-1, 6)
+
+
+@jit
+def _fly(fitted, exact, buffer, status, clock, dt, y, z):
+    risk = 0.0
+    for k in range(y.shape[0]):
+        risk += live_path.update(fitted, exact, buffer, status, clock, dt, k * dt, y[k], z)[1]
+    return risk
+
+
+def compiled_call(monitor: Monitor, y: np.ndarray) -> float:
+    """Mean time of one compiled update [s], best of five flights."""
+    best = np.inf
+    for _ in range(6):
+        stream = monitor.stream()
+        state = (stream._buffer, stream._status, stream._clock)
+        begin = perf_counter()
+        _fly(stream._fitted, stream._exact, *state, monitor.dt, y, stream._point)
+        best = min(best, (perf_counter() - begin) / len(y))
+    return best
+
+
+def python_calls(monitor: Monitor, y: np.ndarray) -> np.ndarray:
+    """Time of each whole Python call [µs]."""
+    stream = monitor.stream()
+    times = np.empty(len(y))
+    for k, sample in enumerate(y):
+        begin = perf_counter_ns()
+        stream.update(k * monitor.dt, sample)
+        times[k] = (perf_counter_ns() - begin) / 1e3
+    return times
+
+
+@pytest.mark.parametrize("n_points", [5_000, 500_000])
+def test_one_sample_to_assessment(n_points: int) -> None:
+    monitor, y = monitor_of(n_points)
+    peer = CKDTreeMonitor(monitor)
+    peer_times = []
+    for sample in y:
+        begin = perf_counter()
+        peer.update(sample)
+        peer_times.append(perf_counter() - begin)
+    inside = compiled_call(monitor, y)
+    calls = python_calls(monitor, y)
+    p50, p99 = np.percentile(calls, [50, 99])
+    print(
+        f"\n{len(monitor.safe_points)} safe points: compiled {inside * 1e6:.2f} µs, "
+        f"Python call median {p50:.1f} µs, p99 {p99:.1f} µs; numpy + cKDTree median "
+        f"{np.median(peer_times) * 1e6:.1f} µs: ratio {np.median(peer_times) / inside:.0f} x"
+    )
+    np.testing.assert_array_equal(monitor.p_values(y), peer.p_values(y))
+
+
+def test_batch_scoring_of_an_hour_at_100_hz() -> None:
+    monitor, _ = monitor_of(14_600)
+    flights = Simulator(DatasetRecipe()).rollouts(2976, np.random.default_rng(2))
+    y = flights.y.reshape(-1, 6)[:360_000]
+    peer = CKDTreeMonitor(monitor)
+    monitor.p_values(y)
+    ratios = []
+    for _ in range(3):
+        begin = perf_counter()
+        ours = monitor.p_values(y)
+        middle = perf_counter()
+        theirs = peer.p_values(y, workers=2)
+        end = perf_counter()
+        ratios.append((end - middle) / (middle - begin))
+        np.testing.assert_array_equal(ours, theirs)
+    print(
+        f"\n360,000 samples, {len(monitor.safe_points)} safe points: {middle - begin:.3f} s; "
+        f"cKDTree on two threads {end - middle:.2f} s: ratio {np.median(ratios):.1f} x"
+    )
+
+
+def test_training_on_more_than_a_million_observations() -> None:
+    code = (
+        "import resource\n"
+        "from dataclasses import replace\n"
+        "from time import perf_counter\n"
+        "from core.collection import DatasetRecipe, collect\n"
+        "from core.monitor import train\n"
+        "begin = perf_counter()\n"
+        "monitor = train(collect(replace(DatasetRecipe(), n_unsafe=5000, n_obs=100)))\n"
+        "peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e6\n"
+        "print(f'{monitor.n_unsafe} unsafe, {len(monitor.safe_points)} safe observations: '\n"
+        "      f'{perf_counter() - begin:.1f} s, peak memory {peak:.2f} GB')\n"
+    )
+    print("\n" + _run(code))
+
+
+def test_first_sample_in_a_fresh_process(tmp_path: Path) -> None:
+    monitor, y = monitor_of(5_000)
+    path = tmp_path / "monitor.fwm"
+    monitor.save(path)
+    code = (
+        "import sys\n"
+        "from core.monitor import load\n"
+        f"print(load(sys.argv[1]).stream().update(0.0, {y[0].tolist()}).p_value)\n"
+    )
+    _run(code, str(path))
+    begin = perf_counter()
+    _run(code, str(path))
+    print(f"\nfresh process, load and first sample, warm cache: {perf_counter() - begin:.2f} s")
+
+
+def _run(code: str, *arguments: str) -> str:
+    done = subprocess.run(
+        [sys.executable, "-c", code, *arguments],
+        env=os.environ,
+        check=True,
+        capture_output=True,
+        text=True,
+    )
+    return done.stdout.strip()
+
+

@@ -1,0 +1,23 @@
+"""What the tests share: how Hypothesis runs, and one small dataset."""
+
+import numpy as np
+import pytest
+from hypothesis import settings
+
+from core.dataset import Dataset
+from tests import oscillator
+
+settings.register_profile("forewarn", deadline=None, derandomize=True)
+settings.load_profile("forewarn")
+
+
+@pytest.fixture(scope="session")
+def dataset() -> Dataset:
+    """Twelve failures of the oscillator, and the safe flights met on the way."""
+    return oscillator.collect(np.random.default_rng(11), n_unsafe=12)
+
+
+@pytest.fixture(scope="session")
+def flights() -> np.ndarray:
+    """Twenty fresh flights (20, 61, 6), failed and safe."""
+    return oscillator.fly(np.random.default_rng(12), 20)[1]
