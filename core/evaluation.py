@@ -1,0 +1,148 @@
+"""Evaluation on fresh rollouts: how often a monitor is silent, how often it alerts in vain."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+from scipy import stats
+
+from core.monitor.calibration import check_epsilon, smallest_epsilon
+from core.monitor.monitor import Monitor
+
+Array = npt.NDArray[np.float64]
+Indices = npt.NDArray[np.int64]
+
+EPSILONS = np.arange(1, 50) / 50
+"""The grid of the paper's figure: 0.02, 0.04, ..., 0.98."""
+
+
+def clopper_pearson(
+    successes: npt.ArrayLike, trials: npt.ArrayLike, confidence: float = 0.95
+) -> Array:
+    """Exact binomial interval of a share.
+
+    successes, trials: counts of any one shape, (...); fractional counts serve effective sizes.
+    Returns (..., 2) lower and upper bound; (0, 1) where there was no trial.
+    """
+    k, n = np.broadcast_arrays(np.asarray(successes, float), np.asarray(trials, float))
+    tail = (1 - confidence) / 2
+    none, all_ = k <= 0, k >= n
+    lower = stats.beta.ppf(tail, np.where(none, 1, k), n - k + 1)
+    upper = stats.beta.ppf(1 - tail, k + 1, np.where(all_, 1, n - k))
+    return np.stack([np.where(none, 0, lower), np.where(all_, 1, upper)], axis=-1)
+
+
+def clustered_interval(
+    successes: npt.NDArray, trials: npt.NDArray, confidence: float = 0.95
+) -> Array:
+    """Interval of a share over clusters whose own shares scatter, such as one monitor's flights.
+
+    Clopper-Pearson at the effective sample size (Korn and Graubard, Survey Methodology 24, 1998):
+    as many independent trials as would give the scatter seen between the clusters.
+
+    successes: (n_clusters, ...).   trials: the same or broadcast to it.   Returns (..., 2).
+    """
+    trials, n_clusters = np.broadcast_to(trials, successes.shape), len(successes)
+    if n_clusters == 1:
+        return clopper_pearson(successes[0], trials[0], confidence)
+    total = np.asarray(trials.sum(axis=0), float)
+    share = successes.sum(axis=0) / np.maximum(total, 1)
+    residual = (successes - share * trials) / np.maximum(total, 1)
+    variance = (residual**2).sum(axis=0) * n_clusters / (n_clusters - 1)
+    independent = np.divide(share * (1 - share), variance, out=total.copy(), where=variance > 0)
+    tail = (1 - confidence) / 2
+    flights, clusters = np.maximum(total - 1, 1), n_clusters - 1
+    few = (stats.t.ppf(tail, flights) / stats.t.ppf(tail, clusters)) ** 2
+    effective = np.minimum(independent * few, total)
+    return clopper_pearson(share * effective, effective, confidence)
+
+
+@dataclass(frozen=True, eq=False)
+class Evaluation:
+    """Counts over fresh flights at each epsilon.
+
+    epsilons: (n_eps,).   n_unsafe, n_safe: flights that failed and that did not.
+    n_early: failures that came before any timely alert could; each is a miss.
+    misses: (n_eps,) failing flights without an alert at least t_early before the failure.
+    false_alerts: (n_eps,) safe flights with an alert at any time.
+    """
+
+    epsilons: Array
+    n_unsafe: int
+    n_safe: int
+    n_early: int
+    misses: Indices
+    false_alerts: Indices
+
+    @property
+    def miss_rate(self) -> Array:
+        """(n_eps,) share of the failing flights that were missed."""
+        return self.misses / max(self.n_unsafe, 1)
+
+    @property
+    def miss_interval(self) -> Array:
+        """(n_eps, 2) Clopper-Pearson 95 % interval of the miss rate."""
+        return clopper_pearson(self.misses, self.n_unsafe)
+
+    @property
+    def power(self) -> Array:
+        """(n_eps,) share of the safe flights that went without an alert."""
+        return 1 - self.false_alerts / max(self.n_safe, 1)
+
+    @property
+    def power_interval(self) -> Array:
+        """(n_eps, 2) Clopper-Pearson 95 % interval of the power."""
+        return clopper_pearson(self.n_safe - self.false_alerts, self.n_safe)
+
+    @property
+    def fail_given_alert(self) -> Array:
+        """(n_eps,) share of failures among flights with a timely or false alert; NaN for none."""
+        caught = self.n_unsafe - self.misses
+        alerts = caught + self.false_alerts
+        return np.divide(caught, alerts, out=np.full(len(alerts), np.nan), where=alerts > 0)
+
+    @property
+    def fail_given_alert_interval(self) -> Array:
+        """(n_eps, 2) Clopper-Pearson 95 % interval of P(fail | alert)."""
+        caught = self.n_unsafe - self.misses
+        return clopper_pearson(caught, caught + self.false_alerts)
+
+
+def evaluate(
+    monitor: Monitor, y: Array, fail_index: Indices, epsilons: Array | None = None
+) -> Evaluation:
+    """Fly fresh trajectories through a monitor and count, at each epsilon it can serve.
+
+    y: (n, n_samples, 6), none of which trained the monitor; safe ones over the full horizon.
+    fail_index: (n,) first sample that violates, n_samples for a safe flight.
+    epsilons: (n_eps,); unless given, those of EPSILONS that the monitor's failures can serve.
+    """
+    if epsilons is None:
+        epsilons = EPSILONS[smallest_epsilon(monitor.n_unsafe) <= EPSILONS + 1e-9]
+    served = np.array([check_epsilon(epsilon, monitor.n_unsafe) for epsilon in epsilons])
+    is_unsafe = fail_index < y.shape[1]
+    last = np.where(is_unsafe, fail_index - monitor.h, y.shape[1] - 1)
+    silent = monitor.highest_p_values(y, last)[:, None] <= served
+    return Evaluation(
+        epsilons=np.asarray(epsilons),
+        n_unsafe=int(is_unsafe.sum()),
+        n_safe=int((~is_unsafe).sum()),
+        n_early=int((last < 0).sum()),
+        misses=silent[is_unsafe].sum(axis=0),
+        false_alerts=(~silent[~is_unsafe]).sum(axis=0),
+    )
+
+
+def leads(monitor: Monitor, y: Array, fail_index: Indices, epsilon: float | None = None) -> Array:
+    """Time from the first alert to the failure of each failing flight.
+
+    y, fail_index: as in `evaluate`.
+    Returns (n_unsafe,) [s], shorter than the monitor's lead where the alert came too late to
+    count, negative infinity where none came by the failure.
+    """
+    found = []
+    epsilon = monitor.check_epsilon(epsilon)
+    for i in np.flatnonzero(fail_index < y.shape[1]):
+        alerts = monitor.p_values(y[i, : fail_index[i] + 1]) > epsilon
+        found.append((fail_index[i] - alerts.argmax()) * monitor.dt if alerts.any() else -np.inf)
+    return np.array(found, float)

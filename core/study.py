@@ -1,0 +1,176 @@
+"""The paper's experiment: five methods, several monitors each, miss rate and power over epsilon."""
+
+import os
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, replace
+from functools import partial
+
+import numpy as np
+import numpy.typing as npt
+
+from core.collection import DatasetRecipe, Rollouts, Simulator, collect
+from core.dataset import Dataset
+from core.evaluation import EPSILONS, Evaluation, clustered_interval, evaluate
+from core.monitor.calibration import smallest_epsilon
+from core.monitor.monitor import Monitor
+from core.monitor.predictor import PREDICTORS
+from core.monitor.recipe import MonitorRecipe
+from core.monitor.score import SCORES
+from core.monitor.training import train
+
+Array = npt.NDArray[np.float64]
+Indices = npt.NDArray[np.int64]
+
+METHODS: dict[str, tuple[str, str]] = {
+    "linear + nearest neighbor": ("linear", "nearest_neighbor"),
+    "no prediction": ("identity", "nearest_neighbor"),
+    "PCA": ("pca", "nearest_neighbor"),
+    "current |Ny|": ("last_output", "negative_magnitude"),
+    "predicted |Ny|": ("linear", "negative_magnitude"),
+}
+"""The paper's five methods as pairs of predictor and score."""
+
+
+@dataclass(frozen=True)
+class StudyRecipe:
+    """Size of the experiment.
+
+    dataset: the planned test; its seed starts the whole study.
+    monitor: every choice but predictor and score. The defaults are the paper's.
+    n_test: fresh test flights of each monitor.
+    """
+
+    dataset: DatasetRecipe = DatasetRecipe()  # noqa: RUF009
+    monitor: MonitorRecipe = MonitorRecipe(calibration="pointwise", scaling="raw")  # noqa: RUF009
+    n_monitors: int = 10
+    n_test: int = 500
+
+    def __post_init__(self) -> None:
+        """Refuse a study without monitors or flights."""
+        for name in ("n_monitors", "n_test"):
+            if getattr(self, name) < 1:
+                raise ValueError(f"{name}={getattr(self, name)} was given: it must be at least 1")
+
+
+@dataclass(frozen=True, eq=False)
+class MethodResult:
+    """One method's counts, a row a monitor.
+
+    epsilons: (n_eps,).   misses, false_alerts: (n_monitors, n_eps).
+    n_unsafe, n_safe: (n_monitors, 1) test flights that failed and that did not.
+    """
+
+    epsilons: Array
+    misses: Indices
+    n_unsafe: Indices
+    false_alerts: Indices
+    n_safe: Indices
+
+    @classmethod
+    def pool(cls, evaluations: list[Evaluation]) -> "MethodResult":
+        """Pool evaluations of several monitors, each on its own fresh flights."""
+        return cls(
+            epsilons=evaluations[0].epsilons,
+            misses=np.array([e.misses for e in evaluations]),
+            n_unsafe=np.array([[e.n_unsafe] for e in evaluations]),
+            false_alerts=np.array([e.false_alerts for e in evaluations]),
+            n_safe=np.array([[e.n_safe] for e in evaluations]),
+        )
+
+    @property
+    def miss_rate(self) -> Array:
+        """(n_eps,) share of all failing flights that were missed."""
+        return self.misses.sum(axis=0) / max(self.n_unsafe.sum(), 1)
+
+    @property
+    def miss_interval(self) -> Array:
+        """(n_eps, 2) 95 % interval that allows for the scatter between monitors."""
+        return clustered_interval(self.misses, self.n_unsafe)
+
+    @property
+    def power(self) -> Array:
+        """(n_eps,) share of all safe flights without an alert."""
+        return 1 - self.false_alerts.sum(axis=0) / max(self.n_safe.sum(), 1)
+
+    @property
+    def power_interval(self) -> Array:
+        """(n_eps, 2) 95 % interval that allows for the scatter between monitors."""
+        return clustered_interval(self.n_safe - self.false_alerts, self.n_safe)
+
+    @property
+    def mean_power(self) -> float:
+        """Power averaged over the epsilon grid: one number to rank methods by."""
+        return float(self.power.mean())
+
+
+@dataclass(frozen=True, eq=False)
+class StudyResult:
+    """What the study found.
+
+    methods: by name.   unsafe_rate: unbiased estimate from all collections.
+    monitor, flights: the first monitor of the first method and its test flights, to look at.
+    """
+
+    recipe: StudyRecipe
+    methods: dict[str, MethodResult]
+    unsafe_rate: float
+    monitor: Monitor
+    flights: Rollouts
+
+    @property
+    def ranking(self) -> list[str]:
+        """Methods by mean power, best first."""
+        return sorted(self.methods, key=lambda name: -self.methods[name].mean_power)
+
+
+def study(
+    recipe: StudyRecipe | None = None, *, progress: Callable[[int, int], object] | None = None
+) -> StudyResult:
+    """Train n_monitors monitors of every method and fly fresh test flights through each.
+
+    progress: called with (monitors done, monitors in all); what it raises cancels.
+    """
+    recipe = recipe or StudyRecipe()
+    n_monitors = recipe.n_monitors
+    seeds = np.random.SeedSequence(recipe.dataset.seed).generate_state(2 * n_monitors)
+    evaluations: dict[str, list[Evaluation]] = {name: [] for name in METHODS}
+    rates, example = [], None
+    pool = ThreadPoolExecutor(os.cpu_count() or 1)
+    try:
+        parts = pool.map(partial(_part, recipe), *seeds.reshape(-1, 2).T.tolist())
+        for number, (dataset, flights, monitors, found) in enumerate(parts):
+            rates.append(dataset.unsafe_rate)
+            example = example or (monitors[0], flights)
+            for name, evaluation in found.items():
+                evaluations[name].append(evaluation)
+            if progress:
+                progress(number + 1, n_monitors)
+    finally:
+        pool.shutdown(cancel_futures=True)
+    assert example
+    return StudyResult(
+        recipe=recipe,
+        methods={name: MethodResult.pool(parts) for name, parts in evaluations.items()},
+        unsafe_rate=float(np.mean(rates)),
+        monitor=example[0],
+        flights=example[1],
+    )
+
+
+def _part(
+    recipe: StudyRecipe, seed: int, test_seed: int
+) -> tuple[Dataset, Rollouts, list[Monitor], dict[str, Evaluation]]:
+    """One dataset, its monitors of every method, and their evaluation on the same fresh flights."""
+    dataset = collect(replace(recipe.dataset, seed=seed))
+    flights = Simulator(recipe.dataset).rollouts(recipe.n_test, np.random.default_rng(test_seed))
+    epsilons = EPSILONS[smallest_epsilon(recipe.dataset.n_unsafe) - 1e-9 <= EPSILONS]
+    monitors = [
+        train(
+            dataset,
+            replace(recipe.monitor, predictor=PREDICTORS[predictor], score=SCORES[score]),
+        )
+        for predictor, score in METHODS.values()
+    ]
+    found = [evaluate(monitor, flights.y, flights.fail_index, epsilons) for monitor in monitors]
+    return dataset, flights, monitors, dict(zip(METHODS, found, strict=True))
