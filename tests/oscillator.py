@@ -53,7 +53,7 @@ def fail_indices(y: Array) -> Indices:
 
 def collect(rng: np.random.Generator, n_unsafe: int, n_obs: int = 20) -> Dataset:
     """Fly until n_unsafe flights failed; keep the safe ones met on the way."""
-    theta, y = fly(rng, 10 * n_unsafe + 50)
+    theta, y = fly(rng, 20 * n_unsafe + 50)
     fail = fail_indices(y)
     failed = np.flatnonzero(fail < N_SAMPLES)[:n_unsafe]
     assert len(failed) == n_unsafe

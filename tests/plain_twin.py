@@ -14,7 +14,6 @@ import control
 import numpy as np
 import numpy.typing as npt
 from sklearn.decomposition import PCA
-from sklearn.linear_model import LinearRegression
 from sklearn.neighbors import NearestNeighbors
 
 Array = npt.NDArray[np.float64]
@@ -165,8 +164,10 @@ def safe_observations(
 
 
 def fit_linear(observed: Array, paired: Array, ahead: Array) -> Map:
-    """y_hat = M o + mu by least squares."""
-    return LinearRegression().fit(paired, ahead).predict
+    """y_hat = M o + mu by least squares; scikit-learn's drops directions below 1e-6 of the first."""
+    o_mean, y_mean = paired.mean(axis=0), ahead.mean(axis=0)
+    slopes = np.linalg.lstsq(paired - o_mean, ahead - y_mean, rcond=None)[0]
+    return lambda o: y_mean + (o - o_mean) @ slopes
 
 
 def fit_identity(observed: Array, paired: Array, ahead: Array) -> Map:

@@ -8,6 +8,7 @@ from numba.np.numpy_support import carray
 
 from core.channels import N_CHANNELS
 from core.compiled import in_chunks, jit
+from core.monitor.calibration import p_values
 from core.monitor.nearest import (
     Tree,
     U,
@@ -117,16 +118,20 @@ def in_lanes(affine: Affine) -> Affine:
 
 
 @inlined
-def score_point(fitted, z, skip, near_unsafe, near_safe):
-    """Score of a mapped point, and its neighbours; low means close to a failure."""
+def score_point(fitted, unsafe_tree, safe_tree, z, skip, near_unsafe, near_safe):
+    """Score of a mapped point, and its neighbours; low means close to a failure.
+
+    unsafe_tree, safe_tree: those of `fitted`, taken out of it once: counting references to their
+    arrays at every sample takes as long as a search.
+    """
     if fitted.channel >= 0:
         return -abs(z[fitted.channel]), -1, -1
     unsafe, safe = 0.0, 0.0
     if fitted.unsafe_weight > 0.0:
-        distance, near_unsafe = nearest(fitted.unsafe, z, skip, near_unsafe)
+        distance, near_unsafe = nearest(unsafe_tree, z, skip, near_unsafe)
         unsafe = fitted.unsafe_weight * distance
     if fitted.safe_weight > 0.0:
-        distance, near_safe = nearest(fitted.safe, z, -1, near_safe)
+        distance, near_safe = nearest(safe_tree, z, -1, near_safe)
         safe = fitted.safe_weight * distance
     return unsafe - safe, near_unsafe, near_safe
 
@@ -219,22 +224,27 @@ def update(fitted, exact, buffer, status, clock, dt, t, y, z):
     if code != OK:
         return code, np.nan, np.nan
     map_observation(fitted, buffer, newest, newest, z)
-    s, status[2], status[3] = score_point(fitted, z, -1, status[2], status[3])
+    unsafe, safe = fitted.unsafe, fitted.safe
+    s, status[2], status[3] = score_point(fitted, unsafe, safe, z, -1, status[2], status[3])
     clock[1] = min(clock[1], s)
     if status[2] >= 0:
-        clock[2] = np.sqrt(squared_distance(fitted.unsafe, z, status[2]))
+        clock[2] = np.sqrt(squared_distance(unsafe, z, status[2]))
     if status[3] >= 0:
-        clock[3] = np.sqrt(squared_distance(fitted.safe, z, status[3]))
+        clock[3] = np.sqrt(squared_distance(safe, z, status[3]))
     return code, p_value_of(fitted, exact, z, s, clock[1]), s
 
 
 @jit
 def _score_some(fitted, y, ok, n_delay, start, stop, z, s, unsafe, safe):
     near_unsafe, near_safe = -1, -1
+    unsafe_tree, safe_tree = fitted.unsafe, fitted.safe
     for i in range(start, stop):
         if ok[i]:
-            map_observation(fitted, y, i, n_delay, z[i])
-            s[i], near_unsafe, near_safe = score_point(fitted, z[i], -1, near_unsafe, near_safe)
+            point = z[i]
+            map_observation(fitted, y, i, n_delay, point)
+            s[i], near_unsafe, near_safe = score_point(
+                fitted, unsafe_tree, safe_tree, point, -1, near_unsafe, near_safe
+            )
             unsafe[i], safe[i] = near_unsafe, near_safe
 
 
@@ -254,14 +264,16 @@ def score_all(
     """
     n = len(y)
     z = np.full((n, fitted.d), np.nan)
-    s, p = np.full(n, np.nan), np.full(n, np.nan)
+    s = np.full(n, np.nan)
     unsafe, safe = np.full(n, -1), np.full(n, -1)
     in_chunks(
         n,
         SAMPLES_A_TASK,
         lambda a, b: _score_some(fitted, y, ok, n_delay, a, b, z, s, unsafe, safe),
     )
-    lowest = np.fmin.accumulate(s)
+    if len(exact.start) == 0:
+        return z, s, p_values(s, fitted.alphas), unsafe, safe
+    p, lowest = np.full(n, np.nan), np.fmin.accumulate(s)
     in_chunks(n, SAMPLES_A_TASK, lambda a, b: _p_some(fitted, exact, ok, a, b, z, s, lowest, p))
     return z, s, p, unsafe, safe
 
@@ -290,10 +302,12 @@ def map_samples(affine: Affine, y: Array, where: Indices, n_delay: int) -> Array
 @jit
 def _distances_some(fitted, z, own, start, stop, unsafe, safe):
     near_unsafe, near_safe = -1, -1
+    unsafe_tree, safe_tree = fitted.unsafe, fitted.safe
     for i in range(start, stop):
-        distance, near_unsafe = nearest(fitted.unsafe, z[i], own[i], near_unsafe)
+        point = z[i]
+        distance, near_unsafe = nearest(unsafe_tree, point, own[i], near_unsafe)
         unsafe[i] = fitted.unsafe_weight * distance
-        distance, near_safe = nearest(fitted.safe, z[i], -1, near_safe)
+        distance, near_safe = nearest(safe_tree, point, -1, near_safe)
         safe[i] = fitted.safe_weight * distance
 
 

@@ -59,6 +59,11 @@ class Monitor:
         return self.fitted.alphas
 
     @property
+    def affine(self) -> Affine:
+        """The predictor's map from an observation in SI units to a point."""
+        return Affine(self.fitted.matrix[:, : self.fitted.d], self.fitted.offset[: self.fitted.d])
+
+    @property
     def n_unsafe(self) -> int:
         """Failures it is calibrated on."""
         return len(self.alphas)

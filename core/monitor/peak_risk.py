@@ -50,7 +50,9 @@ def _lowest_some(fitted, y, n_delay, first, last, own, levels, start, stop, lowe
             if channel >= 0:
                 s = -abs(z[channel])
             elif not bounded:
-                s, near_unsafe, near_safe = score_point(fitted, z, own[i], near_unsafe, near_safe)
+                s, near_unsafe, near_safe = score_point(
+                    fitted, unsafe_tree, safe_tree, z, own[i], near_unsafe, near_safe
+                )
             else:
                 # A step away from the anchor changes each distance by at most its length.
                 step = _distance(z, anchor)
@@ -109,12 +111,15 @@ def lowest_scores(
 @jit
 def _highest_p_some(fitted, exact, y, n_delay, last, start, stop, highest):
     z = np.empty(fitted.d)
+    unsafe_tree, safe_tree = fitted.unsafe, fitted.safe
     for i in range(start, stop):
         near_unsafe, near_safe = -1, -1
         lowest = np.inf
         for t in range(last[i] + 1):
             map_observation(fitted, y[i], t, n_delay, z)
-            s, near_unsafe, near_safe = score_point(fitted, z, -1, near_unsafe, near_safe)
+            s, near_unsafe, near_safe = score_point(
+                fitted, unsafe_tree, safe_tree, z, -1, near_unsafe, near_safe
+            )
             lowest = min(lowest, s)
             highest[i] = max(highest[i], p_value_of(fitted, exact, z, s, lowest))
 

@@ -44,9 +44,7 @@ def to_bytes(monitor: "Monitor") -> bytes:
         "theta_names": monitor.theta_names,
         "exact": {"always": exact.always, "running": exact.running},
     }
-    arrays = {key: getattr(monitor, key) for key in ARRAYS}
-    fitted = monitor.fitted
-    arrays |= {"matrix": fitted.matrix[:, : fitted.d], "offset": fitted.offset[: fitted.d]}
+    arrays = {key: getattr(monitor, key) for key in ARRAYS} | monitor.affine._asdict()
     arrays |= {f"exact_{key}": getattr(exact, key) for key in EXACT_ARRAYS}
     archive = io.BytesIO()
     text = np.frombuffer(json.dumps(header).encode(), np.uint8)

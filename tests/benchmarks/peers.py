@@ -12,7 +12,7 @@ class CKDTreeMonitor:
     """The monitor's live path from numpy and scipy's cKDTree."""
 
     def __init__(self, monitor: Monitor) -> None:
-        self.matrix, self.offset = monitor.fitted.matrix, monitor.fitted.offset
+        self.matrix, self.offset = monitor.affine
         self.unsafe = cKDTree(monitor.unsafe_points)
         self.safe = cKDTree(np.unique(monitor.safe_points, axis=0))
         self.alphas, self.n_delay = monitor.alphas, monitor.recipe.n_delay
