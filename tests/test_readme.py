@@ -1,0 +1,49 @@
+import re
+import shlex
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from app.cli import main
+from core.channels import KEYS
+from core.collection import DatasetRecipe, Simulator
+
+README = (Path(__file__).parents[1] / "README.md").read_text(encoding="utf-8")
+SMALL = {"study": ["--n-monitors", "2", "--n-test", "50"], "train": ["--n-test", "200"]}
+
+
+def write_flight(path: Path) -> None:
+    """Write a simulated flight as the README names the columns."""
+    y = Simulator(DatasetRecipe()).rollouts(1, np.random.default_rng(0)).y[0]
+    y = np.vstack([np.zeros((100, len(KEYS))), y])
+    scale = np.degrees([1, 1, 1, 0, 1, 1])
+    scale[KEYS.index("Ny")] = 1
+    table = np.column_stack([np.arange(len(y)) * 0.05, y * scale])
+    head = "t_s,beta_deg,p_degps,r_degps,ay_g,da_deg,dr_deg"
+    np.savetxt(path, table, fmt="%.9g", delimiter=",", header=head, comments="")
+
+
+def test_commands_of_the_readme_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.chdir(tmp_path)
+    write_flight(tmp_path / "flight.csv")
+    commands = re.findall(r"^    forewarn ((?:study|train|score) .*)$", README, re.MULTILINE)
+    assert len(commands) == 4
+    for command in commands:
+        arguments = shlex.split(command)
+        assert main([*arguments, *SMALL.get(arguments[0], [])]) == 0, command
+    assert (tmp_path / "flight-scored" / "scored.png").exists()
+
+
+def test_python_of_the_readme_runs(tmp_path: Path, monkeypatch, capsys: pytest.CaptureFixture):
+    monkeypatch.chdir(tmp_path)
+    (code,) = re.findall(r"```python\n(.*?)```", README, re.DOTALL)
+    exec(compile(code, "README.md", "exec"), {})
+    assert "risk" in capsys.readouterr().out
+
+
+def test_make_targets_of_the_readme_exist():
+    makefile = (Path(__file__).parents[1] / "Makefile").read_text(encoding="utf-8")
+    for line in re.findall(r"^    make (.*?)(?:#|$)", README, re.MULTILINE):
+        for target in line.split():
+            assert re.search(rf"^{target}:", makefile, re.MULTILINE), target
