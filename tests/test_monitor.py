@@ -119,7 +119,10 @@ def test_history_warms_up_for_n_delay_samples_after_a_gap_but_not_at_the_start(
     ("t", "expected"),
     [
         ([0, 1, 1, 1, 2, 3], "oossoo"),  # repeated
-        ([0, 1, 2.4, 3.0, 4.49], "ooooo"),  # jitter within half an interval
+        ([0, 1, 2.4, 3.0, 4.4], "ooooo"),  # jitter within half an interval
+        ([0, 1.3, 2.6, 3.9, 5.2, 6.5], "ooiwiw"),  # another rate
+        ([k / 1.5 for k in range(7)], "ooiwiwi"),  # another rate
+        ([k * 1.001 for k in range(40)], "o" * 40),  # a clock that is a little off
         ([0, 1, 2.51, 3.51, 4.51, 5.51], "oowwoo"),  # gap
         ([0, 1, 1.4, 2.4, 3.4, 4.4, 5.4], "ooiwwoo"),  # too soon
         ([0, 1, 2, 1, 2, 3, 4], "oooiwwo"),  # back

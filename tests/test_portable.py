@@ -192,6 +192,37 @@ def test_an_unknown_predictor_is_refused(blob: bytes, tmp_path: Path) -> None:
     assert "oracle" in refusal(signed(crafted.getvalue()), tmp_path / "m.fwm")
 
 
+@pytest.mark.parametrize(
+    ("name", "change", "message"),
+    [
+        ("matrix", lambda a: a[:-1], "matrix is float64"),
+        ("offset", lambda a: a[:-1], "5 entries instead of 6"),
+        ("scale", lambda a: a[:2], "scale is float64"),
+        ("alphas", lambda a: a[None], "alphas is float64"),
+        ("safe_points", lambda a: a[:, :3], "safe points is float64"),
+        ("safe_points", lambda a: a.astype(np.float32), "safe points is float32"),
+        ("safe_where", lambda a: a[:-1], "safe where has shape"),
+        ("safe_where", lambda a: a + 10**6, "safe where holds numbers outside"),
+        ("unsafe_where", lambda a: a - 10**6, "unsafe where holds numbers outside"),
+        ("theta_unsafe", lambda a: a[:, :0], "theta unsafe is float64"),
+        ("exact_start", lambda a: a + 10**6, "exact start holds numbers outside"),
+        ("exact_start", lambda a: a[::-1].copy(), "exact start does not delimit"),
+        ("exact_start", lambda a: a[:0], "exact points belong to no failure"),
+        ("exact_unsafe", lambda a: a[:-1], "exact unsafe is float64"),
+    ],
+)
+def test_signed_arrays_that_do_not_fit_together_are_refused(
+    name: str, change, message: str, dataset: Dataset, tmp_path: Path
+) -> None:
+    monitor = train(dataset, MonitorRecipe(p_value="exact"))
+    body = to_bytes(monitor).split(b"\n", 2)[2]
+    with np.load(io.BytesIO(body)) as archive:
+        arrays = dict(archive)
+    crafted = io.BytesIO()
+    np.savez(crafted, **arrays | {name: change(arrays[name])})  # pyright: ignore
+    assert message in refusal(signed(crafted.getvalue()), tmp_path / "monitor.fwm")
+
+
 # --- saving --------------------------------------------------------------------------------------
 
 

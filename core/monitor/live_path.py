@@ -171,29 +171,39 @@ def p_value_of(fitted, exact, z, s, lowest):
 
 
 @jit
-def _follow(first, step, finite, dt, count, n_delay):
-    """State of a sample `step` seconds after the last one, and the length of its history."""
+def _follow(first, step, finite, dt, count, drift, n_delay):
+    """State of a sample `step` seconds after the last one, its history's length, and the drift.
+
+    drift: sum of what the steps had too much or too little, recent ones counting most [s]; half an
+    interval of it means that the source does not sample at the monitor's rate.
+    """
     full = n_delay + 1
     if first:
-        return (OK, full) if finite else (INVALID, 0)
+        return (OK, full, 0.0) if finite else (INVALID, 0, 0.0)
     if step == 0.0:
-        return STALE, count
+        return STALE, count, drift
     if not (finite and step > 0.5 * dt):
-        return INVALID, 0
-    count = 1 if step >= 1.5 * dt else min(count + 1, full)
-    return (OK if count == full else WARMING_UP), count
+        return INVALID, 0, 0.0
+    if step >= 1.5 * dt:
+        count, drift = 1, 0.0
+    else:
+        count, drift = min(count + 1, full), 0.8 * drift + step - dt
+    if abs(drift) > 0.5 * dt:
+        return INVALID, 0, 0.0
+    return (OK if count == full else WARMING_UP), count, drift
 
 
 @jit
 def states(t, y, dt, n_delay):
     """State code of each sample. A flight's first sample starts a full, padded history."""
     codes = np.empty(t.shape[0], np.int64)
-    count = 0
+    count, drift = 0, 0.0
     for i in range(t.shape[0]):
         finite = np.isfinite(t[i])
         for c in range(y.shape[1]):
             finite &= np.isfinite(y[i, c])
-        codes[i], count = _follow(i == 0, t[i] - t[i - 1], finite, dt, count, n_delay)
+        step = t[i] - t[i - 1]
+        codes[i], count, drift = _follow(i == 0, step, finite, dt, count, drift, n_delay)
     return codes
 
 
@@ -202,7 +212,7 @@ def update(fitted, exact, buffer, status, clock, dt, t, y, z):
     """Take one sample of a stream and assess it.
 
     buffer: (n_delay + 1, 6).   status: (4,) history length, samples taken, last neighbours.
-    clock: (4,) time of the last sample, lowest score so far, distances from the neighbours.
+    clock: (5,) time of the last sample, lowest score so far, distances from the neighbours, drift.
     z: (d,) out, the mapped point.
     Returns (state code, p-value, score); both NaN unless the state is OK.
     """
@@ -210,14 +220,16 @@ def update(fitted, exact, buffer, status, clock, dt, t, y, z):
     for c in range(y.shape[0]):
         finite &= np.isfinite(y[c])
     first = status[1] == 0
-    code, status[0] = _follow(first, t - clock[0], finite, dt, status[0], buffer.shape[0] - 1)
+    newest = buffer.shape[0] - 1
+    code, status[0], clock[4] = _follow(
+        first, t - clock[0], finite, dt, status[0], clock[4], newest
+    )
     if code == STALE:
         return code, np.nan, np.nan
     status[1] += 1
     clock[0] = t
     if code == INVALID:
         return code, np.nan, np.nan
-    newest = buffer.shape[0] - 1
     for row in range(newest):
         buffer[row] = y if first else buffer[row + 1]
     buffer[newest] = y

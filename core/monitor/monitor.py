@@ -169,7 +169,7 @@ class Stream:
         self._fitted, self._exact = monitor.fitted, monitor.exact
         self._buffer = np.zeros((monitor.recipe.n_delay + 1, N_CHANNELS))
         self._status = np.array([0, 0, -1, -1])
-        self._clock = np.array([np.nan, np.inf, np.nan, np.nan])
+        self._clock = np.array([np.nan, np.inf, np.nan, np.nan, 0.0])
         self._point = np.empty(self._fitted.d)
 
     def update(self, t: float, y: npt.ArrayLike) -> Assessment:
@@ -250,6 +250,7 @@ def _rebuild(header: dict[str, Any], arrays: dict[str, Any]) -> Monitor:
     exact = Transduction(
         **{key: arrays.pop(f"exact_{key}") for key in portable.EXACT_ARRAYS}, **header["exact"]
     )
+    _check_arrays(recipe, affine, exact, header, arrays)
     fitted = assemble(
         recipe, affine, arrays["unsafe_points"], arrays["safe_points"], arrays.pop("alphas")
     )
@@ -261,6 +262,51 @@ def _rebuild(header: dict[str, Any], arrays: dict[str, Any]) -> Monitor:
         **{key: header[key] for key in portable.HEADER_FIELDS},
         **arrays,
     )
+
+
+def _check_arrays(
+    recipe: MonitorRecipe,
+    affine: Affine,
+    exact: Transduction,
+    header: dict[str, Any],
+    arrays: dict[str, Any],
+) -> None:
+    """Refuse arrays that do not fit together: kernels trust them without looking again."""
+    d, n_parameters = len(affine.offset), len(header["theta_names"])
+    if recipe.predictor.maps_to_outputs and d != N_CHANNELS:
+        raise ValueError(f"its points have {d} entries instead of {N_CHANNELS}")
+    n_failures, n_samples = len(exact.alphas), len(exact.points)
+    shapes = {
+        "matrix": (affine.matrix, (N_CHANNELS * (recipe.n_delay + 1), d)),
+        "offset": (affine.offset, (d,)),
+        "scale": (arrays["scale"], (N_CHANNELS,)),
+        "alphas": (arrays["alphas"], (len(arrays["alphas"]),)),
+        "exact points": (exact.points, (n_samples, d if n_samples else 1)),
+        "exact unsafe": (exact.unsafe, (n_samples,)),
+        "exact safe": (exact.safe, (n_samples,)),
+        "exact alphas": (exact.alphas, (n_failures,)),
+    }
+    counts = [("exact start", exact.start, n_samples)] if len(exact.start) else []
+    for side in ("unsafe", "safe"):
+        points, where = arrays[f"{side}_points"], arrays[f"{side}_where"]
+        theta = arrays[f"theta_{side}"]
+        shapes[f"{side} points"] = (points, (len(points), d))
+        shapes[f"theta {side}"] = (theta, (len(theta), n_parameters))
+        if where.shape != (len(points), 2):
+            raise ValueError(f"{side} where has shape {where.shape}")
+        counts.append((f"{side} where", where[:, 0], len(theta) - 1))
+    for name, (array, shape) in shapes.items():
+        if array.dtype != np.float64 or array.shape != shape:
+            raise ValueError(f"{name} is {array.dtype} {array.shape} instead of float64 {shape}")
+    for name, array, most in counts:
+        if array.dtype != np.int64 or (len(array) and not 0 <= array.min() <= array.max() <= most):
+            raise ValueError(f"{name} holds numbers outside 0 to {most}")
+    if len(exact.start) and (
+        len(exact.start) != n_failures + 1 or (np.diff(exact.start) < 0).any()
+    ):
+        raise ValueError("exact start does not delimit the failures' histories")
+    if len(exact.points) and not len(exact.start):
+        raise ValueError("exact points belong to no failure")
 
 
 def _checked(y: npt.ArrayLike) -> Array:

@@ -20,7 +20,9 @@ class MonitorRecipe:
     n_delay: past outputs in an observation beside the newest one.
     calibration: `pointwise` at the one sample t_fail - h (paper), or `trajectory` over all samples
     up to it: the rule that is flown, as valid and more powerful.
-    p_value: `simple`, or the `exact` transductive one, never larger.
+    p_value: `simple`, or the `exact` transductive one, never larger. With trajectory calibration
+    the exact one judges a flight by its riskiest moment so far, so it hardly falls again. Scores of
+    a magnitude look up no neighbours and have the simple one either way.
     scaling: channels by their safe standard deviation, or `raw` units (paper).
     epsilon: share of failing flights on which silence is accepted.
     """

@@ -1,0 +1,115 @@
+"""Attitude for display, from rates where nobody measured it: bank and heading drift, boundedly.
+
+phi_dot = p + tan(theta0) r - phi / wash_out_s,   psi_dot = r / cos(theta0),   theta = theta0
+
+the kinematics of the linear model about wings-level trim (see core.simulation.aircraft), plus a
+slow return to wings level, so that a rate bias b ends as a bank of b wash_out_s and not as a roll.
+For a picture of the aircraft only: no monitor or limit may use these angles.
+"""
+
+from dataclasses import dataclass
+from math import cos, exp, isfinite, pi, tan
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from core.channels import KEYS
+from core.simulation.uncertain_plant import UncertainPlant
+
+Array = npt.NDArray[np.float64]
+
+P, R = KEYS.index("p"), KEYS.index("r")
+WASH_OUT_S = 60.0
+"""Time constant of the return to wings level [s]; a 6 s doublet loses a tenth of its bank."""
+LONGEST_GAP_S = 0.5
+"""Rates are not integrated across a longer gap: the attitude is held [s]."""
+
+
+class Attitude(NamedTuple):
+    """Bank, pitch and heading [rad]; bank and heading in (-pi, pi]."""
+
+    phi: float
+    theta: float
+    psi: float
+
+
+@dataclass
+class DisplayAttitude:
+    """Integrates sample by sample, by the trapezoidal rule; starts and restarts at trim.
+
+    theta0: pitch at trim [rad].   phi0, psi0: bank and heading at the first sample [rad].
+    Time that runs backwards is a new run. Gaps, and samples without finite rates, hold the
+    attitude. Raises ValueError for theta0 beyond the vertical and a wash-out that is not positive.
+    """
+
+    theta0: float = 0.0
+    phi0: float = 0.0
+    psi0: float = 0.0
+    wash_out_s: float = WASH_OUT_S
+
+    def __post_init__(self) -> None:
+        if not abs(self.theta0) < pi / 2:
+            raise ValueError(f"theta0 is {self.theta0} rad; pitch at trim lies within 90 degrees")
+        if not self.wash_out_s > 0.0:
+            raise ValueError(f"wash_out_s is {self.wash_out_s}; give a time above zero, or inf")
+        self._climb, self._turn = tan(self.theta0), 1.0 / cos(self.theta0)
+        self.restart()
+
+    def restart(self) -> None:
+        """Return to trim: the next sample is the first of a new run."""
+        self._phi, self._psi = wrapped(self.phi0), wrapped(self.psi0)
+        self._last: tuple[float, float, float] | None = None
+
+    def update(self, t: float, p: float, r: float) -> Attitude:
+        """Attitude at a sample: time [s], roll and yaw rate [rad/s]."""
+        if self._last is not None and t < self._last[0]:
+            self.restart()
+        if isfinite(p) and isfinite(r):
+            phi_dot, psi_dot = p + self._climb * r, self._turn * r
+            if self._last is not None:
+                then, phi_dot_then, psi_dot_then = self._last
+                dt = t - then
+                if dt <= LONGEST_GAP_S:
+                    kept = exp(-dt / self.wash_out_s)
+                    self._phi = wrapped(
+                        kept * (self._phi + 0.5 * dt * phi_dot_then) + 0.5 * dt * phi_dot
+                    )
+                    self._psi = wrapped(self._psi + 0.5 * dt * (psi_dot_then + psi_dot))
+            self._last = t, phi_dot, psi_dot
+        return Attitude(self._phi, self.theta0, self._psi)
+
+
+def attitude(
+    t: Array, y: Array, theta0: float = 0.0, phi0: float = 0.0, psi0: float = 0.0
+) -> Array:
+    """Attitude (n, 3) of a whole trajectory: phi, theta, psi [rad]; as DisplayAttitude gives them.
+
+    t: (n,) [s].   y: (n, 6) in the order of core.channels.
+    """
+    display = DisplayAttitude(theta0, phi0, psi0)
+    rows = zip(t.tolist(), y[:, P].tolist(), y[:, R].tolist(), strict=True)
+    return np.array([display.update(*row) for row in rows]).reshape(-1, 3)
+
+
+class SurfaceSigns(NamedTuple):
+    """Which way the aircraft goes at positive deflection: +1 rolls right, yaws right; -1 left."""
+
+    aileron: int
+    rudder: int
+
+
+def surface_signs(plant: UncertainPlant) -> SurfaceSigns:
+    """Of dp_dot/d(delta_a) and dr_dot/d(delta_r), nominally; published models differ in them."""
+    nominal = plant.nominal_plant()
+    effect = nominal.c[0] @ nominal.b[0]
+    return SurfaceSigns(_sign(effect[P, 0]), _sign(effect[R, 1]))
+
+
+def _sign(number: float) -> int:
+    return -1 if number < 0.0 else 1
+
+
+def wrapped(angle: float) -> float:
+    """The same angle in (-pi, pi]."""
+    return pi - (pi - angle) % (2.0 * pi)
