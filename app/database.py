@@ -1,0 +1,203 @@
+"""The database behind the store: reached by URL, SQLite by default; engine and transactions.
+
+All SQL that only SQLite understands is in this file.
+"""
+
+import sqlite3
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from pydantic_core import to_json
+from sqlalchemy import URL, Connection, Engine, create_engine, event, make_url, text
+from sqlalchemy.exc import ArgumentError, DBAPIError, IntegrityError, NoSuchModuleError
+from sqlalchemy.pool import NullPool
+
+WRITES = "writes"
+"""Execution option of a connection that is about to write."""
+
+SQLITE_HEADER = b"SQLite format 3\0"
+BUSY_TIMEOUT_MS = 30_000
+LARGEST_IDLE_LOG = 64 * 2**20
+"""Bytes that the write-ahead log keeps on disk once its content is in the database."""
+
+
+class StoreError(OSError):
+    """A database that cannot be used, or content of it that is damaged."""
+
+
+def address(url_or_path: str | Path) -> URL:
+    """Return the database's URL; a path is that of an SQLite file.
+
+    StoreError for what is no URL of a known kind, and for a database in memory.
+    """
+    written = str(url_or_path)
+    if "://" not in written:
+        return URL.create("sqlite", database=written)
+    try:
+        url = make_url(written)
+        url.get_dialect()
+    except (ArgumentError, NoSuchModuleError) as error:
+        raise StoreError(
+            f"the database URL is of no known kind ({error}): give a path, or a URL such as "
+            "sqlite:////home/crew/forewarn.db"
+        ) from error
+    if is_sqlite(url) and (url.database in (None, "", ":memory:") or url.query):
+        raise StoreError(
+            f"{written} is no file: give sqlite:/// with a path, without parameters; a database "
+            "in memory would forget all"
+        )
+    return url
+
+
+def is_sqlite(url: URL) -> bool:
+    """Whether this is SQLite's: one file, one writer at a time."""
+    return url.get_backend_name() == "sqlite"
+
+
+def make_engine(url: URL, *, foreign_keys: bool = True) -> Engine:
+    """Return the engine of a database; nothing is opened yet.
+
+    foreign_keys: False while a migration rebuilds tables, whose rows would cascade away otherwise.
+    """
+    if not is_sqlite(url):
+        return create_engine(url, json_serializer=_to_text)
+    engine = create_engine(
+        url,
+        json_serializer=_to_text,
+        pool_size=8,
+        max_overflow=24,
+        connect_args={"timeout": BUSY_TIMEOUT_MS / 1000},
+    )
+
+    @event.listens_for(engine, "connect")
+    def prepare(connection: sqlite3.Connection, record: Any) -> None:
+        connection.isolation_level = None  # transactions are begun below, DDL included
+        mode = connection.execute("PRAGMA journal_mode = WAL").fetchone()[0]
+        if mode != "wal":
+            raise StoreError(
+                f"{url.database} cannot have a write-ahead log (journal mode is {mode!r}): choose "
+                "a directory on a local disk"
+            )
+        connection.execute("PRAGMA synchronous = FULL")  # a power cut loses nothing committed
+        connection.execute(f"PRAGMA journal_size_limit = {LARGEST_IDLE_LOG}")
+        connection.execute(f"PRAGMA foreign_keys = {'ON' if foreign_keys else 'OFF'}")
+
+    @event.listens_for(engine, "begin")
+    def begin(connection: Connection) -> None:
+        # A transaction that reads first and writes later cannot wait for another writer.
+        writes = connection.get_execution_options().get(WRITES, False)
+        connection.exec_driver_sql("BEGIN IMMEDIATE" if writes else "BEGIN")
+
+    return engine
+
+
+def make_directory(url: URL) -> None:
+    """Make the directory of an SQLite file, for its owner alone, where it is missing."""
+    if is_sqlite(url):
+        try:
+            Path(str(url.database)).parent.mkdir(mode=0o700, parents=True, exist_ok=True)
+        except OSError as error:
+            raise StoreError(
+                f"the directory of {url.database} cannot be made ({error.strerror}): choose "
+                "another with FOREWARN_DATA_DIR"
+            ) from error
+
+
+def engine_to_look(url: URL) -> Engine | None:
+    """Return an engine that can change nothing, None where there is no database yet.
+
+    StoreError for a file of another kind: SQLite would take a short one for empty and overwrite it.
+    """
+    if not is_sqlite(url):
+        return make_engine(url)
+    path = Path(str(url.database))
+    try:
+        with path.open("rb") as file:
+            start = file.read(len(SQLITE_HEADER))
+    except FileNotFoundError:
+        return None
+    except OSError as error:
+        raise StoreError(
+            f"{path} cannot be read ({error.strerror}): choose a database of Forewarn, or a new "
+            "file"
+        ) from error
+    if not start and not path.with_name(f"{path.name}-wal").exists():
+        return None
+    if start and start != SQLITE_HEADER:
+        raise StoreError(
+            f"{path} cannot be read (it is not a database): choose a database of Forewarn, or a "
+            "new file"
+        )
+    uri = f"{path.resolve().as_uri()}?mode=ro"
+    return create_engine(
+        "sqlite://", creator=lambda: sqlite3.connect(uri, uri=True), poolclass=NullPool
+    )
+
+
+@contextmanager
+def reading(engine: Engine) -> Iterator[Connection]:
+    """Open a transaction that sees one moment of the database. StoreError where it fails."""
+    with _explained(engine), engine.connect() as connection, connection.begin():
+        yield connection
+
+
+@contextmanager
+def writing(engine: Engine) -> Iterator[Connection]:
+    """Open a transaction that writes all or nothing. StoreError where it fails.
+
+    It waits for another writer, of this process or another.
+    """
+    with (
+        _explained(engine),
+        engine.connect().execution_options(**{WRITES: True}) as connection,
+        connection.begin(),
+    ):
+        yield connection
+
+
+def damage(engine: Engine) -> list[str]:
+    """Look through the whole database; one line for each thing that is wrong with it."""
+    with reading(engine) as connection:
+        if not is_sqlite(engine.url):
+            connection.execute(text("SELECT 1"))
+            return []
+        lines = [
+            str(line) for line in connection.exec_driver_sql("PRAGMA integrity_check").scalars()
+        ]
+        return [line for line in lines if line != "ok"] + broken_references(connection)
+
+
+def broken_references(connection: Connection) -> list[str]:
+    """Rows that refer to what is not there, one line each."""
+    if connection.dialect.name != "sqlite":
+        return []
+    rows = connection.exec_driver_sql("PRAGMA foreign_key_check")
+    return [f"row {row[1]} of {row[0]} refers to no row of {row[2]}" for row in rows]
+
+
+@contextmanager
+def _explained(engine: Engine) -> Iterator[None]:
+    try:
+        yield
+    except IntegrityError:
+        raise
+    except DBAPIError as error:
+        place = engine.url.render_as_string(hide_password=True)
+        raise StoreError(
+            f"the database {place} failed ({error.orig}): see that its disk has space and allows "
+            "writing, and that no other program holds it"
+        ) from error
+
+
+def _to_text(value: Any) -> str:
+    """JSON; what is not a number becomes null, arrays become lists."""
+    written = to_json(value, inf_nan_mode="null", fallback=_plain)
+    return written.decode()
+
+
+def _plain(value: Any) -> Any:
+    if hasattr(value, "tolist"):
+        return value.tolist()
+    raise TypeError(f"{type(value).__name__} cannot be stored as JSON: give plain data")

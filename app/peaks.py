@@ -1,0 +1,69 @@
+"""How close rollouts came to their limits: histograms of peak magnitude over limit."""
+
+from dataclasses import dataclass
+from typing import Any, Self
+
+import numpy as np
+import numpy.typing as npt
+
+from app.recipes import RecipeError, from_plain
+from core.channels import KEYS
+from core.dataset import Dataset
+from core.specification import Limits
+
+BINS_TO_THE_LIMIT = 20
+MOST_BINS = 60
+
+
+@dataclass(frozen=True)
+class PeakHistogram:
+    """Rollouts counted by their peak |channel| / limit; 1 is the limit and begins a bin.
+
+    limit: in the channel's unit.   edges: (n_bins + 1,), the last bin also counts all beyond it.
+    unsafe, safe: (n_bins,) rollouts.
+    """
+
+    channel: str
+    limit: float
+    edges: tuple[float, ...]
+    unsafe: tuple[int, ...]
+    safe: tuple[int, ...]
+
+    @classmethod
+    def from_plain(cls, plain: dict[str, Any]) -> Self:
+        """Rebuild a histogram from JSON's types."""
+        rows = (tuple(plain[name]) for name in ("edges", "unsafe", "safe"))
+        return cls(plain["channel"], plain["limit"], *rows)
+
+
+def peak_histograms(dataset: Dataset) -> tuple[PeakHistogram, ...]:
+    """One histogram for each limited channel; none where the specification is not one of limits."""
+    try:
+        limits = from_plain(Limits(), dataset.recipe.get("specification", {}), "specification")
+    except RecipeError:
+        return ()
+    return tuple(
+        _histogram(
+            key,
+            limit,
+            _peaks(dataset.unsafe[..., c], limit),
+            _peaks(dataset.safe[..., c], limit),
+        )
+        for c, (key, limit) in enumerate(zip(KEYS, limits.magnitudes.tolist(), strict=True))
+        if np.isfinite(limit)
+    )
+
+
+def _peaks(y: npt.NDArray[np.float64], limit: float) -> npt.NDArray[np.float64]:
+    """(n,) highest |y| / limit of each rollout (n, n_samples), up to its end."""
+    return np.fmax.reduce(np.abs(y), axis=1, initial=0.0) / limit
+
+
+def _histogram(
+    key: str, limit: float, unsafe: npt.NDArray[np.float64], safe: npt.NDArray[np.float64]
+) -> PeakHistogram:
+    bins = [np.minimum(p * BINS_TO_THE_LIMIT, MOST_BINS - 1).astype(int) for p in (unsafe, safe)]
+    n_bins = max(BINS_TO_THE_LIMIT, *(int(b.max(initial=0)) + 1 for b in bins))
+    counts = [tuple(np.bincount(b, minlength=n_bins).tolist()) for b in bins]
+    edges = np.arange(n_bins + 1) / BINS_TO_THE_LIMIT
+    return PeakHistogram(key, limit, tuple(edges.tolist()), *counts)

@@ -1,0 +1,133 @@
+"""The database's schema, brought up to this program's by alembic; never down, never past it."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from threading import Lock
+from typing import TYPE_CHECKING
+
+from sqlalchemy import URL, Connection, inspect
+from sqlalchemy.exc import DBAPIError
+
+from app.database import (
+    StoreError,
+    broken_references,
+    engine_to_look,
+    make_directory,
+    make_engine,
+    writing,
+)
+
+if TYPE_CHECKING:
+    from alembic.config import Config
+
+VERSION_TABLE = "alembic_version"
+ONE_AT_A_TIME = Lock()
+"""Alembic keeps the migration under way in global variables."""
+
+
+def migrations() -> Path:
+    """Directory of the migrations: inside the installed package, or at the repository's root."""
+    here = Path(__file__).parent
+    for directory in (here / "alembic", here.parent / "alembic"):
+        if (directory / "env.py").is_file():
+            return directory
+    raise StoreError(
+        f"the migrations are missing beside {here}: the installation is not whole, install again"
+    )
+
+
+def configuration() -> "Config":
+    """Alembic's configuration, wherever the program is installed."""
+    from alembic.config import Config
+
+    config = Config()
+    config.set_main_option("script_location", str(migrations()).replace("%", "%%"))
+    return config
+
+
+def newest_revision() -> str:
+    """Revision of the schema that this program works with."""
+    from alembic.script import ScriptDirectory
+
+    head = ScriptDirectory.from_config(configuration()).get_current_head()
+    assert head is not None
+    return head
+
+
+def current_revision(url: URL) -> str | None:
+    """Revision of a database; None where it is new. The database is only looked at.
+
+    StoreError where it is not a database, is one of another program, or cannot be read.
+    """
+    from alembic.migration import MigrationContext
+
+    engine = engine_to_look(url)
+    if engine is None:
+        return None
+    place = url.render_as_string(hide_password=True)
+    try:
+        with engine.connect() as connection:
+            heads = MigrationContext.configure(connection).get_current_heads()
+            tables = set(inspect(connection).get_table_names()) - {VERSION_TABLE}
+    except DBAPIError as error:
+        raise StoreError(
+            f"{place} cannot be read ({error.orig}): choose a database of Forewarn, or a new file"
+        ) from error
+    finally:
+        engine.dispose()
+    if not heads and tables:
+        some = ", ".join(sorted(tables)[:3])
+        raise StoreError(
+            f"{place} holds tables of another program ({some}): choose a database of Forewarn, or "
+            "a new file"
+        )
+    return ", ".join(heads) or None
+
+
+def bring_up_to_date(url: URL) -> None:
+    """Upgrade a database to this program's schema, all or nothing; make a new one.
+
+    StoreError, the database untouched, where a newer program made it.
+    """
+    from alembic import command, util
+
+    with ONE_AT_A_TIME:
+        if not needs_upgrade(url):
+            return
+        config = configuration()
+        with migrating(url) as connection:
+            config.attributes["connection"] = connection
+            try:
+                command.upgrade(config, "head")
+            except util.CommandError as error:
+                raise StoreError(f"the schema cannot be upgraded: {error}") from error
+
+
+def needs_upgrade(url: URL) -> bool:
+    """Whether an older program made the database, or nobody did. StoreError if a newer one did."""
+    from alembic.script import ScriptDirectory
+
+    script = ScriptDirectory.from_config(configuration())
+    known = [revision.revision for revision in script.walk_revisions()]
+    current = current_revision(url)
+    if current is None or current in known:
+        return current != known[0]
+    raise StoreError(
+        f"{url.render_as_string(hide_password=True)} has schema {current}, this program knows up "
+        f"to {known[0]}: a newer Forewarn made it, upgrade this one; nothing was changed"
+    )
+
+
+@contextmanager
+def migrating(url: URL) -> Iterator[Connection]:
+    """Open the one transaction in which tables are made, changed and rebuilt."""
+    make_directory(url)
+    engine = make_engine(url, foreign_keys=False)
+    try:
+        with writing(engine) as connection:
+            yield connection
+            if lost := broken_references(connection):
+                raise StoreError(f"the migration would break references: {'; '.join(lost[:3])}")
+    finally:
+        engine.dispose()

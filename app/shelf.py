@@ -1,0 +1,101 @@
+"""What every part of the store shares: one engine, short transactions, rows found by id."""
+
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import AbstractContextManager, contextmanager
+from dataclasses import fields
+from threading import Lock
+from typing import Any
+
+from sqlalchemy import Connection, Engine, Row, Select, Table, delete, insert, update
+
+from app.database import reading, writing
+
+TRANSACTION_BYTES = 4 * 2**20
+
+
+class NotFound(LookupError):
+    """There is nothing of this id."""
+
+
+class InUse(ValueError):
+    """What was to be deleted is needed by others. users: their names and ids."""
+
+    def __init__(self, what: str, users: Iterable[tuple[str, str]]) -> None:
+        self.users = tuple(users)
+        named = ", ".join(f"{name} ({identity})" for name, identity in self.users[:5])
+        more = f" and {len(self.users) - 5} more" if len(self.users) > 5 else ""
+        super().__init__(f"{what} is used by {named}{more}: delete them first")
+
+
+class Shelf:
+    """Rows of some tables, reached through an engine from any thread."""
+
+    def __init__(self, engine: Engine) -> None:
+        self.engine = engine
+        self._one_writer = Lock()
+
+    def _reading(self) -> AbstractContextManager[Connection]:
+        return reading(self.engine)
+
+    @contextmanager
+    def _writing(self) -> Iterator[Connection]:
+        """One writer at a time: SQLite lets others wait by polling, unfairly."""
+        with self._one_writer, writing(self.engine) as connection:
+            yield connection
+
+    def _put_in_parts(
+        self,
+        table: Table,
+        row: Mapping[str, Any],
+        part_table: Table,
+        parts: Iterable[dict[str, Any]],
+    ) -> None:
+        """Add a row with content too large for one short transaction.
+
+        The row is `complete`, and so seen, once all parts are there. It is removed on failure; one
+        that a dying process left behind is removed when the store opens.
+        """
+        with self._writing() as connection:
+            connection.execute(insert(table).values(**row, complete=False))
+        this = table.c.id == row["id"]
+        try:
+            for group in _transactions(parts):
+                with self._writing() as connection:
+                    connection.execute(insert(part_table), group)
+            with self._writing() as connection:
+                connection.execute(update(table).where(this).values(complete=True))
+        except BaseException:
+            with self._writing() as connection:
+                connection.execute(delete(table).where(this))
+            raise
+
+
+def _transactions(parts: Iterable[dict[str, Any]]) -> Iterator[list[dict[str, Any]]]:
+    """Group parts by the size of their content."""
+    group, size = [], 0
+    for part in parts:
+        group.append(part)
+        size += len(part["content"])
+        if size >= TRANSACTION_BYTES:
+            yield group
+            group, size = [], 0
+    if group:
+        yield group
+
+
+def columns(table: Table, entry: type) -> list[Any]:
+    """The columns that an entry has fields of."""
+    return [table.c[field.name] for field in fields(entry) if field.name in table.c]
+
+
+def found(connection: Connection, query: Select, what: str, identity: str) -> Row:
+    """Return the one row of a query; NotFound where there is none."""
+    row = connection.execute(query).one_or_none()
+    if row is None:
+        raise NotFound(f"there is no {what} {identity!r}: it was deleted, or never was")
+    return row
+
+
+def whole(table: Table, identity: str) -> Any:
+    """Condition: the row of this id, once it is complete."""
+    return (table.c.id == identity) & table.c.complete

@@ -1,0 +1,59 @@
+"""Arrays as blobs in numpy's .npy format, never pickle; long ones in blocks of rows."""
+
+import io
+from collections.abc import Iterable, Iterator
+
+import numpy as np
+import numpy.typing as npt
+
+from app.database import StoreError
+
+BLOCK_BYTES = 256 * 1024
+
+
+def to_blob(array: npt.NDArray) -> bytes:
+    """Pack an array; ValueError for one of Python objects."""
+    file = io.BytesIO()
+    np.save(file, array, allow_pickle=False)
+    return file.getvalue()
+
+
+def from_blob(blob: bytes) -> npt.NDArray:
+    """Unpack an array; StoreError where the blob is damaged."""
+    try:
+        return np.load(io.BytesIO(blob), allow_pickle=False)
+    except (ValueError, EOFError) as error:
+        raise StoreError(
+            f"a stored array is damaged ({error}): restore the database from a backup"
+        ) from error
+
+
+def to_blocks(array: npt.NDArray) -> Iterator[tuple[int, bytes]]:
+    """Blocks of whole rows as (first row, blob); one block for an array without rows."""
+    row_bytes = array.nbytes // max(len(array), 1)
+    rows = max(1, BLOCK_BYTES // max(row_bytes, 1))
+    for first in range(0, max(len(array), 1), rows):
+        yield first, to_blob(array[first : first + rows])
+
+
+def from_blocks(blocks: Iterable[bytes], n_rows: int) -> npt.NDArray:
+    """Join blocks in their order; StoreError where they do not make up n_rows rows."""
+    joined, first = None, 0
+    for blob in blocks:
+        block = from_blob(blob)
+        if joined is None:
+            joined = np.empty((n_rows, *block.shape[1:]), block.dtype)
+        if block.dtype != joined.dtype or len(block) > n_rows - first:
+            raise _other_rows(n_rows)
+        joined[first : first + len(block)] = block
+        first += len(block)
+    if joined is None or first != n_rows:
+        raise _other_rows(n_rows)
+    return joined
+
+
+def _other_rows(n_rows: int) -> StoreError:
+    return StoreError(
+        f"a stored array has other rows than the {n_rows} it was stored with: restore the "
+        "database from a backup"
+    )

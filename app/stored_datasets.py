@@ -1,0 +1,165 @@
+"""Stored datasets: arrays in blocks, so that one rollout is read without the others."""
+
+from collections.abc import Iterator
+from dataclasses import asdict
+from typing import Any, Literal
+
+from sqlalchemy import Connection, Row, delete, select
+
+from app.database import StoreError
+from app.entries import DatasetInfo, StoredRollout
+from app.peaks import PeakHistogram, peak_histograms
+from app.shelf import InUse, NotFound, Shelf, columns, found, whole
+from app.stored_arrays import from_blob, from_blocks, to_blocks
+from app.tables import dataset_blocks, datasets, monitors, new_id, now
+from core import __version__
+from core.dataset import Dataset
+
+ROWS = {
+    "unsafe": "n_unsafe",
+    "fail_index": "n_unsafe",
+    "theta_unsafe": "n_unsafe",
+    "safe": "n_safe",
+    "safe_times": "n_safe",
+    "theta_safe": "n_safe",
+}
+"""Arrays of a dataset, and the count that is their number of rows."""
+
+Outcome = Literal["unsafe", "safe"]
+
+
+class StoredDatasets(Shelf):
+    """Datasets by id."""
+
+    def add_dataset(self, dataset: Dataset, name: str) -> DatasetInfo:
+        """Keep a dataset; it is seen by others once it is wholly stored."""
+        n_unsafe, n_met = len(dataset.unsafe), dataset.n_safe_met
+        info = DatasetInfo(
+            id=new_id(),
+            name=name,
+            created=now(),
+            digest=dataset.digest(),
+            seed=dataset.seed,
+            version=__version__,
+            recipe=dataset.recipe,
+            dt=dataset.dt,
+            n_unsafe=n_unsafe,
+            n_safe=len(dataset.safe),
+            n_safe_met=n_met,
+            n_samples=dataset.unsafe.shape[1],
+            n_obs=dataset.safe_times.shape[1],
+            unsafe_rate=dataset.unsafe_rate if n_unsafe and n_unsafe + n_met > 1 else None,
+            theta_names=tuple(dataset.theta_names),
+            peaks=peak_histograms(dataset),
+        )
+        row = vars(info) | {"peaks": [asdict(peaks) for peaks in info.peaks]}
+        self._put_in_parts(datasets, row, dataset_blocks, _blocks(info.id, dataset))
+        return info
+
+    def dataset_info(self, dataset_id: str) -> DatasetInfo:
+        """What a dataset is; NotFound."""
+        with self._reading() as connection:
+            return _info(_row(connection, dataset_id))
+
+    def datasets(self) -> list[DatasetInfo]:
+        """All datasets, newest first."""
+        query = select(*columns(datasets, DatasetInfo)).where(datasets.c.complete)
+        query = query.order_by(datasets.c.created.desc())
+        with self._reading() as connection:
+            return [_info(row) for row in connection.execute(query)]
+
+    def dataset(self, dataset_id: str) -> Dataset:
+        """Return the dataset itself. NotFound; StoreError where it is damaged."""
+        with self._reading() as connection:
+            info = _info(_row(connection, dataset_id))
+            arrays: dict[str, Any] = {
+                name: from_blocks(_contents(connection, dataset_id, name), getattr(info, count))
+                for name, count in ROWS.items()
+            }
+        dataset = Dataset(
+            **arrays,
+            dt=info.dt,
+            theta_names=info.theta_names,
+            n_safe_met=info.n_safe_met,
+            seed=info.seed,
+            recipe=info.recipe,
+        )
+        if dataset.digest() != info.digest:
+            raise StoreError(
+                f"dataset {info.name} ({dataset_id}) is damaged, its digest does not match: "
+                "simulate it again from its recipe and seed"
+            )
+        return dataset
+
+    def rollout(self, dataset_id: str, outcome: Outcome, index: int) -> StoredRollout:
+        """Return one rollout, reading little more than its own rows.
+
+        index: from 0 within its outcome.   NotFound for a dataset or rollout that is not there.
+        """
+        with self._reading() as connection:
+            info = _info(_row(connection, dataset_id))
+            n = info.n_unsafe if outcome == "unsafe" else info.n_safe
+            if not 0 <= index < n:
+                raise NotFound(
+                    f"there is no {outcome} rollout {index} in dataset {dataset_id!r}: it has {n}, "
+                    "numbered from 0"
+                )
+            y = _array_row(connection, dataset_id, outcome, index)
+            theta = _array_row(connection, dataset_id, f"theta_{outcome}", index)
+            fail_index = None
+            if outcome == "unsafe":
+                fail_index = int(_array_row(connection, dataset_id, "fail_index", index))
+                y = y[: fail_index + 1]
+        names = info.theta_names or tuple(f"theta[{i}]" for i in range(len(theta)))
+        return StoredRollout(y.copy(), dict(zip(names, theta.tolist(), strict=True)), fail_index)
+
+    def delete_dataset(self, dataset_id: str) -> None:
+        """Delete a dataset. NotFound; InUse where monitors were trained on it."""
+        users = select(monitors.c.name, monitors.c.id).where(monitors.c.dataset_id == dataset_id)
+        with self._writing() as connection:
+            name = _row(connection, dataset_id).name
+            if using := connection.execute(users.order_by(monitors.c.created)).all():
+                raise InUse(f"dataset {name}", [(row.name, row.id) for row in using])
+            connection.execute(delete(datasets).where(datasets.c.id == dataset_id))
+
+
+def _row(connection: Connection, dataset_id: str) -> Row:
+    query = select(*columns(datasets, DatasetInfo)).where(whole(datasets, dataset_id))
+    return found(connection, query, "dataset", dataset_id)
+
+
+def _info(row: Row) -> DatasetInfo:
+    values = dict(row._mapping)
+    values["theta_names"] = tuple(values["theta_names"])
+    values["peaks"] = tuple(PeakHistogram.from_plain(peak) for peak in values["peaks"])
+    return DatasetInfo(**values)
+
+
+def _blocks(dataset_id: str, dataset: Dataset) -> Iterator[dict[str, Any]]:
+    for name in ROWS:
+        for first_row, content in to_blocks(getattr(dataset, name)):
+            yield {
+                "dataset_id": dataset_id,
+                "name": name,
+                "first_row": first_row,
+                "content": content,
+            }
+
+
+def _contents(connection: Connection, dataset_id: str, name: str) -> Iterator[bytes]:
+    block = dataset_blocks.c
+    query = select(block.content).where(block.dataset_id == dataset_id, block.name == name)
+    rows = connection.execution_options(yield_per=8).execute(query.order_by(block.first_row))
+    yield from rows.scalars()
+
+
+def _array_row(connection: Connection, dataset_id: str, name: str, index: int) -> Any:
+    block = dataset_blocks.c
+    query = (
+        select(block.first_row, block.content)
+        .where(block.dataset_id == dataset_id, block.name == name, block.first_row <= index)
+        .order_by(block.first_row.desc())
+        .limit(1)
+    )
+    first_row, content = connection.execute(query).one()
+    return from_blob(content)[index - first_row]

@@ -1,0 +1,82 @@
+"""Stored jobs: what was asked for, how far it got, how it ended."""
+
+from typing import Any
+
+from sqlalchemy import Connection, insert, select, update
+
+from app.entries import ENDED, JobInfo, JobStatus
+from app.shelf import Shelf, columns, found
+from app.tables import jobs, new_id, now
+
+STATUSES: tuple[JobStatus, ...] = ("queued", "running", *ENDED)
+
+
+class StoredJobs(Shelf):
+    """Jobs by id."""
+
+    def add_job(self, kind: str, request: dict[str, Any]) -> str:
+        """Keep a job that waits to be run; return its id."""
+        job_id = new_id()
+        row = {"id": job_id, "kind": kind, "request": request, "status": "queued", "message": ""}
+        with self._writing() as connection:
+            connection.execute(insert(jobs).values(**row, created=now()))
+        return job_id
+
+    def update_job(
+        self,
+        job_id: str,
+        status: JobStatus | None = None,
+        progress: float | None = None,
+        total: float | None = None,
+        message: str | None = None,
+        result: Any = None,
+        error: Any = None,
+    ) -> JobInfo:
+        """Note what is given; return the job as it is then. NotFound.
+
+        A job that has ended stays as it ended: a late word changes nothing.
+        """
+        if status is not None and status not in STATUSES:
+            raise ValueError(f"job status {status!r} is unknown: choose {', '.join(STATUSES)}")
+        said = {
+            "status": status,
+            "progress": progress,
+            "total": total,
+            "message": message,
+            "result": result,
+            "error": error,
+            "started": now() if status == "running" else None,
+            "ended": now() if status in ENDED else None,
+        }
+        said = {key: value for key, value in said.items() if value is not None}
+        with self._writing() as connection:
+            job = _job(connection, job_id)
+            if not said or job.status in ENDED:
+                return job
+            if job.started is not None:
+                said.pop("started", None)
+            connection.execute(update(jobs).where(jobs.c.id == job_id).values(**said))
+            return _job(connection, job_id)
+
+    def job(self, job_id: str) -> JobInfo:
+        """What became of a job; NotFound."""
+        with self._reading() as connection:
+            return _job(connection, job_id)
+
+    def jobs(self) -> list[JobInfo]:
+        """All jobs, newest first."""
+        query = select(*columns(jobs, JobInfo)).order_by(jobs.c.created.desc())
+        with self._reading() as connection:
+            return [JobInfo(**row._mapping) for row in connection.execute(query)]
+
+
+def interrupt_jobs(connection: Connection) -> None:
+    """Report jobs that nobody works on any more: the process that had them died."""
+    unfinished = jobs.c.status.in_(("queued", "running"))
+    words = {"status": "interrupted", "ended": now()}
+    connection.execute(update(jobs).where(unfinished).values(**words))
+
+
+def _job(connection: Connection, job_id: str) -> JobInfo:
+    query = select(*columns(jobs, JobInfo)).where(jobs.c.id == job_id)
+    return JobInfo(**found(connection, query, "job", job_id)._mapping)

@@ -1,0 +1,183 @@
+"""Stored monitors: their portable files, with what those say laid out in columns."""
+
+import hashlib
+from collections import OrderedDict
+from collections.abc import Iterator
+from threading import Lock
+from typing import Any
+
+from sqlalchemy import Connection, Engine, Row, delete, select, update
+
+from app.database import StoreError
+from app.entries import MonitorInfo
+from app.recipes import to_plain
+from app.shelf import InUse, Shelf, columns, found, whole
+from app.tables import datasets, flights, monitor_parts, monitors, new_id, now
+from core.monitor import Monitor
+from core.monitor.monitor import from_bytes
+from core.monitor.portable import MonitorFileError, to_bytes
+
+PART_BYTES = 1024 * 1024
+READY_MONITORS = 4
+"""Monitors kept in memory, search trees built."""
+
+
+class StoredMonitors(Shelf):
+    """Monitors by id."""
+
+    def __init__(self, engine: Engine) -> None:
+        super().__init__(engine)
+        self._ready: OrderedDict[str, Monitor] = OrderedDict()
+        self._ready_lock = Lock()
+
+    def add_monitor(
+        self,
+        monitor: Monitor,
+        name: str,
+        dataset_id: str | None = None,
+        evaluation: dict[str, Any] | None = None,
+    ) -> MonitorInfo:
+        """Keep a trained monitor.
+
+        dataset_id: the stored dataset it was trained on; NotFound where that is not stored,
+        ValueError where it is another one.   evaluation: plain data about fresh flights.
+        """
+        return self._add(monitor, to_bytes(monitor), name, dataset_id, evaluation)
+
+    def add_monitor_file(self, content: bytes, name: str) -> MonitorInfo:
+        """Keep a portable monitor as it is; MonitorFileError where it is none.
+
+        It is tied to the dataset it was trained on where that is stored here.
+        """
+        monitor = from_bytes(content, name)
+        same = select(datasets.c.id).where(
+            datasets.c.digest == monitor.dataset_digest, datasets.c.complete
+        )
+        with self._reading() as connection:
+            dataset_id = connection.execute(same.order_by(datasets.c.created)).scalars().first()
+        return self._add(monitor, content, name, dataset_id, None)
+
+    def _add(
+        self,
+        monitor: Monitor,
+        content: bytes,
+        name: str,
+        dataset_id: str | None,
+        evaluation: dict[str, Any] | None,
+    ) -> MonitorInfo:
+        if dataset_id is not None:
+            self._check_dataset(monitor, dataset_id)
+        info = MonitorInfo(
+            id=new_id(),
+            name=name,
+            created=now(),
+            digest=hashlib.sha256(content).hexdigest(),
+            dataset_id=dataset_id,
+            dataset_digest=monitor.dataset_digest,
+            dataset_recipe=monitor.dataset_recipe,
+            recipe=to_plain(monitor.recipe),
+            seed=monitor.seed,
+            version=monitor.version,
+            dt=monitor.dt,
+            h=monitor.h,
+            lead=monitor.lead,
+            n_unsafe=monitor.n_unsafe,
+            n_early=monitor.n_early,
+            smallest_epsilon=monitor.smallest_epsilon,
+            epsilon=monitor.recipe.epsilon,
+        )
+        row = vars(info) | {"evaluation": evaluation}
+        self._put_in_parts(monitors, row, monitor_parts, _parts(info.id, content))
+        return info
+
+    def _check_dataset(self, monitor: Monitor, dataset_id: str) -> None:
+        query = select(datasets.c.digest).where(whole(datasets, dataset_id))
+        with self._reading() as connection:
+            digest = found(connection, query, "dataset", dataset_id).digest
+        if digest != monitor.dataset_digest:
+            raise ValueError(
+                f"dataset {dataset_id} is not the one this monitor was trained on, their digests "
+                "differ: name that one, or none"
+            )
+
+    def monitor_info(self, monitor_id: str) -> MonitorInfo:
+        """What a monitor is; NotFound."""
+        with self._reading() as connection:
+            return MonitorInfo(**_row(connection, monitor_id)._mapping)
+
+    def monitors(self) -> list[MonitorInfo]:
+        """All monitors, newest first."""
+        query = select(*columns(monitors, MonitorInfo)).where(monitors.c.complete)
+        with self._reading() as connection:
+            rows = connection.execute(query.order_by(monitors.c.created.desc()))
+            return [MonitorInfo(**row._mapping) for row in rows]
+
+    def monitor(self, monitor_id: str) -> Monitor:
+        """Return the monitor, ready to assess; the last few asked for stay in memory. NotFound."""
+        with self._ready_lock:
+            if monitor_id in self._ready:
+                self._ready.move_to_end(monitor_id)
+                return self._ready[monitor_id]
+        try:
+            monitor = from_bytes(self.monitor_file(monitor_id), f"stored monitor {monitor_id}")
+        except MonitorFileError as error:
+            raise StoreError(str(error)) from error
+        with self._ready_lock:
+            self._ready[monitor_id] = monitor
+            while len(self._ready) > READY_MONITORS:
+                self._ready.popitem(last=False)
+        return monitor
+
+    def monitor_file(self, monitor_id: str) -> bytes:
+        """Return the portable file, byte for byte as it was added. NotFound; StoreError."""
+        query = select(monitor_parts.c.content).where(monitor_parts.c.monitor_id == monitor_id)
+        with self._reading() as connection:
+            row = _row(connection, monitor_id)
+            content = b"".join(
+                connection.execute(query.order_by(monitor_parts.c.part)).scalars().all()
+            )
+        if hashlib.sha256(content).hexdigest() != row.digest:
+            raise StoreError(
+                f"monitor {row.name} ({monitor_id}) is damaged, its digest does not match: train "
+                "it again, or add its file again"
+            )
+        return content
+
+    def evaluation(self, monitor_id: str) -> dict[str, Any] | None:
+        """What fresh flights said of a monitor; None where it was not evaluated. NotFound."""
+        query = select(monitors.c.evaluation).where(whole(monitors, monitor_id))
+        with self._reading() as connection:
+            return found(connection, query, "monitor", monitor_id).evaluation
+
+    def set_evaluation(self, monitor_id: str, evaluation: dict[str, Any] | None) -> None:
+        """Keep an evaluation, numbers that are none as null. NotFound."""
+        with self._writing() as connection:
+            _row(connection, monitor_id)
+            connection.execute(
+                update(monitors).where(monitors.c.id == monitor_id).values(evaluation=evaluation)
+            )
+
+    def delete_monitor(self, monitor_id: str) -> None:
+        """Delete a monitor. NotFound; InUse where flights were flown through it."""
+        users = select(flights.c.id, flights.c.status).where(flights.c.monitor_id == monitor_id)
+        with self._writing() as connection:
+            name = _row(connection, monitor_id).name
+            if using := connection.execute(users.order_by(flights.c.created)).all():
+                raise InUse(f"monitor {name}", [(f"{row.status} flight", row.id) for row in using])
+            connection.execute(delete(monitors).where(monitors.c.id == monitor_id))
+        with self._ready_lock:
+            self._ready.pop(monitor_id, None)
+
+
+def _row(connection: Connection, monitor_id: str) -> Row:
+    query = select(*columns(monitors, MonitorInfo)).where(whole(monitors, monitor_id))
+    return found(connection, query, "monitor", monitor_id)
+
+
+def _parts(monitor_id: str, content: bytes) -> Iterator[dict[str, Any]]:
+    for part, first in enumerate(range(0, len(content), PART_BYTES)):
+        yield {
+            "monitor_id": monitor_id,
+            "part": part,
+            "content": content[first : first + PART_BYTES],
+        }

@@ -1,0 +1,215 @@
+"""The tables: what is kept of datasets, monitors, jobs and flights.
+
+Ids are random, times are UTC in ISO 8601, numbers are SI. Large content lies in tables of its own,
+in parts of a size that a short transaction can write. A migration in `alembic/` goes with every
+change here.
+"""
+
+import secrets
+from datetime import UTC, datetime
+from typing import Any
+
+from sqlalchemy import (
+    JSON,
+    BigInteger,
+    Boolean,
+    Column,
+    Dialect,
+    Float,
+    ForeignKey,
+    Integer,
+    LargeBinary,
+    MetaData,
+    String,
+    Table,
+    Text,
+    TypeDecorator,
+    UniqueConstraint,
+)
+
+ID_BYTES = 6
+
+metadata = MetaData(
+    naming_convention={
+        "ix": "ix_%(table_name)s_%(column_0_name)s",
+        "uq": "uq_%(table_name)s_%(column_0_N_name)s",
+        "fk": "fk_%(table_name)s_%(column_0_name)s_%(referred_table_name)s",
+        "pk": "pk_%(table_name)s",
+    }
+)
+
+
+def new_id() -> str:
+    """Return an id that nothing else has: 12 hexadecimal digits."""
+    return secrets.token_hex(ID_BYTES)
+
+
+def now() -> str:
+    """Return the present time, UTC in ISO 8601, so that text order is time order."""
+    return datetime.now(UTC).isoformat(timespec="microseconds").replace("+00:00", "Z")
+
+
+class WholeNumber(TypeDecorator[int]):
+    """An integer of any size: a seed may have more bits than a database's integer."""
+
+    impl = String
+    cache_ok = True
+
+    def process_bind_param(self, value: int | None, dialect: Dialect) -> str | None:
+        """Return its digits."""
+        return None if value is None else str(value)
+
+    def process_result_value(self, value: Any, dialect: Dialect) -> int | None:
+        """Return the number of these digits."""
+        return None if value is None else int(value)
+
+
+def _id() -> Column[str]:
+    return Column("id", String(2 * ID_BYTES), primary_key=True)
+
+
+def _part_of(table: str) -> Column[str]:
+    """Part of the primary key that says whose part this is; it is deleted with the whole."""
+    whole = ForeignKey(f"{table}.id", ondelete="CASCADE")
+    return Column(f"{table.removesuffix('s')}_id", String(2 * ID_BYTES), whole, primary_key=True)
+
+
+def _time(name: str, *, nullable: bool = True) -> Column[str]:
+    return Column(name, String(27), nullable=nullable)
+
+
+def _plain(name: str, *, nullable: bool = False) -> Column[Any]:
+    return Column(name, JSON(none_as_null=True), nullable=nullable)
+
+
+datasets = Table(
+    "datasets",
+    metadata,
+    _id(),
+    Column("name", Text, nullable=False),
+    _time("created", nullable=False),
+    Column("complete", Boolean, nullable=False),
+    Column("digest", String(64), nullable=False, index=True),
+    Column("seed", WholeNumber),
+    Column("version", Text, nullable=False),
+    _plain("recipe"),
+    Column("dt", Float, nullable=False),
+    Column("n_unsafe", Integer, nullable=False),
+    Column("n_safe", Integer, nullable=False),
+    Column("n_safe_met", BigInteger, nullable=False),
+    Column("n_samples", Integer, nullable=False),
+    Column("n_obs", Integer, nullable=False),
+    Column("unsafe_rate", Float),
+    _plain("theta_names"),
+    _plain("peaks"),
+)
+
+dataset_blocks = Table(
+    "dataset_blocks",
+    metadata,
+    _part_of("datasets"),
+    Column("name", String(16), primary_key=True),
+    Column("first_row", Integer, primary_key=True, autoincrement=False),
+    Column("content", LargeBinary, nullable=False),
+)
+
+monitors = Table(
+    "monitors",
+    metadata,
+    _id(),
+    Column("name", Text, nullable=False),
+    _time("created", nullable=False),
+    Column("complete", Boolean, nullable=False),
+    Column("digest", String(64), nullable=False),
+    Column(
+        "dataset_id",
+        String(2 * ID_BYTES),
+        ForeignKey("datasets.id", ondelete="RESTRICT"),
+        index=True,
+    ),
+    Column("dataset_digest", String(64), nullable=False),
+    _plain("dataset_recipe"),
+    _plain("recipe"),
+    Column("seed", WholeNumber),
+    Column("version", Text, nullable=False),
+    Column("dt", Float, nullable=False),
+    Column("h", Integer, nullable=False),
+    Column("lead", Float, nullable=False),
+    Column("n_unsafe", Integer, nullable=False),
+    Column("n_early", Integer, nullable=False),
+    Column("smallest_epsilon", Float, nullable=False),
+    Column("epsilon", Float, nullable=False),
+    _plain("evaluation", nullable=True),
+)
+
+monitor_parts = Table(
+    "monitor_parts",
+    metadata,
+    _part_of("monitors"),
+    Column("part", Integer, primary_key=True, autoincrement=False),
+    Column("content", LargeBinary, nullable=False),
+)
+
+jobs = Table(
+    "jobs",
+    metadata,
+    _id(),
+    Column("kind", Text, nullable=False),
+    _plain("request"),
+    Column("status", String(16), nullable=False, index=True),
+    Column("progress", Float),
+    Column("total", Float),
+    Column("message", Text, nullable=False),
+    _plain("result", nullable=True),
+    _plain("error", nullable=True),
+    _time("created", nullable=False),
+    _time("started"),
+    _time("ended"),
+)
+
+flights = Table(
+    "flights",
+    metadata,
+    _id(),
+    _plain("source"),
+    Column(
+        "monitor_id",
+        String(2 * ID_BYTES),
+        ForeignKey("monitors.id", ondelete="RESTRICT"),
+        nullable=False,
+        index=True,
+    ),
+    Column("epsilon", Float, nullable=False),
+    Column("status", String(16), nullable=False, index=True),
+    _time("created", nullable=False),
+    _time("ended"),
+)
+
+assessment_chunks = Table(
+    "assessment_chunks",
+    metadata,
+    _part_of("flights"),
+    Column("first_seq", BigInteger, primary_key=True, autoincrement=False),
+    Column("last_seq", BigInteger, nullable=False),
+    Column("content", LargeBinary, nullable=False),
+)
+
+alarms = Table(
+    "alarms",
+    metadata,
+    _id(),
+    Column(
+        "flight_id",
+        String(2 * ID_BYTES),
+        ForeignKey("flights.id", ondelete="CASCADE"),
+        nullable=False,
+    ),
+    Column("number", Integer, nullable=False),
+    Column("seq", BigInteger, nullable=False),
+    Column("t", Float, nullable=False),
+    Column("p_value", Float),
+    _time("raised", nullable=False),
+    _time("acknowledged"),
+    Column("by", Text),
+    UniqueConstraint("flight_id", "number"),
+)

@@ -1,0 +1,57 @@
+"""What the store's tests share: samples that say their number, a store opened and closed."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from sqlalchemy import func, select
+
+from app import shelf, stored_arrays, stored_monitors
+from app.entries import StoredAssessments
+from app.store import Store, open_store
+from core.monitor import Monitor
+
+
+@contextmanager
+def opened(path: Path) -> Iterator[Store]:
+    """A store that must be sound when it is closed."""
+    store = open_store(path)
+    yield store
+    assert store.damage() == []
+    store.close()
+
+
+def make_parts_small(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let small content take many parts and transactions, as large content does."""
+    monkeypatch.setattr(stored_arrays, "BLOCK_BYTES", 10_000)
+    monkeypatch.setattr(shelf, "TRANSACTION_BYTES", 20_000)
+    monkeypatch.setattr(stored_monitors, "PART_BYTES", 1_000)
+
+
+def count(store: Store, table: Any) -> int:
+    with store.engine.connect() as connection:
+        return connection.execute(select(func.count()).select_from(table)).scalar_one()
+
+
+def flown(store: Store, monitor: Monitor) -> str:
+    return store.add_flight({"kind": "test"}, store.add_monitor(monitor, "m").id, 0.1)
+
+
+def append(store: Store, flight: str, first: int, n: int) -> None:
+    """Samples whose every field says its number."""
+    seq = np.arange(first, first + n)
+    y = seq[:, None] + np.arange(6) / 10
+    store.append_assessments(flight, first, seq * 0.02, y, seq / 7, seq % 3 == 0, seq % 4, -y)
+
+
+def assert_says_its_number(stored: StoredAssessments, seq: np.ndarray) -> None:
+    np.testing.assert_array_equal(stored.seq, seq)
+    np.testing.assert_array_equal(stored.t, seq * 0.02)
+    np.testing.assert_array_equal(stored.y, seq[:, None] + np.arange(6) / 10)
+    np.testing.assert_array_equal(stored.p_value, seq / 7)
+    np.testing.assert_array_equal(stored.alert, seq % 3 == 0)
+    np.testing.assert_array_equal(stored.state, seq % 4)
+    np.testing.assert_array_equal(stored.y_hat, -stored.y)
