@@ -1,0 +1,71 @@
+/**
+ * The style sheet's colours as a canvas needs them, and the hatches that say the same without colour.
+ *
+ * Exports
+ *   readPalette(element) -> Palette    colours and font of the element's theme, `--token` by token
+ *   hatch(context, name, palette) -> CanvasPattern    name: "stale", "alert" or "warming"
+ *   watchTheme(element, changed) -> unwatch    changed() after a switch of theme and around
+ *                                      printing, for which the element is made light
+ */
+
+const TOKENS = [
+  "panel", "text", "dim", "grid", "trace", "forecast", "limit", "alert", "epsilon", "band", "cursor",
+  "mark-a", "mark-b", "stale",
+];
+
+export function readPalette(element) {
+  const style = getComputedStyle(element);
+  const palette = { font: style.fontFamily };
+  for (const token of TOKENS) palette[token] = style.getPropertyValue(`--${token}`).trim() || "#888";
+  return palette;
+}
+
+export function hatch(context, name, palette) {
+  const tile = document.createElement("canvas");
+  tile.width = tile.height = 8;
+  const pen = tile.getContext("2d");
+  pen.strokeStyle = pen.fillStyle = palette[name === "warming" ? "dim" : name];
+  if (name === "warming") {
+    pen.globalAlpha = 0.5;
+    pen.fillRect(1, 1, 2, 2);
+    pen.fillRect(5, 5, 2, 2);
+  } else {
+    pen.globalAlpha = name === "alert" ? 0.22 : 0.3;
+    pen.fillRect(0, 0, 8, 8);
+    pen.globalAlpha = name === "alert" ? 0.6 : 0.8;
+    pen.lineWidth = 1.6;
+    pen.beginPath();
+    for (const x of [-8, 0, 8]) {
+      pen.moveTo(x - 1, name === "alert" ? 9 : -1);
+      pen.lineTo(x + 9, name === "alert" ? -1 : 9);
+    }
+    pen.stroke();
+  }
+  return context.createPattern(tile, "repeat");
+}
+
+export function watchTheme(element, changed) {
+  const print = matchMedia("print");
+  const observer = new MutationObserver(changed);
+  let before;
+  const lighten = () => {
+    before = element.dataset.theme;
+    element.dataset.theme = "light";
+    changed();
+  };
+  const restore = () => {
+    if (before === undefined) delete element.dataset.theme;
+    else element.dataset.theme = before;
+    changed();
+  };
+  observer.observe(document.documentElement, { attributeFilter: ["data-theme"] });
+  print.addEventListener("change", changed);
+  addEventListener("beforeprint", lighten);
+  addEventListener("afterprint", restore);
+  return () => {
+    observer.disconnect();
+    print.removeEventListener("change", changed);
+    removeEventListener("beforeprint", lighten);
+    removeEventListener("afterprint", restore);
+  };
+}

@@ -1,0 +1,101 @@
+/**
+ * The column at the right of a strip: symbol, current value, state, forecast, cursor values.
+ *
+ * Exports
+ *   createReadout(element, strip) -> {show(reading)}   strip: {symbol, label, unit, limit}
+ *     reading: {value, state, alert, forecast, lead, a, b, cursor, exceeded: {value, t} | null}
+ *   symbolNodes(symbol) -> Node[]     "N_y" as N with subscript y
+ *   formatValue(value) -> string      three decimals and a true minus; a dash when missing
+ *   STATE_WORDS                       what each state is called on screen
+ */
+
+import { formatTime } from "./time_axis.js";
+
+export const STATE_WORDS = {
+  ok: "OK",
+  warming_up: "WARMING UP",
+  stale: "STALE",
+  invalid: "INVALID",
+  paused: "PAUSED",
+  none: "NO DATA",
+};
+
+export function createReadout(element, { symbol, label, unit, limit }) {
+  element.classList.add("readout");
+  const reading = child(element, "div", "readout-reading");
+  child(reading, "span", "readout-symbol").append(...symbolNodes(symbol));
+  const value = child(reading, "span", "readout-value");
+  const units = child(reading, "span", "readout-unit");
+  units.textContent = unit;
+  const state = child(reading, "span", "readout-state");
+  const title = child(element, "div", "readout-title");
+  child(title, "span", "readout-label").textContent = label;
+  const badge = child(title, "span", "readout-badge");
+  const latch = child(element, "div", "readout-latch");
+  const detail = child(element, "div", "readout-detail");
+
+  function show(now) {
+    const trusted = now.state === "ok" || now.state === "warming_up" || now.state === "paused";
+    const known = trusted && (Number.isFinite(now.value) || now.state === "ok");
+    put(value, known ? formatValue(now.value) : "");
+    units.hidden = !known;
+    put(state, known ? "" : (STATE_WORDS[now.state] ?? now.state));
+    element.dataset.state = now.state;
+    element.toggleAttribute("data-alert", known && now.alert);
+    element.toggleAttribute("data-exceeded", now.exceeded !== null);
+    element.toggleAttribute("data-over", known && limit !== null && Math.abs(now.value) >= limit);
+    latch.hidden = now.exceeded === null;
+    badge.hidden = latch.hidden && !(known && now.alert);
+    put(badge, latch.hidden ? "ALERT" : "LIMIT");
+    if (now.exceeded !== null) {
+      const { t, value: peak } = now.exceeded;
+      put(latch, `${peak < 0 ? "▼" : "▲"} ${formatTime(t, 0.01)} s, peak ${formatValue(peak)}`);
+    }
+    put(detail, details(now));
+  }
+
+  return { show };
+}
+
+function details({ a, b, cursor, forecast, lead, state }) {
+  const both = a !== undefined && b !== undefined;
+  const parts = [];
+  if (a !== undefined) parts.push(`A ${formatValue(a)}`);
+  if (b !== undefined) parts.push(`B ${formatValue(b)}`);
+  if (both) parts.push(`Δ ${formatValue(b - a)}`);
+  if (parts.length === 0 && cursor !== undefined) parts.push(`cursor ${formatValue(cursor)}`);
+  if (parts.length === 0 && Number.isFinite(forecast) && state === "ok") {
+    parts.push(`in ${lead.toFixed(2)} s ${formatValue(forecast)}`);
+  }
+  return parts.join("  ");
+}
+
+export function symbolNodes(symbol) {
+  const [head, tail] = symbol.split("_");
+  /** @type {Node[]} */
+  const nodes = [document.createTextNode(head)];
+  if (tail !== undefined) {
+    const sub = document.createElement("sub");
+    sub.textContent = tail;
+    nodes.push(sub);
+  }
+  return nodes;
+}
+
+export function formatValue(value) {
+  if (!Number.isFinite(value)) return "–";
+  const size = Math.abs(value);
+  const text = size.toFixed(size < 100 ? 3 : 1);
+  return value < 0 && Number(text) !== 0 ? `−${text}` : text;
+}
+
+function put(element, text) {
+  if (element.textContent !== text) element.textContent = text;
+}
+
+function child(parent, tag, className) {
+  const element = document.createElement(tag);
+  element.className = className;
+  parent.append(element);
+  return element;
+}

@@ -1,0 +1,154 @@
+/**
+ * The time that every strip shares: the clock of the flight, the visible window, the cursors.
+ *
+ * The right edge runs by the wall clock, not by packets: when data stops it moves on, and the
+ * strips show how old the last sample is. While the flight is paused or over it stands still.
+ * Flight time t is in seconds; wall times are `performance.now()` in milliseconds.
+ *
+ * Exports
+ *   createTimeline({seconds, dt, lead, staleAfter}) -> Timeline
+ *     seconds 60: default width of the live window [s].   dt 0.02: sample interval [s].
+ *     lead 0: how far forecasts reach past now [s].   staleAfter 0.5: age that counts as stale [s].
+ *
+ * Timeline
+ *   setFlight({dt, lead, staleAfter})     what a new flight says of itself
+ *   observe(t, wall)                      a sample of time t has arrived
+ *   setTransport({playing, speed})        what the server's transport says
+ *   playing                               whether the flight's clock runs
+ *   now(wall) -> t | NaN                  flight time at the right edge; NaN before any sample
+ *   age(wall) -> s | NaN                  wall seconds since the newest sample arrived
+ *   stale(wall) -> boolean                whether that age is too great for a flight that plays
+ *   reset()                               forget the flight: window live, no cursors
+ *   view(wall) -> {start, end, now, live} what is visible [s]
+ *   setWindow(start, end), pan(seconds, wall)   hold the window there
+ *   zoom(factor, t, wall)                 t keeps its place; a live window stays live
+ *   hold(wall), goLive()                  stop following; follow again at the default width
+ *   setCursor(t | null), setHover(fraction | null)    pinned cursor; one under the pointer, 0..1
+ *   cursorAt(view) -> t | NaN             the one under the pointer, else the pinned one
+ *   setMark("a" | "b", t | null), clearMarks(), marks -> {a, b}    A/B cursors [s], NaN where unset
+ *   subscribe(listener) -> unsubscribe    called after any change of window or cursors
+ *   revision                              counts those changes
+ */
+
+const LONGEST = 3600;
+const SHORTEST = 0.25;
+
+export function createTimeline({ seconds = 60, dt = 0.02, lead = 0, staleAfter = 0.5 } = {}) {
+  const flight = { dt, lead, staleAfter };
+  const clock = { t: NaN, wall: NaN, newest: NaN, arrived: NaN, speed: 1, playing: true };
+  const marks = { a: NaN, b: NaN };
+  const listeners = new Set();
+  let width = seconds;
+  let held = null; // start of a held window [s]
+  let cursor = NaN;
+  let hover = NaN;
+
+  const timeline = {
+    revision: 0,
+    marks,
+    setFlight: (given) => {
+      Object.assign(flight, given);
+      changed();
+    },
+    observe,
+    setTransport,
+    get playing() {
+      return clock.playing;
+    },
+    now,
+    age: (wall) => (wall - clock.arrived) / 1000,
+    stale: (wall) =>
+      clock.playing && timeline.age(wall) > flight.staleAfter + (2 * flight.dt) / clock.speed,
+    reset: () => {
+      Object.assign(clock, { t: NaN, wall: NaN, newest: NaN, arrived: NaN });
+      if (held !== null) width = seconds; // a live window keeps its zoom over a loop
+      [held, cursor] = [null, NaN];
+      timeline.clearMarks();
+    },
+    view,
+    setWindow,
+    pan: (by, wall) => setWindow(view(wall).start + by, view(wall).end + by),
+    zoom,
+    hold: (wall) => setWindow(view(wall).start, view(wall).end),
+    goLive: () => {
+      [held, width] = [null, seconds];
+      changed();
+    },
+    setCursor: (t) => {
+      cursor = t ?? NaN;
+      changed();
+    },
+    setHover: (fraction) => {
+      hover = fraction ?? NaN;
+      changed();
+    },
+    cursorAt: (seen) =>
+      Number.isNaN(hover) ? cursor : seen.start + hover * (seen.end - seen.start),
+    setMark: (name, t) => {
+      marks[name] = t ?? NaN;
+      changed();
+    },
+    clearMarks: () => {
+      [marks.a, marks.b] = [NaN, NaN];
+      changed();
+    },
+    subscribe: (listener) => {
+      listeners.add(listener);
+      return () => listeners.delete(listener);
+    },
+  };
+
+  function changed() {
+    timeline.revision += 1;
+    for (const listener of listeners) listener(timeline);
+  }
+
+  function now(wall) {
+    if (!clock.playing) return clock.t;
+    return clock.t + (Math.max(0, wall - clock.wall) / 1000) * clock.speed;
+  }
+
+  /** Follow the earliest arrivals; fall back slowly when samples keep coming later. */
+  function observe(t, wall) {
+    const late = now(wall) - t;
+    const believable = late >= 0 && late <= flight.staleAfter * clock.speed;
+    const passed = (Math.max(0, wall - clock.wall) / 1000) * clock.speed;
+    const edge = believable ? now(wall) - Math.min(0.02 * late, 0.1 * passed) : t;
+    Object.assign(clock, { t: edge, wall, newest: t, arrived: wall });
+  }
+
+  function setTransport({ playing = clock.playing, speed = clock.speed }, wall = performance.now()) {
+    const edge = playing ? now(wall) : clock.newest; // a pause leaves no lag behind
+    if (playing && !clock.playing) clock.arrived = wall; // the wait begins when play does
+    Object.assign(clock, { t: edge, wall, playing, speed });
+    changed();
+  }
+
+  function view(wall) {
+    const edge = now(wall);
+    if (held !== null) return { start: held, end: held + width, now: edge, live: false };
+    const end = (Number.isNaN(edge) ? 0 : edge) + flight.lead;
+    return { start: end - width, end, now: edge, live: true };
+  }
+
+  function setWindow(start, end) {
+    if (!(Number.isFinite(start) && end > start)) return;
+    width = clampWidth(end - start);
+    held = (start + end - width) / 2;
+    changed();
+  }
+
+  function zoom(factor, t, wall) {
+    const seen = view(wall);
+    const wanted = clampWidth(width * factor);
+    if (!seen.live) held = t - ((t - seen.start) * wanted) / width;
+    width = wanted;
+    changed();
+  }
+
+  return timeline;
+}
+
+function clampWidth(width) {
+  return Math.min(LONGEST, Math.max(SHORTEST, width));
+}

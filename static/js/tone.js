@@ -1,0 +1,162 @@
+/**
+ * The alert tone: heard until acknowledged, unless muted, and never silently unheard.
+ *
+ * A browser keeps sound blocked until the user has touched the page. That is a state of its own
+ * (`blocked`), to be shown beside the mute: a crew must know that the alert would make no sound.
+ *
+ * Exports
+ *   createTone({storage, Context}) -> Tone
+ *     storage: where the mute is remembered (localStorage), or null.   Context: AudioContext.
+ *   bindMuteButton(button, tone) -> unbind    text, aria-pressed and data-sound follow the tone
+ *
+ * Tone
+ *   start()       sound the alert, again and again, until stop()
+ *   stop()        on acknowledgement
+ *   test()        one pattern, for the operator to hear; heard even when muted
+ *   setMuted(boolean), unlock()    unlock must be called from a click or key
+ *   muted, sounding, state -> "on" | "muted" | "blocked" | "unavailable"
+ *   subscribe(listener) -> unsubscribe
+ */
+
+const KEY = "forewarn.muted";
+const PERIOD = 1.5; // s
+const BEEPS = [[0, 880], [0.22, 660], [0.44, 880], [0.66, 660]]; // start [s], pitch [Hz]
+const LENGTH = 0.18; // s
+const RAMP = 0.012; // s, against clicks
+const TEXTS = {
+  on: "Sound on",
+  muted: "Muted",
+  blocked: "Sound blocked: click",
+  unavailable: "No sound here",
+};
+
+export function createTone({ storage = safeStorage(), Context = globalThis.AudioContext } = {}) {
+  const listeners = new Set();
+  let context = null;
+  let volume = null;
+  let pattern = null;
+  let playing = null;
+
+  const tone = {
+    muted: storage?.getItem(KEY) === "true",
+    sounding: false,
+    get state() {
+      if (Context === undefined) return "unavailable";
+      if (tone.muted) return "muted";
+      return context !== null && context.state === "running" ? "on" : "blocked";
+    },
+    start,
+    stop,
+    test,
+    setMuted,
+    unlock,
+    subscribe: (listener) => {
+      listeners.add(listener);
+      return () => listeners.delete(listener);
+    },
+  };
+
+  function changed() {
+    for (const listener of listeners) listener(tone);
+  }
+
+  function prepare() {
+    if (context !== null || Context === undefined) return context !== null;
+    context = new Context();
+    context.addEventListener("statechange", changed);
+    volume = context.createGain();
+    volume.gain.value = tone.muted ? 0 : 1;
+    volume.connect(context.destination);
+    pattern = writePattern(context);
+    return true;
+  }
+
+  function unlock() {
+    if (prepare() && context.state === "suspended") context.resume().then(changed, changed);
+  }
+
+  function start() {
+    if (tone.sounding) return;
+    tone.sounding = true;
+    if (prepare()) {
+      playing = play(volume, true);
+      unlock(); // works where the page was touched before
+    }
+    changed();
+  }
+
+  function stop() {
+    playing?.stop();
+    playing = null;
+    tone.sounding = false;
+    changed();
+  }
+
+  function test() {
+    unlock();
+    if (context !== null) play(context.destination, false);
+  }
+
+  function play(destination, loop) {
+    const source = context.createBufferSource();
+    source.buffer = pattern;
+    source.loop = loop;
+    source.connect(destination);
+    source.start();
+    return source;
+  }
+
+  function setMuted(muted) {
+    tone.muted = muted;
+    storage?.setItem(KEY, String(muted));
+    if (volume !== null) volume.gain.value = muted ? 0 : 1;
+    changed();
+  }
+
+  return tone;
+}
+
+export function bindMuteButton(button, tone) {
+  const show = () => {
+    button.textContent = TEXTS[tone.state];
+    button.dataset.sound = tone.state;
+    button.setAttribute("aria-pressed", String(tone.muted));
+    button.setAttribute("aria-label", `Alert tone: ${TEXTS[tone.state]}. Press to change.`);
+  };
+  const press = () => {
+    if (tone.state === "blocked") tone.unlock();
+    else tone.setMuted(!tone.muted);
+    tone.unlock();
+  };
+  const unsubscribe = tone.subscribe(show);
+  button.addEventListener("click", press);
+  show();
+  return () => {
+    unsubscribe();
+    button.removeEventListener("click", press);
+  };
+}
+
+function writePattern(context) {
+  const rate = context.sampleRate;
+  const buffer = context.createBuffer(1, Math.round(PERIOD * rate), rate);
+  const samples = buffer.getChannelData(0);
+  for (const [start, pitch] of BEEPS) {
+    const begin = Math.round(start * rate);
+    for (let i = 0; i < LENGTH * rate; i++) {
+      const t = i / rate;
+      const edge = Math.min(1, t / RAMP, (LENGTH - t) / RAMP);
+      const wave = Math.sin(2 * Math.PI * pitch * t) + 0.35 * Math.sin(6 * Math.PI * pitch * t);
+      samples[begin + i] = 0.45 * edge * wave; // the third harmonic carries through headsets and fans
+    }
+  }
+  return buffer;
+}
+
+function safeStorage() {
+  try {
+    return globalThis.localStorage ?? null;
+  } catch {
+    return null; // storage may be forbidden; the mute then lasts as long as the page
+  }
+}

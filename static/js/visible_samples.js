@@ -1,0 +1,97 @@
+/**
+ * What of the ring buffer falls into the window, cell by cell, once a frame for all strips.
+ *
+ * A cell is one sample while there is room for every sample, else one pixel column with all of its
+ * samples. Columns are counted from time zero, so that a trace moves without shimmering.
+ *
+ * Exports
+ *   createVisibleSamples() -> VisibleSamples
+ *     scan(ring, start, step, columns, before)   fills the fields; start [s] is the left edge, step
+ *       [s] a pixel; `before` columns left of the edge are scanned too (for forecasts)
+ *     n; x, from, to, flags (typed arrays, n used): place [px], samples from..to-1, flags or-ed
+ *     sparse   whether cells are single samples
+ *     runs(flag, samplePx, now) -> [{x0, x1}]    stretches of cells that bear the flag
+ *     gaps(samplePx) -> [{x0, x1}]               stretches where samples are missing
+ */
+
+import { GAP } from "./ring_buffer.js";
+
+const ROOM = 1; // samples a pixel up to which every sample is drawn
+
+export function createVisibleSamples() {
+  const visible = { n: 0, sparse: true, scan, runs, gaps };
+  let room = 0;
+  let anyFlags = 0;
+
+  function reserve(cells) {
+    if (cells <= room) return;
+    room = Math.ceil(cells * 1.25);
+    visible.x = new Float32Array(room);
+    visible.from = new Int32Array(room);
+    visible.to = new Int32Array(room);
+    visible.flags = new Uint8Array(room);
+  }
+
+  function scan(ring, start, step, columns, before) {
+    reserve(Math.ceil(ROOM * (columns + before)) + 8);
+    const from = Math.max(ring.first(), ring.after(start - before * step) - 1);
+    const to = Math.min(ring.count(), ring.after(start + columns * step, from) + 1);
+    visible.n = 0;
+    visible.sparse = to - from <= ROOM * (columns + before);
+    anyFlags = ring.flags(from, to);
+    if (visible.sparse) {
+      for (let i = from; i < to; i++) add(ring, (ring.time(i) - start) / step, i, i + 1);
+      return;
+    }
+    let i = ring.after(start - before * step, from);
+    for (let k = -before; k < columns && i < to; k++) {
+      const end = ring.after(start + (k + 1) * step, i);
+      if (end > i) add(ring, k + 0.5, i, end);
+      i = end;
+    }
+  }
+
+  function add(ring, x, from, to) {
+    const n = visible.n++;
+    visible.x[n] = x;
+    visible.from[n] = from;
+    visible.to[n] = to;
+    visible.flags[n] = anyFlags === 0 ? 0 : ring.flags(from, to);
+  }
+
+  /** Where the samples of cell i end: at the next cell, or a sample's length on before a gap. */
+  function endOf(i, samplePx) {
+    const own = visible.x[i] + Math.max(samplePx, visible.sparse ? 0 : 1);
+    const last = i + 1 >= visible.n || (visible.flags[i + 1] & GAP) !== 0;
+    return last ? own : visible.x[i + 1];
+  }
+
+  function runs(flag, samplePx, now) {
+    const found = [];
+    if ((anyFlags & flag) === 0) return found;
+    for (let i = 0; i < visible.n; i++) {
+      if ((visible.flags[i] & flag) === 0) continue;
+      const x0 = visible.x[i];
+      let x1 = endOf(i, samplePx);
+      while (i + 1 < visible.n && (visible.flags[i + 1] & flag) !== 0 && visible.x[i + 1] <= x1 + 0.01) {
+        i += 1;
+        x1 = endOf(i, samplePx);
+      }
+      found.push({ x0, x1: Math.max(x0 + 2, Math.min(x1, Math.max(now, x0))) });
+    }
+    return found;
+  }
+
+  function gaps(samplePx) {
+    const found = [];
+    if ((anyFlags & GAP) === 0) return found;
+    for (let i = 1; i < visible.n; i++) {
+      if ((visible.flags[i] & GAP) === 0) continue;
+      const x0 = visible.x[i - 1] + (visible.sparse ? samplePx : 0.5);
+      found.push({ x0, x1: Math.max(x0 + 2, visible.x[i]) });
+    }
+    return found;
+  }
+
+  return visible;
+}

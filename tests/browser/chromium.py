@@ -1,0 +1,103 @@
+"""A real Chromium, and a server of the page's files on loopback: what every browser test needs."""
+
+import os
+import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager
+from functools import partial
+from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
+from pathlib import Path
+from threading import Thread
+
+import pytest
+from playwright.sync_api import Browser, Page, sync_playwright
+
+ROOT = Path(__file__).parents[2]
+PAGES = {"/static/": ROOT / "static", "/browser/": ROOT / "tests" / "browser"}
+ARGUMENTS = [
+    "--no-sandbox",
+    "--enable-unsafe-swiftshader",
+    "--disable-background-networking",
+    "--disable-component-update",
+    "--disable-sync",
+    "--no-first-run",
+]
+
+
+class _Files(SimpleHTTPRequestHandler):
+    """Serves PAGES under a policy that lets nothing in from outside."""
+
+    def translate_path(self, path: str) -> str:
+        path = path.split("?")[0]
+        prefix = next((prefix for prefix in PAGES if path.startswith(prefix)), None)
+        if prefix is None or ".." in path:
+            return str(ROOT / "no such file")
+        return str(PAGES[prefix] / path.removeprefix(prefix))
+
+    def end_headers(self) -> None:
+        self.send_header("Content-Security-Policy", "default-src 'self'; img-src 'self' data:")
+        self.send_header("Cache-Control", "no-store")
+        super().end_headers()
+
+    def log_message(self, format: str, *args: object) -> None:  # noqa: A002
+        """Say nothing."""
+
+
+@contextmanager
+def file_server() -> Iterator[str]:
+    """Serve static/ at /static/ and tests/browser/ at /browser/; yields the origin."""
+    with ThreadingHTTPServer(("127.0.0.1", 0), partial(_Files)) as server:
+        thread = Thread(target=server.serve_forever, daemon=True)
+        thread.start()
+        try:
+            yield f"http://127.0.0.1:{server.server_port}"
+        finally:
+            server.shutdown()
+            thread.join()
+
+
+@contextmanager
+def open_chromium(*arguments: str) -> Iterator[Browser]:
+    """Start Chromium (FOREWARN_CHROMIUM or the one on the path); skips where there is none."""
+    path = os.environ.get("FOREWARN_CHROMIUM") or shutil.which("chromium")
+    if path is None:
+        pytest.skip("no Chromium: apt-get install chromium, or set FOREWARN_CHROMIUM to its path")
+    with sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=path, args=[*ARGUMENTS, *arguments])
+        try:
+            yield browser
+        finally:
+            browser.close()
+
+
+def watch_errors(page: Page) -> list[str]:
+    """Collect what a flawless page never says: console errors and warnings, exceptions."""
+    errors: list[str] = []
+    page.on("pageerror", lambda error: errors.append(f"exception: {error}"))
+    page.on(
+        "console",
+        lambda message: (
+            errors.append(f"{message.type}: {message.text}")
+            if message.type in ("error", "warning")
+            else None
+        ),
+    )
+    return errors
+
+
+def wait_until(page: Page, condition: str, seconds: float = 10) -> None:
+    """Wait until a JavaScript expression is true.
+
+    Playwright's own wait_for_function evaluates strings in the page, which its policy forbids.
+    """
+    page.evaluate(
+        f"""() => new Promise((done, fail) => {{
+            const late = performance.now() + {1000 * seconds};
+            const look = () => {{
+                if ({condition}) done();
+                else if (performance.now() > late) fail(new Error({condition!r} + " never held"));
+                else requestAnimationFrame(look);
+            }};
+            look();
+        }})"""
+    )

@@ -1,0 +1,39 @@
+"""Fixtures of the browser tests: Chromium, the page's files, a page that must not complain."""
+
+from collections.abc import Iterator
+
+import pytest
+from playwright.sync_api import Browser, Page
+
+from tests.browser.chromium import file_server, open_chromium, watch_errors
+
+
+@pytest.fixture(scope="session")
+def origin() -> Iterator[str]:
+    """Origin under which /static/ and /browser/ are served, such as http://127.0.0.1:40001."""
+    with file_server() as address:
+        yield address
+
+
+@pytest.fixture(scope="module")  # its event loop must not outlive the browser tests
+def browser() -> Iterator[Browser]:
+    with open_chromium() as chromium:
+        yield chromium
+
+
+@pytest.fixture
+def allowed_errors() -> list[str]:
+    """Parts of console messages that a test expects; it appends to the list."""
+    return []
+
+
+@pytest.fixture
+def page(browser: Browser, allowed_errors: list[str]) -> Iterator[Page]:
+    """A fresh page of 1280 x 720; fails the test if its console holds an unexpected error."""
+    context = browser.new_context(viewport={"width": 1280, "height": 720})
+    page = context.new_page()
+    errors = watch_errors(page)
+    yield page
+    context.close()
+    unexpected = [e for e in errors if not any(part in e for part in allowed_errors)]
+    assert unexpected == []

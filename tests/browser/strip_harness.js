@@ -1,0 +1,103 @@
+/**
+ * Strips and gauge without a server: the tests feed them and set the clock.
+ * `?auto` runs the animation loop; else `harness.draw(wall)` draws once. `?theme=light`, `?seconds=20`.
+ */
+
+import { createRingBuffer } from "/static/js/ring_buffer.js";
+import { createRiskGauge, riskText } from "/static/js/risk_gauge.js";
+import { loopStats } from "/static/js/draw_loop.js";
+import { createStripChart } from "/static/js/strip_chart.js";
+import { createTimeline } from "/static/js/timeline.js";
+import { bindMuteButton, createTone } from "/static/js/tone.js";
+import { createValueAxis } from "/static/js/value_axis.js";
+
+const options = new URLSearchParams(location.search);
+if (options.has("theme")) document.documentElement.dataset.theme = options.get("theme");
+
+const CHANNELS = [
+  { key: "beta", symbol: "β", unit: "rad", label: "sideslip", limit: null },
+  { key: "p", symbol: "p", unit: "rad/s", label: "roll rate", limit: null },
+  { key: "r", symbol: "r", unit: "rad/s", label: "yaw rate", limit: null },
+  { key: "Ny", symbol: "N_y", unit: "g", label: "lateral acceleration", limit: 0.5 },
+  { key: "delta_a", symbol: "δ_a", unit: "rad", label: "aileron", limit: null },
+  { key: "delta_r", symbol: "δ_r", unit: "rad", label: "rudder", limit: null },
+];
+const EPSILON = 0.1;
+const dt = Number(options.get("dt") ?? 0.02);
+const lead = Number(options.get("lead") ?? 0.5);
+
+/** A doublet every eight seconds, each stronger than the last by `growth`. */
+export function sample(t, growth = 0.06) {
+  const size = 1 + growth * Math.floor(t / 8);
+  const s = t % 8;
+  const rudder = s < 1 ? 0 : s < 2 ? 0.12 : s < 3 ? -0.12 : 0;
+  const ring = (begin, w, z) => (s < begin ? 0 : Math.exp(-z * (s - begin)) * Math.sin(w * (s - begin)));
+  const turn = ring(1, 2.9, 0.5) - 2 * ring(2, 2.9, 0.5) + ring(3, 2.9, 0.5);
+  const lag = ring(1.1, 2.9, 0.5) - 2 * ring(2.1, 2.9, 0.5) + ring(3.1, 2.9, 0.5);
+  const noise = 0.004 * Math.sin(t * 61) * Math.sin(t * 17.3);
+  return [
+    size * 0.05 * turn + noise / 4, size * 0.14 * lag + noise, -size * 0.09 * turn + noise,
+    size * 0.17 * lag + noise, size * 0.03 * lag, size * rudder,
+  ];
+}
+
+export function frame(t, { growth = 0.06, state = "ok" } = {}) {
+  const y = sample(t, growth);
+  const ahead = sample(t + lead, growth);
+  const strongest = Math.max(...[0, 0.5, 1].map((s) => Math.abs(sample(t + s * lead, growth)[3])));
+  const p_value = state === "ok" ? Math.min(1, 0.004 + 1.2 * Math.max(0, strongest / 0.5 - 0.35) ** 3) : null;
+  return {
+    t, y, p_value, state, alert: p_value === null ? null : p_value > EPSILON, reason: "",
+    y_hat: state === "ok" ? ahead.map((value) => 0.96 * value) : null,
+  };
+}
+
+const timeline = createTimeline({ seconds: Number(options.get("seconds") ?? 60) });
+const chart = createStripChart(document.querySelector("#strips"), {
+  channels: CHANNELS, epsilon: EPSILON, dt, lead, timeline, autostart: options.has("auto"),
+  history: Number(options.get("history") ?? 180_000),
+});
+const gauge = createRiskGauge(document.querySelector("#gauge"), { timeline: options.has("auto") ? timeline : null });
+const tone = createTone();
+bindMuteButton(document.querySelector("#mute"), tone);
+
+/** Frames of times from..to, a sample every dt, all arriving at `wall`. */
+function feed(from, to, wall, given = {}) {
+  const frames = [];
+  for (let k = Math.ceil(from / dt - 1e-9); k * dt < to - 1e-9; k++) frames.push(frame(k * dt, given));
+  const stored = chart.push(frames, wall);
+  if (frames.length > 0) gauge.update({ ...frames.at(-1), epsilon: EPSILON });
+  return stored;
+}
+
+/** Pixels of a strip's plot that are near a colour token: [count, leftmost, rightmost] in device px. */
+function pixels(key, token, tolerance = 40) {
+  const canvas = document.querySelector(`.strip[data-key="${key}"] canvas`);
+  const probe = document.createElement("canvas").getContext("2d", { willReadFrequently: true });
+  probe.fillStyle = getComputedStyle(document.querySelector("#strips")).getPropertyValue(`--${token}`).trim();
+  probe.fillRect(0, 0, 1, 1);
+  const wanted = probe.getImageData(0, 0, 1, 1).data;
+  const copy = document.createElement("canvas");
+  [copy.width, copy.height] = [canvas.width, canvas.height];
+  const pen = copy.getContext("2d", { willReadFrequently: true });
+  pen.drawImage(canvas, 0, 0);
+  const { data, width } = pen.getImageData(0, 0, copy.width, copy.height);
+  let [count, left, right] = [0, Infinity, -Infinity];
+  for (let i = 0; i < data.length; i += 4) {
+    if (Math.max(...[0, 1, 2].map((c) => Math.abs(data[i + c] - wanted[c]))) > tolerance) continue;
+    const x = (i / 4) % width;
+    if (x < 46 * devicePixelRatio) continue;
+    count += 1;
+    left = Math.min(left, x);
+    right = Math.max(right, x);
+  }
+  return [count, left, right];
+}
+
+Object.assign(window, {
+  harness: {
+    chart, gauge, timeline, tone, feed, frame, sample, pixels, loopStats, riskText,
+    createRingBuffer, createTimeline, createValueAxis, createTone, EPSILON, CHANNELS,
+    draw: (wall) => chart.update(wall),
+  },
+});
