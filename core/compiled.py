@@ -2,7 +2,8 @@
 
 import hashlib
 import os
-from collections.abc import Callable
+import threading
+from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from functools import cache
@@ -42,9 +43,22 @@ def threads() -> ThreadPoolExecutor:
     return ThreadPoolExecutor(os.cpu_count() or 1, thread_name_prefix="kernel")
 
 
+_here = threading.local()
+
+
+@contextmanager
+def on_this_thread() -> Iterator[None]:
+    """Let kernels called inside the block stay on its thread: for work that is itself spread."""
+    _here.alone = True
+    try:
+        yield
+    finally:
+        _here.alone = False
+
+
 def in_chunks(n: int, size: int, task: Callable[[int, int], object]) -> None:
     """Run task(start, stop) over range(n) in pieces of `size`, on all threads; alone if one."""
-    if n <= size:
+    if n <= size or getattr(_here, "alone", False):
         task(0, n)
         return
     starts = range(0, n, size)

@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from core.collection import DatasetRecipe, Rollouts, Simulator, collect
+from core.compiled import on_this_thread
 from core.dataset import Dataset
 from core.evaluation import EPSILONS, Evaluation, clustered_interval, evaluate
 from core.monitor.calibration import smallest_epsilon
@@ -17,7 +18,7 @@ from core.monitor.monitor import Monitor
 from core.monitor.predictor import PREDICTORS
 from core.monitor.recipe import MonitorRecipe
 from core.monitor.score import SCORES
-from core.monitor.training import train
+from core.monitor.training import SafeObservations, train
 
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]
@@ -124,6 +125,9 @@ class StudyResult:
         return sorted(self.methods, key=lambda name: -self.methods[name].mean_power)
 
 
+Part = tuple[Dataset, Rollouts, list[Monitor], dict[str, Evaluation]]
+
+
 def study(
     recipe: StudyRecipe | None = None, *, progress: Callable[[int, int], object] | None = None
 ) -> StudyResult:
@@ -138,7 +142,7 @@ def study(
     rates, example = [], None
     pool = ThreadPoolExecutor(os.cpu_count() or 1)
     try:
-        parts = pool.map(partial(_part, recipe), *seeds.reshape(-1, 2).T.tolist())
+        parts = pool.map(partial(_part_alone, recipe), *seeds.reshape(-1, 2).T.tolist())
         for number, (dataset, flights, monitors, found) in enumerate(parts):
             rates.append(dataset.unsafe_rate)
             example = example or (monitors[0], flights)
@@ -158,17 +162,22 @@ def study(
     )
 
 
-def _part(
-    recipe: StudyRecipe, seed: int, test_seed: int
-) -> tuple[Dataset, Rollouts, list[Monitor], dict[str, Evaluation]]:
+def _part_alone(recipe: StudyRecipe, seed: int, test_seed: int) -> Part:
+    with on_this_thread():
+        return _part(recipe, seed, test_seed)
+
+
+def _part(recipe: StudyRecipe, seed: int, test_seed: int) -> Part:
     """One dataset, its monitors of every method, and their evaluation on the same fresh flights."""
     dataset = collect(replace(recipe.dataset, seed=seed))
     flights = Simulator(recipe.dataset).rollouts(recipe.n_test, np.random.default_rng(test_seed))
     epsilons = EPSILONS[smallest_epsilon(recipe.dataset.n_unsafe) - 1e-9 <= EPSILONS]
+    safe = SafeObservations(dataset, recipe.monitor)
     monitors = [
         train(
             dataset,
             replace(recipe.monitor, predictor=PREDICTORS[predictor], score=SCORES[score]),
+            safe,
         )
         for predictor, score in METHODS.values()
     ]

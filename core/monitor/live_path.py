@@ -4,18 +4,15 @@ from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from numba.np.numpy_support import carray
 
 from core.channels import N_CHANNELS
 from core.compiled import in_chunks, jit
+from core.lanes import WIDTH, add, address, fma, load, pick, read, splat, write
 from core.monitor.calibration import p_values
 from core.monitor.nearest import (
     Tree,
-    U,
-    address,
     inlined,
     nearest,
-    scratch,
     squared_distance,
 )
 from core.monitor.predictor import Affine
@@ -26,8 +23,6 @@ Flags = npt.NDArray[np.bool_]
 
 OK, WARMING_UP, STALE, INVALID = range(4)
 SAMPLES_A_TASK = 8_192
-LANES = 8
-"""Entries of a point that are computed side by side."""
 
 
 class Fitted(NamedTuple):
@@ -91,27 +86,24 @@ def map_observation(fitted, y, i, n_delay, z):
 
 @jit
 def _map(matrix, offset, y, z, d, i, n_delay):
-    matrix, offset = carray(matrix, (1,)), carray(offset, (1,))
-    y, z, total = carray(y, (1,)), carray(z, (1,)), carray(scratch(), (1,))
-    width = U((d + LANES - 1) // LANES * LANES)
-    for block in range(U(0), width, U(LANES)):
-        for j in range(U(LANES)):
-            total[j] = offset[block + j]
+    for block in range(0, d, WIDTH):
+        width = (d + WIDTH - 1) // WIDTH * WIDTH
+        even, odd = load(offset, block), splat(0.0)  # two sums: half the wait for each addition
         for row in range(n_delay + 1):
-            at = U(row * N_CHANNELS) * width + block
-            sample = U(max(i - n_delay + row, 0) * N_CHANNELS)
-            for j in range(U(LANES)):
-                t = total[j]
-                for c in range(U(N_CHANNELS)):
-                    t += matrix[at + c * width + j] * y[sample + c]
-                total[j] = t
-        for j in range(min(U(LANES), U(d) - block)):
-            z[block + j] = total[j]
+            at = row * N_CHANNELS * width + block
+            sample = max(i - n_delay + row, 0) * N_CHANNELS
+            for c in range(0, N_CHANNELS, 2):
+                left, right = splat(read(y, sample + c)), splat(read(y, sample + c + 1))
+                even = fma(load(matrix, at + c * width), left, even)
+                odd = fma(load(matrix, at + (c + 1) * width), right, odd)
+        point = add(even, odd)
+        for j in range(min(WIDTH, d - block)):
+            write(z, block + j, pick(point, j))
 
 
 def in_lanes(affine: Affine) -> Affine:
     """Return the same map with columns of zeros up to whole SIMD lanes."""
-    missing = -len(affine.offset) % LANES
+    missing = -len(affine.offset) % WIDTH
     return Affine(
         np.pad(affine.matrix, ((0, 0), (0, missing))), np.pad(affine.offset, (0, missing))
     )

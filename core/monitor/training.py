@@ -4,6 +4,7 @@ import numpy as np
 import numpy.typing as npt
 
 from core import __version__
+from core.channels import N_CHANNELS
 from core.dataset import Dataset
 from core.monitor.live_path import (
     SIMPLE,
@@ -20,30 +21,51 @@ from core.monitor.observation import (
     outputs_ahead,
 )
 from core.monitor.peak_risk import lowest_scores
-from core.monitor.predictor import Affine
+from core.monitor.predictor import Affine, Predictor
 from core.monitor.recipe import MonitorRecipe
 
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]
 
 
-def train(dataset: Dataset, recipe: MonitorRecipe | None = None) -> Monitor:
+class SafeObservations:
+    """What a dataset's safe rollouts teach: the scale, and each predictor's fit, made once."""
+
+    def __init__(self, dataset: Dataset, recipe: MonitorRecipe) -> None:
+        h, n_delay = lead_steps(recipe.t_early, dataset.dt), recipe.n_delay
+        o = observations_at(dataset.safe, dataset.safe_times, n_delay)
+        ahead = outputs_ahead(dataset.safe, dataset.safe_times, h)
+        newest = o[:, -N_CHANNELS:]
+        raw = recipe.scaling == "raw"
+        self.scale = np.ones(N_CHANNELS) if raw else channel_scale(newest)
+        self._units = np.tile(self.scale, n_delay + 1)
+        o /= self._units
+        ahead /= self.scale
+        self._pairs = o, ahead
+        self._fits: dict[Predictor, Affine] = {}
+
+    def fit(self, predictor: Predictor) -> Affine:
+        """Return the predictor fitted on scaled observations, for observations in SI units."""
+        if predictor not in self._fits:
+            self._fits[predictor] = predictor.fit(*self._pairs).in_units(self._units)
+        return self._fits[predictor]
+
+
+def train(
+    dataset: Dataset, recipe: MonitorRecipe | None = None, safe: SafeObservations | None = None
+) -> Monitor:
     """Fit the predictor on safe observations, then calibrate the score on the failures.
 
     Calibration data chooses nothing: scale and predictor come from safe observations only.
+    safe: those of this dataset and of a recipe that differs in predictor and score at most, to
+    share them among monitors.
     ValueError where the dataset has no unsafe or no safe rollout.
     """
     recipe = recipe or MonitorRecipe()
     _check(dataset, recipe)
     h, n_delay = lead_steps(recipe.t_early, dataset.dt), recipe.n_delay
-
-    o_safe = observations_at(dataset.safe, dataset.safe_times, n_delay)
-    ahead = outputs_ahead(dataset.safe, dataset.safe_times, h)
-    newest = o_safe[:, -dataset.safe.shape[2] :]
-    scale = channel_scale(newest) if recipe.scaling == "safe_std" else np.ones(newest.shape[1])
-    o_safe /= np.tile(scale, n_delay + 1)
-    ahead /= scale
-    affine = recipe.predictor.fit(o_safe, ahead).in_units(np.tile(scale, n_delay + 1))
+    safe = safe or SafeObservations(dataset, recipe)
+    affine = safe.fit(recipe.predictor)
 
     last = dataset.fail_index - h
     timely = np.flatnonzero(last >= 0)
@@ -68,7 +90,7 @@ def train(dataset: Dataset, recipe: MonitorRecipe | None = None) -> Monitor:
         recipe=recipe,
         dt=dataset.dt,
         h=h,
-        scale=scale,
+        scale=safe.scale,
         unsafe_points=unsafe_points,
         unsafe_where=unsafe_where,
         safe_points=safe_points,

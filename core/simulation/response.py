@@ -4,8 +4,7 @@ import numpy as np
 
 from core.channels import N_CHANNELS
 from core.compiled import jit
-from core.simulation.closed_loop import N_FEEDBACK, clear, close_loop
-from core.simulation.lanes import (
+from core.lanes import (
     WIDTH,
     add,
     address,
@@ -23,6 +22,7 @@ from core.simulation.lanes import (
     write,
     write_integer,
 )
+from core.simulation.closed_loop import N_FEEDBACK, clear, close_loop
 from core.simulation.zero_order_hold import discretise, product, scratch
 
 SAMPLES = 4  # between two transposed stores: 4 samples x 6 channels are three blocks of eight

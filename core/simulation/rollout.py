@@ -8,8 +8,8 @@ import numpy.typing as npt
 
 from core.channels import N_CHANNELS
 from core.compiled import in_chunks
+from core.lanes import WIDTH, aligned
 from core.simulation.control_law import FEEDBACK, PHI_STATE, SURFACES, Actuator, Controller
-from core.simulation.lanes import WIDTH, aligned
 from core.simulation.response import GROUPS, LEDGER, linear_room, roll_out_linear
 from core.simulation.saturation import LIMITED_LEDGER, limited_room, roll_out_limited
 from core.simulation.uncertain_plant import Plants

@@ -6,8 +6,7 @@ without being located, which costs some 1e-5 rad at two milliseconds.
 
 from core.channels import N_CHANNELS
 from core.compiled import jit
-from core.simulation.closed_loop import N_FEEDBACK, clear, close_loop
-from core.simulation.lanes import (
+from core.lanes import (
     WIDTH,
     add,
     address,
@@ -20,6 +19,7 @@ from core.simulation.lanes import (
     where_greater,
     write_integer,
 )
+from core.simulation.closed_loop import N_FEEDBACK, clear, close_loop
 from core.simulation.response import (
     LEDGER_EACH,
     SAMPLES,

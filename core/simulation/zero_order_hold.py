@@ -13,8 +13,7 @@ import numpy.typing as npt
 from scipy.special import hyp1f1
 
 from core.compiled import jit
-from core.simulation.closed_loop import clear
-from core.simulation.lanes import (
+from core.lanes import (
     UNROLLED,
     WIDTH,
     add,
@@ -30,6 +29,7 @@ from core.simulation.lanes import (
     where_greater,
     write,
 )
+from core.simulation.closed_loop import clear
 
 Array = npt.NDArray[np.float64]
 DEGREE = 16

@@ -7,11 +7,11 @@ from time import perf_counter, perf_counter_ns
 
 import numpy as np
 import pytest
-from tests.benchmarks.peers import CKDTreeMonitor
 
 from core.collection import DatasetRecipe, Simulator, collect
 from core.compiled import jit
 from core.monitor import Monitor, live_path, train
+from tests.benchmarks.peers import CKDTreeMonitor
 
 pytestmark = pytest.mark.benchmark
 
@@ -138,5 +138,3 @@ def _run(code: str, *arguments: str) -> str:
         text=True,
     )
     return done.stdout.strip()
-
-

@@ -3,12 +3,13 @@ from time import perf_counter
 
 import numpy as np
 import pytest
-from tests import plain_twin as twin
 
 from core.collection import DatasetRecipe
 from core.simulation.aircraft import PublishedAircraft, Uncertainty
+from core.simulation.control_law import CONTROL_LAWS
 from core.simulation.maneuver import Doublet
 from core.study import StudyRecipe, study
+from tests import plain_twin as twin
 
 pytestmark = pytest.mark.benchmark
 
@@ -16,6 +17,7 @@ pytestmark = pytest.mark.benchmark
 def test_the_whole_study() -> None:
     dataset = DatasetRecipe(
         aircraft=PublishedAircraft("f16_sl_h0_v502", 3, Uncertainty(0.2, "uniform")),
+        control_law=CONTROL_LAWS["none"],
         maneuver=Doublet(surface="rudder", amplitude_deg=5.0, pedal_lag_s=0.0),
     )
     recipe = StudyRecipe(dataset=dataset)

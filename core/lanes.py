@@ -166,6 +166,16 @@ def total(typing, a):
 
 
 @intrinsic
+def pick(typing, a, lane):
+    """Return one lane, 0 to 7."""
+
+    def generate(context, builder, signature, arguments):
+        return builder.extract_element(arguments[0], arguments[1])
+
+    return types.float64(lanes, types.intp), generate
+
+
+@intrinsic
 def where_greater(typing, a, b, x, y):
     """Return x in the lanes where a > b, y in the others (and where a or b is NaN)."""
 
