@@ -6,6 +6,7 @@ import tracemalloc
 
 import pytest
 from websockets.sync.client import connect
+from websockets.typing import Origin
 
 from app.scene import Scenes
 from app.scene_server import SUBPROTOCOL
@@ -37,7 +38,7 @@ def test_showing_and_drawing():
 
     showing = per_call(move, 5000)
     drawing = per_call(lambda k: (move(k), scene.draw()), 1000) - showing
-    print(f"\nload {os.getloadavg()[0]:.1f}; open {1e3 * opened:.1f} ms, {held / 1e6:.2f} MB a scene")
+    print(f"\nload {os.getloadavg()[0]:.1f}; open {1e3 * opened:.1f} ms, {held / 1e6:.2f} MB")
     print(f"show {showing:.1f} us, draw {drawing:.0f} us = {drawing * 20 / 1e4:.2f} % of a core")
     scenes.stop()
 
@@ -48,7 +49,7 @@ def test_watchers_through_the_proxy():
         sockets = [
             connect(
                 f"{site.ws}/scene/f1",
-                origin=site.http,
+                origin=Origin(site.http),
                 subprotocols=[SUBPROTOCOL],
                 max_size=None,
                 max_queue=None,

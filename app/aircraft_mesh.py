@@ -1,0 +1,283 @@
+"""A fighter-like aircraft made of lofts: skins and hinged control surfaces, from numpy alone.
+
+Body axes, metres: x forward, y right, z down, origin at the centre of gravity. No particular type:
+a single-fin fighter with leading-edge extensions, because its roll and its rudder read well.
+"""
+
+from dataclasses import dataclass
+from functools import cache
+
+import numpy as np
+import numpy.typing as npt
+
+Vertices = npt.NDArray[np.float32]
+Faces = npt.NDArray[np.uint32]
+Point = tuple[float, float, float]
+Colour = tuple[int, int, int]
+
+HULL: Colour = (52, 61, 74)
+HULL_LIGHT: Colour = (84, 97, 115)
+HULL_DARK: Colour = (22, 26, 33)
+GLASS: Colour = (16, 58, 82)
+SURFACE: Colour = (150, 166, 186)
+
+SPAN = 10.4
+"""[m]"""
+
+
+@dataclass(frozen=True, eq=False)
+class Part:
+    """One mesh of one colour; a moving one turns about its hinge.
+
+    vertices: (n, 3) relative to `hinge`.   faces: (m, 3), outward normals.
+    hinge: a point of the hinge line [m].   axis: unit vector; right-handed turns are positive.
+    """
+
+    name: str
+    vertices: Vertices
+    faces: Faces
+    colour: Colour
+    hinge: Point = (0.0, 0.0, 0.0)
+    axis: Point = (0.0, 1.0, 0.0)
+
+
+Skin = tuple[npt.NDArray[np.float64], npt.NDArray[np.int64]]
+
+
+def loft(sections: npt.NDArray[np.float64], closed: bool = True) -> Skin:
+    """Skin over sections (n_sections, n_points, 3), each a ring if `closed`, else an open line."""
+    n, m = sections.shape[:2]
+    columns = m if closed else m - 1
+    row, column = np.divmod(np.arange((n - 1) * columns), columns)
+    a, b = row * m + column, row * m + (column + 1) % m
+    c, d = a + m, b + m
+    faces = np.stack((np.stack((a, b, c), 1), np.stack((b, d, c), 1)), 1).reshape(-1, 3)
+    return sections.reshape(-1, 3), faces
+
+
+def cap(ring: npt.NDArray[np.float64], flip: bool = False) -> Skin:
+    """Close a convex ring (n, 3) with a fan about its middle."""
+    n = len(ring)
+    following = (np.arange(n) + 1) % n
+    faces = np.stack((np.full(n, n), np.arange(n), following), 1)
+    return np.vstack((ring, ring.mean(0))), faces[:, ::-1] if flip else faces
+
+
+def join(*skins: Skin) -> Skin:
+    """Several skins as one; vertices are not shared, so the edges between them stay sharp."""
+    offsets = np.cumsum([0] + [len(vertices) for vertices, _ in skins[:-1]])
+    return (
+        np.vstack([vertices for vertices, _ in skins]),
+        np.vstack([faces + k for (_, faces), k in zip(skins, offsets, strict=True)]),
+    )
+
+
+def mirror(skin: Skin) -> Skin:
+    """The same on the left side."""
+    vertices, faces = skin
+    return vertices * (1.0, -1.0, 1.0), faces[:, ::-1]
+
+
+def body(stations: list[tuple[float, float, float, float, float]], n: int = 36) -> Skin:
+    """Fuselage through stations (x, half width, half height, z of the middle, exponent).
+
+    Sections are superellipses: exponent 2 is an ellipse, more is boxier. Both ends are closed.
+    """
+    table = np.array(stations)
+    x = np.linspace(table[0, 0], table[-1, 0], 4 * len(stations))
+    columns = [np.interp(-x, -table[:, 0], table[:, k]) for k in range(1, 5)]
+    width, height, middle, power = (_smooth(column)[:, None] for column in columns)
+    angle = np.linspace(0.0, 2.0 * np.pi, n, endpoint=False)[None]
+    cosine, sine = np.cos(angle), np.sin(angle)
+    y = width * np.sign(cosine) * np.abs(cosine) ** (2.0 / power)
+    z = middle + height * np.sign(sine) * np.abs(sine) ** (2.0 / power)
+    rings = np.stack((np.broadcast_to(x[:, None], y.shape), y, z), -1)
+    vertices, faces = join(loft(rings), cap(rings[0], flip=True), cap(rings[-1]))
+    return vertices, faces[:, ::-1]
+
+
+def _smooth(column: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+    """Round the corners between stations; the ends stay."""
+    inner = (column[:-2] + 2.0 * column[1:-1] + column[2:]) / 4.0
+    return np.concatenate((column[:1], inner, column[-1:]))
+
+
+@dataclass(frozen=True)
+class Blade:
+    """A tapered lifting surface: leading edges and chords at root and tip, sections in x.
+
+    root, tip: leading edge points.   root_chord, tip_chord, thickness: of chord.
+    up: the direction in which it is thick.
+    """
+
+    root: Point
+    tip: Point
+    root_chord: float
+    tip_chord: float
+    thickness: float
+    up: Point = (0.0, 0.0, -1.0)
+
+    def at(self, span: float, chord: float) -> npt.NDArray[np.float64]:
+        """Point of the middle plane at fractions of span and chord (0: leading edge)."""
+        edge = np.array(self.root) + span * (np.array(self.tip) - self.root)
+        edge[0] -= chord * (self.root_chord + span * (self.tip_chord - self.root_chord))
+        return edge
+
+    def panel(self, span: tuple[float, float], chord: tuple[float, float], n: int = 12) -> Skin:
+        """The closed piece between two spanwise and two chordwise fractions."""
+        fraction = chord[0] + (chord[1] - chord[0]) * (1 - np.cos(np.linspace(0, np.pi, n))) / 2
+        sides = []
+        for sign in (1.0, -1.0):
+            lines = []
+            for eta in span:
+                local = self.root_chord + eta * (self.tip_chord - self.root_chord)
+                half = sign * self.thickness * local * _profile(fraction)
+                middle = np.array([self.at(eta, c) for c in fraction])
+                lines.append(middle + half[:, None] * np.array(self.up))
+            sides.append(np.array(lines))
+        upper, lower = sides
+        skins = [_facing(loft(upper, closed=False), self.up)]
+        skins.append(_facing(loft(lower, closed=False), tuple(-u for u in self.up)))
+        outward = np.array(self.tip) - self.root
+        for k, sign in ((0, -1.0), (-1, 1.0)):
+            ring = np.vstack((upper[k], lower[k][::-1]))
+            skins.append(_facing(cap(ring), sign * outward))
+        for k, sign in ((0, 1.0), (-1, -1.0)):  # blunt edges where the piece was cut
+            strip = np.stack((upper[:, k], lower[:, k]))
+            skins.append(_facing(loft(strip, closed=False), (sign, 0.0, 0.0)))
+        return join(*skins)
+
+
+def _profile(fraction: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+    """Half thickness of a NACA four-digit section, as a fraction of its full thickness."""
+    x = np.clip(fraction, 0.0, 1.0)
+    return 5.0 * (0.2969 * np.sqrt(x) - 0.126 * x - 0.3516 * x**2 + 0.2843 * x**3 - 0.1036 * x**4)
+
+
+def _facing(skin: Skin, direction: npt.ArrayLike) -> Skin:
+    """The skin with its faces turned so that they look in a direction on the whole."""
+    vertices, faces = skin
+    a, b, c = (vertices[faces[:, k]] for k in range(3))
+    return (
+        skin
+        if np.cross(b - a, c - a).sum(0) @ np.asarray(direction) >= 0
+        else (vertices, faces[:, ::-1])
+    )
+
+
+def _part(name: str, skin: Skin, colour: Colour) -> Part:
+    vertices, faces = skin
+    return Part(name, vertices.astype(np.float32), faces.astype(np.uint32), colour)
+
+
+def _point(vector: npt.NDArray[np.float64]) -> Point:
+    x, y, z = vector.tolist()
+    return x, y, z
+
+
+def _hinged(
+    name: str,
+    skin: Skin,
+    inner: npt.NDArray[np.float64],
+    outer: npt.NDArray[np.float64],
+    colour: Colour = SURFACE,
+) -> Part:
+    """A surface that turns about the line from inner to outer."""
+    vertices, faces = skin
+    line = (outer - inner) / np.linalg.norm(outer - inner)
+    return Part(
+        name,
+        (vertices - inner).astype(np.float32),
+        faces.astype(np.uint32),
+        colour,
+        _point(inner),
+        _point(line),
+    )
+
+
+WING = Blade((1.9, 0.7, -0.05), (-2.5, SPAN / 2, 0.0), 5.0, 1.35, 0.05)
+TAILPLANE = Blade((-4.6, 0.75, 0.05), (-6.5, 2.9, 0.2), 2.5, 0.9, 0.045)
+FIN = Blade((-2.9, 0.0, -0.75), (-6.2, 0.0, -3.9), 3.9, 1.35, 0.055, up=(0.0, 1.0, 0.0))
+AILERON_SPAN, AILERON_CHORD = (0.5, 0.94), 0.74
+RUDDER_SPAN, RUDDER_CHORD = (0.1, 0.92), 0.70
+GAP = 0.008
+"""Slit around a surface, as a fraction of span or chord, so that it reads as separate."""
+
+
+def _wing() -> Skin:
+    first, last = AILERON_SPAN
+    return join(
+        WING.panel((0.0, first), (0.0, 1.0)),
+        WING.panel((first, last), (0.0, AILERON_CHORD - GAP)),
+        WING.panel((last, 1.0), (0.0, 1.0)),
+    )
+
+
+def _fin() -> Skin:
+    first, last = RUDDER_SPAN
+    return join(
+        FIN.panel((0.0, first), (0.0, 1.0)),
+        FIN.panel((first, last), (0.0, RUDDER_CHORD - GAP)),
+        FIN.panel((last, 1.0), (0.0, 1.0)),
+    )
+
+
+def _aileron() -> tuple[Skin, npt.NDArray[np.float64], npt.NDArray[np.float64]]:
+    first, last = AILERON_SPAN
+    skin = WING.panel((first + GAP, last - GAP), (AILERON_CHORD, 1.0))
+    return skin, WING.at(first, AILERON_CHORD), WING.at(last, AILERON_CHORD)
+
+
+FUSELAGE = [
+    (7.6, 0.03, 0.03, 0.10, 2.0), (7.0, 0.22, 0.20, 0.09, 2.0), (5.8, 0.46, 0.42, 0.04, 2.0),
+    (4.4, 0.62, 0.62, -0.04, 2.2), (2.6, 0.80, 0.74, -0.05, 2.5), (0.6, 1.02, 0.76, 0.0, 3.0),
+    (-2.0, 1.08, 0.72, 0.0, 3.0), (-4.4, 0.92, 0.66, 0.0, 2.6), (-6.0, 0.70, 0.58, 0.0, 2.2),
+    (-6.7, 0.60, 0.54, 0.0, 2.0),
+]  # fmt: skip
+CANOPY = [
+    (5.5, 0.04, 0.03, -0.44, 2.0), (4.9, 0.30, 0.26, -0.52, 2.0), (4.0, 0.42, 0.46, -0.60, 2.0),
+    (3.0, 0.44, 0.48, -0.62, 2.0), (1.8, 0.36, 0.32, -0.64, 2.0), (0.4, 0.12, 0.10, -0.70, 2.0),
+]  # fmt: skip
+SPINE = [
+    (1.6, 0.16, 0.14, -0.70, 2.0), (0.0, 0.30, 0.22, -0.70, 2.0), (-3.0, 0.28, 0.20, -0.66, 2.0),
+    (-6.3, 0.10, 0.10, -0.56, 2.0),
+]  # fmt: skip
+INTAKE = [
+    (2.9, 0.58, 0.30, 0.72, 3.5), (1.6, 0.66, 0.36, 0.70, 3.5), (-1.6, 0.60, 0.30, 0.56, 3.0),
+    (-3.6, 0.40, 0.16, 0.48, 2.5),
+]  # fmt: skip
+NOZZLE = [
+    (-6.3, 0.50, 0.45, 0.0, 2.0), (-7.0, 0.54, 0.50, 0.0, 2.0), (-7.4, 0.44, 0.42, 0.0, 2.0),
+]  # fmt: skip
+
+
+@cache
+def aircraft() -> tuple[Part, ...]:
+    """Every part, fixed ones first; built once and shared by all scenes."""
+    wing = _wing()
+    extension = Blade((4.4, 0.45, -0.08), (1.4, 1.5, -0.05), 3.6, 1.2, 0.02).panel((0, 1), (0, 1))
+    rail = body([
+        (0.2 - 2.5, 0.03, 0.03, 0.0, 2.0), (-2.7, 0.08, 0.08, 0.0, 2.0),
+        (-4.2, 0.08, 0.08, 0.0, 2.0), (-4.6, 0.02, 0.02, 0.0, 2.0),
+    ], 12)  # fmt: skip
+    rail = rail[0] + (0.0, SPAN / 2, 0.0), rail[1]
+    aileron, inner, outer = _aileron()
+    flipped = np.array((1.0, -1.0, 1.0))
+    tail = TAILPLANE.panel((0, 1), (0, 1))
+    rudder = FIN.panel((RUDDER_SPAN[0] + GAP, RUDDER_SPAN[1] - GAP), (RUDDER_CHORD, 1.0))
+    hinge = [FIN.at(eta, RUDDER_CHORD) for eta in RUDDER_SPAN]
+    return (
+        _part("fuselage", join(body(FUSELAGE), body(SPINE, 20)), HULL),
+        _part("canopy", body(CANOPY, 24), GLASS),
+        _part("intake", body(INTAKE, 28), HULL_DARK),
+        _part("nozzle", body(NOZZLE, 28), HULL_DARK),
+        _part("wings", join(wing, mirror(wing)), HULL_LIGHT),
+        _part("extensions", join(extension, mirror(extension)), HULL),
+        _part("tailplanes", join(tail, mirror(tail)), HULL_LIGHT),
+        _part("fin", _fin(), HULL_LIGHT),
+        _part("rails", join(rail, mirror(rail)), HULL_DARK),
+        _hinged("right_aileron", aileron, inner, outer),
+        # From tip to root, so that a positive turn is trailing edge down on this side too.
+        _hinged("left_aileron", mirror(aileron), outer * flipped, inner * flipped),
+        _hinged("rudder", rudder, hinge[0], hinge[1]),
+    )

@@ -1,0 +1,168 @@
+"""The scene of a flight: viser's own client page, and its WebSocket through this server's port.
+
+The page derives its WebSocket from its own address: served at /scene/{flight}/, it connects to
+/scene/{flight}. Everything goes down; upstream goes nothing but where a watcher looks from.
+"""
+
+import asyncio
+import hashlib
+from collections.abc import Callable, Coroutine
+from dataclasses import dataclass
+from functools import cache, partial
+from pathlib import Path
+from typing import Annotated, Any
+from urllib.parse import urlsplit
+
+import viser
+from fastapi import APIRouter, Depends, Header, HTTPException, Request, Response, WebSocket
+from fastapi.exceptions import WebSocketException
+from starlette.requests import HTTPConnection
+from starlette.status import WS_1001_GOING_AWAY, WS_1008_POLICY_VIOLATION
+from starlette.websockets import WebSocketDisconnect
+from websockets.asyncio.client import ClientConnection, connect
+from websockets.exceptions import ConnectionClosed
+
+from app.scene import Scene, Scenes
+from app.scene_server import SUBPROTOCOL, admitted, credentials
+
+CONTENT_SECURITY_POLICY = (
+    "default-src 'none'; script-src 'unsafe-inline' 'wasm-unsafe-eval' blob:; worker-src blob:; "
+    "style-src 'unsafe-inline'; img-src 'self' data: blob:; font-src data:; "
+    "connect-src 'self' data: blob:; frame-ancestors 'self'; base-uri 'none'; form-action 'none'"
+)
+"""What viser's client needs and no more; it talks to this origin only."""
+
+STYLE = b"<style>#webgl-software-rendering{display:none}</style>"
+"""A notice that the browser draws without a GPU would hide the risk for good."""
+
+CheckOrigin = Callable[[WebSocket], Any]
+
+
+@dataclass(frozen=True)
+class ClientPage:
+    """The client's single HTML file, as installed."""
+
+    html: bytes
+    etag: str
+
+
+@cache
+def client_page() -> ClientPage:
+    """Read the page from the installed viser package, once; one rule of style is added."""
+    html = (Path(viser.__file__).parent / "client" / "build" / "index.html").read_bytes()
+    html = html.replace(b"</head>", STYLE + b"</head>", 1)
+    return ClientPage(html, f'"{hashlib.sha256(html).hexdigest()[:32]}"')
+
+
+async def same_origin(websocket: WebSocket) -> None:
+    """Refuse a WebSocket that another site's page opens; every browser sends an Origin."""
+    origin = urlsplit(websocket.headers.get("origin", ""))
+    if origin.scheme not in ("http", "https") or origin.netloc != websocket.headers.get("host"):
+        raise WebSocketException(WS_1008_POLICY_VIOLATION, "the request comes from another site")
+
+
+def _scene(connection: HTTPConnection, flight: str) -> Scene | None:
+    scenes: Scenes = connection.app.state.scenes
+    return scenes.get(flight)
+
+
+def scene_router(check_origin: CheckOrigin = same_origin) -> APIRouter:
+    """Routes /scene/{flight}/ (page) and /scene/{flight} (WebSocket); need app.state.scenes.
+
+    check_origin: called with the WebSocket before it is accepted; raises WebSocketException.
+    """
+    router = APIRouter(include_in_schema=False)
+
+    @router.get("/scene/{flight}/")
+    async def page(
+        request: Request, flight: str, if_none_match: Annotated[str, Header()] = ""
+    ) -> Response:
+        if _scene(request, flight) is None:
+            raise HTTPException(404, f"flight {flight} shows no scene: it ended, or never had one")
+        client = client_page()
+        headers = {
+            "ETag": client.etag,
+            "Cache-Control": "private, no-cache",
+            "Content-Security-Policy": CONTENT_SECURITY_POLICY,
+            "X-Content-Type-Options": "nosniff",
+        }
+        if client.etag in if_none_match:
+            return Response(status_code=304, headers=headers)
+        return Response(client.html, media_type="text/html", headers=headers)
+
+    @router.websocket("/scene/{flight}", dependencies=[Depends(check_origin)])
+    async def stream(websocket: WebSocket, flight: str) -> None:
+        if SUBPROTOCOL not in websocket.scope["subprotocols"]:
+            raise WebSocketException(
+                WS_1008_POLICY_VIOLATION, f"the scene speaks {SUBPROTOCOL}; reload the page"
+            )
+        scene = _scene(websocket, flight)
+        if scene is None:
+            raise WebSocketException(WS_1008_POLICY_VIOLATION, "this flight shows no scene")
+        await _proxy(websocket, scene)
+
+    return router
+
+
+async def _proxy(websocket: WebSocket, scene: Scene) -> None:
+    """Pump both ways until either side, or the scene, ends; then drop the upstream connection."""
+    loop = asyncio.get_running_loop()
+    ended = asyncio.Event()
+    with scene.watching(partial(loop.call_soon_threadsafe, ended.set)):
+        upstream = await connect(
+            scene.address,
+            additional_headers=credentials(),
+            subprotocols=[SUBPROTOCOL],
+            compression=None,
+            max_size=None,
+            max_queue=4,
+            ping_interval=None,
+            proxy=None,
+        )
+        try:
+            await websocket.accept(SUBPROTOCOL)
+            await _first_of(_down(upstream, websocket), _up(websocket, upstream), ended.wait())
+            await _say_goodbye(websocket)
+        finally:
+            upstream.transport.abort()
+
+
+async def _first_of(*pumps: Coroutine[Any, Any, Any]) -> None:
+    """Run all until one ends, then stop the others, however blocked they are."""
+    tasks = [asyncio.ensure_future(pump) for pump in pumps]
+    try:
+        await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
+    finally:
+        for task in tasks:
+            task.cancel()
+        await asyncio.gather(*tasks, return_exceptions=True)
+
+
+async def _down(upstream: ClientConnection, websocket: WebSocket) -> None:
+    try:
+        async for message in upstream:
+            await websocket.send_bytes(message)  # pyright: ignore[reportArgumentType]
+    except (ConnectionClosed, WebSocketDisconnect):
+        pass
+
+
+async def _up(websocket: WebSocket, upstream: ClientConnection) -> None:
+    try:
+        while True:
+            message = await websocket.receive()
+            if message["type"] == "websocket.disconnect":
+                return
+            camera = admitted(message.get("bytes") or b"")
+            if camera is not None:
+                await upstream.send(camera)
+    except ConnectionClosed:
+        pass
+
+
+async def _say_goodbye(websocket: WebSocket) -> None:
+    """Close towards the watcher; one who does not listen must not hold this up."""
+    try:
+        async with asyncio.timeout(1.0):
+            await websocket.close(WS_1001_GOING_AWAY)
+    except (TimeoutError, RuntimeError, WebSocketDisconnect):
+        pass

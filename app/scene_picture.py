@@ -1,0 +1,345 @@
+"""What a scene shows, as viser nodes: aircraft, ground, trail, velocity and the risk column.
+
+The world is north-east-down, in metres, seen by a camera behind the aircraft. The attitude is drawn
+true; surfaces and sideslip are exaggerated; the aircraft stands still and the ground passes below.
+"""
+
+from html import escape
+from math import pi, sqrt
+from typing import Any, NamedTuple
+
+import numpy as np
+import viser
+
+from app.aircraft_mesh import Colour, Part, aircraft
+from app.quaternion import body_to_earth, product, turn
+from app.scene_shapes import arrow, circle, compass, slip_scale, torus, tube
+from app.scene_track import TRAIL_POINTS, Track
+from core.monitor.assessment import State
+from core.simulation.attitude import Attitude, SurfaceSigns
+
+CALM: Colour = (70, 200, 190)
+ALERT: Colour = (255, 40, 32)
+GREY: Colour = (128, 132, 140)
+GHOST: Colour = (92, 95, 101)
+INK: Colour = (150, 165, 184)
+FAINT: Colour = (44, 54, 68)
+VELOCITY: Colour = (110, 185, 255)
+LIMIT: Colour = (255, 214, 10)
+GRID: Colour = (74, 90, 110)
+SKY: Colour = (9, 13, 19)
+
+EXAGGERATION = 3.0
+"""Surfaces and sideslip are drawn this many times larger; the scene says so."""
+WIDEST = pi / 4
+"""No surface is drawn further out than this [rad]."""
+DOWN = (0.0, 0.0, 1.0)
+GROUND_BELOW, CELL, SECTION = 11.0, 10.0, 50.0
+RING_RADIUS = 8.8
+COLUMN_AT, COLUMN_HEIGHT, COLUMN_RADIUS = (-0.5, -13.0, 2.8), 7.0, 0.5
+
+LONGEST_DETAIL = 120
+TICKS = {"none": 0.0, "quarter": 0.25, "half": 0.5, "whole": 1.0}
+
+
+class Shown(NamedTuple):
+    """Everything that a picture depends on; see Scene.show."""
+
+    t: float
+    attitude: Attitude
+    beta: float
+    delta_a: float
+    delta_r: float
+    p_value: float | None
+    epsilon: float
+    alert: bool
+    state: State
+    reason: str
+    paused: bool = False
+
+
+class Words(NamedTuple):
+    """What a scene says: ALERT, STALE, ...; the risk as text, where there is one; and why."""
+
+    word: str
+    risk: str
+    detail: str
+
+
+def words(shown: Shown) -> Words:
+    """A number only where the sample could be assessed, a word wherever it is not calm."""
+    if shown.state is not State.OK or shown.p_value is None:
+        word = "INVALID" if shown.state is State.OK else shown.state.replace("_", " ").upper()
+        return Words(word, "", shown.reason or "no risk can be given")
+    word = " ".join(["ALERT"] * shown.alert + ["PAUSED"] * shown.paused)
+    return Words(
+        word, f"RISK {as_text(shown.p_value, shown.epsilon)}", f"alert above {shown.epsilon:.3g}"
+    )
+
+
+def as_text(p_value: float, epsilon: float) -> str:
+    """Two digits, or as many as it takes for the number not to read 0 or across the threshold."""
+    text = ""
+    for digits in range(2, 6):
+        text = f"{p_value:.{digits}f}"
+        if float(text) > 0.0 and (float(text) > epsilon) == (p_value > epsilon):
+            break
+    return text
+
+
+def readout(said: Words, colour: Colour) -> str:
+    """The words as HTML for viser's panel; `detail` may come from outside and is escaped."""
+    tint = f"rgb{colour}"
+    style = f"background:{tint};color:#0b0f14;padding:0 8px;margin:0 -8px 2px;border-radius:4px"
+    word = f'<div style="{style};font-size:24px;font-weight:800">{said.word}</div>'
+    small = '<span style="font-size:12px;font-weight:400;color:#cdd6e0">(higher is worse)</span>'
+    large = f"white-space:nowrap;font-size:20px;font-weight:700;color:{tint}"
+    risk = f'<div style="{large}">{said.risk} {small}</div>'
+    return (
+        '<div style="font-family:system-ui,sans-serif;padding:0 12px 4px;line-height:1.3">'
+        + word * bool(said.word)
+        + risk * bool(said.risk)
+        + f'<div style="font-size:13px">{escape(said.detail[:LONGEST_DETAIL])}</div>'
+        '<div style="font-size:11px;opacity:.7">surfaces and sideslip drawn '
+        f"×{EXAGGERATION:g}</div></div>"
+    )
+
+
+def tone(shown: Shown) -> Colour:
+    """Colour of the risk: calm, alert, or grey where nothing can be said."""
+    if shown.state is not State.OK or shown.p_value is None:
+        return GREY
+    return ALERT if shown.alert else CALM
+
+
+def height(p_value: float) -> float:
+    """Height of a p-value on the column [m]: its square root, so that small ones can be told."""
+    return COLUMN_HEIGHT * sqrt(min(max(p_value, 0.0), 1.0))
+
+
+class Picture:
+    """The nodes of one scene; `draw` sends what has changed, as one atomic update.
+
+    signs: which way the aircraft's surfaces act.   alpha0: angle of attack at trim [rad].
+    Not safe against concurrent calls, nor after the server stopped: Scene sees to that.
+    """
+
+    def __init__(self, server: viser.ViserServer, signs: SurfaceSigns, alpha0: float) -> None:
+        self._server, self._signs, self._alpha0 = server, signs, alpha0
+        self._track = Track()
+        self._sent: dict[tuple[int, str], Any] = {}
+        with server.atomic():
+            _stage(server)
+            self._add_world()
+            self._add_aircraft()
+            self._add_column()
+        server.flush()
+
+    def draw(self, shown: Shown) -> None:
+        """Send this state to all watchers."""
+        colour = tone(shown)
+        with self._server.atomic():
+            self._move(shown, colour)
+            self._pose(shown)
+            self._risk(shown, colour)
+        self._server.flush()
+
+    def _set(self, node: Any, **properties: Any) -> None:
+        """Assign what differs from the last time; viser sends every assignment."""
+        for name, value in properties.items():
+            key = id(node), name
+            if self._sent.get(key) != value:
+                self._sent[key] = value
+                setattr(node, name, value)
+
+    # --- building -------------------------------------------------------------------------------
+
+    def _add_world(self) -> None:
+        scene = self._server.scene
+        self._chase = scene.add_frame("/chase", show_axes=False)
+        self._ground = scene.add_grid(
+            "/chase/ground",
+            width=900.0,
+            height=900.0,
+            cell_size=CELL,
+            section_size=SECTION,
+            cell_color=FAINT,
+            section_color=GRID,
+            cell_thickness=1.0,
+            section_thickness=1.3,
+            fade_distance=240.0,
+            fade_strength=1.4,
+            shadow_opacity=0.0,
+            position=(0.0, 0.0, GROUND_BELOW),
+        )
+        self._ring = scene.add_line_segments(
+            "/chase/ring", circle(RING_RADIUS), CALM, thickness=2.0, thickness_units="screen"
+        )
+        scene.add_line_segments(
+            "/chase/compass", compass(RING_RADIUS), INK, thickness=1.5, thickness_units="screen"
+        )
+        self._trail = scene.add_line_segments(
+            "/chase/trail",
+            np.zeros((2 * TRAIL_POINTS, 2, 3)),
+            np.zeros((2 * TRAIL_POINTS, 2, 3), np.uint8),
+            thickness=2.0,
+            thickness_units="screen",
+        )
+
+    def _add_aircraft(self) -> None:
+        scene = self._server.scene
+        self._aircraft = scene.add_frame("/chase/aircraft", show_axes=False)
+        self._parts: dict[str, tuple[Part, Any]] = {}
+        for part in aircraft():
+            node = scene.add_mesh_simple(
+                f"/chase/aircraft/{part.name}",
+                part.vertices,
+                part.faces,
+                color=part.colour,
+                position=part.hinge,
+                cast_shadow=False,
+                receive_shadow=False,
+            )
+            self._parts[part.name] = part, node
+        scene.add_line_segments(
+            "/chase/aircraft/slip_scale",
+            slip_scale(self._alpha0, EXAGGERATION),
+            INK,
+            thickness=1.5,
+            thickness_units="screen",
+        )
+        self._velocity = scene.add_mesh_simple(
+            "/chase/aircraft/velocity",
+            *arrow(),
+            color=VELOCITY,
+            cast_shadow=False,
+            receive_shadow=False,
+        )
+        self._slip = scene.add_label(
+            "/chase/aircraft/slip",
+            "",
+            position=(16.4, 0.0, -0.6),
+            font_screen_scale=0.9,
+            anchor="bottom-center",
+        )
+
+    def _add_column(self) -> None:
+        scene = self._server.scene
+        scene.add_frame("/column", show_axes=False, position=COLUMN_AT)
+        common: dict[str, Any] = {"cast_shadow": False, "receive_shadow": False}
+        glass = tube(COLUMN_RADIUS * 1.35)
+        scene.add_mesh_simple(
+            "/column/glass",
+            *glass,
+            color=INK,
+            opacity=0.14,
+            scale=(1.0, 1.0, COLUMN_HEIGHT),
+            side="double",
+            **common,
+        )
+        self._fill = scene.add_mesh_simple(
+            "/column/fill", *tube(COLUMN_RADIUS), color=GREY, visible=False, **common
+        )
+        for name, p_value in TICKS.items():
+            at = (0.0, 0.0, -height(p_value))
+            scene.add_line_segments(
+                f"/column/{name}",
+                circle(COLUMN_RADIUS * 1.35),
+                INK,
+                thickness=1.2,
+                thickness_units="screen",
+                position=at,
+            )
+            scene.add_label(
+                f"/column/{name}_label",
+                f"{p_value:g}",
+                font_screen_scale=0.75,
+                anchor="center-left",
+                position=(0.0, 1.6 * COLUMN_RADIUS, at[2]),
+            )
+        self._threshold = scene.add_mesh_simple(
+            "/column/threshold", *torus(COLUMN_RADIUS * 1.75, 0.09), color=LIMIT, **common
+        )
+        self._epsilon = scene.add_label(
+            "/column/epsilon", "", font_screen_scale=0.9, anchor="center-right"
+        )
+        self._headline = scene.add_label(
+            "/column/headline",
+            "",
+            position=(0.0, 0.0, -COLUMN_HEIGHT - 0.5),
+            font_screen_scale=1.3,
+            anchor="bottom-center",
+        )
+        self._readout = self._server.gui.add_html("")
+
+    # --- moving ---------------------------------------------------------------------------------
+
+    def _move(self, shown: Shown, colour: Colour) -> None:
+        """Turn the world under the camera, pass the ground below, lengthen the trail."""
+        track = self._track
+        track.advance(shown.t, shown.attitude, shown.beta, colour)
+        north, east = -(track.place % SECTION)
+        self._set(self._chase, wxyz=turn(DOWN, -track.heading))
+        self._set(self._ground, position=(float(north), float(east), GROUND_BELOW))
+        self._trail.points, self._trail.colors = track.trail(SKY)
+
+    def _pose(self, shown: Shown) -> None:
+        """Attitude, surfaces and velocity; all grey where the telemetry is not to be trusted."""
+        lost = shown.state in (State.STALE, State.INVALID)
+        self._set(self._aircraft, wxyz=body_to_earth(*shown.attitude))
+        roll = self._signs.aileron * _drawn(shown.delta_a)
+        turns = {
+            "right_aileron": -roll,  # trailing edge up rolls right
+            "left_aileron": roll,
+            "rudder": self._signs.rudder * _drawn(shown.delta_r),  # trailing edge right yaws right
+        }
+        for name, (part, node) in self._parts.items():
+            self._set(node, color=GHOST if lost else part.colour)
+            if name in turns:
+                self._set(node, wxyz=turn(part.axis, turns[name]))
+        yaw = turn(DOWN, _drawn(shown.beta))
+        pitch = turn((0.0, 1.0, 0.0), -self._alpha0)
+        self._set(self._velocity, wxyz=product(pitch, yaw), color=GHOST if lost else VELOCITY)
+        beta = "" if lost else f"β {np.rad2deg(shown.beta):+.1f}°"
+        self._set(self._slip, text=beta, visible=not lost)
+
+    def _risk(self, shown: Shown, colour: Colour) -> None:
+        """Column, threshold ring, level ring and words."""
+        known = colour != GREY
+        level = height(shown.p_value) if known and shown.p_value is not None else COLUMN_HEIGHT
+        self._set(self._fill, color=colour, scale=(1.0, 1.0, max(level, 0.02)), visible=True)
+        at = (0.0, 0.0, -height(shown.epsilon))
+        self._set(self._threshold, position=at)
+        beside = (0.0, -2.2 * COLUMN_RADIUS, at[2])
+        self._set(self._epsilon, text=f"ε {shown.epsilon:.3g}", position=beside)
+        self._paint_ring(colour)
+        said = words(shown)
+        self._set(self._headline, text=f"{said.word} {said.risk}".strip())
+        self._set(self._readout, content=readout(said, colour))
+
+    def _paint_ring(self, colour: Colour) -> None:
+        key = id(self._ring), "colors"
+        if self._sent.get(key) != colour:
+            self._sent[key] = colour
+            self._ring.colors = np.array(colour, np.uint8)
+            self._ring.thickness = 5.0 if colour == ALERT else 2.0
+
+
+def _drawn(angle: float) -> float:
+    return min(max(EXAGGERATION * angle, -WIDEST), WIDEST)
+
+
+def _stage(server: viser.ViserServer) -> None:
+    """Up, lights, background, camera; viser's own panel out of the way."""
+    server.gui.configure_theme(dark_mode=True, show_logo=False, show_share_button=False)
+    server.gui.main_panel.float(x=-10, y=10, width=262)
+    scene = server.scene
+    scene.set_up_direction("-z")
+    scene.configure_environment_map(None)
+    scene.configure_default_lights(True, cast_shadow=False)
+    scene.add_light_ambient("/light/ambient", intensity=0.9)
+    for name, at in (("behind", (-20.0, 14.0, -8.0)), ("left", (4.0, -20.0, -6.0))):
+        scene.add_light_directional(f"/light/{name}", intensity=1.3, position=at)
+    scene.set_background_image(np.full((2, 2, 3), SKY, np.uint8), format="png")
+    camera = server.initial_camera
+    camera.position, camera.look_at, camera.fov = (-23.0, 7.5, -9.0), (1.0, -1.3, -1.3), 0.75

@@ -1,0 +1,121 @@
+import pytest
+from playwright.sync_api import Page
+
+from tests.scene_site import Site, scene_site, show
+
+EXPECTED = [
+    "'unsafe-eval' is not an allowed source",  # the client asks, and goes on without
+    "THREE.Clock: This module has been deprecated",
+    "GPU stall due to ReadPixels",
+]
+CANVAS = "canvas[data-engine]"
+COUNT = """
+wanted => {
+    const canvas = document.querySelector("canvas[data-engine]");
+    if (!canvas) return false;
+    const copy = new OffscreenCanvas(canvas.width, canvas.height).getContext("2d");
+    copy.drawImage(canvas, 0, 0);
+    const pixels = copy.getImageData(0, 0, canvas.width, canvas.height).data;
+    const colours = new Set();
+    const found = {red: 0, teal: 0, grey: 0, colours: 0};
+    for (let i = 0; i < pixels.length; i += 4) {
+        const [r, g, b] = pixels.subarray(i, i + 3);
+        colours.add((r >> 3) << 10 | (g >> 3) << 5 | b >> 3);
+        if (r > 180 && g < 90 && b < 90) found.red++;
+        if (g > 120 && b > 110 && r < 0.75 * g && Math.abs(g - b) < 40) found.teal++;
+        if (r > 70 && r < 200 && Math.abs(r - g) < 8 && Math.abs(g - b) < 12) found.grey++;
+    }
+    found.colours = colours.size;
+    const fits = Object.entries(wanted).every(([name, [low, high]]) =>
+        found[name] >= low && found[name] <= high);
+    return fits && found;
+}
+"""
+"""Counts pixels of the scene by colour; true once each count lies in its range."""
+
+MANY = 10**9
+CALM = {"colours": [200, MANY], "teal": [300, MANY], "red": [0, 0]}
+ALERT = {"colours": [200, MANY], "red": [800, MANY], "teal": [0, 60]}
+SILENT = {"grey": [6000, MANY], "red": [0, 0], "teal": [0, 60]}
+
+
+@pytest.fixture
+def site(allowed_errors):
+    allowed_errors += EXPECTED
+    with scene_site() as site:
+        yield site
+
+
+@pytest.fixture
+def asked(page):
+    """Addresses that the page asks for, WebSockets included."""
+    page.set_viewport_size({"width": 640, "height": 400})
+    addresses: list[str] = []
+    page.on("request", lambda request: addresses.append(request.url))
+    page.on("websocket", lambda websocket: addresses.append(websocket.url))
+    return addresses
+
+
+def settles(page: Page, wanted: dict, words: str) -> None:
+    """Wait for the pixels and for the words of viser's panel."""
+    page.get_by_text(words, exact=False).first.wait_for(timeout=60_000)
+    page.wait_for_function(COUNT, arg=wanted, timeout=60_000)
+
+
+def test_the_scene_shows_the_state_in_colour_and_words(page: Page, site: Site, asked: list[str]):
+    scene = site.scenes.open("f1")
+    for k in range(60):
+        show(scene, 0.05 * k)
+        scene.draw()
+    page.goto(f"{site.http}/scene/f1/")
+    page.wait_for_selector(CANVAS)
+    settles(page, CALM, "RISK 0.04")
+    page.get_by_text("(higher is worse)").wait_for()
+    page.get_by_text("drawn ×3").wait_for()
+
+    show(scene, 3.05, p_value=0.42, alert=True, beta=0.1, attitude=(-0.5, 0.05, 0.1))
+    settles(page, ALERT, "ALERT")
+    page.get_by_text("RISK 0.42").wait_for()
+
+    show(scene, 9.0, p_value=None, alert=None, state="stale", reason="no sample for 1 s")
+    settles(page, SILENT, "STALE")
+    page.get_by_text("no sample for 1 s").wait_for()
+    assert page.get_by_text("RISK").count() == 0
+
+    show(scene, 9.05, p_value=None, alert=None, state="invalid", reason="beta is not finite")
+    settles(page, SILENT, "INVALID")
+    show(scene, 9.10, p_value=None, alert=None, state="warming_up")
+    settles(page, {"red": [0, 0], "teal": [0, 60]}, "WARMING UP")
+    show(scene, 9.15)
+    settles(page, CALM, "RISK 0.04")
+
+    own = (site.http, site.ws, "data:", "blob:")
+    assert [address for address in asked if not address.startswith(own)] == []
+    assert f"{site.ws}/scene/f1" in asked
+
+
+def test_the_share_button_is_not_offered(page: Page, site: Site, asked: list[str]):
+    scene = site.scenes.open("f1")
+    show(scene)
+    page.goto(f"{site.http}/scene/f1/")
+    page.get_by_text("RISK 0.04").wait_for(timeout=60_000)
+    assert page.get_by_text("Share").count() == 0
+
+
+def test_a_frame_without_focus_reconnects_when_told_to(page: Page, site: Site, asked: list[str]):
+    scene = site.scenes.open("f1")
+    show(scene)
+    page.goto(f"{site.http}/frame/f1")
+    inside = page.frame_locator("#scene")
+    inside.get_by_text("RISK 0.04").wait_for(timeout=60_000)
+    page.evaluate(
+        """() => {
+            const {contentDocument, contentWindow} = document.getElementById("scene");
+            contentDocument.hasFocus = () => true;
+            contentWindow.dispatchEvent(new Event("focus"));
+        }"""
+    )
+    scene._server._websock_server.disconnect_all_clients()
+    show(scene, 1.05, p_value=0.06)
+    inside.get_by_text("RISK 0.06").wait_for(timeout=60_000)
+    assert asked.count(f"{site.ws}/scene/f1") == 2

@@ -1,0 +1,96 @@
+import numpy as np
+import pytest
+
+from app.aircraft_mesh import SPAN, Part, aircraft
+from app.quaternion import matrix, turn
+
+PARTS = aircraft()
+BY_NAME = {part.name: part for part in PARTS}
+TWINS = {"right_aileron": "left_aileron", "left_aileron": "right_aileron"}
+MOVING = ("right_aileron", "left_aileron", "rudder")
+
+
+def corners(part: Part) -> np.ndarray:
+    """Triangles (n, 3 corners, 3) relative to the hinge, double precision."""
+    return part.vertices.astype(float)[part.faces]
+
+
+def turned(part: Part, angle: float) -> np.ndarray:
+    """Vertices in body axes after a turn about the hinge."""
+    return part.vertices @ matrix(turn(part.axis, angle)).T + part.hinge
+
+
+def mean_move(part: Part, angle: float) -> np.ndarray:
+    return (turned(part, angle) - turned(part, 0.0)).mean(0)
+
+
+@pytest.mark.parametrize("part", PARTS, ids=lambda part: part.name)
+class TestEveryPart:
+    def test_it_is_a_clean_mesh(self, part):
+        assert np.isfinite(part.vertices).all()
+        assert part.vertices.dtype == np.float32
+        assert part.faces.dtype == np.uint32
+        assert part.faces.max() < len(part.vertices)
+        assert np.linalg.norm(part.axis) == pytest.approx(1.0)
+
+    def test_it_is_closed(self, part):
+        a, b, c = corners(part).transpose(1, 0, 2)
+        areas = np.cross(b - a, c - a) / 2
+        assert np.abs(areas.sum(0)).max() < 1e-4 * np.linalg.norm(areas, axis=1).sum()
+
+    def test_it_faces_outwards(self, part):
+        a, b, c = (corners(part) - part.vertices.mean(0)).transpose(1, 0, 2)
+        assert (a * np.cross(b, c)).sum() / 6 > 0
+
+    def test_its_left_mirrors_its_right(self, part):
+        twin = BY_NAME[TWINS.get(part.name) or part.name]
+        right = part.vertices.astype(float) + part.hinge
+        left = (twin.vertices.astype(float) + twin.hinge) * (1.0, -1.0, 1.0)
+        for a, b in ((right, left), (left, right)):
+            distance = np.linalg.norm(a[:, None] - b[None], axis=2).min(1)
+            assert distance.max() < 1e-4
+
+    def test_its_colour_leaves_red_to_the_alert(self, part):
+        red, green, blue = part.colour
+        assert red <= green <= blue
+
+
+def test_the_aircraft_is_of_a_fighters_size_and_few_triangles():
+    points = np.vstack([part.vertices + part.hinge for part in PARTS])
+    length, span, height = np.ptp(points, axis=0)
+    assert 14 < length < 16
+    assert SPAN <= span < SPAN + 0.3
+    assert 3 < height < 6
+    assert sum(len(part.faces) for part in PARTS) < 10_000
+
+
+def test_it_is_built_once():
+    assert aircraft() is PARTS
+
+
+@pytest.mark.parametrize("name", ["right_aileron", "left_aileron"])
+def test_a_positive_turn_of_an_aileron_is_trailing_edge_down(name):
+    assert mean_move(BY_NAME[name], 0.3)[2] > 0.05
+
+
+def test_a_positive_turn_of_the_rudder_is_trailing_edge_right():
+    assert mean_move(BY_NAME["rudder"], 0.3)[1] > 0.05
+
+
+@pytest.mark.parametrize("name", MOVING)
+def test_a_turn_leaves_the_hinge_line_in_place(name):
+    part = BY_NAME[name]
+    ahead = part.vertices @ np.cross(part.axis, np.cross((1.0, 0.0, 0.0), part.axis))
+    edge = ahead > ahead.max() - 0.02
+    moved = np.linalg.norm(turned(part, 0.5) - turned(part, 0.0), axis=1)
+    assert edge.sum() >= 4
+    assert moved[edge].max() < 0.1
+    assert moved.max() > 0.25
+
+
+def test_surfaces_sit_in_their_cut_outs():
+    for name, body in (("right_aileron", "wings"), ("rudder", "fin")):
+        surface, around = turned(BY_NAME[name], 0.0), BY_NAME[body].vertices
+        low, high = surface.min(0), surface.max(0)
+        assert (around.min(0) <= low + 1e-3).all()
+        assert (around.max(0) >= high - 1e-3).all()
