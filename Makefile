@@ -1,11 +1,14 @@
-.PHONY: demo test lint types bench clean
+.PHONY: demo study test lint types bench clean
 VENV := .venv
 BIN := $(VENV)/bin
 PYTHON ?= python3
 READY := $(VENV)/.ready
 
-demo: $(READY) ## repeat the paper's experiment at a small size and draw its figures
-	$(BIN)/forewarn study --n-monitors 4 --n-test 300 --out results/demo
+demo: $(READY) ## train a small monitor, serve the page, and fly a doublet on it
+	$(BIN)/forewarn demo
+
+study: $(READY) ## repeat the paper's experiment at a small size and draw its figures
+	$(BIN)/forewarn study --n-monitors 4 --n-test 300 --out results/study
 
 test: $(READY) ## every test
 	$(BIN)/python -m pytest

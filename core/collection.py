@@ -93,7 +93,8 @@ class DatasetRecipe:
     dt: sample interval of the telemetry [s].
     substeps: parts of dt after which limits are checked; a crossing between two samples then
     counts at the later one.
-    n_obs: observation times kept of each safe rollout.
+    n_unsafe: unsafe rollouts to collect.   n_obs: observation times kept of each safe rollout.
+    seed: of every random draw; the same recipe makes the same dataset.
     max_rollouts: budget; a collection that cannot end within it stops early.
     max_safe: safe rollouts kept, the first ones; more are counted only.
     """

@@ -39,6 +39,7 @@ class StudyRecipe:
 
     dataset: the planned test; its seed starts the whole study.
     monitor: every choice but predictor and score. The defaults are the paper's.
+    n_monitors: monitors of each method, each from a dataset of its own.
     n_test: fresh test flights of each monitor.
     """
 

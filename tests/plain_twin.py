@@ -164,7 +164,7 @@ def safe_observations(
 
 
 def fit_linear(observed: Array, paired: Array, ahead: Array) -> Map:
-    """y_hat = M o + mu by least squares; scikit-learn's drops directions below 1e-6 of the first."""
+    """y_hat = M o + mu; scikit-learn's own drops directions below 1e-6 of the first."""
     o_mean, y_mean = paired.mean(axis=0), ahead.mean(axis=0)
     slopes = np.linalg.lstsq(paired - o_mean, ahead - y_mean, rcond=None)[0]
     return lambda o: y_mean + (o - o_mean) @ slopes

@@ -100,3 +100,10 @@ def test_p_value_falls_as_the_score_rises(alphas: list[float], a: float, b: floa
 def test_without_a_score_there_is_no_p_value() -> None:
     p = p_values([nan, -1.0, nan], np.array([0.0, inf]))
     np.testing.assert_array_equal(p, [nan, 1.0, nan])
+
+
+def test_the_ends_of_epsilon_are_refused_or_kept() -> None:
+    with pytest.raises(ValueError, match="needs at least 1000000000000000000 unsafe rollouts"):
+        check_epsilon(5e-324, 50)
+    largest = float(np.nextafter(1, 0))
+    assert check_epsilon(largest, 50) == largest

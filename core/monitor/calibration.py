@@ -47,10 +47,11 @@ def check_epsilon(epsilon: float, n_unsafe: int) -> float:
     if not 0 < epsilon < 1:
         raise ValueError(f"epsilon={epsilon} was given: a miss rate lies between 0 and 1")
     if rank(epsilon, n_unsafe) > n_unsafe:
-        needed = math.ceil(1 / epsilon - 1 - 1e-9)
+        needed = math.ceil(min(1 / epsilon, 1e18) - 1 - 1e-9)
         served = math.ceil(1e4 / (n_unsafe + 1)) / 1e4
         raise ValueError(
             f"epsilon={epsilon:g} needs at least {needed} unsafe rollouts; this monitor has "
             f"{n_unsafe}: raise epsilon to {served:g} or collect more"
         )
-    return max(epsilon, (n_unsafe + 1 - rank(epsilon, n_unsafe)) / (n_unsafe + 1))
+    on_grid = (n_unsafe + 1 - rank(epsilon, n_unsafe)) / (n_unsafe + 1)
+    return max(epsilon, on_grid) if on_grid < 1 else epsilon

@@ -40,12 +40,17 @@ def _lowest_some(fitted, y, n_delay, first, last, own, levels, start, stop, lowe
     a, b = fitted.unsafe_weight, fitted.safe_weight
     bounded = fitted.channel < 0 and a > 0.0 and b > 0.0
     unsafe_tree, safe_tree, channel = fitted.unsafe, fitted.safe, fitted.channel
+    riskiest = 0
     for i in range(start, stop):
         flight = y[i]
         near_unsafe, near_safe = -1, -1
         goal = _next_goal(np.inf, levels)
         to_unsafe, to_safe = 0.0, np.inf
-        for t in range(first[i], last[i] + 1):
+        # One manoeuvre, one riskiest moment, nearly: begin where the last flight had its own, go on
+        # to the end, then back to the start. An early low score lets most others be passed over.
+        begin = min(max(riskiest, first[i]), last[i])
+        for k in range(last[i] + 1 - first[i]):
+            t = begin + k if begin + k <= last[i] else last[i] - k
             map_observation(fitted, flight, t, n_delay, z)
             if channel >= 0:
                 s = -abs(z[channel])
@@ -69,7 +74,7 @@ def _lowest_some(fitted, y, n_delay, first, last, own, levels, start, stop, lowe
                 to_unsafe, to_safe = np.sqrt(unsafe), np.sqrt(safe)
                 s = a * unsafe - b * safe
             if s < lowest[i] and s <= goal:
-                lowest[i] = s
+                lowest[i], riskiest = s, t
                 goal = _next_goal(s, levels)
                 if goal == -np.inf:
                     break
