@@ -1,0 +1,270 @@
+"""One flight: samples and what the monitor says of them, to recorder, watchers and scene.
+
+Where the samples come from, and when, is the matter of TrackFlight and LiveFlight.
+"""
+
+import logging
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from app.alarms import Alarms
+from app.clock import Clock, Timer
+from app.messages import (
+    Alarm,
+    AlarmRaised,
+    End,
+    Heartbeat,
+    Hello,
+    StateChange,
+    TransportState,
+    encode_frame,
+    limited_channels,
+    plain_frame,
+)
+from app.recipes import from_plain
+from app.recorder import Recorder
+from app.sources import Array
+from app.watcher import CREDIT, RecentFrames, Watcher
+from core.channels import KEYS
+from core.monitor import Assessment, Monitor, State
+from core.specification import Limits
+
+if TYPE_CHECKING:
+    from app.scene import Scene
+
+LOG = logging.getLogger("forewarn")
+HEARTBEAT_S = 1.0
+BETA, DELTA_A, DELTA_R = (KEYS.index(key) for key in ("beta", "delta_a", "delta_r"))
+Angles = tuple[float, float, float]
+LEVEL: Angles = (0.0, 0.0, 0.0)
+
+
+@dataclass(frozen=True, eq=False)
+class FlightPlan:
+    """What is flown and through what.
+
+    source: as it was asked for, in plain data.   monitor_name: what people call the monitor.
+    """
+
+    id: str
+    name: str
+    source: dict[str, Any]
+    monitor: Monitor
+    monitor_id: str
+    monitor_name: str
+    epsilon: float
+
+
+class Flight(ABC):
+    """A flight under way. Its methods are called in the event loop; only `stop` waits.
+
+    on_over: called once when the flight is over by itself, with status and reason.
+    """
+
+    dt: float
+    theta: dict[str, float] | None = None
+    duration: float | None = None
+    fail_t: float | None = None
+
+    def __init__(
+        self,
+        plan: FlightPlan,
+        recorder: Recorder,
+        clock: Clock,
+        on_over: Callable[[str, str], object],
+        scene: "Scene | None" = None,
+    ) -> None:
+        self.plan, self.scene = plan, scene
+        self.recorder, self.alarms, self.clock = recorder, Alarms(), clock
+        self.is_over = False
+        self.t = 0.0
+        self.state, self.reason = State.WARMING_UP, "no sample has come yet"
+        self._on_over = on_over
+        self._recent = RecentFrames()
+        self._watchers: set[Watcher] = set()
+        self._timers: dict[str, Timer] = {}
+        self._pose: tuple[Angles, Array, float | None, bool | None] | None = None
+
+    @property
+    @abstractmethod
+    def transport(self) -> TransportState:
+        """Where it is in its source."""
+
+    @abstractmethod
+    def start(self) -> None:
+        """Begin to fly."""
+
+    @abstractmethod
+    def act(self, action: str, value: float | bool | None = None) -> None:
+        """Do an action of the transport; TransportError says what is wrong with it."""
+
+    @abstractmethod
+    def source_frames(self, first: int, last: int) -> list[dict[str, Any]]:
+        """Samples first..last of the source, flown yet or not; `seq` is their number in it."""
+
+    @property
+    def id(self) -> str:
+        """Its id in the store."""
+        return self.plan.id
+
+    @property
+    def head(self) -> int:
+        """Newest seq; -1 before the first sample."""
+        return self._recent.head
+
+    @property
+    def n_watchers(self) -> int:
+        """Connections that watch."""
+        return len(self._watchers)
+
+    # --- watching -----------------------------------------------------------------------------
+
+    def watch(self) -> Watcher:
+        """Add a watcher; its first message is hello, frames follow from the next one on."""
+        watcher = Watcher(self._recent)
+        watcher.tell(self._hello())
+        self._watchers.add(watcher)
+        if self.is_over:
+            watcher.end(End(reason="the flight is over").encode())
+        return watcher
+
+    def leave(self, watcher: Watcher) -> None:
+        """The watcher is gone."""
+        self._watchers.discard(watcher)
+
+    def acknowledge(self, alarm_id: str, by: str) -> Alarm:
+        """Acknowledge an alarm and tell everyone; KeyError if it is not at hand."""
+        alarm, is_first = self.alarms.acknowledge(alarm_id, by, self.clock.utc())
+        if is_first:
+            self.recorder.add_acknowledgement(alarm)
+            self._tell(AlarmRaised(alarm=alarm).encode())
+        return alarm
+
+    async def stop(self, reason: str) -> None:
+        """End the flight: the watchers are told, the record is completed."""
+        self._halt(reason)
+        await self.recorder.close()
+
+    def _hello(self) -> str:
+        plan, monitor = self.plan, self.plan.monitor
+        limits = monitor.dataset_recipe.get("specification", {})
+        return Hello(
+            flight=plan.id,
+            name=plan.name,
+            server_time=self.clock.utc(),
+            channels=limited_channels(from_plain(Limits(), limits, "specification")),
+            epsilon=plan.epsilon,
+            n_unsafe=monitor.n_unsafe,
+            lead=monitor.lead,
+            dt=self.dt,
+            monitor={"id": plan.monitor_id, "name": plan.monitor_name},
+            source=plan.source,
+            theta=self.theta,
+            fail_t=self.fail_t,
+            duration=self.duration,
+            transport=self.transport,
+            state=self.state,
+            reason=self.reason,
+            head=self.head,
+            alarms=self.alarms.at_hand,
+            credit=CREDIT,
+        ).encode()
+
+    # --- flying -------------------------------------------------------------------------------
+
+    def _fly(self, y: Array, said: Assessment, due: float, index: int, attitude: Angles) -> None:
+        """One sample: recorded, checked for an alarm, encoded. `_show` follows once a burst."""
+        seq = self.head + 1
+        self.recorder.add(seq, y, said)
+        self._set_state(said.state, said.reason)
+        self._recent.append(encode_frame(plain_frame(seq, y, said, round(due * 1e3, 3))))
+        alarm = self.alarms.update(seq, index, said, self.clock.utc)
+        if alarm is not None:
+            self.recorder.add_alarm(alarm)
+            self._tell(AlarmRaised(alarm=alarm).encode())
+        self.t, self._pose = said.t, (attitude, y, said.p_value, said.alert)
+
+    def _restart(self, t: float) -> None:
+        """The next sample, at t [s], does not follow the last one."""
+        for watcher in self._watchers:
+            watcher.before_reset()
+        self._tell(self._recent.restart(t))
+        self.alarms.restart()
+
+    def _show(self) -> None:
+        """Let watchers and scene have what is new."""
+        for watcher in self._watchers:
+            watcher.wake()
+        if self.scene is None or self._pose is None:
+            return
+        attitude, y, p_value, alert = self._pose
+        if self.state is State.STALE:
+            p_value = alert = None
+        angles = float(y[BETA]), float(y[DELTA_A]), float(y[DELTA_R])
+        said = p_value, self.plan.epsilon, alert, self.state, self.reason
+        self._stage(lambda scene: scene.show(self.t, attitude, *angles, *said))
+
+    def _stage(self, act: "Callable[[Scene], object]") -> None:
+        """Use the scene; the flight goes on without one that fails, which says stale by itself."""
+        if self.scene is None:
+            return
+        try:
+            act(self.scene)
+        except Exception:
+            LOG.exception("flight %s goes on without its scene", self.id)
+            self.scene = None
+
+    def _set_state(self, state: State, reason: str) -> None:
+        if (state, reason) != (self.state, self.reason):
+            self.state, self.reason = state, reason
+            self._tell(StateChange(state=state, reason=reason).encode())
+
+    # --- time and end -------------------------------------------------------------------------
+
+    def _tell(self, text: str) -> None:
+        for watcher in self._watchers:
+            watcher.tell(text)
+
+    def _beat(self) -> None:
+        """Send a heartbeat each second."""
+        utc, sent, lost = self.clock.utc(), round(self.clock.now() * 1e3, 3), self.recorder.lost
+
+        def heartbeat(conflated: int) -> str:
+            return Heartbeat(server_time=utc, sent=sent, lost=lost, conflated=conflated).encode()
+
+        for watcher in self._watchers:
+            watcher.beat(heartbeat)
+        self._call_at("beat", self.clock.now() + HEARTBEAT_S, self._beat)
+
+    def _call_at(self, name: str, when: float, call: Callable[[], object]) -> None:
+        """Call later, instead of any earlier plan of this name."""
+        self._stop_timer(name)
+        if not self.is_over:
+            self._timers[name] = self.clock.call_at(when, call)
+
+    def _stop_timer(self, name: str) -> None:
+        timer = self._timers.pop(name, None)
+        if timer is not None:
+            timer.cancel()
+
+    def _halt(self, reason: str) -> None:
+        """Fly no further, and say so."""
+        if self.is_over:
+            return
+        self.is_over = True
+        for name in list(self._timers):
+            self._stop_timer(name)
+        for watcher in self._watchers:
+            watcher.end(End(reason=reason).encode())
+
+    def _end(self, status: str, reason: str) -> None:
+        """The flight is over by itself."""
+        self._halt(reason)
+        self._on_over(status, reason)
+
+    def _fail(self) -> None:
+        """Report the exception at hand; the flight is over."""
+        LOG.exception("flight %s failed", self.id)
+        self._end("failed", "the flight failed; the server's log says why")

@@ -1,0 +1,282 @@
+"""All flights under way: started, found, stopped, and none left behind at the end."""
+
+import asyncio
+import logging
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Self
+
+import numpy as np
+
+from app.clock import Clock, MonotonicClock
+from app.entries import FlightInfo
+from app.flight import Flight, FlightPlan
+from app.live_flight import LiveFlight
+from app.messages import Alarm, plain_frame
+from app.recorder import Recorder
+from app.sources import (
+    LiveSource,
+    Replay,
+    Simulated,
+    Track,
+    aircraft_of,
+    open_source,
+    trim_angles,
+)
+from app.store import NotFound, Store
+from app.track_flight import TrackFlight
+from core.monitor import Assessment, State
+from core.monitor.assessment import REASONS, STATES
+from core.simulation.attitude import SurfaceSigns, surface_signs
+
+if TYPE_CHECKING:
+    from app.scene import Scene, Scenes
+
+LOG = logging.getLogger("forewarn")
+STOPPING = "the server is stopping"
+
+
+class TooManyFlights(RuntimeError):
+    """As many flights are under way as may be."""
+
+
+@dataclass(frozen=True)
+class FlightOrder:
+    """A flight to start. epsilon: the monitor's unless given."""
+
+    source: Simulated | Replay
+    monitor_id: str
+    epsilon: float | None = None
+    name: str | None = None
+
+
+class Flights:
+    """The flights of a server; a context, at whose end every flight is stopped and recorded."""
+
+    def __init__(
+        self,
+        store: Store,
+        scenes: "Scenes | None" = None,
+        max_flights: int = 20,
+        clock: Clock | None = None,
+    ) -> None:
+        self.store, self.max_flights = store, max_flights
+        self._scenes, self._clock = scenes, clock or MonotonicClock()
+        self._flights: dict[str, Flight] = {}
+        self._starting = 0
+        self._closing = False
+        self._stopping: set[asyncio.Task[None]] = set()
+
+    async def __aenter__(self) -> Self:
+        return self
+
+    async def __aexit__(self, *error: object) -> None:
+        await self.close()
+
+    async def close(self) -> None:
+        """Stop every flight; none starts any more."""
+        self._closing = True
+        await asyncio.gather(*(self.stop(flight, "ended", STOPPING) for flight in [*self._flights]))
+        await asyncio.gather(*self._stopping)
+
+    def under_way(self) -> list[Flight]:
+        """Flights under way, newest last."""
+        return list(self._flights.values())
+
+    def get(self, flight_id: str) -> Flight | None:
+        """Return a flight under way."""
+        return self._flights.get(flight_id)
+
+    def flying(self, flight_id: str) -> Flight:
+        """Return a flight under way; NotFound."""
+        flight = self.get(flight_id)
+        if flight is None:
+            raise NotFound(f"no flight {flight_id!r} is under way: it ended, or never was")
+        return flight
+
+    async def start(self, order: FlightOrder) -> Flight:
+        """Start a flight.
+
+        TooManyFlights; SourceError and RecipeError for the source; ValueError for an epsilon that
+        the monitor cannot serve; NotFound.
+        """
+        self._take_place()
+        try:
+            monitor = await asyncio.to_thread(self.store.monitor, order.monitor_id)
+            epsilon = monitor.check_epsilon(order.epsilon)
+            track = await asyncio.to_thread(open_source, order.source, self.store, monitor)
+            source = order.source.model_dump(exclude_none=True)
+            name = order.name or _name(order.source)
+            plan = await self._plan(name, source, order.monitor_id, epsilon)
+            return await self._start(plan, track)
+        finally:
+            self._starting -= 1
+
+    async def start_live(
+        self,
+        source: LiveSource,
+        description: dict[str, Any],
+        monitor_id: str,
+        epsilon: float | None = None,
+        name: str = "live",
+    ) -> Flight:
+        """Start the flight of a live source; errors as of `start`."""
+        self._take_place()
+        try:
+            monitor = await asyncio.to_thread(self.store.monitor, monitor_id)
+            epsilon = monitor.check_epsilon(epsilon)
+            plan = await self._plan(name, description, monitor_id, epsilon)
+            return await self._start(plan, source)
+        finally:
+            self._starting -= 1
+
+    async def stop(
+        self, flight_id: str, status: str = "ended", reason: str = "the flight was ended"
+    ) -> None:
+        """Stop a flight and complete its record; nothing for one that is not under way."""
+        flight = self._flights.pop(flight_id, None)
+        if flight is None:
+            return
+        await flight.stop(reason)
+        if self._scenes is not None:
+            await asyncio.to_thread(self._scenes.close, flight_id)
+        try:
+            await asyncio.to_thread(self.store.end_flight, flight_id, status)
+        except Exception:
+            LOG.exception("flight %s ended, but the store could not note it", flight_id)
+
+    async def alarms(self, flight_id: str) -> list[Alarm]:
+        """All alarms of a flight, under way or ended, in the order raised; NotFound."""
+        flight = self.get(flight_id)
+        at_hand = flight.alarms.at_hand if flight else []
+        stored = await asyncio.to_thread(self.store.alarms, flight_id)
+        alarms = {
+            one.number: Alarm(
+                id=str(one.number),
+                number=one.number,
+                seq=one.seq,
+                t=one.t,
+                p_value=one.p_value,
+                raised=one.raised,
+                acknowledged=one.acknowledged,
+                by=one.by,
+            )
+            for one in stored
+        } | {alarm.number: alarm for alarm in at_hand}
+        return [alarms[number] for number in sorted(alarms)]
+
+    async def acknowledge(self, flight_id: str, alarm_id: str, by: str) -> Alarm:
+        """Acknowledge an alarm of a flight, under way or ended; the first one stays. NotFound."""
+        flight = self.get(flight_id)
+        if flight is not None:
+            try:
+                alarm = flight.acknowledge(alarm_id, by)
+            except KeyError:
+                pass
+            else:
+                await flight.recorder.flush()
+                return alarm
+        for stored in await asyncio.to_thread(self.store.alarms, flight_id):
+            if str(stored.number) == alarm_id:
+                await asyncio.to_thread(self.store.acknowledge_alarm, stored.id, by)
+        for alarm in await self.alarms(flight_id):
+            if alarm.id == alarm_id:
+                return alarm
+        raise NotFound(f"flight {flight_id} has no alarm {alarm_id}")
+
+    async def frames(self, flight_id: str, first: int, last: int) -> list[dict[str, Any]]:
+        """Frames first..last of what was flown, as streamed; NotFound."""
+        flight = self.get(flight_id)
+        waiting = flight.recorder.waiting(first, last) if flight else []
+        stored = await asyncio.to_thread(self._stored_frames, flight_id, first, last)
+        head = stored[-1]["seq"] if stored else -1
+        return stored + [plain_frame(seq, y, said, None) for seq, y, said in waiting if seq > head]
+
+    # --- starting -----------------------------------------------------------------------------
+
+    def _take_place(self) -> None:
+        if self._closing:
+            raise TooManyFlights(f"{STOPPING}: start the flight when it is up again")
+        if len(self._flights) + self._starting >= self.max_flights:
+            raise TooManyFlights(
+                f"{self.max_flights} flights are under way, as many as may be: end one of them "
+                f"({', '.join(self._flights)})"
+            )
+        self._starting += 1
+
+    async def _plan(
+        self, name: str, source: dict[str, Any], monitor_id: str, epsilon: float
+    ) -> FlightPlan:
+        monitor = await asyncio.to_thread(self.store.monitor, monitor_id)
+        info = await asyncio.to_thread(self.store.monitor_info, monitor_id)
+        stored = {**source, "name": name}
+        flight_id = await asyncio.to_thread(self.store.add_flight, stored, monitor_id, epsilon)
+        return FlightPlan(flight_id, name, source, monitor, monitor_id, info.name, epsilon)
+
+    async def _start(self, plan: FlightPlan, source: Track | LiveSource) -> Flight:
+        try:
+            scene = await asyncio.to_thread(self._open_scene, plan)
+            recorder = Recorder(self.store, plan.id, self._clock)
+            about = (recorder, self._clock, self._when_over(plan.id), scene)
+            if isinstance(source, Track):
+                flight = await asyncio.to_thread(TrackFlight, plan, source, *about)
+            else:
+                flight = LiveFlight(plan, source, *about)
+            self._flights[plan.id] = flight
+            flight.start()
+        except BaseException:
+            self._flights.pop(plan.id, None)
+            await asyncio.to_thread(self.store.end_flight, plan.id, "failed")
+            raise
+        if self._closing:
+            await self.stop(plan.id, "ended", STOPPING)
+        return flight
+
+    def _when_over(self, flight_id: str) -> Callable[[str, str], None]:
+        def stop(status: str, reason: str) -> None:
+            task = asyncio.get_running_loop().create_task(self.stop(flight_id, status, reason))
+            self._stopping.add(task)
+            task.add_done_callback(self._stopping.discard)
+
+        return stop
+
+    def _open_scene(self, plan: FlightPlan) -> "Scene | None":
+        """Scene of a flight; it flies without one where there can be none."""
+        if self._scenes is None:
+            return None
+        recipe = plan.monitor.dataset_recipe
+        aircraft = aircraft_of(recipe)
+        signs = surface_signs(aircraft.uncertain_plant()) if aircraft else SurfaceSigns(1, -1)
+        try:
+            return self._scenes.open(plan.id, signs, trim_angles(recipe)[0])
+        except (RuntimeError, OSError):
+            LOG.exception("flight %s flies without a scene", plan.id)
+            return None
+
+    def _stored_frames(self, flight_id: str, first: int, last: int) -> list[dict[str, Any]]:
+        stored = self.store.assessments(flight_id, first, last)
+        frames = []
+        for i, code in enumerate(stored.state.tolist()):
+            ok = STATES[code] is State.OK
+            y_hat = stored.y_hat[i] if ok and np.isfinite(stored.y_hat[i]).all() else None
+            said = Assessment(
+                float(stored.t[i]),
+                float(stored.p_value[i]) if ok else None,
+                bool(stored.alert[i]) if ok else None,
+                STATES[code],
+                REASONS[code],
+                y_hat,
+            )
+            frames.append(plain_frame(int(stored.seq[i]), stored.y[i], said, None))
+        return frames
+
+
+def flight_name(info: FlightInfo) -> str:
+    """What people call a stored flight."""
+    return str(info.source.get("name", info.source.get("kind", "flight")))
+
+
+def _name(source: Simulated | Replay) -> str:
+    if isinstance(source, Replay):
+        return f"{source.outcome} rollout {source.rollout}"
+    return f"simulated, seed {source.seed}"

@@ -1,0 +1,89 @@
+"""The flight of a live source: assessed sample by sample, stale as soon as the source is late."""
+
+import asyncio
+from typing import Any
+
+from app.flight import LEVEL, Flight, FlightPlan
+from app.messages import TransportState
+from app.sources import LiveSource
+from app.transport import NotPossible
+from core.monitor import State
+
+STALE_INTERVALS, STALE_S = 3.0, 0.25
+"""A live source is stale when nothing came for so many intervals, and so long [s]."""
+
+
+class LiveFlight(Flight):
+    """A flight that only plays, at the pace of its source, and is over when that ends."""
+
+    def __init__(self, plan: FlightPlan, source: LiveSource, *about: Any, **more: Any) -> None:
+        super().__init__(plan, *about, **more)
+        self.dt, self.theta = source.dt, source.theta
+        self._source = source
+        self._patience = max(STALE_INTERVALS * source.dt, STALE_S)
+        self._came = 0.0
+        self._task: asyncio.Task[None] | None = None
+
+    @property
+    def transport(self) -> TransportState:
+        """Where it is: at its newest sample."""
+        return TransportState(
+            playing=not self.is_over,
+            speed=1.0,
+            loop=False,
+            position=self.t,
+            duration=None,
+            sample=self.head,
+            n_samples=None,
+            slipped=0.0,
+            seekable=False,
+        )
+
+    def start(self) -> None:
+        """Begin to take samples."""
+        self._beat()
+        self._came = self.clock.now()
+        self._watch_out()
+        self._task = asyncio.get_running_loop().create_task(self._fly_source())
+
+    def act(self, action: str, value: float | bool | None = None) -> None:
+        """Refuse: nobody steers a live source."""
+        raise NotPossible(
+            f"{action} was asked: a live flight cannot be steered, it plays as its samples come"
+        )
+
+    def source_frames(self, first: int, last: int) -> list[dict[str, Any]]:
+        """Refuse: nobody knows a live source."""
+        raise NotPossible("a live source has no samples but those that came: see assessments")
+
+    async def stop(self, reason: str) -> None:
+        """End the flight: the source is left, watchers are told, the record is completed."""
+        self._halt(reason)
+        if self._task is not None:
+            self._task.cancel()
+            await asyncio.gather(self._task, return_exceptions=True)
+        await super().stop(reason)
+
+    async def _fly_source(self) -> None:
+        stream = self.plan.monitor.stream(self.plan.epsilon)
+        try:
+            async for t, y, attitude in self._source:
+                self._came = self.clock.now()
+                said = stream.update(t, y)
+                self._fly(y, said, self._came, self.head + 1, attitude or LEVEL)
+                self._show()
+        except Exception:
+            self._fail()
+        else:
+            self._end("ended", "the source ended")
+
+    def _watch_out(self) -> None:
+        """Say `stale` as soon as the source is late; look again when it could be."""
+        now = self.clock.now()
+        when = self._came + self._patience
+        if when <= now:
+            when = now + self._patience
+            if self.state is not State.STALE:
+                self._set_state(State.STALE, f"no sample came for {self._patience:g} s")
+                self._show()
+        self._call_at("watch out", when, self._watch_out)

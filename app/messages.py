@@ -1,0 +1,246 @@
+"""What goes over a flight's WebSocket: JSON objects told apart by `type`.
+
+Down: hello, frames, state, alarm, transport, reset, heartbeat, end. Up: credit, resume.
+Times `t` are the flight's own [s]; `seq` numbers the samples flown, one up a sample, whatever the
+transport does; `sent` and the heartbeat's `server_time` are the server's.
+"""
+
+from typing import Annotated, Any, Literal
+
+import orjson
+from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
+
+from core.channels import CHANNELS
+from core.monitor import Assessment
+from core.monitor.assessment import State
+from core.specification import Limits
+
+Outputs = Annotated[list[float | None], Field(min_length=6, max_length=6)]
+
+
+class Message(BaseModel):
+    """A message or part of one; what it does not know is an error."""
+
+    model_config = ConfigDict(extra="forbid")
+
+    def encode(self) -> str:
+        """Return it as JSON text."""
+        return self.model_dump_json()
+
+
+class ChannelLimit(Message):
+    """One channel as it is named, drawn and limited."""
+
+    key: str
+    symbol: str
+    unit: str
+    label: str
+    limit: float | None = Field(description="unsafe from this magnitude on, in `unit`")
+
+
+class Alarm(Message):
+    """A latched alert: it stays until someone acknowledges it."""
+
+    id: str = Field(description="of this flight's alarms; path of its acknowledgement")
+    number: int = Field(description="1, 2, 3 ... in the order raised")
+    seq: int = Field(description="sample that raised it")
+    t: float = Field(description="[s]")
+    p_value: float | None
+    raised: str = Field(description="UTC, ISO 8601")
+    acknowledged: str | None = Field(default=None, description="UTC, ISO 8601")
+    by: str | None = None
+
+
+class TransportState(Message):
+    """Where a flight is in its source; `sample` and `n_samples` count the source's samples."""
+
+    playing: bool
+    speed: float = Field(description="times the source's own rate")
+    loop: bool
+    position: float = Field(description="[s]")
+    duration: float | None = Field(description="[s]; null for a live source")
+    sample: int
+    n_samples: int | None
+    slipped: float = Field(description="[s] by which the flight could not keep its clock, in all")
+    seekable: bool = Field(description="false for a live source: it only plays")
+
+
+class Frame(Message):
+    """One sample and what the monitor says of it; SI units, N_y in g, channels in order.
+
+    Null where a value is unknown; p_value, alert and y_hat are null unless state is `ok`.
+    `sent`: monotonic milliseconds of the server when the sample was due, null in a record.
+    """
+
+    seq: int
+    t: float | None
+    y: Outputs
+    p_value: float | None
+    alert: bool | None
+    state: State
+    reason: str
+    y_hat: Outputs | None
+    sent: float | None
+
+
+class Hello(Message):
+    """First message: everything a display needs to draw this flight."""
+
+    type: Literal["hello"] = "hello"
+    flight: str
+    name: str
+    server_time: str
+    channels: list[ChannelLimit]
+    epsilon: float
+    n_unsafe: int
+    lead: float = Field(description="[s] ahead that y_hat forecasts and alerts warn")
+    dt: float
+    monitor: dict[str, str]
+    source: dict[str, Any]
+    theta: dict[str, float] | None
+    fail_t: float | None = Field(description="[s] where the source is known to break a limit")
+    duration: float | None
+    transport: TransportState
+    state: State
+    reason: str
+    head: int = Field(description="newest seq; -1 before the first sample")
+    alarms: list[Alarm] = Field(description="all that are open, and the last acknowledged ones")
+    credit: int = Field(
+        description="messages of frames that may come before the client grants more"
+    )
+
+
+class Frames(Message):
+    """Newest samples, in order; costs one credit.
+
+    `conflated` samples before them were left out for this watcher since the last message.
+    """
+
+    type: Literal["frames"] = "frames"
+    seq: int = Field(description="of the last frame")
+    conflated: int
+    frames: list[Frame]
+
+
+class StateChange(Message):
+    """The monitor's state changed, or the source is late (`stale`)."""
+
+    type: Literal["state"] = "state"
+    state: State
+    reason: str
+
+
+class AlarmRaised(Message):
+    """An alarm was raised or acknowledged; never left out."""
+
+    type: Literal["alarm"] = "alarm"
+    alarm: Alarm
+
+
+class TransportChange(Message):
+    """An action, or the end of the source, changed the transport."""
+
+    type: Literal["transport"] = "transport"
+    transport: TransportState
+
+
+class Reset(Message):
+    """The next frame, `seq`, does not follow the one before it: clear the strips."""
+
+    type: Literal["reset"] = "reset"
+    seq: int
+    t: float = Field(description="[s] of the next frame")
+
+
+class Heartbeat(Message):
+    """Each second: the server lives.
+
+    lost: samples of the flight that could not be recorded.
+    conflated: samples left out for this watcher so far, waiting ones included.
+    """
+
+    type: Literal["heartbeat"] = "heartbeat"
+    server_time: str
+    sent: float = Field(description="monotonic milliseconds of the server")
+    lost: int
+    conflated: int
+
+
+class End(Message):
+    """Last message; the connection closes."""
+
+    type: Literal["end"] = "end"
+    reason: str
+
+
+class Credit(Message):
+    """The client took n messages of frames and may be sent as many more."""
+
+    type: Literal["credit"]
+    n: int = Field(ge=1, le=1_000)
+
+
+class Resume(Message):
+    """The client has seen everything up to seq: send what followed, or reset and what there is.
+
+    -1 asks for all that is kept, about the last minute.
+    """
+
+    type: Literal["resume"]
+    seq: int = Field(ge=-1)
+
+
+class MessageError(ValueError):
+    """What a client sent is no message."""
+
+
+_CLIENT: TypeAdapter[Credit | Resume] = TypeAdapter(
+    Annotated[Credit | Resume, Field(discriminator="type")]
+)
+
+
+def decode(text: str) -> Credit | Resume:
+    """Read a client's message; MessageError where it is none."""
+    try:
+        return _CLIENT.validate_python(orjson.loads(text))
+    except (orjson.JSONDecodeError, ValidationError) as error:
+        raise MessageError("send credit with n, or resume with seq, as JSON") from error
+
+
+def plain_frame(seq: int, y: Any, said: Assessment, sent: float | None) -> dict[str, Any]:
+    """Return a Frame as plain data; unchecked, since this is done for every sample."""
+    return {
+        "seq": seq,
+        "t": said.t,
+        "y": y,
+        "p_value": said.p_value,
+        "alert": said.alert,
+        "state": said.state.value,
+        "reason": said.reason,
+        "y_hat": said.y_hat,
+        "sent": sent,
+    }
+
+
+def encode_frame(frame: dict[str, Any]) -> str:
+    """Return a frame as JSON text, once for all who see it; what is not finite becomes null."""
+    return orjson.dumps(frame, option=orjson.OPT_SERIALIZE_NUMPY).decode()
+
+
+def encode_frames(seq: int, frames: list[str], conflated: int) -> str:
+    """Return Frames of frames that are encoded already."""
+    return f'{{"type":"frames","seq":{seq},"conflated":{conflated},"frames":[{",".join(frames)}]}}'
+
+
+def limited_channels(limits: Limits) -> list[ChannelLimit]:
+    """The telemetry dictionary with the specification's limits."""
+    return [
+        ChannelLimit(
+            key=channel.key,
+            symbol=channel.symbol,
+            unit=channel.unit,
+            label=channel.label,
+            limit=getattr(limits, channel.key),
+        )
+        for channel in CHANNELS
+    ]

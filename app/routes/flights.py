@@ -1,0 +1,325 @@
+"""Flights: one run of a source through a monitor, steered over REST, watched over a WebSocket."""
+
+import asyncio
+from collections.abc import Awaitable, Callable
+from typing import Annotated, Any, Literal
+
+import anyio
+from fastapi import APIRouter, Depends, Query, Request, Response, WebSocket
+from pydantic import BaseModel, ConfigDict, Field, StrictBool
+from starlette.status import (
+    WS_1000_NORMAL_CLOSURE,
+    WS_1008_POLICY_VIOLATION,
+    WS_1013_TRY_AGAIN_LATER,
+)
+from starlette.websockets import WebSocketDisconnect
+
+from app.entries import FlightInfo
+from app.flight import Flight
+from app.flights import FlightOrder, Flights, TooManyFlights, flight_name
+from app.messages import Alarm, Credit, End, Frame, MessageError, TransportState, decode
+from app.problems import Problem, problem_responses
+from app.recipes import RecipeError
+from app.routes.dependencies import json_from
+from app.sources import SourceRequest
+from app.transport import NotPossible, TransportError
+from app.watcher import Watcher
+from core.monitor import State
+
+router = APIRouter(prefix="/api/v1/flights", tags=["flights"])
+MOST_FRAMES = 10_000
+NO_SUCH_FLIGHT = 4404
+"""Close code of a WebSocket to a flight that is not under way."""
+
+
+def _flights(request: Request) -> Flights:
+    return request.app.state.flights
+
+
+FlightsDep = Annotated[Flights, Depends(_flights)]
+First = Annotated[int, Query(ge=0, le=2**53, description="sample number of the first frame")]
+Last = Annotated[
+    int | None,
+    Query(ge=0, le=2**53, description=f"of the last one; at most {MOST_FRAMES} frames come"),
+]
+
+
+class FlightRequest(BaseModel):
+    """A flight to start."""
+
+    model_config = ConfigDict(
+        extra="forbid",
+        json_schema_extra={
+            "examples": [
+                {
+                    "source": {"kind": "simulated", "seed": 1, "outcome": "unsafe"},
+                    "monitor": "0123456789ab",
+                    "epsilon": 0.1,
+                }
+            ]
+        },
+    )
+
+    source: SourceRequest
+    monitor: str = Field(description="id")
+    epsilon: float | None = Field(
+        default=None, gt=0, lt=1, description="accepted miss rate; the monitor's own if absent"
+    )
+    name: str | None = Field(default=None, min_length=1, max_length=200)
+
+
+class FlightStatus(BaseModel):
+    """A flight, under way or ended; what only a flight under way has is null afterwards."""
+
+    id: str
+    name: str
+    status: str = Field(description="`running`, `ended`, `failed` or `interrupted`")
+    source: dict[str, Any]
+    monitor: str = Field(description="id")
+    epsilon: float
+    created: str = Field(description="UTC, ISO 8601")
+    ended: str | None = Field(description="UTC, ISO 8601")
+    head: int = Field(description="newest sample number; -1 before the first sample")
+    theta: dict[str, float] | None = Field(
+        default=None, description="parameters of a simulated aircraft"
+    )
+    fail_t: float | None = Field(
+        default=None, description="[s] where the source breaks a limit, if known"
+    )
+    state: State | None = None
+    transport: TransportState | None = None
+    watchers: int | None = None
+    open_alarms: int | None = None
+
+
+class TransportRequest(BaseModel):
+    """An action: seek to [s], step by samples (backwards if negative), speed 0.1 to 10, loop."""
+
+    model_config = ConfigDict(
+        extra="forbid", json_schema_extra={"examples": [{"action": "seek", "value": 2.5}]}
+    )
+
+    action: Literal["play", "pause", "seek", "step", "speed", "loop", "next_alert"]
+    value: StrictBool | Annotated[float, Field(allow_inf_nan=False)] | None = Field(
+        default=None,
+        description="of seek [s], step [samples, 1 if absent], speed [factor], loop [bool]",
+    )
+
+
+class FramesPart(BaseModel):
+    """Frames in order; `next` is the number to ask for when there may be more, else null."""
+
+    first: int
+    next: int | None
+    frames: list[Frame]
+
+
+class Acknowledgement(BaseModel):
+    """Who has seen an alarm."""
+
+    model_config = ConfigDict(extra="forbid")
+
+    by: str = Field(default="operator", min_length=1, max_length=200)
+
+
+@router.post("", status_code=201, responses=problem_responses(404, 422, 429))
+async def start_flight(
+    order: FlightRequest, flights: FlightsDep, response: Response
+) -> FlightStatus:
+    """Start a flight; it plays at once, at its source's own rate."""
+    try:
+        flight = await flights.start(
+            FlightOrder(order.source, order.monitor, order.epsilon, order.name)
+        )
+    except TooManyFlights as error:
+        raise Problem(429, str(error), "urn:forewarn:too-many-flights") from error
+    except RecipeError:
+        raise
+    except ValueError as error:
+        raise Problem(422, str(error), "urn:forewarn:source") from error
+    response.headers["Location"] = f"{router.prefix}/{flight.id}"
+    return await read_flight(flight.id, flights)
+
+
+@router.get("")
+async def list_flights(flights: FlightsDep) -> list[FlightStatus]:
+    """All flights, newest first, under way or ended."""
+    stored = await asyncio.to_thread(flights.store.flights)
+    return [_status(info, flights.get(info.id)) for info in stored]
+
+
+@router.get("/{flight_id}", responses=problem_responses(404, 422))
+async def read_flight(flight_id: str, flights: FlightsDep) -> FlightStatus:
+    """One flight."""
+    info = await asyncio.to_thread(flights.store.flight, flight_id)
+    return _status(info, flights.get(flight_id))
+
+
+@router.delete("/{flight_id}", status_code=204, responses=problem_responses(404, 422))
+async def end_flight(flight_id: str, flights: FlightsDep) -> None:
+    """End a flight under way, and keep its record; delete the record of one that has ended."""
+    if flights.get(flight_id) is not None:
+        await flights.stop(flight_id)
+    else:
+        await asyncio.to_thread(flights.store.delete_flight, flight_id)
+
+
+@router.post("/{flight_id}/transport", responses=problem_responses(404, 409, 422))
+async def steer(flight_id: str, order: TransportRequest, flights: FlightsDep) -> TransportState:
+    """Steer a flight: play, pause, seek, step, speed, loop, next_alert. Returns where it is."""
+    flight = flights.flying(flight_id)
+    try:
+        flight.act(order.action, order.value)
+    except NotPossible as error:
+        raise Problem(409, str(error), "urn:forewarn:transport") from error
+    except TransportError as error:
+        raise Problem(422, str(error), "urn:forewarn:transport") from error
+    return flight.transport
+
+
+@router.get(
+    "/{flight_id}/assessments", response_model=FramesPart, responses=problem_responses(404, 422)
+)
+async def read_assessments(
+    flight_id: str, flights: FlightsDep, first: First = 0, last: Last = None
+) -> Response:
+    """What was flown and said, as `frames` of the stream; of a flight under way up to now.
+
+    `next` is the first number to ask for when there may be more, else null.
+    """
+    stop = _last(first, last)
+    return await _frames_response(await flights.frames(flight_id, first, stop), first, stop, last)
+
+
+@router.get(
+    "/{flight_id}/source", response_model=FramesPart, responses=problem_responses(404, 409, 422)
+)
+async def read_source(
+    flight_id: str, flights: FlightsDep, first: First = 0, last: Last = None
+) -> Response:
+    """Samples of the source itself, flown yet or not: the strips before a point that was sought.
+
+    As `assessments`, but `seq` is the number in the source. 409 for a live source.
+    """
+    flight, stop = flights.flying(flight_id), _last(first, last)
+    try:
+        frames = flight.source_frames(first, stop)
+    except NotPossible as error:
+        raise Problem(409, str(error), "urn:forewarn:transport") from error
+    return await _frames_response(frames, first, stop, last)
+
+
+@router.get("/{flight_id}/alarms", responses=problem_responses(404, 422))
+async def list_alarms(flight_id: str, flights: FlightsDep) -> list[Alarm]:
+    """All alarms of a flight, in the order raised."""
+    return await flights.alarms(flight_id)
+
+
+@router.post("/{flight_id}/alarms/{alarm_id}/acknowledge", responses=problem_responses(404, 422))
+async def acknowledge(
+    flight_id: str, alarm_id: str, flights: FlightsDep, who: Acknowledgement | None = None
+) -> Alarm:
+    """Acknowledge an alarm; of several acknowledgements the first one stays."""
+    return await flights.acknowledge(flight_id, alarm_id, (who or Acknowledgement()).by)
+
+
+@router.websocket("/{flight_id}/stream")
+async def stream(websocket: WebSocket, flight_id: str) -> None:
+    """Watch a flight: messages as in app.messages."""
+    flights: Flights = websocket.app.state.flights
+    await websocket.accept()
+    flight = flights.get(flight_id)
+    if flight is None:
+        await _close(websocket, NO_SUCH_FLIGHT, f"no flight {flight_id} is under way")
+        return
+    watcher = flight.watch()
+    try:
+        await _watch(websocket, watcher)
+    finally:
+        flight.leave(watcher)
+
+
+async def _watch(websocket: WebSocket, watcher: Watcher) -> None:
+    """Send and receive until either side ends; a handler must read to see pings and the end."""
+    async with anyio.create_task_group() as both:
+
+        async def until_end(pump: Callable[[WebSocket, Watcher], Awaitable[None]]) -> None:
+            await pump(websocket, watcher)
+            both.cancel_scope.cancel()
+
+        both.start_soon(until_end, _receive)
+        both.start_soon(until_end, _send)
+
+
+async def _send(websocket: WebSocket, watcher: Watcher) -> None:
+    try:
+        while (text := await watcher.next_message()) is not None:
+            await websocket.send({"type": "websocket.send", "text": text})
+        code = WS_1013_TRY_AGAIN_LATER if watcher.overrun else WS_1000_NORMAL_CLOSURE
+        await websocket.close(code, "too slow for its alarms" if watcher.overrun else "")
+    except (WebSocketDisconnect, RuntimeError):
+        pass
+
+
+async def _receive(websocket: WebSocket, watcher: Watcher) -> None:
+    try:
+        while True:
+            message = decode(await websocket.receive_text())
+            if isinstance(message, Credit):
+                watcher.grant(message.n)
+            else:
+                watcher.resume(message.seq)
+    except WebSocketDisconnect:
+        pass
+    except (MessageError, KeyError):
+        await _close(websocket, WS_1008_POLICY_VIOLATION, "what was sent is no credit or resume")
+
+
+async def _close(websocket: WebSocket, code: int, reason: str) -> None:
+    try:
+        await websocket.send({"type": "websocket.send", "text": End(reason=reason).encode()})
+        await websocket.close(code, reason)
+    except (WebSocketDisconnect, RuntimeError):
+        pass
+
+
+def _last(first: int, last: int | None) -> int:
+    most = first + MOST_FRAMES - 1
+    return most if last is None else min(last, most)
+
+
+async def _frames_response(
+    frames: list[dict[str, Any]], first: int, stop: int, last: int | None
+) -> Response:
+    """Frames with the number to go on from, encoded in a thread."""
+    more = bool(frames) and frames[-1]["seq"] == stop and stop != last
+    content = {"first": first, "next": stop + 1 if more else None, "frames": frames}
+    return await json_from(lambda: content)
+
+
+def _status(info: FlightInfo, flight: Flight | None) -> FlightStatus:
+    source = {key: value for key, value in info.source.items() if key != "name"}
+    status = FlightStatus(
+        id=info.id,
+        name=flight_name(info),
+        status=info.status,
+        source=source,
+        monitor=info.monitor_id,
+        epsilon=info.epsilon,
+        created=info.created,
+        ended=info.ended,
+        head=-1 if info.head is None else info.head,
+    )
+    if flight is None:
+        return status
+    return status.model_copy(
+        update={
+            "head": flight.head,
+            "theta": flight.theta,
+            "fail_t": flight.fail_t,
+            "state": flight.state,
+            "transport": flight.transport,
+            "watchers": flight.n_watchers,
+            "open_alarms": flight.alarms.n_open,
+        }
+    )

@@ -1,0 +1,175 @@
+"""Transport: which sample of a source is due when. Arithmetic only, the clock's time is passed in.
+
+Sample k is due at anchor + (t_k - t_anchor) / speed, always from the same anchor, so that a flight
+does not drift, however late single calls come. Late samples are caught up one after the other, none
+left out; a flight that is later than CATCH_UP_S goes on from where it is, and says how far the
+clock has run away from it (`slipped`).
+"""
+
+from collections.abc import Iterator
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+Array = npt.NDArray[np.float64]
+SLOWEST, FASTEST = 0.1, 10.0
+CATCH_UP_S = 1.0
+"""[s] A flight later than this, after a suspended machine for example, does not rush."""
+BURST = 512
+"""Samples handed out in one call; the rest follows in the next one."""
+
+
+class TransportError(ValueError):
+    """An action that no flight can do; the sentence says what they can."""
+
+
+class NotPossible(TransportError):
+    """A good action that this flight cannot do now."""
+
+
+class Due(NamedTuple):
+    """A sample to be flown now.
+
+    sample: its number in the source.   due: when it was due [s], by the clock.
+    restarts: whether it does not follow the sample before it (seek, loop).
+    """
+
+    sample: int
+    due: float
+    restarts: bool
+
+
+class Transport:
+    """Play, pause, step, seek, speed and loop over the samples of a source, from its start."""
+
+    def __init__(self, t: Array, dt: float, *, speed: float = 1.0, loop: bool = False) -> None:
+        self._t, self._dt = t, dt
+        self._next = 0
+        self._restarts = False
+        self._asked: list[int] = []
+        self._anchor: tuple[float, float] | None = None
+        self.index = -1
+        self.playing = False
+        self.loop = loop
+        self.slipped = 0.0
+        self.speed = _checked_speed(speed)
+
+    @property
+    def position(self) -> float:
+        """Time in the source of the last sample flown [s]."""
+        return float(self._t[max(self.index, 0)])
+
+    @property
+    def at_end(self) -> bool:
+        """Whether no sample follows the last one flown."""
+        return self._next >= len(self._t)
+
+    def play(self, now: float) -> None:
+        """Go on from here; from the start where the end was reached."""
+        if self.playing:
+            return
+        if self.at_end:
+            self._go_to(0)
+        self.playing = True
+        self._take_anchor(now)
+
+    def pause(self) -> None:
+        """Hold after the last sample flown."""
+        self.playing, self._anchor = False, None
+
+    def set_speed(self, speed: float, now: float) -> None:
+        """Fly at `speed` times the source's rate, from here on; the next sample keeps its turn."""
+        speed = _checked_speed(speed)
+        if self._anchor is not None:
+            due = self._due(self._next)
+            wait = max(due - now, 0.0) * self.speed / speed
+            self._anchor = (now + wait, self._time(self._next))
+        self.speed = speed
+
+    def seek(self, t: float, now: float) -> None:
+        """Fly the first sample at or after t [s] at once, and go on from there if playing."""
+        if not np.isfinite(t):
+            raise TransportError(f"seek to {t} s was asked: give a time in seconds")
+        last = len(self._t) - 1
+        self.jump(min(int(np.searchsorted(self._t, t - 1e-9)), last), now)
+
+    def jump(self, index: int, now: float) -> None:
+        """Fly this sample at once, and go on from there if playing."""
+        self._go_to(index)
+        self._asked = [index]
+        self._next = index + 1
+        if self.playing:
+            self._anchor = (now, self._time(index))
+
+    def step(self, n: int, now: float) -> None:
+        """Pause, then fly the next n samples at once; backwards, the one n before this."""
+        if not 1 <= abs(n) <= BURST:
+            raise TransportError(f"a step of {n} was asked: give 1 to {BURST} samples, or negative")
+        self.pause()
+        if n < 0:
+            self.jump(max(self.index + n, 0), now)
+        else:
+            stop = min(self._next + n, len(self._t))
+            self._asked += range(self._next, stop)
+            self._next = stop
+
+    def next_due(self, now: float) -> float | None:
+        """When to call `take` again [s]; None until an action."""
+        if self._asked:
+            return now
+        if not self.playing:
+            return None
+        return self._due(self._next)
+
+    def take(self, now: float) -> Iterator[Due]:
+        """Yield the samples due by now. At the end of the source: loop, or pause."""
+        for index in self._asked:
+            yield self._hand_out(index, now)
+        self._asked = []
+        if self.playing and now - self._due(self._next) > CATCH_UP_S:
+            self.slipped += now - self._due(self._next)
+            self._anchor = (now, self._time(self._next))
+        for _ in range(BURST):
+            if not self.playing or (due := self._due(self._next)) > now:
+                return
+            if self._next == len(self._t):
+                if not self.loop:
+                    self.pause()
+                    return
+                self._go_to(0)
+                self._anchor = (due, self._time(0))
+            self._next += 1
+            yield self._hand_out(self._next - 1, due)
+
+    def _hand_out(self, index: int, due: float) -> Due:
+        restarts, self._restarts, self.index = self._restarts, False, index
+        return Due(index, due, restarts)
+
+    def _go_to(self, index: int) -> None:
+        self._next = index
+        self._restarts = self._restarts or self.index >= 0
+        self._asked = []
+
+    def _take_anchor(self, now: float) -> None:
+        wait = self._dt / self.speed if self.index >= 0 and not self._restarts else 0.0
+        self._anchor = (now + wait, self._time(self._next))
+
+    def _due(self, index: int) -> float:
+        assert self._anchor is not None
+        now, t = self._anchor
+        return now + (self._time(index) - t) / self.speed
+
+    def _time(self, index: int) -> float:
+        """Time of a sample; the source's end lies one interval after its last sample."""
+        if index < len(self._t):
+            return float(self._t[index])
+        return float(self._t[-1]) + self._dt
+
+
+def _checked_speed(speed: float) -> float:
+    if not SLOWEST <= speed <= FASTEST:
+        raise TransportError(
+            f"speed {speed} was asked: it lies between {SLOWEST:g} and {FASTEST:g}"
+        )
+    return float(speed)

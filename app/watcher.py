@@ -1,0 +1,174 @@
+"""One watcher of a flight, and the newest frames that all of them share.
+
+A frame is encoded once, when it is flown. A watcher holds no frames, only the number of the next
+one: a slow or frozen one costs a few hundred bytes and nobody any time. It is sent frames while it
+has credit, which it gives back as it draws; what it could not take meanwhile is left out but for
+the newest, and counted. Alarms, changes of state and of transport need no credit and are never left
+out: a watcher that does not take them is closed, and finds them again when it reconnects.
+"""
+
+import asyncio
+from collections import deque
+from collections.abc import Callable
+
+from app.messages import Reset, encode_frames
+
+CREDIT = 16
+NEWEST = 16
+"""Frames that a watcher is sent of all that came while it had no credit."""
+LARGEST = 250
+"""Frames a message, after a burst or for a watcher that resumes."""
+KEPT = 3_600
+"""Frames kept for those who reconnect: over a minute at 50 Hz."""
+FEW_WAITING = 4
+"""A watcher that takes nothing is kept no frames of before a reset beyond this."""
+MAX_WAITING = 256
+"""Messages other than frames that may wait for one watcher."""
+
+
+class RecentFrames:
+    """The newest encoded frames since the last reset, by seq."""
+
+    def __init__(self, kept: int = KEPT) -> None:
+        self._kept = kept
+        self._ring: list[str] = []
+        self._messages: dict[tuple[int, int, int], str] = {}
+        self.first = 0
+        self.head = -1
+        self.first_t = 0.0
+
+    def append(self, frame: str) -> None:
+        """Keep the next frame; the oldest one goes where there is no room."""
+        self.head += 1
+        slot = self.head % self._kept
+        if slot < len(self._ring):
+            self._ring[slot] = frame
+        else:
+            self._ring.append(frame)
+        self.first = max(self.first, self.head + 1 - self._kept)
+        self._messages.clear()
+
+    def restart(self, t: float) -> str:
+        """What comes next, at t [s], does not follow what is kept. Returns the reset to send."""
+        self.first, self.first_t = self.head + 1, t
+        self._messages.clear()
+        return self.reset()
+
+    def reset(self) -> str:
+        """Return the message that says where the kept frames start."""
+        return Reset(seq=self.first, t=self.first_t).encode()
+
+    def message(self, first: int, last: int, conflated: int) -> str:
+        """Return frames first..last as one message, encoded once for all who get the same."""
+        key = first, last, conflated
+        text = self._messages.get(key)
+        if text is None:
+            frames = [self._ring[seq % self._kept] for seq in range(first, last + 1)]
+            text = self._messages[key] = encode_frames(last, frames, conflated)
+        return text
+
+
+class Watcher:
+    """What one connection is to be sent next; the connection pulls it with `messages`."""
+
+    def __init__(self, recent: RecentFrames) -> None:
+        self._recent = recent
+        self._next = recent.head + 1
+        self._conflating = False
+        self._started = False
+        self._waiting: deque[str] = deque()
+        self._heartbeat: Callable[[int], str] | None = None
+        self._conflated = 0
+        self._wake = asyncio.Event()
+        self.credit = CREDIT
+        self.ended = False
+        self.overrun = False
+
+    @property
+    def conflated(self) -> int:
+        """Frames left out so far, those that will be when credit comes included."""
+        behind = self._recent.head + 1 - self._next
+        return self._conflated + (max(behind - NEWEST, 0) if self._conflating else 0)
+
+    def wake(self) -> None:
+        """There are new frames."""
+        self._conflating = self._conflating or not self.credit
+        self._wake.set()
+
+    def grant(self, n: int) -> None:
+        """The client took n messages of frames."""
+        self.credit = min(self.credit + n, CREDIT)
+        self._wake.set()
+
+    def resume(self, seq: int) -> None:
+        """Send what followed seq; where that is not kept, or is too late to ask, reset and all."""
+        recent = self._recent
+        if self._started or not recent.first - 1 <= seq <= recent.head:
+            self.tell(recent.reset())
+            self._next = recent.first
+        else:
+            self._next = seq + 1
+        self._conflating = False
+        self._wake.set()
+
+    def tell(self, text: str) -> None:
+        """Send this before any further frame; close a watcher that takes nothing."""
+        if len(self._waiting) >= MAX_WAITING:
+            self.overrun = self.ended = True
+            self._waiting.clear()
+        if not self.ended:
+            self._waiting.append(text)
+        self._wake.set()
+
+    def beat(self, heartbeat: Callable[[int], str]) -> None:
+        """Send a heartbeat, given the count of frames left out; the newest only."""
+        self._heartbeat = heartbeat
+        self._wake.set()
+
+    def before_reset(self) -> None:
+        """Frames are about to be forgotten: take those that this watcher can still be sent."""
+        head = self._recent.head
+        while self.credit and self._next <= head and len(self._waiting) < FEW_WAITING:
+            self._waiting.append(self._frames())
+        self._conflated += head + 1 - self._next
+        self._next, self._conflating = head + 1, False
+
+    def end(self, text: str) -> None:
+        """Send the frames there is credit for, then this, and no more."""
+        self.before_reset()
+        self.tell(text)
+        self._heartbeat, self.ended = None, True
+        self._wake.set()
+
+    async def next_message(self) -> str | None:
+        """Wait for the next message; None at the end."""
+        while True:
+            text = self._take()
+            if text is not None:
+                return text
+            if self.ended:
+                return None
+            self._wake.clear()
+            await self._wake.wait()
+
+    def _take(self) -> str | None:
+        if self._waiting:
+            return self._waiting.popleft()
+        if self._heartbeat is not None:
+            heartbeat, self._heartbeat = self._heartbeat, None
+            return heartbeat(self.conflated)
+        if self.credit and self._next <= self._recent.head:
+            return self._frames()
+        return None
+
+    def _frames(self) -> str:
+        """Spend a credit on the next frames; of those that came without one, on the newest."""
+        recent = self._recent
+        oldest = max(recent.first, recent.head + 1 - NEWEST if self._conflating else 0)
+        first = max(self._next, oldest)
+        last = min(first + LARGEST - 1, recent.head)
+        left_out = first - self._next
+        self._conflated += left_out
+        self._next, self._conflating, self._started = last + 1, False, True
+        self.credit -= 1
+        return recent.message(first, last, left_out)

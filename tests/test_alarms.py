@@ -1,0 +1,105 @@
+"""Alarms: raised once an onset, latched until acknowledged."""
+
+import pytest
+
+from app.alarms import CLOSED_KEPT, REJOIN_S, Alarms
+from core.monitor import Assessment, State
+
+DT = 0.1
+
+
+class Script:
+    """A flight of alerts (1), none (0) and samples that could not be assessed (-)."""
+
+    def __init__(self) -> None:
+        self.alarms, self.seq = Alarms(), -1
+
+    def fly(self, script: str, index: int | None = None) -> list[int]:
+        """Fly on; return the seq of each alarm raised. index: of the first sample."""
+        raised = []
+        for k, word in enumerate(script):
+            self.seq += 1
+            sample = self.seq if index is None else index + k
+            ok = word != "-"
+            said = Assessment(
+                sample * DT,
+                0.5 if ok else None,
+                word == "1" if ok else None,
+                State.OK if ok else State.INVALID,
+            )
+            alarm = self.alarms.update(self.seq, sample, said, lambda: "now")
+            if alarm is not None:
+                raised.append(alarm.seq)
+        return raised
+
+
+CALM = "0" * (round(REJOIN_S / DT) + 1)
+
+
+def test_an_alarm_is_raised_at_the_onset_and_not_again() -> None:
+    assert Script().fly("001111111110") == [2]
+
+
+def test_an_alert_at_the_first_sample_is_an_onset() -> None:
+    assert Script().fly("11") == [0]
+
+
+def test_the_next_onset_is_an_alarm_of_its_own() -> None:
+    assert Script().fly(f"11{CALM}11") == [0, len(CALM) + 2]
+
+
+def test_a_flickering_alert_is_one_alarm_while_it_is_open() -> None:
+    assert Script().fly("101010010001") == [0]
+
+
+def test_after_acknowledgement_every_onset_rings() -> None:
+    script = Script()
+    assert script.fly("11") == [0]
+    script.alarms.acknowledge("1", "FTE", "now")
+    assert script.fly("11") == []
+    assert script.fly("01") == [5]
+
+
+def test_a_sample_that_cannot_be_assessed_ends_no_alert() -> None:
+    unknown = "-" * len(CALM)
+    assert Script().fly(f"11{unknown}11") == [0]
+
+
+def test_a_loop_does_not_ring_again_for_the_open_alarm_but_does_for_an_acknowledged_one() -> None:
+    script = Script()
+    assert script.fly("0011", index=0) == [2]
+    script.alarms.restart()
+    assert script.fly("0011", index=0) == []
+    script.alarms.acknowledge("1", "FTE", "now")
+    script.alarms.restart()
+    assert script.fly("0011", index=0) == [10]
+
+
+def test_a_restart_begins_a_new_alert() -> None:
+    script = Script()
+    assert script.fly("11", index=0) == [0]
+    script.alarms.restart()
+    assert script.fly("11", index=40) == [2]
+
+
+def test_the_first_acknowledgement_stays() -> None:
+    script = Script()
+    script.fly("1")
+    alarm, is_first = script.alarms.acknowledge("1", "FTE", "then")
+    assert is_first
+    assert (alarm.acknowledged, alarm.by) == ("then", "FTE")
+    assert script.alarms.acknowledge("1", "pilot", "later") == (alarm, False)
+    assert script.alarms.n_open == 0
+    with pytest.raises(KeyError):
+        script.alarms.acknowledge("2", "FTE", "now")
+
+
+def test_open_alarms_are_all_at_hand_and_acknowledged_ones_bounded() -> None:
+    script = Script()
+    for k in range(2 * CLOSED_KEPT):
+        script.fly(f"1{CALM}")
+        if k >= 3:
+            script.alarms.acknowledge(str(k + 1), "FTE", "now")
+    numbers = [alarm.number for alarm in script.alarms.at_hand]
+    assert numbers == [1, 2, 3, *range(CLOSED_KEPT + 1, 2 * CLOSED_KEPT + 1)]
+    assert [alarm.id for alarm in script.alarms.at_hand] == [str(n) for n in numbers]
