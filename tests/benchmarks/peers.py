@@ -3,7 +3,7 @@
 from collections import deque
 
 import numpy as np
-from scipy.spatial import cKDTree
+from scipy.spatial import cKDTree  # pyright: ignore[reportAttributeAccessIssue]
 
 from core.monitor import Monitor
 

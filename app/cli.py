@@ -1,0 +1,122 @@
+"""The command `forewarn`: study, train, score, serve, demo, doctor."""
+
+import argparse
+import json
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from app.options import add_recipe_options, plain_recipe
+from app.progress import progress_bar
+from app.recipes import RecipeError, from_plain, to_plain
+from app.serving_options import add_serving_commands
+from core import __version__
+from core.collection import DatasetRecipe
+from core.compiled import announce_compilation
+from core.monitor import MonitorRecipe
+
+INTERRUPTED = 130
+
+
+@dataclass(frozen=True)
+class TrainingRecipe:
+    """What `train` does: simulate a dataset, train a monitor, fly fresh rollouts through it."""
+
+    dataset: DatasetRecipe = DatasetRecipe()  # noqa: RUF009
+    monitor: MonitorRecipe = MonitorRecipe()  # noqa: RUF009
+    n_test: int = 2000
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run one command. Returns 0 only where the work was done."""
+    options = _parser().parse_args(arguments)
+    try:
+        with announce_compilation(lambda text: print(f"forewarn: {text}", file=sys.stderr)):
+            return options.run(options)
+    except KeyboardInterrupt:
+        print("forewarn: interrupted, nothing was written", file=sys.stderr)
+        return INTERRUPTED
+    except (ValueError, OSError) as error:
+        print(f"forewarn: {error}", file=sys.stderr)
+        return 1
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog="forewarn",
+        description="Warns a stated time before a flight-test manoeuvre breaks a limit.",
+    )
+    parser.add_argument("--version", action="version", version=f"forewarn {__version__}")
+    commands = parser.add_subparsers(required=True, metavar="COMMAND")
+
+    study = commands.add_parser("study", help="repeat the paper's experiment: five methods")
+    add_recipe_options(study, method=False)
+    study.add_argument("--n-monitors", type=int, dest=".n_monitors", help="monitors a method")
+    study.add_argument("--n-test", type=int, dest=".n_test", help="fresh test flights a monitor")
+    study.add_argument("-o", "--out", type=Path, default=Path("study"), help="directory written")
+    study.set_defaults(run=_study)
+
+    train = commands.add_parser("train", help="simulate, train and test a monitor; write its file")
+    add_recipe_options(train, method=True)
+    train.add_argument("--n-test", type=int, dest=".n_test", help="fresh test flights")
+    train.add_argument("-o", "--out", type=Path, default=Path("monitor.fwm"), help="file written")
+    train.set_defaults(run=_train)
+
+    score = commands.add_parser("score", help="score recorded telemetry with a monitor")
+    score.add_argument("monitor", type=Path, help="monitor file")
+    score.add_argument("file", type=Path, help="telemetry, CSV with named columns")
+    score.add_argument("--epsilon", type=float, help="accepted miss rate, the monitor's if absent")
+    score.add_argument(
+        "--trim",
+        type=float,
+        metavar="SECONDS",
+        help="subtract each channel's mean over the first seconds: linear models fly about trim",
+    )
+    score.add_argument("-o", "--out", type=Path, help="directory written, FILE's name if absent")
+    score.set_defaults(run=_score)
+
+    add_serving_commands(commands)
+    return parser
+
+
+def _study(options: argparse.Namespace) -> int:
+    from app.study_report import write_study
+    from core.study import StudyRecipe, study
+
+    recipe = from_plain(StudyRecipe(), plain_recipe(options))
+    if options.print_recipe:
+        return _print_recipe(recipe)
+    with progress_bar("monitors") as progress:
+        result = study(recipe, progress=progress)
+    print(write_study(result, options.out))
+    return 0
+
+
+def _train(options: argparse.Namespace) -> int:
+    from app.training_report import train_and_test
+
+    recipe = from_plain(TrainingRecipe(), plain_recipe(options))
+    if options.print_recipe:
+        return _print_recipe(recipe)
+    if not options.out.parent.is_dir():
+        raise RecipeError(f"{options.out.parent} is no directory: make it first")
+    monitor, report = train_and_test(recipe.dataset, recipe.monitor, recipe.n_test)
+    monitor.save(options.out)
+    print(f"{report}\nwritten: {options.out}")
+    return 0
+
+
+def _score(options: argparse.Namespace) -> int:
+    from app.scoring import score_file
+
+    out = options.out or Path(f"{options.file.stem}-scored")
+    report, assessed = score_file(options.monitor, options.file, options.epsilon, options.trim, out)
+    print(report)
+    return 0 if assessed else 1
+
+
+def _print_recipe(recipe: Any) -> int:
+    print(json.dumps(to_plain(recipe), indent=2))
+    return 0

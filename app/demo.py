@@ -1,0 +1,74 @@
+"""The demonstration: a small trained monitor, the server, and a flight that is about to fail."""
+
+import asyncio
+import webbrowser
+from collections.abc import Callable
+
+from fastapi import FastAPI
+from httpx import ASGITransport, AsyncClient
+
+from app.orders import dataset_name
+from app.progress import progress_bar
+from app.recipes import to_plain
+from app.serving import alone, serve
+from app.settings import Settings
+from app.store import Store, open_store
+from app.training import simulate, train_and_test
+from core import __version__
+from core.collection import DatasetRecipe
+from core.monitor import MonitorRecipe
+
+NAME = "demonstration"
+DATASET = DatasetRecipe(n_unsafe=100)
+MONITOR = MonitorRecipe()
+N_TEST = 1000
+SEED = 7
+
+
+def demonstrate(settings: Settings, say: Callable[[str], None], *, browser: bool) -> None:
+    """Prepare, serve, fly; returns when interrupted.   browser: open the page there."""
+    with alone(settings):
+        store = open_store(settings.url)
+        try:
+            monitor_id = prepare(store, say)
+        finally:
+            store.close()
+
+    async def opened(app: FastAPI, address: str) -> None:
+        flight = await fly(app, settings, monitor_id)
+        page = f"{address}/#/fly/{flight}"
+        say(f"flying at {page} (stop with Ctrl+C)")
+        if browser and not await asyncio.to_thread(webbrowser.open, page):
+            say("no browser could be opened: open the address yourself")
+
+    serve(settings, opened)
+
+
+def prepare(store: Store, say: Callable[[str], None]) -> str:
+    """Return the id of the demonstration's monitor, trained unless this version did it before."""
+    for info in store.monitors():
+        if info.name == NAME and info.version == __version__ and info.recipe == to_plain(MONITOR):
+            say(f"the monitor {NAME!r} is there already")
+            return info.id
+    say(f"training a small monitor: {DATASET.n_unsafe} unsafe rollouts")
+    with progress_bar("unsafe rollouts") as progress:
+        dataset = simulate(DATASET, lambda _, done, total: progress(done, total))
+    stored = store.add_dataset(dataset, dataset_name(DATASET))
+    trained = train_and_test(dataset, MONITOR, N_TEST, lambda *_: None)
+    return store.add_monitor(trained.monitor, NAME, stored.id, trained.evaluation).id
+
+
+async def fly(app: FastAPI, settings: Settings, monitor_id: str) -> str:
+    """Start a flight of a fresh aircraft that will break its limit, over and over; its id."""
+    headers = {"Authorization": f"Bearer {settings.token}"} if settings.token else {}
+    source = {"kind": "simulated", "outcome": "unsafe", "seed": SEED}
+    base = "http://127.0.0.1"
+    async with AsyncClient(transport=ASGITransport(app), base_url=base, headers=headers) as client:
+        answer = await client.post(
+            "/api/v1/flights", json={"source": source, "monitor": monitor_id}
+        )
+        answer.raise_for_status()
+        flight = answer.json()["id"]
+        loop = {"action": "loop", "value": True}
+        (await client.post(f"/api/v1/flights/{flight}/transport", json=loop)).raise_for_status()
+    return flight

@@ -1,0 +1,251 @@
+"""The doctor: whether this installation can serve, and what to do where it cannot."""
+
+import asyncio
+import json
+import platform
+import re
+import tempfile
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from importlib.metadata import PackageNotFoundError, version
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+import httpx
+from sqlalchemy import make_url
+from websockets.asyncio.client import connect
+
+from app.main import STATIC, create_app
+from app.scene_server import SUBPROTOCOL
+from app.schema import current_revision, needs_upgrade, newest_revision
+from app.serving import Server, address_of, listen
+from app.settings import Settings, SettingsError
+from app.store import StoreError, open_store
+from app.training import simulate
+from core import __version__
+from core.collection import DatasetRecipe
+from core.monitor import MonitorRecipe, train
+
+PACKAGES = ("numpy", "scipy", "numba", "fastapi", "uvicorn", "sqlalchemy", "viser", "websockets")
+NEEDED = ("index.html", "style.css", "js/main.js")
+OUTSIDE = re.compile(
+    r"""(?:\b(?:src|href)\s*=\s*["']|\burl\(\s*["']?|\bimport\b[^;'"]*["']|\bfrom\s*["'])"""
+    r"""(?:https?:)?//"""
+)
+PATIENCE = 20.0
+"""[s] A step that takes longer has failed."""
+
+
+class Failed(Exception):
+    """Why a check failed, and what to do."""
+
+
+@dataclass(frozen=True)
+class Finding:
+    """What a check found."""
+
+    what: str
+    is_well: bool
+    words: str
+
+    def __str__(self) -> str:
+        return f"{'ok  ' if self.is_well else 'FAIL'}  {self.what:16} {self.words}"
+
+
+def examine(settings: Settings) -> Iterator[Finding]:
+    """Run every check in turn; one that fails does not stop the others."""
+    checks: tuple[tuple[str, Callable[[Settings], str]], ...] = (
+        ("versions", versions),
+        ("data directory", data_directory),
+        ("schema", schema),
+        ("port", port),
+        ("offline assets", offline_assets),
+        ("server", round_trip),
+    )
+    for what, check in checks:
+        try:
+            yield Finding(what, True, check(settings))
+        except (Failed, SettingsError, StoreError) as error:
+            yield Finding(what, False, str(error))
+        except Exception as error:
+            yield Finding(what, False, f"{type(error).__name__}: {error}")
+
+
+def versions(settings: Settings) -> str:
+    """The program's and its main packages' versions."""
+    found = [f"forewarn {__version__}", f"Python {platform.python_version()}"]
+    for package in PACKAGES:
+        try:
+            found.append(f"{package} {version(package)}")
+        except PackageNotFoundError:
+            raise Failed(f"{package} is not installed: install forewarn again") from None
+    return ", ".join(found)
+
+
+def data_directory(settings: Settings) -> str:
+    """Whether files can be made in the data directory."""
+    try:
+        settings.data_dir.mkdir(parents=True, exist_ok=True)
+        with tempfile.NamedTemporaryFile(dir=settings.data_dir, prefix=".doctor") as file:
+            file.write(b"forewarn")
+    except OSError as error:
+        raise Failed(
+            f"{settings.data_dir} cannot be written ({error.strerror}): choose another with "
+            "--data-dir"
+        ) from error
+    return f"{settings.data_dir} can be written"
+
+
+def schema(settings: Settings) -> str:
+    """The database's schema against the program's, and whether the database is whole."""
+    url = make_url(settings.url)
+    if url.get_backend_name() == "sqlite" and not Path(url.database or "").exists():
+        return "no database yet: the first start makes it"
+    here = current_revision(url)
+    if needs_upgrade(url):
+        return f"{here or 'empty'}, brought up to {newest_revision()} at the next start"
+    store = open_store(settings.url, recover=False)
+    try:
+        if damage := store.damage():
+            raise Failed(f"the database is damaged ({damage[0]}): restore a backup of it")
+    finally:
+        store.close()
+    return f"{here}, the newest; the database is whole"
+
+
+def port(settings: Settings) -> str:
+    """Whether the port is free, or served by forewarn already."""
+    try:
+        listen(settings).close()
+    except SettingsError:
+        host = f"[{settings.host}]" if ":" in settings.host else settings.host
+        try:
+            answer = httpx.get(f"http://{host}:{settings.port}/healthz", timeout=5, trust_env=False)
+            if answer.json() == {"status": "ok"}:
+                return f"{settings.port} is served by forewarn already"
+        except (httpx.HTTPError, ValueError):
+            pass
+        raise
+    return f"{settings.host}:{settings.port} is free"
+
+
+def offline_assets(settings: Settings) -> str:
+    """Whether page, documentation and scene come whole from this machine."""
+    if missing := [name for name in NEEDED if not (STATIC / name).is_file()]:
+        raise Failed(f"{missing[0]} is missing in {STATIC}: install forewarn again")
+    files = [file for file in STATIC.rglob("*") if file.suffix in (".html", ".js", ".css", ".svg")]
+    for file in files:
+        if found := outside_request(file.read_text(encoding="utf-8")):
+            raise Failed(
+                f"{file.relative_to(STATIC)} would load {found}: the range has no internet"
+            )
+    for package, path in {
+        "fastapi_offline": "static/swagger-ui-bundle.js",
+        "viser": "client/build/index.html",
+    }.items():
+        spec = find_spec(package)
+        if spec is None or spec.origin is None or not (Path(spec.origin).parent / path).is_file():
+            raise Failed(f"{package} lacks {path}: install forewarn again")
+    return f"{len(files)} files of the page, documentation and scene are here, none from outside"
+
+
+def outside_request(text: str) -> str | None:
+    """The first thing that a file would load from elsewhere; None where it loads nothing."""
+    match = OUTSIDE.search(text)
+    return None if match is None else text[match.start() : match.start() + 80].split("\n")[0]
+
+
+def round_trip(settings: Settings) -> str:
+    """Serve an empty store on a free port, fly a flight, watch its stream and its scene."""
+    with tempfile.TemporaryDirectory() as directory:
+        trial = replace(
+            settings, data_dir=Path(directory), database_url=None, host="127.0.0.1", port=0
+        )
+        monitor_id = _trial_monitor(trial)
+        with _running(trial) as (address, headers):
+            return asyncio.run(_watch(address, headers, monitor_id))
+
+
+def _trial_monitor(settings: Settings) -> str:
+    """Store the smallest monitor that can fly."""
+    recipe = DatasetRecipe(n_unsafe=12)
+    dataset = simulate(recipe, lambda *_: None)
+    store = open_store(settings.url)
+    try:
+        return store.add_monitor(train(dataset, MonitorRecipe()), "doctor").id
+    finally:
+        store.close()
+
+
+@contextmanager
+def _running(settings: Settings) -> Iterator[tuple[str, dict[str, str]]]:
+    """A server in a thread; its address and the headers that let in."""
+    listening = listen(settings)
+    started = threading.Event()
+
+    async def opened(_: object) -> None:
+        started.set()
+
+    server = Server(create_app(settings), opened)
+    thread = threading.Thread(target=server.run, args=([listening],), name="trial", daemon=True)
+    thread.start()
+    try:
+        if not started.wait(PATIENCE):
+            raise Failed("the server did not start; its log above says why")
+        token = {"Authorization": f"Bearer {settings.token}"} if settings.token else {}
+        yield address_of(listening, settings), token
+    finally:
+        server.should_exit = True
+        thread.join(PATIENCE)
+        listening.close()
+
+
+async def _watch(address: str, headers: dict[str, str], monitor_id: str) -> str:
+    async with (
+        asyncio.timeout(PATIENCE),
+        httpx.AsyncClient(base_url=address, headers=headers, trust_env=False) as client,
+    ):
+        for path in ("/", "/docs", "/readyz", "/api/v1/catalog"):
+            (await client.get(path)).raise_for_status()
+        source = {"kind": "simulated", "outcome": "any", "seed": 1}
+        answer = await client.post(
+            "/api/v1/flights", json={"source": source, "monitor": monitor_id}
+        )
+        answer.raise_for_status()
+        flight = answer.json()["id"]
+        web_socket = address.replace("http", "ws", 1)
+        await _stream(f"{web_socket}/api/v1/flights/{flight}/stream", address, headers)
+        (await client.get(f"/scene/{flight}/")).raise_for_status()
+        await _scene(f"{web_socket}/scene/{flight}", address, headers)
+    return "page, documentation, stream and scene answer over one port"
+
+
+async def _stream(url: str, origin: Any, headers: dict[str, str]) -> None:
+    """See the greeting and a frame of a flight."""
+    async with connect(
+        url,
+        origin=origin,
+        additional_headers=headers,
+        proxy=None,
+    ) as stream:
+        awaited = ["hello", "frames"]
+        while awaited:
+            if json.loads(await stream.recv())["type"] == awaited[0]:
+                awaited.pop(0)
+
+
+async def _scene(url: str, origin: Any, headers: dict[str, str]) -> None:
+    """See the first message of a scene."""
+    subprotocols: Any = [SUBPROTOCOL]
+    async with connect(
+        url,
+        origin=origin,
+        additional_headers=headers,
+        subprotocols=subprotocols,
+        proxy=None,
+    ) as scene:
+        if not await scene.recv():
+            raise Failed("the scene sends nothing: install viser again")

@@ -1,0 +1,211 @@
+"""Figures of the study and of a scored recording, as PNG and SVG bytes."""
+
+import io
+from collections.abc import Iterable, Mapping
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import numpy.typing as npt
+from matplotlib import rc_context
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from core.channels import CHANNELS
+from core.monitor import Assessments, Monitor
+
+if TYPE_CHECKING:
+    from core.study import MethodResult, StudyResult
+
+Array = npt.NDArray[np.float64]
+
+# Okabe and Ito's colours keep apart for colour-blind eyes; dashes repeat the difference.
+COLOURS = ("#0072B2", "#E69F00", "#009E73", "#CC79A7", "#56B4E9")
+DASHES: tuple[Any, ...] = (
+    "-",
+    (0, (6, 2)),
+    (0, (4, 1, 1, 1)),
+    (0, (1, 1)),
+    (0, (3, 1, 1, 1, 1, 1)),
+)
+MEASURED, FORECAST, LIMIT, ALERT = "#222222", "#0072B2", "#B22222", "#B22222"
+STYLE: Any = {
+    "font.size": 9,
+    "axes.grid": True,
+    "grid.color": "#dddddd",
+    "grid.linewidth": 0.6,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "svg.hashsalt": "forewarn",
+    "svg.fonttype": "none",
+}
+
+
+def render(figure: Figure, stem: str) -> dict[str, bytes]:
+    """Return stem.png and stem.svg of a figure: the same bytes for the same data."""
+    files = {}
+    metadata = {"png": {"Software": "forewarn"}, "svg": {"Date": None, "Creator": "forewarn"}}
+    for kind, about in metadata.items():
+        buffer = io.BytesIO()
+        with rc_context(STYLE):
+            figure.savefig(buffer, format=kind, dpi=150, metadata=about)
+        files[f"{stem}.{kind}"] = buffer.getvalue()
+    return files
+
+
+def study_curves(result: "StudyResult") -> Figure:
+    """Miss rate and power of every method over epsilon, with 95 % intervals."""
+    with rc_context(STYLE):
+        figure = Figure(figsize=(10, 4.6), layout="constrained")
+        miss, power = figure.subplots(1, 2)
+        for axes, quantity, label in (
+            (miss, "miss", "miss rate: failing flights without a timely alert"),
+            (power, "power", "power: safe flights without an alert"),
+        ):
+            for index, (name, method) in enumerate(result.methods.items()):
+                _curve(axes, name, method, quantity, index)
+            axes.set(xlim=(0, 1), ylim=(-0.02, 1.02), xlabel="ε, accepted miss rate", ylabel=label)
+        miss.plot([0, 1], [0, 1], color=LIMIT, lw=1, ls="--", label="guarantee: miss rate ≤ ε")
+        miss.legend(loc="upper left", frameon=False)
+        recipe = result.recipe
+        figure.suptitle(
+            f"{recipe.n_monitors} monitors of {recipe.dataset.n_unsafe} unsafe rollouts, "
+            f"{recipe.n_test} test flights each; {recipe.monitor.calibration} calibration, "
+            f"lead {result.monitor.lead:g} s; bands: 95 % intervals"
+        )
+    return figure
+
+
+def _curve(axes: Axes, name: str, method: "MethodResult", quantity: str, index: int) -> None:
+    share = method.miss_rate if quantity == "miss" else method.power
+    low, high = (method.miss_interval if quantity == "miss" else method.power_interval).T
+    colour = COLOURS[index]
+    axes.plot(method.epsilons, share, color=colour, ls=DASHES[index], lw=1.8, label=name)
+    axes.fill_between(method.epsilons, low, high, color=colour, alpha=0.15, lw=0)
+
+
+def study_rollouts(result: "StudyResult", limits: Array) -> Figure:
+    """One safe and one unsafe test flight: outputs, forecasts, limits, risk.
+
+    limits: (6,) magnitudes, infinite where there is none.
+    """
+    monitor, flights = result.monitor, result.flights
+    unsafe, safe = _telling_pair(monitor, flights.y, flights.fail_index)
+    with rc_context(STYLE):
+        figure = Figure(figsize=(11, 11), layout="constrained")
+        columns = figure.subplots(len(CHANNELS) + 1, 2, sharex=True, sharey="row").T
+        for axes, flight, title in zip(
+            columns, (safe, unsafe), ("a safe flight", "an unsafe flight"), strict=True
+        ):
+            if flight is None:
+                axes[0].set_title(f"{title}: none among the test flights")
+                continue
+            t = np.arange(flights.y.shape[1]) * monitor.dt
+            said = monitor.assess(t, flights.y[flight])
+            _strips(axes, monitor, flights.y[flight], said, limits, monitor.check_epsilon())
+            axes[0].set_title(f"{title} (test flight {flight})")
+            fail = flights.fail_index[flight]
+            if fail < len(t):
+                _mark_failure(axes, t[fail], monitor.lead)
+        _legend_once(figure, columns[:, 0])
+        columns[0][-1].set_xlabel("t [s]")
+        columns[1][-1].set_xlabel("t [s]")
+    return figure
+
+
+def scored_recording(
+    monitor: Monitor, y: Array, said: Assessments, limits: Array, epsilon: float, title: str
+) -> Figure:
+    """Strips of a scored recording with forecasts, limits, first crossing and risk.
+
+    y: (n, 6) as assessed.   limits: (6,).
+    """
+    with rc_context(STYLE):
+        figure = Figure(figsize=(11, 11), layout="constrained")
+        axes = figure.subplots(len(CHANNELS) + 1, 1, sharex=True)
+        _strips(axes, monitor, y, said, limits, epsilon)
+        crossing = (np.abs(y) >= limits).any(axis=1)
+        if crossing.any():
+            _mark_failure(axes, said.t[crossing.argmax()], monitor.lead)
+        axes[0].set_title(title)
+        axes[-1].set_xlabel("t [s]")
+        _legend_once(figure, axes[:1])
+    return figure
+
+
+def _strips(
+    axes: Any, monitor: Monitor, y: Array, said: Assessments, limits: Array, epsilon: float
+) -> None:
+    """Draw one strip a channel with the forecast at the time it is for, and the risk below."""
+    for strip, channel, values, forecast, limit in zip(
+        axes, CHANNELS, y.T, said.y_hat.T, limits, strict=False
+    ):
+        strip.plot(said.t, values, color=MEASURED, lw=1.2, label="measured")
+        strip.plot(
+            said.t + monitor.lead,
+            forecast,
+            color=FORECAST,
+            lw=1.0,
+            ls=DASHES[1],
+            label=f"predicted {monitor.lead:g} s ahead",
+        )
+        if np.isfinite(limit):
+            strip.axhline(limit, color=LIMIT, lw=1, label="limit")
+            strip.axhline(-limit, color=LIMIT, lw=1)
+        strip.set_ylabel(
+            f"${channel.symbol}$ [{channel.unit}]"
+            if "_" in channel.symbol
+            else f"{channel.symbol} [{channel.unit}]"
+        )
+    risk = axes[-1]
+    risk.step(said.t, said.p_value, where="post", color=MEASURED, lw=1.2)
+    risk.fill_between(
+        said.t, 0, 1, where=said.alert.tolist(), step="post", color=ALERT, alpha=0.2, label="alert"
+    )
+    risk.axhline(epsilon, color=LIMIT, lw=1, ls="--", label=f"ε = {epsilon:g}")
+    unassessed = np.isnan(said.p_value)
+    if unassessed.any():
+        risk.fill_between(
+            said.t,
+            0,
+            1,
+            where=unassessed.tolist(),
+            step="mid",
+            color="#999999",
+            alpha=0.4,
+            label="not assessed",
+        )
+    risk.set(ylim=(0, 1.02), ylabel="risk p-value\n(higher is worse)")
+    risk.legend(loc="upper right", fontsize=8)
+
+
+def _mark_failure(axes: Iterable[Axes], t_fail: float, lead: float) -> None:
+    for strip in axes:
+        strip.axvline(t_fail, color=LIMIT, lw=1.2, label="limit reached")
+        strip.axvline(t_fail - lead, color=LIMIT, lw=1.0, ls=":", label="last timely alert")
+
+
+def _legend_once(figure: Figure, axes: Iterable[Axes]) -> None:
+    """One legend above all strips, each label once."""
+    labels: Mapping[str, Any] = {
+        label: handle
+        for strip in axes
+        for handle, label in zip(*strip.get_legend_handles_labels(), strict=True)
+    }
+    figure.legend(
+        labels.values(), labels.keys(), loc="outside upper center", ncols=len(labels), frameon=False
+    )
+
+
+def _telling_pair(
+    monitor: Monitor, y: Array, fail_index: npt.NDArray[np.int64]
+) -> tuple[int | None, int | None]:
+    """Return an unsafe flight failing at the median time, and the safe one that came closest."""
+    unsafe = np.flatnonzero(fail_index < y.shape[1])
+    safe = np.flatnonzero(fail_index == y.shape[1])
+    middle = closest = None
+    if len(unsafe):
+        middle = int(unsafe[fail_index[unsafe].argsort()[len(unsafe) // 2]])
+    if len(safe):
+        last = np.full(len(safe), y.shape[1] - 1)
+        closest = int(safe[monitor.lowest_scores(y[safe], last).argmin()])
+    return middle, closest

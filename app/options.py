@@ -1,0 +1,154 @@
+"""Options of the command line that put a recipe together, over defaults and a recipe file."""
+
+import argparse
+import csv
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from app.recipes import RecipeError, read_plain, set_path, to_plain
+from core.channels import KEYS
+from core.monitor.predictor import PREDICTORS
+from core.monitor.score import SCORES
+from core.simulation.aircraft import MatrixAircraft
+
+ANGULAR = tuple(key for key in KEYS if key != "Ny")
+
+# option, path in the recipe, type, choices, help
+SHARED: tuple[tuple[str, str, Any, Any, str], ...] = (
+    ("--states", "dataset.aircraft.n_states", int, (3, 4), "states of a published aircraft"),
+    ("--amplitude", "dataset.maneuver.amplitude_deg", float, None, "manoeuvre's amplitude [deg]"),
+    ("--duration", "dataset.maneuver.duration_s", float, None, "length of a rollout [s]"),
+    ("--dt", "dataset.dt", float, None, "sample interval [s]"),
+    ("--substeps", "dataset.substeps", int, None, "limit checks in each interval"),
+    ("--n-unsafe", "dataset.n_unsafe", int, None, "unsafe rollouts of a dataset"),
+    ("--n-obs", "dataset.n_obs", int, None, "observations kept of each safe rollout"),
+    ("--max-rollouts", "dataset.max_rollouts", int, None, "budget of a collection"),
+    ("--seed", "dataset.seed", int, None, "seed of every random draw"),
+    ("--t-early", "monitor.t_early", float, None, "wished lead of an alert [s]"),
+    ("--n-delay", "monitor.n_delay", int, None, "past outputs in an observation"),
+    ("--calibration", "monitor.calibration", str, ("trajectory", "pointwise"), "calibrated rule"),
+    ("--p-value", "monitor.p_value", str, ("simple", "exact"), "conformal p-value"),
+    ("--scaling", "monitor.scaling", str, ("safe_std", "raw"), "units of distances"),
+    ("--epsilon", "monitor.epsilon", float, None, "accepted miss rate"),
+)
+METHOD: tuple[tuple[str, str, Any, Any, str], ...] = (
+    ("--predictor", "monitor.predictor.kind", str, tuple(PREDICTORS), "predictor"),
+    ("--score", "monitor.score.kind", str, tuple(SCORES), "score"),
+)
+
+
+def add_recipe_options(parser: argparse.ArgumentParser, *, method: bool) -> None:
+    """Add the options; `method` adds the choice of predictor and score."""
+    group = parser.add_argument_group("recipe")
+    group.add_argument("--recipe", type=Path, metavar="FILE", help="recipe as JSON, over defaults")
+    group.add_argument(
+        "--aircraft", metavar="NAME|FILE", help="a published aircraft, or a JSON file of matrices"
+    )
+    group.add_argument("--control-law", metavar="NAME", help="a control law of the catalog")
+    group.add_argument(
+        "--maneuver", metavar="NAME|FILE", help="a manoeuvre of the catalog, or a CSV table of one"
+    )
+    group.add_argument(
+        "--limit",
+        action="append",
+        metavar="CHANNEL=VALUE",
+        help="limit of a channel, such as Ny=0.5 [g] or beta_deg=8; replaces the default limit",
+    )
+    group.add_argument(
+        "--noise",
+        action="append",
+        metavar="CHANNEL=SIGMA",
+        help="sensor noise, 1 sigma, such as Ny=0.005 [g] or p_deg=0.2 [deg/s]",
+    )
+    for option, path, kind, choices, text in SHARED + (METHOD if method else ()):
+        group.add_argument(option, dest=path, type=kind, choices=choices, help=text)
+    group.add_argument(
+        "--set",
+        action="append",
+        metavar="PATH=VALUE",
+        help="any other parameter, such as dataset.maneuver.timing_jitter_s=0.1",
+    )
+    group.add_argument(
+        "--print-recipe", action="store_true", help="print the whole recipe as JSON and stop"
+    )
+
+
+def plain_recipe(options: argparse.Namespace) -> dict[str, Any]:
+    """Return what the options and the recipe file say, as plain data."""
+    plain = read_plain(options.recipe) if options.recipe else {}
+    if not isinstance(plain, dict):
+        raise RecipeError(f"{options.recipe} holds no JSON object: begin it with {{")
+    for path, value in vars(options).items():
+        if "." in path and value is not None:
+            set_path(plain, path.removeprefix("."), value)
+    if options.aircraft is not None and options.aircraft.endswith(".json"):
+        model = MatrixAircraft.from_json(read_plain(Path(options.aircraft)))
+        set_path(plain, "dataset.aircraft", to_plain(model))
+    elif options.aircraft is not None:
+        set_path(plain, "dataset.aircraft.kind", options.aircraft)
+    if options.control_law is not None:
+        set_path(plain, "dataset.control_law.kind", options.control_law)
+    if options.maneuver is not None and options.maneuver.endswith(".csv"):
+        for key, value in maneuver_table(Path(options.maneuver)).items():
+            set_path(plain, f"dataset.maneuver.{key}", value)
+    elif options.maneuver is not None:
+        set_path(plain, "dataset.maneuver.kind", options.maneuver)
+    if options.limit:
+        limits = dict.fromkeys(KEYS) | dict(map(channel_value, options.limit))
+        set_path(plain, "dataset.specification", limits)
+    for key, value in map(channel_value, options.noise or ()):
+        set_path(plain, f"dataset.noise.{key}", value)
+    for assignment in options.set or ():
+        path, equals, value = assignment.partition("=")
+        if not equals:
+            raise RecipeError(f"--set {assignment!r}: write it as PATH=VALUE")
+        set_path(plain, path, _value(value))
+    return plain
+
+
+def maneuver_table(path: Path) -> dict[str, Any]:
+    """Read a manoeuvre of columns t_s, delta_a_deg, delta_r_deg (a missing surface stays at 0)."""
+    try:
+        with path.open(newline="", encoding="utf-8-sig") as file:
+            rows = list(csv.DictReader(file, skipinitialspace=True))
+    except (OSError, UnicodeDecodeError) as error:
+        raise RecipeError(f"{path} cannot be read ({error}): give a CSV table") from error
+    surfaces = ("delta_a_deg", "delta_r_deg")
+    found = set(rows[0]) if rows else set()
+    if "t_s" not in found or not found.intersection(surfaces) or found - {"t_s", *surfaces}:
+        raise RecipeError(
+            f"{path} has the columns {', '.join(map(str, found)) or 'none'}: a manoeuvre needs "
+            "t_s and delta_a_deg or delta_r_deg, and rows"
+        )
+    try:
+        table = {
+            key: [float(row.get(key) or ("x" if key in found else 0)) for row in rows]
+            for key in ("t_s", *surfaces)
+        }
+    except ValueError:
+        raise RecipeError(f"{path} holds a cell that is no number: give numbers only") from None
+    return {"kind": "table", **table}
+
+
+def channel_value(assignment: str) -> tuple[str, float]:
+    """Return (channel key, value in SI) of `Ny=0.5` or `beta_deg=8`."""
+    name, _, number = assignment.partition("=")
+    key = name.removesuffix("_deg")
+    try:
+        value = float(number)
+    except ValueError:
+        raise RecipeError(f"{assignment!r}: write it as CHANNEL=NUMBER, such as Ny=0.5") from None
+    if key not in KEYS or (name != key and key not in ANGULAR):
+        known = ", ".join([*KEYS, *(f"{key}_deg" for key in ANGULAR)])
+        raise RecipeError(f"{assignment!r}: there is no channel {name!r}; choose {known}")
+    return key, value if name == key else float(np.radians(value))
+
+
+def _value(text: str) -> Any:
+    try:
+        return json.loads(text)
+    except ValueError:
+        return text

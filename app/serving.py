@@ -1,0 +1,150 @@
+"""Serving: the listening socket, the server around the application, one server a data directory."""
+
+import asyncio
+import os
+import socket
+from collections.abc import Awaitable, Callable, Iterator
+from contextlib import contextmanager
+
+import uvicorn
+from fastapi import FastAPI
+
+from app.main import create_app
+from app.settings import Settings, SettingsError
+from app.store import open_store
+
+SEND_BUFFER = 32_768
+"""Bytes that the kernel holds for a watcher who does not read; more would be minutes old."""
+UNANSWERED_MS = 5_000
+"""A connection whose peer answers nothing for so long is given up."""
+LARGEST_MESSAGE = 262_144
+PATIENCE = 3
+"""[s] Connections that still run when the server stops are given so long."""
+BACKLOG = 128
+
+Opened = Callable[[FastAPI], Awaitable[None]]
+
+
+class Server(uvicorn.Server):
+    """A server that says when it takes requests."""
+
+    def __init__(self, app: FastAPI, opened: Opened | None = None) -> None:
+        super().__init__(
+            uvicorn.Config(
+                app,
+                access_log=False,
+                log_level="warning",
+                server_header=False,
+                proxy_headers=False,
+                ws_max_size=LARGEST_MESSAGE,
+                ws_per_message_deflate=False,
+                timeout_graceful_shutdown=PATIENCE,
+            )
+        )
+        self.app = app
+        self.opened = opened
+
+    async def startup(self, sockets: list[socket.socket] | None = None) -> None:
+        """Start, then say so."""
+        await super().startup(sockets)
+        if self.started and self.opened is not None:
+            await self.opened(self.app)
+
+
+def listen(settings: Settings) -> socket.socket:
+    """Return a listening socket; SettingsError where the address cannot be had."""
+    listening = None
+    try:
+        family = socket.getaddrinfo(settings.host, settings.port, type=socket.SOCK_STREAM)[0][0]
+        listening = socket.socket(family, socket.SOCK_STREAM)
+        listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        listening.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, SEND_BUFFER)
+        if hasattr(socket, "TCP_USER_TIMEOUT"):
+            listening.setsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, UNANSWERED_MS)
+        listening.bind((settings.host, settings.port))
+        listening.listen(BACKLOG)
+    except OSError as error:
+        if listening is not None:
+            listening.close()
+        raise SettingsError(
+            f"{settings.host}:{settings.port} cannot be listened on "
+            f"({error.strerror or error}): choose another port with --port"
+        ) from error
+    listening.setblocking(False)
+    return listening
+
+
+def address_of(listening: socket.socket, settings: Settings) -> str:
+    """The address to open in a browser."""
+    host = f"[{settings.host}]" if ":" in settings.host else settings.host
+    if settings.host in ("0.0.0.0", "::"):
+        host = socket.gethostname()
+    return f"http://{host}:{listening.getsockname()[1]}"
+
+
+def serve(settings: Settings, opened: Callable[[FastAPI, str], Awaitable[None]]) -> None:
+    """Serve until interrupted; `opened` is called with the application and its address.
+
+    SettingsError where the address or the data directory is taken, StoreError where the database
+    cannot be used: said before anything listens.
+    """
+    with alone(settings):
+        open_store(settings.url).close()
+        listening = listen(settings)
+        address = address_of(listening, settings)
+        server = Server(create_app(settings), lambda app: opened(app, address))
+        try:
+            with asyncio.Runner(loop_factory=_loop_factory()) as runner:
+                runner.run(server.serve(sockets=[listening]))
+        except KeyboardInterrupt:  # the server has stopped in good order by then
+            return
+        finally:
+            listening.close()
+
+
+@contextmanager
+def alone(settings: Settings) -> Iterator[None]:
+    """Hold the data directory, made where it is missing, for this process alone.
+
+    SettingsError where another process serves it, or it cannot be written.
+    """
+    path = settings.data_dir / "forewarn.lock"
+    try:
+        settings.data_dir.mkdir(parents=True, exist_ok=True)
+        handle = os.open(path, os.O_RDWR | os.O_CREAT, 0o600)
+    except OSError as error:
+        raise SettingsError(
+            f"{settings.data_dir} cannot be written ({error.strerror}): choose another with "
+            "--data-dir"
+        ) from error
+    try:
+        if not _lock(handle):
+            raise SettingsError(
+                f"another forewarn serves {settings.data_dir}: stop it, or choose another with "
+                "--data-dir"
+            )
+        yield
+    finally:
+        os.close(handle)
+
+
+def _lock(handle: int) -> bool:
+    """Take the lock, which goes with the process however it ends; False where another has it."""
+    try:
+        import fcntl
+    except ImportError:  # Windows: two servers there are the user's care
+        return True
+    try:
+        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return False
+    return True
+
+
+def _loop_factory() -> Callable[[], asyncio.AbstractEventLoop] | None:
+    """uvloop's where it is installed."""
+    try:
+        import uvloop
+    except ImportError:
+        return None
+    return uvloop.new_event_loop

@@ -1,0 +1,132 @@
+"""Settings of the server: defaults, then the environment, then options of the command line.
+
+| setting         | environment               | default                                           |
+|-----------------|---------------------------|---------------------------------------------------|
+| data_dir        | FOREWARN_DATA_DIR         | the platform's data directory of the user         |
+| host            | FOREWARN_HOST             | 127.0.0.1; any other needs a token                |
+| port            | FOREWARN_PORT             | 8000                                              |
+| token           | FOREWARN_TOKEN            | none; at least 16 characters                      |
+| database_url    | FOREWARN_DATABASE_URL     | sqlite, forewarn.db in the data directory         |
+| allowed_hosts   | FOREWARN_ALLOWED_HOSTS    | none besides the address itself; comma separated  |
+| max_flights     | FOREWARN_MAX_FLIGHTS      | 20                                                |
+| max_jobs        | FOREWARN_MAX_JOBS         | 1 at once                                         |
+| max_queued_jobs | FOREWARN_MAX_QUEUED_JOBS  | 20                                                |
+| max_body_bytes  | FOREWARN_MAX_BODY_BYTES   | 32 MiB                                            |
+| max_array_bytes | FOREWARN_MAX_ARRAY_BYTES  | 4 GiB, of the arrays that a job may make          |
+"""
+
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields
+from ipaddress import ip_address
+from pathlib import Path
+from typing import Any
+
+PREFIX = "FOREWARN_"
+SHORTEST_TOKEN = 16
+
+
+class SettingsError(ValueError):
+    """A setting that cannot be used; one sentence: what was given, what is needed."""
+
+
+def default_data_dir() -> Path:
+    """Directory of the user's data on this platform."""
+    from platformdirs import user_data_path
+
+    return user_data_path("forewarn", appauthor=False)
+
+
+@dataclass(frozen=True)
+class Settings:
+    """Where the server listens and keeps its data, and what it refuses.
+
+    Sizes in bytes. SettingsError for an address that others can reach without a token, for a short
+    token, and for numbers out of range.
+    """
+
+    data_dir: Path = field(default_factory=default_data_dir)
+    host: str = "127.0.0.1"
+    port: int = 8000
+    token: str | None = field(default=None, repr=False)
+    database_url: str | None = field(default=None, repr=False)
+    allowed_hosts: tuple[str, ...] = ()
+    max_flights: int = 20
+    max_jobs: int = 1
+    max_queued_jobs: int = 20
+    max_body_bytes: int = 32 * 2**20
+    max_array_bytes: int = 4 * 2**30
+
+    def __post_init__(self) -> None:
+        if self.token is not None and len(self.token) < SHORTEST_TOKEN:
+            raise SettingsError(
+                f"the token has {len(self.token)} characters: give at least {SHORTEST_TOKEN}, for "
+                "example from `openssl rand -hex 16`"
+            )
+        if self.token is not None and not (self.token.isascii() and self.token.isprintable()):
+            raise SettingsError("the token has characters that no header can carry: use ASCII")
+        if not is_loopback(self.host) and self.token is None:
+            raise SettingsError(
+                f"host {self.host} can be reached from other machines: set FOREWARN_TOKEN, or "
+                "listen on 127.0.0.1"
+            )
+        if not 0 <= self.port <= 65535:
+            raise SettingsError(f"port {self.port} was given: it lies between 0 and 65535")
+        for name in ("max_flights", "max_jobs", "max_queued_jobs"):
+            if getattr(self, name) < 0:
+                raise SettingsError(f"{name}={getattr(self, name)} was given: it must be 0 or more")
+        for name in ("max_body_bytes", "max_array_bytes"):
+            if getattr(self, name) < 1024:
+                raise SettingsError(
+                    f"{name}={getattr(self, name)} was given: it must be at least 1024 bytes"
+                )
+
+    @property
+    def url(self) -> str:
+        """Address of the database."""
+        return self.database_url or f"sqlite:///{self.data_dir / 'forewarn.db'}"
+
+    @property
+    def is_local(self) -> bool:
+        """Whether only this machine can reach the server."""
+        return is_loopback(self.host)
+
+
+def is_loopback(host: str) -> bool:
+    """Whether this name or address is of this machine alone."""
+    if host == "localhost":
+        return True
+    try:
+        return ip_address(host).is_loopback
+    except ValueError:
+        return False
+
+
+def read_settings(environment: Mapping[str, str] | None = None, **options: Any) -> Settings:
+    """Return the settings of the environment, options over it; None leaves an option unsaid.
+
+    SettingsError names a variable that is unknown or is not of its setting's kind.
+    """
+    environment = os.environ if environment is None else environment
+    known = {PREFIX + entry.name.upper(): entry for entry in fields(Settings)}
+    values: dict[str, Any] = {}
+    for name, text in environment.items():
+        if not name.startswith(PREFIX) or not text:
+            continue
+        if name not in known:
+            raise SettingsError(f"{name} is no setting: choose {', '.join(known)}")
+        values[known[name].name] = _parse(name, known[name].name, text)
+    return Settings(**values | {key: value for key, value in options.items() if value is not None})
+
+
+def _parse(variable: str, name: str, text: str) -> Any:
+    if name == "data_dir":
+        return Path(text).expanduser()
+    if name == "allowed_hosts":
+        return tuple(host.strip() for host in text.split(",") if host.strip())
+    if name == "port" or name.startswith("max_"):
+        try:
+            return int(text)
+        except ValueError:
+            raise SettingsError(f"{variable}={text!r} was given: it must be an integer") from None
+    return text

@@ -1,0 +1,104 @@
+"""The study's table and files."""
+
+import csv
+import io
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from app import figures
+from app.recipes import to_plain
+from core.study import METHODS, MethodResult, StudyResult
+from core.whole_file import write_whole
+
+SHOWN = (0.05, 0.1, 0.2, 0.3)
+
+
+def write_study(result: StudyResult, out: Path) -> str:
+    """Write study.json, study.csv and both figures into `out`; return the table to print.
+
+    Every file is complete before the first is put in place.
+    """
+    limits = result.recipe.dataset.specification.magnitudes
+    files = {
+        "study.json": json.dumps(summary(result), indent=1).encode(),
+        "study.csv": _csv(result).encode(),
+        **figures.render(figures.study_rollouts(result, limits), "rollouts"),
+        **figures.render(figures.study_curves(result), "miss_and_power"),
+    }
+    out.mkdir(parents=True, exist_ok=True)
+    for name, content in files.items():
+        write_whole(out / name, content)
+    return f"{table(result)}\nwritten: {', '.join(str(out / name) for name in files)}"
+
+
+def summary(result: StudyResult) -> dict[str, Any]:
+    """Return the study as plain data: recipe, unsafe rate, ranking, every method's curves."""
+    return {
+        "recipe": to_plain(result.recipe),
+        "unsafe_rate": result.unsafe_rate,
+        "lead_s": result.monitor.lead,
+        "ranking": result.ranking,
+        "methods": {
+            name: {
+                "epsilon": method.epsilons.tolist(),
+                "miss_rate": method.miss_rate.tolist(),
+                "miss_interval": method.miss_interval.tolist(),
+                "power": method.power.tolist(),
+                "power_interval": method.power_interval.tolist(),
+                "misses": method.misses.tolist(),
+                "n_unsafe": method.n_unsafe[:, 0].tolist(),
+                "false_alerts": method.false_alerts.tolist(),
+                "n_safe": method.n_safe[:, 0].tolist(),
+            }
+            for name, method in result.methods.items()
+        },
+    }
+
+
+def table(result: StudyResult) -> str:
+    """Return the printed table: miss rate and power at a few epsilons, methods by rank."""
+    recipe = result.recipe
+    epsilons = result.methods[next(iter(METHODS))].epsilons
+    rows = sorted({int(np.abs(epsilons - shown).argmin()) for shown in SHOWN})
+    lines = [
+        f"{recipe.n_monitors} monitors of {recipe.dataset.n_unsafe} unsafe rollouts "
+        f"({result.unsafe_rate:.0%} of flights unsafe), {recipe.n_test} fresh test flights each, "
+        f"{recipe.monitor.calibration} calibration, {recipe.monitor.scaling} units, lead "
+        f"{result.monitor.lead:g} s",
+        "miss / power, each with its 95 % interval; best mean power first",
+        "",
+        f"{'method':27}" + "".join(f"{f'epsilon {epsilons[row]:.2f}':^36}" for row in rows),
+    ]
+    for name in result.ranking:
+        method = result.methods[name]
+        lines.append(f"{name:27}" + "".join(f"{_cell(method, row):^36}" for row in rows))
+    return "\n".join(lines)
+
+
+def _cell(method: MethodResult, row: int) -> str:
+    miss, power = method.miss_rate[row], method.power[row]
+    (miss_low, miss_high), (low, high) = method.miss_interval[row], method.power_interval[row]
+    return f"{miss:.2f} [{miss_low:.2f} {miss_high:.2f}] / {power:.2f} [{low:.2f} {high:.2f}]"
+
+
+def _csv(result: StudyResult) -> str:
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    head = "method,epsilon,miss_rate,miss_low,miss_high,power,power_low,power_high"
+    writer.writerow(head.split(","))
+    for name, method in result.methods.items():
+        curves = zip(
+            method.epsilons,
+            method.miss_rate,
+            method.miss_interval,
+            method.power,
+            method.power_interval,
+            strict=True,
+        )
+        for epsilon, miss, miss_interval, power, power_interval in curves:
+            numbers = (epsilon, miss, *miss_interval, power, *power_interval)
+            writer.writerow([name, *(f"{number:.6g}" for number in numbers)])
+    return text.getvalue()

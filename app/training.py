@@ -1,0 +1,178 @@
+"""Training a monitor from a dataset, and what fresh flights say of it, as data."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from app.recipes import RecipeError, from_plain, to_plain
+from core.collection import DatasetRecipe, Rollouts, Simulator, collect
+from core.dataset import Dataset
+from core.evaluation import EPSILONS, Evaluation, evaluate, leads
+from core.monitor import Monitor, MonitorRecipe, train
+
+Array = npt.NDArray[np.float64]
+Progress = Callable[[str, int, int], object]
+"""Called with (what is being done, done, in all); what it raises cancels."""
+
+TEST = 2
+"""Branch of a seed's random streams that no collection uses."""
+LEAD_BINS = 20
+
+
+@dataclass(frozen=True, eq=False)
+class FlownTest:
+    """What fresh flights said of a monitor.
+
+    at_epsilon: counts at the monitor's own epsilon.   curves: counts over the grid of epsilons.
+    leads: (n_unsafe,) [s] from the first alert to the failure, -inf where there was none.
+    """
+
+    epsilon: float
+    at_epsilon: Evaluation
+    curves: Evaluation
+    leads: Array
+
+    def as_plain(self, n_test: int, lead: float) -> dict[str, Any]:
+        """Return JSON's types, None for what could not be counted.   lead: the promised one [s]."""
+        return {
+            "n_test": n_test,
+            "epsilon": self.epsilon,
+            "lead": lead,
+            "n_unsafe": self.curves.n_unsafe,
+            "n_safe": self.curves.n_safe,
+            "n_early": self.curves.n_early,
+            "at_epsilon": {key: values[0] for key, values in _curves(self.at_epsilon).items()},
+            "curves": _curves(self.curves),
+            "leads": _histogram(self.leads, lead),
+        }
+
+
+@dataclass(frozen=True, eq=False)
+class Training:
+    """A trained monitor, what it learned from, what fresh flights said of it; None: not flown."""
+
+    dataset: Dataset
+    monitor: Monitor
+    test: FlownTest | None
+    n_test: int = field(default=0)
+
+    @property
+    def evaluation(self) -> dict[str, Any] | None:
+        """The test as plain data, with where it comes from."""
+        if self.test is None:
+            return None
+        plain = self.test.as_plain(self.n_test, self.monitor.lead)
+        return plain | {
+            "unsafe_rate": self.dataset.unsafe_rate,
+            "seed": self.dataset.seed,
+            "dataset_digest": self.dataset.digest(),
+            "version": self.monitor.version,
+        }
+
+
+def simulate(recipe: DatasetRecipe, progress: Progress) -> Dataset:
+    """Collect a dataset that knows its recipe as plain data."""
+
+    def found(n_unsafe: int, n_made: int) -> None:
+        words = f"simulating: {n_unsafe} unsafe of {n_made} rollouts"
+        progress(words, n_unsafe, recipe.n_unsafe)
+
+    return collect(recipe, progress=found, description=to_plain(recipe))
+
+
+def recipe_of(dataset: Dataset) -> DatasetRecipe | None:
+    """The recipe a dataset was simulated from; None where it was not simulated here."""
+    if not dataset.recipe:
+        return None
+    try:
+        return from_plain(DatasetRecipe(), dataset.recipe)
+    except RecipeError:
+        return None
+
+
+def train_and_test(
+    dataset: Dataset, recipe: MonitorRecipe, n_test: int, progress: Progress
+) -> Training:
+    """Train a monitor and fly n_test fresh flights of the dataset's recipe through it.
+
+    No flight is flown where n_test is 0 or the dataset has no recipe.
+    """
+    progress("training", 0, 2)
+    monitor = train(dataset, recipe)
+    monitor.check_epsilon()
+    simulated = recipe_of(dataset)
+    if simulated is None or n_test == 0:
+        return Training(dataset, monitor, None)
+    progress(f"flying {n_test} fresh flights", 1, 2)
+    test = fly_test(monitor, fresh_flights(simulated, n_test))
+    progress("done", 2, 2)
+    return Training(dataset, monitor, test, n_test)
+
+
+def fresh_flights(recipe: DatasetRecipe, n: int) -> Rollouts:
+    """Roll out n flights that no monitor of this recipe was trained on."""
+    stream = np.random.SeedSequence(recipe.seed, spawn_key=(TEST,))
+    return Simulator(recipe).rollouts(n, np.random.default_rng(stream))
+
+
+def fly_test(monitor: Monitor, flights: Rollouts) -> FlownTest:
+    """Fly fresh flights through a monitor, at its epsilon and over the grid it can serve."""
+    epsilon = monitor.check_epsilon()
+    grid = EPSILONS[monitor.smallest_epsilon - 1e-9 <= EPSILONS]
+    both = evaluate(monitor, flights.y, flights.fail_index, np.append(grid, epsilon))
+    return FlownTest(
+        epsilon=epsilon,
+        at_epsilon=_part(both, slice(-1, None)),
+        curves=_part(both, slice(0, -1)),
+        leads=leads(monitor, flights.y, flights.fail_index),
+    )
+
+
+def _part(whole: Evaluation, at: slice) -> Evaluation:
+    return Evaluation(
+        epsilons=whole.epsilons[at],
+        n_unsafe=whole.n_unsafe,
+        n_safe=whole.n_safe,
+        n_early=whole.n_early,
+        misses=whole.misses[at],
+        false_alerts=whole.false_alerts[at],
+    )
+
+
+def _curves(found: Evaluation) -> dict[str, list[Any]]:
+    no_unsafe, no_safe = found.n_unsafe == 0, found.n_safe == 0
+    unknown = [None] * len(found.epsilons)
+    return {
+        "epsilon": found.epsilons.tolist(),
+        "misses": found.misses.tolist(),
+        "false_alerts": found.false_alerts.tolist(),
+        "miss_rate": unknown if no_unsafe else found.miss_rate.tolist(),
+        "miss_interval": found.miss_interval.tolist(),
+        "power": unknown if no_safe else found.power.tolist(),
+        "power_interval": found.power_interval.tolist(),
+        "fail_given_alert": [_or_none(share) for share in found.fail_given_alert.tolist()],
+        "fail_given_alert_interval": found.fail_given_alert_interval.tolist(),
+    }
+
+
+def _histogram(lead: Array, promised: float) -> dict[str, Any]:
+    warned = lead[np.isfinite(lead)]
+    quantiles = np.quantile(warned, [0.05, 0.5, 0.95]).tolist() if len(warned) else [None] * 3
+    top = float(warned.max(initial=0.0)) or 1.0
+    counts, edges = np.histogram(warned, LEAD_BINS, (0.0, top))
+    return {
+        "edges": edges.tolist(),
+        "counts": counts.tolist(),
+        "n_without": int(len(lead) - len(warned)),
+        "n_timely": int((lead >= promised - 1e-9).sum()),
+        "p05": quantiles[0],
+        "median": quantiles[1],
+        "p95": quantiles[2],
+    }
+
+
+def _or_none(number: float) -> float | None:
+    return None if np.isnan(number) else number

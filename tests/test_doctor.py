@@ -1,0 +1,131 @@
+import socket
+
+import pytest
+from sqlalchemy import text
+
+from app import doctor
+from app.cli import main
+from app.doctor import Failed, examine, outside_request
+from app.settings import Settings, SettingsError
+from app.store import StoreError, open_store
+
+
+@pytest.fixture
+def settings(tmp_path):
+    return Settings(data_dir=tmp_path / "data", port=0)
+
+
+def test_a_sound_installation_is_well(settings):
+    findings = {finding.what: finding for finding in examine(settings)}
+    assert [f"{finding}" for finding in findings.values() if not finding.is_well] == []
+    assert list(findings)[-1] == "server"
+    assert "numpy" in findings["versions"].words
+
+
+def test_a_failure_does_not_stop_the_other_checks(settings, monkeypatch):
+    def broken(_):
+        raise RuntimeError("no such thing")
+
+    monkeypatch.setattr(doctor, "data_directory", broken)
+    monkeypatch.setattr(doctor, "round_trip", lambda _: "served")
+    findings = list(examine(settings))
+    assert [finding.what for finding in findings if not finding.is_well] == ["data directory"]
+    assert "no such thing" in str(findings[1])
+    assert str(findings[1]).startswith("FAIL")
+
+
+@pytest.mark.parametrize(("fails", "code"), [(False, 0), (True, 1)])
+def test_the_command_succeeds_only_where_all_is_well(tmp_path, monkeypatch, capsys, fails, code):
+    def round_trip(_):
+        if fails:
+            raise Failed("cannot fly")
+        return "flies"
+
+    monkeypatch.setattr(doctor, "round_trip", round_trip)
+    assert main(["doctor", "--data-dir", str(tmp_path), "--port", "0"]) == code
+    assert ("cannot fly" if fails else "flies") in capsys.readouterr().out
+
+
+def test_a_data_directory_that_cannot_be_written_fails(tmp_path):
+    (tmp_path / "file").touch()
+    with pytest.raises(Failed, match="--data-dir"):
+        doctor.data_directory(Settings(data_dir=tmp_path / "file"))
+
+
+def test_a_database_is_not_made_by_looking(settings):
+    assert "no database yet" in doctor.schema(settings)
+    assert not settings.data_dir.exists()
+
+
+def test_a_database_of_this_program_is_whole(settings):
+    settings.data_dir.mkdir()
+    open_store(settings.url).close()
+    assert "the newest" in doctor.schema(settings)
+
+
+def test_a_database_of_a_newer_program_fails(settings):
+    settings.data_dir.mkdir()
+    store = open_store(settings.url)
+    with store.engine.begin() as connection:
+        connection.execute(text("UPDATE alembic_version SET version_num = '9999'"))
+    store.close()
+    with pytest.raises(StoreError, match="9999"):
+        doctor.schema(settings)
+
+
+def test_a_port_that_another_program_has_fails(tmp_path):
+    with socket.socket() as taken:
+        taken.bind(("127.0.0.1", 0))
+        port = taken.getsockname()[1]
+        with pytest.raises(SettingsError, match="--port"):
+            doctor.port(Settings(data_dir=tmp_path, port=port))
+
+
+def test_a_port_that_forewarn_serves_is_well(settings):
+    with doctor._running(settings) as (address, _):
+        port = int(address.rpartition(":")[2])
+        served = Settings(data_dir=settings.data_dir, port=port)
+        assert "served by forewarn already" in doctor.port(served)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        '<script src="https://cdn.example/x.js"></script>',
+        "<link rel=stylesheet href='//fonts.example/a.css'>",
+        "@font-face { src: url(https://fonts.example/a.woff2) }",
+        'import { plot } from "https://esm.example/plot";',
+        "import 'http://esm.example/side-effect';",
+        'const plot = await import("https://esm.example/plot");',
+    ],
+)
+def test_what_comes_from_outside_is_found(text):
+    assert outside_request(f"<p>\n{text}\n</p>")
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        '<script type="module" src="/js/main.js"></script>',
+        'import { plot } from "./plot.js";',
+        "background: url(data:image/png;base64,iVBO//w)",
+        '<svg xmlns="http://www.w3.org/2000/svg">',
+        "// see https://www.w3.org/TR/CSP3/ for what 'self' means",
+    ],
+)
+def test_what_is_here_is_not(text):
+    assert outside_request(text) is None
+
+
+def test_a_page_with_outside_parts_fails(settings, monkeypatch, tmp_path):
+    for name in doctor.NEEDED:
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).write_text("")
+    monkeypatch.setattr(doctor, "STATIC", tmp_path)
+    assert "3 files" in doctor.offline_assets(settings)
+    (tmp_path / "style.css").write_text("@import url(//fonts.example/a.css);")
+    with pytest.raises(Failed, match=r"style\.css would load"):
+        doctor.offline_assets(settings)
+    (tmp_path / "index.html").unlink()
+    with pytest.raises(Failed, match=r"index\.html is missing"):
+        doctor.offline_assets(settings)
