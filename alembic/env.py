@@ -4,9 +4,9 @@ By hand, from the repository's root: `alembic -x url=forewarn.db upgrade head`; 
 settings without `-x`.
 """
 
+from alembic import context
 from sqlalchemy import Connection
 
-from alembic import context
 from app.database import address
 from app.schema import migrating
 from app.settings import read_settings

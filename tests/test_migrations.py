@@ -11,12 +11,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from alembic import command
 from alembic.autogenerate import compare_metadata
 from alembic.config import Config
 from alembic.migration import MigrationContext
 from sqlalchemy import insert, inspect
 
-from alembic import command
 from app import schema
 from app.database import address, make_engine, writing
 from app.schema import configuration, current_revision, migrating, newest_revision

@@ -6,7 +6,6 @@ files lie in parts, so that a large one blocks no other writer for long; `comple
 """
 
 import sqlalchemy as sa
-
 from alembic import op
 
 revision = "0001"

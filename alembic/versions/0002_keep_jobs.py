@@ -5,7 +5,6 @@ its failure or result must outlive the page that asked for it.
 """
 
 import sqlalchemy as sa
-
 from alembic import op
 
 revision = "0002"

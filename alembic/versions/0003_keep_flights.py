@@ -5,7 +5,6 @@ report. A row for each sample costs a hundred times a chunk's share.
 """
 
 import sqlalchemy as sa
-
 from alembic import op
 
 revision = "0003"

@@ -1,0 +1,183 @@
+"""The catalog: every family with its members, the JSON schema of their parameters, and defaults.
+
+The page draws its forms from it, and the OpenAPI document takes the recipes' schemas from it.
+"""
+
+from copy import deepcopy
+from dataclasses import asdict, fields, is_dataclass
+from functools import cache
+from typing import Any
+
+from pydantic import TypeAdapter
+
+from app.field_notes import field_notes, first_line
+from app.recipes import FAMILIES, family_of, to_plain
+from core import __version__
+from core.channels import CHANNELS
+from core.collection import DatasetRecipe
+from core.monitor import MonitorRecipe
+from core.specification import SPECIFICATIONS, Limits
+from core.study import StudyRecipe
+
+NAMES: dict[type, str] = dict(
+    zip(FAMILIES, ("aircraft", "control_law", "maneuver", "predictor", "score"), strict=True)
+)
+LABELS = {
+    "aircraft": "Aircraft",
+    "control_law": "Control law",
+    "maneuver": "Manoeuvre",
+    "specification": "Limits",
+    "predictor": "Predictor",
+    "score": "Score",
+}
+RECIPES: dict[str, Any] = {
+    "dataset": DatasetRecipe(),
+    "monitor": MonitorRecipe(),
+    "study": StudyRecipe(),
+}
+N_TEST = 2000
+LARGEST_N_TEST = 100_000
+
+
+@cache
+def catalog() -> dict[str, Any]:
+    """Return the whole catalog as plain data."""
+    families: dict[str, dict[str, Any]] = {}
+    for base, family in (*FAMILIES.items(), (Limits, SPECIFICATIONS)):
+        name = NAMES.get(base, "specification")
+        families[name] = {
+            "label": LABELS[name],
+            "description": first_line(base),
+            "entries": {kind: _entry(kind, member) for kind, member in family.items()},
+        }
+    families = {name: families[name] for name in LABELS}
+    return {
+        "version": __version__,
+        "channels": [asdict(channel) for channel in CHANNELS],
+        "families": families,
+        "recipes": {
+            name: {"schema": schema_of(recipe), "default": to_plain(recipe)}
+            for name, recipe in RECIPES.items()
+        },
+    }
+
+
+def _entry(kind: str, member: Any) -> dict[str, Any]:
+    return {
+        "kind": kind,
+        "label": getattr(member, "title", None) or kind.replace("_", " "),
+        "description": getattr(member, "description", None) or first_line(type(member)),
+        "schema": schema_of(member),
+        "default": {key: value for key, value in to_plain(member).items() if key != "kind"},
+    }
+
+
+def schema_of(member: Any) -> dict[str, Any]:
+    """JSON schema of a recipe's or a family member's parameters, `member` giving the defaults.
+
+    Every property has title, description, `x-unit` and default; no `$ref`. A property that is of a
+    family has `x-family` and takes a `kind` with that kind's parameters.
+    """
+    return _with_notes(_inlined(TypeAdapter(type(member)).json_schema()), member)
+
+
+def _with_notes(schema: dict[str, Any], member: Any) -> dict[str, Any]:
+    """Add notes and defaults to an object's properties; unknown ones are not allowed."""
+    notes = field_notes(type(member))
+    properties = {}
+    for field in fields(member):
+        value = getattr(member, field.name)
+        note = notes[field.name]
+        entry = _property(schema["properties"][field.name], value)
+        entry |= {"title": field.name, "default": to_plain(value)}
+        entry["description"] = note.description or entry.get("description", "")
+        entry |= {"x-unit": note.unit} if note.unit else {}
+        properties[field.name] = entry
+    return {
+        "type": "object",
+        "title": type(member).__name__,
+        "description": first_line(type(member)),
+        "properties": properties,
+        "additionalProperties": False,
+    }
+
+
+def _property(schema: dict[str, Any], value: Any) -> dict[str, Any]:
+    family = family_of(value)
+    if family is not None:
+        base = next(base for base in FAMILIES if isinstance(value, base))
+        return {
+            "type": "object",
+            "description": first_line(base),
+            "x-family": NAMES[base],
+            "properties": {"kind": {"enum": list(family)}},
+        }
+    if is_dataclass(value):
+        return _with_notes(schema, value)
+    return dict(schema)
+
+
+def _inlined(schema: dict[str, Any]) -> dict[str, Any]:
+    """The schema with every `$ref` replaced by what it refers to."""
+    definitions = schema.get("$defs", {})
+
+    def resolve(node: Any) -> Any:
+        if isinstance(node, list):
+            return [resolve(entry) for entry in node]
+        if not isinstance(node, dict):
+            return node
+        if "$ref" in node:
+            target = definitions[node["$ref"].rpartition("/")[2]]
+            return resolve(target | {k: v for k, v in node.items() if k != "$ref"})
+        return {key: resolve(entry) for key, entry in node.items() if key != "$defs"}
+
+    return resolve(schema)
+
+
+def dataset_request_schema() -> dict[str, Any]:
+    """JSON schema of the body that asks for a dataset."""
+    schema = schema_of(RECIPES["dataset"])
+    schema["properties"] |= {"name": _NAME}
+    return schema | {"title": "Dataset to simulate"}
+
+
+def monitor_request_schema() -> dict[str, Any]:
+    """JSON schema of the body that asks for a monitor."""
+    schema = schema_of(RECIPES["monitor"])
+    schema["properties"] |= {"name": _NAME, "dataset": _dataset_choice(), "n_test": _n_test(N_TEST)}
+    return schema | {"title": "Monitor to train", "required": ["dataset"]}
+
+
+def study_request_schema() -> dict[str, Any]:
+    """JSON schema of the body that asks for the paper's study."""
+    schema = schema_of(RECIPES["study"])
+    schema["properties"] |= {"dataset": _dataset_choice()}
+    schema["properties"]["n_test"] |= {"minimum": 1, "maximum": LARGEST_N_TEST}
+    schema["properties"]["n_monitors"] |= {"minimum": 1, "maximum": 100}
+    return schema | {"title": "Study to run", "required": ["dataset"]}
+
+
+_NAME = {
+    "title": "name",
+    "description": "what people call it; made from the recipe if absent",
+    "anyOf": [{"type": "string", "minLength": 1, "maxLength": 200}, {"type": "null"}],
+}
+
+
+def _dataset_choice() -> dict[str, Any]:
+    return {
+        "title": "dataset",
+        "description": "id of a stored dataset, or the recipe of one to simulate",
+        "anyOf": [{"type": "string", "minLength": 1}, deepcopy(schema_of(RECIPES["dataset"]))],
+    }
+
+
+def _n_test(default: int) -> dict[str, Any]:
+    return {
+        "title": "n_test",
+        "description": "fresh flights of the evaluation",
+        "type": "integer",
+        "default": default,
+        "minimum": 0,
+        "maximum": LARGEST_N_TEST,
+    }

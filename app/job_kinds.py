@@ -1,0 +1,67 @@
+"""The kinds of long work: what runs in a worker thread for an order, and what it leaves behind."""
+
+from typing import Any
+
+from app.jobs import Task, Work
+from app.orders import DatasetOrder, MonitorOrder, dataset_name
+from app.store import Store
+from app.training import simulate, train_and_test
+from core.study import StudyRecipe, study
+
+
+def dataset_work(order: DatasetOrder, store: Store) -> Work:
+    """Simulate and store a dataset; the result names it."""
+
+    def work(task: Task) -> dict[str, Any]:
+        dataset = simulate(order.recipe, task.progress)
+        task.progress("storing", task.done, task.total)
+        return {"dataset": store.add_dataset(dataset, order.name).id}
+
+    return work
+
+
+def monitor_work(order: MonitorOrder, store: Store) -> Work:
+    """Simulate where asked, train, fly fresh flights, store; the result names what was made."""
+
+    def work(task: Task) -> dict[str, Any]:
+        dataset_id, dataset = order.dataset.id, order.dataset.load(store)
+        if dataset is None:
+            assert order.dataset.recipe
+            dataset = simulate(order.dataset.recipe, task.progress)
+            dataset_id = store.add_dataset(dataset, dataset_name(order.dataset.recipe)).id
+        training = train_and_test(dataset, order.recipe, order.n_test, task.progress)
+        task.progress("storing", task.done, task.total)
+        info = store.add_monitor(training.monitor, order.name, dataset_id, training.evaluation)
+        return {"monitor": info.id, "dataset": dataset_id}
+
+    return work
+
+
+def study_work(recipe: StudyRecipe) -> Work:
+    """Compare the five methods; the result holds the curves, the table and figures as SVG."""
+
+    def work(task: Task) -> dict[str, Any]:
+        from app import figures
+        from app.study_report import summary, table
+
+        def trained(done: int, total: int) -> None:
+            task.progress(f"{done} of {total} monitors of every method", done, total)
+
+        trained(0, recipe.n_monitors)
+        found = study(recipe, progress=trained)
+        task.progress("drawing", task.done, task.total)
+        limits = recipe.dataset.specification.magnitudes
+        drawn = figures.render(figures.study_curves(found), "miss_and_power")
+        drawn |= figures.render(figures.study_rollouts(found, limits), "rollouts")
+        svg = {name: text.decode() for name, text in drawn.items() if name.endswith(".svg")}
+        return summary(found) | {"table": table(found), "figures": svg}
+
+    return work
+
+
+def without_figures(result: dict[str, Any] | None, job_id: str) -> dict[str, Any] | None:
+    """Return a result with links in place of its figures."""
+    if not result or "figures" not in result:
+        return result
+    links = {name: f"/api/v1/jobs/{job_id}/figures/{name}" for name in result["figures"]}
+    return result | {"figures": links}

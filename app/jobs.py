@@ -1,0 +1,239 @@
+"""Long work off the event loop: a queue, a few worker threads, progress, cancel, clear failure."""
+
+import asyncio
+import logging
+import threading
+import time
+from collections import deque
+from collections.abc import AsyncIterator, Callable
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+from app.entries import ENDED, JobInfo
+from app.store import NotFound, Store
+
+LOG = logging.getLogger("forewarn")
+SAVE_INTERVAL = 0.5
+"""[s] Progress is told at once, and stored no more often than this."""
+STOPPED = "the server stopped while this was under way: ask for it again"
+
+
+class Cancelled(Exception):
+    """Raised inside the work of a job whose end was asked for."""
+
+
+class QueueFull(Exception):
+    """As many jobs wait as may."""
+
+
+class NotRunning(Exception):
+    """A job that has ended cannot be cancelled."""
+
+
+@dataclass(eq=False)
+class Task:
+    """One job under way, as its work sees it."""
+
+    id: str
+    work: "Work"
+    tell: Callable[["Task"], None]
+    done: int = 0
+    total: int = 0
+    message: str = "waiting"
+    stop: threading.Event = field(default_factory=threading.Event)
+    watchers: set["Watcher"] = field(default_factory=set)
+    ended: bool = False
+    next_save: float = 0.0
+
+    def progress(self, message: str, done: int, total: int) -> None:
+        """Say how far the work is; Cancelled where its end was asked for."""
+        if self.stop.is_set():
+            raise Cancelled
+        self.message, self.done, self.total = message, done, total
+        self.tell(self)
+
+
+Work = Callable[[Task], dict[str, Any]]
+"""What a job does, in a worker thread; what it returns is the job's result."""
+
+
+class Watcher:
+    """Wakes one watcher on its own event loop; calls of `wake` between two waits count as one."""
+
+    def __init__(self) -> None:
+        self.loop = asyncio.get_running_loop()
+        self.event = asyncio.Event()
+
+    def wake(self) -> None:
+        """Wake it, from any thread; one whose loop has closed sleeps on."""
+        try:
+            self.loop.call_soon_threadsafe(self.event.set)
+        except RuntimeError:
+            return
+
+
+class Jobs:
+    """The server's long work.   workers: how many at once.   queue: how many may wait."""
+
+    def __init__(self, store: Store, workers: int = 1, queue: int = 20) -> None:
+        self.store = store
+        self.limit = queue
+        self._waiting: deque[Task] = deque()
+        self._live: dict[str, Task] = {}
+        self._changed = threading.Condition()
+        self._closing = False
+        self._threads = [
+            threading.Thread(target=self._serve, name=f"job-{number}", daemon=True)
+            for number in range(workers)
+        ]
+        for thread in self._threads:
+            thread.start()
+
+    @property
+    def n_waiting(self) -> int:
+        """Jobs that wait for a worker."""
+        return len(self._waiting)
+
+    @property
+    def n_running(self) -> int:
+        """Jobs that a worker is at."""
+        return len(self._live) - len(self._waiting)
+
+    def submit(self, kind: str, request: dict[str, Any], work: Work) -> str:
+        """Queue a job and return its id; QueueFull where too many wait."""
+        with self._changed:
+            if self._closing or len(self._waiting) >= self.limit:
+                raise QueueFull(
+                    f"{len(self._waiting)} jobs wait already: wait for one to end, or cancel one"
+                )
+            task = Task(self.store.add_job(kind, request), work, self._tell)
+            self._live[task.id] = task
+            self._waiting.append(task)
+            self._changed.notify()
+        return task.id
+
+    def info(self, job_id: str) -> JobInfo:
+        """The job as it is now, progress included; NotFound for an unknown id."""
+        return self.fresh(self.store.job(job_id))
+
+    def fresh(self, info: JobInfo) -> JobInfo:
+        """A stored job with its progress of this moment."""
+        task = self._live.get(info.id)
+        if task is None or info.status != "running":
+            return info
+        message = f"cancelling: {task.message}" if task.stop.is_set() else task.message
+        return replace(info, progress=task.done, total=task.total, message=message)
+
+    def cancel(self, job_id: str) -> None:
+        """Ask a job to end; it does at its next step. NotRunning where it has ended."""
+        with self._changed:
+            task = self._live.get(job_id)
+            if task is None:
+                status = self.store.job(job_id).status
+                raise NotRunning(f"the job is {status} already: there is nothing to cancel")
+            task.stop.set()
+            if task in self._waiting:
+                self._waiting.remove(task)
+                self._end(task, status="cancelled", message="cancelled before it began")
+
+    async def watch(self, job_id: str, patience: float) -> AsyncIterator[JobInfo | None]:
+        """Yield the job as it is, then at each change, to its end; None after `patience` [s]."""
+        watcher = Watcher()
+        task = self._live.get(job_id)
+        if task is not None:
+            task.watchers.add(watcher)
+        try:
+            while True:
+                watcher.event.clear()
+                ended = task is None or task.ended
+                info = await asyncio.to_thread(self.info, job_id)
+                yield info
+                if ended or info.status in ENDED:
+                    return
+                while not await _within(watcher.event.wait(), patience):
+                    yield None
+        finally:
+            if task is not None:
+                task.watchers.discard(watcher)
+
+    def close(self) -> None:
+        """End everything: jobs under way and waiting ones become `interrupted`."""
+        with self._changed:
+            self._closing = True
+            for task in self._live.values():
+                task.stop.set()
+            while self._waiting:
+                self._end(self._waiting.popleft(), status="interrupted", error=STOPPED)
+            self._changed.notify_all()
+        for thread in self._threads:
+            thread.join()
+
+    def _serve(self) -> None:
+        while True:
+            with self._changed:
+                self._changed.wait_for(lambda: self._waiting or self._closing)
+                if not self._waiting:
+                    return
+                task = self._waiting.popleft()
+            self._run(task)
+
+    def _run(self, task: Task) -> None:
+        try:
+            self.store.update_job(task.id, status="running", message="starting")
+            task.progress("starting", 0, 0)
+            result = task.work(task)
+            self._end(
+                task,
+                status="done",
+                progress=task.done,
+                total=task.total,
+                message="done",
+                result=result,
+            )
+        except Cancelled:
+            if self._closing:
+                self._end(task, status="interrupted", error=STOPPED)
+            else:
+                self._end(task, status="cancelled", message=f"cancelled while {task.message}")
+        except (ValueError, NotFound) as error:
+            # what core and the store say of a request that cannot be met
+            self._fail(task, str(error.args[0]) if error.args else type(error).__name__, error)
+        except MemoryError as error:
+            self._fail(task, "there is not enough memory: ask for fewer rollouts", error)
+        except Exception as error:
+            self._fail(task, f"the program failed; its log says more under job {task.id}", error)
+
+    def _fail(self, task: Task, text: str, error: Exception) -> None:
+        LOG.warning("job %s failed: %s", task.id, error, exc_info=not isinstance(error, ValueError))
+        self._end(task, status="failed", message=f"failed while {task.message}", error=text)
+
+    def _end(self, task: Task, **fields: Any) -> None:
+        try:
+            self.store.update_job(task.id, **fields)
+        except Exception:
+            LOG.exception("job %s ended as %s, which could not be stored", task.id, fields)
+        task.ended = True
+        self._live.pop(task.id, None)
+        self._wake(task)
+
+    def _tell(self, task: Task) -> None:
+        """Store progress now and then; wake who watches at once."""
+        now = time.monotonic()
+        if now >= task.next_save:
+            task.next_save = now + SAVE_INTERVAL
+            self.store.update_job(
+                task.id, progress=task.done, total=task.total, message=task.message
+            )
+        self._wake(task)
+
+    def _wake(self, task: Task) -> None:
+        for watcher in list(task.watchers):
+            watcher.wake()
+
+
+async def _within(wait: Any, seconds: float) -> bool:
+    try:
+        await asyncio.wait_for(wait, seconds)
+    except TimeoutError:
+        return False
+    return True

@@ -1,0 +1,107 @@
+"""Telemetry as JSON, one array a channel, and its assessments as JSON."""
+
+from typing import Any
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field
+
+from app.telemetry.recording import ATTITUDE, Recording, TelemetryError
+from core.channels import KEYS
+from core.monitor import Monitor
+from core.monitor.assessment import REASONS, STATES
+
+Values = list[float | None]
+MOST_SAMPLES = 1_000_000
+
+
+class TelemetryBody(BaseModel):
+    """Telemetry, one array a channel, SI units; null for a missing value."""
+
+    model_config = ConfigDict(extra="forbid", title="Telemetry")
+
+    t: list[float] = Field(
+        description="time [s], increasing", min_length=1, max_length=MOST_SAMPLES
+    )
+    beta: Values = Field(description="sideslip [rad]")
+    p: Values = Field(description="roll rate [rad/s]")
+    r: Values = Field(description="yaw rate [rad/s]")
+    Ny: Values = Field(description="lateral acceleration [g]")
+    delta_a: Values = Field(description="aileron [rad]")
+    delta_r: Values = Field(description="rudder [rad]")
+    phi: Values | None = Field(None, description="bank angle [rad], for the display only")
+    theta: Values | None = Field(None, description="pitch angle [rad], for the display only")
+    psi: Values | None = Field(None, description="heading [rad], for the display only")
+
+
+def parse_telemetry(plain: dict[str, Any]) -> Recording:
+    """Return the telemetry of parsed JSON; TelemetryError says what is missing or too long."""
+    known = ("t", *KEYS, *ATTITUDE)
+    if unknown := [key for key in plain if key not in known]:
+        raise TelemetryError(f"telemetry has no channel {unknown[0]!r}: choose {', '.join(known)}")
+    if missing := [key for key in ("t", *KEYS) if plain.get(key) is None]:
+        raise TelemetryError(
+            f"the channel {missing[0]} is missing: give t and {', '.join(KEYS)}, one array each"
+        )
+    t = _array("t", plain["t"])
+    if not 1 <= len(t) <= MOST_SAMPLES:
+        raise TelemetryError(f"t has {len(t)} samples: give 1 to {MOST_SAMPLES}")
+    if not np.isfinite(t).all():
+        raise TelemetryError("t has a missing or infinite value: give every sample's time")
+    channels = {key: _array(key, plain[key]) for key in known if plain.get(key) is not None}
+    for key, values in channels.items():
+        if len(values) != len(t):
+            raise TelemetryError(
+                f"{key} has {len(values)} samples and t has {len(t)}: give as many"
+            )
+    y = np.column_stack([channels[key] for key in KEYS])
+    return Recording(t, y, {key: channels[key] for key in ATTITUDE if key in channels})
+
+
+def _array(key: str, values: Any) -> np.ndarray:
+    """(n,) of a list of numbers and nulls, null as NaN."""
+    if not isinstance(values, list) or any(type(v) not in (float, int, type(None)) for v in values):
+        raise TelemetryError(f"{key} is not an array of numbers: give one number or null a sample")
+    try:
+        return np.array(values, dtype=np.float64)
+    except OverflowError:
+        raise TelemetryError(f"{key} has a number too large for a float") from None
+
+
+def assessed(
+    monitor: Monitor, recording: Recording, epsilon: float, *, why: bool
+) -> list[dict[str, Any]]:
+    """Return the assessment of each sample in wire form; `why` adds the exemplars."""
+    if why:
+        stream = monitor.stream(epsilon)
+        return [
+            stream.update(t, y).as_dict()
+            for t, y in zip(recording.t.tolist(), recording.y, strict=True)
+        ]
+    said = monitor.assess(recording.t, recording.y, epsilon)
+    rows = zip(
+        said.t.tolist(),
+        said.state.tolist(),
+        said.p_value.tolist(),
+        said.alert.tolist(),
+        said.score.tolist(),
+        said.y_hat.tolist(),
+        strict=True,
+    )
+    return [_assessment(*row) for row in rows]
+
+
+def _assessment(
+    t: float, code: int, p_value: float, alert: bool, score: float, y_hat: list[float]
+) -> dict[str, Any]:
+    known = p_value == p_value
+    return {
+        "t": t,
+        "p_value": p_value if known else None,
+        "alert": alert if known else None,
+        "state": STATES[code].value,
+        "reason": REASONS[code],
+        "y_hat": dict(zip(KEYS, y_hat, strict=True)) if known and y_hat[0] == y_hat[0] else None,
+        "score": score if known else None,
+        "nearest_unsafe": None,
+        "nearest_safe": None,
+    }

@@ -1,0 +1,122 @@
+"""The web application: `create_app(settings)`; nothing opens before its lifespan begins."""
+
+import asyncio
+from collections.abc import AsyncIterator
+from contextlib import AsyncExitStack, asynccontextmanager
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+from fastapi import FastAPI
+from fastapi.responses import HTMLResponse, Response
+from fastapi.staticfiles import StaticFiles
+
+from app.flights import Flights
+from app.jobs import Jobs
+from app.metrics import Measured, Metrics
+from app.problems import describe_problems, install_problems
+from app.routes import catalog, datasets, flights, health, jobs, monitors
+from app.routes.scene import scene_router
+from app.scene import Scenes
+from app.security import BodyLimit, Guard
+from app.settings import Settings
+from app.store import open_store
+from core import __version__
+
+STATIC = Path(__file__).parents[1] / "static"
+DESCRIPTION = """Trains, flies and replays safety monitors for flight test.
+
+A monitor turns each telemetry sample into a risk p-value and alerts where it exceeds `epsilon`: on
+failing flights it stays silent until too late with probability at most `epsilon`.
+
+SI units and radians throughout, N_y in g; a name in another unit says so (`amplitude_deg`). Times
+of day are UTC in ISO 8601. Errors are problem documents (RFC 9457). Long work is answered by 202
+and the `Location` of a job."""
+
+
+class Application(FastAPI):
+    """The FastAPI application with the guard outside everything, error pages included."""
+
+    settings: Settings
+    metrics: Metrics
+
+    def build_middleware_stack(self) -> Any:
+        """FastAPI's layers, then what counts, then what lets in."""
+        limited = BodyLimit(super().build_middleware_stack(), self.settings.max_body_bytes)
+        return Guard(Measured(limited, self.metrics), self.settings)
+
+    def openapi(self) -> dict[str, Any]:
+        """The OpenAPI document, with the problem schema that the routes refer to."""
+        if self.openapi_schema is None:
+            describe_problems(super().openapi())
+        return super().openapi()
+
+
+def create_app(settings: Settings | None = None) -> FastAPI:
+    """Return the application; its store, jobs, flights and scenes open with its lifespan."""
+    settings = settings or Settings()
+    app = Application(
+        title="Forewarn",
+        version=__version__,
+        description=DESCRIPTION,
+        lifespan=_lifespan,
+        docs_url=None,
+        redoc_url=None,
+        telemetry={"tracing": False, "metrics": False},
+    )
+    app.settings = app.state.settings = settings
+    app.metrics = app.state.metrics = Metrics()
+    install_problems(app)
+    for part in (catalog, datasets, monitors, jobs, flights, health):
+        app.include_router(part.router)
+    app.include_router(scene_router())
+    _serve_docs(app)
+    if STATIC.is_dir():
+        app.frontend("/", directory=STATIC, fallback=None)
+    return app
+
+
+@asynccontextmanager
+async def _lifespan(app: FastAPI) -> AsyncIterator[None]:
+    """Open the parts of the application; close them in the opposite order."""
+    settings, metrics = app.state.settings, app.state.metrics
+    async with AsyncExitStack() as parts:
+        await asyncio.to_thread(settings.data_dir.mkdir, parents=True, exist_ok=True)
+        store = app.state.store = await asyncio.to_thread(open_store, settings.url)
+        parts.callback(store.close)
+        work = app.state.jobs = Jobs(store, settings.max_jobs, settings.max_queued_jobs)
+        parts.push_async_callback(asyncio.to_thread, work.close)
+        scenes = app.state.scenes = Scenes(settings.max_flights)
+        await parts.enter_async_context(scenes.lifespan())
+        aloft = app.state.flights = Flights(store, scenes, settings.max_flights)
+        await parts.enter_async_context(aloft)
+        metrics.gauge("flights", "flights under way", lambda: len(aloft.under_way()))
+        metrics.gauge("jobs_running", "jobs that a worker is at", lambda: work.n_running)
+        metrics.gauge("jobs_waiting", "jobs that wait for a worker", lambda: work.n_waiting)
+        yield
+
+
+def _serve_docs(app: FastAPI) -> None:
+    """Interactive documentation from files of an installed package: nothing comes from outside."""
+    package = find_spec("fastapi_offline")
+    assert package is not None
+    assert package.origin is not None
+    files = Path(package.origin).parent / "static"
+    app.mount("/docs/assets", StaticFiles(directory=files), name="docs-assets")
+    start = (
+        'SwaggerUIBundle({url: "/openapi.json", dom_id: "#swagger-ui", deepLinking: true,'
+        " presets: [SwaggerUIBundle.presets.apis, SwaggerUIBundle.SwaggerUIStandalonePreset]});"
+    )
+    page = """<!doctype html><html lang="en"><head><meta charset="utf-8"><title>Forewarn API</title>
+<link rel="stylesheet" href="/docs/assets/swagger-ui.css">
+<link rel="icon" href="/docs/assets/favicon.png"></head><body><div id="swagger-ui"></div>
+<script src="/docs/assets/swagger-ui-bundle.js"></script><script src="/docs/start.js"></script>
+</body></html>"""
+
+    @app.get("/docs", include_in_schema=False)
+    async def documentation() -> Response:
+        return HTMLResponse(page)
+
+    @app.get("/docs/start.js", include_in_schema=False)
+    async def start_documentation() -> Response:
+        return Response(start, media_type="text/javascript")

@@ -1,0 +1,176 @@
+"""What an order for long work says: checked at once, so that only what can be met is queued."""
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+from app.catalog import LARGEST_N_TEST, N_TEST
+from app.recipes import RecipeError, from_plain, to_plain
+from app.store import Store
+from app.training import recipe_of
+from core.collection import LARGEST_CHUNK, DatasetRecipe, Simulator
+from core.dataset import Dataset
+from core.monitor import MonitorRecipe
+from core.monitor.calibration import check_epsilon
+from core.study import StudyRecipe
+
+LONGEST_NAME = 200
+LARGEST_N_MONITORS = 100
+N_CHANNELS_BYTES = 6 * 8
+
+
+@dataclass(frozen=True)
+class DatasetChoice:
+    """A stored dataset by id, or the recipe of one to simulate; one of them."""
+
+    id: str | None
+    recipe: DatasetRecipe | None
+
+    def load(self, store: Store) -> Dataset | None:
+        """The stored dataset; None where it is yet to be simulated."""
+        return None if self.id is None else store.dataset(self.id)
+
+
+@dataclass(frozen=True)
+class DatasetOrder:
+    """A dataset to simulate and what to call it."""
+
+    name: str
+    recipe: DatasetRecipe
+
+
+@dataclass(frozen=True)
+class MonitorOrder:
+    """A monitor to train, on what, and the fresh flights of its evaluation."""
+
+    name: str
+    dataset: DatasetChoice
+    recipe: MonitorRecipe
+    n_test: int
+
+
+def dataset_order(plain: dict[str, Any], max_bytes: int) -> DatasetOrder:
+    """Read the body that asks for a dataset; RecipeError says what would be right."""
+    plain = dict(plain)
+    name = _name(plain)
+    recipe = _dataset_recipe(plain, max_bytes)
+    return DatasetOrder(name or dataset_name(recipe), recipe)
+
+
+def monitor_order(plain: dict[str, Any], store: Store, max_bytes: int) -> MonitorOrder:
+    """Read the body that asks for a monitor; RecipeError says what would be right."""
+    plain = dict(plain)
+    name = _name(plain)
+    choice = _dataset_choice(plain, store, max_bytes)
+    n_test = _count(plain, "n_test", N_TEST, 0, LARGEST_N_TEST)
+    recipe = _recipe(MonitorRecipe(), plain, "monitor")
+    if choice.recipe is not None:
+        n_unsafe = choice.recipe.n_unsafe
+        _check_test_size(choice.recipe, n_test, max_bytes)
+    else:
+        assert choice.id
+        n_unsafe = store.dataset_info(choice.id).n_unsafe
+    try:
+        check_epsilon(recipe.epsilon, n_unsafe)
+    except (ValueError, OverflowError) as error:
+        raise RecipeError(str(error)) from None
+    return MonitorOrder(name or f"{recipe.t_early:g} s ahead", choice, recipe, n_test)
+
+
+def study_order(plain: dict[str, Any], store: Store, max_bytes: int) -> StudyRecipe:
+    """Read the body that asks for the study; a stored dataset lends its recipe."""
+    plain = dict(plain)
+    choice = _dataset_choice(plain, store, max_bytes)
+    dataset = choice.recipe
+    if dataset is None:
+        stored = choice.load(store)
+        assert stored
+        dataset = recipe_of(stored)
+        if dataset is None:
+            raise RecipeError(f"dataset {choice.id} was not simulated here: give a recipe instead")
+    default = StudyRecipe()
+    n_test = _count(plain, "n_test", default.n_test, 1, LARGEST_N_TEST)
+    n_monitors = _count(plain, "n_monitors", default.n_monitors, 1, LARGEST_N_MONITORS)
+    monitor = _recipe(default.monitor, plain.pop("monitor", {}), "monitor")
+    if plain:
+        known = "dataset, monitor, n_monitors, n_test"
+        raise RecipeError(f"a study has no {next(iter(plain))!r}: choose {known}")
+    _check_test_size(dataset, n_test, max_bytes)
+    return replace(default, dataset=dataset, monitor=monitor, n_monitors=n_monitors, n_test=n_test)
+
+
+def check_size(recipe: DatasetRecipe, max_bytes: int) -> None:
+    """Refuse a recipe whose arrays could fill this machine's memory."""
+    samples = recipe.maneuver.duration_s / recipe.dt + 1
+    kept = (min(recipe.max_safe, recipe.max_rollouts) + recipe.n_unsafe) * samples
+    chunk = LARGEST_CHUNK * samples * recipe.substeps
+    needed = max(kept, chunk) * N_CHANNELS_BYTES
+    if needed > max_bytes:
+        raise RecipeError(
+            f"{samples:.6g} samples a rollout, substeps={recipe.substeps}, "
+            f"n_unsafe={recipe.n_unsafe} and max_safe={recipe.max_safe} may need "
+            f"{needed / 2**30:.3g} GiB, this server allows {max_bytes / 2**30:.3g}: ask for fewer, "
+            "or raise FOREWARN_MAX_ARRAY_BYTES"
+        )
+
+
+def _dataset_recipe(plain: Any, max_bytes: int) -> DatasetRecipe:
+    recipe = _recipe(DatasetRecipe(), plain, "dataset")
+    check_size(recipe, max_bytes)
+    try:
+        recipe.maneuver.n_samples(recipe.dt)
+        Simulator(recipe)
+    except ValueError as error:
+        raise RecipeError(str(error)) from None
+    return recipe
+
+
+def _recipe(default: Any, plain: Any, where: str) -> Any:
+    """`from_plain`, with numbers too large to count with said as a RecipeError too."""
+    try:
+        return from_plain(default, plain, where)
+    except OverflowError as error:
+        raise RecipeError(f"{where} has a number out of range: {error}") from None
+
+
+def _dataset_choice(plain: dict[str, Any], store: Store, max_bytes: int) -> DatasetChoice:
+    given = plain.pop("dataset", None)
+    if isinstance(given, str):
+        store.dataset_info(given)
+        return DatasetChoice(given, None)
+    if isinstance(given, dict):
+        return DatasetChoice(None, _dataset_recipe(given, max_bytes))
+    raise RecipeError(
+        f"dataset is {given!r}: give the id of a stored dataset, or an object, its recipe"
+    )
+
+
+def _name(plain: dict[str, Any]) -> str | None:
+    name = plain.pop("name", None)
+    if name is None:
+        return None
+    if not isinstance(name, str) or not 0 < len(name) <= LONGEST_NAME:
+        raise RecipeError(f"name is {name!r:.80}: give 1 to {LONGEST_NAME} characters")
+    return name
+
+
+def _count(plain: dict[str, Any], key: str, default: int, lowest: int, highest: int) -> int:
+    value = plain.pop(key, default)
+    if isinstance(value, float) and value.is_integer():
+        value = int(value)
+    if not isinstance(value, int) or isinstance(value, bool) or not lowest <= value <= highest:
+        raise RecipeError(f"{key} is {value!r:.80}: give an integer from {lowest} to {highest}")
+    return value
+
+
+def _check_test_size(recipe: DatasetRecipe, n_test: int, max_bytes: int) -> None:
+    samples = (recipe.maneuver.duration_s / recipe.dt + 1) * recipe.substeps
+    if n_test * samples * N_CHANNELS_BYTES > max_bytes:
+        raise RecipeError(
+            f"n_test={n_test} fresh flights are too many for this server: ask for fewer"
+        )
+
+
+def dataset_name(recipe: DatasetRecipe) -> str:
+    """What a dataset is called unless its order says."""
+    plain = to_plain(recipe)
+    return f"{plain['aircraft']['kind']}, {plain['maneuver']['kind']}, seed {recipe.seed}"

@@ -1,0 +1,150 @@
+"""Errors as problem+json (RFC 9457): what was given, what is needed; never a stack trace."""
+
+import logging
+import secrets
+from http import HTTPStatus
+from typing import Any
+
+from fastapi import FastAPI, Request
+from fastapi.exceptions import RequestValidationError
+from fastapi.responses import JSONResponse, Response
+from starlette.exceptions import HTTPException
+
+from app.recipes import RecipeError
+from app.telemetry.recording import TelemetryError
+from core.collection import CollectionError
+from core.monitor.portable import MonitorFileError
+
+MEDIA_TYPE = "application/problem+json"
+LOG = logging.getLogger("forewarn")
+
+SCHEMA: dict[str, Any] = {
+    "title": "Problem",
+    "description": "An error after RFC 9457.",
+    "type": "object",
+    "properties": {
+        "type": {"type": "string", "description": "kind of problem", "default": "about:blank"},
+        "title": {"type": "string", "description": "the status in words"},
+        "status": {"type": "integer", "description": "HTTP status"},
+        "detail": {
+            "type": "string",
+            "description": "what was given, what is needed, what to do",
+            "examples": ["n_unsafe=1 was given: it must be at least 2"],
+        },
+    },
+    "required": ["type", "title", "status", "detail"],
+}
+REFERENCE = {"$ref": "#/components/schemas/Problem"}
+
+WORDS = {
+    401: "the token is missing or wrong",
+    403: "the request comes from another site",
+    404: "there is nothing of this id",
+    409: "it is in use, or not in a state for this",
+    413: "the body is too large",
+    415: "the body is of a type that is not read here",
+    422: "what was sent is not right; `detail` says what would be",
+    429: "there are too many under way; try again later",
+    503: "the server is not ready",
+}
+
+
+class Problem(Exception):
+    """An error to answer with; `extra` members are added to the document."""
+
+    def __init__(self, status: int, detail: str, kind: str = "about:blank", **extra: Any) -> None:
+        super().__init__(detail)
+        self.status = status
+        self.detail = detail
+        self.kind = kind
+        self.extra = extra
+
+
+def problem_responses(*statuses: int) -> dict[int | str, dict[str, Any]]:
+    """OpenAPI's description of the problems that a route may answer with."""
+    content = {MEDIA_TYPE: {"schema": REFERENCE}}
+    return {status: {"description": WORDS[status], "content": content} for status in statuses}
+
+
+def describe_problems(document: dict[str, Any]) -> None:
+    """Put the problem schema into an OpenAPI document, in place of FastAPI's own of a 422."""
+    schemas = document.setdefault("components", {}).setdefault("schemas", {})
+    schemas["Problem"] = SCHEMA
+    for name in ("HTTPValidationError", "ValidationError"):
+        schemas.pop(name, None)
+    for item in document["paths"].values():
+        for operation in item.values():
+            if "422" in operation["responses"]:
+                operation["responses"] |= {"422": problem_responses(422)[422]}
+
+
+def problem_response(problem: Problem, headers: dict[str, str] | None = None) -> Response:
+    """Return the document as a response."""
+    document = {
+        "type": problem.kind,
+        "title": HTTPStatus(problem.status).phrase,
+        "status": problem.status,
+        "detail": problem.detail,
+    }
+    return JSONResponse(document | problem.extra, problem.status, headers, MEDIA_TYPE)
+
+
+def install_problems(app: FastAPI) -> None:
+    """Answer every error of the application with a problem document."""
+    from app.store import InUse, NotFound, StoreError
+
+    def answer(status: int, kind: str):
+        async def handler(request: Request, error: Exception) -> Response:
+            text = str(error.args[0]) if error.args else str(error)
+            return problem_response(Problem(status, text, f"urn:forewarn:{kind}"))
+
+        return handler
+
+    handlers: dict[type[Exception], tuple[int, str]] = {
+        NotFound: (404, "not-found"),
+        InUse: (409, "in-use"),
+        StoreError: (503, "store"),
+        RecipeError: (422, "recipe"),
+        CollectionError: (422, "recipe"),
+        TelemetryError: (422, "telemetry"),
+        MonitorFileError: (422, "monitor-file"),
+    }
+    for error, (status, kind) in handlers.items():
+        app.add_exception_handler(error, answer(status, kind))
+    app.add_exception_handler(Problem, _problem)
+    app.add_exception_handler(HTTPException, _http)
+    app.add_exception_handler(RequestValidationError, _validation)
+    app.add_exception_handler(Exception, _internal)
+
+
+async def _problem(request: Request, error: Exception) -> Response:
+    assert isinstance(error, Problem)
+    return problem_response(error)
+
+
+async def _http(request: Request, error: Exception) -> Response:
+    assert isinstance(error, HTTPException)
+    detail = error.detail
+    if error.status_code == 400 and "parsing the body" in detail:  # FastAPI's word for no UTF-8
+        return problem_response(Problem(422, "the body is not JSON", "urn:forewarn:request"))
+    if detail == HTTPStatus(error.status_code).phrase:
+        detail = f"{detail}: {request.method} {request.url.path}"
+    problem = Problem(error.status_code, detail)
+    return problem_response(problem, dict(error.headers or {}))
+
+
+async def _validation(request: Request, error: Exception) -> Response:
+    assert isinstance(error, RequestValidationError)
+    errors = [
+        {"where": ".".join(map(str, entry["loc"])), "reason": entry["msg"]}
+        for entry in error.errors()[:20]
+    ]
+    detail = "; ".join(f"{entry['where']}: {entry['reason']}" for entry in errors[:3])
+    return problem_response(Problem(422, detail, "urn:forewarn:request", errors=errors))
+
+
+async def _internal(request: Request, error: Exception) -> Response:
+    reference = secrets.token_hex(4)
+    LOG.error("reference %s: %s %s", reference, request.method, request.url.path, exc_info=error)
+    text = f"the program failed; its log says more under reference {reference}"
+    return problem_response(Problem(500, text, "urn:forewarn:internal", reference=reference))

@@ -1,0 +1,214 @@
+"""Datasets: simulated trajectories with labels."""
+
+import asyncio
+import io
+from typing import Annotated, Any, Literal
+
+import numpy as np
+from fastapi import APIRouter, Query, Response
+from pydantic import BaseModel, ConfigDict, Field
+
+from app.catalog import dataset_request_schema
+from app.job_kinds import dataset_work
+from app.orders import dataset_order
+from app.problems import Problem, problem_responses
+from app.recipes import to_plain
+from app.routes.dependencies import (
+    JobsDep,
+    PlainBody,
+    SettingsDep,
+    StoreDep,
+    body_of,
+    file_of,
+    json_from,
+)
+from app.routes.job_answers import ACCEPTED, Job, accepted
+from app.store import Store
+from core.channels import KEYS
+
+router = APIRouter(prefix="/api/v1/datasets", tags=["datasets"])
+Outcome = Literal["unsafe", "safe"]
+MOST_ROLLOUTS = 500
+
+
+class Peaks(BaseModel):
+    """Rollouts counted by their peak |channel| / limit; 1 is the limit and begins a bin."""
+
+    model_config = ConfigDict(from_attributes=True)
+
+    channel: str = Field(examples=["Ny"])
+    limit: float = Field(description="in the channel's unit")
+    edges: list[float] = Field(description="one more than bins; the last bin counts all beyond")
+    unsafe: list[int]
+    safe: list[int]
+
+
+class Dataset(BaseModel):
+    """A stored dataset, without its arrays."""
+
+    model_config = ConfigDict(from_attributes=True)
+
+    id: str
+    name: str
+    created: str = Field(description="UTC, ISO 8601")
+    digest: str = Field(description="SHA-256 of what a monitor can learn from it")
+    seed: int | None
+    version: str = Field(description="program that simulated it")
+    recipe: dict[str, Any] = Field(description="what was asked for; empty if not simulated here")
+    dt: float = Field(description="sample interval [s]")
+    n_unsafe: int
+    n_safe: int = Field(description="safe rollouts kept")
+    n_safe_met: int = Field(description="safe rollouts met, kept or not")
+    n_obs: int = Field(description="observation times kept of each safe rollout")
+    unsafe_rate: float | None = Field(
+        description="unbiased share of unsafe rollouts; null where too few were met to say"
+    )
+    n_samples: int = Field(description="samples of a rollout")
+    theta_names: list[str] = Field(description="names of theta, the uncertain parameters")
+    peaks: list[Peaks] = Field(description="one histogram for each limited channel")
+
+
+class Rollout(BaseModel):
+    """One simulated flight; telemetry as arrays, SI units, cut at the failure."""
+
+    n: int = Field(description="number in the dataset: unsafe ones first, then safe ones")
+    outcome: Outcome
+    fail_index: int | None = Field(description="first sample that violates; null if none")
+    theta: dict[str, float] = Field(description="parameters of the aircraft, by name")
+    telemetry: dict[str, list[float | None]] = Field(
+        description="t [s] and each channel [rad, rad/s, g]", examples=[{"t": [0.0], "Ny": [0.0]}]
+    )
+
+
+@router.post(
+    "",
+    status_code=202,
+    response_model=Job,
+    responses=ACCEPTED,
+    openapi_extra=body_of(
+        dataset_request_schema(),
+        {
+            "name": "F-16 rudder doublet",
+            "aircraft": {"kind": "f16_sl_h0_v502"},
+            "maneuver": {"kind": "rudder_doublet", "amplitude_deg": 9.5},
+            "specification": {"Ny": 0.5},
+            "dt": 0.05,
+            "n_unsafe": 50,
+            "seed": 1,
+        },
+    ),
+)
+async def order_dataset(plain: PlainBody, store: StoreDep, jobs: JobsDep, settings: SettingsDep):
+    """Simulate a planned test until `n_unsafe` rollouts turned unsafe; a job.
+
+    What is not said keeps the catalog's default. Angles in radians, N_y in g, names ending in
+    `_deg` in degrees.
+    """
+    order = await asyncio.to_thread(dataset_order, plain, settings.max_array_bytes)
+    request = {"name": order.name} | to_plain(order.recipe)
+    return await accepted(jobs, "dataset", request, dataset_work(order, store))
+
+
+@router.get("")
+async def list_datasets(store: StoreDep) -> list[Dataset]:
+    """All datasets, newest first."""
+    infos = await asyncio.to_thread(store.datasets)
+    return [Dataset.model_validate(info) for info in infos]
+
+
+@router.get("/{dataset_id}", responses=problem_responses(404))
+async def read_dataset(dataset_id: str, store: StoreDep) -> Dataset:
+    """One dataset, without its arrays."""
+    return Dataset.model_validate(await asyncio.to_thread(store.dataset_info, dataset_id))
+
+
+@router.delete("/{dataset_id}", status_code=204, responses=problem_responses(404, 409))
+async def delete_dataset(dataset_id: str, store: StoreDep) -> None:
+    """Delete a dataset; 409 names the monitors that were trained on it."""
+    await asyncio.to_thread(store.delete_dataset, dataset_id)
+
+
+@router.get(
+    "/{dataset_id}/arrays",
+    response_class=Response,
+    responses=problem_responses(404)
+    | file_of("application/octet-stream", "npz archive of the dataset's fields"),
+)
+async def read_arrays(dataset_id: str, store: StoreDep) -> Response:
+    """The dataset's arrays as npz: unsafe, fail_index, safe, safe_times, theta_unsafe, ...."""
+    body = await asyncio.to_thread(_arrays, store, dataset_id)
+    headers = {"Content-Disposition": f'attachment; filename="dataset-{dataset_id}.npz"'}
+    return Response(body, 200, headers, "application/octet-stream")
+
+
+def _arrays(store: Store, dataset_id: str) -> bytes:
+    dataset = store.dataset(dataset_id)
+    archive = io.BytesIO()
+    np.savez(
+        archive,
+        allow_pickle=False,
+        unsafe=dataset.unsafe,
+        fail_index=dataset.fail_index,
+        safe=dataset.safe,
+        safe_times=dataset.safe_times,
+        theta_unsafe=dataset.theta_unsafe,
+        theta_safe=dataset.theta_safe,
+        dt=np.float64(dataset.dt),
+        theta_names=np.array(dataset.theta_names, dtype=np.str_),
+    )
+    return archive.getvalue()
+
+
+@router.get(
+    "/{dataset_id}/rollouts", response_model=list[Rollout], responses=problem_responses(404, 422)
+)
+async def list_rollouts(
+    dataset_id: str,
+    store: StoreDep,
+    outcome: Annotated[Outcome, Query(description="which rollouts")] = "unsafe",
+    first: Annotated[int, Query(ge=0, le=2**31, description="index among them")] = 0,
+    count: Annotated[int, Query(ge=1, le=MOST_ROLLOUTS, description="how many at most")] = 20,
+):
+    """Several rollouts of one outcome, from index `first` on."""
+
+    def read() -> list[dict[str, Any]]:
+        info = store.dataset_info(dataset_id)
+        n = info.n_unsafe if outcome == "unsafe" else info.n_safe
+        return [
+            _rollout(store, dataset_id, outcome, index)
+            for index in range(first, min(first + count, n))
+        ]
+
+    return await json_from(read)
+
+
+@router.get(
+    "/{dataset_id}/rollouts/{n}", response_model=Rollout, responses=problem_responses(404, 422)
+)
+async def read_rollout(dataset_id: str, n: int, store: StoreDep):
+    """One rollout by its number: unsafe ones first, then safe ones; telemetry as JSON."""
+
+    def read() -> dict[str, Any]:
+        info = store.dataset_info(dataset_id)
+        if not 0 <= n < info.n_unsafe + info.n_safe:
+            raise Problem(
+                404, f"the dataset has rollouts 0 to {info.n_unsafe + info.n_safe - 1}, not {n}"
+            )
+        if n < info.n_unsafe:
+            return _rollout(store, dataset_id, "unsafe", n)
+        return _rollout(store, dataset_id, "safe", n - info.n_unsafe)
+
+    return await json_from(read)
+
+
+def _rollout(store: Store, dataset_id: str, outcome: Outcome, index: int) -> dict[str, Any]:
+    info = store.dataset_info(dataset_id)
+    y, theta, fail_index = store.rollout(dataset_id, outcome, index)
+    t = np.arange(len(y)) * info.dt
+    return {
+        "n": index if outcome == "unsafe" else info.n_unsafe + index,
+        "outcome": outcome,
+        "fail_index": fail_index,
+        "theta": theta,
+        "telemetry": {"t": t.tolist()} | dict(zip(KEYS, y.T.tolist(), strict=True)),
+    }

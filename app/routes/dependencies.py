@@ -1,0 +1,87 @@
+"""What routes are given: the parts of the running application, and bodies read off the loop."""
+
+import asyncio
+from collections.abc import Callable
+from typing import Annotated, Any, TypeVar
+
+import orjson
+from fastapi import Depends, Request, Response
+
+from app.jobs import Jobs
+from app.problems import Problem
+from app.settings import Settings
+from app.store import Store
+
+Result = TypeVar("Result")
+
+
+def _store(request: Request) -> Store:
+    return request.app.state.store
+
+
+def _jobs(request: Request) -> Jobs:
+    return request.app.state.jobs
+
+
+def _settings(request: Request) -> Settings:
+    return request.app.state.settings
+
+
+StoreDep = Annotated[Store, Depends(_store)]
+JobsDep = Annotated[Jobs, Depends(_jobs)]
+SettingsDep = Annotated[Settings, Depends(_settings)]
+
+
+async def plain_body(request: Request) -> dict[str, Any]:
+    """The body as a JSON object, parsed in a thread; 422 for anything else."""
+    kind = content_type(request)
+    if kind != "application/json":
+        raise Problem(415, f"the body is {kind or 'of no type'}: send application/json")
+    body = await request.body()
+    return await asyncio.to_thread(parse_object, body)
+
+
+def content_type(request: Request) -> str:
+    """Media type of the body, without parameters; empty where none is given."""
+    return request.headers.get("content-type", "").partition(";")[0].strip().lower()
+
+
+def parse_object(body: bytes) -> dict[str, Any]:
+    """Parse a JSON object; Problem 422 says where it is none."""
+    try:
+        plain = orjson.loads(body)
+    except orjson.JSONDecodeError as error:
+        raise Problem(422, f"the body is not JSON: {error}", "urn:forewarn:request") from None
+    if not isinstance(plain, dict):
+        raise Problem(
+            422,
+            f"the body is {type(plain).__name__}: send an object of parameters",
+            "urn:forewarn:request",
+        )
+    return plain
+
+
+PlainBody = Annotated[dict[str, Any], Depends(plain_body)]
+
+
+def json_response(content: Any, status: int = 200, headers: dict[str, str] | None = None):
+    """JSON of plain data and numpy arrays; NaN becomes null."""
+    body = orjson.dumps(content, option=orjson.OPT_SERIALIZE_NUMPY)
+    return Response(body, status, headers, "application/json")
+
+
+async def json_from(make: Callable[..., Any], *arguments: Any) -> Response:
+    """Make the content and encode it, both in a thread."""
+    return await asyncio.to_thread(lambda: json_response(make(*arguments)))
+
+
+def body_of(schema: dict[str, Any], example: dict[str, Any]) -> dict[str, Any]:
+    """OpenAPI's description of a JSON body that a route reads itself."""
+    content = {"application/json": {"schema": schema, "example": example}}
+    return {"requestBody": {"required": True, "content": content}}
+
+
+def file_of(media_type: str, description: str) -> dict[int | str, dict[str, Any]]:
+    """OpenAPI's description of an answer that is a file."""
+    schema = {"type": "string", "format": "binary"}
+    return {200: {"description": description, "content": {media_type: {"schema": schema}}}}

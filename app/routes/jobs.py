@@ -1,0 +1,149 @@
+"""Long work: how far it is, its end, and how to end it."""
+
+import asyncio
+from collections.abc import AsyncIterator
+from typing import Annotated, Any
+
+import orjson
+from fastapi import APIRouter, Header, Request, Response
+from fastapi.responses import StreamingResponse
+from fastapi.sse import format_sse_event
+
+from app.catalog import study_request_schema
+from app.entries import ENDED, JobInfo
+from app.job_kinds import study_work
+from app.jobs import NotRunning
+from app.orders import study_order
+from app.problems import Problem, problem_responses
+from app.recipes import to_plain
+from app.routes.dependencies import (
+    JobsDep,
+    PlainBody,
+    SettingsDep,
+    StoreDep,
+    body_of,
+    file_of,
+)
+from app.routes.job_answers import ACCEPTED, Job, accepted, job_model
+
+router = APIRouter(prefix="/api/v1", tags=["jobs"])
+KEEP_ALIVE = 15.0
+"""[s] A quiet event stream says so this often, so that no proxy takes it for dead."""
+LAST_EVENT = "end"
+
+
+@router.get("/jobs")
+async def list_jobs(store: StoreDep, jobs: JobsDep) -> list[Job]:
+    """All jobs, newest first; progress as of now. A study's curves are left out."""
+
+    def read() -> list[Job]:
+        listed = [jobs.fresh(info) for info in store.jobs()]
+        return [job_model(info).model_copy(update=_short(info)) for info in listed]
+
+    return await asyncio.to_thread(read)
+
+
+def _short(info: JobInfo) -> dict[str, Any]:
+    return {"result": None} if info.kind == "study" else {}
+
+
+@router.get("/jobs/{job_id}", responses=problem_responses(404))
+async def read_job(job_id: str, jobs: JobsDep) -> Job:
+    """One job, with its result once it is done."""
+    return job_model(await asyncio.to_thread(jobs.info, job_id))
+
+
+@router.get(
+    "/jobs/{job_id}/figures/{name}",
+    responses=problem_responses(404) | file_of("image/svg+xml", "the figure"),
+    response_class=Response,
+)
+async def read_figure(job_id: str, name: str, jobs: JobsDep) -> Response:
+    """A figure of a study, as SVG; `result.figures` of the job links to each."""
+    info = await asyncio.to_thread(jobs.info, job_id)
+    figures = (info.result or {}).get("figures", {})
+    if name not in figures:
+        raise Problem(404, f"the job has no figure {name}: choose {', '.join(figures) or 'none'}")
+    return Response(figures[name], media_type="image/svg+xml")
+
+
+@router.post("/jobs/{job_id}/cancel", status_code=202, responses=problem_responses(404, 409))
+async def cancel_job(job_id: str, jobs: JobsDep) -> Job:
+    """Ask a job to end; it does at its next step, as `cancelled`."""
+    try:
+        await asyncio.to_thread(jobs.cancel, job_id)
+    except NotRunning as error:
+        raise Problem(409, str(error), "urn:forewarn:not-running") from None
+    return job_model(await asyncio.to_thread(jobs.info, job_id))
+
+
+EVENT = {
+    "type": "object",
+    "description": "a server-sent event",
+    "properties": {
+        "data": {"type": "string", "contentMediaType": "application/json"},
+        "id": {"type": "string", "description": "`end` with the last one"},
+    },
+    "required": ["data"],
+}
+EVENTS: dict[int | str, dict[str, Any]] = {
+    200: {
+        "description": "events, the data of each a Job",
+        "content": {"text/event-stream": {"schema": EVENT}},
+    },
+    204: {"description": "the stream had ended: do not reconnect"},
+}
+
+
+@router.get(
+    "/jobs/{job_id}/events",
+    responses=problem_responses(404) | EVENTS,
+    response_class=StreamingResponse,
+)
+async def stream_job(
+    job_id: str,
+    jobs: JobsDep,
+    last_event_id: Annotated[str | None, Header()] = None,
+) -> Response:
+    """Server-sent events: the job as it is now, then at each change; the last one has `id: end`.
+
+    The data of each is a Job. A browser's EventSource that reconnects after the last one is told
+    to stop, by 204.
+    """
+    if last_event_id == LAST_EVENT:
+        return Response(status_code=204)
+    await asyncio.to_thread(jobs.info, job_id)
+    headers = {"X-Accel-Buffering": "no"}
+    return StreamingResponse(_events(job_id, jobs), 200, headers, "text/event-stream")
+
+
+async def _events(job_id: str, jobs: JobsDep) -> AsyncIterator[bytes]:
+    async for info in jobs.watch(job_id, KEEP_ALIVE):
+        if info is None:
+            yield format_sse_event(comment="still at it")
+            continue
+        data = orjson.dumps(job_model(info).model_dump()).decode()
+        ended = info.status in ENDED
+        yield format_sse_event(data_str=data, id=LAST_EVENT if ended else None)
+
+
+@router.post(
+    "/studies",
+    status_code=202,
+    tags=["studies"],
+    response_model=Job,
+    responses=ACCEPTED,
+    openapi_extra=body_of(
+        study_request_schema(), {"dataset": {"n_unsafe": 50}, "n_monitors": 10, "n_test": 500}
+    ),
+)
+async def order_study(
+    plain: PlainBody, request: Request, store: StoreDep, jobs: JobsDep, settings: SettingsDep
+):
+    """Compare the paper's five methods on one dataset's recipe; a job.
+
+    Its result holds miss rate and power over epsilon with 95 % intervals, a table, and links to
+    the figures.
+    """
+    recipe = await asyncio.to_thread(study_order, plain, store, settings.max_array_bytes)
+    return await accepted(jobs, "study", to_plain(recipe), study_work(recipe))

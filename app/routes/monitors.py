@@ -1,0 +1,272 @@
+"""Monitors: trained and calibrated; scoring telemetry at once."""
+
+import asyncio
+from typing import Annotated, Any, Literal
+
+from fastapi import APIRouter, Query, Request, Response
+from pydantic import BaseModel, ConfigDict, Field
+
+from app.catalog import monitor_request_schema
+from app.job_kinds import monitor_work
+from app.json_telemetry import TelemetryBody, assessed, parse_telemetry
+from app.orders import monitor_order
+from app.problems import Problem, problem_responses
+from app.recipes import to_plain
+from app.routes.dependencies import (
+    JobsDep,
+    PlainBody,
+    SettingsDep,
+    StoreDep,
+    body_of,
+    content_type,
+    file_of,
+    json_from,
+    json_response,
+    plain_body,
+)
+from app.routes.job_answers import ACCEPTED, Job, accepted
+from app.store import Store
+from core.channels import KEYS
+
+router = APIRouter(prefix="/api/v1/monitors", tags=["monitors"])
+MONITOR_FILE = "application/octet-stream"
+
+
+class Monitor(BaseModel):
+    """A stored monitor, without its arrays."""
+
+    model_config = ConfigDict(from_attributes=True)
+
+    id: str
+    name: str
+    created: str = Field(description="UTC, ISO 8601")
+    digest: str = Field(description="SHA-256 of its portable file")
+    dataset_id: str | None = Field(description="stored dataset it was trained on")
+    dataset_digest: str = Field(description="SHA-256 of what it learned from")
+    recipe: dict[str, Any] = Field(description="predictor, score, calibration and their parameters")
+    dataset_recipe: dict[str, Any] = Field(description="the planned test it was trained for")
+    version: str = Field(description="program that trained it")
+    seed: int | None
+    dt: float = Field(description="sample interval it needs [s]")
+    h: int = Field(description="lead in samples")
+    lead: float = Field(description="lead in effect, h dt [s]")
+    n_unsafe: int = Field(description="failures it is calibrated on")
+    n_early: int = Field(description="failures before which no timely alert was possible")
+    smallest_epsilon: float = Field(description="smallest miss rate it can serve")
+    epsilon: float = Field(description="miss rate it alerts at unless told otherwise")
+
+
+class Calibration(BaseModel):
+    """What the failures said of the score."""
+
+    alphas: list[float | None] = Field(
+        description="sorted calibration scores; null: too early to be warned of"
+    )
+    n_unsafe: int
+    n_early: int
+    smallest_epsilon: float
+    epsilon: float
+    lead: float = Field(description="[s]")
+
+
+class ForecastByChannel(BaseModel):
+    """Outputs that are expected t_early ahead."""
+
+    beta: float = Field(description="[rad]")
+    p: float = Field(description="[rad/s]")
+    r: float = Field(description="[rad/s]")
+    Ny: float = Field(description="[g]")
+    delta_a: float = Field(description="[rad]")
+    delta_r: float = Field(description="[rad]")
+
+
+class Exemplar(BaseModel):
+    """The simulated rollout that an assessment resembles."""
+
+    rollout: int
+    t: float = Field(description="[s]")
+    distance: float = Field(description="in the monitor's scaled units")
+    theta: dict[str, float]
+
+
+class Assessment(BaseModel):
+    """What the monitor says of one sample."""
+
+    t: float = Field(description="[s]")
+    p_value: float | None = Field(description="risk, higher is worse; null unless state is `ok`")
+    alert: bool | None = Field(description="whether p_value exceeds epsilon")
+    state: Literal["ok", "warming_up", "stale", "invalid"]
+    reason: str = Field(description="why the state is not `ok`")
+    y_hat: ForecastByChannel | None = Field(description="forecast t_early ahead")
+    score: float | None
+    nearest_unsafe: Exemplar | None
+    nearest_safe: Exemplar | None
+
+
+class Scored(BaseModel):
+    """Assessments of a telemetry, one a sample."""
+
+    epsilon: float = Field(description="miss rate that alerts were decided at")
+    lead: float = Field(description="promised lead [s]")
+    assessments: list[Assessment]
+
+
+_ORDER = body_of(
+    monitor_request_schema(),
+    {
+        "name": "0.25 s ahead",
+        "dataset": {"aircraft": {"kind": "f16_sl_h0_v502"}, "n_unsafe": 50, "seed": 1},
+        "t_early": 0.25,
+        "predictor": {"kind": "linear"},
+        "score": {"kind": "nearest_neighbor"},
+        "calibration": "trajectory",
+        "epsilon": 0.1,
+    },
+)
+_ORDER["requestBody"]["content"][MONITOR_FILE] = {
+    "schema": {"type": "string", "format": "binary", "description": "a portable monitor"}
+}
+
+
+@router.post(
+    "",
+    status_code=202,
+    response_model=Job,
+    responses=ACCEPTED | {201: {"model": Monitor, "description": "the uploaded monitor"}},
+    openapi_extra=_ORDER,
+)
+async def order_monitor(
+    request: Request,
+    store: StoreDep,
+    jobs: JobsDep,
+    settings: SettingsDep,
+    name: Annotated[
+        str | None, Query(min_length=1, max_length=200, description="name of an uploaded monitor")
+    ] = None,
+):
+    """Train a monitor on a stored dataset, or on one simulated first: JSON, answered by a job.
+
+    It is then flown on `n_test` fresh flights: see its evaluation. `t_early` in seconds.
+    With application/octet-stream the body is a portable monitor, as `forewarn train` or
+    `GET /monitors/{id}/file` gives it: stored at once and answered by the monitor.
+    """
+    if content_type(request) == MONITOR_FILE:
+        return await _add_file(await request.body(), name or "uploaded monitor", store)
+    plain = await plain_body(request)
+    order = await asyncio.to_thread(monitor_order, plain, store, settings.max_array_bytes)
+    asked = {
+        "name": order.name,
+        "dataset": order.dataset.id or to_plain(order.dataset.recipe),
+        "n_test": order.n_test,
+    } | to_plain(order.recipe)
+    return await accepted(jobs, "monitor", asked, monitor_work(order, store))
+
+
+async def _add_file(body: bytes, name: str, store: Store) -> Response:
+    info = await asyncio.to_thread(store.add_monitor_file, body, name)
+    monitor = Monitor.model_validate(info)
+    location = {"Location": f"/api/v1/monitors/{info.id}"}
+    return Response(monitor.model_dump_json(), 201, location, "application/json")
+
+
+@router.get("")
+async def list_monitors(store: StoreDep) -> list[Monitor]:
+    """All monitors, newest first."""
+    infos = await asyncio.to_thread(store.monitors)
+    return [Monitor.model_validate(info) for info in infos]
+
+
+@router.get("/{monitor_id}", responses=problem_responses(404))
+async def read_monitor(monitor_id: str, store: StoreDep) -> Monitor:
+    """One monitor, without its arrays."""
+    return Monitor.model_validate(await asyncio.to_thread(store.monitor_info, monitor_id))
+
+
+@router.delete("/{monitor_id}", status_code=204, responses=problem_responses(404, 409))
+async def delete_monitor(monitor_id: str, store: StoreDep) -> None:
+    """Delete a monitor; 409 where a flight uses it."""
+    await asyncio.to_thread(store.delete_monitor, monitor_id)
+
+
+@router.get(
+    "/{monitor_id}/calibration", response_model=Calibration, responses=problem_responses(404)
+)
+async def read_calibration(monitor_id: str, store: StoreDep):
+    """Sorted calibration scores and the smallest epsilon that they can serve."""
+
+    def read() -> dict[str, Any]:
+        monitor = store.monitor(monitor_id)
+        return {
+            "alphas": [alpha if abs(alpha) < float("inf") else None for alpha in monitor.alphas],
+            "n_unsafe": monitor.n_unsafe,
+            "n_early": monitor.n_early,
+            "smallest_epsilon": monitor.smallest_epsilon,
+            "epsilon": monitor.recipe.epsilon,
+            "lead": monitor.lead,
+        }
+
+    return await json_from(read)
+
+
+@router.get("/{monitor_id}/evaluation", responses=problem_responses(404))
+async def read_evaluation(monitor_id: str, store: StoreDep) -> dict[str, Any]:
+    """What fresh flights said: miss rate, power and P(fail | alert) over epsilon, lead times.
+
+    404 for a monitor that came as a file and was never flown here.
+    """
+    found = await asyncio.to_thread(store.evaluation, monitor_id)
+    if found is None:
+        raise Problem(
+            404, "this monitor was not flown on fresh flights: train it here to have it so"
+        )
+    return found
+
+
+@router.get(
+    "/{monitor_id}/file",
+    response_class=Response,
+    responses=problem_responses(404) | file_of(MONITOR_FILE, "the portable monitor"),
+)
+async def read_monitor_file(monitor_id: str, store: StoreDep) -> Response:
+    """The portable monitor, for `forewarn score` or another server."""
+    body = await asyncio.to_thread(store.monitor_file, monitor_id)
+    headers = {"Content-Disposition": f'attachment; filename="monitor-{monitor_id}.fwm"'}
+    return Response(body, 200, headers, MONITOR_FILE)
+
+
+@router.post(
+    "/{monitor_id}/score",
+    response_model=Scored,
+    responses=problem_responses(404, 413, 415, 422),
+    openapi_extra=body_of(
+        TelemetryBody.model_json_schema(),
+        {"t": [0.0, 0.05, 0.1]} | {key: [0.0, 0.01, 0.02] for key in KEYS},
+    ),
+)
+async def score_telemetry(
+    monitor_id: str,
+    plain: PlainBody,
+    store: StoreDep,
+    epsilon: Annotated[
+        float | None,
+        Query(ge=1e-6, le=1 - 1e-6, description="miss rate; the monitor's if absent"),
+    ] = None,
+    why: Annotated[bool, Query(description="name the simulated rollouts behind each")] = False,
+):
+    """Assess telemetry sample by sample, at once; the monitor's interval is expected.
+
+    One array a channel, SI units, N_y in g; null where a value is missing. A sample whose time does
+    not follow by the monitor's interval is `invalid`, never guessed.
+    """
+
+    def score() -> Response:
+        recording = parse_telemetry(plain)
+        monitor = store.monitor(monitor_id)
+        try:
+            served = monitor.check_epsilon(epsilon)
+        except ValueError as error:
+            raise Problem(422, str(error), "urn:forewarn:epsilon") from None
+        said = assessed(monitor, recording, served, why=why)
+        return json_response({"epsilon": served, "lead": monitor.lead, "assessments": said})
+
+    return await asyncio.to_thread(score)

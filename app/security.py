@@ -1,0 +1,269 @@
+"""What the server lets in: its own host and origin, bodies of a size, bearers of the token.
+
+One ASGI layer around everything, HTTP and WebSocket alike, so that no route can forget it.
+"""
+
+import hashlib
+import hmac
+import socket
+from collections.abc import Awaitable, Callable, MutableMapping
+from dataclasses import dataclass
+from ipaddress import ip_address
+from typing import Any
+from urllib.parse import parse_qs, urlsplit
+
+from starlette.datastructures import Headers, MutableHeaders
+from starlette.requests import HTTPConnection, Request
+from starlette.responses import HTMLResponse, RedirectResponse, Response
+
+from app.problems import Problem, problem_response
+from app.settings import Settings
+
+Scope = MutableMapping[str, Any]
+Message = MutableMapping[str, Any]
+Receive = Callable[[], Awaitable[Message]]
+Send = Callable[[Message], Awaitable[None]]
+Application = Callable[[Scope, Receive, Send], Awaitable[None]]
+
+COOKIE = "forewarn"
+OPEN_PATHS = ("/healthz", "/login")
+"""Answered without a token: a probe learns nothing from them."""
+SAFE_METHODS = ("GET", "HEAD", "OPTIONS")
+LARGEST_LOGIN = 4096
+REFUSED = 4403
+"""WebSocket close code; before the handshake it becomes HTTP 403."""
+
+PAGE_POLICY = (
+    "default-src 'none'; script-src 'self'; style-src 'self' 'unsafe-inline'; "
+    "img-src 'self' data: blob:; font-src 'self'; connect-src 'self'; frame-src 'self'; "
+    "media-src 'self' data: blob:; worker-src 'self'; manifest-src 'self'; base-uri 'none'; "
+    "form-action 'self'; frame-ancestors 'none'"
+)
+API_POLICY = "default-src 'none'; frame-ancestors 'none'"
+POLICIES = (("/api/", API_POLICY), ("/scene/", API_POLICY), ("/", PAGE_POLICY))
+"""Content security policy by the start of the path, the first that fits; what a route says itself
+(the scene's client, which needs inline code) stays."""
+
+HEADERS = {
+    "X-Content-Type-Options": "nosniff",
+    "Referrer-Policy": "no-referrer",
+    "Cross-Origin-Opener-Policy": "same-origin",
+    "Cross-Origin-Resource-Policy": "same-origin",
+    "Permissions-Policy": "camera=(), geolocation=(), microphone=(), payment=(), usb=()",
+}
+
+LOGIN_PAGE = """<!doctype html><html lang="en"><meta charset="utf-8"><title>Forewarn</title>
+<meta name="viewport" content="width=device-width">
+<style>body{{font:16px system-ui;background:#10151b;color:#e6edf3;display:grid;place-content:center;
+min-height:90vh}}input,button{{font:inherit;padding:.4em .6em}}</style>
+<form method="post" action="/login"><p><label for="token">Token of this Forewarn server</label></p>
+<p><input id="token" name="token" type="password" required autofocus>
+<button>Enter</button></p><p role="alert">{said}</p></form></html>"""
+
+
+@dataclass(frozen=True)
+class Refusal(Exception):
+    """Why a connection is not let in."""
+
+    status: int
+    reason: str
+    kind: str
+
+
+class Guard:
+    """ASGI layer that checks Host, Origin and token, and adds the security headers."""
+
+    def __init__(self, app: Application, settings: Settings) -> None:
+        self.app = app
+        self.settings = settings
+        own = () if settings.is_local else (socket.gethostname(),)
+        names = ("localhost", settings.host, *own, *settings.allowed_hosts)
+        self.hosts = {name.lower() for name in names}
+        self.cookie = cookie_value(settings.token) if settings.token else None
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Let a connection through, or answer it here."""
+        if scope["type"] not in ("http", "websocket"):
+            return await self.app(scope, receive, send)
+        connection = HTTPConnection(scope)
+        send = _with_headers(send, scope)
+        try:
+            self.check_host(connection.headers)
+            self.check_origin(scope, connection.headers)
+            if self.settings.token and scope["path"] == "/login" and scope["type"] == "http":
+                return await self._login(scope, receive, send)
+            self.check_token(scope, connection)
+        except Refusal as refusal:
+            return await self._refuse(refusal, scope, receive, send)
+        return await self.app(scope, receive, send)
+
+    def check_host(self, headers: Headers) -> None:
+        """Refuse a Host that is not this server's: a name that was rebound to this address.
+
+        Addresses written as numbers cannot be rebound; they pass where others may connect.
+        """
+        given = headers.getlist("host")
+        name = _host_name(given[0]) if len(given) == 1 else None
+        if name is None:
+            raise Refusal(400, "the request names no host, or more than one", "host")
+        if name in self.hosts or _is_address(name, self.settings):
+            return
+        raise Refusal(
+            400,
+            f"this server is not called {name}: use its address, or add the name to "
+            "FOREWARN_ALLOWED_HOSTS",
+            "host",
+        )
+
+    def check_origin(self, scope: Scope, headers: Headers) -> None:
+        """Refuse what another site's page asks of this server in a visitor's browser."""
+        origin = headers.get("origin")
+        if origin is not None:
+            parts = urlsplit(origin)
+            same = parts.scheme in ("http", "https") and parts.netloc == headers["host"]
+            if len(headers.getlist("origin")) > 1 or not same:
+                raise Refusal(403, f"the request comes from another site, {origin}", "origin")
+        changes = scope["type"] == "websocket" or scope["method"] not in SAFE_METHODS
+        if changes and headers.get("sec-fetch-site", "none") not in ("same-origin", "none"):
+            raise Refusal(403, "the request comes from another site", "origin")
+
+    def check_token(self, scope: Scope, connection: HTTPConnection) -> None:
+        """Refuse a connection without the token; by header, by cookie, by query on a WebSocket."""
+        token = self.settings.token
+        if token is None or scope["path"] in OPEN_PATHS:
+            return
+        scheme, _, bearer = connection.headers.get("authorization", "").partition(" ")
+        if scheme.lower() == "bearer" and _equal(bearer.strip(), token):
+            return
+        if self.cookie and _equal(connection.cookies.get(COOKIE, ""), self.cookie):
+            return
+        if scope["type"] == "websocket" and _equal(connection.query_params.get("token", ""), token):
+            return
+        raise Refusal(
+            401, "the token is missing or wrong: send `Authorization: Bearer TOKEN`", "token"
+        )
+
+    async def _refuse(self, refusal: Refusal, scope: Scope, receive: Receive, send: Send) -> None:
+        if scope["type"] == "websocket":
+            await receive()
+            await send({"type": "websocket.close", "code": REFUSED, "reason": refusal.reason})
+            return
+        problem = Problem(refusal.status, refusal.reason, f"urn:forewarn:{refusal.kind}")
+        headers = {"WWW-Authenticate": "Bearer"} if refusal.status == 401 else None
+        response = problem_response(problem, headers)
+        wants_page = "text/html" in Headers(scope=scope).get("accept", "")
+        if refusal.status == 401 and wants_page and scope["method"] == "GET":
+            response = RedirectResponse("/login", 303)
+        await response(scope, receive, send)
+
+    async def _login(self, scope: Scope, receive: Receive, send: Send) -> None:
+        request = Request(scope, receive)
+        given = request.query_params.get("token")
+        if scope["method"] == "POST":
+            given = await _posted_token(request)
+        await self._login_response(scope, given)(scope, receive, send)
+
+    def _login_response(self, scope: Scope, given: str | None) -> Response:
+        if scope["method"] not in ("GET", "HEAD", "POST"):
+            return problem_response(Problem(405, "GET or POST a token"), {"Allow": "GET, POST"})
+        if given is None:
+            return HTMLResponse(LOGIN_PAGE.format(said=""))
+        if not _equal(given, self.settings.token or ""):
+            return HTMLResponse(LOGIN_PAGE.format(said="That is not this server's token."), 401)
+        response = RedirectResponse("/", 303)
+        response.set_cookie(
+            COOKIE,
+            self.cookie or "",
+            httponly=True,
+            samesite="strict",
+            secure=scope["scheme"] == "https",
+        )
+        return response
+
+
+class BodyLimit:
+    """ASGI layer that refuses a body above so many bytes, said or sent."""
+
+    def __init__(self, app: Application, max_bytes: int) -> None:
+        self.app = app
+        self.max_bytes = max_bytes
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Pass on, counting what comes; 413 before reading where the length is said."""
+        if scope["type"] != "http":
+            return await self.app(scope, receive, send)
+        said = Headers(scope=scope).get("content-length", "")
+        if said.isdigit() and int(said) > self.max_bytes:
+            return await problem_response(self.problem())(scope, receive, send)
+        read = 0
+
+        async def counting() -> Message:
+            nonlocal read
+            message = await receive()
+            read += len(message.get("body", b""))
+            if read > self.max_bytes:
+                raise self.problem()
+            return message
+
+        return await self.app(scope, counting, send)
+
+    def problem(self) -> Problem:
+        """What is answered: how much is allowed."""
+        text = f"the body is too large: this server takes {self.max_bytes} bytes at most"
+        return Problem(413, text, "urn:forewarn:body", max_bytes=self.max_bytes)
+
+
+def cookie_value(token: str) -> str:
+    """What the cookie holds: it proves the token without being it."""
+    return hmac.new(token.encode(), b"forewarn cookie", hashlib.sha256).hexdigest()
+
+
+def policy_of(path: str) -> str:
+    """Content security policy of a path."""
+    return next(policy for start, policy in POLICIES if path.startswith(start))
+
+
+def _equal(given: str, expected: str) -> bool:
+    return hmac.compare_digest(given.encode(), expected.encode())
+
+
+def _host_name(host: str) -> str | None:
+    """Name or address in a Host header, without port and brackets; None if it is not one."""
+    try:
+        return urlsplit(f"//{host}").hostname
+    except ValueError:
+        return None
+
+
+def _is_address(name: str, settings: Settings) -> bool:
+    try:
+        address = ip_address(name)
+    except ValueError:
+        return False
+    return address.is_loopback or not settings.is_local
+
+
+async def _posted_token(request: Request) -> str:
+    body = b""
+    async for chunk in request.stream():
+        body += chunk
+        if len(body) > LARGEST_LOGIN:
+            return ""
+    fields = parse_qs(body.decode("utf-8", "replace"))
+    return fields.get("token", [""])[0].strip()
+
+
+def _with_headers(send: Send, scope: Scope) -> Send:
+    """Add the security headers to a response; a route's own ones stay."""
+    path = scope["path"]
+
+    async def sending(message: Message) -> None:
+        if message["type"] in ("http.response.start", "websocket.http.response.start"):
+            headers = MutableHeaders(scope=message)
+            for name, value in HEADERS.items():
+                headers.setdefault(name, value)
+            headers.setdefault("Content-Security-Policy", policy_of(path))
+            headers.setdefault("Cache-Control", "no-store" if "/api/" in path else "no-cache")
+        await send(message)
+
+    return sending

@@ -1,0 +1,52 @@
+"""The application in process, for tests of the API."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import orjson
+from starlette.testclient import TestClient
+
+from app.main import create_app
+from app.settings import Settings
+
+ADDRESS = "http://127.0.0.1:8000"
+
+
+@contextmanager
+def api(data_dir: Path, **settings: Any) -> Iterator[TestClient]:
+    """The application with its lifespan, answering errors as it would over a socket."""
+    app = create_app(Settings(data_dir=data_dir, **settings))
+    with TestClient(app, base_url=ADDRESS, raise_server_exceptions=False) as client:
+        yield client
+
+
+def store_of(client: TestClient) -> Any:
+    """The store behind a client."""
+    return client.app.state.store  # pyright: ignore
+
+
+def problem(response: Any, status: int) -> str:
+    """Check that a response is a problem document; return its detail."""
+    assert response.status_code == status, response.text
+    assert response.headers["content-type"] == "application/problem+json"
+    document = response.json()
+    assert document["status"] == status
+    assert document["title"]
+    assert "Traceback" not in response.text
+    return document["detail"]
+
+
+def events(client: TestClient, location: str) -> list[dict[str, Any]]:
+    """Every event of a job, to its end."""
+    with client.stream("GET", f"{location}/events") as stream:
+        assert stream.headers["content-type"].startswith("text/event-stream")
+        lines = [line.removeprefix("data: ") for line in stream.iter_lines() if "data: " in line]
+    return [orjson.loads(line) for line in lines]
+
+
+def finished(client: TestClient, response: Any) -> dict[str, Any]:
+    """Follow a 202 to the end of its job; return the job."""
+    assert response.status_code == 202, response.text
+    return events(client, response.headers["location"])[-1]
