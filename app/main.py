@@ -23,7 +23,9 @@ from app.settings import Settings
 from app.store import open_store
 from core import __version__
 
-STATIC = Path(__file__).parents[1] / "static"
+HERE = Path(__file__).parent
+STATIC = next(path for path in (HERE / "static", HERE.parent / "static") if path.is_dir())
+"""The page: inside the installed package, or at the repository's root."""
 DESCRIPTION = """Trains, flies and replays safety monitors for flight test.
 
 A monitor turns each telemetry sample into a risk p-value and alerts where it exceeds `epsilon`: on

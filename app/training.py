@@ -35,8 +35,11 @@ class FlownTest:
     curves: Evaluation
     leads: Array
 
-    def as_plain(self, n_test: int, lead: float) -> dict[str, Any]:
-        """Return JSON's types, None for what could not be counted.   lead: the promised one [s]."""
+    def as_plain(self, n_test: int, lead: float, dt: float) -> dict[str, Any]:
+        """Return JSON's types, None for what could not be counted.
+
+        lead: the promised one [s].   dt: sample interval [s].
+        """
         return {
             "n_test": n_test,
             "epsilon": self.epsilon,
@@ -46,7 +49,7 @@ class FlownTest:
             "n_early": self.curves.n_early,
             "at_epsilon": {key: values[0] for key, values in _curves(self.at_epsilon).items()},
             "curves": _curves(self.curves),
-            "leads": _histogram(self.leads, lead),
+            "leads": _histogram(self.leads, lead, dt),
         }
 
 
@@ -64,7 +67,7 @@ class Training:
         """The test as plain data, with where it comes from."""
         if self.test is None:
             return None
-        plain = self.test.as_plain(self.n_test, self.monitor.lead)
+        plain = self.test.as_plain(self.n_test, self.monitor.lead, self.monitor.dt)
         return plain | {
             "unsafe_rate": self.dataset.unsafe_rate,
             "seed": self.dataset.seed,
@@ -158,13 +161,18 @@ def _curves(found: Evaluation) -> dict[str, list[Any]]:
     }
 
 
-def _histogram(lead: Array, promised: float) -> dict[str, Any]:
+def _histogram(lead: Array, promised: float, dt: float) -> dict[str, Any]:
     warned = lead[np.isfinite(lead)]
     quantiles = np.quantile(warned, [0.05, 0.5, 0.95]).tolist() if len(warned) else [None] * 3
-    top = float(warned.max(initial=0.0)) or 1.0
-    counts, edges = np.histogram(warned, LEAD_BINS, (0.0, top))
+    # Whole samples a bin, and an edge just below the promised lead: no bin mixes late and timely.
+    samples, h = np.rint(warned / dt).astype(int), round(promised / dt)
+    width = max(1, -(-int(samples.max(initial=h)) // LEAD_BINS))
+    edges = np.arange(
+        h % width - width * (h % width > 0), samples.max(initial=h) + width + 1, width
+    )
+    counts, edges = np.histogram(samples, edges - 0.5)
     return {
-        "edges": edges.tolist(),
+        "edges": (edges * dt).tolist(),
         "counts": counts.tolist(),
         "n_without": int(len(lead) - len(warned)),
         "n_timely": int((lead >= promised - 1e-9).sum()),

@@ -53,6 +53,9 @@ def test_a_recipe_becomes_a_trained_and_tested_monitor(client):
     assert found["curves"]["power"] == test.curves.power.tolist()
     assert found["at_epsilon"]["epsilon"] == twin.check_epsilon()
     heard = sum(found["leads"]["counts"]) + found["leads"]["n_without"]
+    starts = np.array(found["leads"]["edges"][:-1])
+    late = np.array(found["leads"]["counts"])[starts < 0.2 - 0.03].sum()
+    assert late == found["n_unsafe"] - found["leads"]["n_without"] - found["leads"]["n_timely"]
     assert heard == found["n_unsafe"]
 
 
