@@ -1,0 +1,150 @@
+/** One dataset: what was simulated, how often it failed, its rollouts to look at and to replay. */
+
+import { formatted, h } from "./dom.js";
+import { peakFigure, rolloutFigure } from "./figures.js";
+import { rawRecipe, recipeTable } from "./recipe_table.js";
+import { createRolloutViewer } from "./rollout_viewer.js";
+import { sampleRollouts } from "./rollouts.js";
+import { lively } from "./view_life.js";
+import { button, confirmed, link, pageOf } from "./view_states.js";
+import {
+  aircraftName,
+  figure,
+  kindName,
+  limitWords,
+  loadCatalog,
+  moment,
+  percent,
+} from "./words.js";
+
+export function showDataset(element, { id, api, navigate }) {
+  return lively(element, { title: "Dataset", text: "Opening the dataset", build });
+
+  async function build({ keep }) {
+    const [catalog, dataset, monitors] = await Promise.all([
+      loadCatalog(api),
+      api.get(`/datasets/${id}`),
+      api.get("/monitors"),
+    ]);
+    const rollouts = await sampleRollouts(api, id);
+    const users = monitors.filter((monitor) => monitor.dataset_id === id);
+    const fitting = monitors.filter(({ dt }) => Math.abs(dt - dataset.dt) < 1e-9 * dataset.dt);
+    const viewer = keep(
+      createRolloutViewer({
+        api,
+        catalog,
+        dataset,
+        monitors: [...users, ...fitting.filter((one) => !users.includes(one))],
+        navigate,
+      }),
+    );
+    const actions = [
+      link("Train a monitor on it", `#/monitors/new?dataset=${id}`, true),
+      link("Compare five methods", `#/monitors/compare?dataset=${id}`),
+      h(
+        "a",
+        { class: "button", href: `/api/v1/datasets/${id}/arrays`, download: `dataset-${id}.npz` },
+        "Download the arrays",
+      ),
+      button("Delete", () => remove(dataset), { class: "button button-danger" }),
+    ];
+    const { specification } = dataset.recipe;
+    const figures = [
+      rolloutFigure({ catalog, specification, rollouts, ...dataset }),
+      ...dataset.peaks.map((peaks) =>
+        peakFigure(
+          peaks,
+          catalog.channels.find(({ key }) => key === peaks.channel),
+        ),
+      ),
+    ];
+    return pageOf(
+      dataset.name,
+      actions,
+      facts(dataset, users, catalog),
+      h(
+        "div",
+        { class: "figures" },
+        figures.map((one) => h("section", { class: "panel" }, one)),
+      ),
+      viewer.element,
+      details(dataset, catalog),
+    );
+  }
+
+  function remove(dataset) {
+    confirmed(
+      `Delete the dataset “${dataset.name}”?`,
+      "Its rollouts go with it. The same recipe and seed simulate it again.",
+      "Delete it",
+      async () => {
+        await api.delete(`/datasets/${id}`);
+        navigate("#/datasets");
+      },
+    );
+  }
+}
+
+function facts(dataset, users, catalog) {
+  const { aircraft, maneuver, specification } = dataset.recipe;
+  const used = users.length
+    ? users.flatMap(({ id, name }, k) => [
+        k ? ", " : "",
+        h("a", { href: `#/monitors/${id}` }, name),
+      ])
+    : "no monitor";
+  const entries = [
+    ["Aircraft", aircraftName(catalog, aircraft)],
+    ["Manoeuvre", kindName(catalog, "maneuver", maneuver)],
+    ["Safe while", formatted(limitWords(catalog, specification))],
+    ["Unsafe rate", percent(dataset.unsafe_rate)],
+    ["Unsafe rollouts", dataset.n_unsafe.toLocaleString("en")],
+    [
+      "Safe rollouts",
+      dataset.n_safe === dataset.n_safe_met
+        ? dataset.n_safe.toLocaleString("en")
+        : `${dataset.n_safe_met.toLocaleString("en")} met, ${dataset.n_safe.toLocaleString("en")} kept`,
+    ],
+    [
+      "Length",
+      `${figure((dataset.n_samples - 1) * dataset.dt)} s, a sample each ${figure(dataset.dt)} s`,
+    ],
+    ["Used by", used],
+  ];
+  return h(
+    "dl",
+    { class: "facts panel" },
+    entries.map(([name, value]) => h("div", {}, h("dt", {}, name), h("dd", {}, value))),
+  );
+}
+
+function details(dataset, catalog) {
+  const known = Object.keys(dataset.recipe).length > 0;
+  const origin = [
+    ["Seed", dataset.seed ?? "not said"],
+    ["SHA-256", dataset.digest],
+    ["Program", dataset.version],
+    ["Created", moment(dataset.created)],
+  ];
+  return h(
+    "section",
+    { class: "panel stack" },
+    h("h2", { class: "panel-title" }, "What was simulated"),
+    h(
+      "div",
+      { class: "columns recipe-columns" },
+      known
+        ? recipeTable(catalog.recipes.dataset.schema, dataset.recipe, catalog)
+        : h("p", {}, "It was not simulated here: its recipe is not known."),
+      h(
+        "dl",
+        { class: "recipe" },
+        origin.flatMap(([name, value]) => [
+          h("dt", {}, name),
+          h("dd", { class: name === "SHA-256" ? "hash" : null }, value),
+        ]),
+      ),
+    ),
+    known ? rawRecipe("The same as JSON", dataset.recipe) : null,
+  );
+}

@@ -1,0 +1,164 @@
+/**
+ * The Datasets page: the list; #/datasets/new simulates one, #/datasets/{id} is one dataset.
+ *
+ * Exports  show(element, {id, query, api, navigate}) -> {close()}
+ */
+
+import { reason } from "./api.js";
+import { showDataset } from "./dataset_page.js";
+import { formatted, h } from "./dom.js";
+import { createJobProgress, jobList } from "./job_progress.js";
+import { createTestFields } from "./planned_test.js";
+import { lively } from "./view_life.js";
+import { empty, link, pageOf } from "./view_states.js";
+import { aircraftName, kindName, limitWords, loadCatalog, moment, percent } from "./words.js";
+
+export function show(element, context) {
+  if (context.id === "new") return showSimulation(element, context);
+  return context.id ? showDataset(element, context) : showDatasets(element, context);
+}
+
+function showDatasets(element, { api }) {
+  return lively(element, { title: "Datasets", text: "Looking up the datasets", build });
+
+  async function build({ keep, again }) {
+    const [catalog, datasets, jobs] = await Promise.all([
+      loadCatalog(api),
+      api.get("/datasets"),
+      jobList({ api, kinds: ["dataset"], done: again }),
+    ]);
+    keep(jobs);
+    const content = datasets.length
+      ? table(datasets, catalog)
+      : empty(
+          "No dataset yet",
+          "A dataset is simulated when a monitor is trained; or simulate one alone, to look at it first.",
+          link("Simulate a dataset", "#/datasets/new", true),
+          link("Train a monitor", "#/monitors/new"),
+        );
+    return pageOf(
+      "Datasets",
+      [link("Simulate a dataset", "#/datasets/new", true)],
+      jobs.element,
+      content,
+    );
+  }
+}
+
+function table(datasets, catalog) {
+  const heads = [
+    ["Name"],
+    ["Aircraft"],
+    ["Manoeuvre"],
+    ["Safe while"],
+    ["Unsafe", 1],
+    ["Safe", 1],
+    ["Unsafe rate", 1],
+    ["Created"],
+  ];
+  const rows = datasets.map(({ id, name, recipe, n_unsafe, n_safe_met, unsafe_rate, created }) =>
+    h(
+      "tr",
+      {},
+      h("th", { scope: "row" }, h("a", { href: `#/datasets/${id}` }, name)),
+      h("td", {}, aircraftName(catalog, recipe.aircraft)),
+      h("td", {}, kindName(catalog, "maneuver", recipe.maneuver)),
+      h("td", { class: "nowrap" }, formatted(limitWords(catalog, recipe.specification))),
+      h("td", { class: "number" }, n_unsafe.toLocaleString("en")),
+      h("td", { class: "number" }, n_safe_met.toLocaleString("en")),
+      h("td", { class: "number" }, percent(unsafe_rate)),
+      h("td", { class: "dim nowrap" }, moment(created)),
+    ),
+  );
+  const head = h(
+    "tr",
+    {},
+    heads.map(([words, isNumber]) =>
+      h("th", { scope: "col", class: isNumber ? "number" : null }, words),
+    ),
+  );
+  return h(
+    "div",
+    { class: "table-scroll panel" },
+    h("table", { class: "table" }, h("thead", {}, head), h("tbody", {}, rows)),
+  );
+}
+
+function showSimulation(element, { api, navigate }) {
+  return lively(element, {
+    title: "Simulate a dataset",
+    text: "Looking up what can be simulated",
+    build,
+  });
+
+  async function build({ keep }) {
+    const catalog = await loadCatalog(api);
+    const { fields, main, folded, size } = createTestFields({ catalog });
+    const name = h("input", {
+      type: "text",
+      id: "dataset-name",
+      maxlength: 200,
+      placeholder: "optional",
+    });
+    const said = h("p", { class: "error", role: "alert", hidden: true });
+    const form = h(
+      "form",
+      { class: "form", novalidate: true, onsubmit: send, "aria-label": "Simulate a dataset" },
+      h(
+        "fieldset",
+        { class: "panel stack" },
+        h("legend", {}, "The planned test"),
+        main,
+        h(
+          "div",
+          { class: "field-grid" },
+          size,
+          h("div", { class: "field" }, h("label", { for: "dataset-name" }, "name"), name),
+        ),
+        folded,
+      ),
+      said,
+      h(
+        "div",
+        { class: "row" },
+        h("button", { class: "button button-primary", type: "submit" }, "Simulate"),
+        link("Not now", "#/datasets"),
+      ),
+    );
+    const stage = h("div", { class: "stack" }, form);
+    return pageOf("Simulate a dataset", [], stage);
+
+    async function send(event) {
+      event.preventDefault();
+      said.hidden = true;
+      if (!fields.check()) return;
+      try {
+        const job = await api.post("/datasets", {
+          ...fields.read(),
+          ...(name.value.trim() ? { name: name.value.trim() } : {}),
+        });
+        form.hidden = true;
+        const progress = keep(
+          createJobProgress({
+            api,
+            job,
+            title: `Simulating “${job.request.name}”`,
+            done: ({ dataset }) => navigate(`#/datasets/${dataset}`),
+            back,
+          }),
+        );
+        stage.append(progress.element);
+
+        function back() {
+          progress.close();
+          progress.element.remove();
+          form.hidden = false;
+        }
+      } catch (error) {
+        fields.point(error.message);
+        said.textContent = reason(error);
+        said.hidden = false;
+      }
+    }
+  }
+}

@@ -1,0 +1,55 @@
+/**
+ * Elements in one expression.
+ *
+ * Exports
+ *   h(tag, attributes, ...children) -> HTMLElement      children: nodes, text, lists; null is left out
+ *   svg(tag, attributes, ...children) -> SVGElement
+ *   formatted(words) -> Node     "|N_y| < 0.5 g" with y as a subscript
+ *   piecesOf(words) -> [[text, index]]     the same, cut at each symbol
+ *
+ * Attributes that are functions become listeners (`onclick`), true is an empty attribute, false,
+ * null and undefined are left out; `value`, `checked` and `disabled` are set as properties.
+ */
+
+const PROPERTIES = ["value", "checked", "disabled", "open", "indeterminate"];
+const SYMBOL = /(?<![\p{L}\w])(\p{L})_(\w+)/gu;
+const SVG = "http://www.w3.org/2000/svg";
+
+export function h(tag, attributes = {}, ...children) {
+  return built(document.createElement(tag), attributes, children);
+}
+
+export function svg(tag, attributes = {}, ...children) {
+  return built(document.createElementNS(SVG, tag), attributes, children);
+}
+
+function built(element, attributes, children) {
+  element.append(...children.flat(3).filter((child) => child !== null && child !== undefined));
+  for (const [name, value] of Object.entries(attributes)) {
+    if (typeof value === "function") element.addEventListener(name.replace(/^on/, ""), value);
+    else if (PROPERTIES.includes(name) && name in element) element[name] = value;
+    else if (value !== false && value !== null && value !== undefined) {
+      element.setAttribute(name, value === true ? "" : value);
+    }
+  }
+  return element;
+}
+
+export function formatted(words) {
+  const pieces = piecesOf(words).map(([text, index]) =>
+    index ? h("span", { class: "symbol" }, text, h("sub", {}, index)) : text,
+  );
+  return pieces.length === 1 && typeof pieces[0] !== "string" ? pieces[0] : h("span", {}, pieces);
+}
+
+/** Text cut at its symbols: [text, index], the index empty for what is no symbol. */
+export function piecesOf(words) {
+  const pieces = [];
+  let end = 0;
+  for (const { 0: whole, 1: base, 2: index, index: start } of words.matchAll(SYMBOL)) {
+    if (start > end) pieces.push([words.slice(end, start), ""]);
+    pieces.push([base, index]);
+    end = start + whole.length;
+  }
+  return end < words.length ? [...pieces, [words.slice(end), ""]] : pieces;
+}

@@ -1,0 +1,178 @@
+/**
+ * What an epsilon costs: a slider over the evaluated ones, with what fresh flights said at each.
+ *
+ * Exports
+ *   createEpsilonCost({monitor, calibration, evaluation, changed}) -> {element, epsilon}
+ *     evaluation: null where the monitor was never flown here
+ *     changed({epsilon, rank, threshold})   now and at each move
+ */
+
+import { neededFor, rank, scatter, threshold } from "./calibration_rule.js";
+import { h, svg } from "./dom.js";
+import { figure, interval, percent } from "./words.js";
+
+const MEASURES = [
+  {
+    name: "Missed failures",
+    key: "miss",
+    rate: "miss_rate",
+    words: "of failing flights have no timely alert",
+  },
+  { name: "Power", key: "power", rate: "power", words: "of safe flights go without an alert" },
+  {
+    name: "P(fail | alert)",
+    key: "fail",
+    rate: "fail_given_alert",
+    words: "of flights with an alert do fail, at the simulated unsafe rate",
+  },
+];
+
+export function createEpsilonCost({ monitor, calibration, evaluation, changed }) {
+  const points = pointsOf(monitor, evaluation);
+  const own = points.findIndex(({ epsilon }) => Math.abs(epsilon - monitor.epsilon) < 1e-9);
+  const slider = h("input", {
+    type: "range",
+    min: 0,
+    max: points.length - 1,
+    step: 1,
+    id: "epsilon",
+    class: "epsilon-slider",
+    oninput: move,
+  });
+  slider.value = Math.max(own, 0);
+  const reading = h("output", { for: "epsilon", class: "epsilon-reading" });
+  const rule = h("p", { class: "dim" });
+  const rows = MEASURES.map(meter);
+  const guarantee = h("p", { class: "guarantee-number" });
+  const element = h(
+    "section",
+    { class: "panel stack", "aria-labelledby": "epsilon-title" },
+    h(
+      "div",
+      { class: "row" },
+      h("h2", { class: "panel-title", id: "epsilon-title" }, "What an epsilon costs"),
+      reading,
+    ),
+    h(
+      "label",
+      { for: "epsilon", class: "hint" },
+      "epsilon: share of failing flights on which silence is accepted",
+    ),
+    slider,
+    h(
+      "div",
+      { class: "spread-ends hint" },
+      h("span", {}, `${figure(points[0].epsilon)}: fewer misses, more alerts`),
+      h("span", {}, `more misses, fewer alerts: ${figure(points.at(-1).epsilon)}`),
+    ),
+    rule,
+    evaluation
+      ? h(
+          "div",
+          { class: "meters" },
+          rows.map(({ row }) => row),
+        )
+      : h(
+          "p",
+          { class: "hint" },
+          "This monitor was never flown on fresh flights here, so what an epsilon costs is not known. Train it here to know.",
+        ),
+    guarantee,
+    served(monitor),
+  );
+  const cost = { element, epsilon: points[slider.value].epsilon };
+  move();
+  return cost;
+
+  function move() {
+    const point = points[slider.value];
+    const { epsilon } = point;
+    const k = rank(epsilon, monitor.n_unsafe);
+    const level = threshold(epsilon, calibration.alphas);
+    cost.epsilon = epsilon;
+    reading.textContent = `ε = ${figure(epsilon)}`;
+    slider.setAttribute("aria-valuetext", `epsilon ${figure(epsilon)}`);
+    rule.textContent =
+      `Alert if risk > ${figure(epsilon)}, that is if the score is at most ${Number.isFinite(level) ? figure(level) : "anything"} (rank ${k} of ${monitor.n_unsafe}).` +
+      (Number(slider.value) === own ? " This is the monitor's own epsilon." : "");
+    for (const { show } of rows) show(point, epsilon);
+    const [low, high] = scatter(epsilon, monitor.n_unsafe);
+    const range = `${percent(low, 0)} and ${percent(high, 0)} (5–95 %)`;
+    guarantee.textContent =
+      `Promised on average over calibration sets: at most ${percent(epsilon)} missed. ` +
+      `One monitor calibrated on ${monitor.n_unsafe} failures may miss between ${range}` +
+      (evaluation ? ": what this one did miss stands above." : ".");
+    changed({ epsilon, rank: k, threshold: level });
+  }
+}
+
+function served({ n_unsafe, smallest_epsilon }) {
+  const half = smallest_epsilon / 2;
+  return h(
+    "p",
+    { class: "hint" },
+    `The smallest epsilon that ${n_unsafe} failures can serve is ${figure(smallest_epsilon)}. For ${figure(half, 2)} train on at least ${neededFor(Number(half.toPrecision(2)))}.`,
+  );
+}
+
+/** Each epsilon with what was measured at it: the grid, and the monitor's own. */
+function pointsOf(monitor, evaluation) {
+  if (!evaluation) {
+    const grid = Array.from({ length: 49 }, (_, k) => (k + 1) / 50).filter(
+      (epsilon) => epsilon >= monitor.smallest_epsilon,
+    );
+    return merged([...grid, monitor.epsilon].map((epsilon) => ({ epsilon })));
+  }
+  const { curves, at_epsilon: own } = evaluation;
+  return merged([
+    ...curves.epsilon.map((_, k) =>
+      Object.fromEntries(Object.entries(curves).map(([key, values]) => [key, values[k]])),
+    ),
+    own,
+  ]);
+}
+
+function merged(points) {
+  const sorted = points.sort((a, b) => a.epsilon - b.epsilon);
+  return sorted.filter(({ epsilon }, k) => k === 0 || epsilon - sorted[k - 1].epsilon > 1e-9);
+}
+
+function meter({ name, key, rate, words }) {
+  const value = h("strong", { class: "meter-value" });
+  const bounds = h("span", { class: "hint" });
+  const range = svg("rect", { class: "meter-range", y: 3, height: 10 });
+  const mark = svg("path", { class: "meter-mark" });
+  const promise = svg("path", { class: "meter-promise" });
+  const track = svg(
+    "svg",
+    { class: "meter", viewBox: "0 0 300 16", preserveAspectRatio: "none", "aria-hidden": "true" },
+    svg("rect", { class: "meter-track", y: 6, width: 300, height: 4 }),
+    range,
+    promise,
+    mark,
+  );
+  const row = h(
+    "div",
+    { class: "meter-row", "data-measure": key },
+    h("span", { class: "meter-name" }, name),
+    value,
+    track,
+    h("span", { class: "meter-words" }, words, " ", bounds),
+  );
+  return { row, show };
+
+  function show(point, epsilon) {
+    const share = point[rate];
+    const known = share !== null && share !== undefined;
+    value.textContent = percent(share);
+    bounds.textContent = known
+      ? `(95 %: ${interval(point[`${rate === "miss_rate" ? "miss" : rate}_interval`])})`
+      : "(no such flight to count)";
+    if (!known) return;
+    const [low, high] = point[`${rate === "miss_rate" ? "miss" : rate}_interval`];
+    range.setAttribute("x", 300 * low);
+    range.setAttribute("width", Math.max(300 * (high - low), 1));
+    mark.setAttribute("d", `M${300 * share} 0V16`);
+    if (key === "miss") promise.setAttribute("d", `M${300 * epsilon} 0V16`);
+  }
+}

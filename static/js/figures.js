@@ -1,0 +1,359 @@
+/**
+ * The figures of datasets and monitors. Each function returns a <figure> with its words and key.
+ *
+ * Exports
+ *   rolloutFigure({catalog, specification, rollouts, n_unsafe, n_safe})     coloured by outcome
+ *   peakFigure(peaks, channel)               {limit, edges, unsafe, safe} of a dataset
+ *   calibrationFigure(calibration) -> figure, figure.mark({epsilon, rank, threshold})
+ *   curvesFigure(evaluation) -> figure, figure.mark({epsilon})     miss rate and power
+ *   leadFigure(evaluation)                   time from the alert to the failure
+ *   methodsFigure(methods, ranking, what)    what: "miss" or "power" of a study
+ */
+
+import { h, svg } from "./dom.js";
+import { createPlot } from "./plot.js";
+import { figure as number, percent } from "./words.js";
+
+const UNIT_SHARE = {
+  domain: [0, 1],
+  format: (value) => percent(value, 0),
+  ticks: [0, 0.2, 0.4, 0.6, 0.8, 1],
+};
+const METHOD_MARKS = ["circle", "square", "triangle", "diamond", "plus"];
+const SPARE = 1.12;
+
+function framed(title, plot, key, words) {
+  const caption = h(
+    "figcaption",
+    {},
+    h("span", { class: "figure-title" }, title),
+    key,
+    words ? h("p", { class: "hint" }, words) : null,
+  );
+  return h("figure", { class: "figure-block" }, caption, plot);
+}
+
+function keyOf(...entries) {
+  return h(
+    "span",
+    { class: "figure-key" },
+    entries.map(([draw, words]) =>
+      h(
+        "span",
+        {},
+        svg("svg", { viewBox: "0 0 34 14", class: "key-mark", "aria-hidden": "true" }, draw),
+        words,
+      ),
+    ),
+  );
+}
+
+function sample(name, mark) {
+  const parts = [svg("path", { d: "M1 7H33", class: `plot-line ${name}` })];
+  const shapes = {
+    cross: "M13 3L21 11M13 11L21 3",
+    square: "M14 4h6v6h-6z",
+    circle: "M13.5 7a3.5 3.5 0 1 0 7 0a3.5 3.5 0 1 0 -7 0",
+    triangle: "M17 2.8L21 10.4H13z",
+    diamond: "M17 2.4L21.6 7L17 11.6L12.4 7z",
+    plus: "M12.5 7H21.5M17 2.5V11.5",
+  };
+  if (mark) parts.push(svg("path", { d: shapes[mark], class: `plot-mark ${name}` }));
+  return parts;
+}
+
+export function rolloutFigure({ catalog, specification, rollouts, n_unsafe, n_safe }) {
+  const limited = catalog.channels.filter(({ key }) => specification?.[key] != null);
+  const holder = h("div", {});
+  const choice = h(
+    "select",
+    { "aria-label": "channel", onchange: draw },
+    catalog.channels.map(({ key, symbol, label }) =>
+      h("option", { value: key }, `${symbol}, ${label}`),
+    ),
+  );
+  choice.value = (limited[0] ?? catalog.channels[0]).key;
+  const count = (outcome) => rollouts.filter((rollout) => rollout.outcome === outcome).length;
+  const key = keyOf(
+    [
+      sample("plot-unsafe", "cross"),
+      `unsafe: ${count("unsafe")} of ${n_unsafe}, each to its failure`,
+    ],
+    [sample("plot-safe"), `safe: ${count("safe")} of ${n_safe}`],
+    [sample("plot-limit"), "limit"],
+  );
+  draw();
+  return framed(
+    "Rollouts by outcome",
+    [h("div", { class: "field-inline figure-choice" }, choice), holder],
+    key,
+  );
+
+  function draw() {
+    const channel = catalog.channels.find((entry) => entry.key === choice.value);
+    const limit = specification?.[channel.key] ?? null;
+    const series = rollouts.map((rollout) => ({
+      ...rollout,
+      y: rollout.telemetry[channel.key],
+      t: rollout.telemetry.t,
+    }));
+    const top =
+      SPARE *
+      Math.max(
+        limit ?? 0,
+        1e-6,
+        ...series.map(({ y }) =>
+          y.reduce((most, value) => Math.max(most, Math.abs(value ?? 0)), 0),
+        ),
+      );
+    const end = Math.max(0.1, ...series.map(({ t }) => t.at(-1)));
+    const plot = createPlot({
+      x: { label: "time [s]", domain: [0, end] },
+      y: { label: `${channel.symbol} [${channel.unit}]`, domain: [-top, top] },
+      label: `${channel.label} of ${series.length} rollouts; the unsafe ones end with a cross at the failure`,
+    });
+    for (const outcome of ["safe", "unsafe"]) {
+      for (const { t, y } of series.filter((one) => one.outcome === outcome))
+        plot.line(
+          t.map((time, k) => [time, y[k]]),
+          `plot-${outcome}`,
+        );
+    }
+    plot.marks(
+      series.filter(({ outcome }) => outcome === "unsafe").map(({ t, y }) => [t.at(-1), y.at(-1)]),
+      "cross",
+      "plot-unsafe",
+    );
+    if (limit !== null) {
+      plot.horizontal(limit, "plot-limit", `limit ${number(limit)} ${channel.unit}`);
+      plot.horizontal(-limit, "plot-limit", "");
+    }
+    holder.replaceChildren(plot.svg);
+  }
+}
+
+export function peakFigure({ limit, edges, unsafe, safe }, channel) {
+  const highest = Math.max(1, ...unsafe.map((count, k) => count + safe[k]));
+  const plot = createPlot({
+    x: {
+      label: `peak |${channel.symbol}| / limit of ${number(limit)} ${channel.unit}`,
+      domain: [0, Math.max(edges.at(-1), 1.1)],
+    },
+    y: { label: "rollouts", domain: [0, SPARE * highest] },
+    label: `Rollouts by their peak ${channel.label}: ${unsafe.reduce((a, b) => a + b, 0)} unsafe, ${safe.reduce((a, b) => a + b, 0)} safe`,
+  });
+  safe.forEach((count, k) => {
+    if (count) plot.bar(edges[k], edges[k + 1], 0, count, "plot-safe-bar");
+    if (unsafe[k]) plot.bar(edges[k], edges[k + 1], count, count + unsafe[k], "plot-unsafe-bar");
+  });
+  plot.vertical(1, "plot-limit", "limit");
+  const key = keyOf(
+    [svg("rect", { x: 6, y: 2, width: 22, height: 11, class: "plot-safe-bar" }), "safe"],
+    [
+      svg("rect", {
+        x: 6,
+        y: 2,
+        width: 22,
+        height: 11,
+        class: "plot-unsafe-bar",
+        fill: plot.hatched,
+      }),
+      "unsafe (cut at the failure)",
+    ],
+  );
+  return framed(`Peak ${channel.label}`, plot.svg, key);
+}
+
+export function calibrationFigure({ alphas, n_unsafe, n_early }) {
+  const finite = alphas.filter((alpha) => alpha !== null);
+  const [low, high] = finite.length ? [finite[0], finite.at(-1)] : [-1, 1];
+  const spare = 0.12 * (high - low || 1);
+  const top = high + spare;
+  const plot = createPlot({
+    x: { label: "rank k of the failure, by score", domain: [0, n_unsafe + 1] },
+    y: { label: "calibration score α", domain: [low - spare, top] },
+    label: `${n_unsafe} sorted calibration scores from ${number(low)} to ${number(high)}`,
+  });
+  const steps = finite.flatMap((alpha, k) => [
+    [k + 0.5, alpha],
+    [k + 1.5, alpha],
+  ]);
+  plot.line(steps, "plot-step");
+  if (finite.length <= 120)
+    plot.marks(
+      finite.map((alpha, k) => [k + 1, alpha]),
+      "circle",
+      "plot-step",
+    );
+  if (n_early)
+    plot.marks(
+      alphas.slice(finite.length).map((_, k) => [finite.length + k + 1, top]),
+      "triangle",
+      "plot-unsafe",
+    );
+  const rank = plot.vertical(n_unsafe, "plot-epsilon", "");
+  const level = plot.horizontal(high, "plot-epsilon plot-level", "");
+  const key = keyOf(
+    [sample("plot-step", "circle"), "one failure each"],
+    [sample("plot-epsilon"), "rank and threshold at epsilon"],
+    ...(n_early
+      ? [
+          [
+            svg("path", { d: "M17 2.8L21 10.4H13z", class: "plot-mark plot-unsafe" }),
+            `${n_early} too early to warn of: above every score`,
+          ],
+        ]
+      : []),
+  );
+  const block = framed(
+    "Calibration curve",
+    plot.svg,
+    key,
+    "Low scores are close to unsafe. An alert is a score at or below the threshold: k of the failures lie there.",
+  );
+  block.mark = ({ epsilon, rank: k, threshold }) => {
+    rank.move(k, `k = ${k} of ${n_unsafe}, ε = ${number(epsilon)}`);
+    level.move(
+      Math.min(threshold, top),
+      Number.isFinite(threshold) ? `threshold ${number(threshold)}` : "every score alerts",
+    );
+  };
+  return block;
+}
+
+export function curvesFigure({ curves, n_unsafe, n_safe }) {
+  const { epsilon } = curves;
+  const plot = createPlot({
+    x: {
+      label: "epsilon, the accepted miss rate",
+      domain: [0, 1],
+      ticks: [0, 0.2, 0.4, 0.6, 0.8, 1],
+    },
+    y: { label: "share of flights", ...UNIT_SHARE },
+    label: `Miss rate and power of ${n_unsafe} failing and ${n_safe} safe fresh flights against epsilon, with 95 % intervals`,
+  });
+  plot.line(
+    [
+      [0, 0],
+      [1, 1],
+    ],
+    "plot-promise",
+  );
+  for (const [what, name, shape] of [
+    ["power", "plot-power", "circle"],
+    ["miss", "plot-miss", "square"],
+  ]) {
+    const values = curves[what === "miss" ? "miss_rate" : "power"];
+    if (values[0] === null) continue;
+    plot.band(
+      curves[`${what}_interval`].map(([from, to], k) => [epsilon[k], from, to]),
+      name,
+    );
+    plot.line(
+      values.map((value, k) => [epsilon[k], value]),
+      name,
+    );
+    plot.marks(
+      values.map((value, k) => [epsilon[k], value]).filter((_, k) => k % 4 === 0),
+      shape,
+      name,
+    );
+  }
+  const at = plot.vertical(epsilon[0] ?? 0, "plot-epsilon", "");
+  const key = keyOf(
+    [sample("plot-power", "circle"), "power: safe flights without an alert"],
+    [sample("plot-miss", "square"), "miss rate: failures without a timely alert"],
+    [sample("plot-promise"), "promise: miss = epsilon"],
+  );
+  const block = framed(
+    "Miss rate and power",
+    plot.svg,
+    key,
+    `Measured on ${n_unsafe} failing and ${n_safe} safe fresh flights; bands are 95 % intervals.`,
+  );
+  block.mark = ({ epsilon: chosen }) => at.move(chosen, `ε = ${number(chosen)}`);
+  return block;
+}
+
+export function leadFigure({ leads, lead, epsilon, n_unsafe }) {
+  const { edges, counts, n_without, n_timely, p05, median, p95 } = leads;
+  const plot = createPlot({
+    x: { label: "time from the first alert to the failure [s]", domain: [0, edges.at(-1)] },
+    y: { label: "failing flights", domain: [0, SPARE * Math.max(1, ...counts)] },
+    label: `Lead times of ${n_unsafe} failing flights: median ${number(median)} s, ${n_timely} at least ${number(lead)} s, ${n_without} without an alert`,
+  });
+  counts.forEach((count, k) => {
+    const late = edges[k + 1] <= lead + 1e-9;
+    if (count)
+      plot.bar(edges[k], edges[k + 1], 0, count, late ? "plot-unsafe-bar" : "plot-safe-bar");
+  });
+  plot.vertical(lead, "plot-limit", `promised ${number(lead)} s`);
+  const key = keyOf(
+    [svg("rect", { x: 6, y: 2, width: 22, height: 11, class: "plot-safe-bar" }), "in time"],
+    [
+      svg("rect", {
+        x: 6,
+        y: 2,
+        width: 22,
+        height: 11,
+        class: "plot-unsafe-bar",
+        fill: plot.hatched,
+      }),
+      "too late",
+    ],
+  );
+  const middle =
+    median === null
+      ? "No failing flight had an alert."
+      : `Median ${number(median)} s, 5–95 % ${number(p05)} to ${number(p95)} s.`;
+  return framed(
+    `Lead times at ε = ${number(epsilon)}`,
+    plot.svg,
+    key,
+    `${middle} ${n_timely} of ${n_unsafe} failing flights were warned in time, ${n_without} had no alert at all.`,
+  );
+}
+
+export function methodsFigure(methods, ranking, what) {
+  const name = what === "miss" ? "Miss rate" : "Power";
+  const plot = createPlot({
+    x: {
+      label: "epsilon, the accepted miss rate",
+      domain: [0, 1],
+      ticks: [0, 0.2, 0.4, 0.6, 0.8, 1],
+    },
+    y: { label: name.toLowerCase(), ...UNIT_SHARE },
+    label: `${name} of ${ranking.length} methods against epsilon`,
+  });
+  if (what === "miss")
+    plot.line(
+      [
+        [0, 0],
+        [1, 1],
+      ],
+      "plot-promise",
+    );
+  ranking.forEach((method, k) => {
+    const { epsilon, [what === "miss" ? "miss_rate" : "power"]: values } = methods[method];
+    if (k === 0)
+      plot.band(
+        methods[method][`${what}_interval`].map(([from, to], i) => [epsilon[i], from, to]),
+        `plot-method-${k}`,
+      );
+    const points = values.map((value, i) => [epsilon[i], value]);
+    plot.line(points, `plot-method-${k}`);
+    plot.marks(
+      points.filter((_, i) => i % 5 === k % 5),
+      METHOD_MARKS[k % 5],
+      `plot-method-${k}`,
+    );
+  });
+  const key = keyOf(
+    ...ranking.map((method, k) => [sample(`plot-method-${k}`, METHOD_MARKS[k % 5]), method]),
+  );
+  const words =
+    what === "miss"
+      ? "At or below the dotted line is what was promised. Band: 95 % of the first."
+      : "Higher is better: fewer needless alerts. Band: 95 % of the first.";
+  return framed(`${name} against epsilon`, plot.svg, key, words);
+}

@@ -1,0 +1,188 @@
+/**
+ * A recipe's form, drawn from the catalog's JSON schema: nothing of a family is typed here.
+ *
+ * Exports
+ *   createFields(schema, initial, {catalog, path, hidden, unfolded}) -> Fields
+ *     initial: the recipe as plain data; what it does not say is the schema's default.
+ *     path: how the server calls it ("dataset", "monitor").   hidden: keys left out of the form.
+ *     unfolded: objects that stand open as a fieldset.
+ *
+ * Fields
+ *   element(key)          the editor of one parameter, to be placed; a family's or an object's is
+ *                         a fieldset with its parameters
+ *   keys                  of all parameters, in the schema's order
+ *   read() -> plain data, check() -> bool (shows reasons beside the fields, moves to the first)
+ *   point(message)        shows the server's reason beside the field that it names, if it does
+ *   kind(key, name)       chooses a family's member
+ *   fields dispatch `change` and `input` events, which bubble
+ */
+
+import { h } from "./dom.js";
+import { editorOf } from "./field_editors.js";
+import { createModelInput } from "./model_input.js";
+import { aircraftCondition, labelOf, plainWords } from "./words.js";
+
+export function createFields(schema, initial, { catalog, path, hidden = [], unfolded = [] }) {
+  const editors = new Map();
+  const root = objectParts(schema, initial ?? {}, { catalog, path, editors, unfolded }, hidden);
+  return {
+    element: (key) => root.parts.get(key).element,
+    keys: [...root.parts.keys()],
+    read: root.read,
+    check,
+    point,
+    kind: (key, name) => root.parts.get(key).choose(name),
+  };
+
+  function check() {
+    const wrong = [...editors.values()].filter(
+      (editor) => editor.element.isConnected && !editor.check(),
+    );
+    wrong[0]?.focus();
+    return wrong.length === 0;
+  }
+
+  function point(message) {
+    const named = message.charAt(0).toLowerCase() + message.slice(1);
+    const fits = [...editors.keys()].filter((key) =>
+      new RegExp(`^${key.replaceAll(".", "\\.")}\\b`).test(named),
+    );
+    const longest = fits.sort((a, b) => b.length - a.length)[0];
+    if (!longest) return false;
+    editors.get(longest).say(message);
+    editors.get(longest).focus();
+    return true;
+  }
+}
+
+/** Editors of an object's properties: {parts: Map key -> part, read()}. */
+function objectParts(schema, value, place, hidden = []) {
+  const parts = new Map();
+  const untold = {};
+  for (const [key, property] of Object.entries(schema.properties)) {
+    const given = key in value ? value[key] : property.default;
+    if (hidden.includes(key)) untold[key] = given;
+    else parts.set(key, part(key, property, given, { ...place, path: `${place.path}.${key}` }));
+  }
+  const read = () => ({
+    ...untold,
+    ...Object.fromEntries([...parts].map(([key, one]) => [key, one.read()])),
+  });
+  return { parts, read };
+}
+
+function part(key, schema, value, place) {
+  if (schema["x-family"]) return family(key, schema, value, place);
+  if (schema.properties) return group(key, schema, value, place);
+  return editorOf(key, schema, value, place);
+}
+
+/** An object within: folded, as most of its numbers are seldom changed; an open one is a fieldset. */
+function group(key, schema, value, place) {
+  const inner = objectParts(schema, value ?? {}, place);
+  const { text } = labelOf(key, schema, place.catalog);
+  const isOpen = place.unfolded?.includes(key);
+  const grid = h(
+    "div",
+    { class: "field-grid" },
+    [...inner.parts.values()].map(({ element }) => element),
+  );
+  const words = h("p", { class: "hint" }, plainWords(schema.description));
+  const element = isOpen
+    ? h("fieldset", { "data-path": place.path }, h("legend", {}, text), words, grid)
+    : h("details", { class: "fold", "data-path": place.path }, h("summary", {}, text), words, grid);
+  return { element, read: inner.read };
+}
+
+/** A family: its members by kind, and the parameters of the one chosen. */
+function family(key, schema, value, place) {
+  const { label, entries } = place.catalog.families[schema["x-family"]];
+  const isAircraft = schema["x-family"] === "aircraft";
+  const first = value?.kind ?? schema.default.kind;
+  const select = h(
+    "select",
+    {
+      "aria-label": label,
+      name: `${place.path}.kind`,
+      onchange: (event) => turn(event.target.value),
+    },
+    Object.values(entries).map((entry) =>
+      h("option", { value: entry.kind }, isAircraft ? aircraftCondition(entry) : entry.label),
+    ),
+  );
+  const words = h("p", { class: "hint" });
+  const holder = h("div", { class: "stack-tight" });
+  const element = h(
+    "fieldset",
+    { "data-path": place.path },
+    h("legend", {}, label),
+    h("div", { class: "field" }, select, words),
+    holder,
+  );
+  let inner;
+  turn(first, value);
+  return { element, read: () => ({ kind: select.value, ...inner.read() }), choose };
+
+  function choose(kind) {
+    if (kind in entries && select.value !== kind) turn(kind);
+  }
+
+  function turn(
+    kind,
+    given = schema.default.kind === kind ? schema.default : entries[kind].default,
+  ) {
+    select.value = kind;
+    words.textContent = plainWords(entries[kind].description);
+    for (const path of [...place.editors.keys()])
+      if (path.startsWith(`${place.path}.`)) place.editors.delete(path);
+    // a published aircraft's `name` is its kind again
+    const hidden = Object.keys(entries[kind].schema.properties).filter(
+      (name) => entries[kind].default[name] === kind,
+    );
+    inner = objectParts(entries[kind].schema, given, place, hidden);
+    const { own, shared, folds } = sorted([...inner.parts], entries);
+    const model =
+      "a" in inner.read() && isAircraft
+        ? createModelInput((model) => turn(kind, { ...inner.read(), ...model }))
+        : null;
+    holder.replaceChildren(
+      ...[
+        model,
+        own.length ? h("div", { class: "field-grid" }, own) : null,
+        shared,
+        ...folds,
+      ].filter(Boolean),
+    );
+  }
+}
+
+/** A member's own parameters first; those that every member has are folded where they are many. */
+function sorted(parts, entries) {
+  const members = Object.values(entries);
+  const folds = parts
+    .filter(([, { element }]) => element.matches("details"))
+    .map(([, { element }]) => element);
+  const fields = parts.filter(([, { element }]) => !element.matches("details"));
+  const common = fields.filter(
+    ([key]) => members.length > 1 && members.every(({ schema }) => key in schema.properties),
+  );
+  const many = common.length > 2 ? common : [];
+  const words = many.map(([key]) => key.replace(/_s$/, "").replaceAll("_", " ")).join(", ");
+  const shared = many.length
+    ? h(
+        "details",
+        { class: "fold" },
+        h("summary", {}, words),
+        h(
+          "div",
+          { class: "field-grid" },
+          many.map(([, { element }]) => element),
+        ),
+      )
+    : null;
+  return {
+    own: fields.filter((one) => !many.includes(one)).map(([, { element }]) => element),
+    shared,
+    folds,
+  };
+}

@@ -1,0 +1,130 @@
+/**
+ * A job while it runs: what it does, how far it is, and a way to end it.
+ *
+ * Exports
+ *   createJobProgress({api, job, title, done, back}) -> {element, close()}
+ *     done(result)   when it has made what was asked for
+ *     back()         called from the button that is shown once it failed or was cancelled
+ *   jobList({api, kinds, done}) -> Promise<{element | null, close()}>    jobs of these kinds under way, and
+ *       the newest that did not finish
+ */
+
+import { reason } from "./api.js";
+import { h } from "./dom.js";
+import { button } from "./view_states.js";
+import { moment } from "./words.js";
+
+const WORDS = {
+  failed: "It failed",
+  cancelled: "Cancelled",
+  interrupted: "The server stopped while it was under way",
+};
+
+export function createJobProgress({ api, job, title, done, back }) {
+  const bar = h("progress", { class: "progress", "aria-label": "progress" });
+  const message = h("p", { role: "status", class: "job-message" }, "waiting for its turn");
+  const stop = button("Cancel", cancel);
+  const said = h("p", { class: "error", role: "alert", hidden: true });
+  const element = h(
+    "section",
+    { class: "panel stack job", "data-job": job.id, "data-status": job.status },
+    h("h2", { class: "panel-title" }, title),
+    message,
+    bar,
+    said,
+    h("div", { class: "row" }, stop),
+  );
+  const watch = api.watchJob(job.id, changed);
+  watch.ended.then(ended, failed);
+  return { element, close: watch.close };
+
+  function changed({ status, message: words, progress, total }) {
+    element.dataset.status = status;
+    message.textContent = status === "queued" ? "waiting for its turn" : words;
+    if (total) {
+      bar.max = total;
+      bar.value = Math.min(progress ?? 0, total);
+    } else bar.removeAttribute("value");
+  }
+
+  async function cancel() {
+    stop.disabled = true;
+    try {
+      await api.post(`/jobs/${job.id}/cancel`);
+    } catch (error) {
+      if (error.status !== 409) failed(error); // 409: it ended meanwhile, which `ended` tells
+    }
+  }
+
+  function ended({ status, result, error, message: words }) {
+    if (status === "done") done(result);
+    else
+      tell(
+        `${WORDS[status] ?? status}${error ? `: ${error}` : status === "cancelled" ? ` (${words})` : ""}.`,
+      );
+  }
+
+  function failed(error) {
+    tell(reason(error));
+  }
+
+  function tell(words) {
+    bar.hidden = true;
+    message.hidden = true;
+    said.textContent = words.replace(/([.!?])\.$/, "$1");
+    said.hidden = false;
+    stop.replaceWith(button("Back", back, { class: "button button-primary" }));
+  }
+}
+
+export async function jobList({ api, kinds, done }) {
+  const jobs = await api.get("/jobs");
+  const active = jobs.filter(
+    ({ kind, status }) => kinds.includes(kind) && ["queued", "running"].includes(status),
+  );
+  const shown = active.map((job) => {
+    const progress = createJobProgress({
+      api,
+      job,
+      title: titleOf(job),
+      done: () => done(job),
+      back: () => progress.element.remove(),
+    });
+    return progress;
+  });
+  const parts = [
+    ...shown.map(({ element }) => element),
+    unfinished(jobs.filter(({ kind }) => kinds.includes(kind))),
+  ].filter(Boolean);
+  return {
+    element: parts.length ? h("div", { class: "stack" }, parts) : null,
+    close: () => shown.forEach(({ close }) => close()),
+  };
+}
+
+/** The newest jobs that made nothing, and why: whoever left meanwhile learns it here. */
+function unfinished(jobs) {
+  const lost = jobs.filter(({ status }) => ["failed", "interrupted"].includes(status)).slice(0, 5);
+  if (!lost.length) return null;
+  const rows = lost.map((job) =>
+    h(
+      "li",
+      {},
+      `${moment(job.created)}, ${titleOf(job)}: ${job.status}, `,
+      h("span", { class: "dim" }, job.error ?? ""),
+    ),
+  );
+  return h(
+    "details",
+    { class: "fold" },
+    h("summary", {}, `${lost.length} that did not finish`),
+    h("ul", {}, rows),
+  );
+}
+
+function titleOf({ kind, request }) {
+  const what =
+    { monitor: "Training", dataset: "Simulating", study: "Comparing the five methods" }[kind] ??
+    kind;
+  return request.name ? `${what} “${request.name}”` : what;
+}

@@ -1,0 +1,88 @@
+/**
+ * The user's own linear model: pasted as JSON or read from a file.
+ *
+ * Exports
+ *   createModelInput(use) -> element      use(model) with the keys in small letters, once it parses
+ */
+
+import { h } from "./dom.js";
+import { button } from "./view_states.js";
+
+const NEEDED = ["a", "b", "c", "d", "uncertainty"];
+const KNOWN = [...NEEDED, "states"];
+const EXAMPLE =
+  '{"A": [[...]], "B": [[...]], "C": [[...]], "D": [[...]], "uncertainty": {"spread": 0.1}}';
+
+export function createModelInput(use) {
+  const text = h("textarea", {
+    rows: 4,
+    spellcheck: "false",
+    class: "json",
+    placeholder: EXAMPLE,
+    "aria-label": "own model as JSON",
+  });
+  const file = h("input", {
+    type: "file",
+    accept: ".json,application/json",
+    "aria-label": "own model as a file",
+    onchange: read,
+  });
+  const said = h("p", { class: "error", role: "alert", hidden: true });
+  return h(
+    "div",
+    { class: "field model-input" },
+    h(
+      "p",
+      { class: "hint" },
+      "Paste the model as JSON, or choose a file; its numbers then stand below.",
+    ),
+    text,
+    h(
+      "div",
+      { class: "row" },
+      button("Use this model", apply, { class: "button button-small" }),
+      file,
+    ),
+    said,
+  );
+
+  async function read() {
+    if (!file.files.length) return;
+    text.value = await file.files[0].text();
+    apply();
+  }
+
+  function apply() {
+    try {
+      use(parse(text.value));
+    } catch (error) {
+      said.textContent = error.message;
+      said.hidden = false;
+      text.setAttribute("aria-invalid", "true");
+    }
+  }
+}
+
+function parse(text) {
+  let plain;
+  try {
+    plain = JSON.parse(text);
+  } catch (error) {
+    throw new Error(`This is not JSON (${error.message}): write it like ${EXAMPLE}.`);
+  }
+  if (typeof plain !== "object" || plain === null || Array.isArray(plain))
+    throw new Error("A model is an object with A, B, C, D and uncertainty.");
+  const model = Object.fromEntries(
+    Object.entries(plain)
+      .filter(([key]) => key !== "kind")
+      .map(([key, value]) => [key.toLowerCase(), value]),
+  );
+  const missing = NEEDED.filter((key) => !(key in model));
+  const strange = Object.keys(model).filter((key) => !KNOWN.includes(key));
+  if (missing.length)
+    throw new Error(`The model lacks ${missing.join(", ")}: it needs A, B, C, D and uncertainty.`);
+  if (strange.length)
+    throw new Error(`The model has ${strange.join(", ")}, which is not known: leave it out.`);
+  if (!model.states) model.states = [];
+  return model;
+}

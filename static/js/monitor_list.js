@@ -1,0 +1,128 @@
+/** All monitors, those in training, and the way to a new one. Exports  showMonitors(element, context). */
+
+import { reason } from "./api.js";
+import { h } from "./dom.js";
+import { jobList } from "./job_progress.js";
+import { lively } from "./view_life.js";
+import { button, empty, link, pageOf } from "./view_states.js";
+import { aircraftName, figure, kindName, loadCatalog, moment, percent } from "./words.js";
+
+export function showMonitors(element, { api, navigate }) {
+  return lively(element, { title: "Monitors", text: "Looking up the monitors", build });
+
+  async function build({ keep, again }) {
+    const done = () => again();
+    const [catalog, monitors, datasets, jobs] = await Promise.all([
+      loadCatalog(api),
+      api.get("/monitors"),
+      api.get("/datasets"),
+      jobList({ api, kinds: ["monitor"], done }),
+    ]);
+    keep(jobs);
+    const rates = new Map(datasets.map(({ id, unsafe_rate }) => [id, unsafe_rate]));
+    const content = monitors.length
+      ? table(monitors, rates, catalog)
+      : empty(
+          "No monitor yet",
+          "Train one: choose the aircraft and the manoeuvre, the rest has sensible defaults. It takes a few seconds.",
+          link("Train a monitor", "#/monitors/new", true),
+        );
+    return pageOf(
+      "Monitors",
+      [
+        link("Train a monitor", "#/monitors/new", true),
+        link("Compare five methods", "#/monitors/compare"),
+        uploader(),
+      ],
+      jobs.element,
+      content,
+    );
+  }
+
+  function uploader() {
+    const said = h("p", { class: "error", role: "alert", hidden: true });
+    const input = h("input", {
+      type: "file",
+      accept: ".fwm",
+      class: "visually-hidden",
+      tabindex: -1,
+      "aria-label": "portable monitor file",
+      onchange: upload,
+    });
+    return h(
+      "div",
+      { class: "row" },
+      button("Upload a monitor file", () => input.click()),
+      input,
+      said,
+    );
+
+    async function upload() {
+      const [file] = input.files;
+      if (!file) return;
+      const name = file.name.replace(/\.fwm$/, "").slice(0, 200) || "uploaded";
+      try {
+        const { id } = await api.upload(`/monitors?name=${encodeURIComponent(name)}`, file);
+        navigate(`#/monitors/${id}`);
+      } catch (error) {
+        said.textContent = reason(error);
+        said.hidden = false;
+        input.value = "";
+      }
+    }
+  }
+}
+
+function table(monitors, rates, catalog) {
+  const heads = [
+    ["Name"],
+    ["Aircraft"],
+    ["Manoeuvre"],
+    ["Failures N", 1],
+    ["epsilon", 1],
+    ["Lead [s]", 1],
+    ["Unsafe rate", 1],
+    ["Created"],
+  ];
+  const rows = monitors.map((monitor) => {
+    const { aircraft, maneuver } = monitor.dataset_recipe;
+    return h(
+      "tr",
+      {},
+      h("th", { scope: "row" }, h("a", { href: `#/monitors/${monitor.id}` }, monitor.name)),
+      h("td", {}, aircraftName(catalog, aircraft)),
+      h("td", {}, kindName(catalog, "maneuver", maneuver)),
+      h("td", { class: "number" }, monitor.n_unsafe),
+      h("td", { class: "number" }, figure(monitor.epsilon)),
+      h("td", { class: "number" }, figure(monitor.lead)),
+      h("td", { class: "number" }, percent(rates.get(monitor.dataset_id))),
+      h("td", { class: "dim nowrap" }, moment(monitor.created)),
+      h(
+        "td",
+        {},
+        h(
+          "a",
+          {
+            class: "button button-small",
+            href: `#/fly?monitor=${monitor.id}`,
+            "aria-label": `Fly ${monitor.name}`,
+          },
+          "Fly",
+        ),
+      ),
+    );
+  });
+  const head = h(
+    "tr",
+    {},
+    heads.map(([words, isNumber]) =>
+      h("th", { scope: "col", class: isNumber ? "number" : null }, words),
+    ),
+    h("th", { scope: "col" }, h("span", { class: "visually-hidden" }, "Fly it")),
+  );
+  return h(
+    "div",
+    { class: "table-scroll panel" },
+    h("table", { class: "table" }, h("thead", {}, head), h("tbody", {}, rows)),
+  );
+}

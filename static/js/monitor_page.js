@@ -1,0 +1,214 @@
+/** One monitor: what it promises, what fresh flights said, its figures and its file. Exports  showMonitor. */
+
+import { formatted, h } from "./dom.js";
+import { createEpsilonCost } from "./epsilon_cost.js";
+import { calibrationFigure, curvesFigure, leadFigure, rolloutFigure } from "./figures.js";
+import { rawRecipe, recipeTable } from "./recipe_table.js";
+import { sampleRollouts } from "./rollouts.js";
+import { lively } from "./view_life.js";
+import { button, confirmed, empty, link, pageOf } from "./view_states.js";
+import {
+  aircraftName,
+  figure,
+  kindName,
+  limitWords,
+  loadCatalog,
+  moment,
+  percent,
+} from "./words.js";
+
+export function showMonitor(element, { id, api, navigate }) {
+  return lively(element, { title: "Monitor", text: "Opening the monitor", build });
+
+  async function build() {
+    const [catalog, monitor, calibration] = await Promise.all([
+      loadCatalog(api),
+      api.get(`/monitors/${id}`),
+      api.get(`/monitors/${id}/calibration`),
+    ]);
+    const [evaluation, dataset, rollouts] = await Promise.all([
+      evaluationOf(api, id),
+      monitor.dataset_id && api.get(`/datasets/${monitor.dataset_id}`),
+      monitor.dataset_id && sampleRollouts(api, monitor.dataset_id),
+    ]);
+    const curve = calibrationFigure(calibration);
+    const curves = evaluation && curvesFigure(evaluation);
+    const cost = createEpsilonCost({
+      monitor,
+      calibration,
+      evaluation,
+      changed: (rule) => [curve, curves].forEach((one) => one?.mark(rule)),
+    });
+    const fly = button("Fly it", () => navigate(`#/fly?monitor=${id}&epsilon=${cost.epsilon}`), {
+      class: "button button-primary",
+    });
+    const actions = [
+      fly,
+      h(
+        "a",
+        { class: "button", href: `/api/v1/monitors/${id}/file`, download: true },
+        "Download the file",
+      ),
+      link("Train one like it", `#/monitors/new?like=${id}`),
+      button("Delete", () => remove(monitor), { class: "button button-danger" }),
+    ];
+    const figures = [
+      rollouts
+        ? rolloutFigure({
+            catalog,
+            specification: monitor.dataset_recipe.specification,
+            rollouts,
+            ...dataset,
+          })
+        : empty(
+            "Its rollouts are not here",
+            "The dataset it was trained on is not stored on this server; the monitor works without it.",
+          ),
+      curves ??
+        empty(
+          "Not flown yet",
+          "This monitor came as a file, or was trained without test flights. Train one like it with n_test above 0 to see its miss rate and power.",
+        ),
+      curve,
+      evaluation && leadFigure(evaluation),
+    ];
+    return pageOf(
+      monitor.name,
+      actions,
+      facts({ monitor, dataset, evaluation, catalog }),
+      cost.element,
+      h(
+        "div",
+        { class: "figures" },
+        figures.filter(Boolean).map((one) => h("section", { class: "panel" }, one)),
+      ),
+      guarantee(monitor),
+      details(monitor, catalog),
+    );
+  }
+
+  function remove(monitor) {
+    confirmed(
+      `Delete the monitor “${monitor.name}”?`,
+      "Its calibration and evaluation go with it. Download its file first if you may want it again. The dataset stays.",
+      "Delete it",
+      async () => {
+        await api.delete(`/monitors/${id}`);
+        navigate("#/monitors");
+      },
+    );
+  }
+}
+
+async function evaluationOf(api, id) {
+  try {
+    return await api.get(`/monitors/${id}/evaluation`);
+  } catch (error) {
+    if (error.status === 404) return null;
+    throw error;
+  }
+}
+
+function facts({ monitor, dataset, evaluation, catalog }) {
+  const { aircraft, maneuver, specification } = monitor.dataset_recipe;
+  const entries = [
+    ["Aircraft", aircraftName(catalog, aircraft)],
+    ["Manoeuvre", kindName(catalog, "maneuver", maneuver)],
+    ["Safe while", formatted(limitWords(catalog, specification))],
+    ["Lead", `${figure(monitor.lead)} s`],
+    ["Calibrated on", `${monitor.n_unsafe} failures`],
+    ["Smallest epsilon", figure(monitor.smallest_epsilon)],
+    ["Unsafe rate", percent(dataset?.unsafe_rate ?? evaluation?.unsafe_rate)],
+    ["Test flights", evaluation ? evaluation.n_test.toLocaleString("en") : "none"],
+  ];
+  return h(
+    "dl",
+    { class: "facts panel" },
+    entries.map(([name, value]) => h("div", {}, h("dt", {}, name), h("dd", {}, value))),
+  );
+}
+
+function guarantee(monitor) {
+  const early = monitor.n_early
+    ? h(
+        "li",
+        {},
+        `${monitor.n_early} of the ${monitor.n_unsafe} failures came earlier than ${figure(monitor.lead)} s into the record: no timely alert was possible, each counts as a miss.`,
+      )
+    : null;
+  return h(
+    "section",
+    { class: "panel stack" },
+    h("h2", { class: "panel-title" }, "What is guaranteed"),
+    h("p", { class: "promise" }, "P(no timely alert | the flight fails) ≤ epsilon"),
+    h(
+      "ul",
+      {},
+      h(
+        "li",
+        {},
+        "on average over calibration sets, for flights drawn like the simulated ones: this aircraft and its uncertainty, this manoeuvre, this simulated pilot. A different aircraft, manoeuvre or pilot is outside it.",
+      ),
+      h(
+        "li",
+        {},
+        `timely means at least ${figure(monitor.lead)} s before the limit is reached; an alert after that does not count.`,
+      ),
+      h(
+        "li",
+        {},
+        "the risk (p-value) is not the probability of failure: high means that the flight resembles past failures.",
+      ),
+      early,
+    ),
+  );
+}
+
+function details(monitor, catalog) {
+  const { dataset, monitor: form } = catalog.recipes;
+  const hashes = [
+    ["File, SHA-256", monitor.digest],
+    ["Dataset, SHA-256", monitor.dataset_digest],
+    ["Program", monitor.version],
+    ["Seed", monitor.seed ?? "not said"],
+    ["Created", moment(monitor.created)],
+    [
+      "Dataset",
+      monitor.dataset_id
+        ? h("a", { href: `#/datasets/${monitor.dataset_id}` }, monitor.dataset_id)
+        : "not stored here",
+    ],
+    ["Sample interval", `${figure(monitor.dt)} s`],
+  ];
+  return h(
+    "section",
+    { class: "panel stack" },
+    h("h2", { class: "panel-title" }, "Recipe"),
+    h(
+      "div",
+      { class: "columns recipe-columns" },
+      h(
+        "div",
+        { class: "stack-tight" },
+        h("h3", {}, "Monitor"),
+        recipeTable(form.schema, monitor.recipe, catalog),
+        h("h3", {}, "Where it comes from"),
+        h(
+          "dl",
+          { class: "recipe" },
+          hashes.flatMap(([name, value]) => [
+            h("dt", {}, name),
+            h("dd", { class: /SHA/.test(name) ? "hash" : null }, value),
+          ]),
+        ),
+      ),
+      h(
+        "div",
+        { class: "stack-tight" },
+        h("h3", {}, "Planned test"),
+        recipeTable(dataset.schema, monitor.dataset_recipe, catalog),
+      ),
+    ),
+    rawRecipe("The same as JSON", { ...monitor.recipe, dataset: monitor.dataset_recipe }),
+  );
+}

@@ -1,0 +1,208 @@
+/**
+ * One figure's frame: scales, grid, axes; and the ways to draw in it. SVG, styled by pages.css.
+ *
+ * Exports
+ *   createPlot({x: {label, domain, format}, y: {...}, label, width, height}) -> Plot
+ *   niceTicks(low, high, about) -> [number]
+ *
+ * Plot
+ *   svg                               the element; `label` is what a screen reader says of it
+ *   x(value), y(value)                to pixels
+ *   line(points, class), band(points [[x, low, high]], class), bar(x0, x1, y0, y1, class)
+ *   marks(points, shape, class)       shape: circle, square, triangle, diamond, cross, plus
+ *   vertical(x, class, text), horizontal(y, class, text)    a line across with its words; returns
+ *                                     {move(value, text)}
+ *   hatched                           fill of a hatched bar
+ */
+
+import { piecesOf, svg } from "./dom.js";
+import { figure } from "./words.js";
+
+const MARGIN = { left: 62, right: 16, top: 14, bottom: 48 };
+const SHAPES = {
+  circle: "M-3.5 0a3.5 3.5 0 1 0 7 0a3.5 3.5 0 1 0 -7 0",
+  square: "M-3.2 -3.2h6.4v6.4h-6.4z",
+  triangle: "M0 -4.2L4.2 3.4H-4.2z",
+  diamond: "M0 -4.6L4.6 0L0 4.6L-4.6 0z",
+  cross: "M-4 -4L4 4M-4 4L4 -4",
+  plus: "M-4.5 0H4.5M0 -4.5V4.5",
+};
+
+let plots = 0;
+
+export function createPlot({ x, y, label, width = 600, height = 310 }) {
+  const id = `hatch-${++plots}`;
+  const right = width - MARGIN.right;
+  const bottom = height - MARGIN.bottom;
+  const toX = scale(x.domain, MARGIN.left, right);
+  const toY = scale(y.domain, bottom, MARGIN.top);
+  const clip = `clip-${plots}`;
+  const layer = svg("g", { "clip-path": `url(#${clip})` });
+  const notes = svg("g");
+  const element = svg(
+    "svg",
+    { class: "plot", viewBox: `0 0 ${width} ${height}`, role: "img", "aria-label": label },
+    svg(
+      "defs",
+      {},
+      svg(
+        "clipPath",
+        { id: clip },
+        svg("rect", {
+          x: MARGIN.left,
+          y: MARGIN.top - 6,
+          width: right - MARGIN.left + 6,
+          height: bottom - MARGIN.top + 7,
+        }),
+      ),
+      svg(
+        "pattern",
+        { id, width: 6, height: 6, patternUnits: "userSpaceOnUse", patternTransform: "rotate(45)" },
+        svg("rect", { class: "plot-hatch-ground", width: 6, height: 6 }),
+        svg("rect", { class: "plot-hatch", width: 2.5, height: 6 }),
+      ),
+    ),
+    axes(),
+    layer,
+    notes,
+  );
+
+  function axes() {
+    const parts = [];
+    for (const value of x.ticks ?? niceTicks(...x.domain, 7)) {
+      parts.push(path(`M${toX(value)} ${MARGIN.top}V${bottom}`, "plot-grid"));
+      parts.push(text(toX(value), bottom + 18, (x.format ?? figure)(value), "middle"));
+    }
+    for (const value of y.ticks ?? niceTicks(...y.domain, 5)) {
+      parts.push(path(`M${MARGIN.left} ${toY(value)}H${right}`, "plot-grid"));
+      parts.push(text(MARGIN.left - 8, toY(value) + 4, (y.format ?? figure)(value), "end"));
+    }
+    const middle = (MARGIN.top + bottom) / 2;
+    parts.push(path(`M${MARGIN.left} ${MARGIN.top}V${bottom}H${right}`, "plot-axis"));
+    parts.push(text((MARGIN.left + right) / 2, height - 8, x.label, "middle", "plot-label"));
+    const upright = text(0, 0, y.label, "middle", "plot-label");
+    upright.setAttribute("transform", `translate(14 ${middle}) rotate(-90)`);
+    return [...parts, upright];
+  }
+
+  function across(vertical, value, name, words) {
+    const line = path("", `plot-rule ${name}`);
+    const said = text(0, 0, "", "start", `plot-rule-text ${name}`);
+    notes.append(line, said);
+    const move = (at, newWords = words) => {
+      said.textContent = newWords ?? "";
+      if (vertical) {
+        const px = toX(at);
+        line.setAttribute("d", `M${px} ${MARGIN.top}V${bottom}`);
+        const left = px > width * 0.7;
+        place(said, px + (left ? -6 : 6), MARGIN.top + 10, left ? "end" : "start");
+      } else {
+        line.setAttribute("d", `M${MARGIN.left} ${toY(at)}H${right}`);
+        const below = toY(at) < MARGIN.top + 20;
+        const early = name.includes("plot-level"); // a rising curve leaves room at the left
+        const px = early ? MARGIN.left + 6 : right - 4;
+        place(said, px, toY(at) + (below ? 15 : -6), early ? "start" : "end");
+      }
+    };
+    move(value);
+    return { move };
+  }
+
+  const drawn = (child) => {
+    layer.append(child);
+    return child;
+  };
+  return {
+    svg: element,
+    x: toX,
+    y: toY,
+    hatched: `url(#${id})`,
+    line: (points, name) => drawn(path(trace(points, toX, toY), `plot-line ${name}`)),
+    band: (points, name) => drawn(path(outline(points, toX, toY), `plot-band ${name}`)),
+    bar: (x0, x1, y0, y1, name) => {
+      const box = {
+        x: toX(x0) + 0.5,
+        y: toY(y1),
+        width: Math.max(toX(x1) - toX(x0) - 1, 1),
+        height: Math.max(toY(y0) - toY(y1), 0),
+      };
+      return drawn(
+        svg("rect", {
+          ...box,
+          class: name,
+          fill: name.includes("plot-unsafe-bar") ? `url(#${id})` : null,
+        }),
+      );
+    },
+    marks: (points, shape, name) =>
+      points.forEach(([px, py]) =>
+        drawn(
+          svg("path", {
+            d: SHAPES[shape],
+            class: `plot-mark ${name}`,
+            transform: `translate(${toX(px)} ${toY(py)})`,
+          }),
+        ),
+      ),
+    vertical: (value, name, words) => across(true, value, name, words),
+    horizontal: (value, name, words) => across(false, value, name, words),
+  };
+}
+
+export function niceTicks(low, high, about) {
+  const rough = (high - low) / about;
+  const power = 10 ** Math.floor(Math.log10(rough));
+  const step = power * ([1, 2, 5].find((factor) => factor * power >= rough) ?? 10);
+  const ticks = [];
+  for (let k = Math.ceil(low / step - 1e-9); k * step <= high + 1e-9 * step; k++)
+    ticks.push(Number((k * step).toPrecision(12)));
+  return ticks;
+}
+
+function scale([low, high], from, to) {
+  return (value) => Math.round(10 * (from + ((value - low) / (high - low)) * (to - from))) / 10;
+}
+
+function trace(points, toX, toY) {
+  let pen = "M";
+  return points
+    .map(([px, py]) => {
+      if (py === null || Number.isNaN(py)) {
+        pen = "M";
+        return "";
+      }
+      const step = `${pen}${toX(px)} ${toY(py)}`;
+      pen = "L";
+      return step;
+    })
+    .join("");
+}
+
+function outline(points, toX, toY) {
+  const upper = points.map(([px, , high]) => `${toX(px)} ${toY(high)}`);
+  const lower = points.map(([px, low]) => `${toX(px)} ${toY(low)}`).reverse();
+  return points.length ? `M${[...upper, ...lower].join("L")}Z` : "";
+}
+
+function path(d, name) {
+  return svg("path", { d, class: name });
+}
+
+function text(px, py, words, anchor, name = "plot-tick") {
+  const pieces = piecesOf(String(words)).flatMap(([base, index]) =>
+    index
+      ? [
+          svg("tspan", { class: "plot-symbol" }, base),
+          svg("tspan", { dy: 4, "font-size": "75%" }, index),
+          svg("tspan", { dy: -4 }, "\u200b"),
+        ]
+      : [base],
+  );
+  return svg("text", { x: px, y: py, "text-anchor": anchor, class: name }, pieces);
+}
+
+function place(element, px, py, anchor) {
+  element.setAttribute("x", px);
+  element.setAttribute("y", py);
+  element.setAttribute("text-anchor", anchor);
+}

@@ -1,0 +1,176 @@
+/**
+ * Train a monitor: a form drawn from the catalog; then its job, then its page.
+ *
+ * Exports  showTraining(element, {query, api, navigate})
+ *     query: dataset (train on that one), like (begin from that monitor's recipe)
+ */
+
+import { reason } from "./api.js";
+import { neededFor } from "./calibration_rule.js";
+import { h } from "./dom.js";
+import { createFields } from "./form.js";
+import { createJobProgress } from "./job_progress.js";
+import { datasetChoice } from "./planned_test.js";
+import { lively } from "./view_life.js";
+import { link, pageOf } from "./view_states.js";
+import { figure, loadCatalog } from "./words.js";
+
+const MAIN = ["t_early", "epsilon"];
+const TEST = {
+  type: "integer",
+  minimum: 0,
+  maximum: 100000,
+  default: 2000,
+  description: "fresh flights that measure miss rate and power; 0 for none.",
+};
+
+export function showTraining(element, { query, api, navigate }) {
+  return lively(element, {
+    title: "Train a monitor",
+    text: "Looking up what can be trained",
+    build,
+  });
+
+  async function build({ keep }) {
+    const [catalog, datasets, like] = await Promise.all([
+      loadCatalog(api),
+      api.get("/datasets"),
+      query.get("like") ? api.get(`/monitors/${query.get("like")}`) : null,
+    ]);
+    const { schema } = catalog.recipes.monitor;
+    const withTest = { ...schema, properties: { ...schema.properties, n_test: TEST } };
+    const fields = createFields(
+      withTest,
+      { ...catalog.recipes.monitor.default, ...like?.recipe },
+      { catalog, path: "monitor" },
+    );
+    const source = datasetChoice({
+      catalog,
+      datasets,
+      chosen: query.get("dataset"),
+      initial: like?.dataset_recipe,
+    });
+    const name = h("input", {
+      type: "text",
+      id: "monitor-name",
+      maxlength: 200,
+      placeholder: "optional",
+    });
+    const said = h("p", { class: "error", role: "alert", hidden: true });
+    const served = h("p", { class: "hint served" });
+    const go = h("button", { class: "button button-primary", type: "submit" }, "Train");
+    const advanced = fields.keys.filter((key) => !MAIN.includes(key));
+    const families = advanced.filter((key) => schema.properties[key]?.["x-family"]);
+    const form = h(
+      "form",
+      {
+        class: "form",
+        novalidate: true,
+        onsubmit: send,
+        oninput: tell,
+        onchange: tell,
+        "aria-label": "Train a monitor",
+      },
+      source.element,
+      h(
+        "fieldset",
+        { class: "panel" },
+        h("legend", {}, "2  How early, how sure"),
+        h(
+          "div",
+          { class: "field-grid" },
+          MAIN.map(fields.element),
+          source.size,
+          h(
+            "div",
+            { class: "field" },
+            h("label", { for: "monitor-name" }, "name of the monitor"),
+            name,
+          ),
+        ),
+        served,
+      ),
+      h(
+        "details",
+        { class: "panel fold" },
+        h("summary", {}, "Predictor, score, calibration, test flights"),
+        h("div", { class: "columns" }, families.map(fields.element)),
+        h(
+          "div",
+          { class: "field-grid" },
+          advanced.filter((key) => !families.includes(key)).map(fields.element),
+        ),
+      ),
+      said,
+      h(
+        "div",
+        { class: "row form-end" },
+        go,
+        link("Not now", "#/monitors"),
+        h(
+          "span",
+          { class: "hint" },
+          "It simulates, trains, and flies the test flights; you can leave meanwhile.",
+        ),
+      ),
+    );
+    const stage = h("div", { class: "stack" }, form);
+    tell();
+    return pageOf("Train a monitor", [], stage);
+
+    function tell() {
+      const { epsilon } = fields.read();
+      const n = source.failures();
+      const enough = n !== null && epsilon > 0 && n >= neededFor(epsilon);
+      served.textContent =
+        !(epsilon > 0 && epsilon < 1) || n === null
+          ? ""
+          : enough
+            ? `${n} failures serve an epsilon of ${figure(1 / (n + 1))} or more.`
+            : `An epsilon of ${figure(epsilon)} needs at least ${neededFor(epsilon)} unsafe rollouts; ${n} are asked for: raise one of them.`;
+      served.classList.toggle("error", !enough && served.textContent !== "");
+    }
+
+    async function send(event) {
+      event.preventDefault();
+      said.hidden = true;
+      if (![source.check(), fields.check()].every(Boolean)) return;
+      const body = { ...fields.read(), dataset: source.read() };
+      if (name.value.trim()) body.name = name.value.trim();
+      go.disabled = true;
+      try {
+        const job = await api.post("/monitors", body);
+        follow(job);
+      } catch (error) {
+        if (!source.point(error.message) && !fields.point(error.message))
+          form.querySelector("[aria-invalid]")?.focus();
+        said.textContent = reason(error);
+        said.hidden = false;
+        said.scrollIntoView({ block: "nearest" });
+      } finally {
+        go.disabled = false;
+      }
+    }
+
+    function follow(job) {
+      form.hidden = true;
+      const progress = keep(
+        createJobProgress({
+          api,
+          job,
+          title: `Training “${job.request.name}”`,
+          done: ({ monitor }) => navigate(`#/monitors/${monitor}`),
+          back,
+        }),
+      );
+      stage.append(progress.element);
+
+      function back() {
+        progress.close();
+        progress.element.remove();
+        form.hidden = false;
+        go.focus();
+      }
+    }
+  }
+}

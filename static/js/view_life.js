@@ -1,0 +1,47 @@
+/**
+ * The life of a view that loads: shows loading, then what was built, or why not; forgets it when left.
+ *
+ * Exports
+ *   lively(element, {title, text, build}) -> {close()}
+ *     build(life) -> Promise<Node>     may use life.keep({close}) for what must end with the view
+ */
+
+import { failure, loading, pageOf } from "./view_states.js";
+
+export function lively(element, { title, text, build }) {
+  let open = true;
+  let kept = [];
+  const keep = (thing) => {
+    if (open) kept.push(thing);
+    else thing.close();
+    return thing;
+  };
+  const release = () => {
+    kept.forEach((thing) => thing.close());
+    kept = [];
+  };
+  load();
+  return {
+    close: () => {
+      open = false;
+      release();
+    },
+  };
+
+  async function load() {
+    release();
+    element.replaceChildren(pageOf(title, [], loading(text)));
+    try {
+      const built = await build({
+        keep,
+        again: load,
+        get open() {
+          return open;
+        },
+      });
+      if (open) element.replaceChildren(built);
+    } catch (error) {
+      if (open) element.replaceChildren(pageOf(title, [], failure(error, load)));
+    }
+  }
+}

@@ -1,0 +1,86 @@
+/**
+ * What a page shows while there is nothing to show: loading, empty, failed; and what to do next.
+ *
+ * Exports
+ *   loading(text), empty(title, text, ...actions), failure(error, again) -> element
+ *   pageOf(title, ...) -> element        a scrolling page with its heading
+ *   link(text, hash, primary), button(text, pressed, attributes)
+ *   confirmed(question, consequence, word, act) -> dialog, shown; act() may fail, which it tells
+ */
+
+import { reason } from "./api.js";
+import { h } from "./dom.js";
+
+export function loading(text) {
+  return h("div", { class: "state-loading", role: "status" }, h("p", {}, text));
+}
+
+export function empty(title, text, ...actions) {
+  return h(
+    "div",
+    { class: "state-empty" },
+    h("h2", {}, title),
+    h("p", {}, text),
+    h("div", { class: "row" }, actions),
+  );
+}
+
+export function failure(error, again) {
+  const action = again ? button("Try again", again) : null;
+  return h(
+    "div",
+    { class: "state-error", role: "alert" },
+    h("h2", {}, "This could not be shown"),
+    h("p", {}, reason(error)),
+    action,
+  );
+}
+
+export function pageOf(title, actions, ...content) {
+  const head = h(
+    "header",
+    { class: "page-head" },
+    h("h1", {}, title),
+    h("div", { class: "row page-actions" }, actions),
+  );
+  return h("div", { class: "page" }, h("div", { class: "page-body stack" }, head, content));
+}
+
+export function link(text, hash, primary = false) {
+  return h("a", { class: primary ? "button button-primary" : "button", href: hash }, text);
+}
+
+export function button(text, pressed, attributes = {}) {
+  return h("button", { type: "button", class: "button", onclick: pressed, ...attributes }, text);
+}
+
+export function confirmed(question, consequence, word, act) {
+  const said = h("p", { class: "error", role: "alert", hidden: true });
+  const yes = button(word, perform, { class: "button button-danger" });
+  const no = button("Keep it", () => dialog.close(), { autofocus: true });
+  const dialog = h(
+    "dialog",
+    { class: "dialog", "aria-labelledby": "dialog-title" },
+    h("h2", { id: "dialog-title" }, question),
+    h("p", {}, consequence),
+    said,
+    h("div", { class: "row" }, yes, no),
+  );
+  dialog.addEventListener("close", () => dialog.remove());
+  document.querySelector("#page").append(dialog);
+  dialog.showModal();
+  return dialog;
+
+  async function perform() {
+    yes.disabled = true;
+    try {
+      await act();
+      dialog.close();
+    } catch (error) {
+      said.textContent = reason(error);
+      said.hidden = false;
+      yes.disabled = false;
+      no.focus();
+    }
+  }
+}

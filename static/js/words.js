@@ -1,0 +1,79 @@
+/**
+ * Numbers, dates and recipes in words.
+ *
+ * Exports
+ *   percent(share, digits 1), interval([low, high]), figure(number, digits 3), moment(iso)
+ *   bytesOfHex(digest)     a hash, short enough to compare by eye
+ *   loadCatalog(api) -> Promise<catalog>     fetched once a page
+ *   aircraftName(catalog, part), kindName(catalog, family, part), limitWords(catalog, specification)
+ *   aircraftCondition(entry), plainWords(description)
+ *   labelOf(key, schema, catalog) -> {text, symbol, unit}
+ *       from the schema's title, unit and the catalog's channels: amplitude_deg -> amplitude, deg
+ */
+
+const UNIT_SUFFIX = /_(deg_s|rad_s|deg|hz|s)$/;
+
+let catalog = null;
+
+export function loadCatalog(api) {
+  catalog ??= api.get("/catalog").catch((error) => {
+    catalog = null;
+    throw error;
+  });
+  return catalog;
+}
+
+export function percent(share, digits = 1) {
+  return share === null || share === undefined ? "–" : `${(100 * share).toFixed(digits)} %`;
+}
+
+export function interval([low, high], digits = 1) {
+  return `${(100 * low).toFixed(digits)} to ${(100 * high).toFixed(digits)} %`;
+}
+
+export function figure(number, digits = 3) {
+  if (number === null || number === undefined) return "–";
+  return String(Number(number.toPrecision(digits))).replace("-", "−");
+}
+
+export function moment(iso) {
+  if (!iso) return "–";
+  const [date, time] = iso.split("T");
+  return `${date} ${time.slice(0, 5)} UTC`;
+}
+
+export function aircraftName(catalog, part) {
+  const entry = catalog.families.aircraft.entries[part?.kind];
+  // an aircraft's description begins with its name: "F-104A, Mach 0.8, sea level, ...; source"
+  return entry ? entry.description.split(/[,;]/)[0] : (part?.kind ?? "not said");
+}
+
+export function kindName(catalog, family, part) {
+  return catalog.families[family].entries[part?.kind]?.label ?? part?.kind ?? "not said";
+}
+
+export function limitWords(catalog, specification) {
+  const limited = catalog.channels.filter(({ key }) => specification?.[key] != null);
+  const words = limited.map(
+    ({ key, symbol, unit }) => `|${symbol}| < ${figure(specification[key])} ${unit}`,
+  );
+  return words.join(", ") || "not said";
+}
+
+export function plainWords(description) {
+  return description.replaceAll("`", "").replaceAll("+-", "±");
+}
+
+/** Name and flight condition of an aircraft: the start of its description, before the source. */
+export function aircraftCondition(entry) {
+  return entry.description.split(";")[0].split(", ").slice(0, 4).join(", ");
+}
+
+export function labelOf(key, schema, catalog) {
+  const channel = catalog.channels.find((entry) => entry.key === key);
+  const unit = schema["x-unit"] ?? "";
+  if (channel) return { text: channel.label, symbol: channel.symbol, unit };
+  if (/^[nt]_[a-z]{3,}$/.test(key)) return { text: "", symbol: key, unit };
+  const text = (unit ? key.replace(UNIT_SUFFIX, "") : key).replaceAll("_", " ");
+  return { text, symbol: "", unit };
+}

@@ -1,0 +1,357 @@
+"""Monitors and Datasets in a real Chromium, against the real server."""
+
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import httpx
+import numpy as np
+import pytest
+from playwright.sync_api import Page, expect
+from scipy import stats
+
+from app.catalog import catalog
+from app.store import Store
+from core.monitor.calibration import rank
+from tests.browser.site import open_site
+
+SMALL = {"n_unsafe": 40, "seed": 5}
+N_TEST = 300
+DRAWN = 40
+SLOW = 60_000
+"""[ms] A first training compiles kernels."""
+
+
+@dataclass(frozen=True)
+class Site:
+    """A server with one trained monitor."""
+
+    http: str
+    monitor: str
+    dataset: str
+    store: Store
+
+    def get(self, path: str) -> Any:
+        return httpx.get(f"{self.http}/api/v1{path}").raise_for_status().json()
+
+
+@pytest.fixture(scope="module")
+def fresh(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
+    """Origin of a server that nothing was asked of yet."""
+    with open_site(tmp_path_factory.mktemp("fresh")) as server:
+        yield server.http
+
+
+@pytest.fixture(scope="module")
+def site(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Site]:
+    with open_site(tmp_path_factory.mktemp("trained")) as server:
+        origin = server.http
+        order = {"dataset": SMALL, "n_test": N_TEST, "name": "card 7"}
+        job = httpx.post(f"{origin}/api/v1/monitors", json=order).raise_for_status()
+        stream = httpx.get(f"{origin}{job.headers['location']}/events", timeout=60)
+        assert '"done"' in stream.text.replace(" ", "")
+        made = httpx.get(f"{origin}{job.headers['location']}").json()["result"]
+        yield Site(origin, made["monitor"], made["dataset"], server.store)
+
+
+def percent(share: float) -> str:
+    return f"{100 * share:.1f} %"
+
+
+def field(page: Page, path: str):
+    return page.locator(f'[name="{path}"]')
+
+
+# Nothing there yet
+
+
+@pytest.mark.parametrize(
+    ("view", "says", "leads_to"),
+    [
+        ("monitors", "No monitor yet", "#/monitors/new"),
+        ("datasets", "No dataset yet", "#/datasets/new"),
+    ],
+)
+def test_an_empty_list_says_what_to_do_next(page: Page, fresh: str, view, says, leads_to) -> None:
+    page.goto(f"{fresh}/#/{view}")
+    state = page.locator(".state-empty")
+    expect(state).to_contain_text(says)
+    expect(state.locator(".button-primary")).to_have_attribute("href", leads_to)
+
+
+# Training through the form
+
+
+def test_a_monitor_is_trained_through_the_form_and_shown(page: Page, fresh: str) -> None:
+    page.goto(f"{fresh}/#/monitors/new")
+    field(page, "dataset.n_unsafe").fill("30")
+    field(page, "monitor.epsilon").fill("0.2")
+    page.get_by_label("name of the monitor").fill("first card")
+    page.get_by_text("Predictor, score, calibration, test flights").click()
+    field(page, "monitor.n_test").fill("200")
+    page.get_by_role("button", name="Train", exact=True).click()
+    expect(page.locator(".job .progress")).to_be_visible()
+    expect(page.get_by_role("heading", level=1)).to_have_text("first card", timeout=SLOW)
+    expect(page).to_have_url(re.compile(r"#/monitors/[0-9a-f]+$"))
+    facts = page.locator(".facts")
+    for words in ("F-16", "rudder doublet", "0.25 s", "30 failures", "0.0323", "|Ny| < 0.5 g"):
+        expect(facts).to_contain_text(words)
+    expect(page.locator("figure svg.plot")).to_have_count(4)
+    expect(page.locator(".epsilon-reading")).to_have_text("ε = 0.2")
+    page.goto(f"{fresh}/#/monitors")
+    expect(page.locator("tbody tr")).to_contain_text(["first card"])
+
+
+def test_training_can_be_cancelled_and_the_form_is_as_it_was(page: Page, site: Site) -> None:
+    page.goto(f"{site.http}/#/monitors/new")
+    field(page, "dataset.maneuver.amplitude_deg").fill("0.5")
+    page.get_by_text("Sampling, noise, seed, budget").click()
+    field(page, "dataset.max_rollouts").fill("1000000000")
+    page.get_by_role("button", name="Train", exact=True).click()
+    expect(page.locator(".job")).to_have_attribute("data-status", "running")
+    page.get_by_role("button", name="Cancel").click()
+    expect(page.locator(".job .error")).to_contain_text("Cancelled", timeout=SLOW)
+    page.get_by_role("button", name="Back").click()
+    expect(field(page, "dataset.maneuver.amplitude_deg")).to_have_value("0.5")
+
+
+def test_a_test_that_never_fails_says_what_to_change(page: Page, site: Site) -> None:
+    page.goto(f"{site.http}/#/monitors/new")
+    field(page, "dataset.aircraft.kind").select_option("f4c_35k_m0p6")
+    expect(field(page, "dataset.control_law.kind")).to_have_value("f4c_damper")
+    page.get_by_role("button", name="Train", exact=True).click()
+    said = page.locator(".job .error")
+    expect(said).to_contain_text("It failed: 0 of", timeout=SLOW)
+    expect(said).to_contain_text("raise the amplitude")
+
+
+def test_numbers_that_are_missing_are_said_beside_their_fields(page: Page, site: Site) -> None:
+    page.goto(f"{site.http}/#/monitors/new")
+    amplitude = field(page, "dataset.maneuver.amplitude_deg")
+    amplitude.fill("")
+    page.get_by_role("button", name="Train", exact=True).click()
+    expect(amplitude).to_have_attribute("aria-invalid", "true")
+    expect(amplitude).to_be_focused()
+    beside = page.locator('.field[data-path="dataset.maneuver.amplitude_deg"] .error')
+    expect(beside).to_have_text("A number is needed here.")
+    expect(page.locator(".job")).to_have_count(0)
+
+
+def test_the_servers_refusal_is_shown_where_it_belongs(
+    page: Page, site: Site, allowed_errors: list[str]
+) -> None:
+    allowed_errors.append("422")
+    page.goto(f"{site.http}/#/monitors/new")
+    duration = field(page, "dataset.maneuver.duration_s")
+    page.locator("summary", has_text="lead in").click()
+    duration.fill("-1")
+    page.get_by_role("button", name="Train", exact=True).click()
+    expect(page.locator('form > [role="alert"]')).to_contain_text("-1")
+    expect(page.get_by_role("button", name="Train", exact=True)).to_be_enabled()
+
+
+def test_an_epsilon_that_the_failures_cannot_serve_is_said_at_once(page: Page, site: Site) -> None:
+    page.goto(f"{site.http}/#/monitors/new")
+    field(page, "monitor.epsilon").fill("0.01")
+    served_words = page.locator(".served")
+    expect(served_words).to_contain_text("needs at least 99 unsafe rollouts; 50 are asked for")
+    field(page, "dataset.n_unsafe").fill("99")
+    expect(served_words).to_contain_text("99 failures serve an epsilon of 0.01 or more")
+
+
+READ_BACK = """async ({schema, initial, catalog}) => {
+    const { createFields } = await import("/js/form.js");
+    const fields = createFields(schema, initial, { catalog, path: "x" });
+    const holder = document.body.appendChild(document.createElement("form"));
+    holder.append(...fields.keys.map(fields.element));
+    return [fields.check(), fields.read()];
+}"""
+
+
+def members() -> list[tuple[str, str]]:
+    families = catalog()["families"].items()
+    return [(family, kind) for family, found in families for kind in found["entries"]]
+
+
+def test_an_untouched_form_asks_for_the_defaults_of_every_recipe_and_member(
+    page: Page, site: Site
+) -> None:
+    page.goto(f"{site.http}/#/monitors")
+    known = site.get("/catalog")
+    cases = list(known["recipes"].values())
+    cases += [known["families"][family]["entries"][kind] for family, kind in members()]
+    for case in cases:
+        arguments = {"schema": case["schema"], "initial": case["default"], "catalog": known}
+        assert page.evaluate(READ_BACK, arguments) == [True, case["default"]]
+
+
+def test_an_own_model_is_pasted_as_json(page: Page, site: Site) -> None:
+    page.goto(f"{site.http}/#/monitors/new")
+    field(page, "dataset.aircraft.kind").select_option("matrices")
+    expect(field(page, "dataset.control_law.kind")).to_have_value("none")
+    box = page.get_by_label("own model as JSON")
+    box.fill('{"A": [[1]]')
+    page.get_by_role("button", name="Use this model").click()
+    expect(page.locator(".model-input .error")).to_contain_text("This is not JSON")
+    box.fill('{"A": [[-1]], "B": [[1, 2]], "C": [[1]], "D": [[0]], "uncertainty": {"spread": 0.2}}')
+    page.get_by_role("button", name="Use this model").click()
+    expect(field(page, "dataset.aircraft.b")).to_have_value("[[1,2]]")
+    expect(page.get_by_label("one number for all")).to_have_value("0.2")
+
+
+def test_a_job_that_was_lost_is_told_in_the_list(page: Page, site: Site) -> None:
+    job = site.store.add_job("monitor", {"name": "card 8"})
+    site.store.update_job(job, status="interrupted", message="training")
+    page.goto(f"{site.http}/#/monitors")
+    page.get_by_text("that did not finish").click()
+    expect(page.locator("main")).to_contain_text(
+        "Training “card 8”: interrupted, the server stopped"
+    )
+
+
+# A monitor's page
+
+
+def test_the_slider_tells_what_the_stored_evaluation_says(page: Page, site: Site) -> None:
+    evaluation = site.get(f"/monitors/{site.monitor}/evaluation")
+    page.goto(f"{site.http}/#/monitors/{site.monitor}")
+    slider = page.locator("#epsilon")
+    expect(page.locator(".epsilon-reading")).to_have_text("ε = 0.1")
+    for key, expected in (("Home", 0), ("End", -1)):
+        slider.press(key)
+        curves = {name: values[expected] for name, values in evaluation["curves"].items()}
+        expect(page.locator(".epsilon-reading")).to_have_text(f"ε = {curves['epsilon']:g}")
+        for measure, share, interval in (
+            ("miss", "miss_rate", "miss_interval"),
+            ("power", "power", "power_interval"),
+            ("fail", "fail_given_alert", "fail_given_alert_interval"),
+        ):
+            row = page.locator(f'[data-measure="{measure}"]')
+            expect(row.locator(".meter-value")).to_have_text(percent(curves[share]))
+            low, high = (f"{100 * bound:.1f}" for bound in curves[interval])
+            expect(row).to_contain_text(f"95 %: {low} to {high} %")
+        expect(page.locator(".plot-rule-text", has_text="ε =").first).to_contain_text(
+            f"{curves['epsilon']:g}"
+        )
+
+
+def test_every_unsafe_rollout_that_is_drawn_ends_with_a_cross(page: Page, site: Site) -> None:
+    page.goto(f"{site.http}/#/monitors/{site.monitor}")
+    figure = page.locator("figure", has_text="Rollouts by outcome")
+    expect(figure.locator("path.plot-mark.plot-unsafe")).to_have_count(1 + DRAWN)  # one in the key
+    expect(figure.locator("path.plot-line.plot-safe")).to_have_count(1 + DRAWN)
+
+
+def test_the_guarantee_is_in_words_and_the_monitor_can_be_flown(page: Page, site: Site) -> None:
+    page.goto(f"{site.http}/#/monitors/{site.monitor}")
+    expect(page.locator(".promise")).to_have_text("P(no timely alert | the flight fails) ≤ epsilon")
+    expect(page.locator("main")).to_contain_text("not the probability of failure")
+    page.get_by_role("button", name="Fly it").click()
+    expect(page).to_have_url(re.compile(rf"#/fly\?monitor={site.monitor}"))
+
+
+def test_a_downloaded_monitor_is_uploaded_again_and_deleted(
+    page: Page, site: Site, allowed_errors: list[str], tmp_path
+) -> None:
+    allowed_errors.append("404")  # it was never flown here: there is no evaluation
+    page.goto(f"{site.http}/#/monitors/{site.monitor}")
+    with page.expect_download() as download:
+        page.get_by_role("link", name="Download the file").click()
+    file = tmp_path / download.value.suggested_filename
+    download.value.save_as(file)
+    assert file.name == f"monitor-{site.monitor}.fwm"
+    page.goto(f"{site.http}/#/monitors")
+    page.locator('input[type="file"]').set_input_files(file)
+    expect(page.get_by_role("heading", level=1)).to_have_text(file.stem)
+    expect(page.locator("main")).to_contain_text("Not flown yet")
+    page.get_by_role("button", name="Delete").click()
+    page.get_by_role("button", name="Delete it").click()
+    expect(page).to_have_url(re.compile("#/monitors$"))
+    expect(page.locator("tbody tr")).to_have_count(1)
+
+
+def test_an_unknown_monitor_is_an_error_that_can_be_tried_again(
+    page: Page, site: Site, allowed_errors: list[str]
+) -> None:
+    allowed_errors.append("404")
+    page.goto(f"{site.http}/#/monitors/0123456789ab")
+    state = page.locator(".state-error")
+    expect(state).to_contain_text("0123456789ab")
+    expect(state.get_by_role("button", name="Try again")).to_be_visible()
+
+
+def test_rank_and_scatter_are_those_of_the_method(page: Page, site: Site) -> None:
+    page.goto(f"{site.http}/#/monitors")
+    cases = [(epsilon, n) for n in (9, 19, 50, 200, 5000) for epsilon in np.arange(1, 50) / 50]
+    found = page.evaluate(
+        """async (cases) => {
+            const rule = await import("/js/calibration_rule.js");
+            return cases.map(([epsilon, n]) => [rule.rank(epsilon, n), rule.scatter(epsilon, n)]);
+        }""",
+        [[float(epsilon), n] for epsilon, n in cases],
+    )
+    for (epsilon, n), (k, bounds) in zip(cases, found, strict=True):
+        assert k == rank(epsilon, n)
+        if k <= n:
+            expected = stats.beta.ppf([0.05, 0.95], n + 1 - k, k)
+            np.testing.assert_allclose(bounds, expected, atol=1e-6)
+
+
+def test_five_methods_are_compared_on_a_dataset(page: Page, site: Site) -> None:
+    page.goto(f"{site.http}/#/monitors/compare?dataset={site.dataset}")
+    field(page, "study.n_monitors").fill("1")
+    field(page, "study.n_test").fill("60")
+    page.get_by_role("button", name="Compare", exact=True).click()
+    expect(page.locator("figure svg.plot")).to_have_count(2, timeout=SLOW)
+    job = page.url.rpartition("job=")[2]
+    result = site.get(f"/jobs/{job}")["result"]
+    assert page.locator("tbody th").all_inner_texts() == result["ranking"]
+    best = result["methods"][result["ranking"][0]]
+    at = best["epsilon"].index(0.1)
+    shares = f"{100 * best['miss_rate'][at]:.0f} % / {100 * best['power'][at]:.0f} %"
+    expect(page.locator("tbody tr").first).to_contain_text(shares)
+
+
+# Datasets
+
+
+def test_a_dataset_in_use_is_not_deleted_and_the_sentence_says_by_what(
+    page: Page, site: Site, allowed_errors: list[str]
+) -> None:
+    allowed_errors.append("409")
+    page.goto(f"{site.http}/#/datasets/{site.dataset}")
+    page.get_by_role("button", name="Delete").click()
+    page.get_by_role("button", name="Delete it").click()
+    expect(page.locator("dialog .error")).to_contain_text("is used by card 7")
+    page.get_by_role("button", name="Keep it").click()
+    expect(page.locator("dialog")).to_have_count(0)
+    assert [dataset["id"] for dataset in site.get("/datasets")] == [site.dataset]
+
+
+def test_a_rollout_is_picked_looked_at_and_replayed(page: Page, site: Site) -> None:
+    rollout = site.get(f"/datasets/{site.dataset}/rollouts/3")
+    page.goto(f"{site.http}/#/datasets/{site.dataset}")
+    page.get_by_label("number", exact=True).fill("3")
+    page.keyboard.press("Enter")
+    fails = f"{rollout['telemetry']['t'][-1]:.3g} s"
+    expect(page.locator(".rollout-words")).to_contain_text(f"Rollout 3, unsafe: fails at {fails}")
+    expect(page.locator(".rollout-strips .strip")).to_have_count(6)
+    page.get_by_role("button", name="Replay it through").click()
+    wanted = f"#/fly\\?dataset={site.dataset}&outcome=unsafe&rollout=3&monitor={site.monitor}"
+    expect(page).to_have_url(re.compile(wanted))
+
+
+@pytest.mark.parametrize("width", [1280, 820])
+def test_nothing_is_wider_than_the_page(page: Page, site: Site, width: int) -> None:
+    page.set_viewport_size({"width": width, "height": 720})
+    for view, ready in (
+        ("monitors", "table"),
+        ("monitors/new", "form"),
+        (f"monitors/{site.monitor}", "#epsilon"),
+        (f"datasets/{site.dataset}", ".strip canvas"),
+    ):
+        page.goto(f"{site.http}/#/{view}")
+        expect(page.locator(ready).first).to_be_visible()
+        box = page.locator(".page")
+        assert box.evaluate("element => element.scrollWidth - element.clientWidth") <= 0, view
