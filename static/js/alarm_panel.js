@@ -1,0 +1,113 @@
+/**
+ * The alarm line: an alert stays, seen and heard, until someone acknowledges it.
+ *
+ * While no alarm is open it says what the guarantee says; its height is the same either way, so that
+ * the strips do not move at the very moment they are looked at.
+ *
+ * Exports
+ *   createAlarmPanel(element, {tone, acknowledge}) -> AlarmPanel
+ *     acknowledge(alarm) -> Promise    tells the server; the alarm comes back acknowledged
+ *   guarantee({epsilon, lead}) -> string
+ *
+ * AlarmPanel
+ *   describe({epsilon, lead, limits})   limits: nodes, |N_y| 0.5 g; of the flight
+ *   take(alarm)          raised or acknowledged
+ *   setAlert(boolean)    whether the newest assessment alerts
+ *   setLinked(boolean)   false: nobody knows whether there are new alarms
+ *   acknowledgeAll()     all open ones
+ *   open()               how many wait
+ *   close()              silence
+ */
+
+import { reason } from "./api.js";
+import { h } from "./dom.js";
+import { put } from "./panel_states.js";
+import { riskText } from "./risk_gauge.js";
+
+export function guarantee({ epsilon, lead }) {
+  const share = `${Number((100 * epsilon).toPrecision(3))} %`;
+  return (
+    `Of flights that fail, at most ${share} get no alert at least ${Number(lead.toFixed(3))} s ahead, ` +
+    "on average over calibration sets, for flights drawn like the simulated ones. " +
+    "Risk is not the probability of failure."
+  );
+}
+
+export function createAlarmPanel(element, { tone, acknowledge }) {
+  element.classList.add("alarm-panel");
+  const text = h("span", { class: "alarm-text" });
+  const button = h("button", { type: "button", class: "button", title: "Acknowledge (key K)", onclick: acknowledgeAll }, "Acknowledge [K]");
+  const banner = h("div", { class: "alarm-banner", role: "alert", hidden: true }, text, button);
+  const quiet = h("strong", {}, "No alarm waits. ");
+  const calm = h("p", { class: "alarm-calm" });
+  const failure = h("p", { class: "error", role: "alert", hidden: true });
+  element.append(banner, calm, failure);
+  const alarms = new Map();
+  let flight = { epsilon: NaN, lead: 0, limits: [] };
+  let alert = false;
+  let shown = "";
+
+  const waiting = () => [...alarms.values()].filter((alarm) => alarm.acknowledged === null);
+
+  function render() {
+    const open = waiting();
+    const latest = open.at(-1);
+    const held = latest === undefined && alert;
+    element.dataset.open = String(open.length);
+    banner.hidden = latest === undefined && !held;
+    calm.hidden = !banner.hidden;
+    banner.toggleAttribute("data-acknowledged", held);
+    button.hidden = held;
+    const now = latest === undefined ? "" : `${latest.number} of ${open.length}`;
+    if (latest === undefined) put(text, held ? "ALERT continues, acknowledged" : "");
+    else if (now !== shown) text.replaceChildren(...words(latest, open.length));
+    shown = now;
+    if (open.length > 0) tone.start();
+    else tone.stop();
+  }
+
+  function words({ t, p_value: risk }, count) {
+    const value = risk === null ? "" : ` ${riskText(risk, flight.epsilon)}`;
+    const more = count > 1 ? `, ${count - 1} more` : "";
+    const lead = Number(flight.lead.toFixed(3));
+    const what = `ALERT at ${t.toFixed(2)} s: risk${value} > ε ${flight.epsilon}, warns ${lead} s before `;
+    return [what, ...flight.limits.map((node) => node.cloneNode(true)), more];
+  }
+
+  async function acknowledgeAll() {
+    failure.hidden = true;
+    try {
+      for (const alarm of waiting()) take(await acknowledge(alarm));
+    } catch (error) {
+      put(failure, `Not acknowledged. ${reason(error)}`);
+      failure.hidden = false;
+    }
+  }
+
+  function take(alarm) {
+    const known = alarms.get(alarm.number);
+    if (known?.acknowledged && !alarm.acknowledged) return;
+    alarms.set(alarm.number, alarm);
+    while (alarms.size > 200) alarms.delete(alarms.keys().next().value);
+    render();
+  }
+
+  return {
+    describe: (given) => {
+      flight = given;
+      shown = "";
+      calm.replaceChildren(quiet, guarantee(given));
+      render();
+    },
+    setLinked: (linked) => put(quiet, linked ? "No alarm waits. " : "▲ Not connected: new alarms are not known. "),
+    take,
+    setAlert: (now) => {
+      if (now === alert) return;
+      alert = now;
+      render();
+    },
+    acknowledgeAll,
+    open: () => waiting().length,
+    close: () => tone.stop(),
+  };
+}

@@ -1,0 +1,101 @@
+/**
+ * The server's REST interface: paths below /api/v1, JSON both ways, errors as one clear sentence.
+ *
+ * Exports
+ *   api.get(path), api.post(path, body), api.put(path, body), api.delete(path) -> Promise<plain data>
+ *   api.upload(path, file) -> Promise<plain data>      a file as application/octet-stream
+ *   api.watchJob(id, changed) -> {ended: Promise<job>, close()}
+ *       changed(job) now and at each change, by server-sent events; `ended` resolves with the job
+ *       in its last state (done, failed, cancelled, interrupted), or rejects with an ApiError
+ *   ApiError   message: what happened and what to do; status (0: no answer), kind, problem
+ *   reason(error) -> string    the sentence to show for any error
+ *
+ * `path` is "/monitors" or what a Location header says, "/api/v1/jobs/3f9a".
+ */
+
+const BASE = "/api/v1";
+const JSON_TYPE = "application/json";
+const ENDED = ["done", "failed", "cancelled", "interrupted"];
+const NO_ANSWER = "The server does not answer. Check that `forewarn serve` is running, then try again.";
+
+export class ApiError extends Error {
+  /** @param {string} message @param {number} status @param {Record<string, any>} problem */
+  constructor(message, status, problem = {}) {
+    super(message);
+    this.name = "ApiError";
+    this.status = status;
+    this.kind = problem.type ?? "about:blank";
+    this.problem = problem;
+  }
+}
+
+async function call(method, path, body, type = JSON_TYPE) {
+  const headers = { Accept: `${JSON_TYPE}, application/problem+json` };
+  if (body !== undefined) headers["Content-Type"] = type;
+  const content = type === JSON_TYPE && body !== undefined ? JSON.stringify(body) : body;
+  let response;
+  try {
+    response = await fetch(address(path), { method, headers, body: content });
+  } catch {
+    throw new ApiError(NO_ANSWER, 0);
+  }
+  if (!response.ok) throw await problemOf(response);
+  return response.status === 204 ? null : response.json();
+}
+
+function address(path) {
+  return path.startsWith(BASE) ? path : BASE + path;
+}
+
+async function problemOf(response) {
+  const problem = await response.json().catch(() => ({}));
+  if (response.status === 401) {
+    return new ApiError("This server asks for its token. Open /login and enter it.", 401, problem);
+  }
+  const said = problem.detail || problem.title || response.statusText || "no reason given";
+  return new ApiError(sentence(said), response.status, problem);
+}
+
+function sentence(text) {
+  const first = text.charAt(0).toUpperCase() + text.slice(1);
+  return /[.!?]$/.test(first) ? first : `${first}.`;
+}
+
+export function reason(error) {
+  if (error instanceof ApiError) return error.message;
+  return `The page failed: ${error?.message ?? error}. Reload it.`;
+}
+
+function watchJob(id, changed = () => {}) {
+  const source = new EventSource(`${BASE}/jobs/${id}/events`);
+  const ended = new Promise((resolve, reject) => {
+    source.addEventListener("message", (event) => {
+      const job = JSON.parse(event.data);
+      changed(job);
+      if (!ENDED.includes(job.status)) return;
+      source.close();
+      resolve(job);
+    });
+    source.addEventListener("error", () => {
+      if (source.readyState !== EventSource.CLOSED) return; // it connects again by itself
+      api.get(`/jobs/${id}`).then(
+        (job) => {
+          changed(job);
+          if (ENDED.includes(job.status)) resolve(job);
+          else reject(new ApiError(NO_ANSWER, 0));
+        },
+        reject,
+      );
+    });
+  });
+  return { ended, close: () => source.close() };
+}
+
+export const api = {
+  get: (path) => call("GET", path),
+  post: (path, body = {}) => call("POST", path, body),
+  put: (path, body) => call("PUT", path, body),
+  delete: (path) => call("DELETE", path),
+  upload: (path, file) => call("POST", path, file, "application/octet-stream"),
+  watchJob,
+};

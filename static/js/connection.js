@@ -1,0 +1,222 @@
+/**
+ * A flight's WebSocket: the one module that opens it, and keeps it open.
+ *
+ * It answers frames with credit, connects again after a loss (asking for what it missed), gives a
+ * silent connection up, and measures what the operator must know of it.
+ *
+ * Exports
+ *   createConnection(flight, on) -> Connection
+ *     on.hello(hello, again)       again: the page already shows this flight
+ *     on.frames(frames, message)   new samples, oldest first, each once
+ *     on.state(message), on.alarm(alarm), on.transport(transport), on.heartbeat(message)
+ *     on.reset({seq, t})           the next frame does not follow the last one: clear the strips
+ *     on.link(link)                "connecting" | "open" | "lost" | "over"
+ *     on.over(reason)              the flight is not under way any more; nothing follows
+ *
+ * Connection
+ *   link, attempt, retryIn(wall) -> s     where it is; while lost, which attempt comes next and when
+ *   figures(wall) -> {age, latency, conflated, lost, utc}
+ *     age      s since the newest sample was due at the server; NaN before any
+ *     latency  ms from due to here, above the quickest message of the last minute plus half a
+ *              round trip; NaN before any
+ *     conflated, lost   samples left out for this display, samples the server could not record
+ *     utc      the server's date and time as a Date, or null
+ *   close()
+ */
+
+const SILENCE = 3500; // ms without any message (the server beats each second) that mean loss
+const WAITS = [250, 500, 1000, 2000, 4000]; // ms before the next attempts
+const NO_SUCH_FLIGHT = 4404;
+const WINDOW = 30_000; // ms; the quickest message of this window and the one before counts
+
+export function createConnection(flight, on, { Socket = WebSocket } = {}) {
+  const scheme = location.protocol === "https:" ? "wss" : "ws";
+  const address = `${scheme}://${location.host}/api/v1/flights/${encodeURIComponent(flight)}/stream`;
+  const clock = createServerClock();
+  const counts = { conflated: 0, before: 0, lost: 0 };
+  let socket = null;
+  let seen = -1; // newest seq taken
+  let greeted = false;
+  let newest = null; // {sent, latency} of the newest live frame
+  let backlog = -1; // head at hello: frames up to it come late on purpose
+  let heard = 0;
+  let retryAt = NaN;
+  let timer = 0;
+  let closed = false;
+
+  const connection = { link: "connecting", attempt: 0, retryIn, figures, close };
+
+  function setLink(link) {
+    if (link === connection.link) return;
+    connection.link = link;
+    on.link?.(link);
+  }
+
+  function connect() {
+    heard = performance.now();
+    const mine = new Socket(address);
+    socket = mine;
+    mine.addEventListener("message", (event) => {
+      if (socket !== mine) return;
+      heard = performance.now();
+      take(JSON.parse(event.data));
+    });
+    mine.addEventListener("close", (event) => {
+      if (socket === mine) gone(event.code);
+    });
+    timer = setTimeout(listen, 1000);
+  }
+
+  /** A connection that says nothing is no connection, whatever the socket believes. */
+  function listen() {
+    if (performance.now() - heard > SILENCE) {
+      const silent = socket;
+      gone(0);
+      silent.close();
+      return;
+    }
+    timer = setTimeout(listen, 500);
+  }
+
+  function gone(code) {
+    clearTimeout(timer);
+    socket = null;
+    if (closed || connection.link === "over") return;
+    if (code === NO_SUCH_FLIGHT) {
+      finish("the flight is not under way");
+      return;
+    }
+    const wait = WAITS[Math.min(connection.attempt, WAITS.length - 1)];
+    connection.attempt += 1;
+    retryAt = performance.now() + wait;
+    setLink("lost");
+    timer = setTimeout(connect, wait);
+  }
+
+  function finish(reason) {
+    setLink("over");
+    on.over?.(reason);
+  }
+
+  const takers = {
+    hello: (message) => {
+      const again = greeted;
+      [greeted, backlog, connection.attempt] = [true, message.head, 0];
+      counts.before += counts.conflated;
+      counts.conflated = 0;
+      clock.setUtc(message.server_time);
+      clock.measureRoundTrip();
+      if (message.head < seen) seen = -1;
+      on.hello?.(message, again);
+      send({ type: "resume", seq: seen });
+      setLink("open");
+    },
+    frames: (message) => {
+      const frames = message.frames.filter((frame) => frame.seq > seen);
+      const last = frames.at(-1);
+      if (last !== undefined) {
+        seen = last.seq;
+        if (last.sent !== null && last.seq > backlog) {
+          newest = { sent: last.sent, latency: clock.latency(last.sent) };
+        }
+        on.frames?.(frames, message);
+      }
+      send({ type: "credit", n: 1 });
+    },
+    reset: (message) => {
+      seen = message.seq - 1;
+      on.reset?.(message);
+    },
+    heartbeat: (message) => {
+      clock.observe(message.sent);
+      clock.setUtc(message.server_time);
+      Object.assign(counts, { lost: message.lost, conflated: message.conflated });
+      on.heartbeat?.(message);
+    },
+    state: (message) => on.state?.(message),
+    alarm: (message) => on.alarm?.(message.alarm),
+    transport: (message) => on.transport?.(message.transport),
+    end: (message) => finish(message.reason),
+  };
+
+  function take(message) {
+    takers[message.type]?.(message);
+  }
+
+  function send(message) {
+    if (socket?.readyState === Socket.OPEN) socket.send(JSON.stringify(message));
+  }
+
+  function retryIn(wall = performance.now()) {
+    return connection.link === "lost" ? Math.max(0, (retryAt - wall) / 1000) : 0;
+  }
+
+  function figures(wall = performance.now()) {
+    return {
+      age: newest === null ? NaN : Math.max(0, clock.since(newest.sent, wall)) / 1000,
+      latency: newest === null ? NaN : newest.latency,
+      conflated: counts.before + counts.conflated,
+      lost: counts.lost,
+      utc: clock.utc(),
+    };
+  }
+
+  function close() {
+    closed = true;
+    clearTimeout(timer);
+    const open = socket;
+    socket = null;
+    open?.close();
+  }
+
+  connect();
+  return connection;
+}
+
+/** The server's clocks as seen from here: its monotonic milliseconds and its UTC. */
+function createServerClock() {
+  const quickest = [NaN, NaN]; // least (arrival - sent) of the last window and of this one
+  let turned = 0;
+  let half = 0; // half a round trip [ms]
+  let utcOffset = NaN;
+
+  function observe(sent) {
+    const now = performance.now();
+    if (now - turned > WINDOW) {
+      quickest[0] = quickest[1];
+      quickest[1] = NaN;
+      turned = now;
+    }
+    const shift = now - sent;
+    if (!(quickest[1] <= shift)) quickest[1] = shift;
+  }
+
+  const least = () => {
+    const known = quickest.filter((value) => !Number.isNaN(value));
+    return known.length > 0 ? Math.min(...known) : NaN;
+  };
+
+  const since = (sent, wall) => wall - sent - least() + half;
+
+  return {
+    observe,
+    since,
+    latency: (sent) => {
+      observe(sent);
+      return since(sent, performance.now());
+    },
+    setUtc: (iso) => {
+      utcOffset = Date.parse(iso) - Date.now();
+    },
+    utc: () => (Number.isNaN(utcOffset) ? null : new Date(Date.now() + utcOffset)),
+    measureRoundTrip: async () => {
+      const begin = performance.now();
+      try {
+        await fetch("/healthz", { cache: "no-store" });
+        half = Math.min(half || Infinity, (performance.now() - begin) / 2);
+      } catch {
+        // no answer: the socket says so
+      }
+    },
+  };
+}

@@ -1,0 +1,64 @@
+/**
+ * The panels of a flight on the page: strips, scene, gauge, alarm line, events, status, transport.
+ *
+ * Exports
+ *   createFlightPanels(element) -> {status, strips, alarm, scene, lost, gauge, notice, events, transport: elements}
+ *   windowOf({duration, lead}) -> s     width of the strips: a short flight fills them
+ *   limitsOf(channels) -> Node[]        "|N_y| 0.5 g", of the limited channels
+ *   alertText(alarm, epsilon) -> string
+ *   sourceText(source, name) -> string
+ */
+
+import { h } from "./dom.js";
+import { symbolNodes } from "./readout.js";
+import { riskText } from "./risk_gauge.js";
+
+const WIDEST = 60; // s
+const NARROWEST = 5; // s
+
+export function createFlightPanels(element) {
+  const part = (tag, name, ...children) => h(tag, { class: name }, ...children);
+  const panels = {
+    status: h("section", { "aria-label": "Status" }),
+    notice: h("div", { class: "notice", role: "status", hidden: true }),
+    alarm: h("section", { "aria-label": "Alarm" }),
+    strips: h("section", {}),
+    scene: h("section", {}),
+    lost: h("div", { class: "link-lost", role: "alert", hidden: true }),
+    gauge: h("div", {}),
+    events: h("section", { class: "event-panel", "aria-label": "Events" }),
+    transport: h("section", { "aria-label": "Transport" }),
+  };
+  const left = part("div", "strips-column", panels.alarm, panels.notice, panels.strips);
+  const right = part("div", "side-column", part("div", "scene-cell", panels.scene, panels.lost), part("section", "gauge-panel", panels.gauge), panels.events);
+  const view = part("div", "flight", h("h1", { class: "visually-hidden" }, "Flight"), panels.status, part("div", "fly", left, right), panels.transport);
+  element.replaceChildren(view);
+  return panels;
+}
+
+export function windowOf({ duration, lead }) {
+  if (duration === null) return WIDEST;
+  return Math.min(WIDEST, Math.max(NARROWEST, duration + lead));
+}
+
+export function limitsOf(channels) {
+  const limited = channels.filter(({ limit }) => limit !== null);
+  return limited.flatMap(({ symbol, limit, unit }, k) => [
+    document.createTextNode(k > 0 ? " or |" : "|"),
+    ...symbolNodes(symbol),
+    document.createTextNode(`| ${limit} ${unit}`),
+  ]);
+}
+
+export function alertText({ p_value: risk }, epsilon) {
+  return risk === null ? "alert" : `alert, risk ${riskText(risk, epsilon)}`;
+}
+
+export function sourceText(source, name) {
+  if (source.kind === "simulated") {
+    const outcome = source.outcome && source.outcome !== "any" ? `, ${source.outcome}` : "";
+    return `simulated, seed ${source.seed ?? 0}${outcome}`;
+  }
+  if (source.kind === "replay") return `replay, ${source.outcome} ${source.rollout}`;
+  return name;
+}

@@ -1,0 +1,149 @@
+/**
+ * The record of a flight that is over: its strips and events, to read and to fly again.
+ *
+ * Exports
+ *   showFlightRecord(element, {flight, why, api, navigate}) -> {close()}
+ *     flight: as the server has it.   why: how it ended, if the page saw it
+ */
+
+import { reason } from "./api.js";
+import { h } from "./dom.js";
+import { put, state } from "./panel_states.js";
+import { createEventList } from "./event_list.js";
+import { alertText, createFlightPanels, sourceText, windowOf } from "./flight_panels.js";
+import { createRiskGauge } from "./risk_gauge.js";
+import { createStatusStrip } from "./status_strip.js";
+import { createStripChart } from "./strip_chart.js";
+import { confirmed } from "./view_states.js";
+
+const HOW = {
+  ended: "was ended",
+  interrupted: "was interrupted: the server stopped during it",
+  failed: "failed: the server's log says why",
+};
+const MOST = 100_000; // samples of a record that are drawn
+
+export function showFlightRecord(element, { flight, why, api, navigate }) {
+  const path = `/flights/${encodeURIComponent(flight.id)}`;
+  const panels = createFlightPanels(element);
+  element.dataset.flight = "over";
+  const status = createStatusStrip(panels.status);
+  const gauge = createRiskGauge(panels.gauge);
+  const source = sourceText(flight.source, flight.name);
+  const nothing = { age: NaN, latency: NaN, conflated: 0, lost: 0, utc: null };
+  const shown = { source, link: "over", patience: 1, playing: false, live: false, state: null, alert: false, figures: nothing };
+  let chart = null;
+  let closed = false;
+
+  status.update({ ...shown, monitor: flight.monitor });
+  gauge.update({ state: "stale", reason: "the flight is over", epsilon: flight.epsilon });
+  panels.alarm.remove();
+  panels.transport.remove();
+  panels.scene.classList.add("scene-panel");
+  panels.scene.append(state("empty", "Flight over", "The scene is shown while it flies."));
+  panels.notice.hidden = false;
+  const failure = h("span", { class: "error", role: "alert", hidden: true });
+  panels.notice.append(
+    h("p", {}, h("strong", {}, `This flight ${HOW[flight.status] ?? "is over"}${why.includes("server") ? ": the server stopped" : ""}. `), "Its record is shown."),
+    h("div", { class: "row" },
+      h("button", { type: "button", class: "button button-primary", onclick: again }, "Fly it again"),
+      h("a", { class: "button", href: "#/fly" }, "All flights"),
+      h("button", { type: "button", class: "button button-danger", onclick: () => confirmed("Delete this record?", "Its samples, assessments and alarms are gone for good.", "Delete the record", remove) }, "Delete the record"),
+      failure),
+  );
+  const events = createEventList(panels.events, {
+    go: (t) => {
+      chart?.setWindow(t - 3, t + 3);
+      chart?.setCursor(t);
+    },
+  });
+  load().catch(fail);
+
+  async function load() {
+    panels.strips.replaceChildren(state("loading", "Reading the record", ""));
+    const [catalog, monitor, alarms, frames] = await Promise.all([
+      api.get("/catalog"), api.get(`/monitors/${flight.monitor}`), api.get(`${path}/alarms`), readFrames(),
+    ]);
+    if (closed) return;
+    status.update({ ...shown, monitor: monitor.name });
+    const limits = monitor.dataset_recipe.specification ?? {};
+    const channels = catalog.channels.map((channel) => ({ ...channel, limit: limits[channel.key] ?? null }));
+    const { passes, longest } = longestPass(frames);
+    if (longest.length === 0) {
+      panels.strips.replaceChildren(state("empty", "Nothing was recorded", "The flight ended before its first sample."));
+      return;
+    }
+    draw(channels, monitor, longest, passes);
+    for (const alarm of alarms) {
+      events.add({ t: alarm.t, text: alertText(alarm, flight.epsilon), level: "alert" });
+      if (alarm.acknowledged) events.add({ t: alarm.t, text: `acknowledged by ${alarm.by}` });
+    }
+  }
+
+  function draw(channels, { lead, dt }, frames, passes) {
+    const [first, last] = [frames[0].t, frames.at(-1).t];
+    panels.strips.replaceChildren();
+    chart = createStripChart(panels.strips, {
+      channels, epsilon: flight.epsilon, lead, dt, seconds: windowOf({ duration: last - first, lead }),
+      onExceedance: ({ symbol, t, value }) =>
+        events.add({ t, text: `${symbol} reached its limit: ${value.toFixed(3)}`, level: "caution" }),
+    });
+    chart.setTransport({ playing: false, speed: 1 });
+    chart.push(frames);
+    chart.setWindow(first, Math.max(last, first + dt) + lead);
+    if (passes > 1) events.add({ t: null, text: `flown in ${passes} passes; the longest is shown` });
+  }
+
+  async function readFrames() {
+    const frames = [];
+    for (let next = 0; next !== null && frames.length < MOST; ) {
+      const page = await api.get(`${path}/assessments?first=${next}`);
+      frames.push(...page.frames);
+      next = page.next;
+    }
+    return frames;
+  }
+
+  async function again() {
+    try {
+      const { source: flown, monitor, epsilon, name } = flight;
+      const started = await api.post("/flights", { source: flown, monitor, epsilon, name });
+      navigate(`#/fly/${started.id}`);
+    } catch (error) {
+      fail(error);
+    }
+  }
+
+  async function remove() {
+    await api.delete(path);
+    navigate("#/fly");
+  }
+
+  function fail(error) {
+    put(failure, reason(error));
+    failure.hidden = false;
+  }
+
+  return {
+    close: () => {
+      closed = true;
+      chart?.destroy();
+      gauge.destroy();
+      delete element.dataset.flight;
+    },
+  };
+}
+
+/** Stretches of rising time, between which the flight was sought or looped: the longest, the last of equals. */
+function longestPass(frames) {
+  let [longest, current, passes] = [[], [], 0];
+  for (const frame of frames) {
+    if (current.length === 0 || frame.t <= current.at(-1).t) {
+      current = [];
+      passes += 1;
+    }
+    current.push(frame);
+    if (current.length >= longest.length) longest = current;
+  }
+  return { passes, longest };
+}

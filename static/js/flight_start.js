@@ -1,0 +1,178 @@
+/**
+ * Start a flight, or go to one that is under way or over.
+ *
+ * Exports
+ *   showFlightStart(element, {query, api, navigate}) -> {close()}
+ *     query: monitor, dataset, outcome, rollout, seed fill the form in (#/fly?monitor=3f9a)
+ */
+
+import { guarantee } from "./alarm_panel.js";
+import { reason } from "./api.js";
+import { h } from "./dom.js";
+import { put, state } from "./panel_states.js";
+import { sourceText } from "./flight_panels.js";
+
+const REFRESH = 3000; // ms
+
+export function showFlightStart(element, { query, api, navigate }) {
+  const page = h("div", { class: "page" });
+  element.replaceChildren(page);
+  page.append(state("loading", "Looking for monitors and flights", "Asking the server."));
+  let closed = false;
+  let timer = 0;
+  const flights = h("section", { class: "panel stack", "aria-label": "Flights" });
+
+  async function load() {
+    try {
+      const [monitors, datasets] = await Promise.all([api.get("/monitors"), api.get("/datasets")]);
+      await refresh();
+      if (closed) return;
+      const start = monitors.length === 0 ? noMonitor() : startForm({ monitors, datasets, query, api, navigate });
+      page.replaceChildren(h("div", { class: "columns start-columns" }, start, flights));
+    } catch (error) {
+      if (closed) return;
+      const again = h("button", { type: "button", class: "button button-primary", onclick: load }, "Try again");
+      page.replaceChildren(state("error", "Nothing could be read", reason(error), again));
+    }
+  }
+
+  async function refresh() {
+    const all = await api.get("/flights");
+    if (closed) return;
+    const signature = JSON.stringify(all.map(({ id, status, open_alarms: open }) => [id, status, open]));
+    if (flights.dataset.signature !== signature) {
+      flights.dataset.signature = signature;
+      flights.replaceChildren(...flightLists(all));
+    }
+    timer = setTimeout(() => refresh().catch(() => {}), REFRESH);
+  }
+
+  load();
+  return {
+    close: () => {
+      closed = true;
+      clearTimeout(timer);
+    },
+  };
+}
+
+function noMonitor() {
+  const train = h("a", { class: "button button-primary", href: "#/monitors" }, "Train a monitor");
+  return state("empty", "No monitor yet", "A flight is flown through a monitor. Train one first: it takes a planned test and about a minute.", train);
+}
+
+function flightLists(all) {
+  const running = all.filter(({ status }) => status === "running");
+  const over = all.filter(({ status }) => status !== "running").slice(0, 30);
+  const rows = [h("h2", {}, "Under way")];
+  if (running.length === 0) rows.push(h("p", { class: "dim" }, "No flight is under way."));
+  rows.push(h("ul", { class: "flight-list" }, ...running.map((flight) => flightRow(flight, "Watch"))));
+  rows.push(h("h2", {}, "Over"));
+  if (over.length === 0) rows.push(h("p", { class: "dim" }, "Flights that ended keep their record here."));
+  rows.push(h("ul", { class: "flight-list" }, ...over.map((flight) => flightRow(flight, "Record"))));
+  return rows;
+}
+
+function flightRow(flight, verb) {
+  const open = flight.open_alarms ?? 0;
+  const words = open > 0 ? `▲ ${open} alarm${open > 1 ? "s" : ""}` : flight.status;
+  const source = sourceText(flight.source, flight.name);
+  const level = open > 0 ? "alert" : flight.status === "running" ? "ok" : "off";
+  return h(
+    "li",
+    { class: "flight-row" },
+    h("span", { class: "chip", "data-level": level }, words),
+    h("span", { class: "flight-name" }, source.startsWith(flight.name) ? source : `${flight.name} (${source})`, h("span", { class: "dim flight-detail" }, `ε ${flight.epsilon}, ${flight.created.slice(0, 16).replace("T", " ")} UTC`)),
+    h("a", { class: "button button-small", href: `#/fly/${flight.id}`, "aria-label": `${verb}: ${flight.name}` }, verb),
+  );
+}
+
+function startForm({ monitors, datasets, query, api, navigate }) {
+  const monitor = select("monitor", monitors.map((one) => [one.id, `${one.name} (${one.lead} s ahead, ${one.n_unsafe} failures)`]), query.get("monitor"));
+  const epsilon = h("input", { id: "epsilon", type: "number", step: "any", min: 0, max: 1 });
+  const served = h("p", { class: "hint" });
+  const kind = select("kind", [["simulated", "a fresh simulated flight"], ["replay", "replay of a stored rollout"]], query.get("dataset") ? "replay" : "simulated");
+  const outcome = select("outcome", [["unsafe", "breaks its limit"], ["safe", "stays within its limit"], ["any", "as it comes"]], query.get("outcome"));
+  const seed = h("input", { id: "seed", type: "number", min: 0, step: 1, value: query.get("seed") ?? 1, required: true });
+  const dataset = select("dataset", datasets.map((one) => [one.id, `${one.name} (${one.n_unsafe} unsafe, ${one.n_safe} safe)`]), query.get("dataset"));
+  const rollout = h("input", { id: "rollout", type: "number", min: 0, step: 1, value: query.get("rollout") ?? 0, required: true });
+  const range = h("p", { class: "hint" });
+  const none = h("p", { class: "error" }, "No stored dataset has this monitor's sample interval: fly a fresh simulation, or make a dataset.");
+  const simulated = h("div", { class: "stack" }, field("Seed", seed, h("p", { class: "hint" }, "The same seed is the same flight.")));
+  const replayed = h("div", { class: "stack" }, field("Dataset", dataset), field("Rollout", rollout, range), none);
+  const failure = h("p", { class: "error", role: "alert", hidden: true });
+  const go = h("button", { class: "button button-primary" }, "Start the flight");
+  const chosen = () => monitors.find(({ id }) => id === monitor.value);
+  let epsilonOf = "";
+
+  function adapt() {
+    const now = chosen();
+    if (epsilonOf !== now.id) epsilon.value = now.epsilon;
+    epsilonOf = now.id;
+    const least = Number(now.smallest_epsilon.toPrecision(3));
+    const promise = epsilon.value >= now.smallest_epsilon ? guarantee({ epsilon: Number(epsilon.value), lead: now.lead }) : "";
+    put(served, `This monitor knows ${now.n_unsafe} failures and serves ${least} or more. ${promise}`);
+    const replay = kind.value === "replay";
+    simulated.hidden = seed.disabled = replay;
+    replayed.hidden = dataset.disabled = rollout.disabled = !replay;
+    for (const option of outcome.options) option.disabled = option.hidden = replay && option.value === "any";
+    if (replay && outcome.value === "any") outcome.value = "unsafe";
+    for (const option of dataset.options) {
+      const { dt } = datasets.find(({ id }) => id === option.value);
+      option.disabled = Math.abs(dt - now.dt) > 1e-9;
+    }
+    if (dataset.selectedOptions[0]?.disabled) dataset.value = [...dataset.options].find((option) => !option.disabled)?.value ?? "";
+    const data = datasets.find(({ id }) => id === dataset.value);
+    none.hidden = data !== undefined;
+    go.disabled = replay && data === undefined;
+    if (data === undefined) return;
+    const count = outcome.value === "safe" ? data.n_safe : data.n_unsafe;
+    rollout.max = Math.max(0, count - 1);
+    put(range, `0 to ${count - 1} of the ${outcome.value} ones.`);
+  }
+
+  async function start(event) {
+    event.preventDefault();
+    failure.hidden = true;
+    go.disabled = true;
+    const source =
+      kind.value === "replay"
+        ? { kind: "replay", dataset: dataset.value, outcome: outcome.value, rollout: Number(rollout.value) }
+        : { kind: "simulated", seed: Number(seed.value), outcome: outcome.value };
+    try {
+      const flight = await api.post("/flights", { source, monitor: monitor.value, epsilon: Number(epsilon.value) });
+      navigate(`#/fly/${flight.id}`);
+    } catch (error) {
+      put(failure, reason(error));
+      failure.hidden = false;
+      go.disabled = false;
+    }
+  }
+
+  const form = h(
+    "form",
+    { class: "panel form", novalidate: true, onsubmit: start, onchange: adapt, oninput: adapt, "aria-label": "Start a flight" },
+    h("h1", {}, "Start a flight"),
+    field("Monitor", monitor),
+    field("Source", kind),
+    field("Outcome", outcome),
+    simulated,
+    replayed,
+    field("ε, the accepted miss rate", epsilon, served),
+    h("div", { class: "row" }, go),
+    failure,
+  );
+  adapt();
+  return form;
+}
+
+function field(label, control, ...notes) {
+  return h("div", { class: "field" }, h("label", { for: control.id }, label), control, ...notes);
+}
+
+function select(id, choices, chosen) {
+  const control = h("select", { id });
+  for (const [value, text] of choices) control.append(h("option", { value }, text));
+  if (choices.some(([value]) => value === chosen)) control.value = chosen;
+  return control;
+}

@@ -1,0 +1,58 @@
+/**
+ * Fly: start a flight, watch one under way, look at the record of one that is over.
+ *
+ * Exports  show(element, {id, query, api, navigate}) -> {close()}
+ */
+
+import { reason } from "./api.js";
+import { h } from "./dom.js";
+import { state } from "./panel_states.js";
+import { showLiveFlight } from "./flight_live.js";
+import { showFlightRecord } from "./flight_record.js";
+import { showFlightStart } from "./flight_start.js";
+
+const AGAIN = 1000; // ms between attempts to reach a server that does not answer
+
+export function show(element, context) {
+  const { id, api } = context;
+  if (id === null) return showFlightStart(element, context);
+  let part = { close: () => {} };
+  let closed = false;
+  let timer = 0;
+
+  function replace(view, more) {
+    part.close();
+    part = view(element, { ...context, ...more });
+  }
+
+  async function open(why = "") {
+    if (!why) element.replaceChildren(state("loading", "Opening the flight", "Asking the server."));
+    try {
+      const flight = await api.get(`/flights/${encodeURIComponent(id)}`);
+      if (closed) return;
+      if (flight.status === "running") replace(showLiveFlight, { over: open });
+      else replace(showFlightRecord, { flight, why });
+    } catch (error) {
+      if (!closed) fail(error, why);
+    }
+  }
+
+  function fail(error, why) {
+    if (error.status === 0) {
+      if (!why) element.replaceChildren(state("error", "No connection", `${reason(error)} The page tries again by itself.`));
+      timer = setTimeout(open, AGAIN, why);
+      return;
+    }
+    const back = h("a", { class: "button button-primary", href: "#/fly" }, "Flights");
+    element.replaceChildren(state("error", "This flight cannot be shown", reason(error), back));
+  }
+
+  open();
+  return {
+    close: () => {
+      closed = true;
+      clearTimeout(timer);
+      part.close();
+    },
+  };
+}

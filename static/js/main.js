@@ -1,0 +1,70 @@
+/**
+ * The page: one address a view (#/fly, #/fly/{flight}, #/monitors/{id}, #/datasets/{id}), its theme.
+ *
+ * A view's module exports show(element, {id, query, api, navigate}) -> {close()}. `query` holds what
+ * follows a question mark (#/fly?monitor=3f9a); navigate("#/fly/3f9a") goes elsewhere.
+ */
+
+import { api } from "./api.js";
+import { bindThemeButton } from "./theme.js";
+
+const VIEWS = {
+  fly: { title: "Fly", load: () => import("./fly.js") },
+  monitors: { title: "Monitors", load: () => import("./monitors.js") },
+  datasets: { title: "Datasets", load: () => import("./datasets.js") },
+};
+
+const page = document.querySelector("#page");
+let shown = { close: () => {} };
+let turn = 0;
+
+function navigate(hash) {
+  if (location.hash === hash) open();
+  else location.hash = hash;
+}
+
+async function open() {
+  const [path, search] = location.hash.replace(/^#?\/?/, "").split("?");
+  const [name = "", id = null] = path.split("/").map(decodeURIComponent);
+  const mine = ++turn;
+  if (!(name in VIEWS)) {
+    location.replace("#/fly");
+    return;
+  }
+  for (const link of document.querySelectorAll(".nav a")) {
+    if (link.getAttribute("href") === `#/${name}`) link.setAttribute("aria-current", "page");
+    else link.removeAttribute("aria-current");
+  }
+  document.title = `${VIEWS[name].title} – Forewarn`;
+  shown.close();
+  shown = { close: () => {} };
+  page.replaceChildren();
+  try {
+    const view = await VIEWS[name].load();
+    if (mine !== turn) return;
+    const query = new URLSearchParams(search ?? "");
+    shown = view.show(page, { id: id || null, query, api, navigate });
+  } catch (error) {
+    console.error(error);
+    page.replaceChildren(failure(error));
+  }
+}
+
+function failure(error) {
+  const box = document.createElement("section");
+  box.className = "state-error";
+  const title = document.createElement("h2");
+  title.textContent = "This view could not be opened";
+  const text = document.createElement("p");
+  text.textContent = `${error?.message ?? error}. Reload the page; if that does not help, restart the server.`;
+  box.append(title, text);
+  return box;
+}
+
+document.querySelector("[data-skip]").addEventListener("click", (event) => {
+  event.preventDefault();
+  page.focus();
+});
+bindThemeButton(document.querySelector("#theme"));
+addEventListener("hashchange", open);
+open();

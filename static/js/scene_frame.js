@@ -1,0 +1,100 @@
+/**
+ * The three-dimensional scene of a flight, in a frame of its own at /scene/{flight}/.
+ *
+ * It is drawn by another client, which connects again only while its document has the focus; asked
+ * to believe that it has, it does so at once. The scene can be hidden where the machine is weak.
+ *
+ * Exports
+ *   createSceneFrame(element, flight) -> {wake(), close(text)}
+ *     wake()    the server is back: connect again.   close(text): the flight is over
+ */
+
+import { h } from "./dom.js";
+import { state } from "./panel_states.js";
+
+const KEY = "forewarn.scene";
+
+/** Dark before it has connected; its panel would cover the aircraft, and says what the gauge says. */
+const STYLE = `
+  html { background: #0b0f14; }
+  html:not([data-mantine-color-scheme="dark"]) body { visibility: hidden; }
+  .mantine-Paper-root, .mantine-Notifications-root { display: none !important; }`;
+
+export function createSceneFrame(element, flight) {
+  element.classList.add("scene-panel");
+  element.setAttribute("aria-label", "Scene");
+  let frame = null;
+  const button = h("button", { type: "button", class: "button button-small scene-toggle", onclick: toggle });
+  if (read() === "hidden") hide();
+  else open();
+
+  function open() {
+    frame = h("iframe", { src: `/scene/${encodeURIComponent(flight)}/`, title: "Three-dimensional view of the aircraft", onload: check });
+    button.textContent = "Hide scene";
+    element.replaceChildren(frame, button);
+  }
+
+  /** The frame's document is a problem, not a page, where a flight has no scene. */
+  function check() {
+    const inside = frame?.contentDocument;
+    if (!inside) return;
+    if (inside.contentType === "text/html") {
+      inside.hasFocus = () => true;
+      const style = inside.createElement("style");
+      style.textContent = STYLE;
+      inside.head.append(style);
+      inside.addEventListener("keydown", pass);
+      return;
+    }
+    frame = null;
+    element.replaceChildren(state("empty", "No scene", "This flight has no scene; the strips and the gauge show everything that is assessed."));
+  }
+
+  /** Whoever has clicked into the scene can still acknowledge: its keys are the page's too. */
+  function pass(event) {
+    const { key, ctrlKey, metaKey, altKey, shiftKey } = event;
+    const again = { key, ctrlKey, metaKey, altKey, shiftKey, bubbles: true, cancelable: true };
+    element.dispatchEvent(new KeyboardEvent("keydown", again));
+  }
+
+  function hide() {
+    frame = null;
+    button.textContent = "Show scene";
+    element.replaceChildren(state("empty", "Scene hidden", "The strips and the gauge go on.", button));
+  }
+
+  function toggle() {
+    const hidden = frame !== null;
+    write(hidden ? "hidden" : "shown");
+    if (hidden) hide();
+    else open();
+  }
+
+  function wake() {
+    frame?.contentWindow?.dispatchEvent(new Event("focus"));
+  }
+
+  return {
+    wake,
+    close: (text) => {
+      frame = null;
+      element.replaceChildren(...(text ? [state("empty", "No scene", text)] : []));
+    },
+  };
+}
+
+function read() {
+  try {
+    return localStorage.getItem(KEY);
+  } catch {
+    return null;
+  }
+}
+
+function write(choice) {
+  try {
+    localStorage.setItem(KEY, choice);
+  } catch {
+    // the choice then lasts as long as this flight is shown
+  }
+}

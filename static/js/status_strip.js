@@ -1,0 +1,75 @@
+/**
+ * The line that says whether the display can be believed: what is shown, how old, how complete.
+ *
+ * Exports
+ *   createStatusStrip(element) -> {update(status)}
+ *     status: {source, monitor, link, patience [s], playing, live, state, alert,
+ *              figures: {age [s], latency [ms], conflated, lost, utc: Date | null}}
+ *     link: "connecting" | "open" | "lost" | "over"; patience: age that is cautioned of; live: false for a flight that is over
+ */
+
+import { h } from "./dom.js";
+import { put } from "./panel_states.js";
+import { STATE_WORDS } from "./readout.js";
+
+const ITEMS = [
+  ["state", "monitor says", "What the monitor says of the newest sample"],
+  ["link", "link", "Connection to the server"],
+  ["source", "source", "What is flown"],
+  ["monitor", "monitor", "Which monitor assesses it"],
+  ["utc", "UTC", "The server's date and time"],
+  ["age", "data age", "Time since the newest sample was due"],
+  ["latency", "latency", "Newest sample: from the server's clock to this page"],
+  ["conflated", "left out", "Samples left out of this display because it was slow; all were assessed and recorded"],
+  ["lost", "lost", "Samples that the server could not record"],
+];
+const LATE = 300; // ms
+const MARKS = { ok: "✓ ", alert: "▲ ", caution: "◆ ", off: "" };
+
+export function createStatusStrip(element) {
+  element.classList.add("status-strip");
+  const items = {};
+  for (const [key, name, title] of ITEMS) {
+    const value = h("span", { class: "status-value" }, "–");
+    const box = h("div", { class: "status-item", "data-item": key, title }, h("span", { class: "status-name" }, name), value);
+    items[key] = { box, value };
+    element.append(box);
+  }
+
+  function show(key, text, level = "") {
+    put(items[key].value, text);
+    if (items[key].box.dataset.level !== level) items[key].box.dataset.level = level;
+  }
+
+  function update({ source, monitor, link, patience, playing, live, state, alert, figures }) {
+    const linked = live && link === "open";
+    show("source", source);
+    show("monitor", monitor);
+    show("state", ...stateOf(linked, state, alert));
+    show("link", ...linkOf(live, link));
+    show("utc", figures.utc === null ? "–" : figures.utc.toISOString().slice(11, 19));
+    if (!live) show("age", "over", "off");
+    else if (!Number.isFinite(figures.age)) show("age", "–", "off");
+    else if (linked && !playing) show("age", "paused", "off");
+    else show("age", `${figures.age.toFixed(1)} s`, figures.age > patience ? "caution" : "");
+    const known = linked && Number.isFinite(figures.latency);
+    show("latency", known ? `${Math.round(figures.latency)} ms` : "–", !known ? "off" : figures.latency > LATE ? "caution" : "");
+    show("conflated", String(figures.conflated), figures.conflated > 0 ? "caution" : "");
+    show("lost", String(figures.lost), figures.lost > 0 ? "alert" : "");
+  }
+
+  return { update };
+}
+
+function stateOf(linked, state, alert) {
+  if (!linked) return ["NOT LIVE", "off"];
+  if (state === "ok") return alert ? [`${MARKS.alert}ALERT`, "alert"] : [`${MARKS.ok}OK`, "ok"];
+  return [`${MARKS.caution}${STATE_WORDS[state] ?? STATE_WORDS.none}`, "caution"];
+}
+
+function linkOf(live, link) {
+  if (!live || link === "over") return ["over", "off"];
+  if (link === "open") return [`${MARKS.ok}open`, "ok"];
+  if (link === "lost") return [`${MARKS.alert}LOST`, "alert"];
+  return ["connecting", "caution"];
+}

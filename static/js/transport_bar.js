@@ -1,0 +1,153 @@
+/**
+ * Play, pause, step, seek, speed, loop, next alert: buttons, a slider, and what the keys do.
+ *
+ * Exports
+ *   createTransportBar(element, {act, end}) -> TransportBar
+ *     act(action, value) -> Promise    tells the server; rejects with the reason
+ *     end()                            ends the flight
+ *
+ * TransportBar
+ *   show(transport)      as the server says it
+ *   moved(t)             a sample of time t [s] has come
+ *   mark(times)          [{t, level}] drawn above the slider
+ *   setUsable(boolean)   false while there is no connection
+ *   keys                 {key: act} for the page's shortcuts
+ */
+
+import { reason } from "./api.js";
+import { h } from "./dom.js";
+import { put } from "./panel_states.js";
+
+const SPEEDS = [0.1, 0.2, 0.5, 1, 2, 5, 10];
+
+export function createTransportBar(element, { act, end }) {
+  element.classList.add("transport");
+  let transport = { playing: false, speed: 1, loop: false, position: 0, duration: null, seekable: true };
+  let dragging = false;
+  let wanted = null; // time to seek to, while an earlier seek is under way
+  let seeking = false;
+
+  const button = (text, label, key, onclick, name) =>
+    h("button", { type: "button", class: "button button-small", "aria-label": label, title: `${label} (key ${key})`, onclick, "data-action": name }, text);
+  const back = button("|◀", "To the start", "0", () => seek(0), "start");
+  const stepBack = button("◀|", "One sample back", "comma", () => send("step", -1), "back");
+  const play = button("▶", "Play", "space", toggle, "play");
+  const step = button("|▶", "One sample on", "period", () => send("step", 1), "step");
+  const next = button("▲▶", "To the next alert", "N", () => send("next_alert"), "next_alert");
+  const loop = button("Loop", "Loop", "O", () => send("loop", !transport.loop), "loop");
+  const speed = h("select", { class: "speed", "aria-label": "Speed", title: "Speed (keys [ and ])", onchange: () => send("speed", Number(speed.value)) });
+  for (const factor of SPEEDS) speed.append(h("option", { value: factor }, `${factor}×`));
+  const slider = h("input", { type: "range", class: "scrub", min: 0, max: 1, step: "any", "aria-label": "Time in the flight" });
+  const marks = h("div", { class: "scrub-marks", "aria-hidden": "true" });
+  const track = h("div", { class: "scrub-track" }, marks, slider);
+  const time = h("span", { class: "transport-time" });
+  const failure = h("span", { class: "error transport-error", role: "status", hidden: true });
+  const stop = h("button", { type: "button", class: "button button-small", title: "End this flight; its record is kept", onclick: end }, "End flight");
+  element.append(back, stepBack, play, step, next, loop, speed, track, time, stop, failure);
+
+  slider.addEventListener("input", () => {
+    dragging = true;
+    showTime(Number(slider.value));
+    seek(Number(slider.value));
+  });
+  slider.addEventListener("change", () => {
+    dragging = false;
+  });
+
+  async function send(action, value) {
+    failure.hidden = true;
+    try {
+      await act(action, value); // what it changed comes by the stream, in order
+    } catch (error) {
+      put(failure, reason(error));
+      failure.hidden = false;
+    }
+  }
+
+  /** One seek at a time; while it is under way only the newest wish is kept. */
+  async function seek(t) {
+    wanted = t;
+    if (seeking) return;
+    seeking = true;
+    while (wanted !== null) {
+      const target = wanted;
+      wanted = null;
+      await send("seek", target);
+    }
+    seeking = false;
+  }
+
+  function toggle() {
+    return send(transport.playing ? "pause" : "play");
+  }
+
+  function faster(by) {
+    const at = SPEEDS.findIndex((factor) => factor >= transport.speed - 1e-9);
+    const factor = SPEEDS[Math.min(SPEEDS.length - 1, Math.max(0, at + by))];
+    if (factor !== transport.speed) send("speed", factor);
+  }
+
+  function show(now) {
+    transport = now;
+    const { playing, duration, seekable } = now;
+    put(play, playing ? "❚❚" : "▶");
+    play.setAttribute("aria-label", playing ? "Pause" : "Play");
+    play.title = `${playing ? "Pause" : "Play"} (key space)`;
+    play.dataset.playing = String(playing);
+    loop.setAttribute("aria-pressed", String(now.loop));
+    if (![...speed.options].some((option) => Number(option.value) === now.speed)) {
+      speed.append(h("option", { value: now.speed }, `${now.speed}×`));
+    }
+    speed.value = String(now.speed);
+    slider.max = String(duration ?? 1);
+    for (const part of [back, stepBack, play, step, next, loop, speed, track]) part.hidden = !seekable;
+    moved(now.position);
+  }
+
+  function moved(t) {
+    transport.position = t;
+    if (dragging || wanted !== null) return;
+    slider.value = String(t);
+    showTime(t);
+  }
+
+  function showTime(t) {
+    const { duration } = transport;
+    put(time, duration === null ? `${t.toFixed(2)} s` : `${t.toFixed(2)} / ${duration.toFixed(2)} s`);
+    slider.setAttribute("aria-valuetext", `${t.toFixed(2)} seconds`);
+  }
+
+  function mark(times) {
+    const { duration } = transport;
+    marks.replaceChildren(
+      ...times
+        .filter(() => duration > 0)
+        .map(({ t, level }) =>
+          h("span", { class: "scrub-mark", "data-level": level, style: `left:${(100 * t) / duration}%` }, level === "alert" ? "▲" : "◆"),
+        ),
+    );
+  }
+
+  const keys = {
+    " ": toggle,
+    ",": () => send("step", -1),
+    ".": () => send("step", 1),
+    0: () => seek(0),
+    n: () => send("next_alert"),
+    o: () => send("loop", !transport.loop),
+    "[": () => faster(-1),
+    "]": () => faster(1),
+  };
+
+  return {
+    show,
+    moved,
+    mark,
+    seek,
+    keys,
+    setUsable: (usable) => {
+      for (const part of [back, stepBack, play, step, next, loop, speed, slider, stop]) part.disabled = !usable;
+      failure.hidden = true;
+    },
+  };
+}

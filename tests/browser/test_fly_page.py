@@ -1,0 +1,334 @@
+"""The Fly page in a real Chromium on the whole program: flown, alerted, steered, cut off."""
+
+import json
+import re
+from collections.abc import Iterator
+from typing import Any
+
+import pytest
+from playwright.sync_api import Page, WebSocketRoute, expect
+
+from app.recipes import to_plain
+from core.collection import DatasetRecipe, collect
+from core.monitor import MonitorRecipe, train
+from tests.browser.chromium import wait_until
+from tests.browser.site import Site, open_site
+
+RECIPE = DatasetRecipe(n_unsafe=40, n_obs=10, seed=3)
+EPSILON = 0.1
+UNSAFE = {"kind": "simulated", "seed": 7, "outcome": "unsafe"}
+SAFE = {"kind": "simulated", "seed": 7, "outcome": "safe"}
+CUT_OFF = ["WebSocket connection to", "ERR_CONNECTION_REFUSED", "ERR_EMPTY_RESPONSE"]
+SCENE = [
+    "'unsafe-eval' is not an allowed source",
+    "THREE.Clock: This module has been deprecated",
+    "GPU stall due to ReadPixels",
+]
+
+
+@pytest.fixture(scope="module")
+def site(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Site]:
+    """A server with one dataset and one monitor."""
+    with open_site(tmp_path_factory.mktemp("fly")) as site:
+        dataset = collect(RECIPE, description=to_plain(RECIPE))
+        stored = site.store.add_dataset(dataset, "F-16 doublet")
+        site.store.add_monitor(train(dataset, MonitorRecipe()), "doublet", stored.id, None)
+        yield site
+
+
+@pytest.fixture
+def fly(page: Page, site: Site) -> "Fly":
+    """The page without the scene, which is slow to draw here."""
+    page.add_init_script("localStorage.setItem('forewarn.scene', 'hidden')")
+    return Fly(page, site)
+
+
+class Fly:
+    """The page, and the server's view of the flight on it."""
+
+    def __init__(self, page: Page, site: Site) -> None:
+        self.page, self.site = page, site
+        self.flight = ""
+
+    def ask(self, method: str, path: str, body: Any = None) -> Any:
+        """Call the REST interface."""
+        answer = self.page.request.fetch(f"{self.site.http}/api/v1{path}", method=method, data=body)
+        assert answer.ok, answer.text()
+        return answer.json() if answer.body() else None
+
+    def watch(self, source: dict[str, Any], *actions: tuple[str, Any]) -> None:
+        """Start a flight, steer it, open its page."""
+        monitor = self.ask("GET", "/monitors")[0]["id"]
+        order = {"source": source, "monitor": monitor, "epsilon": EPSILON}
+        self.flight = self.ask("POST", "/flights", order)["id"]
+        for action, value in actions:
+            self.steer(action, value)
+        self.page.goto(f"{self.site.http}/#/fly/{self.flight}")
+        self.connected()
+
+    def steer(self, action: str, value: Any = None) -> None:
+        body = {"action": action, "value": value}
+        self.ask("POST", f"/flights/{self.flight}/transport", body)
+
+    def connected(self) -> None:
+        self.page.locator('[data-flight="open"]').wait_for()
+
+    def transport(self) -> dict[str, Any]:
+        return self.ask("GET", f"/flights/{self.flight}")["transport"]
+
+    def status(self, item: str) -> Any:
+        return self.page.locator(f'.status-item[data-item="{item}"] .status-value')
+
+    def event(self, words: str) -> Any:
+        return self.page.locator(".event", has_text=re.compile(words)).first
+
+    def event_time(self, words: str) -> float:
+        return float(self.event(words).locator(".event-time").inner_text().split()[0])
+
+    @property
+    def banner(self) -> Any:
+        return self.page.locator(".alarm-banner")
+
+    def gauge_says(self, word: str) -> None:
+        expect(self.page.locator(".gauge-word")).to_have_text(word)
+
+    def assert_no_number(self) -> None:
+        assert self.page.locator(".gauge-number").text_content() == ""
+
+
+# Flying
+
+
+def test_a_flight_is_started_and_alerts_before_its_limit_is_crossed(fly: Fly) -> None:
+    page = fly.page
+    page.goto(f"{fly.site.http}/")
+    page.get_by_label("Outcome").select_option("unsafe")
+    page.get_by_label("Seed").fill("7")
+    expect(page.get_by_text("Risk is not the probability of failure")).to_be_visible()
+    page.get_by_role("button", name="Start the flight").click()
+    fly.connected()
+    expect(page.get_by_text("risk (higher is worse)")).to_be_visible()
+    fly.event("reached its limit").wait_for()
+    expect(fly.banner).to_be_visible()
+    assert fly.event_time("alert, risk") <= fly.event_time("reached its limit") - 0.25
+    for item in ("source", "monitor", "utc", "latency"):
+        expect(fly.status(item)).not_to_have_text("–")
+    expect(fly.status("lost")).to_have_text("0")
+
+
+def test_an_alarm_stays_seen_and_heard_until_it_is_acknowledged(fly: Fly) -> None:
+    fly.watch(UNSAFE, ("pause", None), ("next_alert", None))
+    expect(fly.banner).to_contain_text("ALERT at")
+    fly.gauge_says("ALERT")
+    expect(fly.status("state")).to_contain_text("ALERT")
+    fly.steer("seek", 0.0)
+    fly.gauge_says("OK")
+    expect(fly.banner).to_contain_text("Acknowledge")
+    fly.page.keyboard.press("k")
+    expect(fly.banner).to_be_hidden()
+    fly.event("acknowledged by operator").wait_for()
+    alarms = fly.ask("GET", f"/flights/{fly.flight}/alarms")
+    assert [alarm["by"] for alarm in alarms] == ["operator"] * len(alarms)
+    expect(fly.page.get_by_text("No alarm waits")).to_be_visible()
+
+
+def test_the_tone_is_muted_by_a_key_and_says_so(fly: Fly) -> None:
+    fly.watch(SAFE, ("pause", None))
+    mute = fly.page.locator(".mute")
+    fly.page.locator(".strips").click()
+    expect(mute).to_have_text("Sound on")
+    fly.page.keyboard.press("m")
+    expect(mute).to_have_text("Muted")
+    assert mute.get_attribute("data-sound") == "muted"
+
+
+# Steering
+
+
+def test_scrubbing_shows_the_source_at_that_time_with_what_came_before(fly: Fly) -> None:
+    fly.watch(UNSAFE, ("pause", None))
+    frames = fly.ask("GET", f"/flights/{fly.flight}/source")["frames"]
+    for k in (60, 20, 45):
+        fly.page.locator("input.scrub").fill(str(frames[k]["t"]))
+        expect(fly.page.locator(".transport-time")).to_contain_text(f"{frames[k]['t']:.2f} /")
+        shown = f"{frames[k]['y'][3]:.3f}".replace("-", "−").replace("−0.000", "0.000")
+        expect(fly.page.locator('.strip[data-key="Ny"] .readout-value')).to_have_text(shown)
+        assert fly.transport()["sample"] == k
+    fly.page.locator(".strip-chart").focus()
+    fly.page.keyboard.press("End")
+    fly.page.keyboard.press("Shift+ArrowLeft")
+    cursor = fly.page.locator('.strip[data-key="Ny"] .readout-detail')
+    expect(cursor).to_have_text(re.compile(r"^cursor −?\d\.\d{3}$"))
+
+
+def test_keys_play_step_and_jump_to_the_next_alert(fly: Fly) -> None:
+    fly.watch(UNSAFE, ("pause", None))
+    press = fly.page.keyboard.press
+    press("0")
+    expect(fly.page.locator(".transport-time")).to_contain_text("0.00 /")
+    press(".")
+    press(".")
+    expect(fly.page.locator(".transport-time")).to_contain_text("0.10 /")
+    press(",")
+    expect(fly.page.locator(".transport-time")).to_contain_text("0.05 /")
+    press("n")
+    fly.gauge_says("ALERT")
+    press("]")
+    expect(fly.page.get_by_label("Speed")).to_have_value("2")
+    press("o")
+    expect(fly.page.locator('[data-action="loop"]')).to_have_attribute("aria-pressed", "true")
+    press(" ")
+    expect(fly.page.locator('[data-action="play"]')).to_have_attribute("data-playing", "true")
+    press("?")
+    expect(fly.page.get_by_role("dialog")).to_contain_text("acknowledge the alarm")
+    press("Escape")
+    expect(fly.page.get_by_role("dialog")).to_be_hidden()
+
+
+def test_an_event_takes_the_flight_back_to_it(fly: Fly) -> None:
+    fly.watch(UNSAFE, ("pause", None), ("next_alert", None))
+    alert = fly.event("alert, risk")
+    alert.wait_for()
+    when = fly.event_time("alert, risk")
+    fly.page.keyboard.press("0")
+    fly.gauge_says("OK")
+    alert.get_by_role("button").click()
+    expect(fly.page.locator(".transport-time")).to_contain_text(f"{when:.2f} /")
+    fly.gauge_says("ALERT")
+
+
+# Losing and finding the server
+
+
+@pytest.mark.parametrize("paused", [False, True])
+def test_a_cut_connection_is_stale_at_once_and_resumes(fly: Fly, paused: bool) -> None:
+    page = fly.page
+    routes: list[WebSocketRoute] = []
+    asked: list[int] = []
+    first: list[int] = []
+    cut = False
+
+    def pass_on(route: WebSocketRoute) -> None:
+        if cut:
+            route.close(code=1011)
+            return
+        server = route.connect_to_server()
+        route.on_message(lambda text: (note(json.loads(text)), server.send(text)))
+        server.on_message(lambda text: (note(json.loads(text)), route.send(text)))
+        routes.append(route)
+
+    def note(message: dict[str, Any]) -> None:
+        if message["type"] == "resume":
+            asked.append(message["seq"])
+        if message["type"] == "frames" and len(first) < len(asked):
+            first.append(message["frames"][0]["seq"])
+
+    page.route_web_socket(re.compile("/stream$"), pass_on)
+    fly.watch(SAFE, ("loop", True), ("speed", 0.5))
+    fly.gauge_says("OK")
+    if paused:
+        fly.page.keyboard.press(" ")
+        expect(fly.status("age")).to_have_text("paused")
+    cut = True
+    routes[-1].close(code=1011)
+    fly.gauge_says("STALE")
+    fly.assert_no_number()
+    expect(fly.status("link")).to_contain_text("LOST")
+    expect(fly.status("state")).to_contain_text("NOT LIVE")
+    expect(page.locator('[data-action="play"]')).to_be_disabled()
+    expect(page.get_by_text("Connection lost")).to_be_visible()
+    expect(page.get_by_text("new alarms are not known")).to_be_visible()
+    expect(page.locator('.strip[data-key="risk"] .readout-state')).to_have_text("STALE")
+    cut = False
+    fly.connected()
+    fly.gauge_says("OK")
+    fly.event("connected again").wait_for()
+    expect(page.locator('.strip[data-key="risk"] .readout-state')).to_have_text("")
+    expect(page.get_by_text("Connection lost")).to_be_hidden()
+    assert len(routes) == 2
+    assert asked[1] > asked[0] == -1
+    assert paused or first[1] == asked[1] + 1
+
+
+def test_after_a_restart_of_the_server_the_record_is_shown_and_flown_again(
+    fly: Fly, allowed_errors: list[str]
+) -> None:
+    allowed_errors += CUT_OFF
+    fly.watch(UNSAFE, ("pause", None), ("next_alert", None))
+    wait_until(fly.page, "document.querySelector('.gauge-number').textContent !== ''")
+    fly.steer("play")
+    fly.site.stop()
+    fly.gauge_says("STALE")
+    fly.assert_no_number()
+    fly.site.start_again()
+    notice = fly.page.locator(".notice")
+    expect(notice).to_contain_text("This flight was ended", timeout=20_000)
+    expect(fly.page.locator(".strip canvas").first).to_be_visible()
+    fly.gauge_says("STALE")
+    fly.assert_no_number()
+    fly.event("alert, risk").wait_for()
+    notice.get_by_role("button", name="Fly it again").click()
+    fly.connected()
+    assert fly.flight not in fly.page.url
+
+
+# States that say what to do next
+
+
+def test_a_flight_that_never_was_says_so(fly: Fly, allowed_errors: list[str]) -> None:
+    allowed_errors.append("404")
+    fly.page.goto(f"{fly.site.http}/#/fly/nothing")
+    expect(fly.page.get_by_role("alert")).to_contain_text("nothing")
+    fly.page.get_by_role("link", name="Flights").click()
+    expect(fly.page.get_by_role("button", name="Start the flight")).to_be_visible()
+
+
+def test_without_a_monitor_the_page_leads_to_training(fly: Fly) -> None:
+    fly.page.route("**/api/v1/monitors", lambda route: route.fulfill(json=[]))
+    fly.page.goto(f"{fly.site.http}/")
+    expect(fly.page.get_by_role("link", name="Train a monitor")).to_be_visible()
+
+
+def test_a_refused_flight_says_what_is_needed(fly: Fly, allowed_errors: list[str]) -> None:
+    allowed_errors.append("422")
+    fly.page.goto(f"{fly.site.http}/#/fly")
+    fly.page.get_by_label("Source").select_option("replay")
+    fly.page.get_by_label("Rollout").fill("39")
+    fly.page.get_by_label("accepted miss rate").fill("0.001")
+    fly.page.get_by_role("button", name="Start the flight").click()
+    expect(fly.page.get_by_role("alert")).to_contain_text("999")
+
+
+# The look of it
+
+
+@pytest.mark.parametrize(("width", "height"), [(1280, 720), (820, 1180)])
+def test_nothing_overflows(fly: Fly, width: int, height: int) -> None:
+    fly.page.set_viewport_size({"width": width, "height": height})
+    fly.watch(UNSAFE, ("pause", None), ("next_alert", None))
+    expect(fly.banner).to_be_visible()
+    scroll_width, scroll_height = fly.page.evaluate(
+        "(({ scrollWidth, scrollHeight }) => [scrollWidth, scrollHeight])(document.documentElement)"
+    )
+    assert scroll_width <= width
+    assert scroll_height <= height or width < 1000
+    for box in fly.page.locator(".status-value, .transport .button, .alarm-banner").all():
+        place = box.bounding_box()
+        assert place is not None
+        assert place["x"] + place["width"] <= width
+
+
+def test_the_scene_has_no_panel_of_its_own_and_lets_keys_through(
+    page: Page, site: Site, allowed_errors: list[str]
+) -> None:
+    allowed_errors += SCENE
+    fly = Fly(page, site)
+    fly.watch(UNSAFE, ("pause", None), ("next_alert", None))
+    inside = page.frame_locator(".scene-panel iframe")
+    inside.locator("canvas[data-engine]").wait_for(timeout=60_000)
+    expect(inside.locator(".mantine-Paper-root").first).to_be_hidden()
+    inside.locator("canvas[data-engine]").click(position={"x": 40, "y": 40})
+    page.keyboard.press("k")
+    fly.event("acknowledged by operator").wait_for()
+    page.get_by_role("button", name="Hide scene").click()
+    expect(page.locator(".scene-panel iframe")).to_have_count(0)
