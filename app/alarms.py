@@ -2,9 +2,9 @@
 
 An alert is raised as an alarm at its onset, the first sample above epsilon, once. It ends at an
 assessed sample not above epsilon, or where the flight restarts (seek, loop); a sample that could
-not be assessed ends nothing. The next onset is an alarm of its own, except while the last alarm
-waits for its acknowledgement and
-- the alert had ended for less than REJOIN_S: a flickering alert is one alarm, or
+not be assessed ends nothing. The next onset is an alarm of its own, except while an alarm waits for
+its acknowledgement and
+- it is the last one and the alert had ended for less than REJOIN_S: a flicker is one alarm, or
 - the sample is the very one that raised it: a loop does not ring again each time round.
 An acknowledged alarm is over: every onset after it rings.
 """
@@ -28,7 +28,8 @@ class Alarms:
         self._number = 0
         self._alert = False
         self._last_alert_t: float | None = None
-        self._latest: tuple[Alarm, int] | None = None
+        self._latest = ""
+        self._onsets: dict[str, int] = {}
 
     @property
     def at_hand(self) -> list[Alarm]:
@@ -68,16 +69,15 @@ class Alarms:
                 raised=utc(),
             )
             self._open[alarm.id] = alarm
-            self._latest = alarm, index
+            self._latest = alarm.id
+            self._onsets[alarm.id] = index
         if said.alert:
             self._last_alert_t = said.t
         return alarm
 
     def _joins(self, index: int, t: float) -> bool:
-        if self._latest is None or self._latest[0].id not in self._open:
-            return False
-        last = self._last_alert_t
-        return index == self._latest[1] or (last is not None and t - last < REJOIN_S)
+        last = self._last_alert_t if self._latest in self._open else None
+        return index in self._onsets.values() or (last is not None and t - last < REJOIN_S)
 
     def acknowledge(self, alarm_id: str, by: str, utc: str) -> tuple[Alarm, bool]:
         """Acknowledge; the first one stays. Returns the alarm and whether this was the first.
@@ -85,6 +85,7 @@ class Alarms:
         KeyError for an alarm that is not at hand.
         """
         alarm = self._open.pop(alarm_id, None)
+        self._onsets.pop(alarm_id, None)
         if alarm is None:
             closed = {alarm.id: alarm for alarm in self._closed}
             return closed[alarm_id], False

@@ -8,9 +8,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from app.destinations import check_directory, check_file
 from app.options import add_recipe_options, plain_recipe
 from app.progress import progress_bar
-from app.recipes import RecipeError, from_plain, to_plain
+from app.recipes import from_plain, to_plain
 from app.serving_options import add_serving_commands
 from core import __version__
 from core.collection import DatasetRecipe
@@ -28,6 +29,11 @@ class TrainingRecipe:
     monitor: MonitorRecipe = MonitorRecipe()  # noqa: RUF009
     n_test: int = 2000
 
+    def __post_init__(self) -> None:
+        """Refuse less than no test flight."""
+        if self.n_test < 0:
+            raise ValueError(f"n_test={self.n_test} was given: it must be 0 or more")
+
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run one command. Returns 0 only where the work was done."""
@@ -41,6 +47,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except (ValueError, OSError) as error:
         print(f"forewarn: {error}", file=sys.stderr)
         return 1
+    except MemoryError as error:
+        print(f"forewarn: memory does not suffice ({error}): ask for less", file=sys.stderr)
+        return 1
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -53,14 +62,20 @@ def _parser() -> argparse.ArgumentParser:
 
     study = commands.add_parser("study", help="repeat the paper's experiment: five methods")
     add_recipe_options(study, method=False)
-    study.add_argument("--n-monitors", type=int, dest=".n_monitors", help="monitors a method")
-    study.add_argument("--n-test", type=int, dest=".n_test", help="fresh test flights a monitor")
+    study.add_argument(
+        "--n-monitors", type=int, dest=".n_monitors", metavar="NUMBER", help="monitors a method"
+    )
+    study.add_argument(
+        "--n-test", type=int, dest=".n_test", metavar="NUMBER", help="fresh test flights a monitor"
+    )
     study.add_argument("-o", "--out", type=Path, default=Path("study"), help="directory written")
     study.set_defaults(run=_study)
 
     train = commands.add_parser("train", help="simulate, train and test a monitor; write its file")
     add_recipe_options(train, method=True)
-    train.add_argument("--n-test", type=int, dest=".n_test", help="fresh test flights")
+    train.add_argument(
+        "--n-test", type=int, dest=".n_test", metavar="NUMBER", help="fresh test flights"
+    )
     train.add_argument("-o", "--out", type=Path, default=Path("monitor.fwm"), help="file written")
     train.set_defaults(run=_train)
 
@@ -88,6 +103,7 @@ def _study(options: argparse.Namespace) -> int:
     recipe = from_plain(StudyRecipe(), plain_recipe(options))
     if options.print_recipe:
         return _print_recipe(recipe)
+    check_directory(options.out)
     with progress_bar("monitors") as progress:
         result = study(recipe, progress=progress)
     print(write_study(result, options.out))
@@ -100,8 +116,7 @@ def _train(options: argparse.Namespace) -> int:
     recipe = from_plain(TrainingRecipe(), plain_recipe(options))
     if options.print_recipe:
         return _print_recipe(recipe)
-    if not options.out.parent.is_dir():
-        raise RecipeError(f"{options.out.parent} is no directory: make it first")
+    check_file(options.out)
     monitor, report = train_and_test(recipe.dataset, recipe.monitor, recipe.n_test)
     monitor.save(options.out)
     print(f"{report}\nwritten: {options.out}")
@@ -111,7 +126,7 @@ def _train(options: argparse.Namespace) -> int:
 def _score(options: argparse.Namespace) -> int:
     from app.scoring import score_file
 
-    out = options.out or Path(f"{options.file.stem}-scored")
+    out = check_directory(options.out or Path(f"{options.file.stem}-scored"))
     report, assessed = score_file(options.monitor, options.file, options.epsilon, options.trim, out)
     print(report)
     return 0 if assessed else 1

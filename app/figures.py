@@ -106,18 +106,24 @@ def study_rollouts(result: "StudyResult", limits: Array) -> Figure:
             fail = flights.fail_index[flight]
             if fail < len(t):
                 _mark_failure(axes, t[fail], monitor.lead)
-        _legend_once(figure, columns[:, 0])
+        _legend_once(figure, columns[:, :-1].ravel())
         columns[0][-1].set_xlabel("t [s]")
         columns[1][-1].set_xlabel("t [s]")
     return figure
 
 
 def scored_recording(
-    monitor: Monitor, y: Array, said: Assessments, limits: Array, epsilon: float, title: str
+    monitor: Monitor,
+    y: Array,
+    said: Assessments,
+    limits: Array,
+    epsilon: float,
+    title: str,
+    outside: npt.NDArray[np.bool_],
 ) -> Figure:
     """Strips of a scored recording with forecasts, limits, first crossing and risk.
 
-    y: (n, 6) as assessed.   limits: (6,).
+    y: (n, 6) as assessed.   limits: (6,).   outside: (n, 6) what is unlike training.
     """
     with rc_context(STYLE):
         figure = Figure(figsize=(11, 11), layout="constrained")
@@ -126,9 +132,22 @@ def scored_recording(
         crossing = (np.abs(y) >= limits).any(axis=1)
         if crossing.any():
             _mark_failure(axes, said.t[crossing.argmax()], monitor.lead)
+        if outside.any():
+            axes[-1].fill_between(
+                said.t,
+                0,
+                1,
+                where=outside.any(axis=1).tolist(),
+                step="mid",
+                facecolor="none",
+                edgecolor="#777777",
+                hatch="///",
+                label="outside training",
+            )
+            axes[-1].legend(loc="upper right", fontsize=8)
         axes[0].set_title(title)
         axes[-1].set_xlabel("t [s]")
-        _legend_once(figure, axes[:1])
+        _legend_once(figure, axes[:-1])
     return figure
 
 
@@ -161,6 +180,9 @@ def _strips(
     risk.fill_between(
         said.t, 0, 1, where=said.alert.tolist(), step="post", color=ALERT, alpha=0.2, label="alert"
     )
+    risk.plot(
+        said.t[said.alert], said.p_value[said.alert], color=ALERT, marker="v", ms=5, ls="none"
+    )
     risk.axhline(epsilon, color=LIMIT, lw=1, ls="--", label=f"ε = {epsilon:g}")
     unassessed = np.isnan(said.p_value)
     if unassessed.any():
@@ -180,7 +202,7 @@ def _strips(
 
 def _mark_failure(axes: Iterable[Axes], t_fail: float, lead: float) -> None:
     for strip in axes:
-        strip.axvline(t_fail, color=LIMIT, lw=1.2, label="limit reached")
+        strip.axvline(t_fail, color=LIMIT, lw=1.2, ls="-.", label="limit reached")
         strip.axvline(t_fail - lead, color=LIMIT, lw=1.0, ls=":", label="last timely alert")
 
 

@@ -12,7 +12,9 @@ from app.recipes import RecipeError, read_plain, set_path, to_plain
 from core.channels import KEYS
 from core.monitor.predictor import PREDICTORS
 from core.monitor.score import SCORES
-from core.simulation.aircraft import MatrixAircraft
+from core.simulation.aircraft import AIRCRAFT, MatrixAircraft
+from core.simulation.control_law import CONTROL_LAWS
+from core.simulation.maneuver import MANEUVERS
 
 ANGULAR = tuple(key for key in KEYS if key != "Ny")
 
@@ -34,6 +36,12 @@ SHARED: tuple[tuple[str, str, Any, Any, str], ...] = (
     ("--scaling", "monitor.scaling", str, ("safe_std", "raw"), "units of distances"),
     ("--epsilon", "monitor.epsilon", float, None, "accepted miss rate"),
 )
+# part of a dataset's recipe: kind whose defaults are an example, field that fills it, what to do
+EXAMPLES: dict[str, tuple[str, str, str]] = {
+    "aircraft": ("matrices", "a", "give --aircraft FILE.json with your matrices"),
+    "maneuver": ("table", "t_s", "give --maneuver FILE.csv with your commands"),
+    "control_law": ("state_space", "d", "give its inputs, outputs, a, b, c, d in a --recipe file"),
+}
 METHOD: tuple[tuple[str, str, Any, Any, str], ...] = (
     ("--predictor", "monitor.predictor.kind", str, tuple(PREDICTORS), "predictor"),
     ("--score", "monitor.score.kind", str, tuple(SCORES), "score"),
@@ -45,11 +53,13 @@ def add_recipe_options(parser: argparse.ArgumentParser, *, method: bool) -> None
     group = parser.add_argument_group("recipe")
     group.add_argument("--recipe", type=Path, metavar="FILE", help="recipe as JSON, over defaults")
     group.add_argument(
-        "--aircraft", metavar="NAME|FILE", help="a published aircraft, or a JSON file of matrices"
+        "--aircraft",
+        metavar="NAME|FILE",
+        help=f"{', '.join(AIRCRAFT)}, or a JSON file of matrices; without --control-law: no law",
     )
-    group.add_argument("--control-law", metavar="NAME", help="a control law of the catalog")
+    group.add_argument("--control-law", metavar="NAME", help=", ".join(CONTROL_LAWS))
     group.add_argument(
-        "--maneuver", metavar="NAME|FILE", help="a manoeuvre of the catalog, or a CSV table of one"
+        "--maneuver", metavar="NAME|FILE", help=f"{', '.join(MANEUVERS)}, or a CSV table"
     )
     group.add_argument(
         "--limit",
@@ -64,7 +74,8 @@ def add_recipe_options(parser: argparse.ArgumentParser, *, method: bool) -> None
         help="sensor noise, 1 sigma, such as Ny=0.005 [g] or p_deg=0.2 [deg/s]",
     )
     for option, path, kind, choices, text in SHARED + (METHOD if method else ()):
-        group.add_argument(option, dest=path, type=kind, choices=choices, help=text)
+        name = None if choices else "NUMBER"
+        group.add_argument(option, dest=path, type=kind, choices=choices, metavar=name, help=text)
     group.add_argument(
         "--set",
         action="append",
@@ -89,6 +100,8 @@ def plain_recipe(options: argparse.Namespace) -> dict[str, Any]:
         set_path(plain, "dataset.aircraft", to_plain(model))
     elif options.aircraft is not None:
         set_path(plain, "dataset.aircraft.kind", options.aircraft)
+    if options.aircraft is not None and options.control_law is None:
+        plain["dataset"].setdefault("control_law", {"kind": "none"})
     if options.control_law is not None:
         set_path(plain, "dataset.control_law.kind", options.control_law)
     if options.maneuver is not None and options.maneuver.endswith(".csv"):
@@ -106,6 +119,10 @@ def plain_recipe(options: argparse.Namespace) -> dict[str, Any]:
         if not equals:
             raise RecipeError(f"--set {assignment!r}: write it as PATH=VALUE")
         set_path(plain, path, _value(value))
+    for part, (kind, field, instead) in EXAMPLES.items():
+        said = plain.get("dataset", {}).get(part, {})
+        if isinstance(said, dict) and said.get("kind") == kind and field not in said:
+            raise RecipeError(f"{part} {kind!r} is only an example of the form: {instead}")
     return plain
 
 

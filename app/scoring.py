@@ -12,7 +12,8 @@ from app.recipes import from_plain
 from app.telemetry.csv_reader import read
 from app.telemetry.recording import Recording, subtract_trim
 from app.telemetry.resampling import resample
-from core.channels import CHANNELS, KEYS
+from app.verdict import outside_training, verdict
+from core.channels import CHANNELS
 from core.monitor import Assessments, Monitor, load
 from core.monitor.assessment import STATES
 from core.specification import Limits
@@ -38,14 +39,17 @@ def score_file(
     fine, recording = recording, resample(recording, monitor.dt)
     said = monitor.assess(recording.t, recording.y, epsilon)
     title = f"{file.name} scored by {monitor_file.name}"
-    figure = figures.scored_recording(monitor, recording.y, said, limits.magnitudes, epsilon, title)
+    outside = outside_training(monitor, recording.y, said.y_hat)
+    figure = figures.scored_recording(
+        monitor, recording.y, said, limits.magnitudes, epsilon, title, outside
+    )
     files = {"assessments.csv": _table(recording, said)} | figures.render(figure, "scored")
     out.mkdir(parents=True, exist_ok=True)
     for name, content in files.items():
         write_whole(out / name, content)
     report = [
         *recording.notes,
-        *_verdict(monitor, limits, fine, said, epsilon),
+        *verdict(monitor, limits, fine, said, epsilon),
         f"written: {', '.join(str(out / name) for name in files)}",
     ]
     return "\n".join(report), bool(np.isfinite(said.p_value).any())
@@ -54,51 +58,6 @@ def score_file(
 def _specification(monitor: Monitor) -> Limits:
     """Limits the monitor was trained for; the default ones where it does not say."""
     return from_plain(Limits(), monitor.dataset_recipe.get("specification", {}), "specification")
-
-
-def _verdict(
-    monitor: Monitor, limits: Limits, recording: Recording, said: Assessments, epsilon: float
-) -> list[str]:
-    """Peak risk, first alert, first crossing in the recording's own samples, lead achieved."""
-    assessed = np.isfinite(said.p_value)
-    if not assessed.any():
-        return ["no sample could be assessed: see the state column of assessments.csv"]
-    lines = []
-    if not assessed.all():
-        states = [f"{(said.state == code).sum()} {state}" for code, state in enumerate(STATES)]
-        lines.append(f"samples: {', '.join(states)}")
-    peak = int(np.nanargmax(said.p_value))
-    lines.append(f"peak risk     {said.p_value[peak]:.3f} at {said.t[peak]:.2f} s")
-    alert = said.t[said.alert.argmax()] if said.alert.any() else None
-    lines.append(
-        f"first alert   {'none' if alert is None else f'at {alert:.2f} s'} "
-        f"(risk above epsilon {epsilon:g})"
-    )
-    crossing = _first_crossing(limits, recording)
-    if crossing is None:
-        peaks = ", ".join(
-            f"|{key}| {np.nanmax(np.abs(values)):.3g} of {limit:.3g}"
-            for key, values, limit in zip(KEYS, recording.y.T, limits.magnitudes, strict=True)
-            if np.isfinite(limit)
-        )
-        return [*lines, f"first crossing none (peak {peaks})"]
-    lines.append(f"first crossing at {crossing[0]:.2f} s ({crossing[1]})")
-    if alert is None or alert > crossing[0]:
-        return [*lines, "lead          none: the monitor was silent before the crossing (a miss)"]
-    lead = crossing[0] - alert
-    timely = "at least" if lead >= monitor.lead - 1e-9 else "short of"
-    return [*lines, f"lead          {lead:.2f} s, {timely} the promised {monitor.lead:g} s"]
-
-
-def _first_crossing(limits: Limits, recording: Recording) -> tuple[float, str] | None:
-    """Time of the first sample that reaches a limit, and which; missing values reach none."""
-    over = np.abs(recording.y) >= limits.magnitudes
-    if not over.any():
-        return None
-    sample = int(over.any(axis=1).argmax())
-    channel = CHANNELS[int(over[sample].argmax())]
-    value = recording.y[sample, KEYS.index(channel.key)]
-    return float(recording.t[sample]), f"{channel.key} {value:.3g} {channel.unit}"
 
 
 def _table(recording: Recording, said: Assessments) -> bytes:

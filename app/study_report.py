@@ -10,7 +10,7 @@ import numpy as np
 
 from app import figures
 from app.recipes import to_plain
-from core.study import METHODS, MethodResult, StudyResult
+from core.study import MethodResult, StudyResult
 from core.whole_file import write_whole
 
 SHOWN = (0.05, 0.1, 0.2, 0.3)
@@ -61,7 +61,7 @@ def summary(result: StudyResult) -> dict[str, Any]:
 def table(result: StudyResult) -> str:
     """Return the printed table: miss rate and power at a few epsilons, methods by rank."""
     recipe = result.recipe
-    epsilons = result.methods[next(iter(METHODS))].epsilons
+    epsilons = next(iter(result.methods.values())).epsilons
     rows = sorted({int(np.abs(epsilons - shown).argmin()) for shown in SHOWN})
     lines = [
         f"{recipe.n_monitors} monitors of {recipe.dataset.n_unsafe} unsafe rollouts "

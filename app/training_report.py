@@ -33,9 +33,11 @@ def report(training: Training) -> str:
 
 
 def _dataset_line(dataset: Dataset) -> str:
+    recipe = dataset.recipe
+    plan = ", ".join(recipe[part]["kind"] for part in ("aircraft", "control_law", "maneuver"))
     return (
         f"simulated {len(dataset.unsafe)} unsafe and {dataset.n_safe_met} safe rollouts "
-        f"(unsafe rate {dataset.unsafe_rate:.1%})"
+        f"(unsafe rate {100 * dataset.unsafe_rate:.2g} %) of {plan}"
     )
 
 

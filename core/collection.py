@@ -24,7 +24,11 @@ Indices = npt.NDArray[np.int64]
 Progress = Callable[[int, int], object]
 
 FIRST_CHUNK, LARGEST_CHUNK = 256, 4096
+CHUNK_STEPS = 2_000_000
+"""Steps of all rollouts of a chunk: about 100 MB."""
 CERTAINTY = 1e-6
+MOST_SAMPLES = 20_000
+"""Steps of a rollout, so that a chunk of them stays within memory."""
 ROLLOUTS, SAFE_TIMES = 0, 1
 """Branches of a seed's tree of random streams."""
 
@@ -120,6 +124,11 @@ class DatasetRecipe:
                 f"{self.maneuver.duration_s:g} s"
             )
         n_samples = self.maneuver.n_samples(self.dt)
+        if n_samples * self.substeps > MOST_SAMPLES:
+            raise ValueError(
+                f"a rollout of {n_samples} samples in {self.substeps} substeps was asked for: at "
+                f"most {MOST_SAMPLES} steps fit, choose a larger dt or a shorter manoeuvre"
+            )
         for name, lowest in {
             "substeps": 1,
             "n_unsafe": 2,
@@ -176,7 +185,10 @@ class Simulator:
 
     def chunk(self, number: int) -> Rollouts:
         """Roll out the chunk of this number of the recipe's seed, each with its own stream."""
-        size = min(FIRST_CHUNK << min(number, 30), LARGEST_CHUNK)
+        recipe = self.recipe
+        steps = recipe.maneuver.n_samples(recipe.dt) * recipe.substeps
+        largest = max(FIRST_CHUNK, min(LARGEST_CHUNK, CHUNK_STEPS // steps))
+        size = min(FIRST_CHUNK << min(number, 30), largest)
         stream = np.random.SeedSequence(self.recipe.seed, spawn_key=(ROLLOUTS, number))
         return self.rollouts(size, np.random.default_rng(stream))
 
@@ -200,6 +212,7 @@ def collect(
     kept: list[Rollouts] = []
     n_unsafe = n_made = n_safe_kept = 0
     for rollouts in _chunks(simulator, executor):
+        rollouts = rollouts.some(slice(recipe.max_rollouts - n_made))
         unsafe = np.flatnonzero(rollouts.is_unsafe)
         missing = recipe.n_unsafe - n_unsafe
         if len(unsafe) >= missing:

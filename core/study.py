@@ -9,16 +9,18 @@ from functools import partial
 import numpy as np
 import numpy.typing as npt
 
+from core.channels import KEYS
 from core.collection import DatasetRecipe, Rollouts, Simulator, collect
 from core.compiled import on_this_thread
 from core.dataset import Dataset
 from core.evaluation import EPSILONS, Evaluation, clustered_interval, evaluate
 from core.monitor.calibration import smallest_epsilon
 from core.monitor.monitor import Monitor
-from core.monitor.predictor import PREDICTORS
+from core.monitor.predictor import PREDICTORS, Predictor
 from core.monitor.recipe import MonitorRecipe
-from core.monitor.score import SCORES
+from core.monitor.score import SCORES, NegativeMagnitude, Score
 from core.monitor.training import SafeObservations, train
+from core.specification import Limits
 
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]
@@ -31,6 +33,16 @@ METHODS: dict[str, tuple[str, str]] = {
     "predicted |Ny|": ("linear", "negative_magnitude"),
 }
 """The paper's five methods as pairs of predictor and score."""
+
+
+def methods(specification: Limits) -> dict[str, tuple[Predictor, Score]]:
+    """Return the five methods for a specification: magnitudes are those of its first limit."""
+    key = KEYS[int(np.isfinite(specification.magnitudes).argmax())]
+    scores = SCORES | {"negative_magnitude": NegativeMagnitude(key)}  # type: ignore[arg-type]
+    return {
+        name.replace("Ny", key): (PREDICTORS[predictor], scores[score])
+        for name, (predictor, score) in METHODS.items()
+    }
 
 
 @dataclass(frozen=True)
@@ -139,7 +151,7 @@ def study(
     recipe = recipe or StudyRecipe()
     n_monitors = recipe.n_monitors
     seeds = np.random.SeedSequence(recipe.dataset.seed).generate_state(2 * n_monitors)
-    evaluations: dict[str, list[Evaluation]] = {name: [] for name in METHODS}
+    evaluations = {name: [] for name in methods(recipe.dataset.specification)}
     rates, example = [], None
     pool = ThreadPoolExecutor(os.cpu_count() or 1)
     try:
@@ -174,13 +186,10 @@ def _part(recipe: StudyRecipe, seed: int, test_seed: int) -> Part:
     flights = Simulator(recipe.dataset).rollouts(recipe.n_test, np.random.default_rng(test_seed))
     epsilons = EPSILONS[smallest_epsilon(recipe.dataset.n_unsafe) - 1e-9 <= EPSILONS]
     safe = SafeObservations(dataset, recipe.monitor)
+    compared = methods(recipe.dataset.specification)
     monitors = [
-        train(
-            dataset,
-            replace(recipe.monitor, predictor=PREDICTORS[predictor], score=SCORES[score]),
-            safe,
-        )
-        for predictor, score in METHODS.values()
+        train(dataset, replace(recipe.monitor, predictor=predictor, score=score), safe)
+        for predictor, score in compared.values()
     ]
     found = [evaluate(monitor, flights.y, flights.fail_index, epsilons) for monitor in monitors]
-    return dataset, flights, monitors, dict(zip(METHODS, found, strict=True))
+    return dataset, flights, monitors, dict(zip(compared, found, strict=True))

@@ -141,6 +141,12 @@ def test_users_own_matrices_and_manoeuvre_table_train_a_monitor(tmp_path: Path):
         (["train", "--set", "dataset.dt"], "write it as PATH=VALUE"),
         (["train", "--recipe", "absent.json"], "absent.json cannot be read"),
         (["train", "-o", "absent/m.fwm"], "absent is no directory"),
+        (["train", "-o", "."], ". is a directory: give the path of the file"),
+        (["train", "--n-test", "-1"], "n_test=-1 was given"),
+        (["train", "--maneuver", "table"], "give --maneuver FILE.csv"),
+        (["train", "--aircraft", "matrices"], "give --aircraft FILE.json"),
+        (["train", "--control-law", "state_space"], "state_space' is only an example"),
+        (["train", "--dt", "1e-6"], "at most 20000 steps fit"),
         (["train", "--score", "negative_magnitude", "--predictor", "pca"], "choose the predictor"),
         (["study", "--n-monitors", "0"], "n_monitors=0 was given"),
         (["score", "absent.fwm", "absent.csv"], "absent.fwm cannot be read"),
@@ -159,6 +165,47 @@ def test_bad_input_gets_one_line_and_leaves_nothing(
     assert message in error
     assert len(error.splitlines()) == 1
     assert list(tmp_path.iterdir()) == []
+
+
+def test_study_into_a_file_is_refused_before_the_work(tmp_path: Path, monkeypatch, capsys):
+    (tmp_path / "taken").write_text("mine")
+    monkeypatch.setattr("core.study.study", lambda *_: pytest.fail("the study ran"))
+    assert main(["study", "-o", str(tmp_path / "taken" / "out")]) == 1
+    assert "taken is a file: give a directory" in capsys.readouterr().err
+    assert (tmp_path / "taken").read_text() == "mine"
+
+
+def test_an_aircraft_without_a_law_flies_without_one(capsys):
+    assert main(["train", "--aircraft", "attas_id_16kft", "--print-recipe"]) == 0
+    assert json.loads(capsys.readouterr().out)["dataset"]["control_law"]["kind"] == "none"
+
+
+def test_study_of_another_limit_compares_that_channels_magnitude(tmp_path: Path, capsys):
+    assert main(small_study(tmp_path / "out", "--limit", "beta_deg=5.5")) == 0
+    assert "predicted |beta|" in capsys.readouterr().out
+
+
+def test_units_taken_for_others_are_called_outside_training(attas_monitor: Path, tmp_path, capsys):
+    rows = [f"{0.05 * k:.2f},{0.01 * k:.3f},0,0,0,0,0" for k in range(100)]
+    head = "t_s,beta_rad,p_radps,r_radps,ay_g,da_rad,dr_rad"
+    (tmp_path / "units.csv").write_text("\n".join([head, *rows]))
+    arguments = ["score", str(attas_monitor), str(tmp_path / "units.csv")]
+    assert main([*arguments, "-o", str(tmp_path / "out")]) == 0
+    report = capsys.readouterr().out
+    assert "OUTSIDE TRAINING: |beta| reaches 0.99 rad" in report
+    assert "|p|" not in report
+
+
+def test_crossing_is_doubted_where_the_limited_channel_is_missing(attas_monitor, tmp_path, capsys):
+    text = Path(record("attas_rud1.csv")).read_text().splitlines()
+    names = text[0].split(",")
+    rows = [line.split(",") for line in text[1:]]
+    for row in rows[200:231]:
+        row[names.index("ay_g")] = ""
+    (tmp_path / "holes.csv").write_text("\n".join([text[0], *(",".join(row) for row in rows)]))
+    arguments = ["score", str(attas_monitor), str(tmp_path / "holes.csv"), "--trim", "4"]
+    assert main([*arguments, "-o", str(tmp_path / "out")]) == 0
+    assert "1.24 s of the limited channels are missing" in capsys.readouterr().out
 
 
 def test_cut_off_monitor_is_refused_by_score(attas_monitor: Path, tmp_path: Path, capsys):

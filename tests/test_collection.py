@@ -89,6 +89,13 @@ def test_collection_that_would_not_end_stops_early_and_says_why():
         collect(with_amplitude(0.5, replace(RECIPE, max_rollouts=20_000)))
 
 
+def test_budget_is_kept_to_the_rollout():
+    with pytest.raises(CollectionError, match=r"of 100 rollouts"):
+        collect(replace(RECIPE, n_unsafe=100, max_rollouts=100))
+    enough = collect(replace(RECIPE, n_unsafe=10, max_rollouts=100))
+    assert enough.n_safe_met <= 90
+
+
 def test_certain_aircraft_without_failures_ends():
     certain = PublishedAircraft("f16_sl_h0_v502", 3, Uncertainty(0.0))
     with pytest.raises(CollectionError, match="out of reach"):

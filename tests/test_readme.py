@@ -27,8 +27,8 @@ def write_flight(path: Path) -> None:
 def test_commands_of_the_readme_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.chdir(tmp_path)
     write_flight(tmp_path / "flight.csv")
-    commands = re.findall(r"^    forewarn ((?:study|train|score) .*)$", README, re.MULTILINE)
-    assert len(commands) == 4
+    commands = re.findall(r"^ {4,6}forewarn ((?:study|train|score) .*)$", README, re.MULTILINE)
+    assert len(commands) == 5
     for command in commands:
         arguments = shlex.split(command)
         assert main([*arguments, *SMALL.get(arguments[0], [])]) == 0, command

@@ -27,6 +27,7 @@ class Monitor:
 
     dt: sample interval [s].   h: lead in samples.
     scale: (6,) units of the channels in which distances count.
+    reach: (6,) largest magnitude of each channel among the rollouts it learned from.
     unsafe_points, safe_points: (n, d) mapped.   unsafe_where, safe_where: (n, 2) the rollout and
     the sample each point comes from.   theta_unsafe, theta_safe: (n, n_parameters) of rollouts.
     n_early: failures that came before any warning could; their calibration score is +inf.
@@ -38,6 +39,7 @@ class Monitor:
     dt: float
     h: int
     scale: Array
+    reach: Array
     unsafe_points: Array
     unsafe_where: Indices
     safe_points: Array
@@ -280,6 +282,7 @@ def _check_arrays(
         "matrix": (affine.matrix, (N_CHANNELS * (recipe.n_delay + 1), d)),
         "offset": (affine.offset, (d,)),
         "scale": (arrays["scale"], (N_CHANNELS,)),
+        "reach": (arrays["reach"], (N_CHANNELS,)),
         "alphas": (arrays["alphas"], (len(arrays["alphas"]),)),
         "exact points": (exact.points, (n_samples, d if n_samples else 1)),
         "exact unsafe": (exact.unsafe, (n_samples,)),

@@ -21,6 +21,7 @@ FORMAT = 1
 HEADER_FIELDS = ("dt", "h", "n_early", "dataset_recipe", "dataset_digest", "seed", "version")
 ARRAYS = (
     "scale",
+    "reach",
     "unsafe_points",
     "unsafe_where",
     "safe_points",

@@ -91,6 +91,9 @@ def train(
         dt=dataset.dt,
         h=h,
         scale=safe.scale,
+        reach=np.fmax(
+            np.abs(dataset.safe).max(axis=(0, 1)), np.nanmax(np.abs(dataset.unsafe), axis=(0, 1))
+        ),
         unsafe_points=unsafe_points,
         unsafe_where=unsafe_where,
         safe_points=safe_points,
