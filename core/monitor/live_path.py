@@ -9,12 +9,7 @@ from core.channels import N_CHANNELS
 from core.compiled import in_chunks, jit
 from core.lanes import WIDTH, add, address, fma, load, pick, read, splat, write
 from core.monitor.calibration import p_values
-from core.monitor.nearest import (
-    Tree,
-    inlined,
-    nearest,
-    squared_distance,
-)
+from core.monitor.nearest import Tree, inlined, locate, nearest_at, squared_distance_at
 from core.monitor.predictor import Affine
 
 Array = npt.NDArray[np.float64]
@@ -110,21 +105,26 @@ def in_lanes(affine: Affine) -> Affine:
 
 
 @inlined
-def score_point(fitted, unsafe_tree, safe_tree, z, skip, near_unsafe, near_safe):
+def rule_of(fitted):
+    """What `score_point` goes by."""
+    return fitted.unsafe_weight, fitted.safe_weight, fitted.channel
+
+
+@inlined
+def score_point(rule, unsafe_at, safe_at, z, skip, near_unsafe, near_safe):
     """Score of a mapped point, and its neighbours; low means close to a failure.
 
-    unsafe_tree, safe_tree: those of `fitted`, taken out of it once: counting references to their
-    arrays at every sample takes as long as a search.
+    rule: (unsafe_weight, safe_weight, channel).   unsafe_at, safe_at: of the trees, see `locate`.
     """
-    if fitted.channel >= 0:
-        return -abs(z[fitted.channel]), -1, -1
+    if rule[2] >= 0:
+        return -abs(z[rule[2]]), -1, -1
     unsafe, safe = 0.0, 0.0
-    if fitted.unsafe_weight > 0.0:
-        distance, near_unsafe = nearest(unsafe_tree, z, skip, near_unsafe)
-        unsafe = fitted.unsafe_weight * distance
-    if fitted.safe_weight > 0.0:
-        distance, near_safe = nearest(safe_tree, z, -1, near_safe)
-        safe = fitted.safe_weight * distance
+    if rule[0] > 0.0:
+        distance, near_unsafe = nearest_at(unsafe_at, z, skip, near_unsafe)
+        unsafe = rule[0] * distance
+    if rule[1] > 0.0:
+        distance, near_safe = nearest_at(safe_at, z, -1, near_safe)
+        safe = rule[1] * distance
     return unsafe - safe, near_unsafe, near_safe
 
 
@@ -228,27 +228,29 @@ def update(fitted, exact, buffer, status, clock, dt, t, y, z):
     if code != OK:
         return code, np.nan, np.nan
     map_observation(fitted, buffer, newest, newest, z)
-    unsafe, safe = fitted.unsafe, fitted.safe
-    s, status[2], status[3] = score_point(fitted, unsafe, safe, z, -1, status[2], status[3])
+    rule, unsafe, safe = rule_of(fitted), locate(fitted.unsafe), locate(fitted.safe)
+    s, status[2], status[3] = score_point(rule, unsafe, safe, z, -1, status[2], status[3])
     clock[1] = min(clock[1], s)
     if status[2] >= 0:
-        clock[2] = np.sqrt(squared_distance(unsafe, z, status[2]))
+        clock[2] = np.sqrt(squared_distance_at(unsafe, z, status[2]))
     if status[3] >= 0:
-        clock[3] = np.sqrt(squared_distance(safe, z, status[3]))
+        clock[3] = np.sqrt(squared_distance_at(safe, z, status[3]))
     return code, p_value_of(fitted, exact, z, s, clock[1]), s
 
 
 @jit
 def _score_some(fitted, y, ok, n_delay, start, stop, z, s, unsafe, safe):
     near_unsafe, near_safe = -1, -1
-    unsafe_tree, safe_tree = fitted.unsafe, fitted.safe
+    rule, unsafe_at, safe_at = rule_of(fitted), locate(fitted.unsafe), locate(fitted.safe)
+    point = np.empty(fitted.d)
     for i in range(start, stop):
         if ok[i]:
-            point = z[i]
             map_observation(fitted, y, i, n_delay, point)
             s[i], near_unsafe, near_safe = score_point(
-                fitted, unsafe_tree, safe_tree, point, -1, near_unsafe, near_safe
+                rule, unsafe_at, safe_at, point, -1, near_unsafe, near_safe
             )
+            for k in range(point.shape[0]):
+                z[i, k] = point[k]
             unsafe[i], safe[i] = near_unsafe, near_safe
 
 
@@ -306,12 +308,12 @@ def map_samples(affine: Affine, y: Array, where: Indices, n_delay: int) -> Array
 @jit
 def _distances_some(fitted, z, own, start, stop, unsafe, safe):
     near_unsafe, near_safe = -1, -1
-    unsafe_tree, safe_tree = fitted.unsafe, fitted.safe
+    unsafe_at, safe_at = locate(fitted.unsafe), locate(fitted.safe)
     for i in range(start, stop):
         point = z[i]
-        distance, near_unsafe = nearest(unsafe_tree, point, own[i], near_unsafe)
+        distance, near_unsafe = nearest_at(unsafe_at, point, own[i], near_unsafe)
         unsafe[i] = fitted.unsafe_weight * distance
-        distance, near_safe = nearest(safe_tree, point, -1, near_safe)
+        distance, near_safe = nearest_at(safe_at, point, -1, near_safe)
         safe[i] = fitted.safe_weight * distance
 
 

@@ -70,21 +70,41 @@ def build(points: Array) -> Tree:
 
 
 @inlined
-def nearest(tree, z, skip, hint):
-    """Squared distance to, and original index of, the nearest point; equal distances: the lowest.
-
-    z: (d,) C-contiguous float64.   skip: original index of a point left out, -1 for none.
-    hint: original index of a point likely to be near, -1 for none; it never changes the answer.
-    The distance is bit for bit min_i sum_k (z_k - x_ik)^2 summed in the order k = 0 .. d-1.
-    (+inf, -1) where no point is left; (nan, -1) where z is not finite.
-    """
-    return _search(
+def locate(tree):
+    """Where a tree's arrays lie; taken once before a loop, it saves counting references in it."""
+    return (
         address(tree.points),
         address(tree.original),
         address(tree.boxes),
         address(tree.slot),
         tree.original.shape[0] // LEAF,
         tree.slot.shape[0],
+    )
+
+
+@jit
+def nearest(tree, z, skip, hint):
+    """`nearest_at` for a single search, also from Python."""
+    return nearest_at(locate(tree), z, skip, hint)
+
+
+@inlined
+def nearest_at(place, z, skip, hint):
+    """Squared distance to, and original index of, the nearest point; equal distances: the lowest.
+
+    place: of a tree that outlives the call, see `locate`.   z: (d,) C-contiguous float64.
+    skip: original index of a point left out, -1 for none.
+    hint: original index of a point likely to be near, -1 for none; it never changes the answer.
+    The distance is bit for bit min_i sum_k (z_k - x_ik)^2 summed in the order k = 0 .. d-1.
+    (+inf, -1) where no point is left; (nan, -1) where z is not finite.
+    """
+    return _search(
+        place[0],
+        place[1],
+        place[2],
+        place[3],
+        place[4],
+        place[5],
         address(z),
         z.shape[0],
         skip,
@@ -93,10 +113,15 @@ def nearest(tree, z, skip, hint):
 
 
 @inlined
-def squared_distance(tree, z, i):
-    """Squared distance from z to original point i, 0 <= i < n, to the bit what `nearest` gives."""
-    points, place = carray(address(tree.points), (1,)), np.int64(tree.slot[i])
-    return _distance(points, place, carray(address(z), (1,)), z.shape[0])
+def squared_distance_at(place, z, i):
+    """Squared distance from z to original point i, 0 <= i < n: the bits `nearest_at` gives."""
+    return _squared_distance(place[0], place[3], address(z), z.shape[0], i)
+
+
+@jit
+def _squared_distance(points, slot, z, d, i):
+    lane = np.int64(carray(slot, (1,))[U(i)])
+    return _distance(carray(points, (1,)), lane, carray(z, (1,)), d)
 
 
 def nearest_batch(tree: Tree, z: Array) -> tuple[Array, Indices]:
@@ -115,9 +140,9 @@ def nearest_batch(tree: Tree, z: Array) -> tuple[Array, Indices]:
 
 @jit
 def _nearest_some(tree, z, start, stop, d2, index):
-    hint = -1
+    hint, place = -1, locate(tree)
     for i in range(start, stop):
-        d2[i], hint = nearest(tree, z[i], -1, hint)
+        d2[i], hint = nearest_at(place, z[i], -1, hint)
         index[i] = hint
 
 

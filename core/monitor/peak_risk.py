@@ -13,9 +13,10 @@ from core.monitor.live_path import (
     Transduction,
     map_observation,
     p_value_of,
+    rule_of,
     score_point,
 )
-from core.monitor.nearest import inlined, nearest, squared_distance
+from core.monitor.nearest import inlined, locate, nearest_at, squared_distance_at
 
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]
@@ -37,9 +38,9 @@ def _next_goal(lowest, levels):
 @jit
 def _lowest_some(fitted, y, n_delay, first, last, own, levels, start, stop, lowest):
     z, anchor = np.empty(fitted.d), np.zeros(fitted.d)
-    a, b = fitted.unsafe_weight, fitted.safe_weight
-    bounded = fitted.channel < 0 and a > 0.0 and b > 0.0
-    unsafe_tree, safe_tree, channel = fitted.unsafe, fitted.safe, fitted.channel
+    rule, unsafe_at, safe_at = rule_of(fitted), locate(fitted.unsafe), locate(fitted.safe)
+    a, b, channel = rule
+    bounded = channel < 0 and a > 0.0 and b > 0.0
     riskiest = 0
     for i in range(start, stop):
         flight = y[i]
@@ -56,7 +57,7 @@ def _lowest_some(fitted, y, n_delay, first, last, own, levels, start, stop, lowe
                 s = -abs(z[channel])
             elif not bounded:
                 s, near_unsafe, near_safe = score_point(
-                    fitted, unsafe_tree, safe_tree, z, own[i], near_unsafe, near_safe
+                    rule, unsafe_at, safe_at, z, own[i], near_unsafe, near_safe
                 )
             else:
                 # A step away from the anchor changes each distance by at most its length.
@@ -66,10 +67,10 @@ def _lowest_some(fitted, y, n_delay, first, last, own, levels, start, stop, lowe
                 if unsafe - safe - ROUNDING * (unsafe + safe) > goal:
                     continue
                 # Any safe point bounds the distance to the nearest one: take the last neighbour.
-                unsafe, near_unsafe = nearest(unsafe_tree, z, own[i], near_unsafe)
-                safe = squared_distance(safe_tree, z, near_safe) if near_safe >= 0 else np.inf
+                unsafe, near_unsafe = nearest_at(unsafe_at, z, own[i], near_unsafe)
+                safe = squared_distance_at(safe_at, z, near_safe) if near_safe >= 0 else np.inf
                 if a * unsafe - b * safe <= goal:
-                    safe, near_safe = nearest(safe_tree, z, -1, near_safe)
+                    safe, near_safe = nearest_at(safe_at, z, -1, near_safe)
                 anchor[:] = z
                 to_unsafe, to_safe = np.sqrt(unsafe), np.sqrt(safe)
                 s = a * unsafe - b * safe
@@ -116,14 +117,14 @@ def lowest_scores(
 @jit
 def _highest_p_some(fitted, exact, y, n_delay, last, start, stop, highest):
     z = np.empty(fitted.d)
-    unsafe_tree, safe_tree = fitted.unsafe, fitted.safe
+    rule, unsafe_at, safe_at = rule_of(fitted), locate(fitted.unsafe), locate(fitted.safe)
     for i in range(start, stop):
         near_unsafe, near_safe = -1, -1
         lowest = np.inf
         for t in range(last[i] + 1):
             map_observation(fitted, y[i], t, n_delay, z)
             s, near_unsafe, near_safe = score_point(
-                fitted, unsafe_tree, safe_tree, z, -1, near_unsafe, near_safe
+                rule, unsafe_at, safe_at, z, -1, near_unsafe, near_safe
             )
             lowest = min(lowest, s)
             highest[i] = max(highest[i], p_value_of(fitted, exact, z, s, lowest))
