@@ -174,7 +174,7 @@ def test_every_answer_has_its_policy_and_headers(client, path, policy):
     headers = client.get(path).headers
     assert headers["content-security-policy"] == policy
     assert headers["x-content-type-options"] == "nosniff"
-    assert headers["referrer-policy"] == "no-referrer"
+    assert headers["referrer-policy"] == "same-origin"
     assert headers["cross-origin-resource-policy"] == "same-origin"
     assert "server" not in headers
 

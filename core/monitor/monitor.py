@@ -239,7 +239,11 @@ def from_bytes(blob: bytes, name: str = "monitor") -> Monitor:
     header, arrays = portable.unpack(blob, name)
     try:
         return _rebuild(header, arrays)
-    except (KeyError, TypeError, ValueError) as error:
+    except KeyError as error:
+        raise portable.MonitorFileError(
+            f"{name} has no {error}: it was written by an older program, train the monitor again"
+        ) from error
+    except (TypeError, ValueError) as error:
         raise portable.MonitorFileError(
             f"{name} holds a monitor that this program cannot rebuild ({error}): upgrade forewarn "
             "or train the monitor again"

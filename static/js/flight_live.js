@@ -13,18 +13,21 @@ import { h } from "./dom.js";
 import { createEventList } from "./event_list.js";
 import { alertText, createFlightPanels, limitsOf, sourceText, windowOf } from "./flight_panels.js";
 import { put, state as stateOf } from "./panel_states.js";
-import { createRiskGauge } from "./risk_gauge.js";
+import { createRiskGauge, riskText } from "./risk_gauge.js";
 import { createSceneFrame } from "./scene_frame.js";
 import { bindShortcuts, createShortcutList } from "./shortcuts.js";
 import { createSourceHistory } from "./source_history.js";
 import { createStatusStrip } from "./status_strip.js";
 import { createStripChart } from "./strip_chart.js";
+import { formatTime } from "./time_axis.js";
 import { createTimeline } from "./timeline.js";
 import { bindMuteButton, createTone } from "./tone.js";
 import { createTransportBar } from "./transport_bar.js";
 import { confirmed } from "./view_states.js";
 
 const STATUS_EVERY = 200; // ms
+const HELD = 1500; // ms
+const alerts = (frame) => frame.state === "ok" && frame.alert === true;
 const STALE_AFTER = 0.5; // s, as the timeline counts
 const LOST = "connection lost";
 const tone = createTone(); // one for the page: a browser lets it sound once it was touched
@@ -53,6 +56,7 @@ export function showLiveFlight(element, { id, api, over }) {
   let hello = null;
   let history = null;
   let last = null; // newest frame, without which there is nothing to trust
+  let lasting = null; // riskiest alert of late, and until when it stays on the gauge
   let said = { state: null, reason: "" };
   let steered = { playing: true, speed: 1 };
   let held = null; // frames that wait for what came before them in the source
@@ -119,15 +123,24 @@ export function showLiveFlight(element, { id, api, over }) {
     if (frames.length === 0) return;
     chart.push(frames);
     last = frames.at(-1);
+    for (const frame of frames) if (alerts(frame)) hold(frame);
     show(last);
     transport.moved(last.t);
   }
 
   function show(frame) {
     if (frame.state !== said.state) assess({ state: frame.state, reason: frame.reason });
-    const alert = frame.state === "ok" && frame.alert === true;
-    gauge.update({ ...frame, epsilon: hello.epsilon });
-    alarm.setAlert(alert);
+    const shown = frame.state === "ok" && lasting !== null ? lasting.frame : frame;
+    const note = shown === frame ? "" : `alert at ${formatTime(shown.t, 0.01)} s, now ${riskText(frame.p_value, hello.epsilon)}`;
+    gauge.update({ ...shown, note, epsilon: hello.epsilon });
+    alarm.setAlert(alerts(frame));
+  }
+
+  /** An alert may last one sample, too short for an eye: it stays on the gauge for a while, with the present risk below it. */
+  function hold(frame) {
+    const riskiest = lasting !== null && lasting.frame.p_value > frame.p_value ? lasting.frame : frame;
+    lasting = { frame: riskiest, until: performance.now() + HELD };
+    refreshed = 0;
   }
 
   /** What the monitor can say now; a word in place of a number where it can say nothing. */
@@ -190,6 +203,7 @@ export function showLiveFlight(element, { id, api, over }) {
     const frames = held;
     held = null;
     chart.clear();
+    lasting = null;
     drawing = true;
     if (before.length > 0) chart.push(before);
     drawing = false;
@@ -220,6 +234,10 @@ export function showLiveFlight(element, { id, api, over }) {
     if (wall - refreshed < STATUS_EVERY) return;
     refreshed = wall;
     if (connection.link === "lost") put(panels.lost, lostText(connection.retryIn(wall)));
+    if (lasting !== null && wall > lasting.until) {
+      lasting = null;
+      if (last !== null) show(last);
+    }
     const stale = timeline?.stale(wall) ?? false;
     status.update({
       source: hello === null ? "–" : sourceText(hello.source, hello.name),
@@ -229,7 +247,7 @@ export function showLiveFlight(element, { id, api, over }) {
       playing: steered.playing,
       live: true,
       state: stale ? "stale" : said.state,
-      alert: !stale && last?.alert === true,
+      alert: !stale && (lasting !== null || last?.alert === true),
       figures: connection.figures(wall),
     });
   }

@@ -23,9 +23,17 @@ function navigate(hash) {
   else location.hash = hash;
 }
 
+function decoded(text) {
+  try {
+    return decodeURIComponent(text);
+  } catch {
+    return text; // a stray %: no address of ours
+  }
+}
+
 async function open() {
   const [path, search] = location.hash.replace(/^#?\/?/, "").split("?");
-  const [name = "", id = null] = path.split("/").map(decodeURIComponent);
+  const [name = "", id = null] = path.split("/").map(decoded);
   const mine = ++turn;
   if (!(name in VIEWS)) {
     location.replace("#/fly");

@@ -6,7 +6,8 @@
  *
  * Exports
  *   createRiskGauge(element, {timeline, scale}) -> {update(reading), clear(), destroy()}
- *     reading: {p_value, epsilon, state, alert, reason}, any frame with its epsilon will do; state
+ *     reading: {p_value, epsilon, state, alert, reason, note}, any frame with its epsilon will do;
+ *     note stands below the number; state
  *       ok, warming_up, stale, invalid, or null for no data.
  *     timeline: the strips' clock; with it the gauge turns stale by itself when samples stop.
  *     scale "sqrt" | "linear": spacing of 0..1, as on the risk strip.
@@ -91,7 +92,7 @@ export function createRiskGauge(element, { timeline = null, scale = "sqrt" } = {
     const assessed = key === "ok" || key === "alert";
     const { p_value: risk = null, epsilon = null } = reading;
     const digits = assessed ? riskText(risk, epsilon) : "";
-    const why = assessed ? "" : whyOf(key, reading, timeline, wall);
+    const why = assessed ? (reading.note ?? "") : whyOf(key, reading, timeline, wall);
     const now = `${key}|${digits}|${epsilon}|${why}`;
     if (now === shown) return;
     if (now.split("|")[0] !== shown.split("|")[0]) drawFace(key, assessed);

@@ -1,0 +1,24 @@
+"""The token's login page in a real Chromium, whose requests carry what browsers add."""
+
+from pathlib import Path
+
+from playwright.sync_api import Page, expect
+
+from tests.browser.site import open_site
+
+TOKEN = "a-token-of-the-control-room"
+
+
+def test_the_token_lets_a_browser_in_and_another_does_not(
+    page: Page, tmp_path: Path, allowed_errors: list[str]
+) -> None:
+    allowed_errors.append("401 (Unauthorized)")
+    with open_site(tmp_path, TOKEN) as site:
+        page.goto(site.http)
+        page.get_by_label("Token of this Forewarn server").fill("another-token-altogether")
+        page.get_by_role("button", name="Enter").click()
+        expect(page.get_by_role("alert")).to_have_text("That is not this server's token.")
+        page.get_by_label("Token of this Forewarn server").fill(TOKEN)
+        page.get_by_role("button", name="Enter").click()
+        expect(page.get_by_role("link", name="Monitors", exact=True)).to_be_visible()
+        page.goto("about:blank")
