@@ -75,6 +75,14 @@ def test_a_loop_does_not_ring_again_for_the_open_alarm_but_does_for_an_acknowled
     assert script.fly("0011", index=0) == [10]
 
 
+def test_a_loop_with_two_alerts_rings_once_for_each_while_both_are_open() -> None:
+    script = Script()
+    assert script.fly(f"1{CALM}1{CALM}", index=0) == [0, len(CALM) + 1]
+    for _ in range(3):
+        script.alarms.restart()
+        assert script.fly(f"1{CALM}1{CALM}", index=0) == []
+
+
 def test_a_restart_begins_a_new_alert() -> None:
     script = Script()
     assert script.fly("11", index=0) == [0]

@@ -53,7 +53,7 @@ def test_a_collection_that_cannot_end_fails_with_the_reason(client):
         ({"n_unsafe": 1}, "at least 2"),
         ({"dt": 0.07}, "whole number of steps"),
         ({"n_unsafe": 10**12}, "FOREWARN_MAX_ARRAY_BYTES"),
-        ({"dt": 1e-9, "n_obs": 1}, "FOREWARN_MAX_ARRAY_BYTES"),
+        ({"dt": 1e-9, "n_obs": 1}, "at most 20000 steps fit"),
         ({"control_law": {"kind": "f16_sl_ofb"}}, "feeds back phi"),
         ({"name": ""}, "1 to 200 characters"),
         ({"specification": {"Ny": None}}, "no limit was given"),

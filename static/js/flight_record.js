@@ -36,7 +36,7 @@ export function showFlightRecord(element, { flight, why, api, navigate }) {
   let closed = false;
 
   status.update({ ...shown, monitor: flight.monitor });
-  gauge.update({ state: "stale", reason: "the flight is over", epsilon: flight.epsilon });
+  gauge.update({ state: "over", reason: "the flight has ended", epsilon: flight.epsilon });
   panels.alarm.remove();
   panels.transport.remove();
   panels.scene.classList.add("scene-panel");

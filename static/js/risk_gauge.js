@@ -8,7 +8,7 @@
  *   createRiskGauge(element, {timeline, scale}) -> {update(reading), clear(), destroy()}
  *     reading: {p_value, epsilon, state, alert, reason, note}, any frame with its epsilon will do;
  *     note stands below the number; state
- *       ok, warming_up, stale, invalid, or null for no data.
+ *       ok, warming_up, stale, invalid, over (the flight has ended), or null for no data.
  *     timeline: the strips' clock; with it the gauge turns stale by itself when samples stop.
  *     scale "sqrt" | "linear": spacing of 0..1, as on the risk strip.
  *   riskText(p_value, epsilon) -> string    two or three digits; more where rounding would put the
@@ -29,6 +29,7 @@ const FACES = {
   warming_up: { word: "WARMING UP", shape: "hourglass" },
   stale: { word: "STALE", shape: "clock" },
   invalid: { word: "INVALID", shape: "cross" },
+  over: { word: "OVER", shape: "dash" },
   none: { word: "NO DATA", shape: "dash" },
 };
 

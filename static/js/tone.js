@@ -26,7 +26,7 @@ const RAMP = 0.012; // s, against clicks
 const TEXTS = {
   on: "Sound on",
   muted: "Muted",
-  blocked: "Sound off: click",
+  blocked: "Sound blocked",
   unavailable: "No sound here",
 };
 
