@@ -5,7 +5,7 @@ import numpy.typing as npt
 
 from app.telemetry.recording import Recording
 from core.channels import CHANNELS, KEYS
-from core.monitor import Assessments, Monitor
+from core.monitor import Assessments, Monitor, State
 from core.monitor.assessment import STATES
 from core.specification import Limits
 
@@ -50,7 +50,7 @@ def outside_training(monitor: Monitor, y: Array, y_hat: Array) -> npt.NDArray[np
 
 
 def _states(said: Assessments) -> list[str]:
-    if (said.state == STATES.index(STATES[0])).all():
+    if (said.state == STATES.index(State.OK)).all():
         return []
     counts = [f"{(said.state == code).sum()} {state}" for code, state in enumerate(STATES)]
     return [f"samples: {', '.join(counts)}"]
