@@ -7,7 +7,7 @@
 import { reason } from "./api.js";
 import { showDataset } from "./dataset_page.js";
 import { formatted, h } from "./dom.js";
-import { createJobProgress, jobList } from "./job_progress.js";
+import { followInPlace, jobList } from "./job_progress.js";
 import { createTestFields } from "./planned_test.js";
 import { lively } from "./view_life.js";
 import { empty, link, pageOf } from "./view_states.js";
@@ -137,23 +137,15 @@ function showSimulation(element, { api, navigate }) {
           ...fields.read(),
           ...(name.value.trim() ? { name: name.value.trim() } : {}),
         });
-        form.hidden = true;
-        const progress = keep(
-          createJobProgress({
-            api,
-            job,
-            title: `Simulating “${job.request.name}”`,
-            done: ({ dataset }) => navigate(`#/datasets/${dataset}`),
-            back,
-          }),
-        );
-        stage.append(progress.element);
-
-        function back() {
-          progress.close();
-          progress.element.remove();
-          form.hidden = false;
-        }
+        followInPlace({
+          form,
+          stage,
+          keep,
+          api,
+          job,
+          title: `Simulating “${job.request.name}”`,
+          done: ({ dataset }) => navigate(`#/datasets/${dataset}`),
+        });
       } catch (error) {
         fields.point(error.message);
         said.textContent = reason(error);

@@ -9,7 +9,7 @@ import { reason } from "./api.js";
 import { neededFor } from "./calibration_rule.js";
 import { h } from "./dom.js";
 import { createFields } from "./form.js";
-import { createJobProgress } from "./job_progress.js";
+import { followInPlace } from "./job_progress.js";
 import { datasetChoice } from "./planned_test.js";
 import { lively } from "./view_life.js";
 import { link, pageOf } from "./view_states.js";
@@ -140,7 +140,16 @@ export function showTraining(element, { query, api, navigate }) {
       go.disabled = true;
       try {
         const job = await api.post("/monitors", body);
-        follow(job);
+        followInPlace({
+          form,
+          stage,
+          keep,
+          focus: go,
+          api,
+          job,
+          title: `Training “${job.request.name}”`,
+          done: ({ monitor }) => navigate(`#/monitors/${monitor}`),
+        });
       } catch (error) {
         if (!source.point(error.message) && !fields.point(error.message))
           form.querySelector("[aria-invalid]")?.focus();
@@ -149,27 +158,6 @@ export function showTraining(element, { query, api, navigate }) {
         said.scrollIntoView({ block: "nearest" });
       } finally {
         go.disabled = false;
-      }
-    }
-
-    function follow(job) {
-      form.hidden = true;
-      const progress = keep(
-        createJobProgress({
-          api,
-          job,
-          title: `Training “${job.request.name}”`,
-          done: ({ monitor }) => navigate(`#/monitors/${monitor}`),
-          back,
-        }),
-      );
-      stage.append(progress.element);
-
-      function back() {
-        progress.close();
-        progress.element.remove();
-        form.hidden = false;
-        go.focus();
       }
     }
   }
