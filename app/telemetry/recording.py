@@ -22,14 +22,18 @@ class Recording:
     t: (n,) [s] finite, strictly increasing, n >= 2.
     y: (n, 6) in the order of core.channels.CHANNELS [rad, rad/s, rad/s, g, rad, rad].
     attitude: "phi", "theta", "psi" -> (n,) [rad], those that were recorded.
-    columns: channel key (also "t") -> name of the column it was read from.
+    condition: "V" [m/s], "h" [m] -> (n,), those that were recorded.
+    columns: channel key -> what it was read or derived from.
+    derived: keys of channels that were not measured but derived.
     notes: sentences on what was assumed and done, oldest first.
     """
 
     t: Array
     y: Array
     attitude: dict[str, Array] = field(default_factory=dict)
+    condition: dict[str, Array] = field(default_factory=dict)
     columns: dict[str, str] = field(default_factory=dict)
+    derived: frozenset[str] = frozenset()
     notes: tuple[str, ...] = ()
 
 

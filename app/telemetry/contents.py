@@ -1,0 +1,206 @@
+"""What a file holds before anybody says what it means: signals, in groups that share their times.
+
+A reader pours a file into a folder of columns, one flat file of numbers a signal. Nothing larger
+than a block of rows is ever in memory, and what is read later is mapped, not loaded.
+"""
+
+import json
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from app.telemetry.recording import TelemetryError
+
+Array = npt.NDArray[np.float64]
+CONTENTS = "contents.json"
+MOST_SIGNALS = 4096
+MOST_LISTED = 100
+"""Bad rows that are listed; the others are counted."""
+
+
+@dataclass(frozen=True)
+class Signal:
+    """One recorded quantity, as the file names it.
+
+    unit: as the file spells it, "" where it says none.   group: number of its group.
+    """
+
+    name: str
+    unit: str
+    group: int
+    description: str = ""
+
+
+@dataclass(frozen=True)
+class Group:
+    """Signals that were sampled together.
+
+    name: "" for the one table of a file.   time: name of the signal that the format itself declares
+    to be their time, "" where it declares none.
+    """
+
+    name: str
+    n_rows: int
+    time: str = ""
+
+
+@dataclass(frozen=True)
+class BadRow:
+    """A row that could not be read and was left out. text: its beginning."""
+
+    line: int
+    reason: str
+    text: str = ""
+
+
+@dataclass(frozen=True)
+class Contents:
+    """Everything about a file but its numbers.
+
+    format: key of FORMATS.   start: time zero in ISO 8601 where the file says it, else "".
+    bad_rows: the first MOST_LISTED of n_bad_rows.   ignored: what was left out, with the reason.
+    """
+
+    format: str
+    groups: tuple[Group, ...]
+    signals: tuple[Signal, ...]
+    start: str = ""
+    bad_rows: tuple[BadRow, ...] = ()
+    n_bad_rows: int = 0
+    ignored: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
+
+
+@dataclass(eq=False)
+class ColumnWriter:
+    """A folder of columns being written. Limits are those of what one file may unfold to [bytes]."""
+
+    folder: Path
+    most_bytes: int
+    _groups: list[str] = field(default_factory=list)
+    _times: dict[int, str] = field(default_factory=dict)
+    _signals: list[Signal] = field(default_factory=list)
+    _rows: list[int] = field(default_factory=list)
+    _bytes: int = 0
+
+    def add_group(self, name: str = "") -> int:
+        """Begin a group; return its number."""
+        self._groups.append(name)
+        return len(self._groups) - 1
+
+    def add_signal(
+        self, group: int, name: str, unit: str = "", description: str = "", *, time: bool = False
+    ) -> int:
+        """Begin a signal; return its number. A name that is taken gets a number behind it.
+
+        time: the format itself declares that it is the time of its group.
+        """
+        if len(self._signals) == MOST_SIGNALS:
+            raise TelemetryError(
+                f"the file has more than {MOST_SIGNALS} signals: export the ones of this test"
+            )
+        taken = {signal.name for signal in self._signals}
+        unique = next(
+            n
+            for n in (name, *(f"{name} ({k})" for k in range(2, MOST_SIGNALS + 2)))
+            if n not in taken
+        )
+        self._signals.append(Signal(unique, unit, group, description))
+        self._rows.append(0)
+        if time:
+            self._times[group] = unique
+        return len(self._signals) - 1
+
+    def append(self, signal: int, values: npt.ArrayLike) -> None:
+        """Add values to a signal: (n,), NaN where nothing was recorded."""
+        block = np.ascontiguousarray(values, "<f8")
+        self._bytes += block.nbytes
+        if self._bytes > self.most_bytes:
+            raise TelemetryError(
+                f"the file unfolds to more than {self.most_bytes / 2**20:.0f} MiB of numbers: "
+                "export the stretch and the signals of this test"
+            )
+        with (self.folder / f"{signal}.f8").open("ab") as file:
+            file.write(block.data)
+        self._rows[signal] += len(block)
+
+    def finish(
+        self,
+        file_format: str,
+        *,
+        start: str = "",
+        bad_rows: tuple[BadRow, ...] = (),
+        n_bad_rows: int = 0,
+        ignored: tuple[str, ...] = (),
+        notes: tuple[str, ...] = (),
+    ) -> Contents:
+        """Write what the columns are, which makes the folder whole. TelemetryError if empty."""
+        groups = []
+        for number, name in enumerate(self._groups):
+            of_group = zip(self._signals, self._rows, strict=True)
+            lengths = {rows for signal, rows in of_group if signal.group == number}
+            assert len(lengths) <= 1, "signals of a group have equal lengths"
+            groups.append(Group(name, lengths.pop() if lengths else 0, self._times.get(number, "")))
+        if max((group.n_rows for group in groups), default=0) < 2:
+            raise TelemetryError(
+                "the file holds no table of numbers with at least two rows: export the signals "
+                "of the test with their times"
+            )
+        contents = Contents(
+            format=file_format,
+            groups=tuple(groups),
+            signals=tuple(self._signals),
+            start=start,
+            bad_rows=bad_rows[:MOST_LISTED],
+            n_bad_rows=n_bad_rows or len(bad_rows),
+            ignored=ignored,
+            notes=notes,
+        )
+        text = json.dumps(asdict(contents), ensure_ascii=False)
+        (self.folder / CONTENTS).write_text(text, encoding="utf-8")
+        return contents
+
+
+@dataclass(frozen=True, eq=False)
+class Columns:
+    """The contents of a file with its numbers, which are mapped into memory as they are used."""
+
+    folder: Path
+    contents: Contents
+
+    def values(self, name: str) -> Array:
+        """(n,) of a signal, in the unit of the file, read-only. KeyError if there is no such one."""
+        for number, signal in enumerate(self.contents.signals):
+            if signal.name == name:
+                if not self.contents.groups[signal.group].n_rows:
+                    return np.empty(0)
+                return np.memmap(self.folder / f"{number}.f8", "<f8", mode="r")
+        raise KeyError(name)
+
+    def signal(self, name: str) -> Signal:
+        """Return a signal by its name; KeyError."""
+        return next((s for s in self.contents.signals if s.name == name), None) or _no_signal(name)
+
+
+def _no_signal(name: str) -> Signal:
+    raise KeyError(name)
+
+
+def open_columns(folder: Path) -> Columns:
+    """Open a whole folder of columns. FileNotFoundError where it is none."""
+    plain = json.loads((folder / CONTENTS).read_text(encoding="utf-8"))
+    return Columns(
+        folder,
+        Contents(
+            **plain
+            | {
+                "groups": tuple(Group(**group) for group in plain["groups"]),
+                "signals": tuple(Signal(**signal) for signal in plain["signals"]),
+                "bad_rows": tuple(BadRow(**row) for row in plain["bad_rows"]),
+                "ignored": tuple(plain["ignored"]),
+                "notes": tuple(plain["notes"]),
+            }
+        ),
+    )

@@ -1,0 +1,123 @@
+"""Which signal of a file is which channel: in what unit, with what sign, or derived from what."""
+
+from collections.abc import Mapping as AnyMapping
+from dataclasses import asdict, dataclass, field
+from typing import Any, Self
+
+from app.telemetry.recording import TelemetryError
+from core.channels import CHANNELS
+
+
+@dataclass(frozen=True)
+class Target:
+    """A quantity that a signal can be. unit: the one it is kept in."""
+
+    key: str
+    symbol: str
+    unit: str
+    label: str
+
+
+ATTITUDE_TARGETS = (
+    Target("phi", "φ", "rad", "bank angle"),
+    Target("theta", "θ", "rad", "pitch angle"),
+    Target("psi", "ψ", "rad", "heading"),
+)
+CONDITION_TARGETS = (
+    Target("V", "V", "m/s", "true airspeed"),
+    Target("h", "h", "m", "altitude"),
+)
+INGREDIENTS = (Target("v", "v", "m/s", "lateral velocity"),)
+"""Only good to derive others from."""
+TARGETS: dict[str, Target] = {
+    target.key: target
+    for target in (
+        *(Target(c.key, c.symbol, c.unit, c.label) for c in CHANNELS),
+        *ATTITUDE_TARGETS,
+        *CONDITION_TARGETS,
+        *INGREDIENTS,
+    )
+}
+
+
+@dataclass(frozen=True)
+class ChannelSource:
+    """Where a channel comes from: a signal of the file, or a derivation from other channels.
+
+    value = sign * (signal in the target's unit) - offset.
+    unit: of the signal's values, as app.telemetry.units reads it.   offset: in the target's unit.
+    derivation: key of DERIVATIONS; signal and unit are then empty.
+    """
+
+    signal: str = ""
+    unit: str = ""
+    sign: int = 1
+    offset: float = 0.0
+    derivation: str = ""
+
+
+@dataclass(frozen=True)
+class TimeSource:
+    """The signal that is the time of a group, and its unit."""
+
+    signal: str
+    unit: str = "s"
+
+
+@dataclass(frozen=True)
+class Mapping:
+    """channels: by key of TARGETS.   times: by name of group; a group without one is not used."""
+
+    channels: dict[str, ChannelSource] = field(default_factory=dict)
+    times: dict[str, TimeSource] = field(default_factory=dict)
+
+    def to_plain(self) -> dict[str, Any]:
+        """Return JSON's types."""
+        return asdict(self)
+
+    @classmethod
+    def from_plain(cls, plain: Any) -> Self:
+        """Rebuild a mapping; TelemetryError says which entry is not one."""
+        if not isinstance(plain, AnyMapping) or set(plain) - {"channels", "times"}:
+            raise TelemetryError("a mapping is an object of `channels` and `times`: give both")
+        parts: dict[str, Any] = {}
+        for part, entry, known in (
+            ("channels", ChannelSource, TARGETS),
+            ("times", TimeSource, None),
+        ):
+            entries = plain.get(part, {})
+            if not isinstance(entries, AnyMapping):
+                raise TelemetryError(f"`{part}` of a mapping is an object: give one entry a name")
+            if known and (unknown := [key for key in entries if key not in known]):
+                raise TelemetryError(
+                    f"the mapping names {unknown[0]!r}: there are {', '.join(known)}"
+                )
+            parts[part] = {key: _entry(entry, key, value) for key, value in entries.items()}
+        return cls(**parts)
+
+
+def _entry(kind: type, key: str, plain: Any) -> Any:
+    try:
+        made = kind(**plain)
+    except TypeError:
+        raise TelemetryError(
+            f"the mapping of {key!r} is not of the fields of {kind.__name__}: "
+            f"{', '.join(kind.__dataclass_fields__)}"
+        ) from None
+    for name, form in kind.__annotations__.items():
+        value = getattr(made, name)
+        good = isinstance(value, (int, float) if form is float else form)
+        if not good or isinstance(value, bool):
+            raise TelemetryError(
+                f"{name} of the mapping of {key!r} is {value!r}: give {form.__name__}"
+            )
+    if isinstance(made, ChannelSource):
+        if made.sign not in (1, -1):
+            raise TelemetryError(f"sign of the mapping of {key!r} is {made.sign}: give 1 or -1")
+        if not abs(made.offset) < float("inf"):
+            raise TelemetryError(f"offset of the mapping of {key!r} is not finite: give a number")
+        if bool(made.signal) == bool(made.derivation):
+            raise TelemetryError(
+                f"the mapping of {key!r} needs either a signal or a derivation: give one of them"
+            )
+    return made

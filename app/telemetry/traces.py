@@ -1,0 +1,31 @@
+"""Channels in SI units, each still on the times at which it was recorded."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+import numpy.typing as npt
+
+Array = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Trace:
+    """One channel. t: (n,) [s] as recorded, in any order.   values: (n,), NaN where missing.
+
+    group: of the file; channels of one group share their times, as one array.
+    source: what it was read or derived from, in words.   derived: not measured itself.
+    """
+
+    t: Array
+    values: Array
+    group: str = ""
+    source: str = ""
+    derived: bool = False
+
+
+@dataclass(frozen=True, eq=False)
+class Traces:
+    """The channels of a file by key of TARGETS. notes: what was assumed and done, oldest first."""
+
+    channels: dict[str, Trace]
+    notes: tuple[str, ...] = field(default=())
