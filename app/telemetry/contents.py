@@ -75,7 +75,7 @@ class Contents:
 
 @dataclass(eq=False)
 class ColumnWriter:
-    """A folder of columns being written. Limits are those of what one file may unfold to [bytes]."""
+    """A folder of columns being written. most_bytes: of numbers that a file may unfold to."""
 
     folder: Path
     most_bytes: int
@@ -171,7 +171,7 @@ class Columns:
     contents: Contents
 
     def values(self, name: str) -> Array:
-        """(n,) of a signal, in the unit of the file, read-only. KeyError if there is no such one."""
+        """(n,) of a signal, in the unit of the file, read-only. KeyError if there is none."""
         for number, signal in enumerate(self.contents.signals):
             if signal.name == name:
                 if not self.contents.groups[signal.group].n_rows:
