@@ -14,6 +14,7 @@ from app.flight import Flight, FlightPlan
 from app.live_flight import LiveFlight
 from app.messages import Alarm, plain_frame
 from app.recorder import Recorder
+from app.script import AssessedTrack
 from app.sources import (
     LiveSource,
     Replay,
@@ -219,7 +220,8 @@ class Flights:
             recorder = Recorder(self.store, plan.id, self._clock)
             about = (recorder, self._clock, self._when_over(plan.id), scene)
             if isinstance(source, Track):
-                flight = await asyncio.to_thread(TrackFlight, plan, source, *about)
+                assessed = AssessedTrack, source, plan.monitor, plan.epsilon
+                flight = TrackFlight(plan, await asyncio.to_thread(*assessed), *about)
             else:
                 flight = LiveFlight(plan, source, *about)
             self._flights[plan.id] = flight

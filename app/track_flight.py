@@ -1,20 +1,15 @@
 """The flight of a source that is known from start to end.
 
 It is assessed whole before it flies. What is played of it, in whatever order and speed, are
-samples of that one batch: seek, step and loop cannot change a bit of a score, and each sample has
-the history of the flight, not that of the jump.
+samples of that one script: seek, step and loop cannot change a bit of a score.
 """
 
 from typing import Any
 
-import numpy as np
-
-from app.flight import Angles, Flight, FlightPlan
+from app.flight import Flight, FlightPlan
 from app.messages import TransportChange, TransportState, plain_frame
-from app.sources import Track
+from app.script import Script
 from app.transport import Due, NotPossible, Transport, TransportError
-from core.monitor import Assessment, State
-from core.monitor.assessment import REASONS, STATES
 
 TICK_S = 0.016
 """[s] Samples due within this time go out together."""
@@ -23,32 +18,29 @@ TICK_S = 0.016
 class TrackFlight(Flight):
     """A flight with play, pause, seek, step, speed, loop and next_alert.
 
-    Making one assesses the whole track: it may be made in a thread.
     At the end of its source it pauses, and can be played again until it is stopped.
     """
 
-    def __init__(self, plan: FlightPlan, track: Track, *about: Any, **more: Any) -> None:
+    def __init__(self, plan: FlightPlan, script: Script, *about: Any, **more: Any) -> None:
         super().__init__(plan, *about, **more)
-        self.dt, self.theta, self.duration = track.dt, track.theta, track.duration
-        if track.fail_index is not None:
-            self.fail_t = float(track.t[track.fail_index])
-        self._track = track
-        self._said = plan.monitor.assess(track.t, track.y, plan.epsilon)
-        self._transport = Transport(track.t, track.dt)
+        self.dt, self.theta, self.duration = script.dt, script.theta, script.duration
+        self.fail_t = script.fail_t
+        self._script = script
+        self._transport = Transport(script.t, script.dt)
         self._flown = 0.0
 
     @property
     def transport(self) -> TransportState:
         """Where it is in its source."""
-        transport, track = self._transport, self._track
+        transport, script = self._transport, self._script
         return TransportState(
             playing=transport.playing and not self.is_over,
             speed=transport.speed,
             loop=transport.loop,
             position=transport.position,
-            duration=track.duration,
+            duration=script.duration,
             sample=transport.index,
-            n_samples=len(track.t),
+            n_samples=len(script.t),
             slipped=transport.slipped,
             seekable=True,
         )
@@ -67,8 +59,9 @@ class TrackFlight(Flight):
 
     def source_frames(self, first: int, last: int) -> list[dict[str, Any]]:
         """Samples first..last of the source, flown yet or not; `seq` is their number in it."""
-        span = range(max(first, 0), min(last + 1, len(self._track.t)))
-        return [plain_frame(k, self._track.y[k], self._assessment(k), None) for k in span]
+        script = self._script
+        span = range(max(first, 0), min(last + 1, len(script.t)))
+        return [plain_frame(k, script.y(k), script.said(k), None) for k in span]
 
     def _do(self, action: str, value: float | bool | None, now: float) -> None:
         transport = self._transport
@@ -118,31 +111,16 @@ class TrackFlight(Flight):
             self._fail()
 
     def _fly_due(self, due: Due) -> None:
-        track, k = self._track, due.sample
+        script, k = self._script, due.sample
         if due.restarts:
-            self._restart(float(track.t[k]))
-        phi, theta, psi = track.attitude[k].tolist()
-        angles: Angles = phi, theta, psi
-        self._fly(track.y[k], self._assessment(k), due.due, k, angles)
-
-    def _assessment(self, k: int) -> Assessment:
-        """What the batch says of sample k."""
-        said = self._said
-        code = int(said.state[k])
-        t, state, reason = float(said.t[k]), STATES[code], REASONS[code]
-        if state is not State.OK:
-            return Assessment(t, None, None, state, reason)
-        forecasts = self.plan.monitor.recipe.predictor.forecasts
-        y_hat = said.y_hat[k] if forecasts else None
-        return Assessment(t, float(said.p_value[k]), bool(said.alert[k]), state, reason, y_hat)
+            self._restart(float(script.t[k]))
+        self._fly(script.y(k), script.said(k), due.due, k, script.attitude(k))
 
     def _next_alert(self) -> int:
         """Sample at which the next alert begins."""
-        alert = self._said.alert
-        onsets = np.flatnonzero(alert & ~np.concatenate([[False], alert[:-1]]))
-        later = onsets[onsets > self._transport.index]
-        if not len(later):
+        k = self._script.next_alert(self._transport.index)
+        if k is None:
             raise NotPossible(
                 f"no alert begins after {self._transport.position:g} s: seek back to find one"
             )
-        return int(later[0])
+        return k

@@ -13,6 +13,7 @@ import orjson
 from app.clock import Clock
 from app.flight import FlightPlan
 from app.recorder import Recorder
+from app.script import AssessedTrack
 from app.sources import Track, times
 from app.store import Store, open_store
 from app.track_flight import TrackFlight
@@ -181,7 +182,7 @@ class Flown:
         self.recorder = SilentRecorder(self.clock)
         self.flight = TrackFlight(
             plan(monitor, epsilon=epsilon),
-            track(y),
+            AssessedTrack(track(y), monitor, epsilon),
             self.recorder,
             self.clock,
             lambda *how: self.over.append(how),

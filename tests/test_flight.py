@@ -365,7 +365,7 @@ def test_a_flight_that_fails_is_over_and_says_so(
     exact: Monitor, failing: Array, caplog: pytest.LogCaptureFixture
 ) -> None:
     flown = Flown(exact, failing).start()
-    flown.flight._said = None  # pyright: ignore[reportAttributeAccessIssue]
+    flown.flight._script = None  # pyright: ignore[reportAttributeAccessIssue]
     flown.advance(0.5)
     assert flown.over == [("failed", "the flight failed; the server's log says why")]
     assert flown.seen.messages[-1]["type"] == "end"

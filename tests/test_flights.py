@@ -203,7 +203,7 @@ def test_a_flight_that_fails_by_itself_is_stopped_and_noted(
 ) -> None:
     async def test(hangar: Hangar) -> None:
         flight = await hangar.flights.start(hangar.order())
-        flight._said = None  # pyright: ignore
+        flight._script = None  # pyright: ignore
         hangar.clock.advance(1.0)
         await asyncio.gather(*hangar.flights._stopping)
         assert hangar.flights.get(flight.id) is None
