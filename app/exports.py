@@ -1,0 +1,145 @@
+"""A scored recording as a file for other programs: CSV, Parquet or MAT, with units.
+
+Channels are as assessed: from trim, SI units, N_y in g. Their names carry the unit in CSV, so that
+the file can be scored again; the other two keep it beside each column.
+"""
+
+import io
+import json
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import numpy.typing as npt
+
+from core.channels import CHANNELS
+from core.monitor.assessment import STATES
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+SUFFIXES = {"rad": "rad", "rad/s": "radps", "g": "g", "s": "s"}
+ANGLES = ("phi", "theta", "psi")
+MAT_TITLE = b"MATLAB 5.0 MAT-file, written by Forewarn"
+MAT_TITLE_BYTES = 116
+"""scipy writes the time of day there; the same flight makes the same file."""
+
+
+@dataclass(frozen=True, eq=False)
+class Column:
+    """One column of an export. unit: "" for what has none.   values: (n,)."""
+
+    name: str
+    unit: str
+    values: npt.NDArray[Any]
+
+    @property
+    def name_with_unit(self) -> str:
+        """`beta_rad`: how tables without units say them."""
+        return f"{self.name}_{SUFFIXES[self.unit]}" if self.unit else self.name
+
+
+@dataclass(frozen=True)
+class ExportFormat:
+    """A format of exports. pack: of columns and what is known about them, to the file's bytes."""
+
+    ending: str
+    media_type: str
+    pack: Callable[[list[Column], Mapping[str, Any]], bytes]
+
+
+def export(samples: npt.NDArray, about: Mapping[str, Any], form: str) -> bytes:
+    """Pack stored samples (see app.scoring) in a format of EXPORTS.
+
+    about: plain data kept with them where the format has a place: hashes, epsilon, monitor.
+    """
+    return EXPORTS[form].pack(columns(samples), about)
+
+
+def columns(samples: npt.NDArray) -> list[Column]:
+    """The columns of stored samples in their order; attitude only where there is any."""
+    units = {channel.key: channel.unit for channel in CHANNELS}
+    states = np.array([state.value for state in STATES])
+    measured = [
+        Column(key, unit, samples["y"][:, c]) for c, (key, unit) in enumerate(units.items())
+    ]
+    predicted = [
+        Column(f"predicted_{key}", unit, samples["y_hat"][:, c])
+        for c, (key, unit) in enumerate(units.items())
+    ]
+    attitude = [
+        Column(angle, "rad", samples["attitude"][:, c])
+        for c, angle in enumerate(ANGLES)
+        if np.isfinite(samples["attitude"][:, c]).any()
+    ]
+    return [
+        Column("t", "s", samples["t"]),
+        *measured,
+        Column("state", "", states[samples["state"]]),
+        Column("p_value", "", samples["p_value"]),
+        Column("alert", "", samples["alert"]),
+        Column("stretch", "", samples["stretch"].astype(np.int32)),
+        Column("withdrawn_p_value", "", samples["withdrawn"]),
+        *predicted,
+        *attitude,
+    ]
+
+
+def _table(given: list[Column], names: list[str]) -> "pa.Table":
+    """An Arrow table in which a missing value is null, not a number that is none."""
+    import pyarrow as pa
+
+    arrays = [
+        pa.array(np.ascontiguousarray(column.values), from_pandas=column.values.dtype.kind == "f")
+        for column in given
+    ]
+    return pa.table(arrays, names=names)
+
+
+def _csv(given: list[Column], about: Mapping[str, Any]) -> bytes:
+    from pyarrow.csv import WriteOptions, write_csv
+
+    file = io.BytesIO()
+    table = _table(given, [column.name_with_unit for column in given])
+    write_csv(table, file, WriteOptions(quoting_style="none", quoting_header="none"))
+    return file.getvalue()
+
+
+def _parquet(given: list[Column], about: Mapping[str, Any]) -> bytes:
+    import pyarrow as pa
+    from pyarrow.parquet import write_table
+
+    table = _table(given, [column.name for column in given])
+    fields = [
+        field.with_metadata({"unit": column.unit})
+        for field, column in zip(table.schema, given, strict=True)
+    ]
+    schema = pa.schema(fields, metadata={"forewarn": _text(about)})
+    file = io.BytesIO()
+    write_table(table.cast(schema), file)
+    return file.getvalue()
+
+
+def _mat(given: list[Column], about: Mapping[str, Any]) -> bytes:
+    from scipy.io import savemat
+
+    file = io.BytesIO()
+    data = {column.name: np.ascontiguousarray(column.values) for column in given}
+    names, data["state"] = np.unique(data["state"], return_inverse=True)
+    units = {column.name: column.unit for column in given if column.unit}
+    data["state"] = data["state"].astype(np.uint8) + 1  # MATLAB counts from 1
+    content = {**data, "state_names": names.astype(object), "units": units, "about": _text(about)}
+    savemat(file, content, oned_as="column")
+    return MAT_TITLE.ljust(MAT_TITLE_BYTES) + file.getvalue()[MAT_TITLE_BYTES:]
+
+
+def _text(about: Mapping[str, Any]) -> str:
+    return json.dumps(about, sort_keys=True)
+
+
+EXPORTS: dict[str, ExportFormat] = {
+    "csv": ExportFormat("csv", "text/csv", _csv),
+    "parquet": ExportFormat("parquet", "application/vnd.apache.parquet", _parquet),
+    "mat": ExportFormat("mat", "application/x-matlab-data", _mat),
+}
