@@ -1,0 +1,97 @@
+"""A scored recording as a flight to play: nothing is scored again, samples are mapped as needed.
+
+Ten hours start as quickly as ten seconds, and what is replayed is what was scored, bit for bit.
+"""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from app.script import Angles, Script
+from app.sources import Array
+from core.channels import KEYS
+from core.monitor import Assessment, State
+from core.monitor.assessment import REASONS, STATES
+from core.simulation.attitude import WASH_OUT_S, DisplayAttitude
+
+P, R = KEYS.index("p"), KEYS.index("r")
+BETWEEN = "between manoeuvres: the monitor has nothing to say here"
+RUN_UP_S = 2 * WASH_OUT_S
+"""An attitude that was not recorded is integrated from so long before it is shown [s]."""
+
+
+class RecordedScript(Script):
+    """Stored samples and the stretches they were scored in.
+
+    samples: as app.scoring stores them, mapped.   stretches: plain, see app.scoring.
+    forecasts: whether the monitor makes forecasts.   theta0: pitch at trim [rad], for the display.
+    """
+
+    def __init__(
+        self,
+        samples: npt.NDArray,
+        stretches: Sequence[Mapping[str, Any]],
+        dt: float,
+        *,
+        forecasts: bool,
+        theta0: float = 0.0,
+    ) -> None:
+        self.t, self.dt = np.ascontiguousarray(samples["t"]), dt
+        crossings = [s["crossing"]["t"] for s in stretches if s["crossing"] is not None]
+        self.fail_t = min(crossings, default=None)
+        self._samples, self._stretches, self._forecasts = samples, stretches, forecasts
+        begins = [begin for stretch in stretches for begin, _ in stretch["alerts"]]
+        self._onsets = np.searchsorted(self.t, np.sort(np.array(begins, float)) - 0.5 * dt)
+        self._display = DisplayAttitude(theta0)
+        self._displayed = -1
+
+    def y(self, k: int) -> Array:
+        """Sample k as it was assessed, from trim, (6,)."""
+        return self._samples["y"][k]
+
+    def attitude(self, k: int) -> Angles:
+        """As recorded; an angle that was not is integrated from the rates."""
+        recorded = self._samples["attitude"][k]
+        known = np.isfinite(recorded)
+        if known.all():
+            phi, theta, psi = recorded.tolist()
+        else:
+            phi, theta, psi = np.where(known, recorded, self._integrated(k)).tolist()
+        return phi, theta, psi
+
+    def said(self, k: int) -> Assessment:
+        """What was said of sample k when the recording was scored."""
+        sample = self._samples[k]
+        t, state = float(sample["t"]), STATES[int(sample["state"])]
+        if state is not State.OK:
+            return Assessment(t, None, None, state, self._reason(sample, state))
+        y_hat = sample["y_hat"] if self._forecasts else None
+        return Assessment(t, float(sample["p_value"]), bool(sample["alert"]), state, y_hat=y_hat)
+
+    def next_alert(self, k: int) -> int | None:
+        """First sample after k at which an alert begins."""
+        later = self._onsets[self._onsets > k]
+        return int(later[0]) if len(later) else None
+
+    def _reason(self, sample: Any, state: State) -> str:
+        number = int(sample["stretch"])
+        if number < 0:
+            return BETWEEN
+        validity = self._stretches[number]["validity"]
+        if state is State.INVALID and validity["valid"] is False:
+            return "; ".join(validity["reasons"])
+        return REASONS[STATES.index(state)]
+
+    def _integrated(self, k: int) -> Angles:
+        """Go on from the sample shown before, or come from a while ahead of a jump."""
+        if k != self._displayed + 1:
+            self._display.restart()
+            self._displayed = max(k - round(RUN_UP_S / self.dt), 0) - 1
+        y, angles = self._samples["y"], None
+        for i in range(self._displayed + 1, k + 1):
+            angles = self._display.update(self.t[i], float(y[i, P]), float(y[i, R]))
+        self._displayed = k
+        assert angles is not None
+        return angles
