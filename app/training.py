@@ -1,13 +1,14 @@
 """Training a monitor from a dataset, and what fresh flights say of it, as data."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from app.recipes import RecipeError, from_plain, to_plain
+from app.supporting import supported
 from core.collection import DatasetRecipe, Rollouts, Simulator, collect
 from core.dataset import Dataset
 from core.evaluation import EPSILONS, Evaluation, evaluate, leads
@@ -20,6 +21,7 @@ Progress = Callable[[str, int, int], object]
 TEST = 2
 """Branch of a seed's random streams that no collection uses."""
 LEAD_BINS = 20
+NO_RECIPE = "validity is not calibrated: the dataset has no recipe to fly fresh flights of"
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,12 +57,16 @@ class FlownTest:
 
 @dataclass(frozen=True, eq=False)
 class Training:
-    """A trained monitor, what it learned from, what fresh flights said of it; None: not flown."""
+    """A trained monitor, what it learned from, what fresh flights said of it; None: not flown.
+
+    unsupported: why its validity is not calibrated; empty where it is.
+    """
 
     dataset: Dataset
     monitor: Monitor
     test: FlownTest | None
-    n_test: int = field(default=0)
+    n_test: int = 0
+    unsupported: str = ""
 
     @property
     def evaluation(self) -> dict[str, Any] | None:
@@ -99,20 +105,25 @@ def recipe_of(dataset: Dataset) -> DatasetRecipe | None:
 def train_and_test(
     dataset: Dataset, recipe: MonitorRecipe, n_test: int, progress: Progress
 ) -> Training:
-    """Train a monitor and fly n_test fresh flights of the dataset's recipe through it.
+    """Train a monitor, calibrate its validity, fly n_test fresh flights of the dataset's recipe.
 
-    No flight is flown where n_test is 0 or the dataset has no recipe.
+    Neither of both without a recipe; no flight is flown where n_test is 0.
     """
-    progress("training", 0, 2)
+    progress("training", 0, 3)
     monitor = train(dataset, recipe)
     monitor.check_epsilon()
     simulated = recipe_of(dataset)
-    if simulated is None or n_test == 0:
-        return Training(dataset, monitor, None)
-    progress(f"flying {n_test} fresh flights", 1, 2)
+    if simulated is None:
+        return Training(dataset, monitor, None, unsupported=NO_RECIPE)
+    monitor, unsupported = supported(
+        monitor, dataset, simulated, lambda words: progress(words, 1, 3)
+    )
+    if n_test == 0:
+        return Training(dataset, monitor, None, unsupported=unsupported)
+    progress(f"flying {n_test} fresh flights", 2, 3)
     test = fly_test(monitor, fresh_flights(simulated, n_test))
-    progress("done", 2, 2)
-    return Training(dataset, monitor, test, n_test)
+    progress("done", 3, 3)
+    return Training(dataset, monitor, test, n_test, unsupported)
 
 
 def fresh_flights(recipe: DatasetRecipe, n: int) -> Rollouts:

@@ -28,6 +28,7 @@ def report(training: Training) -> str:
         _dataset_line(training.dataset),
         f"calibrated on {monitor.n_unsafe} failures, {monitor.n_early} of them earlier than the "
         f"lead of {monitor.lead:g} s; smallest epsilon {monitor.smallest_epsilon:.3g}",
+        _validity_line(training),
     ]
     return "\n".join(lines + (_test_lines(test, monitor.lead) if test else []))
 
@@ -38,6 +39,16 @@ def _dataset_line(dataset: Dataset) -> str:
     return (
         f"simulated {len(dataset.unsafe)} unsafe and {dataset.n_safe_met} safe rollouts "
         f"(unsafe rate {100 * dataset.unsafe_rate:.2g} %) of {plan}"
+    )
+
+
+def _validity_line(training: Training) -> str:
+    support = training.monitor.support
+    if support is None:
+        return training.unsupported
+    return (
+        f"validity calibrated on {len(support.safe)} safe and {len(support.unsafe)} failing fresh "
+        f"flights: at most {100 * support.level:.2g} % of either are called invalid"
     )
 
 

@@ -18,6 +18,7 @@ from core.monitor import Monitor, MonitorRecipe, load, train
 from core.monitor.portable import MonitorFileError, to_bytes
 from core.monitor.predictor import PREDICTORS, PrincipalComponents
 from core.monitor.score import SCORES, NegativeMagnitude
+from core.monitor.support import Support
 from tests.oscillator import DT, THETA, Array
 
 RECIPES = {
@@ -57,6 +58,51 @@ def test_a_loaded_monitor_is_the_saved_one_to_the_bit(
     said, before = (m.stream().update(0, flights[0][0]).as_dict() for m in (loaded, monitor))
     assert said == before
     assert to_bytes(loaded) == to_bytes(monitor)
+
+
+def with_support(dataset: Dataset, **changes: object) -> Monitor:
+    """A monitor that claims to have its validity calibrated."""
+    safe, unsafe = (np.sort(np.random.default_rng(n).random((n, 2)), axis=0) for n in (130, 120))
+    support = Support(np.arange(1.0, 7.0), safe, unsafe, n_samples=61, level=0.03)
+    return replace(train(dataset), support=replace(support, **changes))  # pyright: ignore
+
+
+def test_a_support_comes_back_to_the_bit(dataset: Dataset, flights: Array, tmp_path: Path) -> None:
+    monitor = with_support(dataset)
+    monitor.save(tmp_path / "m.fwm")
+    loaded = load(tmp_path / "m.fwm")
+    assert loaded.support is not None
+    for field in fields(Support):
+        assert same(getattr(loaded.support, field.name), getattr(monitor.support, field.name))
+    assert to_bytes(loaded) == to_bytes(monitor)
+    assert loaded.p_values(flights[0]).tobytes() == train(dataset).p_values(flights[0]).tobytes()
+
+
+def test_only_a_support_asks_for_format_2(dataset: Dataset, blob: bytes, tmp_path: Path) -> None:
+    """A file of format 1, of an older program or without validity, is read as not calibrated."""
+    assert to_bytes(with_support(dataset)).startswith(b"FOREWARN MONITOR 2\n")
+    assert blob.startswith(b"FOREWARN MONITOR 1\n")
+    (tmp_path / "m.fwm").write_bytes(blob)
+    assert load(tmp_path / "m.fwm").support is None
+
+
+NONSENSE = {
+    "a level nobody can serve": {"level": 0.01},
+    "numbers that are not sorted": {"safe": np.arange(300.0, 0.0, -1).reshape(150, 2)},
+    "what is no number": {"unsafe": np.full((150, 2), np.nan)},
+    "no flight": {"unsafe": np.empty((0, 2))},
+    "another shape": {"sigma": np.ones(5)},
+}
+
+
+@pytest.mark.parametrize("nonsense", NONSENSE)
+def test_a_support_that_makes_no_sense_is_refused(
+    nonsense: str, dataset: Dataset, tmp_path: Path
+) -> None:
+    content = to_bytes(with_support(dataset, **NONSENSE[nonsense]))
+    assert "holds a monitor that this program cannot rebuild" in refusal(
+        content, tmp_path / "m.fwm"
+    )
 
 
 def test_the_header_says_where_a_monitor_comes_from(dataset: Dataset, blob: bytes) -> None:
@@ -136,7 +182,7 @@ def test_a_file_with_any_byte_changed_is_refused(blob: bytes, tmp_path: Path) ->
 
 def test_a_newer_format_is_refused(blob: bytes, tmp_path: Path) -> None:
     message = refusal(blob.replace(b"MONITOR 1", b"MONITOR 12", 1), tmp_path / "m.fwm")
-    assert "has monitor format 12, this program reads up to 1: upgrade forewarn" in message
+    assert "has monitor format 12, this program reads up to 2: upgrade forewarn" in message
 
 
 @pytest.mark.parametrize(

@@ -1,6 +1,7 @@
 """The trained and calibrated monitor: of a batch, of a stream, as one portable file."""
 
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -12,9 +13,10 @@ from core.monitor import live_path, peak_risk, portable
 from core.monitor.assessment import REASONS, STATES, Assessment, Assessments, Exemplar
 from core.monitor.calibration import check_epsilon, smallest_epsilon
 from core.monitor.live_path import SIMPLE, Fitted, Transduction
-from core.monitor.nearest import build
+from core.monitor.nearest import Tree, build
 from core.monitor.predictor import Affine
 from core.monitor.recipe import MonitorRecipe
+from core.monitor.support import Support
 from core.whole_file import write_whole
 
 Array = npt.NDArray[np.float64]
@@ -33,6 +35,7 @@ class Monitor:
     n_early: failures that came before any warning could; their calibration score is +inf.
     fitted, exact: arrays of the compiled path.
     dataset_recipe, dataset_digest, seed, version: where it comes from.
+    support: how far fresh flights stray from what it learned; None where that is not calibrated.
     """
 
     recipe: MonitorRecipe
@@ -54,6 +57,7 @@ class Monitor:
     dataset_digest: str = ""
     seed: int | None = None
     version: str = ""
+    support: Support | None = None
 
     @property
     def alphas(self) -> Array:
@@ -64,6 +68,12 @@ class Monitor:
     def affine(self) -> Affine:
         """The predictor's map from an observation in SI units to a point."""
         return Affine(self.fitted.matrix[:, : self.fitted.d], self.fitted.offset[: self.fitted.d])
+
+    @cached_property
+    def safe_tree(self) -> Tree:
+        """Search tree of the safe points, whether or not the score looks them up."""
+        built = len(self.fitted.safe.slot) == len(self.safe_points)
+        return self.fitted.safe if built else build(self.safe_points)
 
     @property
     def n_unsafe(self) -> int:
@@ -256,6 +266,7 @@ def _rebuild(header: dict[str, Any], arrays: dict[str, Any]) -> Monitor:
     exact = Transduction(
         **{key: arrays.pop(f"exact_{key}") for key in portable.EXACT_ARRAYS}, **header["exact"]
     )
+    support = _support(header, arrays)
     _check_arrays(recipe, affine, exact, header, arrays)
     fitted = assemble(
         recipe, affine, arrays["unsafe_points"], arrays["safe_points"], arrays.pop("alphas")
@@ -265,9 +276,22 @@ def _rebuild(header: dict[str, Any], arrays: dict[str, Any]) -> Monitor:
         fitted=fitted,
         exact=exact,
         theta_names=tuple(header["theta_names"]),
+        support=support,
         **{key: header[key] for key in portable.HEADER_FIELDS},
         **arrays,
     )
+
+
+def _support(header: dict[str, Any], arrays: dict[str, Any]) -> Support | None:
+    """Take the support out of the arrays; a file without one was written by an older program, or
+    for a monitor whose validity is not calibrated.
+    """
+    if not header.get("support"):
+        return None
+    parts = {key: arrays.pop(f"support_{key}") for key in portable.SUPPORT_ARRAYS}
+    support = Support(**parts, **header["support"])
+    support.check()
+    return support
 
 
 def _check_arrays(

@@ -1,7 +1,10 @@
 """The portable monitor file: one line of text, a digest, and arrays; never pickle.
 
-FOREWARN MONITOR 1\\n  sha-256 of all that follows, hexadecimal\\n  an npz archive
+FOREWARN MONITOR 2\\n  sha-256 of all that follows, hexadecimal\\n  an npz archive
 with `header` (JSON) and the arrays
+
+Format 2 holds the validity's support besides; a monitor without one is written as format 1, which
+older programs read too.
 """
 
 import hashlib
@@ -17,7 +20,7 @@ if TYPE_CHECKING:
     from core.monitor.monitor import Monitor
 
 MAGIC = b"FOREWARN MONITOR "
-FORMAT = 1
+FORMAT = 2
 HEADER_FIELDS = ("dt", "h", "n_early", "dataset_recipe", "dataset_digest", "seed", "version")
 ARRAYS = (
     "scale",
@@ -30,6 +33,8 @@ ARRAYS = (
     "theta_safe",
     "alphas",
 )
+SUPPORT_ARRAYS = ("sigma", "safe", "unsafe")
+SUPPORT_FIELDS = ("n_samples", "level")
 EXACT_ARRAYS = ("points", "unsafe", "safe", "start", "alphas")
 
 
@@ -39,7 +44,7 @@ class MonitorFileError(ValueError):
 
 def to_bytes(monitor: "Monitor") -> bytes:
     """Pack a monitor."""
-    exact = monitor.exact
+    exact, support = monitor.exact, monitor.support
     header = {key: getattr(monitor, key) for key in HEADER_FIELDS} | {
         "recipe": monitor.recipe.to_json(),
         "theta_names": monitor.theta_names,
@@ -47,12 +52,16 @@ def to_bytes(monitor: "Monitor") -> bytes:
     }
     arrays = {key: getattr(monitor, key) for key in ARRAYS} | monitor.affine._asdict()
     arrays |= {f"exact_{key}": getattr(exact, key) for key in EXACT_ARRAYS}
+    if support is not None:
+        header["support"] = {key: getattr(support, key) for key in SUPPORT_FIELDS}
+        arrays |= {f"support_{key}": getattr(support, key) for key in SUPPORT_ARRAYS}
     archive = io.BytesIO()
     text = np.frombuffer(json.dumps(header).encode(), np.uint8)
     np.savez_compressed(archive, allow_pickle=False, header=text, **arrays)
     body = archive.getvalue()
     digest = hashlib.sha256(body).hexdigest().encode()
-    return MAGIC + str(FORMAT).encode() + b"\n" + digest + b"\n" + body
+    number = 1 if support is None else FORMAT
+    return MAGIC + str(number).encode() + b"\n" + digest + b"\n" + body
 
 
 def unpack(blob: bytes, name: str) -> tuple[dict[str, Any], dict[str, Any]]:

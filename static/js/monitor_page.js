@@ -159,9 +159,18 @@ function guarantee(monitor) {
         {},
         "the risk (p-value) is not the probability of failure: high means that the flight resembles past failures.",
       ),
+      h("li", {}, validity(monitor)),
       early,
     ),
   );
+}
+
+function validity({ support }) {
+  if (!support)
+    return "validity is not calibrated: whether a recorded flight is like those it was trained on cannot be said. Train the monitor again to have it so.";
+  const { n_safe, n_unsafe, level } = support;
+  const flights = `${n_safe.toLocaleString("en")} safe and ${n_unsafe.toLocaleString("en")} failing fresh flights`;
+  return `validity: each recorded manoeuvre is called valid or invalid as a whole. Invalid withdraws the guarantee; of flights drawn like the simulated ones, safe or failing, at most ${percent(level)} are called so. Calibrated on ${flights}.`;
 }
 
 function details(monitor, catalog) {

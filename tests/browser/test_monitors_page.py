@@ -247,6 +247,9 @@ def test_the_guarantee_is_in_words_and_the_monitor_can_be_flown(page: Page, site
     page.goto(f"{site.http}/#/monitors/{site.monitor}")
     expect(page.locator(".promise")).to_have_text("P(no timely alert | the flight fails) ≤ epsilon")
     expect(page.locator("main")).to_contain_text("not the probability of failure")
+    support = site.get(f"/monitors/{site.monitor}")["support"]
+    says = f"{percent(support['level'])} are called so. Calibrated on {support['n_safe']} safe"
+    expect(page.locator("main")).to_contain_text(says)
     page.get_by_role("button", name="Fly it").click()
     expect(page).to_have_url(re.compile(rf"#/fly\?monitor={site.monitor}"))
 
@@ -265,6 +268,7 @@ def test_a_downloaded_monitor_is_uploaded_again_and_deleted(
     page.locator('input[type="file"]').set_input_files(file)
     expect(page.get_by_role("heading", level=1)).to_have_text(file.stem)
     expect(page.locator("main")).to_contain_text("Not flown yet")
+    expect(page.locator("main")).to_contain_text("Calibrated on")
     page.get_by_role("button", name="Delete").click()
     page.get_by_role("button", name="Delete it").click()
     expect(page).to_have_url(re.compile("#/monitors$"))

@@ -1,0 +1,203 @@
+"""How far a flight strays from what its monitor learned: the compiled way, sample by sample.
+
+Two measures, each kept at its largest so far: the residual of the forecasts, channel by channel,
+and the distance from the safe observations. A stream, a recording and a calibration share it.
+"""
+
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from core.channels import N_CHANNELS
+from core.compiled import in_chunks, jit
+from core.monitor.live_path import INVALID, OK, STALE, map_observation, states
+from core.monitor.nearest import Tree, locate, nearest_at, squared_distance_at
+
+if TYPE_CHECKING:
+    from core.monitor.monitor import Monitor
+
+Array = npt.NDArray[np.float64]
+Indices = npt.NDArray[np.int64]
+
+DISTANCE = N_CHANNELS
+"""Where the distance lies behind the residuals of the channels."""
+SIZE, AT, WHEN = range(3)
+SAMPLES, FRESH, RUN, COMPARED, PLACED, NEAR = range(6)
+FLIGHTS_A_TASK = 32
+
+
+class Ground(NamedTuple):
+    """What a monitor learned, as far as an excursion is measured from it.
+
+    matrix, offset: of the predictor, in lanes.   safe: tree of the safe points.
+    scale: (6,) of the channels.   sigma: (6,) of the residuals, in the channels' units.
+    d: entries of a point.   h: lead in samples.   dt: [s].
+    forecasts: whether a point is a forecast of the outputs h samples ahead.
+    """
+
+    matrix: Array
+    offset: Array
+    safe: Tree
+    scale: Array
+    sigma: Array
+    d: int
+    h: int
+    n_delay: int
+    dt: float
+    forecasts: bool
+
+
+class Excursion(NamedTuple):
+    """The farthest that a flight has been so far.
+
+    peaks: (3, 7) largest residual of each channel [sigma] and largest distance [scaled units]; the
+        number, and the time [s], of the sample that made each, -1 and NaN for none.
+    counts: (6,) samples; those not stale; assessed ones in an unbroken row; those compared with
+        their forecast; those whose distance was taken; the nearest safe point of the last one.
+    clock: (2,) times of the first and of the last sample [s].
+    points: (h, d) of the last h samples.
+    """
+
+    peaks: Array
+    counts: Indices
+    clock: Array
+    points: Array
+
+    @property
+    def reached(self) -> Array:
+        """(2,) largest residual of any channel [sigma], largest distance [scaled units]."""
+        return np.array([self.peaks[SIZE, :DISTANCE].max(), self.peaks[SIZE, DISTANCE]])
+
+    def n_due(self, dt: float) -> int:
+        """Samples that there would be without a gap."""
+        elapsed = (self.clock[1] - self.clock[0]) / dt
+        counted = int(self.counts[FRESH])
+        return max(counted, round(elapsed) + 1) if np.isfinite(elapsed) else counted
+
+
+def ground_of(monitor: "Monitor", sigma: Array) -> Ground:
+    """What excursions from a monitor's training are measured by."""
+    return Ground(
+        matrix=monitor.fitted.matrix,
+        offset=monitor.fitted.offset,
+        safe=monitor.safe_tree,
+        scale=monitor.scale,
+        sigma=sigma,
+        d=monitor.fitted.d,
+        h=monitor.h,
+        n_delay=monitor.recipe.n_delay,
+        dt=monitor.dt,
+        forecasts=monitor.recipe.predictor.forecasts,
+    )
+
+
+@jit
+def begin(ground):
+    """Excursion of a flight before its first sample."""
+    peaks = np.zeros((3, DISTANCE + 1))
+    peaks[AT], peaks[WHEN] = -1.0, np.nan
+    counts = np.array([0, 0, 0, 0, 0, -1])
+    return Excursion(peaks, counts, np.full(2, np.nan), np.empty((ground.h, ground.d)))
+
+
+@jit
+def follow(ground, so_far, t, y, row, codes, near, distance, reached):
+    """Take samples of a flight, one after the other.
+
+    y: (m, 6) those not stale, beginning with y[row], their history in the rows before.
+    t, codes, near: (n,) all of them, near -1 where the nearest safe point is not known.
+    distance: from that point, if it is known already; else NaN.   reached: (n, 2) out.
+    """
+    # Taken apart and written out: by calls, and through the tuples, it takes five times as long.
+    peaks, counts, clock, points = so_far
+    scale, sigma, h, dt = ground.scale, ground.sigma, ground.h, ground.dt
+    safe_at, z = locate(ground.safe), np.empty(ground.d)
+    for i in range(codes.shape[0]):
+        if codes[i] != STALE:
+            if counts[FRESH] == 0:
+                clock[0] = t[i]
+            follows = not t[i] - clock[1] >= 1.5 * dt
+            clock[1] = t[i]
+            slot = counts[FRESH] % h
+            counts[FRESH] += 1
+            if codes[i] == OK:
+                counts[RUN] = counts[RUN] + 1 if follows else 1
+                if ground.forecasts and counts[RUN] > h:
+                    # This slot's point is of h samples ago; each one since was assessed in turn.
+                    counts[COMPARED] += 1
+                    for c in range(N_CHANNELS):
+                        off = abs(y[row, c] - points[slot, c] * scale[c]) / sigma[c]
+                        if not off <= peaks[SIZE, c]:
+                            peaks[SIZE, c] = off if off == off else np.inf
+                            peaks[AT, c], peaks[WHEN, c] = counts[SAMPLES], t[i]
+                map_observation(ground, y, row, ground.n_delay, z)
+                for k in range(z.shape[0]):
+                    points[slot, k] = z[k]
+                far = distance
+                if np.isnan(far):
+                    if near[i] >= 0:
+                        far = np.sqrt(squared_distance_at(safe_at, z, near[i]))
+                    else:
+                        squared, counts[NEAR] = nearest_at(safe_at, z, -1, counts[NEAR])
+                        far = np.sqrt(squared)
+                counts[PLACED] += 1
+                if not far <= peaks[SIZE, DISTANCE]:
+                    peaks[SIZE, DISTANCE] = far if far == far else np.inf
+                    peaks[AT, DISTANCE], peaks[WHEN, DISTANCE] = counts[SAMPLES], t[i]
+            else:
+                counts[RUN] = 0
+            row += 1
+        counts[SAMPLES] += 1
+        reached[i, 0], reached[i, 1] = peaks[SIZE, 0], peaks[SIZE, DISTANCE]
+        for c in range(1, N_CHANNELS):
+            reached[i, 0] = max(reached[i, 0], peaks[SIZE, c])
+
+
+@jit
+def take(ground, so_far, history, y, t, code, distance):
+    """Take the next sample of a stream. Returns the largest residual and distance so far.
+
+    history: (n_delay + 1, 6) that this keeps.   code: state of the sample.
+    distance: from the nearest safe point; NaN where it is not known.
+    """
+    newest = history.shape[0] - 1
+    if code != STALE and code != INVALID:
+        for row in range(newest):
+            history[row] = y if so_far.counts[FRESH] == 0 else history[row + 1]
+        history[newest] = y
+    reached, near = np.empty((1, 2)), np.array([-1])
+    follow(
+        ground,
+        so_far,
+        np.array([t]),
+        history,
+        newest,
+        np.array([code]),
+        near,
+        distance,
+        reached,
+    )
+    return reached[0, 0], reached[0, 1]
+
+
+@jit
+def _farthest_some(ground, t, y, last, start, stop, farthest):
+    unknown, reached = np.full(t.shape[0], -1), np.empty((t.shape[0], 2))
+    for i in range(start, stop):
+        n = last[i] + 1
+        codes = states(t[:n], y[i, :n], ground.dt, ground.n_delay)
+        follow(ground, begin(ground), t[:n], y[i], 0, codes, unknown, np.nan, reached)
+        farthest[i] = reached[n - 1]
+
+
+def farthest(ground: Ground, y: Array, last: Indices) -> Array:
+    """Largest residual and distance of each trajectory over its samples 0..last.
+
+    y: (n, n_samples, 6).   last: (n,) 0 or more.   Returns (n, 2).
+    """
+    found = np.empty((len(y), 2))
+    t = np.arange(y.shape[1]) * ground.dt
+    y = np.ascontiguousarray(y, np.float64)
+    in_chunks(len(y), FLIGHTS_A_TASK, lambda a, b: _farthest_some(ground, t, y, last, a, b, found))
+    return found

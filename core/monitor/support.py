@@ -1,0 +1,177 @@
+"""What a monitor's training supports: how far fresh flights stray from it, by conformal rank."""
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+import numpy.typing as npt
+
+from core.channels import N_CHANNELS
+from core.dataset import Dataset
+from core.monitor.calibration import p_values
+from core.monitor.excursion import farthest, ground_of
+from core.monitor.observation import channel_scale, outputs_ahead
+
+if TYPE_CHECKING:
+    from core.monitor.monitor import Monitor
+
+Array = npt.NDArray[np.float64]
+Indices = npt.NDArray[np.int64]
+
+LEVEL = 0.02
+"""Share of the flights of either kind that is accepted to be wrongly called invalid."""
+WORST_LEVEL = 0.1
+"""Largest level that is taken where fresh flights of one kind are too few for LEVEL."""
+LEAST, MOST = 1_000, 5_000
+"""Fresh flights to calibrate on; and of one kind, at most."""
+FINEST = 1e-3
+"""Least sigma of a residual, as a share of the channel's deviation; of a channel that never moves,
+in its SI unit (N_y in g): 1 mrad, 1 mrad/s, 1 mg, about what a sensor resolves."""
+
+
+class SupportError(ValueError):
+    """Fresh flights that are too few to calibrate validity, or a level they cannot serve."""
+
+
+@dataclass(frozen=True, eq=False)
+class Support:
+    """How far flights stray that are drawn like the simulated ones.
+
+    sigma: (6,) deviation of a forecast's residual on safe training rollouts, in the channels'
+    units; NaN where the predictor makes no forecasts.
+    safe, unsafe: (n, 2) the largest residual [sigma] and distance [scaled units] of fresh flights
+    that stayed safe, and of those that failed up to their failure; each column sorted.
+    n_samples: of each of these flights.
+    level: share of the flights of either kind that is wrongly called invalid, at most.
+    """
+
+    sigma: Array
+    safe: Array
+    unsafe: Array
+    n_samples: int
+    level: float = LEVEL
+
+    def check(self) -> None:
+        """Refuse arrays that do not fit together; ValueError."""
+        for name, array in (("safe", self.safe), ("unsafe", self.unsafe)):
+            if array.dtype != np.float64 or array.shape != (len(array), 2) or not len(array):
+                raise ValueError(f"support {name} is {array.dtype} {array.shape}")
+            if np.isnan(array).any() or (np.diff(array, axis=0) < 0).any():
+                raise ValueError(f"support {name} is not sorted")
+        if self.sigma.dtype != np.float64 or self.sigma.shape != (N_CHANNELS,):
+            raise ValueError(f"support sigma is {self.sigma.dtype} {self.sigma.shape}")
+        self.check_level()
+
+    @property
+    def statistics(self) -> tuple[int, ...]:
+        """Columns that are tested: the residual only where there are forecasts."""
+        return (0, 1) if np.isfinite(self.sigma).all() else (1,)
+
+    @property
+    def smallest_level(self) -> float:
+        """Smallest level that the smaller of both kinds can serve."""
+        return _smallest_level(len(self.statistics), min(len(self.safe), len(self.unsafe)))
+
+    def check_level(self, level: float | None = None) -> float:
+        """Return the level, its own unless given; SupportError where it cannot be served."""
+        level = self.level if level is None else level
+        if not 0 < level < 1:
+            raise SupportError(f"level={level} was given: a share lies between 0 and 1")
+        if level < self.smallest_level - 1e-12:
+            needed = math.ceil(len(self.statistics) / level - 1 - 1e-9)
+            raise SupportError(
+                f"level={level:g} needs {needed} fresh flights of either kind; validity is "
+                f"calibrated on {len(self.safe)} safe and {len(self.unsafe)} failing ones: raise "
+                f"the level to {math.ceil(1e4 * self.smallest_level - 1e-6) / 1e4:g}"
+            )
+        return level
+
+    def p_values(self, reached: Array) -> Array:
+        """p-value of each statistic: the larger of those among safe and among failing flights.
+
+        reached: (n, 2) largest residual and distance.   Returns (n, 2), NaN where none is tested.
+        """
+        found = np.full(reached.shape, np.nan)
+        for k in self.statistics:
+            found[:, k] = np.maximum(
+                p_values(reached[:, k], self.safe[:, k]), p_values(reached[:, k], self.unsafe[:, k])
+            )
+        return found
+
+    def combined(self, p: Array) -> Array:
+        """One p-value of all statistics, by Bonferroni's rule. p: (n, 2).   Returns (n,)."""
+        return np.minimum(1.0, len(self.statistics) * np.nanmin(p, axis=1))
+
+    def bounds(self, level: float | None = None) -> Array:
+        """(2,) what a statistic must exceed to be invalid: the rule combined p <= level."""
+        level = self.check_level(level)
+        found = np.full(2, np.inf)
+        for k in self.statistics:
+            found[k] = max(
+                kind[_rank(level, len(self.statistics), len(kind)), k]
+                for kind in (self.safe, self.unsafe)
+            )
+        return found
+
+
+def calibrate(
+    monitor: "Monitor", dataset: Dataset, flights: Iterable[tuple[Array, Indices]]
+) -> Support:
+    """Calibrate validity on fresh flights, in batches, until both kinds can serve LEVEL.
+
+    dataset: what the monitor was trained on.
+    flights: batches of y (n, n_samples, 6) and fail_index (n,), n_samples for a safe flight, that
+    neither trained nor tested the monitor. No more of them are taken than are needed; only their
+    labels decide that, so flights of one kind stay exchangeable.
+    SupportError where they end too early for WORST_LEVEL.
+    """
+    sigma = residual_deviation(monitor, dataset)
+    ground = ground_of(monitor, sigma)
+    n_statistics = 2 if ground.forecasts else 1
+    kinds: tuple[list[Array], list[Array]] = [], []
+    counts, n_flights, level = [0, 0], 0, math.inf
+    for y, fail_index in flights:
+        n_flights += len(y)
+        is_unsafe = fail_index < y.shape[1]
+        for kind, these in enumerate((~is_unsafe, is_unsafe)):
+            some = np.flatnonzero(these)[: MOST - counts[kind]]
+            last = np.minimum(fail_index[some], y.shape[1] - 1)
+            kinds[kind].append(farthest(ground, y[some], last))
+            counts[kind] += len(some)
+        level = max(LEVEL, _smallest_level(n_statistics, min(counts)))
+        if n_flights >= LEAST and level <= LEVEL:
+            break
+    if level > WORST_LEVEL:
+        needed = math.ceil(n_statistics / WORST_LEVEL - 1 - 1e-9)
+        raise SupportError(
+            f"validity is not calibrated: of {n_flights} fresh flights {counts[0]} stayed safe and "
+            f"{counts[1]} failed, {needed} of either are needed; change the amplitude or the limit"
+        )
+    safe, unsafe = (np.sort(np.concatenate(kind), axis=0) for kind in kinds)
+    return Support(sigma, safe, unsafe, dataset.safe.shape[1], level)
+
+
+def residual_deviation(monitor: "Monitor", dataset: Dataset) -> Array:
+    """(6,) root mean square of y_{t+h} - y_hat_{t+h} at the safe observations, from below FINEST.
+
+    NaN where the predictor makes no forecasts.
+    """
+    if not monitor.recipe.predictor.forecasts:
+        return np.full(len(monitor.scale), np.nan)
+    ahead = outputs_ahead(dataset.safe, dataset.safe_times, monitor.h)
+    ahead -= monitor.safe_points * monitor.scale
+    deviation = np.sqrt(np.nanmean(np.square(ahead, out=ahead), axis=0))
+    times = np.arange(len(dataset.safe))[:, None], dataset.safe_times
+    newest = dataset.safe[times].reshape(-1, dataset.safe.shape[2])
+    return np.maximum(deviation, FINEST * channel_scale(newest))
+
+
+def _smallest_level(n_statistics: int, n: int) -> float:
+    return n_statistics / (n + 1)
+
+
+def _rank(level: float, n_statistics: int, n: int) -> int:
+    """Position, among n sorted ones, of the largest that is not yet invalid."""
+    return n - math.floor(level / n_statistics * (n + 1) + 1e-9)
