@@ -1,135 +1,201 @@
-"""A recording on the monitor's time grid, without inventing what was not measured.
+"""Channels on one time grid, each from its own times, without inventing what was not measured.
 
-Offline there is a future to look at, and both methods use a little of it: interpolation the next
-recorded sample, averaging half a step and the sample after that. A live monitor at the same
-instant would know less; the notes of the result say by how much.
+Offline there is a future to look at, and a filter without delay uses some of it. A live monitor at
+the same instant would know less; the notes of the result say by how much.
 """
 
-from dataclasses import replace
+from collections.abc import Collection
+from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
+import numpy.typing as npt
 
-from app.telemetry.recording import ATTITUDE, Array, Recording, TelemetryError
+from app.telemetry.recording import ATTITUDE, Recording, TelemetryError
+from app.telemetry.resampling_notes import Treatment, notes_on
+from app.telemetry.stretches import GAP_RATIO, Course, Grid, course
+from app.telemetry.traces import Trace, Traces
+from core.channels import KEYS
 
+Array = npt.NDArray[np.float64]
+Indices = npt.NDArray[np.intp]
+Flags = npt.NDArray[np.bool_]
+
+CONDITION = ("V", "h")
 RATE_RATIO = 1.5
-"""Steps this much longer than the grid's are refused, this much shorter are averaged."""
-GAP_RATIO = 1.5
-"""Neighbours further apart than this many steps, the longer of the two, have a gap between them."""
+"""Steps this much longer than the grid's are refused of a channel that the monitor needs."""
 MAX_ROWS = 10_000_000
 """More rows than any flight has; a clock that jumps would ask for them."""
 
 
-def resample(recording: Recording, dt: float) -> Recording:
-    """The recording at t[0] + k dt [s], for every k up to its end.
+def on_grid(traces: Traces, dt: float, needed: Collection[str] = KEYS) -> Recording:
+    """The channels at t_0 + k dt [s], as long as those that are needed were all being recorded.
 
-    From a recording more than RATE_RATIO faster than the grid: the mean over t_k - dt/2 to
-    t_k + dt/2 of the straight lines between samples, against aliasing. It keeps lines, and scales
-    a sine of f [Hz] by sinc(f dt). The first and last row lack half a window and are not averaged.
+    traces: with times that increase, as `repaired` returns them.
+    needed: channels that may not be slower than RATE_RATIO dt; any other may, for display.
+    t_0: the first time of the slowest needed channel since all needed ones are recorded.
 
-    From any other: the straight line between the two neighbouring samples, in error by at most
-    (2 pi f step)^2 / 8 of a sine's amplitude. A row on a recorded sample (within 1e-6 dt) is that
-    sample bit for bit, and a recording that is on the grid altogether is returned as it is.
+    A channel whose times are all on the grid (within 1e-6 dt) is returned bit for bit, on its own
+    times if they are the grid. Any other goes through `low_pass`, at half of the slower of its own
+    rate and the grid's, at 1/T: what is below 0.4/T stays within 0.1 %, what would alias into it
+    falls below 1/1000, and no channel is delayed. One whose clock is not even comes through local
+    cubics first. Attitude loses its jumps of a turn on the way.
 
-    A row in a gap, or that needs a missing sample, is NaN. Attitude loses its jumps of a turn.
+    A missing value is treated as a sample that was not taken. Where neighbours are then more than
+    1.5 steps apart, of the channel or of the grid, whichever are longer, there is a gap: its rows
+    are NaN, and no row takes a sample from beyond it. Shorter holes are bridged by local cubics.
+    Rows before the first and after the last value of a channel are NaN. A channel without any
+    value, or that is not there, is NaN and not among `columns`.
 
-    Raises TelemetryError for a recording more than RATE_RATIO slower than the grid.
+    Raises TelemetryError for a needed channel that is too slow, where the needed channels have no
+    two rows in common, and for a grid of more than MAX_ROWS rows.
     """
-    t = recording.t
-    step = float(np.median(np.diff(t)))
-    # a clock with a large origin (seconds since 1970) cannot tell times apart any better
-    tolerance = max(1e-6 * dt, 2.0 * float(np.spacing(np.abs(t).max())))
-    if step > RATE_RATIO * dt + tolerance:
-        raise TelemetryError(
-            f"the recording has a sample every {step:.4g} s; a monitor with a step of {dt:.4g} s "
-            f"needs one at least every {RATE_RATIO * dt:.4g} s: record faster or train a monitor "
-            f"with dt={step:.4g}"
-        )
-    grid = _grid(t, dt, tolerance)
-    if len(grid) == len(t) and np.abs(grid - t).max() <= tolerance:
-        return recording
-    gap = GAP_RATIO * max(dt, step) + tolerance
-    attitude = [key for key in ATTITUDE if key in recording.attitude]
-    signals = np.column_stack([recording.y, *(_unwrap(recording.attitude[k]) for k in attitude)])
-    averaged = RATE_RATIO * step < dt - tolerance
-    method = _average if averaged else _interpolate
-    rows = method(t, signals, grid, gap, tolerance)
-    n = recording.y.shape[1]
-    return replace(
-        recording,
-        t=grid,
-        y=np.ascontiguousarray(rows[:, :n]),
-        attitude={key: rows[:, n + i].copy() for i, key in enumerate(attitude)},
-        notes=(*recording.notes, *_notes(t, step, dt, gap, averaged)),
+    known = {
+        key: trace
+        for key, trace in traces.channels.items()
+        if key in (*KEYS, *ATTITUDE, *CONDITION) and np.isfinite(trace.values).any()
+    }
+    clocks: dict[int, _Clock] = {}
+    grid = _grid({key: known[key].t for key in KEYS if key in needed and key in known}, dt)
+    rows, treatments = {}, []
+    for key, trace in known.items():
+        clock = clocks.get(id(trace.t)) or _Clock(trace.t, grid)
+        clocks[id(trace.t)] = clock
+        rows[key], treatment = clock.rows(key, trace.values, key in needed)
+        treatments.append(treatment)
+    y = np.full((grid.n, len(KEYS)), np.nan)
+    for c, key in enumerate(KEYS):
+        if key in rows:
+            y[:, c] = rows.pop(key)
+    same = [clock.t for clock in clocks.values() if clock.is_grid]
+    return Recording(
+        t=np.array(same[0]) if same else grid.t,
+        y=y,
+        attitude={key: rows[key] for key in ATTITUDE if key in rows},
+        condition={key: rows[key] for key in CONDITION if key in rows},
+        columns={key: trace.source for key, trace in known.items()},
+        derived=frozenset(key for key, trace in known.items() if trace.derived),
+        notes=(*traces.notes, *notes_on(grid, treatments)),
     )
 
 
-def _grid(t: Array, dt: float, tolerance: float) -> Array:
-    """Times t[0] + k dt up to the last recorded one."""
-    steps = (t[-1] - t[0] + tolerance) // dt
-    if steps >= MAX_ROWS:
-        i = int(np.diff(t).argmax())
+def resample(recording: Recording, dt: float) -> Recording:
+    """A recording at t[0] + k dt [s] by the same rules; one on that grid is returned as it is."""
+    grid = _grid({"the recording": recording.t}, dt)
+    if _Clock(recording.t, grid).is_grid:
+        return recording
+    channels = {
+        **dict(zip(KEYS, np.ascontiguousarray(recording.y.T), strict=True)),
+        **recording.attitude,
+        **recording.condition,
+    }
+    even = on_grid(
+        Traces({key: Trace(recording.t, values) for key, values in channels.items()}), dt
+    )
+    return replace(
+        recording,
+        t=even.t,
+        y=even.y,
+        attitude=even.attitude,
+        condition=even.condition,
+        notes=(*recording.notes, *even.notes),
+    )
+
+
+def _grid(clocks: dict[str, Array], dt: float) -> Grid:
+    """Span the rows that the needed channels have in common."""
+    if not clocks:
         raise TelemetryError(
-            f"the recording spans {t[-1] - t[0]:.6g} s, {steps:.3g} steps of {dt:.4g} s where "
-            f"{MAX_ROWS:.3g} are the most; its largest step is {t[i + 1] - t[i]:.6g} s after "
-            f"t={t[i]:.10g} s: split the file where its clock jumps"
+            "none of the channels that the monitor needs has a value: map them to signals of the "
+            "file that were recorded"
         )
-    return t[0] + dt * np.arange(int(steps) + 1)
-
-
-def _interpolate(t: Array, y: Array, at: Array, gap: float, tolerance: float) -> Array:
-    """Straight lines between neighbouring samples; NaN inside a gap; samples themselves exact."""
-    after = np.clip(np.searchsorted(t, at), 1, len(t) - 1)
-    before = after - 1
-    step = t[after] - t[before]
-    fraction = (at - t[before]) / step
-    rows = y[before] + fraction[:, None] * (y[after] - y[before])
-    rows[step > gap] = np.nan
-    for sample in (before, after):
-        on = np.abs(at - t[sample]) <= tolerance
-        rows[on] = y[sample[on]]
-    return rows
-
-
-def _average(t: Array, y: Array, grid: Array, gap: float, tolerance: float) -> Array:
-    """The mean over one grid step around each row; _interpolate where that leaves the recording.
-
-    The windows' edges join the samples as corners of the polygon, so that each trapezium between
-    two corners belongs to one window, and a NaN corner spoils only the windows that it touches.
-    """
-    rows = _interpolate(t, y, grid, gap, tolerance)
-    edges = 0.5 * (grid[1:] + grid[:-1])  # rows 1 to -2 have one on either side
-    if len(edges) < 2:
-        return rows
-    corners = np.union1d(t, edges)
-    height = _interpolate(t, y, corners, gap, tolerance)
-    area = 0.5 * (height[1:] + height[:-1]) * np.diff(corners)[:, None]
-    start = np.searchsorted(corners, edges)
-    areas = np.add.reduceat(area[: start[-1]], start[:-1], axis=0)
-    rows[1:-1] = areas / np.diff(edges)[:, None]
-    return rows
-
-
-def _unwrap(angle: Array) -> Array:
-    """The angle without its jumps of a turn [rad]; NaN stays where it is."""
-    known = np.isfinite(angle)
-    unwrapped = angle.copy()
-    unwrapped[known] = np.unwrap(angle[known])
-    return unwrapped
-
-
-def _notes(t: Array, step: float, dt: float, gap: float, averaged: bool) -> list[str]:
-    """What was done, how far a row looks ahead, and how many gaps stayed gaps."""
-    steps = np.diff(t)
-    ahead = steps[steps <= gap].max()
-    if averaged:
-        how = f"averages over one step, which look up to {0.5 * dt + ahead:.4g} s ahead"
-    else:
-        how = f"straight lines between samples, which look up to {ahead:.4g} s ahead"
-    notes = [f"Resampled from {1.0 / step:.4g} Hz to {1.0 / dt:.4g} Hz by {how}."]
-    holes = steps[steps > gap]
-    if len(holes):
-        notes.append(
-            f"Gaps of more than {gap:.4g} s, left open: {len(holes)}, the longest "
-            f"{holes.max():.4g} s."
+    late, early = max(clocks, key=lambda k: clocks[k][0]), min(clocks, key=lambda k: clocks[k][-1])
+    begin, end = float(clocks[late][0]), float(clocks[early][-1])
+    tolerance = max(1e-6 * dt, 2.0 * float(np.spacing(max(abs(begin), abs(end)))))
+    slowest = max(clocks.values(), key=lambda t: (t[-1] - t[0]) / max(1, len(t) - 1))
+    anchor = int(np.searchsorted(slowest, begin - tolerance))
+    start = float(slowest[anchor]) if anchor < len(slowest) else np.inf
+    steps = (end - start + tolerance) // dt
+    if not steps >= 1:
+        raise TelemetryError(
+            f"{late} is recorded from {begin:.10g} s and {early} until {end:.10g} s, which leaves "
+            f"no two steps of {dt:.4g} s in common: give a recording in which all channels of the "
+            "monitor were recorded together, on one clock"
         )
-    return notes
+    if steps >= MAX_ROWS:
+        i = int(np.diff(slowest).argmax())
+        raise TelemetryError(
+            f"the recording spans {end - start:.6g} s, {steps:.3g} steps of {dt:.4g} s where "
+            f"{MAX_ROWS:.3g} are the most; its largest step is "
+            f"{slowest[i + 1] - slowest[i]:.6g} s after t={slowest[i]:.10g} s: split the file "
+            "where its clock jumps"
+        )
+    return Grid(start, dt, int(steps) + 1, tolerance)
+
+
+@dataclass(eq=False)
+class _Clock:
+    """The times that some channels share, and what has been found of them on one grid."""
+
+    t: Array
+    grid: Grid
+
+    def __post_init__(self) -> None:
+        if not (np.diff(self.t) > 0.0).all():
+            raise ValueError("times that do not increase cannot be resampled: repair them first")
+
+    @cached_property
+    def is_grid(self) -> bool:
+        """Whether its times are the grid's."""
+        t, grid = self.t, self.grid
+        return len(t) == grid.n and bool(np.abs(t - grid.t).max() <= grid.tolerance)
+
+    @cached_property
+    def nodes(self) -> Indices | None:
+        """Each time's row, where all are on the grid and most neighbours on neighbouring rows."""
+        place = (self.t - self.grid.start) / self.grid.dt
+        nearest = np.rint(place)
+        if np.abs(place - nearest).max() * self.grid.dt > self.grid.tolerance:
+            return None
+        nodes = nearest.astype(np.intp)
+        return nodes if np.mean(np.diff(nodes) == 1) > 0.5 else None
+
+    @cached_property
+    def course(self) -> Course:
+        """The way of the channels that miss no value."""
+        return course(self.t, self.grid)
+
+    def rows(self, key: str, x: Array, needed: bool) -> tuple[Array, Treatment]:
+        """A channel's values on the grid, and what was done to them."""
+        finite = np.isfinite(x)
+        known = np.count_nonzero(finite)
+        placed = self.is_grid or self.nodes is not None
+        if placed and 3 * known > 2 * len(x):
+            return self._placed(key, x, finite)
+        way = self.course if known == len(x) else course(self.t[finite], self.grid)
+        slow = way.step > RATE_RATIO * self.grid.dt + self.grid.tolerance
+        if slow and needed:
+            raise TelemetryError(
+                f"{key} has a value every {way.step:.4g} s; a monitor with a step of "
+                f"{self.grid.dt:.4g} s needs one at least every {RATE_RATIO * self.grid.dt:.4g} s: "
+                f"record faster or train a monitor with dt={way.step:.4g}"
+            )
+        if placed and way.step <= self.grid.dt + self.grid.tolerance:
+            return self._placed(key, x, finite)
+        own = x[finite] if known < len(x) else x
+        rows = way.rows(np.unwrap(own) if key in ATTITUDE else own)
+        return rows, Treatment(key, way.step, way.even, slow, way.gaps, way.limit, way.bridged)
+
+    def _placed(self, key: str, x: Array, finite: Flags) -> tuple[Array, Treatment]:
+        """Each value on its own row, bit for bit."""
+        whole = bool(finite.all())
+        limit = GAP_RATIO * self.grid.dt + self.grid.tolerance
+        if self.is_grid and whole:
+            return np.array(x), Treatment(key, limit=limit)
+        nodes = np.arange(len(x)) if self.nodes is None else self.nodes
+        nodes, x = (nodes, x) if whole else (nodes[finite], x[finite])
+        rows = np.full(self.grid.n, np.nan)
+        inside = (nodes >= 0) & (nodes < self.grid.n)
+        rows[nodes[inside]] = x[inside]
+        steps = np.diff(nodes)
+        return rows, Treatment(key, gaps=self.grid.dt * steps[steps > 1], limit=limit)
