@@ -27,7 +27,18 @@ CONDITION_TARGETS = (
     Target("V", "V", "m/s", "true airspeed"),
     Target("h", "h", "m", "altitude"),
 )
-INGREDIENTS = (Target("v", "v", "m/s", "lateral velocity"),)
+INGREDIENTS = (
+    Target("v", "v", "m/s", "lateral velocity"),
+    Target("Ay", "a_y", "g", "lateral acceleration, gravity included"),
+    Target("delta_a_left", "δ_a,l", "rad", "left aileron"),
+    Target("delta_a_right", "δ_a,r", "rad", "right aileron"),
+    Target("delta_r_left", "δ_r,l", "rad", "left rudder"),
+    Target("delta_r_right", "δ_r,r", "rad", "right rudder"),
+    Target("q0", "q_0", "1", "attitude quaternion, scalar part"),
+    Target("q1", "q_1", "1", "attitude quaternion, forward part"),
+    Target("q2", "q_2", "1", "attitude quaternion, right part"),
+    Target("q3", "q_3", "1", "attitude quaternion, down part"),
+)
 """Only good to derive others from."""
 TARGETS: dict[str, Target] = {
     target.key: target
@@ -44,7 +55,7 @@ TARGETS: dict[str, Target] = {
 class ChannelSource:
     """Where a channel comes from: a signal of the file, or a derivation from other channels.
 
-    value = sign * (signal in the target's unit) - offset.
+    value = sign * (signal in the target's unit, or what was derived) - offset.
     unit: of the signal's values, as app.telemetry.units reads it.   offset: in the target's unit.
     derivation: key of DERIVATIONS; signal and unit are then empty.
     """

@@ -1,0 +1,172 @@
+"""Channels that nobody recorded, from others that were: offered, never taken for measured."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from app.telemetry.mapping import TARGETS
+from app.telemetry.slopes import HALF_WINDOW_S, Array, slopes, unwrapped, values_at
+from app.telemetry.traces import Trace
+
+Inputs = dict[str, Array]
+"""Key of TARGETS -> (n,) in its unit, all on the same times."""
+
+
+@dataclass(frozen=True)
+class Derivation:
+    """A way to make one channel of others.
+
+    needs: keys of TARGETS, without which it cannot be; it comes on the times of the first.
+    helps: keys that make it more accurate, used all together where all are there.
+    title: what it does, in words.   apply: (times (n,) [s], inputs) -> (n,).
+    """
+
+    key: str
+    target: str
+    needs: tuple[str, ...]
+    title: str
+    apply: Callable[[Array, Inputs], Array] = field(repr=False)
+    helps: tuple[str, ...] = ()
+
+
+def ways(key: str) -> str:
+    """What could derive a channel, in words: "v and V (...)"; "" where nothing could."""
+    return ", or ".join(
+        f"{' and '.join(way.needs)} ({way.title})"
+        for way in DERIVATIONS.values()
+        if way.target == key
+    )
+
+
+def derive(way: Derivation, traces: Mapping[str, Trace]) -> Trace:
+    """Make a channel of traces that hold at least what it needs."""
+    helps = way.helps if all(key in traces for key in way.helps) else ()
+    first = traces[way.needs[0]]
+    inputs = {key: on_times_of(first, traces[key], key) for key in (*way.needs, *helps)}
+    names = [_named(traces[key].source, key) for key in inputs]
+    source = f"derived: {way.title}, from {', '.join(names)}"
+    return Trace(first.t, way.apply(first.t, inputs), first.group, source, derived=True)
+
+
+def _named(source: str, key: str) -> str:
+    return key if source == key else f"{source} as {key}"
+
+
+def on_times_of(first: Trace, other: Trace, key: str) -> Array:
+    """Values of another trace at the times of the first, without bridging gaps."""
+    if other.t is first.t:
+        return other.values
+    if key not in ("phi", "psi"):
+        return values_at(first.t, other.t, other.values)
+    # an angle that jumps by a turn between two samples has no straight line between them
+    return values_at(first.t, other.t, unwrapped(other.t, other.values))
+
+
+def _ratio(above: Array, below: Array) -> Array:
+    """Quotient; NaN where it is none or its magnitude above 1, as that of a sine may not be."""
+    with np.errstate(invalid="ignore", divide="ignore"):
+        quotient = above / below
+        return np.where(np.abs(quotient) <= 1.0, quotient, np.nan)
+
+
+def _beta(t: Array, given: Inputs) -> Array:
+    return np.arcsin(_ratio(given["v"], given["V"]))
+
+
+def _p(t: Array, given: Inputs) -> Array:
+    rate = slopes(t, unwrapped(t, given["phi"]))
+    if "psi" not in given:
+        return rate
+    return rate - slopes(t, unwrapped(t, given["psi"])) * np.sin(given["theta"])
+
+
+def _r(t: Array, given: Inputs) -> Array:
+    turn = slopes(t, unwrapped(t, given["psi"]))
+    if "phi" not in given:
+        return turn
+    phi, theta = given["phi"], given["theta"]
+    return turn * np.cos(theta) * np.cos(phi) - slopes(t, theta) * np.sin(phi)
+
+
+def _without_gravity(t: Array, given: Inputs) -> Array:
+    level = np.cos(given["theta"]) if "theta" in given else 1.0
+    return given["Ay"] - np.sin(given["phi"]) * level
+
+
+def _quaternion(given: Inputs) -> tuple[Array, Array, Array, Array]:
+    """Scalar first and of unit length; NaN where it is far from that."""
+    q = np.array([given[key] for key in ("q0", "q1", "q2", "q3")])
+    length = np.sqrt((q * q).sum(axis=0))
+    q0, q1, q2, q3 = q / np.where(np.abs(length - 1.0) < 0.1, length, np.nan)
+    return q0, q1, q2, q3
+
+
+def _phi_of_q(t: Array, given: Inputs) -> Array:
+    q0, q1, q2, q3 = _quaternion(given)
+    return np.arctan2(2.0 * (q0 * q1 + q2 * q3), 1.0 - 2.0 * (q1 * q1 + q2 * q2))
+
+
+def _theta_of_q(t: Array, given: Inputs) -> Array:
+    q0, q1, q2, q3 = _quaternion(given)
+    return np.arcsin(np.clip(2.0 * (q0 * q2 - q3 * q1), -1.0, 1.0))
+
+
+def _psi_of_q(t: Array, given: Inputs) -> Array:
+    q0, q1, q2, q3 = _quaternion(given)
+    return np.arctan2(2.0 * (q0 * q3 + q1 * q2), 1.0 - 2.0 * (q2 * q2 + q3 * q3))
+
+
+_SLOPE = f"slopes over {2 * HALF_WINDOW_S:g} s, which look {HALF_WINDOW_S:g} s ahead"
+_Q = ("q0", "q1", "q2", "q3")
+_A, _R = ("delta_a_right", "delta_a_left"), ("delta_r_left", "delta_r_right")
+DERIVATIONS: dict[str, Derivation] = {
+    way.key: way
+    for way in (
+        Derivation(
+            "beta_from_velocity", "beta", ("v", "V"),
+            "sideslip as the arc sine of lateral velocity over airspeed", _beta,
+        ),
+        Derivation(
+            "p_from_attitude", "p", ("phi",),
+            f"roll rate of the attitude's rates ({_SLOPE})", _p, ("theta", "psi"),
+        ),
+        Derivation(
+            "r_from_attitude", "r", ("psi",),
+            f"yaw rate of the attitude's rates ({_SLOPE})", _r, ("phi", "theta"),
+        ),
+        Derivation(
+            "Ny_without_gravity", "Ny", ("Ay", "phi"),
+            "lateral acceleration less gravity's part sin(phi) cos(theta)", _without_gravity,
+            ("theta",),
+        ),
+        Derivation(
+            "delta_a_of_both", "delta_a", _A, "half of right aileron less left, trailing edge down "
+            "being positive on either", lambda t, given: 0.5 * (given[_A[0]] - given[_A[1]]),
+        ),
+        Derivation(
+            "delta_a_of_right", "delta_a", _A[:1], "the right aileron for both",
+            lambda t, given: given[_A[0]].copy(),
+        ),
+        Derivation(
+            "delta_a_of_left", "delta_a", _A[1:], "the left aileron reversed for both",
+            lambda t, given: -given[_A[1]],
+        ),
+        Derivation(
+            "delta_r_of_both", "delta_r", _R, "the mean of left and right rudder",
+            lambda t, given: 0.5 * (given[_R[0]] + given[_R[1]]),
+        ),
+        Derivation(
+            "delta_r_of_left", "delta_r", _R[:1], "the left rudder for both",
+            lambda t, given: given[_R[0]].copy(),
+        ),
+        Derivation(
+            "delta_r_of_right", "delta_r", _R[1:], "the right rudder for both",
+            lambda t, given: given[_R[1]].copy(),
+        ),
+        Derivation("phi_from_quaternion", "phi", _Q, "bank angle of the quaternion", _phi_of_q),
+        Derivation("theta_from_quaternion", "theta", _Q, "pitch of the quaternion", _theta_of_q),
+        Derivation("psi_from_quaternion", "psi", _Q, "heading of the quaternion", _psi_of_q),
+    )
+}  # fmt: skip
+assert all({way.target, *way.needs, *way.helps} <= TARGETS.keys() for way in DERIVATIONS.values())

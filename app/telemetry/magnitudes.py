@@ -1,0 +1,95 @@
+"""Which unit numbers are in, by how far they reach: a sideslip that reaches 8 is in degrees.
+
+Each target has a usual reach, lognormally scattered over aircraft and manoeuvres; a unit is as
+likely as the reach that it would mean, times how common it is. What no aircraft does rules it out.
+"""
+
+from dataclasses import dataclass
+from math import exp, log
+
+from app.telemetry.extent import Extent
+from app.telemetry.mapping import TARGETS
+from app.telemetry.units import choices, factor
+
+
+@dataclass(frozen=True)
+class Magnitude:
+    """Of a target, in its unit: usual reach, the factor of its scatter, what no aircraft exceeds.
+
+    floor: nor falls below; for the quantities that are never negative.
+    """
+
+    usual: float
+    scatter: float
+    most: float
+    floor: float = -float("inf")
+
+
+SURFACE = Magnitude(0.13, 3.5, 1.6)
+QUATERNION = Magnitude(1.0, 3.0, 1.01)
+MAGNITUDES: dict[str, Magnitude] = {
+    "beta": Magnitude(0.07, 3.0, 1.6),
+    "p": Magnitude(0.35, 3.0, 15.0),
+    "r": Magnitude(0.12, 3.0, 12.0),
+    "Ny": Magnitude(0.17, 3.0, 6.0),
+    "delta_a": SURFACE,
+    "delta_r": SURFACE,
+    "phi": Magnitude(0.5, 3.0, 25.0),
+    "theta": Magnitude(0.15, 3.0, 1.6),
+    "psi": Magnitude(2.0, 4.0, 70.0),
+    "V": Magnitude(110.0, 1.9, 1200.0, -20.0),
+    "h": Magnitude(3000.0, 3.5, 40000.0, -1000.0),
+    "v": Magnitude(6.0, 3.5, 300.0),
+    "Ay": Magnitude(0.3, 3.0, 6.0),
+    **dict.fromkeys(("delta_a_left", "delta_a_right", "delta_r_left", "delta_r_right"), SURFACE),
+    **dict.fromkeys(("q0", "q1", "q2", "q3"), QUATERNION),
+}
+COMMON: dict[str, dict[str, float]] = {
+    "rad": {"rad": 0.5, "deg": 0.5},
+    "rad/s": {"rad/s": 0.5, "deg/s": 0.5},
+    "g": {"g": 0.6, "m/s^2": 0.4},
+    "m/s": {"m/s": 0.45, "kt": 0.4, "ft/s": 0.1, "km/h": 0.05},
+    "m": {"m": 0.5, "ft": 0.5},
+    "1": {"1": 1.0},
+}
+"""Units that a file may leave unsaid, by the target's, and how common they are."""
+RULED_OUT = 1e-6
+LEAST_LIKELY = 1e-4
+
+
+def likelihood(key: str, extent: Extent, per_unit: float) -> float:
+    """How usual the reach is if one of the signal's units is `per_unit` of the target's; 0 to 1."""
+    magnitude = MAGNITUDES[key]
+    if extent.peak * per_unit > magnitude.most or extent.middle * per_unit < magnitude.floor:
+        return RULED_OUT
+    if not extent.peak:
+        return 1.0  # says nothing
+    away = log(extent.peak * per_unit / magnitude.usual) / log(magnitude.scatter)
+    return max(exp(-0.5 * away * away), LEAST_LIKELY)
+
+
+def unit_weights(
+    key: str, extent: Extent, common: dict[str, float] | None = None
+) -> dict[str, float]:
+    """Unit -> likelihood times how common it is, not normalised; for a signal that says none."""
+    target = TARGETS[key].unit
+    return {
+        unit: share * likelihood(key, extent, factor(unit, target))
+        for unit, share in (common or COMMON[target]).items()
+    }
+
+
+def possible(key: str, extent: Extent, unit: str) -> bool:
+    """Whether an aircraft can reach that far, were the signal in this unit."""
+    return likelihood(key, extent, factor(unit, TARGETS[key].unit)) > RULED_OUT
+
+
+def possible_units(key: str, extent: Extent) -> list[str]:
+    """Return the units in which an aircraft could have done it, the likeliest first."""
+    target = TARGETS[key].unit
+    weights = {
+        unit: likelihood(key, extent, factor(unit, target)) * COMMON[target].get(unit, 0.02)
+        for unit in choices(target)
+    }
+    fitting = [unit for unit, weight in weights.items() if weight > RULED_OUT]
+    return sorted(fitting, key=lambda unit: -weights[unit])

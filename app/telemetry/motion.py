@@ -1,0 +1,192 @@
+"""How an aircraft moves in a recording, smoothed and with derivatives, and what moves with what.
+
+Signs are told from it: rates against the attitude, accelerations against the surfaces. Channels and
+their derivatives go through one window, a smoothed one and its slope, so that an equation between
+them stays exact while the noise of the sensors averages out.
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import numpy.typing as npt
+
+from app.telemetry.extent import extent
+from app.telemetry.slopes import values_at
+from app.telemetry.traces import Trace, Traces
+
+Array = npt.NDArray[np.float64]
+
+STEP = 0.05
+"""Of the grid that channels of several rates meet on [s]."""
+WIDTH = 0.6
+"""Of the smoothing window [s]; the Dutch roll of a large transport takes ten times as long."""
+SLOWEST = 0.25
+"""Recordings with longer steps show no accelerations [s]."""
+LONG = 400.0
+"""Of longer recordings only the liveliest windows are looked at [s]."""
+WINDOW = 40.0
+LEADERS = ("delta_r", "delta_a", "r", "p")
+"""The windows are where these move most."""
+N_EACH = 2
+LATERAL = ("beta", "p", "r", "Ny", "Ay", "delta_a", "delta_r", "phi", "theta", "psi")
+FEWEST = 60
+"""Rows that a relation needs: 3 s."""
+
+
+@dataclass(frozen=True)
+class Share:
+    """Of a response in one of its causes, beside all others.
+
+    slope: response per cause.   share: of what the others leave unexplained, from 0 to 1.
+    """
+
+    slope: float
+    share: float
+
+
+@dataclass(frozen=True, eq=False)
+class Motion:
+    """values, rates: channel -> (n,) smoothed, and its derivative [1/s]; NaN where unknown.
+
+    window: (n,) number of the stretch that a row lies in.
+    """
+
+    values: dict[str, Array]
+    rates: dict[str, Array]
+    window: npt.NDArray[np.intp]
+
+    def spread(self, key: str) -> float:
+        """Standard deviation of a channel about its mean in each window; 0 where it is absent."""
+        if key not in self.values:
+            return 0.0
+        (values,) = self._centred([self.values[key]])
+        return float(values.std()) if len(values) else 0.0
+
+    def shares(self, response: Array, causes: dict[str, Array]) -> dict[str, Share]:
+        """Least squares of a response on its causes, all from their means in each window.
+
+        {} where there are too few rows. A cause that does not move is left out.
+        """
+        y, *columns = self._centred([response, *causes.values()])
+        scales = [float(column.std()) if len(column) else 0.0 for column in columns]
+        kept = [k for k, scale in enumerate(scales) if scale > 1e-9]
+        if len(y) < FEWEST or not kept:
+            return {}
+        x = np.column_stack([columns[k] / scales[k] for k in kept])
+        gram = x.T @ x
+        if not np.isfinite(gram).all():
+            return {}
+        inverse = np.linalg.pinv(gram, rcond=1e-9, hermitian=True)
+        slopes = inverse @ (x.T @ y)
+        left = y - x @ slopes
+        unexplained = float(left @ left)
+        names = list(causes)
+        found = {}
+        for i, k in enumerate(kept):
+            explained = slopes[i] ** 2 / inverse[i, i] if inverse[i, i] > 0.0 else 0.0
+            total = explained + unexplained
+            share = float(explained / total) if total > 0.0 else 0.0
+            found[names[k]] = Share(float(slopes[i] / scales[k]), share)
+        return found
+
+    def _centred(self, columns: list[Array]) -> list[Array]:
+        known = np.isfinite(columns).all(axis=0)
+        window = self.window[known]
+        counts = np.bincount(window)
+        centred = []
+        for column in columns:
+            means = np.bincount(window, column[known]) / np.maximum(counts, 1)
+            centred.append(column[known] - means[window])
+        return centred
+
+    @cached_property
+    def gravity(self) -> Array:
+        """Gravity's part sin(phi) cos(theta) of a lateral acceleration [g]; NaN without phi."""
+        phi = self.values.get("phi", np.full(len(self.window), np.nan))
+        theta = self.values.get("theta", np.zeros(1))
+        return np.sin(phi) * np.cos(theta)
+
+
+def motion(traces: Traces) -> Motion | None:
+    """Return how the aircraft moves; None where it was recorded too slowly to tell."""
+    channels = {key: traces.channels[key] for key in LATERAL if key in traces.channels}
+    leader = next((channels[key] for key in ("r", "p", *LEADERS) if key in channels), None)
+    if leader is None:
+        return None
+    smooth, slope = _kernels()
+    parts: list[dict[str, Array]] = []
+    rates: list[dict[str, Array]] = []
+    for start, end in _windows(channels, leader):
+        grid = np.arange(start, end, STEP)
+        if len(grid) < len(smooth) + FEWEST:
+            continue
+        rows = {key: _on(grid, trace, key) for key, trace in channels.items()}
+        parts.append({key: np.convolve(x, smooth, "valid") for key, x in rows.items()})
+        rates.append({key: np.convolve(x, slope, "valid") for key, x in rows.items()})
+    if not parts:
+        return None
+    first = next(iter(channels))
+    return Motion(
+        {key: np.concatenate([part[key] for part in parts]) for key in channels},
+        {key: np.concatenate([part[key] for part in rates]) for key in channels},
+        np.repeat(np.arange(len(parts)), [len(part[first]) for part in parts]),
+    )
+
+
+def _kernels() -> tuple[Array, Array]:
+    """A biweight window and its derivative, which are exact for constants and straight lines."""
+    reach = round(0.5 * WIDTH / STEP)
+    at = np.arange(-reach, reach + 1)
+    u = at / (reach + 1)
+    smooth = (1.0 - u * u) ** 2
+    slope = -u * (1.0 - u * u)
+    return smooth / smooth.sum(), slope / -(slope @ at) / STEP
+
+
+def _windows(channels: dict[str, Trace], leader: Trace) -> list[tuple[float, float]]:
+    """Spans of time to look at: all of a short recording, of a long one where it is lively."""
+    known = leader.t[np.isfinite(leader.t)]
+    if len(known) < 2 or not known[-1] > known[0]:
+        return []
+    if known[-1] - known[0] <= LONG:
+        return [(float(known[0]), float(known[-1]))]
+    spans = []
+    for key in LEADERS:
+        if key not in channels:
+            continue
+        t, reach = channels[key].t, extent(channels[key].values)
+        lively = np.nan_to_num(reach.high - reach.low)
+        starts = np.linspace(0, reach.n, len(lively), endpoint=False).astype(np.intp)
+        for tile in np.argsort(-lively, kind="stable")[:N_EACH]:
+            if np.isfinite(t[starts[tile]]):
+                spans.append(float(t[starts[tile]]) - 0.5 * WINDOW)
+    return _apart(sorted(spans))
+
+
+def _apart(starts: list[float]) -> list[tuple[float, float]]:
+    """Windows without overlap, those that touch as one."""
+    merged: list[tuple[float, float]] = []
+    for start in starts:
+        if merged and start <= merged[-1][1]:
+            merged[-1] = merged[-1][0], start + WINDOW
+        else:
+            merged.append((start, start + WINDOW))
+    return merged
+
+
+def _on(grid: Array, trace: Trace, key: str) -> Array:
+    """The samples around a grid, by straight lines; NaN in gaps and where it is too slow."""
+    t = trace.t
+    if len(grid) * STEP < t[-1] - t[0]:
+        first, last = np.searchsorted(t, (grid[0] - SLOWEST, grid[-1] + SLOWEST))
+        t, values = t[first:last], trace.values[first:last]
+    else:
+        values = trace.values
+    known = np.isfinite(values) & np.isfinite(t)
+    t, values = t[known], values[known]
+    if len(t) < 2 or float(np.median(np.diff(t))) > SLOWEST:
+        return np.full(len(grid), np.nan)
+    if key in ("phi", "psi"):
+        values = np.unwrap(values)
+    return values_at(grid, t, values)

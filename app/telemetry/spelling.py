@@ -1,0 +1,125 @@
+"""A signal's name taken apart: its words, the unit behind them, and the path before them.
+
+"/fdm/jsbsim/velocities/p-rad_sec" is the word p in rad/s on a path; "Ahrs1_bRollRate [deg/s]" the
+words ahrs, 1, b, roll, rate in deg/s; "vehicle_angular_velocity/xyz[2]" the word z on a path.
+"""
+
+import re
+import unicodedata
+from dataclasses import dataclass
+from functools import cache
+
+from app.telemetry.units import UNSAID, spelled
+
+GREEK = {
+    "α": "alpha", "β": "beta", "δ": "delta", "Δ": "delta", "φ": "phi", "ϕ": "phi", "Φ": "phi",
+    "θ": "theta", "ϑ": "theta", "Θ": "theta", "ψ": "psi", "Ψ": "psi", "ω": "omega",
+    "ξ": "xi", "ζ": "zeta", "ä": "ae", "ö": "oe", "ü": "ue", "ß": "ss",
+}  # fmt: skip
+AXES = ("x", "y", "z")
+VECTORS = {
+    *("xyz", "gyro", "gyr", "acc", "accel", "accelerometer", "acceleration"),
+    *("rate", "rates", "omega", "velocity", "pqr", "rpy"),
+}
+"""Words whose number in brackets counts axes."""
+LETTERS = {"pqr": ("p", "q", "r"), "rpy": ("roll", "pitch", "yaw")}
+
+
+@dataclass(frozen=True)
+class Spelling:
+    """One way to read a name.
+
+    path: words of what the name lies in.   words: of the name itself, all in lower case.
+    unit: what it says, as it spells it; "" if nothing.
+    """
+
+    path: tuple[str, ...]
+    words: tuple[str, ...]
+    unit: str = ""
+
+
+@cache
+def spellings(name: str, group: str = "") -> tuple[Spelling, ...]:
+    """Return the ways to read a name: with its last words as a unit, and with all as words."""
+    path, own = _place(re.sub(r"\s\(\d+\)$", "", name))  # "beta (2)" is a namesake of beta
+    # vehicle_acceleration_0 is the first of its kind
+    before = tuple(w for part in (group, *path) for w in _words(part) if not w.isdigit())
+    own, index = _index(own)
+    own, bracketed = _bracketed(own)
+    if bracketed and (spelled(bracketed) or bracketed.lower() in UNSAID):
+        return (Spelling(before, _with_index(_words(own), index), bracketed),)
+    rest = f"{own} {bracketed}"
+    ways = [
+        Spelling(before, _with_index(_words(stem), index), unit) for stem, unit in _suffixes(rest)
+    ]
+    plain = Spelling(before, _with_index(_words(rest), index))
+    whole = Spelling(before, _with_index(_words(rest.lower()), index))
+    return tuple(dict.fromkeys([*ways, plain, whole]))
+
+
+def _place(name: str) -> tuple[list[str], str]:
+    """What stands before the last / or : or dot between letters; behind a \\ stands the device."""
+    name, *device = name.strip().split("\\")
+    units = re.search(r"\s*[\[(<{][^\[(<{]*[\])>}]\s*$|\s+/\s+\S+$", name)
+    head, tail = (name[: units.start()], units[0]) if units else (name, "")
+    if re.fullmatch(r"\s+/\s+\S+", tail):  # DIN: "beta / deg"
+        tail = f" [{tail.split('/', 1)[1].strip()}]"
+    elif (slashed := re.search(r"[_\s,\-]+([^_\s,\-/]+/[^_\s,\-]+)$", head)) and spelled(
+        slashed[1]
+    ):
+        head, tail = head[: slashed.start()], f" [{slashed[1]}]{tail}"  # "p_rad/s"
+    *path, last = re.split(r"[/:|]+|(?<=\w)\.(?=[A-Za-z_])", head)
+    return [*device, *path], last + tail
+
+
+def _index(name: str) -> tuple[str, str]:
+    """A number in brackets at the end counts axes or the parts of a quaternion."""
+    match = re.search(r"\s*[\[(](\d{1,2})[\])]\s*$", name)
+    return (name[: match.start()], match[1]) if match else (name, "")
+
+
+def _bracketed(name: str) -> tuple[str, str]:
+    """What stands in brackets at the end, or behind a comma: "beta (deg)", "Beta,__deg"."""
+    match = re.search(r"[\[({<]([^\[({<]*)[\])}>]\s*$", name) or re.search(r",([^,]+)$", name)
+    return (name[: match.start()], match[1].strip(" _")) if match else (name, "")
+
+
+def _suffixes(name: str) -> list[tuple[str, str]]:
+    """(stem, unit) for each way in which the end of a name is a unit: ay_m_s2, BetaDeg, altft."""
+    name = name.strip()
+    ends = [match.start() for match in re.finditer(r"[_\s\-]+(?=[^_\s\-])", name)][-4:]
+    found = []
+    for end in ends:
+        unit = name[end:].strip(" _-")
+        if end and spelled(unit):
+            found.append((name[:end], unit))
+    camel = re.search(r"(?<=[a-z])[A-Z][A-Za-z0-9]*$", name)
+    if not found and camel and spelled(camel[0]):
+        found.append((name[: camel.start()], camel[0]))
+    if not found:
+        match = re.search(r"(?<=\w)(degps|deg|radps|rad|mps2|mps|kts|dps)$", name.lower())
+        if match:
+            found.append((name[: match.start()], match[0]))
+    return found
+
+
+def _words(text: str) -> tuple[str, ...]:
+    """Words in lower case, at changes of case and kind: "AccY2_cg" -> acc, y, 2, cg."""
+    for letter, latin in GREEK.items():
+        text = text.replace(letter, f"{latin}" if len(latin) < 3 else f"_{latin}_")
+    text = unicodedata.normalize("NFKD", text).encode("ascii", "ignore").decode()
+    text = re.sub(r"(?<=[a-z])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])", "_", text)
+    text = re.sub(r"(?<=[A-Za-z])(?=\d)|(?<=\d)(?=[A-Za-z])", "_", text)
+    return tuple(word for word in re.split(r"[^a-z0-9]+", text.lower()) if word)
+
+
+def _with_index(words: tuple[str, ...], index: str) -> tuple[str, ...]:
+    if not index or not words:
+        return words
+    number = int(index)
+    if words[-1] in VECTORS or words[0] in VECTORS:
+        names = LETTERS.get(words[-1], AXES)
+        if number < len(names):
+            kept = words[:-1] if words[-1] in ("xyz", *LETTERS) else words
+            return (*kept, names[number])
+    return (*words, index)

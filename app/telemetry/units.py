@@ -1,0 +1,236 @@
+"""Units as telemetry spells them, and what one of them is in ours; pint does the arithmetic.
+
+The registry is our own: angles are a dimension (a sideslip in percent is a mistake, and so is a
+roll rate in hertz), g is gravity and never gram, and upper or lower case does not matter.
+"""
+
+import re
+import unicodedata
+from functools import cache
+from math import pi
+from typing import TYPE_CHECKING
+
+import numpy as np
+import numpy.typing as npt
+
+from app.telemetry.recording import TelemetryError
+
+if TYPE_CHECKING:
+    from pint import UnitRegistry
+
+Array = npt.NDArray[np.float64]
+
+STANDARD_GRAVITY = 9.80665
+"""[m/s2] by definition (CGPM 1901)."""
+
+# our spelling: (what it is, other spellings)
+BASIC: dict[str, tuple[str, str]] = {
+    "rad": ("[angle]", "radian radians rads"),
+    "deg": (f"{pi / 180!r} * rad", "degree degrees degs ° grad"),
+    "mrad": ("0.001 * rad", "milliradian milliradians"),
+    "rev": (f"{2 * pi!r} * rad", "revolution revolutions turn turns"),
+    "s": ("[time]", "sec secs second seconds sek sekunden"),
+    "ms": ("0.001 * s", "msec msecs millis millisecond milliseconds"),
+    "us": ("0.000001 * s", "usec usecs micros microsecond microseconds"),
+    "ns": ("0.000000001 * s", "nsec nsecs nanos nanosecond nanoseconds"),
+    "min": ("60 * s", "mins minute minutes"),
+    "h": ("3600 * s", "hr hrs hour hours"),
+    "day": ("86400 * s", "d days"),
+    "m": ("[length]", "meter meters metre metres mtr"),
+    "km": ("1000 * m", "kilometer kilometers kilometre kilometres"),
+    "cm": ("0.01 * m", "centimeter centimetre"),
+    "mm": ("0.001 * m", "millimeter millimetre"),
+    "ft": ("0.3048 * m", "foot feet '"),
+    "kft": ("1000 * ft", ""),
+    "FL": ("100 * ft", "flight_level flightlevel"),
+    "NM": ("1852 * m", "nmi nauticalmile nauticalmiles"),
+    "mi": ("1609.344 * m", "mile miles"),
+    "in": ("0.0254 * m", "inch inches"),
+    "g": (f"{STANDARD_GRAVITY} * m / s**2", "gs g's gn g0 g_0 gee gees"),
+    "mg": ("0.001 * g", "milli-g millig"),
+    "kt": ("1852 * m / h", "kts kn knot knots ktas kias kcas keas"),
+    "Hz": ("1 / s", "hertz"),
+    "Pa": ("[pressure]", "pascal"),
+    "hPa": ("100 * Pa", "mbar mb hectopascal"),
+    "kPa": ("1000 * Pa", ""),
+    "bar": ("100000 * Pa", ""),
+    "psi": ("6894.757 * Pa", "psia psig"),
+    "inHg": ("3386.389 * Pa", ""),
+    "psf": ("47.88026 * Pa", ""),
+    "K": ("[temperature]", "kelvin degk deg_k"),
+    "degC": ("1 * K", "celsius °c deg_c degc oc"),
+    "degF": ("1 * K", "fahrenheit °f deg_f degf"),
+    "N": ("[force]", "newton newtons"),
+    "lbf": ("4.448222 * N", "lb lbs pound pounds"),
+    "kg": ("[mass]", "kilogram kilograms"),
+    "V": ("[voltage]", "volt volts mv"),
+    "A": ("[current]", "amp amps ampere amperes"),
+    "%": ("[share]", "percent pct prozent"),
+    "counts": ("[count]", "count bit bits lsb cnts"),
+}
+# written as one word, or otherwise against the grammar of `_parsed`
+WHOLE: dict[str, str] = {
+    "degps": "deg/s", "degpersec": "deg/s", "degpersecond": "deg/s", "degs/s": "deg/s",
+    "dps": "deg/s", "dps2": "deg/s^2", "degps2": "deg/s^2",
+    "radps": "rad/s", "radpersec": "rad/s", "radpersecond": "rad/s", "r/s": "rad/s",
+    "radps2": "rad/s^2", "rpm": "rev/min",
+    "mps": "m/s", "mpersec": "m/s", "fps": "ft/s", "ftps": "ft/s", "fpm": "ft/min",
+    "kmh": "km/h", "kph": "km/h", "kmph": "km/h", "mph": "mi/h",
+    "mps2": "m/s^2", "mpss": "m/s^2", "mss": "m/s^2", "m/s/s": "m/s^2", "mpsec2": "m/s^2",
+    "ms2": "m/s^2", "ms-2": "m/s^2", "ms^-2": "m/s^2", "ms-1": "m/s", "ms^-1": "m/s",
+    "fps2": "ft/s^2", "ftps2": "ft/s^2", "fpss": "ft/s^2", "ft/s/s": "ft/s^2",
+}  # fmt: skip
+UNSAID = frozenset(("", "-", "--", "none", "n/a", "na", "nan", "unitless", "unit", "?", "eu", "1"))
+"""What stands in the place of a unit and says none."""
+PLAIN = "1"
+"""The unit of what has none."""
+CHOICES: dict[str, tuple[str, ...]] = {
+    "rad": ("rad", "deg", "mrad"),
+    "rad/s": ("rad/s", "deg/s"),
+    "g": ("g", "m/s^2", "ft/s^2", "mg"),
+    "m/s": ("m/s", "kt", "ft/s", "km/h"),
+    "m": ("m", "ft", "FL", "km"),
+    "s": ("s", "ms", "us", "ns", "min", "h", "day"),
+}
+"""By the unit of the target, which comes first."""
+
+_NAMES = {
+    spelling: unit
+    for unit, (_, others) in BASIC.items()
+    for spelling in (unit.lower(), *others.split())
+}
+_IDENTIFIERS = {unit: f"u{number}" for number, unit in enumerate(BASIC)}
+"""pint takes no % for a name, and would take FL or min apart."""
+_TIMES = {"s", "ms", "min", "h"}
+_PART = re.compile(r"([*/_ ]*)([a-z%'°º]+)(?:(?:\^|\*\*)?([-+]?\d))?")
+
+
+def factor(unit: str, target: str) -> float:
+    """Return how many of the target's unit one of a unit is.
+
+    Raises TelemetryError for a text that is no unit, and for a unit of another kind.
+    """
+    return _factor(unit.strip(), target)
+
+
+def spelled(unit: str) -> str:
+    """Return a unit in our spelling, "deg/s" for Degrees/sec; "" where the text is no unit."""
+    return "".join(
+        f"{separator}{name}{f'^{power}' if power > 1 else ''}"
+        for separator, name, power in _ordered(unit)
+    )
+
+
+def choices(target: str) -> list[str]:
+    """Return the units that a quantity kept in `target` is commonly recorded in, target first."""
+    return list(CHOICES.get(target, (target,)))
+
+
+def fits(unit: str, target: str) -> bool:
+    """Whether a text is a unit of the target's kind."""
+    try:
+        factor(unit, target)
+    except TelemetryError:
+        return False
+    return True
+
+
+def convert(values: Array, unit: str, target: str) -> Array:
+    """Return values of a unit in the target's; the array itself where nothing is to be done."""
+    per_unit = factor(unit, target)
+    if per_unit == 1.0:
+        return values
+    whole = round(1.0 / per_unit)
+    if whole > 1 and abs(whole * per_unit - 1.0) < 1e-12:
+        return values / whole  # 50 ms are 0.05 s, which 50 * 0.001 is not quite
+    return values * per_unit
+
+
+@cache
+def _factor(unit: str, target: str) -> float:
+    if target == PLAIN and (unit.lower() in UNSAID or unit == PLAIN):
+        return 1.0
+    text = "m/s" if target == "m/s" and unit.lower() in ("ms", "m_s") else unit
+    parts = _parsed(text)
+    if not parts:
+        raise TelemetryError(
+            f"{unit!r} is not a known unit: give one of {', '.join(choices(target))}"
+        )
+    ours = _parsed(target)
+    if parts == ours:
+        return 1.0
+    from pint import DimensionalityError
+
+    registry = _registry()
+    try:
+        converted = registry.Quantity(1.0, _expression(parts)).to(_expression(ours))
+    except DimensionalityError:
+        raise TelemetryError(
+            f"{unit!r} is not a unit of this quantity, which is kept in {target}: give one of "
+            f"{', '.join(choices(target))}"
+        ) from None
+    return float(converted.magnitude)
+
+
+@cache
+def _registry() -> "UnitRegistry":
+    """Our units, made when the first is asked for: pint takes 0.2 s to import."""
+    from pint import UnitRegistry
+
+    # None, which pint documents and does not annotate, makes an empty one
+    registry = UnitRegistry(None)  # pyright: ignore[reportArgumentType]
+    for unit, (definition, _) in BASIC.items():
+        ours = re.sub(r"(?<![\[\w.])[A-Za-z]+", lambda name: _IDENTIFIERS[name[0]], definition)
+        registry.define(f"{_IDENTIFIERS[unit]} = {ours}")
+    return registry
+
+
+def _expression(parts: dict[str, int]) -> str:
+    return " * ".join(f"{_IDENTIFIERS[unit]} ** {power}" for unit, power in parts.items())
+
+
+def _ordered(text: str) -> list[tuple[str, str, int]]:
+    """Parts as (separator, unit, power above zero), those above the line first."""
+    parts = _parsed(text)
+    above = [(unit, power) for unit, power in parts.items() if power > 0]
+    below = [(unit, -power) for unit, power in parts.items() if power < 0]
+    if not above and below:
+        return []
+    head = [("*" if k else "", *part) for k, part in enumerate(above)]
+    return [*head, *(("/", *part) for part in below)]
+
+
+@cache
+def _parsed(text: str) -> dict[str, int]:
+    """Unit -> power; empty where the text is none."""
+    plain = _plain(text)
+    if plain in UNSAID:
+        return {}
+    plain = WHOLE.get(plain.replace(" ", ""), plain)
+    if plain in _NAMES:
+        return {_NAMES[plain]: 1}
+    parts: dict[str, int] = {}
+    end, below = 0, False
+    for match in _PART.finditer(plain):
+        separator, name, digits = match.groups()
+        if match.start() != end or name not in _NAMES or bool(end) != bool(separator):
+            return {}
+        end = match.end()
+        unit, power = _NAMES[name], int(digits or 1)
+        divides = "/" in separator or below
+        # deg_s and m_s2 leave the line out
+        loose = bool(parts) and power > 0 and "*" not in separator and unit in _TIMES
+        below = below or "/" in separator
+        parts[unit] = parts.get(unit, 0) + (-power if divides or loose else power)
+    return parts if end and end == len(plain) else {}
+
+
+def _plain(text: str) -> str:
+    """Lower case, one spelling of signs: "°/s²" -> "°/s2", "m·s⁻²" -> "m*s-2"."""
+    text = text.strip().replace("º", "°").replace("µ", "u").replace("μ", "u")
+    text = unicodedata.normalize("NFKC", text).replace("−", "-").replace("’", "'")
+    text = re.sub(r"^[\[({<]\s*(.*?)\s*[\])}>]$", r"\1", text).lower()
+    text = re.sub(r"\s+since\s.*$", "", text)  # NetCDF: "seconds since 2019-03-12"
+    text = re.sub(r"\s+per\s+|_per_", "/", text)
+    text = re.sub(r"(?<=[a-z])[·⋅.](?=[a-z])", "*", text).rstrip(".")
+    return re.sub(r"\s*([*/^])\s*", r"\1", text)
