@@ -112,45 +112,6 @@ def study_rollouts(result: "StudyResult", limits: Array) -> Figure:
     return figure
 
 
-def scored_recording(
-    monitor: Monitor,
-    y: Array,
-    said: Assessments,
-    limits: Array,
-    epsilon: float,
-    title: str,
-    outside: npt.NDArray[np.bool_],
-) -> Figure:
-    """Strips of a scored recording with forecasts, limits, first crossing and risk.
-
-    y: (n, 6) as assessed.   limits: (6,).   outside: (n, 6) what is unlike training.
-    """
-    with rc_context(STYLE):
-        figure = Figure(figsize=(11, 11), layout="constrained")
-        axes = figure.subplots(len(CHANNELS) + 1, 1, sharex=True)
-        _strips(axes, monitor, y, said, limits, epsilon)
-        crossing = (np.abs(y) >= limits).any(axis=1)
-        if crossing.any():
-            _mark_failure(axes, said.t[crossing.argmax()], monitor.lead)
-        if outside.any():
-            axes[-1].fill_between(
-                said.t,
-                0,
-                1,
-                where=outside.any(axis=1).tolist(),
-                step="mid",
-                facecolor="none",
-                edgecolor="#777777",
-                hatch="///",
-                label="outside training",
-            )
-            axes[-1].legend(loc="upper right", fontsize=8)
-        axes[0].set_title(title)
-        axes[-1].set_xlabel("t [s]")
-        _legend_once(figure, axes[:-1])
-    return figure
-
-
 def _strips(
     axes: Any, monitor: Monitor, y: Array, said: Assessments, limits: Array, epsilon: float
 ) -> None:

@@ -5,7 +5,9 @@ import pytest
 from hypothesis import settings
 
 from core.dataset import Dataset
+from core.monitor import Monitor
 from tests import oscillator
+from tests.attas import trained
 
 settings.register_profile("forewarn", deadline=None, derandomize=True)
 settings.load_profile("forewarn")
@@ -21,3 +23,9 @@ def dataset() -> Dataset:
 def flights() -> np.ndarray:
     """Twenty fresh flights (20, 61, 6), failed and safe."""
     return oscillator.fly(np.random.default_rng(12), 20)[1]
+
+
+@pytest.fixture(scope="session")
+def attas() -> Monitor:
+    """A transport's monitor for a rudder doublet, its validity calibrated."""
+    return trained()

@@ -33,14 +33,7 @@ def overview(
             _trace(strip, samples["t"], samples["y"][:, c], color=MEASURED)
             _channel(strip, c, limits[c])
         _risk(axes[-1], samples, epsilon)
-        for strip in axes:
-            for stretch in stretches:
-                strip.axvspan(stretch["start"], stretch["end"], color=FORECAST, alpha=0.08, lw=0)
-        for stretch in stretches:
-            axes[0].annotate(
-                stretch["name"], (stretch["start"], 1.0), (2, 2), fontsize=7, color=FORECAST,
-                xycoords=("data", "axes fraction"), textcoords="offset points",
-            )  # fmt: skip
+        _name(axes.tolist(), stretches)
         axes[-1].set_xlabel("t [s]")
         return _svg(figure)
 
@@ -51,37 +44,72 @@ def manoeuvre(
     """Every channel of one manoeuvre with forecasts and limits, and the risk below."""
     part = samples[stretch["first"] : stretch["last"] + 1]
     with rc_context(STYLE):
-        figure = Figure(figsize=(10, 8.6), layout="constrained")
-        axes = figure.subplots(len(CHANNELS) + 1, 1, sharex=True)
-        for c, strip in enumerate(axes[:-1]):
-            _trace(strip, part["t"], part["y"][:, c], color=MEASURED, label="measured, from trim")
-            label = f"predicted {lead:g} s ahead"
-            ahead = part["t"] + lead
-            _trace(
-                strip, ahead, part["y_hat"][:, c], color=FORECAST, lw=0.9, ls=DASHES[1], label=label
+        return _svg(_all_channels(part, [stretch], limits, epsilon, lead))
+
+
+def whole_flight(
+    samples: npt.NDArray,
+    stretches: Sequence[Mapping[str, Any]],
+    limits: Array,
+    epsilon: float,
+    lead: float,
+    title: str,
+) -> Figure:
+    """Every channel of a whole recording, its manoeuvres shaded and named."""
+    with rc_context(STYLE):
+        figure = _all_channels(samples, stretches, limits, epsilon, lead)
+        _name(figure.axes, stretches)
+        figure.axes[0].set_title(title, loc="right", fontsize=9)
+    return figure
+
+
+def _all_channels(
+    samples: npt.NDArray,
+    stretches: Sequence[Mapping[str, Any]],
+    limits: Array,
+    epsilon: float,
+    lead: float,
+) -> Figure:
+    figure = Figure(figsize=(10, 8.6), layout="constrained")
+    axes = figure.subplots(len(CHANNELS) + 1, 1, sharex=True)
+    for c, strip in enumerate(axes[:-1]):
+        _trace(strip, samples["t"], samples["y"][:, c], color=MEASURED, label="measured, from trim")
+        label = f"predicted {lead:g} s ahead"
+        ahead, y_hat = samples["t"] + lead, samples["y_hat"][:, c]
+        _trace(strip, ahead, y_hat, color=FORECAST, lw=0.9, ls=DASHES[1], label=label)
+        _channel(strip, c, limits[c])
+    _risk(axes[-1], samples, epsilon)
+    for crossing in filter(None, (stretch["crossing"] for stretch in stretches)):
+        for strip in axes:
+            strip.axvline(crossing["t"], color=LIMIT, lw=1.2, ls="-.", label="limit reached")
+            strip.axvline(
+                crossing["t"] - lead, color=LIMIT, lw=1.0, ls=":", label="last timely alert"
             )
-            _channel(strip, c, limits[c])
-        _risk(axes[-1], part, epsilon)
-        crossing = stretch["crossing"]
-        if crossing is not None:
-            for strip in axes:
-                strip.axvline(crossing["t"], color=LIMIT, lw=1.2, ls="-.", label="limit reached")
-                strip.axvline(
-                    crossing["t"] - lead, color=LIMIT, lw=1.0, ls=":", label="last timely alert"
-                )
-        axes[-1].set_xlabel("t [s]")
-        handles: dict[str, Any] = {}
-        for strip in axes[:-1]:
-            handles |= dict(zip(*reversed(strip.get_legend_handles_labels()), strict=True))
-        figure.legend(
-            list(handles.values()),
-            list(handles),
-            loc="outside upper center",
-            ncols=len(handles),
-            frameon=False,
-            fontsize=8,
-        )
-        return _svg(figure)
+    axes[-1].set_xlabel("t [s]")
+    handles: dict[str, Any] = {}
+    for strip in axes[:-1]:
+        handles |= dict(zip(*reversed(strip.get_legend_handles_labels()), strict=True))
+    figure.legend(
+        list(handles.values()),
+        list(handles),
+        loc="outside upper center",
+        ncols=len(handles),
+        frameon=False,
+        fontsize=8,
+    )
+    return figure
+
+
+def _name(axes: Sequence[Axes], stretches: Sequence[Mapping[str, Any]]) -> None:
+    """Shade the manoeuvres on every strip and write their names above the first."""
+    for strip in axes:
+        for stretch in stretches:
+            strip.axvspan(stretch["start"], stretch["end"], color=FORECAST, alpha=0.08, lw=0)
+    for stretch in stretches:
+        axes[0].annotate(
+            stretch["name"], (stretch["start"], 1.0), (2, 2), fontsize=7, color=FORECAST,
+            xycoords=("data", "axes fraction"), textcoords="offset points",
+        )  # fmt: skip
 
 
 def envelope(t: Array, values: Array, bins: int = BINS) -> tuple[Array, Array]:

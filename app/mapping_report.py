@@ -1,0 +1,52 @@
+"""What a file holds and what its signals were taken for, as lines to print."""
+
+from collections.abc import Iterator
+from pathlib import Path
+
+from app.recipes import read_plain
+from app.telemetry.contents import Contents
+from app.telemetry.mapping import TARGETS, ChannelSource, Mapping
+from app.telemetry.proposal import Proposal
+
+MOST_BAD_ROWS = 10
+"""Bad rows that are printed one by one."""
+SURE = 0.9
+"""Confidence from which a proposal goes without its reasons."""
+
+
+def read_mapping(path: Path) -> Mapping:
+    """A mapping from a JSON file; RecipeError or TelemetryError says what is wrong with it."""
+    return Mapping.from_plain(read_plain(path))
+
+
+def contents_lines(contents: Contents) -> Iterator[str]:
+    """Notes of the reader and the rows it left out."""
+    yield from contents.notes
+    yield from (f"left out: {what}" for what in contents.ignored)
+    shown = contents.bad_rows[:MOST_BAD_ROWS]
+    if contents.n_bad_rows:
+        yield f"bad rows, left out: {contents.n_bad_rows}"
+    yield from (f"  line {row.line}: {row.reason}: {row.text}" for row in shown)
+    if contents.n_bad_rows > len(shown):
+        yield f"  and {contents.n_bad_rows - len(shown)} more"
+
+
+def mapping_lines(mapping: Mapping, proposal: Proposal | None) -> Iterator[str]:
+    """One line a channel; how sure the program is where it chose itself."""
+    yield "mapping, proposed:" if proposal else "mapping, as given:"
+    for key in (key for key in TARGETS if key in mapping.channels):
+        source = mapping.channels[key]
+        guess = proposal.guesses.get(key) if proposal else None
+        doubt = ""
+        if guess is not None and not source.derivation:
+            doubt = f", {guess.confidence:.0%} sure"
+            doubt += f": {'; '.join(guess.reasons)}" if guess.confidence < SURE else ""
+        yield f"  {key:8} {_said(source, TARGETS[key].unit)}{doubt}"
+
+
+def _said(source: ChannelSource, target_unit: str) -> str:
+    if source.derivation:
+        return f"derived: {source.derivation}"
+    sign = "-" if source.sign < 0 else ""
+    offset = f" less {source.offset:g} {target_unit}" if source.offset else ""
+    return f"{sign}{source.signal} [{source.unit or 'no unit'}]{offset}"

@@ -1,0 +1,116 @@
+"""The command that scores a recorded flight: its options, and what they mean."""
+
+import argparse
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from app.destinations import check_directory
+
+if TYPE_CHECKING:
+    from app.scoring import ScoringOrder
+    from app.scoring.order import Span
+
+LEAD_IN, NO_TRIM = "lead-in", "none"
+
+
+def add_score_command(commands: Any) -> None:
+    """Add `score` to the command line's subcommands."""
+    score = commands.add_parser(
+        "score",
+        help="score recorded telemetry with monitors",
+        epilog="Settings of the data directory, for --aircraft, come from FOREWARN_*.",
+    )
+    score.add_argument("monitors", type=Path, nargs="+", metavar="MONITOR", help="monitor files")
+    score.add_argument("file", type=Path, metavar="FILE", help="telemetry in any format read")
+    score.add_argument(
+        "--epsilon",
+        action="append",
+        default=[],
+        metavar="E[,E...]",
+        help="accepted miss rates, side by side; each monitor's own if absent",
+    )
+    score.add_argument(
+        "--mapping",
+        type=Path,
+        metavar="FILE.json",
+        help="which signal is which channel",
+    )
+    score.add_argument(
+        "--aircraft", metavar="NAME", help="use the mapping kept for it, and keep the one given"
+    )
+    score.add_argument(
+        "--trim",
+        default=LEAD_IN,
+        metavar="SECONDS|lead-in|none",
+        help="what each manoeuvre is measured from: the mean of so much before its first input",
+    )
+    score.add_argument(
+        "--manoeuvres",
+        default="found",
+        metavar="found|whole|START:END,...",
+        help="found by control activity, the recording as one, or between times [s]",
+    )
+    score.add_argument("-o", "--out", type=Path, help="directory written, FILE's name if absent")
+    score.set_defaults(run=_score)
+
+
+def _score(options: argparse.Namespace) -> int:
+    out = check_directory(options.out or Path(f"{options.file.stem}-scored"))
+    epsilons = tuple(map(_epsilon, ",".join(options.epsilon).split(","))) if options.epsilon else ()
+    order = _order(options)
+
+    from app.mapping_memory import MappingMemory
+    from app.mapping_report import read_mapping
+    from app.score_report import ScoreRequest, score_file
+    from app.settings import read_settings
+
+    request = ScoreRequest(
+        monitors=tuple(options.monitors),
+        file=options.file,
+        out=out,
+        epsilons=epsilons or (None,),
+        mapping=None if options.mapping is None else read_mapping(options.mapping),
+        order=order,
+    )
+    known = MappingMemory(read_settings(), options.aircraft) if options.aircraft else None
+    report = score_file(request, known)
+    print(report.text)
+    return 0 if report.assessed else 1
+
+
+def _epsilon(text: str) -> float:
+    try:
+        return float(text)
+    except ValueError:
+        raise ValueError(f"--epsilon {text!r}: write a miss rate between 0 and 1") from None
+
+
+def _order(options: argparse.Namespace) -> "ScoringOrder":
+    from app.scoring.order import ScoringOrder
+
+    words = {LEAD_IN: "lead_in", NO_TRIM: None}
+    trim = words[options.trim] if options.trim in words else _seconds("--trim", options.trim)
+    marked = options.manoeuvres
+    if marked not in ("found", "whole"):
+        marked = tuple(map(_span, marked.split(",")))
+    return ScoringOrder(trim=trim, manoeuvres=marked)
+
+
+def _span(text: str) -> "Span":
+    from app.scoring.order import Span
+
+    start, colon, end = text.partition(":")
+    if not colon:
+        raise ValueError(
+            f"--manoeuvres {text!r}: write found, whole, or START:END in seconds, several with "
+            "commas between"
+        )
+    return Span(_seconds("--manoeuvres", start), _seconds("--manoeuvres", end))
+
+
+def _seconds(option: str, text: str) -> float:
+    try:
+        return float(text)
+    except ValueError:
+        words = {"--trim": f", {LEAD_IN} or {NO_TRIM}"}.get(option, "")
+        raise ValueError(f"{option} {text!r}: write a number of seconds{words}") from None

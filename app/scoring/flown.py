@@ -1,0 +1,41 @@
+"""A stretch of a recording as it was assessed, with all that says whether it should have been."""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import numpy.typing as npt
+
+from app.scoring.plan import Plan
+from app.scoring.stretches import Stretch
+from app.telemetry.recording import Recording
+from app.telemetry.traces import Traces
+from core.monitor import Assessments, Monitor
+
+Array = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Flown:
+    """A stretch flown through a monitor.
+
+    traces: repaired.   y: (n, 6) from trim, NaN where not recorded.   assessed: (n, 6) the same, 0
+    in channels that the monitor does not read.   needed: (6,) channels.   end: last sample that
+    counts, the first one past a limit if there is one.
+    """
+
+    monitor: Monitor
+    plan: Plan
+    traces: Traces
+    recording: Recording
+    stretch: Stretch
+    needed: npt.NDArray[np.bool_]
+    y: Array
+    assessed: Array
+    said: Assessments
+    end: int
+
+    @cached_property
+    def largest(self) -> Array:
+        """(6,) largest magnitude of each channel from trim; -inf where it is not recorded."""
+        return np.abs(self.y).max(axis=0, initial=-np.inf, where=np.isfinite(self.y))

@@ -1,0 +1,158 @@
+"""Manoeuvres found by control activity: where the crew moved aileron or rudder on purpose.
+
+Surfaces never rest altogether: trim drifts, sensors are noisy, a damper answers turbulence. So a
+surface is active where it moves within WINDOW by more than a share of the planned input, and by
+more than is usual there. An input begins with the first departure and is over when both surfaces
+rest where they were before it, or have rested elsewhere for long.
+"""
+
+from collections.abc import Iterator
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+from scipy.ndimage import maximum_filter1d, median_filter, minimum_filter1d, uniform_filter1d
+
+from app.scoring.plan import Plan
+
+Array = npt.NDArray[np.float64]
+Flags = npt.NDArray[np.bool_]
+
+WINDOW = 1.0
+"""[s] in which a surface moves, and over which the level before an input is taken."""
+SMOOTH = 0.2
+"""[s] Faster motion than this is no hand's."""
+RESTED = 1.5
+"""[s] Between two manoeuvres the surfaces rest at least so long where they were before."""
+SETTLED = 4.0
+"""[s] Surfaces that rest so long elsewhere have a new trim."""
+SHARE = 0.25
+"""Of the planned amplitude: less is no input. Small steps of a build-up are."""
+BEGINNING = 0.5
+"""Of that: motion that belongs to an input if an input is there. It begins and ends one."""
+OTHER = 2.0
+"""Times as large as the planned input: an input of the surface that should not move."""
+USUAL, TIMES_USUAL = 0.3, 10.0
+"""Of all windows, this share moves less than is usual; an input moves so many times as much."""
+SMALLEST = np.radians(0.1)
+"""[rad] Motion of a surface that is never an input."""
+NEIGHBOURHOOD = 300.0
+"""[s] over which it is learned how much motion is usual."""
+DEPARTED = 0.1
+"""Of the threshold: where the first departure is sought, as far as noise allows."""
+
+
+class Activity(NamedTuple):
+    """Samples from the first departure of a surface to the end of its motion, both inclusive."""
+
+    onset: int
+    end: int
+
+
+def find(surfaces: Array, plan: Plan) -> tuple[Activity, ...]:
+    """Inputs in a recording, in order; those that belong to one manoeuvre are one.
+
+    surfaces: (n, 2) aileron and rudder [rad], a sample each plan.dt, NaN where unknown.
+    """
+    window = max(3, round(WINDOW / plan.dt) | 1)
+    known = [column for column in range(2) if np.isfinite(surfaces[:, column]).any()]
+    if not known:
+        return ()
+    u = np.column_stack([_despiked(surfaces[:, column]) for column in known])
+    u = np.pad(u, ((window, 0), (0, 0)), mode="edge")  # before the first sample it rests
+    smooth = uniform_filter1d(u, round(SMOOTH / plan.dt) | 1, axis=0, mode="nearest")
+    motion = _motion(np.asarray(smooth), window)
+    largest = _input_sizes(motion, plan)[known]
+    threshold = np.column_stack(
+        [_threshold(motion[:, i], size, plan.dt) for i, size in enumerate(largest)]
+    )
+    return tuple(
+        Activity(max(0, onset - window), max(0, end - window))
+        for onset, end in _activities(u, motion, threshold, window, plan)
+    )
+
+
+def _despiked(u: Array) -> Array:
+    """The surface with its gaps bridged by lines and without outliers of one sample."""
+    known = np.isfinite(u)
+    if not known.all():
+        at = np.arange(len(u))
+        u = np.interp(at, at[known], u[known])
+    return median_filter(u, 3, mode="nearest")
+
+
+def _motion(u: Array, window: int) -> Array:
+    """(n, 2) largest less smallest value in the window around each sample."""
+    most = maximum_filter1d(u, window, axis=0, mode="nearest")
+    return most - minimum_filter1d(u, window, axis=0, mode="nearest")
+
+
+def _input_sizes(motion: Array, plan: Plan) -> Array:
+    """(2,) what counts as a whole input of each surface [rad]."""
+    if plan.amplitudes.any():
+        return np.where(plan.amplitudes > 0.0, plan.amplitudes, OTHER * plan.amplitudes.max())
+    return np.full(2, 0.5 * motion.max())
+
+
+def _threshold(motion: Array, size: float, dt: float) -> Array:
+    """(n,) motion within a window from which on it is an input [rad]."""
+    length = max(1, round(NEIGHBOURHOOD / dt))
+    n_parts = max(1, round(len(motion) / length))
+    usual = np.array([np.quantile(part, USUAL) for part in np.array_split(motion, n_parts)])
+    least = np.maximum(TIMES_USUAL * usual, max(SHARE * size, SMALLEST))
+    if n_parts == 1:
+        return np.broadcast_to(least, len(motion))
+    middles = (np.arange(n_parts) + 0.5) * len(motion) / n_parts
+    return np.interp(np.arange(len(motion)), middles, least)
+
+
+def _activities(
+    u: Array, motion: Array, threshold: Array, window: int, plan: Plan
+) -> Iterator[Activity]:
+    """Join runs of motion to inputs: between two of them the surfaces rest in trim.
+
+    A run holds the samples around which a window has motion. So a surface passes the threshold half
+    a window after a run begins, and comes to rest half a window before the run ends.
+    """
+    least = BEGINNING * threshold
+    moving = (motion > least).any(axis=1).view(np.int8)
+    inputs = np.concatenate([[0], np.cumsum((motion > threshold).any(axis=1))])
+    runs = np.flatnonzero(np.diff(moving, prepend=0, append=0)).reshape(-1, 2)
+    passed = np.minimum(runs[:, 0] + window // 2, len(u) - 1)
+    ended = np.maximum(runs[:, 1] - window // 2, passed + 1)
+    ended[runs[:, 1] == len(u)] = len(u)
+    rested, settled = round(RESTED / plan.dt), round(SETTLED / plan.dt)
+    planned = round(plan.inputs_last / plan.dt)
+    found, is_input, trim = Activity(-1, -1), False, np.empty(u.shape[1])
+    for begins, stops in zip(passed.tolist(), ended.tolist(), strict=True):
+        level = np.median(u[max(0, begins - window) : begins], axis=0)
+        onset = _departure(u, level, least[begins], begins, window)
+        if found.onset >= 0:
+            rest = np.median(u[found.end : found.end + window], axis=0)
+            back = (np.abs(rest - trim) <= least[found.end]).all()
+            apart = onset - found.end >= (rested if back else settled)
+            if not apart or (is_input and onset < found.onset + planned):
+                found = Activity(found.onset, stops - 1)
+                is_input |= bool(inputs[stops] > inputs[begins])
+                continue
+            if is_input:
+                yield found
+        found, trim = Activity(onset, stops - 1), level
+        is_input = bool(inputs[stops] > inputs[onset])
+    if is_input:
+        yield found
+
+
+def _departure(u: Array, trim: Array, threshold: Array, begins: int, window: int) -> int:
+    """The last sample at which every surface still rested before it passed the threshold.
+
+    begins: the sample at which one has moved by the threshold within the window before.
+    """
+    start = max(0, begins - window)
+    part = np.abs(u[start : begins + window] - trim)
+    noise = 3.0 * np.median(part[: max(begins - start, 1)], axis=0)
+    gone = np.flatnonzero((part > 0.75 * threshold).any(axis=1))
+    first = int(gone[0]) if len(gone) else begins - start
+    near = (part[: first + 1] <= np.maximum(noise, DEPARTED * threshold)).all(axis=1)
+    rested = np.flatnonzero(near)
+    return start + (int(rested[-1]) if len(rested) else 0)

@@ -1,0 +1,117 @@
+"""What a monitor was trained for: the only flights that its guarantee is about."""
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from app.recipes import from_plain
+from core.channels import KEYS, N_CHANNELS
+from core.collection import DatasetRecipe
+from core.monitor import Monitor
+from core.simulation.aircraft import Aircraft, PublishedAircraft
+from core.simulation.maneuver import Maneuver
+from core.specification import Limits
+
+Array = npt.NDArray[np.float64]
+
+SURFACES = (KEYS.index("delta_a"), KEYS.index("delta_r"))
+"""Where aileron and rudder stand in y, in the order of the pilot's commands."""
+SURFACE_NAMES = ("aileron", "rudder")
+LEAD_IN = 0.5
+"""[s] where a monitor does not say its own."""
+ROUNDING = 1e-9
+"""Of the largest weight: a channel that never moved in training has one of rounding errors."""
+MAIN_INPUT = 0.5
+"""Share of the largest command from which one counts as an input of its own."""
+
+
+@dataclass(frozen=True, eq=False)
+class Plan:
+    """The planned test as far as a monitor knows it.
+
+    limits: (6,) magnitudes that must not be reached, infinite where there is none.
+    maneuver, aircraft: None where the monitor does not come from a recipe.
+    """
+
+    dt: float
+    limits: Array
+    maneuver: Maneuver | None = None
+    aircraft: Aircraft | None = None
+
+    @property
+    def duration(self) -> float | None:
+        """Of a rollout [s]; None: not known."""
+        return self.maneuver.duration_s if self.maneuver else None
+
+    @property
+    def lead_in(self) -> float:
+        """Trim before the first input [s]."""
+        return self.maneuver.lead_in_s if self.maneuver else LEAD_IN
+
+    @property
+    def speed(self) -> float | None:
+        """True airspeed of the model [m/s]; None where it has none."""
+        if isinstance(self.aircraft, PublishedAircraft):
+            return self.aircraft.model.speed
+        return None
+
+    @cached_property
+    def commands(self) -> Array:
+        """(n, 2) planned commands of aileron and rudder [rad]; (0, 2): not known."""
+        if self.maneuver is None:
+            return np.empty((0, 2))
+        exact = replace(self.maneuver, timing_jitter_s=0.0, amplitude_jitter=0.0)
+        return exact.pilot(self.dt, 1, np.random.default_rng(0))[0]
+
+    @property
+    def amplitudes(self) -> Array:
+        """(2,) largest magnitude of each command [rad]; zeros where nothing is known."""
+        return np.abs(self.commands).max(axis=0, initial=0.0)
+
+    @property
+    def inputs_last(self) -> float:
+        """From the first input to the end of the last one [s]; 0 where nothing is known."""
+        moved = np.flatnonzero(self.commands.any(axis=1))
+        return float(moved[-1] - moved[0] + 1) * self.dt if len(moved) else 0.0
+
+
+def plan_of(monitor: Monitor) -> Plan:
+    """The test that a monitor was trained for; the default limits where it does not say."""
+    recipe: dict[str, Any] = monitor.dataset_recipe
+    known = {part: {part: recipe[part]} for part in ("maneuver", "aircraft") if part in recipe}
+    parts = {
+        part: getattr(from_plain(DatasetRecipe(), plain), part) for part, plain in known.items()
+    }
+    limits = from_plain(Limits(), recipe.get("specification", {}), "specification")
+    return Plan(monitor.dt, limits.magnitudes, **parts)
+
+
+def first_direction(deviation: Array) -> int:
+    """1 or -1: which way a surface goes first, small movements left out; 0 where it rests.
+
+    deviation: (n,) from trim, NaN where unknown.
+    """
+    known = np.nan_to_num(deviation)
+    main = np.abs(known) >= MAIN_INPUT * np.abs(known).max(initial=0.0)
+    return int(np.sign(known[main.argmax()])) if len(known) else 0
+
+
+def read_channels(monitor: Monitor, *, scored: bool = False) -> npt.NDArray[np.bool_]:
+    """(6,) whether a channel has a weight, beyond rounding, in the map from observations to points.
+
+    scored: only to that part of a point that the score looks at.
+    """
+    channel = monitor.recipe.score.channel
+    matrix = monitor.affine.matrix
+    matrix = matrix[:, channel : channel + 1] if scored and channel >= 0 else matrix
+    weights = np.abs(matrix.reshape(-1, N_CHANNELS, matrix.shape[1])).max(axis=(0, 2))
+    weights *= monitor.scale
+    return weights > ROUNDING * weights.max()
+
+
+def needed_channels(monitor: Monitor, limits: Array) -> npt.NDArray[np.bool_]:
+    """(6,) whether the monitor cannot do without a channel: it is scored by it, or limited."""
+    return read_channels(monitor, scored=True) | np.isfinite(limits)

@@ -1,0 +1,180 @@
+"""Scoring: from channels as recorded to a verdict on each manoeuvre. The same in, the same out."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from app.scoring.flown import Flown
+from app.scoring.order import ScoringOrder, Span
+from app.scoring.outcome import SAME_TIME, Limited, against_limits, outcome, runs
+from app.scoring.ready import Ready
+from app.scoring.scored import BETWEEN, ScoredRecording, ScoredStretch, Validity, packed
+from app.scoring.stretches import Stretch, stretches
+from app.scoring.validity import validity
+from app.scoring.wording import guarantee, remarks
+from app.telemetry.recording import ATTITUDE, Recording
+from app.telemetry.traces import Traces
+from core.channels import KEYS
+from core.monitor import Assessments, Monitor
+from core.monitor.assessment import STATES, State
+
+Array = npt.NDArray[np.float64]
+
+INVALID = STATES.index(State.INVALID)
+
+
+def score(monitor: Monitor, traces: Traces, order: ScoringOrder | None = None) -> ScoredRecording:
+    """Score a recording.
+
+    traces: in SI units, as recorded.   TelemetryError where the monitor cannot be given what it
+    needs, or the order does not fit the recording; ValueError for an epsilon it cannot serve.
+    """
+    order = order or ScoringOrder()
+    return score_at_each(monitor, traces, order, (order.epsilon,))[0]
+
+
+def score_at_each(
+    monitor: Monitor, traces: Traces, order: ScoringOrder, epsilons: Sequence[float | None]
+) -> tuple[ScoredRecording, ...]:
+    """Score once at each miss rate, for the price of one: only alerts depend on it."""
+    checked = [monitor.check_epsilon(epsilon) for epsilon in epsilons]
+    flight = Ready.of(monitor, traces)
+    planned, notes = stretches(flight.recording, flight.plan, order)
+    judged = [_judge(flight, stretch) for stretch in planned]
+    notes = (*flight.notes, *notes)
+    return tuple(_scored(flight, judged, epsilon, notes) for epsilon in checked)
+
+
+def manoeuvres_in(monitor: Monitor, traces: Traces) -> tuple[Span, ...]:
+    """The manoeuvres that scoring would find; none where there are none."""
+    flight = Ready.of(monitor, traces)
+    found, _ = stretches(flight.recording, flight.plan, ScoringOrder())
+    t = flight.recording.t
+    return tuple(
+        Span(float(t[one.first]), float(t[one.last]), one.name)
+        for one in found
+        if one.onset is not None
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class _Judged:
+    """A stretch with everything that does not depend on epsilon."""
+
+    stretch: Stretch
+    trim: Array
+    y: Array
+    said: Assessments
+    limited: Limited
+    validity: Validity
+
+
+def _judge(flight: Ready, stretch: Stretch) -> _Judged:
+    """Assess a stretch as a flight of its own, then ask whether that was right."""
+    part = slice(stretch.first, stretch.last + 1)
+    t, recorded = flight.recording.t[part], flight.recording.y
+    trim = np.zeros(len(KEYS)) if stretch.rest is None else _mean(recorded[stretch.rest])
+    y = recorded[part] - trim
+    assessed = np.where(flight.needed, y, 0.0) if not flight.needed.all() else y
+    said = flight.monitor.assess(t, assessed)
+    limited = against_limits(flight.traces, flight.plan.limits, trim, float(t[0]), float(t[-1]))
+    end = len(t) - 1
+    if limited.crossing is not None:
+        end = min(end, int(np.searchsorted(t, limited.crossing.t - SAME_TIME)))
+    flown = Flown(
+        flight.monitor,
+        flight.plan,
+        flight.traces,
+        flight.recording,
+        stretch,
+        flight.needed,
+        y,
+        assessed,
+        said,
+        end,
+    )
+    return _Judged(stretch, trim, y, said, limited, validity(flown))
+
+
+def _mean(rest: Array) -> Array:
+    """(6,) mean of each channel's known samples, NaN where there is none."""
+    known = np.isfinite(rest)
+    count = known.sum(axis=0)
+    total = np.where(known, rest, 0.0).sum(axis=0)
+    return np.where(count > 0, total / np.maximum(count, 1), np.nan)
+
+
+def _scored(
+    flight: Ready, judged: list[_Judged], epsilon: float, notes: tuple[str, ...]
+) -> ScoredRecording:
+    fields = _between(flight.recording, judged)
+    for number, one in enumerate(judged):
+        part = slice(one.stretch.first, one.stretch.last + 1)
+        fields["y"][part], fields["y_hat"][part] = one.y, one.said.y_hat
+        fields["stretch"][part] = number
+        if one.validity.valid is False:
+            fields["withdrawn"][part] = one.said.p_value
+        else:
+            fields["state"][part], fields["p_value"][part] = one.said.state, one.said.p_value
+            fields["alert"][part] = one.said.p_value > epsilon
+    samples = packed(fields)
+    scored = [
+        _verdict(flight, one, samples[one.stretch.first : one.stretch.last + 1], epsilon)
+        for one in judged
+    ]
+    return ScoredRecording(
+        samples, tuple(scored), flight.monitor.dt, epsilon, flight.quality, notes
+    )
+
+
+def _between(recording: Recording, judged: list[_Judged]) -> dict[str, npt.NDArray[Any]]:
+    """The fields of SAMPLE where nothing is said yet.
+
+    Channels are from the trim of the stretch before; ahead of the first, from its own.
+    """
+    n, unknown = len(recording.t), np.full(len(recording.t), np.nan)
+    attitude = [recording.attitude.get(key, unknown) for key in ATTITUDE]
+    y = np.empty((n, len(KEYS)))
+    starts = [0, *(one.stretch.last + 1 for one in judged), n]
+    for one, begin, end in zip((judged[0], *judged), starts, starts[1:], strict=False):
+        np.subtract(recording.y[begin:end], np.nan_to_num(one.trim), out=y[begin:end])
+    return {
+        "t": recording.t,
+        "y": y,
+        "p_value": unknown.copy(),
+        "withdrawn": unknown.copy(),
+        "alert": np.zeros(n, bool),
+        "state": np.full(n, INVALID, np.uint8),
+        "stretch": np.full(n, BETWEEN, np.int16),
+        "y_hat": np.full((n, len(KEYS)), np.nan),
+        "attitude": np.column_stack(attitude),
+    }
+
+
+def _verdict(
+    flight: Ready, one: _Judged, part: npt.NDArray[np.void], epsilon: float
+) -> ScoredStretch:
+    known = np.isfinite(part["p_value"])
+    peak = int(np.nanargmax(part["p_value"])) if known.any() else None
+    alerts = runs(part["t"], part["alert"])
+    what, lead = outcome(alerts, one.limited.crossing, flight.monitor.lead)
+    return ScoredStretch(
+        name=one.stretch.name,
+        start=float(part["t"][0]),
+        end=float(part["t"][-1]),
+        first=one.stretch.first,
+        last=one.stretch.last,
+        trim=tuple(None if np.isnan(value) else float(value) for value in one.trim),
+        validity=one.validity,
+        outcome="invalid" if peak is None else what,
+        guarantee=guarantee(flight.monitor, one.validity, epsilon),
+        peak_risk=None if peak is None else float(part["p_value"][peak]),
+        peak_t=None if peak is None else float(part["t"][peak]),
+        alerts=alerts,
+        crossing=one.limited.crossing,
+        lead=lead,
+        remarks=remarks(flight.plan, one.stretch, one.limited, one.said),
+    )

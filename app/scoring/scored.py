@@ -1,0 +1,133 @@
+"""A scored recording: its samples as one table, and a verdict on each manoeuvre."""
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from app.scoring.outcome import Crossing, Outcome
+from app.telemetry.timing import Quality
+
+BETWEEN = -1
+"""Stretch of a sample that lies in none: between manoeuvres."""
+SAMPLE = np.dtype(
+    [
+        ("t", "<f8"),
+        ("y", "<f8", 6),
+        ("p_value", "<f8"),
+        ("withdrawn", "<f8"),
+        ("alert", "?"),
+        ("state", "u1"),
+        ("stretch", "<i2"),
+        ("y_hat", "<f8", 6),
+        ("attitude", "<f8", 3),
+    ]
+)
+"""A scored sample.
+
+t: [s].   y: from trim, as assessed; NaN where it was not recorded; between manoeuvres, from the
+trim of the one before.   p_value: NaN unless state is `ok`.   withdrawn: the p-value of a sample
+whose monitor had no right to speak, NaN elsewhere.   alert: false unless state is `ok`.
+state: code into core.monitor.assessment.STATES.   stretch: number of its stretch, or BETWEEN.
+y_hat: forecast, NaN where there is none.   attitude: phi, theta, psi [rad], NaN where not recorded.
+"""
+OBSERVATIONS = "observations within training"
+"""Name of the check that only calibration can make."""
+BLOCK = 4096
+"""Rows that a processor's cache holds."""
+MOST_STRETCHES = int(np.iinfo(np.int16).max)
+
+
+@dataclass(frozen=True)
+class Check:
+    """One condition of the right to speak. ok: None where it is not known."""
+
+    name: str
+    ok: bool | None
+    text: str
+
+
+@dataclass(frozen=True)
+class Validity:
+    """Whether the monitor had any right to speak of a stretch.
+
+    valid: False where a check failed; None where its validity is not calibrated or was not to be
+    judged, and then nothing is promised either.
+    p_value: that a flight like the simulated ones strays so far, of the residual and the distance
+    together; residual_p, distance_p: of each; None where there is none.
+    reasons: why valid is not True.
+    """
+
+    valid: bool | None
+    p_value: float | None = None
+    residual_p: float | None = None
+    distance_p: float | None = None
+    reasons: tuple[str, ...] = ()
+    checks: tuple[Check, ...] = ()
+
+
+@dataclass(frozen=True)
+class ScoredStretch:
+    """One manoeuvre and what came of it.
+
+    start, end: [s].   first, last: numbers of its samples, both included.
+    trim: what was subtracted of each channel, in order; None where it is unknown.
+    peak_risk, peak_t: largest p-value and its time [s]; None where nothing was assessed.
+    alerts: first and last time of each run of alerts [s].
+    crossing: the first recorded sample that reaches a limit.
+    lead: from the first alert to the crossing [s]; None where one of them is missing.
+    remarks: what limits the verdict.   guarantee: what is promised, or that nothing is.
+    """
+
+    name: str
+    start: float
+    end: float
+    first: int
+    last: int
+    trim: tuple[float | None, ...]
+    validity: Validity
+    outcome: Outcome
+    guarantee: str
+    peak_risk: float | None = None
+    peak_t: float | None = None
+    alerts: tuple[tuple[float, float], ...] = ()
+    crossing: Crossing | None = None
+    lead: float | None = None
+    remarks: tuple[str, ...] = ()
+
+    def to_plain(self) -> dict[str, Any]:
+        """Return JSON's types."""
+        plain = asdict(self)
+        plain["validity"]["reasons"] = list(self.validity.reasons)
+        plain["validity"]["checks"] = [asdict(check) for check in self.validity.checks]
+        lists = {"trim": list(self.trim), "remarks": list(self.remarks)}
+        return plain | lists | {"alerts": [list(run) for run in self.alerts]}
+
+
+@dataclass(frozen=True, eq=False)
+class ScoredRecording:
+    """A recording as a monitor scored it.
+
+    samples: (n,) of SAMPLE, one each dt [s].   notes: what was assumed and done, oldest first.
+    quality: of the recorded times and channels.
+    """
+
+    samples: npt.NDArray[np.void]
+    stretches: tuple[ScoredStretch, ...]
+    dt: float
+    epsilon: float
+    quality: Quality
+    notes: tuple[str, ...] = field(default=())
+
+
+def packed(fields: Mapping[str, npt.NDArray[Any]]) -> npt.NDArray[np.void]:
+    """Samples of their fields, each (n, ...): block by block, so that a row is touched once."""
+    n = len(fields["t"])
+    samples = np.empty(n, SAMPLE)
+    for first in range(0, n, BLOCK):
+        rows = slice(first, first + BLOCK)
+        for name, values in fields.items():
+            samples[name][rows] = values[rows]
+    return samples

@@ -1,0 +1,51 @@
+"""What a person should know of a scored stretch, in sentences that do not flatter."""
+
+import numpy as np
+
+from app.scoring.outcome import Limited
+from app.scoring.plan import Plan
+from app.scoring.scored import Validity
+from app.scoring.stretches import Stretch
+from core.monitor import Assessments, Monitor
+from core.monitor.assessment import STATES, State
+
+
+def guarantee(monitor: Monitor, validity: Validity, epsilon: float) -> str:
+    """What is promised of a stretch: the guarantee where the monitor had a right to speak."""
+    if validity.valid is not True:
+        first, *more = validity.reasons
+        others = f" (and {len(more)} more)" if more else ""
+        unknown = "nothing is promised, as the monitor's right to speak is not known"
+        what = unknown if validity.valid is None else "the guarantee is withdrawn"
+        return f"{what[0].upper()}{what[1:]}: {first}{others}."
+    level = monitor.support.level if monitor.support else 0.0
+    open_ = [f"{check.name} ({check.text})" for check in validity.checks if check.ok is None]
+    proviso = f" It was not to be checked: {'; '.join(open_)}." if open_ else ""
+    return (
+        "Of flights like the simulated ones that break a limit, the monitor stays silent until "
+        f"less than {monitor.lead:g} s before in at most {epsilon:.4g} of them, on average over "
+        f"calibration sets; by their observations, at most {level:.4g} of such flights are called "
+        f"invalid.{proviso}"
+    )
+
+
+def remarks(plan: Plan, stretch: Stretch, limited: Limited, said: Assessments) -> tuple[str, ...]:
+    """What limits the verdict on a stretch."""
+    lines = []
+    if limited.crossing is None:
+        peaks = ", ".join(
+            f"|{key}| {peak:.3g} of {limit:.3g}" for key, peak, limit in limited.peaks
+        )
+        lines.append(f"no limit was reached in what was recorded: {peaks}")
+    if limited.lost > 0.0:
+        lines.append(f"{limited.lost:.2f} s of the limited channels are missing")
+    if not (said.state == STATES.index(State.OK)).all():
+        counts = [f"{np.sum(said.state == code)} {state}" for code, state in enumerate(STATES)]
+        lines.append(f"samples: {', '.join(counts)}")
+    lead_in = round(plan.lead_in / plan.dt)
+    if stretch.onset is not None and stretch.onset - stretch.first < lead_in:
+        rested = (stretch.onset - stretch.first) * plan.dt
+        lines.append(
+            f"it begins {rested:.2f} s before the first input, {plan.lead_in:g} s are planned"
+        )
+    return tuple(lines)
