@@ -12,6 +12,7 @@ from pydantic import TypeAdapter
 
 from app.field_notes import field_notes, first_line
 from app.recipes import FAMILIES, family_of, to_plain
+from app.telemetry_catalog import telemetry_catalog
 from core import __version__
 from core.channels import CHANNELS
 from core.collection import DatasetRecipe
@@ -59,6 +60,7 @@ def catalog() -> dict[str, Any]:
             name: {"schema": schema_of(recipe), "default": to_plain(recipe)}
             for name, recipe in RECIPES.items()
         },
+        "telemetry": telemetry_catalog(),
     }
 
 

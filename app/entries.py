@@ -14,6 +14,8 @@ from app.peaks import PeakHistogram
 Array = npt.NDArray[np.float64]
 
 JobStatus = Literal["queued", "running", "done", "failed", "cancelled", "interrupted"]
+MappingState = Literal["proposed", "remembered", "confirmed"]
+MarkerKind = Literal["note", "marker"]
 ENDED: tuple[JobStatus, ...] = ("done", "failed", "cancelled", "interrupted")
 
 
@@ -54,6 +56,8 @@ class MonitorInfo:
     dt: sample interval [s].   h: lead [samples].   lead: lead in effect [s].
     n_unsafe: failures it is calibrated on, n_early of them before any warning could come.
     epsilon: of its recipe.
+    support: fresh flights that its validity is calibrated on, n_safe and n_unsafe, and the level at
+    which they are wrongly called invalid; None where it is not calibrated.
     """
 
     id: str
@@ -73,6 +77,7 @@ class MonitorInfo:
     n_early: int
     smallest_epsilon: float
     epsilon: float
+    support: dict[str, Any] | None
 
 
 @dataclass(frozen=True)
@@ -126,6 +131,96 @@ class Alarm:
     by: str | None
 
 
+@dataclass(frozen=True)
+class RecordingInfo:
+    """An uploaded recording, without what its columns are taken for.
+
+    size: of the file [bytes].   digest: SHA-256 of the file.   format: key of FORMATS.
+    duration: of the mapped channels [s], None where the mapping cannot be applied.
+    """
+
+    id: str
+    name: str
+    created: str
+    size: int
+    digest: str
+    format: str
+    aircraft: str | None
+    duration: float | None
+    mapping_state: MappingState
+    n_scorings: int
+
+
+@dataclass(frozen=True)
+class MappedColumns:
+    """What the columns of a recording are taken for, as plain data.
+
+    mapping: of app.telemetry.mapping.   proposal: why it was proposed, and what else could be.
+    quality: of the times and channels so mapped.   problem: why it cannot be applied.
+    duration: [s].   statistics: [n, missing, min, max, mean] of each signal.
+    """
+
+    mapping: dict[str, Any]
+    mapping_state: MappingState
+    proposal: dict[str, Any]
+    quality: dict[str, Any] | None
+    problem: str | None
+    duration: float | None
+    statistics: list[list[float | None]]
+
+
+@dataclass(frozen=True)
+class RememberedMapping:
+    """A mapping that was confirmed, and for which aircraft; "" where none was said."""
+
+    aircraft: str
+    mapping: dict[str, Any]
+
+
+@dataclass(frozen=True)
+class ScoringInfo:
+    """A recording as a monitor scored it, without the samples.
+
+    digest: SHA-256 of the samples.   order_digest: of all that decides them.
+    specification: the limits the monitor warns of.   stretches: one manoeuvre each.
+    lead, dt, start, end: [s].
+    """
+
+    id: str
+    recording_id: str
+    monitor_id: str
+    monitor_name: str
+    monitor_digest: str
+    specification: dict[str, Any]
+    order_digest: str
+    digest: str
+    created: str
+    version: str
+    epsilon: float
+    lead: float
+    dt: float
+    order: dict[str, Any]
+    mapping: dict[str, Any]
+    n_samples: int
+    start: float
+    end: float
+    notes: list[str]
+    quality: dict[str, Any] | None
+    stretches: list[dict[str, Any]]
+
+
+@dataclass(frozen=True)
+class Marker:
+    """A remark on a moment of a recording, or on a stretch where `end` is given. t, end: [s]."""
+
+    id: str
+    created: str
+    kind: MarkerKind
+    t: float
+    end: float | None
+    text: str
+
+
 @dataclass(frozen=True, eq=False)
 class StoredAssessments:
     """Assessments of a stretch of a flight, one array a field.
@@ -133,7 +228,7 @@ class StoredAssessments:
     seq: (n,) sample numbers, ascending; a gap is a sample that was never stored.   t: (n,) [s].
     y: (n, 6) the samples themselves.   p_value: (n,), NaN where there is none.
     alert: (n,) bool.   state: (n,) codes into core.monitor.assessment.STATES.
-    y_hat: (n, 6), NaN where there is no forecast.
+    y_hat: (n, 6), NaN where there is no forecast.   reasons: (n,) why a sample was not assessed.
     """
 
     seq: npt.NDArray[np.int64]
@@ -143,6 +238,7 @@ class StoredAssessments:
     alert: npt.NDArray[np.bool_]
     state: npt.NDArray[np.uint8]
     y_hat: Array
+    reasons: tuple[str, ...]
 
     def __len__(self) -> int:
         return len(self.seq)

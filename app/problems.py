@@ -11,7 +11,10 @@ from fastapi.responses import JSONResponse, Response
 from starlette.exceptions import HTTPException
 
 from app.recipes import RecipeError
+from app.recording_files import NoSpace
 from app.telemetry.recording import TelemetryError
+from app.upload import Stalled
+from app.workers import Busy
 from core.collection import CollectionError
 from core.monitor.portable import MonitorFileError
 
@@ -40,12 +43,14 @@ WORDS = {
     401: "the token is missing or wrong",
     403: "the request comes from another site",
     404: "there is nothing of this id",
+    408: "nothing more of the body came",
     409: "it is in use, or not in a state for this",
     413: "the body is too large",
     415: "the body is of a type that is not read here",
     422: "what was sent is not right; `detail` says what would be",
     429: "there are too many under way; try again later",
     503: "the server is not ready",
+    507: "there is no space left for it",
 }
 
 
@@ -79,7 +84,9 @@ def describe_problems(document: dict[str, Any]) -> None:
 
 
 def problem_response(problem: Problem, headers: dict[str, str] | None = None) -> Response:
-    """Return the document as a response."""
+    """Return the document as a response; what did not come in time ends the connection."""
+    if problem.status == HTTPStatus.REQUEST_TIMEOUT:
+        headers = {"Connection": "close"} | (headers or {})
     document = {
         "type": problem.kind,
         "title": HTTPStatus(problem.status).phrase,
@@ -108,6 +115,9 @@ def install_problems(app: FastAPI) -> None:
         CollectionError: (422, "recipe"),
         TelemetryError: (422, "telemetry"),
         MonitorFileError: (422, "monitor-file"),
+        Busy: (429, "busy"),
+        NoSpace: (507, "space"),
+        Stalled: (408, "stalled"),
     }
     for error, (status, kind) in handlers.items():
         app.add_exception_handler(error, answer(status, kind))

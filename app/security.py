@@ -6,7 +6,7 @@ One ASGI layer around everything, HTTP and WebSocket alike, so that no route can
 import hashlib
 import hmac
 import socket
-from collections.abc import Awaitable, Callable, MutableMapping
+from collections.abc import Awaitable, Callable, Mapping, MutableMapping
 from dataclasses import dataclass
 from ipaddress import ip_address
 from typing import Any
@@ -182,35 +182,43 @@ class Guard:
 
 
 class BodyLimit:
-    """ASGI layer that refuses a body above so many bytes, said or sent."""
+    """ASGI layer that refuses a body above so many bytes, said or sent.
 
-    def __init__(self, app: Application, max_bytes: int) -> None:
+    uploads: where a body may be larger, by method and path.
+    """
+
+    def __init__(
+        self, app: Application, max_bytes: int, uploads: Mapping[tuple[str, str], int]
+    ) -> None:
         self.app = app
         self.max_bytes = max_bytes
+        self.uploads = uploads
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Pass on, counting what comes; 413 before reading where the length is said."""
         if scope["type"] != "http":
             return await self.app(scope, receive, send)
+        most = self.uploads.get((scope["method"], scope["path"]), self.max_bytes)
         said = Headers(scope=scope).get("content-length", "")
-        if said.isdigit() and int(said) > self.max_bytes:
-            return await problem_response(self.problem())(scope, receive, send)
+        if said.isdigit() and int(said) > most:
+            return await problem_response(_too_large(most))(scope, receive, send)
         read = 0
 
         async def counting() -> Message:
             nonlocal read
             message = await receive()
             read += len(message.get("body", b""))
-            if read > self.max_bytes:
-                raise self.problem()
+            if read > most:
+                raise _too_large(most)
             return message
 
         return await self.app(scope, counting, send)
 
-    def problem(self) -> Problem:
-        """What is answered: how much is allowed."""
-        text = f"the body is too large: this server takes {self.max_bytes} bytes at most"
-        return Problem(413, text, "urn:forewarn:body", max_bytes=self.max_bytes)
+
+def _too_large(most: int) -> Problem:
+    """What is answered: how much is allowed."""
+    text = f"the body is too large: this server takes {most} bytes at most"
+    return Problem(413, text, "urn:forewarn:body", max_bytes=most)
 
 
 def cookie_value(token: str) -> str:

@@ -5,9 +5,11 @@ import os
 import socket
 from collections.abc import Awaitable, Callable, Iterator
 from contextlib import contextmanager
+from typing import Any
 
 import uvicorn
 from fastapi import FastAPI
+from uvicorn.protocols.websockets.auto import AutoWebSocketsProtocol
 
 from app.main import create_app
 from app.settings import Settings, SettingsError
@@ -23,6 +25,17 @@ PATIENCE = 3
 BACKLOG = 128
 
 Opened = Callable[[FastAPI], Awaitable[None]]
+_WebSocketProtocol: Any = AutoWebSocketsProtocol
+
+
+class Watching(_WebSocketProtocol):
+    """A WebSocket whose kernel buffer is small; that of an answer, a file maybe, is not."""
+
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        """Take a connection over, once it has asked for a WebSocket."""
+        connection = transport.get_extra_info("socket")
+        connection.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, SEND_BUFFER)
+        super().connection_made(transport)
 
 
 class Server(uvicorn.Server):
@@ -36,6 +49,7 @@ class Server(uvicorn.Server):
                 log_level="warning",
                 server_header=False,
                 proxy_headers=False,
+                ws=Watching,
                 ws_max_size=LARGEST_MESSAGE,
                 ws_per_message_deflate=False,
                 timeout_graceful_shutdown=PATIENCE,
@@ -58,7 +72,6 @@ def listen(settings: Settings) -> socket.socket:
         family = socket.getaddrinfo(settings.host, settings.port, type=socket.SOCK_STREAM)[0][0]
         listening = socket.socket(family, socket.SOCK_STREAM)
         listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        listening.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, SEND_BUFFER)
         if hasattr(socket, "TCP_USER_TIMEOUT"):
             listening.setsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, UNANSWERED_MS)
         listening.bind((settings.host, settings.port))

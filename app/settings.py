@@ -1,18 +1,19 @@
 """Settings of the server: defaults, then the environment, then options of the command line.
 
-| setting         | environment               | default                                           |
-|-----------------|---------------------------|---------------------------------------------------|
-| data_dir        | FOREWARN_DATA_DIR         | the platform's data directory of the user         |
-| host            | FOREWARN_HOST             | 127.0.0.1; any other needs a token                |
-| port            | FOREWARN_PORT             | 8000                                              |
-| token           | FOREWARN_TOKEN            | none; at least 16 characters                      |
-| database_url    | FOREWARN_DATABASE_URL     | sqlite, forewarn.db in the data directory         |
-| allowed_hosts   | FOREWARN_ALLOWED_HOSTS    | none besides the address itself; comma separated  |
-| max_flights     | FOREWARN_MAX_FLIGHTS      | 20                                                |
-| max_jobs        | FOREWARN_MAX_JOBS         | 1 at once                                         |
-| max_queued_jobs | FOREWARN_MAX_QUEUED_JOBS  | 20                                                |
-| max_body_bytes  | FOREWARN_MAX_BODY_BYTES   | 32 MiB                                            |
-| max_array_bytes | FOREWARN_MAX_ARRAY_BYTES  | 4 GiB, of the arrays that a job may make          |
+| setting          | environment               | default                                          |
+|------------------|---------------------------|--------------------------------------------------|
+| data_dir         | FOREWARN_DATA_DIR         | the platform's data directory of the user        |
+| host             | FOREWARN_HOST             | 127.0.0.1; any other needs a token               |
+| port             | FOREWARN_PORT             | 8000                                             |
+| token            | FOREWARN_TOKEN            | none; at least 16 characters                     |
+| database_url     | FOREWARN_DATABASE_URL     | sqlite, forewarn.db in the data directory        |
+| allowed_hosts    | FOREWARN_ALLOWED_HOSTS    | none besides the address itself; comma separated |
+| max_flights      | FOREWARN_MAX_FLIGHTS      | 20                                               |
+| max_jobs         | FOREWARN_MAX_JOBS         | 1 at once                                        |
+| max_queued_jobs  | FOREWARN_MAX_QUEUED_JOBS  | 20                                               |
+| max_body_bytes   | FOREWARN_MAX_BODY_BYTES   | 32 MiB                                           |
+| max_upload_bytes | FOREWARN_MAX_UPLOAD_BYTES | 4 GiB, of a recording                            |
+| max_array_bytes  | FOREWARN_MAX_ARRAY_BYTES  | 4 GiB, of the arrays that a job may make         |
 """
 
 import os
@@ -55,6 +56,7 @@ class Settings:
     max_jobs: int = 1
     max_queued_jobs: int = 20
     max_body_bytes: int = 32 * 2**20
+    max_upload_bytes: int = 4 * 2**30
     max_array_bytes: int = 4 * 2**30
 
     def __post_init__(self) -> None:
@@ -75,7 +77,7 @@ class Settings:
         for name in ("max_flights", "max_jobs", "max_queued_jobs"):
             if getattr(self, name) < 0:
                 raise SettingsError(f"{name}={getattr(self, name)} was given: it must be 0 or more")
-        for name in ("max_body_bytes", "max_array_bytes"):
+        for name in ("max_body_bytes", "max_upload_bytes", "max_array_bytes"):
             if getattr(self, name) < 1024:
                 raise SettingsError(
                     f"{name}={getattr(self, name)} was given: it must be at least 1024 bytes"

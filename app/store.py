@@ -1,4 +1,4 @@
-"""The store: datasets, monitors, jobs and flights in one database, opened by URL or path.
+"""The store: datasets, monitors, jobs, flights, recordings in one database, by URL or path.
 
 Every method is synchronous and may be called from any thread; a coroutine calls it through
 `asyncio.to_thread`. Only this module and its `stored_*` parts know both rows and core objects.
@@ -15,16 +15,23 @@ from app.stored_datasets import StoredDatasets
 from app.stored_flights import StoredFlights, interrupt_flights
 from app.stored_jobs import StoredJobs, interrupt_jobs
 from app.stored_monitors import StoredMonitors
+from app.stored_recordings import StoredRecordings
+from app.stored_scorings import StoredScorings
 from app.tables import datasets, monitors
 
 __all__ = ["InUse", "NotFound", "Store", "StoreError", "open_store"]
 
 
-class Store(StoredDatasets, StoredMonitors, StoredJobs, StoredFlights):
+class Store(
+    StoredDatasets, StoredMonitors, StoredJobs, StoredFlights, StoredRecordings, StoredScorings
+):
     """All that is kept. Open it with `open_store`."""
 
     def recover(self) -> None:
-        """Clear up after a process that died: interrupted work, half-stored content."""
+        """Clear up after a process that died: interrupted work, half-stored content.
+
+        Recordings, whose content lies in folders, are cleared up by `app.recording_files`.
+        """
         with self._writing() as connection:
             interrupt_jobs(connection)
             interrupt_flights(connection)

@@ -12,12 +12,23 @@ from app.database import StoreError
 from app.entries import MonitorInfo
 from app.recipes import to_plain
 from app.shelf import InUse, Shelf, columns, found, whole
-from app.tables import datasets, flights, monitor_parts, monitors, new_id, now
+from app.tables import (
+    datasets,
+    flights,
+    monitor_parts,
+    monitors,
+    new_id,
+    now,
+    recordings,
+    scorings,
+)
 from core.monitor import Monitor
 from core.monitor.monitor import from_bytes
 from core.monitor.portable import MonitorFileError, to_bytes
 
 PART_BYTES = 1024 * 1024
+SUPPORT = "support"
+"""Key of what a monitor's validity is calibrated on, beside what test flights said of it."""
 READY_MONITORS = 4
 """Monitors kept in memory, search trees built."""
 
@@ -85,8 +96,10 @@ class StoredMonitors(Shelf):
             n_early=monitor.n_early,
             smallest_epsilon=monitor.smallest_epsilon,
             epsilon=monitor.recipe.epsilon,
+            support=_support(monitor),
         )
-        row = vars(info) | {"evaluation": evaluation}
+        row = vars(info) | {"evaluation": _joined(evaluation, info.support)}
+        del row[SUPPORT]
         self._put_in_parts(monitors, row, monitor_parts, _parts(info.id, content))
         return info
 
@@ -107,7 +120,7 @@ class StoredMonitors(Shelf):
 
     def monitors(self) -> list[MonitorInfo]:
         """All monitors, newest first."""
-        query = select(*columns(monitors, MonitorInfo)).where(monitors.c.complete)
+        query = select(*_COLUMNS).where(monitors.c.complete)
         with self._reading() as connection:
             rows = connection.execute(query.order_by(monitors.c.created.desc()))
             return [MonitorInfo(**row._mapping) for row in rows]
@@ -147,31 +160,69 @@ class StoredMonitors(Shelf):
         """What fresh flights said of a monitor; None where it was not evaluated. NotFound."""
         query = select(monitors.c.evaluation).where(whole(monitors, monitor_id))
         with self._reading() as connection:
-            return found(connection, query, "monitor", monitor_id).evaluation
+            kept = found(connection, query, "monitor", monitor_id).evaluation or {}
+        return {key: value for key, value in kept.items() if key != SUPPORT} or None
 
     def set_evaluation(self, monitor_id: str, evaluation: dict[str, Any] | None) -> None:
         """Keep an evaluation, numbers that are none as null. NotFound."""
         with self._writing() as connection:
-            _row(connection, monitor_id)
+            kept = _joined(evaluation, _row(connection, monitor_id).support)
             connection.execute(
-                update(monitors).where(monitors.c.id == monitor_id).values(evaluation=evaluation)
+                update(monitors).where(monitors.c.id == monitor_id).values(evaluation=kept)
             )
 
     def delete_monitor(self, monitor_id: str) -> None:
-        """Delete a monitor. NotFound; InUse where flights were flown through it."""
-        users = select(flights.c.id, flights.c.status).where(flights.c.monitor_id == monitor_id)
+        """Delete a monitor. NotFound; InUse where flights or scorings are of it."""
         with self._writing() as connection:
             name = _row(connection, monitor_id).name
-            if using := connection.execute(users.order_by(flights.c.created)).all():
-                raise InUse(f"monitor {name}", [(f"{row.status} flight", row.id) for row in using])
+            if users := _users(connection, monitor_id):
+                raise InUse(f"monitor {name}", users)
             connection.execute(delete(monitors).where(monitors.c.id == monitor_id))
         with self._ready_lock:
             self._ready.pop(monitor_id, None)
 
 
+_COLUMNS = [*columns(monitors, MonitorInfo), monitors.c.evaluation[SUPPORT].label(SUPPORT)]
+
+
+def _support(monitor: Monitor) -> dict[str, Any] | None:
+    """Say what the monitor's validity is calibrated on; None where it is not."""
+    support = monitor.support
+    if support is None:
+        return None
+    return {"n_safe": len(support.safe), "n_unsafe": len(support.unsafe), "level": support.level}
+
+
+def _joined(
+    evaluation: dict[str, Any] | None, support: dict[str, Any] | None
+) -> dict[str, Any] | None:
+    """Lay the column `evaluation` out: all that fresh flights said."""
+    return evaluation if support is None else (evaluation or {}) | {SUPPORT: support}
+
+
 def _row(connection: Connection, monitor_id: str) -> Row:
-    query = select(*columns(monitors, MonitorInfo)).where(whole(monitors, monitor_id))
+    query = select(*_COLUMNS).where(whole(monitors, monitor_id))
     return found(connection, query, "monitor", monitor_id)
+
+
+def _users(connection: Connection, monitor_id: str) -> list[tuple[str, str]]:
+    """Flights and scorings of a monitor, in words, with their ids."""
+    flown = select(flights.c.id, flights.c.status).where(flights.c.monitor_id == monitor_id)
+    scored = (
+        select(scorings.c.id, recordings.c.name)
+        .join(recordings, recordings.c.id == scorings.c.recording_id)
+        .where(scorings.c.monitor_id == monitor_id)
+    )
+    return [
+        *(
+            (f"{row.status} flight", row.id)
+            for row in connection.execute(flown.order_by(flights.c.created))
+        ),
+        *(
+            (f"scoring of {row.name}", row.id)
+            for row in connection.execute(scored.order_by(scorings.c.created))
+        ),
+    ]
 
 
 def _parts(monitor_id: str, content: bytes) -> Iterator[dict[str, Any]]:

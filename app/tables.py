@@ -1,4 +1,4 @@
-"""The tables: what is kept of datasets, monitors, jobs and flights.
+"""The tables: what is kept of datasets, monitors, jobs, flights and recordings.
 
 Ids are random, times are UTC in ISO 8601, numbers are SI. Large content lies in tables of its own,
 in parts of a size that a short transaction can write. A migration in `alembic/` goes with every
@@ -72,6 +72,13 @@ def _part_of(table: str) -> Column[str]:
     """Part of the primary key that says whose part this is; it is deleted with the whole."""
     whole = ForeignKey(f"{table}.id", ondelete="CASCADE")
     return Column(f"{table.removesuffix('s')}_id", String(2 * ID_BYTES), whole, primary_key=True)
+
+
+def _refers_to(table: str, ondelete: str) -> Column[str]:
+    """The row of another table that this one needs (RESTRICT) or belongs to (CASCADE)."""
+    row = ForeignKey(f"{table}.id", ondelete=ondelete)
+    name = f"{table.removesuffix('s')}_id"
+    return Column(name, String(2 * ID_BYTES), row, nullable=False, index=True)
 
 
 def _time(name: str, *, nullable: bool = True) -> Column[str]:
@@ -192,6 +199,7 @@ assessment_chunks = Table(
     Column("first_seq", BigInteger, primary_key=True, autoincrement=False),
     Column("last_seq", BigInteger, nullable=False),
     Column("content", LargeBinary, nullable=False),
+    _plain("reasons", nullable=True),
 )
 
 alarms = Table(
@@ -212,4 +220,72 @@ alarms = Table(
     _time("acknowledged"),
     Column("by", Text),
     UniqueConstraint("flight_id", "number"),
+)
+
+recordings = Table(
+    "recordings",
+    metadata,
+    _id(),
+    Column("name", Text, nullable=False),
+    _time("created", nullable=False),
+    Column("complete", Boolean, nullable=False),
+    Column("size", BigInteger, nullable=False),
+    Column("digest", String(64), nullable=False, index=True),
+    Column("format", Text, nullable=False),
+    Column("aircraft", Text),
+    Column("duration", Float),
+    _plain("mapping"),
+    Column("mapping_state", String(16), nullable=False),
+    _plain("proposal"),
+    _plain("quality", nullable=True),
+    Column("problem", Text),
+    _plain("statistics"),
+)
+
+channel_maps = Table(
+    "channel_maps",
+    metadata,
+    _id(),
+    Column("aircraft", Text, nullable=False),
+    Column("signature", String(64), nullable=False, index=True),
+    _time("saved", nullable=False),
+    _plain("mapping"),
+    UniqueConstraint("aircraft", "signature"),
+)
+
+scorings = Table(
+    "scorings",
+    metadata,
+    _id(),
+    _refers_to("recordings", "CASCADE"),
+    _refers_to("monitors", "RESTRICT"),
+    Column("monitor_digest", String(64), nullable=False),
+    Column("order_digest", String(64), nullable=False),
+    Column("digest", String(64), nullable=False),
+    _time("created", nullable=False),
+    Column("version", Text, nullable=False),
+    Column("epsilon", Float, nullable=False),
+    Column("lead", Float, nullable=False),
+    Column("dt", Float, nullable=False),
+    _plain("order"),
+    _plain("mapping"),
+    Column("n_samples", BigInteger, nullable=False),
+    Column("start", Float, nullable=False),
+    Column("end", Float, nullable=False),
+    _plain("notes"),
+    _plain("quality", nullable=True),
+    _plain("stretches"),
+    UniqueConstraint("recording_id", "order_digest"),
+)
+
+markers = Table(
+    "markers",
+    metadata,
+    _id(),
+    _refers_to("recordings", "CASCADE"),
+    _time("created", nullable=False),
+    Column("kind", String(16), nullable=False),
+    Column("t", Float, nullable=False),
+    Column("end", Float),
+    Column("text", Text, nullable=False),
 )

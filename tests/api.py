@@ -1,5 +1,6 @@
 """The application in process, for tests of the API."""
 
+import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -9,9 +10,12 @@ import orjson
 from starlette.testclient import TestClient
 
 from app.main import create_app
+from app.serving import Server, address_of, listen
 from app.settings import Settings
 
 ADDRESS = "http://127.0.0.1:8000"
+PATIENCE = 30
+"""[s] A server that takes longer hangs."""
 
 
 @contextmanager
@@ -20,6 +24,28 @@ def api(data_dir: Path, **settings: Any) -> Iterator[TestClient]:
     app = create_app(Settings(data_dir=data_dir, **settings))
     with TestClient(app, base_url=ADDRESS, raise_server_exceptions=False) as client:
         yield client
+
+
+@contextmanager
+def served(data_dir: Path) -> Iterator[tuple[str, Server]]:
+    """A server in a thread, on a socket; its address."""
+    settings = Settings(data_dir=data_dir, port=0)
+    listening, started = listen(settings), threading.Event()
+
+    async def opened(_: object) -> None:
+        started.set()
+
+    server = Server(create_app(settings), opened)
+    thread = threading.Thread(target=server.run, args=([listening],))
+    thread.start()
+    try:
+        assert started.wait(PATIENCE)
+        yield address_of(listening, settings), server
+    finally:
+        server.should_exit = True
+        thread.join(PATIENCE)
+        listening.close()
+    assert not thread.is_alive()
 
 
 def store_of(client: TestClient) -> Any:

@@ -10,9 +10,19 @@ import pytest
 from sqlalchemy import func, select
 
 from app import shelf, stored_arrays, stored_monitors
-from app.entries import StoredAssessments
+from app.entries import MappedColumns, ScoringInfo, StoredAssessments
 from app.store import Store, open_store
 from core.monitor import Monitor
+
+MAPPED = MappedColumns(
+    mapping={"channels": {"Ny": {"signal": "ay"}}, "times": {}},
+    mapping_state="proposed",
+    proposal={"guesses": {}},
+    quality={"groups": []},
+    problem=None,
+    duration=12.5,
+    statistics=[[3, 1, 0.0, float("nan"), None]],
+)
 
 
 @contextmanager
@@ -55,3 +65,38 @@ def assert_says_its_number(stored: StoredAssessments, seq: np.ndarray) -> None:
     np.testing.assert_array_equal(stored.alert, seq % 3 == 0)
     np.testing.assert_array_equal(stored.state, seq % 4)
     np.testing.assert_array_equal(stored.y_hat, -stored.y)
+
+
+def keep_recording(
+    store: Store, identity: str, digest: str = "d", name: str = "flight.csv"
+) -> None:
+    """A recording of which nothing is on the disk."""
+    store.begin_recording(identity, name, 2**40, digest, "csv", "PH-LAB", MAPPED)
+    store.complete_recording(identity)
+
+
+def scoring(store: Store, recording: str, monitor: str, order: str = "o") -> ScoringInfo:
+    """A scoring of which nothing is on the disk."""
+    return ScoringInfo(
+        id=f"s-{recording}-{order}"[:12],
+        recording_id=recording,
+        monitor_id=monitor,
+        monitor_name=store.monitor_info(monitor).name,
+        monitor_digest=store.monitor_info(monitor).digest,
+        specification=store.monitor_info(monitor).dataset_recipe.get("specification", {}),
+        order_digest=order,
+        digest="x",
+        created="2026-01-01T00:00:00.000000Z",
+        version="0",
+        epsilon=0.1,
+        lead=0.5,
+        dt=0.05,
+        order={"epsilon": 0.1, "trim": None, "manoeuvres": "whole"},
+        mapping=MAPPED.mapping,
+        n_samples=2**40,
+        start=0.0,
+        end=12.5,
+        notes=["one"],
+        quality=None,
+        stretches=[{"name": "whole", "validity": {"valid": True}}],
+    )

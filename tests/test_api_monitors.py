@@ -46,6 +46,11 @@ def test_a_recipe_becomes_a_trained_and_tested_monitor(client):
     assert (info["h"], info["lead"]) == (4, pytest.approx(0.2))
 
     twin = from_bytes(client.get(f"/api/v1/monitors/{made['monitor']}/file").content)
+    support = twin.support
+    assert support is not None
+    n_safe, n_unsafe = len(support.safe), len(support.unsafe)
+    assert info["support"] == {"n_safe": n_safe, "n_unsafe": n_unsafe, "level": 0.02}
+    assert info in client.get("/api/v1/monitors").json()
     found = client.get(f"/api/v1/monitors/{made['monitor']}/evaluation").json()
     test = fly_test(twin, fresh_flights(from_plain(DatasetRecipe(), DATASET), 60))
     assert found["n_unsafe"] + found["n_safe"] == 60
@@ -68,6 +73,7 @@ def test_a_monitor_is_trained_on_a_stored_dataset(client, dataset):
     assert info["dataset_id"] == stored
     assert info["recipe"]["predictor"] == {"kind": "identity"}
     # the oscillator is no recipe that could be flown afresh
+    assert info["support"] is None
     path = f"/api/v1/monitors/{info['id']}/evaluation"
     assert "not flown" in problem(client.get(path), 404)
 

@@ -20,15 +20,15 @@ from sqlalchemy import insert, inspect
 from app import schema
 from app.database import address, make_engine, writing
 from app.schema import configuration, current_revision, migrating, newest_revision
-from app.store import StoreError, open_store
+from app.store import NotFound, StoreError, open_store
 from app.tables import jobs, metadata
 from core.dataset import Dataset
 from core.monitor import train
 from core.monitor.portable import to_bytes
-from tests.stored import append, assert_says_its_number
+from tests.stored import append, assert_says_its_number, keep_recording, scoring
 
 ROOT = Path(__file__).parent.parent
-REVISIONS = ["0001", "0002", "0003"]
+REVISIONS = ["0001", "0002", "0003", "0004", "0005"]
 
 NEXT = """
 '''One change more.'''
@@ -36,7 +36,7 @@ import os
 import signal
 import sqlalchemy as sa
 from alembic import op
-revision, down_revision = "0004", "0003"
+revision, down_revision = "0006", "0005"
 
 def upgrade():
     op.create_table("extra", sa.Column("id", sa.Integer, primary_key=True))
@@ -72,7 +72,7 @@ def tables(path: Path) -> set[str]:
 def newer_program(directory: Path, change: str = "") -> Path:
     """Migrations of a program that is one revision ahead."""
     ahead = Path(shutil.copytree(schema.migrations(), directory / "ahead"))
-    (ahead / "versions" / "0004_one_more.py").write_text(NEXT.format(change=change))
+    (ahead / "versions" / "0006_one_more.py").write_text(NEXT.format(change=change))
     return ahead
 
 
@@ -120,6 +120,16 @@ def test_what_an_older_schema_knows_survives_down_and_up(path: Path, dataset: Da
     flight = store.add_flight({}, monitor_info.id, 0.1)
     append(store, flight, 0, 1200)
     store.add_alarm(flight, 3, 0.06, 0.5)
+    keep_recording(store, "a")
+    scored = store.add_scoring(scoring(store, "a", monitor_info.id))
+    store.close()
+
+    move(path, "0003")
+    store = open_store(path)
+    assert store.recordings() == []
+    with pytest.raises(NotFound):
+        store.scoring("a", scored.id)
+    assert_says_its_number(store.assessments(flight), np.arange(1200))
     store.close()
 
     move(path, "0002")
@@ -163,7 +173,7 @@ def test_a_store_of_a_newer_program_is_refused_untouched(path: Path, tmp_path: P
     store.close()
     move(path, "head", configured(newer_program(tmp_path)))
     before = path.read_bytes()
-    with pytest.raises(StoreError, match="has schema 0004, this program knows up to 0003"):
+    with pytest.raises(StoreError, match="has schema 0006, this program knows up to 0005"):
         open_store(path)
     assert path.read_bytes() == before
     with sqlite3.connect(path) as connection:
@@ -238,7 +248,7 @@ def test_a_migration_that_fails_half_way_is_undone(path: Path, tmp_path: Path) -
     ahead = configured(newer_program(tmp_path, 'raise RuntimeError("half way")'))
     with pytest.raises(RuntimeError, match="half way"):
         move(path, "head", ahead)
-    assert current_revision(address(path)) == "0003"
+    assert current_revision(address(path)) == "0005"
     assert "extra" not in tables(path)
 
 
@@ -310,7 +320,7 @@ def test_the_command_alembic_finds_its_configuration(path: Path) -> None:
         return done.stdout
 
     alembic("upgrade", "head")
-    assert "0003 (head)" in alembic("current")
+    assert "0005 (head)" in alembic("current")
     assert "No new upgrade operations" in alembic("check")
     alembic("-x", f"url={path}", "downgrade", "0001")
     assert current_revision(address(path)) == "0001"

@@ -5,7 +5,10 @@ import signal
 import socket
 import subprocess
 import sys
+import time
+from base64 import b64encode
 from contextlib import contextmanager
+from typing import Any
 
 import httpx
 import pytest
@@ -16,6 +19,7 @@ from app.serving import address_of, alone, listen
 from app.settings import Settings, SettingsError
 from app.store import open_store
 from core.monitor import MonitorRecipe, train
+from tests.api import served
 
 PATIENCE = 60
 
@@ -103,11 +107,35 @@ def test_the_socket_gives_up_on_watchers_that_do_not_read(tmp_path):
     listening = listen(settings)
     try:
         assert listening.getsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT) == 5000
-        # the kernel counts its own bookkeeping too, and says twice what was asked for
-        assert listening.getsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF) <= 2 * 32_768
         assert address_of(listening, settings).startswith("http://127.0.0.1:")
     finally:
         listening.close()
+
+
+def test_a_watcher_has_a_small_buffer_and_a_download_a_large_one(tmp_path):
+    with served(tmp_path) as (address, server):
+        host, port = address.removeprefix("http://").split(":")
+
+        def buffer_after(request):
+            """Of the server's end of a connection that has asked and reads nothing [bytes]."""
+            with socket.create_connection((host, int(port)), PATIENCE) as connection:
+                connection.sendall(f"GET {request}\r\nHost: 127.0.0.1\r\n\r\n".encode())
+                connection.recv(1)
+                (protocol,) = server.server_state.connections
+                end: Any = protocol
+                return end.transport.get_extra_info("socket").getsockopt(
+                    socket.SOL_SOCKET, socket.SO_SNDBUF
+                )
+
+        upgrade = "Upgrade: websocket\r\nConnection: Upgrade\r\nSec-WebSocket-Version: 13\r\n"
+        upgrade += f"Sec-WebSocket-Key: {b64encode(bytes(16)).decode()}"
+        watched = buffer_after(f"/api/v1/flights/none/stream HTTP/1.1\r\n{upgrade}")
+        # the kernel counts its own bookkeeping too, and says twice what was asked for
+        assert watched <= 2 * 32_768
+        until = time.monotonic() + PATIENCE
+        while server.server_state.connections:
+            assert time.monotonic() < until
+        assert buffer_after("/healthz HTTP/1.1") > 2 * watched
 
 
 def test_the_demonstration_flies_and_keeps_its_monitor(tmp_path):

@@ -17,6 +17,8 @@ from app.tables import (
 from core.dataset import Dataset
 from core.monitor import Monitor, train
 from core.monitor.portable import MonitorFileError, to_bytes
+from core.monitor.support import calibrate
+from tests import oscillator
 from tests.stored import count, make_parts_small, opened
 
 
@@ -74,6 +76,28 @@ def test_a_monitor_file_is_kept_as_it_is_and_finds_its_dataset(
     with pytest.raises(MonitorFileError, match="broken"):
         store.add_monitor_file(content[:-1], "broken")
     assert len(store.monitors()) == 2
+
+
+def test_what_validity_is_calibrated_on_is_known_without_the_file(
+    store: Store, dataset: Dataset, trained: Monitor
+) -> None:
+    assert store.add_monitor(trained, "bare", None, {"misses": 3}).support is None
+    fresh = oscillator.fly(np.random.default_rng(3), 2_000)[1]
+    support = calibrate(trained, dataset, [(fresh, oscillator.fail_indices(fresh))])
+    monitor = replace(trained, support=support)
+    said = {"n_safe": len(support.safe), "n_unsafe": len(support.unsafe), "level": 0.02}
+    added = store.add_monitor(monitor, "m", None, {"misses": 3})
+    sent = store.add_monitor_file(to_bytes(monitor), "sent")
+    assert added.support == sent.support == store.monitor_info(sent.id).support == said
+    assert [info.support for info in store.monitors()] == [said, said, None]
+    assert store.evaluation(added.id) == {"misses": 3}
+    assert store.evaluation(sent.id) is None
+    store.set_evaluation(sent.id, {"misses": 4})
+    assert store.evaluation(sent.id) == {"misses": 4}
+    assert store.monitor_info(sent.id).support == said
+    kept = store.monitor(added.id).support
+    assert kept is not None
+    assert kept.unsafe.tobytes() == support.unsafe.tobytes()
 
 
 def test_a_monitor_is_tied_only_to_the_dataset_it_was_trained_on(

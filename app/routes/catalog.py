@@ -45,13 +45,49 @@ class RecipeForm(BaseModel):
     default: dict[str, Any]
 
 
+class Format(BaseModel):
+    """A format that recordings are read from."""
+
+    key: str
+    title: str
+    endings: list[str] = Field(description="of names, the usual one first", examples=[[".csv"]])
+    extra: str | None = Field(description="to install with the program to read it, if any")
+    installed: bool = Field(description="whether that is there")
+    experimental: bool = Field(description="not proven on files of many recorders")
+
+
+class Target(Channel):
+    """What a signal of a recording can be: a channel, or what one is made of."""
+
+    units: list[str] = Field(description="common ones, its own first")
+
+
+class Derivation(BaseModel):
+    """A way to make a channel out of others."""
+
+    key: str
+    target: str
+    title: str
+    needs: list[str]
+
+
+class Telemetry(BaseModel):
+    """What recordings can be read from, and what their signals can be."""
+
+    formats: list[Format]
+    targets: list[Target]
+    time_units: list[str] = Field(description="common ones, seconds first")
+    derivations: list[Derivation]
+
+
 class Catalog(BaseModel):
-    """Channels in the order of y, families, and the recipes made of them."""
+    """Channels in the order of y, families, the recipes made of them, and recorded telemetry."""
 
     version: str
     channels: list[Channel]
     families: dict[str, Family]
     recipes: dict[str, RecipeForm]
+    telemetry: Telemetry
 
 
 @router.get("/catalog", response_model=Catalog)

@@ -9,6 +9,8 @@ from fastapi import Depends, Request, Response
 
 from app.jobs import Jobs
 from app.problems import Problem
+from app.recordings import Recordings
+from app.scored_recordings import ScoredRecordings
 from app.settings import Settings
 from app.store import Store
 
@@ -27,9 +29,19 @@ def _settings(request: Request) -> Settings:
     return request.app.state.settings
 
 
+def _recordings(request: Request) -> Recordings:
+    return request.app.state.recordings
+
+
+def _scored(request: Request) -> ScoredRecordings:
+    return request.app.state.scored
+
+
 StoreDep = Annotated[Store, Depends(_store)]
 JobsDep = Annotated[Jobs, Depends(_jobs)]
 SettingsDep = Annotated[Settings, Depends(_settings)]
+RecordingsDep = Annotated[Recordings, Depends(_recordings)]
+ScoredDep = Annotated[ScoredRecordings, Depends(_scored)]
 
 
 async def plain_body(request: Request) -> dict[str, Any]:

@@ -32,6 +32,14 @@ router = APIRouter(prefix="/api/v1/monitors", tags=["monitors"])
 MONITOR_FILE = "application/octet-stream"
 
 
+class Support(BaseModel):
+    """What a monitor's validity is calibrated on."""
+
+    n_safe: int = Field(description="fresh flights that stayed safe")
+    n_unsafe: int = Field(description="fresh flights that failed")
+    level: float = Field(description="share of either that is called invalid, at most")
+
+
 class Monitor(BaseModel):
     """A stored monitor, without its arrays."""
 
@@ -54,6 +62,10 @@ class Monitor(BaseModel):
     n_early: int = Field(description="failures before which no timely alert was possible")
     smallest_epsilon: float = Field(description="smallest miss rate it can serve")
     epsilon: float = Field(description="miss rate it alerts at unless told otherwise")
+    support: Support | None = Field(
+        description="null where its validity is not calibrated: it cannot tell whether a flight "
+        "is like those it was trained on"
+    )
 
 
 class Calibration(BaseModel):

@@ -1,0 +1,212 @@
+"""Recordings: received, read, mapped, kept and removed; no folder without a row, nor half of one.
+
+An upload goes to a folder of its own among those that are on their way in; it is read there, and
+comes into its place when it is whole. A failure at any moment, a sender who leaves and a server
+that dies all leave nothing behind.
+"""
+
+import asyncio
+import logging
+from collections.abc import AsyncIterator, Awaitable, Callable, Iterator
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, Self
+
+from app.entries import MappedColumns
+from app.mapped_columns import propose_mapping, signature, take_mapping
+from app.recording_files import RecordingFiles, spacious
+from app.store import NotFound, Store, StoreError
+from app.tables import new_id
+from app.telemetry.applying import apply_mapping
+from app.telemetry.contents import Columns, open_columns
+from app.telemetry.mapping import Mapping
+from app.telemetry.reading import read_file, warm_up
+from app.telemetry.recording import TelemetryError
+from app.telemetry.traces import Traces
+from app.upload import Received, receive
+from app.workers import Busy, Workers, to_its_end
+
+LOG = logging.getLogger("forewarn")
+MOST_UPLOADS = 8
+"""At once."""
+PATIENCE_S = 5.0
+"""Uploads that the server has told to end are waited for so long."""
+
+
+class Abandoned(Exception):
+    """The sender left before there was an answer."""
+
+
+@dataclass(frozen=True)
+class Upload:
+    """A file that is about to come.
+
+    name: as its user calls it.   length: as its sender says [bytes], None if it does not.
+    body: its content as it comes.   is_abandoned: whether its sender has left.
+    """
+
+    name: str
+    aircraft: str | None
+    length: int | None
+    body: AsyncIterator[bytes]
+    is_abandoned: Callable[[], Awaitable[bool]]
+
+
+class Recordings:
+    """The recordings of a server; a context, at whose end no upload is under way."""
+
+    def __init__(self, store: Store, root: Path) -> None:
+        self.store = store
+        self.files = RecordingFiles(root)
+        self.workers = Workers()
+        self.readers = Workers(queue=MOST_UPLOADS)
+        self._uploads: set[asyncio.Task[Any]] = set()
+
+    async def __aenter__(self) -> Self:
+        await to_its_end(self._recover)
+        return self
+
+    async def __aexit__(self, *error: object) -> None:
+        for workers in (self.readers, self.workers):
+            await asyncio.to_thread(workers.close)
+        if self._uploads:
+            _, late = await asyncio.wait(self._uploads, timeout=PATIENCE_S)
+            for upload in late:
+                upload.cancel()
+            await asyncio.gather(*late, return_exceptions=True)
+
+    @property
+    def under_way(self) -> int:
+        """Uploads that have not ended."""
+        return len(self._uploads)
+
+    async def receive(self, upload: Upload) -> str:
+        """Keep what is uploaded; return its id.
+
+        Busy; NoSpace; Stalled; Abandoned; TelemetryError where the file cannot be read.
+        """
+        if len(self._uploads) >= MOST_UPLOADS:
+            raise Busy(f"{MOST_UPLOADS} uploads are under way, as many as may be: try again soon")
+        task = asyncio.current_task()
+        assert task is not None
+        self._uploads.add(task)
+        recording_id = new_id()
+        try:
+            folder = await to_its_end(self._begin, recording_id, upload.length or 0)
+            received = await receive(upload.body, folder / "file", self.files.require)
+            if received.size == 0:
+                raise TelemetryError("the body is empty: send the file itself")
+            mapped = await self.readers.run(self._read, folder, upload)
+            if await upload.is_abandoned():
+                raise Abandoned
+            await to_its_end(self._admit, recording_id, upload, received, mapped)
+        except BaseException:
+            await to_its_end(self._drop, recording_id)
+            raise
+        finally:
+            self._uploads.discard(task)
+        return recording_id
+
+    def columns(self, recording_id: str) -> Columns:
+        """The columns of a recording; NotFound; StoreError where its folder was lost."""
+        with self.present(recording_id):
+            return self.files.columns(recording_id)
+
+    def traces(self, recording_id: str, mapped: MappedColumns) -> Traces:
+        """The channels of a recording, so mapped. NotFound; TelemetryError; StoreError."""
+        with self.present(recording_id):
+            columns = self.files.columns(recording_id)
+            return apply_mapping(columns, Mapping.from_plain(mapped.mapping))
+
+    def take_mapping(self, recording_id: str, mapping: Mapping) -> MappedColumns:
+        """What comes of another mapping, without keeping it. NotFound; StoreError."""
+        before = self.store.mapped_columns(recording_id)
+        with self.present(recording_id):
+            return take_mapping(self.files.columns(recording_id), mapping, before)
+
+    def confirm_mapping(
+        self, recording_id: str, mapping: Mapping, aircraft: str | None, *, remember: bool
+    ) -> None:
+        """Keep a mapping, and propose it for the next recording. NotFound; TelemetryError.
+
+        aircraft: another than was said with the upload.
+        """
+        mapped = self.take_mapping(recording_id, mapping)
+        if mapped.problem is not None:
+            raise TelemetryError(mapped.problem)
+        confirmed = replace(mapped, mapping_state="confirmed")
+        self.store.confirm_mapping(recording_id, confirmed, aircraft)
+        if remember:
+            info = self.store.recording_info(recording_id)
+            key = signature(self.columns(recording_id).contents)
+            self.store.remember_mapping(info.aircraft, key, mapped.mapping)
+
+    def delete(self, recording_id: str) -> None:
+        """Delete a recording with its folder. NotFound; InUse while it is flown."""
+        self.store.withdraw_recording(recording_id)
+        self.files.discard(recording_id)
+        self.store.forget_recording(recording_id)
+
+    @contextmanager
+    def present(self, recording_id: str) -> Iterator[None]:
+        """Say NotFound of files that are gone because the recording is, else StoreError."""
+        try:
+            yield
+        except FileNotFoundError as error:
+            self.store.recording_info(recording_id)
+            raise StoreError(
+                f"{error.filename} is missing: restore the data directory, or delete the "
+                "recording and upload it again"
+            ) from error
+
+    def _begin(self, recording_id: str, length: int) -> Path:
+        """Make place for an upload."""
+        self.files.require(length)
+        warm_up()
+        return self.files.begin(recording_id)
+
+    def _read(self, folder: Path, upload: Upload) -> MappedColumns:
+        """Read the file that came into a folder, and say what its columns are likely to be."""
+        with spacious():
+            read_file(folder / "file", folder / "columns", name=upload.name)
+        columns = open_columns(folder / "columns")
+        key = signature(columns.contents)
+        return propose_mapping(columns, self.store.remembered_mapping(upload.aircraft, key))
+
+    def _admit(
+        self, recording_id: str, upload: Upload, received: Received, mapped: MappedColumns
+    ) -> None:
+        """Put a recording in its place, first the row that is not seen, then the folder."""
+        folder = self.files.incoming / recording_id
+        self.store.begin_recording(
+            recording_id,
+            upload.name,
+            received.size,
+            received.digest,
+            open_columns(folder / "columns").contents.format,
+            upload.aircraft,
+            mapped,
+        )
+        with spacious():
+            self.files.admit(recording_id)
+        self.store.complete_recording(recording_id)
+
+    def _drop(self, recording_id: str) -> None:
+        """Leave nothing of a recording that did not come in."""
+        try:
+            self.files.reject(recording_id)
+            with suppress(NotFound):
+                self.store.withdraw_recording(recording_id)
+            self.files.discard(recording_id)
+            self.store.forget_recording(recording_id)
+        except Exception:
+            LOG.exception("recording %s is removed at the next start", recording_id)
+
+    def _recover(self) -> None:
+        """Clear up after a server that died."""
+        for recording_id in self.store.unseen_recordings():
+            self.files.discard(recording_id)
+            self.store.forget_recording(recording_id)
+        recordings = [info.id for info in self.store.recordings()]
+        self.files.clear(recordings, self.store.scoring_ids())

@@ -1,0 +1,75 @@
+"""Markers: what people note at a moment or a stretch of a recording."""
+
+import asyncio
+
+from fastapi import APIRouter
+from pydantic import BaseModel, ConfigDict, Field, model_validator
+
+from app.entries import Marker as StoredMarker
+from app.entries import MarkerKind
+from app.problems import problem_responses
+from app.routes.dependencies import StoreDep
+from app.routes.recording_models import Number
+from app.tables import new_id, now
+
+router = APIRouter(prefix="/api/v1/recordings/{recording_id}/markers", tags=["recordings"])
+
+
+class MarkerText(BaseModel):
+    """A remark: what is said, and of when."""
+
+    model_config = ConfigDict(
+        extra="forbid", json_schema_extra={"examples": [{"t": 12.5, "text": "gust"}]}
+    )
+
+    t: Number = Field(description="[s]")
+    end: Number | None = Field(default=None, description="[s] of a stretch; null: a moment")
+    text: str = Field(min_length=1, max_length=2000)
+    kind: MarkerKind = "marker"
+
+    @model_validator(mode="after")
+    def check_order(self) -> "MarkerText":
+        """Refuse a stretch that ends before it begins."""
+        if self.end is not None and self.end < self.t:
+            raise ValueError(f"the end {self.end:g} s lies before {self.t:g} s: give a later one")
+        return self
+
+
+class Marker(MarkerText):
+    """A remark that is kept."""
+
+    model_config = ConfigDict(from_attributes=True)
+
+    id: str
+    created: str = Field(description="UTC, ISO 8601")
+
+
+@router.get("", responses=problem_responses(404))
+async def list_markers(recording_id: str, store: StoreDep) -> list[Marker]:
+    """All markers and notes of a recording, in the order of their times."""
+    kept = await asyncio.to_thread(store.markers, recording_id)
+    return [Marker.model_validate(marker) for marker in kept]
+
+
+@router.post("", status_code=201, responses=problem_responses(404, 422))
+async def add_marker(recording_id: str, text: MarkerText, store: StoreDep) -> Marker:
+    """Set a marker or a note."""
+    marker = StoredMarker(id=new_id(), created=now(), **text.model_dump())
+    kept = await asyncio.to_thread(store.add_marker, recording_id, marker)
+    return Marker.model_validate(kept)
+
+
+@router.put("/{marker_id}", responses=problem_responses(404, 422))
+async def change_marker(
+    recording_id: str, marker_id: str, text: MarkerText, store: StoreDep
+) -> Marker:
+    """Say it otherwise, or of another time."""
+    marker = StoredMarker(id=marker_id, created="", **text.model_dump())
+    kept = await asyncio.to_thread(store.change_marker, recording_id, marker)
+    return Marker.model_validate(kept)
+
+
+@router.delete("/{marker_id}", status_code=204, responses=problem_responses(404))
+async def delete_marker(recording_id: str, marker_id: str, store: StoreDep) -> None:
+    """Take a marker away."""
+    await asyncio.to_thread(store.delete_marker, recording_id, marker_id)

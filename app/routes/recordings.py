@@ -1,0 +1,152 @@
+"""Recordings: telemetry files that are uploaded, read, mapped and kept."""
+
+import asyncio
+from typing import Annotated, Any
+
+from fastapi import APIRouter, Query, Request
+from starlette.requests import ClientDisconnect
+
+from app.problems import Problem, problem_responses
+from app.recording_answers import bands, described, signal_bands
+from app.recordings import Abandoned, Upload
+from app.routes.dependencies import (
+    RecordingsDep,
+    content_type,
+    json_from,
+    json_response,
+)
+from app.routes.recording_models import (
+    ListedRecording,
+    MappingOrder,
+    Preview,
+    PreviewOrder,
+    Recording,
+    SignalPreview,
+)
+from app.telemetry.mapping import Mapping
+from app.upload import plain_name
+
+router = APIRouter(prefix="/api/v1/recordings", tags=["recordings"])
+FILE = "application/octet-stream"
+UPLOAD: dict[str, Any] = {
+    "requestBody": {
+        "required": True,
+        "content": {
+            FILE: {"schema": {"type": "string", "format": "binary", "description": "the file"}}
+        },
+    }
+}
+
+
+@router.post(
+    "",
+    status_code=201,
+    response_model=Recording,
+    responses=problem_responses(408, 413, 415, 422, 429, 507)
+    | {
+        201: {
+            "description": "read and kept",
+            "headers": {"Location": {"description": "the recording", "schema": {"type": "string"}}},
+        }
+    },
+    openapi_extra=UPLOAD,
+)
+async def upload_recording(
+    request: Request,
+    recordings: RecordingsDep,
+    name: Annotated[str, Query(min_length=1, max_length=255, description="of the file")],
+    aircraft: Annotated[
+        str | None,
+        Query(min_length=1, max_length=200, description="its mapping is proposed, if one is kept"),
+    ] = None,
+):
+    """Upload a file of telemetry as the body itself, of any format in the catalog.
+
+    It is read at once and a mapping of its signals is proposed: check it before you score.
+    """
+    if content_type(request) != FILE or "content-encoding" in request.headers:
+        kind = request.headers.get("content-encoding") or content_type(request) or "of no type"
+        raise Problem(
+            415,
+            f"the body is {kind}: send the file itself as {FILE}, for example with "
+            f"curl --data-binary @FILE -H 'Content-Type: {FILE}'",
+        )
+    if not (shown := plain_name(name)):
+        raise Problem(422, f"the name {name!r} names no file", "urn:forewarn:request")
+    length = request.headers.get("content-length", "")
+    upload = Upload(
+        shown,
+        aircraft,
+        int(length) if length.isdigit() else None,
+        request.stream(),
+        request.is_disconnected,
+    )
+    try:
+        recording_id = await recordings.receive(upload)
+    except (ClientDisconnect, Abandoned):
+        raise Problem(408, "the upload was interrupted: nothing of it is kept") from None
+    location = {"Location": f"/api/v1/recordings/{recording_id}"}
+    answer = await asyncio.to_thread(described, recordings, recording_id)
+    return json_response(answer, 201, location)
+
+
+@router.get("")
+async def list_recordings(recordings: RecordingsDep) -> list[ListedRecording]:
+    """All recordings, newest first."""
+    infos = await asyncio.to_thread(recordings.store.recordings)
+    return [ListedRecording.model_validate(info) for info in infos]
+
+
+@router.get("/{recording_id}", response_model=Recording, responses=problem_responses(404))
+async def read_recording(recording_id: str, recordings: RecordingsDep):
+    """One recording: what it holds, and what its signals are taken for."""
+    return await json_from(described, recordings, recording_id)
+
+
+@router.delete("/{recording_id}", status_code=204, responses=problem_responses(404, 409))
+async def delete_recording(recording_id: str, recordings: RecordingsDep) -> None:
+    """Delete a recording with its scorings and markers; 409 while it is flown."""
+    await asyncio.to_thread(recordings.delete, recording_id)
+
+
+@router.put(
+    "/{recording_id}/mapping", response_model=Recording, responses=problem_responses(404, 422)
+)
+async def confirm_mapping(recording_id: str, order: MappingOrder, recordings: RecordingsDep):
+    """Say which signal is which channel; it is proposed for the next recording of the aircraft.
+
+    Scorings made before keep the mapping that they were made with. 422 where it cannot be applied.
+    """
+
+    def confirm() -> dict[str, Any]:
+        mapping = Mapping.from_plain(order.mapping.model_dump())
+        recordings.confirm_mapping(recording_id, mapping, order.aircraft, remember=order.remember)
+        return described(recordings, recording_id)
+
+    return await json_from(confirm)
+
+
+@router.post(
+    "/{recording_id}/preview", response_model=Preview, responses=problem_responses(404, 422)
+)
+async def preview_mapping(recording_id: str, order: PreviewOrder, recordings: RecordingsDep):
+    """What comes of a mapping: each channel in a few bins, and its quality; nothing is kept.
+
+    `problem` says why it cannot be applied; there are no channels then.
+    """
+
+    def preview() -> dict[str, Any]:
+        mapping = Mapping.from_plain(order.mapping.model_dump())
+        return bands(recordings, recording_id, mapping, order.bins)
+
+    return await json_from(preview)
+
+
+@router.get(
+    "/{recording_id}/signals/{index}/preview",
+    response_model=SignalPreview,
+    responses=problem_responses(404, 422),
+)
+async def preview_signal(recording_id: str, index: int, recordings: RecordingsDep):
+    """A signal as the file holds it, in a few bins; `index` counts the signals of the contents."""
+    return await json_from(signal_bands, recordings, recording_id, index)

@@ -1,0 +1,148 @@
+"""Scored recordings: a recording through a monitor, kept with all that decided the samples.
+
+The samples of a scoring lie in the recording's folder; the row beside them is stored last. The same
+order leads to the same samples, so one that was carried out before is answered by what was kept.
+"""
+
+import hashlib
+import json
+from bisect import bisect_left, bisect_right
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from app.entries import MappedColumns, MonitorInfo, RecordingInfo, ScoringInfo
+from app.mapped_columns import plain, plain_quality
+from app.recordings import Recordings
+from app.scoring import ScoredRecording, ScoringOrder, score
+from app.stored_samples import Samples, digest, keep, open_samples, open_tiles, remove
+from app.tables import new_id, now
+from app.tiles import TILE, Window, window
+from core import __version__
+from core.monitor import Monitor
+
+
+@dataclass(frozen=True, eq=False)
+class Ingredients:
+    """All that decides a scoring."""
+
+    recording: RecordingInfo
+    mapped: MappedColumns
+    monitor: Monitor
+    info: MonitorInfo
+    order: ScoringOrder
+
+    @property
+    def digest(self) -> str:
+        """SHA-256 of them all, this version of the program among them."""
+        parts = [
+            self.recording.digest,
+            self.mapped.mapping,
+            self.info.id,
+            self.info.digest,
+            self.order.to_plain(),
+            __version__,
+        ]
+        return hashlib.sha256(json.dumps(parts, sort_keys=True).encode()).hexdigest()
+
+
+class ScoredRecordings:
+    """Scorings of the recordings of a server."""
+
+    def __init__(self, recordings: Recordings) -> None:
+        self.recordings = recordings
+        self.store, self.files = recordings.store, recordings.files
+
+    async def score(
+        self, recording_id: str, monitor_id: str, order: ScoringOrder
+    ) -> tuple[ScoringInfo, bool]:
+        """Score a recording; return what is kept, and whether it was made now.
+
+        NotFound, also where the recording is deleted meanwhile; EpsilonError; TelemetryError;
+        NoSpace; Busy.
+        """
+        work = self.recordings.workers.run
+        return await work(self._score, recording_id, monitor_id, order)
+
+    def samples(self, info: ScoringInfo) -> Samples:
+        """The samples of a scoring, mapped. NotFound; StoreError."""
+        with self.recordings.present(info.recording_id):
+            return open_samples(self.files.scorings(info.recording_id), info.id)
+
+    def window(
+        self, info: ScoringInfo, start: float, end: float, bins: int
+    ) -> tuple[Samples, Window]:
+        """The samples, and those from start to end [s] in at most `bins` bins. NotFound."""
+        with self.recordings.present(info.recording_id):
+            folder = self.files.scorings(info.recording_id)
+            samples, tiles = open_samples(folder, info.id), open_tiles(folder, info.id)
+        t = samples["t"]
+        first = bisect_left(t, start)
+        last = bisect_right(t, end) - 1
+        if last < first:
+            return samples, Window(first, 1, np.empty(0, TILE))
+        return samples, window(samples, tiles, first, last, bins)
+
+    def delete(self, recording_id: str, scoring_id: str) -> None:
+        """Delete a scoring with its samples. NotFound; InUse while it is flown."""
+        self.store.delete_scoring(recording_id, scoring_id)
+        remove(self.files.scorings(recording_id), scoring_id)
+
+    def _score(
+        self, recording_id: str, monitor_id: str, order: ScoringOrder
+    ) -> tuple[ScoringInfo, bool]:
+        of = self._ingredients(recording_id, monitor_id, order)
+        if kept := self.store.same_scoring(recording_id, of.digest):
+            return kept, False
+        traces = self.recordings.traces(recording_id, of.mapped)
+        scored = score(of.monitor, traces, of.order)
+        made = _entry(of, scored)
+        folder = self.files.scorings(recording_id)
+        self.files.require(2 * scored.samples.nbytes)
+        try:
+            with self.recordings.present(recording_id):
+                keep(folder, made.id, scored.samples)
+            kept = self.store.add_scoring(made)
+        except BaseException:
+            remove(folder, made.id)
+            raise
+        if kept.id != made.id:
+            remove(folder, made.id)
+        return kept, kept.id == made.id
+
+    def _ingredients(self, recording_id: str, monitor_id: str, order: ScoringOrder) -> Ingredients:
+        monitor = self.store.monitor(monitor_id)
+        return Ingredients(
+            self.store.recording_info(recording_id),
+            self.store.mapped_columns(recording_id),
+            monitor,
+            self.store.monitor_info(monitor_id),
+            replace(order, epsilon=monitor.check_epsilon(order.epsilon)),
+        )
+
+
+def _entry(of: Ingredients, scored: ScoredRecording) -> ScoringInfo:
+    t = scored.samples["t"]
+    return ScoringInfo(
+        id=new_id(),
+        recording_id=of.recording.id,
+        monitor_id=of.info.id,
+        monitor_name=of.info.name,
+        monitor_digest=of.info.digest,
+        specification=of.info.dataset_recipe.get("specification", {}),
+        order_digest=of.digest,
+        digest=digest(scored.samples),
+        created=now(),
+        version=__version__,
+        epsilon=scored.epsilon,
+        lead=of.monitor.lead,
+        dt=scored.dt,
+        order=of.order.to_plain(),
+        mapping=of.mapped.mapping,
+        n_samples=len(t),
+        start=float(t[0]),
+        end=float(t[-1]),
+        notes=list(scored.notes),
+        quality=plain_quality(scored.quality),
+        stretches=[plain(stretch.to_plain()) for stretch in scored.stretches],
+    )

@@ -1,0 +1,95 @@
+"""What is answered about a scoring, as plain data."""
+
+from dataclasses import asdict
+from typing import Any
+
+import numpy as np
+
+from app.entries import ScoringInfo
+from app.messages import limited_channels
+from app.recipes import from_plain
+from app.recordings import Recordings
+from app.scoring import manoeuvres_in
+from app.stored_reasons import reason
+from app.stored_samples import Samples
+from app.tiles import Window
+from core.channels import KEYS
+from core.monitor.assessment import STATES
+from core.specification import Limits
+
+OF_ITS_OWN = ("recording_id", "monitor_id", "specification", "order_digest")
+
+
+def answer(info: ScoringInfo) -> dict[str, Any]:
+    """A scoring without its samples."""
+    limits = from_plain(Limits(), info.specification, "specification")
+    plain = {key: value for key, value in asdict(info).items() if key not in OF_ITS_OWN}
+    return plain | {
+        "recording": info.recording_id,
+        "monitor": info.monitor_id,
+        "channels": [channel.model_dump() for channel in limited_channels(limits)],
+    }
+
+
+def found_spans(recordings: Recordings, recording_id: str, monitor_id: str) -> list[dict[str, Any]]:
+    """Manoeuvres that scoring by a monitor would find. NotFound; TelemetryError."""
+    monitor = recordings.store.monitor(monitor_id)
+    mapped = recordings.store.mapped_columns(recording_id)
+    traces = recordings.traces(recording_id, mapped)
+    return [span._asdict() for span in manoeuvres_in(monitor, traces)]
+
+
+def frames(info: ScoringInfo, samples: Samples, first: int) -> list[dict[str, Any]]:
+    """Frames of samples, numbered from `first`; what is not finite becomes null when encoded."""
+    y, y_hat = (np.ascontiguousarray(samples[name]) for name in ("y", "y_hat"))
+    known = np.isfinite(samples["p_value"])
+    forecast = known & np.isfinite(y_hat).all(axis=1)
+    rows = zip(
+        *(samples[name].tolist() for name in ("t", "p_value", "alert", "state", "withdrawn")),
+        samples["stretch"].tolist(),
+        strict=True,
+    )
+    return [
+        {
+            "seq": first + i,
+            "t": t,
+            "y": y[i],
+            "p_value": p_value,
+            "alert": alert if known[i] else None,
+            "state": STATES[state].value,
+            "reason": reason(state, stretch, info.stretches),
+            "y_hat": y_hat[i] if forecast[i] else None,
+            "sent": None,
+            "withdrawn": withdrawn,
+            "stretch": stretch,
+        }
+        for i, (t, p_value, alert, state, withdrawn, stretch) in enumerate(rows)
+    ]
+
+
+def tiled(info: ScoringInfo, samples: Samples, window: Window) -> dict[str, Any]:
+    """A window of tiles, field by field."""
+    bins, n = window.bins, len(window.bins)
+    t = samples["t"]
+    end = min(window.first + n * window.width, len(t)) - 1
+    return {
+        "start": float(t[window.first]) if n else None,
+        "end": float(t[end]) if n else None,
+        "step": window.width * info.dt,
+        "samples": window.width,
+        "t": np.ascontiguousarray(t[window.first : end + 1 : window.width]) if n else [],
+        "channels": {
+            key: {
+                "low": np.ascontiguousarray(bins["low"][:, channel]),
+                "high": np.ascontiguousarray(bins["high"][:, channel]),
+            }
+            for channel, key in enumerate(KEYS)
+        },
+        "risk": {
+            "low": np.ascontiguousarray(bins["risk_low"]),
+            "high": np.ascontiguousarray(bins["risk_high"]),
+        },
+        "withdrawn": {"high": np.ascontiguousarray(bins["withdrawn"])},
+        "state": bins["state"].tolist(),
+        "alert": bins["alert"].tolist(),
+    }

@@ -1,0 +1,56 @@
+"""Samples of scorings as files: flat .npy arrays that are mapped, not loaded, with their tiles."""
+
+import hashlib
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from app.database import StoreError
+from app.recording_files import spacious
+from app.tiles import make_tiles
+from core.whole_file import whole_file
+
+Samples = npt.NDArray[np.void]
+
+WHOLE, TILES = "npy", "tiles.npy"
+
+
+def digest(samples: Samples) -> str:
+    """SHA-256 of samples, bit for bit."""
+    return hashlib.sha256(np.ascontiguousarray(samples).data).hexdigest()
+
+
+def keep(folder: Path, scoring_id: str, samples: Samples) -> None:
+    """Write samples and the tiles made of them, each whole or not at all. NoSpace."""
+    with spacious():
+        for kind, array in ((WHOLE, samples), (TILES, make_tiles(samples))):
+            with whole_file(folder / f"{scoring_id}.{kind}") as file:
+                np.save(file, array, allow_pickle=False)
+
+
+def open_samples(folder: Path, scoring_id: str) -> Samples:
+    """The samples of a scoring, mapped, read-only. StoreError where they are damaged."""
+    return _mapped(folder / f"{scoring_id}.{WHOLE}")
+
+
+def open_tiles(folder: Path, scoring_id: str) -> Samples:
+    """The tiles of a scoring, as of app.tiles, mapped, read-only. StoreError."""
+    return _mapped(folder / f"{scoring_id}.{TILES}")
+
+
+def remove(folder: Path, scoring_id: str) -> None:
+    """Remove the files of a scoring, those that are there."""
+    for kind in (WHOLE, TILES):
+        (folder / f"{scoring_id}.{kind}").unlink(missing_ok=True)
+
+
+def _mapped(path: Path) -> Samples:
+    try:
+        return np.asarray(np.load(path, mmap_mode="r", allow_pickle=False))
+    except FileNotFoundError:
+        raise
+    except (OSError, ValueError, EOFError) as error:
+        raise StoreError(
+            f"{path} is damaged ({error}): delete this scoring and score the recording again"
+        ) from error
