@@ -10,24 +10,27 @@ import numpy as np
 
 from app.clock import Clock, MonotonicClock
 from app.entries import FlightInfo
-from app.flight import Flight, FlightPlan
+from app.flight import Flight, FlightPlan, patience
 from app.live_flight import LiveFlight
 from app.messages import Alarm, plain_frame
+from app.recorded_script import RecordedScript
 from app.recorder import Recorder
-from app.script import AssessedTrack
+from app.scored_recordings import ScoredRecordings
+from app.script import AssessedTrack, Script
 from app.sources import (
     LiveSource,
+    Recorded,
     Replay,
     Simulated,
-    Track,
+    SourceError,
     aircraft_of,
     open_source,
     trim_angles,
 )
 from app.store import NotFound, Store
 from app.track_flight import TrackFlight
-from core.monitor import Assessment, State
-from core.monitor.assessment import REASONS, STATES
+from core.monitor import Assessment, Monitor, State
+from core.monitor.assessment import STATES
 from core.simulation.attitude import SurfaceSigns, surface_signs
 
 if TYPE_CHECKING:
@@ -45,7 +48,7 @@ class TooManyFlights(RuntimeError):
 class FlightOrder:
     """A flight to start. epsilon: the monitor's unless given."""
 
-    source: Simulated | Replay
+    source: Simulated | Replay | Recorded
     monitor_id: str
     epsilon: float | None = None
     name: str | None = None
@@ -60,8 +63,9 @@ class Flights:
         scenes: "Scenes | None" = None,
         max_flights: int = 20,
         clock: Clock | None = None,
+        scored: ScoredRecordings | None = None,
     ) -> None:
-        self.store, self.max_flights = store, max_flights
+        self.store, self.max_flights, self._scored = store, max_flights, scored
         self._scenes, self._clock = scenes, clock or MonotonicClock()
         self._flights: dict[str, Flight] = {}
         self._starting = 0
@@ -105,11 +109,10 @@ class Flights:
         try:
             monitor = await asyncio.to_thread(self.store.monitor, order.monitor_id)
             epsilon = monitor.check_epsilon(order.epsilon)
-            track = await asyncio.to_thread(open_source, order.source, self.store, monitor)
+            script, name = await asyncio.to_thread(self._open, order, monitor, epsilon)
             source = order.source.model_dump(exclude_none=True)
-            name = order.name or _name(order.source)
-            plan = await self._plan(name, source, order.monitor_id, epsilon)
-            return await self._start(plan, track)
+            plan = await self._plan(order.name or name, source, order.monitor_id, epsilon)
+            return await self._start(plan, script)
         finally:
             self._starting -= 1
 
@@ -214,14 +217,40 @@ class Flights:
         flight_id = await asyncio.to_thread(self.store.add_flight, stored, monitor_id, epsilon)
         return FlightPlan(flight_id, name, source, monitor, monitor_id, info.name, epsilon)
 
-    async def _start(self, plan: FlightPlan, source: Track | LiveSource) -> Flight:
+    def _open(self, order: FlightOrder, monitor: Monitor, epsilon: float) -> tuple[Script, str]:
+        """What is flown, and what people call it; slow, for a thread."""
+        if isinstance(order.source, Recorded):
+            return self._open_recorded(order.source, order.monitor_id, monitor, epsilon)
+        track = open_source(order.source, self.store, monitor)
+        return AssessedTrack(track, monitor, epsilon), _name(order.source)
+
+    def _open_recorded(
+        self, source: Recorded, monitor_id: str, monitor: Monitor, epsilon: float
+    ) -> tuple[Script, str]:
+        if self._scored is None:
+            raise SourceError("no recordings are kept here: fly a simulated source")
+        info = self.store.scoring(source.recording, source.scoring)
+        if (info.monitor_id, info.epsilon) != (monitor_id, epsilon):
+            raise SourceError(
+                f"this recording was scored by monitor {info.monitor_name} ({info.monitor_id}) at "
+                f"epsilon {info.epsilon:g}: fly it with these, or score it again"
+            )
+        script = RecordedScript(
+            self._scored.samples(info),
+            info.stretches,
+            info.dt,
+            forecasts=monitor.recipe.predictor.forecasts,
+            theta0=trim_angles(monitor.dataset_recipe)[1],
+        )
+        return script, self.store.recording_info(source.recording).name
+
+    async def _start(self, plan: FlightPlan, source: Script | LiveSource) -> Flight:
         try:
-            scene = await asyncio.to_thread(self._open_scene, plan)
+            scene = await asyncio.to_thread(self._open_scene, plan, patience(source.dt))
             recorder = Recorder(self.store, plan.id, self._clock)
             about = (recorder, self._clock, self._when_over(plan.id), scene)
-            if isinstance(source, Track):
-                assessed = AssessedTrack, source, plan.monitor, plan.epsilon
-                flight = TrackFlight(plan, await asyncio.to_thread(*assessed), *about)
+            if isinstance(source, Script):
+                flight = TrackFlight(plan, source, *about)
             else:
                 flight = LiveFlight(plan, source, *about)
             self._flights[plan.id] = flight
@@ -242,7 +271,7 @@ class Flights:
 
         return stop
 
-    def _open_scene(self, plan: FlightPlan) -> "Scene | None":
+    def _open_scene(self, plan: FlightPlan, stale_after_s: float) -> "Scene | None":
         """Scene of a flight; it flies without one where there can be none."""
         if self._scenes is None:
             return None
@@ -250,7 +279,7 @@ class Flights:
         aircraft = aircraft_of(recipe)
         signs = surface_signs(aircraft.uncertain_plant()) if aircraft else SurfaceSigns(1, -1)
         try:
-            return self._scenes.open(plan.id, signs, trim_angles(recipe)[0])
+            return self._scenes.open(plan.id, signs, trim_angles(recipe)[0], stale_after_s)
         except (RuntimeError, OSError):
             LOG.exception("flight %s flies without a scene", plan.id)
             return None
@@ -266,7 +295,7 @@ class Flights:
                 float(stored.p_value[i]) if ok else None,
                 bool(stored.alert[i]) if ok else None,
                 STATES[code],
-                REASONS[code],
+                stored.reasons[i],
                 y_hat,
             )
             frames.append(plain_frame(int(stored.seq[i]), stored.y[i], said, None))

@@ -15,9 +15,22 @@ from app.flights import Flights
 from app.jobs import Jobs
 from app.metrics import Measured, Metrics
 from app.problems import describe_problems, install_problems
-from app.routes import catalog, datasets, flights, health, jobs, monitors
+from app.recordings import Recordings
+from app.routes import (
+    catalog,
+    datasets,
+    flights,
+    health,
+    jobs,
+    markers,
+    monitors,
+    recordings,
+    scored_files,
+    scorings,
+)
 from app.routes.scene import scene_router
 from app.scene import Scenes
+from app.scored_recordings import ScoredRecordings
 from app.security import BodyLimit, Guard
 from app.settings import Settings
 from app.store import open_store
@@ -44,7 +57,11 @@ class Application(FastAPI):
 
     def build_middleware_stack(self) -> Any:
         """FastAPI's layers, then what counts, then what lets in."""
-        limited = BodyLimit(super().build_middleware_stack(), self.settings.max_body_bytes)
+        limited = BodyLimit(
+            super().build_middleware_stack(),
+            self.settings.max_body_bytes,
+            {("POST", recordings.router.prefix): self.settings.max_upload_bytes},
+        )
         return Guard(Measured(limited, self.metrics), self.settings)
 
     def openapi(self) -> dict[str, Any]:
@@ -55,7 +72,7 @@ class Application(FastAPI):
 
 
 def create_app(settings: Settings | None = None) -> FastAPI:
-    """Return the application; its store, jobs, flights and scenes open with its lifespan."""
+    """Return the application; what it keeps and what is under way opens with its lifespan."""
     settings = settings or Settings()
     app = Application(
         title="Forewarn",
@@ -69,7 +86,8 @@ def create_app(settings: Settings | None = None) -> FastAPI:
     app.settings = app.state.settings = settings
     app.metrics = app.state.metrics = Metrics()
     install_problems(app)
-    for part in (catalog, datasets, monitors, jobs, flights, health):
+    kept = (datasets, monitors, recordings, scorings, scored_files, markers)
+    for part in (catalog, *kept, jobs, flights, health):
         app.include_router(part.router)
     app.include_router(scene_router())
     _serve_docs(app)
@@ -86,13 +104,21 @@ async def _lifespan(app: FastAPI) -> AsyncIterator[None]:
         await asyncio.to_thread(settings.data_dir.mkdir, parents=True, exist_ok=True)
         store = app.state.store = await asyncio.to_thread(open_store, settings.url)
         parts.callback(store.close)
+        kept = app.state.recordings = Recordings(store, settings.data_dir / "recordings")
+        await parts.enter_async_context(kept)
+        app.state.scored = ScoredRecordings(kept)
         work = app.state.jobs = Jobs(store, settings.max_jobs, settings.max_queued_jobs)
         parts.push_async_callback(asyncio.to_thread, work.close)
         scenes = app.state.scenes = Scenes(settings.max_flights)
         await parts.enter_async_context(scenes.lifespan())
-        aloft = app.state.flights = Flights(store, scenes, settings.max_flights)
+        aloft = app.state.flights = Flights(
+            store, scenes, settings.max_flights, scored=app.state.scored
+        )
         await parts.enter_async_context(aloft)
         metrics.gauge("flights", "flights under way", lambda: len(aloft.under_way()))
+        metrics.gauge("uploads", "recordings on their way in", lambda: kept.under_way)
+        scoring = kept.workers
+        metrics.gauge("scorings", "recordings being scored", lambda: scoring.n_under_way)
         metrics.gauge("jobs_running", "jobs that a worker is at", lambda: work.n_running)
         metrics.gauge("jobs_waiting", "jobs that wait for a worker", lambda: work.n_waiting)
         yield

@@ -1,4 +1,4 @@
-"""Where a flight's samples come from: a simulated rollout, a stored one, later recordings and live.
+"""Where a flight's samples come from: a simulated rollout, a stored one, a recording, live ones.
 
 A Track is known as a whole: it can be sought in, and is assessed at once. A LiveSource is not: its
 samples come when they come. Both state the interval and what is known of the aircraft.
@@ -123,7 +123,17 @@ class Replay(BaseModel):
     rollout: int = Field(ge=0, description="number among those of this outcome")
 
 
-SourceRequest = Annotated[Simulated | Replay, Field(discriminator="kind")]
+class Recorded(BaseModel):
+    """A recording as it was scored; monitor and epsilon are those of the scoring."""
+
+    model_config = ConfigDict(extra="forbid")
+
+    kind: Literal["recording"]
+    recording: str = Field(description="id")
+    scoring: str = Field(description="id of one of its scorings")
+
+
+SourceRequest = Annotated[Simulated | Replay | Recorded, Field(discriminator="kind")]
 
 
 def open_source(request: Simulated | Replay, store: Store, monitor: Monitor) -> Track:

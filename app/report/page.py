@@ -89,6 +89,7 @@ def report(subject: ReportSubject) -> str:
             if limit < float("inf")
         ],
         counts=counts(stretches),
+        unchecked=sum(stretch["validity"]["valid"] is None for stretch in stretches),
         outcomes=OUTCOMES,
         alerts=alerts(stretches),
         mapping=mapping_rows(scoring["mapping"]),

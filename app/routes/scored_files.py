@@ -1,0 +1,83 @@
+"""What leaves the house: the report of a scored recording, and its samples for other programs."""
+
+import asyncio
+from pathlib import PurePath
+from typing import Annotated, Any, Literal
+from urllib.parse import quote
+
+from fastapi import APIRouter, Query, Response
+
+from app.exports import EXPORTS, export
+from app.problems import problem_responses
+from app.report.page import report
+from app.report.subject import about, stored_subject
+from app.routes.dependencies import ScoredDep
+
+SAMPLES: dict[int | str, dict[str, Any]] = {
+    200: {
+        "description": "the samples",
+        "content": {
+            kind.media_type: {"schema": {"type": "string", "format": "binary"}}
+            for kind in EXPORTS.values()
+        },
+    }
+}
+router = APIRouter(
+    prefix="/api/v1/recordings/{recording_id}/scorings/{scoring_id}", tags=["recordings"]
+)
+REPORT_POLICY = (
+    "default-src 'none'; style-src 'unsafe-inline'; img-src data:; frame-ancestors 'self'"
+)
+
+
+@router.get(
+    "/report",
+    responses=problem_responses(404, 422)
+    | {200: {"description": "one HTML file", "content": {"text/html": {}}}},
+    response_class=Response,
+)
+async def read_report(
+    recording_id: str,
+    scoring_id: str,
+    scored: ScoredDep,
+    download: Annotated[bool, Query(description="as a file to keep")] = False,
+) -> Response:
+    """The report: one HTML file that needs no other and prints to a clean PDF."""
+
+    def make() -> Response:
+        subject = stored_subject(scored, recording_id, scoring_id)
+        headers = {"Content-Security-Policy": REPORT_POLICY}
+        if download:
+            headers |= _as_file(f"{PurePath(subject.recording['name']).stem} report.html")
+        return Response(report(subject), headers=headers, media_type="text/html")
+
+    return await asyncio.to_thread(make)
+
+
+@router.get(
+    "/export",
+    responses=problem_responses(404, 422) | SAMPLES,
+    response_class=Response,
+)
+async def export_samples(
+    recording_id: str,
+    scoring_id: str,
+    scored: ScoredDep,
+    form: Annotated[Literal["csv", "parquet", "mat"], Query(alias="format")] = "csv",
+) -> Response:
+    """Every sample with what was said of it, units included."""
+
+    def make() -> Response:
+        info = scored.store.scoring(recording_id, scoring_id)
+        content = export(scored.samples(info), about(scored, info), form)
+        name = PurePath(scored.store.recording_info(recording_id).name).stem
+        kind = EXPORTS[form]
+        headers = _as_file(f"{name} scored.{kind.ending}")
+        return Response(content, headers=headers, media_type=kind.media_type)
+
+    return await asyncio.to_thread(make)
+
+
+def _as_file(name: str) -> dict[str, str]:
+    """The header that lets a browser keep a file under a name of any letters."""
+    return {"Content-Disposition": f"attachment; filename*=UTF-8''{quote(name)}"}
