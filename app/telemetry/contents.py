@@ -11,11 +11,14 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
+from app.telemetry.printable import printable
 from app.telemetry.recording import TelemetryError
 
 Array = npt.NDArray[np.float64]
 CONTENTS = "contents.json"
 MOST_SIGNALS = 4096
+LONGEST_NAME, LONGEST_TEXT = 200, 500
+"""Signs of a name, and of a description or note."""
 MOST_LISTED = 100
 """Bad rows that are listed; the others are counted."""
 
@@ -75,25 +78,35 @@ class Contents:
 
 @dataclass(eq=False)
 class ColumnWriter:
-    """A folder of columns being written. most_bytes: of numbers that a file may unfold to."""
+    """A folder of columns being written.
+
+    most_bytes: of numbers that a file may unfold to.   bad_share: of its rows that may be bad.
+    notes: on the choice of the reader, before its own.
+    """
 
     folder: Path
     most_bytes: int
+    bad_share: float = 0.01
+    notes: tuple[str, ...] = ()
     _groups: list[str] = field(default_factory=list)
     _times: dict[int, str] = field(default_factory=dict)
     _signals: list[Signal] = field(default_factory=list)
     _rows: list[int] = field(default_factory=list)
+    _numbers: dict[str, int] = field(default_factory=dict)
+    """Of each name that is taken, the last number behind it."""
     _bytes: int = 0
 
     def add_group(self, name: str = "") -> int:
         """Begin a group; return its number."""
-        self._groups.append(name)
+        self._groups.append(printable(name, LONGEST_NAME))
         return len(self._groups) - 1
 
     def add_signal(
         self, group: int, name: str, unit: str = "", description: str = "", *, time: bool = False
     ) -> int:
-        """Begin a signal; return its number. A name that is taken gets a number behind it.
+        """Begin a signal; return its number.
+
+        A name that is taken gets a number behind it, and one that says nothing is a number.
 
         time: the format itself declares that it is the time of its group.
         """
@@ -101,17 +114,28 @@ class ColumnWriter:
             raise TelemetryError(
                 f"the file has more than {MOST_SIGNALS} signals: export the ones of this test"
             )
-        taken = {signal.name for signal in self._signals}
-        unique = next(
-            n
-            for n in (name, *(f"{name} ({k})" for k in range(2, MOST_SIGNALS + 2)))
-            if n not in taken
+        name = printable(name, LONGEST_NAME) or f"signal_{len(self._signals) + 1}"
+        unique = self._unique(name)
+        self._signals.append(
+            Signal(
+                unique,
+                printable(unit, LONGEST_NAME),
+                group,
+                printable(description, LONGEST_TEXT),
+            )
         )
-        self._signals.append(Signal(unique, unit, group, description))
         self._rows.append(0)
         if time:
             self._times[group] = unique
         return len(self._signals) - 1
+
+    def _unique(self, name: str) -> str:
+        number, unique = self._numbers.get(name, 1), name
+        while unique in self._numbers:
+            number += 1
+            unique = f"{name} ({number})"
+        self._numbers |= {name: number, unique: self._numbers.get(unique, 1)}
+        return unique
 
     def append(self, signal: int, values: npt.ArrayLike) -> None:
         """Add values to a signal: (n,), NaN where nothing was recorded."""
@@ -155,8 +179,8 @@ class ColumnWriter:
             start=start,
             bad_rows=bad_rows[:MOST_LISTED],
             n_bad_rows=n_bad_rows or len(bad_rows),
-            ignored=ignored,
-            notes=notes,
+            ignored=tuple(printable(text, LONGEST_TEXT) for text in ignored),
+            notes=tuple(printable(text, LONGEST_TEXT) for text in (*self.notes, *notes)),
         )
         text = json.dumps(asdict(contents), ensure_ascii=False)
         (self.folder / CONTENTS).write_text(text, encoding="utf-8")

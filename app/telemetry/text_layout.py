@@ -1,0 +1,98 @@
+"""How a text table is laid out: what parts its cells, where it begins, what its columns hold."""
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from app.telemetry.recording import TelemetryError
+from app.telemetry.text_header import find_header, printable_names
+from app.telemetry.text_lines import MOST_CELLS, Line, best_parted
+from app.telemetry.text_units import unit_in, unit_of_cell
+from app.telemetry.time_forms import TimeForm, form_of
+
+SAMPLE_LINES = 500
+"""Lines that a layout is found from, with all that is above the table."""
+
+
+@dataclass(frozen=True)
+class Column:
+    """A column of the table. kind: "number", "time" or "text".   example: one of its cells.
+
+    form: of its times.   coarse: its times are repeated from row to row.
+    """
+
+    name: str
+    unit: str
+    kind: str
+    example: str = ""
+    form: TimeForm | None = None
+    coarse: bool = False
+
+    @property
+    def is_padding(self) -> bool:
+        """Whether it is only there because rows end in a delimiter."""
+        return self.kind == "text" and not self.example
+
+
+@dataclass(frozen=True)
+class Layout:
+    """delimiter: one of DELIMITERS.   first_line: number of the first row's line, from 1."""
+
+    delimiter: str
+    decimal: str
+    columns: tuple[Column, ...]
+    first_line: int
+    notes: tuple[str, ...] = ()
+
+
+def find_layout(head: str) -> Layout:
+    """Find the layout of a table in the beginning of its text. TelemetryError if there is none."""
+    text = head.split("\n")[:SAMPLE_LINES]
+    lines = best_parted(text)
+    width = lines.width
+    if not width:
+        shown = next((line.strip()[:60] for line in text if line.strip()), "")
+        raise TelemetryError(
+            f"no row of numbers in its first {len(text)} lines, which begin with "
+            f"{shown!a}: give a table of text with one row a sample"
+        )
+    if width == MOST_CELLS:
+        raise TelemetryError(
+            f"its rows have {width} cells or more: export the signals of this test"
+        )
+    rows = lines.rows
+    kinds = [_most_common([row.kinds[i] for row in rows]) for i in range(width)]
+    header = find_header(lines, kinds, text)
+    rows = [row for row in rows if row.number >= header.first_line]
+    names = printable_names(header.names, width)
+    units = [unit_of_cell(u) for u in header.units] or [unit_in(name) for name in names]
+    columns = [
+        _column(names[i], units[i] if i < len(units) else "", kinds[i], i, rows)
+        for i in range(width)
+    ]
+    if width > 1 and not any(header.names[width - 1 :]) and not columns[-1].example:
+        columns[-1] = Column(names[-1], "", "text")
+    notes = ["Its numbers have a decimal comma."] if lines.decimal == "," else []
+    if not header.names:
+        notes.append(
+            "No line of names above the numbers: the columns are called column_1 to "
+            f"column_{width}."
+        )
+    if twice := [name for name, count in Counter(names).items() if count > 1]:
+        notes.append(f"Names of several columns, numbered from the second on: {', '.join(twice)}.")
+    return Layout(lines.delimiter, lines.decimal, tuple(columns), header.first_line, tuple(notes))
+
+
+def _most_common(kinds: Sequence[str]) -> str:
+    """What most of a column's cells are; a column without any content may still hold numbers."""
+    counts = Counter(kinds)
+    return max(("number", "time", "text"), key=lambda kind: counts[kind])
+
+
+def _column(name: str, unit: str, kind: str, i: int, rows: Sequence[Line]) -> Column:
+    found = [row.cells[i] for row in rows if row.kinds[i] == kind]
+    example = found[0][:40] if found else ""
+    if kind != "time":
+        return Column(name, unit, kind, example)
+    coarse = len(set(found)) < 0.9 * len(found)
+    return Column(name, "s", kind, example, form_of(found), coarse)

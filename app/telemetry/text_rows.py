@@ -1,0 +1,111 @@
+"""The rows of a text table one by one: slow, but it knows what is wrong with each."""
+
+import csv
+from dataclasses import dataclass, field
+from math import nan
+
+from app.telemetry.bad_rows import BadRows
+from app.telemetry.text_cells import BLANKS, MISSING, cells, comment, number
+from app.telemetry.text_layout import Column, Layout
+
+Value = float | str | None
+
+
+@dataclass
+class RowReader:
+    """Reads rows, and collects the bad ones.
+
+    silent: numbers of columns that held no number so far.   late: of those of them that turned out
+    to hold text after all, with the line and the cell where they did.
+    """
+
+    layout: Layout
+    bad: BadRows
+    silent: set[int]
+    late: dict[int, tuple[int, str]] = field(default_factory=dict)
+
+    def read(self, line: int, text: str, wanted: list[int]) -> list[list[Value]]:
+        """The good rows of whole lines: numbers, or times as text and None for a missing one.
+
+        line: number of the first.   wanted: numbers of the columns that are read.
+        """
+        sign = comment(self.layout.delimiter)
+        plain = self._is_plain(text, wanted)
+        rows: list[list[Value]] = []
+        for at, row in enumerate(text.split("\n"), line):
+            values = self._plain_values(row, wanted) if plain else None
+            if values is None and (not row.strip(" \t\f\v\x1a") or sign.match(row)):
+                continue
+            try:
+                rows.append(values or self._values(at, self._cells(row), wanted))
+            except BadCellError as error:
+                self.bad.add(at, str(error), row)
+        return rows
+
+    def _is_plain(self, text: str, wanted: list[int]) -> bool:
+        """Whether a row that Python reads as numbers needs no closer look."""
+        return (
+            self.layout.decimal == "."
+            and not any(self.layout.columns[i].form or i in self.silent for i in wanted)
+            and text.isascii()
+            and not any(sign in text for sign in '"_')
+        )
+
+    def _plain_values(self, row: str, wanted: list[int]) -> list[Value] | None:
+        found = row.split(None if self.layout.delimiter == BLANKS else self.layout.delimiter)
+        if len(found) != len(self.layout.columns):
+            return None
+        try:
+            return [float(found[i]) for i in wanted]
+        except ValueError:
+            return None
+
+    def _cells(self, row: str) -> list[str]:
+        columns = self.layout.columns
+        try:
+            found = cells(row, self.layout.delimiter)
+        except csv.Error:
+            raise BadCellError("its quotes do not match") from None
+        surplus = len(found) - len(columns)
+        if surplus == -1 and columns[-1].is_padding:
+            found.append("")
+        elif surplus and not (surplus == 1 and not found[-1]):
+            raise BadCellError(f"{len(found)} cells where {len(columns)} are needed")
+        return found
+
+    def _values(self, line: int, found: list[str], wanted: list[int]) -> list[Value]:
+        values: list[Value] = []
+        for i in wanted:
+            column, cell = self.layout.columns[i], found[i]
+            if column.form:
+                values.append(_time(column, cell))
+                continue
+            value = number(cell, self.layout.decimal)
+            if value is None:
+                if i not in self.silent:
+                    raise BadCellError(_not_a("number", column, cell))
+                self.late.setdefault(i, (line, cell))
+            values.append(nan if value is None or i in self.late else value)
+        for i, value in zip(wanted, values, strict=True):
+            if i in self.silent and value == value and i not in self.late:
+                self.silent.discard(i)
+        return values
+
+
+class BadCellError(ValueError):
+    """Why a row cannot be read."""
+
+
+def _time(column: Column, cell: str) -> str | None:
+    if cell in MISSING:
+        return None
+    assert column.form
+    if not column.form.matches(cell):
+        raise BadCellError(_not_a(column.form.title, column, cell))
+    return cell
+
+
+def _not_a(what: str, column: Column, cell: str) -> str:
+    if "\ufffd" in cell or "\0" in cell:
+        return f"bytes that are no text in column {column.name}"
+    return f"{cell[:40]!a} in column {column.name} is no {what}"

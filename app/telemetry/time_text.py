@@ -1,0 +1,142 @@
+"""Columns of times as text, as seconds since the first of them."""
+
+from contextlib import suppress
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import pyarrow as pa
+import pyarrow.compute
+
+from app.telemetry.time_forms import DAY, RANGES, SECOND, YEAR, TimeForm
+
+Array = npt.NDArray[np.float64]
+Nanoseconds = npt.NDArray[np.int64]
+Times = tuple[Nanoseconds, npt.NDArray[np.bool_]]
+"""(n,) since 1970 or the zero of their form [ns], and (n,) whether they are known."""
+compute: Any = pyarrow.compute
+"""Its functions are made when it is imported."""
+
+
+def times_of(texts: pa.ChunkedArray, form: TimeForm) -> Times:
+    """The times of a column.
+
+    ValueError where a cell is neither a time in this form nor missing.
+    """
+    known = compute.is_valid(texts).to_numpy()
+    if form.plain is not None:
+        iso = compute.binary_join_element_wise(form.plain, texts, "")
+        for zone in (None, "UTC"):  # Arrow takes times of one sort or the other
+            with suppress(pa.ArrowInvalid):
+                stamps = compute.cast(iso, pa.timestamp("ns", zone)).to_numpy()
+                return np.where(known, stamps.astype("M8[ns]").astype(np.int64), 0), known
+    found = compute.extract_regex(texts, pattern=rf"^(?:{form.pattern})$")
+    strange = known & ~compute.is_valid(found).to_numpy()
+    if strange.any():
+        raise ValueError(f"row {int(strange.argmax())} is no {form.title}")
+    names = [found.type.field(i).name for i in range(found.type.num_fields)]
+    parts = {name: compute.struct_field(found, name) for name in names}
+    numbers = {
+        name: _integers(compute.utf8_rpad(part, 9, "0") if name == "fraction" else part, known)
+        for name, part in parts.items()
+        if name != "zone"
+    }
+    return _since_zero(numbers, known) - _zone(parts.get("zone")), known
+
+
+def _since_zero(part: dict[str, Nanoseconds], known: npt.NDArray) -> Nanoseconds:
+    """[ns] of the numbers in times; ValueError where one is out of its range."""
+    for name, (low, high) in RANGES.items():
+        if name in part and ((part[name] > high) | (part[name] < low))[known].any():
+            raise ValueError(f"a {name} out of {low} to {high}")
+    zero = np.int64(0)
+    days = part["ordinal"] - 1 if "ordinal" in part else zero
+    if "year" in part:
+        months = (part["year"] - 1970) * 12 + part.get("month", 1) - 1
+        days = days + months.astype("M8[M]").astype("M8[D]").astype(np.int64)
+        days = days + part["day"] - 1 if "day" in part else days
+    seconds = ((days * 24 + part.get("hour", zero)) * 60 + part["minute"]) * 60 + part["second"]
+    return seconds * SECOND + part.get("fraction", zero)
+
+
+def _zone(texts: pa.ChunkedArray | None) -> Nanoseconds | int:
+    """How far clocks are before UTC [ns]."""
+    if texts is None:
+        return 0
+    offsets = {text: _offset(text) for text in texts.unique().to_pylist()}
+    if len(offsets) == 1:
+        return next(iter(offsets.values()))
+    return np.array([offsets[text] for text in texts.to_pylist()], np.int64)
+
+
+def _offset(zone: str | None) -> int:
+    if not zone or zone[0] not in "+-":
+        return 0
+    digits = zone[1:].replace(":", "").ljust(4, "0")
+    minutes = int(digits[:2]) * 60 + int(digits[2:])
+    return (-1 if zone[0] == "-" else 1) * minutes * 60 * SECOND
+
+
+def _integers(texts: pa.ChunkedArray, known: npt.NDArray) -> Nanoseconds:
+    filled = compute.if_else(compute.equal(texts, ""), "0", texts)
+    return np.where(known, compute.fill_null(compute.cast(filled, pa.int64()), 0).to_numpy(), 0)
+
+
+@dataclass
+class Clock:
+    """Seconds since the first time of a column, block after block.
+
+    A form that repeats itself is taken to go on: a jump of more than half its period is a turn.
+    example: one of the times.
+    """
+
+    form: TimeForm
+    example: str = ""
+    turns: int = 0
+    origin: int | None = None
+    _before: int = field(default=0, repr=False)
+
+    def seconds(self, of: Times) -> Array:
+        """(n,) [s], NaN where not known."""
+        times, known = of
+        result = np.full(len(times), np.nan)
+        values = times[known]
+        if not len(values):
+            return result
+        if self.origin is None:
+            self.origin = self._before = int(values[0])
+        if self.form.period:
+            steps = np.diff(values, prepend=self._before)
+            half = self.form.period // 2
+            turn = (steps < -half).astype(np.int64) - (steps > half)
+            self._before = int(values[-1])
+            values = values + (self.turns + np.cumsum(turn)) * self.form.period
+            self.turns += int(turn.sum())
+        result[known] = (values - self.origin) / SECOND
+        return result
+
+    def start(self) -> str:
+        """The first time, as far as ISO 8601 can say it: a time of day lacks its date."""
+        if self.origin is None:
+            return ""
+        text = str(np.datetime64(self.origin, "ns"))
+        text = text.rstrip("0").rstrip(".") if "." in text else text
+        text += "Z" * self.form.has_zone(self.example)
+        return text if not self.form.period else text.partition("T")[2]
+
+    def notes(self, name: str) -> list[str]:
+        """What was made of the column of this name."""
+        if self.origin is None:
+            return []
+        since = self.start()
+        if self.form.period == YEAR:
+            since = f"{since} of day {self.origin // DAY + 1} of its year"
+        notes = [f"{name} is {self.form.title} as text, read as seconds since {since}."]
+        if self.turns:
+            what = {DAY: "passes midnight", YEAR: "passes New Year (taken as 365 days)"}.get(
+                self.form.period, "passes the full hour"
+            )
+            often = "once" if self.turns == 1 else f"{self.turns} times"
+            notes.append(f"{name} {what} {often}: its times go on behind it.")
+        return notes

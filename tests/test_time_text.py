@@ -1,0 +1,185 @@
+"""Times written as text become seconds since the first, whatever their form."""
+
+from datetime import UTC, datetime, timedelta, timezone
+
+import numpy as np
+import pyarrow as pa
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from app.telemetry.contents import ColumnWriter, open_columns
+from app.telemetry.text_reader import read
+from app.telemetry.time_forms import form_of, is_time
+from app.telemetry.time_text import Clock, times_of
+
+T0 = datetime(2026, 3, 1, 12, 34, 56, 789000)
+
+
+def seconds(texts):
+    clock = Clock(form_of(texts), texts[0])
+    column = pa.chunked_array([pa.array(texts, pa.string())])
+    return clock.seconds(times_of(column, clock.form)), clock
+
+
+def milli(when, form):
+    return when.strftime(form) + f"{when.microsecond // 1000:03d}"
+
+
+FORMS = {
+    "iso": lambda t: t.isoformat(timespec="milliseconds"),
+    "iso with a blank": lambda t: t.isoformat(" ", "milliseconds"),
+    "iso in UTC": lambda t: t.isoformat(timespec="milliseconds") + "Z",
+    "iso in a zone": lambda t: t.replace(tzinfo=timezone(timedelta(hours=-5))).isoformat(),
+    "iso to the microsecond": lambda t: t.isoformat(timespec="microseconds"),
+    "iso with a decimal comma": lambda t: t.isoformat(timespec="milliseconds").replace(".", ","),
+    "slashes": lambda t: milli(t, "%Y/%m/%d %H:%M:%S."),
+    "points": lambda t: milli(t, "%d.%m.%Y %H:%M:%S,"),
+    "year and day": lambda t: milli(t, "%Y-%jT%H:%M:%S."),
+    "year and day with colons": lambda t: milli(t, "%Y:%j:%H:%M:%S."),
+    "day": lambda t: milli(t, "%j:%H:%M:%S."),
+    "day and blank": lambda t: milli(t, "%j %H:%M:%S."),
+    "clock": lambda t: milli(t, "%H:%M:%S."),
+    "clock in UTC": lambda t: milli(t, "%H:%M:%S.") + "Z",
+    "clock with colons": lambda t: milli(t, "%H:%M:%S:"),
+    "minutes": lambda t: milli(t, "%M:%S."),
+}
+
+
+@pytest.mark.parametrize("form", FORMS)
+@settings(max_examples=25)
+@given(st.lists(st.integers(0, 300_000), min_size=1, max_size=8))
+def test_every_form_says_the_same_times(form, milliseconds):
+    texts = [FORMS[form](T0 + timedelta(milliseconds=k)) for k in milliseconds]
+    assert all(map(is_time, texts))
+    found, _ = seconds(texts)
+    np.testing.assert_array_equal(found, (np.array(milliseconds) - milliseconds[0]) / 1000)
+
+
+@given(st.lists(st.datetimes(datetime(1900, 1, 1), datetime(2150, 1, 1)), min_size=1, max_size=5))
+def test_dates_are_counted_as_the_calendar_does(dates):
+    expected = [(date - dates[0]) / timedelta(seconds=1) for date in dates]
+    for form in (datetime.isoformat, lambda t: t.strftime("%Y-%jT%H:%M:%S.%f")):
+        found, _ = seconds([form(date) for date in dates])
+        np.testing.assert_allclose(found, expected, rtol=1e-15, atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("text", "start"),
+    [
+        ("2026-05-03T12:34:56.500", "2026-05-03T12:34:56.5"),
+        ("2026-05-03 12:34:56", "2026-05-03T12:34:56"),
+        ("2026-05-03T12:34:56+02:00", "2026-05-03T10:34:56Z"),
+        ("2026-05-03T12:34:56Z", "2026-05-03T12:34:56Z"),
+        ("2026-123T12:34:56", "2026-05-03T12:34:56"),
+        ("123:12:34:56.789", "12:34:56.789"),
+        ("12:34:56", "12:34:56"),
+    ],
+)
+def test_the_start_is_said_as_far_as_it_is_known(text, start):
+    _, clock = seconds([text, text])
+    assert clock.start() == start
+
+
+def test_the_day_of_the_first_time_is_said_where_the_year_is_not():
+    _, clock = seconds(["123:12:34:56.789"])
+    assert "since 12:34:56.789 of day 123 of its year" in clock.notes("IRIG")[0]
+
+
+@pytest.mark.parametrize(
+    ("before", "after"),
+    [
+        ("23:59:59.5", "00:00:00.5"),
+        ("365:23:59:59.5", "001:00:00:00.5"),
+        ("59:59.5", "00:00.5"),
+        ("2025-12-31T23:59:59.5", "2026-01-01T00:00:00.5"),
+        ("2026-03-01T23:59:59.5+01:00", "2026-03-02T01:00:00.5+02:00"),
+    ],
+)
+def test_a_clock_goes_on_where_it_begins_again(before, after):
+    np.testing.assert_array_equal(seconds([before, after])[0], [0, 1])
+
+
+def test_midnight_is_passed_within_and_between_blocks_and_counted():
+    clock = Clock(form_of(["00:00:00"]))
+    times = [datetime(2026, 1, 1, tzinfo=UTC) + timedelta(hours=5 * k) for k in range(15)]
+    found = []
+    for block in (times[:4], times[4:5], [], times[5:]):
+        column = pa.chunked_array([pa.array([f"{t:%H:%M:%S}" for t in block], pa.string())])
+        found.extend(clock.seconds(times_of(column, clock.form)))
+    np.testing.assert_array_equal(found, 5 * 3600 * np.arange(15))
+    assert "passes midnight 2 times" in clock.notes("UTC")[1]
+
+
+def test_samples_out_of_order_about_midnight_are_not_days_apart():
+    found, clock = seconds(["23:59:59", "00:00:00", "23:59:58", "00:00:01"])
+    np.testing.assert_array_equal(found, [0, 1, -1, 2])
+    assert clock.turns == 1
+
+
+@pytest.mark.parametrize("first", [None, "2026-05-03T12:34:56"])
+def test_a_missing_time_is_nan(first):
+    times = [first, "2026-05-03T12:34:57", None, "2026-05-03T12:34:59"]
+    clock = Clock(form_of([time for time in times if time]))
+    for zone in ("", "Z"):
+        texts = pa.array([time and time + zone for time in times], pa.string())
+        found = clock.seconds(times_of(pa.chunked_array([texts]), clock.form))
+        np.testing.assert_array_equal(np.isnan(found), [time is None for time in times])
+        assert found[3] - found[1] == 2
+
+
+@pytest.mark.parametrize(
+    "cell",
+    ["12.5", "noon", "25:00:00", "12:60:00", "12:00:61", "367:00:00:00", "2026-13-01 12:00:00",
+     "12:34", "1:2:3", "2026-03-01", "12:34:56 PM", "00:00:00:00:00", "9999-01-01 00:00:00"],
+)  # fmt: skip
+def test_what_is_no_time_is_not_taken_for_one(cell):
+    assert not is_time(cell)
+
+
+def poured(text, tmp_path):
+    path, folder = tmp_path / "record.csv", tmp_path / "columns"
+    path.write_text(text)
+    folder.mkdir()
+    read(path, ColumnWriter(folder, 2**20))
+    return open_columns(folder)
+
+
+def rows(form, n=300, rate=100):
+    return [f"{FORMS[form](T0 + timedelta(seconds=k / rate))};{k}" for k in range(n)]
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_a_column_of_times_is_the_time_of_its_table(form, tmp_path):
+    columns = poured("\n".join(["UTC [hh:mm:ss];beta", *rows(form)]), tmp_path)
+    assert columns.contents.groups[0].time == "UTC [hh:mm:ss]"
+    assert columns.signal("UTC [hh:mm:ss]").unit == "s"
+    np.testing.assert_array_equal(columns.values("UTC [hh:mm:ss]"), np.arange(300) / 100)
+    assert "56.789" in columns.contents.start or form == "minutes"
+
+
+def test_a_bad_time_is_a_bad_row(tmp_path):
+    table = rows("clock")
+    table[100], table[200] = "12:99:00;5", "soon;5"
+    columns = poured("\n".join(["UTC;beta", *table]), tmp_path)
+    assert [row.line for row in columns.contents.bad_rows] == [102, 202]
+    assert "'12:99:00' in column UTC is no time of day" in columns.contents.bad_rows[0].reason
+    np.testing.assert_array_equal(columns.values("beta"), np.delete(np.arange(300.0), [100, 200]))
+
+
+def test_a_clock_that_repeats_itself_is_read_but_not_taken_for_the_time(tmp_path):
+    table = [f"{T0 + timedelta(seconds=k // 10):%H:%M:%S};{k / 10};{k}" for k in range(100)]
+    columns = poured("\n".join(["UTC;t;beta", *table]), tmp_path)
+    assert columns.contents.groups[0].time == ""
+    np.testing.assert_array_equal(columns.values("UTC"), np.arange(100) // 10)
+    assert any("UTC repeats its times" in note for note in columns.contents.notes)
+
+
+def test_the_finer_of_two_times_is_the_time(tmp_path):
+    table = [
+        f"{T0 + timedelta(seconds=k // 10):%H:%M:%S};{row}"
+        for k, row in enumerate(rows("iso", 100, 10))
+    ]
+    columns = poured("\n".join(["GPS;UTC;beta", *table]), tmp_path)
+    assert columns.contents.groups[0].time == "UTC"
+    assert columns.contents.start == "2026-03-01T12:34:56.789"
