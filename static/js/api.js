@@ -9,6 +9,8 @@
  *       in its last state (done, failed, cancelled, interrupted), or rejects with an ApiError
  *   ApiError   message: what happened and what to do; status (0: no answer), kind, problem
  *   reason(error) -> string    the sentence to show for any error
+ *   address(path) -> string    where a path is asked for
+ *   refusal(status, problem) -> ApiError    of a problem document;  noAnswer() -> ApiError
  *
  * `path` is "/monitors" or what a Location header says, "/api/v1/jobs/3f9a".
  */
@@ -37,23 +39,30 @@ async function call(method, path, body, type = JSON_TYPE) {
   try {
     response = await fetch(address(path), { method, headers, body: content });
   } catch {
-    throw new ApiError(NO_ANSWER, 0);
+    throw noAnswer();
   }
   if (!response.ok) throw await problemOf(response);
   return response.status === 204 ? null : response.json();
 }
 
-function address(path) {
+export function address(path) {
   return path.startsWith(BASE) ? path : BASE + path;
+}
+
+export function noAnswer() {
+  return new ApiError(NO_ANSWER, 0);
 }
 
 async function problemOf(response) {
   const problem = await response.json().catch(() => ({}));
-  if (response.status === 401) {
+  return refusal(response.status, { title: response.statusText, ...problem });
+}
+
+export function refusal(status, problem) {
+  if (status === 401) {
     return new ApiError("This server asks for its token. Open /login and enter it.", 401, problem);
   }
-  const said = problem.detail || problem.title || response.statusText || "no reason given";
-  return new ApiError(sentence(said), response.status, problem);
+  return new ApiError(sentence(problem.detail || problem.title || "no reason given"), status, problem);
 }
 
 function sentence(text) {
@@ -82,7 +91,7 @@ function watchJob(id, changed = () => {}) {
         (job) => {
           changed(job);
           if (ENDED.includes(job.status)) resolve(job);
-          else reject(new ApiError(NO_ANSWER, 0));
+          else reject(noAnswer());
         },
         reject,
       );

@@ -2,8 +2,9 @@
  * The elements of a strip chart: a row for each strip, the time axis, the tool bar.
  *
  * Exports
- *   layOut(host, strips) -> {rows, rowOf: [{canvas, readout}], axis, bar}
- *     bar: {mode, span, values: elements; on(name, act)}, names: a b clear in out live
+ *   layOut(host, strips, {label, help, buttons}) -> {rows, rowOf: [{canvas, readout}], axis, bar}
+ *     buttons: [[name, text, title]] of the tool bar; by default a b clear out in live
+ *     bar: {mode, span, values: elements; on(name, act)}
  */
 
 import { KEYS_HELP } from "./chart_input.js";
@@ -19,16 +20,20 @@ const BUTTONS = [
 
 let charts = 0;
 
-export function layOut(host, strips) {
+export function layOut(
+  host,
+  strips,
+  { label = "Strip charts", help = KEYS_HELP, buttons = BUTTONS } = {},
+) {
   host.replaceChildren();
   host.classList.add("strip-chart");
   host.tabIndex = 0;
   host.setAttribute("role", "group");
-  host.setAttribute("aria-label", "Strip charts");
-  const help = add(host, "p", "visually-hidden");
-  help.id = `strip-chart-help-${++charts}`;
-  help.textContent = KEYS_HELP;
-  host.setAttribute("aria-describedby", help.id);
+  host.setAttribute("aria-label", label);
+  const keys = add(host, "p", "visually-hidden");
+  keys.id = `strip-chart-help-${++charts}`;
+  keys.textContent = help;
+  host.setAttribute("aria-describedby", keys.id);
 
   const rows = add(host, "div", "strips");
   const rowOf = strips.map((strip) => {
@@ -41,17 +46,17 @@ export function layOut(host, strips) {
   const axisRow = add(host, "div", "strip-axis");
   const axis = add(add(axisRow, "div", "strip-plot"), "canvas", "");
   axis.setAttribute("aria-hidden", "true");
-  return { rows, rowOf, axis, bar: toolBar(host) };
+  return { rows, rowOf, axis, bar: toolBar(host, buttons) };
 }
 
-function toolBar(host) {
+function toolBar(host, wanted) {
   const bar = add(host, "div", "strip-toolbar");
   const mode = add(bar, "span", "chip");
   const span = add(bar, "span", "strip-span");
   const values = add(bar, "output", "strip-cursors");
   values.setAttribute("aria-live", "polite");
   const buttons = {};
-  for (const [name, text, title] of BUTTONS) {
+  for (const [name, text, title] of wanted) {
     buttons[name] = add(bar, "button", "button button-small");
     buttons[name].type = "button";
     buttons[name].textContent = text;

@@ -25,6 +25,7 @@
  */
 
 const SILENCE = 3500; // ms without any message (the server beats each second) that mean loss
+const LISTEN = 500; // ms between looks at that
 const WAITS = [250, 500, 1000, 2000, 4000]; // ms before the next attempts
 const NO_SUCH_FLIGHT = 4404;
 const WINDOW = 30_000; // ms; the quickest message of this window and the one before counts
@@ -40,6 +41,8 @@ export function createConnection(flight, on, { Socket = WebSocket } = {}) {
   let newest = null; // {sent, latency} of the newest live frame
   let backlog = -1; // head at hello: frames up to it come late on purpose
   let heard = 0;
+  let listenAt = 0;
+  let heldUp = false; // the page itself, when it looked last
   let retryAt = NaN;
   let timer = 0;
   let closed = false;
@@ -64,18 +67,28 @@ export function createConnection(flight, on, { Socket = WebSocket } = {}) {
     mine.addEventListener("close", (event) => {
       if (socket === mine) gone(event.code);
     });
-    timer = setTimeout(listen, 1000);
+    listenLater(2 * LISTEN);
   }
 
-  /** A connection that says nothing is no connection, whatever the socket believes. */
+  function listenLater(wait) {
+    listenAt = performance.now() + wait;
+    timer = setTimeout(listen, wait);
+  }
+
+  /**
+   * A connection that says nothing is no connection, whatever the socket believes. But a page that
+   * was held up itself looks twice, for it may not have heard yet what was said.
+   */
   function listen() {
-    if (performance.now() - heard > SILENCE) {
+    const now = performance.now();
+    heldUp = !heldUp && now - listenAt > LISTEN;
+    if (!heldUp && now - heard > SILENCE) {
       const silent = socket;
       gone(0);
       silent.close();
       return;
     }
-    timer = setTimeout(listen, 500);
+    listenLater(LISTEN);
   }
 
   function gone(code) {

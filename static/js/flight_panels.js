@@ -59,6 +59,7 @@ export function sourceText(source, name) {
     const outcome = source.outcome && source.outcome !== "any" ? `, ${source.outcome}` : "";
     return `simulated, seed ${source.seed ?? 0}${outcome}`;
   }
+  if (source.kind === "recording") return `recording, ${name}`;
   if (source.kind === "replay") return `replay, ${source.outcome} ${source.rollout}`;
   return name;
 }

@@ -1,5 +1,6 @@
 /**
- * The page: one address a view (#/fly, #/fly/{flight}, #/monitors/{id}, #/datasets/{id}), its theme.
+ * The page: one address a view (#/fly, #/fly/{flight}, #/recordings/{id}, #/monitors/{id},
+ * #/datasets/{id}), its theme.
  *
  * A view's module exports show(element, {id, query, api, navigate}) -> {close()}. `query` holds what
  * follows a question mark (#/fly?monitor=3f9a); navigate("#/fly/3f9a") goes elsewhere.
@@ -10,6 +11,7 @@ import { bindThemeButton } from "./theme.js";
 
 const VIEWS = {
   fly: { title: "Fly", load: () => import("./fly.js") },
+  recordings: { title: "Recordings", load: () => import("./recordings.js") },
   monitors: { title: "Monitors", load: () => import("./monitors.js") },
   datasets: { title: "Datasets", load: () => import("./datasets.js") },
 };

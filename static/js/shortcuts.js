@@ -14,7 +14,7 @@ const GROUPS = [
     "Transport",
     [
       ["Space", "play or pause"], [", .", "one sample back, on"], ["0", "to the start"],
-      ["N", "to the next alert"], ["[ ]", "slower, faster"], ["O", "loop"],
+      ["N", "to the next alert"], ["E", "to the next event"], ["T", "note at this moment (replay of a recording)"], ["[ ]", "slower, faster"], ["O", "loop"],
     ],
   ],
   [

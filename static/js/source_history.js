@@ -10,18 +10,18 @@
 const MOST = 5000;
 const PAGE = 10_000; // frames that the server sends at once
 
-export function createSourceHistory(api, path, { n_samples: samples, duration, seekable }) {
+export function createSourceHistory(api, path, { n_samples: samples, start, duration, seekable }) {
   const whole = samples !== null && samples <= PAGE;
   let kept = null;
 
   async function load(t) {
     if (whole) return api.get(`${path}/source?first=0&last=${samples - 1}`);
-    const index = Math.round((t / duration) * (samples - 1));
+    const index = Math.round(((t - start) / duration) * (samples - 1));
     return api.get(`${path}/source?first=${Math.max(0, index - MOST)}&last=${index}`);
   }
 
   async function before(t) {
-    if (!seekable || t <= 0) return [];
+    if (!seekable || t <= start) return [];
     try {
       const { frames } = kept ?? (await load(t));
       if (whole) kept = { frames };

@@ -1,8 +1,7 @@
 /**
- * Draws one strip: bands, limits, forecast, trace, exceedances, cursors, value axis.
+ * Draws one strip of a flight: bands, limits, forecast, trace, exceedances, cursors, value axis.
  *
  * Exports
- *   GUTTER  width of the value axis left of the plot [px]
  *   createStripCanvas(canvas, strip) -> {draw(frame), resize(width, height, ratio), setPalette(p), axis}
  *
  * @typedef {object} Strip  what a strip shows
@@ -23,67 +22,37 @@
  */
 
 import { GAP } from "./ring_buffer.js";
-import { hatch } from "./palette.js";
-import { axisTicks } from "./value_axis.js";
+import { createStripFrame, GUTTER, SPARSE } from "./strip_frame.js";
 
-export const GUTTER = 46;
-const PAD = 5; // px above and below the range
-const SPARSE = 22; // px between marks of the same kind
 const DASH = 9; // px of a dash and its space in a column-wise trace
 
 export function createStripCanvas(canvas, strip) {
-  const pen = canvas.getContext("2d", { alpha: false });
+  const face = createStripFrame(canvas, strip);
+  const { pen, y, word } = face;
   const out = new Float64Array(2);
   const axis = strip.axis;
-  let width = 0;
-  let height = 0;
-  let ratio = 1;
-  let palette = {};
-  let hatches = {};
   let tops = new Float32Array(0);
   let bottoms = tops;
   let lastMark = -Infinity; // where the last mark stands, so that a crowd stays legible
 
-  const y = (value) => {
-    const place = height - PAD - axis.share(value) * (height - 2 * PAD);
-    return Math.min(height + 40, Math.max(-40, place));
-  };
-
-  function resize(newWidth, newHeight, newRatio) {
-    [width, height, ratio] = [newWidth, newHeight, newRatio];
-    canvas.width = Math.round(width * ratio);
-    canvas.height = Math.round(height * ratio);
-  }
-
-  function setPalette(given) {
-    palette = given;
-    hatches = Object.fromEntries(
-      ["stale", "alert", "warming"].map((name) => [name, hatch(pen, name, palette)]),
-    );
-  }
-
   function draw(frame) {
     fitAxis(frame);
-    pen.setTransform(ratio, 0, 0, ratio, 0, 0);
-    pen.fillStyle = palette.panel;
-    pen.fillRect(0, 0, width, height);
-    pen.translate(GUTTER, 0);
-    drawGrid(frame);
+    face.begin(frame.ticks, frame.x, frame.width);
     pen.save();
     pen.beginPath();
-    pen.rect(0, 0, frame.width, height);
+    pen.rect(0, 0, frame.width, face.height);
     pen.clip();
     if (strip.forecast !== null) drawLead(frame);
     for (const band of frame.bands) drawBand(band);
     lastMark = -Infinity;
     for (const band of frame.bands) drawWord(band); // under the trace, which no word may hide
-    drawThresholds(frame);
+    face.thresholds(frame.epsilon, frame.width);
     if (strip.forecast !== null) drawForecast(frame);
     drawTrace(frame);
     if (strip.limit !== null) drawExceedances(frame);
     drawCursors(frame);
     pen.restore();
-    drawAxis(frame);
+    face.labels(frame.epsilon);
   }
 
   function fitAxis({ ring, visible, wall }) {
@@ -101,43 +70,36 @@ export function createStripCanvas(canvas, strip) {
     axis.fit(low, high, wall);
   }
 
-  function drawGrid(frame) {
-    pen.fillStyle = palette.grid;
-    for (const t of frame.ticks) pen.fillRect(Math.round(frame.x(t)), 0, 1, height);
-    for (const value of axisTicks(axis)) pen.fillRect(0, Math.round(y(value)), frame.width, 1);
-    pen.fillRect(0, height - 1, frame.width, 1);
-  }
-
   function drawLead(frame) {
     const x0 = frame.x(frame.now);
     const x1 = frame.x(frame.now + frame.lead);
     if (!(x1 > x0)) return;
     pen.globalAlpha = 0.16;
-    pen.fillStyle = palette.forecast;
-    pen.fillRect(x0, 0, x1 - x0, height);
+    pen.fillStyle = face.palette.forecast;
+    pen.fillRect(x0, 0, x1 - x0, face.height);
     pen.globalAlpha = 1;
-    if (x1 - x0 > 52) word(`+${frame.lead.toFixed(2)} s`, (x0 + x1) / 2, 9, palette.forecast);
+    if (x1 - x0 > 52) word(`+${frame.lead.toFixed(2)} s`, (x0 + x1) / 2, 9, face.palette.forecast);
   }
 
   function drawBand({ x0, x1, kind }) {
     if ((kind === "alert" || kind === "warming") && !strip.risk) {
       if (kind !== "alert" || strip.limit === null) return;
-      pen.fillStyle = palette.alert; // on limited channels a bar: compare the alert with the crossing
+      pen.fillStyle = face.palette.alert; // on limited channels a bar: compare the alert with the crossing
       pen.fillRect(x0, 0, x1 - x0, 4);
       return;
     }
     if (kind === "thinned") {
-      pen.fillStyle = hatches.stale;
-      pen.fillRect(x0, height - 5, x1 - x0, 4);
+      pen.fillStyle = face.hatches.stale;
+      pen.fillRect(x0, face.height - 5, x1 - x0, 4);
       return;
     }
     if (kind === "gap" || kind === "invalid") {
       pen.globalAlpha = kind === "gap" ? 0.22 : 0.5;
-      pen.fillStyle = palette.band;
+      pen.fillStyle = face.palette.band;
     } else {
-      pen.fillStyle = hatches[kind];
+      pen.fillStyle = face.hatches[kind];
     }
-    pen.fillRect(x0, 0, x1 - x0, height);
+    pen.fillRect(x0, 0, x1 - x0, face.height);
     pen.globalAlpha = 1;
   }
 
@@ -145,61 +107,21 @@ export function createStripCanvas(canvas, strip) {
     if ((kind === "alert" || kind === "warming") && !strip.risk) return;
     if (kind === "thinned") return;
     const left = Math.max(0, x0);
-    const right = Math.min(width - GUTTER, x1);
-    pen.font = `700 12px ${palette.font}`;
+    const right = Math.min(face.width - GUTTER, x1);
+    pen.font = `700 12px ${face.palette.font}`;
     const long = pen.measureText(text).width + 10;
-    const colour = kind === "alert" ? palette.alert : palette.text;
+    const colour = kind === "alert" ? face.palette.alert : face.palette.text;
     const middle = (left + right) / 2;
-    if (long <= right - left) word(text, middle, kind === "alert" ? 12 : height / 2, colour);
-    else if (long <= height && right - left >= 18) upright(text, middle, colour);
+    if (long <= right - left) word(text, middle, kind === "alert" ? 12 : face.height / 2, colour);
+    else if (long <= face.height && right - left >= 18) face.upright(text, middle, colour);
     else if (kind === "alert" && middle - lastMark >= SPARSE) {
       word("▲", middle, 12, colour);
       lastMark = middle;
     }
   }
 
-  function upright(text, x, colour) {
-    pen.save();
-    pen.translate(x, height / 2);
-    pen.rotate(-Math.PI / 2);
-    word(text, 0, 0, colour);
-    pen.restore();
-  }
-
-  /** Text on a plate of the panel's colour, so that it reads over any hatch. */
-  function word(text, x, middle, colour) {
-    pen.font = `700 12px ${palette.font}`;
-    const half = pen.measureText(text).width / 2 + 4;
-    pen.globalAlpha = 0.85;
-    pen.fillStyle = palette.panel;
-    pen.fillRect(x - half, middle - 8, 2 * half, 16);
-    pen.globalAlpha = 1;
-    pen.fillStyle = colour;
-    pen.textAlign = "center";
-    pen.textBaseline = "middle";
-    pen.fillText(text, x, middle + 0.5);
-  }
-
-  function drawThresholds(frame) {
-    const colour = strip.risk ? palette.epsilon : palette.limit;
-    for (const value of thresholds(frame)) {
-      const at = Math.round(y(value));
-      const outside = value < 0 ? height - at : at;
-      pen.globalAlpha = 0.07;
-      pen.fillStyle = colour;
-      if (!strip.risk) pen.fillRect(0, value < 0 ? at : 0, frame.width, outside);
-      pen.globalAlpha = 1;
-      pen.fillRect(0, at - 0.75, frame.width, 1.5);
-    }
-  }
-
-  function thresholds(frame) {
-    if (strip.risk) return Number.isFinite(frame.epsilon) ? [frame.epsilon] : [];
-    return strip.limit === null ? [] : [strip.limit, -strip.limit];
-  }
-
   function drawTrace(frame) {
-    pen.strokeStyle = pen.fillStyle = palette.trace;
+    pen.strokeStyle = pen.fillStyle = face.palette.trace;
     pen.lineWidth = 1.8;
     pen.lineJoin = "bevel";
     if (frame.visible.sparse) traceSamples(frame);
@@ -262,7 +184,7 @@ export function createStripCanvas(canvas, strip) {
     const { visible, step } = frame;
     const shift = frame.lead / step;
     const nowX = frame.x(frame.now);
-    pen.strokeStyle = palette.forecast;
+    pen.strokeStyle = face.palette.forecast;
     pen.lineWidth = 1.4;
     if (visible.sparse && visible.n > 1) pen.setLineDash([6, 4]);
     stretch(frame, shift, -Infinity, nowX, !visible.sparse);
@@ -301,7 +223,7 @@ export function createStripCanvas(canvas, strip) {
     const { n, x, from, to } = visible;
     if (n === 0 || !ring.extent(strip.series, from[0], to[n - 1], out)) return;
     if (out[1] < limit && out[0] > -limit) return;
-    pen.fillStyle = palette.alert;
+    pen.fillStyle = face.palette.alert;
     const wide = Math.max(1.5, visible.sparse ? samplePx + 0.5 : 1.5);
     const seen = [false, false];
     const marked = [-Infinity, -Infinity];
@@ -314,7 +236,7 @@ export function createStripCanvas(canvas, strip) {
           const peak = y(side === 0 ? out[1] : out[0]);
           pen.fillRect(x[i] - wide / 2, Math.min(edge, peak), wide, Math.abs(edge - peak) + 1);
           if (!seen[side] && x[i] - marked[side] >= SPARSE) {
-            triangle(x[i], side === 0);
+            face.triangle(x[i], side === 0);
             marked[side] = x[i];
           }
         }
@@ -323,67 +245,12 @@ export function createStripCanvas(canvas, strip) {
     }
   }
 
-  function triangle(x, up) {
-    const base = up ? 14 : height - 14;
-    pen.beginPath();
-    pen.moveTo(x, up ? 3 : height - 3);
-    pen.lineTo(x - 7, base);
-    pen.lineTo(x + 7, base);
-    pen.fill();
-  }
-
   function drawCursors(frame) {
-    line(frame.x(frame.now), palette.dim, [], 1);
-    line(frame.x(frame.cursor), palette.cursor, [2, 2], 1);
-    line(frame.x(frame.marks.a), palette["mark-a"], [7, 3], 1.5);
-    line(frame.x(frame.marks.b), palette["mark-b"], [7, 3], 1.5);
+    face.line(frame.x(frame.now), face.palette.dim, [], 1);
+    face.line(frame.x(frame.cursor), face.palette.cursor, [2, 2], 1);
+    face.line(frame.x(frame.marks.a), face.palette["mark-a"], [7, 3], 1.5);
+    face.line(frame.x(frame.marks.b), face.palette["mark-b"], [7, 3], 1.5);
   }
 
-  function line(x, colour, dash, thick) {
-    if (!Number.isFinite(x)) return;
-    pen.strokeStyle = colour;
-    pen.lineWidth = thick;
-    pen.setLineDash(dash);
-    pen.beginPath();
-    pen.moveTo(Math.round(x) + 0.5, 0);
-    pen.lineTo(Math.round(x) + 0.5, height);
-    pen.stroke();
-    pen.setLineDash([]);
-  }
-
-  function drawAxis(frame) {
-    pen.font = `12px ${palette.font}`;
-    pen.textAlign = "right";
-    pen.textBaseline = "middle";
-    const taken = [];
-    const label = (value, text, colour, weight = "") => {
-      const at = Math.min(height - 7, Math.max(7, y(value)));
-      if (taken.some((other) => Math.abs(other - at) < 15)) return;
-      taken.push(at);
-      pen.font = `${weight} 12px ${palette.font}`.trim();
-      pen.fillStyle = colour;
-      pen.fillText(text, -6, at);
-    };
-    if (strip.risk) {
-      if (Number.isFinite(frame.epsilon)) label(frame.epsilon, `ε ${frame.epsilon}`, palette.epsilon, "700");
-      for (const value of [0, 1, 0.5, 0.1]) label(value, String(value), palette.dim);
-      return;
-    }
-    for (const value of thresholds(frame)) label(value, signed(value), palette.limit, "700");
-    const ticks = axisTicks(axis).filter((value) => Math.abs(value) > axis.step / 2);
-    label(0, "0", palette.dim);
-    for (const value of ticks.sort((a, b) => Math.abs(b) - Math.abs(a))) label(value, round(value, axis.step), palette.dim);
-  }
-
-  return { draw, resize, setPalette, axis };
-}
-
-function signed(value) {
-  return `${value < 0 ? "−" : "+"}${Math.abs(value)}`;
-}
-
-function round(value, step) {
-  const places = Math.min(6, Math.max(0, Math.ceil(-Math.log10(step) - 1e-9)));
-  const text = Math.abs(value).toFixed(places);
-  return value < -step / 1000 ? `−${text}` : text;
+  return { draw, resize: face.resize, setPalette: face.setPalette, axis };
 }

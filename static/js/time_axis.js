@@ -3,14 +3,15 @@
  *
  * Exports
  *   timeTicks(start, end, width) -> {times, step}    round times about 90 px apart
- *   formatTime(t, step) -> string                    "12.50", or "3:05" from two minutes on
+ *   formatTime(t, step) -> string                    "12.50", "3:05" from two minutes on, "1:03:05"
+ *                                                    from an hour on
  *   createTimeAxis(canvas) -> {draw(frame, ticks), resize(width, height, ratio), setPalette(palette)}
  */
 
-import { GUTTER } from "./strip_canvas.js";
+import { GUTTER } from "./strip_frame.js";
 import { roundStep } from "./value_axis.js";
 
-const STEPS = [10, 15, 30, 60, 120, 300, 600, 1200];
+const STEPS = [10, 15, 30, 60, 120, 300, 600, 1200, 1800, 3600, 7200, 14400, 21600];
 
 export function timeTicks(start, end, width) {
   const least = ((end - start) * 90) / width;
@@ -28,7 +29,9 @@ export function formatTime(t, step) {
   const whole = size.toFixed(places);
   const minutes = Math.floor(Number(whole) / 60);
   const rest = (Number(whole) - 60 * minutes).toFixed(places);
-  return `${sign}${minutes}:${rest.padStart(places > 0 ? places + 3 : 2, "0")}`;
+  const seconds = rest.padStart(places > 0 ? places + 3 : 2, "0");
+  if (minutes < 60) return `${sign}${minutes}:${seconds}`;
+  return `${sign}${Math.floor(minutes / 60)}:${String(minutes % 60).padStart(2, "0")}:${seconds}`;
 }
 
 export function createTimeAxis(canvas) {
@@ -55,9 +58,11 @@ export function createTimeAxis(canvas) {
     pen.textAlign = "center";
     for (const t of ticks.times) {
       const at = frame.x(t);
-      if (at < 8 || at > frame.width - 8) continue;
+      const text = formatTime(t, ticks.step);
+      const half = pen.measureText(text).width / 2;
+      if (at < Math.max(8, half - 4) || at > frame.width - 8) continue; // at the left stands the unit
       pen.fillRect(Math.round(at), 0, 1, 4);
-      pen.fillText(formatTime(t, ticks.step), at, size.height / 2 + 1);
+      pen.fillText(text, at, size.height / 2 + 1);
     }
     flag(frame, frame.cursor, "", palette.cursor);
     flag(frame, frame.marks.a, "A", palette["mark-a"]);

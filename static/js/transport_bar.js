@@ -1,5 +1,5 @@
 /**
- * Play, pause, step, seek, speed, loop, next alert: buttons, a slider, and what the keys do.
+ * Play, pause, step, seek, speed, loop, next alert and event: buttons, a slider, and what the keys do.
  *
  * Exports
  *   createTransportBar(element, {act, end}) -> TransportBar
@@ -9,7 +9,7 @@
  * TransportBar
  *   show(transport)      as the server says it
  *   moved(t)             a sample of time t [s] has come
- *   mark(times)          [{t, level}] drawn above the slider
+ *   mark(times)          [{t, level}] drawn above the slider; "To the next event" goes from one to the next
  *   setUsable(boolean)   false while there is no connection
  *   keys                 {key: act} for the page's shortcuts
  */
@@ -22,18 +22,20 @@ const SPEEDS = [0.1, 0.2, 0.5, 1, 2, 5, 10];
 
 export function createTransportBar(element, { act, end }) {
   element.classList.add("transport");
-  let transport = { playing: false, speed: 1, loop: false, position: 0, duration: null, seekable: true };
+  let transport = { playing: false, speed: 1, loop: false, start: 0, position: 0, duration: null, seekable: true };
+  let marked = []; // times of the marks, rising
   let dragging = false;
   let wanted = null; // time to seek to, while an earlier seek is under way
   let seeking = false;
 
   const button = (text, label, key, onclick, name) =>
     h("button", { type: "button", class: "button button-small", "aria-label": label, title: `${label} (key ${key})`, onclick, "data-action": name }, text);
-  const back = button("|◀", "To the start", "0", () => seek(0), "start");
+  const back = button("|◀", "To the start", "0", () => seek(transport.start), "start");
   const stepBack = button("◀|", "One sample back", "comma", () => send("step", -1), "back");
   const play = button("▶", "Play", "space", toggle, "play");
   const step = button("|▶", "One sample on", "period", () => send("step", 1), "step");
   const next = button("▲▶", "To the next alert", "N", () => send("next_alert"), "next_alert");
+  const event = button("◆▶", "To the next event", "E", toNextEvent, "next_event");
   const loop = button("Loop", "Loop", "O", () => send("loop", !transport.loop), "loop");
   const speed = h("select", { class: "speed", "aria-label": "Speed", title: "Speed (keys [ and ])", onchange: () => send("speed", Number(speed.value)) });
   for (const factor of SPEEDS) speed.append(h("option", { value: factor }, `${factor}×`));
@@ -43,7 +45,7 @@ export function createTransportBar(element, { act, end }) {
   const time = h("span", { class: "transport-time" });
   const failure = h("span", { class: "error transport-error", role: "status", hidden: true });
   const stop = h("button", { type: "button", class: "button button-small", title: "End this flight; its record is kept", onclick: end }, "End flight");
-  element.append(back, stepBack, play, step, next, loop, speed, track, time, stop, failure);
+  element.append(back, stepBack, play, step, next, event, loop, speed, track, time, stop, failure);
 
   slider.addEventListener("input", () => {
     dragging = true;
@@ -81,6 +83,14 @@ export function createTransportBar(element, { act, end }) {
     return send(transport.playing ? "pause" : "play");
   }
 
+  function toNextEvent() {
+    const later = marked.find((t) => t > transport.position + 1e-6);
+    if (later !== undefined) return seek(later);
+    put(failure, "No event follows. Seek back to find one.");
+    failure.hidden = false;
+    return Promise.resolve();
+  }
+
   function faster(by) {
     const at = SPEEDS.findIndex((factor) => factor >= transport.speed - 1e-9);
     const factor = SPEEDS[Math.min(SPEEDS.length - 1, Math.max(0, at + by))];
@@ -99,8 +109,10 @@ export function createTransportBar(element, { act, end }) {
       speed.append(h("option", { value: now.speed }, `${now.speed}×`));
     }
     speed.value = String(now.speed);
-    slider.max = String(duration ?? 1);
+    slider.min = String(now.start);
+    slider.max = String(now.start + (duration ?? 1));
     for (const part of [back, stepBack, play, step, next, loop, speed, track]) part.hidden = !seekable;
+    event.hidden = !seekable || marked.length === 0;
     moved(now.position);
   }
 
@@ -112,18 +124,20 @@ export function createTransportBar(element, { act, end }) {
   }
 
   function showTime(t) {
-    const { duration } = transport;
-    put(time, duration === null ? `${t.toFixed(2)} s` : `${t.toFixed(2)} / ${duration.toFixed(2)} s`);
+    const { start, duration } = transport;
+    put(time, duration === null ? `${t.toFixed(2)} s` : `${t.toFixed(2)} / ${(start + duration).toFixed(2)} s`);
     slider.setAttribute("aria-valuetext", `${t.toFixed(2)} seconds`);
   }
 
   function mark(times) {
-    const { duration } = transport;
+    const { start, duration, seekable } = transport;
+    marked = times.map(({ t }) => t).sort((a, b) => a - b);
+    event.hidden = !seekable || marked.length === 0;
     marks.replaceChildren(
       ...times
         .filter(() => duration > 0)
         .map(({ t, level }) =>
-          h("span", { class: "scrub-mark", "data-level": level, style: `left:${(100 * t) / duration}%` }, level === "alert" ? "▲" : "◆"),
+          h("span", { class: "scrub-mark", "data-level": level, style: `left:${(100 * (t - start)) / duration}%` }, level === "alert" ? "▲" : "◆"),
         ),
     );
   }
@@ -132,8 +146,9 @@ export function createTransportBar(element, { act, end }) {
     " ": toggle,
     ",": () => send("step", -1),
     ".": () => send("step", 1),
-    0: () => seek(0),
+    0: () => seek(transport.start),
     n: () => send("next_alert"),
+    e: toNextEvent,
     o: () => send("loop", !transport.loop),
     "[": () => faster(-1),
     "]": () => faster(1),
@@ -146,7 +161,7 @@ export function createTransportBar(element, { act, end }) {
     seek,
     keys,
     setUsable: (usable) => {
-      for (const part of [back, stepBack, play, step, next, loop, speed, slider, stop]) part.disabled = !usable;
+      for (const part of [back, stepBack, play, step, next, event, loop, speed, slider, stop]) part.disabled = !usable;
       failure.hidden = true;
     },
   };

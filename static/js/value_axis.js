@@ -5,24 +5,24 @@
  * less than it shows for some seconds. Limits are always in view.
  *
  * Exports
- *   createValueAxis({limit, span}) -> {fit(low, high, wall), low, high, step, moving}
+ *   createValueAxis({limit, span, patience}) -> {fit(low, high, wall), low, high, step, moving, roomy}
  *     limit: magnitude shown on both sides, or null.   span 0.02: least height shown, in the unit.
+ *     patience 4000: [ms] that a wide range must have been too wide.   roomy: it is, and waits.
  *     fit takes the least and greatest visible value (low > high: none) and the wall clock [ms].
  *   createRiskAxis(scale) -> the same for risk, 0..1, "sqrt" (small risks stay legible) or "linear"
  *   axisTicks(axis) -> number[]    roundStep(least) -> number, of 1, 2, 5, 10, ...
  *   Both axes have share(value) -> 0 at the bottom .. 1 at the top; outside the range beyond.
  */
 
-const PATIENCE = 4000; // [ms] that a wide range must have been too wide
 const ROOMY = 0.45; // share of the range below which it is
 const EASE = 60; // [ms] time constant of the way to a new range
 
-/** @param {{limit?: number | null, span?: number}} options */
-export function createValueAxis({ limit = null, span = 0.02 }) {
+/** @param {{limit?: number | null, span?: number, patience?: number}} options */
+export function createValueAxis({ limit = null, span = 0.02, patience = 4000 }) {
   let target = range(limit === null ? 0 : -limit, limit ?? 0);
   let roomySince = null;
   let last = NaN;
-  const axis = { low: target.low, high: target.high, step: target.step, moving: false, fit, share };
+  const axis = { low: target.low, high: target.high, step: target.step, moving: false, roomy: false, fit, share };
 
   function range(low, high) {
     const margin = limit === null ? 0 : 1.15 * limit;
@@ -48,7 +48,7 @@ export function createValueAxis({ limit = null, span = 0.02 }) {
         const roomy = tight.high - tight.low < ROOMY * (target.high - target.low);
         if (!roomy) roomySince = null;
         else if (roomySince === null) roomySince = wall;
-        else if (wall - roomySince > PATIENCE) {
+        else if (wall - roomySince > patience) {
           target = tight;
           roomySince = null;
         }
@@ -60,6 +60,7 @@ export function createValueAxis({ limit = null, span = 0.02 }) {
     axis.low = approach(axis.low, target.low, way, near);
     axis.high = approach(axis.high, target.high, way, near);
     axis.step = target.step;
+    axis.roomy = roomySince !== null;
     axis.moving = axis.low !== target.low || axis.high !== target.high;
   }
 

@@ -1,0 +1,72 @@
+/**
+ * A channel at a glance: least and greatest values over the whole recording, in a few hundred pixels.
+ *
+ * Exports
+ *   createMiniPlot(name) -> {element, show(tiles | null)}
+ *     tiles: {t, low, high, unit, min, max}; null in low and high where nothing was recorded
+ */
+
+import { h, svg } from "./dom.js";
+import { figure } from "./words.js";
+
+const [WIDTH, HEIGHT, PAD] = [240, 44, 4];
+
+export function createMiniPlot(name) {
+  const zero = svg("path", { class: "mini-zero" });
+  const area = svg("path", { class: "mini-area" });
+  const drawing = svg(
+    "svg",
+    {
+      class: "mini-svg",
+      viewBox: `0 0 ${WIDTH} ${HEIGHT}`,
+      preserveAspectRatio: "none",
+      "aria-hidden": true,
+    },
+    zero,
+    area,
+  );
+  const words = h("figcaption", { class: "mini-words" });
+  const element = h("figure", { class: "mini-plot" }, drawing, words);
+
+  function show(tiles) {
+    const known = tiles !== null && Number.isFinite(tiles.min);
+    element.toggleAttribute("data-empty", !known);
+    drawing.toggleAttribute("hidden", !known);
+    if (!known) {
+      words.textContent = tiles === null ? "" : "no values";
+      return;
+    }
+    const { min, max, unit } = tiles;
+    const room = max - min || 1;
+    const y = (value) => HEIGHT - PAD - ((value - min) / room) * (HEIGHT - 2 * PAD);
+    area.setAttribute("d", areaOf(tiles, y));
+    zero.setAttribute("d", min <= 0 && max >= 0 ? `M0 ${y(0)}H${WIDTH}` : "");
+    words.textContent = `${figure(min)} to ${figure(max)} ${unit}`;
+    element.setAttribute("aria-label", `${name}, ${words.textContent}`);
+  }
+
+  return { element, show };
+}
+
+/** One closed path for each unbroken stretch; at least a line thick. */
+function areaOf({ t, low, high }, y) {
+  const span = t.at(-1) - t[0] || 1;
+  const x = (k) => ((t[k] - t[0]) / span) * WIDTH;
+  const round = (value) => Math.round(10 * value) / 10;
+  const pieces = [];
+  let piece = [];
+  for (let k = 0; k <= t.length; k++) {
+    if (k < t.length && low[k] !== null && high[k] !== null) piece.push(k);
+    else if (piece.length) {
+      pieces.push(piece);
+      piece = [];
+    }
+  }
+  return pieces
+    .map((found) => {
+      const upper = found.map((k) => `${round(x(k))} ${round(y(high[k]) - 0.8)}`);
+      const lower = found.map((k) => `${round(x(k))} ${round(y(low[k]) + 0.8)}`).reverse();
+      return `M${[...upper, ...lower].join("L")}Z`;
+    })
+    .join("");
+}

@@ -1,0 +1,244 @@
+/**
+ * Strips of a whole recording: channels, limits, risk, manoeuvres, markers; from tiles, at any zoom.
+ *
+ * Exports
+ *   createRecordingChart(host, options) -> RecordingChart
+ *
+ * options
+ *   channels    [{key, symbol, unit, label, limit | null}]      order    keys from top to bottom
+ *   sources     one or two: [{load(start, end, bins) -> Promise<tiles>, start, end, dt, offset, spans}]
+ *               start, end: in the chart's time, which is the recording's own less `offset` [s];
+ *               spans: [{start, end, withdrawn}] of its manoeuvres in the chart's time, or null
+ *   epsilon     of the risk strip, which is there where it is in `order`
+ *   label       what a screen reader calls it
+ *   chosen(item)      a manoeuvre or marker of the lane was pressed
+ *   went(event)       the reader asked for an event; by default its time is brought into view
+ *
+ * RecordingChart
+ *   setLane(items), setEvents([{t, ...}])    for the lane, see event_lane.js
+ *   go(direction)               to the next (1) or the last (-1) event, from the cursor
+ *   show(start, end), showAll(), setCursor(t), setMarking(bool)   marking: a drag sets A and B
+ *   reload()                    forgets the tiles: the sources have others now
+ *   window, update(wall), destroy()
+ */
+
+import { reason } from "./api.js";
+import { attachInput } from "./chart_input.js";
+import { attachMarking } from "./drag_marking.js";
+import { addDrawer } from "./draw_loop.js";
+import { createEventLane } from "./event_lane.js";
+import { createOverviewBar } from "./overview_bar.js";
+import { readPalette, watchTheme } from "./palette.js";
+import { layOutRecording } from "./recording_layout.js";
+import { createReadings } from "./recording_readings.js";
+import { GUTTER } from "./strip_frame.js";
+import { bandsOf } from "./tile_bands.js";
+import { createTileStrip, pieceOf } from "./tile_strip.js";
+import { createTileCache } from "./tiles.js";
+import { createTimeAxis, timeTicks } from "./time_axis.js";
+import { createTimeWindow } from "./time_window.js";
+import { createRiskAxis, createValueAxis } from "./value_axis.js";
+
+const RISK = { key: "risk", symbol: "risk", unit: "", label: "higher is worse", limit: null };
+const DESCRIBED_EVERY = 1000; // ms
+const PATIENCE = 400; // ms until an axis that is too wide narrows
+const EDGE = 0.03; // of the window: what lies nearer to its edge is brought inside
+
+export function createRecordingChart(host, options) {
+  const { sources, epsilon = NaN } = options;
+  const start = Math.min(...sources.map((source) => source.start));
+  const end = Math.max(...sources.map((source) => source.end));
+  const dt = Math.min(...sources.map((source) => source.dt));
+  const spans = sources.map((source) => source.spans ?? null);
+  const timeWindow = createTimeWindow({ start, end, least: Math.min(end - start, 20 * dt) });
+  const strips = options.order.map((key) => stripOf(key, options.channels));
+  const layout = layOutRecording(host, strips, options.label ?? "Recording");
+  const { rows, rowOf, bar } = layout;
+  const lane = createEventLane(layout.lane, { chosen: (item) => options.chosen?.(item) });
+  const readings = createReadings(strips, layout, { timeWindow, epsilon, spans });
+  const canvases = strips.map((strip, k) => createTileStrip(rowOf[k].canvas, strip));
+  const timeAxis = createTimeAxis(layout.axis);
+  const overview = createOverviewBar(layout.overview, {
+    timeWindow,
+    start,
+    end,
+    key: options.order.includes("risk") ? "risk" : strips[0].key,
+  });
+  const caches = sources.map((source) =>
+    createTileCache({
+      ...source,
+      arrived: changed,
+      failed: (error) => layout.fail(reason(error), readAgain),
+    }),
+  );
+  const drawn = { revision: -1, look: -1, described: -1e9, said: -1 };
+  let events = [];
+  let look = 0; // counts what changes the look: tiles, size, theme, manoeuvres
+  let plot = 1;
+  let measured = false;
+
+  function changed() {
+    look += 1;
+  }
+
+  function readAgain() {
+    caches.forEach((cache) => cache.retry());
+    changed();
+  }
+
+  function measure() {
+    const ratio = devicePixelRatio || 1;
+    const fit = (part, canvas) => {
+      const { width, height } = canvas.parentElement.getBoundingClientRect();
+      part.resize(width, height, ratio);
+      return width;
+    };
+    const widths = canvases.map((canvas, k) => fit(canvas, rowOf[k].canvas));
+    fit(timeAxis, layout.axis);
+    fit(overview, layout.overview);
+    plot = Math.max(16, Math.floor(widths[0]) - GUTTER);
+    measured = widths[0] > 0;
+    if (measured) dress(); // only what is on the page has colours
+  }
+
+  function dress() {
+    const palette = readPalette(host);
+    for (const part of [...canvases, timeAxis, overview]) part.setPalette(palette);
+    changed();
+  }
+
+  function update(wall = performance.now()) {
+    if (!measured) measure();
+    if (!measured) return;
+    const moving = strips.some(({ axis }) => axis.moving || axis.roomy);
+    const view = timeWindow.view();
+    const sets = caches.map((cache) => cache.best(view, plot));
+    if (timeWindow.revision !== drawn.revision || look !== drawn.look || moving) {
+      Object.assign(drawn, { revision: timeWindow.revision, look });
+      for (const cache of caches) cache.want(view, plot);
+      draw(view, sets, wall);
+      readings.show(sets);
+    }
+    const now = drawn.revision + drawn.look; // both only grow
+    if (now === drawn.said || wall - drawn.described < DESCRIBED_EVERY) return;
+    Object.assign(drawn, { said: now, described: wall });
+    readings.describe(sets);
+  }
+
+  function draw(view, sets, wall) {
+    const step = (view.end - view.start) / plot;
+    const x = (t) => (t - view.start) / step;
+    const traces = sets.map((set, k) => pieceOf({ set, spans: spans[k] }, { view, x, step }));
+    const alone = sources.length === 1;
+    const ticks = timeTicks(view.start, view.end, plot);
+    const frame = {
+      traces,
+      x,
+      width: plot,
+      bands: bandsOf(traces[0], spans[0], x).filter(({ kind }) => alone || kind !== "between"),
+      ticks: ticks.times,
+      epsilon,
+      cursor: timeWindow.cursorAt(view),
+      marks: timeWindow.marks,
+      wall,
+    };
+    for (const canvas of canvases) canvas.draw(frame);
+    timeAxis.draw(frame, ticks);
+    overview.draw({ set: caches[0].whole(), spans: spans[0] ?? [], epsilon, view });
+    lane.place(view);
+  }
+
+  function go(direction) {
+    const from = timeWindow.pinned;
+    const here = Number.isFinite(from) ? from : -direction * Infinity;
+    const later = (event) => direction * (event.t - here) > 1e-6;
+    const event = direction > 0 ? events.find(later) : events.findLast(later);
+    if (event === undefined) return;
+    if (options.went) options.went(event);
+    else setCursor(event.t);
+  }
+
+  function setCursor(t) {
+    timeWindow.setHover(null);
+    timeWindow.setCursor(t);
+    const view = timeWindow.view();
+    const width = view.end - view.start;
+    if (t < view.start + EDGE * width || t > view.end - EDGE * width) {
+      timeWindow.setWindow(t - width / 2, t + width / 2);
+    }
+  }
+
+  const input = attachInput(host, rows, timeWindow, {
+    view: () => timeWindow.view(),
+    plotLeft: () => GUTTER,
+    plotWidth: () => plot,
+    dt: () => dt,
+    newest: () => end,
+    wall: () => 0,
+  });
+  const marking = attachMarking(rows, timeWindow, { left: () => GUTTER, width: () => plot });
+  const acts = {
+    a: () => input.mark("a"),
+    b: () => input.mark("b"),
+    clear: () => timeWindow.clearMarks(),
+    in: () => input.zoom(0.5),
+    out: () => input.zoom(2),
+    live: () => timeWindow.showAll(),
+    next: () => go(1),
+    back: () => go(-1),
+  };
+  for (const [name, act] of Object.entries(acts)) bar.on(name, act);
+  host.addEventListener("keydown", (event) => {
+    if (event.ctrlKey || event.metaKey || event.altKey || event.target !== host) return;
+    const direction = { n: 1, p: -1 }[event.key.toLowerCase()];
+    if (direction === undefined) return;
+    event.preventDefault();
+    go(direction);
+  });
+  const resizing = new ResizeObserver(() => {
+    measured = false;
+    update();
+  });
+  resizing.observe(host);
+  const unwatch = watchTheme(host, () => {
+    dress();
+    update(); // paper does not wait for a frame
+  });
+  const stop = addDrawer(update);
+
+  return {
+    window: timeWindow,
+    setLane: (items) => {
+      lane.show(items);
+      measured = false; // a row more leaves the strips less room
+    },
+    setEvents: (given) => {
+      events = [...given].sort((one, other) => one.t - other.t);
+    },
+    go,
+    show: (from, to) => timeWindow.setWindow(from, to),
+    showAll: () => timeWindow.showAll(),
+    setCursor,
+    setMarking: marking.set,
+    reload: () => {
+      caches.forEach((cache) => cache.clear());
+      changed();
+    },
+    update,
+    destroy: () => {
+      stop();
+      unwatch();
+      resizing.disconnect();
+      caches.forEach((cache) => cache.close());
+      host.replaceChildren();
+    },
+  };
+}
+
+function stripOf(key, channels) {
+  const risk = key === "risk";
+  const channel = risk ? RISK : channels.find((one) => one.key === key);
+  const limit = channel.limit ?? null;
+  const axis = risk ? createRiskAxis("sqrt") : createValueAxis({ limit, patience: PATIENCE });
+  return { ...channel, limit, risk, axis };
+}

@@ -1,0 +1,80 @@
+/**
+ * What a recording's chart says in numbers and words: readouts, the tool bar, what a screen reader says.
+ *
+ * Exports
+ *   createReadings(strips, {rowOf, bar}, {timeWindow, epsilon, spans}) -> {show(sets), describe(sets)}
+ *     sets: [TileSet | null] as drawn.   spans: [[{start, end, withdrawn}] | null] of each source
+ */
+
+import { put } from "./panel_states.js";
+import { formatValue } from "./readout.js";
+import { durationText } from "./recording_words.js";
+import { createTileReadout, rangeText } from "./tile_readout.js";
+import { formatTime } from "./time_axis.js";
+
+const NOTHING = { low: NaN, high: NaN };
+
+export function createReadings(strips, { rowOf, bar }, { timeWindow, epsilon, spans }) {
+  const readouts = strips.map((strip, k) => createTileReadout(rowOf[k].readout, strip));
+
+  function show(sets) {
+    const view = timeWindow.view();
+    const cursor = timeWindow.cursorAt(view);
+    const { a, b } = timeWindow.marks;
+    const pinned = Number.isFinite(cursor);
+    const mark = (key, t) => (Number.isFinite(t) ? (sets[0]?.valueAt(key, t) ?? NOTHING) : null);
+    strips.forEach(({ key, risk }, n) => {
+      const values = sets.map((set) => {
+        if (set === null) return NOTHING;
+        return pinned ? set.valueAt(key, cursor) : set.rangeOf(key, view);
+      });
+      readouts[n].show({
+        values,
+        at: pinned ? "cursor" : "view",
+        a: mark(key, a),
+        b: mark(key, b),
+        words: pinned && risk ? saidAt(cursor, values[0]) : "",
+      });
+    });
+    showBar(view, cursor);
+  }
+
+  /** Why the risk strip has no number here. */
+  function saidAt(t, { low }) {
+    if (Number.isFinite(low) || spans[0] === null) return "";
+    const span = spans[0].find((one) => t >= one.start && t <= one.end);
+    if (!span) return "not assessed";
+    return span.withdrawn ? "INVALID" : "";
+  }
+
+  function showBar({ start, end }, cursor) {
+    const { a, b } = timeWindow.marks;
+    const seconds = end - start;
+    const length = seconds < 120 ? `${formatValue(seconds)} s` : durationText(seconds);
+    put(bar.span, `${formatTime(start, 0.1)} to ${formatTime(end, 0.1)} (${length})`);
+    const parts = [];
+    if (Number.isFinite(a)) parts.push(`A ${formatTime(a, 0.001)} s`);
+    if (Number.isFinite(b)) parts.push(`B ${formatTime(b, 0.001)} s`);
+    if (parts.length === 2) parts.push(`Δt ${formatValue(b - a)} s`);
+    if (parts.length === 0 && Number.isFinite(cursor)) {
+      parts.push(`cursor ${formatTime(cursor, 0.001)} s`);
+    }
+    put(bar.values, parts.join("   "));
+  }
+
+  function describe(sets) {
+    const view = timeWindow.view();
+    const withdrawn = spans[0]?.some((span) => span.withdrawn);
+    strips.forEach(({ key, risk, label, symbol, unit, limit }, n) => {
+      const range = rangeText(sets[0]?.rangeOf(key, view) ?? NOTHING);
+      const name = risk ? "risk, higher is worse" : `${label} ${symbol}`;
+      const parts = [`${name}: ${range === "–" ? "no value in view" : `${range} ${unit} in view`}`];
+      if (risk && Number.isFinite(epsilon)) parts.push(`alerts above ${epsilon}`);
+      if (risk && withdrawn) parts.push("withdrawn where invalid");
+      if (limit !== null) parts.push(`limit ±${limit} ${unit}`);
+      rowOf[n].canvas.setAttribute("aria-label", parts.join(", "));
+    });
+  }
+
+  return { show, describe };
+}

@@ -1,0 +1,113 @@
+/**
+ * What is known of a replayed recording beside its samples: manoeuvres, limits reached, people's notes.
+ *
+ * Exports
+ *   createReplayNotes({api, source, now, found, fail}) -> {element, times() -> [{t, level}], write(), close()}
+ *     source: {recording, scoring} of a flight's hello.   now() -> s, where the flight is
+ *     found(event): {t, text, level}, for the event list, whenever one is known
+ *     fail(error): what could not be read
+ *     write(): opens the field for a note at this moment
+ */
+
+import { reason } from "./api.js";
+import { h } from "./dom.js";
+import { put } from "./panel_states.js";
+
+export function createReplayNotes({ api, source, now, found, fail }) {
+  const path = `/recordings/${encodeURIComponent(source.recording)}`;
+  const marks = [];
+  let at = 0;
+  let closed = false;
+  const when = h("span", { class: "dim" });
+  const text = h("input", {
+    type: "text",
+    maxlength: 2000,
+    "aria-label": "Note",
+    placeholder: "What happens here",
+    required: true,
+  });
+  const said = h("p", { class: "error", role: "alert", hidden: true });
+  const form = h(
+    "form",
+    { class: "replay-note", hidden: true, onsubmit: keep },
+    when,
+    text,
+    h("button", { class: "button button-small button-primary" }, "Keep"),
+    h(
+      "button",
+      { type: "button", class: "button button-small", onclick: () => (form.hidden = true) },
+      "Cancel",
+    ),
+    said,
+  );
+  const open = h(
+    "button",
+    {
+      type: "button",
+      class: "button button-small",
+      title: "Note at this moment (key T)",
+      onclick: write,
+    },
+    "Note here",
+  );
+  const element = h("div", { class: "replay-notes" }, open, form);
+  load().catch((error) => !closed && fail(error));
+
+  async function load() {
+    const [scoring, markers] = await Promise.all([
+      api.get(`${path}/scorings/${encodeURIComponent(source.scoring)}`),
+      api.get(`${path}/markers`),
+    ]);
+    if (closed) return;
+    for (const { name, start, crossing, alerts, validity } of scoring.stretches) {
+      add({
+        t: start,
+        text:
+          validity.valid === false
+            ? `${name} begins: invalid, ${validity.reasons[0] ?? "no right to speak"}`
+            : `${name} begins`,
+      });
+      for (const [begin] of alerts) marks.push({ t: begin, level: "alert" });
+      if (crossing !== null) marks.push({ t: crossing.t, level: "caution" });
+    }
+    markers.forEach(showMarker);
+  }
+
+  function showMarker({ t, text: words, kind }) {
+    add({ t, text: `${kind}: ${words}` });
+  }
+
+  function add(event) {
+    marks.push({ t: event.t, level: "caution" });
+    found({ level: "", ...event, seen: true });
+  }
+
+  function write() {
+    at = now();
+    put(when, `${at.toFixed(2)} s`);
+    said.hidden = true;
+    form.hidden = false;
+    text.focus();
+  }
+
+  async function keep(submitted) {
+    submitted.preventDefault();
+    try {
+      showMarker(await api.post(`${path}/markers`, { t: at, text: text.value, kind: "note" }));
+      text.value = "";
+      form.hidden = true;
+    } catch (error) {
+      put(said, reason(error));
+      said.hidden = false;
+    }
+  }
+
+  return {
+    element,
+    times: () => marks,
+    write,
+    close: () => {
+      closed = true;
+    },
+  };
+}

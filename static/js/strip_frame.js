@@ -1,0 +1,174 @@
+/**
+ * What every strip draws alike: ground, grid, thresholds, words on plates, cursors, the value axis.
+ *
+ * Exports
+ *   GUTTER  width of the value axis left of the plot [px]
+ *   SPARSE  px between marks of the same kind
+ *   createStripFrame(canvas, strip) -> StripFrame     strip: {axis, limit, risk}
+ *
+ * StripFrame
+ *   pen, width, height, palette, hatches      of the whole canvas, gutter included
+ *   resize(width, height, ratio), setPalette(palette)
+ *   y(value) -> px
+ *   begin(ticks, x, plot)       clears, draws the grid; the pen then stands at the plot's left edge
+ *   word(text, x, middle, colour), upright(text, x, colour)     text on a plate
+ *   triangle(x, up), line(x, colour, dash, thick)
+ *   thresholds(epsilon, plot), labels(epsilon)      limits or epsilon: in the plot, in the gutter
+ */
+
+import { hatch } from "./palette.js";
+import { axisTicks } from "./value_axis.js";
+
+export const GUTTER = 46;
+export const SPARSE = 22;
+const PAD = 5; // px above and below the range
+
+export function createStripFrame(canvas, strip) {
+  const pen = canvas.getContext("2d", { alpha: false });
+  const axis = strip.axis;
+  let ratio = 1;
+  const own = {
+    pen,
+    width: 0,
+    height: 0,
+    palette: {},
+    hatches: {},
+    y,
+    resize,
+    setPalette,
+    begin,
+    word,
+    upright,
+    triangle,
+    line,
+    thresholds,
+    labels,
+  };
+
+  function y(value) {
+    const place = own.height - PAD - axis.share(value) * (own.height - 2 * PAD);
+    return Math.min(own.height + 40, Math.max(-40, place));
+  }
+
+  function resize(width, height, newRatio) {
+    [own.width, own.height, ratio] = [width, height, newRatio];
+    canvas.width = Math.round(width * ratio);
+    canvas.height = Math.round(height * ratio);
+  }
+
+  function setPalette(palette) {
+    own.palette = palette;
+    own.hatches = Object.fromEntries(
+      ["stale", "alert", "warming"].map((name) => [name, hatch(pen, name, palette)]),
+    );
+  }
+
+  function begin(ticks, x, plot) {
+    pen.setTransform(ratio, 0, 0, ratio, 0, 0);
+    pen.fillStyle = own.palette.panel;
+    pen.fillRect(0, 0, own.width, own.height);
+    pen.translate(GUTTER, 0);
+    pen.fillStyle = own.palette.grid;
+    for (const t of ticks) pen.fillRect(Math.round(x(t)), 0, 1, own.height);
+    for (const value of axisTicks(axis)) pen.fillRect(0, Math.round(y(value)), plot, 1);
+    pen.fillRect(0, own.height - 1, plot, 1);
+  }
+
+  function upright(text, x, colour) {
+    pen.save();
+    pen.translate(x, own.height / 2);
+    pen.rotate(-Math.PI / 2);
+    word(text, 0, 0, colour);
+    pen.restore();
+  }
+
+  /** Text on a plate of the panel's colour, so that it reads over any hatch. */
+  function word(text, x, middle, colour) {
+    pen.font = `700 12px ${own.palette.font}`;
+    const half = pen.measureText(text).width / 2 + 4;
+    pen.globalAlpha = 0.85;
+    pen.fillStyle = own.palette.panel;
+    pen.fillRect(x - half, middle - 8, 2 * half, 16);
+    pen.globalAlpha = 1;
+    pen.fillStyle = colour;
+    pen.textAlign = "center";
+    pen.textBaseline = "middle";
+    pen.fillText(text, x, middle + 0.5);
+  }
+
+  function triangle(x, up) {
+    const base = up ? 14 : own.height - 14;
+    pen.beginPath();
+    pen.moveTo(x, up ? 3 : own.height - 3);
+    pen.lineTo(x - 7, base);
+    pen.lineTo(x + 7, base);
+    pen.fill();
+  }
+
+  function line(x, colour, dash, thick) {
+    if (!Number.isFinite(x)) return;
+    pen.strokeStyle = colour;
+    pen.lineWidth = thick;
+    pen.setLineDash(dash);
+    pen.beginPath();
+    pen.moveTo(Math.round(x) + 0.5, 0);
+    pen.lineTo(Math.round(x) + 0.5, own.height);
+    pen.stroke();
+    pen.setLineDash([]);
+  }
+
+  function thresholds(epsilon, plot) {
+    const colour = strip.risk ? own.palette.epsilon : own.palette.limit;
+    for (const value of levels(epsilon)) {
+      const at = Math.round(y(value));
+      const outside = value < 0 ? own.height - at : at;
+      pen.globalAlpha = 0.07;
+      pen.fillStyle = colour;
+      if (!strip.risk) pen.fillRect(0, value < 0 ? at : 0, plot, outside);
+      pen.globalAlpha = 1;
+      pen.fillRect(0, at - 0.75, plot, 1.5);
+    }
+  }
+
+  function levels(epsilon) {
+    if (strip.risk) return Number.isFinite(epsilon) ? [epsilon] : [];
+    return strip.limit === null ? [] : [strip.limit, -strip.limit];
+  }
+
+  function labels(epsilon) {
+    pen.font = `12px ${own.palette.font}`;
+    pen.textAlign = "right";
+    pen.textBaseline = "middle";
+    const taken = [];
+    const label = (value, text, colour, weight = "") => {
+      const at = Math.min(own.height - 7, Math.max(7, y(value)));
+      if (taken.some((other) => Math.abs(other - at) < 15)) return;
+      taken.push(at);
+      pen.font = `${weight} 12px ${own.palette.font}`.trim();
+      pen.fillStyle = colour;
+      pen.fillText(text, -6, at);
+    };
+    if (strip.risk) {
+      if (Number.isFinite(epsilon)) label(epsilon, `ε ${epsilon}`, own.palette.epsilon, "700");
+      for (const value of [0, 1, 0.5, 0.1]) label(value, String(value), own.palette.dim);
+      return;
+    }
+    for (const value of levels(epsilon)) label(value, signed(value), own.palette.limit, "700");
+    const ticks = axisTicks(axis).filter((value) => Math.abs(value) > axis.step / 2);
+    label(0, "0", own.palette.dim);
+    for (const value of ticks.sort((a, b) => Math.abs(b) - Math.abs(a)))
+      label(value, round(value, axis.step), own.palette.dim);
+  }
+
+  return own;
+}
+
+function signed(value) {
+  return `${value < 0 ? "−" : "+"}${Math.abs(value)}`;
+}
+
+function round(value, step) {
+  const places = Math.min(6, Math.max(0, Math.ceil(-Math.log10(step) - 1e-9)));
+  const text = Math.abs(value).toFixed(places);
+  return value < -step / 1000 ? `−${text}` : text;
+}

@@ -1,0 +1,150 @@
+/**
+ * Least and greatest values of a recording, bin by bin, fetched for the window as it moves.
+ *
+ * Exports
+ *   createTileCache({load, start, end, dt, offset, arrived, failed}) -> TileCache
+ *     load(start, end, bins) -> Promise<answer>, in the recording's own time; offset [s] is taken from
+ *       its times; dt [s] is the samples' interval
+ *     want(view, pixels)    fetches what is missing for this window, once it rests
+ *     best(view, pixels) -> TileSet | null    the coarsest that is fine enough, else the finest
+ *     whole() -> TileSet | null, clear(), close()
+ *     after failed(error) nothing is fetched until retry()
+ *
+ * TileSet
+ *   start, end, fine [s]                 as was asked for: a step of `fine` or a little more
+ *   step [s], n, x0 (start of each bin [s]), at (where its values stand [s])
+ *   keys(), series(key) -> {low, high}   channels; typed arrays, NaN where nothing is known; "risk" and
+ *                                        "withdrawn" are series too
+ *   state, alert                         a bin's worst state (code) and whether it alerts
+ *   valueAt(key, t), rangeOf(key, {start, end}) -> {low, high}     NaN where nothing is known
+ */
+
+const REST = 70; // ms that a window must rest before it is fetched
+const KEPT = 24; // sets
+const NONE = { low: new Float32Array(0), high: new Float32Array(0) };
+
+function tileSet(answer, { offset = 0, dt = 0 } = {}) {
+  const n = answer.t.length;
+  const x0 = Float64Array.from(answer.t, (t) => t - offset);
+  const known = new Map();
+  for (const [key, given] of Object.entries(answer.channels)) known.set(key, pair(given));
+  for (const key of ["risk", "withdrawn"]) if (answer[key]) known.set(key, pair(answer[key]));
+  const step = answer.step;
+  const single = step <= 1.01 * dt; // a bin is one sample, which stands at the bin's start
+  return {
+    step,
+    n,
+    x0,
+    at: single ? x0 : x0.map((t) => t + step / 2),
+    series: (key) => known.get(key) ?? NONE,
+    keys: () => Object.keys(answer.channels),
+    state: answer.state ?? [],
+    alert: answer.alert ?? [],
+    valueAt: (key, t) => {
+      const i = binOf(x0, step, t);
+      const { low, high } = known.get(key) ?? NONE;
+      return i < 0 ? { low: NaN, high: NaN } : { low: low[i], high: high[i] };
+    },
+    rangeOf: (key, view) => extremes(known.get(key) ?? NONE, x0, step, view),
+  };
+}
+
+function extremes({ low, high }, x0, step, { start, end }) {
+  let [least, greatest] = [Infinity, -Infinity];
+  for (let i = 0; i < low.length; i++) {
+    if (x0[i] + step < start || x0[i] > end) continue;
+    if (low[i] < least) least = low[i];
+    if (high[i] > greatest) greatest = high[i];
+  }
+  return least <= greatest ? { low: least, high: greatest } : { low: NaN, high: NaN };
+}
+
+function pair({ low, high }) {
+  const highs = floats(high);
+  return { low: low ? floats(low) : highs, high: highs };
+}
+
+function floats(values) {
+  return Float32Array.from(values, (value) => value ?? NaN);
+}
+
+function binOf(x0, step, t) {
+  let [low, high] = [0, x0.length];
+  while (low < high) {
+    const middle = (low + high) >> 1;
+    if (x0[middle] <= t) low = middle + 1;
+    else high = middle;
+  }
+  return low > 0 && t < x0[low - 1] + 1.5 * step ? low - 1 : -1;
+}
+
+export function createTileCache({ load, start, end, dt, offset = 0, arrived, failed }) {
+  let sets = [];
+  let asked = null; // the window last asked for
+  let timer = 0;
+  let broken = false;
+  let closed = false;
+
+  const covers = (set, from, to) => set.start <= from + 1e-9 && set.end >= to - 1e-9;
+  const clipped = (view) => [Math.max(start, view.start), Math.min(end, view.end)];
+  const finest = (view, pixels) => Math.max(dt, (view.end - view.start) / pixels);
+
+  function best(view, pixels) {
+    const [from, to] = clipped(view);
+    const covering = sets.filter((set) => covers(set, from, to));
+    const enough = covering.filter((set) => set.fine <= 1.05 * finest(view, pixels));
+    const byStep = (a, b) => a.step - b.step;
+    return enough.sort(byStep).at(-1) ?? covering.sort(byStep)[0] ?? sets[0] ?? null;
+  }
+
+  function want(view, pixels) {
+    const set = best(view, pixels);
+    const [from, to] = clipped(view);
+    const enough = set && covers(set, from, to) && set.fine <= 1.05 * finest(view, pixels);
+    if (enough || broken || to <= from) return;
+    clearTimeout(timer);
+    if (sets.length === 0)
+      fetchFor({ start, end }, pixels); // what the overview shows for good
+    else timer = setTimeout(() => fetchFor(view, pixels), REST);
+  }
+
+  /** Half a window more on either side, so that a pan finds its tiles there. */
+  async function fetchFor(view, pixels) {
+    const width = view.end - view.start;
+    const from = Math.max(start, view.start - width / 2);
+    const to = Math.min(end, view.end + width / 2);
+    const fine = finest(view, pixels);
+    const bins = 2 + Math.ceil((to - from) / fine); // both ends count
+    const name = `${from} ${to} ${bins}`;
+    if (asked === name) return;
+    asked = name;
+    try {
+      const answer = await load(from + offset, to + offset, bins);
+      if (closed) return;
+      const set = { ...tileSet(answer, { offset, dt }), start: from, end: to, fine };
+      sets = [...sets.slice(0, 1), ...sets.slice(1).slice(-KEPT), set];
+      arrived();
+    } catch (error) {
+      if (closed) return;
+      [asked, broken] = [null, true];
+      failed(error);
+    }
+  }
+
+  return {
+    want,
+    best,
+    whole: () => sets[0] ?? null,
+    clear: () => {
+      sets = [];
+      asked = null;
+    },
+    retry: () => {
+      broken = false;
+    },
+    close: () => {
+      closed = true;
+      clearTimeout(timer);
+    },
+  };
+}

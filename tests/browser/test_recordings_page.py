@@ -1,0 +1,341 @@
+"""Recordings in a real Chromium: a file comes in, is mapped, is scored."""
+
+import re
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from playwright.sync_api import Locator, Page, Route, expect
+
+from tests.browser.recorded_site import (
+    BAD_LINE,
+    OUTCOMES,
+    RecordedSite,
+    open_recorded_site,
+    recorded_file,
+)
+from tests.browser.site import open_site
+
+WORDS = {"quiet": "QUIET", "timely_alert": "TIMELY ALERT", "invalid": "INVALID"}
+LONG_NAME = f"{'a very long name of a recording ' * 6}.csv"
+SLOW = 30_000
+"""[ms] Reading starts a process of its own."""
+
+
+@pytest.fixture(scope="module")
+def site(tmp_path_factory: pytest.TempPathFactory) -> Iterator[RecordedSite]:
+    with open_recorded_site(tmp_path_factory.mktemp("recordings")) as site:
+        yield site
+
+
+@pytest.fixture(scope="module")
+def file(tmp_path_factory: pytest.TempPathFactory, site: RecordedSite) -> Path:
+    path = tmp_path_factory.mktemp("files") / "doublets.csv"
+    path.write_bytes(site.file)
+    return path
+
+
+def choose(page: Page, *files: Path) -> None:
+    page.locator('input[type="file"]').set_input_files([str(path) for path in files])
+
+
+def row(page: Page, key: str) -> Locator:
+    return page.locator(f'.map-row[data-key="{key}"]')
+
+
+def overflow(page: Page) -> int:
+    """Pixels by which the page is wider than the window."""
+    return page.evaluate("""Math.max(document.documentElement.scrollWidth - innerWidth,
+        ...[document.querySelector('.page')].map((e) => e.scrollWidth - e.clientWidth))""")
+
+
+# Nothing there yet
+
+
+def test_without_recordings_the_page_says_what_one_is(page: Page, tmp_path: Path) -> None:
+    with open_site(tmp_path) as fresh:
+        page.goto(f"{fresh.http}/#/recordings")
+        expect(page.locator(".state-empty")).to_contain_text("No recording yet")
+        expect(page.get_by_text("Drop a recording anywhere on this page")).to_be_visible()
+        for title in ("Parquet", "MATLAB", "HDF5"):
+            expect(page.locator(".drop-zone")).to_contain_text(title)
+
+
+def test_what_is_not_there_is_said(
+    page: Page, site: RecordedSite, allowed_errors: list[str]
+) -> None:
+    allowed_errors.append("404")
+    for address in ("no-such", "no-such?scoring=none", "no-such?compare=a,b"):
+        page.goto(f"{site.http}/#/recordings/{address}")
+        expect(page.locator(".state-error")).to_contain_text("There is no")
+
+
+# The whole way
+
+
+def test_a_file_is_uploaded_mapped_and_scored(page: Page, site: RecordedSite, file: Path) -> None:
+    page.goto(f"{site.http}/#/recordings")
+    page.get_by_label("Aircraft").fill("D-TEST")
+    choose(page, file)
+    expect(page.get_by_role("heading", level=1)).to_have_text("doublets.csv", timeout=SLOW)
+    mapping = page.locator(".mapping")
+    expect(mapping.locator("summary .chip").first).to_have_text("check it")
+    expect(page.get_by_label("signal of sideslip β")).to_have_value("signal:AOSS_deg")
+    expect(page.get_by_label("unit of sideslip β")).to_have_value("deg")
+    expect(row(page, "beta").locator(".confidence-word")).to_have_text(re.compile("sure|likely"))
+    row(page, "beta").locator("summary").click()
+    expect(row(page, "beta").locator(".reasons li").first).to_be_visible()
+    page.get_by_role("button", name="Confirm the mapping").click()
+    expect(mapping.locator("summary .chip").first).to_have_text("confirmed")
+    expect(page.locator(".picker-chart .lane-item")).to_have_count(3)
+    page.get_by_role("button", name="Score", exact=True).click()
+    page.wait_for_url("**?scoring=*")
+    chips = page.locator(".verdict-table td:nth-child(2) .chip")
+    expect(chips).to_have_text([re.compile(WORDS[outcome]) for outcome in OUTCOMES])
+    page.goto(f"{site.http}/#/recordings")
+    listed = page.locator("tbody tr", has_text="doublets.csv")
+    expect(listed).to_contain_text("D-TEST")
+    expect(listed).to_contain_text("confirmed")
+
+
+def test_an_aircrafts_mapping_is_remembered_and_its_name_offered(
+    page: Page, site: RecordedSite
+) -> None:
+    site.confirm(site.upload(aircraft="D-KNOWN"))
+    page.goto(f"{site.http}/#/recordings/{site.upload(aircraft='D-KNOWN')}")
+    expect(page.locator(".mapping summary .chip").first).to_have_text("remembered")
+    expect(page.get_by_label("Aircraft")).to_have_value("D-KNOWN")
+    page.goto(f"{site.http}/#/recordings")
+    expect(page.locator('#known-aircraft option[value="D-KNOWN"]')).to_have_count(1)
+
+
+# Correcting a mapping
+
+
+def test_a_correction_is_shown_in_the_data_at_once(page: Page, site: RecordedSite) -> None:
+    page.goto(f"{site.http}/#/recordings/{site.upload()}")
+    words = row(page, "beta").locator(".mini-words")
+    expect(words).to_have_text(re.compile(r"^−0\.06\d* to 0\.08\d* rad$"))
+    page.get_by_label("unit of sideslip β").select_option("rad")
+    expect(words).to_have_text(re.compile(r"^−3\.\d+ to 4\.\d+ rad$"))
+    page.get_by_label("unit of sideslip β").select_option("deg")
+    page.get_by_label("sign of sideslip β: as recorded").click()
+    expect(words).to_have_text(re.compile(r"^−0\.08\d* to 0\.06\d* rad$"))
+    expect(page.get_by_label("sign of sideslip β: reversed")).to_have_attribute(
+        "aria-pressed", "true"
+    )
+    page.get_by_label("offset of sideslip β in rad").fill("1")
+    expect(words).to_have_text(re.compile(r"^−1\.0\d* to −0\.9\d* rad$"))
+    expect(row(page, "beta").locator(".map-verdict")).to_have_text("set by you")
+
+
+def test_what_cannot_be_applied_is_said_and_cannot_be_confirmed(
+    page: Page, site: RecordedSite
+) -> None:
+    page.goto(f"{site.http}/#/recordings/{site.upload()}")
+    said = page.locator(".mapping > .error")
+    page.get_by_label("signal of roll rate p").select_option("derive:p_from_attitude")
+    expect(row(page, "p").locator(".map-verdict")).to_contain_text("DERIVED")
+    expect(row(page, "p").locator(".mini-words")).to_contain_text("rad/s")
+    page.get_by_label("signal of bank angle φ").select_option("")
+    expect(said).to_contain_text("phi is not mapped")
+    expect(page.get_by_role("button", name="Confirm the mapping")).to_be_disabled()
+    page.get_by_label("signal of bank angle φ").select_option("signal:Bank_deg")
+    expect(said).to_be_hidden()
+    expect(page.get_by_role("button", name="Confirm the mapping")).to_be_enabled()
+
+
+def test_a_channel_that_the_file_lacks_is_named(page: Page, site: RecordedSite) -> None:
+    lacking = b"\n".join(
+        b",".join(line.split(b",")[:1] + line.split(b",")[2:])
+        for line in site.file.split(b"\n")
+        if b"garbage" not in line
+    )
+    octets = {"content-type": "application/octet-stream"}
+    query = {"name": "no sideslip.csv"}
+    made = site.ask("POST", "/recordings", params=query, content=lacking, headers=octets)
+    page.goto(f"{site.http}/#/recordings/{made['id']}")
+    expect(page.locator(".mapping summary").first).to_contain_text("without sideslip")
+    expect(row(page, "beta").locator(".map-verdict")).to_contain_text("MISSING")
+    page.get_by_label("map another quantity").select_option("v")
+    expect(row(page, "v")).to_be_visible()
+
+
+# What is wrong with a file
+
+
+def test_bad_rows_gaps_and_signals_are_shown(page: Page, site: RecordedSite) -> None:
+    page.goto(f"{site.http}/#/recordings/{site.upload()}")
+    page.locator(".bad-rows > summary").click()
+    bad = page.locator(".bad-rows tbody tr")
+    expect(bad).to_have_count(1)
+    expect(bad).to_contain_text([re.compile(rf"{BAD_LINE}.*garbage")])
+    gaps = page.locator('.quality-row[data-kind="gap"]')
+    expect(gaps).to_contain_text(re.compile(r"2, 1\.0 s|2, 0\.9 s"))
+    expect(page.locator(".quality .sentences")).to_contain_text("gap")
+    page.locator(".signal-list summary").click()
+    page.get_by_role("button", name="Show TAS_kt").click()
+    expect(page.locator(".signal-list .mini-words")).to_contain_text("255 to 255")
+
+
+@pytest.mark.parametrize(
+    ("content", "says"),
+    [
+        (bytes(range(256)) * 20, "not that of a text table"),
+        (b"", "empty"),
+        (recorded_file().replace(b"0.0", b"x"), "rows cannot be read"),
+    ],
+    ids=["noise", "empty", "bad rows"],
+)
+def test_a_refused_file_says_why_and_leaves_nothing(
+    page: Page,
+    site: RecordedSite,
+    allowed_errors: list[str],
+    tmp_path: Path,
+    content: bytes,
+    says: str,
+) -> None:
+    allowed_errors.append("422")
+    (tmp_path / "refused.csv").write_bytes(content)
+    before = site.ask("GET", "/recordings")
+    page.goto(f"{site.http}/#/recordings")
+    choose(page, tmp_path / "refused.csv")
+    refused = page.locator('.upload[data-status="refused"]')
+    expect(refused.get_by_role("alert")).to_contain_text(says, timeout=SLOW)
+    refused.get_by_role("button", name="Dismiss").click()
+    expect(page.locator(".upload")).to_have_count(0)
+    assert site.ask("GET", "/recordings") == before
+
+
+def test_too_large_a_file_says_the_servers_sentence(
+    page: Page, site: RecordedSite, file: Path, allowed_errors: list[str]
+) -> None:
+    allowed_errors.append("413")
+    detail = "the body is larger than 4294967296 bytes: send less"
+    problem = {"status": 413, "title": "Content Too Large", "detail": detail}
+    page.route("**/api/v1/recordings?*", lambda route: route.fulfill(status=413, json=problem))
+    page.goto(f"{site.http}/#/recordings")
+    choose(page, file)
+    expect(page.locator(".upload .error")).to_have_text(
+        "The body is larger than 4294967296 bytes: send less."
+    )
+
+
+def test_without_an_answer_an_upload_is_tried_again(
+    page: Page, site: RecordedSite, file: Path, allowed_errors: list[str]
+) -> None:
+    allowed_errors.append("ERR_CONNECTION_REFUSED")
+    page.route("**/api/v1/recordings?*", lambda route: route.abort("connectionrefused"), times=1)
+    page.goto(f"{site.http}/#/recordings")
+    choose(page, file)
+    expect(page.locator(".upload .error")).to_contain_text("The server does not answer")
+    page.get_by_role("button", name="Try again").click()
+    expect(page.get_by_role("heading", level=1)).to_have_text("doublets.csv", timeout=SLOW)
+
+
+def test_an_upload_is_cancelled(page: Page, site: RecordedSite, file: Path) -> None:
+    held: list[Route] = []
+    page.route("**/api/v1/recordings?*", lambda route: held.append(route))
+    before = site.ask("GET", "/recordings")
+    page.goto(f"{site.http}/#/recordings")
+    choose(page, file)
+    expect(page.locator(".upload .progress")).to_be_visible()
+    page.get_by_role("button", name="Cancel doublets.csv").click()
+    expect(page.locator(".upload")).to_have_count(0)
+    assert len(held) == 1
+    assert site.ask("GET", "/recordings") == before
+
+
+def test_a_dropped_file_comes_in(page: Page, site: RecordedSite) -> None:
+    page.goto(f"{site.http}/#/recordings")
+    expect(page.locator(".drop-zone")).to_be_visible()
+    page.evaluate(
+        """(text) => {
+            const carried = new DataTransfer();
+            carried.items.add(new File([text], "dropped.csv"));
+            const made = { dataTransfer: carried, bubbles: true, cancelable: true };
+            document.querySelector(".page").dispatchEvent(new DragEvent("dragover", made));
+            if (!document.querySelector(".drop-zone[data-over]")) throw new Error("unmoved");
+            document.querySelector(".page").dispatchEvent(new DragEvent("drop", made));
+        }""",
+        site.file.decode(),
+    )
+    expect(page.get_by_role("heading", level=1)).to_have_text("dropped.csv", timeout=SLOW)
+
+
+# Choosing what to score
+
+
+def test_a_manoeuvre_is_marked_by_dragging_and_scored(page: Page, site: RecordedSite) -> None:
+    recording = site.upload("marked.csv")
+    site.confirm(recording)
+    page.goto(f"{site.http}/#/recordings/{recording}")
+    page.get_by_label("Marked by hand").check()
+    page.get_by_role("button", name="Score", exact=True).click()
+    expect(page.locator(".score-form .error:visible")).to_contain_text("Mark at least one stretch")
+    strip = page.locator(".picker-chart .strip canvas").first
+    strip.scroll_into_view_if_needed()
+    box = strip.bounding_box()
+    assert box is not None
+    at = [box["x"] + 46 + share * (box["width"] - 46) for share in (0.4, 0.62)]
+    page.mouse.move(at[0], box["y"] + 10)
+    page.mouse.down()
+    page.mouse.move(at[1], box["y"] + 12, steps=4)
+    page.mouse.up()
+    page.get_by_role("button", name="Add the stretch from A to B").click()
+    start = page.get_by_label("start of stretch 1 in seconds")
+    assert float(start.input_value()) == pytest.approx(0.4 * 30.1, abs=0.2)
+    page.get_by_label("name of stretch 1").fill("the hard one")
+    page.get_by_role("button", name="Score", exact=True).click()
+    page.wait_for_url("**?scoring=*")
+    expect(page.locator(".verdict")).to_have_count(1)
+    expect(page.locator(".verdict th")).to_contain_text("the hard one")
+
+
+def test_several_epsilons_are_scored_at_once_and_a_wrong_one_is_told(
+    page: Page, site: RecordedSite
+) -> None:
+    recording = site.upload("several.csv")
+    site.confirm(recording)
+    page.goto(f"{site.http}/#/recordings/{recording}")
+    epsilons = page.get_by_label("epsilons of transport doublet")
+    epsilons.fill("0.1 0.001")
+    page.get_by_role("button", name="Score", exact=True).click()
+    expect(page.locator(".score-form .error:visible")).to_contain_text("0.001 was given")
+    epsilons.fill("0.1, 0.3")
+    page.get_by_role("button", name="Score", exact=True).click()
+    rows = page.locator(".scoring-table tbody tr")
+    expect(rows).to_have_count(2)
+    for tick in rows.get_by_role("checkbox").all():
+        tick.check()
+    page.get_by_role("button", name="Compare", exact=True).click()
+    page.wait_for_url("**?compare=*")
+    expect(page.locator(".compare-table tbody tr")).to_have_count(3)
+
+
+def test_a_recording_is_deleted_after_asking(page: Page, site: RecordedSite) -> None:
+    recording = site.upload("short lived.csv")
+    page.goto(f"{site.http}/#/recordings/{recording}")
+    page.get_by_role("button", name="Delete").click()
+    page.get_by_role("button", name="Delete it").click()
+    page.wait_for_url("**/#/recordings")
+    assert recording not in [one["id"] for one in site.ask("GET", "/recordings")]
+
+
+@pytest.mark.parametrize("width", [1440, 1024, 420])
+def test_a_long_name_fits_at_every_width(page: Page, site: RecordedSite, width: int) -> None:
+    recording = site.upload(LONG_NAME)
+    site.confirm(recording)
+    scoring = site.score(recording)
+    page.set_viewport_size({"width": width, "height": 800})
+    for address in (
+        "",
+        f"/{recording}",
+        f"/{recording}?scoring={scoring['id']}",
+        f"/{recording}?compare={scoring['id']}",
+    ):
+        page.goto(f"{site.http}/#/recordings{address}")
+        expect(page.locator(".page-head h1")).to_be_visible()
+        expect(page.locator(".state-loading")).to_have_count(0)
+        page.evaluate("document.querySelectorAll('details').forEach((one) => (one.open = true))")
+        assert overflow(page) <= 0, address
