@@ -48,7 +48,7 @@ export function createStripCanvas(canvas, strip) {
     for (const band of frame.bands) drawWord(band); // under the trace, which no word may hide
     face.thresholds(frame.epsilon, frame.width);
     if (strip.forecast !== null) drawForecast(frame);
-    drawTrace(frame);
+    drawTraces(frame);
     if (strip.limit !== null) drawExceedances(frame);
     drawCursors(frame);
     pen.restore();
@@ -120,8 +120,28 @@ export function createStripCanvas(canvas, strip) {
     }
   }
 
-  function drawTrace(frame) {
-    pen.strokeStyle = pen.fillStyle = face.palette.trace;
+  /** Grey where the monitor had no right to speak. */
+  function drawTraces(frame) {
+    const invalid = frame.bands.filter(({ kind }) => kind === "invalid");
+    if (invalid.length === 0) {
+      drawTrace(frame, face.palette.trace);
+      return;
+    }
+    const within = (colour, inverted) => {
+      pen.save();
+      pen.beginPath();
+      if (inverted) pen.rect(0, 0, frame.width, face.height);
+      for (const { x0, x1 } of invalid) pen.rect(x0, 0, x1 - x0, face.height);
+      pen.clip("evenodd");
+      drawTrace(frame, colour);
+      pen.restore();
+    };
+    within(face.palette.trace, true);
+    within(face.palette.dim, false);
+  }
+
+  function drawTrace(frame, colour) {
+    pen.strokeStyle = pen.fillStyle = colour;
     pen.lineWidth = 1.8;
     pen.lineJoin = "bevel";
     if (frame.visible.sparse) traceSamples(frame);

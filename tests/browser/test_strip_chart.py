@@ -197,6 +197,15 @@ def test_invalid_samples_stand_in_a_grey_band_with_the_word(strips: Open) -> Non
     assert readout(page, "Ny") == ""
 
 
+def test_the_trace_of_invalid_samples_is_grey(strips: Open) -> None:
+    page = strips("seconds=20&lead=0")
+    rightmost = "h.draw(1000); return h.pixels('p', 'trace')[2]"
+    valid = run(page, "h.feed(0, 12, 1000); h.feed(12, 18, 1000);" + rightmost)
+    run(page, "h.chart.clear(); h.feed(0, 12, 1000); h.feed(12, 18, 1000, { state: 'invalid' })")
+    assert run(page, rightmost) < valid - 0.2 * plot_width(page)
+    assert run(page, "return h.pixels('p', 'dim', 60)[2]") > valid - 3
+
+
 def test_frames_left_out_for_display_are_not_a_gap(strips: Open) -> None:
     page = strips("seconds=20&lead=0")
     thinned, gaps = run(
