@@ -5,7 +5,6 @@ from dataclasses import dataclass, field
 import numpy as np
 import numpy.typing as npt
 
-
 Array = npt.NDArray[np.float64]
 ATTITUDE = ("phi", "theta", "psi")
 

@@ -1,0 +1,116 @@
+"""What the attributes of a NetCDF variable say: unit, packing, missing values, the start of time.
+
+Climate and Forecast metadata conventions, "Units", "Missing data" and "Packed data". A variable
+without a _FillValue has the default one of its type, as the NetCDF library reads it.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from app.telemetry.cf_time import Since, since
+from app.telemetry.recording import Array
+from app.telemetry.sources import Column, is_time_name
+
+DEFAULT_FILL: dict[str, float] = {
+    "i2": -32767,
+    "u2": 65535,
+    "i4": -2147483647,
+    "u4": 4294967295,
+    "i8": -9223372036854775806,
+    "u8": 18446744073709551614,
+    "f4": 9.969209968386869e36,
+    "f8": 9.969209968386869e36,
+}
+MOST_FILLS = 16
+
+Attribute = Callable[[str], Any]
+"""The value of an attribute by its name, None where there is none; texts as str."""
+
+
+@dataclass(frozen=True, eq=False)
+class Packing:
+    """How the numbers of a variable are stored. missing: values that stand for none.
+
+    value = scale * stored + offset, where lowest <= stored <= highest.
+    """
+
+    missing: tuple[float, ...] = ()
+    scale: float = 1.0
+    offset: float = 0.0
+    lowest: float = -np.inf
+    highest: float = np.inf
+
+    def unpack(self, stored: npt.NDArray[Any]) -> Array:
+        """Return the values, NaN where missing."""
+        values = stored.astype(np.float64)
+        bad = (values < self.lowest) | (values > self.highest)
+        for value in self.missing:
+            bad |= values == value
+        values[bad] = np.nan
+        plain = (self.scale, self.offset) == (1.0, 0.0)
+        return values if plain else self.scale * values + self.offset
+
+
+@dataclass(eq=False)
+class Conventions:
+    """The variables of one file as they are met. start: from when the first time of them counts."""
+
+    start: Since | None = None
+
+    def variable(
+        self, name: str, attribute: Attribute, dtype: np.dtype[Any]
+    ) -> tuple[Column, Callable[[npt.NDArray[Any]], Array]]:
+        """Return the column of a variable and how its numbers are unpacked.
+
+        A time that counts from another moment than the first one is moved to that.
+        """
+        unit, packing = _text(attribute("units")), _packing(attribute, dtype)
+        counted = since(unit)
+        if counted:
+            self.start = self.start or counted
+            away = counted.after(self.start)
+            packing = replace(packing, offset=packing.offset + away)
+        time = counted is not None or (
+            is_time_name(name.split("/")[-1])
+            or _text(attribute("axis")).upper() == "T"
+            or _text(attribute("standard_name")) == "time"
+        )
+        column = Column(
+            name, counted.unit if counted else unit, _text(attribute("long_name")), time
+        )
+        return column, packing.unpack
+
+
+def _packing(attribute: Attribute, dtype: np.dtype[Any]) -> Packing:
+    """Read the attributes of a variable of a type; those that are no numbers are left out."""
+    fill = _numbers(attribute("_FillValue"))
+    if not fill and (kind := dtype.str[1:]) in DEFAULT_FILL:
+        fill = (float(dtype.type(DEFAULT_FILL[kind])),)
+    valid = _numbers(attribute("valid_range"))
+    low, high = valid if len(valid) == 2 else (-np.inf, np.inf)
+    return Packing(
+        fill + _numbers(attribute("missing_value")),
+        _first(attribute("scale_factor"), 1.0),
+        _first(attribute("add_offset"), 0.0),
+        _first(attribute("valid_min"), low),
+        _first(attribute("valid_max"), high),
+    )
+
+
+def _numbers(value: Any) -> tuple[float, ...]:
+    values = np.asarray(() if value is None else value).reshape(-1)[:MOST_FILLS]
+    if values.dtype.kind not in "iuf":
+        return ()
+    return tuple(float(value) for value in values if not np.isnan(value))
+
+
+def _first(value: Any, default: float) -> float:
+    return (*_numbers(value), default)[0]
+
+
+def _text(value: Any) -> str:
+    return value.strip() if isinstance(value, str) else ""

@@ -1,0 +1,107 @@
+"""Packets of an IRIG 106 Chapter 10 recording: found by their headers, opened by the library.
+
+A header is 24 bytes with a sync pattern and a checksum, so that damaged stretches are passed over.
+Reference: IRIG 106-17, chapter 11.2, "Data packet format".
+"""
+
+import io
+import mmap
+import struct
+from collections.abc import Iterator
+from contextlib import closing
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+SYNC = b"\x25\xeb"
+HEADER = struct.Struct("<HHIIBBBB6sH")
+SECONDARY = 12
+HAS_SECONDARY, STAMPED_OTHERWISE = 0x80, 0x40
+"""Flags: a second header follows; time stamps are not of the recorder's own clock."""
+MOST_BYTES = 1 << 28
+"""Of one packet."""
+MOST_FALSE = 1_000_000
+"""Sync patterns that begin no packet."""
+TICKS = 10_000_000
+"""Of the recorder's relative time counter [1/s], which has 48 bits."""
+TURN = 1 << 48
+
+
+@dataclass(frozen=True)
+class Packet:
+    """A packet as it lies in the file, without its second header. time: of its counter [ticks]."""
+
+    channel: int
+    data_type: int
+    time: int
+    stamped: bool
+    raw: bytes
+
+    @property
+    def end(self) -> int:
+        """Where the data end; fillers and a checksum may follow."""
+        return HEADER.size + HEADER.unpack_from(self.raw)[3]
+
+    def opened(self, kind: Any) -> Any:
+        """Give the packet to a class of the library's."""
+        return kind(io.BytesIO(self.raw))
+
+
+def packets(path: Path) -> Iterator[Packet | int]:
+    """Every whole packet of a file in its order, and a number of bytes wherever some are none."""
+    with path.open("rb") as file, closing(_mapped(file.fileno())) as recorded:
+        at, n_false = 0, 0
+        while (found := recorded.find(SYNC, at)) >= 0:
+            if not (length := _length(recorded, found)):
+                n_false += 1
+                if n_false > MOST_FALSE:
+                    raise ValueError("hardly any of it is packets")
+                at, passed = found + 1, at
+                yield at - passed
+                continue
+            if found > at:
+                yield found - at
+            yield _packet(recorded[found : found + length])
+            at = found + length
+        if at < len(recorded):
+            yield len(recorded) - at
+
+
+def ticks_between(later: int, earlier: int) -> int:
+    """How many ticks after another one a time is; the counter may have turned over."""
+    return (later - earlier + TURN // 2) % TURN - TURN // 2
+
+
+def _mapped(handle: int) -> mmap.mmap:
+    return mmap.mmap(handle, 0, access=mmap.ACCESS_READ)
+
+
+def _length(recorded: mmap.mmap, at: int) -> int:
+    """Length of the whole packet that begins somewhere [bytes], 0 where none does."""
+    header = recorded[at : at + HEADER.size]
+    if len(header) < HEADER.size or _checksum(header[:22]) != int.from_bytes(header[22:], "little"):
+        return 0
+    length, n_data = HEADER.unpack(header)[2:4]
+    if (
+        not HEADER.size <= length <= min(MOST_BYTES, len(recorded) - at)
+        or n_data > length - HEADER.size
+    ):
+        return 0
+    return length
+
+
+def _checksum(words: bytes) -> int:
+    return sum(struct.unpack(f"<{len(words) // 2}H", words)) & 0xFFFF
+
+
+def _packet(raw: bytes) -> Packet:
+    sync, channel, length, n_data, version, number, flags, kind, rtc, _ = HEADER.unpack_from(raw)
+    body = raw[HEADER.size :]
+    if flags & HAS_SECONDARY:
+        body, length = body[SECONDARY:], length - SECONDARY
+    start = HEADER.pack(
+        sync, channel, length, n_data, version, number, flags & ~HAS_SECONDARY, kind, rtc, 0
+    )[:22]
+    whole = start + struct.pack("<H", _checksum(start)) + body
+    time = int.from_bytes(rtc, "little")
+    return Packet(channel, kind, time, not flags & STAMPED_OTHERWISE, whole)

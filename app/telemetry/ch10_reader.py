@@ -1,0 +1,109 @@
+"""Recordings of IRIG 106 Chapter 10, experimental: raw numbers of buses, discretes and analog."""
+
+from dataclasses import dataclass, field
+from datetime import datetime, timedelta
+from pathlib import Path
+
+from app.telemetry.ch10_decoding import DECODERS, OTHER_KINDS, Decoded
+from app.telemetry.ch10_packets import TICKS, Packet, packets, ticks_between
+from app.telemetry.ch10_series import Sampled
+from app.telemetry.ch10_setup import channel_names, moment
+from app.telemetry.contents import ColumnWriter, Contents
+from app.telemetry.library_errors import library_errors
+from app.telemetry.recording import TelemetryError
+from app.telemetry.sources import Source, listed, pour
+
+TITLE = "Chapter 10"
+SETUP, TIME = 0x01, 0x11
+COMPUTER = range(0x08)
+EXPERIMENTAL = (
+    "Reading Chapter 10 is experimental: the numbers are raw words and counts, without the scales "
+    "and units that only the description of the aircraft says."
+)
+
+
+def read(path: Path, writer: ColumnWriter) -> Contents:
+    """Read what of a Chapter 10 recording is numbers; times count from the first of them."""
+    with library_errors(TITLE):
+        import chapter10  # noqa: F401  # so that its absence is told first
+
+        opened = Opened()
+        for packet in packets(path):
+            opened.take(packet)
+        sources, ignored = opened.sources(), opened.ignored()
+        if not sources:
+            kinds = f" ({'; '.join(ignored)})" if ignored else ""
+            raise TelemetryError(
+                f"no channel of the Chapter 10 file can be decoded without a description of the "
+                f"aircraft{kinds}: export the decoded parameters as a table"
+            )
+        pour(path, sources, writer, ignored)
+        return writer.finish(
+            "ch10", start=opened.start(), ignored=listed(ignored), notes=tuple(opened.notes())
+        )
+
+
+@dataclass(eq=False)
+class Opened:
+    """A recording as its packets come."""
+
+    decoded: Decoded = field(default_factory=Decoded)
+    clock: tuple[int, datetime] | None = None
+    n_passed: int = 0
+
+    def take(self, packet: Packet | int) -> None:
+        """Take a packet, or a number of bytes that are none."""
+        if isinstance(packet, int):
+            self.n_passed += packet
+            return
+        left_out = self.decoded.left_out
+        try:
+            if packet.data_type == SETUP:
+                self.decoded.sources |= channel_names(packet)
+            elif packet.data_type == TIME:
+                told = None if self.clock else moment(packet)
+                self.clock = (packet.time, told) if told else self.clock
+            elif packet.data_type not in DECODERS:
+                if packet.data_type not in COMPUTER:
+                    left_out[f"{_kind(packet.data_type)} packets"] += 1
+            elif packet.stamped:
+                DECODERS[packet.data_type](packet, self.decoded)
+            else:
+                left_out["packets with times of another clock"] += 1
+        except Exception:  # the library's, of any kind
+            left_out["damaged packets"] += 1
+
+    def sources(self) -> list[Source]:
+        """Return the series by their names; analog samples of one packet have no known rate."""
+        found = sorted(self.decoded.series.items())
+        untimed = [s for _, s in found if isinstance(s, Sampled) and len(s.times) < 2]
+        self.decoded.left_out.update(["analog channels of one packet"] * len(untimed))
+        return [series.source(name) for name, series in found if series not in untimed]
+
+    def ignored(self) -> list[str]:
+        """Say what was left out and how often."""
+        return [f"{what}: {count}" for what, count in sorted(self.decoded.left_out.items())]
+
+    def start(self) -> str:
+        """Return the moment from which times count in ISO 8601, "" where no packet tells it."""
+        if self.clock is None or self.decoded.first is None:
+            return ""
+        ticks, told = self.clock
+        away = ticks_between(self.decoded.first, ticks) / TICKS
+        return (told + timedelta(seconds=away)).isoformat()
+
+    def notes(self) -> list[str]:
+        """Say what has to be known of the numbers."""
+        notes = [EXPERIMENTAL]
+        if any(isinstance(series, Sampled) for series in self.decoded.series.values()):
+            notes.append(
+                "Analog samples have the times of their packets, evenly spread between them."
+            )
+        if self.n_passed:
+            notes.append(f"{self.n_passed} bytes of the file are no whole packets.")
+        return notes
+
+
+def _kind(data_type: int) -> str:
+    """What packets of a type hold; types of a kind follow one another."""
+    return OTHER_KINDS.get(data_type, OTHER_KINDS.get(data_type & ~0x07, f"type {data_type:#04x}"))

@@ -1,0 +1,115 @@
+"""What an HDF5 file holds as arrays and tables that have not been read."""
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, field
+from functools import partial
+from typing import Any
+
+import h5py
+import numpy.typing as npt
+
+from app.telemetry.hdf5_tables import table
+from app.telemetry.hdf5_walk import (
+    DESCRIPTION_NAMES,
+    UNIT_NAMES,
+    Address,
+    Path,
+    address,
+    attribute,
+    first_text,
+    text,
+    unreadable,
+)
+from app.telemetry.matrices import Matrix, matrix, to_sources
+from app.telemetry.sources import Clock, Column, Source, is_time_name
+
+NO_VARIABLE = "This is a netCDF dimension but not a netCDF variable"
+
+Unpack = Callable[[npt.NDArray[Any]], npt.NDArray[Any]]
+Describe = Callable[[str, h5py.Dataset], tuple[Column, Unpack | None]]
+
+
+@dataclass(eq=False)
+class Arrays:
+    """The arrays of numbers of a file by their paths, and its tables."""
+
+    matrices: dict[Path, Matrix] = field(default_factory=dict)
+    tables: list[Source] = field(default_factory=list)
+
+    def sources(self) -> list[Source]:
+        """Return all as columns."""
+        return [*to_sources(self.matrices.values()), *self.tables]
+
+
+def plain(name: str, dataset: h5py.Dataset) -> tuple[Column, Unpack | None]:
+    """Take a dataset's unit and description from its attributes; a dimension scale is a time."""
+    unit, said = first_text(dataset, UNIT_NAMES), first_text(dataset, DESCRIPTION_NAMES)
+    time = is_time_name(name.split("/")[-1]) or _is_scale(dataset)
+    return Column(name, unit, said, time), None
+
+
+def arrays(
+    found: Iterable[tuple[Path, h5py.Dataset]],
+    ignored: list[str],
+    describe: Describe = plain,
+    *,
+    separator: str = "/",
+    reverse: bool = False,
+) -> Arrays:
+    """Look at datasets; those that are no numbers are added to `ignored` with the reason.
+
+    describe: gives the column of a dataset of this name, and how its numbers are unpacked.
+    reverse: their dimensions are stored last first.
+    """
+    readable: dict[Path, h5py.Dataset] = {}
+    scales: dict[Address, Path] = {}
+    for path, dataset in found:
+        if _is_scale(dataset):
+            scales[address(dataset)] = path
+            if NO_VARIABLE in text(attribute(dataset, "NAME")):
+                continue
+        if reason := unreadable(dataset):
+            ignored.append(f"{separator.join(path)}: {reason}")
+        else:
+            readable[path] = dataset
+    held = Arrays()
+    for path, dataset in readable.items():
+        name = separator.join(path)
+        if dataset.dtype.names:
+            made = table(path, name, dataset, ignored)
+        else:
+            column, unpack = describe(name, dataset)
+            made = matrix(
+                path[:-1],
+                column,
+                dataset.shape,
+                partial(_take, dataset, unpack) if unpack else dataset.__getitem__,
+                chunks=dataset.chunks,
+                clocks=tuple(_clock(dataset, k, path, scales) for k in range(dataset.ndim)),
+                reverse=reverse,
+            )
+        if isinstance(made, str):
+            ignored.append(made)
+        elif isinstance(made, Matrix):
+            held.matrices[path] = made
+        else:
+            held.tables.append(made)
+    return held
+
+
+def _take(dataset: h5py.Dataset, unpack: Unpack, index: Any) -> npt.NDArray[Any]:
+    return unpack(dataset[index])
+
+
+def _is_scale(dataset: h5py.Dataset) -> bool:
+    """Whether a dataset gives the values of a dimension of others."""
+    return dataset.shape is not None and dataset.ndim == 1 and h5py.h5ds.is_scale(dataset.id)
+
+
+def _clock(dataset: h5py.Dataset, axis: int, path: Path, scales: dict[Address, Path]) -> Clock:
+    """The path of the dimension scale that an axis counts; a scale counts itself."""
+    if _is_scale(dataset):
+        return path
+    if not h5py.h5ds.get_num_scales(dataset.id, axis):
+        return None
+    return scales.get(address(dataset.dims[axis][0]))

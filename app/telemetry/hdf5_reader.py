@@ -1,0 +1,28 @@
+"""Recordings in HDF5: a group a group, a signal a dataset, a matrix's column or a table's field."""
+
+from pathlib import Path
+
+from app.telemetry.contents import ColumnWriter, Contents
+from app.telemetry.library_errors import library_errors
+from app.telemetry.sources import listed, pour
+
+TITLE = "HDF5"
+
+
+def read(path: Path, writer: ColumnWriter) -> Contents:
+    """Read an HDF5 file, by the conventions of MATLAB or NetCDF where it was written by them."""
+    with library_errors(TITLE):
+        import h5py
+
+        from app.telemetry import matlab_hdf5, netcdf_hdf5
+        from app.telemetry.hdf5_arrays import arrays
+        from app.telemetry.hdf5_walk import datasets
+
+        with h5py.File(path, "r", locking=False, rdcc_nbytes=0) as file:
+            for other in (matlab_hdf5, netcdf_hdf5):
+                if other.wrote(file):
+                    return other.read_open(file, writer)
+            ignored: list[str] = []
+            found = arrays(datasets(file, ignored), ignored)
+            pour(path, found.sources(), writer, ignored)
+            return writer.finish("hdf5", ignored=listed(ignored))

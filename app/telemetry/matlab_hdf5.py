@@ -1,0 +1,92 @@
+"""MATLAB 7.3, which is HDF5 with its dimensions last first and classes in attributes."""
+
+import math
+from collections.abc import Iterator
+from pathlib import Path as FilePath
+
+import h5py
+import numpy as np
+
+from app.telemetry.contents import ColumnWriter, Contents
+from app.telemetry.hdf5_arrays import arrays
+from app.telemetry.hdf5_walk import Path, attribute, datasets, text, unreadable
+from app.telemetry.matlab_structures import SIGNALS, as_signals
+from app.telemetry.matrices import to_sources
+from app.telemetry.sources import listed, pour
+
+MARK = b"MATLAB"
+MOST_TEXT = 4096
+MOST_OF_ARRAY = 256
+"""Elements of an array of structures that are read."""
+OWN = frozenset({"#refs#", "#subsystem#"})
+SPARSE = ("data", "ir", "jc")
+OBJECT = "an object; save its numbers as plain vectors"
+REASONS = {"cell": "a cell array", "function_handle": "a function"}
+REASONS |= dict.fromkeys(("table", "timetable", "string", "datetime", "timeseries"), OBJECT)
+
+Item = tuple[Path, h5py.Dataset]
+
+
+def wrote(file: h5py.File) -> bool:
+    """Whether MATLAB, or another that writes as it does, wrote a file."""
+    with open(file.filename, "rb") as raw:
+        return bool(file.userblock_size) and raw.read(len(MARK)) == MARK
+
+
+def read_open(file: h5py.File, writer: ColumnWriter) -> Contents:
+    """Read a MATLAB 7.3 file that is open as HDF5."""
+    ignored: list[str] = []
+    texts: dict[Path, str] = {}
+    numbers: list[Item] = []
+    for path, dataset in _members(file, ignored):
+        kind = text(attribute(dataset, "MATLAB_class"))
+        if kind == "char":
+            texts[path] = _text(dataset)
+        elif reason := _no_numbers(path, dataset, kind):
+            ignored.append(f"{'.'.join(path)}: {reason}")
+        else:
+            numbers.append((path, dataset))
+    held = arrays(numbers, ignored, separator=".", reverse=True)
+    signals = as_signals(held.matrices, texts)
+    pour(FilePath(file.filename), [*to_sources(signals), *held.tables], writer, ignored, ".")
+    return writer.finish("hdf5", ignored=listed(ignored))
+
+
+def _members(file: h5py.File, ignored: list[str]) -> Iterator[Item]:
+    """The datasets of variables and fields, those of Simulink's array of signals one by one."""
+    for path, dataset in datasets(file, ignored, OWN):
+        if path[-2:-1] != (SIGNALS,) or not h5py.check_ref_dtype(dataset.dtype):
+            yield path, dataset
+            continue
+        if math.prod(dataset.shape or ()) > MOST_OF_ARRAY or unreadable(dataset) != "references":
+            ignored.append(f"{'.'.join(path)}: an array of {dataset.size} structures")
+            continue
+        for number, reference in enumerate(np.ravel(dataset[()])):
+            field = file[reference] if reference else None
+            if isinstance(field, h5py.Dataset):
+                yield (*path[:-2], f"{SIGNALS}[{number}]", path[-1]), field
+
+
+def _no_numbers(path: Path, dataset: h5py.Dataset, kind: str) -> str:
+    """Why a dataset of a class holds no signals, "" where it may."""
+    if attribute(dataset, "MATLAB_empty"):
+        return "no value"
+    if path[-1] in SPARSE and attribute(dataset.parent, "MATLAB_sparse") is not None:
+        return "a sparse matrix"
+    if attribute(dataset, "MATLAB_object_decode") is not None:
+        return OBJECT
+    if h5py.check_ref_dtype(dataset.dtype):
+        return REASONS.get(kind, "an array of structures")
+    return REASONS.get(kind, "")
+
+
+def _text(dataset: h5py.Dataset) -> str:
+    """A row of characters; "" of an empty or long one."""
+    if (
+        unreadable(dataset)
+        or math.prod(dataset.shape) > MOST_TEXT
+        or attribute(dataset, "MATLAB_empty")
+    ):
+        return ""
+    codes = np.ravel(dataset[()])
+    return "".join(map(chr, codes)).strip() if codes.dtype.kind == "u" else ""

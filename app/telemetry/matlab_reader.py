@@ -1,0 +1,119 @@
+"""Recordings in MATLAB files: variables and fields of structures, of version 4, 5 and 7.3."""
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from app.telemetry.contents import ColumnWriter, Contents
+from app.telemetry.library_errors import library_errors
+from app.telemetry.matlab_elements import check_elements
+from app.telemetry.matlab_structures import SIGNALS, as_signals
+from app.telemetry.matrices import Matrix, matrix, to_sources
+from app.telemetry.sources import Column, listed, pour
+
+TITLE = "MATLAB"
+MOST_MEMORY = 1 << 30
+"""What the variables of a file may take, since they are read whole [bytes]."""
+MOST_TEXT = 4096
+INTEGERS = (f"{sign}int{n}" for sign in ("", "u") for n in (8, 16, 32, 64))
+NUMBERS = frozenset(("double", "single", "logical", *INTEGERS))
+REASONS = {
+    "cell": "a cell array",
+    "sparse": "a sparse matrix",
+    "function": "a function",
+    "object": "an object; save its numbers as plain vectors",
+    "opaque": "an object; save its numbers as plain vectors",
+}
+
+Keys = tuple[str, ...]
+
+
+def read(path: Path, writer: ColumnWriter) -> Contents:
+    """Read a MATLAB file; structures of time and data give groups of their own."""
+    with library_errors(TITLE):
+        from scipy.io.matlab import matfile_version
+
+        version = matfile_version(path, appendmat=False)[0]
+        if version == 2:
+            return _read_hdf5(path, writer)
+        most = min(MOST_MEMORY, writer.most_bytes)
+        if version == 1:
+            check_elements(path, most)
+        held = _load(path, most)
+        sources = to_sources(as_signals(held.arrays, held.texts))
+        pour(path, sources, writer, held.ignored, ".")
+        return writer.finish("matlab5", ignored=listed(held.ignored))
+
+
+def _read_hdf5(path: Path, writer: ColumnWriter) -> Contents:
+    import h5py
+
+    from app.telemetry.matlab_hdf5 import read_open
+
+    with h5py.File(path, "r", locking=False, rdcc_nbytes=0) as file:
+        return read_open(file, writer)
+
+
+@dataclass(eq=False)
+class Loaded:
+    """What was found, by the path to the field."""
+
+    arrays: dict[Keys, Matrix] = field(default_factory=dict)
+    texts: dict[Keys, str] = field(default_factory=dict)
+    ignored: list[str] = field(default_factory=list)
+
+
+def _load(path: Path, most_bytes: int) -> Loaded:
+    """Read the variables that can hold signals or say something of them."""
+    from scipy.io import loadmat, whosmat
+
+    held, wanted = Loaded(), []
+    for name, shape, kind in whosmat(path, appendmat=False):
+        n = math.prod(shape)
+        if name.startswith("__"):
+            continue
+        if kind in NUMBERS and n > most_bytes:
+            held.ignored.append(f"{name}: {n} numbers, which is more than may be read")
+        elif kind in NUMBERS or (kind == "char" and n <= MOST_TEXT) or kind == "struct":
+            wanted.append(name)
+        else:
+            held.ignored.append(f"{name}: {REASONS.get(kind, 'text')}")
+    values = loadmat(path, appendmat=False, variable_names=wanted) if wanted else {}
+    for keys, value in _fields(((name,), values[name]) for name in wanted if name in values):
+        _add(held, keys, value)
+    return held
+
+
+def _fields(stack: Any) -> Iterator[tuple[Keys, Any]]:
+    """Every field of structures within one another, in their order."""
+    left = list(stack)[::-1]
+    while left:
+        keys, value = left.pop()
+        names = value.dtype.names if type(value) is np.ndarray else None
+        if not names or (value.size != 1 and keys[-1].lower() != SIGNALS):
+            yield keys, value
+            continue
+        for number, element in reversed(list(enumerate(value.reshape(-1)))):
+            here = keys if value.size == 1 else (*keys[:-1], f"{keys[-1]}[{number}]")
+            left += [((*here, name), element[name]) for name in reversed(names)]
+
+
+def _add(held: Loaded, keys: Keys, value: Any) -> None:
+    name = ".".join(keys)
+    if type(value) is not np.ndarray:
+        held.ignored.append(f"{name}: {REASONS['sparse' if hasattr(value, 'nnz') else 'object']}")
+    elif value.dtype.kind == "U" and value.size == 1:
+        held.texts[keys] = str(value.reshape(-1)[0]).strip()[:MOST_TEXT]
+    elif value.dtype.kind in "biuf":
+        made = matrix(keys[:-1], Column(name), value.shape, value.__getitem__)
+        if isinstance(made, Matrix):
+            held.arrays[keys] = made
+        else:
+            held.ignored.append(made)
+    elif value.size:
+        kinds = {"c": "complex", "V": "an array of structures", "O": "a cell array"}
+        held.ignored.append(f"{name}: {kinds.get(value.dtype.kind, 'text')}")

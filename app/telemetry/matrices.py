@@ -1,0 +1,134 @@
+"""Arrays of one or two dimensions: which way their samples run, and reading them by parts."""
+
+from collections.abc import Callable, Collection, Iterator
+from dataclasses import dataclass
+from functools import partial
+from typing import Any
+
+import numpy.typing as npt
+
+from app.telemetry.sources import BLOCK, MOST_COLUMNS, Clock, Column, Pieces, Source
+
+Index = tuple[slice | int, ...]
+Take = Callable[[Any], npt.NDArray[Any]]
+
+
+@dataclass(frozen=True, eq=False)
+class Matrix:
+    """An array of numbers that has not been read; its dimensions of one are left out.
+
+    shape: of no, one or two dimensions.   take: reads the part of the array at an index.
+    chunks: shape of the parts that the file can only read whole, None where it reads any.
+    clocks: what the format says that each axis counts, None where it says nothing.
+    rows: the axis of the samples where nothing tells the two from each other.
+    """
+
+    within: tuple[str, ...]
+    column: Column
+    shape: tuple[int, ...]
+    take: Take
+    chunks: tuple[int, ...] | None = None
+    clocks: tuple[Clock, ...] = (None, None)
+    rows: int = 0
+
+    @property
+    def is_time(self) -> bool:
+        """Whether others can be sampled at these times."""
+        return self.column.time and len(self.shape) == 1
+
+
+def matrix(
+    within: tuple[str, ...],
+    column: Column,
+    shape: tuple[int, ...],
+    take: Take,
+    *,
+    chunks: tuple[int, ...] | None = None,
+    clocks: tuple[Clock, ...] | None = None,
+    reverse: bool = False,
+) -> Matrix | str:
+    """Make a Matrix of an array of any shape, or say why it is none.
+
+    reverse: the dimensions are stored last first, as MATLAB's are.
+    """
+    kept = [k for k, n in enumerate(shape) if n != 1]
+    long = tuple(shape[k] for k in kept)
+    if len(long) > 2:
+        return f"{column.name}: {len(long)} dimensions"
+    if len(long) == 2 and min(long) > MOST_COLUMNS:
+        return f"{column.name}: {long[0]} by {long[1]} numbers are no set of signals"
+
+    def part(index: Index) -> npt.NDArray[Any]:
+        at = dict(zip(kept, index, strict=True))
+        return take(tuple(at.get(k, 0) for k in range(len(shape))))
+
+    return Matrix(
+        within,
+        column,
+        long,
+        part,
+        chunks and tuple(chunks[k] for k in kept),
+        tuple(clocks[k] for k in kept) if clocks else (None, None),
+        int(reverse),
+    )
+
+
+def to_sources(matrices: Collection[Matrix]) -> list[Source]:
+    """Make columns of matrices: the times among them tell rows from columns."""
+    times = [m for m in matrices if m.is_time]
+    clocks = {m.clocks[0] for m in times} - {None}
+    lengths = {m.shape[0] for m in times}
+    return [_to_source(m, _samples_axis(m, clocks, lengths)) for m in matrices]
+
+
+def _to_source(matrix: Matrix, axis: int) -> Source:
+    column, columns = matrix.column, (matrix.column,)
+    if not matrix.shape:
+        return Source(matrix.within, columns, 1, lambda: iter(()))
+    if len(matrix.shape) == 2:
+        columns = tuple(
+            Column(f"{column.name}[{k}]", column.unit, column.description)
+            for k in range(matrix.shape[1 - axis])
+        )
+    pieces = partial(_pieces, matrix, axis)
+    return Source(matrix.within, columns, matrix.shape[axis], pieces, matrix.clocks[axis])
+
+
+def _samples_axis(matrix: Matrix, clocks: Collection[Clock], lengths: Collection[int]) -> int:
+    """The axis of the samples: that of a time by declaration, by length, else the longer one."""
+    if len(matrix.shape) < 2:
+        return 0
+    one, other = matrix.shape
+    possible = [axis for axis, n_columns in ((0, other), (1, one)) if n_columns <= MOST_COLUMNS]
+    for fitting in (
+        [axis for axis in possible if matrix.clocks[axis] in clocks],
+        [axis for axis in possible if matrix.shape[axis] in lengths],
+    ):
+        if len(fitting) == 1:
+            return fitting[0]
+    return matrix.rows if one == other else int(other > one)
+
+
+def _pieces(matrix: Matrix, axis: int) -> Pieces:
+    """Read by parts of about a BLOCK of numbers, whole chunks at a time."""
+    n_rows = matrix.shape[axis]
+    if len(matrix.shape) == 1:
+        for rows in _spans(n_rows, _whole(BLOCK, matrix.chunks[0] if matrix.chunks else 1)):
+            yield 0, matrix.take((rows,))
+        return
+    n_columns = matrix.shape[1 - axis]
+    chunk, wide = (matrix.chunks[axis], matrix.chunks[1 - axis]) if matrix.chunks else (1, BLOCK)
+    for columns in _spans(n_columns, wide):
+        for rows in _spans(n_rows, _whole(BLOCK // min(wide, n_columns), chunk)):
+            block = matrix.take((columns, rows) if axis else (rows, columns))
+            for k, values in enumerate(block if axis else block.T):
+                yield columns.start + k, values
+
+
+def _whole(n: int, chunk: int) -> int:
+    """The most rows up to n that are whole chunks, but one chunk at least."""
+    return max(n // chunk, 1) * chunk
+
+
+def _spans(n: int, step: int) -> Iterator[slice]:
+    return (slice(first, min(first + step, n)) for first in range(0, n, step))

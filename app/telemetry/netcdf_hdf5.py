@@ -1,0 +1,35 @@
+"""NetCDF 4, which is HDF5 with dimension scales and the CF conventions."""
+
+from pathlib import Path
+from typing import Any
+
+import h5py
+
+from app.telemetry.cf_variables import Conventions
+from app.telemetry.contents import ColumnWriter, Contents
+from app.telemetry.hdf5_arrays import Unpack, arrays
+from app.telemetry.hdf5_walk import attribute, datasets, text
+from app.telemetry.sources import Column, listed, pour
+
+
+def wrote(file: h5py.File) -> bool:
+    """Whether the NetCDF library, or another that writes as it does, wrote a file."""
+    return "_NCProperties" in file.attrs
+
+
+def read_open(file: h5py.File, writer: ColumnWriter) -> Contents:
+    """Read a NetCDF 4 file that is open as HDF5."""
+    ignored: list[str] = []
+    conventions = Conventions()
+
+    def describe(name: str, dataset: h5py.Dataset) -> tuple[Column, Unpack]:
+        def said(key: str) -> Any:
+            value = attribute(dataset, key)
+            return text(value) or value
+
+        return conventions.variable(name, said, dataset.dtype)
+
+    held = arrays(datasets(file, ignored), ignored, describe)
+    pour(Path(file.filename), held.sources(), writer, ignored)
+    start = conventions.start.iso if conventions.start else ""
+    return writer.finish("netcdf", start=start, ignored=listed(ignored))

@@ -1,0 +1,176 @@
+"""From what a file declares to the folder of columns: groups that share their times, then numbers.
+
+A reader first collects Sources, which know their lengths and have read nothing; so a file that
+declares more than may be read is refused before any of it is.
+"""
+
+import re
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy.typing as npt
+
+from app.telemetry.contents import MOST_LISTED, MOST_SIGNALS, ColumnWriter
+from app.telemetry.recording import TelemetryError
+from app.telemetry.text_units import unit_in
+
+BLOCK = 1 << 20
+"""Numbers that are read at a time."""
+MOST_COLUMNS = 256
+"""Of one matrix; a wider one is an image or a map, not a set of signals."""
+MOST_UNFOLDING = 200
+ALWAYS = 1 << 29
+"""A file may unfold to this many times its size, and to this much in any case [bytes]."""
+TIME_NAMES = frozenset(
+    {"t", "t_s", "time", "time_s", "times", "timestamp", "timestamps", "tout", "seconds"}
+)
+
+Clock = tuple[str, ...] | None
+Pieces = Iterator[tuple[int, npt.ArrayLike]]
+Place = tuple[tuple[str, ...], int]
+"""Where a source lies and how long it is; those of one place are a group."""
+
+
+@dataclass(frozen=True)
+class Column:
+    """A signal to be. time: the file says that it is the time of the others."""
+
+    name: str
+    unit: str = ""
+    description: str = ""
+    time: bool = False
+
+
+@dataclass(frozen=True, eq=False)
+class Source:
+    """Columns of equal length that are read together.
+
+    within: the groups or structures they lie in, outermost first.
+    pieces: reads (number of column, values); the pieces of one column come in their order.
+    clock: what the format says they share their times with; None where it says nothing, and then
+    they share them with what lies in the same place and is as long.
+    """
+
+    within: tuple[str, ...]
+    columns: tuple[Column, ...]
+    n_rows: int
+    pieces: Callable[[], Pieces]
+    clock: Clock = None
+
+
+def is_time_name(name: str) -> bool:
+    """Whether a signal of this name is the time of those beside it."""
+    return re.split(r"[\[({<]", name)[0].strip().lower() in TIME_NAMES
+
+
+def pour(
+    path: Path,
+    sources: Sequence[Source],
+    writer: ColumnWriter,
+    ignored: list[str],
+    separator: str = "/",
+) -> None:
+    """Write the sources of a file as groups of signals.
+
+    The single values among them are added to `ignored`. TelemetryError where nothing is left, or
+    where the file declares too much.
+    """
+    ignored += [
+        f"{column.name}: {'one value' if source.n_rows else 'no value'}"
+        for source in sources
+        if source.n_rows < 2
+        for column in source.columns
+    ]
+    series = [source for source in sources if source.n_rows > 1]
+    if not any(source.columns for source in series):
+        raise TelemetryError(nothing(ignored))
+    _check_size(path, series, writer)
+    timed = {(s.within, s.n_rows) for s in series if s.clock is None and any(map(_time, s.columns))}
+    groups: dict[Place, list[Source]] = {}
+    for source in series:
+        groups.setdefault(_place(source, timed), []).append(source)
+    added = [
+        (source, numbers)
+        for name, members in zip(_names(list(groups), separator), groups.values(), strict=True)
+        for source, numbers in _added(writer, name, members)
+    ]
+    for source, numbers in added:
+        for column, values in source.pieces():
+            writer.append(numbers[column], values)
+
+
+def _added(
+    writer: ColumnWriter, name: str, members: list[Source]
+) -> list[tuple[Source, list[int]]]:
+    """Begin a group and its signals; the first time among them is its time."""
+    group = writer.add_group(name)
+    time = next((c for source in members for c in source.columns if c.time), None)
+    return [
+        (
+            source,
+            [
+                writer.add_signal(
+                    group, c.name, c.unit or unit_in(c.name), c.description, time=c is time
+                )
+                for c in source.columns
+            ],
+        )
+        for source in members
+    ]
+
+
+def _check_size(path: Path, series: Sequence[Source], writer: ColumnWriter) -> None:
+    """TelemetryError where a file declares more signals or numbers than may be written."""
+    n_signals = sum(len(source.columns) for source in series)
+    if n_signals > MOST_SIGNALS:
+        raise TelemetryError(
+            f"the file has {n_signals} signals, more than {MOST_SIGNALS}: export the ones of this "
+            "test"
+        )
+    n_bytes = 8 * sum(len(source.columns) * source.n_rows for source in series)
+    most = min(writer.most_bytes, max(MOST_UNFOLDING * path.stat().st_size, ALWAYS))
+    if n_bytes > most:
+        raise TelemetryError(
+            f"the file declares {n_bytes / 2**20:.0f} MiB of numbers, more than the "
+            f"{most / 2**20:.0f} MiB that one of its size may unfold to: export the stretch and "
+            "the signals of this test"
+        )
+
+
+def listed(ignored: Sequence[str]) -> tuple[str, ...]:
+    """Keep the first of what was ignored, and count the others."""
+    more = len(ignored) - MOST_LISTED
+    return (*ignored[:MOST_LISTED], *([f"and {more} more"] if more > 0 else []))
+
+
+def nothing(ignored: Sequence[str]) -> str:
+    """Say that a file holds no signal, and what it holds instead."""
+    instead = f" ({'; '.join(ignored[:3])}{'; ...' if len(ignored) > 3 else ''})" if ignored else ""
+    return (
+        f"nothing in the file is a signal of numbers{instead}: export the signals of the test with "
+        "their times as plain tables or vectors"
+    )
+
+
+def _time(column: Column) -> bool:
+    return column.time
+
+
+def _place(source: Source, timed: set[Place]) -> Place:
+    """Where a source belongs: its clock, else the nearest place outwards with a time as long."""
+    if source.clock is not None:
+        return source.clock, source.n_rows
+    for depth in range(len(source.within), -1, -1):
+        if (source.within[:depth], source.n_rows) in timed:
+            return source.within[:depth], source.n_rows
+    return source.within, source.n_rows
+
+
+def _names(places: list[Place], separator: str) -> list[str]:
+    """A name for each group: its place, and its length where two have the same place."""
+    plain = [separator.join(path) for path, _ in places]
+    return [
+        name if plain.count(name) == 1 else f"{name} ({n} rows)".strip()
+        for name, (_, n) in zip(plain, places, strict=True)
+    ]
