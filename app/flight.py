@@ -23,13 +23,12 @@ from app.messages import (
     limited_channels,
     plain_frame,
 )
-from app.recipes import from_plain
 from app.recorder import Recorder
 from app.sources import Array
 from app.watcher import CREDIT, RecentFrames, Watcher
+from app.withdrawal import limits_of
 from core.channels import KEYS
 from core.monitor import Assessment, Monitor, State
-from core.specification import Limits
 
 if TYPE_CHECKING:
     from app.scene import Scene
@@ -39,6 +38,16 @@ HEARTBEAT_S = 1.0
 BETA, DELTA_A, DELTA_R = (KEYS.index(key) for key in ("beta", "delta_a", "delta_r"))
 Angles = tuple[float, float, float]
 LEVEL: Angles = (0.0, 0.0, 0.0)
+STALE_INTERVALS, STALE_S = 3.0, 0.25
+"""A source is late when nothing came for so many intervals, and so long [s]."""
+
+
+def patience(dt: float, speed: float = 1.0) -> float:
+    """How long a sample may be awaited [s] before what is shown is stale: the one such number.
+
+    Flight, scene and page go by it. speed: of play; slow play brings the samples more slowly.
+    """
+    return max(STALE_INTERVALS * dt / min(speed, 1.0), STALE_S)
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,9 +70,11 @@ class Flight(ABC):
     """A flight under way. Its methods are called in the event loop; only `stop` waits.
 
     on_over: called once when the flight is over by itself, with status and reason.
+    is_checked: whether it is judged by its monitor's validity.
     """
 
     dt: float
+    is_checked: bool
     theta: dict[str, float] | None = None
     duration: float | None = None
     fail_t: float | None = None
@@ -149,16 +160,17 @@ class Flight(ABC):
 
     def _hello(self) -> str:
         plan, monitor = self.plan, self.plan.monitor
-        limits = monitor.dataset_recipe.get("specification", {})
         return Hello(
             flight=plan.id,
             name=plan.name,
             server_time=self.clock.utc(),
-            channels=limited_channels(from_plain(Limits(), limits, "specification")),
+            channels=limited_channels(limits_of(monitor)),
             epsilon=plan.epsilon,
             n_unsafe=monitor.n_unsafe,
             lead=monitor.lead,
             dt=self.dt,
+            stale_after=patience(self.dt),
+            validity="checked" if self.is_checked else "not calibrated",
             monitor={"id": plan.monitor_id, "name": plan.monitor_name},
             source=plan.source,
             theta=self.theta,

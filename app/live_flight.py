@@ -3,14 +3,12 @@
 import asyncio
 from typing import Any
 
-from app.flight import LEVEL, Flight, FlightPlan
+from app.flight import LEVEL, Flight, FlightPlan, patience
 from app.messages import TransportState
 from app.sources import LiveSource
 from app.transport import NotPossible
+from app.withdrawal import CheckedStream
 from core.monitor import State
-
-STALE_INTERVALS, STALE_S = 3.0, 0.25
-"""A live source is stale when nothing came for so many intervals, and so long [s]."""
 
 
 class LiveFlight(Flight):
@@ -19,8 +17,9 @@ class LiveFlight(Flight):
     def __init__(self, plan: FlightPlan, source: LiveSource, *about: Any, **more: Any) -> None:
         super().__init__(plan, *about, **more)
         self.dt, self.theta = source.dt, source.theta
+        self.is_checked = plan.monitor.support is not None
         self._source = source
-        self._patience = max(STALE_INTERVALS * source.dt, STALE_S)
+        self._patience = patience(source.dt)
         self._came = 0.0
         self._task: asyncio.Task[None] | None = None
 
@@ -31,6 +30,7 @@ class LiveFlight(Flight):
             playing=not self.is_over,
             speed=1.0,
             loop=False,
+            start=0.0,
             position=self.t,
             duration=None,
             sample=self.head,
@@ -65,7 +65,7 @@ class LiveFlight(Flight):
         await super().stop(reason)
 
     async def _fly_source(self) -> None:
-        stream = self.plan.monitor.stream(self.plan.epsilon)
+        stream = CheckedStream(self.plan.monitor, self.plan.epsilon)
         try:
             async for t, y, attitude in self._source:
                 self._came = self.clock.now()

@@ -57,6 +57,7 @@ class TransportState(Message):
     playing: bool
     speed: float = Field(description="times the source's own rate")
     loop: bool
+    start: float = Field(description="[s] of the source's first sample; 0 for a live source")
     position: float = Field(description="[s]")
     duration: float | None = Field(description="[s]; null for a live source")
     sample: int
@@ -95,6 +96,13 @@ class Hello(Message):
     n_unsafe: int
     lead: float = Field(description="[s] ahead that y_hat forecasts and alerts warn")
     dt: float
+    stale_after: float = Field(
+        description="[s] without a sample before what is shown is stale, at speed 1; below, three "
+        "intervals as played if that is longer"
+    )
+    validity: Literal["checked", "not calibrated"] = Field(
+        description="whether the flight becomes `invalid` once it is unlike those of training"
+    )
     monitor: dict[str, str]
     source: dict[str, Any]
     theta: dict[str, float] | None

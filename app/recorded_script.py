@@ -11,13 +11,13 @@ import numpy.typing as npt
 
 from app.script import Angles, Script
 from app.sources import Array
+from app.stored_reasons import reason
 from core.channels import KEYS
 from core.monitor import Assessment, State
-from core.monitor.assessment import REASONS, STATES
+from core.monitor.assessment import STATES
 from core.simulation.attitude import WASH_OUT_S, DisplayAttitude
 
 P, R = KEYS.index("p"), KEYS.index("r")
-BETWEEN = "between manoeuvres: the monitor has nothing to say here"
 RUN_UP_S = 2 * WASH_OUT_S
 """An attitude that was not recorded is integrated from so long before it is shown [s]."""
 
@@ -41,6 +41,7 @@ class RecordedScript(Script):
         self.t, self.dt = np.ascontiguousarray(samples["t"]), dt
         crossings = [s["crossing"]["t"] for s in stretches if s["crossing"] is not None]
         self.fail_t = min(crossings, default=None)
+        self.is_checked = all(s["validity"]["valid"] is not None for s in stretches)
         self._samples, self._stretches, self._forecasts = samples, stretches, forecasts
         begins = [begin for stretch in stretches for begin, _ in stretch["alerts"]]
         self._onsets = np.searchsorted(self.t, np.sort(np.array(begins, float)) - 0.5 * dt)
@@ -64,9 +65,10 @@ class RecordedScript(Script):
     def said(self, k: int) -> Assessment:
         """What was said of sample k when the recording was scored."""
         sample = self._samples[k]
-        t, state = float(sample["t"]), STATES[int(sample["state"])]
-        if state is not State.OK:
-            return Assessment(t, None, None, state, self._reason(sample, state))
+        t, code = float(sample["t"]), int(sample["state"])
+        if (state := STATES[code]) is not State.OK:
+            why = reason(code, int(sample["stretch"]), self._stretches)
+            return Assessment(t, None, None, state, why)
         y_hat = sample["y_hat"] if self._forecasts else None
         return Assessment(t, float(sample["p_value"]), bool(sample["alert"]), state, y_hat=y_hat)
 
@@ -74,15 +76,6 @@ class RecordedScript(Script):
         """First sample after k at which an alert begins."""
         later = self._onsets[self._onsets > k]
         return int(later[0]) if len(later) else None
-
-    def _reason(self, sample: Any, state: State) -> str:
-        number = int(sample["stretch"])
-        if number < 0:
-            return BETWEEN
-        validity = self._stretches[number]["validity"]
-        if state is State.INVALID and validity["valid"] is False:
-            return "; ".join(validity["reasons"])
-        return REASONS[STATES.index(state)]
 
     def _integrated(self, k: int) -> Angles:
         """Go on from the sample shown before, or come from a while ahead of a jump."""

@@ -142,6 +142,7 @@ class Recorder:
             np.array([bool(one.alert) for one in said]),
             np.array([CODES[one.state] for one in said], np.uint8),
             np.array([UNKNOWN if one.y_hat is None else one.y_hat for one in said]),
+            [one.reason for one in said],
         )
 
     def _write_alarm(self, alarm: Alarm) -> None:

@@ -21,7 +21,7 @@ from core.simulation.attitude import Attitude, SurfaceSigns
 PERIOD_S = 0.05
 """Between two drawings [s]: 20 Hz."""
 STALE_AFTER_S = 2.0
-"""Without a new sample for so long the scene says STALE [s]."""
+"""Without a new sample for so long a scene says STALE that its flight told no better [s]."""
 MAX_SCENES = 20
 LOG = logging.getLogger("forewarn")
 
@@ -89,6 +89,11 @@ class Scene:
             self._shown = Shown(*pose, p_value, epsilon, bool(alert), State(state), reason)
             self._came = self._clock()
 
+    def wait(self, stale_after_s: float) -> None:
+        """From now on wait so long for a sample before saying STALE [s]; the wait begins anew."""
+        with self._latest:
+            self._stale_after_s, self._came = stale_after_s, self._clock()
+
     def hold(self) -> None:
         """The flight is paused: keep what is shown, and say PAUSED, not STALE, until a `show`."""
         with self._latest:
@@ -109,11 +114,11 @@ class Scene:
     def _now(self) -> Shown:
         """What is to be seen now: what came last, or STALE where that is too long ago."""
         with self._latest:
-            came, shown = self._came, self._shown
-        late = self._clock() - came > self._stale_after_s
+            came, shown, patience = self._came, self._shown, self._stale_after_s
+        late = self._clock() - came > patience
         if not late or shown.paused or shown.state is State.STALE:
             return shown
-        reason = f"no sample for {self._stale_after_s:g} s"
+        reason = f"no sample for {patience:g} s"
         return shown._replace(p_value=None, alert=False, state=State.STALE, reason=reason)
 
     @property
@@ -171,10 +176,12 @@ class Scenes:
         flight: str,
         signs: SurfaceSigns = USUAL_SIGNS,
         alpha0: float = 0.0,
+        stale_after_s: float | None = None,
     ) -> Scene:
         """Open the scene of a flight, or return the one that is open; blocks for some 30 ms.
 
         signs: which way the aircraft's surfaces act.   alpha0: angle of attack at trim [rad].
+        stale_after_s: as of `Scene.wait`.
         Raises TooManyScenes at max_scenes, and RuntimeError after `stop`.
         """
         with self._lock:
@@ -187,7 +194,7 @@ class Scenes:
                     f"{self.max_scenes} flights show a scene already; end one of them, or raise "
                     "the number of flights"
                 )
-            scene = Scene(self._clock, signs, alpha0, self._stale_after_s)
+            scene = Scene(self._clock, signs, alpha0, stale_after_s or self._stale_after_s)
             self._scenes[flight] = scene
             if self._ticker is None:
                 self._ticker = threading.Thread(target=self._tick, name="scenes", daemon=True)

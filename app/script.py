@@ -8,7 +8,8 @@ from abc import ABC, abstractmethod
 import numpy as np
 
 from app.sources import Array, Track
-from core.monitor import Assessment, Assessments, Monitor, State
+from app.withdrawal import withdrawal, withdrawn
+from core.monitor import Assessment, Monitor, State
 from core.monitor.assessment import REASONS, STATES
 
 Angles = tuple[float, float, float]
@@ -19,11 +20,13 @@ class Script(ABC):
     """A flight to play.
 
     t: (n,) rising [s].   dt: sample interval [s].   theta: parameters of a simulated aircraft.
-    fail_t: when it breaks a limit, if known [s].
+    fail_t: when it breaks a limit, if known [s].   is_checked: whether it was asked if the flight
+    is like those that its monitor was trained on.
     """
 
     t: Array
     dt: float
+    is_checked: bool
     theta: dict[str, float] | None = None
     fail_t: float | None = None
 
@@ -50,7 +53,7 @@ class Script(ABC):
 
 
 class AssessedTrack(Script):
-    """A track through a monitor, assessed whole; slow to make, for a thread."""
+    """A track through a monitor, assessed and judged whole; slow to make, for a thread."""
 
     def __init__(self, track: Track, monitor: Monitor, epsilon: float) -> None:
         self.t, self.dt, self.theta = track.t, track.dt, track.theta
@@ -58,7 +61,12 @@ class AssessedTrack(Script):
             self.fail_t = float(track.t[track.fail_index])
         self._track = track
         self._forecasts = monitor.recipe.predictor.forecasts
-        self._said: Assessments = monitor.assess(track.t, track.y, epsilon)
+        self._said = monitor.assess(track.t, track.y, epsilon)
+        self._withdrawal = withdrawal(monitor, track.t, track.y, self._said)
+        self._alert = self._said.alert.copy()
+        if self._withdrawal is not None:
+            self._alert[self._withdrawal.first :] = False
+        self.is_checked = monitor.support is not None
 
     def y(self, k: int) -> Array:
         """Sample k, (6,)."""
@@ -70,18 +78,20 @@ class AssessedTrack(Script):
         return phi, theta, psi
 
     def said(self, k: int) -> Assessment:
-        """What the batch says of sample k."""
-        said = self._said
+        """What the batch says of sample k, unless that was withdrawn."""
+        said, lost = self._said, self._withdrawal
+        if lost is not None and k >= lost.first:
+            return withdrawn(float(said.t[k]), lost.reason)
         code = int(said.state[k])
         t, state, reason = float(said.t[k]), STATES[code], REASONS[code]
         if state is not State.OK:
             return Assessment(t, None, None, state, reason)
         y_hat = said.y_hat[k] if self._forecasts else None
-        return Assessment(t, float(said.p_value[k]), bool(said.alert[k]), state, reason, y_hat)
+        return Assessment(t, float(said.p_value[k]), bool(self._alert[k]), state, reason, y_hat)
 
     def next_alert(self, k: int) -> int | None:
         """First sample after k at which an alert begins."""
-        alert = self._said.alert
+        alert = self._alert
         onsets = np.flatnonzero(alert & ~np.concatenate([[False], alert[:-1]]))
         later = onsets[onsets > k]
         return int(later[0]) if len(later) else None

@@ -1,5 +1,7 @@
 """Stored flights: assessments in chunks of samples, alarms with their acknowledgement."""
 
+from collections.abc import Iterable, Sequence
+from itertools import groupby
 from typing import Any
 
 import numpy as np
@@ -11,6 +13,7 @@ from app.shelf import Shelf, columns, found, whole
 from app.stored_arrays import from_blob, to_blob
 from app.tables import alarms, assessment_chunks, flights, monitors, new_id, now
 from core.channels import N_CHANNELS
+from core.monitor.assessment import REASONS
 
 CHUNK = 1000
 """Most samples in one blob."""
@@ -77,11 +80,13 @@ class StoredFlights(Shelf):
         alert: npt.ArrayLike,
         state: npt.ArrayLike,
         y_hat: npt.ArrayLike | None = None,
+        reasons: Sequence[str] | None = None,
     ) -> None:
         """Keep the next samples of a flight, numbered from first_seq.
 
         t: (n,) [s].   y: (n, 6).   p_value: (n,), NaN where there is none.   alert: (n,) bool.
         state: (n,) codes into STATES.   y_hat: (n, 6), None or NaN where there is no forecast.
+        reasons: (n,) why a sample was not assessed; None: what its state says.
         NotFound; ValueError for other shapes and for samples that are already stored.
         """
         samples = _samples(t, y, p_value, alert, state, y_hat)
@@ -91,6 +96,7 @@ class StoredFlights(Shelf):
                 "first_seq": first_seq + i,
                 "last_seq": first_seq + min(i + CHUNK, len(samples)) - 1,
                 "content": to_blob(samples[i : i + CHUNK]),
+                "reasons": _runs(samples["state"][i : i + CHUNK], (reasons or ())[i : i + CHUNK]),
             }
             for i in range(0, len(samples), CHUNK)
         ]
@@ -110,7 +116,7 @@ class StoredFlights(Shelf):
     ) -> StoredAssessments:
         """Return the stored samples first_seq to last_seq, both included. NotFound."""
         chunk = assessment_chunks.c
-        query = select(chunk.first_seq, chunk.content).where(
+        query = select(chunk.first_seq, chunk.content, chunk.reasons).where(
             chunk.flight_id == flight_id, chunk.last_seq >= first_seq
         )
         if last_seq is not None:
@@ -120,6 +126,11 @@ class StoredFlights(Shelf):
             rows = connection.execute(query.order_by(chunk.first_seq)).all()
         parts = [from_blob(row.content) for row in rows]
         samples = np.concatenate([np.empty(0, SAMPLE), *parts])
+        reasons = [
+            text
+            for row, part in zip(rows, parts, strict=True)
+            for text in _reasons(part["state"], row.reasons or ())
+        ]
         numbers = [np.arange(len(p)) + row.first_seq for row, p in zip(rows, parts, strict=True)]
         seq = np.concatenate([np.empty(0, np.int64), *numbers])
         asked = slice(
@@ -128,6 +139,7 @@ class StoredFlights(Shelf):
         )
         return StoredAssessments(
             seq=seq[asked],
+            reasons=tuple(reasons[asked]),
             **{name: np.ascontiguousarray(samples[name][asked]) for name in SAMPLE.names or ()},
         )
 
@@ -183,6 +195,26 @@ def _samples(*fields: Any) -> npt.NDArray:
         else:
             samples[name] = values
     return samples
+
+
+def _runs(state: npt.NDArray, reasons: Sequence[str]) -> list[list[Any]] | None:
+    """[first, last, text] of each run of samples whose reason is not that of their state."""
+    runs = []
+    said = zip(state.tolist(), reasons, strict=True) if reasons else ()
+    other = ("" if text == REASONS[code] else text for code, text in said)
+    for text, run in groupby(enumerate(other), lambda numbered: numbered[1]):
+        numbers = [k for k, _ in run]
+        if text:
+            runs.append([numbers[0], numbers[-1], text])
+    return runs or None
+
+
+def _reasons(state: npt.NDArray, runs: Iterable[Sequence[Any]]) -> list[str]:
+    """The reason of each sample of a chunk."""
+    reasons = [REASONS[code] for code in state.tolist()]
+    for first, last, text in runs:
+        reasons[first : last + 1] = [text] * (last + 1 - first)
+    return reasons
 
 
 def _flights() -> Select:

@@ -6,7 +6,7 @@ samples of that one script: seek, step and loop cannot change a bit of a score.
 
 from typing import Any
 
-from app.flight import Flight, FlightPlan
+from app.flight import Flight, FlightPlan, patience
 from app.messages import TransportChange, TransportState, plain_frame
 from app.script import Script
 from app.transport import Due, NotPossible, Transport, TransportError
@@ -24,7 +24,7 @@ class TrackFlight(Flight):
     def __init__(self, plan: FlightPlan, script: Script, *about: Any, **more: Any) -> None:
         super().__init__(plan, *about, **more)
         self.dt, self.theta, self.duration = script.dt, script.theta, script.duration
-        self.fail_t = script.fail_t
+        self.fail_t, self.is_checked = script.fail_t, script.is_checked
         self._script = script
         self._transport = Transport(script.t, script.dt)
         self._flown = 0.0
@@ -37,6 +37,7 @@ class TrackFlight(Flight):
             playing=transport.playing and not self.is_over,
             speed=transport.speed,
             loop=transport.loop,
+            start=float(script.t[0]),
             position=transport.position,
             duration=script.duration,
             sample=transport.index,
@@ -79,6 +80,7 @@ class TrackFlight(Flight):
                 transport.seek(value, now)
             case "speed" if value is not None and is_number:
                 transport.set_speed(value, now)
+                self._stage(lambda scene: scene.wait(patience(self.dt, transport.speed)))
             case "loop" if isinstance(value, bool):
                 transport.loop = value
             case _:

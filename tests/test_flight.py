@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from app.flight import HEARTBEAT_S
+from app.flight import HEARTBEAT_S, patience
 from app.messages import Frames, Hello
 from app.sources import Track
 from app.transport import CATCH_UP_S, NotPossible, TransportError
@@ -273,6 +273,8 @@ def test_hello_says_what_a_display_needs(exact: Monitor, failing: Array) -> None
     assert (hello.epsilon, hello.n_unsafe, hello.lead, hello.dt) == (EPSILON, 12, 0.25, DT)
     assert (hello.duration, hello.head, hello.state) == (T[-1], -1, State.WARMING_UP)
     assert hello.transport == flown.flight.transport
+    assert hello.stale_after == 0.25
+    assert patience(0.2) == pytest.approx(0.6)
 
 
 def test_messages_of_frames_are_as_described(exact: Monitor, failing: Array) -> None:
@@ -330,12 +332,16 @@ class Stage:
     def __init__(self) -> None:
         self.shown: list[tuple] = []
         self.held = 0
+        self.waits: list[float] = []
 
     def show(self, *what: Any) -> None:
         self.shown.append(what)
 
     def hold(self) -> None:
         self.held += 1
+
+    def wait(self, stale_after_s: float) -> None:
+        self.waits.append(stale_after_s)
 
 
 def test_the_scene_is_shown_the_newest_pose_of_each_tick_only(
@@ -350,6 +356,14 @@ def test_the_scene_is_shown_the_newest_pose_of_each_tick_only(
     assert (p_value, epsilon) == (exact.assess(T, failing).p_value[20], EPSILON)
     assert attitude == tuple(Track(T, failing, DT).attitude[20])
     assert stage.held == 1
+
+
+def test_the_scene_waits_longer_while_samples_come_slowly(exact: Monitor, failing: Array) -> None:
+    stage = Stage()
+    flown = Flown(exact, failing, scene=stage).start()
+    for speed in (0.1, 0.5, 1.0, 10.0):
+        flown.flight.act("speed", speed)
+    assert stage.waits == [pytest.approx(3 * DT / 0.1), pytest.approx(3 * DT / 0.5), 0.25, 0.25]
 
 
 def test_a_flight_goes_on_without_a_scene_that_fails(

@@ -118,7 +118,7 @@ def test_hello_then_every_frame_with_the_scores_of_the_batch(server: Server) -> 
     assert [f["seq"] for f in shown] == list(range(2, 122))
     for frame, expected in zip(shown, source[1:], strict=True):
         assert {**frame, "seq": 0, "sent": None} == {**expected, "seq": 0}
-    track = server.flights.flying(flight["id"])._track  # pyright: ignore
+    track = server.flights.flying(flight["id"])._script._track  # pyright: ignore
     assert [f["p_value"] for f in source] == monitor().p_values(track.y).tolist()
     recorded = server.client.get(f"{URL}/{flight['id']}/assessments?first=2").json()
     assert recorded["frames"] == [{**frame, "sent": None} for frame in shown]

@@ -6,7 +6,8 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from app.recorded_script import BETWEEN, RecordedScript
+from app.recorded_script import RecordedScript
+from app.stored_reasons import BETWEEN
 from app.track_flight import TrackFlight
 from app.transport import NotPossible
 from core.monitor import State
@@ -74,6 +75,12 @@ def test_it_says_why_it_says_nothing(samples: npt.NDArray) -> None:
     assert played.said(0).reason == REASONS[WARMING_UP]
     assert played.said(90).reason == BETWEEN
     assert played.said(120).reason == "p was off by 9 sigma; too fast"
+
+
+def test_it_is_checked_where_every_stretch_has_a_verdict(samples: npt.NDArray) -> None:
+    assert script(samples).is_checked
+    unknown = {**STRETCHES[0], "validity": {"valid": None, "reasons": ["not calibrated"]}}
+    assert not RecordedScript(samples, [unknown, STRETCHES[1]], DT, forecasts=True).is_checked
 
 
 def test_alerts_are_found_one_after_the_other(samples: npt.NDArray) -> None:

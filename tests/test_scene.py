@@ -541,6 +541,21 @@ class TestWhatIsSaid:
         assert nodes(scene)._headline.text == "STALE"
         assert nodes(scene)._fill.color == GREY
 
+    def test_its_patience_follows_its_flight(self, scene, clock):
+        show(scene)
+        clock.now += 1.0
+        scene.wait(0.25)
+        scene.draw()
+        assert "RISK 0.04" in nodes(scene)._readout.content
+        clock.now += 0.3
+        assert scene.draw()
+        assert "no sample for 0.25 s" in nodes(scene)._readout.content
+        show(scene, t=1.05)
+        scene.wait(1.5)
+        clock.now += 1.4
+        scene.draw()
+        assert "RISK 0.04" in nodes(scene)._readout.content
+
     def test_a_paused_flight_says_paused_and_keeps_its_risk(self, scene, clock):
         show(scene, p_value=0.3, alert=True)
         scene.hold()
@@ -687,7 +702,7 @@ class TestScenes:
             scenes.open("c")
         scenes.close("a")
         assert scenes.get("a") is None
-        assert scenes.open("c")
+        assert scenes.open("c", stale_after_s=0.25)._stale_after_s == 0.25
         scenes.stop()
 
     def test_stopping_leaves_no_thread_and_no_port(self):

@@ -14,7 +14,7 @@ from app.tables import (
 )
 from core.dataset import Dataset
 from core.monitor import Monitor, train
-from core.monitor.assessment import STATES
+from core.monitor.assessment import REASONS, STATES
 from tests.stored import append, assert_says_its_number, count, flown, opened
 
 
@@ -27,6 +27,24 @@ def store(tmp_path: Path) -> Iterator[Store]:
 @pytest.fixture(scope="module")
 def trained(dataset: Dataset) -> Monitor:
     return train(dataset)
+
+
+def test_reasons_come_back_across_chunks_and_default_to_what_the_state_says(
+    store: Store, trained: Monitor
+) -> None:
+    flight, n = flown(store, trained), 2500
+    state = np.where(np.arange(n) % 5 == 0, 1, 3)
+    reasons = [REASONS[1] if code == 1 else f"off by {k // 700}" for k, code in enumerate(state)]
+    for part in (slice(0, 1300), slice(1300, n)):
+        t = np.arange(n)[part] * 0.02
+        nothing = np.full(len(t), np.nan), np.zeros(len(t), bool), state[part]
+        store.append_assessments(
+            flight, part.start, t, np.ones((len(t), 6)), *nothing, reasons=reasons[part]
+        )
+    assert store.assessments(flight).reasons == tuple(reasons)
+    assert store.assessments(flight, 690, 1310).reasons == tuple(reasons[690:1311])
+    append(store, flight, n, 4)
+    assert store.assessments(flight, n).reasons == REASONS
 
 
 def test_state_codes_mean_what_stored_flights_mean_by_them() -> None:

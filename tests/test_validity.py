@@ -293,10 +293,15 @@ def test_reasons_name_channel_size_and_time(monitor: Monitor, flights: Array) ->
         f"99 % of fresh flights stay within {support.bounds()[0]:.1f}"
     )
     y[-1] *= 9
-    verdict = judge(monitor, TIMES, y, monitor.assess(TIMES, y))
+    said = monitor.assess(TIMES, y)
+    verdict = judge(monitor, TIMES, y, said)
+    z = said.y_hat[-1] / monitor.scale
+    near = min(monitor.safe_points, key=lambda point: ((point - z) ** 2).sum())
+    mostly = max(range(6), key=lambda c: abs(near[c] - z[c]))
     assert verdict.reasons[-1] == (
         f"it was {verdict.distance:.3g} from every safe observation of training at 3.00 s, in "
-        f"scaled units; 99 % of fresh flights stay within {support.bounds()[1]:.3g}"
+        f"scaled units, mostly by its forecast of {KEYS[mostly]}; 99 % of fresh flights "
+        f"stay within {support.bounds()[1]:.3g}"
     )
 
 

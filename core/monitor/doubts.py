@@ -26,8 +26,12 @@ def strayed(
     so_far: Excursion,
     bounds: npt.NDArray[np.float64],
     level: float,
+    outlier: npt.NDArray[np.float64] | None,
 ) -> list[str]:
-    """Where and how far beyond the bounds; nothing for a flight within them."""
+    """Where and how far beyond the bounds; nothing for a flight within them.
+
+    outlier: (6,) forecast made of the farthest observation; None or NaN where there is none.
+    """
     share = f"{100 * (1 - level / len(support.statistics)):.4g} % of fresh flights stay within"
     residual, distance = so_far.peaks[SIZE, :DISTANCE], so_far.peaks[SIZE, DISTANCE]
     when, found = so_far.peaks[WHEN], []
@@ -44,7 +48,8 @@ def strayed(
     if distance > bounds[1]:
         found.append(
             f"it was {distance:.3g} from every safe observation of training at "
-            f"{when[DISTANCE]:.2f} s, in scaled units; {share} {bounds[1]:.3g}"
+            f"{when[DISTANCE]:.2f} s, in scaled units{_mostly(monitor, outlier)}; {share} "
+            f"{bounds[1]:.3g}"
         )
     n_due = so_far.n_due(monitor.dt)
     if found and n_due > support.n_samples:
@@ -53,6 +58,16 @@ def strayed(
             f"{support.n_samples * monitor.dt:.2f} s: a longer one strays farther, split it up"
         )
     return found
+
+
+def _mostly(monitor: "Monitor", outlier: npt.NDArray[np.float64] | None) -> str:
+    """In which channel a forecast is farthest from that of the nearest safe observation."""
+    if outlier is None or not np.isfinite(outlier).all():
+        return ""
+    apart = np.abs(monitor.safe_points - outlier / monitor.scale)
+    with np.errstate(over="ignore"):
+        nearest = apart[np.square(apart).sum(axis=1).argmin()]
+    return f", mostly by its forecast of {CHANNELS[int(nearest.argmax())].key}"
 
 
 def too_little(monitor: "Monitor", so_far: Excursion) -> list[str]:

@@ -17,6 +17,7 @@ from core.monitor.doubts import NOT_CALIBRATED, strayed, too_little
 from core.monitor.excursion import (
     AT,
     DISTANCE,
+    SAMPLES,
     SIZE,
     WHEN,
     Excursion,
@@ -81,7 +82,9 @@ def judge(
     if monitor.support is None:
         return SupportVerdict(None, reasons=(NOT_CALIBRATED,))
     so_far, _ = excursion_of(monitor, monitor.support, t, y, said, end)
-    return _verdict(monitor, monitor.support, so_far, level)
+    at = int(so_far.peaks[AT, DISTANCE])
+    outlier = said.y_hat[at] if at >= 0 else None
+    return _verdict(monitor, monitor.support, so_far, level, outlier)
 
 
 def excursion_of(
@@ -108,6 +111,28 @@ def excursion_of(
     return so_far, reached
 
 
+def first_stray(
+    monitor: "Monitor",
+    t: Array,
+    y: Array,
+    said: Assessments,
+    level: float | None = None,
+    end: int | None = None,
+) -> tuple[int, SupportVerdict] | None:
+    """First sample by which `judge` says invalid, and what it says there: what `Running` finds.
+
+    None where it never does, or validity is not calibrated.
+    """
+    if monitor.support is None:
+        return None
+    _, reached = excursion_of(monitor, monitor.support, t, y, said, end)
+    beyond = (reached > monitor.support.bounds(level)).any(axis=1)
+    if not beyond.any():
+        return None
+    k = int(beyond.argmax())
+    return k, judge(monitor, t, y, said, level, k)
+
+
 class Running:
     """Validity of a flight under way, sample by sample; invalid once is invalid to the end.
 
@@ -124,6 +149,7 @@ class Running:
         self._ground = ground_of(monitor, self.support.sigma)
         self._history = np.zeros((monitor.recipe.n_delay + 1, N_CHANNELS))
         self._so_far: Excursion = begin(self._ground)
+        self._outlier: Array | None = None
 
     def update(self, y: Array, said: Assessment) -> bool:
         """Take the next sample. Returns whether the flight has become invalid, now or before.
@@ -140,23 +166,29 @@ class Running:
             CODES[said.state],
             np.nan if near is None else near.distance,
         )
+        if self._so_far.peaks[AT, DISTANCE] == self._so_far.counts[SAMPLES] - 1:
+            self._outlier = said.y_hat
         self.is_invalid = residual > self._residual_bound or distance > self._distance_bound
         return self.is_invalid
 
     @property
     def verdict(self) -> SupportVerdict:
         """The verdict so far."""
-        return _verdict(self.monitor, self.support, self._so_far, self.level)
+        return _verdict(self.monitor, self.support, self._so_far, self.level, self._outlier)
 
 
 def _verdict(
-    monitor: "Monitor", support: Support, so_far: Excursion, level: float | None
+    monitor: "Monitor",
+    support: Support,
+    so_far: Excursion,
+    level: float | None,
+    outlier: Array | None,
 ) -> SupportVerdict:
     level = support.check_level(level)
     bounds, reached = support.bounds(level), so_far.reached
     p = support.p_values(reached[None])
     residual_p, distance_p = (None if np.isnan(value) else float(value) for value in p[0])
-    beyond = strayed(monitor, support, so_far, bounds, level)
+    beyond = strayed(monitor, support, so_far, bounds, level, outlier)
     unseen = too_little(monitor, so_far)
     worst = int(so_far.peaks[SIZE, :DISTANCE].argmax())
     with np.errstate(divide="ignore", invalid="ignore"):

@@ -7,12 +7,14 @@
  */
 
 import { createAlarmPanel } from "./alarm_panel.js";
+import { reason } from "./api.js";
 import { createConnection } from "./connection.js";
 import { addDrawer } from "./draw_loop.js";
 import { h } from "./dom.js";
 import { createEventList } from "./event_list.js";
 import { alertText, createFlightPanels, limitsOf, sourceText, windowOf } from "./flight_panels.js";
 import { put, state as stateOf } from "./panel_states.js";
+import { createReplayNotes } from "./replay_notes.js";
 import { createRiskGauge, riskText } from "./risk_gauge.js";
 import { createSceneFrame } from "./scene_frame.js";
 import { bindShortcuts, createShortcutList } from "./shortcuts.js";
@@ -27,8 +29,8 @@ import { confirmed } from "./view_states.js";
 
 const STATUS_EVERY = 200; // ms
 const HELD = 1500; // ms
+const FETCHING = 1000; // ms that the past of a point that was sought may take to come
 const alerts = (frame) => frame.state === "ok" && frame.alert === true;
-const STALE_AFTER = 0.5; // s, as the timeline counts
 const LOST = "connection lost";
 const tone = createTone(); // one for the page: a browser lets it sound once it was touched
 
@@ -55,12 +57,14 @@ export function showLiveFlight(element, { id, api, over }) {
   let gauge = null;
   let hello = null;
   let history = null;
+  let notes = null; // of a replayed recording
   let last = null; // newest frame, without which there is nothing to trust
   let lasting = null; // riskiest alert of late, and until when it stays on the gauge
   let said = { state: null, reason: "" };
   let steered = { playing: true, speed: 1 };
   let held = null; // frames that wait for what came before them in the source
   let turn = 0;
+  let sought = 0;
   let drawing = false; // what lies before a point that was sought, not flown now
   const raised = new Set();
 
@@ -71,6 +75,7 @@ export function showLiveFlight(element, { id, api, over }) {
       ...transport.keys,
       k: alarm.acknowledgeAll,
       m: () => mute.click(),
+      t: () => notes?.write(),
       "?": shortcuts.open,
     }),
   ];
@@ -86,7 +91,7 @@ export function showLiveFlight(element, { id, api, over }) {
 
   const connection = createConnection(id, {
     hello: greet,
-    frames: (frames) => (held === null ? take(frames) : held.push(...frames)),
+    frames: (frames) => (held === null ? take(frames) : keep(frames)),
     state: ({ state, reason }) => assess({ state, reason }),
     alarm: (given) => notice(given),
     transport: steer,
@@ -99,10 +104,11 @@ export function showLiveFlight(element, { id, api, over }) {
     hello = given;
     const { channels, epsilon, lead, dt } = given;
     if (!again) {
-      timeline = createTimeline({ seconds: windowOf(given) });
+      timeline = createTimeline({ seconds: windowOf(given), staleAfter: given.stale_after });
       gauge = createRiskGauge(panels.gauge, { timeline });
       chart = createStripChart(panels.strips, { channels, epsilon, lead, dt, timeline, onExceedance: exceeded });
       history = createSourceHistory(api, path, given.transport);
+      if (given.source.kind === "recording") annotate(given.source);
     }
     alarm.describe({ epsilon, lead, limits: limitsOf(channels) });
     steer(given.transport);
@@ -119,6 +125,16 @@ export function showLiveFlight(element, { id, api, over }) {
     }
   }
 
+  function annotate(source) {
+    const failed = (error) => events.add({ t: null, text: `notes could not be read: ${reason(error)}`, level: "caution" });
+    const found = (event) => {
+      events.add(event);
+      markScrub();
+    };
+    notes = createReplayNotes({ api, source, now: () => last?.t ?? hello.transport.position, found, fail: failed });
+    panels.events.append(notes.element);
+  }
+
   function take(frames) {
     if (frames.length === 0) return;
     chart.push(frames);
@@ -126,6 +142,12 @@ export function showLiveFlight(element, { id, api, over }) {
     for (const frame of frames) if (alerts(frame)) hold(frame);
     show(last);
     transport.moved(last.t);
+  }
+
+  function keep(frames) {
+    held.push(...frames);
+    const wall = performance.now();
+    if (wall - sought < FETCHING) timeline.heard(wall);
   }
 
   function show(frame) {
@@ -183,8 +205,8 @@ export function showLiveFlight(element, { id, api, over }) {
   }
 
   function markScrub() {
-    const of = (level) => events.times(level).map((t) => ({ t, level }));
-    transport.mark([...of("alert")]);
+    const raised = events.times("alert").map((t) => ({ t, level: "alert" }));
+    transport.mark([...raised, ...(notes?.times() ?? [])]);
   }
 
   function steer(given) {
@@ -198,6 +220,7 @@ export function showLiveFlight(element, { id, api, over }) {
     const mine = ++turn;
     last = null;
     held = [];
+    sought = performance.now();
     const before = await history.before(t);
     if (mine !== turn || chart === null) return;
     const frames = held;
@@ -242,8 +265,9 @@ export function showLiveFlight(element, { id, api, over }) {
     status.update({
       source: hello === null ? "–" : sourceText(hello.source, hello.name),
       monitor: hello?.monitor.name ?? "–",
+      validity: hello?.validity,
       link: connection.link,
-      patience: STALE_AFTER + (2 * (hello?.dt ?? 0)) / steered.speed,
+      patience: timeline?.patience ?? Infinity,
       playing: steered.playing,
       live: true,
       state: stale ? "stale" : said.state,
@@ -258,6 +282,7 @@ export function showLiveFlight(element, { id, api, over }) {
       connection.close();
       alarm.close();
       for (const release of unbind) release();
+      notes?.close();
       gauge?.destroy();
       chart?.destroy();
       scene.close();

@@ -3,8 +3,9 @@
  *
  * Exports
  *   createStatusStrip(element) -> {update(status)}
- *     status: {source, monitor, link, patience [s], playing, live, state, alert,
+ *     status: {source, monitor, validity, link, patience [s], playing, live, state, alert,
  *              figures: {age [s], latency [ms], conflated, lost, utc: Date | null}}
+ *     validity: "checked", or why not, said beside the monitor
  *     link: "connecting" | "open" | "lost" | "over"; patience: age that is cautioned of; live: false for a flight that is over
  */
 
@@ -16,7 +17,7 @@ const ITEMS = [
   ["state", "monitor says", "What the monitor says of the newest sample"],
   ["link", "link", "Connection to the server"],
   ["source", "source", "What is flown"],
-  ["monitor", "monitor", "Which monitor assesses it"],
+  ["monitor", "monitor", "Which monitor assesses it; where its validity is calibrated, it says INVALID of a flight unlike those of training"],
   ["utc", "UTC", "The server's date and time"],
   ["age", "data age", "Time since the newest sample was due"],
   ["latency", "latency", "Newest sample: from the server's clock to this page"],
@@ -30,9 +31,10 @@ export function createStatusStrip(element) {
   element.classList.add("status-strip");
   const items = {};
   for (const [key, name, title] of ITEMS) {
+    const label = h("span", { class: "status-name" }, name);
     const value = h("span", { class: "status-value" }, "–");
-    const box = h("div", { class: "status-item", "data-item": key, title }, h("span", { class: "status-name" }, name), value);
-    items[key] = { box, value };
+    const box = h("div", { class: "status-item", "data-item": key, title }, label, value);
+    items[key] = { box, label, value };
     element.append(box);
   }
 
@@ -41,10 +43,11 @@ export function createStatusStrip(element) {
     if (items[key].box.dataset.level !== level) items[key].box.dataset.level = level;
   }
 
-  function update({ source, monitor, link, patience, playing, live, state, alert, figures }) {
+  function update({ source, monitor, validity = "checked", link, patience, playing, live, state, alert, figures }) {
     const linked = live && link === "open";
     show("source", source);
     show("monitor", monitor);
+    put(items.monitor.label, validity === "checked" ? "monitor" : `monitor, validity ${validity}`);
     show("state", ...stateOf(linked, state, alert));
     show("link", ...linkOf(live, link));
     show("utc", figures.utc === null ? "–" : figures.utc.toISOString().slice(11, 19));

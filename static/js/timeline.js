@@ -8,16 +8,18 @@
  * Exports
  *   createTimeline({seconds, dt, lead, staleAfter}) -> Timeline
  *     seconds 60: default width of the live window [s].   dt 0.02: sample interval [s].
- *     lead 0: how far forecasts reach past now [s].   staleAfter 0.5: age that counts as stale [s].
+ *     lead 0: how far forecasts reach past now [s].   staleAfter 0.25: patience at speed 1 [s].
  *
  * Timeline
  *   setFlight({dt, lead, staleAfter})     what a new flight says of itself
  *   observe(t, wall)                      a sample of time t has arrived
+ *   heard(wall)                           samples have arrived that are not shown yet
  *   setTransport({playing, speed})        what the server's transport says
  *   playing                               whether the flight's clock runs
  *   now(wall) -> t | NaN                  flight time at the right edge; NaN before any sample
  *   age(wall) -> s | NaN                  wall seconds since the newest sample arrived
- *   stale(wall) -> boolean                whether that age is too great for a flight that plays
+ *   patience                              age from which on it is too great [s], as the server counts
+ *   stale(wall) -> boolean                whether it is, for a flight that plays
  *   reset()                               forget the flight: window live, no cursors
  *   view(wall) -> {start, end, now, live} what is visible [s]
  *   setWindow(start, end), pan(seconds, wall)   hold the window there
@@ -32,8 +34,9 @@
 
 const LONGEST = 3600;
 const SHORTEST = 0.25;
+const INTERVALS = 3; // as played, that slow play is waited for
 
-export function createTimeline({ seconds = 60, dt = 0.02, lead = 0, staleAfter = 0.5 } = {}) {
+export function createTimeline({ seconds = 60, dt = 0.02, lead = 0, staleAfter = 0.25 } = {}) {
   const flight = { dt, lead, staleAfter };
   const clock = { t: NaN, wall: NaN, newest: NaN, arrived: NaN, speed: 1, playing: true };
   const marks = { a: NaN, b: NaN };
@@ -51,14 +54,19 @@ export function createTimeline({ seconds = 60, dt = 0.02, lead = 0, staleAfter =
       changed();
     },
     observe,
+    heard: (wall) => {
+      clock.arrived = wall;
+    },
     setTransport,
     get playing() {
       return clock.playing;
     },
     now,
     age: (wall) => (wall - clock.arrived) / 1000,
-    stale: (wall) =>
-      clock.playing && timeline.age(wall) > flight.staleAfter + (2 * flight.dt) / clock.speed,
+    get patience() {
+      return Math.max(flight.staleAfter, (INTERVALS * flight.dt) / clock.speed);
+    },
+    stale: (wall) => clock.playing && timeline.age(wall) > timeline.patience,
     reset: () => {
       Object.assign(clock, { t: NaN, wall: NaN, newest: NaN, arrived: NaN });
       if (held !== null) width = seconds; // a live window keeps its zoom over a loop
@@ -111,7 +119,7 @@ export function createTimeline({ seconds = 60, dt = 0.02, lead = 0, staleAfter =
   /** Follow the earliest arrivals; fall back slowly when samples keep coming later. */
   function observe(t, wall) {
     const late = now(wall) - t;
-    const believable = late >= 0 && late <= flight.staleAfter * clock.speed;
+    const believable = late >= 0 && late <= timeline.patience * clock.speed;
     const passed = (Math.max(0, wall - clock.wall) / 1000) * clock.speed;
     const edge = believable ? now(wall) - Math.min(0.02 * late, 0.1 * passed) : t;
     Object.assign(clock, { t: edge, wall, newest: t, arrived: wall });
@@ -119,7 +127,8 @@ export function createTimeline({ seconds = 60, dt = 0.02, lead = 0, staleAfter =
 
   function setTransport({ playing = clock.playing, speed = clock.speed }, wall = performance.now()) {
     const edge = playing ? now(wall) : clock.newest; // a pause leaves no lag behind
-    if (playing && !clock.playing) clock.arrived = wall; // the wait begins when play does
+    const anew = !clock.playing || speed !== clock.speed;
+    if (playing && anew) clock.arrived = wall; // the wait begins when play does, or its pace
     Object.assign(clock, { t: edge, wall, playing, speed });
     changed();
   }

@@ -60,6 +60,7 @@ def flight_of(n: int) -> StoredAssessments:
         alert=rng.random(n) > 0.9,
         state=np.zeros(n, np.uint8),
         y_hat=rng.normal(size=(n, 6)),
+        reasons=("",) * n,
     )
 
 
@@ -85,7 +86,7 @@ def test_storing_assessments_in_chunks_against_rows(tmp_path: Path, dataset: Dat
     flown = flight_of(N)
     store = open_store(tmp_path / "chunks.db")
     flight = store.add_flight({}, store.add_monitor(train(dataset), "m").id, 0.1)
-    arrays = [getattr(flown, f.name) for f in fields(flown) if f.name != "seq"]
+    arrays = [getattr(flown, f.name) for f in fields(flown) if f.name not in ("seq", "reasons")]
     t, y, p_value, alert, state, y_hat = arrays
     begin = perf_counter()
     for i in range(0, N, EACH):

@@ -254,6 +254,28 @@ def test_a_cut_connection_is_stale_at_once_and_resumes(fly: Fly, paused: bool) -
     assert paused or 1 in resets or first[1] == asked[1] + 1
 
 
+def test_a_page_that_was_held_up_itself_does_not_cry_stale(fly: Fly) -> None:
+    fly.watch(SAFE, ("loop", True), ("speed", 0.1))
+    expect(fly.status("monitor").locator("..")).to_contain_text("validity not calibrated")
+    fly.gauge_says("OK")
+    seen = fly.page.evaluate(
+        """async () => {
+          const seen = new Set();
+          const look = (place) => seen.add(document.querySelector(place).textContent);
+          const watching = new MutationObserver(() => [".gauge-word", ".readout-state"].map(look));
+          watching.observe(document.body, { subtree: true, childList: true, characterData: true });
+          const until = performance.now() + 4500; // longer than a silent server is believed
+          while (performance.now() < until);
+          await new Promise((resolve) => setTimeout(resolve, 700));
+          watching.disconnect();
+          return [...seen];
+        }"""
+    )
+    assert "STALE" not in seen
+    assert "OK" in seen
+    assert fly.page.locator(".event", has_text="connection to the server lost").count() == 0
+
+
 def test_after_a_restart_of_the_server_the_record_is_shown_and_flown_again(
     fly: Fly, allowed_errors: list[str]
 ) -> None:
