@@ -19,6 +19,7 @@ from app.stored_samples import Samples, digest, keep, open_samples, open_tiles, 
 from app.tables import new_id, now
 from app.tiles import TILE, Window, window
 from core import __version__
+from core.compiled import threads
 from core.monitor import Monitor
 
 
@@ -96,19 +97,19 @@ class ScoredRecordings:
             return kept, False
         traces = self.recordings.traces(recording_id, of.mapped)
         scored = score(of.monitor, traces, of.order)
-        made = _entry(of, scored)
-        folder = self.files.scorings(recording_id)
+        folder, scoring_id = self.files.scorings(recording_id), new_id()
         self.files.require(2 * scored.samples.nbytes)
+        hashed = threads().submit(digest, scored.samples)
         try:
             with self.recordings.present(recording_id):
-                keep(folder, made.id, scored.samples)
-            kept = self.store.add_scoring(made)
+                keep(folder, scoring_id, scored.samples)
+            kept = self.store.add_scoring(_entry(of, scored, scoring_id, hashed.result()))
         except BaseException:
-            remove(folder, made.id)
+            remove(folder, scoring_id)
             raise
-        if kept.id != made.id:
-            remove(folder, made.id)
-        return kept, kept.id == made.id
+        if kept.id != scoring_id:
+            remove(folder, scoring_id)
+        return kept, kept.id == scoring_id
 
     def _ingredients(self, recording_id: str, monitor_id: str, order: ScoringOrder) -> Ingredients:
         monitor = self.store.monitor(monitor_id)
@@ -121,17 +122,19 @@ class ScoredRecordings:
         )
 
 
-def _entry(of: Ingredients, scored: ScoredRecording) -> ScoringInfo:
+def _entry(
+    of: Ingredients, scored: ScoredRecording, scoring_id: str, samples_digest: str
+) -> ScoringInfo:
     t = scored.samples["t"]
     return ScoringInfo(
-        id=new_id(),
+        id=scoring_id,
         recording_id=of.recording.id,
         monitor_id=of.info.id,
         monitor_name=of.info.name,
         monitor_digest=of.info.digest,
         specification=of.info.dataset_recipe.get("specification", {}),
         order_digest=of.digest,
-        digest=digest(scored.samples),
+        digest=samples_digest,
         created=now(),
         version=__version__,
         epsilon=scored.epsilon,

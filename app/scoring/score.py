@@ -14,7 +14,7 @@ from app.scoring.ready import Ready
 from app.scoring.scored import BETWEEN, ScoredRecording, ScoredStretch, Validity, packed
 from app.scoring.stretches import Stretch, stretches
 from app.scoring.validity import validity
-from app.scoring.wording import guarantee, remarks
+from app.scoring.wording import guarantee, remarks, withdrawn
 from app.telemetry.recording import ATTITUDE, Recording
 from app.telemetry.traces import Traces
 from core.channels import KEYS
@@ -161,6 +161,8 @@ def _verdict(
     peak = int(np.nanargmax(part["p_value"])) if known.any() else None
     alerts = runs(part["t"], part["alert"])
     what, lead = outcome(alerts, one.limited.crossing, flight.monitor.lead)
+    is_withdrawn = one.validity.valid is False
+    unsaid = (withdrawn(one.said, one.limited, epsilon),) if is_withdrawn else ()
     return ScoredStretch(
         name=one.stretch.name,
         start=float(part["t"][0]),
@@ -176,5 +178,5 @@ def _verdict(
         alerts=alerts,
         crossing=one.limited.crossing,
         lead=lead,
-        remarks=remarks(flight.plan, one.stretch, one.limited, one.said),
+        remarks=unsaid + remarks(flight.plan, one.stretch, one.limited, one.said),
     )
