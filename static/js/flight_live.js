@@ -131,7 +131,7 @@ export function showLiveFlight(element, { id, api, over }) {
       events.add(event);
       markScrub();
     };
-    notes = createReplayNotes({ api, source, now: () => last?.t ?? hello.transport.position, found, fail: failed });
+    notes = createReplayNotes({ api, source, now: () => last?.t ?? steered.position, found, fail: failed });
     panels.events.append(notes.element);
   }
 

@@ -1,0 +1,111 @@
+"""A recording replayed as a flight: events and notes of the recording, one after the other."""
+
+import re
+from collections.abc import Iterator
+
+import pytest
+from playwright.sync_api import Page, expect
+
+from tests.browser.chromium import wait_until
+from tests.browser.recorded_site import DT, RecordedSite, open_recorded_site
+
+SCENE = ["'unsafe-eval' is not an allowed source", "THREE.Clock", "GPU stall due to ReadPixels"]
+START = 3358.0
+
+
+@pytest.fixture(scope="module")
+def site(tmp_path_factory: pytest.TempPathFactory) -> Iterator[RecordedSite]:
+    with open_recorded_site(tmp_path_factory.mktemp("replay")) as site:
+        yield site
+
+
+def later(file: bytes) -> bytes:
+    """The same file, begun in mid-flight: its clock does not start at zero."""
+    head, *rows = file.decode().splitlines()
+    moved = (row.split(",", 1) for row in rows)
+    return "\n".join([head, *(f"{float(t) + START:.7g},{rest}" for t, rest in moved)]).encode()
+
+
+@pytest.fixture
+def replay(page: Page, site: RecordedSite, allowed_errors: list[str]) -> Page:
+    """The flight of a scored recording with one marker, paused at its start."""
+    allowed_errors += SCENE
+    octets = {"content-type": "application/octet-stream"}
+    recording = site.ask(
+        "POST", "/recordings", params={"name": "late.csv"}, content=later(site.file), headers=octets
+    )["id"]
+    scoring = site.score(recording, epsilon=0.1)
+    marker = {"t": START + 3.0, "text": "gust <b>here</b>", "kind": "marker"}
+    site.ask("POST", f"/recordings/{recording}/markers", json=marker)
+    source = {"kind": "recording", "recording": recording, "scoring": scoring["id"]}
+    order = {"source": source, "monitor": site.monitor, "epsilon": 0.1}
+    flight = site.ask("POST", "/flights", json=order)["id"]
+    site.ask("POST", f"/flights/{flight}/transport", json={"action": "pause"})
+    page.goto(f"{site.http}/#/fly/{flight}")
+    page.locator('[data-flight="open"]').wait_for()
+    return page
+
+
+def position(page: Page) -> float:
+    """Where the transport says the flight is [s]."""
+    words = page.locator(".transport-time").inner_text()
+    return float(re.findall(r"[\d.]+", words)[0])
+
+
+def go_to_next_event(page: Page) -> float:
+    before = position(page)
+    page.keyboard.press("e")
+    wait_until(
+        page, f"parseFloat(document.querySelector('.transport-time').textContent) > {before}"
+    )
+    return position(page)
+
+
+def test_the_next_event_is_a_manoeuvre_a_note_an_alert_or_a_limit(
+    replay: Page, site: RecordedSite
+) -> None:
+    slider = replay.get_by_label("Time in the flight")
+    assert float(slider.get_attribute("min") or 0) == pytest.approx(START, abs=DT)
+    events = replay.locator(".event-list")
+    expect(events.get_by_text("gust <b>here</b>")).to_be_visible()
+    expect(events.get_by_text("invalid", exact=False).first).to_be_visible()
+    replay.locator("body").click(position={"x": 5, "y": 300})
+    visited = [go_to_next_event(replay) for _ in range(4)]
+    assert visited == sorted(visited)
+    assert any(t == pytest.approx(START + 3.0, abs=DT) for t in visited)
+
+
+def test_a_note_written_during_the_replay_stays_with_the_recording(
+    replay: Page, site: RecordedSite
+) -> None:
+    replay.locator(".event-list .event-body", has_text="gust").click()
+    wait_until(
+        replay, f"parseFloat(document.querySelector('.transport-time').textContent) > {START + 2.9}"
+    )
+    replay.keyboard.press("t")
+    replay.get_by_label("Note", exact=True).fill("pilot calls buffet")
+    replay.get_by_role("button", name="Keep").click()
+    expect(replay.locator(".event-list").get_by_text("pilot calls buffet")).to_be_visible()
+    kept = [
+        marker
+        for recording in site.ask("GET", "/recordings")
+        for marker in site.ask("GET", f"/recordings/{recording['id']}/markers")
+        if marker["text"] == "pilot calls buffet"
+    ]
+    assert [(m["t"], m["kind"]) for m in kept] == [(pytest.approx(START + 3.0, abs=2 * DT), "note")]
+
+
+def test_strips_before_a_point_that_was_sought_are_the_recordings(replay: Page) -> None:
+    slider = replay.get_by_label("Time in the flight")
+    slider.evaluate(
+        "(s, t) => { s.value = t; s.dispatchEvent(new Event('input'));"
+        " s.dispatchEvent(new Event('change')); }",
+        START + 8.0,
+    )
+    wait_until(
+        replay, f"parseFloat(document.querySelector('.transport-time').textContent) > {START + 7.9}"
+    )
+    expect(replay.locator(".strip-chart")).to_be_visible()
+    replay.wait_for_timeout(300)
+    values = replay.locator(".readout-value").all_inner_texts()
+    assert any(re.search(r"\d", value) for value in values)
