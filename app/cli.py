@@ -1,4 +1,4 @@
-"""The command `forewarn`: study, train, score, serve, demo, doctor."""
+"""The command `forewarn`: study, train, score, report, serve, demo, doctor."""
 
 import argparse
 import json
@@ -12,6 +12,8 @@ from app.destinations import check_directory, check_file
 from app.options import add_recipe_options, plain_recipe
 from app.progress import progress_bar
 from app.recipes import from_plain, to_plain
+from app.report_options import add_report_command
+from app.score_options import add_score_command
 from app.serving_options import add_serving_commands
 from core import __version__
 from core.collection import DatasetRecipe
@@ -79,19 +81,8 @@ def _parser() -> argparse.ArgumentParser:
     train.add_argument("-o", "--out", type=Path, default=Path("monitor.fwm"), help="file written")
     train.set_defaults(run=_train)
 
-    score = commands.add_parser("score", help="score recorded telemetry with a monitor")
-    score.add_argument("monitor", type=Path, help="monitor file")
-    score.add_argument("file", type=Path, help="telemetry, CSV with named columns")
-    score.add_argument("--epsilon", type=float, help="accepted miss rate, the monitor's if absent")
-    score.add_argument(
-        "--trim",
-        type=float,
-        metavar="SECONDS",
-        help="subtract each channel's mean over the first seconds: linear models fly about trim",
-    )
-    score.add_argument("-o", "--out", type=Path, help="directory written, FILE's name if absent")
-    score.set_defaults(run=_score)
-
+    add_score_command(commands)
+    add_report_command(commands)
     add_serving_commands(commands)
     return parser
 
@@ -121,15 +112,6 @@ def _train(options: argparse.Namespace) -> int:
     monitor.save(options.out)
     print(f"{report}\nwritten: {options.out}")
     return 0
-
-
-def _score(options: argparse.Namespace) -> int:
-    from app.scoring import score_file
-
-    out = check_directory(options.out or Path(f"{options.file.stem}-scored"))
-    report, assessed = score_file(options.monitor, options.file, options.epsilon, options.trim, out)
-    print(report)
-    return 0 if assessed else 1
 
 
 def _print_recipe(recipe: Any) -> int:

@@ -7,73 +7,86 @@ from typing import TYPE_CHECKING, Any
 from app.destinations import check_directory
 
 if TYPE_CHECKING:
+    from app.mapping_memory import MappingMemory
+    from app.scored_file import ScoreRequest
     from app.scoring import ScoringOrder
     from app.scoring.order import Span
 
 LEAD_IN, NO_TRIM = "lead-in", "none"
+SETTINGS = "Settings of the data directory, for --aircraft, come from FOREWARN_*."
 
 
 def add_score_command(commands: Any) -> None:
     """Add `score` to the command line's subcommands."""
     score = commands.add_parser(
-        "score",
-        help="score recorded telemetry with monitors",
-        epilog="Settings of the data directory, for --aircraft, come from FOREWARN_*.",
+        "score", help="score recorded telemetry with monitors", epilog=SETTINGS
     )
-    score.add_argument("monitors", type=Path, nargs="+", metavar="MONITOR", help="monitor files")
-    score.add_argument("file", type=Path, metavar="FILE", help="telemetry in any format read")
-    score.add_argument(
+    add_scoring_options(score)
+    score.add_argument("-o", "--out", type=Path, help="directory written, FILE's name if absent")
+    score.set_defaults(run=_score)
+
+
+def add_scoring_options(parser: argparse.ArgumentParser) -> None:
+    """Add what says which file is scored by what, and how."""
+    parser.add_argument("monitors", type=Path, nargs="+", metavar="MONITOR", help="monitor files")
+    parser.add_argument("file", type=Path, metavar="FILE", help="telemetry in any format read")
+    parser.add_argument(
         "--epsilon",
         action="append",
         default=[],
         metavar="E[,E...]",
         help="accepted miss rates, side by side; each monitor's own if absent",
     )
-    score.add_argument(
+    parser.add_argument(
         "--mapping",
         type=Path,
         metavar="FILE.json",
         help="which signal is which channel",
     )
-    score.add_argument(
+    parser.add_argument(
         "--aircraft", metavar="NAME", help="use the mapping kept for it, and keep the one given"
     )
-    score.add_argument(
+    parser.add_argument(
         "--trim",
         default=LEAD_IN,
         metavar="SECONDS|lead-in|none",
         help="what each manoeuvre is measured from: the mean of so much before its first input",
     )
-    score.add_argument(
+    parser.add_argument(
         "--manoeuvres",
         default="found",
         metavar="found|whole|START:END,...",
         help="found by control activity, the recording as one, or between times [s]",
     )
-    score.add_argument("-o", "--out", type=Path, help="directory written, FILE's name if absent")
-    score.set_defaults(run=_score)
 
 
-def _score(options: argparse.Namespace) -> int:
-    out = check_directory(options.out or Path(f"{options.file.stem}-scored"))
+def request_of(options: argparse.Namespace) -> "tuple[ScoreRequest, MappingMemory | None]":
+    """What the options ask for, and the memory of the aircraft where one is named."""
     epsilons = tuple(map(_epsilon, ",".join(options.epsilon).split(","))) if options.epsilon else ()
     order = _order(options)
 
     from app.mapping_memory import MappingMemory
     from app.mapping_report import read_mapping
-    from app.score_report import ScoreRequest, score_file
+    from app.scored_file import ScoreRequest
     from app.settings import read_settings
 
     request = ScoreRequest(
         monitors=tuple(options.monitors),
         file=options.file,
-        out=out,
         epsilons=epsilons or (None,),
         mapping=None if options.mapping is None else read_mapping(options.mapping),
         order=order,
     )
-    known = MappingMemory(read_settings(), options.aircraft) if options.aircraft else None
-    report = score_file(request, known)
+    return request, MappingMemory(read_settings(), options.aircraft) if options.aircraft else None
+
+
+def _score(options: argparse.Namespace) -> int:
+    out = check_directory(options.out or Path(f"{options.file.stem}-scored"))
+    request, memory = request_of(options)
+
+    from app.score_report import write_scores
+
+    report = write_scores(request, out, memory)
     print(report.text)
     return 0 if report.assessed else 1
 

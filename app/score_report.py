@@ -1,9 +1,7 @@
-"""A recorded flight scored from its file: what is read, printed and written."""
+"""What the scoring of a file prints and writes: lines, tables, figures and the mapping used."""
 
 import json
-import tempfile
 from collections.abc import Iterator
-from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
 
@@ -11,49 +9,15 @@ import numpy as np
 
 from app import figures
 from app.exports import export
+from app.flight_figure import whole_flight
 from app.mapping_memory import MappingMemory
 from app.mapping_report import contents_lines, mapping_lines
-from app.report.figures import whole_flight
-from app.scoring import MissingChannels, ScoredRecording, ScoringOrder, score_at_each
+from app.scored_file import Scored, ScoredFile, ScoreRequest, score_file
 from app.scoring.plan import plan_of
 from app.scoring.verdict import verdict
-from app.telemetry.applying import apply_mapping
-from app.telemetry.contents import Columns, open_columns
-from app.telemetry.mapping import Mapping
-from app.telemetry.proposal import Proposal, propose
-from app.telemetry.reading import read_file
-from app.telemetry.recording import TelemetryError
-from app.telemetry.signs import CONVENTION
-from app.telemetry.traces import Traces
-from core.monitor import Monitor, load
-from core.simulation.attitude import surface_signs
 from core.whole_file import write_whole
 
 MAPPING = "mapping.json"
-
-
-@dataclass(frozen=True)
-class ScoreRequest:
-    """What is asked for on the command line.
-
-    epsilons: None for a monitor's own.   mapping: what the signals are; None: as proposed.
-    out: directory for the results.
-    """
-
-    monitors: tuple[Path, ...]
-    file: Path
-    out: Path
-    epsilons: tuple[float | None, ...] = (None,)
-    mapping: Mapping | None = None
-    order: ScoringOrder = ScoringOrder()  # noqa: RUF009
-
-
-class Scored(NamedTuple):
-    """One scoring of several. label: what tells it from the others, "" where it is alone."""
-
-    label: str
-    monitor: Monitor
-    recording: ScoredRecording
 
 
 class Report(NamedTuple):
@@ -63,79 +27,35 @@ class Report(NamedTuple):
     assessed: bool
 
 
-def score_file(request: ScoreRequest, memory: MappingMemory | None = None) -> Report:
-    """Score a file by each monitor at each epsilon; write tables, figures and the mapping.
+def write_scores(request: ScoreRequest, out: Path, memory: MappingMemory | None = None) -> Report:
+    """Score a file; write tables, figures and the mapping into a directory.
 
-    memory: of the aircraft's recorders: asked for a mapping unless one is given, which it keeps.
-    Nothing is written before everything is scored.
+    memory: as for `score_file`.   Nothing is written before everything is scored.
     """
-    monitors = [load(path) for path in request.monitors]
-    for monitor in monitors:
-        for epsilon in request.epsilons:
-            monitor.check_epsilon(epsilon)
-    with tempfile.TemporaryDirectory(prefix="forewarn-") as place:
-        folder = Path(place) / "columns"
-        contents = read_file(request.file, folder)
-        columns = open_columns(folder)
-        proposal = None if request.mapping else _proposed(columns, monitors[0], memory)
-        mapping = request.mapping or (proposal.mapping if proposal else Mapping())
-        try:
-            scored = list(_score(request, monitors, apply_mapping(columns, mapping)))
-        except TelemetryError as error:
-            raise TelemetryError(f"{request.file}: {error}{_why(error, proposal)}") from None
-    text = json.dumps(mapping.to_plain(), indent=2, ensure_ascii=False)
+    found = score_file(request, memory)
+    text = json.dumps(found.mapping.to_plain(), indent=2, ensure_ascii=False)
     files = {MAPPING: f"{text}\n".encode()}
-    for one in scored:
+    for one in found.scored:
         files |= _files(request.file.name, one)
     for name, content in files.items():
-        (request.out / name).parent.mkdir(parents=True, exist_ok=True)
-        write_whole(request.out / name, content)
-    if memory and request.mapping:
-        memory.keep(contents, request.mapping)
-    lines = [
-        *contents_lines(contents),
-        *mapping_lines(mapping, proposal),
-        *(line for one in scored for line in _lines(one, one is scored[0])),
-        f"written: {', '.join(str(request.out / name) for name in files)}",
-    ]
-    return Report("\n".join(lines), any(_is_assessed(one) for one in scored))
+        (out / name).parent.mkdir(parents=True, exist_ok=True)
+        write_whole(out / name, content)
+    written = f"written: {', '.join(str(out / name) for name in files)}"
+    return Report("\n".join([*lines(found), written]), any(map(is_assessed, found.scored)))
 
 
-def _proposed(columns: Columns, monitor: Monitor, memory: MappingMemory | None) -> Proposal:
-    """What the signals most likely are, surfaces with the signs of the monitor's aircraft."""
-    aircraft = plan_of(monitor).aircraft
-    return propose(
-        columns,
-        memory.recall(columns.contents) if memory else None,
-        aircraft=memory.aircraft if memory else "",
-        expected=surface_signs(aircraft.uncertain_plant()) if aircraft else CONVENTION,
-    )
+def lines(found: ScoredFile) -> Iterator[str]:
+    """Everything that is known of a scored file, for a person to read."""
+    yield from contents_lines(found.contents)
+    yield from mapping_lines(found.mapping, found.proposal)
+    for one in found.scored:
+        yield from _lines(one, one is found.scored[0])
 
 
-def _why(error: TelemetryError, proposal: Proposal | None) -> str:
-    """Why nothing was taken for the channels that are missing."""
-    if proposal is None or not isinstance(error, MissingChannels):
-        return ""
-    guesses = [proposal.guesses.get(key) for key in error.keys]
-    reasons = [guess.reasons[0] for guess in guesses if guess is not None and guess.reasons]
-    return f" ({'; '.join(reasons)})" if reasons else ""
-
-
-def _score(request: ScoreRequest, monitors: list[Monitor], traces: Traces) -> Iterator[Scored]:
-    names = _distinct([path.stem for path in request.monitors])
-    for name, monitor in zip(names, monitors, strict=True):
-        for one in score_at_each(monitor, traces, request.order, request.epsilons):
-            parts = [name] if len(monitors) > 1 else []
-            parts += [f"epsilon-{one.epsilon:g}"] if len(request.epsilons) > 1 else []
-            yield Scored("-".join(parts), monitor, one)
-
-
-def _distinct(names: list[str]) -> list[str]:
-    """The same names, with a number behind one that was there before."""
-    before = [names[:k].count(name) for k, name in enumerate(names)]
-    return [
-        f"{name}-{count + 1}" if count else name for name, count in zip(names, before, strict=True)
-    ]
+def is_assessed(one: Scored) -> bool:
+    """Whether any sample of a scoring could be assessed."""
+    samples = one.recording.samples
+    return bool((np.isfinite(samples["p_value"]) | np.isfinite(samples["withdrawn"])).any())
 
 
 def _files(file: str, one: Scored) -> dict[str, bytes]:
@@ -160,8 +80,3 @@ def _lines(one: Scored, is_first: bool) -> Iterator[str]:
     if one.label:
         yield f"== {one.label} =="
     yield from verdict(one.monitor, one.recording)
-
-
-def _is_assessed(one: Scored) -> bool:
-    samples = one.recording.samples
-    return bool((np.isfinite(samples["p_value"]) | np.isfinite(samples["withdrawn"])).any())

@@ -13,9 +13,9 @@ OCTETS = {"content-type": "application/octet-stream"}
 HEAD = "t_s,beta_rad,p_radps,r_radps,Ny_g,delta_a_rad,delta_r_rad"
 
 
-def csv_of(y: np.ndarray, dt: float = DT, head: str = HEAD) -> bytes:
-    """(n, 6) as a text file, bit for bit."""
-    rows = (",".join(repr(float(v)) for v in (k * dt, *row)) for k, row in enumerate(y))
+def csv_of(y: np.ndarray, dt: float = DT, head: str = HEAD, start: float = 0.0) -> bytes:
+    """(n, 6), or more with another head, as a text file, bit for bit. start: [s]."""
+    rows = (",".join(repr(float(v)) for v in (start + k * dt, *row)) for k, row in enumerate(y))
     return "\n".join([head, *rows, ""]).encode()
 
 

@@ -1,5 +1,6 @@
 import csv
 import json
+import re
 from pathlib import Path
 
 import numpy as np
@@ -8,16 +9,17 @@ import pytest
 from app.cli import main
 from core.monitor import Monitor, load
 from core.simulation.aircraft import AIRCRAFT
+from tests.attas import record_file
 
 FIRST_PNG_BYTES = b"\x89PNG\r\n\x1a\n"
-RECORDS = Path(__file__).parents[2] / "shared" / "data"
+HEAD = "t_s,beta_rad,p_radps,r_radps,ay_g,da_rad,dr_rad"
 
 
 @pytest.fixture(scope="module")
 def attas_monitor(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Train, by the command line, a monitor for the real records: 0.2 g, noise, jitter."""
     path = tmp_path_factory.mktemp("monitor") / "attas.fwm"
-    noise = {"beta": 5e-4, "p": 4e-3, "r": 1e-3, "Ny": 4e-3, "delta_a": 3e-4, "delta_r": 3e-4}
+    noise = {"beta": 1e-3, "p": 4e-3, "r": 1e-3, "Ny": 4e-3, "delta_a": 3e-3, "delta_r": 3e-4}
     arguments = ["--aircraft", "attas_id_16kft", "--states", "4", "--control-law", "none"]
     arguments += ["--limit", "Ny=0.2", "--amplitude", "-3.7", "--n-unsafe", "200"]
     arguments += ["--set", "dataset.maneuver.timing_jitter_s=0.1"]
@@ -150,6 +152,12 @@ def test_users_own_matrices_and_manoeuvre_table_train_a_monitor(tmp_path: Path):
         (["train", "--score", "negative_magnitude", "--predictor", "pca"], "choose the predictor"),
         (["study", "--n-monitors", "0"], "n_monitors=0 was given"),
         (["score", "absent.fwm", "absent.csv"], "absent.fwm cannot be read"),
+        (["score", "m.fwm", "f.csv", "--trim", "long"], "'long': write a number of seconds, lead"),
+        (["score", "m.fwm", "f.csv", "--epsilon", "0.1,x"], "'x': write a miss rate between 0 and"),
+        (["score", "m.fwm", "f.csv", "--manoeuvres", "all"], "'all': write found, whole, or START"),
+        (["score", "m.fwm", "f.csv", "--manoeuvres", "1:a"], "'a': write a number of seconds"),
+        (["score", "m.fwm", "f.csv", "--manoeuvres", "3:1"], "3 to 1 s has no length"),
+        (["score", "m.fwm", "f.csv", "--mapping", "absent.json"], "absent.json cannot be read"),
     ],
 )
 def test_bad_input_gets_one_line_and_leaves_nothing(
@@ -186,18 +194,18 @@ def test_study_of_another_limit_compares_that_channels_magnitude(tmp_path: Path,
 
 
 def test_units_taken_for_others_are_called_outside_training(attas_monitor: Path, tmp_path, capsys):
-    rows = [f"{0.05 * k:.2f},{0.01 * k:.3f},0,0,0,0,0" for k in range(100)]
-    head = "t_s,beta_rad,p_radps,r_radps,ay_g,da_rad,dr_rad"
-    (tmp_path / "units.csv").write_text("\n".join([head, *rows]))
+    rows = [f"{0.05 * k:.2f},{0.01 * k:.3f},{rest(k)},0,0" for k in range(100)]
+    (tmp_path / "units.csv").write_text("\n".join([HEAD, *rows]))
     arguments = ["score", str(attas_monitor), str(tmp_path / "units.csv")]
     assert main([*arguments, "-o", str(tmp_path / "out")]) == 0
     report = capsys.readouterr().out
-    assert "OUTSIDE TRAINING: |beta| reaches 0.99 rad" in report
-    assert "|p|" not in report
+    assert "No control input was found" in report
+    assert re.search(r"OUTSIDE +units: beta reaches 0\.9\d+ rad, 1\d\S* times its", report)
+    assert "The guarantee is withdrawn" in report
 
 
 def test_crossing_is_doubted_where_the_limited_channel_is_missing(attas_monitor, tmp_path, capsys):
-    text = Path(record("attas_rud1.csv")).read_text().splitlines()
+    text = record_file("attas_rud1").read_text().splitlines()
     names = text[0].split(",")
     rows = [line.split(",") for line in text[1:]]
     for row in rows[200:231]:
@@ -215,58 +223,166 @@ def test_cut_off_monitor_is_refused_by_score(attas_monitor: Path, tmp_path: Path
     assert "cut off or was altered" in capsys.readouterr().err
 
 
-def record(name: str) -> str:
-    path = RECORDS / name
-    if not path.exists():
-        pytest.skip(f"the flight records are not beside this checkout: {path.name} is missing")
-    return str(path)
-
-
 def test_real_doublet_that_crosses_the_limit_is_warned_of(attas_monitor: Path, tmp_path, capsys):
     out = tmp_path / "out"
-    arguments = [str(attas_monitor), record("attas_rud1.csv"), "--trim", "4", "-o", str(out)]
+    arguments = [str(attas_monitor), str(record_file("attas_rud1")), "-o", str(out)]
     assert main(["score", *arguments]) == 0
     report = capsys.readouterr().out
+    assert "beta     beta_rad [rad]" in report
+    assert "from 25 Hz to 20 Hz" in report
+    assert "manoeuvre 1, 5.30 to 11.30 s: alert in time" in report
     assert "first crossing at 8.76 s" in report
     assert "at least the promised 0.25 s" in report
+    assert "Of flights like the simulated ones" in report
     assert (out / "scored.png").read_bytes().startswith(FIRST_PNG_BYTES)
-    rows = list(csv.DictReader((out / "assessments.csv").read_text().splitlines()))
-    assert {row["state"] for row in rows} == {"ok"}
-    first = next(float(row["t_s"]) for row in rows if row["alert"] == "1")
+    rows = read_table(out)
+    assert {row["state"] for row in rows if row["stretch"] == "0"} == {"ok"}
+    assert {row["state"] for row in rows if row["stretch"] == "-1"} == {"invalid"}
+    first = next(float(row["t_s"]) for row in rows if row["alert"] == "true")
     assert f"first alert   at {first:.2f} s" in report
 
 
-def test_real_record_that_keeps_the_limit_gets_no_alert(attas_monitor: Path, tmp_path, capsys):
-    arguments = [str(attas_monitor), record("attas_ail1.csv"), "--trim", "4"]
-    assert main(["score", *arguments, "-o", str(tmp_path / "out")]) == 0
+def test_real_record_of_another_manoeuvre_is_no_verdict(attas_monitor: Path, tmp_path, capsys):
+    arguments = [str(attas_monitor), str(record_file("attas_ail1")), "-o", str(tmp_path / "out")]
+    assert main(["score", *arguments]) == 0
     report = capsys.readouterr().out
-    assert "first alert   none" in report
-    assert "first crossing none" in report
+    assert "INVALID, no verdict" in report
+    assert "first alert" not in report
+    assert "aileron moved by 14°, which the planned manoeuvre leaves alone" in report
+    rows = read_table(tmp_path / "out")
+    assert all(row["p_value"] == "" and row["alert"] == "false" for row in rows)
+    assert sum(row["withdrawn_p_value"] != "" for row in rows) == 121
 
 
-def test_assessments_of_a_scored_file_can_be_scored_again(attas_monitor: Path, tmp_path, capsys):
+def test_scoring_again_repeats_to_the_byte(attas_monitor: Path, tmp_path: Path):
+    for name in ("one", "two"):
+        arguments = [str(attas_monitor), str(record_file("attas_rud1")), "-o", str(tmp_path / name)]
+        assert main(["score", *arguments]) == 0
+    for path in (tmp_path / "one").iterdir():
+        assert path.read_bytes() == (tmp_path / "two" / path.name).read_bytes(), path.name
+
+
+def test_assessments_of_a_scored_file_can_be_scored_again(attas_monitor: Path, tmp_path):
     first, second = tmp_path / "first", tmp_path / "second"
     base = ["score", str(attas_monitor)]
-    assert main([*base, record("attas_rud1.csv"), "--trim", "4", "-o", str(first)]) == 0
-    assert main([*base, str(first / "assessments.csv"), "-o", str(second)]) == 0
-    tables = [(out / "assessments.csv").read_bytes() for out in (first, second)]
-    assert tables[0] == tables[1]
+    assert main([*base, str(record_file("attas_rud1")), "-o", str(first)]) == 0
+    again = [str(first / "assessments.csv"), "--trim", "none", "-o", str(second)]
+    assert main([*base, *again]) == 0
+    assert (first / "assessments.csv").read_bytes() == (second / "assessments.csv").read_bytes()
+
+
+def test_written_mapping_can_be_corrected_and_given_back(attas_monitor: Path, tmp_path, capsys):
+    base = ["score", str(attas_monitor), str(record_file("attas_rud1"))]
+    assert main([*base, "-o", str(tmp_path / "out")]) == 0
+    mapping = json.loads((tmp_path / "out" / "mapping.json").read_text())
+    assert mapping["channels"]["delta_r"]["signal"] == "dr_rad"
+    mapping["channels"]["delta_r"]["sign"] *= -1
+    (tmp_path / "mine.json").write_text(json.dumps(mapping))
+    given = ["--mapping", str(tmp_path / "mine.json"), "-o", str(tmp_path / "reversed")]
+    capsys.readouterr()
+    assert main([*base, *given]) == 0
+    report = capsys.readouterr().out
+    assert "mapping, as given:" in report
+    assert "-dr_rad [rad]" in report
+    assert "it went the other way first, or its sign is reversed" in report
+    assert json.loads((tmp_path / "reversed" / "mapping.json").read_text()) == mapping
+
+
+def test_mapping_given_for_an_aircraft_is_used_for_its_next_file(
+    attas_monitor: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys
+):
+    monkeypatch.setenv("FOREWARN_DATA_DIR", str(tmp_path / "data"))
+    base = ["score", str(attas_monitor), str(record_file("attas_rud1")), "--aircraft", "D-ADAM"]
+    assert main([*base, "-o", str(tmp_path / "out")]) == 0
+    mapping = json.loads((tmp_path / "out" / "mapping.json").read_text())
+    mapping["channels"]["Ny"]["offset"] = 0.125
+    (tmp_path / "mine.json").write_text(json.dumps(mapping))
+    given = ["--mapping", str(tmp_path / "mine.json"), "-o", str(tmp_path / "given")]
+    assert main([*base, *given]) == 0
+    capsys.readouterr()
+    assert main([*base, "-o", str(tmp_path / "next")]) == 0
+    assert "less 0.125 g" in capsys.readouterr().out
+    assert json.loads((tmp_path / "next" / "mapping.json").read_text()) == mapping
+
+
+def test_monitors_and_epsilons_side_by_side(attas_monitor: Path, tmp_path: Path, capsys):
+    copy = tmp_path / attas_monitor.name
+    copy.write_bytes(attas_monitor.read_bytes())
+    arguments = [str(attas_monitor), str(copy), str(record_file("attas_rud1"))]
+    arguments += ["--epsilon", "0.1,0.5", "-o", str(tmp_path / "out")]
+    assert main(["score", *arguments]) == 0
+    report = capsys.readouterr().out
+    labels = [f"{name}-epsilon-{e}" for name in ("attas", "attas-2") for e in ("0.1", "0.5")]
+    assert re.findall(r"^== (.*) ==$", report, re.MULTILINE) == labels
+    tables = {label: read_table(tmp_path / "out" / label) for label in labels}
+    assert tables["attas-epsilon-0.5"] == tables["attas-2-epsilon-0.5"]
+    p_values = {tuple(row["p_value"] for row in table) for table in tables.values()}
+    assert len(p_values) == 1
+    assert (tmp_path / "out" / "mapping.json").exists()
+
+
+def test_manoeuvres_are_scored_between_the_times_given(attas_monitor: Path, tmp_path, capsys):
+    arguments = [str(attas_monitor), str(record_file("attas_rud1")), "-o", str(tmp_path / "out")]
+    assert main(["score", *arguments, "--manoeuvres", "5:11,20:26"]) == 0
+    report = capsys.readouterr().out
+    assert "stretch 1, 5.00 to 11.00 s" in report
+    assert "stretch 2, 20.00 to 26.00 s" in report
+    out = ["--manoeuvres", "20:40", "-o", str(tmp_path / "no")]
+    assert main(["score", *arguments[:2], *out]) == 1
+    assert "20 to 40 s is not inside the recording" in capsys.readouterr().err
+    assert not (tmp_path / "no").exists()
+
+
+def test_file_without_a_needed_channel_names_it(attas_monitor: Path, tmp_path: Path, capsys):
+    text = record_file("attas_rud1").read_text().replace("beta_rad", "alpha2_rad")
+    (tmp_path / "flight.csv").write_text(text)
+    arguments = ["score", str(attas_monitor), str(tmp_path / "flight.csv")]
+    assert main([*arguments, "-o", str(tmp_path / "out")]) == 1
+    error = capsys.readouterr().err.strip()
+    assert f"{tmp_path / 'flight.csv'}: the monitor needs beta" in error
+    assert "derive beta from v and V, or choose a monitor that does not need it" in error
+    assert len(error.splitlines()) == 1
+    assert not (tmp_path / "out").exists()
+
+
+def test_bad_rows_are_left_out_and_said(attas_monitor: Path, tmp_path: Path, capsys):
+    lines = record_file("attas_rud1").read_text().splitlines()
+    lines[300] = lines[300].replace(",", ",x", 1)
+    (tmp_path / "bad.csv").write_text("\n".join(lines))
+    arguments = ["score", str(attas_monitor), str(tmp_path / "bad.csv")]
+    assert main([*arguments, "-o", str(tmp_path / "out")]) == 0
+    report = capsys.readouterr().out
+    assert "bad rows, left out: 1" in report
+    assert "line 301:" in report
 
 
 def test_file_with_gaps_says_which_samples_were_not_assessed(attas_monitor: Path, tmp_path, capsys):
-    lines = ["t_s,beta_rad,p_radps,r_radps,ay_g,da_rad,dr_rad"]
-    lines += [f"{0.05 * k:.2f},0,0,0,{'nan' if k == 10 else 0},0,0" for k in range(40)]
-    (tmp_path / "gap.csv").write_text("\n".join(lines))
+    lines = [f"{0.05 * k:.2f},{1e-4 * (k % 3)},{rest(k)},0,0" for k in range(40)]
+    lines[10] = "0.5,nan,nan,nan,nan,nan,nan"
+    (tmp_path / "gap.csv").write_text("\n".join([HEAD, *lines]))
     arguments = ["score", str(attas_monitor), str(tmp_path / "gap.csv")]
     assert main([*arguments, "-o", str(tmp_path / "out")]) == 0
     assert "samples: 37 ok, 2 warming_up, 0 stale, 1 invalid" in capsys.readouterr().out
-    rows = list(csv.DictReader((tmp_path / "out/assessments.csv").read_text().splitlines()))
-    assert [row["p_value"] == "" for row in rows] == [k in (10, 11, 12) for k in range(40)]
+    rows = read_table(tmp_path / "out")
+    withdrawn = [row["withdrawn_p_value"] == "" for row in rows]
+    assert withdrawn == [k in (10, 11, 12) for k in range(40)]
 
 
 def test_file_that_cannot_be_assessed_at_all_is_no_success(attas_monitor: Path, tmp_path, capsys):
-    lines = ["t_s,beta_rad,p_radps,r_radps,ay_g,da_rad,dr_rad", "0,,0,0,0,0,0", "0.05,0,,0,0,0,0"]
+    lines = [HEAD]
+    for k in range(40):
+        beta, others = (1e-4 * (k % 3), ",,") if k < 20 else ("", rest(k))
+        lines.append(f"{0.05 * k:.2f},{beta},{others},0,0")
     (tmp_path / "holes.csv").write_text("\n".join(lines))
     arguments = ["score", str(attas_monitor), str(tmp_path / "holes.csv")]
     assert main([*arguments, "-o", str(tmp_path / "out")]) == 1
-    assert "no sample could be assessed" in capsys.readouterr().out
+    assert re.search(r"OUTSIDE +rate: .*; 0 of \d+ samples", capsys.readouterr().out)
+
+
+def rest(k: int) -> str:
+    """Roll rate, yaw rate and N_y of an aircraft that hardly moves."""
+    return f"{1e-4 * (k % 2)},{1e-4 * (k % 3)},{1e-3 * (k % 2)}"
+
+
+def read_table(folder: Path) -> list[dict[str, str]]:
+    return list(csv.DictReader((folder / "assessments.csv").read_text().splitlines()))

@@ -1,3 +1,4 @@
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +14,8 @@ from app.main import create_app
 from app.settings import Settings
 from app.store import open_store
 from core.monitor import MonitorRecipe, train
+from tests.api import api
+from tests.recorded import RECORDINGS, csv_of, uploaded
 
 CHECKS = [
     checks.not_a_server_error,
@@ -28,25 +31,33 @@ schema = schemathesis.openapi.from_dict(create_app(Settings(data_dir=Path("unuse
 
 
 @pytest.fixture(scope="module")
-def known(tmp_path_factory, dataset):
+def known(tmp_path_factory, dataset, flights):
     """A store with one of each; its settings and what a path parameter may be."""
     data_dir = tmp_path_factory.mktemp("data")
     kept = Settings(data_dir=data_dir, allowed_hosts=("testserver",), max_jobs=0, max_flights=2)
     store = open_store(kept.url)
     dataset_id = store.add_dataset(dataset, "oscillator").id
-    evaluation = {"n_test": 0}
-    monitor = train(dataset, MonitorRecipe(epsilon=0.2))
+    evaluation = {"n_test": 0, "n_unsafe": 0, "n_safe": 0}
+    monitor = train(replace(dataset, recipe={}), MonitorRecipe(epsilon=0.2))
     monitor_id = store.add_monitor(monitor, "oscillator", dataset_id, evaluation).id
     job_id = store.add_job("study", {})
     store.update_job(job_id, status="done", result={"figures": {"a.svg": "<svg/>"}})
     flight_id = store.add_flight({"kind": "simulated"}, monitor_id, 0.2)
     store.end_flight(flight_id)
     store.close()
+    with api(data_dir) as client:
+        path = f"{RECORDINGS}/{uploaded(client, csv_of(flights[0]))['id']}"
+        scoring = client.post(f"{path}/scorings", json={"monitor": monitor_id}).json()
+        marker = client.post(f"{path}/markers", json={"t": 1.0, "text": "gust"}).json()
     ids = {
         "dataset_id": dataset_id,
         "monitor_id": monitor_id,
         "job_id": job_id,
         "flight_id": flight_id,
+        "recording_id": scoring["recording"],
+        "scoring_id": scoring["id"],
+        "marker_id": marker["id"],
+        "index": 0,
         "name": "a.svg",
     }
     return kept, ids

@@ -10,7 +10,11 @@ from core.channels import KEYS
 from core.collection import DatasetRecipe, Simulator
 
 README = (Path(__file__).parents[1] / "README.md").read_text(encoding="utf-8")
-SMALL = {"study": ["--n-monitors", "2", "--n-test", "50"], "train": ["--n-test", "200"]}
+SMALL = {
+    "study": ["--n-monitors", "2", "--n-test", "50"],
+    "train": ["--n-test", "200"],
+    "report": ["--n-test", "200"],
+}
 
 
 def write_flight(path: Path) -> None:
@@ -27,12 +31,15 @@ def write_flight(path: Path) -> None:
 def test_commands_of_the_readme_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.chdir(tmp_path)
     write_flight(tmp_path / "flight.csv")
-    commands = re.findall(r"^ {4,6}forewarn ((?:study|train|score) .*)$", README, re.MULTILINE)
-    assert len(commands) == 5
+    commands = re.findall(
+        r"^ {4,6}forewarn ((?:study|train|score|report) .*)$", README, re.MULTILINE
+    )
+    assert len(commands) == 6
     for command in commands:
         arguments = shlex.split(command)
         assert main([*arguments, *SMALL.get(arguments[0], [])]) == 0, command
     assert (tmp_path / "flight-scored" / "scored.png").exists()
+    assert (tmp_path / "flight-report.html").exists()
 
 
 def test_python_of_the_readme_runs(tmp_path: Path, monkeypatch, capsys: pytest.CaptureFixture):

@@ -1,30 +1,37 @@
-"""What a report and an export are made of: a stored scoring with all that it hangs on."""
+"""What a report is about, and what is kept beside exported samples."""
 
-from dataclasses import asdict
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, field
 from typing import Any
 
-from app.entries import ScoringInfo
-from app.report.page import ReportSubject
-from app.scored_recordings import ScoredRecordings
+import numpy.typing as npt
+
 from app.telemetry.contents import Contents
+from core.monitor import Monitor
 
 
-def stored_subject(scored: ScoredRecordings, recording_id: str, scoring_id: str) -> ReportSubject:
-    """A stored scoring, ready to report. NotFound; StoreError."""
-    store = scored.store
-    info = store.scoring(recording_id, scoring_id)
-    recording = store.recording_info(recording_id)
-    contents = scored.recordings.columns(recording_id).contents
-    return ReportSubject(
-        recording=asdict(recording) | of_contents(contents),
-        scoring=asdict(info),
-        monitor=store.monitor(info.monitor_id),
-        monitor_name=info.monitor_name,
-        monitor_digest=info.monitor_digest,
-        evaluation=store.evaluation(info.monitor_id),
-        samples=scored.samples(info),
-        markers=[asdict(marker) for marker in store.markers(recording_id)],
-    )
+@dataclass(frozen=True, eq=False)
+class ReportSubject:
+    """Everything a report is about, in plain data but for the monitor and the samples.
+
+    recording: name, digest, size, format, aircraft, and what `of_contents` says of the file.
+    scoring: as of app.entries.ScoringInfo, its mapping and stretches plain.
+    evaluation: what fresh flights said of the monitor, None if it was not tested.
+    samples: as stored.   mapped: who chose the mapping, in words; "" where it is not known.
+    guesses: confidence and reasons of a mapping that was proposed, by key of TARGETS.
+    markers: of the user: t, end, kind, text.
+    """
+
+    recording: Mapping[str, Any]
+    scoring: Mapping[str, Any]
+    monitor: Monitor
+    monitor_name: str
+    monitor_digest: str
+    evaluation: Mapping[str, Any] | None
+    samples: npt.NDArray
+    mapped: str = ""
+    guesses: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+    markers: Sequence[Mapping[str, Any]] = field(default=())
 
 
 def of_contents(contents: Contents) -> dict[str, Any]:
@@ -33,25 +40,25 @@ def of_contents(contents: Contents) -> dict[str, Any]:
         "start": contents.start,
         "n_bad_rows": contents.n_bad_rows,
         "bad_rows": [asdict(row) for row in contents.bad_rows],
-        "notes": contents.notes,
+        "ignored": list(contents.ignored),
+        "notes": list(contents.notes),
     }
 
 
-def about(scored: ScoredRecordings, info: ScoringInfo) -> dict[str, Any]:
+def about(recording: Mapping[str, Any], scoring: Mapping[str, Any]) -> dict[str, Any]:
     """What is kept beside exported samples: where they come from, and what they are worth."""
-    recording = scored.store.recording_info(info.recording_id)
     return {
-        "recording": recording.name,
-        "recording_sha256": recording.digest,
-        "aircraft": recording.aircraft,
-        "monitor": info.monitor_name,
-        "monitor_sha256": info.monitor_digest,
-        "epsilon": info.epsilon,
-        "lead_s": info.lead,
-        "dt_s": info.dt,
-        "samples_sha256": info.digest,
-        "mapping": info.mapping,
-        "manoeuvres": info.stretches,
-        "notes": info.notes,
-        "program": info.version,
+        "recording": recording["name"],
+        "recording_sha256": recording["digest"],
+        "aircraft": recording["aircraft"],
+        "monitor": scoring["monitor_name"],
+        "monitor_sha256": scoring["monitor_digest"],
+        "epsilon": scoring["epsilon"],
+        "lead_s": scoring["lead"],
+        "dt_s": scoring["dt"],
+        "samples_sha256": scoring["digest"],
+        "mapping": scoring["mapping"],
+        "manoeuvres": scoring["stretches"],
+        "notes": scoring["notes"],
+        "program": scoring["version"],
     }

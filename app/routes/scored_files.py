@@ -1,6 +1,7 @@
 """What leaves the house: the report of a scored recording, and its samples for other programs."""
 
 import asyncio
+from dataclasses import asdict
 from pathlib import PurePath
 from typing import Annotated, Any, Literal
 from urllib.parse import quote
@@ -10,7 +11,8 @@ from fastapi import APIRouter, Query, Response
 from app.exports import EXPORTS, export
 from app.problems import problem_responses
 from app.report.page import report
-from app.report.subject import about, stored_subject
+from app.report.stored import stored_subject
+from app.report.subject import about
 from app.routes.dependencies import ScoredDep
 
 SAMPLES: dict[int | str, dict[str, Any]] = {
@@ -69,10 +71,10 @@ async def export_samples(
 
     def make() -> Response:
         info = scored.store.scoring(recording_id, scoring_id)
-        content = export(scored.samples(info), about(scored, info), form)
-        name = PurePath(scored.store.recording_info(recording_id).name).stem
+        recording = scored.store.recording_info(recording_id)
+        content = export(scored.samples(info), about(asdict(recording), asdict(info)), form)
         kind = EXPORTS[form]
-        headers = _as_file(f"{name} scored.{kind.ending}")
+        headers = _as_file(f"{PurePath(recording.name).stem} scored.{kind.ending}")
         return Response(content, headers=headers, media_type=kind.media_type)
 
     return await asyncio.to_thread(make)

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from app.scoring.outcome import Limited
+from app.scoring.outcome import SAME_TIME, Limited
 from app.scoring.plan import Plan
 from app.scoring.scored import Validity
 from app.scoring.stretches import Stretch
@@ -27,6 +27,26 @@ def guarantee(monitor: Monitor, validity: Validity, epsilon: float) -> str:
         f"calibration sets; by their observations, at most {level:.4g} of such flights are called "
         f"invalid.{proviso}"
     )
+
+
+def withdrawn(said: Assessments, limited: Limited, epsilon: float) -> str:
+    """What the monitor would have said of a stretch that it had no right to speak of."""
+    without, p_value = "without the withdrawal", said.p_value
+    if np.isnan(p_value).all():
+        return f"{without} there would be no risk either: no sample could be assessed"
+    over = np.flatnonzero(p_value > epsilon)
+    if not len(over):
+        peak = int(np.nanargmax(p_value))
+        return (
+            f"{without} the risk would have stayed at or below epsilon {epsilon:.4g}, at most "
+            f"{p_value[peak]:.3f} at {said.t[peak]:.2f} s"
+        )
+    t, crossing = float(said.t[over[0]]), limited.crossing
+    when = f"{without} the risk would have exceeded epsilon {epsilon:.4g} at {t:.2f} s"
+    if crossing is None:
+        return when
+    ahead = crossing.t - t
+    return f"{when}, {abs(ahead):.2f} s {'before' if ahead >= -SAME_TIME else 'after'} the limit"
 
 
 def remarks(plan: Plan, stretch: Stretch, limited: Limited, said: Assessments) -> tuple[str, ...]:

@@ -1,0 +1,152 @@
+"""What a report says of a scored flight, before it is a page."""
+
+from collections.abc import Iterable, Mapping, Sequence
+from itertools import chain
+from typing import Any
+
+from app.telemetry.derivations import DERIVATIONS
+from app.telemetry.mapping import TARGETS
+from core.channels import KEYS
+from core.evaluation import clopper_pearson
+
+Plain = Mapping[str, Any]
+
+OUTCOMES = {
+    "timely_alert": ("▲", "alert in time", "good"),
+    "late_alert": ("▲", "alert too late", "bad"),
+    "missed": ("✕", "missed: no alert before the limit", "bad"),
+    "false_alert": ("△", "alert, limit not reached", "caution"),
+    "quiet": ("●", "no alert, limit not reached", "good"),
+    "invalid": ("▨", "invalid, no verdict", "invalid"),
+}
+"""Sign, words and level of each outcome."""
+TELLING = ("missed", "late_alert", "false_alert", "timely_alert", "invalid", "quiet")
+"""Outcomes, those first that a reader wants to see drawn."""
+MOST_DRAWN = 100
+"""Manoeuvres that are drawn one by one."""
+MOST_NOTES = 40
+
+
+def headline(stretches: Sequence[Plain]) -> tuple[str, str]:
+    """Level and words of the whole flight; the worst that happened comes first."""
+    n = counts(stretches)
+    unjudged = [s for s in stretches if s["outcome"] == "invalid"]
+    reached = any(s["crossing"] for s in unjudged)
+    if n["missed"] or n["late_alert"]:
+        return "bad", "A limit was reached without an alert in time"
+    if reached:
+        return "bad", "A limit was reached where the monitor had no right to speak"
+    if len(unjudged) == len(stretches):
+        return "invalid", "No verdict: the monitor had no right to speak"
+    doubtful = bool(unjudged) or any(s["validity"]["valid"] is None for s in stretches)
+    level = "caution" if n["false_alert"] or doubtful else "good"
+    if n["timely_alert"]:
+        return level, "Every limit that was reached was warned of in time"
+    if n["false_alert"]:
+        return level, "No limit was reached, but there was an alert"
+    return level, "No limit was reached, and there was no alert"
+
+
+def counts(stretches: Sequence[Plain]) -> dict[str, int]:
+    """How many manoeuvres came to each outcome."""
+    return {name: sum(s["outcome"] == name for s in stretches) for name in OUTCOMES}
+
+
+def worst(stretches: Sequence[Plain]) -> list[tuple[str, str]]:
+    """Names of the manoeuvres in which a limit was reached without an alert in time, and why."""
+    found = []
+    for stretch in stretches:
+        outcome = stretch["outcome"]
+        if outcome in ("missed", "late_alert"):
+            found.append((stretch["name"], OUTCOMES[outcome][1]))
+        elif outcome == "invalid" and stretch["crossing"]:
+            found.append((stretch["name"], "limit reached, no verdict"))
+    return found
+
+
+def alerts(stretches: Sequence[Plain]) -> list[dict[str, Any]]:
+    """Every alert: times, whether the first of its manoeuvre, whether that reached a limit.
+
+    lead: what it left before the limit [s], None where that was not reached after it.
+    """
+    rows = []
+    for number, stretch in enumerate(stretches, 1):
+        crossing = stretch["crossing"]
+        for begin, end in stretch["alerts"]:
+            rows.append(
+                {
+                    "number": number,
+                    "name": stretch["name"],
+                    "start": begin,
+                    "end": end,
+                    "first": begin == stretch["alerts"][0][0],
+                    "reached": crossing is not None,
+                    "lead": crossing["t"] - begin if crossing and crossing["t"] >= begin else None,
+                }
+            )
+    return rows
+
+
+def drawn(stretches: Sequence[Plain]) -> set[int]:
+    """Positions of the manoeuvres that are drawn: all, or the most telling ones."""
+    order = sorted(range(len(stretches)), key=lambda k: (TELLING.index(stretches[k]["outcome"]), k))
+    return set(order[:MOST_DRAWN])
+
+
+def certificate(evaluation: Plain | None, epsilon: float) -> dict[str, Any] | None:
+    """What fresh simulated flights said at this epsilon, or at the nearest one they were asked.
+
+    None where the monitor was not tested, or on no failing flight.
+    """
+    if evaluation is None or not evaluation["n_unsafe"]:
+        return None
+    curves = evaluation["curves"]
+    asked = [*curves["epsilon"], evaluation["epsilon"]]
+    nearest = min(range(len(asked)), key=lambda i: abs(asked[i] - epsilon))
+    at = evaluation["at_epsilon"]
+    row = {
+        key: at[key] if nearest == len(asked) - 1 else curves[key][nearest]
+        for key in ("misses", "false_alerts")
+    }
+    n_unsafe, n_safe = evaluation["n_unsafe"], evaluation["n_safe"]
+    alerted = n_unsafe - row["misses"]
+    return {
+        "epsilon": asked[nearest],
+        "miss": _share(row["misses"], n_unsafe),
+        "power": _share(n_safe - row["false_alerts"], n_safe),
+        "fail_given_alert": _share(alerted, alerted + row["false_alerts"]),
+    }
+
+
+def mapping_rows(mapping: Plain, guesses: Mapping[str, Plain]) -> list[dict[str, Any]]:
+    """One row a channel and a clock with what it was read from, None where it is missing."""
+    channels = mapping["channels"]
+    rows = []
+    for key in (*KEYS, *(key for key in TARGETS if key in channels and key not in KEYS)):
+        source, guess = channels.get(key), guesses.get(key, {})
+        way = source["derivation"] if source else ""
+        rows.append(
+            {
+                "target": TARGETS[key],
+                "source": source,
+                "derived": DERIVATIONS[way].title if way in DERIVATIONS else way,
+                "confidence": guess.get("confidence") if source else None,
+                "reasons": list(guess.get("reasons", ())),
+            }
+        )
+    return rows
+
+
+def notes(*given: Iterable[str], apart_from: Iterable[str] = ()) -> tuple[list[str], int]:
+    """The notes, each once and the first MOST_NOTES of them, and how many more there are."""
+    told = set(apart_from)
+    kept = [note for note in dict.fromkeys(chain(*given)) if note not in told]
+    return kept[:MOST_NOTES], max(len(kept) - MOST_NOTES, 0)
+
+
+def _share(count: int, total: int) -> dict[str, Any] | None:
+    if not total:
+        return None
+    low, high = clopper_pearson(count, total)
+    share = {"count": count, "total": total, "share": count / total}
+    return share | {"low": float(low), "high": float(high)}

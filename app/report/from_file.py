@@ -1,0 +1,96 @@
+"""Scorings of a file as subjects of reports: what `forewarn report` is made of."""
+
+import hashlib
+from collections.abc import Iterator
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+from app.mapped_columns import plain, plain_quality
+from app.recipes import RecipeError, from_plain
+from app.report.subject import ReportSubject, of_contents
+from app.scored_file import Scored, ScoredFile, ScoreRequest
+from app.stored_samples import digest
+from app.tables import now
+from app.telemetry.mapping import Mapping
+from app.training import fly_test, fresh_flights
+from core import __version__
+from core.collection import DatasetRecipe
+from core.monitor import Monitor
+
+PROPOSED, GIVEN = "proposed by the program, not looked over", "as given"
+
+
+def file_subjects(
+    request: ScoreRequest, found: ScoredFile, aircraft: str | None, n_test: int
+) -> Iterator[tuple[Scored, ReportSubject]]:
+    """Each scoring of a file, ready to report.
+
+    n_test: fresh flights that say how good a monitor is, 0 for none.
+    """
+    recording = {
+        "name": request.file.name,
+        "digest": _digest(request.file),
+        "size": request.file.stat().st_size,
+        "aircraft": aircraft,
+        "format": found.contents.format,
+    } | of_contents(found.contents)
+    guesses = found.proposal.guesses if found.proposal else {}
+    evaluations: dict[Path, dict[str, Any] | None] = {}
+    for one in found.scored:
+        if one.path not in evaluations:
+            evaluations[one.path] = evaluation(one.monitor, n_test)
+        scoring = _scoring(one, found.mapping)
+        yield (
+            one,
+            ReportSubject(
+                recording=recording,
+                scoring=scoring,
+                monitor=one.monitor,
+                monitor_name=scoring["monitor_name"],
+                monitor_digest=scoring["monitor_digest"],
+                evaluation=evaluations[one.path],
+                samples=one.recording.samples,
+                mapped=PROPOSED if found.proposal else GIVEN,
+                guesses={key: asdict(guess) for key, guess in guesses.items()},
+            ),
+        )
+
+
+def evaluation(monitor: Monitor, n_test: int) -> dict[str, Any] | None:
+    """What fresh flights of a monitor's own recipe say of it; None where there are none."""
+    try:
+        recipe = from_plain(DatasetRecipe(), monitor.dataset_recipe, "dataset")
+    except RecipeError:
+        return None
+    if not (n_test and monitor.dataset_recipe):
+        return None
+    test = fly_test(monitor, fresh_flights(recipe, n_test))
+    return test.as_plain(n_test, monitor.lead, monitor.dt)
+
+
+def _scoring(one: Scored, mapping: Mapping) -> dict[str, Any]:
+    """A scoring as the store would keep it."""
+    scored, t = one.recording, one.recording.samples["t"]
+    return {
+        "monitor_name": one.path.stem,
+        "monitor_digest": _digest(one.path),
+        "created": now(),
+        "version": __version__,
+        "epsilon": scored.epsilon,
+        "lead": one.monitor.lead,
+        "dt": scored.dt,
+        "mapping": mapping.to_plain(),
+        "n_samples": len(t),
+        "start": float(t[0]),
+        "end": float(t[-1]),
+        "notes": list(scored.notes),
+        "quality": plain_quality(scored.quality),
+        "stretches": [plain(stretch.to_plain()) for stretch in scored.stretches],
+        "digest": digest(scored.samples),
+    }
+
+
+def _digest(path: Path) -> str:
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()

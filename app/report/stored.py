@@ -1,0 +1,43 @@
+"""A stored scoring as the subject of a report."""
+
+from dataclasses import asdict
+from typing import Any
+
+from app.entries import MappedColumns, MappingState, ScoringInfo
+from app.report.subject import ReportSubject, of_contents
+from app.scored_recordings import ScoredRecordings
+
+MAPPED: dict[MappingState, str] = {
+    "proposed": "proposed by the program, not looked over",
+    "remembered": "as confirmed for an earlier recording",
+    "confirmed": "confirmed by the user",
+}
+
+
+def stored_subject(scored: ScoredRecordings, recording_id: str, scoring_id: str) -> ReportSubject:
+    """A stored scoring, ready to report. NotFound; StoreError."""
+    store = scored.store
+    info = store.scoring(recording_id, scoring_id)
+    recording = store.recording_info(recording_id)
+    contents = scored.recordings.columns(recording_id).contents
+    mapped, guesses = _mapped(info, store.mapped_columns(recording_id))
+    return ReportSubject(
+        recording=asdict(recording) | of_contents(contents),
+        scoring=asdict(info),
+        monitor=store.monitor(info.monitor_id),
+        monitor_name=info.monitor_name,
+        monitor_digest=info.monitor_digest,
+        evaluation=store.evaluation(info.monitor_id),
+        samples=scored.samples(info),
+        mapped=mapped,
+        guesses=guesses,
+        markers=[asdict(marker) for marker in store.markers(recording_id)],
+    )
+
+
+def _mapped(info: ScoringInfo, now: MappedColumns) -> tuple[str, dict[str, Any]]:
+    """Who chose the mapping that was scored with, and how sure the program was of its own."""
+    if info.mapping != now.mapping:
+        return "another one is in use now", {}
+    proposed = now.mapping_state == "proposed"
+    return MAPPED[now.mapping_state], now.proposal.get("guesses", {}) if proposed else {}

@@ -1,0 +1,126 @@
+"""A recorded flight scored from its file: read, mapped, and scored by every monitor asked for."""
+
+import tempfile
+from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import compress
+from pathlib import Path
+from typing import NamedTuple
+
+from app.mapping_memory import MappingMemory
+from app.scoring import MissingChannels, ScoredRecording, ScoringOrder, score_at_each
+from app.scoring.plan import plan_of
+from app.telemetry.applying import apply_mapping
+from app.telemetry.contents import Columns, Contents, open_columns
+from app.telemetry.mapping import Mapping
+from app.telemetry.proposal import Proposal, propose
+from app.telemetry.reading import read_file
+from app.telemetry.recording import TelemetryError
+from app.telemetry.signs import CONVENTION
+from app.telemetry.traces import Traces
+from core.monitor import Monitor, load
+from core.simulation.attitude import surface_signs
+
+
+@dataclass(frozen=True)
+class ScoreRequest:
+    """What is asked for on the command line.
+
+    epsilons: None for a monitor's own.   mapping: what the signals are; None: as proposed.
+    """
+
+    monitors: tuple[Path, ...]
+    file: Path
+    epsilons: tuple[float | None, ...] = (None,)
+    mapping: Mapping | None = None
+    order: ScoringOrder = ScoringOrder()  # noqa: RUF009
+
+
+class Scored(NamedTuple):
+    """One scoring of several. label: what tells it from the others, "" where it is alone."""
+
+    label: str
+    path: Path
+    monitor: Monitor
+    recording: ScoredRecording
+
+
+@dataclass(frozen=True, eq=False)
+class ScoredFile:
+    """A file with all that was said of it. proposal: why it was mapped so; None: as given."""
+
+    contents: Contents
+    mapping: Mapping
+    proposal: Proposal | None
+    scored: tuple[Scored, ...]
+
+
+def score_file(request: ScoreRequest, memory: MappingMemory | None = None) -> ScoredFile:
+    """Score a file by each monitor at each epsilon.
+
+    memory: of the aircraft's recorders: asked for a mapping unless one is given, which it keeps
+    once everything is scored.
+    """
+    monitors = [load(path) for path in request.monitors]
+    for monitor in monitors:
+        for epsilon in request.epsilons:
+            monitor.check_epsilon(epsilon)
+    with tempfile.TemporaryDirectory(prefix="forewarn-") as place:
+        folder = Path(place) / "columns"
+        contents = read_file(request.file, folder)
+        columns = open_columns(folder)
+        proposal = None if request.mapping else _proposed(columns, monitors[0], memory)
+        mapping = request.mapping or (proposal.mapping if proposal else Mapping())
+        try:
+            scored = tuple(_score(request, monitors, apply_mapping(columns, mapping)))
+        except TelemetryError as error:
+            raise TelemetryError(f"{request.file}: {error}{_why(error, proposal)}") from None
+    if memory and request.mapping:
+        memory.keep(contents, request.mapping)
+    return ScoredFile(contents, mapping, proposal, scored)
+
+
+def _proposed(columns: Columns, monitor: Monitor, memory: MappingMemory | None) -> Proposal:
+    """What the signals most likely are, surfaces with the signs of the monitor's aircraft."""
+    aircraft = plan_of(monitor).aircraft
+    return propose(
+        columns,
+        memory.recall(columns.contents) if memory else None,
+        aircraft=memory.aircraft if memory else "",
+        expected=surface_signs(aircraft.uncertain_plant()) if aircraft else CONVENTION,
+    )
+
+
+def _why(error: TelemetryError, proposal: Proposal | None) -> str:
+    """Why nothing was taken for the channels that are missing."""
+    if proposal is None or not isinstance(error, MissingChannels):
+        return ""
+    guesses = [proposal.guesses.get(key) for key in error.keys]
+    reasons = [guess.reasons[0] for guess in guesses if guess is not None and guess.reasons]
+    return f" ({'; '.join(reasons)})" if reasons else ""
+
+
+def labels(request: ScoreRequest) -> list[str]:
+    """What tells each scoring from the others, in their order; "" for one that is alone."""
+    several = [len(request.monitors) > 1, len(request.epsilons) > 1]
+    parts = [
+        [name, f"epsilon-{epsilon:g}" if epsilon is not None else ""]
+        for name in _distinct([path.stem for path in request.monitors])
+        for epsilon in request.epsilons
+    ]
+    return ["-".join(compress(part, several)) for part in parts]
+
+
+def _score(request: ScoreRequest, monitors: list[Monitor], traces: Traces) -> Iterator[Scored]:
+    label = iter(labels(request))
+    for path, monitor in zip(request.monitors, monitors, strict=True):
+        for one in score_at_each(monitor, traces, request.order, request.epsilons):
+            yield Scored(next(label), path, monitor, one)
+
+
+def _distinct(names: list[str]) -> list[str]:
+    """The same names, with a number behind one that was there before."""
+    before = [names[:k].count(name) for k, name in enumerate(names)]
+    return [
+        f"{name}-{count + 1}" if count else name for name, count in zip(names, before, strict=True)
+    ]
