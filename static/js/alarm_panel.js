@@ -1,7 +1,7 @@
 /**
  * The alarm line: an alert stays, seen and heard, until someone acknowledges it.
  *
- * While no alarm is open it says what the guarantee says; its height is the same either way, so that
+ * While no alarm is open it says what the guarantee says, or that it is withdrawn; its height is the same either way, so that
  * the strips do not move at the very moment they are looked at.
  *
  * Exports
@@ -11,6 +11,7 @@
  *
  * AlarmPanel
  *   describe({epsilon, lead, limits})   limits: nodes, |N_y| 0.5 g; of the flight
+ *   setState({state, reason})    of the newest assessment: whether the guarantee stands
  *   take(alarm)          raised or acknowledged
  *   setAlert(boolean)    whether the newest assessment alerts
  *   setLinked(boolean)   false: nobody knows whether there are new alarms
@@ -22,6 +23,7 @@
 import { reason } from "./api.js";
 import { h } from "./dom.js";
 import { put } from "./panel_states.js";
+import { shownState } from "./readout.js";
 import { riskText } from "./risk_gauge.js";
 
 export function guarantee({ epsilon, lead }) {
@@ -39,17 +41,20 @@ export function createAlarmPanel(element, { tone, acknowledge }) {
   const button = h("button", { type: "button", class: "button", title: "Acknowledge (key K)", onclick: acknowledgeAll }, "Acknowledge [K]");
   const banner = h("div", { class: "alarm-banner", role: "alert", hidden: true }, text, button);
   const quiet = h("strong", {}, "No alarm waits. ");
-  const calm = h("p", { class: "alarm-calm" });
+  const promise = h("span", {});
+  const calm = h("p", { class: "alarm-calm" }, quiet, promise);
   const failure = h("p", { class: "error", role: "alert", hidden: true });
   element.append(banner, calm, failure);
   const alarms = new Map();
   let flight = { epsilon: NaN, lead: 0, limits: [] };
+  let said = { state: null, reason: "" };
   let alert = false;
   let shown = "";
 
   const waiting = () => [...alarms.values()].filter((alarm) => alarm.acknowledged === null);
 
   function render() {
+    put(promise, promised());
     const open = waiting();
     const latest = open.at(-1);
     const held = latest === undefined && alert;
@@ -64,6 +69,13 @@ export function createAlarmPanel(element, { tone, acknowledge }) {
     shown = now;
     if (open.length > 0) tone.start();
     else tone.stop();
+  }
+
+  function promised() {
+    const state = shownState(said);
+    if (state === "not_assessed") return "Nothing is promised between manoeuvres.";
+    if (state !== "invalid") return guarantee(flight);
+    return `The guarantee is withdrawn: ${said.reason || "the monitor has no right to speak here"}`;
   }
 
   function words({ t, p_value: risk }, count) {
@@ -96,7 +108,10 @@ export function createAlarmPanel(element, { tone, acknowledge }) {
     describe: (given) => {
       flight = given;
       shown = "";
-      calm.replaceChildren(quiet, guarantee(given));
+      render();
+    },
+    setState: (now) => {
+      said = now;
       render();
     },
     setLinked: (linked) => put(quiet, linked ? "No alarm waits. " : "▲ Not connected: new alarms are not known. "),

@@ -24,11 +24,18 @@ export function showComparedScorings(element, { id, query, api, navigate }) {
     const recordings = await api.get("/recordings");
     const names = new Map(recordings.map((one) => [one.id, one.name]));
     const compared = await Promise.all(
-      references.map(async ({ recording, scoring }, k) => ({
-        letter: String.fromCharCode(65 + k),
-        recordingName: names.get(recording) ?? recording,
-        scoring: await api.get(`/recordings/${recording}/scorings/${scoring}`),
-      })),
+      references.map(async ({ recording, scoring }, k) => {
+        const [{ mapping }, scored] = await Promise.all([
+          api.get(`/recordings/${recording}`),
+          api.get(`/recordings/${recording}/scorings/${scoring}`),
+        ]);
+        return {
+          letter: String.fromCharCode(65 + k),
+          recordingName: names.get(recording) ?? recording,
+          scoring: scored,
+          mapping,
+        };
+      }),
     );
     const picker = createScoringPicker({ api, recordings, taken: references, add });
     const overlay = keep(createOverlay({ api, compared }));

@@ -3,13 +3,22 @@
  *
  * Exports
  *   compareTable(compared, {remove(k) | null}) -> element
- *     compared: [{letter, recordingName, scoring}]
+ *     compared: [{letter, recordingName, scoring, mapping}]   mapping: the recording's present one
  *   rowsOf(scorings) -> [[number of a stretch | -1 for each scoring]]
  *       stretches of one recording are matched by their times, those of others by their order
  */
 
-import { h } from "./dom.js";
-import { leadText, outcomeChip, secondsText, validityWords } from "./recording_words.js";
+import { formatted, h } from "./dom.js";
+import { earlierMapping } from "./mapping_changes.js";
+import {
+  firstAlertText,
+  isWithdrawn,
+  leadText,
+  outcomeChip,
+  outsideText,
+  secondsText,
+  validityWords,
+} from "./recording_words.js";
 import { riskText } from "./risk_gauge.js";
 import { button } from "./view_states.js";
 import { figure } from "./words.js";
@@ -18,7 +27,7 @@ export function compareTable(compared, { remove }) {
   const scorings = compared.map(({ scoring }) => scoring);
   const rows = rowsOf(scorings);
   const several = new Set(scorings.map(({ recording }) => recording)).size > 1;
-  const heads = compared.map(({ letter, recordingName, scoring }, k) =>
+  const heads = compared.map(({ letter, recordingName, scoring, mapping }, k) =>
     h(
       "th",
       { scope: "col" },
@@ -40,6 +49,8 @@ export function compareTable(compared, { remove }) {
             { class: "hint hint-line" },
             `${several ? `${recordingName}, ` : ""}lead ${figure(scoring.lead)} s`,
           ),
+          earlierMapping(scoring, mapping),
+          outside(scoring),
         ),
         remove
           ? button("✕", () => remove(k), {
@@ -90,6 +101,17 @@ export function rowsOf(scorings) {
   return rows;
 }
 
+function outside(scoring) {
+  const words = outsideText(scoring);
+  return words ? h("span", { class: "hint hint-line outside-line" }, "◆ ", formatted(words)) : null;
+}
+
+function peakText(stretch, epsilon) {
+  if (isWithdrawn(stretch)) return "withdrawn";
+  const { peak_risk: risk } = stretch;
+  return risk === null ? "–" : riskText(risk, epsilon);
+}
+
 function same(other, n, recording, stretch, number) {
   if (other.recording !== recording) return n === number;
   const { start, end } = other.stretches[n];
@@ -119,17 +141,16 @@ function rowElement(row, scorings) {
 function cell(scoring, n) {
   if (n < 0) return h("td", { class: "dim" }, "not scored");
   const stretch = scoring.stretches[n];
-  const { outcome, alerts, peak_risk: risk, validity } = stretch;
-  const { word } = validityWords(validity);
+  const { outcome, validity } = stretch;
+  const { word } = validityWords(stretch);
   const p =
     validity.p_value === null || validity.p_value === undefined
       ? ""
       : `, p = ${figure(validity.p_value, 2)}`;
-  const withdrawn = validity.valid === false;
   const lines = [
     ["lead", leadText(stretch, scoring.lead)],
-    ["first alert", alerts.length ? secondsText(alerts[0][0]) : "none"],
-    ["peak risk", withdrawn || risk === null ? "withdrawn" : riskText(risk, scoring.epsilon)],
+    ["first alert", firstAlertText(stretch)],
+    ["peak risk", peakText(stretch, scoring.epsilon)],
     ["right to speak", `${word}${p}`],
   ];
   return h(

@@ -14,6 +14,7 @@ import { h } from "./dom.js";
 import { createEventList } from "./event_list.js";
 import { alertText, createFlightPanels, limitsOf, sourceText, windowOf } from "./flight_panels.js";
 import { put, state as stateOf } from "./panel_states.js";
+import { shownState } from "./readout.js";
 import { createReplayNotes } from "./replay_notes.js";
 import { createRiskGauge, riskText } from "./risk_gauge.js";
 import { createSceneFrame } from "./scene_frame.js";
@@ -65,6 +66,7 @@ export function showLiveFlight(element, { id, api, over }) {
   let held = null; // frames that wait for what came before them in the source
   let turn = 0;
   let sought = 0;
+  let origin = 0; // where the flight goes on from, until a sample says more [s]
   let drawing = false; // what lies before a point that was sought, not flown now
   const raised = new Set();
 
@@ -151,7 +153,7 @@ export function showLiveFlight(element, { id, api, over }) {
   }
 
   function show(frame) {
-    if (frame.state !== said.state) assess({ state: frame.state, reason: frame.reason });
+    if (frame.state !== said.state || frame.reason !== said.reason) assess({ state: frame.state, reason: frame.reason });
     const shown = frame.state === "ok" && lasting !== null ? lasting.frame : frame;
     const note = shown === frame ? "" : `alert at ${formatTime(shown.t, 0.01)} s, now ${riskText(frame.p_value, hello.epsilon)}`;
     gauge.update({ ...shown, note, epsilon: hello.epsilon });
@@ -167,17 +169,18 @@ export function showLiveFlight(element, { id, api, over }) {
 
   /** What the monitor can say now; a word in place of a number where it can say nothing. */
   function assess({ state, reason }, quiet = false) {
-    const changed = state !== said.state;
+    const changed = shownState({ state, reason }) !== shownState(said);
     said = { state, reason };
+    alarm.setState(said);
     if (state !== "ok") {
       gauge.update({ state, reason, p_value: null, epsilon: hello.epsilon });
       chart?.setState({ state, reason });
       alarm.setAlert(false);
     }
     if (!changed || quiet) return;
-    const t = last?.t ?? 0;
+    const t = last?.t ?? origin;
     const why = reason ? `: ${reason}` : "";
-    events.add({ t, text: `monitor ${state.replace("_", " ")}${why}`, level: state === "ok" ? "" : "caution" });
+    events.add({ t, text: `monitor ${shownState(said).replace("_", " ")}${why}`, level: state === "ok" ? "" : "caution" });
   }
 
   function notice(given) {
@@ -219,6 +222,7 @@ export function showLiveFlight(element, { id, api, over }) {
   async function restart({ t }) {
     const mine = ++turn;
     last = null;
+    origin = t;
     held = [];
     sought = performance.now();
     const before = await history.before(t);
@@ -242,6 +246,7 @@ export function showLiveFlight(element, { id, api, over }) {
     gauge.update({ state: "stale", reason: LOST, epsilon: hello.epsilon });
     chart?.setState({ state: "stale", reason: LOST });
     said = { state: "stale", reason: LOST };
+    alarm.setState(said);
     alarm.setAlert(false);
     events.add({ t: last?.t ?? null, text: "connection to the server lost", level: "caution" });
   }
@@ -270,7 +275,7 @@ export function showLiveFlight(element, { id, api, over }) {
       patience: timeline?.patience ?? Infinity,
       playing: steered.playing,
       live: true,
-      state: stale ? "stale" : said.state,
+      state: stale ? "stale" : shownState(said),
       alert: !stale && (lasting !== null || last?.alert === true),
       figures: connection.figures(wall),
     });

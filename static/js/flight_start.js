@@ -154,7 +154,7 @@ function startForm({ monitors, datasets, query, api, navigate }) {
     { class: "panel form", novalidate: true, onsubmit: start, onchange: adapt, oninput: adapt, "aria-label": "Start a flight" },
     h("h1", {}, "Start a flight"),
     field("Monitor", monitor),
-    field("Source", kind),
+    field("Source", kind, h("p", { class: "hint" }, "To replay a recording, open it on the ", h("a", { href: "#/recordings" }, "Recordings page"), ".")),
     field("Outcome", outcome),
     simulated,
     replayed,

@@ -7,6 +7,7 @@
  *     reason stands beside what is wrong
  */
 
+import { decimals } from "./decimals.js";
 import { formatted, h } from "./dom.js";
 import { link } from "./view_states.js";
 import { aircraftName, figure, kindName, limitWords } from "./words.js";
@@ -89,11 +90,11 @@ export function createMonitorChoice({ monitors, used, catalog, changed }) {
     const orders = [];
     let wrong = chosen.length ? "" : "Choose at least one monitor.";
     for (const { monitor, epsilons } of chosen) {
-      const given = epsilons.value.split(/[\s;,]+/).filter(Boolean);
+      const given = decimals(epsilons.value);
       const bad = given.find((text) => !(Number(text) > 0 && Number(text) < 1));
       const small = given.find((text) => Number(text) < monitor.smallest_epsilon * (1 - 1e-9));
       if (!given.length || bad)
-        wrong = `${monitor.name}: an ε is a number between 0 and 1; ${bad ?? "none"} was given.`;
+        wrong = `${monitor.name}: an ε is a number between 0 and 1; ${given.length ? `“${epsilons.value.trim()}”` : "none"} was given.`;
       else if (small)
         wrong = `${monitor.name}: its ${monitor.n_unsafe} failures serve an ε of ${figure(monitor.smallest_epsilon)} or more; ${small} was given.`;
       if (!given.length || bad || small) {

@@ -1,11 +1,15 @@
 /**
  * The column at the right of a strip: symbol, current value, state, forecast, cursor values.
  *
+ * A measured value stands as long as data come in, dim where the monitor says nothing of it; the risk
+ * has a number only where it was assessed, else a word.
+ *
  * Exports
- *   createReadout(element, strip) -> {show(reading)}   strip: {symbol, label, unit, limit}
+ *   createReadout(element, strip) -> {show(reading)}   strip: {symbol, label, unit, limit, risk}
  *     reading: {value, state, alert, forecast, lead, a, b, cursor, exceeded: {value, t} | null}
  *   symbolNodes(symbol) -> Node[]     "N_y" as N with subscript y
  *   formatValue(value) -> string      three decimals and a true minus; a dash when missing
+ *   shownState({state, reason}) -> string    "not_assessed" between the manoeuvres of a recording
  *   STATE_WORDS                       what each state is called on screen
  */
 
@@ -16,11 +20,19 @@ export const STATE_WORDS = {
   warming_up: "WARMING UP",
   stale: "STALE",
   invalid: "INVALID",
+  not_assessed: "NOT ASSESSED",
   paused: "PAUSED",
   none: "NO DATA",
 };
 
-export function createReadout(element, { symbol, label, unit, limit }) {
+const BETWEEN = "between manoeuvres"; // as the server calls it
+
+/** Nothing is withdrawn where nothing was to be said. */
+export function shownState({ state, reason }) {
+  return state === "invalid" && reason === BETWEEN ? "not_assessed" : state;
+}
+
+export function createReadout(element, { symbol, label, unit, limit, risk }) {
   element.classList.add("readout");
   const reading = child(element, "div", "readout-reading");
   child(reading, "span", "readout-symbol").append(...symbolNodes(symbol));
@@ -35,11 +47,11 @@ export function createReadout(element, { symbol, label, unit, limit }) {
   const detail = child(element, "div", "readout-detail");
 
   function show(now) {
-    const trusted = now.state === "ok" || now.state === "warming_up" || now.state === "paused";
-    const known = trusted && (Number.isFinite(now.value) || now.state === "ok");
+    const known = risk ? isAssessed(now) : now.state !== "stale" && now.state !== "none";
     put(value, known ? formatValue(now.value) : "");
     units.hidden = !known;
     put(state, known ? "" : (STATE_WORDS[now.state] ?? now.state));
+    state.hidden = known;
     element.dataset.state = now.state;
     element.toggleAttribute("data-alert", known && now.alert);
     element.toggleAttribute("data-exceeded", now.exceeded !== null);
@@ -55,6 +67,10 @@ export function createReadout(element, { symbol, label, unit, limit }) {
   }
 
   return { show };
+}
+
+function isAssessed({ state, value }) {
+  return state === "ok" || ((state === "warming_up" || state === "paused") && Number.isFinite(value));
 }
 
 function details({ a, b, cursor, forecast, lead, state }) {

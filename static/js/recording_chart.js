@@ -50,6 +50,7 @@ export function createRecordingChart(host, options) {
   const end = Math.max(...sources.map((source) => source.end));
   const dt = Math.min(...sources.map((source) => source.dt));
   const spans = sources.map((source) => source.spans ?? null);
+  const anySpans = spans.includes(null) ? null : spans.flat();
   const timeWindow = createTimeWindow({ start, end, least: Math.min(end - start, 20 * dt) });
   const strips = options.order.map((key) => stripOf(key, options.channels));
   const layout = layOutRecording(host, strips, options.label ?? "Recording");
@@ -129,13 +130,12 @@ export function createRecordingChart(host, options) {
     const step = (view.end - view.start) / plot;
     const x = (t) => (t - view.start) / step;
     const traces = sets.map((set, k) => pieceOf({ set, spans: spans[k] }, { view, x, step }));
-    const alone = sources.length === 1;
     const ticks = timeTicks(view.start, view.end, plot);
     const frame = {
       traces,
       x,
       width: plot,
-      bands: bandsOf(traces[0], spans[0], x).filter(({ kind }) => alone || kind !== "between"),
+      bands: bandsOf(traces[0], spans[0], x, anySpans),
       ticks: ticks.times,
       epsilon,
       cursor: timeWindow.cursorAt(view),

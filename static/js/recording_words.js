@@ -6,12 +6,16 @@
  *   MAPPING_STATES   key -> {word, level, text}
  *   OUTCOMES         key of a manoeuvre's verdict -> {word, level, mark, text}
  *   outcomeOf(key) -> {word, level, mark, text}, outcomeChip(key) -> element
- *   validityWords(validity) -> {word, level, mark}
+ *   outsideText({outside, channels}) -> string    limits reached outside every manoeuvre; or nothing
+ *   validityWords(stretch) -> {word, level, mark}
  *   orderWords(order) -> string             which manoeuvres, from which trim
+ *   trimText(order) -> string               what the channels are measured from
+ *   isWithdrawn(stretch), firstAlertText(stretch)
  *   leadText(stretch, lead) -> string       lead reached against the promised one
  */
 
 import { h } from "./dom.js";
+import { formatValue } from "./readout.js";
 import { figure } from "./words.js";
 import { formatTime } from "./time_axis.js";
 
@@ -49,6 +53,12 @@ export const OUTCOMES = {
     text: "an alert, and no limit was reached",
   },
   quiet: { word: "QUIET", level: "ok", mark: "✓", text: "no alert, and no limit was reached" },
+  unseen: {
+    word: "NOT ALL SEEN",
+    level: "caution",
+    mark: "◇",
+    text: "part of it was not seen: whether a limit was reached is not known",
+  },
   invalid: {
     word: "INVALID",
     level: "off",
@@ -56,7 +66,6 @@ export const OUTCOMES = {
     text: "the monitor had no right to speak here",
   },
 };
-const UNKNOWN = { word: "NOT SAID", level: "off", mark: "?", text: "" };
 
 export function bytesText(n) {
   const power = n > 0 ? Math.min(UNITS.length - 1, Math.floor(Math.log10(n) / 3)) : 0;
@@ -76,7 +85,8 @@ export function secondsText(t) {
 }
 
 export function outcomeOf(key) {
-  return OUTCOMES[key] ?? UNKNOWN;
+  const word = String(key ?? "not said").replaceAll("_", " ").toUpperCase();
+  return OUTCOMES[key] ?? { word, level: "caution", mark: "◆", text: "" };
 }
 
 export function outcomeChip(key) {
@@ -84,7 +94,21 @@ export function outcomeChip(key) {
   return h("span", { class: "chip", "data-level": level, title: text }, `${mark} ${word}`);
 }
 
-export function validityWords({ valid }) {
+export function outsideText({ outside, channels }) {
+  if (!outside?.length) return "";
+  const parts = outside.map(({ t, channel, value }) => {
+    const { symbol, unit } = channels.find(({ key }) => key === channel) ?? {
+      symbol: channel,
+      unit: "",
+    };
+    return `${symbol} reached its limit outside every manoeuvre: ${formatValue(value)} ${unit} at ${secondsText(t)}`;
+  });
+  return `${parts.join("; ")}.`;
+}
+
+export function validityWords({ validity: { valid }, outcome }) {
+  if (valid === true && outcome === "unseen")
+    return { word: "valid where seen", level: "caution", mark: "◇" };
   if (valid === true) return { word: "valid", level: "ok", mark: "✓" };
   if (valid === false) return { word: "INVALID", level: "off", mark: "✕" };
   return { word: "not known", level: "caution", mark: "◆" };
@@ -98,9 +122,23 @@ export function orderWords({ trim, manoeuvres }) {
   return `${way}, ${trim === null ? "no trim subtracted" : `trim of ${trim} s`}`;
 }
 
-export function leadText({ crossing, lead, alerts, outcome }, promised) {
+export function trimText({ trim }) {
+  return trim === null ? "as given, no trim subtracted" : "from trim";
+}
+
+export function isWithdrawn({ validity, outcome }) {
+  return validity.valid === false || outcome === "invalid";
+}
+
+export function firstAlertText(stretch) {
+  if (isWithdrawn(stretch)) return "withdrawn";
+  return stretch.alerts.length ? secondsText(stretch.alerts[0][0]) : "none";
+}
+
+export function leadText(stretch, promised) {
+  if (isWithdrawn(stretch)) return "withdrawn";
+  const { crossing, lead, alerts } = stretch;
   if (!crossing) return "–";
-  if (outcome === "invalid") return "withdrawn";
   if (lead === null || lead === undefined)
     return alerts.length ? "none before the limit" : "no alert";
   const enough = lead >= promised - 1e-9;

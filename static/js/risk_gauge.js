@@ -8,7 +8,7 @@
  *   createRiskGauge(element, {timeline, scale}) -> {update(reading), clear(), destroy()}
  *     reading: {p_value, epsilon, state, alert, reason, note}, any frame with its epsilon will do;
  *     note stands below the number; state
- *       ok, warming_up, stale, invalid, over (the flight has ended), or null for no data.
+ *       ok, warming_up, stale, invalid (between manoeuvres: NOT ASSESSED), over (the flight has ended), or null for no data.
  *     timeline: the strips' clock; with it the gauge turns stale by itself when samples stop.
  *     scale "sqrt" | "linear": spacing of 0..1, as on the risk strip.
  *   riskText(p_value, epsilon) -> string    two or three digits; more where rounding would put the
@@ -16,12 +16,14 @@
  */
 
 import { addDrawer } from "./draw_loop.js";
+import { shownState } from "./readout.js";
 
 const NS = "http://www.w3.org/2000/svg";
 const CENTRE = { x: 170, y: 150 };
 const RADIUS = 122;
 const FROM = -205; // degrees, clockwise from three o'clock
 const SWEEP = 230;
+const MARGIN = 30; // of the dial on either side, for epsilon's label
 
 const FACES = {
   ok: { word: "OK", shape: "check" },
@@ -29,6 +31,7 @@ const FACES = {
   warming_up: { word: "WARMING UP", shape: "hourglass" },
   stale: { word: "STALE", shape: "clock" },
   invalid: { word: "INVALID", shape: "cross" },
+  not_assessed: { word: "NOT ASSESSED", shape: "ring" },
   over: { word: "OVER", shape: "dash" },
   none: { word: "NO DATA", shape: "dash" },
 };
@@ -40,6 +43,7 @@ const SHAPES = {
   clock: "M-13 0a13 13 0 1 0 26 0a13 13 0 1 0-26 0M0-8V0L6 4",
   cross: "M-10-10L10 10M10-10L-10 10",
   dash: "M-12 0H12",
+  ring: "M-13 0a13 13 0 1 0 26 0a13 13 0 1 0-26 0M-6 0H6",
 };
 
 /**
@@ -58,7 +62,7 @@ export function createRiskGauge(element, { timeline = null, scale = "sqrt" } = {
   element.replaceChildren();
   const heading = html(element, "h2", "gauge-heading", "risk (higher is worse)");
   heading.id = `${id}-heading`;
-  const svg = make(element, "svg", { viewBox: "0 0 340 228", class: "gauge-dial" });
+  const svg = make(element, "svg", { viewBox: `${-MARGIN} 0 ${340 + 2 * MARGIN} 228`, class: "gauge-dial" });
   addHatches(svg, id);
   make(svg, "path", { d: arc(0, 1), class: "gauge-track" });
   const unassessed = make(svg, "path", { d: arc(0, 1), stroke: `url(#${id}-grey)`, class: "gauge-wide" });
@@ -115,7 +119,8 @@ export function createRiskGauge(element, { timeline = null, scale = "sqrt" } = {
     element.dataset.state = key;
     shape.setAttribute("d", SHAPES[FACES[key].shape]);
     word.textContent = FACES[key].word;
-    const size = assessed ? 26 : FACES[key].word.length > 8 ? 32 : 40;
+    const letters = FACES[key].word.length;
+    const size = assessed ? 26 : letters > 10 ? 23 : letters > 8 ? 32 : 40;
     word.setAttribute("font-size", String(size));
     const half = (size * 0.66 * FACES[key].word.length + 40) / 2;
     const y = assessed ? 206 : 160;
@@ -140,6 +145,8 @@ export function createRiskGauge(element, { timeline = null, scale = "sqrt" } = {
     thresholdText.setAttribute("y", String(text.y + 4));
     thresholdText.setAttribute("text-anchor", at < 0.42 ? "end" : at > 0.58 ? "start" : "middle");
     thresholdText.textContent = `ε ${epsilon}`;
+    const room = MARGIN + Math.min(text.x, 340 - text.x);
+    thresholdText.style.fontSize = `${Math.min(18, room / (0.58 * thresholdText.textContent.length))}px`;
     beyond.setAttribute("d", arc(at, 1));
   }
 
@@ -180,7 +187,8 @@ export function riskText(risk, epsilon) {
 }
 
 /** @param {Reading} reading */
-function faceOf({ state, alert, p_value: risk }, timeline, wall) {
+function faceOf({ state: given, reason, alert, p_value: risk }, timeline, wall) {
+  const state = shownState({ state: given, reason });
   if (state == null) return "none";
   if (timeline !== null && timeline.stale(wall)) return "stale";
   if (state !== "ok") return state in FACES ? state : "invalid";

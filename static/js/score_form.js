@@ -10,6 +10,7 @@
  */
 
 import { reason } from "./api.js";
+import { decimal } from "./decimals.js";
 import { h } from "./dom.js";
 import { createManoeuvrePicker } from "./manoeuvre_picker.js";
 import { createMonitorChoice } from "./monitor_choice.js";
@@ -24,9 +25,8 @@ export function createScoreForm({ api, catalog, recording, monitors, used, score
   const choice = createMonitorChoice({ monitors, used, catalog, changed: () => picker.refresh() });
   const picker = createManoeuvrePicker({ api, catalog, recording, monitor: () => choice.first() });
   const seconds = h("input", {
-    type: "number",
-    min: 0.05,
-    step: "any",
+    type: "text",
+    inputmode: "decimal",
     value: 2,
     class: "narrow",
     "aria-label": "seconds of trim",
@@ -64,7 +64,7 @@ export function createScoreForm({ api, catalog, recording, monitors, used, score
     event.preventDefault();
     said.hidden = true;
     const orders = choice.check();
-    if (orders === null || !picker.check()) return;
+    if (orders === null || !picker.check() || !checkTrim()) return;
     const order = { trim: trimOf(), manoeuvres: picker.read() };
     const made = [];
     const failures = [];
@@ -91,10 +91,21 @@ export function createScoreForm({ api, catalog, recording, monitors, used, score
     if (made.length) scored(made, failures.length > 0);
   }
 
+  function checkTrim() {
+    const trim = trimOf();
+    const fits = typeof trim !== "number" || trim > 0;
+    seconds.toggleAttribute("aria-invalid", !fits);
+    if (fits) return true;
+    said.textContent = `The trim is the mean of some seconds, a number above 0; “${seconds.value}” was given.`;
+    said.hidden = false;
+    seconds.focus();
+    return false;
+  }
+
   function trimOf() {
     const chosen = element.querySelector('[name="trim"]:checked').value;
     if (chosen === "none") return null;
-    return chosen === "seconds" ? seconds.valueAsNumber : "lead_in";
+    return chosen === "seconds" ? decimal(seconds.value) : "lead_in";
   }
 
   function begin() {

@@ -2,7 +2,8 @@
  * What happened in a scored recording, in the order of its time.
  *
  * Exports
- *   eventsOf(scoring) -> [{t, text, level, stretch}]     stretch: its number
+ *   eventsOf(scoring) -> [{t, text, level, stretch}]     stretch: its number;
+ *       none outside of every manoeuvre
  *   spansOf(scoring, offset) -> [{start, end, withdrawn}]    as a chart takes them
  *   laneOf(stretches, {row, offset, id}) -> [item]       for a chart's lane
  */
@@ -11,10 +12,20 @@ import { outcomeOf, secondsText } from "./recording_words.js";
 import { formatValue } from "./readout.js";
 import { riskText } from "./risk_gauge.js";
 
-export function eventsOf({ stretches, channels, epsilon }) {
-  return stretches
-    .flatMap((stretch, k) => ofStretch(stretch, k, channels, epsilon))
-    .sort((a, b) => a.t - b.t);
+export function eventsOf({ stretches, outside, channels, epsilon }) {
+  return [
+    ...stretches.flatMap((stretch, k) => ofStretch(stretch, k, channels, epsilon)),
+    ...(outside ?? []).map((crossing) => ofLimit(crossing, channels, " outside every manoeuvre")),
+  ].sort((a, b) => a.t - b.t);
+}
+
+function ofLimit({ t, channel, value }, channels, where = "") {
+  const { symbol, unit } = channels.find(({ key }) => key === channel) ?? {
+    symbol: channel,
+    unit: "",
+  };
+  const words = `${formatValue(value)} ${unit}`.trim();
+  return { t, text: `${symbol} reached its limit${where}: ${words}`, level: "caution" };
 }
 
 function ofStretch(
@@ -41,17 +52,7 @@ function ofStretch(
     });
   }
   if (crossing) {
-    const { symbol, unit } = channels.find(({ key }) => key === crossing.channel) ?? {
-      symbol: crossing.channel,
-      unit: "",
-    };
-    const value = `${formatValue(crossing.value)} ${unit}`.trim();
-    events.push({
-      t: crossing.t,
-      text: `${symbol} reached its limit: ${value}`,
-      level: "caution",
-      stretch,
-    });
+    events.push({ ...ofLimit(crossing, channels), stretch });
   }
   if (validity.valid !== false && Number.isFinite(t) && t > start) {
     events.push({

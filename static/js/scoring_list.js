@@ -6,7 +6,8 @@
  */
 
 import { h } from "./dom.js";
-import { orderWords, outcomeChip, outcomeOf } from "./recording_words.js";
+import { earlierMapping } from "./mapping_changes.js";
+import { orderWords, outcomeChip, outcomeOf, outsideText } from "./recording_words.js";
 import { riskText } from "./risk_gauge.js";
 import { button, confirmed } from "./view_states.js";
 import { figure, moment } from "./words.js";
@@ -94,9 +95,10 @@ export function createScoringList({ api, recording, scorings, changed, navigate 
         { scope: "row" },
         h("a", { href: `#/recordings/${recording.id}?scoring=${id}` }, name),
         h("span", { class: "hint hint-line" }, orderWords(scoring.order)),
+        earlierMapping(scoring, recording.mapping),
       ),
       h("td", { class: "number", "data-label": "ε" }, figure(epsilon)),
-      h("td", { "data-label": "Manoeuvres" }, outcomes(stretches)),
+      h("td", { "data-label": "Manoeuvres" }, outcomes(stretches), outsideChip(scoring)),
       h("td", { class: "number", "data-label": "Peak risk" }, peakOf(scoring)),
       h("td", { class: "dim nowrap", "data-label": "Scored" }, moment(created)),
       h(
@@ -141,6 +143,13 @@ function peakOf({ stretches, epsilon }) {
   const risks = stretches.map(({ peak_risk: risk }) => risk).filter((risk) => risk !== null);
   if (risks.length) return riskText(Math.max(...risks), epsilon);
   return stretches.length ? h("span", { class: "dim" }, "withdrawn") : "–";
+}
+
+function outsideChip(scoring) {
+  const title = outsideText(scoring);
+  return title
+    ? h("span", { class: "chip", "data-level": "caution", title }, "◆ LIMIT REACHED OUTSIDE")
+    : null;
 }
 
 /** A chip for each manoeuvre; of many, how often each outcome came. */

@@ -8,7 +8,7 @@ import { formatted, h } from "./dom.js";
 import { createEventList } from "./event_list.js";
 import { createNotesPanel, laneOfMarkers } from "./notes_panel.js";
 import { createRecordingChart } from "./recording_chart.js";
-import { outcomeOf } from "./recording_words.js";
+import { outcomeOf, outsideText, trimText } from "./recording_words.js";
 import { eventsOf, laneOf, spansOf } from "./scoring_events.js";
 import { scoringFacts } from "./scoring_facts.js";
 import { scoringSource, stripOrder } from "./scoring_source.js";
@@ -70,7 +70,12 @@ export function showScoring(element, { id, query, api, navigate }) {
       h(
         "section",
         { class: "panel stack-tight", "aria-label": "Verdicts" },
-        h("h2", { class: "panel-title" }, "What came of each manoeuvre"),
+        h(
+          "div",
+          { class: "row" },
+          h("h2", { class: "panel-title" }, "What came of each manoeuvre"),
+          h("span", { class: "dim" }, `values are ${trimText(scoring.order)}`),
+        ),
         stretches.length
           ? verdicts.element
           : empty(
@@ -170,7 +175,8 @@ export function showScoring(element, { id, query, api, navigate }) {
   }
 }
 
-function summary({ monitor_name: name, monitor, epsilon, lead, stretches }) {
+function summary(scoring) {
+  const { monitor_name: name, monitor, epsilon, lead, stretches, order } = scoring;
   const counts = new Map();
   for (const { outcome } of stretches) counts.set(outcome, (counts.get(outcome) ?? 0) + 1);
   const chips = [...counts].map(([outcome, n]) => {
@@ -181,10 +187,18 @@ function summary({ monitor_name: name, monitor, epsilon, lead, stretches }) {
       `${mark} ${n > 1 ? `${n} × ` : ""}${word}`,
     );
   });
+  const outside = outsideText(scoring);
   return h(
     "div",
     { class: "row scored-summary" },
     chips,
+    outside
+      ? h(
+          "span",
+          { class: "chip", "data-level": "caution", title: outside },
+          "◆ LIMIT REACHED OUTSIDE",
+        )
+      : null,
     h(
       "span",
       {},
@@ -198,5 +212,6 @@ function summary({ monitor_name: name, monitor, epsilon, lead, stretches }) {
       formatted(`ε = ${figure(epsilon)}`),
     ),
     h("span", {}, h("span", { class: "dim" }, "promised lead "), `${figure(lead)} s`),
+    h("span", {}, h("span", { class: "dim" }, "channels are "), trimText(order)),
   );
 }

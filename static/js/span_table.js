@@ -5,6 +5,7 @@
  *   createSpanTable({changed}) -> {element, add(span), set(spans), read() -> [{start, end, name}], check()}
  */
 
+import { decimal } from "./decimals.js";
 import { h } from "./dom.js";
 import { button } from "./view_states.js";
 
@@ -54,13 +55,16 @@ export function createSpanTable({ changed }) {
   function row(span, k) {
     const number = (key, words) =>
       h("input", {
-        type: "number",
-        step: "any",
+        type: "text",
+        inputmode: "decimal",
         value: Number(span[key].toFixed(3)),
         "aria-label": `${words} of stretch ${k + 1} in seconds`,
         onchange: (event) => {
-          if (Number.isFinite(event.target.valueAsNumber)) span[key] = event.target.valueAsNumber;
+          const { value } = event.target;
+          const given = decimal(value);
+          if (Number.isFinite(given)) span[key] = given;
           render();
+          if (!Number.isFinite(given)) say(`The ${words} is a number of seconds; “${value}” was given.`);
         },
       });
     const name = h("input", {
@@ -105,9 +109,13 @@ export function createSpanTable({ changed }) {
           : spans.some(({ start }, k) => k > 0 && start < spans[k - 1].end)
             ? "Two stretches overlap: end the first before the second begins."
             : "";
+    say(wrong);
+    return wrong === "";
+  }
+
+  function say(wrong) {
     said.textContent = wrong;
     said.hidden = wrong === "";
-    return wrong === "";
   }
 
   return {

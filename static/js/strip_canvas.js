@@ -24,6 +24,7 @@
 import { GAP } from "./ring_buffer.js";
 import { createStripFrame, GUTTER, SPARSE } from "./strip_frame.js";
 
+const OF_THE_RISK = new Set(["alert", "warming", "invalid", "unassessed"]); // words said once, on its strip
 const DASH = 9; // px of a dash and its space in a column-wise trace
 
 export function createStripCanvas(canvas, strip) {
@@ -93,8 +94,8 @@ export function createStripCanvas(canvas, strip) {
       pen.fillRect(x0, face.height - 5, x1 - x0, 4);
       return;
     }
-    if (kind === "gap" || kind === "invalid") {
-      pen.globalAlpha = kind === "gap" ? 0.22 : 0.5;
+    if (kind === "gap" || isSilent(kind)) {
+      pen.globalAlpha = { gap: 0.22, invalid: 0.5 }[kind] ?? 0.25;
       pen.fillStyle = face.palette.band;
     } else {
       pen.fillStyle = face.hatches[kind];
@@ -104,8 +105,7 @@ export function createStripCanvas(canvas, strip) {
   }
 
   function drawWord({ x0, x1, kind, word: text }) {
-    if ((kind === "alert" || kind === "warming") && !strip.risk) return;
-    if (kind === "thinned") return;
+    if (kind === "thinned" || (OF_THE_RISK.has(kind) && !strip.risk)) return;
     const left = Math.max(0, x0);
     const right = Math.min(face.width - GUTTER, x1);
     pen.font = `700 12px ${face.palette.font}`;
@@ -120,10 +120,10 @@ export function createStripCanvas(canvas, strip) {
     }
   }
 
-  /** Grey where the monitor had no right to speak. */
+  /** Grey where the monitor said nothing. */
   function drawTraces(frame) {
-    const invalid = frame.bands.filter(({ kind }) => kind === "invalid");
-    if (invalid.length === 0) {
+    const silent = frame.bands.filter(({ kind }) => isSilent(kind));
+    if (silent.length === 0) {
       drawTrace(frame, face.palette.trace);
       return;
     }
@@ -131,7 +131,7 @@ export function createStripCanvas(canvas, strip) {
       pen.save();
       pen.beginPath();
       if (inverted) pen.rect(0, 0, frame.width, face.height);
-      for (const { x0, x1 } of invalid) pen.rect(x0, 0, x1 - x0, face.height);
+      for (const { x0, x1 } of silent) pen.rect(x0, 0, x1 - x0, face.height);
       pen.clip("evenodd");
       drawTrace(frame, colour);
       pen.restore();
@@ -273,4 +273,8 @@ export function createStripCanvas(canvas, strip) {
   }
 
   return { draw, resize: face.resize, setPalette: face.setPalette, axis };
+}
+
+function isSilent(kind) {
+  return kind === "invalid" || kind === "unassessed";
 }

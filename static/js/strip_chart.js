@@ -36,8 +36,8 @@ import { attachInput } from "./chart_input.js";
 import { layOut } from "./chart_layout.js";
 import { addDrawer } from "./draw_loop.js";
 import { readPalette, watchTheme } from "./palette.js";
-import { createReadout, formatValue, STATE_WORDS } from "./readout.js";
-import { ALERT, createRingBuffer, GAP, INVALID, THINNED, WARMING_UP } from "./ring_buffer.js";
+import { createReadout, formatValue, shownState, STATE_WORDS } from "./readout.js";
+import { ALERT, createRingBuffer, GAP, INVALID, THINNED, UNASSESSED, WARMING_UP } from "./ring_buffer.js";
 import { createStripCanvas } from "./strip_canvas.js";
 import { GUTTER } from "./strip_frame.js";
 import { createTimeAxis, formatTime, timeTicks } from "./time_axis.js";
@@ -108,7 +108,7 @@ export function createStripChart(host, options) {
       row[forecast] = number(frame.y_hat?.[series] ?? frame.y_hat?.[key]);
     }
     const stored = ring.push(frame.t, row, flagsOf(frame));
-    status = { state: frame.state, alert: frame.alert === true && frame.state === "ok" };
+    status = { state: shownState(frame), alert: frame.alert === true && frame.state === "ok" };
     if (!stored) return;
     seq = frame.seq ?? null;
     for (const { key, symbol, series, limit } of strips) {
@@ -120,8 +120,10 @@ export function createStripChart(host, options) {
     const n = ring.count();
     const thinned = n > 0 && seq !== null && frame.seq != null && frame.seq > seq + 1;
     const missing = n > 0 && !thinned && frame.t - ring.time(n - 1) > 1.5 * flight.dt;
+    const state = shownState(frame);
     return (
-      (frame.state === "invalid" ? INVALID : 0) |
+      (state === "invalid" ? INVALID : 0) |
+      (state === "not_assessed" ? UNASSESSED : 0) |
       (frame.state === "warming_up" ? WARMING_UP : 0) |
       (frame.alert === true && frame.state === "ok" ? ALERT : 0) |
       (missing ? GAP : 0) |
@@ -175,6 +177,7 @@ export function createStripChart(host, options) {
       ...named(visible.gaps(samplePx), "gap", "GAP"),
       ...named(visible.runs(THINNED, samplePx, now), "thinned", ""),
       ...named(visible.runs(WARMING_UP, samplePx, now), "warming", "WARMING UP"),
+      ...named(visible.runs(UNASSESSED, samplePx, now), "unassessed", "NOT ASSESSED"),
       ...named(visible.runs(INVALID, samplePx, now), "invalid", "INVALID"),
       ...named(visible.runs(ALERT, samplePx, now), "alert", "ALERT"),
     ];
@@ -285,7 +288,8 @@ export function createStripChart(host, options) {
     const state = stateNow();
     strips.forEach((strip, k) => {
       const name = strip.risk ? "risk, higher is worse" : `${strip.label} ${strip.symbol}`;
-      const known = last >= 0 && state !== "stale" && state !== "invalid";
+      const silent = state === "invalid" || state === "not_assessed";
+      const known = last >= 0 && state !== "stale" && !(strip.risk && silent);
       const value = known ? ring.value(strip.series, last) : NaN;
       const parts = [`${name}: ${Number.isFinite(value) ? `${formatValue(value)} ${strip.unit}`.trim() : "no value"}`];
       parts.push((STATE_WORDS[state] ?? state).toLowerCase());
@@ -332,7 +336,7 @@ export function createStripChart(host, options) {
     push,
     update,
     setState: (given) => {
-      status = { state: given.state, alert: false };
+      status = { state: shownState(given), alert: false };
       look += 1;
     },
     setFlight: (given) => {

@@ -154,9 +154,10 @@ export function createStripFrame(canvas, strip) {
       return;
     }
     for (const value of levels(epsilon)) label(value, signed(value), own.palette.limit, "700");
-    const ticks = axisTicks(axis).filter((value) => Math.abs(value) > axis.step / 2);
-    label(0, "0", own.palette.dim);
-    for (const value of ticks.sort((a, b) => Math.abs(b) - Math.abs(a)))
+    const isZero = (value) => Math.abs(value) < axis.step / 2;
+    const ticks = axisTicks(axis);
+    if (ticks.some(isZero)) label(0, "0", own.palette.dim);
+    for (const value of ticks.filter((value) => !isZero(value)).sort((a, b) => Math.abs(b) - Math.abs(a)))
       label(value, round(value, axis.step), own.palette.dim);
   }
 

@@ -2,13 +2,14 @@
  * Where a recording has gaps, alerts, and stretches of which nothing may be said: bands of its strips.
  *
  * Exports
- *   bandsOf(piece, spans, x) -> [{x0, x1, kind, word}]     in px, for tile_strip.js
- *     piece: as pieceOf gives it.   spans: [{start, end, withdrawn}] manoeuvres, or null for none known
+ *   bandsOf(piece, spans, x, all) -> [{x0, x1, kind, word}]     in px, for tile_strip.js
+ *     piece: as pieceOf gives it.   spans: [{start, end, withdrawn}] manoeuvres, or null for none known;
+ *     all: those of every recording laid over each other, for nothing is said outside of them
  */
 
 const [WARMING_UP, INVALID] = [1, 3]; // codes of a tile's state
 
-export function bandsOf(piece, spans, x) {
+export function bandsOf(piece, spans, x, all = spans) {
   if (piece === null) return [];
   const { set } = piece;
   const keys = [...set.keys()];
@@ -22,7 +23,7 @@ export function bandsOf(piece, spans, x) {
     spans?.some(({ start, end, withdrawn: all }) => all && set.x0[i] >= start && set.x0[i] <= end);
   const named = (kind, word, holds) => runs(piece, holds, x).map((run) => ({ ...run, kind, word }));
   return [
-    ...between(spans, x),
+    ...between(all, x),
     ...named("gap", "GAP", unknown),
     ...named("warming", "WARMING UP", (i) => set.state[i] === WARMING_UP && inside(i)),
     ...named(
@@ -40,12 +41,23 @@ export function bandsOf(piece, spans, x) {
 /** What lies before, between and after the manoeuvres. */
 function between(spans, x) {
   if (spans === null) return [];
-  const edges = [-Infinity, ...spans.flatMap(({ start, end }) => [start, end]), Infinity];
+  const edges = [-Infinity, ...joined(spans).flatMap(({ start, end }) => [start, end]), Infinity];
   const found = [];
   for (let k = 0; k < edges.length; k += 2) {
     if (edges[k + 1] <= edges[k]) continue;
     const [x0, x1] = [Math.max(-10, x(edges[k])), Math.min(1e5, x(edges[k + 1]))];
     if (x1 > x0) found.push({ x0, x1, kind: "between", word: "NOT ASSESSED" });
+  }
+  return found;
+}
+
+/** Spans that overlap as one. */
+function joined(spans) {
+  const found = [];
+  for (const { start, end } of [...spans].sort((a, b) => a.start - b.start)) {
+    const last = found.at(-1);
+    if (last && start <= last.end) last.end = Math.max(last.end, end);
+    else found.push({ start, end });
   }
   return found;
 }

@@ -31,14 +31,19 @@ export function createTileReadout(element, { symbol, label, unit }) {
 
   function show({ values, at, a, b, words }) {
     element.dataset.at = at;
-    put(value, words || rangeText(values[0]));
+    say(value, words || rangeText(values[0]));
     value.toggleAttribute("data-words", Boolean(words));
     second.hidden = values.length < 2;
-    if (values.length > 1) put(second, rangeText(values[1]));
+    if (values.length > 1) say(second, rangeText(values[1]));
     put(detail, details(a, b));
   }
 
   return { show };
+
+  function say(part, text) {
+    put(part, text);
+    part.toggleAttribute("data-range", text.includes("…"));
+  }
 }
 
 /** One number where the bin holds one, else its range. */

@@ -7,7 +7,16 @@
 
 import { formatted, h } from "./dom.js";
 import { formatValue } from "./readout.js";
-import { leadText, outcomeChip, outcomeOf, secondsText, validityWords } from "./recording_words.js";
+import {
+  firstAlertText,
+  isWithdrawn,
+  leadText,
+  outcomeChip,
+  outcomeOf,
+  outsideText,
+  secondsText,
+  validityWords,
+} from "./recording_words.js";
 import { riskText } from "./risk_gauge.js";
 import { figure } from "./words.js";
 
@@ -36,6 +45,7 @@ export function createVerdictTable(scoring, { show }) {
   const element = h(
     "div",
     { class: "stack-tight" },
+    outsideLine(scoring),
     stretches.length > MANY ? filter() : null,
     h(
       "div",
@@ -76,12 +86,11 @@ export function createVerdictTable(scoring, { show }) {
       outcome,
       peak_risk: risk,
       peak_t: peak,
-      alerts,
       crossing,
       validity,
     } = stretch;
-    const { word, level, mark } = validityWords(validity);
-    const withdrawn = validity.valid === false;
+    const { word, level, mark } = validityWords(stretch);
+    const withdrawn = isWithdrawn(stretch);
     return h(
       "tbody",
       { class: "verdict", "data-outcome": outcome },
@@ -96,8 +105,8 @@ export function createVerdictTable(scoring, { show }) {
         ),
         cell(1, outcomeChip(outcome)),
         cell(2, riskWords(risk, peak, withdrawn, scoring.epsilon)),
-        cell(3, alerts.length ? secondsText(alerts[0][0]) : "none"),
-        cell(4, crossing ? crossingWords(crossing, scoring.channels) : "no"),
+        cell(3, firstAlertText(stretch)),
+        cell(4, crossing ? crossingWords(crossing, scoring.channels) : neverCrossed(outcome)),
         cell(5, leadText(stretch, scoring.lead)),
         cell(
           6,
@@ -120,10 +129,11 @@ export function createVerdictTable(scoring, { show }) {
 
   function why(stretch) {
     const { validity } = stretch;
+    const promised = validity.valid && stretch.outcome !== "unseen";
     return h(
       "details",
       { open: stretches.length <= OPEN || validity.valid === false },
-      h("summary", {}, validity.valid ? h("strong", {}, "Guarantee: ") : null, stretch.guarantee),
+      h("summary", {}, promised ? h("strong", {}, "Guarantee: ") : null, stretch.guarantee),
       reasonsOf(validity),
       h(
         "ul",
@@ -163,6 +173,16 @@ function riskWords(risk, t, withdrawn, epsilon) {
   if (withdrawn) return h("span", { class: "dim" }, "withdrawn");
   if (risk === null || risk === undefined) return "–";
   return `${riskText(risk, epsilon)} at ${secondsText(t)}`;
+}
+
+function neverCrossed(outcome) {
+  return outcome === "unseen" ? "unknown" : "no";
+}
+
+/** What happened where nothing was assessed must not be lost. */
+function outsideLine(scoring) {
+  const words = outsideText(scoring);
+  return words ? h("p", { class: "outside-line", role: "note" }, "◆ ", formatted(words)) : null;
 }
 
 function crossingWords({ t, channel, value }, channels) {

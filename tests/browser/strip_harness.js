@@ -3,6 +3,10 @@
  * `?auto` runs the animation loop; else `harness.draw(wall)` draws once. `?theme=light`, `?seconds=20`.
  */
 
+import { createAlarmPanel } from "/static/js/alarm_panel.js";
+import { decimal, decimals } from "/static/js/decimals.js";
+import { changedChannels } from "/static/js/mapping_changes.js";
+import { outcomeOf, validityWords } from "/static/js/recording_words.js";
 import { createRingBuffer } from "/static/js/ring_buffer.js";
 import { createRiskGauge, riskText } from "/static/js/risk_gauge.js";
 import { loopStats } from "/static/js/draw_loop.js";
@@ -41,13 +45,13 @@ export function sample(t, growth = 0.06) {
   ];
 }
 
-export function frame(t, { growth = 0.06, state = "ok" } = {}) {
+export function frame(t, { growth = 0.06, state = "ok", reason = "" } = {}) {
   const y = sample(t, growth);
   const ahead = sample(t + lead, growth);
   const strongest = Math.max(...[0, 0.5, 1].map((s) => Math.abs(sample(t + s * lead, growth)[3])));
   const p_value = state === "ok" ? Math.min(1, 0.004 + 1.2 * Math.max(0, strongest / 0.5 - 0.35) ** 3) : null;
   return {
-    t, y, p_value, state, alert: p_value === null ? null : p_value > EPSILON, reason: "",
+    t, y, p_value, state, alert: p_value === null ? null : p_value > EPSILON, reason,
     y_hat: state === "ok" ? ahead.map((value) => 0.96 * value) : null,
   };
 }
@@ -97,7 +101,8 @@ function pixels(key, token, tolerance = 40) {
 Object.assign(window, {
   harness: {
     chart, gauge, timeline, tone, feed, frame, sample, pixels, loopStats, riskText,
-    createRingBuffer, createTimeline, createValueAxis, createTone, EPSILON, CHANNELS,
+    createRingBuffer, createTimeline, createValueAxis, createTone, createAlarmPanel,
+    decimal, decimals, changedChannels, outcomeOf, validityWords, EPSILON, CHANNELS,
     draw: (wall) => chart.update(wall),
   },
 });

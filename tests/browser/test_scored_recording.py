@@ -129,7 +129,49 @@ def test_every_verdict_has_a_word_and_says_what_is_promised(
     promised = f"{scoring['stretches'][1]['lead']:.2f} s, at least 0.25 s"
     expect(verdicts.nth(1)).to_contain_text(promised)
     expect(verdicts.nth(2)).to_contain_text("The guarantee is withdrawn")
+    for label in ("First alert", "Lead", "Peak risk"):
+        expect(verdicts.nth(2).locator(f'[data-label="{label}"]')).to_have_text("withdrawn")
+    expect(scored.locator(".scored-summary")).to_contain_text("channels are from trim")
     expect(verdicts.nth(2).locator('[data-ok="false"]')).to_contain_text("✕")
+
+
+def test_a_limit_reached_outside_every_manoeuvre_is_told(
+    page: Page, site: RecordedSite, recording: str, scoring: dict[str, Any]
+) -> None:
+    path = f"/recordings/{recording}/scorings/{scoring['id']}"
+    crossing = {"t": 0.2, "channel": "Ny", "value": -0.21}
+    stretches = [{**scoring["stretches"][0], "outcome": "unseen"}]
+    told = {**scoring, "outside": [crossing], "stretches": stretches}
+    page.route(f"**/api/v1{path}", lambda route: route.fulfill(json=told))
+    page.goto(f"{site.http}/#{path.replace('/scorings/', '?scoring=')}")
+    drawn(page)
+    line = page.locator(".outside-line")
+    expect(line).to_contain_text("reached its limit outside every manoeuvre: −0.210 g at 0.20 s")
+    expect(page.locator(".event-list .event")).to_contain_text(["outside every manoeuvre"])
+    expect(page.locator(".verdict .chip").first).to_have_text("◇ NOT ALL SEEN")
+    expect(page.locator('.verdict [data-label="Limit reached"]')).to_have_text("unknown")
+    expect(page.locator('.verdict .chip[data-level="ok"]')).to_have_count(0)
+    press(page, "n")
+    assert "cursor 0." in page.locator(".strip-cursors").inner_text()
+
+
+def test_a_scoring_by_an_earlier_mapping_is_marked(
+    page: Page, site: RecordedSite, scoring: dict[str, Any]
+) -> None:
+    other = site.upload("turned.csv")
+    site.confirm(other)
+    made = site.score(other, epsilon=0.1)
+    mapping = site.ask("GET", f"/recordings/{other}")["mapping"]
+    mapping["channels"]["beta"]["sign"] *= -1
+    body = {"mapping": mapping, "remember": False}
+    site.ask("PUT", f"/recordings/{other}/mapping", json=body)
+    page.goto(f"{site.http}/#/recordings/{other}")
+    chip = page.locator(".chip", has_text="earlier mapping")
+    expect(chip).to_have_attribute("title", re.compile("in sideslip"))
+    both = f"{made['id']},{scoring['recording']}:{scoring['id']}"
+    page.goto(f"{site.http}/#/recordings/{other}?compare={both}")
+    expect(page.locator(".compare-table thead")).to_contain_text("earlier mapping")
+    expect(chip).to_have_count(1)
 
 
 def test_a_strip_says_in_words_what_it_shows(scored: Page) -> None:

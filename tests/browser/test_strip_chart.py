@@ -193,8 +193,153 @@ def test_invalid_samples_stand_in_a_grey_band_with_the_word(strips: Open) -> Non
     run(page, "h.chart.clear(); h.feed(0, 15, 1000); h.feed(15, 18, 1000, { state: 'invalid' })")
     covered = run(page, "h.draw(1001);" + ground)
     assert before - covered > 0.8 * 3 / 20 * before
-    assert readout(page, "Ny", "state") == "INVALID"
-    assert readout(page, "Ny") == ""
+    assert readout(page, "risk", "state") == "INVALID"
+    assert readout(page, "risk") == ""
+
+
+def test_a_measured_value_stands_where_only_the_risk_is_withdrawn(strips: Open) -> None:
+    page = strips()
+    colour = "getComputedStyle(document.querySelector('[data-key=p] .readout-value')).color"
+    run(page, "h.feed(0, 15, 1000); h.draw(1000)")
+    white = page.evaluate(colour)
+    run(page, "h.chart.clear(); h.feed(0, 15, 1000, { state: 'invalid' }); h.draw(1200)")
+    assert page.evaluate(colour) != white
+    assert re.fullmatch(r"−?\d\.\d{3}", readout(page, "Ny"))
+    expect(page.locator('.strip[data-key="Ny"] .readout-state')).to_be_hidden()
+    run(
+        page,
+        """
+        const frame = h.frame(15, { state: 'invalid' });
+        frame.y[1] = null;
+        h.chart.push(frame, 1200);
+        h.draw(1400);
+        """,
+    )
+    assert readout(page, "p") == "–"
+    assert re.fullmatch(r"−?\d\.\d{3}", readout(page, "r"))
+
+
+def test_between_manoeuvres_the_word_is_not_assessed_and_stands_once(strips: Open) -> None:
+    page = strips()
+    words = run(
+        page,
+        """
+        const words = [];
+        const write = CanvasRenderingContext2D.prototype.fillText;
+        CanvasRenderingContext2D.prototype.fillText = function (text, ...at) {
+          words.push(text);
+          return write.call(this, text, ...at);
+        };
+        h.feed(0, 15, 1000, { state: 'invalid', reason: 'between manoeuvres' });
+        h.draw(1000);
+        return words;
+        """,
+    )
+    assert words.count("NOT ASSESSED") == 1
+    assert "INVALID" not in words
+    assert readout(page, "risk", "state") == "NOT ASSESSED"
+    assert page.locator("#gauge .gauge-word").text_content() == "NOT ASSESSED"
+    run(page, "h.feed(15, 15.2, 1000, { state: 'invalid', reason: 'unlike training' })")
+    run(page, "h.draw(1200)")
+    assert readout(page, "risk", "state") == "INVALID"
+    assert page.locator("#gauge .gauge-word").text_content() == "INVALID"
+
+
+def test_zero_is_not_on_an_axis_that_does_not_reach_it(strips: Open) -> None:
+    words = run(
+        strips(),
+        """
+        const words = [];
+        const write = CanvasRenderingContext2D.prototype.fillText;
+        CanvasRenderingContext2D.prototype.fillText = function (text, ...at) {
+          if (this.canvas.closest('[data-key="beta"]')) words.push(text);
+          return write.call(this, text, ...at);
+        };
+        for (let k = 0; k < 900; k++) {
+          const frame = h.frame(k / 50);
+          frame.y[0] -= 1.5;
+          h.chart.push(frame, 1000);
+        }
+        for (const wall of [1000, 2000, 7000, 8000]) {
+          words.length = 0;
+          h.draw(wall);
+        }
+        return words;
+        """,
+    )
+    assert any(word.startswith("−1.") for word in words)
+    assert "0" not in words
+
+
+def test_the_guarantee_is_said_only_while_it_stands(strips: Open) -> None:
+    said = run(
+        strips(),
+        """
+        const element = document.createElement('div');
+        const tone = { start() {}, stop() {} };
+        const panel = h.createAlarmPanel(element, { tone, acknowledge: null });
+        panel.describe({ epsilon: 0.1, lead: 0.5, limits: [] });
+        return [
+          { state: 'ok', reason: '' },
+          { state: 'invalid', reason: 'unlike training' },
+          { state: 'invalid', reason: 'between manoeuvres' },
+          { state: 'ok', reason: '' },
+        ].map((now) => {
+          panel.setState(now);
+          return element.querySelector('.alarm-calm').textContent;
+        });
+        """,
+    )
+    assert "at most 10 % get no alert" in said[0]
+    assert said[1].endswith("The guarantee is withdrawn: unlike training")
+    assert said[2].endswith("Nothing is promised between manoeuvres.")
+    assert said[3] == said[0]
+
+
+# Words and numbers of a recording
+
+
+def test_an_outcome_that_is_not_known_is_never_green(strips: Open) -> None:
+    page = strips()
+    unseen = run(page, "return h.outcomeOf('unseen')")
+    assert (unseen["mark"], unseen["word"], unseen["level"]) == ("◇", "NOT ALL SEEN", "caution")
+    other = run(page, "return h.outcomeOf('seen_by_half')")
+    assert (other["word"], other["level"]) == ("SEEN BY HALF", "caution")
+    right = "return h.validityWords({ validity: { valid: true }, outcome: 'unseen' }).level"
+    assert run(page, right) == "caution"
+
+
+@pytest.mark.parametrize(
+    ("text", "numbers"),
+    [
+        ("0,05", ["0.05"]),
+        ("0.05 0,1; .2", ["0.05", "0.1", ".2"]),
+        ("0.1,0.2, 0.3", ["0.1", "0.2", "0.3"]),
+        ("", []),
+    ],
+)
+def test_a_comma_is_a_decimal_mark(strips: Open, text: str, numbers: list[str]) -> None:
+    page = strips()
+    assert page.evaluate("(text) => harness.decimals(text)", text) == numbers
+    assert page.evaluate("() => [harness.decimal('-1,5'), harness.decimal('−2')]") == [-1.5, -2]
+    assert page.evaluate("() => String(harness.decimal('1,5 s'))") == "NaN"
+
+
+def test_a_mapping_that_was_changed_names_what_differs(strips: Open) -> None:
+    changed = run(
+        strips(),
+        """
+        const source = { signal: 'a', unit: 'rad', sign: 1, offset: 0, derivation: '' };
+        const mapping = (channels, t = 's') => ({ channels, times: { all: { signal: t } } });
+        const now = mapping({ p: source, r: source });
+        return [
+          h.changedChannels(mapping({ r: { unit: 'rad', signal: 'a' }, p: source }), now),
+          h.changedChannels(mapping({ p: { ...source, sign: -1 } }), now),
+          h.changedChannels(mapping({ p: source, r: source }, 'clock'), now),
+        ];
+        """,
+    )
+    assert changed == [[], ["p", "r"], ["time"]]
 
 
 def test_the_trace_of_invalid_samples_is_grey(strips: Open) -> None:
