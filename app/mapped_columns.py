@@ -98,8 +98,9 @@ def _summary(values: np.ndarray) -> list[float | None]:
 
 
 def _duration(traces: Traces) -> float | None:
-    times = [trace.t[np.isfinite(trace.t)] for trace in traces.channels.values()]
-    ends = [(float(t.min()), float(t.max())) for t in times if len(t)]
+    """From the first time to the last; repaired times are finite."""
+    clocks = {id(trace.t): trace.t for trace in traces.channels.values() if len(trace.t)}
+    ends = [(float(t.min()), float(t.max())) for t in clocks.values()]
     return max(e for _, e in ends) - min(b for b, _ in ends) if ends else None
 
 

@@ -10,6 +10,7 @@ from app.recordings import Recordings
 from app.store import NotFound
 from app.telemetry.applying import preview
 from app.telemetry.contents import Contents
+from app.telemetry.doubts import find_doubts
 from app.telemetry.mapping import Mapping
 from core.channels import KEYS
 
@@ -39,8 +40,13 @@ def bands(recordings: Recordings, recording_id: str, mapping: Mapping, bins: int
     """What comes of a mapping, channel by channel, without keeping it. NotFound; StoreError."""
     mapped = recordings.take_mapping(recording_id, mapping)
     with recordings.present(recording_id):
-        channels = preview(recordings.files.columns(recording_id), mapping, bins)
-    return {"channels": channels, "quality": mapped.quality, "problem": mapped.problem}
+        columns = recordings.files.columns(recording_id)
+        return {
+            "channels": preview(columns, mapping, bins),
+            "quality": mapped.quality,
+            "problem": mapped.problem,
+            "doubts": find_doubts(columns, mapping),
+        }
 
 
 def signal_bands(recordings: Recordings, recording_id: str, index: int) -> dict[str, Any]:

@@ -96,7 +96,7 @@ class Recordings:
             folder = await to_its_end(self._begin, recording_id, upload.length or 0)
             received = await receive(upload.body, folder / "file", self.files.require)
             if received.size == 0:
-                raise TelemetryError("the body is empty: send the file itself")
+                raise TelemetryError(f"{upload.name} is empty: choose a file that holds telemetry")
             mapped = await self.readers.run(self._read, folder, upload)
             if await upload.is_abandoned():
                 raise Abandoned
@@ -128,19 +128,21 @@ class Recordings:
     def confirm_mapping(
         self, recording_id: str, mapping: Mapping, aircraft: str | None, *, remember: bool
     ) -> None:
-        """Keep a mapping, and propose it for the next recording. NotFound; TelemetryError.
+        """Keep a mapping, and propose it for the aircraft's next recording. NotFound;
+        TelemetryError.
 
-        aircraft: another than was said with the upload.
+        aircraft: another than was said with the upload. Where none is named nothing is remembered:
+        the next recording may be of one that counts its signals the other way.
         """
         mapped = self.take_mapping(recording_id, mapping)
         if mapped.problem is not None:
             raise TelemetryError(mapped.problem)
         confirmed = replace(mapped, mapping_state="confirmed")
         self.store.confirm_mapping(recording_id, confirmed, aircraft)
-        if remember:
-            info = self.store.recording_info(recording_id)
+        aircraft = self.store.recording_info(recording_id).aircraft
+        if remember and aircraft:
             key = signature(self.columns(recording_id).contents)
-            self.store.remember_mapping(info.aircraft, key, mapped.mapping)
+            self.store.remember_mapping(aircraft, key, mapped.mapping)
 
     def delete(self, recording_id: str) -> None:
         """Delete a recording with its folder. NotFound; InUse while it is flown."""

@@ -20,8 +20,6 @@ from app.entries import MappedColumns, RecordingInfo, RememberedMapping
 from app.shelf import InUse, Shelf, columns, found, whole
 from app.tables import channel_maps, flights, new_id, now, recordings, scorings
 
-NO_AIRCRAFT = ""
-
 
 class StoredRecordings(Shelf):
     """Recordings by id."""
@@ -118,32 +116,27 @@ class StoredRecordings(Shelf):
         with self._reading() as connection:
             return list(connection.execute(query).scalars())
 
-    def remember_mapping(
-        self, aircraft: str | None, signature: str, mapping: dict[str, Any]
-    ) -> None:
-        """Keep a mapping for the next recording of this aircraft, or of these signals."""
-        key = {"aircraft": aircraft or NO_AIRCRAFT, "signature": signature}
-        same = (channel_maps.c.aircraft == key["aircraft"]) & (
-            channel_maps.c.signature == signature
-        )
+    def remember_mapping(self, aircraft: str, signature: str, mapping: dict[str, Any]) -> None:
+        """Keep a mapping for the next recording of this aircraft."""
+        key = {"aircraft": aircraft, "signature": signature}
+        same = (channel_maps.c.aircraft == aircraft) & (channel_maps.c.signature == signature)
         with self._writing() as connection:
             connection.execute(delete(channel_maps).where(same))
             row = {"id": new_id(), **key, "saved": now(), "mapping": mapping}
             connection.execute(insert(channel_maps).values(**row))
 
     def remembered_mapping(self, aircraft: str | None, signature: str) -> RememberedMapping | None:
-        """The mapping last confirmed for this aircraft, best of these very signals; else of them.
+        """The mapping last confirmed for this aircraft, best of these very signals.
 
-        aircraft: None where it is not said; then only the signals decide.
+        None where the aircraft is not said: another's may be reversed under the same names.
         """
+        if not aircraft:
+            return None
         table = channel_maps.c
         newest = select(table.aircraft, table.mapping).order_by(table.saved.desc()).limit(1)
-        conditions = [table.signature == signature]
-        if aircraft is not None:
-            of_aircraft = table.aircraft == aircraft
-            conditions = [of_aircraft & conditions[0], of_aircraft, *conditions]
+        of_aircraft = table.aircraft == aircraft
         with self._reading() as connection:
-            for condition in conditions:
+            for condition in (of_aircraft & (table.signature == signature), of_aircraft):
                 row = connection.execute(newest.where(condition)).one_or_none()
                 if row is not None:
                     return RememberedMapping(**row._mapping)

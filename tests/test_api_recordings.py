@@ -150,6 +150,11 @@ def test_what_cannot_be_read_leaves_nothing(client, body, untouched):
     assert problem(upload(client, body, name="bad.csv"), 422)
 
 
+def test_an_empty_file_is_called_empty_by_its_name(client, untouched):
+    said = problem(upload(client, b"", name="rud1.csv"), 422)
+    assert said == "rud1.csv is empty: choose a file that holds telemetry"
+
+
 def test_no_upload_begins_on_a_full_disk(client, file, untouched, monkeypatch):
     monkeypatch.setattr(recording_files, "SPARE_BYTES", 2**62)
     assert "to spare" in problem(upload(client, file), 507)
@@ -228,6 +233,14 @@ def test_a_mapping_is_tried_without_being_kept(client, kept, flights):
     seen = client.post(f"{path}/preview", json={"mapping": mapping}).json()
     assert "no such" in seen["problem"]
     assert seen["quality"] is None
+    assert "Ny" not in seen["doubts"]
+    twice = mapping["channels"]["p"] | {"unit": "deg/s"}
+    mapping["channels"] |= {"p": twice, "r": twice}
+    seen = client.post(f"{path}/preview", json={"mapping": mapping}).json()
+    assert seen["doubts"]["p"] == [
+        "p_radps is mapped to yaw rate too",
+        "its name says that p_radps is in rad/s, not in deg/s",
+    ]
 
 
 def test_a_signal_is_shown_as_the_file_holds_it(client, kept, flights):
@@ -265,15 +278,26 @@ def test_a_confirmed_mapping_is_remembered_for_the_aircraft(client, flights):
     assert confirmed["missing"] == []
     assert confirmed["quality"]
     assert confirmed["mapping"]["channels"]["Ny"]["offset"] == 0.1
-    for said in ({"aircraft": "D-IFSA"}, {}):
-        again = uploaded(client, csv_of(flights[2], head="t_s,a,b,c,d,e,f"), **said)
-        assert again["mapping_state"] == "remembered"
-        assert again["mapping"]["channels"] == confirmed["mapping"]["channels"]
+    next_one = csv_of(flights[2], head="t_s,a,b,c,d,e,f")
+    again = uploaded(client, next_one, aircraft="D-IFSA")
+    assert again["mapping_state"] == "remembered"
+    assert again["mapping"]["channels"] == confirmed["mapping"]["channels"]
+    for said in ({"aircraft": "OO-ABC"}, {}):
+        assert uploaded(client, next_one, **said)["mapping_state"] == "proposed"
     other = uploaded(client, csv_of(flights[2], head="t_s,a,b,c,d,e,g"), aircraft="OO-XYZ")
     assert other["mapping_state"] == "proposed"
     order = {"mapping": mapping, "aircraft": "OO-XYZ", "remember": False}
     assert client.put(path, json=order).json()["aircraft"] == "OO-XYZ"
     assert store_of(client).remembered_mapping("OO-XYZ", "") is None
+
+
+def test_without_an_aircraft_nothing_is_remembered(client, flights):
+    odd = csv_of(flights[1], head="t_s,beta_rad,p_radps,r_radps,Ny_g,da_rad,dr_rad")
+    first = uploaded(client, odd)
+    path = f"{RECORDINGS}/{first['id']}/mapping"
+    order = {"mapping": first["mapping"], "remember": True}
+    assert client.put(path, json=order).json()["mapping_state"] == "confirmed"
+    assert uploaded(client, odd)["mapping_state"] == "proposed"
 
 
 def test_a_mapping_that_cannot_be_applied_is_not_kept(client, kept):

@@ -187,3 +187,23 @@ def test_any_mapping_is_applied_or_refused_as_telemetry(tmp_path_factory, key, s
     for source in (ChannelSource(signal, unit), ChannelSource(derivation=way or "x")):
         if source.signal or source.derivation:
             assert preview(columns, mapping(**{key: source})) == {}
+
+
+def test_nothing_is_derived_from_what_no_aircraft_shows(tmp_path):
+    speed = np.full(100, 100.0)
+    speed[50] = 1e30
+    table = {"t": 0.1 * np.arange(100), "v": np.full(100, 5.0), "V": speed}
+    columns = columns_of(tmp_path, table)
+    made = apply_mapping(
+        columns,
+        Mapping(
+            {
+                "v": ChannelSource("v", "m/s"),
+                "V": ChannelSource("V", "m/s"),
+                "beta": ChannelSource(derivation="beta_from_velocity"),
+            },
+            {"": TimeSource("t")},
+        ),
+    )
+    assert np.flatnonzero(np.isnan(made.channels["beta"].values)).tolist() == [50]
+    assert made.channels["V"].values[50] == 1e30, "which the quality is to tell"

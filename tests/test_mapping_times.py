@@ -1,9 +1,11 @@
 import numpy as np
 import pytest
 
+from app.telemetry.applying import apply_mapping
 from app.telemetry.extent import extent
-from app.telemetry.mapping import TimeSource
+from app.telemetry.mapping import ChannelSource, Mapping, TimeSource
 from app.telemetry.proposal import propose
+from app.telemetry.recording import TelemetryError
 from tests.tables import columns_of
 
 N = 400
@@ -85,6 +87,34 @@ def test_a_group_without_a_time_is_not_used_and_says_so(values, tmp_path):
     assert times == {}
     assert guesses["t:"].confidence == 0.0
     assert guesses["t:"].reasons == ("none of its signals is a time, so it is not used: beta, row",)
+
+
+@pytest.mark.parametrize(
+    ("clock", "why"),
+    [
+        (np.zeros(N), f"t_s is 0 in all {N} rows"),
+        (np.full(N, np.nan), f"t_s holds no number in all {N} rows"),
+    ],
+    ids=["constant", "empty"],
+)
+def test_a_named_time_that_is_no_clock_is_blamed_and_not_the_names(clock, why, tmp_path):
+    columns = columns_of(tmp_path, {"t_s": clock, "beta_rad": SWING})
+    proposal = propose(columns)
+    why += ": it is no clock; choose another time"
+    assert proposal.guesses["t:"].reasons[0].startswith(why)
+    assert f"beta_rad is named as sideslip is, but has no time: {why}" in (
+        proposal.guesses["beta"].reasons
+    )
+    taken = Mapping({"beta": ChannelSource("beta_rad", "rad")}, {"": TimeSource("t_s", "s")})
+    for mapping in (proposal.mapping, taken):
+        with pytest.raises(TelemetryError, match=why):
+            apply_mapping(columns, mapping)
+
+
+def test_a_declared_time_that_is_no_clock_is_not_taken(tmp_path):
+    table = {"clock": np.zeros(N), "t_s": EVEN, "beta_rad": SWING}
+    columns = columns_of(tmp_path, table, times={"": "clock"})
+    assert propose(columns).mapping.times == {"": TimeSource("t_s", "s")}
 
 
 def test_a_name_alone_makes_no_time(tmp_path):

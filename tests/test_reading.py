@@ -199,6 +199,13 @@ HEADS = {
 MATLAB73 = b"MATLAB 7.3 MAT-file".ljust(512) + HEADS["hdf5"]
 
 
+def test_the_text_table_is_listed_first_and_recognised_last(write):
+    assert next(iter(FORMATS)) == "csv"
+    alike = b"MATLAB 5.0 MAT-file".ljust(124) + b"\x00\x01IM" + b" " * 900
+    assert FORMATS["csv"].looks_like(alike)
+    assert format_of(write(alike), "flight")[0].key == "matlab5"
+
+
 @pytest.mark.parametrize("key", FORMATS)
 def test_a_format_is_known_by_its_content_under_any_name(key, write):
     for ending in FORMATS[key].endings:
@@ -238,7 +245,7 @@ def test_what_is_packed_is_to_be_unpacked_first(magic, write, tmp_path):
 
 NO_FILE = {
     "empty": (b"", "record.csv", "the file is empty"),
-    "noise": (bytes(range(256)), "record", "the format is not known: export one of Parquet"),
+    "noise": (bytes(range(256)), "record", "the format is not known: export one of text table"),
     "wrong": (bytes(range(256)), "record.mf4", "content is not that of a ASAM MDF"),
 }
 

@@ -19,13 +19,13 @@ from app.telemetry.traces import Trace, Traces
 
 N = 2000
 ROW = np.arange(N, dtype=np.float64)
-"""Values that say which row they are of."""
+"""Values that say which row they are of; of channels that may reach so far."""
 T = ROW / 100.0
 
 
 def traces(t: Array, x: Array = ROW, **more: Trace) -> Traces:
     """Two channels on one clock, and more on theirs."""
-    return Traces({"beta": Trace(t, x), "p": Trace(t, -0.5 * x)} | more)
+    return Traces({"h": Trace(t, x), "theta": Trace(t, -0.5 * x)} | more)
 
 
 def repair(t: np.ndarray, x: Array = ROW, **more: Trace) -> tuple[Trace, Quality]:
@@ -39,10 +39,10 @@ def repair(t: np.ndarray, x: Array = ROW, **more: Trace) -> tuple[Trace, Quality
         assert trace.t.shape == trace.values.shape
         assert np.isfinite(trace.t).all()
         assert not np.isinf(trace.values).any(), key
-    assert made.channels["p"].t is made.channels["beta"].t
+    assert made.channels["theta"].t is made.channels["h"].t
     assert list(made.notes) == [line for clock in quality.clocks for line in clock.repairs()]
     assert set(made.notes) <= set(quality.sentences())
-    return made.channels["beta"], quality
+    return made.channels["h"], quality
 
 
 def kinds(quality: Quality) -> set[str]:
@@ -54,11 +54,11 @@ def test_good_times_stay_the_same_array():
     assert made.t is T
     assert made.values is ROW
     clock = quality.clocks[0]
-    assert (clock.channels, clock.n_rows, clock.start, clock.end) == (("beta", "p"), N, 0.0, 19.99)
+    assert (clock.channels, clock.n_rows, clock.start, clock.end) == (("h", "theta"), N, 0.0, 19.99)
     assert clock.rate == pytest.approx(100.0)
     assert clock.jitter < 1e-9
     assert quality.spans == ()
-    assert quality.sentences() == ["beta, p: 2000 rows at 100 Hz, from 0 to 19.99 s."]
+    assert quality.sentences() == ["h, theta: 2000 rows at 100 Hz, from 0 to 19.99 s."]
 
 
 def test_rows_without_a_time_are_left_out():
@@ -181,7 +181,7 @@ def test_what_is_in_doubt_on_one_clock_is_so_on_all():
     t = T.copy()
     t[1000:] -= 0.5
     slow = np.arange(0.0, 19.0, 1.3)
-    _, quality = repair(t, V=Trace(slow, slow), h=Trace(np.append(slow, 19.4), np.zeros(16)))
+    _, quality = repair(t, V=Trace(slow, slow), phi=Trace(np.append(slow, 19.4), np.zeros(16)))
     assert 9.1 in np.round(slow, 6)
     in_doubt = ((slow >= 9.5) & (slow <= 9.99)).sum()
     assert [clock.lost for clock in quality.clocks[1:]] == [in_doubt, in_doubt]
@@ -214,8 +214,8 @@ def test_stray_times_are_left_out():
         (np.random.default_rng(0).normal(size=N).cumsum(), "fall from .* s in small steps until"),
         (1e-12 * ROW, "lie within 2e-09 s: choose the unit of their time"),
         (1e15 + ROW, "0 of 2000 rows .* choose the signal that is their time and its unit"),
-        (np.zeros(N), "1 of 2000 rows of beta, p have a time of their own"),
-        (np.full(N, np.nan), "0 of 2000 rows of beta, p have a time of their own"),
+        (np.zeros(N), "1 of 2000 rows of h, theta have a time of their own"),
+        (np.full(N, np.nan), "0 of 2000 rows of h, theta have a time of their own"),
     ],
 )
 def test_times_that_cannot_be_told_are_refused_with_the_numbers(t, words):
@@ -295,9 +295,9 @@ def test_missing_values_are_placed_and_blanks_of_a_slow_channel_are_its_rate():
     x[500:520], x[900] = np.nan, np.inf
     slow[::10] = ROW[::10]
     _, quality = repair(T, x, phi=Trace(T, slow), psi=Trace(T, np.full(N, np.nan)))
-    beta, _, phi, psi = quality.channels
-    assert (beta.missing, beta.longest_missing) == (21 / N, pytest.approx(0.21))
-    assert Span(4.99, 5.2, "missing:beta") in quality.spans
+    altitude, _, phi, psi = quality.channels
+    assert (altitude.missing, altitude.longest_missing) == (21 / N, pytest.approx(0.21))
+    assert Span(4.99, 5.2, "missing:h") in quality.spans
     assert (phi.rate, phi.longest_missing) == (pytest.approx(10.0), pytest.approx(0.09))
     assert psi.missing == 1.0
     assert Span(0.0, 19.99, "missing:psi") in quality.spans
@@ -306,14 +306,14 @@ def test_missing_values_are_placed_and_blanks_of_a_slow_channel_are_its_rate():
 
 def test_a_sensor_that_froze_is_told_from_one_that_is_slow_coarse_or_dead():
     rng = np.random.default_rng(5)
-    frozen, coarse = rng.normal(size=N), np.round(np.sin(0.3 * T), 2)
+    frozen, coarse = 0.1 * rng.normal(size=N), np.round(np.sin(0.3 * T), 2)
     frozen[800:1400] = frozen[800]
     held = np.repeat(rng.normal(size=N // 10), 10)
-    channels = {"beta": frozen, "phi": coarse, "psi": held, "V": np.full(N, 3.0), "p": ROW}
+    channels = {"beta": frozen, "phi": coarse, "psi": held, "V": np.full(N, 3.0), "h": ROW}
     _, quality = repaired(Traces({key: Trace(T, x) for key, x in channels.items()}))
-    beta, phi, psi, v, p = quality.channels
+    beta, phi, psi, v, h = quality.channels
     assert (beta.frozen, beta.frozen_at) == (pytest.approx(5.99), pytest.approx(8.0))
-    assert [c.frozen for c in (phi, psi, v, p)] == [0.0] * 4
+    assert [c.frozen for c in (phi, psi, v, h)] == [0.0] * 4
     assert [c.held for c in quality.channels] == [1, 1, 10, 1, 1]
     assert [c.constant for c in quality.channels] == [False, False, False, True, False]
     assert quality.spans == (Span(8.0, 13.99, "frozen:beta"),)
@@ -329,4 +329,30 @@ def test_a_strip_stays_drawable_whatever_the_recording():
     x[::7] = np.nan
     _, quality = repair(t, x)
     assert len(quality.spans) <= 2 * MOST_SPANS
-    assert kinds(quality) == {"missing:beta", "missing:p"}
+    assert kinds(quality) == {"missing:h", "missing:theta"}
+
+
+def test_what_no_aircraft_shows_is_missing_and_said():
+    beta, p, ay = 0.01 * np.sin(T), 0.1 * np.cos(T), 0.1 * np.sin(T)
+    wild, far = p.copy(), ay.copy()
+    wild[700:720], far[1000] = 1e30, -9e99
+    recorded = {"beta": beta, "p": wild, "Ny": far}
+    made, quality = repaired(Traces({key: Trace(T, x) for key, x in recorded.items()}))
+    assert made.channels["beta"].values is beta
+    np.testing.assert_array_equal(
+        np.flatnonzero(np.isnan(made.channels["p"].values)), range(700, 720)
+    )
+    assert np.isnan(made.channels["Ny"].values[1000])
+    assert recorded["p"][700] == 1e30, "the numbers of the file stay"
+    assert [c.implausible for c in quality.channels] == [0, 20, 1]
+    assert (quality.channels[2].largest, quality.channels[2].largest_at) == (-9e99, 10.0)
+    assert quality.channels[1].longest_missing == pytest.approx(0.21)
+    assert Span(10.0, 10.0, "implausible:Ny") in quality.spans
+    assert {"implausible:p", "missing:p"} <= kinds(quality)
+    said = (
+        "Ny goes beyond 30 g, which no aircraft shows, in 1 row (to -9e+99 g, at 10 s): it is "
+        "taken as missing. Is its unit right?"
+    )
+    assert said in quality.sentences()
+    assert said in made.notes
+    assert json.dumps(asdict(quality), allow_nan=False)

@@ -151,7 +151,9 @@ class MappingOrder(BaseModel):
     mapping: Mapping
     aircraft: str | None = Field(default=None, min_length=1, max_length=200)
     remember: bool = Field(
-        default=True, description="propose it for the next recording of this aircraft or signals"
+        default=True,
+        description="propose it for the next recording of this aircraft; without one named, "
+        "nothing is remembered",
     )
 
 
@@ -181,6 +183,9 @@ class Preview(BaseModel):
     channels: dict[str, Bands]
     quality: dict[str, Any] | None
     problem: str | None
+    doubts: dict[str, list[str]] = Field(
+        description="by channel: what speaks against it; it can be confirmed all the same"
+    )
 
 
 class SignalPreview(BaseModel):

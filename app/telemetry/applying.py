@@ -8,7 +8,9 @@ import numpy as np
 
 from app.telemetry.contents import Columns, Signal
 from app.telemetry.derivations import DERIVATIONS, derive
+from app.telemetry.group_times import dead_time, no_clock
 from app.telemetry.mapping import TARGETS, ChannelSource, Mapping
+from app.telemetry.plausibility import believed
 from app.telemetry.recording import TelemetryError
 from app.telemetry.traces import Array, Trace, Traces
 from app.telemetry.units import convert, spelled
@@ -21,12 +23,14 @@ WILD = np.errstate(over="ignore", invalid="ignore", divide="ignore")
 def apply_mapping(columns: Columns, mapping: Mapping) -> Traces:
     """Read the channels that a mapping names, and derive those that it derives.
 
-    What needs no conversion stays in the memory of the file. An infinity is a missing value.
+    What needs no conversion stays in the memory of the file. An infinity is a missing value, and
+    nothing is derived from a value that no aircraft shows.
     Raises TelemetryError, which names the channel, where the mapping does not fit the file.
     """
     if not mapping.channels:
         raise TelemetryError(
-            "the mapping names no channel: say which signals are " + ", ".join(list(TARGETS)[:6])
+            _without_time(columns, mapping)
+            or "the mapping names no channel: say which signals are " + ", ".join(list(TARGETS)[:6])
         )
     times: dict[str, Array] = {}
     found = {
@@ -36,7 +40,9 @@ def apply_mapping(columns: Columns, mapping: Mapping) -> Traces:
     }
     for key in derivation_order(mapping):
         source = mapping.channels[key]
-        made = derive(DERIVATIONS[source.derivation], found)
+        way = DERIVATIONS[source.derivation]
+        known = {need: found[need] for need in (*way.needs, *way.helps) if need in found}
+        made = derive(way, {need: believed(need, trace) for need, trace in known.items()})
         found[key] = replace(made, values=_signed(made.values, source))
     channels = {key: found[key] for key in TARGETS if key in found}
     return Traces(channels, tuple(_notes(mapping, channels)))
@@ -150,10 +156,23 @@ def _time(columns: Columns, mapping: Mapping, signal: Signal, group: str) -> Arr
         )
     source = mapping.times[group]
     values = np.asarray(columns.values(_signal(columns, "time", source.signal).name))
+    if why := no_clock(source.signal, values):
+        raise TelemetryError(why)
     try:
         return _known(convert(values, source.unit, "s"))
     except TelemetryError as error:
         raise TelemetryError(f"unit of the time {source.signal}: {error}") from None
+
+
+def _without_time(columns: Columns, mapping: Mapping) -> str:
+    """Why the signals of a file go without a time, where what is named as one is none."""
+    contents = columns.contents
+    reasons = [
+        why
+        for number, group in enumerate(contents.groups)
+        if group.name not in mapping.times and (why := dead_time(columns, number))
+    ]
+    return "; ".join(reasons)
 
 
 def _known(values: Array) -> Array:

@@ -6,6 +6,7 @@ than a block of rows is ever in memory, and what is read later is mapped, not lo
 
 import json
 from dataclasses import asdict, dataclass, field
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
@@ -196,20 +197,17 @@ class Columns:
 
     def values(self, name: str) -> Array:
         """(n,) of a signal, in the unit of the file, read-only. KeyError if there is none."""
-        for number, signal in enumerate(self.contents.signals):
-            if signal.name == name:
-                if not self.contents.groups[signal.group].n_rows:
-                    return np.empty(0)
-                return np.memmap(self.folder / f"{number}.f8", "<f8", mode="r")
-        raise KeyError(name)
+        if not self.contents.groups[self.signal(name).group].n_rows:
+            return np.empty(0)
+        return np.memmap(self.folder / f"{self._numbers[name]}.f8", "<f8", mode="r")
 
     def signal(self, name: str) -> Signal:
         """Return a signal by its name; KeyError."""
-        return next((s for s in self.contents.signals if s.name == name), None) or _no_signal(name)
+        return self.contents.signals[self._numbers[name]]
 
-
-def _no_signal(name: str) -> Signal:
-    raise KeyError(name)
+    @cached_property
+    def _numbers(self) -> dict[str, int]:
+        return {signal.name: number for number, signal in enumerate(self.contents.signals)}
 
 
 def open_columns(folder: Path) -> Columns:

@@ -1,5 +1,7 @@
 """A draft held against the motion that it makes: units, signs, gravity and offsets."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from app.telemetry.applying import apply_mapping, part_of
@@ -7,6 +9,7 @@ from app.telemetry.draft import Draft
 from app.telemetry.gravity import gravity_share, quiet_offset
 from app.telemetry.mapping import ChannelSource
 from app.telemetry.motion import Motion, motion
+from app.telemetry.plausibility import believed
 from app.telemetry.recording import TelemetryError
 from app.telemetry.signs import MIX_UP, Evidence, find_signs
 from app.telemetry.traces import Traces
@@ -51,9 +54,10 @@ def weigh(draft: Draft, expected: SurfaceSigns) -> None:
 
 def _applied(draft: Draft) -> Traces | None:
     try:
-        return apply_mapping(draft.columns, draft.mapping)
+        traces = apply_mapping(draft.columns, draft.mapping)
     except TelemetryError:
         return None
+    return replace(traces, channels={k: believed(k, x) for k, x in traces.channels.items()})
 
 
 def _sides(draft: Draft, traces: Traces) -> bool:

@@ -13,6 +13,7 @@ from app.telemetry.contents import ColumnWriter, Contents
 from app.telemetry.recording import TelemetryError
 
 HEAD_BYTES = 4096
+TEXT = "csv"
 HDF5_SIGNATURE = b"\x89HDF\r\n\x1a\n"
 CONTROLS = bytes({*range(32), 127} - set(b"\t\n\v\f\r\x1a\x1b"))
 
@@ -53,6 +54,7 @@ def format_of(path: Path, name: str) -> tuple[Format, tuple[str, ...]]:
             raise TelemetryError(what)
     ending = PurePath(name).suffix.lower()
     alike = [known for known in FORMATS.values() if known.looks_like(head)]
+    alike.sort(key=lambda known: known.key == TEXT)  # which much else looks like
     chosen = next((known for known in alike if ending in known.endings), None)
     if chosen:
         return chosen, ()
@@ -120,6 +122,13 @@ FORMATS: dict[str, Format] = {
     known.key: known
     for known in (
         Format(
+            TEXT,
+            "text table",
+            (".csv", ".tsv", ".txt", ".dat", ".asc", ".tab", ".prn"),
+            _is_text,
+            "app.telemetry.text_reader",
+        ),
+        Format(
             "parquet",
             "Parquet table",
             (".parquet", ".pq"),
@@ -165,13 +174,6 @@ FORMATS: dict[str, Format] = {
             "app.telemetry.ch10_reader",
             extra="ch10",
             experimental=True,
-        ),
-        Format(
-            "csv",
-            "text table",
-            (".csv", ".tsv", ".txt", ".dat", ".asc", ".tab", ".prn"),
-            _is_text,
-            "app.telemetry.text_reader",
         ),
     )
 }

@@ -64,7 +64,7 @@ def find_time(columns: Columns, group: int) -> FoundTime | None:
     if contents.groups[group].n_rows < 2:
         return None
     declared = contents.groups[group].time
-    if declared:
+    if declared and not no_clock(declared, columns.values(declared)):
         signal = columns.signal(declared)
         unit, sure, why = _unit(signal, _clock(columns.values(declared)))
         source = TimeSource(declared, unit)
@@ -79,6 +79,39 @@ def find_time(columns: Columns, group: int) -> FoundTime | None:
         # a table's time is mostly its first column
         found = [_judge_unnamed(columns, signal) for signal in members]
     return max((time for time in found if time), key=lambda time: time.confidence, default=None)
+
+
+def dead_time(columns: Columns, group: int) -> str:
+    """Why what a group declares or names as its time is no clock; "" where nothing is to say."""
+    contents = columns.contents
+    if contents.groups[group].n_rows < 2:
+        return ""
+    name = contents.groups[group].name
+    meant = [
+        signal.name
+        for signal in contents.signals
+        if signal.group == group
+        and (
+            signal.name == contents.groups[group].time or _time_certainty(signal, name) >= SURE_NAME
+        )
+    ]
+    reasons = (no_clock(signal, columns.values(signal)) for signal in meant)
+    return next((why for why in reasons if why), "")
+
+
+def no_clock(name: str, values: Array) -> str:
+    """Why values cannot be times of several rows: they are all one, or none; "" if they can."""
+    n = len(values)
+    if n < 2:
+        return ""
+    finite = np.isfinite(values)
+    if not finite.any():
+        return f"{name} holds no number in all {n} rows: it is no clock; choose another time"
+    known = values if finite.all() else values[finite]
+    if len(known) > 1 and known.min() == known.max():
+        where = f"all {n} rows" if len(known) == n else f"all of its {len(known)} values"
+        return f"{name} is {known[0]:.10g} in {where}: it is no clock; choose another time"
+    return ""
 
 
 def _time_certainty(signal: Signal, group: str) -> float:

@@ -23,6 +23,8 @@ from app.telemetry.hdf5_walk import (
 from app.telemetry.matrices import Matrix, matrix, to_sources
 from app.telemetry.sources import Clock, Column, Source, is_time_name
 
+MOST_SCALES = 16
+"""Of one dimension; a damaged file says billions, which the library walks one by one."""
 NO_VARIABLE = "This is a netCDF dimension but not a netCDF variable"
 
 Unpack = Callable[[npt.NDArray[Any]], npt.NDArray[Any]]
@@ -110,6 +112,6 @@ def _clock(dataset: h5py.Dataset, axis: int, path: Path, scales: dict[Address, P
     """The path of the dimension scale that an axis counts; a scale counts itself."""
     if _is_scale(dataset):
         return path
-    if not h5py.h5ds.get_num_scales(dataset.id, axis):
+    if not 0 < h5py.h5ds.get_num_scales(dataset.id, axis) <= MOST_SCALES:
         return None
     return scales.get(address(dataset.dims[axis][0]))

@@ -38,7 +38,11 @@ def datasets(
         if len(path) > MOST_DEPTH:
             raise TelemetryError(too_deep("HDF5"))
         inner = []
-        for name in map(str, group):
+        for name in group:
+            if isinstance(name, bytes):
+                said = name.decode("utf-8", "replace")
+                ignored.append(f"{'/'.join((*path, said))}: a name that is not in UTF-8")
+                continue
             here = (*path, name)
             link = group.get(name, getlink=True)
             if isinstance(link, h5py.ExternalLink):

@@ -42,7 +42,7 @@ def check_elements(path: Path, most_bytes: int) -> None:
         while tag := file.read(8):
             kind, length = struct.unpack(f"{order}II", tag)
             if kind == COMPRESSED:
-                content = _inflated(file, length, most_bytes - total)
+                content = _inflated(file, length, most_bytes - total, order)
             else:
                 content = tag + file.read(min(length, most_bytes - total + 1))
             total += len(content)
@@ -58,10 +58,10 @@ def _byte_order(file: BinaryIO) -> str:
     return "<" if mark == b"IM" else ">"
 
 
-def _inflated(file: BinaryIO, length: int, most_bytes: int) -> bytes:
-    """The content of a deflated element, at most one byte more than most_bytes."""
+def _inflated(file: BinaryIO, length: int, most_bytes: int, order: str) -> bytes:
+    """The content of a deflated element, which is an element of the length that it says."""
     inflater = zlib.decompressobj()
-    content = bytearray()
+    content, declared = bytearray(), 0
     while length > 0 and not inflater.eof:
         deflated = file.read(min(STEP, length))
         if not deflated:
@@ -70,8 +70,12 @@ def _inflated(file: BinaryIO, length: int, most_bytes: int) -> bytes:
         while deflated and not inflater.eof:
             content += inflater.decompress(deflated, STEP)
             deflated = inflater.unconsumed_tail
-            if len(content) > most_bytes:
+            if not declared and len(content) >= 8:
+                declared = 8 + struct.unpack_from(f"{order}I", content, 4)[0]
+            if declared > most_bytes:
                 raise _too_large(most_bytes)
+            if declared and len(content) > declared:
+                raise ValueError("a variable is longer than it says")
     file.seek(length, 1)
     return bytes(content)
 

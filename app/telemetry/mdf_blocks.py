@@ -52,7 +52,7 @@ def check_blocks(path: Path) -> bool:
     with path.open("rb") as file, closing(_mapped(file.fileno())) as blocks:
         newer = blocks[HEADER : HEADER + 2] == b"##"
         left: list[Link] = [(HEADER, (b"##HD",) if newer else (b"HD",))]
-        n_blocks = 0
+        n_blocks, most = 0, min(MOST_BLOCKS, len(blocks) // SMALLEST)
         while left:
             address, kinds = left.pop()
             if address + SMALLEST > len(blocks):
@@ -60,7 +60,7 @@ def check_blocks(path: Path) -> bool:
             if not blocks[address : address + 4].startswith(kinds):
                 raise ValueError("one of its blocks is not where it should be")
             n_blocks += 1
-            if n_blocks > MOST_BLOCKS:
+            if n_blocks > most:
                 raise ValueError("its blocks point in circles")
             links = _links_4(blocks, address) if newer else _links_3(blocks, address)
             left += (link for link in links if link[0])

@@ -53,9 +53,20 @@ def _sources(mdf: Any, ignored: list[str]) -> Iterator[Source]:
                 ignored.append(found)
         master = mdf.virtual_groups_map.get(number, number) if newer else number
         n_rows = group.channel_group.cycles_nr
+        if not chosen:
+            continue
+        if newer and n_rows:
+            _check_record(group)
         pieces = partial(_pieces, mdf, number, chosen, n_rows)
         columns = tuple(one.column for one in chosen)
         yield Source((names[number],), columns, n_rows, pieces, (names[master],))
+
+
+def _check_record(group: Any) -> None:
+    """ValueError where one record is larger than all data: the library makes room for it."""
+    record = group.channel_group.samples_byte_nr + group.channel_group.invalidation_bytes_nr
+    if record > sum(block.original_size for block in group.data_blocks):
+        raise ValueError("it ends within its data")
 
 
 def _pieces(mdf: Any, group: int, channels: list[Channel], n_rows: int) -> Pieces:

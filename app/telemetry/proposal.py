@@ -3,13 +3,14 @@
 from dataclasses import dataclass, field
 
 from app.telemetry.applying import WILD
-from app.telemetry.candidates import Candidate, Candidates, assign, find_candidates
+from app.telemetry.candidates import PROPOSED, Candidate, Candidates, assign, find_candidates
 from app.telemetry.contents import Columns
 from app.telemetry.derivations import DERIVATIONS, ways
 from app.telemetry.draft import Draft, Guess
 from app.telemetry.evidence import weigh
-from app.telemetry.group_times import find_time
+from app.telemetry.group_times import dead_time, find_time
 from app.telemetry.mapping import TARGETS, ChannelSource, Mapping
+from app.telemetry.names import readings
 from app.telemetry.remembering import recall
 from app.telemetry.signs import CONVENTION
 from app.telemetry.unsaid_units import settle_units
@@ -101,7 +102,10 @@ def _find_times(draft: Draft) -> None:
         more = f" and {len(names) - MOST_NAMED} more" if len(names) > MOST_NAMED else ""
         why = "it has fewer than two rows" if group.n_rows < 2 else "none of its signals is a time"
         listed = f"{', '.join(names[:MOST_NAMED])}{more}"
-        draft.guesses[f"t:{group.name}"] = Guess(0.0, (f"{why}, so it is not used: {listed}",))
+        unused = f"{why}, so it is not used: {listed}"
+        if dead := dead_time(draft.columns, number):
+            unused = f"{dead}, until then it is not used: {listed}"
+        draft.guesses[f"t:{group.name}"] = Guess(0.0, (unused,))
 
 
 def _take(draft: Draft, candidate: Candidate, candidates: Candidates) -> None:
@@ -140,8 +144,9 @@ def _derive(draft: Draft) -> None:
 
 def _explain_missing(draft: Draft, candidates: Candidates) -> None:
     """Say of each channel without a source why, and what could derive it."""
+    timeless = _timeless(draft)
     for key, target in TARGETS.items():
-        refused = candidates.refused.get(key, [])
+        refused = [*timeless.get(key, []), *candidates.refused.get(key, [])]
         if key in draft.channels:
             continue
         reasons = [*draft.guesses.get(key, Guess(0.0)).reasons, *refused[:MOST_NAMED]]
@@ -152,6 +157,26 @@ def _explain_missing(draft: Draft, candidates: Candidates) -> None:
                 reasons.append(f"it could be derived from {made_of}")
         if reasons:
             draft.guesses[key] = Guess(0.0, tuple(reasons))
+
+
+def _timeless(draft: Draft) -> dict[str, list[str]]:
+    """Signals named as a channel is that nothing times, by channel, in words."""
+    contents = draft.columns.contents
+    found: dict[str, list[str]] = {}
+    dead: dict[int, str] = {}
+    for signal in contents.signals:
+        group = contents.groups[signal.group]
+        if group.name in draft.times:
+            continue
+        for reading in readings(signal.name, group.name):
+            if reading.key in TARGETS and reading.certainty >= PROPOSED:
+                if signal.group not in dead:
+                    dead[signal.group] = dead_time(draft.columns, signal.group)
+                why = dead[signal.group] or "nothing in its group is a time"
+                label = TARGETS[reading.key].label
+                text = f"{signal.name} is named as {label} is, but has no time: {why}"
+                found.setdefault(reading.key, []).append(text)
+    return found
 
 
 def _alternatives(draft: Draft, candidates: Candidates) -> dict[str, tuple[str, ...]]:

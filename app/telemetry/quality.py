@@ -5,6 +5,9 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from app.telemetry.mapping import TARGETS
+from app.telemetry.plausibility import BOUNDS
+
 Array = npt.NDArray[np.float64]
 
 MOST_SPANS = 500
@@ -13,8 +16,8 @@ MOST_SPANS = 500
 
 @dataclass(frozen=True)
 class Span:
-    """A stretch of time to mark [s]. kind: gap, clock, repeated, reordered, missing:<channel> or
-    frozen:<channel>.
+    """A stretch of time to mark [s]. kind: gap, clock, repeated, reordered, implausible:<channel>,
+    missing:<channel> or frozen:<channel>.
     """
 
     start: float
@@ -112,6 +115,8 @@ class ChannelQuality:
     missing: share of its rows without a value.   longest_missing: [s], besides gaps of its clock.
     rate: [Hz] of its values.   held: rows that each value is repeated for, 1 where it is not.
     constant: it never changes.   frozen: longest time that it stands still having moved [s].
+    implausible: rows with a value that no aircraft shows, which is taken as missing; the largest
+    of them and its time.
     """
 
     key: str
@@ -122,12 +127,27 @@ class ChannelQuality:
     constant: bool = False
     frozen: float = 0.0
     frozen_at: float = 0.0
+    implausible: int = 0
+    largest: float = 0.0
+    largest_at: float = 0.0
+
+    def repairs(self) -> list[str]:
+        """What was done to the values."""
+        if not self.implausible:
+            return []
+        unit = TARGETS[self.key].unit
+        taken = "it is" if self.implausible == 1 else "they are"
+        return [
+            f"{self.key} goes beyond {BOUNDS[self.key]:.4g} {unit}, which no aircraft shows, in "
+            f"{_rows(self.implausible)} (to {self.largest:.4g} {unit}, at "
+            f"{self.largest_at:.10g} s): {taken} taken as missing. Is its unit right?"
+        ]
 
     def describe(self) -> list[str]:
         """What a person should know before trusting it."""
-        lines = []
+        lines = self.repairs()
         if self.missing == 1.0:
-            return [f"{self.key} has no value."]
+            return [*lines, f"{self.key} has no value."]
         if self.missing:
             most = f", {self.longest_missing:.4g} s at most" if self.longest_missing else ""
             lines.append(

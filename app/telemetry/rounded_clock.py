@@ -89,5 +89,8 @@ def _candidates(t: Array, index: Indices, starts: Indices, part: Indices) -> lis
     i = index - (0.5 * (sizes - 1))[part]
     at = t - (np.add.reduceat(t - t[0], starts) / sizes)[part] - t[0]
     best = float((i * at).sum() / (i * i).sum())
+    if not best > 0.0:
+        return []
     rates = (np.rint(1.0 / best), np.rint(10.0 / best) / 10.0, np.rint(100.0 / best) / 100.0)
-    return [*(1.0 / rate for rate in rates if rate > 0), float(np.round(best, 4)), best]
+    steps = [*(1.0 / rate for rate in rates if rate > 0), float(np.round(best, 4)), best]
+    return [step for step in steps if step > 0.0]

@@ -2,10 +2,13 @@
 
 from dataclasses import replace
 
+import numpy as np
+
 from app.telemetry.channel_quality import channel_quality
 from app.telemetry.clock_repair import finished, on_one_clock, ordered
-from app.telemetry.quality import Quality
-from app.telemetry.traces import Trace, Traces
+from app.telemetry.plausibility import implausible, without
+from app.telemetry.quality import ChannelQuality, Quality, Span, spans
+from app.telemetry.traces import Array, Trace, Traces
 
 __all__ = ["Quality", "repaired"]
 
@@ -20,7 +23,7 @@ def repaired(traces: Traces) -> tuple[Traces, Quality]:
     a time at which one clock is in doubt is left out of all, since a file has one clock;
     of rows with equal times the first stays, unless coarse rounding made them equal;
     times that one rounding of an even clock explains go back onto it, as in `rounded_clock`;
-    infinite values become NaN. The notes say what was done.
+    infinite values, and those that no aircraft shows, become NaN. The notes say what was done.
 
     Raises TelemetryError where more than a tenth of a clock's rows have no certain time.
     """
@@ -37,11 +40,32 @@ def repaired(traces: Traces) -> tuple[Traces, Quality]:
         qualities.append(quality)
         marks += found
         for key, x in repaired_values.items():
+            x, about[key], found = _judged(key, t, x, quality.step)
             channels[key] = replace(traces.channels[key], t=t, values=x)
-            about[key], found = channel_quality(key, t, x, quality.step)
             marks += found
-    notes = [line for quality in qualities for line in quality.repairs()]
+    kept = [about[key] for key in traces.channels]
+    notes = [line for quality in (*qualities, *kept) for line in quality.repairs()]
     return (
         Traces({key: channels[key] for key in traces.channels}, (*traces.notes, *notes)),
-        Quality(tuple(qualities), tuple(about[key] for key in traces.channels), tuple(marks)),
+        Quality(tuple(qualities), tuple(kept), tuple(marks)),
     )
+
+
+def _judged(
+    key: str, t: Array, x: Array, step: float
+) -> tuple[Array, ChannelQuality, tuple[Span, ...]]:
+    """A channel with only what an aircraft can show, and what is to be said of it."""
+    beyond = implausible(key, x)
+    kept = without(x, beyond)
+    quality, found = channel_quality(key, t, kept, step)
+    if not len(beyond):
+        return kept, quality, found
+    largest = beyond[np.abs(x[beyond]).argmax()]
+    quality = replace(
+        quality,
+        implausible=len(beyond),
+        largest=float(x[largest]),
+        largest_at=float(t[largest]),
+    )
+    marks = spans(f"implausible:{key}", t[beyond], t[beyond], float(t[-1] - t[0]))
+    return kept, quality, (*marks, *found)

@@ -5,7 +5,7 @@
  *   createMappingRow({target, source, contents, guess, likely, derivable, state, changed}) -> MappingRow
  *     target: of the catalog.   source: as the mapping has it, or null.   state: of the whole mapping
  *   MappingRow
- *     element, key, read() -> source | null, show(tiles | null)
+ *     element, key, read() -> source | null, show(tiles | null, [sentence that speaks against it])
  */
 
 import { confidence } from "./confidence.js";
@@ -55,6 +55,7 @@ export function createMappingRow({
     oninput: () => Number.isFinite(offset.valueAsNumber) && edit({ offset: offset.valueAsNumber }),
   });
   const verdict = h("div", { class: "map-verdict" });
+  const against = h("ul", { class: "map-doubts", role: "status" });
   const cell = (part, words, ...content) =>
     h(
       "div",
@@ -75,7 +76,7 @@ export function createMappingRow({
     cell("unit", "unit", units),
     cell("sign", "sign", sign),
     cell("offset", `offset [${unit}]`, offset),
-    cell("confidence", "", verdict),
+    cell("confidence", "", verdict, against),
     cell("plot", "", plot.element),
   );
   render();
@@ -151,7 +152,12 @@ export function createMappingRow({
     key,
     element,
     read: () => now,
-    show: (tiles) => plot.show(now === null ? null : (tiles ?? { min: NaN })),
+    show(tiles, doubts = []) {
+      plot.show(now === null ? null : (tiles ?? { min: NaN }));
+      const words = doubts.map((one) => h("li", {}, chip("◆ CHECK", "caution"), ` ${one}`));
+      against.replaceChildren(...words);
+      against.hidden = words.length === 0;
+    },
   };
 }
 

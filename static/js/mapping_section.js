@@ -84,9 +84,10 @@ export function createMappingSection({
 
   function adapt() {
     const name = aircraft.value.trim();
+    remember.disabled = !name;
     rememberWords.textContent = name
       ? `Remember it for ${name}`
-      : "Remember it for files with these signals";
+      : "Not remembered: name the aircraft to have it proposed next time";
   }
 
   function later(mapping) {
@@ -100,7 +101,7 @@ export function createMappingSection({
     try {
       const answer = await api.post(`${path}/preview`, { mapping, bins });
       if (mine !== turn || closed) return;
-      table.show(answer.channels);
+      table.show(answer.channels, answer.doubts);
       tell(answer.problem);
       previewed(answer, edited);
     } catch (error) {
@@ -121,7 +122,7 @@ export function createMappingSection({
       const name = aircraft.value.trim();
       const body = {
         mapping: table.read(),
-        remember: remember.checked,
+        remember: remember.checked && !remember.disabled,
         ...(name && { aircraft: name }),
       };
       confirmed(await api.put(`${path}/mapping`, body));

@@ -2,8 +2,9 @@
  * Which signal of a file is which channel: proposed, corrected with a preview of the data beside it.
  *
  * Exports
- *   createMappingTable({catalog, recording, changed}) -> {element, read() -> mapping, show(channels)}
- *     changed(mapping)   after each correction.   channels: {key: tiles} of a preview
+ *   createMappingTable({catalog, recording, changed}) -> {element, read() -> mapping, show(channels, doubts)}
+ *     changed(mapping)   after each correction.   channels: {key: tiles} of a preview.
+ *     doubts: {key: [sentence]}
  */
 
 import { h } from "./dom.js";
@@ -109,8 +110,8 @@ export function createMappingTable({ catalog, recording, changed }) {
     changed(read());
   }
 
-  function show(channels) {
-    for (const row of rows) row.show(channels[row.key]);
+  function show(channels, doubts = {}) {
+    for (const row of rows) row.show(channels[row.key], doubts[row.key]);
     const groups = rows
       .map((row) => row.read()?.signal)
       .filter(Boolean)

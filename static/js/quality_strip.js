@@ -17,9 +17,10 @@ const ALWAYS = {
   repeated: "repeated times",
   missing: "missing values",
   frozen: "frozen values",
+  implausible: "impossible values",
 };
 const OTHERS = { clock: "jumps of the clock", reordered: "rows out of order" };
-const WORDS = { missing: "missing", frozen: "frozen" };
+const WORDS = { missing: "missing", frozen: "frozen", implausible: "impossible" };
 const LEAST = 0.35; // % of the width that a span is drawn at least
 const LISTED = 8;
 

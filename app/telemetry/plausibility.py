@@ -1,0 +1,64 @@
+"""Values that no aircraft shows: a sensor that failed, or numbers that are no measurement.
+
+The bounds leave room for every aircraft and every way to count: a heading that is not wrapped goes
+on and on. What is beyond them is nothing to score, and nothing to judge a monitor by.
+"""
+
+from dataclasses import replace
+from math import radians
+
+import numpy as np
+import numpy.typing as npt
+
+from app.telemetry.traces import Array, Trace
+
+DEFLECTION = radians(100.0)
+"""Of the sideslip or a surface [rad]."""
+ATTITUDE = 1e4
+"""Of an angle that may be counted on over full turns [rad]."""
+RATE = 20.0
+"""Three turns a second [rad/s]."""
+LOAD = 30.0
+"""Beyond what aircraft and sensors bear [g]."""
+BOUNDS: dict[str, float] = {
+    "beta": DEFLECTION,
+    "p": RATE,
+    "r": RATE,
+    "Ny": LOAD,
+    "delta_a": DEFLECTION,
+    "delta_r": DEFLECTION,
+    "phi": ATTITUDE,
+    "theta": ATTITUDE,
+    "psi": ATTITUDE,
+    "V": 2000.0,
+    "h": 100_000.0,
+    "v": 2000.0,
+    "Ay": LOAD,
+    "delta_a_left": DEFLECTION,
+    "delta_a_right": DEFLECTION,
+    "delta_r_left": DEFLECTION,
+    "delta_r_right": DEFLECTION,
+}
+"""Largest magnitude of a target, in its unit; one without a bound is only good to derive others."""
+
+
+def implausible(key: str, values: Array) -> npt.NDArray[np.intp]:
+    """Rows whose value no aircraft shows."""
+    bound = BOUNDS.get(key, np.inf)
+    reach = max(-np.fmin.reduce(values, initial=0.0), np.fmax.reduce(values, initial=0.0))
+    return np.flatnonzero(np.abs(values) > bound) if reach > bound else np.empty(0, np.intp)
+
+
+def believed(key: str, trace: Trace) -> Trace:
+    """A channel with only what an aircraft can show; itself where that is all."""
+    rows = implausible(key, trace.values)
+    return replace(trace, values=without(trace.values, rows)) if len(rows) else trace
+
+
+def without(values: Array, rows: npt.NDArray[np.intp]) -> Array:
+    """Values with some of them missing; the same array where there are none."""
+    if not len(rows):
+        return values
+    kept = np.array(values, np.float64)
+    kept[rows] = np.nan
+    return kept
