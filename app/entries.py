@@ -183,6 +183,7 @@ class ScoringInfo:
 
     digest: SHA-256 of the samples.   order_digest: of all that decides them.
     specification: the limits the monitor warns of.   stretches: one manoeuvre each.
+    outside: limits reached in none of them, as a stretch's crossing.
     lead, dt, start, end: [s].
     """
 
@@ -207,6 +208,7 @@ class ScoringInfo:
     notes: list[str]
     quality: dict[str, Any] | None
     stretches: list[dict[str, Any]]
+    outside: list[dict[str, Any]]
 
 
 @dataclass(frozen=True)

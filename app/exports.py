@@ -80,6 +80,7 @@ def columns(samples: npt.NDArray) -> list[Column]:
         Column("p_value", "", samples["p_value"]),
         Column("alert", "", samples["alert"]),
         Column("stretch", "", samples["stretch"].astype(np.int32)),
+        Column("in_manoeuvre", "", samples["stretch"] >= 0),
         Column("withdrawn_p_value", "", samples["withdrawn"]),
         *predicted,
         *attitude,

@@ -7,7 +7,7 @@ order leads to the same samples, so one that was carried out before is answered 
 import hashlib
 import json
 from bisect import bisect_left, bisect_right
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 
 import numpy as np
 
@@ -148,4 +148,5 @@ def _entry(
         notes=list(scored.notes),
         quality=plain_quality(scored.quality),
         stretches=[plain(stretch.to_plain()) for stretch in scored.stretches],
+        outside=[asdict(crossing) for crossing in scored.outside],
     )

@@ -275,6 +275,7 @@ scorings = Table(
     _plain("notes"),
     _plain("quality", nullable=True),
     _plain("stretches"),
+    _plain("outside"),
     UniqueConstraint("recording_id", "order_digest"),
 )
 

@@ -79,6 +79,7 @@ def subject_of(monitor: Monitor, stretches: Sequence[dict[str, Any]]) -> ReportS
             "lead": monitor.lead, "n_samples": n, "start": 0.0, "end": n * DT,
             "notes": ["resampled", "beta: 3 gaps."], "digest": "cd" * 32,
             "monitor_name": "oscillator", "monitor_digest": "ef" * 32, "stretches": stretches,
+            "outside": [],
             "quality": {
                 "sentences": ["beta: 3 gaps."],
                 "clocks": [{"start": 0.0, "end": n * DT}],

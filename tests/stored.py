@@ -99,4 +99,5 @@ def scoring(store: Store, recording: str, monitor: str, order: str = "o") -> Sco
         notes=["one"],
         quality=None,
         stretches=[{"name": "whole", "validity": {"valid": True}}],
+        outside=[{"t": 3.5, "channel": "Ny", "value": 0.6}],
     )

@@ -76,6 +76,23 @@ def test_a_recording_is_scored_and_the_scoring_kept(client, recording, monitor, 
     assert scoring["quality"]["sentences"]
 
 
+def test_limits_reached_outside_the_marked_manoeuvres_are_kept(client, monitor, flight):
+    loud = flight.copy()
+    loud[-50:-45, 3] = 5.0
+    kept = uploaded(client, csv_of(loud))
+    span = [{"start": 0.0, "end": 100 * DT, "name": "first"}]
+    scoring = scored(client, kept, monitor, trim=None, manoeuvres=span)
+    last = scoring["outside"][-1]
+    assert last["channel"] == "Ny"
+    assert last["t"] <= (len(loud) - 46) * DT + 1e-9
+    assert all(one["t"] > 100 * DT for one in scoring["outside"])
+    assert any("outside every manoeuvre" in note for note in scoring["notes"])
+    path = f"{RECORDINGS}/{kept['id']}/scorings/{scoring['id']}"
+    assert client.get(path).json()["outside"] == scoring["outside"]
+    assert "outside every manoeuvre" in client.get(f"{path}/report").text
+    client.delete(f"{RECORDINGS}/{kept['id']}")
+
+
 def test_the_same_order_is_answered_by_what_is_kept(client, data_dir, recording, monitor):
     first = scored(client, recording, monitor)
     files = kept_files(data_dir)

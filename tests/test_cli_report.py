@@ -129,7 +129,7 @@ def test_a_monitor_without_a_recipe_has_no_certificate(given: Path, attas: Monit
     replace(attas, dataset_recipe={}).save(given / "attas.fwm")
     assert report() == 0
     html = Path("flight-report.html").read_text()
-    assert "none: the monitor was not tested on fresh flights" in html
+    assert "the monitor's file carries no certificate: none was stored with it here" in html
     assert "not simulated here" in html
 
 

@@ -181,3 +181,38 @@ def test_the_certificate_is_of_the_nearest_epsilon_that_was_tested() -> None:
     assert at["miss"]["low"] < 0.09 < at["miss"]["high"]
     assert at["power"]["share"] == 0.9
     assert certificate(None, 0.1) is None
+
+
+REACHED = {"t": 20.3, "channel": "Ny", "value": 0.48}
+
+
+@pytest.mark.parametrize(
+    ("stretches", "outside", "level", "words"),
+    [
+        ([stretch(0, "unseen")], [], "caution", "not wholly known"),
+        ([stretch(0, "unseen", crossing=crossing(0))], [], "bad", "samples are missing"),
+        ([WARNED, stretch(2, "unseen")], [], "caution", "not wholly known"),
+        ([QUIET], [REACHED], "caution", "in a manoeuvre, .* a limit was reached outside every"),
+        ([WARNED], [REACHED], "caution", "also reached outside every manoeuvre"),
+        ([MISSED], [REACHED], "bad", "without an alert in time; one was also reached outside"),
+    ],
+)
+def test_what_nobody_saw_or_judged_is_never_green(stretches, outside, level, words) -> None:
+    found = headline(stretches, outside)
+    assert found[0] == level
+    assert re.search(words, found[1])
+
+
+def test_limits_reached_outside_the_manoeuvres_have_rows(monitor: Monitor) -> None:
+    subject = subject_of(monitor, [stretch(0, "quiet")])
+    html = report(replace(subject, scoring={**subject.scoring, "outside": [REACHED] * 30}))
+    assert html.count('<strong class="caution">outside every manoeuvre</strong>') == 20
+    assert "and 10 more times outside every manoeuvre" in html
+
+
+def test_what_is_withdrawn_or_unconfirmed_is_said_so(subject: ReportSubject) -> None:
+    html = report(subject)
+    assert html.count(">withdrawn</td>") == 2
+    assert "Nobody confirmed which signal is which channel" in html
+    assert "Nobody confirmed" not in report(replace(subject, mapped="confirmed by the user"))
+    assert "carries no certificate: none was stored with it here" in html

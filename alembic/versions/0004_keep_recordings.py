@@ -63,6 +63,7 @@ def upgrade() -> None:
         sa.Column("notes", sa.JSON, nullable=False),
         sa.Column("quality", sa.JSON),
         sa.Column("stretches", sa.JSON, nullable=False),
+        sa.Column("outside", sa.JSON, nullable=False),
         sa.UniqueConstraint("recording_id", "order_digest"),
     )
     op.create_table(

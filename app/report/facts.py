@@ -17,18 +17,33 @@ OUTCOMES = {
     "missed": ("✕", "missed: no alert before the limit", "bad"),
     "false_alert": ("△", "alert, limit not reached", "caution"),
     "quiet": ("●", "no alert, limit not reached", "good"),
+    "unseen": ("◌", "not all seen: nothing can be said", "caution"),
     "invalid": ("▨", "invalid, no verdict", "invalid"),
 }
 """Sign, words and level of each outcome."""
-TELLING = ("missed", "late_alert", "false_alert", "timely_alert", "invalid", "quiet")
+TELLING = ("missed", "late_alert", "unseen", "false_alert", "timely_alert", "invalid", "quiet")
 """Outcomes, those first that a reader wants to see drawn."""
 MOST_DRAWN = 100
 """Manoeuvres that are drawn one by one."""
 MOST_NOTES = 40
 
 
-def headline(stretches: Sequence[Plain]) -> tuple[str, str]:
-    """Level and words of the whole flight; the worst that happened comes first."""
+def headline(stretches: Sequence[Plain], outside: Sequence[Plain] = ()) -> tuple[str, str]:
+    """Level and words of the whole flight; the worst that happened comes first.
+
+    outside: limits reached in none of the stretches.
+    """
+    level, words = _of_manoeuvres(stretches)
+    if not outside:
+        return level, words
+    level = "caution" if level == "good" else level
+    if any(stretch["crossing"] for stretch in stretches):
+        return level, f"{words}; one was also reached outside every manoeuvre"
+    words = words.replace("No limit was reached", "No limit was reached in a manoeuvre")
+    return level, f"{words}; a limit was reached outside every manoeuvre"
+
+
+def _of_manoeuvres(stretches: Sequence[Plain]) -> tuple[str, str]:
     n = counts(stretches)
     unjudged = [s for s in stretches if s["outcome"] == "invalid"]
     reached = any(s["crossing"] for s in unjudged)
@@ -36,9 +51,14 @@ def headline(stretches: Sequence[Plain]) -> tuple[str, str]:
         return "bad", "A limit was reached without an alert in time"
     if reached:
         return "bad", "A limit was reached where the monitor had no right to speak"
+    unseen = [s for s in stretches if s["outcome"] == "unseen"]
+    if any(s["crossing"] for s in unseen):
+        return "bad", "A limit was reached where samples are missing: nothing can be said of alerts"
     if len(unjudged) == len(stretches):
         return "invalid", "No verdict: the monitor had no right to speak"
     doubtful = bool(unjudged) or any(s["validity"]["valid"] is None for s in stretches)
+    if unseen:
+        return "caution", "Samples are missing: whether a limit was reached is not wholly known"
     level = "caution" if n["false_alert"] or doubtful else "good"
     if n["timely_alert"]:
         return level, "Every limit that was reached was warned of in time"
@@ -53,7 +73,7 @@ def counts(stretches: Sequence[Plain]) -> dict[str, int]:
 
 
 def worst(stretches: Sequence[Plain]) -> list[tuple[str, str]]:
-    """Names of the manoeuvres in which a limit was reached without an alert in time, and why."""
+    """Names of the manoeuvres in which a limit was, or may have been, reached unwarned; and why."""
     found = []
     for stretch in stretches:
         outcome = stretch["outcome"]
@@ -61,6 +81,8 @@ def worst(stretches: Sequence[Plain]) -> list[tuple[str, str]]:
             found.append((stretch["name"], OUTCOMES[outcome][1]))
         elif outcome == "invalid" and stretch["crossing"]:
             found.append((stretch["name"], "limit reached, no verdict"))
+        elif outcome == "unseen":
+            found.append((stretch["name"], "not all seen"))
     return found
 
 

@@ -24,6 +24,7 @@ FAULTS = {
     "reordered": "out of order",
     "missing": "missing",
     "frozen": "frozen",
+    "implausible": "impossible",
 }
 """Words for the kinds of spans, in the order of their strips."""
 MOST_FAULTS = 20
@@ -99,7 +100,7 @@ def faults(quality: Plain | None) -> Markup | None:
         words = FAULTS.get(what, what)
         strip = chart.strip(LOWEST, f"{channel} {words}" if channel else words)
         strip.fill("fault", [(span["start"], span["end"]) for span in spans], LEAST)
-    return chart.svg("Where the recording has gaps, repeated, missing or frozen samples")
+    return chart.svg("Where the recording has gaps, repeated, missing, frozen or impossible samples")
 
 
 def _risk(

@@ -8,7 +8,7 @@ from typing import Any
 
 from app.mapped_columns import plain, plain_quality
 from app.recipes import RecipeError, from_plain
-from app.report.subject import ReportSubject, of_contents
+from app.report.subject import PROPOSED, ReportSubject, of_contents
 from app.scored_file import Scored, ScoredFile, ScoreRequest
 from app.stored_samples import digest
 from app.tables import now
@@ -18,7 +18,7 @@ from core import __version__
 from core.collection import DatasetRecipe
 from core.monitor import Monitor
 
-PROPOSED, GIVEN = "proposed by the program, not looked over", "as given"
+GIVEN = "as given"
 
 
 def file_subjects(
@@ -87,6 +87,7 @@ def _scoring(one: Scored, mapping: Mapping) -> dict[str, Any]:
         "notes": list(scored.notes),
         "quality": plain_quality(scored.quality),
         "stretches": [plain(stretch.to_plain()) for stretch in scored.stretches],
+        "outside": [asdict(crossing) for crossing in scored.outside],
         "digest": digest(scored.samples),
     }
 

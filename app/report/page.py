@@ -11,13 +11,15 @@ from markupsafe import Markup, escape
 from app.envelope import Array
 from app.recipes import from_plain, to_plain
 from app.report import facts, figures
-from app.report.subject import ReportSubject
+from app.report.subject import PROPOSED, ReportSubject
 from core import __version__
 from core.channels import CHANNELS, Channel
 from core.specification import Limits
 
 SURE = 0.9
 """Confidence from which a proposal goes without its reasons."""
+MOST_OUTSIDE = 20
+"""Rows of limits reached outside every manoeuvre."""
 MOST_LETTERS = 48
 """Of a manoeuvre's name in a table."""
 GLUE = "\N{NO-BREAK SPACE}"
@@ -37,6 +39,7 @@ def report(subject: ReportSubject) -> str:
     plain = monitor.dataset_recipe.get("specification", {})
     limits = from_plain(Limits(), plain, "specification").magnitudes
     stretches, epsilon = scoring["stretches"], scoring["epsilon"]
+    outside = scoring["outside"]
     drawn = facts.drawn(stretches)
     valid = [stretch["validity"]["valid"] for stretch in stretches]
     quality = scoring["quality"]
@@ -64,7 +67,11 @@ def report(subject: ReportSubject) -> str:
             for channel, limit in zip(CHANNELS, limits, strict=True)
             if limit < float("inf")
         ],
-        headline=facts.headline(stretches),
+        headline=facts.headline(stretches, outside),
+        outside=outside,
+        most_outside=MOST_OUTSIDE,
+        proposed=subject.mapped == PROPOSED,
+        tested=subject.evaluation is not None,
         worst=facts.worst(stretches),
         counts=facts.counts(stretches),
         promised=sum(one is True for one in valid),

@@ -4,11 +4,11 @@ from dataclasses import asdict
 from typing import Any
 
 from app.entries import MappedColumns, MappingState, ScoringInfo
-from app.report.subject import ReportSubject, of_contents
+from app.report.subject import PROPOSED, ReportSubject, of_contents
 from app.scored_recordings import ScoredRecordings
 
 MAPPED: dict[MappingState, str] = {
-    "proposed": "proposed by the program, not looked over",
+    "proposed": PROPOSED,
     "remembered": "as confirmed for an earlier recording",
     "confirmed": "confirmed by the user",
 }

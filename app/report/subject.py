@@ -9,6 +9,9 @@ import numpy.typing as npt
 from app.telemetry.contents import Contents
 from core.monitor import Monitor
 
+PROPOSED = "proposed by the program, not looked over"
+"""Who chose a mapping that nobody confirmed."""
+
 
 @dataclass(frozen=True, eq=False)
 class ReportSubject:

@@ -81,6 +81,10 @@ class Scoring(BaseModel):
     stretches: list[dict[str, Any]] = Field(
         description="one manoeuvre each, with its trim, validity, alerts, crossing and outcome"
     )
+    outside: list[dict[str, Any]] = Field(
+        description="limits reached outside every manoeuvre: t [s], channel and value of the first "
+        "recorded sample of each time, from the trim of the manoeuvre before"
+    )
 
 
 class ScoredFrame(Frame):

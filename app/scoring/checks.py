@@ -7,6 +7,7 @@ import numpy as np
 from app.scoring.flown import Flown
 from app.scoring.plan import SURFACE_NAMES, SURFACES, first_direction
 from app.scoring.scored import Check
+from app.scoring.seen import unassessed
 from core.channels import CHANNELS, KEYS
 
 SPEED_SHARE = 0.1
@@ -24,6 +25,8 @@ RESTS = 0.005
 """[rad, rad/s, g] What moves less is at rest, however little it moved in training."""
 N_RESPONSES = 4
 """Channels before the surfaces."""
+ASSESSED_SHARE = 0.9
+"""Of the samples that count: with fewer that could be assessed nothing is promised."""
 LONGER = 2.0
 """Times as long as simulated: not one manoeuvre of this kind any more."""
 
@@ -47,6 +50,16 @@ def rate(flown: Flown) -> Check:
     rates = f"{slowest} recorded at {1 / steps[slowest]:.4g} Hz, the monitor's {1 / dt:.4g} Hz"
     fast_enough = True if steps[slowest] <= 1.05 * dt else None
     return Check("rate", fast_enough if n_assessed else False, f"{rates}; {text}")
+
+
+def assessed(flown: Flown) -> Check:
+    """Whether enough could be assessed, up to the first sample past a limit."""
+    lost = unassessed(flown.said)[: flown.end + 1]
+    n_lost, n = int(lost.sum()), len(lost)
+    if n_lost <= (1.0 - ASSESSED_SHARE) * n:
+        return Check("coverage", True, f"at least {ASSESSED_SHARE:.0%} of the samples")
+    text = f"{n_lost} of {n} samples are missing or could not be assessed"
+    return Check("coverage", None, f"{text}: at most {1.0 - ASSESSED_SHARE:.0%} may")
 
 
 def channels(flown: Flown) -> Check:

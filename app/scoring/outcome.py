@@ -11,7 +11,10 @@ from core.channels import CHANNELS
 
 Array = npt.NDArray[np.float64]
 
-Outcome = Literal["timely_alert", "late_alert", "missed", "false_alert", "quiet", "invalid"]
+Outcome = Literal[
+    "timely_alert", "late_alert", "missed", "false_alert", "quiet", "unseen", "invalid"
+]
+Alerts = tuple[tuple[float, float], ...]
 GAP_RATIO = 1.5
 """Recorded samples further apart than this many usual steps have lost something between them."""
 SAME_TIME = 1e-6
@@ -27,15 +30,26 @@ class Crossing:
     value: float
 
 
+class Hole(NamedTuple):
+    """Times between which a channel has no sample [s].   lost: of them beyond a usual step [s]."""
+
+    channel: str
+    start: float
+    end: float
+    lost: float
+
+
 class Limited(NamedTuple):
     """What the recorded samples of the limited channels show between two times.
 
     peaks: channel key, largest magnitude, limit.   lost: seconds of which one has no sample.
+    holes: of each limited channel.
     """
 
     crossing: Crossing | None
     peaks: tuple[tuple[str, float, float], ...]
     lost: float
+    holes: tuple[Hole, ...] = ()
 
 
 def against_limits(traces: Traces, limits: Array, trim: Array, start: float, end: float) -> Limited:
@@ -45,7 +59,7 @@ def against_limits(traces: Traces, limits: Array, trim: Array, start: float, end
     """
     crossings: list[Crossing] = []
     peaks: list[tuple[str, float, float]] = []
-    lost = 0.0
+    holes: list[Hole] = []
     for c in np.flatnonzero(np.isfinite(limits)):
         key, trace = CHANNELS[c].key, traces.channels[CHANNELS[c].key]
         part = slice(*np.searchsorted(trace.t, (start - SAME_TIME, end + SAME_TIME)).tolist())
@@ -55,28 +69,33 @@ def against_limits(traces: Traces, limits: Array, trim: Array, start: float, end
         if len(over):
             crossings.append(Crossing(float(t[over[0]]), key, float(value[over[0]])))
         peaks.append((key, float(np.abs(value).max(initial=0.0)), float(limits[c])))
-        lost = max(lost, _lost(t, start, end))
+        holes += _holes(key, t, start, end)
     first = min(crossings, key=lambda crossing: crossing.t, default=None)
-    return Limited(first, tuple(peaks), lost)
+    each = [sum(hole.lost for hole in holes if hole.channel == key) for key, _, _ in peaks]
+    return Limited(first, tuple(peaks), max(each, default=0.0), tuple(holes))
 
 
-def _lost(t: Array, start: float, end: float) -> float:
-    """Seconds between start and end of which a channel has no sample. t: (n,) of those it has."""
+def _holes(key: str, t: Array, start: float, end: float) -> list[Hole]:
+    """Holes of a channel between start and end. t: (n,) of the samples it has."""
     if len(t) < 2:
-        return end - start
+        return [Hole(key, start, end, end - start)]
     step = float(np.median(np.diff(t)))
-    steps = np.diff(t, prepend=start, append=end)
-    return float((steps[steps > GAP_RATIO * step] - step).sum())
+    edges = np.concatenate([[start], t, [end]])
+    steps = np.diff(edges)
+    return [
+        Hole(key, float(edges[i]), float(edges[i + 1]), float(steps[i] - step))
+        for i in np.flatnonzero(steps > GAP_RATIO * step)
+    ]
 
 
-def runs(t: Array, alert: npt.NDArray[np.bool_]) -> tuple[tuple[float, float], ...]:
+def runs(t: Array, alert: npt.NDArray[np.bool_]) -> Alerts:
     """Times of the first and the last sample of each run of alerts [s]."""
     edges = np.flatnonzero(np.diff(alert.view(np.int8), prepend=0, append=0)).reshape(-1, 2)
     return tuple((float(t[begin]), float(t[end - 1])) for begin, end in edges)
 
 
 def outcome(
-    alerts: tuple[tuple[float, float], ...], crossing: Crossing | None, promised: float
+    alerts: Alerts, crossing: Crossing | None, promised: float
 ) -> tuple[Outcome, float | None]:
     """What a stretch came to, and the lead from the first alert to the crossing [s].
 

@@ -1,5 +1,6 @@
 """A recording made ready for a monitor: its times repaired, its channels on the monitor's grid."""
 
+from collections.abc import Collection
 from dataclasses import dataclass
 from typing import Self
 
@@ -17,14 +18,17 @@ from core.monitor import Monitor
 
 
 class MissingChannels(TelemetryError):
-    """Channels that a monitor reads and a recording lacks; says what each could be derived from."""
+    """Channels that a monitor reads and a recording lacks; says what each could be derived from.
 
-    def __init__(self, keys: list[str]) -> None:
+    recorded: keys of TARGETS that it has.
+    """
+
+    def __init__(self, keys: list[str], recorded: Collection[str] = ()) -> None:
         self.keys = tuple(keys)
         ways = [
             f"{way.target} from {' and '.join(way.needs)}"
             for way in DERIVATIONS.values()
-            if way.target in keys
+            if way.target in keys and all(key in recorded for key in way.needs)
         ]
         derive = f"derive {', '.join(ways)}, " if ways else ""
         super().__init__(
@@ -55,7 +59,8 @@ class Ready:
         needed = needed_channels(monitor, plan.limits)
         absent = [key for key in KEYS if not _is_recorded(traces, key)]
         if lacking := [key for key in absent if needed[KEYS.index(key)]]:
-            raise MissingChannels(lacking)
+            recorded = [key for key in traces.channels if _is_recorded(traces, key)]
+            raise MissingChannels(lacking, recorded)
         traces, quality = repaired(traces)
         read = [key for key, is_needed in zip(KEYS, needed, strict=True) if is_needed]
         recording = on_grid(traces, monitor.dt, read)

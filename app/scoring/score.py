@@ -9,9 +9,11 @@ import numpy.typing as npt
 
 from app.scoring.flown import Flown
 from app.scoring.order import ScoringOrder, Span
-from app.scoring.outcome import SAME_TIME, Limited, against_limits, outcome, runs
+from app.scoring.outcome import SAME_TIME, Crossing, Limited, against_limits, outcome, runs
+from app.scoring.outside import MOST_OUTSIDE, outside, outside_note
 from app.scoring.ready import Ready
 from app.scoring.scored import BETWEEN, ScoredRecording, ScoredStretch, Validity, packed
+from app.scoring.seen import could_not_warn, not_seen
 from app.scoring.stretches import Stretch, stretches
 from app.scoring.validity import validity
 from app.scoring.wording import guarantee, remarks, withdrawn
@@ -44,8 +46,9 @@ def score_at_each(
     flight = Ready.of(monitor, traces)
     planned, notes = stretches(flight.recording, flight.plan, order)
     judged = [_judge(flight, stretch) for stretch in planned]
-    notes = (*flight.notes, *notes)
-    return tuple(_scored(flight, judged, epsilon, notes) for epsilon in checked)
+    reached = _outside(flight, judged)
+    notes = (*flight.notes, *notes, *outside_note(reached))
+    return tuple(_scored(flight, judged, epsilon, notes, reached) for epsilon in checked)
 
 
 def manoeuvres_in(monitor: Monitor, traces: Traces) -> tuple[Span, ...]:
@@ -99,6 +102,12 @@ def _judge(flight: Ready, stretch: Stretch) -> _Judged:
     return _Judged(stretch, trim, y, said, limited, validity(flown))
 
 
+def _outside(flight: Ready, judged: list[_Judged]) -> tuple[Crossing, ...]:
+    t = flight.recording.t
+    spans = [(float(t[one.stretch.first]), float(t[one.stretch.last])) for one in judged]
+    return outside(flight.traces, flight.plan.limits, spans, [one.trim for one in judged])
+
+
 def _mean(rest: Array) -> Array:
     """(6,) mean of each channel's known samples, NaN where there is none."""
     known = np.isfinite(rest)
@@ -108,7 +117,11 @@ def _mean(rest: Array) -> Array:
 
 
 def _scored(
-    flight: Ready, judged: list[_Judged], epsilon: float, notes: tuple[str, ...]
+    flight: Ready,
+    judged: list[_Judged],
+    epsilon: float,
+    notes: tuple[str, ...],
+    reached: tuple[Crossing, ...],
 ) -> ScoredRecording:
     fields = _between(flight.recording, judged)
     for number, one in enumerate(judged):
@@ -126,7 +139,13 @@ def _scored(
         for one in judged
     ]
     return ScoredRecording(
-        samples, tuple(scored), flight.monitor.dt, epsilon, flight.quality, notes
+        samples,
+        tuple(scored),
+        flight.monitor.dt,
+        epsilon,
+        flight.quality,
+        notes,
+        reached[:MOST_OUTSIDE],
     )
 
 
@@ -160,9 +179,18 @@ def _verdict(
     known = np.isfinite(part["p_value"])
     peak = int(np.nanargmax(part["p_value"])) if known.any() else None
     alerts = runs(part["t"], part["alert"])
-    what, lead = outcome(alerts, one.limited.crossing, flight.monitor.lead)
+    crossing, promised = one.limited.crossing, flight.monitor.lead
+    what, lead = outcome(alerts, crossing, promised)
     is_withdrawn = one.validity.valid is False
-    unsaid = (withdrawn(one.said, one.limited, epsilon),) if is_withdrawn else ()
+    first = [withdrawn(one.said, one.limited, epsilon)] if is_withdrawn else []
+    why = ""
+    if crossing is None:
+        why = not_seen(one.limited, one.said, alerts, flight.monitor.dt)
+    elif not is_withdrawn:
+        why = could_not_warn(one.limited, crossing, one.said, alerts, promised)
+    if why:
+        what, lead = "unseen", None
+        first.append(why)
     return ScoredStretch(
         name=one.stretch.name,
         start=float(part["t"][0]),
@@ -176,7 +204,7 @@ def _verdict(
         peak_risk=None if peak is None else float(part["p_value"][peak]),
         peak_t=None if peak is None else float(part["t"][peak]),
         alerts=alerts,
-        crossing=one.limited.crossing,
+        crossing=crossing,
         lead=lead,
-        remarks=unsaid + remarks(flight.plan, one.stretch, one.limited, one.said),
+        remarks=(*first, *remarks(flight.plan, one.stretch, one.limited, one.said)),
     )

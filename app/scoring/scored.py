@@ -54,7 +54,7 @@ class Validity:
     """Whether the monitor had any right to speak of a stretch.
 
     valid: False where a check failed; None where its validity is not calibrated or was not to be
-    judged, and then nothing is promised either.
+    judged, or too few samples could be assessed; and then nothing is promised either.
     p_value: that a flight like the simulated ones strays so far, of the residual and the distance
     together; residual_p, distance_p: of each; None where there is none.
     reasons: why valid is not True.
@@ -112,6 +112,7 @@ class ScoredRecording:
 
     samples: (n,) of SAMPLE, one each dt [s].   notes: what was assumed and done, oldest first.
     quality: of the recorded times and channels.
+    outside: first recorded sample of each time that a limit was reached outside every stretch.
     """
 
     samples: npt.NDArray[np.void]
@@ -120,6 +121,7 @@ class ScoredRecording:
     epsilon: float
     quality: Quality
     notes: tuple[str, ...] = field(default=())
+    outside: tuple[Crossing, ...] = ()
 
 
 def packed(fields: Mapping[str, npt.NDArray[Any]]) -> npt.NDArray[np.void]:

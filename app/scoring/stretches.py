@@ -24,6 +24,7 @@ class Stretch(NamedTuple):
 
     onset: sample from which a surface moves; None where it was not looked for.
     rest: samples before it, of which trim is the mean; None where nothing is subtracted.
+    asked: length of the rest [s] where it was asked for and is not there; else None.
     """
 
     name: str
@@ -31,6 +32,7 @@ class Stretch(NamedTuple):
     last: int
     onset: int | None = None
     rest: slice | None = None
+    asked: float | None = None
 
 
 def stretches(
@@ -71,7 +73,9 @@ def _found(
         start = max(start, before)
         last = min(activity.onset - lead_in + length, following, n) - 1
         rest = _rest(activity.onset, start, before, plan, order)
-        result.append(Stretch(f"manoeuvre {number + 1}", start, last, activity.onset, rest))
+        asked = _lacking(rest, plan, order)
+        name = f"manoeuvre {number + 1}"
+        result.append(Stretch(name, start, last, activity.onset, rest, asked))
         before = last + 1
     return tuple(result), tuple(notes)
 
@@ -99,6 +103,13 @@ def _rest(onset: int, start: int, before: int, plan: Plan, order: ScoringOrder) 
     if isinstance(order.trim, float | int):
         start = max(before, onset - round(order.trim / plan.dt))
     return slice(max(0, min(start, onset - 1)), max(onset, 1))
+
+
+def _lacking(rest: slice | None, plan: Plan, order: ScoringOrder) -> float | None:
+    """The seconds that were asked for, where fewer are there."""
+    if rest is None or not isinstance(order.trim, float | int):
+        return None
+    return order.trim if rest.stop - rest.start < round(order.trim / plan.dt) else None
 
 
 def _marked(recording: Recording, plan: Plan, order: ScoringOrder, span: Span) -> Stretch:

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from app.scoring.checks import channels, flight_condition, manoeuvre, rate, trim, units
+from app.scoring.checks import assessed, channels, flight_condition, manoeuvre, rate, trim, units
 from app.scoring.flown import Flown
 from app.scoring.plan import read_channels
 from app.scoring.scored import OBSERVATIONS, Check, Validity
@@ -13,8 +13,10 @@ from core.monitor.validity import SupportVerdict, judge
 def validity(flown: Flown) -> Validity:
     """Every check of a stretch; one that fails takes the right to speak."""
     found = support(flown)
+    coverage = assessed(flown)
     checks = (
         rate(flown),
+        coverage,
         channels(flown),
         flight_condition(flown),
         *manoeuvre(flown),
@@ -24,12 +26,15 @@ def validity(flown: Flown) -> Validity:
     )
     failed = tuple(check.text for check in checks[:-1] if check.ok is False)
     valid = False if failed else found.valid
+    lacking = () if coverage.ok or failed else (coverage.text,)
+    if lacking and valid:
+        valid = None  # what was said stands, but a flight half unseen is none of the simulated
     return Validity(
         valid=valid,
         p_value=found.p_value,
         residual_p=found.residual_p,
         distance_p=found.distance_p,
-        reasons=failed + found.reasons,
+        reasons=failed + lacking + found.reasons,
         checks=checks,
     )
 

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 
+from app.scoring.outcome import Crossing
 from app.scoring.scored import OBSERVATIONS, ScoredRecording, ScoredStretch
 from core.channels import CHANNELS, KEYS
 from core.monitor import Monitor
@@ -12,14 +13,23 @@ OUTCOMES = {
     "missed": "missed: a limit was reached without an alert",
     "false_alert": "alert, no limit reached",
     "quiet": "no alert, no limit reached",
+    "unseen": "not all seen: nothing can be said",
     "invalid": "INVALID, no verdict",
 }
+MOST_TOLD = 20
+"""Exceedances outside of the stretches."""
 NOTHING = "no sample could be assessed: see the state column of assessments.csv"
 
 
 def verdict(monitor: Monitor, scored: ScoredRecording) -> list[str]:
     """Everything that is said of each stretch, in the order of their times."""
-    return [line for stretch in scored.stretches for line in _lines(monitor, scored, stretch)]
+    told = [line for stretch in scored.stretches for line in _lines(monitor, scored, stretch)]
+    outside = [
+        f"outside every manoeuvre: {_reached(crossing)}" for crossing in scored.outside[:MOST_TOLD]
+    ]
+    if (more := len(scored.outside) - MOST_TOLD) > 0:
+        outside.append(f"outside every manoeuvre: and {more} more")
+    return told + outside
 
 
 def _lines(monitor: Monitor, scored: ScoredRecording, stretch: ScoredStretch) -> Iterator[str]:
@@ -29,8 +39,12 @@ def _lines(monitor: Monitor, scored: ScoredRecording, stretch: ScoredStretch) ->
         yield from _risk(monitor, scored.epsilon, stretch, stretch.peak_risk)
     elif stretch.validity.valid is not False:
         yield f"  {NOTHING}"
+    else:
+        yield "  first alert   withdrawn"
     yield f"  first crossing {_crossing(stretch)}"
-    if stretch.peak_risk is not None and stretch.crossing is not None:
+    if stretch.validity.valid is False:
+        yield "  lead          withdrawn"
+    elif stretch.peak_risk is not None and stretch.crossing is not None:
         yield f"  lead          {_lead(monitor, stretch)}"
     moved = ", ".join(
         f"{channel.key} {value:.4g} {channel.unit}"
@@ -67,11 +81,17 @@ def _crossing(stretch: ScoredStretch) -> str:
     crossing = stretch.crossing
     if crossing is None:
         return "none in what was recorded"
+    return _reached(crossing)
+
+
+def _reached(crossing: Crossing) -> str:
     unit = CHANNELS[KEYS.index(crossing.channel)].unit
     return f"at {crossing.t:.2f} s ({crossing.channel} {crossing.value:.3g} {unit})"
 
 
 def _lead(monitor: Monitor, stretch: ScoredStretch) -> str:
+    if stretch.outcome == "unseen":
+        return "not known"
     if stretch.lead is None:
         return "none: the monitor was silent before the crossing (a miss)"
     timely = "at least" if stretch.outcome == "timely_alert" else "short of"

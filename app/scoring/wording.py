@@ -15,12 +15,11 @@ def guarantee(monitor: Monitor, validity: Validity, epsilon: float) -> str:
     if validity.valid is not True:
         first, *more = validity.reasons
         others = f" (and {len(more)} more)" if more else ""
-        unknown = "nothing is promised, as the monitor's right to speak is not known"
-        what = unknown if validity.valid is None else "the guarantee is withdrawn"
-        return f"{what[0].upper()}{what[1:]}: {first}{others}."
+        what = "Nothing is promised" if validity.valid is None else "The guarantee is withdrawn"
+        return f"{what}: {first}{others}."
     level = monitor.support.level if monitor.support else 0.0
-    open_ = [f"{check.name} ({check.text})" for check in validity.checks if check.ok is None]
-    proviso = f" It was not to be checked: {'; '.join(open_)}." if open_ else ""
+    open_ = [check.text for check in validity.checks if check.ok is None]
+    proviso = f" Whether it applies here is not wholly known: {'; '.join(open_)}." if open_ else ""
     return (
         "Of flights like the simulated ones that break a limit, the monitor stays silent until "
         f"less than {monitor.lead:g} s before in at most {epsilon:.4g} of them, on average over "
@@ -62,6 +61,12 @@ def remarks(plan: Plan, stretch: Stretch, limited: Limited, said: Assessments) -
     if not (said.state == STATES.index(State.OK)).all():
         counts = [f"{np.sum(said.state == code)} {state}" for code, state in enumerate(STATES)]
         lines.append(f"samples: {', '.join(counts)}")
+    if stretch.asked is not None and stretch.rest is not None:
+        used = (stretch.rest.stop - stretch.rest.start) * plan.dt
+        lines.append(
+            f"trim from {stretch.asked:g} s before the first input was asked for: {used:.2f} s are "
+            "there and were used"
+        )
     lead_in = round(plan.lead_in / plan.dt)
     if stretch.onset is not None and stretch.onset - stretch.first < lead_in:
         rested = (stretch.onset - stretch.first) * plan.dt

@@ -1,0 +1,56 @@
+"""Limits reached outside every stretch: no monitor spoke there, but nobody should overlook them."""
+
+from collections.abc import Sequence
+
+import numpy as np
+import numpy.typing as npt
+
+from app.scoring.outcome import SAME_TIME, Crossing
+from app.telemetry.traces import Traces
+from core.channels import CHANNELS
+
+Array = npt.NDArray[np.float64]
+
+APART = 1.0
+"""[s] Samples past a limit that lie closer are of one exceedance."""
+MOST_OUTSIDE = 1000
+"""That are kept; the note tells of all."""
+
+
+def outside(
+    traces: Traces, limits: Array, spans: Sequence[tuple[float, float]], trims: Sequence[Array]
+) -> tuple[Crossing, ...]:
+    """The first recorded sample of each exceedance that begins in none of the stretches.
+
+    traces: repaired.   limits: (6,).   spans: start and end of each stretch, in order [s].
+    trims: (6,) of each; between two, the one before counts, ahead of the first, its own.
+    One that began in a stretch and goes on after it is that stretch's.
+    """
+    starts, ends = np.array(spans, np.float64).T
+    subtracted = np.nan_to_num(np.array(trims))
+    found = []
+    for c in np.flatnonzero(np.isfinite(limits)):
+        key, trace = CHANNELS[c].key, traces.channels[CHANNELS[c].key]
+        known = np.isfinite(trace.values)
+        t, values = trace.t[known], trace.values[known]
+        number = np.maximum(np.searchsorted(starts - SAME_TIME, t, "right") - 1, 0)
+        value = values - subtracted[number, c]
+        over = np.flatnonzero(np.abs(value) >= limits[c])
+        begins = over[np.diff(t[over], prepend=-np.inf) > APART]
+        of = number[begins]
+        inside = (t[begins] >= starts[of] - SAME_TIME) & (t[begins] <= ends[of] + SAME_TIME)
+        found += [Crossing(float(t[i]), key, float(value[i])) for i in begins[~inside]]
+    return tuple(sorted(found, key=lambda crossing: crossing.t))
+
+
+def outside_note(found: Sequence[Crossing]) -> tuple[str, ...]:
+    """What a person should know of them; nothing where there are none."""
+    if not found:
+        return ()
+    first = found[0]
+    unit = next(channel.unit for channel in CHANNELS if channel.key == first.channel)
+    times = "once" if len(found) == 1 else f"{len(found)} times, first"
+    return (
+        f"A limit was reached outside every manoeuvre, where nothing was assessed: {times} "
+        f"{first.channel} {first.value:.3g} {unit} at {first.t:.2f} s.",
+    )
