@@ -155,3 +155,22 @@ def test_a_trim_longer_than_what_is_there_says_what_was_used(attas: Monitor, cal
     assert line.endswith("3.00 s are there and were used") or "2.9" in line
     short = only(attas, recorded(calm), ScoringOrder(trim=1.0))
     assert not any(line.startswith("trim from") for line in short.remarks)
+
+
+def test_a_sensor_slower_than_its_recorder_counts_at_its_own_rate(
+    attas: Monitor, calm: np.ndarray
+) -> None:
+    held = calm.copy()
+    held[:, 1] = np.repeat(calm[::4, 1], 4)[: len(calm)]
+    rate = next(c for c in only(attas, recorded(held)).validity.checks if c.name == "rate")
+    assert rate.ok is False
+    assert "p recorded at 5 Hz" in rate.text
+    assert "stands in 4 rows" in rate.text
+
+
+def test_a_limit_that_only_the_trim_takes_away_is_named(attas: Monitor, calm: np.ndarray) -> None:
+    skidding = calm.copy()
+    skidding[:, NY] += np.sign(calm[:, NY][np.abs(calm[:, NY]).argmax()]) * 0.2
+    stretch = only(attas, recorded(skidding))
+    assert stretch.crossing is None
+    assert any("as recorded, trim included, reaches" in line for line in stretch.remarks)

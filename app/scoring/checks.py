@@ -8,6 +8,7 @@ from app.scoring.flown import Flown
 from app.scoring.plan import SURFACE_NAMES, SURFACES, first_direction
 from app.scoring.scored import Check
 from app.scoring.seen import unassessed
+from app.telemetry.resampling import RATE_RATIO
 from core.channels import CHANNELS, KEYS
 
 SPEED_SHARE = 0.1
@@ -41,7 +42,8 @@ def rate(flown: Flown) -> Check:
         n_known = np.count_nonzero(np.isfinite(trace.values[part]))
         if n_known > 1:
             recorded = trace.t[part]
-            steps[key] = float(recorded[-1] - recorded[0]) / (n_known - 1)
+            step = float(recorded[-1] - recorded[0]) / (n_known - 1)
+            steps[key] = step * flown.held.get(key, 1)
     n_assessed, n = int(np.isfinite(flown.said.p_value).sum()), len(t)
     text = f"{n_assessed} of {n} samples could be assessed"
     if not steps:
@@ -49,6 +51,9 @@ def rate(flown: Flown) -> Check:
     slowest = max(steps, key=lambda key: steps[key])
     rates = f"{slowest} recorded at {1 / steps[slowest]:.4g} Hz, the monitor's {1 / dt:.4g} Hz"
     fast_enough = True if steps[slowest] <= 1.05 * dt else None
+    if (rows := flown.held.get(slowest, 1)) > 1:
+        rates += f" (each value stands in {rows} rows)"
+        fast_enough = fast_enough if steps[slowest] <= RATE_RATIO * dt else False
     return Check("rate", fast_enough if n_assessed else False, f"{rates}; {text}")
 
 
@@ -148,7 +153,9 @@ def _surfaces(flown: Flown) -> tuple[bool | None, str]:
             elif flown_way != planned_way:
                 oks[-1] = False
                 text += ": it went the other way first, or its sign is reversed"
-        elif moved > FLOWN_SHARE * amplitudes.max(initial=0.0):
+        elif moved > max(
+            FLOWN_SHARE * amplitudes.max(initial=0.0), LARGER * flown.monitor.reach[c]
+        ):
             oks[-1] = False
             text += ", which the planned manoeuvre leaves alone"
         elif moved > LARGER * flown.monitor.reach[c]:

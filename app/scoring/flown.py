@@ -1,5 +1,6 @@
 """A stretch of a recording as it was assessed, with all that says whether it should have been."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -21,7 +22,8 @@ class Flown:
 
     traces: repaired.   y: (n, 6) from trim, NaN where not recorded.   assessed: (n, 6) the same, 0
     in channels that the monitor does not read.   needed: (6,) channels.   end: last sample that
-    counts, the first one past a limit if there is one.
+    counts, the first one past a limit if there is one.   held: rows for which each value of a
+    channel is repeated, by a recorder that is faster than its sensor.
     """
 
     monitor: Monitor
@@ -34,6 +36,7 @@ class Flown:
     assessed: Array
     said: Assessments
     end: int
+    held: Mapping[str, int]
 
     @cached_property
     def largest(self) -> Array:

@@ -39,15 +39,23 @@ class Hole(NamedTuple):
     lost: float
 
 
+class Peak(NamedTuple):
+    """Largest magnitude of a limited channel: from trim, which is judged, and as recorded."""
+
+    channel: str
+    largest: float
+    limit: float
+    recorded: float
+
+
 class Limited(NamedTuple):
     """What the recorded samples of the limited channels show between two times.
 
-    peaks: channel key, largest magnitude, limit.   lost: seconds of which one has no sample.
-    holes: of each limited channel.
+    lost: seconds of which one has no sample.   holes: of each limited channel.
     """
 
     crossing: Crossing | None
-    peaks: tuple[tuple[str, float, float], ...]
+    peaks: tuple[Peak, ...]
     lost: float
     holes: tuple[Hole, ...] = ()
 
@@ -58,20 +66,22 @@ def against_limits(traces: Traces, limits: Array, trim: Array, start: float, end
     traces: repaired.   limits, trim: (6,).   start, end: [s], both included.
     """
     crossings: list[Crossing] = []
-    peaks: list[tuple[str, float, float]] = []
+    peaks: list[Peak] = []
     holes: list[Hole] = []
     for c in np.flatnonzero(np.isfinite(limits)):
         key, trace = CHANNELS[c].key, traces.channels[CHANNELS[c].key]
         part = slice(*np.searchsorted(trace.t, (start - SAME_TIME, end + SAME_TIME)).tolist())
         known = np.isfinite(trace.values[part])
-        t, value = trace.t[part][known], trace.values[part][known] - trim[c]
+        t, recorded = trace.t[part][known], trace.values[part][known]
+        value = recorded - trim[c]
         over = np.flatnonzero(np.abs(value) >= limits[c])
         if len(over):
             crossings.append(Crossing(float(t[over[0]]), key, float(value[over[0]])))
-        peaks.append((key, float(np.abs(value).max(initial=0.0)), float(limits[c])))
+        largest, as_recorded = (float(np.abs(one).max(initial=0.0)) for one in (value, recorded))
+        peaks.append(Peak(key, largest, float(limits[c]), as_recorded))
         holes += _holes(key, t, start, end)
     first = min(crossings, key=lambda crossing: crossing.t, default=None)
-    each = [sum(hole.lost for hole in holes if hole.channel == key) for key, _, _ in peaks]
+    each = [sum(hole.lost for hole in holes if hole.channel == key) for key, *_ in peaks]
     return Limited(first, tuple(peaks), max(each, default=0.0), tuple(holes))
 
 

@@ -98,6 +98,7 @@ def _judge(flight: Ready, stretch: Stretch) -> _Judged:
         assessed,
         said,
         end,
+        {channel.key: channel.held for channel in flight.quality.channels},
     )
     return _Judged(stretch, trim, y, said, limited, validity(flown))
 

@@ -53,9 +53,16 @@ def remarks(plan: Plan, stretch: Stretch, limited: Limited, said: Assessments) -
     lines = []
     if limited.crossing is None:
         peaks = ", ".join(
-            f"|{key}| {peak:.3g} of {limit:.3g}" for key, peak, limit in limited.peaks
+            f"|{peak.channel}| {peak.largest:.3g} of {peak.limit:.3g} from trim"
+            for peak in limited.peaks
         )
-        lines.append(f"no limit was reached in what was recorded: {peaks}")
+        lines.append(f"no limit was reached in what was recorded of it: {peaks}")
+    lines += [
+        f"|{peak.channel}| as recorded, trim included, reaches {peak.recorded:.3g}, beyond the "
+        f"limit of {peak.limit:.3g}: decide whether its trim is an error of the sensor or flown"
+        for peak in limited.peaks
+        if peak.largest < peak.limit <= peak.recorded
+    ]
     if limited.lost > 0.0:
         lines.append(f"{limited.lost:.2f} s of the limited channels are missing")
     if not (said.state == STATES.index(State.OK)).all():
