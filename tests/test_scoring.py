@@ -337,11 +337,11 @@ def test_without_calibration_validity_is_not_known_and_nothing_is_promised(attas
 def test_a_needed_channel_that_is_missing_is_named_with_what_derives_it(attas: Monitor, calm):
     traces = recorded(calm)
     without = Traces({key: trace for key, trace in traces.channels.items() if key != "beta"})
-    with pytest.raises(TelemetryError, match="needs beta, which .* to what is missing, or choose"):
+    with pytest.raises(TelemetryError, match=r"needs beta, which .* to what is missing, or choose"):
         score(attas, without)
     with_speeds = recorded(calm, v=1.0, V=131.0)
     del with_speeds.channels["beta"]
-    with pytest.raises(TelemetryError, match="does not have: .* derive beta from v and V,"):
+    with pytest.raises(TelemetryError, match=r"does not have: .* derive beta from v and V,"):
         score(attas, with_speeds)
 
 
@@ -416,7 +416,7 @@ def of_ny_alone() -> Monitor:
 
 def test_a_record_without_sideslip_is_refused_by_a_monitor_that_reads_it():
     slow = trained(replace(TEST, dt=0.1, n_unsafe=40))
-    with pytest.raises(TelemetryError, match="needs beta, which the recording does not have"):
+    with pytest.raises(TelemetryError, match=r"needs beta, which the recording does not have"):
         score(slow, record("citation_20190312_dutchroll"))
 
 

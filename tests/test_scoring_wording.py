@@ -6,11 +6,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from app.scoring.outcome import Crossing, Limited
+from app.scoring.outcome import Crossing, Limited, Peak
 from app.scoring.wording import withdrawn
 from core.monitor import Assessments
 
-NONE = Limited(None, (("Ny", 0.1, 0.2),), 0.0)
+NONE = Limited(None, (Peak("Ny", 0.1, 0.2, 0.1),), 0.0)
 
 
 def said(*p_values: float) -> Assessments:

@@ -100,7 +100,9 @@ def faults(quality: Plain | None) -> Markup | None:
         words = FAULTS.get(what, what)
         strip = chart.strip(LOWEST, f"{channel} {words}" if channel else words)
         strip.fill("fault", [(span["start"], span["end"]) for span in spans], LEAST)
-    return chart.svg("Where the recording has gaps, repeated, missing, frozen or impossible samples")
+    return chart.svg(
+        "Where the recording has gaps, repeated, missing, frozen or impossible samples"
+    )
 
 
 def _risk(

@@ -43,7 +43,7 @@ def datasets(
                 said = name.decode("utf-8", "replace")
                 ignored.append(f"{'/'.join((*path, said))}: a name that is not in UTF-8")
                 continue
-            here = (*path, name)
+            here = (*path, str(name))
             link = group.get(name, getlink=True)
             if isinstance(link, h5py.ExternalLink):
                 ignored.append(f"{'/'.join(here)}: a link to another file, which is not followed")
