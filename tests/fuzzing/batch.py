@@ -1,0 +1,88 @@
+"""Reading many damaged files in one isolated process, as if they were one file with one reader.
+
+What each of them came to is a line of a log, so that the line that is missing tells which one
+ended the process.
+"""
+
+import json
+import os
+import shutil
+import signal
+import tempfile
+import time
+from pathlib import Path
+
+from app.mapped_columns import propose_mapping
+from app.telemetry.contents import Columns, ColumnWriter, open_columns
+from app.telemetry.formats import format_of
+from app.telemetry.recording import TelemetryError
+from tests.fuzzing.damage import Damaged, damaged
+
+MOST_BYTES = 1 << 30
+
+
+def read(path: Path, writer: ColumnWriter) -> None:
+    """Do what the JSON at `path` says: kind, seed, paths, first, last, seconds, log."""
+    order = json.loads(path.read_text())
+    paths = [Path(each) for each in order["paths"]]
+    aside = writer.folder / "temporary"
+    aside.mkdir()
+    tempfile.tempdir = str(aside)
+    log = os.open(order["log"], os.O_WRONLY | os.O_APPEND)
+    for number in range(order["first"], order["last"]):
+        file = damaged(order["seed"], order["kind"], number, paths)
+        signal.setitimer(signal.ITIMER_REAL, order["seconds"])
+        begun = time.perf_counter()
+        end, text = outcome(file, writer.folder)
+        took = time.perf_counter() - begun
+        signal.setitimer(signal.ITIMER_REAL, 0)
+        os.write(log, json.dumps([end, text, took, _most_memory()]).encode() + b"\n")
+
+
+def outcome(file: Damaged, folder: Path) -> tuple[str, str]:
+    """How the reading of a file ended: "read", "refused", or "wrong" with what is wrong."""
+    path, columns = folder / "damaged", folder / "columns"
+    path.write_bytes(file.content)
+    columns.mkdir()
+    try:
+        known, notes = format_of(path, file.name)
+        contents = known.read(path, ColumnWriter(columns, MOST_BYTES, notes=notes))
+        if open_columns(columns).contents != contents:
+            return "wrong", "what was written is not what was answered"
+        if said := wrong_columns(open_columns(columns)):
+            return "wrong", said
+        propose_mapping(open_columns(columns), None)
+    except TelemetryError as error:
+        return "refused", str(error)
+    except Exception as error:
+        return "wrong", f"{type(error).__name__}: {error}"[:500]
+    finally:
+        shutil.rmtree(columns)
+        path.unlink()
+    left = [path.name for path in (folder / "temporary").iterdir()]
+    return ("wrong", f"it left {left} behind") if left else ("read", "")
+
+
+def wrong_columns(columns: Columns) -> str:
+    """What is wrong with a folder of columns, "" where nothing is."""
+    contents = columns.contents
+    names = [one.name for one in contents.signals]
+    expected = {"contents.json", *(f"{number}.f8" for number in range(len(names)))}
+    if more := {path.name for path in columns.folder.iterdir()} - expected:
+        return f"{more} lies beside the columns"
+    if len(set(names)) < len(names) or not all(name and name.isprintable() for name in names):
+        return f"signals have the names {names}"
+    for one in contents.signals:
+        values, n_rows = columns.values(one.name), contents.groups[one.group].n_rows
+        if values.shape != (n_rows,):
+            return f"{one.name} has {len(values)} values in a group of {n_rows} rows"
+    return ""
+
+
+def _most_memory() -> int:
+    """The most that this process has used so far [MiB]; 0 where the system does not say."""
+    try:
+        import resource
+    except ImportError:
+        return 0
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss // 1024

@@ -1,0 +1,122 @@
+"""A campaign: damaged files of every kind, in batches, each batch in an isolated process."""
+
+import json
+import shutil
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+from app.telemetry import isolation
+from app.telemetry.contents import open_columns
+from app.telemetry.reading import LONGEST_SENTENCE, ReadLimits, read_file
+from app.telemetry.recording import TelemetryError
+from tests.fuzzing.damage import Damaged
+from tests.fuzzing.seeds import Seed, paths_of
+
+BATCH = 500
+MEMORY = 2 << 30
+"""Of the process that reads a batch [bytes]."""
+SECONDS = 10.0
+"""For one file."""
+ALARM = "exit -14"
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What a damaged file came to. end: "read", "refused", "wrong", "crashed", "slow", "large".
+
+    seconds: it took.   memory: the most that its process had used up to then [MiB].
+    """
+
+    kind: str
+    number: int
+    end: str
+    text: str = ""
+    seconds: float = 0.0
+    memory: int = 0
+
+    @property
+    def contained(self) -> bool:
+        """Whether it took its process with it, in which it was alone if it were uploaded."""
+        return self.end in ("crashed", "slow", "large")
+
+
+def run(seed: int, counts: dict[str, int], seeds: Sequence[Seed], folder: Path) -> list[Outcome]:
+    """Try so many damaged files of each kind."""
+    batches = [
+        (kind, first, min(first + BATCH, count))
+        for kind, count in counts.items()
+        for first in range(0, count, BATCH)
+    ]
+
+    def one(batch: tuple[str, int, int]) -> list[Outcome]:
+        kind, first, last = batch
+        return _batch(seed, kind, paths_of(seeds, kind), first, last, folder)
+
+    with ThreadPoolExecutor(2) as pool:
+        return [outcome for outcomes in pool.map(one, batches) for outcome in outcomes]
+
+
+def _batch(
+    seed: int, kind: str, paths: Sequence[Path], first: int, last: int, folder: Path
+) -> list[Outcome]:
+    """Try the files of one batch; begin anew behind one that ends its process."""
+    outcomes: list[Outcome] = []
+    while first < last:
+        with TemporaryDirectory(dir=folder) as name:
+            here = Path(name)
+            (here / "columns").mkdir()
+            (here / "log").touch()
+            order = {"seed": seed, "kind": kind, "first": first, "last": last, "seconds": SECONDS}
+            order |= {"log": str(here / "log"), "paths": [str(path) for path in paths]}
+            (here / "order").write_text(json.dumps(order))
+            answer = isolation.carry_out(_order(here, last - first))
+            lines = (here / "log").read_text().splitlines()
+        for number, line in enumerate(lines, first):
+            outcomes.append(Outcome(kind, number, *json.loads(line)))
+        first += len(lines)
+        if first < last:
+            end, text = answer["end"], answer.get("text", "")
+            assert end in ("crashed", "slow", "large"), answer
+            outcomes.append(Outcome(kind, first, "slow" if text == ALARM else end, text, SECONDS))
+            first += 1
+    return outcomes
+
+
+def replayed(file: Damaged, folder: Path, seconds: float = SECONDS) -> str:
+    """Read one file as an upload is; return what is said of it, or that it is read.
+
+    AssertionError where that is not as it should be, or anything is left behind.
+    """
+    path, columns = folder / "replayed", folder / "replayed.columns"
+    path.write_bytes(file.content)
+    before = sorted(folder.iterdir())
+    try:
+        contents = read_file(path, columns, name=file.name, limits=ReadLimits(seconds=seconds))
+    except TelemetryError as error:
+        text = str(error)
+        assert text.startswith(f"{file.name}: "), text
+        assert text.isprintable(), text
+        assert len(text) <= LONGEST_SENTENCE, text
+        assert sorted(folder.iterdir()) == before
+        return text
+    assert contents == open_columns(columns).contents
+    shutil.rmtree(columns)
+    return "read"
+
+
+def _order(folder: Path, n_files: int) -> dict[str, object]:
+    return {
+        "path": str(folder / "order"),
+        "folder": str(folder / "columns"),
+        "reader": "tests.fuzzing.batch",
+        "extra": "",
+        "notes": (),
+        "size": 0,
+        "seconds": SECONDS + 0.5 * n_files,
+        "memory": MEMORY,
+        "most_bytes": 1 << 30,
+        "bad_share": 0.01,
+    }

@@ -1,0 +1,42 @@
+"""Files that are made to hurt, each by a writer of its own name."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+from tests.fuzzing.hostile_arrays import ARRAYS
+from tests.fuzzing.hostile_records import RECORDS
+from tests.fuzzing.hostile_text import TEXTS
+
+
+def _text(make: Callable[[], str]) -> Callable[[Path], object]:
+    return lambda path: path.write_bytes(make().encode())
+
+
+HOSTILE: dict[str, Callable[[Path], object]] = {
+    **{name: _text(make) for name, make in TEXTS.items()},
+    **ARRAYS,
+    **RECORDS,
+}
+READABLE = frozenset(
+    (
+        "unclosed_quote",
+        "numbers_without_end",
+        "four_thousand_columns",
+        "names_all_alike",
+        "name_without_end",
+        "brackets_without_end",
+        "every_sign",
+        "turned_around",
+        "terminal_signs",
+        "days_out_of_range",
+        "backwards",
+        "groups_in_circles",
+        "many_objects",
+        "odd_names",
+        "channel_outside",
+        "packets_of_all_kinds",
+        "packets_of_all_times",
+        "odd_names_of_columns",
+    )
+)
+"""Those that hold a signal all the same."""
