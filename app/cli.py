@@ -17,7 +17,7 @@ from app.score_options import add_score_command
 from app.serving_options import add_serving_commands
 from core import __version__
 from core.collection import DatasetRecipe
-from core.compiled import announce_compilation
+from core.kernels.compiled import announce_compilation
 from core.monitor import MonitorRecipe
 
 INTERRUPTED = 130

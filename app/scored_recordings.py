@@ -19,7 +19,7 @@ from app.stored_samples import Samples, digest, keep, open_samples, open_tiles, 
 from app.tables import new_id, now
 from app.tiles import TILE, Window, window
 from core import __version__
-from core.compiled import threads
+from core.kernels.compiled import threads
 from core.monitor import Monitor
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import numpy.typing as npt
 
 from core.channels import KEYS
-from core.compiled import jit
+from core.kernels.compiled import jit
 
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]

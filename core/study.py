@@ -11,9 +11,9 @@ import numpy.typing as npt
 
 from core.channels import KEYS
 from core.collection import DatasetRecipe, Rollouts, Simulator, collect
-from core.compiled import on_this_thread
 from core.dataset import Dataset
 from core.evaluation import EPSILONS, Evaluation, clustered_interval, evaluate
+from core.kernels.compiled import on_this_thread
 from core.monitor.calibration import smallest_epsilon
 from core.monitor.monitor import Monitor
 from core.monitor.predictor import PREDICTORS, Predictor

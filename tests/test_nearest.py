@@ -4,9 +4,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numba.core.errors import TypingError
 
-from core.compiled import jit
-from core.monitor.nearest import build, locate, nearest, nearest_batch, squared_distance_at
-from core.monitor.tree_build import _select
+from core.kernels.compiled import jit
+from core.kernels.nearest import build, locate, nearest, nearest_batch, squared_distance_at
+from core.kernels.tree_build import _select
 
 
 @jit

@@ -9,7 +9,8 @@ from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 
-from core.simulation import rollout, zero_order_hold
+from core.kernels import zero_order_hold
+from core.simulation import rollout
 from core.simulation.aircraft import PublishedAircraft
 from core.simulation.control_law import (
     CONTROL_LAWS,

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from core.channels import KEYS
+from core.kernels.assessing import SIMPLE, score_all
 from core.monitor import MonitorRecipe
-from core.monitor.live_path import SIMPLE, score_all
 from core.monitor.monitor import assemble
 from core.monitor.predictor import PREDICTORS, Affine, Array
 from core.monitor.recipe import tagged, untagged

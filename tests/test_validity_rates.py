@@ -12,8 +12,8 @@ import pytest
 
 from core.channels import KEYS
 from core.collection import DatasetRecipe, SensorNoise, Simulator, collect
+from core.kernels.deviation import farthest, ground_of
 from core.monitor import Monitor, train
-from core.monitor.excursion import farthest, ground_of
 from core.monitor.support import LEVEL, Support, calibrate
 from core.simulation.aircraft import PublishedAircraft
 from core.simulation.control_law import CONTROL_LAWS, RateDamper

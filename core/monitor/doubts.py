@@ -6,7 +6,7 @@ import numpy as np
 import numpy.typing as npt
 
 from core.channels import CHANNELS
-from core.monitor.excursion import COMPARED, DISTANCE, PLACED, SIZE, WHEN, Excursion
+from core.kernels.deviation import COMPARED, DISTANCE, PLACED, SIZE, WHEN, Excursion
 from core.monitor.support import Support
 
 if TYPE_CHECKING:

@@ -9,11 +9,13 @@ import numpy as np
 import numpy.typing as npt
 
 from core.channels import N_CHANNELS
-from core.monitor import live_path, peak_risk, portable
+from core.kernels import assessing as live_path
+from core.kernels import peak_risk
+from core.kernels.assessing import SIMPLE, Fitted, Transduction
+from core.kernels.nearest import Tree, build
+from core.monitor import portable
 from core.monitor.assessment import REASONS, STATES, Assessment, Assessments, Exemplar
 from core.monitor.calibration import check_epsilon, smallest_epsilon
-from core.monitor.live_path import SIMPLE, Fitted, Transduction
-from core.monitor.nearest import Tree, build
 from core.monitor.predictor import Affine
 from core.monitor.recipe import MonitorRecipe
 from core.monitor.support import Support

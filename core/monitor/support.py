@@ -10,8 +10,8 @@ import numpy.typing as npt
 
 from core.channels import N_CHANNELS
 from core.dataset import Dataset
+from core.kernels.deviation import farthest, ground_of
 from core.monitor.calibration import p_values
-from core.monitor.excursion import farthest, ground_of
 from core.monitor.observation import channel_scale, outputs_ahead
 
 if TYPE_CHECKING:

@@ -6,13 +6,14 @@ import numpy.typing as npt
 from core import __version__
 from core.channels import N_CHANNELS
 from core.dataset import Dataset
-from core.monitor.live_path import (
+from core.kernels.assessing import (
     SIMPLE,
     Fitted,
     Transduction,
     map_samples,
     weighted_distances,
 )
+from core.kernels.peak_risk import lowest_scores
 from core.monitor.monitor import Monitor, assemble
 from core.monitor.observation import (
     channel_scale,
@@ -20,7 +21,6 @@ from core.monitor.observation import (
     observations_at,
     outputs_ahead,
 )
-from core.monitor.peak_risk import lowest_scores
 from core.monitor.predictor import Affine, Predictor
 from core.monitor.recipe import MonitorRecipe
 

@@ -12,9 +12,8 @@ import numpy as np
 import numpy.typing as npt
 
 from core.channels import KEYS, N_CHANNELS
-from core.monitor.assessment import STATES, Assessment, Assessments
-from core.monitor.doubts import NOT_CALIBRATED, strayed, too_little
-from core.monitor.excursion import (
+from core.kernels.assessing import STALE
+from core.kernels.deviation import (
     AT,
     DISTANCE,
     SAMPLES,
@@ -26,7 +25,8 @@ from core.monitor.excursion import (
     ground_of,
     take,
 )
-from core.monitor.live_path import STALE
+from core.monitor.assessment import STATES, Assessment, Assessments
+from core.monitor.doubts import NOT_CALIBRATED, strayed, too_little
 from core.monitor.support import Support
 
 if TYPE_CHECKING:

@@ -7,13 +7,13 @@ import numpy as np
 import numpy.typing as npt
 
 from core.channels import N_CHANNELS
-from core.compiled import in_chunks
-from core.lanes import WIDTH, aligned
+from core.kernels.compiled import in_chunks
+from core.kernels.lanes import WIDTH, aligned
+from core.kernels.response import GROUPS, LEDGER, linear_room, roll_out_linear
+from core.kernels.saturation import LIMITED_LEDGER, limited_room, roll_out_limited
+from core.kernels.zero_order_hold import input_series
 from core.simulation.control_law import FEEDBACK, PHI_STATE, SURFACES, Actuator, Controller
-from core.simulation.response import GROUPS, LEDGER, linear_room, roll_out_linear
-from core.simulation.saturation import LIMITED_LEDGER, limited_room, roll_out_limited
 from core.simulation.uncertain_plant import Plants
-from core.simulation.zero_order_hold import input_series
 
 Array = npt.NDArray[np.float64]
 CHUNK = 32 * GROUPS * WIDTH

@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 
 from core.collection import DatasetRecipe, Simulator, collect
-from core.compiled import jit
-from core.monitor import Monitor, live_path, train
+from core.kernels import assessing as live_path
+from core.kernels.compiled import jit
+from core.monitor import Monitor, train
 from tests.benchmarks.peers import CKDTreeMonitor
 
 pytestmark = pytest.mark.benchmark

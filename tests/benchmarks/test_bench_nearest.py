@@ -5,7 +5,7 @@ import pytest
 from numba import njit
 from scipy.spatial import KDTree
 
-from core.monitor.nearest import build, nearest, nearest_batch
+from core.kernels.nearest import build, nearest, nearest_batch
 
 # F-16, 502 ft/s at sea level (Stevens & Lewis, Example 5.3-1), rows beta, p, r.
 A = np.array([[-0.322, 0.0364, -0.9917], [-30.6492, -3.6784, 0.6646], [8.5396, -0.0254, -0.4764]])

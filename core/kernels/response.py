@@ -3,8 +3,9 @@
 import numpy as np
 
 from core.channels import N_CHANNELS
-from core.compiled import jit
-from core.lanes import (
+from core.kernels.closed_loop import N_FEEDBACK, clear, close_loop
+from core.kernels.compiled import jit
+from core.kernels.lanes import (
     WIDTH,
     add,
     address,
@@ -22,8 +23,7 @@ from core.lanes import (
     write,
     write_integer,
 )
-from core.simulation.closed_loop import N_FEEDBACK, clear, close_loop
-from core.simulation.zero_order_hold import discretise, product, scratch
+from core.kernels.zero_order_hold import discretise, product, scratch
 
 SAMPLES = 4  # between two transposed stores: 4 samples x 6 channels are three blocks of eight
 GROUPS = (

@@ -7,8 +7,7 @@ passed over: a bound on their score shows that they cannot be it.
 import numpy as np
 import numpy.typing as npt
 
-from core.compiled import in_chunks, jit
-from core.monitor.live_path import (
+from core.kernels.assessing import (
     Fitted,
     Transduction,
     map_observation,
@@ -16,7 +15,8 @@ from core.monitor.live_path import (
     rule_of,
     score_point,
 )
-from core.monitor.nearest import inlined, locate, nearest_at, squared_distance_at
+from core.kernels.compiled import in_chunks, jit
+from core.kernels.nearest import inlined, locate, nearest_at, squared_distance_at
 
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]

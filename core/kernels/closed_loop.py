@@ -7,8 +7,8 @@ control_law.closed_loop.
 A matrix of lanes is flat: its entry (i, j) is the run of eight numbers from 8 (i columns + j) on.
 """
 
-from core.compiled import jit
-from core.lanes import WIDTH, fma, load, read_integer, splat, store, total, write
+from core.kernels.compiled import jit
+from core.kernels.lanes import WIDTH, fma, load, read_integer, splat, store, total, write
 
 PHI = 3  # the plant state that is the bank angle, where a law feeds it back
 N_FEEDBACK = 7

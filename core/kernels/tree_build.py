@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from core.compiled import jit
+from core.kernels.compiled import jit
 
 LEAF = 32
 WIDTH = 8

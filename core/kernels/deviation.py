@@ -10,9 +10,9 @@ import numpy as np
 import numpy.typing as npt
 
 from core.channels import N_CHANNELS
-from core.compiled import in_chunks, jit
-from core.monitor.live_path import INVALID, OK, STALE, map_observation, states
-from core.monitor.nearest import Tree, locate, nearest_at, squared_distance_at
+from core.kernels.assessing import INVALID, OK, STALE, map_observation, states
+from core.kernels.compiled import in_chunks, jit
+from core.kernels.nearest import Tree, locate, nearest_at, squared_distance_at
 
 if TYPE_CHECKING:
     from core.monitor.monitor import Monitor

@@ -6,10 +6,10 @@ import numpy as np
 import numpy.typing as npt
 
 from core.channels import N_CHANNELS
-from core.compiled import in_chunks, jit
-from core.lanes import WIDTH, add, address, fma, load, pick, read, splat, write
+from core.kernels.compiled import in_chunks, jit
+from core.kernels.lanes import WIDTH, add, address, fma, load, pick, read, splat, write
+from core.kernels.nearest import Tree, inlined, locate, nearest_at, squared_distance_at
 from core.monitor.calibration import p_values
-from core.monitor.nearest import Tree, inlined, locate, nearest_at, squared_distance_at
 from core.monitor.predictor import Affine
 
 Array = npt.NDArray[np.float64]

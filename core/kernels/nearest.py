@@ -16,8 +16,8 @@ from numba.core import cgutils
 from numba.core.errors import TypingError
 from numba.np.numpy_support import carray
 
-from core.compiled import in_chunks, jit
-from core.monitor.tree_build import EMPTY, LEAF, WIDTH, pack
+from core.kernels.compiled import in_chunks, jit
+from core.kernels.tree_build import EMPTY, LEAF, WIDTH, pack
 
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]

@@ -5,8 +5,9 @@ without being located, which costs some 1e-5 rad at two milliseconds.
 """
 
 from core.channels import N_CHANNELS
-from core.compiled import jit
-from core.lanes import (
+from core.kernels.closed_loop import N_FEEDBACK, clear, close_loop
+from core.kernels.compiled import jit
+from core.kernels.lanes import (
     WIDTH,
     add,
     address,
@@ -19,8 +20,7 @@ from core.lanes import (
     where_greater,
     write_integer,
 )
-from core.simulation.closed_loop import N_FEEDBACK, clear, close_loop
-from core.simulation.response import (
+from core.kernels.response import (
     LEDGER_EACH,
     SAMPLES,
     gather_commands,
@@ -29,7 +29,7 @@ from core.simulation.response import (
     write_block,
     write_rest,
 )
-from core.simulation.zero_order_hold import product
+from core.kernels.zero_order_hold import product
 
 LIMITED_LEDGER = LEDGER_EACH
 

@@ -12,8 +12,9 @@ import numpy as np
 import numpy.typing as npt
 from scipy.special import hyp1f1
 
-from core.compiled import jit
-from core.lanes import (
+from core.kernels.closed_loop import clear
+from core.kernels.compiled import jit
+from core.kernels.lanes import (
     UNROLLED,
     WIDTH,
     add,
@@ -29,7 +30,6 @@ from core.lanes import (
     where_greater,
     write,
 )
-from core.simulation.closed_loop import clear
 
 Array = npt.NDArray[np.float64]
 DEGREE = 16
