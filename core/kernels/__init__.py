@@ -1,0 +1,1 @@
+"""All that is compiled: kernels and the lanes they compute on; the modules around call them."""
