@@ -8,13 +8,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from app.destinations import check_directory, check_file
-from app.options import add_recipe_options, plain_recipe
-from app.progress import progress_bar
+from app.commands.destinations import check_directory, check_file
+from app.commands.options import add_recipe_options, plain_recipe
+from app.commands.progress import progress_bar
+from app.commands.report import add_report_command
+from app.commands.score import add_score_command
+from app.commands.serve import add_serving_commands
 from app.recipes import from_plain, to_plain
-from app.report_options import add_report_command
-from app.score_options import add_score_command
-from app.serving_options import add_serving_commands
 from core import __version__
 from core.collection import DatasetRecipe
 from core.kernels.compiled import announce_compilation
@@ -102,7 +102,7 @@ def _study(options: argparse.Namespace) -> int:
 
 
 def _train(options: argparse.Namespace) -> int:
-    from app.training_report import train_and_test
+    from app.commands.training_lines import train_and_test
 
     recipe = from_plain(TrainingRecipe(), plain_recipe(options))
     if options.print_recipe:

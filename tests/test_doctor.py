@@ -3,9 +3,9 @@ import socket
 import pytest
 from sqlalchemy import text
 
-from app import doctor
 from app.cli import main
-from app.doctor import Failed, examine, outside_request
+from app.commands import doctor
+from app.commands.doctor import Failed, examine, outside_request
 from app.settings import Settings, SettingsError
 from app.store import StoreError, open_store
 

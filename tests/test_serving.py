@@ -14,7 +14,7 @@ import httpx
 import pytest
 
 from app.cli import main
-from app.demo import NAME, prepare
+from app.commands.demo import NAME, prepare
 from app.serving import address_of, alone, listen
 from app.settings import Settings, SettingsError
 from app.store import open_store

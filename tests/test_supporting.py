@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from app import supporting
+from app.commands.training_lines import report
 from app.training import TEST, fresh_flights, train_and_test
-from app.training_report import report
 from core.collection import DatasetRecipe, Simulator, collect
 from core.dataset import Dataset
 from core.monitor import MonitorRecipe, train

@@ -4,8 +4,8 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from app.destinations import check_file
-from app.score_options import SETTINGS, add_scoring_options, request_of
+from app.commands.destinations import check_file
+from app.commands.score import SETTINGS, add_scoring_options, request_of
 
 N_TEST = 2000
 
@@ -39,7 +39,7 @@ def _report(options: argparse.Namespace) -> int:
     out = check_file(options.out or Path(f"{options.file.stem}-report.html"))
     request, memory = request_of(options)
 
-    from app.report_files import ReportOrder, write_reports
+    from app.commands.report_files import ReportOrder, write_reports
 
     exports = tuple(dict.fromkeys(filter(None, options.export.split(","))))
     order = ReportOrder(out, exports, options.n_test, options.aircraft)

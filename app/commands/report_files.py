@@ -3,13 +3,13 @@
 from dataclasses import dataclass
 from pathlib import Path
 
-from app.destinations import DestinationError
+from app.commands.destinations import DestinationError
+from app.commands.scoring_lines import Report, is_assessed, lines
 from app.exports import EXPORTS, export
 from app.mapping_memory import MappingMemory
 from app.report.from_file import file_subjects
 from app.report.page import report
 from app.report.subject import about
-from app.score_report import Report, is_assessed, lines
 from app.scored_file import ScoreRequest, labels, score_file
 from core.whole_file import write_whole
 

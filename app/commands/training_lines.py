@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from app.progress import progress_bar
+from app.commands.progress import progress_bar
 from app.training import FlownTest, Training, simulate
 from app.training import train_and_test as train_from
 from core.collection import DatasetRecipe

@@ -4,7 +4,7 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from app.destinations import check_directory
+from app.commands.destinations import check_directory
 
 if TYPE_CHECKING:
     from app.mapping_memory import MappingMemory
@@ -65,8 +65,8 @@ def request_of(options: argparse.Namespace) -> "tuple[ScoreRequest, MappingMemor
     epsilons = tuple(map(_epsilon, ",".join(options.epsilon).split(","))) if options.epsilon else ()
     order = _order(options)
 
+    from app.commands.mapping_lines import read_mapping
     from app.mapping_memory import MappingMemory
-    from app.mapping_report import read_mapping
     from app.scored_file import ScoreRequest
     from app.settings import read_settings
 
@@ -84,7 +84,7 @@ def _score(options: argparse.Namespace) -> int:
     out = check_directory(options.out or Path(f"{options.file.stem}-scored"))
     request, memory = request_of(options)
 
-    from app.score_report import write_scores
+    from app.commands.scoring_lines import write_scores
 
     report = write_scores(request, out, memory)
     print(report.text)

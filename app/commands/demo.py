@@ -7,9 +7,9 @@ from collections.abc import Callable
 from fastapi import FastAPI
 from httpx import ASGITransport, AsyncClient
 
+from app.commands.progress import progress_bar
 from app.database import StoreError
 from app.orders import dataset_name
-from app.progress import progress_bar
 from app.recipes import to_plain
 from app.serving import alone, serve
 from app.settings import Settings

@@ -52,7 +52,7 @@ def _serve(options: argparse.Namespace) -> int:
 
 
 def _demo(options: argparse.Namespace) -> int:
-    from app.demo import demonstrate
+    from app.commands.demo import demonstrate
 
     has_display = sys.platform != "linux" or "DISPLAY" in os.environ
     has_display = has_display or "WAYLAND_DISPLAY" in os.environ
@@ -61,7 +61,7 @@ def _demo(options: argparse.Namespace) -> int:
 
 
 def _doctor(options: argparse.Namespace) -> int:
-    from app.doctor import examine
+    from app.commands.doctor import examine
 
     well = True
     for finding in examine(_settings(options)):
