@@ -7,10 +7,10 @@ settings without `-x`.
 from alembic import context
 from sqlalchemy import Connection
 
-from app.database import address
-from app.schema import migrating
 from app.settings import read_settings
-from app.tables import metadata
+from app.store.database import address
+from app.store.schema import migrating
+from app.store.tables import metadata
 
 
 def migrate(connection: Connection) -> None:

@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Any, Self
 import numpy as np
 
 from app.clock import Clock, MonotonicClock
-from app.entries import FlightInfo
 from app.flight import Flight, FlightPlan, patience
 from app.live_flight import LiveFlight
 from app.messages import Alarm, plain_frame
@@ -27,7 +26,8 @@ from app.sources import (
     open_source,
     trim_angles,
 )
-from app.store import NotFound, Store
+from app.store.entries import FlightInfo
+from app.store.store import NotFound, Store
 from app.track_flight import TrackFlight
 from core.monitor import Assessment, Monitor, State
 from core.monitor.assessment import STATES

@@ -4,7 +4,7 @@ from typing import Any
 
 from app.jobs import Task, Work
 from app.orders import DatasetOrder, MonitorOrder, dataset_name
-from app.store import Store
+from app.store.store import Store
 from app.training import simulate, train_and_test
 from core.study import StudyRecipe, study
 

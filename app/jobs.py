@@ -9,8 +9,8 @@ from collections.abc import AsyncIterator, Callable
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-from app.entries import ENDED, JobInfo
-from app.store import NotFound, Store
+from app.store.entries import ENDED, JobInfo
+from app.store.store import NotFound, Store
 
 LOG = logging.getLogger("forewarn")
 SAVE_INTERVAL = 0.5

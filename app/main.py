@@ -33,7 +33,7 @@ from app.scene import Scenes
 from app.scored_recordings import ScoredRecordings
 from app.security import BodyLimit, Guard
 from app.settings import Settings
-from app.store import open_store
+from app.store.store import open_store
 from core import __version__
 
 HERE = Path(__file__).parent

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import orjson
 
-from app.entries import MappedColumns, MappingState, RememberedMapping
+from app.store.entries import MappedColumns, MappingState, RememberedMapping
 from app.telemetry.applying import apply_mapping
 from app.telemetry.contents import Columns, Contents
 from app.telemetry.derivations import DERIVATIONS, Derivation

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 from app.mapped_columns import signature
 from app.settings import Settings
-from app.store import open_store
+from app.store.store import open_store
 from app.telemetry.contents import Contents
 from app.telemetry.mapping import Mapping
 

@@ -5,7 +5,7 @@ from typing import Any
 
 from app.catalog import LARGEST_N_TEST, N_TEST
 from app.recipes import RecipeError, from_plain, to_plain
-from app.store import Store
+from app.store.store import Store
 from app.training import recipe_of
 from core.collection import LARGEST_CHUNK, DatasetRecipe, Simulator
 from core.dataset import Dataset

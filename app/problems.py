@@ -98,7 +98,7 @@ def problem_response(problem: Problem, headers: dict[str, str] | None = None) ->
 
 def install_problems(app: FastAPI) -> None:
     """Answer every error of the application with a problem document."""
-    from app.store import InUse, NotFound, StoreError
+    from app.store.store import InUse, NotFound, StoreError
 
     def answer(status: int, kind: str):
         async def handler(request: Request, error: Exception) -> Response:

@@ -16,7 +16,7 @@ import numpy as np
 from app.clock import Clock, Timer
 from app.messages import Alarm
 from app.sources import Array
-from app.store import NotFound, Store
+from app.store.store import NotFound, Store
 from core.channels import N_CHANNELS
 from core.monitor import Assessment
 from core.monitor.assessment import STATES

@@ -5,9 +5,9 @@ from typing import Any
 
 import numpy as np
 
-from app.entries import MappedColumns
 from app.recordings import Recordings
-from app.store import NotFound
+from app.store.entries import MappedColumns
+from app.store.store import NotFound
 from app.telemetry.applying import preview
 from app.telemetry.contents import Contents
 from app.telemetry.doubts import find_doubts

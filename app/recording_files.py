@@ -16,7 +16,7 @@ from collections.abc import Collection, Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from app.database import StoreError
+from app.store.database import StoreError
 from app.telemetry.contents import Columns, open_columns
 
 LOG = logging.getLogger("forewarn")

@@ -13,11 +13,11 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Self
 
-from app.entries import MappedColumns
 from app.mapped_columns import propose_mapping, signature, take_mapping
 from app.recording_files import RecordingFiles, spacious
-from app.store import NotFound, Store, StoreError
-from app.tables import new_id
+from app.store.entries import MappedColumns
+from app.store.store import NotFound, Store, StoreError
+from app.store.tables import new_id
 from app.telemetry.applying import apply_mapping
 from app.telemetry.contents import Columns, open_columns
 from app.telemetry.mapping import Mapping

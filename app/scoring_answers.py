@@ -5,11 +5,11 @@ from typing import Any
 
 import numpy as np
 
-from app.entries import ScoringInfo
 from app.messages import limited_channels
 from app.recipes import from_plain
 from app.recordings import Recordings
 from app.scoring import manoeuvres_in
+from app.store.entries import ScoringInfo
 from app.stored_reasons import reason
 from app.stored_samples import Samples
 from app.tiles import Window

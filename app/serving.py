@@ -13,7 +13,7 @@ from uvicorn.protocols.websockets.auto import AutoWebSocketsProtocol
 
 from app.main import create_app
 from app.settings import Settings, SettingsError
-from app.store import open_store
+from app.store.store import open_store
 
 SEND_BUFFER = 32_768
 """Bytes that the kernel holds for a watcher who does not read; more would be minutes old."""

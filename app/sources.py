@@ -13,7 +13,7 @@ import numpy.typing as npt
 from pydantic import BaseModel, ConfigDict, Field
 
 from app.recipes import from_plain
-from app.store import Store
+from app.store.store import Store
 from core.channels import N_CHANNELS
 from core.collection import DatasetRecipe, Rollouts, Simulator
 from core.monitor import Monitor

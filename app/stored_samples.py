@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from app.database import StoreError
 from app.recording_files import spacious
+from app.store.database import StoreError
 from app.tiles import make_tiles
 from core.whole_file import whole_file
 

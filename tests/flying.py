@@ -15,7 +15,7 @@ from app.flight import FlightPlan
 from app.recorder import Recorder
 from app.script import AssessedTrack
 from app.sources import Track, times
-from app.store import Store, open_store
+from app.store.store import Store, open_store
 from app.track_flight import TrackFlight
 from app.watcher import Watcher
 from core.monitor import Monitor, MonitorRecipe, train

@@ -9,9 +9,11 @@ import numpy as np
 import pytest
 from sqlalchemy import func, select
 
-from app import shelf, stored_arrays, stored_monitors
-from app.entries import MappedColumns, ScoringInfo, StoredAssessments
-from app.store import Store, open_store
+from app.store import arrays as stored_arrays
+from app.store import monitors as stored_monitors
+from app.store import repository as shelf
+from app.store.entries import MappedColumns, ScoringInfo, StoredAssessments
+from app.store.store import Store, open_store
 from core.monitor import Monitor
 
 MAPPED = MappedColumns(

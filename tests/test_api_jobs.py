@@ -2,7 +2,7 @@ import threading
 
 import pytest
 
-from app.store import open_store
+from app.store.store import open_store
 from core.study import METHODS
 from tests.api import api, events, finished, problem
 

@@ -7,7 +7,7 @@ from app.cli import main
 from app.commands import doctor
 from app.commands.doctor import Failed, examine, outside_request
 from app.settings import Settings, SettingsError
-from app.store import StoreError, open_store
+from app.store.store import StoreError, open_store
 
 
 @pytest.fixture

@@ -13,7 +13,7 @@ import pytest
 from app.flights import FlightOrder, Flights, TooManyFlights
 from app.recipes import to_plain
 from app.sources import Simulated, SourceError
-from app.store import NotFound, Store, open_store
+from app.store.store import NotFound, Store, open_store
 from core.collection import DatasetRecipe, collect
 from core.monitor import Monitor, MonitorRecipe, train
 from core.simulation.attitude import SurfaceSigns

@@ -4,7 +4,7 @@ import threading
 import pytest
 
 from app.jobs import Jobs, NotRunning, QueueFull
-from app.store import NotFound, open_store
+from app.store.store import NotFound, open_store
 
 PATIENCE = 30.0
 

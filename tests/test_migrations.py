@@ -17,11 +17,11 @@ from alembic.config import Config
 from alembic.migration import MigrationContext
 from sqlalchemy import insert, inspect
 
-from app import schema
-from app.database import address, make_engine, writing
-from app.schema import configuration, current_revision, migrating, newest_revision
-from app.store import NotFound, StoreError, open_store
-from app.tables import jobs, metadata
+from app.store import schema
+from app.store.database import address, make_engine, writing
+from app.store.schema import configuration, current_revision, migrating, newest_revision
+from app.store.store import NotFound, StoreError, open_store
+from app.store.tables import jobs, metadata
 from core.dataset import Dataset
 from core.monitor import train
 from core.monitor.portable import to_bytes
@@ -261,7 +261,7 @@ def test_a_program_killed_in_the_middle_of_a_migration_leaves_the_old_schema(
     die = 'op.execute("DELETE FROM jobs")\n    os.kill(os.getpid(), signal.SIGKILL)'
     code = (
         "import sys\nfrom pathlib import Path\nfrom app import schema\n"
-        "from app.store import open_store\n"
+        "from app.store.store import open_store\n"
         "schema.migrations = lambda: Path(sys.argv[2])\nopen_store(sys.argv[1])\n"
     )
     killed = subprocess.run(
@@ -276,7 +276,7 @@ def test_a_program_killed_in_the_middle_of_a_migration_leaves_the_old_schema(
 
 
 def test_processes_that_open_a_new_store_at_once_make_one(path: Path) -> None:
-    code = "import sys\nfrom app.store import open_store\nopen_store(sys.argv[1]).add_job('a', {})"
+    code = "import sys\nfrom app.store.store import open_store\nopen_store(sys.argv[1]).add_job('a', {})"
     command_line = [sys.executable, "-W", "error", "-c", code, str(path)]
     opening = [subprocess.Popen(command_line, cwd=ROOT) for _ in range(3)]
     assert [process.wait() for process in opening] == [0, 0, 0]
@@ -296,7 +296,7 @@ def test_threads_that_open_a_new_store_at_once_make_one(path: Path) -> None:
 
 
 def test_the_library_wins_over_the_directory_of_migrations() -> None:
-    code = "import alembic, app.schema; print(alembic.__file__); print(app.schema.migrations())"
+    code = "import alembic, app.store.schema; print(alembic.__file__); print(app.store.schema.migrations())"
     done = subprocess.run(
         [sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True
     )

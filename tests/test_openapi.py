@@ -12,7 +12,7 @@ from schemathesis.python.asgi import get_client, shutdown_lifespans
 from app.catalog import catalog
 from app.main import create_app
 from app.settings import Settings
-from app.store import open_store
+from app.store.store import open_store
 from core.monitor import MonitorRecipe, train
 from tests.api import api
 from tests.recorded import RECORDINGS, csv_of, uploaded

@@ -9,7 +9,7 @@ import pytest
 from app import recorder as module
 from app.messages import Alarm
 from app.recorder import INTERVAL_S, Recorder
-from app.store import open_store
+from app.store.store import open_store
 from core.dataset import Dataset
 from core.monitor import train
 from core.monitor.assessment import Assessment, State

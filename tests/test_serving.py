@@ -17,7 +17,7 @@ from app.cli import main
 from app.commands.demo import NAME, prepare
 from app.serving import address_of, alone, listen
 from app.settings import Settings, SettingsError
-from app.store import open_store
+from app.store.store import open_store
 from core.monitor import MonitorRecipe, train
 from tests.api import served
 

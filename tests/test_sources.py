@@ -19,7 +19,7 @@ from app.sources import (
     times,
     trim_angles,
 )
-from app.store import NotFound, Store, open_store
+from app.store.store import NotFound, Store, open_store
 from core.collection import DatasetRecipe, SensorNoise, Simulator, collect
 from core.monitor import Monitor, MonitorRecipe, train
 

@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from app.database import address
-from app.entries import MonitorInfo
-from app.store import InUse, NotFound, Store, StoreError, open_store
-from app.tables import (
+from app.store.database import address
+from app.store.entries import MonitorInfo
+from app.store.store import InUse, NotFound, Store, StoreError, open_store
+from app.store.tables import (
     dataset_blocks,
     datasets,
     metadata,

@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from app.store import open_store
-from app.tables import (
+from app.store.store import open_store
+from app.store.tables import (
     datasets,
 )
 from core.dataset import Dataset
@@ -35,8 +35,9 @@ import os, signal, sys
 from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 from sqlalchemy import event
-from app import shelf, stored_arrays
-from app.store import open_store
+from app.store import repository as shelf
+from app.store import arrays as stored_arrays
+from app.store.store import open_store
 from tests import oscillator
 from tests.stored import append
 

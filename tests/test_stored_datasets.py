@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 from sqlalchemy import delete, update
 
-from app import stored_datasets
-from app.database import writing
-from app.entries import DatasetInfo
-from app.peaks import peak_histograms
-from app.store import NotFound, Store, StoreError
-from app.stored_arrays import from_blob, from_blocks, to_blob, to_blocks
-from app.tables import (
+from app.store import datasets as stored_datasets
+from app.store.arrays import from_blob, from_blocks, to_blob, to_blocks
+from app.store.database import writing
+from app.store.entries import DatasetInfo
+from app.store.peaks import peak_histograms
+from app.store.store import NotFound, Store, StoreError
+from app.store.tables import (
     dataset_blocks,
     datasets,
 )

@@ -8,8 +8,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from app.store import Store, open_store
-from app.tables import (
+from app.store.store import Store, open_store
+from app.store.tables import (
     assessment_chunks,
 )
 from core.dataset import Dataset

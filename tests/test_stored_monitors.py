@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from sqlalchemy import update
 
-from app import stored_monitors
-from app.database import writing
-from app.store import NotFound, Store, StoreError
-from app.tables import (
+from app.store import monitors as stored_monitors
+from app.store.database import writing
+from app.store.store import NotFound, Store, StoreError
+from app.store.tables import (
     monitor_parts,
 )
 from core.dataset import Dataset

@@ -6,10 +6,10 @@ from pathlib import Path
 
 import pytest
 
-from app.entries import Marker, RecordingInfo, RememberedMapping
-from app.shelf import InUse, NotFound
-from app.store import Store
-from app.tables import channel_maps, markers, recordings, scorings
+from app.store.entries import Marker, RecordingInfo, RememberedMapping
+from app.store.repository import InUse, NotFound
+from app.store.store import Store
+from app.store.tables import channel_maps, markers, recordings, scorings
 from core.dataset import Dataset
 from core.monitor import Monitor, train
 from tests.stored import MAPPED, count, keep_recording, opened, scoring

@@ -19,7 +19,7 @@ from app import serving as serving_module
 from app import upload as upload_module
 from app.recordings import Recordings
 from app.settings import Settings
-from app.store import open_store
+from app.store.store import open_store
 from tests.api import PATIENCE, api, problem, served
 from tests.recorded import OCTETS, RECORDINGS, csv_of, kept_files, upload, uploaded
 

@@ -20,10 +20,10 @@ from websockets.asyncio.client import connect
 
 from app.main import STATIC, create_app
 from app.scene_server import SUBPROTOCOL
-from app.schema import current_revision, needs_upgrade, newest_revision
 from app.serving import Server, address_of, listen
 from app.settings import Settings, SettingsError
-from app.store import StoreError, open_store
+from app.store.schema import current_revision, needs_upgrade, newest_revision
+from app.store.store import StoreError, open_store
 from app.training import simulate
 from core import __version__
 from core.collection import DatasetRecipe

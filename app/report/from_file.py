@@ -10,8 +10,8 @@ from app.mapped_columns import plain, plain_quality
 from app.recipes import RecipeError, from_plain
 from app.report.subject import PROPOSED, ReportSubject, of_contents
 from app.scored_file import Scored, ScoredFile, ScoreRequest
+from app.store.tables import now
 from app.stored_samples import digest
-from app.tables import now
 from app.telemetry.mapping import Mapping
 from app.training import fly_test, fresh_flights
 from core import __version__

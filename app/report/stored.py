@@ -3,9 +3,9 @@
 from dataclasses import asdict
 from typing import Any
 
-from app.entries import MappedColumns, MappingState, ScoringInfo
 from app.report.subject import PROPOSED, ReportSubject, of_contents
 from app.scored_recordings import ScoredRecordings
+from app.store.entries import MappedColumns, MappingState, ScoringInfo
 
 MAPPED: dict[MappingState, str] = {
     "proposed": PROPOSED,

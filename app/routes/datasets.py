@@ -23,7 +23,7 @@ from app.routes.dependencies import (
     json_from,
 )
 from app.routes.job_answers import ACCEPTED, Job, accepted
-from app.store import Store
+from app.store.store import Store
 from core.channels import KEYS
 
 router = APIRouter(prefix="/api/v1/datasets", tags=["datasets"])

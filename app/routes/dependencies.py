@@ -12,7 +12,7 @@ from app.problems import Problem
 from app.recordings import Recordings
 from app.scored_recordings import ScoredRecordings
 from app.settings import Settings
-from app.store import Store
+from app.store.store import Store
 
 Result = TypeVar("Result")
 

@@ -14,7 +14,6 @@ from starlette.status import (
 )
 from starlette.websockets import WebSocketDisconnect
 
-from app.entries import FlightInfo
 from app.flight import Flight
 from app.flights import FlightOrder, Flights, TooManyFlights, flight_name
 from app.messages import Alarm, Credit, End, Frame, MessageError, TransportState, decode
@@ -22,6 +21,7 @@ from app.problems import Problem, problem_responses
 from app.recipes import RecipeError
 from app.routes.dependencies import json_from
 from app.sources import SourceRequest
+from app.store.entries import FlightInfo
 from app.transport import NotPossible, TransportError
 from app.watcher import Watcher
 from core.monitor import State

@@ -6,10 +6,10 @@ from typing import Any
 from fastapi import Response
 from pydantic import BaseModel, ConfigDict, Field
 
-from app.entries import JobInfo, JobStatus
 from app.job_kinds import without_figures
 from app.jobs import STOPPED, Jobs, QueueFull, Work
 from app.problems import Problem, problem_responses
+from app.store.entries import JobInfo, JobStatus
 
 ACCEPTED: dict[int | str, dict[str, Any]] = problem_responses(404, 413, 415, 422, 429) | {
     202: {

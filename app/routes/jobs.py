@@ -10,7 +10,6 @@ from fastapi.responses import StreamingResponse
 from fastapi.sse import format_sse_event
 
 from app.catalog import study_request_schema
-from app.entries import ENDED, JobInfo
 from app.job_kinds import study_work
 from app.jobs import NotRunning
 from app.orders import study_order
@@ -25,6 +24,7 @@ from app.routes.dependencies import (
     file_of,
 )
 from app.routes.job_answers import ACCEPTED, Job, accepted, job_model
+from app.store.entries import ENDED, JobInfo
 
 router = APIRouter(prefix="/api/v1", tags=["jobs"])
 KEEP_ALIVE = 15.0

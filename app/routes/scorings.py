@@ -6,7 +6,6 @@ from typing import Annotated, Any, Literal
 from fastapi import APIRouter, Query, Response
 from pydantic import BaseModel, ConfigDict, Field
 
-from app.entries import ScoringInfo
 from app.messages import ChannelLimit, Frame
 from app.problems import Problem, problem_responses
 from app.routes.dependencies import RecordingsDep, ScoredDep, json_from, json_response
@@ -14,6 +13,7 @@ from app.routes.recording_models import Mapping, Number, Span
 from app.scoring import ScoringOrder
 from app.scoring import Span as MarkedSpan
 from app.scoring_answers import answer, found_spans, frames, tiled
+from app.store.entries import ScoringInfo
 
 router = APIRouter(prefix="/api/v1/recordings/{recording_id}", tags=["recordings"])
 MOST_FRAMES = 10_000

@@ -17,7 +17,7 @@ import numpy as np
 import pytest
 
 from app.recipes import to_plain
-from app.store import open_store
+from app.store.store import open_store
 from core.collection import DatasetRecipe, collect
 from core.monitor import train
 

@@ -10,9 +10,9 @@ import pytest
 from sqlalchemy import func, insert, select
 from sqlalchemy.orm import DeclarativeBase, Mapped, Session, mapped_column
 
-from app.database import make_engine, writing
-from app.entries import StoredAssessments
-from app.store import open_store
+from app.store.database import make_engine, writing
+from app.store.entries import StoredAssessments
+from app.store.store import open_store
 from core.channels import KEYS
 from core.dataset import Dataset
 from core.monitor import train

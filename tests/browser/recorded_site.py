@@ -9,7 +9,7 @@ from typing import Any
 import httpx
 import numpy as np
 
-from app.store import Store
+from app.store.store import Store
 from core.simulation.aircraft import PublishedAircraft
 from tests import attas
 from tests.browser.site import Site, open_site

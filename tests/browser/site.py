@@ -10,7 +10,7 @@ from typing import Any
 from app.main import create_app
 from app.serving import Server, listen
 from app.settings import Settings
-from app.store import Store
+from app.store.store import Store
 
 
 class Site:

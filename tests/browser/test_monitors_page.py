@@ -12,7 +12,7 @@ from playwright.sync_api import Page, expect
 from scipy import stats
 
 from app.catalog import catalog
-from app.store import Store
+from app.store.store import Store
 from core.monitor.calibration import rank
 from tests.browser.site import open_site
 

@@ -9,7 +9,7 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from app.peaks import PeakHistogram
+from app.store.peaks import PeakHistogram
 
 Array = npt.NDArray[np.float64]
 

@@ -8,10 +8,10 @@ import numpy as np
 import numpy.typing as npt
 from sqlalchemy import Connection, Select, delete, func, insert, select, update
 
-from app.entries import Alarm, FlightInfo, StoredAssessments
-from app.shelf import Shelf, columns, found, whole
-from app.stored_arrays import from_blob, to_blob
-from app.tables import alarms, assessment_chunks, flights, monitors, new_id, now
+from app.store.arrays import from_blob, to_blob
+from app.store.entries import Alarm, FlightInfo, StoredAssessments
+from app.store.repository import Shelf, columns, found, whole
+from app.store.tables import alarms, assessment_chunks, flights, monitors, new_id, now
 from core.channels import N_CHANNELS
 from core.monitor.assessment import REASONS
 

@@ -8,11 +8,11 @@ from typing import Any
 
 from sqlalchemy import Connection, Engine, Row, delete, select, update
 
-from app.database import StoreError
-from app.entries import MonitorInfo
 from app.recipes import to_plain
-from app.shelf import InUse, Shelf, columns, found, whole
-from app.tables import (
+from app.store.database import StoreError
+from app.store.entries import MonitorInfo
+from app.store.repository import InUse, Shelf, columns, found, whole
+from app.store.tables import (
     datasets,
     flights,
     monitor_parts,

@@ -8,7 +8,7 @@ from typing import Any
 
 from sqlalchemy import Connection, Engine, Row, Select, Table, delete, insert, update
 
-from app.database import reading, writing
+from app.store.database import reading, writing
 
 TRANSACTION_BYTES = 4 * 2**20
 

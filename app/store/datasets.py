@@ -6,12 +6,12 @@ from typing import Any, Literal
 
 from sqlalchemy import Connection, Row, delete, select
 
-from app.database import StoreError
-from app.entries import DatasetInfo, StoredRollout
-from app.peaks import PeakHistogram, peak_histograms
-from app.shelf import InUse, NotFound, Shelf, columns, found, whole
-from app.stored_arrays import from_blob, from_blocks, to_blocks
-from app.tables import dataset_blocks, datasets, monitors, new_id, now
+from app.store.arrays import from_blob, from_blocks, to_blocks
+from app.store.database import StoreError
+from app.store.entries import DatasetInfo, StoredRollout
+from app.store.peaks import PeakHistogram, peak_histograms
+from app.store.repository import InUse, NotFound, Shelf, columns, found, whole
+from app.store.tables import dataset_blocks, datasets, monitors, new_id, now
 from core import __version__
 from core.dataset import Dataset
 

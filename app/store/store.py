@@ -8,16 +8,16 @@ from pathlib import Path
 
 from sqlalchemy import delete
 
-from app.database import StoreError, address, damage, make_engine
-from app.schema import bring_up_to_date, current_revision
-from app.shelf import InUse, NotFound
-from app.stored_datasets import StoredDatasets
-from app.stored_flights import StoredFlights, interrupt_flights
-from app.stored_jobs import StoredJobs, interrupt_jobs
-from app.stored_monitors import StoredMonitors
-from app.stored_recordings import StoredRecordings
-from app.stored_scorings import StoredScorings
-from app.tables import datasets, monitors
+from app.store.database import StoreError, address, damage, make_engine
+from app.store.datasets import StoredDatasets
+from app.store.flights import StoredFlights, interrupt_flights
+from app.store.jobs import StoredJobs, interrupt_jobs
+from app.store.monitors import StoredMonitors
+from app.store.recordings import StoredRecordings
+from app.store.repository import InUse, NotFound
+from app.store.schema import bring_up_to_date, current_revision
+from app.store.scorings import StoredScorings
+from app.store.tables import datasets, monitors
 
 __all__ = ["InUse", "NotFound", "Store", "StoreError", "open_store"]
 

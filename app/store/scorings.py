@@ -4,10 +4,10 @@ from dataclasses import asdict, replace
 
 from sqlalchemy import Connection, Select, delete, insert, select, update
 
-from app.entries import Marker, ScoringInfo
-from app.shelf import InUse, Shelf, columns, found, whole
-from app.stored_recordings import flown_by
-from app.tables import markers, monitors, recordings, scorings
+from app.store.entries import Marker, ScoringInfo
+from app.store.recordings import flown_by
+from app.store.repository import InUse, Shelf, columns, found, whole
+from app.store.tables import markers, monitors, recordings, scorings
 
 
 class StoredScorings(Shelf):

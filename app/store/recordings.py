@@ -16,9 +16,9 @@ from sqlalchemy import (
     update,
 )
 
-from app.entries import MappedColumns, RecordingInfo, RememberedMapping
-from app.shelf import InUse, Shelf, columns, found, whole
-from app.tables import channel_maps, flights, new_id, now, recordings, scorings
+from app.store.entries import MappedColumns, RecordingInfo, RememberedMapping
+from app.store.repository import InUse, Shelf, columns, found, whole
+from app.store.tables import channel_maps, flights, new_id, now, recordings, scorings
 
 
 class StoredRecordings(Shelf):

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Iterator
 import numpy as np
 import numpy.typing as npt
 
-from app.database import StoreError
+from app.store.database import StoreError
 
 BLOCK_BYTES = 256 * 1024
 

@@ -4,9 +4,9 @@ from typing import Any
 
 from sqlalchemy import Connection, insert, select, update
 
-from app.entries import ENDED, JobInfo, JobStatus
-from app.shelf import Shelf, columns, found
-from app.tables import jobs, new_id, now
+from app.store.entries import ENDED, JobInfo, JobStatus
+from app.store.repository import Shelf, columns, found
+from app.store.tables import jobs, new_id, now
 
 STATUSES: tuple[JobStatus, ...] = ("queued", "running", *ENDED)
 

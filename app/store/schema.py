@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from sqlalchemy import URL, Connection, inspect
 from sqlalchemy.exc import DBAPIError
 
-from app.database import (
+from app.store.database import (
     StoreError,
     broken_references,
     engine_to_look,
