@@ -31,7 +31,7 @@ from core.channels import KEYS
 from core.monitor import Assessment, Monitor, State
 
 if TYPE_CHECKING:
-    from app.scene import Scene
+    from app.scene.scene import Scene
 
 LOG = logging.getLogger("forewarn")
 HEARTBEAT_S = 1.0

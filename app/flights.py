@@ -34,7 +34,7 @@ from core.monitor.assessment import STATES
 from core.simulation.attitude import SurfaceSigns, surface_signs
 
 if TYPE_CHECKING:
-    from app.scene import Scene, Scenes
+    from app.scene.scene import Scene, Scenes
 
 LOG = logging.getLogger("forewarn")
 STOPPING = "the server is stopping"

@@ -29,7 +29,7 @@ from app.routes import (
     scorings,
 )
 from app.routes.scene import scene_router
-from app.scene import Scenes
+from app.scene.scene import Scenes
 from app.scored_recordings import ScoredRecordings
 from app.security import BodyLimit, Guard
 from app.settings import Settings

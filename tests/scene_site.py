@@ -12,7 +12,7 @@ from fastapi import FastAPI
 from fastapi.responses import HTMLResponse
 
 from app.routes.scene import scene_router
-from app.scene import Scene, Scenes
+from app.scene.scene import Scene, Scenes
 
 NEVER = 1e9
 FRAME = """<link rel="icon" href="data:,"><body style="margin:0">

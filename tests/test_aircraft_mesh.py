@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
-from app.aircraft_mesh import SPAN, Part, aircraft
-from app.quaternion import matrix, turn
+from app.scene.aircraft_mesh import SPAN, Part, aircraft
+from app.scene.quaternion import matrix, turn
 
 PARTS = aircraft()
 BY_NAME = {part.name: part for part in PARTS}

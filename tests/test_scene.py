@@ -24,12 +24,11 @@ from viser.infra import Message, _infra
 from websockets.exceptions import InvalidStatus
 from websockets.sync.client import connect
 
-from app import scene_server
-from app.aircraft_mesh import aircraft
-from app.quaternion import body_to_earth, matrix, turn
 from app.routes.scene import CONTENT_SECURITY_POLICY, same_origin
-from app.scene import Scene, Scenes, TooManyScenes
-from app.scene_picture import (
+from app.scene import server as scene_server
+from app.scene.aircraft_mesh import aircraft
+from app.scene.ground_track import TRAIL_POINTS, Track
+from app.scene.picture import (
     ALERT,
     CALM,
     EXAGGERATION,
@@ -41,7 +40,9 @@ from app.scene_picture import (
     tone,
     words,
 )
-from app.scene_server import (
+from app.scene.quaternion import body_to_earth, matrix, turn
+from app.scene.scene import Scene, Scenes, TooManyScenes
+from app.scene.server import (
     SECRET_HEADER,
     SUBPROTOCOL,
     SceneServerError,
@@ -49,8 +50,7 @@ from app.scene_server import (
     credentials,
     open_server,
 )
-from app.scene_shapes import arrow, torus, tube
-from app.scene_track import TRAIL_POINTS, Track
+from app.scene.shapes import arrow, torus, tube
 from core.monitor.assessment import State
 from core.simulation.attitude import Attitude, SurfaceSigns
 from tests.scene_site import Site, scene_site, show

@@ -19,7 +19,7 @@ from sqlalchemy import make_url
 from websockets.asyncio.client import connect
 
 from app.main import STATIC, create_app
-from app.scene_server import SUBPROTOCOL
+from app.scene.server import SUBPROTOCOL
 from app.serving import Server, address_of, listen
 from app.settings import Settings, SettingsError
 from app.store.schema import current_revision, needs_upgrade, newest_revision

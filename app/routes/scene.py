@@ -22,8 +22,8 @@ from starlette.websockets import WebSocketDisconnect
 from websockets.asyncio.client import ClientConnection, connect
 from websockets.exceptions import ConnectionClosed
 
-from app.scene import Scene, Scenes
-from app.scene_server import SUBPROTOCOL, admitted, credentials
+from app.scene.scene import Scene, Scenes
+from app.scene.server import SUBPROTOCOL, admitted, credentials
 
 CONTENT_SECURITY_POLICY = (
     "default-src 'none'; script-src 'unsafe-inline' 'wasm-unsafe-eval' blob:; worker-src blob:; "

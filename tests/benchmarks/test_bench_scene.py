@@ -8,8 +8,8 @@ import pytest
 from websockets.sync.client import connect
 from websockets.typing import Origin
 
-from app.scene import Scenes
-from app.scene_server import SUBPROTOCOL
+from app.scene.scene import Scenes
+from app.scene.server import SUBPROTOCOL
 from tests.scene_site import scene_site, show
 
 pytestmark = pytest.mark.benchmark

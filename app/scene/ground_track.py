@@ -9,8 +9,8 @@ from math import cos, exp, sin
 import numpy as np
 import numpy.typing as npt
 
-from app.aircraft_mesh import SPAN, Colour
-from app.quaternion import body_to_earth, matrix
+from app.scene.aircraft_mesh import SPAN, Colour
+from app.scene.quaternion import body_to_earth, matrix
 from core.simulation.attitude import Attitude, wrapped
 
 Array = npt.NDArray[np.float64]

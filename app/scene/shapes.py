@@ -9,7 +9,7 @@ from math import cos, pi, sin
 import numpy as np
 import numpy.typing as npt
 
-from app.aircraft_mesh import Faces, Vertices, loft
+from app.scene.aircraft_mesh import Faces, Vertices, loft
 
 Array = npt.NDArray[np.float64]
 Lines = npt.NDArray[np.float32]

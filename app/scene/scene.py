@@ -13,8 +13,8 @@ from contextlib import asynccontextmanager, contextmanager
 from math import isfinite
 from typing import Self
 
-from app.scene_picture import Picture, Shown
-from app.scene_server import address, open_server
+from app.scene.picture import Picture, Shown
+from app.scene.server import address, open_server
 from core.monitor.assessment import State
 from core.simulation.attitude import Attitude, SurfaceSigns
 

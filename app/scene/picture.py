@@ -11,10 +11,10 @@ from typing import Any, NamedTuple
 import numpy as np
 import viser
 
-from app.aircraft_mesh import Colour, Part, aircraft
-from app.quaternion import body_to_earth, product, turn
-from app.scene_shapes import arrow, circle, compass, slip_scale, torus, tube
-from app.scene_track import TRAIL_POINTS, Track
+from app.scene.aircraft_mesh import Colour, Part, aircraft
+from app.scene.ground_track import TRAIL_POINTS, Track
+from app.scene.quaternion import body_to_earth, product, turn
+from app.scene.shapes import arrow, circle, compass, slip_scale, torus, tube
 from core.monitor.assessment import State
 from core.simulation.attitude import Attitude, SurfaceSigns
 
