@@ -12,7 +12,7 @@ from fastapi.responses import HTMLResponse, Response
 from fastapi.staticfiles import StaticFiles
 
 from app.flights import Flights
-from app.jobs import Jobs
+from app.jobs.jobs import Jobs
 from app.metrics import Measured, Metrics
 from app.problems import describe_problems, install_problems
 from app.recordings import Recordings

@@ -6,9 +6,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from app.jobs.training import train_and_test
 from app.recipes import to_plain
 from app.telemetry.traces import Trace, Traces
-from app.training import train_and_test
 from core.channels import KEYS
 from core.collection import DatasetRecipe, Rollouts, SensorNoise, Simulator, collect
 from core.monitor import Monitor, MonitorRecipe

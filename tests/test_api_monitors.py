@@ -3,8 +3,8 @@ import hashlib
 import numpy as np
 import pytest
 
+from app.jobs.training import fly_test, fresh_flights
 from app.recipes import from_plain
-from app.training import fly_test, fresh_flights
 from core.channels import KEYS
 from core.collection import DatasetRecipe
 from core.monitor import MonitorRecipe, train

@@ -3,7 +3,7 @@ import threading
 
 import pytest
 
-from app.jobs import Jobs, NotRunning, QueueFull
+from app.jobs.jobs import Jobs, NotRunning, QueueFull
 from app.store.store import NotFound, open_store
 
 PATIENCE = 30.0

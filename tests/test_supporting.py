@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from app import supporting
 from app.commands.training_lines import report
-from app.training import TEST, fresh_flights, train_and_test
+from app.jobs import supporting
+from app.jobs.training import TEST, fresh_flights, train_and_test
 from core.collection import DatasetRecipe, Simulator, collect
 from core.dataset import Dataset
 from core.monitor import MonitorRecipe, train
@@ -22,7 +22,7 @@ def nothing(*_: object) -> None:
 
 @pytest.fixture(scope="module")
 def simulated() -> Dataset:
-    from app.training import simulate
+    from app.jobs.training import simulate
 
     return simulate(RECIPE, nothing)
 

@@ -12,11 +12,11 @@ import numpy.typing as npt
 import pytest
 
 from app.flights import FlightOrder
+from app.jobs.training import train_and_test
 from app.messages import Frames, Hello, StateChange
 from app.recipes import to_plain
 from app.script import AssessedTrack
 from app.sources import Simulated, Track
-from app.training import train_and_test
 from app.withdrawal import CheckedStream, withdrawal
 from core.channels import KEYS
 from core.collection import DatasetRecipe, Simulator, collect

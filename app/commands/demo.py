@@ -8,13 +8,13 @@ from fastapi import FastAPI
 from httpx import ASGITransport, AsyncClient
 
 from app.commands.progress import progress_bar
-from app.orders import dataset_name
+from app.jobs.requests import dataset_name
+from app.jobs.training import simulate, train_and_test
 from app.recipes import to_plain
 from app.serving import alone, serve
 from app.settings import Settings
 from app.store.database import StoreError
 from app.store.store import Store, open_store
-from app.training import simulate, train_and_test
 from core import __version__
 from core.collection import DatasetRecipe
 from core.monitor import MonitorRecipe

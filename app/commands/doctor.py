@@ -18,13 +18,13 @@ import httpx
 from sqlalchemy import make_url
 from websockets.asyncio.client import connect
 
+from app.jobs.training import simulate
 from app.main import STATIC, create_app
 from app.scene.server import SUBPROTOCOL
 from app.serving import Server, address_of, listen
 from app.settings import Settings, SettingsError
 from app.store.schema import current_revision, needs_upgrade, newest_revision
 from app.store.store import StoreError, open_store
-from app.training import simulate
 from core import __version__
 from core.collection import DatasetRecipe
 from core.monitor import MonitorRecipe, train

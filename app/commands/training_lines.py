@@ -3,8 +3,8 @@
 import numpy as np
 
 from app.commands.progress import progress_bar
-from app.training import FlownTest, Training, simulate
-from app.training import train_and_test as train_from
+from app.jobs.training import FlownTest, Training, simulate
+from app.jobs.training import train_and_test as train_from
 from core.collection import DatasetRecipe
 from core.dataset import Dataset
 from core.evaluation import clopper_pearson

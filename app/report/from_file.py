@@ -6,6 +6,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
+from app.jobs.training import fly_test, fresh_flights
 from app.mapped_columns import plain, plain_quality
 from app.recipes import RecipeError, from_plain
 from app.report.subject import PROPOSED, ReportSubject, of_contents
@@ -13,7 +14,6 @@ from app.scored_file import Scored, ScoredFile, ScoreRequest
 from app.store.tables import now
 from app.stored_samples import digest
 from app.telemetry.mapping import Mapping
-from app.training import fly_test, fresh_flights
 from core import __version__
 from core.collection import DatasetRecipe
 from core.monitor import Monitor

@@ -9,8 +9,8 @@ from fastapi import APIRouter, Query, Response
 from pydantic import BaseModel, ConfigDict, Field
 
 from app.catalog import dataset_request_schema
-from app.job_kinds import dataset_work
-from app.orders import dataset_order
+from app.jobs.kinds import dataset_work
+from app.jobs.requests import dataset_order
 from app.problems import Problem, problem_responses
 from app.recipes import to_plain
 from app.routes.dependencies import (

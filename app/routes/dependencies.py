@@ -7,7 +7,7 @@ from typing import Annotated, Any, TypeVar
 import orjson
 from fastapi import Depends, Request, Response
 
-from app.jobs import Jobs
+from app.jobs.jobs import Jobs
 from app.problems import Problem
 from app.recordings import Recordings
 from app.scored_recordings import ScoredRecordings

@@ -6,8 +6,8 @@ from typing import Any
 from fastapi import Response
 from pydantic import BaseModel, ConfigDict, Field
 
-from app.job_kinds import without_figures
-from app.jobs import STOPPED, Jobs, QueueFull, Work
+from app.jobs.jobs import STOPPED, Jobs, QueueFull, Work
+from app.jobs.kinds import without_figures
 from app.problems import Problem, problem_responses
 from app.store.entries import JobInfo, JobStatus
 

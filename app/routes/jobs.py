@@ -10,9 +10,9 @@ from fastapi.responses import StreamingResponse
 from fastapi.sse import format_sse_event
 
 from app.catalog import study_request_schema
-from app.job_kinds import study_work
-from app.jobs import NotRunning
-from app.orders import study_order
+from app.jobs.jobs import NotRunning
+from app.jobs.kinds import study_work
+from app.jobs.requests import study_order
 from app.problems import Problem, problem_responses
 from app.recipes import to_plain
 from app.routes.dependencies import (

@@ -7,9 +7,9 @@ from fastapi import APIRouter, Query, Request, Response
 from pydantic import BaseModel, ConfigDict, Field
 
 from app.catalog import monitor_request_schema
-from app.job_kinds import monitor_work
+from app.jobs.kinds import monitor_work
+from app.jobs.requests import monitor_order
 from app.json_telemetry import TelemetryBody, assessed, parse_telemetry
-from app.orders import monitor_order
 from app.problems import Problem, problem_responses
 from app.recipes import to_plain
 from app.routes.dependencies import (

@@ -12,7 +12,7 @@ import pandas as pd
 import pytest
 from sklearn.neighbors import NearestNeighbors
 
-from app.training import train_and_test
+from app.jobs.training import train_and_test
 from core.collection import DatasetRecipe, Simulator, collect
 from core.monitor import Monitor, MonitorRecipe
 from core.simulation.maneuver import MANEUVERS

@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from app.jobs.supporting import supported
 from app.recipes import RecipeError, from_plain, to_plain
-from app.supporting import supported
 from core.collection import DatasetRecipe, Rollouts, Simulator, collect
 from core.dataset import Dataset
 from core.evaluation import EPSILONS, Evaluation, evaluate, leads

@@ -2,10 +2,10 @@
 
 from typing import Any
 
-from app.jobs import Task, Work
-from app.orders import DatasetOrder, MonitorOrder, dataset_name
+from app.jobs.jobs import Task, Work
+from app.jobs.requests import DatasetOrder, MonitorOrder, dataset_name
+from app.jobs.training import simulate, train_and_test
 from app.store.store import Store
-from app.training import simulate, train_and_test
 from core.study import StudyRecipe, study
 
 

@@ -4,9 +4,9 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from app.catalog import LARGEST_N_TEST, N_TEST
+from app.jobs.training import recipe_of
 from app.recipes import RecipeError, from_plain, to_plain
 from app.store.store import Store
-from app.training import recipe_of
 from core.collection import LARGEST_CHUNK, DatasetRecipe, Simulator
 from core.dataset import Dataset
 from core.monitor import MonitorRecipe
