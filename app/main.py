@@ -11,7 +11,7 @@ from fastapi import FastAPI
 from fastapi.responses import HTMLResponse, Response
 from fastapi.staticfiles import StaticFiles
 
-from app.flights import Flights
+from app.flights.flights import Flights
 from app.jobs.jobs import Jobs
 from app.metrics import Measured, Metrics
 from app.problems import describe_problems, install_problems

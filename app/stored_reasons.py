@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from app.withdrawal import in_words
+from app.flights.withdrawal import in_words
 from core.monitor import State
 from core.monitor.assessment import REASONS, STATES
 

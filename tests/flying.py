@@ -10,14 +10,14 @@ from typing import Any
 import numpy as np
 import orjson
 
-from app.clock import Clock
-from app.flight import FlightPlan
-from app.recorder import Recorder
-from app.script import AssessedTrack
-from app.sources import Track, times
+from app.flights.clock import Clock
+from app.flights.flight import FlightPlan
+from app.flights.playback import AssessedTrack
+from app.flights.recorder import Recorder
+from app.flights.replay import TrackFlight
+from app.flights.sources import Track, times
+from app.flights.watcher import Watcher
 from app.store.store import Store, open_store
-from app.track_flight import TrackFlight
-from app.watcher import Watcher
 from core.monitor import Monitor, MonitorRecipe, train
 from tests import oscillator
 from tests.oscillator import DT, N_SAMPLES, Array

@@ -2,7 +2,7 @@
 
 import pytest
 
-from app.alarms import CLOSED_KEPT, REJOIN_S, Alarms
+from app.flights.alarms import CLOSED_KEPT, REJOIN_S, Alarms
 from core.monitor import Assessment, State
 
 DT = 0.1

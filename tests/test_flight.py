@@ -8,11 +8,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from app.flight import HEARTBEAT_S, patience
+from app.flights.flight import HEARTBEAT_S, patience
+from app.flights.sources import Track
+from app.flights.transport import CATCH_UP_S, NotPossible, TransportError
+from app.flights.watcher import NEWEST
 from app.messages import Frames, Hello
-from app.sources import Track
-from app.transport import CATCH_UP_S, NotPossible, TransportError
-from app.watcher import NEWEST
 from core.dataset import Dataset
 from core.monitor import Monitor, MonitorRecipe, State, train
 from tests.flying import EPSILON, Call, Flown, ScriptedClock, Seen, T, exact_monitor, failing_flight

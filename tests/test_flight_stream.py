@@ -9,9 +9,9 @@ import pytest
 from starlette.testclient import TestClient, WebSocketTestSession
 from starlette.websockets import WebSocketDisconnect
 
-from app.flights import Flights
+from app.flights.flights import Flights
+from app.flights.watcher import CREDIT
 from app.messages import Hello
-from app.watcher import CREDIT
 from tests.api import api, problem, store_of
 from tests.flying import ScriptedClock
 from tests.test_flights import RECIPE, monitor

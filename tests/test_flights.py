@@ -10,9 +10,9 @@ from typing import Any
 import orjson
 import pytest
 
-from app.flights import FlightOrder, Flights, TooManyFlights
+from app.flights.flights import FlightOrder, Flights, TooManyFlights
+from app.flights.sources import Simulated, SourceError
 from app.recipes import to_plain
-from app.sources import Simulated, SourceError
 from app.store.store import NotFound, Store, open_store
 from core.collection import DatasetRecipe, collect
 from core.monitor import Monitor, MonitorRecipe, train

@@ -6,9 +6,9 @@ from typing import Any
 
 import pytest
 
-from app.live_flight import LiveFlight
-from app.sources import Sample
-from app.transport import NotPossible
+from app.flights.live import LiveFlight
+from app.flights.sources import Sample
+from app.flights.transport import NotPossible
 from core.monitor import Monitor, State
 from tests.flying import (
     EPSILON,

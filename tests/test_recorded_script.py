@@ -6,10 +6,10 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from app.recorded_script import RecordedScript
+from app.flights.recorded_playback import RecordedScript
+from app.flights.replay import TrackFlight
+from app.flights.transport import NotPossible
 from app.stored_reasons import BETWEEN
-from app.track_flight import TrackFlight
-from app.transport import NotPossible
 from core.monitor import State
 from core.monitor.assessment import REASONS, STATES
 from core.simulation.attitude import attitude

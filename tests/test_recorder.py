@@ -6,9 +6,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from app import recorder as module
+from app.flights import recorder as module
+from app.flights.recorder import INTERVAL_S, Recorder
 from app.messages import Alarm
-from app.recorder import INTERVAL_S, Recorder
 from app.store.store import open_store
 from core.dataset import Dataset
 from core.monitor import train

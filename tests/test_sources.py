@@ -7,8 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from app.recipes import RecipeError, to_plain
-from app.sources import (
+from app.flights.sources import (
     Replay,
     Simulated,
     SourceError,
@@ -19,6 +18,7 @@ from app.sources import (
     times,
     trim_angles,
 )
+from app.recipes import RecipeError, to_plain
 from app.store.store import NotFound, Store, open_store
 from core.collection import DatasetRecipe, SensorNoise, Simulator, collect
 from core.monitor import Monitor, MonitorRecipe, train

@@ -5,8 +5,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from app.sources import times
-from app.transport import BURST, CATCH_UP_S, Due, Transport, TransportError
+from app.flights.sources import times
+from app.flights.transport import BURST, CATCH_UP_S, Due, Transport, TransportError
 
 DT = 0.05
 T = times(41, DT)

@@ -3,7 +3,7 @@
 import orjson
 import pytest
 
-from app.watcher import CREDIT, LARGEST, MAX_WAITING, NEWEST, RecentFrames, Watcher
+from app.flights.watcher import CREDIT, LARGEST, MAX_WAITING, NEWEST, RecentFrames, Watcher
 from tests.flying import Seen
 
 

@@ -11,13 +11,13 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from app.flights import FlightOrder
+from app.flights.flights import FlightOrder
+from app.flights.playback import AssessedTrack
+from app.flights.sources import Simulated, Track
+from app.flights.withdrawal import CheckedStream, withdrawal
 from app.jobs.training import train_and_test
 from app.messages import Frames, Hello, StateChange
 from app.recipes import to_plain
-from app.script import AssessedTrack
-from app.sources import Simulated, Track
-from app.withdrawal import CheckedStream, withdrawal
 from core.channels import KEYS
 from core.collection import DatasetRecipe, Simulator, collect
 from core.monitor import Assessment, Monitor, MonitorRecipe, State, load

@@ -14,16 +14,16 @@ from starlette.status import (
 )
 from starlette.websockets import WebSocketDisconnect
 
-from app.flight import Flight
-from app.flights import FlightOrder, Flights, TooManyFlights, flight_name
+from app.flights.flight import Flight
+from app.flights.flights import FlightOrder, Flights, TooManyFlights, flight_name
+from app.flights.sources import SourceRequest
+from app.flights.transport import NotPossible, TransportError
+from app.flights.watcher import Watcher
 from app.messages import Alarm, Credit, End, Frame, MessageError, TransportState, decode
 from app.problems import Problem, problem_responses
 from app.recipes import RecipeError
 from app.routes.dependencies import json_from
-from app.sources import SourceRequest
 from app.store.entries import FlightInfo
-from app.transport import NotPossible, TransportError
-from app.watcher import Watcher
 from core.monitor import State
 
 router = APIRouter(prefix="/api/v1/flights", tags=["flights"])

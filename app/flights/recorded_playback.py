@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from app.script import Angles, Script
-from app.sources import Array
+from app.flights.playback import Angles, Script
+from app.flights.sources import Array
 from app.stored_reasons import reason
 from core.channels import KEYS
 from core.monitor import Assessment, State

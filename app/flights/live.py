@@ -3,11 +3,11 @@
 import asyncio
 from typing import Any
 
-from app.flight import LEVEL, Flight, FlightPlan, patience
+from app.flights.flight import LEVEL, Flight, FlightPlan, patience
+from app.flights.sources import LiveSource
+from app.flights.transport import NotPossible
+from app.flights.withdrawal import CheckedStream
 from app.messages import TransportState
-from app.sources import LiveSource
-from app.transport import NotPossible
-from app.withdrawal import CheckedStream
 from core.monitor import State
 
 

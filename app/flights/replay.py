@@ -6,10 +6,10 @@ samples of that one script: seek, step and loop cannot change a bit of a score.
 
 from typing import Any
 
-from app.flight import Flight, FlightPlan, patience
+from app.flights.flight import Flight, FlightPlan, patience
+from app.flights.playback import Script
+from app.flights.transport import Due, NotPossible, Transport, TransportError
 from app.messages import TransportChange, TransportState, plain_frame
-from app.script import Script
-from app.transport import Due, NotPossible, Transport, TransportError
 
 TICK_S = 0.016
 """[s] Samples due within this time go out together."""

@@ -8,15 +8,14 @@ from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 
-from app.clock import Clock, MonotonicClock
-from app.flight import Flight, FlightPlan, patience
-from app.live_flight import LiveFlight
-from app.messages import Alarm, plain_frame
-from app.recorded_script import RecordedScript
-from app.recorder import Recorder
-from app.scored_recordings import ScoredRecordings
-from app.script import AssessedTrack, Script
-from app.sources import (
+from app.flights.clock import Clock, MonotonicClock
+from app.flights.flight import Flight, FlightPlan, patience
+from app.flights.live import LiveFlight
+from app.flights.playback import AssessedTrack, Script
+from app.flights.recorded_playback import RecordedScript
+from app.flights.recorder import Recorder
+from app.flights.replay import TrackFlight
+from app.flights.sources import (
     LiveSource,
     Recorded,
     Replay,
@@ -26,9 +25,10 @@ from app.sources import (
     open_source,
     trim_angles,
 )
+from app.messages import Alarm, plain_frame
+from app.scored_recordings import ScoredRecordings
 from app.store.entries import FlightInfo
 from app.store.store import NotFound, Store
-from app.track_flight import TrackFlight
 from core.monitor import Assessment, Monitor, State
 from core.monitor.assessment import STATES
 from core.simulation.attitude import SurfaceSigns, surface_signs

@@ -13,9 +13,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from app.clock import Clock, Timer
+from app.flights.clock import Clock, Timer
+from app.flights.sources import Array
 from app.messages import Alarm
-from app.sources import Array
 from app.store.store import NotFound, Store
 from core.channels import N_CHANNELS
 from core.monitor import Assessment

@@ -9,8 +9,12 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from app.alarms import Alarms
-from app.clock import Clock, Timer
+from app.flights.alarms import Alarms
+from app.flights.clock import Clock, Timer
+from app.flights.recorder import Recorder
+from app.flights.sources import Array
+from app.flights.watcher import CREDIT, RecentFrames, Watcher
+from app.flights.withdrawal import limits_of
 from app.messages import (
     Alarm,
     AlarmRaised,
@@ -23,10 +27,6 @@ from app.messages import (
     limited_channels,
     plain_frame,
 )
-from app.recorder import Recorder
-from app.sources import Array
-from app.watcher import CREDIT, RecentFrames, Watcher
-from app.withdrawal import limits_of
 from core.channels import KEYS
 from core.monitor import Assessment, Monitor, State
 

@@ -7,8 +7,8 @@ from abc import ABC, abstractmethod
 
 import numpy as np
 
-from app.sources import Array, Track
-from app.withdrawal import withdrawal, withdrawn
+from app.flights.sources import Array, Track
+from app.flights.withdrawal import withdrawal, withdrawn
 from core.monitor import Assessment, Monitor, State
 from core.monitor.assessment import REASONS, STATES
 
