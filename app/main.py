@@ -15,7 +15,8 @@ from app.flights.flights import Flights
 from app.jobs.jobs import Jobs
 from app.metrics import Measured, Metrics
 from app.problems import describe_problems, install_problems
-from app.recordings import Recordings
+from app.recordings.recordings import Recordings
+from app.recordings.scored import ScoredRecordings
 from app.routes import (
     catalog,
     datasets,
@@ -30,7 +31,6 @@ from app.routes import (
 )
 from app.routes.scene import scene_router
 from app.scene.scene import Scenes
-from app.scored_recordings import ScoredRecordings
 from app.security import BodyLimit, Guard
 from app.settings import Settings
 from app.store.store import open_store

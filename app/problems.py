@@ -11,10 +11,10 @@ from fastapi.responses import JSONResponse, Response
 from starlette.exceptions import HTTPException
 
 from app.recipes import RecipeError
-from app.recording_files import NoSpace
+from app.recordings.files import NoSpace
+from app.recordings.upload import Stalled
+from app.recordings.workers import Busy
 from app.telemetry.recording import TelemetryError
-from app.upload import Stalled
-from app.workers import Busy
 from core.collection import CollectionError
 from core.monitor.portable import MonitorFileError
 

@@ -6,8 +6,8 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 import pytest
 
-from app import recording_files
-from app import recordings as recordings_module
+from app.recordings import files as recording_files
+from app.recordings import recordings as recordings_module
 from core.channels import KEYS
 from tests.api import api, problem, store_of
 from tests.recorded import HEAD, OCTETS, RECORDINGS, csv_of, kept_files, upload, uploaded

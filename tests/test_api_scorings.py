@@ -6,9 +6,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from app import recording_files, scored_recordings
-from app.recordings import Recordings
-from app.stored_samples import open_samples
+from app.recordings import files as recording_files
+from app.recordings import scored as scored_recordings
+from app.recordings.recordings import Recordings
+from app.recordings.samples import open_samples
 from core.monitor import MonitorRecipe, train
 from tests.api import api, problem, store_of
 from tests.oscillator import DT

@@ -9,7 +9,7 @@ import pyarrow.parquet as pq
 import pytest
 from scipy.io import loadmat
 
-from app.exports import EXPORTS, export
+from app.recordings.exports import EXPORTS, export
 from core.channels import CHANNELS, KEYS
 from core.monitor.assessment import STATES
 

@@ -9,7 +9,7 @@ import pytest
 from app.flights.recorded_playback import RecordedScript
 from app.flights.replay import TrackFlight
 from app.flights.transport import NotPossible
-from app.stored_reasons import BETWEEN
+from app.recordings.reasons import BETWEEN
 from core.monitor import State
 from core.monitor.assessment import REASONS, STATES
 from core.simulation.attitude import attitude

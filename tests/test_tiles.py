@@ -5,8 +5,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from app.recordings.tiles import FACTOR, FINEST, make_tiles, window
 from app.scoring import SAMPLE
-from app.tiles import FACTOR, FINEST, make_tiles, window
 
 
 def samples_of(n: int, seed: int = 0) -> np.ndarray:
@@ -55,7 +55,7 @@ def test_few_tiles_are_looked_at_whatever_the_window(monkeypatch):
     samples = samples_of(200_000)
     tiles = make_tiles(samples)
     assert tiles.nbytes < 0.2 * samples.nbytes
-    from app import tiles as module
+    from app.recordings import tiles as module
 
     looked_at = []
     joined = module._joined

@@ -16,8 +16,8 @@ import httpx
 import pytest
 
 from app import serving as serving_module
-from app import upload as upload_module
-from app.recordings import Recordings
+from app.recordings import upload as upload_module
+from app.recordings.recordings import Recordings
 from app.settings import Settings
 from app.store.store import open_store
 from tests.api import PATIENCE, api, problem, served

@@ -5,12 +5,12 @@ from pathlib import Path
 
 from app.commands.destinations import DestinationError
 from app.commands.scoring_lines import Report, is_assessed, lines
-from app.exports import EXPORTS, export
-from app.mapping_memory import MappingMemory
+from app.recordings.exports import EXPORTS, export
+from app.recordings.mapping_memory import MappingMemory
+from app.recordings.scored_file import ScoreRequest, labels, score_file
 from app.report.from_file import file_subjects
 from app.report.page import report
 from app.report.subject import about
-from app.scored_file import ScoreRequest, labels, score_file
 from core.whole_file import write_whole
 
 

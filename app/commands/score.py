@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Any
 from app.commands.destinations import check_directory
 
 if TYPE_CHECKING:
-    from app.mapping_memory import MappingMemory
-    from app.scored_file import ScoreRequest
+    from app.recordings.mapping_memory import MappingMemory
+    from app.recordings.scored_file import ScoreRequest
     from app.scoring import ScoringOrder
     from app.scoring.order import Span
 
@@ -66,8 +66,8 @@ def request_of(options: argparse.Namespace) -> "tuple[ScoreRequest, MappingMemor
     order = _order(options)
 
     from app.commands.mapping_lines import read_mapping
-    from app.mapping_memory import MappingMemory
-    from app.scored_file import ScoreRequest
+    from app.recordings.mapping_memory import MappingMemory
+    from app.recordings.scored_file import ScoreRequest
     from app.settings import read_settings
 
     request = ScoreRequest(

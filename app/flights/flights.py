@@ -26,7 +26,7 @@ from app.flights.sources import (
     trim_angles,
 )
 from app.messages import Alarm, plain_frame
-from app.scored_recordings import ScoredRecordings
+from app.recordings.scored import ScoredRecordings
 from app.store.entries import FlightInfo
 from app.store.store import NotFound, Store
 from core.monitor import Assessment, Monitor, State

@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from app.flights.playback import Angles, Script
 from app.flights.sources import Array
-from app.stored_reasons import reason
+from app.recordings.reasons import reason
 from core.channels import KEYS
 from core.monitor import Assessment, State
 from core.monitor.assessment import STATES

@@ -7,12 +7,12 @@ from pathlib import Path
 from typing import Any
 
 from app.jobs.training import fly_test, fresh_flights
-from app.mapped_columns import plain, plain_quality
 from app.recipes import RecipeError, from_plain
+from app.recordings.mapped_columns import plain, plain_quality
+from app.recordings.samples import digest
+from app.recordings.scored_file import Scored, ScoredFile, ScoreRequest
 from app.report.subject import PROPOSED, ReportSubject, of_contents
-from app.scored_file import Scored, ScoredFile, ScoreRequest
 from app.store.tables import now
-from app.stored_samples import digest
 from app.telemetry.mapping import Mapping
 from core import __version__
 from core.collection import DatasetRecipe

@@ -3,8 +3,8 @@
 from dataclasses import asdict
 from typing import Any
 
+from app.recordings.scored import ScoredRecordings
 from app.report.subject import PROPOSED, ReportSubject, of_contents
-from app.scored_recordings import ScoredRecordings
 from app.store.entries import MappedColumns, MappingState, ScoringInfo
 
 MAPPED: dict[MappingState, str] = {

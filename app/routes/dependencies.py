@@ -9,8 +9,8 @@ from fastapi import Depends, Request, Response
 
 from app.jobs.jobs import Jobs
 from app.problems import Problem
-from app.recordings import Recordings
-from app.scored_recordings import ScoredRecordings
+from app.recordings.recordings import Recordings
+from app.recordings.scored import ScoredRecordings
 from app.settings import Settings
 from app.store.store import Store
 

@@ -7,8 +7,9 @@ from fastapi import APIRouter, Query, Request
 from starlette.requests import ClientDisconnect
 
 from app.problems import Problem, problem_responses
-from app.recording_answers import bands, described, signal_bands
-from app.recordings import Abandoned, Upload
+from app.recordings.answers import bands, described, signal_bands
+from app.recordings.recordings import Abandoned, Upload
+from app.recordings.upload import plain_name
 from app.routes.dependencies import (
     RecordingsDep,
     content_type,
@@ -24,7 +25,6 @@ from app.routes.recording_models import (
     SignalPreview,
 )
 from app.telemetry.mapping import Mapping
-from app.upload import plain_name
 
 router = APIRouter(prefix="/api/v1/recordings", tags=["recordings"])
 FILE = "application/octet-stream"

@@ -8,8 +8,8 @@ from urllib.parse import quote
 
 from fastapi import APIRouter, Query, Response
 
-from app.exports import EXPORTS, export
 from app.problems import problem_responses
+from app.recordings.exports import EXPORTS, export
 from app.report.page import report
 from app.report.stored import stored_subject
 from app.report.subject import about

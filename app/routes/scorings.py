@@ -8,11 +8,11 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from app.messages import ChannelLimit, Frame
 from app.problems import Problem, problem_responses
+from app.recordings.scoring_answers import answer, found_spans, frames, tiled
 from app.routes.dependencies import RecordingsDep, ScoredDep, json_from, json_response
 from app.routes.recording_models import Mapping, Number, Span
 from app.scoring import ScoringOrder
 from app.scoring import Span as MarkedSpan
-from app.scoring_answers import answer, found_spans, frames, tiled
 from app.store.entries import ScoringInfo
 
 router = APIRouter(prefix="/api/v1/recordings/{recording_id}", tags=["recordings"])

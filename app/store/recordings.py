@@ -1,6 +1,6 @@
 """Stored recordings: what they are, what their columns are taken for, mappings to use again.
 
-The files themselves lie in the data directory, see `app.recording_files`.
+The files themselves lie in the data directory, see `app.recordings.files`.
 """
 
 from dataclasses import asdict, fields

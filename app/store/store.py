@@ -30,7 +30,7 @@ class Store(
     def recover(self) -> None:
         """Clear up after a process that died: interrupted work, half-stored content.
 
-        Recordings, whose content lies in folders, are cleared up by `app.recording_files`.
+        Recordings, whose content lies in folders, are cleared up by `app.recordings.files`.
         """
         with self._writing() as connection:
             interrupt_jobs(connection)

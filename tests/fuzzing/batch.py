@@ -12,7 +12,7 @@ import tempfile
 import time
 from pathlib import Path
 
-from app.mapped_columns import propose_mapping
+from app.recordings.mapped_columns import propose_mapping
 from app.telemetry.contents import Columns, ColumnWriter, open_columns
 from app.telemetry.formats import format_of
 from app.telemetry.recording import TelemetryError

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from app.recordings import Recordings
+from app.recordings.recordings import Recordings
 from app.store.entries import MappedColumns
 from app.store.store import NotFound
 from app.telemetry.applying import preview

@@ -11,13 +11,13 @@ from dataclasses import asdict, dataclass, replace
 
 import numpy as np
 
-from app.mapped_columns import plain, plain_quality
-from app.recordings import Recordings
+from app.recordings.mapped_columns import plain, plain_quality
+from app.recordings.recordings import Recordings
+from app.recordings.samples import Samples, digest, keep, open_samples, open_tiles, remove
+from app.recordings.tiles import TILE, Window, window
 from app.scoring import ScoredRecording, ScoringOrder, score
 from app.store.entries import MappedColumns, MonitorInfo, RecordingInfo, ScoringInfo
 from app.store.tables import new_id, now
-from app.stored_samples import Samples, digest, keep, open_samples, open_tiles, remove
-from app.tiles import TILE, Window, window
 from core import __version__
 from core.kernels.compiled import threads
 from core.monitor import Monitor

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from app.mapped_columns import signature
+from app.recordings.mapped_columns import signature
 from app.settings import Settings
 from app.store.store import open_store
 from app.telemetry.contents import Contents

@@ -13,8 +13,10 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Self
 
-from app.mapped_columns import propose_mapping, signature, take_mapping
-from app.recording_files import RecordingFiles, spacious
+from app.recordings.files import RecordingFiles, spacious
+from app.recordings.mapped_columns import propose_mapping, signature, take_mapping
+from app.recordings.upload import Received, receive
+from app.recordings.workers import Busy, Workers, to_its_end
 from app.store.entries import MappedColumns
 from app.store.store import NotFound, Store, StoreError
 from app.store.tables import new_id
@@ -24,8 +26,6 @@ from app.telemetry.mapping import Mapping
 from app.telemetry.reading import read_file, warm_up
 from app.telemetry.recording import TelemetryError
 from app.telemetry.traces import Traces
-from app.upload import Received, receive
-from app.workers import Busy, Workers, to_its_end
 
 LOG = logging.getLogger("forewarn")
 MOST_UPLOADS = 8

@@ -7,12 +7,12 @@ import numpy as np
 
 from app.messages import limited_channels
 from app.recipes import from_plain
-from app.recordings import Recordings
+from app.recordings.reasons import reason
+from app.recordings.recordings import Recordings
+from app.recordings.samples import Samples
+from app.recordings.tiles import Window
 from app.scoring import manoeuvres_in
 from app.store.entries import ScoringInfo
-from app.stored_reasons import reason
-from app.stored_samples import Samples
-from app.tiles import Window
 from core.channels import KEYS
 from core.monitor.assessment import STATES
 from core.specification import Limits

@@ -6,9 +6,9 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from app.recording_files import spacious
+from app.recordings.files import spacious
+from app.recordings.tiles import make_tiles
 from app.store.database import StoreError
-from app.tiles import make_tiles
 from core.whole_file import whole_file
 
 Samples = npt.NDArray[np.void]
@@ -35,7 +35,7 @@ def open_samples(folder: Path, scoring_id: str) -> Samples:
 
 
 def open_tiles(folder: Path, scoring_id: str) -> Samples:
-    """The tiles of a scoring, as of app.tiles, mapped, read-only. StoreError."""
+    """The tiles of a scoring, as of app.recordings.tiles, mapped, read-only. StoreError."""
     return _mapped(folder / f"{scoring_id}.{TILES}")
 
 

@@ -7,7 +7,7 @@ from itertools import compress
 from pathlib import Path
 from typing import NamedTuple
 
-from app.mapping_memory import MappingMemory
+from app.recordings.mapping_memory import MappingMemory
 from app.scoring import MissingChannels, ScoredRecording, ScoringOrder, score_at_each
 from app.scoring.plan import plan_of
 from app.telemetry.applying import apply_mapping

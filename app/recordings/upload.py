@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import BinaryIO
 
-from app.recording_files import spacious
-from app.workers import to_its_end
+from app.recordings.files import spacious
+from app.recordings.workers import to_its_end
 
 BLOCK_BYTES = 2**20
 """Written at once."""

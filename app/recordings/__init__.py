@@ -1,0 +1,1 @@
+"""Uploaded files: received, read, mapped, scored and kept."""
