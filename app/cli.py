@@ -88,7 +88,7 @@ def _parser() -> argparse.ArgumentParser:
 
 
 def _study(options: argparse.Namespace) -> int:
-    from app.study_report import write_study
+    from app.report.study import write_study
     from core.study import StudyRecipe, study
 
     recipe = from_plain(StudyRecipe(), plain_recipe(options))

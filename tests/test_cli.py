@@ -67,7 +67,7 @@ def test_study_repeats_to_the_byte_for_a_seed(tmp_path: Path):
         assert path.read_bytes() == (tmp_path / "two" / path.name).read_bytes(), path.name
 
 
-@pytest.mark.parametrize("moment", ["core.study.evaluate", "app.figures.study_curves"])
+@pytest.mark.parametrize("moment", ["core.study.evaluate", "app.report.study_figures.study_curves"])
 def test_interrupted_study_leaves_nothing_behind(
     moment: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture
 ):

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from app.envelope import envelope, runs
+from app.report.envelope import envelope, runs
 from app.report.figures import faults
 from app.report.strip_chart import LEFT, RIGHT, WIDTH, StripChart, ticks
 

@@ -7,12 +7,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from app import figures
 from app.commands.mapping_lines import contents_lines, mapping_lines
-from app.flight_figure import whole_flight
 from app.recordings.exports import export
 from app.recordings.mapping_memory import MappingMemory
 from app.recordings.scored_file import Scored, ScoredFile, ScoreRequest, score_file
+from app.report import study_figures as figures
+from app.report.flight_figure import whole_flight
 from app.scoring.plan import plan_of
 from app.scoring.verdict import verdict
 from core.whole_file import write_whole

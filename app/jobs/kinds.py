@@ -41,8 +41,8 @@ def study_work(recipe: StudyRecipe) -> Work:
     """Compare the five methods; the result holds the curves, the table and figures as SVG."""
 
     def work(task: Task) -> dict[str, Any]:
-        from app import figures
-        from app.study_report import summary, table
+        from app.report import study_figures as figures
+        from app.report.study import summary, table
 
         def trained(done: int, total: int) -> None:
             task.progress(f"{done} of {total} monitors of every method", done, total)

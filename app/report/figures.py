@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 from markupsafe import Markup
 
-from app.envelope import Array, runs
+from app.report.envelope import Array, runs
 from app.report.strip_chart import Strip, StripChart
 from core.channels import CHANNELS
 from core.monitor.assessment import STATES, State

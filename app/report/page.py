@@ -8,9 +8,9 @@ from typing import Any
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup, escape
 
-from app.envelope import Array
 from app.recipes import from_plain, to_plain
 from app.report import facts, figures
+from app.report.envelope import Array
 from app.report.subject import PROPOSED, ReportSubject
 from core import __version__
 from core.channels import CHANNELS, Channel

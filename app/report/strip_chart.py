@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 from markupsafe import Markup, escape
 
-from app.envelope import Array, envelope, runs
+from app.report.envelope import Array, envelope, runs
 
 WIDTH, LEFT, RIGHT = 680.0, 60.0, 14.0
 """Of a chart, and what is usually left and right of its strips [px]."""

@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from app import figures
 from app.recipes import to_plain
+from app.report import study_figures as figures
 from core.study import MethodResult, StudyResult
 from core.whole_file import write_whole
 

@@ -9,8 +9,8 @@ from matplotlib import rc_context
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from app.envelope import Array, envelope, runs
-from app.figures import ALERT, DASHES, FORECAST, LIMIT, MEASURED, STYLE
+from app.report.envelope import Array, envelope, runs
+from app.report.study_figures import ALERT, DASHES, FORECAST, LIMIT, MEASURED, STYLE
 from core.channels import CHANNELS
 from core.monitor.assessment import STATES, State
 
