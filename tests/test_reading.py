@@ -9,9 +9,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from app.telemetry import isolation
 from app.telemetry.contents import open_columns
 from app.telemetry.formats import FORMATS, PACKED, Format, format_of
+from app.telemetry.readers import isolation
 from app.telemetry.reading import ReadLimits, read_file
 from app.telemetry.recording import TelemetryError
 from tests.wicked_reader import MAGIC
@@ -158,7 +158,7 @@ def test_a_script_without_a_main_guard_reads_once_and_leaves_no_process(write, t
     script = write(
         f"""
         from pathlib import Path
-        from app.telemetry import isolation
+        from app.telemetry.readers import isolation
         from app.telemetry.reading import read_file
         print(read_file(Path({str(write(TABLE))!r}), Path("columns")).groups[0].n_rows)
         print(isolation._server._process.pid)

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from app.telemetry.mdf_blocks import check_blocks
+from app.telemetry.readers.mdf_blocks import check_blocks
 from app.telemetry.recording import TelemetryError
 from tests.recorded_files import read
 
@@ -96,7 +96,7 @@ def test_channel_groups_keep_their_own_times_and_namesakes_their_group(saved):
 
 @pytest.mark.parametrize("compression", [0, 1, 2])
 def test_records_come_in_their_order_from_many_fragments(compression, saved, monkeypatch):
-    monkeypatch.setattr("app.telemetry.mdf_reader.FRAGMENT", 1000)
+    monkeypatch.setattr("app.telemetry.readers.mdf_reader.FRAGMENT", 1000)
     t = np.arange(40_000) / 100
     path = saved([signal("p", np.sin(t), t), signal("r", t, t)], compression=compression)
     columns = read("mdf", path)

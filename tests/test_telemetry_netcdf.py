@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import scipy.io
 
-from app.telemetry.cf_time import Since, since
+from app.telemetry.readers.cf_time import Since, since
 from tests.recorded_files import read
 
 SCIPYS = Path(scipy.io.__file__).parent / "tests" / "data"

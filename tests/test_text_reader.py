@@ -8,10 +8,10 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from app.telemetry import text_blocks, text_parser, text_reader
 from app.telemetry.contents import ColumnWriter, open_columns
+from app.telemetry.readers import text_blocks, text_parser, text_reader
+from app.telemetry.readers.text_reader import read
 from app.telemetry.recording import TelemetryError
-from app.telemetry.text_reader import read
 
 RECORDS = Path(__file__).parents[1] / ".." / "shared" / "data"
 HEADER = "t_s,beta_rad,p_radps,r_radps,ay_g,da_rad,dr_rad"

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from app.telemetry import isolation
 from app.telemetry.contents import Contents, open_columns
 from app.telemetry.formats import Format, format_of
 from app.telemetry.printable import printable
+from app.telemetry.readers import isolation
 from app.telemetry.recording import TelemetryError
 
 log = logging.getLogger(__name__)

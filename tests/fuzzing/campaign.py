@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from app.telemetry import isolation
 from app.telemetry.contents import open_columns
+from app.telemetry.readers import isolation
 from app.telemetry.reading import LONGEST_SENTENCE, ReadLimits, read_file
 from app.telemetry.recording import TelemetryError
 from tests.fuzzing.damage import Damaged

@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from app.telemetry.cf_time import Since, since
+from app.telemetry.readers.cf_time import Since, since
+from app.telemetry.readers.sources import Column, is_time_name
 from app.telemetry.recording import Array
-from app.telemetry.sources import Column, is_time_name
 
 DEFAULT_FILL: dict[str, float] = {
     "i2": -32767,

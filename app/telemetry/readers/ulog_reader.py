@@ -7,9 +7,9 @@ from pathlib import Path
 from typing import Any
 
 from app.telemetry.contents import MOST_SIGNALS, ColumnWriter, Contents
-from app.telemetry.library_errors import library_errors, too_deep
+from app.telemetry.readers.library_errors import library_errors, too_deep
+from app.telemetry.readers.sources import BLOCK, Column, Pieces, Source, listed, pour
 from app.telemetry.recording import TelemetryError
-from app.telemetry.sources import BLOCK, Column, Pieces, Source, listed, pour
 
 TITLE = "ULog"
 MOST_DEPTH = 16

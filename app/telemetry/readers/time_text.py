@@ -9,7 +9,7 @@ import numpy.typing as npt
 import pyarrow as pa
 import pyarrow.compute
 
-from app.telemetry.time_forms import DAY, RANGES, SECOND, YEAR, TimeForm
+from app.telemetry.readers.time_forms import DAY, RANGES, SECOND, YEAR, TimeForm
 
 Array = npt.NDArray[np.float64]
 Nanoseconds = npt.NDArray[np.int64]

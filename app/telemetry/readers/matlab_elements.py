@@ -11,7 +11,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import BinaryIO
 
-from app.telemetry.library_errors import too_deep
+from app.telemetry.readers.library_errors import too_deep
 from app.telemetry.recording import TelemetryError
 
 HEADER = 128

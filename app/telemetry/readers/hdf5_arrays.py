@@ -8,8 +8,8 @@ from typing import Any
 import h5py
 import numpy.typing as npt
 
-from app.telemetry.hdf5_tables import table
-from app.telemetry.hdf5_walk import (
+from app.telemetry.readers.hdf5_tables import table
+from app.telemetry.readers.hdf5_walk import (
     DESCRIPTION_NAMES,
     UNIT_NAMES,
     Address,
@@ -20,8 +20,8 @@ from app.telemetry.hdf5_walk import (
     text,
     unreadable,
 )
-from app.telemetry.matrices import Matrix, matrix, to_sources
-from app.telemetry.sources import Clock, Column, Source, is_time_name
+from app.telemetry.readers.matrices import Matrix, matrix, to_sources
+from app.telemetry.readers.sources import Clock, Column, Source, is_time_name
 
 MOST_SCALES = 16
 """Of one dimension; a damaged file says billions, which the library walks one by one."""

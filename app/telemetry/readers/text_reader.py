@@ -6,13 +6,13 @@ from pathlib import Path
 import numpy as np
 import pyarrow as pa
 
-from app.telemetry.bad_rows import BadRows
 from app.telemetry.contents import ColumnWriter, Contents
-from app.telemetry.text_blocks import blocks, pieces, without_lines
-from app.telemetry.text_layout import Layout, find_layout
-from app.telemetry.text_parser import BlockParser, Rows, finite
-from app.telemetry.text_rows import RowReader
-from app.telemetry.time_text import Array, Clock, times_of
+from app.telemetry.readers.bad_rows import BadRows
+from app.telemetry.readers.text_blocks import blocks, pieces, without_lines
+from app.telemetry.readers.text_layout import Layout, find_layout
+from app.telemetry.readers.text_parser import BlockParser, Rows, finite
+from app.telemetry.readers.text_rows import RowReader
+from app.telemetry.readers.time_text import Array, Clock, times_of
 
 HEAD_BYTES = 2**18
 PIECE_BYTES = 2**16

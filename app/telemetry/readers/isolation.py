@@ -18,10 +18,10 @@ from typing import Any
 FORKS = hasattr(os, "fork") and hasattr(socket, "send_fds")
 PATH = "import sys; path = sys.argv[1:]; sys.path[:] = path[1:]; "
 SERVE = (
-    f"{PATH}import socket; from app.telemetry.reader_process import serve; "
+    f"{PATH}import socket; from app.telemetry.readers.reader_process import serve; "
     "serve(socket.socket(fileno=int(path[0])))"
 )
-WORK_ALONE = f"{PATH}from app.telemetry.reader_process import work_alone; work_alone()"
+WORK_ALONE = f"{PATH}from app.telemetry.readers.reader_process import work_alone; work_alone()"
 GRACE_SECONDS = 10.0
 """A keeper answers this long after its worker's time at the latest."""
 

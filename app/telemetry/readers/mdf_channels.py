@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from app.telemetry.sources import Column
+from app.telemetry.readers.sources import Column
 
 NUMERIC_4 = frozenset(range(6))
 """Data types of MDF 4: integers and floating-point numbers of either byte order."""

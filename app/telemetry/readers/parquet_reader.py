@@ -6,8 +6,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from app.telemetry.contents import ColumnWriter, Contents
-from app.telemetry.library_errors import library_errors
-from app.telemetry.sources import BLOCK, Column, Pieces, Source, is_time_name, listed, pour
+from app.telemetry.readers.library_errors import library_errors
+from app.telemetry.readers.sources import BLOCK, Column, Pieces, Source, is_time_name, listed, pour
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -23,7 +23,7 @@ def read(path: Path, writer: ColumnWriter) -> Contents:
     with library_errors(TITLE):
         from pyarrow.parquet import ParquetFile
 
-        from app.telemetry.arrow_numbers import Moments
+        from app.telemetry.readers.arrow_numbers import Moments
 
         with ParquetFile(path, buffer_size=BUFFER, pre_buffer=False) as file:
             schema, moments = file.schema_arrow, Moments()
@@ -42,7 +42,7 @@ def read(path: Path, writer: ColumnWriter) -> Contents:
 
 def _chosen(schema: "pa.Schema") -> tuple[list[str], list[str]]:
     """What is ignored with the reason, and the names of the columns that are read."""
-    from app.telemetry.arrow_numbers import not_numbers
+    from app.telemetry.readers.arrow_numbers import not_numbers
 
     ignored, chosen, count = [], [], Counter(schema.names)
     for name, kind in zip(schema.names, schema.types, strict=True):
@@ -55,8 +55,8 @@ def _chosen(schema: "pa.Schema") -> tuple[list[str], list[str]]:
 
 
 def _columns(schema: "pa.Schema", names: Sequence[str]) -> tuple[Column, ...]:
-    from app.telemetry.arrow_numbers import is_moment, is_span
-    from app.telemetry.parquet_units import description_of, unit_of, units_of_table
+    from app.telemetry.readers.arrow_numbers import is_moment, is_span
+    from app.telemetry.readers.parquet_units import description_of, unit_of, units_of_table
 
     of_table, time = units_of_table(schema), _time(schema, names)
     columns = []
@@ -70,8 +70,8 @@ def _columns(schema: "pa.Schema", names: Sequence[str]) -> tuple[Column, ...]:
 
 def _time(schema: "pa.Schema", names: Sequence[str]) -> str:
     """The column that is the time by its name or type: pandas' index first; "" for none."""
-    from app.telemetry.arrow_numbers import is_moment, is_span
-    from app.telemetry.parquet_units import index_of_table
+    from app.telemetry.readers.arrow_numbers import is_moment, is_span
+    from app.telemetry.readers.parquet_units import index_of_table
 
     moments = [name for name in names if is_moment(schema.field(name).type)]
     spans = [name for name in names if is_span(schema.field(name).type)]

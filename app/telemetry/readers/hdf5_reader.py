@@ -3,8 +3,8 @@
 from pathlib import Path
 
 from app.telemetry.contents import ColumnWriter, Contents
-from app.telemetry.library_errors import library_errors
-from app.telemetry.sources import listed, pour
+from app.telemetry.readers.library_errors import library_errors
+from app.telemetry.readers.sources import listed, pour
 
 TITLE = "HDF5"
 
@@ -14,9 +14,9 @@ def read(path: Path, writer: ColumnWriter) -> Contents:
     with library_errors(TITLE):
         import h5py
 
-        from app.telemetry import matlab_hdf5, netcdf_hdf5
-        from app.telemetry.hdf5_arrays import arrays
-        from app.telemetry.hdf5_walk import datasets
+        from app.telemetry.readers import matlab_hdf5, netcdf_hdf5
+        from app.telemetry.readers.hdf5_arrays import arrays
+        from app.telemetry.readers.hdf5_walk import datasets
 
         with h5py.File(path, "r", locking=False, rdcc_nbytes=0) as file:
             for other in (matlab_hdf5, netcdf_hdf5):

@@ -4,14 +4,14 @@ from dataclasses import dataclass, field
 from datetime import datetime, timedelta
 from pathlib import Path
 
-from app.telemetry.ch10_decoding import DECODERS, OTHER_KINDS, Decoded
-from app.telemetry.ch10_packets import TICKS, Packet, packets, ticks_between
-from app.telemetry.ch10_series import Sampled
-from app.telemetry.ch10_setup import channel_names, moment
 from app.telemetry.contents import ColumnWriter, Contents
-from app.telemetry.library_errors import library_errors
+from app.telemetry.readers.ch10_decoding import DECODERS, OTHER_KINDS, Decoded
+from app.telemetry.readers.ch10_packets import TICKS, Packet, packets, ticks_between
+from app.telemetry.readers.ch10_series import Sampled
+from app.telemetry.readers.ch10_setup import channel_names, moment
+from app.telemetry.readers.library_errors import library_errors
+from app.telemetry.readers.sources import Source, listed, pour
 from app.telemetry.recording import TelemetryError
-from app.telemetry.sources import Source, listed, pour
 
 TITLE = "Chapter 10"
 SETUP, TIME = 0x01, 0x11

@@ -6,7 +6,7 @@ from typing import Any
 
 import h5py
 
-from app.telemetry.library_errors import too_deep
+from app.telemetry.readers.library_errors import too_deep
 from app.telemetry.recording import TelemetryError
 
 MOST_DEPTH = 32

@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 
 from app.telemetry.contents import ColumnWriter, Contents
-from app.telemetry.library_errors import library_errors
-from app.telemetry.matlab_elements import check_elements
-from app.telemetry.matlab_structures import SIGNALS, as_signals
-from app.telemetry.matrices import Matrix, matrix, to_sources
-from app.telemetry.sources import Column, listed, pour
+from app.telemetry.readers.library_errors import library_errors
+from app.telemetry.readers.matlab_elements import check_elements
+from app.telemetry.readers.matlab_structures import SIGNALS, as_signals
+from app.telemetry.readers.matrices import Matrix, matrix, to_sources
+from app.telemetry.readers.sources import Column, listed, pour
 
 TITLE = "MATLAB"
 MOST_MEMORY = 1 << 30
@@ -52,7 +52,7 @@ def read(path: Path, writer: ColumnWriter) -> Contents:
 def _read_hdf5(path: Path, writer: ColumnWriter) -> Contents:
     import h5py
 
-    from app.telemetry.matlab_hdf5 import read_open
+    from app.telemetry.readers.matlab_hdf5 import read_open
 
     with h5py.File(path, "r", locking=False, rdcc_nbytes=0) as file:
         return read_open(file, writer)

@@ -7,9 +7,9 @@ from itertools import takewhile
 
 from app.telemetry.contents import LONGEST_NAME
 from app.telemetry.printable import printable
-from app.telemetry.text_cells import BLANKS
-from app.telemetry.text_lines import Line, Lines
-from app.telemetry.text_units import are_units
+from app.telemetry.readers.text_cells import BLANKS
+from app.telemetry.readers.text_lines import Line, Lines
+from app.telemetry.readers.text_units import are_units
 
 
 @dataclass(frozen=True)

@@ -5,11 +5,11 @@ from typing import Any
 
 import h5py
 
-from app.telemetry.cf_variables import Conventions
 from app.telemetry.contents import ColumnWriter, Contents
-from app.telemetry.hdf5_arrays import Unpack, arrays
-from app.telemetry.hdf5_walk import attribute, datasets, text
-from app.telemetry.sources import Column, listed, pour
+from app.telemetry.readers.cf_variables import Conventions
+from app.telemetry.readers.hdf5_arrays import Unpack, arrays
+from app.telemetry.readers.hdf5_walk import attribute, datasets, text
+from app.telemetry.readers.sources import Column, listed, pour
 
 
 def wrote(file: h5py.File) -> bool:

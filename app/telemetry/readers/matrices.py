@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy.typing as npt
 
-from app.telemetry.sources import BLOCK, MOST_COLUMNS, Clock, Column, Pieces, Source
+from app.telemetry.readers.sources import BLOCK, MOST_COLUMNS, Clock, Column, Pieces, Source
 
 Index = tuple[slice | int, ...]
 Take = Callable[[Any], npt.NDArray[Any]]

@@ -4,11 +4,11 @@ from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from app.telemetry.readers.text_header import find_header, printable_names
+from app.telemetry.readers.text_lines import MOST_CELLS, Line, best_parted
+from app.telemetry.readers.text_units import unit_in, unit_of_cell
+from app.telemetry.readers.time_forms import TimeForm, form_of
 from app.telemetry.recording import TelemetryError
-from app.telemetry.text_header import find_header, printable_names
-from app.telemetry.text_lines import MOST_CELLS, Line, best_parted
-from app.telemetry.text_units import unit_in, unit_of_cell
-from app.telemetry.time_forms import TimeForm, form_of
 
 SAMPLE_LINES = 500
 """Lines that a layout is found from, with all that is above the table."""

@@ -7,10 +7,10 @@ from pathlib import Path
 from typing import Any
 
 from app.telemetry.contents import ColumnWriter, Contents
-from app.telemetry.library_errors import library_errors
-from app.telemetry.mdf_blocks import check_blocks
-from app.telemetry.mdf_channels import Channel, channel
-from app.telemetry.sources import Pieces, Source, listed, pour
+from app.telemetry.readers.library_errors import library_errors
+from app.telemetry.readers.mdf_blocks import check_blocks
+from app.telemetry.readers.mdf_channels import Channel, channel
+from app.telemetry.readers.sources import Pieces, Source, listed, pour
 
 TITLE = "MDF"
 OPTIONS: dict[str, Any] = {"process_bus_logging": False, "use_display_names": False}

@@ -6,7 +6,7 @@ Reference: IRIG 106-17, chapters 9 (TMATS, the R attributes) and 11.2.3 ("Time d
 import re
 from datetime import datetime
 
-from app.telemetry.ch10_packets import Packet
+from app.telemetry.readers.ch10_packets import Packet
 
 SOURCE = re.compile(rb"R-(\d+)\\(TK1|DSI)-(\d+):([^;]*);")
 LONGEST = 40

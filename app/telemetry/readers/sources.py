@@ -12,8 +12,8 @@ from pathlib import Path
 import numpy.typing as npt
 
 from app.telemetry.contents import MOST_LISTED, MOST_SIGNALS, ColumnWriter
+from app.telemetry.readers.text_units import unit_in
 from app.telemetry.recording import TelemetryError
-from app.telemetry.text_units import unit_in
 
 BLOCK = 1 << 20
 """Numbers that are read at a time."""

@@ -3,8 +3,8 @@
 from collections.abc import Mapping
 from dataclasses import replace
 
-from app.telemetry.matrices import Matrix
-from app.telemetry.sources import Column, is_time_name
+from app.telemetry.readers.matrices import Matrix
+from app.telemetry.readers.sources import Column, is_time_name
 
 VALUE_NAMES = ("data", "values", "value")
 UNIT_NAMES = ("unit", "units")

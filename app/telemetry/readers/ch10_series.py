@@ -8,8 +8,8 @@ from dataclasses import dataclass, field
 import numpy as np
 import numpy.typing as npt
 
-from app.telemetry.ch10_packets import TICKS
-from app.telemetry.sources import Column, Pieces, Source
+from app.telemetry.readers.ch10_packets import TICKS
+from app.telemetry.readers.sources import Column, Pieces, Source
 
 MOST_WORDS = 32
 """Data words of a MIL-STD-1553 message."""

@@ -1,4 +1,4 @@
-"""The far side of app.telemetry.isolation: processes in which a file may do its worst.
+"""The far side of app.telemetry.readers.isolation: processes in which a file may do its worst.
 
 A server forks a keeper for each order, and the keeper a worker. The worker reads the file; the
 keeper watches its time and memory, ends it where it exceeds them or nobody waits for it any more,
@@ -24,13 +24,13 @@ from app.telemetry.contents import ColumnWriter
 from app.telemetry.recording import TelemetryError
 
 PRELOADED = (
-    "app.telemetry.text_reader",
+    "app.telemetry.readers.text_reader",
     "pyarrow.csv",
-    "app.telemetry.parquet_reader",
+    "app.telemetry.readers.parquet_reader",
     "pyarrow.parquet",
-    "app.telemetry.matlab_reader",
+    "app.telemetry.readers.matlab_reader",
     "scipy.io",
-    "app.telemetry.hdf5_reader",
+    "app.telemetry.readers.hdf5_reader",
     "h5py",
     "pyarrow.compute",
     "pandas",  # where it is installed, pyarrow imports it

@@ -4,9 +4,9 @@ import csv
 from dataclasses import dataclass, field
 from math import nan
 
-from app.telemetry.bad_rows import BadRows
-from app.telemetry.text_cells import BLANKS, MISSING, cells, comment, number
-from app.telemetry.text_layout import Column, Layout
+from app.telemetry.readers.bad_rows import BadRows
+from app.telemetry.readers.text_cells import BLANKS, MISSING, cells, comment, number
+from app.telemetry.readers.text_layout import Column, Layout
 
 Value = float | str | None
 
