@@ -5,9 +5,9 @@ from dataclasses import asdict
 from importlib.metadata import PackageNotFoundError, requires, version
 from typing import Any
 
-from app.telemetry.derivations import DERIVATIONS
 from app.telemetry.formats import FORMATS
-from app.telemetry.mapping import TARGETS
+from app.telemetry.mapping.derivations import DERIVATIONS
+from app.telemetry.mapping.mapping import TARGETS
 from app.telemetry.units import choices
 
 

@@ -8,10 +8,10 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from app.telemetry.applying import apply_mapping, preview
 from app.telemetry.contents import open_columns
-from app.telemetry.mapping import ChannelSource, Mapping, TimeSource
-from app.telemetry.proposal import propose
+from app.telemetry.mapping.applying import apply_mapping, preview
+from app.telemetry.mapping.mapping import ChannelSource, Mapping, TimeSource
+from app.telemetry.mapping.proposal import propose
 from app.telemetry.units import factor
 from core.channels import KEYS
 from tests.tables import columns_of, flight

@@ -5,8 +5,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from app.telemetry.applying import apply_mapping, preview
-from app.telemetry.mapping import TARGETS, ChannelSource, Mapping, TimeSource
+from app.telemetry.mapping.applying import apply_mapping, preview
+from app.telemetry.mapping.mapping import TARGETS, ChannelSource, Mapping, TimeSource
 from app.telemetry.recording import TelemetryError
 from tests.tables import columns_of
 

@@ -3,9 +3,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from app.telemetry.derivations import DERIVATIONS, derive, ways
-from app.telemetry.mapping import TARGETS
-from app.telemetry.slopes import HALF_WINDOW_S, slopes, values_at
+from app.telemetry.mapping.derivations import DERIVATIONS, derive, ways
+from app.telemetry.mapping.mapping import TARGETS
+from app.telemetry.mapping.slopes import HALF_WINDOW_S, slopes, values_at
 from app.telemetry.traces import Trace
 from core.channels import KEYS
 

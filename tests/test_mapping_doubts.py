@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from app.telemetry.doubts import find_doubts
-from app.telemetry.mapping import ChannelSource, Mapping, TimeSource
+from app.telemetry.mapping.doubts import find_doubts
+from app.telemetry.mapping.mapping import ChannelSource, Mapping, TimeSource
 from core.channels import KEYS
 from tests.tables import columns_of, flight
 

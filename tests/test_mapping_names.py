@@ -2,10 +2,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from app.telemetry.mapping import TARGETS
-from app.telemetry.names import readings
+from app.telemetry.mapping.mapping import TARGETS
+from app.telemetry.mapping.names import readings
+from app.telemetry.mapping.vocabulary import MEANINGS
 from app.telemetry.units import spelled
-from app.telemetry.vocabulary import MEANINGS
 
 # key -> (names without a unit, names that say one: what they say)
 NAMES: dict[str, tuple[str, dict[str, str]]] = {

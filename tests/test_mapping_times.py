@@ -1,10 +1,10 @@
 import numpy as np
 import pytest
 
-from app.telemetry.applying import apply_mapping
 from app.telemetry.extent import extent
-from app.telemetry.mapping import ChannelSource, Mapping, TimeSource
-from app.telemetry.proposal import propose
+from app.telemetry.mapping.applying import apply_mapping
+from app.telemetry.mapping.mapping import ChannelSource, Mapping, TimeSource
+from app.telemetry.mapping.proposal import propose
 from app.telemetry.recording import TelemetryError
 from tests.tables import columns_of
 

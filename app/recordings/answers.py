@@ -8,10 +8,10 @@ import numpy as np
 from app.recordings.recordings import Recordings
 from app.store.entries import MappedColumns
 from app.store.store import NotFound
-from app.telemetry.applying import preview
 from app.telemetry.contents import Contents
-from app.telemetry.doubts import find_doubts
-from app.telemetry.mapping import Mapping
+from app.telemetry.mapping.applying import preview
+from app.telemetry.mapping.doubts import find_doubts
+from app.telemetry.mapping.mapping import Mapping
 from core.channels import KEYS
 
 BINS = 120

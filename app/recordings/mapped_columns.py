@@ -9,11 +9,11 @@ import numpy as np
 import orjson
 
 from app.store.entries import MappedColumns, MappingState, RememberedMapping
-from app.telemetry.applying import apply_mapping
 from app.telemetry.contents import Columns, Contents
-from app.telemetry.derivations import DERIVATIONS, Derivation
-from app.telemetry.mapping import Mapping
-from app.telemetry.proposal import propose
+from app.telemetry.mapping.applying import apply_mapping
+from app.telemetry.mapping.derivations import DERIVATIONS, Derivation
+from app.telemetry.mapping.mapping import Mapping
+from app.telemetry.mapping.proposal import propose
 from app.telemetry.recording import TelemetryError
 from app.telemetry.timing import Quality, repaired
 from app.telemetry.traces import Traces

@@ -6,7 +6,7 @@ from app.recordings.mapped_columns import signature
 from app.settings import Settings
 from app.store.store import open_store
 from app.telemetry.contents import Contents
-from app.telemetry.mapping import Mapping
+from app.telemetry.mapping.mapping import Mapping
 
 
 @dataclass(frozen=True)

@@ -20,9 +20,9 @@ from app.recordings.workers import Busy, Workers, to_its_end
 from app.store.entries import MappedColumns
 from app.store.store import NotFound, Store, StoreError
 from app.store.tables import new_id
-from app.telemetry.applying import apply_mapping
 from app.telemetry.contents import Columns, open_columns
-from app.telemetry.mapping import Mapping
+from app.telemetry.mapping.applying import apply_mapping
+from app.telemetry.mapping.mapping import Mapping
 from app.telemetry.reading import read_file, warm_up
 from app.telemetry.recording import TelemetryError
 from app.telemetry.traces import Traces

@@ -10,13 +10,13 @@ from typing import NamedTuple
 from app.recordings.mapping_memory import MappingMemory
 from app.scoring import MissingChannels, ScoredRecording, ScoringOrder, score_at_each
 from app.scoring.plan import plan_of
-from app.telemetry.applying import apply_mapping
 from app.telemetry.contents import Columns, Contents, open_columns
-from app.telemetry.mapping import Mapping
-from app.telemetry.proposal import Proposal, propose
+from app.telemetry.mapping.applying import apply_mapping
+from app.telemetry.mapping.mapping import Mapping
+from app.telemetry.mapping.proposal import Proposal, propose
+from app.telemetry.mapping.signs import CONVENTION
 from app.telemetry.reading import read_file
 from app.telemetry.recording import TelemetryError
-from app.telemetry.signs import CONVENTION
 from app.telemetry.traces import Traces
 from core.monitor import Monitor, load
 from core.simulation.attitude import surface_signs

@@ -4,8 +4,8 @@ from collections.abc import Iterable, Mapping, Sequence
 from itertools import chain
 from typing import Any
 
-from app.telemetry.derivations import DERIVATIONS
-from app.telemetry.mapping import TARGETS
+from app.telemetry.mapping.derivations import DERIVATIONS
+from app.telemetry.mapping.mapping import TARGETS
 from core.channels import KEYS
 from core.evaluation import clopper_pearson
 

@@ -13,7 +13,7 @@ from app.recordings.samples import digest
 from app.recordings.scored_file import Scored, ScoredFile, ScoreRequest
 from app.report.subject import PROPOSED, ReportSubject, of_contents
 from app.store.tables import now
-from app.telemetry.mapping import Mapping
+from app.telemetry.mapping.mapping import Mapping
 from core import __version__
 from core.collection import DatasetRecipe
 from core.monitor import Monitor

@@ -24,7 +24,7 @@ from app.routes.recording_models import (
     Recording,
     SignalPreview,
 )
-from app.telemetry.mapping import Mapping
+from app.telemetry.mapping.mapping import Mapping
 
 router = APIRouter(prefix="/api/v1/recordings", tags=["recordings"])
 FILE = "application/octet-stream"

@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from app.scoring.plan import Plan, needed_channels, plan_of
-from app.telemetry.derivations import DERIVATIONS
+from app.telemetry.mapping.derivations import DERIVATIONS
 from app.telemetry.recording import Recording, TelemetryError
 from app.telemetry.resampling import on_grid
 from app.telemetry.timing import Quality, repaired

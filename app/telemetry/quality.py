@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from app.telemetry.mapping import TARGETS
+from app.telemetry.mapping.mapping import TARGETS
 from app.telemetry.plausibility import BOUNDS
 
 Array = npt.NDArray[np.float64]

@@ -2,18 +2,24 @@
 
 from dataclasses import dataclass, field
 
-from app.telemetry.applying import WILD
-from app.telemetry.candidates import PROPOSED, Candidate, Candidates, assign, find_candidates
 from app.telemetry.contents import Columns
-from app.telemetry.derivations import DERIVATIONS, ways
-from app.telemetry.draft import Draft, Guess
-from app.telemetry.evidence import weigh
-from app.telemetry.group_times import dead_time, find_time
-from app.telemetry.mapping import TARGETS, ChannelSource, Mapping
-from app.telemetry.names import readings
-from app.telemetry.remembering import recall
-from app.telemetry.signs import CONVENTION
-from app.telemetry.unsaid_units import settle_units
+from app.telemetry.mapping.applying import WILD
+from app.telemetry.mapping.candidates import (
+    PROPOSED,
+    Candidate,
+    Candidates,
+    assign,
+    find_candidates,
+)
+from app.telemetry.mapping.derivations import DERIVATIONS, ways
+from app.telemetry.mapping.draft import Draft, Guess
+from app.telemetry.mapping.evidence import weigh
+from app.telemetry.mapping.group_times import dead_time, find_time
+from app.telemetry.mapping.mapping import TARGETS, ChannelSource, Mapping
+from app.telemetry.mapping.names import readings
+from app.telemetry.mapping.remembering import recall
+from app.telemetry.mapping.signs import CONVENTION
+from app.telemetry.mapping.unsaid_units import settle_units
 from core.channels import KEYS
 from core.simulation.attitude import SurfaceSigns
 

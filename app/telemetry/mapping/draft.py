@@ -3,7 +3,7 @@
 from dataclasses import dataclass, field, replace
 
 from app.telemetry.contents import Columns
-from app.telemetry.mapping import ChannelSource, Mapping, TimeSource
+from app.telemetry.mapping.mapping import ChannelSource, Mapping, TimeSource
 
 
 @dataclass(frozen=True)

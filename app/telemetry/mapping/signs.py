@@ -12,7 +12,7 @@ the attitude where it was recorded, else to the rates as they are.
 from dataclasses import dataclass
 from math import radians
 
-from app.telemetry.motion import Array, Motion, Share
+from app.telemetry.mapping.motion import Array, Motion, Share
 from core.simulation.attitude import SurfaceSigns
 
 CONVENTION = SurfaceSigns(aileron=-1, rudder=-1)

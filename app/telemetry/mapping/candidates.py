@@ -4,9 +4,9 @@ from dataclasses import dataclass, field, replace
 
 from app.telemetry.contents import Columns, Signal
 from app.telemetry.extent import Extent, extent
-from app.telemetry.magnitudes import possible, possible_units
-from app.telemetry.mapping import TARGETS
-from app.telemetry.names import Reading, readings
+from app.telemetry.mapping.magnitudes import possible, possible_units
+from app.telemetry.mapping.mapping import TARGETS
+from app.telemetry.mapping.names import Reading, readings
 from app.telemetry.units import PLAIN, UNSAID, factor, fits, spelled
 from core.channels import KEYS
 

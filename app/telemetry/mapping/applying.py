@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 
 from app.telemetry.contents import Columns, Signal
-from app.telemetry.derivations import DERIVATIONS, derive
-from app.telemetry.group_times import dead_time, no_clock
-from app.telemetry.mapping import TARGETS, ChannelSource, Mapping
+from app.telemetry.mapping.derivations import DERIVATIONS, derive
+from app.telemetry.mapping.group_times import dead_time, no_clock
+from app.telemetry.mapping.mapping import TARGETS, ChannelSource, Mapping
 from app.telemetry.plausibility import believed
 from app.telemetry.recording import TelemetryError
 from app.telemetry.traces import Array, Trace, Traces

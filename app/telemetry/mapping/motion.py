@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from app.telemetry.extent import extent
-from app.telemetry.slopes import values_at
+from app.telemetry.mapping.slopes import values_at
 from app.telemetry.traces import Trace, Traces
 
 Array = npt.NDArray[np.float64]

@@ -6,8 +6,8 @@ import numpy as np
 
 from app.telemetry.contents import Columns, Signal
 from app.telemetry.extent import FEW
-from app.telemetry.mapping import TimeSource
-from app.telemetry.names import readings
+from app.telemetry.mapping.mapping import TimeSource
+from app.telemetry.mapping.names import readings
 from app.telemetry.traces import Array
 from app.telemetry.units import UNSAID, factor, fits, spelled
 

@@ -1,9 +1,9 @@
 """A mapping that a person has confirmed, laid over a new file of the same recorder."""
 
-from app.telemetry.derivations import DERIVATIONS
-from app.telemetry.draft import Draft, Guess
 from app.telemetry.extent import extent
-from app.telemetry.mapping import TARGETS, ChannelSource, Mapping
+from app.telemetry.mapping.derivations import DERIVATIONS
+from app.telemetry.mapping.draft import Draft, Guess
+from app.telemetry.mapping.mapping import TARGETS, ChannelSource, Mapping
 from app.telemetry.units import fits, spelled
 
 SURE = 0.98

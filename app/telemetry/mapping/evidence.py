@@ -4,14 +4,14 @@ from dataclasses import replace
 
 import numpy as np
 
-from app.telemetry.applying import apply_mapping, part_of
-from app.telemetry.draft import Draft
-from app.telemetry.gravity import gravity_share, quiet_offset
-from app.telemetry.mapping import ChannelSource
-from app.telemetry.motion import Motion, motion
+from app.telemetry.mapping.applying import apply_mapping, part_of
+from app.telemetry.mapping.draft import Draft
+from app.telemetry.mapping.gravity import gravity_share, quiet_offset
+from app.telemetry.mapping.mapping import ChannelSource
+from app.telemetry.mapping.motion import Motion, motion
+from app.telemetry.mapping.signs import MIX_UP, Evidence, find_signs
 from app.telemetry.plausibility import believed
 from app.telemetry.recording import TelemetryError
-from app.telemetry.signs import MIX_UP, Evidence, find_signs
 from app.telemetry.traces import Traces
 from core.simulation.attitude import SurfaceSigns
 
