@@ -9,12 +9,12 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from app.telemetry.clock_faults import WRAPS
-from app.telemetry.quality import MOST_SPANS, Quality, Span
 from app.telemetry.recording import TelemetryError
-from app.telemetry.rounded_clock import evened
 from app.telemetry.stretches import Array
-from app.telemetry.timing import repaired
+from app.telemetry.timing.clock_faults import WRAPS
+from app.telemetry.timing.quality import MOST_SPANS, Quality, Span
+from app.telemetry.timing.rounded_clock import evened
+from app.telemetry.timing.timing import repaired
 from app.telemetry.traces import Trace, Traces
 
 N = 2000

@@ -15,7 +15,7 @@ from app.telemetry.mapping.derivations import DERIVATIONS, Derivation
 from app.telemetry.mapping.mapping import Mapping
 from app.telemetry.mapping.proposal import propose
 from app.telemetry.recording import TelemetryError
-from app.telemetry.timing import Quality, repaired
+from app.telemetry.timing.timing import Quality, repaired
 from app.telemetry.traces import Traces
 
 BLOCK = 2**18

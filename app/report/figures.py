@@ -87,7 +87,7 @@ def manoeuvre(
 def faults(quality: Plain | None) -> Markup | None:
     """One strip for each kind of fault of the data; None where there is none.
 
-    quality: plain, as of app.telemetry.quality.
+    quality: plain, as of app.telemetry.timing.quality.
     """
     if not quality or not quality["spans"] or not quality["clocks"]:
         return None

@@ -3,8 +3,8 @@
 import numpy as np
 import numpy.typing as npt
 
-from app.telemetry.quality import ChannelQuality, Span, spans
 from app.telemetry.stretches import GAP_RATIO
+from app.telemetry.timing.quality import ChannelQuality, Span, spans
 
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.intp]

@@ -4,12 +4,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from app.telemetry.clock_faults import WRAPS, Ordered, in_order
-from app.telemetry.clock_pieces import Array, Flags, Indices
-from app.telemetry.quality import ClockQuality, Span, spans
 from app.telemetry.recording import TelemetryError
-from app.telemetry.rounded_clock import evened
 from app.telemetry.stretches import GAP_RATIO
+from app.telemetry.timing.clock_faults import WRAPS, Ordered, in_order
+from app.telemetry.timing.clock_pieces import Array, Flags, Indices
+from app.telemetry.timing.quality import ClockQuality, Span, spans
+from app.telemetry.timing.rounded_clock import evened
 
 NO_TIME = 1e12
 """Numbers from here on are not times; 30,000 years [s]."""

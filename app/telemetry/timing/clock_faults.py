@@ -10,7 +10,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from app.telemetry.clock_pieces import (
+from app.telemetry.recording import TelemetryError
+from app.telemetry.timing.clock_pieces import (
     LONGEST_PAUSE,
     Array,
     ClockSet,
@@ -19,7 +20,6 @@ from app.telemetry.clock_pieces import (
     agreeing,
     pieces,
 )
-from app.telemetry.recording import TelemetryError
 
 WRAPS = {
     "the end of a 16-bit counter of milliseconds": 2**16 * 1e-3,

@@ -4,10 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from app.telemetry.channel_quality import channel_quality
-from app.telemetry.clock_repair import finished, on_one_clock, ordered
 from app.telemetry.plausibility import implausible, without
-from app.telemetry.quality import ChannelQuality, Quality, Span, spans
+from app.telemetry.timing.channel_quality import channel_quality
+from app.telemetry.timing.clock_repair import finished, on_one_clock, ordered
+from app.telemetry.timing.quality import ChannelQuality, Quality, Span, spans
 from app.telemetry.traces import Array, Trace, Traces
 
 __all__ = ["Quality", "repaired"]
