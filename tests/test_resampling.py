@@ -7,10 +7,10 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from app.telemetry.low_pass import HALF_WIDTH, PASS, STOP, low_passed
 from app.telemetry.recording import Array, Recording, TelemetryError
-from app.telemetry.resampling import MAX_ROWS, on_grid, resample
-from app.telemetry.stretches import EVEN
+from app.telemetry.resampling.low_pass import HALF_WIDTH, PASS, STOP, low_passed
+from app.telemetry.resampling.resampling import MAX_ROWS, on_grid, resample
+from app.telemetry.resampling.segments import EVEN
 from app.telemetry.traces import Trace, Traces
 from core.channels import KEYS
 

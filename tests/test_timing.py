@@ -10,7 +10,7 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from app.telemetry.recording import TelemetryError
-from app.telemetry.stretches import Array
+from app.telemetry.resampling.segments import Array
 from app.telemetry.timing.clock_faults import WRAPS
 from app.telemetry.timing.quality import MOST_SPANS, Quality, Span
 from app.telemetry.timing.rounded_clock import evened

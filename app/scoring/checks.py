@@ -8,7 +8,7 @@ from app.scoring.flown import Flown
 from app.scoring.plan import SURFACE_NAMES, SURFACES, first_direction
 from app.scoring.scored import Check
 from app.scoring.seen import unassessed
-from app.telemetry.resampling import RATE_RATIO
+from app.telemetry.resampling.resampling import RATE_RATIO
 from core.channels import CHANNELS, KEYS
 
 SPEED_SHARE = 0.1

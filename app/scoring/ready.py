@@ -10,7 +10,7 @@ import numpy.typing as npt
 from app.scoring.plan import Plan, needed_channels, plan_of
 from app.telemetry.mapping.derivations import DERIVATIONS
 from app.telemetry.recording import Recording, TelemetryError
-from app.telemetry.resampling import on_grid
+from app.telemetry.resampling.resampling import on_grid
 from app.telemetry.timing.timing import Quality, repaired
 from app.telemetry.traces import Traces
 from core.channels import KEYS

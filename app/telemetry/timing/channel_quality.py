@@ -3,7 +3,7 @@
 import numpy as np
 import numpy.typing as npt
 
-from app.telemetry.stretches import GAP_RATIO
+from app.telemetry.resampling.segments import GAP_RATIO
 from app.telemetry.timing.quality import ChannelQuality, Span, spans
 
 Array = npt.NDArray[np.float64]

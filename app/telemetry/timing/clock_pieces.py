@@ -7,7 +7,7 @@ import numpy as np
 import numpy.typing as npt
 
 from app.telemetry.recording import TelemetryError
-from app.telemetry.stretches import GAP_RATIO
+from app.telemetry.resampling.segments import GAP_RATIO
 
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.intp]

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from app.telemetry.recording import TelemetryError
-from app.telemetry.stretches import GAP_RATIO
+from app.telemetry.resampling.segments import GAP_RATIO
 from app.telemetry.timing.clock_faults import WRAPS, Ordered, in_order
 from app.telemetry.timing.clock_pieces import Array, Flags, Indices
 from app.telemetry.timing.quality import ClockQuality, Span, spans

@@ -12,8 +12,8 @@ import numpy as np
 import numpy.typing as npt
 
 from app.telemetry.recording import ATTITUDE, Recording, TelemetryError
-from app.telemetry.resampling_notes import Treatment, notes_on
-from app.telemetry.stretches import GAP_RATIO, Course, Grid, course
+from app.telemetry.resampling.resampling_notes import Treatment, notes_on
+from app.telemetry.resampling.segments import GAP_RATIO, Course, Grid, course
 from app.telemetry.traces import Trace, Traces
 from core.channels import KEYS
 

@@ -6,8 +6,8 @@ from dataclasses import dataclass, field
 import numpy as np
 import numpy.typing as npt
 
-from app.telemetry.low_pass import HALF_WIDTH, PASS, STOP
-from app.telemetry.stretches import Grid
+from app.telemetry.resampling.low_pass import HALF_WIDTH, PASS, STOP
+from app.telemetry.resampling.segments import Grid
 
 Array = npt.NDArray[np.float64]
 

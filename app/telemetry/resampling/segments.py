@@ -6,8 +6,8 @@ from functools import cached_property
 import numpy as np
 import numpy.typing as npt
 
-from app.telemetry.low_pass import low_passed
-from app.telemetry.uneven import interpolated
+from app.telemetry.resampling.low_pass import low_passed
+from app.telemetry.resampling.uneven import interpolated
 
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.intp]
