@@ -28,7 +28,7 @@ ONE_AT_A_TIME = Lock()
 
 def migrations() -> Path:
     """Directory of the migrations: inside the installed package, or at the repository's root."""
-    here = Path(__file__).parent
+    here = Path(__file__).parents[1]
     for directory in (here / "alembic", here.parent / "alembic"):
         if (directory / "env.py").is_file():
             return directory
