@@ -6,8 +6,8 @@ from hypothesis import settings
 
 from core.dataset import Dataset
 from core.monitor import Monitor
-from tests import oscillator
-from tests.attas import trained
+from tests.support import oscillator
+from tests.support.attas import trained
 
 settings.register_profile("forewarn", deadline=None, derandomize=True)
 settings.load_profile("forewarn")

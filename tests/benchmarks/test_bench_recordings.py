@@ -16,7 +16,7 @@ from app.jobs.training import train_and_test
 from core.collection import DatasetRecipe, Simulator, collect
 from core.monitor import Monitor, MonitorRecipe
 from core.simulation.maneuver import MANEUVERS
-from tests.api import api, store_of
+from tests.support.api import api, store_of
 
 pytestmark = pytest.mark.benchmark
 

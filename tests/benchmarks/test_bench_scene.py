@@ -10,7 +10,7 @@ from websockets.typing import Origin
 
 from app.scene.scene import Scenes
 from app.scene.server import SUBPROTOCOL
-from tests.scene_site import scene_site, show
+from tests.support.scene_site import scene_site, show
 
 pytestmark = pytest.mark.benchmark
 N_WATCHERS = 5

@@ -9,7 +9,7 @@ from core.simulation.aircraft import PublishedAircraft, Uncertainty
 from core.simulation.control_law import CONTROL_LAWS
 from core.simulation.maneuver import Doublet
 from core.study import StudyRecipe, study
-from tests import plain_twin as twin
+from tests.support import plain_twin as twin
 
 pytestmark = pytest.mark.benchmark
 

@@ -11,8 +11,8 @@ import numpy as np
 
 from app.store.store import Store
 from core.simulation.aircraft import PublishedAircraft
-from tests import attas
 from tests.browser.site import Site, open_site
+from tests.support import attas
 
 DT = attas.TEST.dt
 DEGREES = 180 / np.pi

@@ -9,7 +9,7 @@ from playwright.sync_api import Page
 from app.report.page import report
 from core.dataset import Dataset
 from core.monitor import MonitorRecipe, train
-from tests.reported import crossing, stretch, subject_of
+from tests.support.reported import crossing, stretch, subject_of
 
 PAPER = {"width": 688, "height": 1000}
 """[px] A4 within the margins."""

@@ -1,7 +1,7 @@
 import pytest
 from playwright.sync_api import Page
 
-from tests.scene_site import Site, scene_site, show
+from tests.support.scene_site import Site, scene_site, show
 
 EXPECTED = [
     "'unsafe-eval' is not an allowed source",  # the client asks, and goes on without

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from tests.recorded_files import ULOG_START, ch10_packet, ulog_message
+from tests.support.recorded_files import ULOG_START, ch10_packet, ulog_message
 
 N = 12
 T = 0.02 * np.arange(N)

@@ -10,7 +10,7 @@ from pathlib import Path
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from tests.recorded_files import ULOG_START, ch10_packet, mdf, ulog_message
+from tests.support.recorded_files import ULOG_START, ch10_packet, mdf, ulog_message
 
 
 def nulls_without_end(path: Path) -> None:

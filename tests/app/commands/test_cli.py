@@ -1,0 +1,388 @@
+import csv
+import json
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from app.cli import main
+from core.monitor import Monitor, load
+from core.simulation.aircraft import AIRCRAFT
+from tests.support.attas import record_file
+
+FIRST_PNG_BYTES = b"\x89PNG\r\n\x1a\n"
+HEAD = "t_s,beta_rad,p_radps,r_radps,ay_g,da_rad,dr_rad"
+
+
+@pytest.fixture(scope="module")
+def attas_monitor(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Train, by the command line, a monitor for the real records: 0.2 g, noise, jitter."""
+    path = tmp_path_factory.mktemp("monitor") / "attas.fwm"
+    noise = {"beta": 1e-3, "p": 4e-3, "r": 1e-3, "Ny": 4e-3, "delta_a": 3e-3, "delta_r": 3e-4}
+    arguments = ["--aircraft", "attas_id_16kft", "--states", "4", "--control-law", "none"]
+    arguments += ["--limit", "Ny=0.2", "--amplitude", "-3.7", "--n-unsafe", "200"]
+    arguments += ["--set", "dataset.maneuver.timing_jitter_s=0.1"]
+    arguments += ["--set", "dataset.maneuver.amplitude_jitter=0.15"]
+    for key, sigma in noise.items():
+        arguments += ["--noise", f"{key}={sigma}"]
+    assert main(["train", *arguments, "-o", str(path)]) == 0
+    return path
+
+
+def small_study(out: Path, *more: str) -> list[str]:
+    return ["study", "--n-monitors", "2", "--n-test", "100", "-o", str(out), *more]
+
+
+def test_study_writes_table_data_and_both_figures(tmp_path: Path, capsys: pytest.CaptureFixture):
+    assert main(small_study(tmp_path / "out")) == 0
+    printed = capsys.readouterr().out
+    files = {path.name: path.read_bytes() for path in (tmp_path / "out").iterdir()}
+    assert sorted(files) == [
+        "miss_and_power.png",
+        "miss_and_power.svg",
+        "rollouts.png",
+        "rollouts.svg",
+        "study.csv",
+        "study.json",
+    ]
+    assert files["rollouts.png"].startswith(FIRST_PNG_BYTES)
+    assert b"<svg" in files["miss_and_power.svg"]
+    study = json.loads(files["study.json"])
+    rows = list(csv.DictReader(files["study.csv"].decode().splitlines()))
+    assert len(rows) == 5 * len(study["methods"]["PCA"]["epsilon"])
+    for row in rows:
+        method = study["methods"][row["method"]]
+        index = method["epsilon"].index(float(row["epsilon"]))
+        assert float(row["miss_rate"]) == pytest.approx(method["miss_rate"][index], rel=1e-5)
+        assert float(row["power_low"]) <= float(row["power"]) <= float(row["power_high"])
+    lines = [line for line in printed.splitlines() if line.startswith(tuple(study["methods"]))]
+    assert [line[:27].strip() for line in lines] == study["ranking"]
+
+
+def test_study_repeats_to_the_byte_for_a_seed(tmp_path: Path):
+    for name in ("one", "two"):
+        assert main(small_study(tmp_path / name, "--seed", "3")) == 0
+    for path in (tmp_path / "one").iterdir():
+        assert path.read_bytes() == (tmp_path / "two" / path.name).read_bytes(), path.name
+
+
+@pytest.mark.parametrize("moment", ["core.study.evaluate", "app.report.study_figures.study_curves"])
+def test_interrupted_study_leaves_nothing_behind(
+    moment: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture
+):
+    def interrupt(*arguments: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(moment, interrupt)
+    assert main(small_study(tmp_path / "out")) == 130
+    assert "interrupted, nothing was written" in capsys.readouterr().err
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_train_writes_a_monitor_that_knows_its_recipe(tmp_path: Path, capsys):
+    path = tmp_path / "m.fwm"
+    options = ["--n-unsafe", "60", "--t-early", "0.3", "--predictor", "identity", "--seed", "7"]
+    assert main(["train", *options, "--n-test", "200", "-o", str(path)]) == 0
+    monitor = load(path)
+    assert isinstance(monitor, Monitor)
+    assert (monitor.n_unsafe, monitor.h, monitor.seed) == (60, 6, 7)
+    assert monitor.recipe.to_json()["predictor"] == {"kind": "identity"}
+    assert monitor.dataset_recipe["aircraft"]["kind"] == "f16_sl_h0_v502"
+    assert "calibrated on 60 failures" in capsys.readouterr().out
+
+
+def test_printed_recipe_makes_the_same_monitor(tmp_path: Path, capsys):
+    options = ["--n-unsafe", "30", "--limit", "beta_deg=6", "--amplitude", "9", "--dt", "0.04"]
+    assert main(["train", *options, "--print-recipe"]) == 0
+    recipe = tmp_path / "recipe.json"
+    recipe.write_text(capsys.readouterr().out)
+    for name, arguments in {"a": options, "b": ["--recipe", str(recipe)]}.items():
+        assert main(["train", *arguments, "--n-test", "50", "-o", str(tmp_path / name)]) == 0
+    assert (tmp_path / "a").read_bytes() == (tmp_path / "b").read_bytes()
+    specification = load(tmp_path / "a").dataset_recipe["specification"]
+    assert specification["beta"] == pytest.approx(np.radians(6))
+    assert specification["Ny"] is None
+
+
+def test_users_own_matrices_and_manoeuvre_table_train_a_monitor(tmp_path: Path):
+    example = AIRCRAFT["matrices"]
+    model = {
+        "A": [list(row) for row in example.a],  # pyright: ignore
+        "B": [list(row) for row in example.b],  # pyright: ignore
+        "C": [list(row) for row in example.c],  # pyright: ignore
+        "D": [list(row) for row in example.d],  # pyright: ignore
+        "uncertainty": {"spread": {"A[0,0]": 0.2, "C[3,0]": 0.2, "B[2,1]": 0.2}},
+    }
+    (tmp_path / "model.json").write_text(json.dumps(model))
+    (tmp_path / "kick.csv").write_text("t_s,delta_r_deg\n0,6\n1,-6\n2,0\n")
+    arguments = ["--aircraft", str(tmp_path / "model.json"), "--control-law", "none"]
+    arguments += ["--maneuver", str(tmp_path / "kick.csv"), "--limit", "Ny=0.45"]
+    arguments += ["--set", "dataset.maneuver.interpolation=hold", "--n-test", "100"]
+    assert main(["train", *arguments, "-o", str(tmp_path / "m.fwm")]) == 0
+    recipe = load(tmp_path / "m.fwm").dataset_recipe
+    assert recipe["maneuver"]["kind"] == "table"
+    assert recipe["maneuver"]["delta_a_deg"] == [0.0, 0.0, 0.0]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["train", "--aircraft", "concorde"], "aircraft 'concorde' is unknown: choose f16_sl"),
+        (["train", "--maneuver", "loop"], "maneuver 'loop' is unknown: choose rudder_doublet"),
+        (["train", "--amplitude", "0.1"], "raise the amplitude"),
+        (["train", "--amplitude", "80"], "lower the amplitude"),
+        (["train", "--epsilon", "0.01"], "epsilon=0.01 needs at least 99 unsafe rollouts"),
+        (["train", "--limit", "Nz=1"], "there is no channel 'Nz'"),
+        (["train", "--limit", "Ny"], "write it as CHANNEL=NUMBER"),
+        (["train", "--limit", "Ny=-1"], "a limit is a positive, finite magnitude"),
+        (["train", "--t-early", "0"], "the lead must be positive"),
+        (["train", "--t-early", "9"], "the manoeuvre lasts 6 s"),
+        (["train", "--set", "dataset.colour=red"], "recipe.dataset has no 'colour'"),
+        (["train", "--set", "dataset.dt=fast"], "recipe.dataset.dt is 'fast'"),
+        (["train", "--set", "dataset.dt"], "write it as PATH=VALUE"),
+        (["train", "--recipe", "absent.json"], "absent.json cannot be read"),
+        (["train", "-o", "absent/m.fwm"], "absent is no directory"),
+        (["train", "-o", "."], ". is a directory: give the path of the file"),
+        (["train", "--n-test", "-1"], "n_test=-1 was given"),
+        (["train", "--maneuver", "table"], "give --maneuver FILE.csv"),
+        (["train", "--aircraft", "matrices"], "give --aircraft FILE.json"),
+        (["train", "--control-law", "state_space"], "state_space' is only an example"),
+        (["train", "--dt", "1e-6"], "at most 20000 steps fit"),
+        (["train", "--score", "negative_magnitude", "--predictor", "pca"], "choose the predictor"),
+        (["study", "--n-monitors", "0"], "n_monitors=0 was given"),
+        (["score", "absent.fwm", "absent.csv"], "absent.fwm cannot be read"),
+        (["score", "m.fwm", "f.csv", "--trim", "long"], "'long': write a number of seconds, lead"),
+        (["score", "m.fwm", "f.csv", "--epsilon", "0.1,x"], "'x': write a miss rate between 0 and"),
+        (["score", "m.fwm", "f.csv", "--manoeuvres", "all"], "'all': write found, whole, or START"),
+        (["score", "m.fwm", "f.csv", "--manoeuvres", "1:a"], "'a': write a number of seconds"),
+        (["score", "m.fwm", "f.csv", "--manoeuvres", "3:1"], "3 to 1 s has no length"),
+        (["score", "m.fwm", "f.csv", "--mapping", "absent.json"], "absent.json cannot be read"),
+    ],
+)
+def test_bad_input_gets_one_line_and_leaves_nothing(
+    arguments: list[str],
+    message: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture,
+):
+    monkeypatch.chdir(tmp_path)
+    assert main(arguments) != 0
+    error = capsys.readouterr().err.strip()
+    assert message in error
+    assert len(error.splitlines()) == 1
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_study_into_a_file_is_refused_before_the_work(tmp_path: Path, monkeypatch, capsys):
+    (tmp_path / "taken").write_text("mine")
+    monkeypatch.setattr("core.study.study", lambda *_: pytest.fail("the study ran"))
+    assert main(["study", "-o", str(tmp_path / "taken" / "out")]) == 1
+    assert "taken is a file: give a directory" in capsys.readouterr().err
+    assert (tmp_path / "taken").read_text() == "mine"
+
+
+def test_an_aircraft_without_a_law_flies_without_one(capsys):
+    assert main(["train", "--aircraft", "attas_id_16kft", "--print-recipe"]) == 0
+    assert json.loads(capsys.readouterr().out)["dataset"]["control_law"]["kind"] == "none"
+
+
+def test_study_of_another_limit_compares_that_channels_magnitude(tmp_path: Path, capsys):
+    assert main(small_study(tmp_path / "out", "--limit", "beta_deg=5.5")) == 0
+    assert "predicted |beta|" in capsys.readouterr().out
+
+
+def test_units_taken_for_others_are_called_outside_training(attas_monitor: Path, tmp_path, capsys):
+    rows = [f"{0.05 * k:.2f},{0.01 * k:.3f},{rest(k)},0,0" for k in range(100)]
+    (tmp_path / "units.csv").write_text("\n".join([HEAD, *rows]))
+    arguments = ["score", str(attas_monitor), str(tmp_path / "units.csv")]
+    assert main([*arguments, "-o", str(tmp_path / "out")]) == 0
+    report = capsys.readouterr().out
+    assert "No control input was found" in report
+    assert re.search(r"OUTSIDE +units: beta reaches 0\.9\d+ rad, 1\d\S* times its", report)
+    assert "The guarantee is withdrawn" in report
+
+
+def test_crossing_is_doubted_where_the_limited_channel_is_missing(attas_monitor, tmp_path, capsys):
+    text = record_file("attas_rud1").read_text().splitlines()
+    names = text[0].split(",")
+    rows = [line.split(",") for line in text[1:]]
+    for row in rows[200:231]:
+        row[names.index("ay_g")] = ""
+    (tmp_path / "holes.csv").write_text("\n".join([text[0], *(",".join(row) for row in rows)]))
+    arguments = ["score", str(attas_monitor), str(tmp_path / "holes.csv"), "--trim", "4"]
+    assert main([*arguments, "-o", str(tmp_path / "out")]) == 0
+    assert "1.24 s of the limited channels are missing" in capsys.readouterr().out
+
+
+def test_cut_off_monitor_is_refused_by_score(attas_monitor: Path, tmp_path: Path, capsys):
+    broken = tmp_path / "broken.fwm"
+    broken.write_bytes(attas_monitor.read_bytes()[:-100])
+    assert main(["score", str(broken), "any.csv", "-o", str(tmp_path / "out")]) == 1
+    assert "cut off or was altered" in capsys.readouterr().err
+
+
+def test_real_doublet_that_crosses_the_limit_is_warned_of(attas_monitor: Path, tmp_path, capsys):
+    out = tmp_path / "out"
+    arguments = [str(attas_monitor), str(record_file("attas_rud1")), "-o", str(out)]
+    assert main(["score", *arguments]) == 0
+    report = capsys.readouterr().out
+    assert "beta     beta_rad [rad]" in report
+    assert "from 25 Hz to 20 Hz" in report
+    assert "manoeuvre 1, 5.30 to 11.30 s: alert in time" in report
+    assert "first crossing at 8.76 s" in report
+    assert "at least the promised 0.25 s" in report
+    assert "Of flights like the simulated ones" in report
+    assert (out / "scored.png").read_bytes().startswith(FIRST_PNG_BYTES)
+    rows = read_table(out)
+    assert {row["state"] for row in rows if row["stretch"] == "0"} == {"ok"}
+    assert {row["state"] for row in rows if row["stretch"] == "-1"} == {"invalid"}
+    first = next(float(row["t_s"]) for row in rows if row["alert"] == "true")
+    assert f"first alert   at {first:.2f} s" in report
+
+
+def test_real_record_of_another_manoeuvre_is_no_verdict(attas_monitor: Path, tmp_path, capsys):
+    arguments = [str(attas_monitor), str(record_file("attas_ail1")), "-o", str(tmp_path / "out")]
+    assert main(["score", *arguments]) == 0
+    report = capsys.readouterr().out
+    assert "INVALID, no verdict" in report
+    assert "first alert   withdrawn" in report
+    assert "aileron moved by 14°, which the planned manoeuvre leaves alone" in report
+    rows = read_table(tmp_path / "out")
+    assert all(row["p_value"] == "" and row["alert"] == "false" for row in rows)
+    assert sum(row["withdrawn_p_value"] != "" for row in rows) == 121
+
+
+def test_scoring_again_repeats_to_the_byte(attas_monitor: Path, tmp_path: Path):
+    for name in ("one", "two"):
+        arguments = [str(attas_monitor), str(record_file("attas_rud1")), "-o", str(tmp_path / name)]
+        assert main(["score", *arguments]) == 0
+    for path in (tmp_path / "one").iterdir():
+        assert path.read_bytes() == (tmp_path / "two" / path.name).read_bytes(), path.name
+
+
+def test_assessments_of_a_scored_file_can_be_scored_again(attas_monitor: Path, tmp_path):
+    first, second = tmp_path / "first", tmp_path / "second"
+    base = ["score", str(attas_monitor)]
+    assert main([*base, str(record_file("attas_rud1")), "-o", str(first)]) == 0
+    again = [str(first / "assessments.csv"), "--trim", "none", "-o", str(second)]
+    assert main([*base, *again]) == 0
+    assert (first / "assessments.csv").read_bytes() == (second / "assessments.csv").read_bytes()
+
+
+def test_written_mapping_can_be_corrected_and_given_back(attas_monitor: Path, tmp_path, capsys):
+    base = ["score", str(attas_monitor), str(record_file("attas_rud1"))]
+    assert main([*base, "-o", str(tmp_path / "out")]) == 0
+    mapping = json.loads((tmp_path / "out" / "mapping.json").read_text())
+    assert mapping["channels"]["delta_r"]["signal"] == "dr_rad"
+    mapping["channels"]["delta_r"]["sign"] *= -1
+    (tmp_path / "mine.json").write_text(json.dumps(mapping))
+    given = ["--mapping", str(tmp_path / "mine.json"), "-o", str(tmp_path / "reversed")]
+    capsys.readouterr()
+    assert main([*base, *given]) == 0
+    report = capsys.readouterr().out
+    assert "mapping, as given:" in report
+    assert "-dr_rad [rad]" in report
+    assert "it went the other way first, or its sign is reversed" in report
+    assert json.loads((tmp_path / "reversed" / "mapping.json").read_text()) == mapping
+
+
+def test_mapping_given_for_an_aircraft_is_used_for_its_next_file(
+    attas_monitor: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys
+):
+    monkeypatch.setenv("FOREWARN_DATA_DIR", str(tmp_path / "data"))
+    base = ["score", str(attas_monitor), str(record_file("attas_rud1")), "--aircraft", "D-ADAM"]
+    assert main([*base, "-o", str(tmp_path / "out")]) == 0
+    mapping = json.loads((tmp_path / "out" / "mapping.json").read_text())
+    mapping["channels"]["Ny"]["offset"] = 0.125
+    (tmp_path / "mine.json").write_text(json.dumps(mapping))
+    given = ["--mapping", str(tmp_path / "mine.json"), "-o", str(tmp_path / "given")]
+    assert main([*base, *given]) == 0
+    capsys.readouterr()
+    assert main([*base, "-o", str(tmp_path / "next")]) == 0
+    assert "less 0.125 g" in capsys.readouterr().out
+    assert json.loads((tmp_path / "next" / "mapping.json").read_text()) == mapping
+
+
+def test_monitors_and_epsilons_side_by_side(attas_monitor: Path, tmp_path: Path, capsys):
+    copy = tmp_path / attas_monitor.name
+    copy.write_bytes(attas_monitor.read_bytes())
+    arguments = [str(attas_monitor), str(copy), str(record_file("attas_rud1"))]
+    arguments += ["--epsilon", "0.1,0.5", "-o", str(tmp_path / "out")]
+    assert main(["score", *arguments]) == 0
+    report = capsys.readouterr().out
+    labels = [f"{name}-epsilon-{e}" for name in ("attas", "attas-2") for e in ("0.1", "0.5")]
+    assert re.findall(r"^== (.*) ==$", report, re.MULTILINE) == labels
+    tables = {label: read_table(tmp_path / "out" / label) for label in labels}
+    assert tables["attas-epsilon-0.5"] == tables["attas-2-epsilon-0.5"]
+    p_values = {tuple(row["p_value"] for row in table) for table in tables.values()}
+    assert len(p_values) == 1
+    assert (tmp_path / "out" / "mapping.json").exists()
+
+
+def test_manoeuvres_are_scored_between_the_times_given(attas_monitor: Path, tmp_path, capsys):
+    arguments = [str(attas_monitor), str(record_file("attas_rud1")), "-o", str(tmp_path / "out")]
+    assert main(["score", *arguments, "--manoeuvres", "5:11,20:26"]) == 0
+    report = capsys.readouterr().out
+    assert "stretch 1, 5.00 to 11.00 s" in report
+    assert "stretch 2, 20.00 to 26.00 s" in report
+    out = ["--manoeuvres", "20:40", "-o", str(tmp_path / "no")]
+    assert main(["score", *arguments[:2], *out]) == 1
+    assert "20 to 40 s is not inside the recording" in capsys.readouterr().err
+    assert not (tmp_path / "no").exists()
+
+
+def test_file_without_a_needed_channel_names_it(attas_monitor: Path, tmp_path: Path, capsys):
+    text = record_file("attas_rud1").read_text().replace("beta_rad", "alpha2_rad")
+    (tmp_path / "flight.csv").write_text(text)
+    arguments = ["score", str(attas_monitor), str(tmp_path / "flight.csv")]
+    assert main([*arguments, "-o", str(tmp_path / "out")]) == 1
+    error = capsys.readouterr().err.strip()
+    assert f"{tmp_path / 'flight.csv'}: the monitor needs beta" in error
+    assert "what is missing, or choose a monitor that does not need it" in error
+    assert len(error.splitlines()) == 1
+    assert not (tmp_path / "out").exists()
+
+
+def test_bad_rows_are_left_out_and_said(attas_monitor: Path, tmp_path: Path, capsys):
+    lines = record_file("attas_rud1").read_text().splitlines()
+    lines[300] = lines[300].replace(",", ",x", 1)
+    (tmp_path / "bad.csv").write_text("\n".join(lines))
+    arguments = ["score", str(attas_monitor), str(tmp_path / "bad.csv")]
+    assert main([*arguments, "-o", str(tmp_path / "out")]) == 0
+    report = capsys.readouterr().out
+    assert "bad rows, left out: 1" in report
+    assert "line 301:" in report
+
+
+def test_file_with_gaps_says_which_samples_were_not_assessed(attas_monitor: Path, tmp_path, capsys):
+    lines = [f"{0.05 * k:.2f},{1e-4 * (k % 3)},{rest(k)},0,0" for k in range(40)]
+    lines[10] = "0.5,nan,nan,nan,nan,nan,nan"
+    (tmp_path / "gap.csv").write_text("\n".join([HEAD, *lines]))
+    arguments = ["score", str(attas_monitor), str(tmp_path / "gap.csv")]
+    assert main([*arguments, "-o", str(tmp_path / "out")]) == 0
+    assert "samples: 37 ok, 2 warming_up, 0 stale, 1 invalid" in capsys.readouterr().out
+    rows = read_table(tmp_path / "out")
+    withdrawn = [row["withdrawn_p_value"] == "" for row in rows]
+    assert withdrawn == [k in (10, 11, 12) for k in range(40)]
+
+
+def test_file_that_cannot_be_assessed_at_all_is_no_success(attas_monitor: Path, tmp_path, capsys):
+    lines = [HEAD]
+    for k in range(40):
+        beta, others = (1e-4 * (k % 3), ",,") if k < 20 else ("", rest(k))
+        lines.append(f"{0.05 * k:.2f},{beta},{others},0,0")
+    (tmp_path / "holes.csv").write_text("\n".join(lines))
+    arguments = ["score", str(attas_monitor), str(tmp_path / "holes.csv")]
+    assert main([*arguments, "-o", str(tmp_path / "out")]) == 1
+    assert re.search(r"OUTSIDE +rate: .*; 0 of \d+ samples", capsys.readouterr().out)
+
+
+def rest(k: int) -> str:
+    """Roll rate, yaw rate and N_y of an aircraft that hardly moves."""
+    return f"{1e-4 * (k % 2)},{1e-4 * (k % 3)},{1e-3 * (k % 2)}"
+
+
+def read_table(folder: Path) -> list[dict[str, str]]:
+    return list(csv.DictReader((folder / "assessments.csv").read_text().splitlines()))

@@ -1,0 +1,407 @@
+"""Flights: the scores of the batch whatever the transport does, at their own rate, to everyone."""
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from app.flights.flight import HEARTBEAT_S, patience
+from app.flights.sources import Track
+from app.flights.transport import CATCH_UP_S, NotPossible, TransportError
+from app.flights.watcher import NEWEST
+from app.messages import Frames, Hello
+from core.dataset import Dataset
+from core.monitor import Monitor, MonitorRecipe, State, train
+from tests.support.flying import (
+    EPSILON,
+    Call,
+    Flown,
+    ScriptedClock,
+    Seen,
+    T,
+    exact_monitor,
+    failing_flight,
+)
+from tests.support.oscillator import DT, N_SAMPLES, Array
+
+
+@pytest.fixture
+def exact() -> Monitor:
+    return exact_monitor()
+
+
+@pytest.fixture
+def failing() -> Array:
+    return failing_flight()
+
+
+def assert_batch(flown: Flown, monitor: Monitor, y: Array, epsilon: float = EPSILON) -> None:
+    """Every frame that came is the batch's assessment of the sample at its time, bit for bit."""
+    said = monitor.assess(T, y, epsilon)
+    for frame in flown.seen.frames:
+        k = int(np.searchsorted(T, frame["t"]))
+        assert frame["t"] == T[k]
+        assert frame["y"] == [None if np.isnan(value) else value for value in y[k]]
+        assert frame["state"] == list(State)[said.state[k]]
+        if frame["state"] == "ok":
+            assert frame["p_value"] == said.p_value[k]
+            assert frame["alert"] == said.alert[k]
+            assert frame["y_hat"] == said.y_hat[k].tolist()
+        else:
+            assert frame["p_value"] is frame["alert"] is frame["y_hat"] is None
+
+
+def test_frames_are_the_stream_and_the_batch_bit_for_bit(exact: Monitor, failing: Array) -> None:
+    y = failing.copy()
+    y[25, 3] = np.nan
+    flown = Flown(exact, y).start()
+    flown.advance(N_SAMPLES * DT + 0.1)
+    stream = exact.stream(EPSILON)
+    expected = [stream.update(*sample) for sample in zip(T, y, strict=True)]
+    assert len(flown.seen.frames) == N_SAMPLES
+    for frame, said in zip(flown.seen.frames, expected, strict=True):
+        assert (frame["p_value"], frame["alert"]) == (said.p_value, said.alert)
+        assert (frame["state"], frame["reason"]) == (said.state, said.reason)
+    assert {frame["state"] for frame in flown.seen.frames} == {"ok", "invalid", "warming_up"}
+    assert_batch(flown, exact, y)
+
+
+ACTIONS = st.one_of(
+    st.tuples(st.just("seek"), st.floats(-1, 4)),
+    st.tuples(st.just("step"), st.sampled_from([-7, -1, 1, 2, 9, None])),
+    st.tuples(st.just("speed"), st.floats(0.1, 10)),
+    st.tuples(st.just("loop"), st.booleans()),
+    st.tuples(st.sampled_from(["play", "pause", "next_alert"]), st.none()),
+)
+
+
+@settings(max_examples=25)
+@given(actions=st.lists(st.tuples(ACTIONS, st.floats(0, 0.5)), min_size=1, max_size=15))
+def test_no_action_changes_a_score_or_loses_a_sample(
+    actions: list[tuple[tuple[str, Any], float]],
+) -> None:
+    exact, failing = exact_monitor(), failing_flight()
+    flown = Flown(exact, failing).start()
+    flown.flight.act("play")
+    for (action, value), wait in actions:
+        try:
+            flown.flight.act(action, value)
+        except NotPossible:
+            assert action == "next_alert"
+        flown.seen.take()
+        flown.advance(wait, tick=0.05)
+    flown.seen.take()
+    assert flown.over == []
+    assert_batch(flown, exact, failing)
+    seqs = [frame["seq"] for frame in flown.seen.frames]
+    assert seqs == list(range(flown.flight.head + 1))
+    recorded = flown.recorder.waiting(0, 10**9)
+    assert [sample.seq for sample in recorded] == seqs
+    assert [r.said.p_value for r in recorded] == [f["p_value"] for f in flown.seen.frames]
+
+
+def test_frames_that_do_not_follow_each_other_are_told_apart_by_a_reset(
+    exact: Monitor, failing: Array
+) -> None:
+    flown = Flown(exact, failing).start()
+    flown.flight.act("loop", True)
+    flown.advance(1.0)
+    flown.flight.act("seek", 2.0)
+    flown.advance(2.0)
+    follows, resets, last = None, 0, None
+    for message in flown.seen.messages:
+        if message["type"] == "reset":
+            follows, resets, last = message, resets + 1, None
+        for frame in message.get("frames", []):
+            if follows is not None:
+                assert (frame["seq"], frame["t"]) == (follows["seq"], follows["t"])
+            elif last is not None:
+                assert frame["t"] == pytest.approx(last + DT)
+            follows, last = None, frame["t"]
+    assert resets == 2
+
+
+def test_the_flight_keeps_its_rate_and_stamps_when_each_sample_was_due(
+    exact: Monitor, failing: Array
+) -> None:
+    flown = Flown(exact, failing).start()
+    flown.flight.act("speed", 2.0)
+    assert len(flown.seen.frames) == 1
+    flown.advance(1.0, tick=0.001)
+    assert len(flown.seen.frames) == pytest.approx(1 + 2 / DT, abs=1)
+    sent = np.array([frame["sent"] for frame in flown.seen.frames[1:]])
+    np.testing.assert_allclose(np.diff(sent), 1e3 * DT / 2, atol=2e-3)
+
+
+class HastyClock(ScriptedClock):
+    """Makes its calls up to a millisecond early, as loops do that round to milliseconds."""
+
+    def call_at(self, when: float, call: Callable[[], object]) -> Call:
+        return super().call_at(when - 0.001 if when - self.time > 0.002 else when, call)
+
+
+def test_a_timer_that_comes_early_delays_no_sample(exact: Monitor, failing: Array) -> None:
+    flown = Flown(exact, failing, clock=HastyClock()).start()
+    came: list[float] = []
+    for _ in range(1000):
+        flown.clock.advance(0.001)
+        n = len(flown.seen.frames)
+        flown.seen.take()
+        came += [flown.clock.time] * (len(flown.seen.frames) - n)
+    due = np.array([frame["sent"] for frame in flown.seen.frames[1:]]) / 1e3
+    assert len(came) == len(due) == 20
+    assert (np.array(came) - due < 0.002).all()
+
+
+def test_samples_due_within_a_tick_come_as_one_message(exact: Monitor, failing: Array) -> None:
+    flown = Flown(exact, failing).start()
+    flown.flight.act("speed", 10.0)
+    flown.advance(0.2, tick=0.001)
+    assert len(flown.seen.frames) == pytest.approx(40, abs=4)
+    assert len(flown.seen.of("frames")) < 16
+
+
+def test_a_machine_that_slept_makes_the_flight_slip_and_say_so(
+    exact: Monitor, failing: Array
+) -> None:
+    flown = Flown(exact, failing).start()
+    flown.clock.freeze(CATCH_UP_S + 30)
+    flown.advance(0.01)
+    assert len(flown.seen.frames) == 2
+    slipped = flown.seen.of("transport")[-1]["transport"]["slipped"]
+    assert slipped == pytest.approx(CATCH_UP_S + 30 - DT, abs=0.02)
+    flown.advance(1.0)
+    assert [frame["seq"] for frame in flown.seen.frames] == list(range(flown.flight.head + 1))
+    assert_batch(flown, exact, failing)
+
+
+def test_at_its_end_a_flight_pauses_and_can_be_sought(exact: Monitor, failing: Array) -> None:
+    flown = Flown(exact, failing).start()
+    flown.advance(N_SAMPLES * DT + 0.1)
+    transport = flown.seen.of("transport")[-1]["transport"]
+    assert (transport["playing"], transport["sample"]) == (False, N_SAMPLES - 1)
+    assert transport["position"] == transport["duration"] == T[-1]
+    assert flown.over == []
+    flown.flight.act("seek", 1.0)
+    flown.seen.take()
+    assert flown.seen.frames[-1]["t"] == 1.0
+    flown.advance(1.0)
+    assert flown.seen.frames[-1]["t"] == 1.0
+
+
+def test_an_action_answers_where_the_flight_is_then(exact: Monitor, failing: Array) -> None:
+    flown = Flown(exact, failing).start()
+    flown.flight.act("pause")
+    for action, value, sample in [("seek", 1.0, 20), ("step", None, 21), ("step", -3, 18)]:
+        flown.flight.act(action, value)
+        assert flown.flight.transport.sample == sample
+
+
+@pytest.mark.parametrize(
+    ("action", "value"),
+    [("seek", None), ("seek", True), ("speed", None), ("speed", 11), ("loop", 1), ("step", 0.5)],
+)
+def test_an_action_with_a_wrong_value_is_refused_and_changes_nothing(
+    action: str, value: Any, exact: Monitor, failing: Array
+) -> None:
+    flown = Flown(exact, failing).start()
+    before = flown.flight.transport
+    with pytest.raises(TransportError):
+        flown.flight.act(action, value)
+    assert flown.flight.transport == before
+
+
+# --- alarms --------------------------------------------------------------------------------------
+
+
+def test_an_alert_raises_one_alarm_at_its_onset(exact: Monitor, failing: Array) -> None:
+    flown = Flown(exact, failing).start()
+    flown.advance(N_SAMPLES * DT)
+    onset = int(exact.assess(T, failing, EPSILON).alert.argmax())
+    (message,) = flown.seen.of("alarm")
+    alarm = message["alarm"]
+    assert (alarm["seq"], alarm["t"], alarm["acknowledged"]) == (onset, T[onset], None)
+    assert alarm["p_value"] > EPSILON
+    where = flown.seen.messages.index(message)
+    before = [f["seq"] for m in flown.seen.messages[:where] for f in m.get("frames", [])]
+    assert max(before) < onset
+    told = flown.flight.acknowledge(alarm["id"], "FTE")
+    assert (told.by, told.acknowledged) == ("FTE", flown.clock.utc())
+    flown.flight.acknowledge(alarm["id"], "pilot")
+    flown.seen.take()
+    assert [m["alarm"]["by"] for m in flown.seen.of("alarm")] == [None, "FTE"]
+    late = Seen(flown.flight.watch())
+    assert late.take()[0]["alarms"] == [told.model_dump()]
+
+
+def test_a_seek_from_alert_to_alert_rings_for_each_that_is_not_open(
+    exact: Monitor, failing: Array
+) -> None:
+    flown = Flown(exact, failing).start()
+    flown.flight.act("pause")
+    first, second = np.flatnonzero(exact.assess(T, failing, EPSILON).alert)[[0, 1]]
+    for sample in (first, second, first):
+        flown.flight.act("seek", float(T[sample]))
+    flown.seen.take()
+    assert [m["alarm"]["t"] for m in flown.seen.of("alarm")] == [T[first], T[second]]
+
+
+def test_an_alarm_reaches_a_watcher_without_credit(exact: Monitor, failing: Array) -> None:
+    flown = Flown(exact, failing)
+    frozen = Seen(flown.flight.watch())
+    flown.start()
+    for _ in range(N_SAMPLES):
+        flown.clock.advance(DT)
+        frozen.take(credit=False)
+    assert len(frozen.of("alarm")) == 1
+    assert len(frozen.frames) < N_SAMPLES
+
+
+def test_next_alert_goes_from_onset_to_onset(exact: Monitor, failing: Array) -> None:
+    flown = Flown(exact, failing).start()
+    flown.flight.act("pause")
+    alert = exact.assess(T, failing, EPSILON).alert
+    onsets = [k for k in range(1, N_SAMPLES) if alert[k] and not alert[k - 1]]
+    for onset in onsets:
+        flown.flight.act("next_alert")
+        assert flown.flight.transport.sample == onset
+    with pytest.raises(NotPossible, match="no alert begins after"):
+        flown.flight.act("next_alert")
+
+
+# --- watchers and scene --------------------------------------------------------------------------
+
+
+def test_hello_says_what_a_display_needs(exact: Monitor, failing: Array) -> None:
+    flown = Flown(exact, failing)
+    hello = Hello.model_validate(flown.seen.messages[0])
+    assert [(c.key, c.limit) for c in hello.channels][3] == ("Ny", 0.5)
+    assert (hello.epsilon, hello.n_unsafe, hello.lead, hello.dt) == (EPSILON, 12, 0.25, DT)
+    assert (hello.duration, hello.head, hello.state) == (T[-1], -1, State.WARMING_UP)
+    assert hello.transport == flown.flight.transport
+    assert hello.stale_after == 0.25
+    assert patience(0.2) == pytest.approx(0.6)
+
+
+def test_messages_of_frames_are_as_described(exact: Monitor, failing: Array) -> None:
+    y = failing.copy()
+    y[3] = np.nan
+    flown = Flown(exact, y).start()
+    flown.advance(0.5)
+    for message in flown.seen.of("frames"):
+        Frames.model_validate(message)
+    assert flown.seen.frames[3]["y"] == [None] * 6
+
+
+def test_a_frozen_watcher_changes_nothing_for_the_others(exact: Monitor, failing: Array) -> None:
+    alone, together = Flown(exact, failing), Flown(exact, failing)
+    blocked, mute = together.flight.watch(), Seen(together.flight.watch())
+    for flown in (alone, together):
+        flown.start().flight.act("loop", True)
+        for _ in range(100):
+            flown.advance(0.1)
+            mute.take(credit=False)
+    assert together.seen.messages[1:] == alone.seen.messages[1:]
+    assert len(blocked._waiting) < 20
+    assert blocked.conflated > 0
+    shown, flown_in_all = len(mute.frames), together.flight.head + 1
+    assert mute.watcher.conflated == pytest.approx(flown_in_all - shown, abs=NEWEST)
+    assert mute.watcher.conflated > 100
+
+
+def test_a_heartbeat_comes_each_second_even_while_paused(exact: Monitor, failing: Array) -> None:
+    flown = Flown(exact, failing).start()
+    flown.flight.act("pause")
+    flown.advance(10 * HEARTBEAT_S + 0.5)
+    assert len(flown.seen.of("heartbeat")) == pytest.approx(11, abs=1)
+    flown.recorder.lost = 7
+    flown.advance(HEARTBEAT_S)
+    assert flown.seen.of("heartbeat")[-1]["lost"] == 7
+
+
+def test_a_change_of_state_is_told_once(exact: Monitor, failing: Array) -> None:
+    y = failing.copy()
+    y[10:13, 0] = np.nan
+    flown = Flown(exact, y).start()
+    flown.advance(1.5)
+    assert [message["state"] for message in flown.seen.of("state")] == [
+        "ok",
+        "invalid",
+        "warming_up",
+        "ok",
+    ]
+
+
+class Stage:
+    """A scene that keeps what it is shown."""
+
+    def __init__(self) -> None:
+        self.shown: list[tuple] = []
+        self.held = 0
+        self.waits: list[float] = []
+
+    def show(self, *what: Any) -> None:
+        self.shown.append(what)
+
+    def hold(self) -> None:
+        self.held += 1
+
+    def wait(self, stale_after_s: float) -> None:
+        self.waits.append(stale_after_s)
+
+
+def test_the_scene_is_shown_the_newest_pose_of_each_tick_only(
+    exact: Monitor, failing: Array
+) -> None:
+    stage = Stage()
+    flown = Flown(exact, failing, scene=stage).start()
+    flown.flight.act("step", 20)
+    t, attitude, beta, delta_a, delta_r, p_value, epsilon, *_ = stage.shown[-1]
+    assert len(stage.shown) == 2
+    assert (t, beta, delta_a, delta_r) == (T[20], *failing[20, [0, 4, 5]])
+    assert (p_value, epsilon) == (exact.assess(T, failing).p_value[20], EPSILON)
+    assert attitude == tuple(Track(T, failing, DT).attitude[20])
+    assert stage.held == 1
+
+
+def test_the_scene_waits_longer_while_samples_come_slowly(exact: Monitor, failing: Array) -> None:
+    stage = Stage()
+    flown = Flown(exact, failing, scene=stage).start()
+    for speed in (0.1, 0.5, 1.0, 10.0):
+        flown.flight.act("speed", speed)
+    assert stage.waits == [pytest.approx(3 * DT / 0.1), pytest.approx(3 * DT / 0.5), 0.25, 0.25]
+
+
+def test_a_flight_goes_on_without_a_scene_that_fails(
+    exact: Monitor, failing: Array, caplog: pytest.LogCaptureFixture
+) -> None:
+    flown = Flown(exact, failing, scene=object()).start()
+    flown.advance(N_SAMPLES * DT)
+    assert len(flown.seen.frames) == N_SAMPLES
+    assert caplog.text.count("goes on without its scene") == 1
+
+
+def test_a_flight_that_fails_is_over_and_says_so(
+    exact: Monitor, failing: Array, caplog: pytest.LogCaptureFixture
+) -> None:
+    flown = Flown(exact, failing).start()
+    flown.flight._script = None  # pyright: ignore[reportAttributeAccessIssue]
+    flown.advance(0.5)
+    assert flown.over == [("failed", "the flight failed; the server's log says why")]
+    assert flown.seen.messages[-1]["type"] == "end"
+    assert "TypeError" in caplog.text or "AttributeError" in caplog.text
+    with pytest.raises(NotPossible, match="the flight is over"):
+        flown.flight.act("play")
+
+
+def test_a_monitor_without_forecasts_flies_too(dataset: Dataset, failing: Array) -> None:
+    from core.monitor.predictor import PREDICTORS
+
+    monitor = train(dataset, MonitorRecipe(predictor=PREDICTORS["pca"]))
+    flown = Flown(monitor, failing).start()
+    flown.advance(0.5)
+    assert {str(frame["y_hat"]) for frame in flown.seen.frames} == {"None"}
+    assert all(frame["p_value"] for frame in flown.seen.frames)

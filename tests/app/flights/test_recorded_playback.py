@@ -1,0 +1,119 @@
+"""A scored recording as a flight: what was scored is what is played, and nothing else."""
+
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+
+from app.flights.recorded_playback import RecordedScript
+from app.flights.replay import TrackFlight
+from app.flights.transport import NotPossible
+from app.recordings.reasons import BETWEEN
+from core.monitor import State
+from core.monitor.assessment import REASONS, STATES
+from core.simulation.attitude import attitude
+from tests.support.flying import ScriptedClock, Seen, SilentRecorder, exact_monitor, plan
+from tests.support.samples import SAMPLE_LIKE
+
+DT, N = 0.05, 200
+INVALID, WARMING_UP = STATES.index(State.INVALID), STATES.index(State.WARMING_UP)
+
+
+@pytest.fixture
+def samples() -> npt.NDArray:
+    """Two manoeuvres of 80 samples with 20 between; the second one is not valid."""
+    rng = np.random.default_rng(5)
+    samples = np.zeros(N, SAMPLE_LIKE)
+    samples["t"] = 3358.0 + DT * np.arange(N)
+    samples["y"] = 0.1 * rng.standard_normal((N, 6))
+    samples["y_hat"] = 0.1 * rng.standard_normal((N, 6))
+    samples["p_value"], samples["withdrawn"] = rng.uniform(size=N), np.nan
+    samples["stretch"] = [0] * 80 + [-1] * 20 + [1] * 80 + [-1] * 20
+    samples["state"][samples["stretch"] != 0] = INVALID
+    samples["state"][0] = WARMING_UP
+    samples["p_value"][samples["state"] != 0] = np.nan
+    samples["alert"][[30, 31, 60]] = True
+    samples["attitude"] = np.nan
+    return samples
+
+
+STRETCHES: list[dict[str, Any]] = [
+    {
+        "alerts": [[3359.5, 3359.55], [3361.0, 3361.0]],
+        "crossing": {"t": 3360.02, "channel": "Ny", "value": 0.6},
+        "validity": {"valid": True, "reasons": []},
+    },
+    {
+        "alerts": [],
+        "crossing": None,
+        "validity": {"valid": False, "reasons": ["p was off by 9 sigma", "too fast"]},
+    },
+]
+
+
+def script(samples: npt.NDArray) -> RecordedScript:
+    return RecordedScript(samples, STRETCHES, DT, forecasts=True)
+
+
+def test_each_sample_is_said_as_it_was_scored(samples: npt.NDArray) -> None:
+    played = script(samples)
+    for k in range(N):
+        said = played.said(k)
+        assert said.t == samples["t"][k]
+        assert said.state is STATES[samples["state"][k]]
+        if said.state is State.OK:
+            assert (said.p_value, said.alert) == (samples["p_value"][k], samples["alert"][k])
+            np.testing.assert_array_equal(said.y_hat, samples["y_hat"][k])
+        else:
+            assert said.p_value is said.alert is said.y_hat is None
+        np.testing.assert_array_equal(played.y(k), samples["y"][k])
+
+
+def test_it_says_why_it_says_nothing(samples: npt.NDArray) -> None:
+    played = script(samples)
+    assert played.said(0).reason == REASONS[WARMING_UP]
+    assert played.said(90).reason == BETWEEN
+    assert played.said(120).reason == "p was off by 9 sigma; too fast"
+
+
+def test_it_is_checked_where_every_stretch_has_a_verdict(samples: npt.NDArray) -> None:
+    assert script(samples).is_checked
+    unknown = {**STRETCHES[0], "validity": {"valid": None, "reasons": ["not calibrated"]}}
+    assert not RecordedScript(samples, [unknown, STRETCHES[1]], DT, forecasts=True).is_checked
+
+
+def test_alerts_are_found_one_after_the_other(samples: npt.NDArray) -> None:
+    played = script(samples)
+    assert [played.next_alert(-1), played.next_alert(30), played.next_alert(60)] == [30, 60, None]
+    assert played.fail_t == 3360.02
+    assert played.duration == pytest.approx(DT * (N - 1))
+
+
+def test_a_recorded_attitude_is_shown_and_a_missing_angle_integrated(samples: npt.NDArray) -> None:
+    samples["attitude"][:, :2] = 0.2, 0.1
+    integrated = attitude(samples["t"], samples["y"])
+    played = script(samples)
+    for k in [0, 1, 2, 50, 51, 7, 199]:
+        assert played.attitude(k) == pytest.approx((0.2, 0.1, integrated[k, 2]))
+
+
+def test_a_recording_flies_with_the_transport_of_any_flight(samples: npt.NDArray) -> None:
+    clock = ScriptedClock()
+    recorder = SilentRecorder(clock)
+    flight = TrackFlight(plan(exact_monitor()), script(samples), recorder, clock, lambda *how: None)
+    seen = Seen(flight.watch())
+    flight.start()
+    for _ in range(100):
+        clock.advance(0.01)
+        seen.take()
+    flight.act("next_alert")
+    flight.act("seek", 3364.0)
+    with pytest.raises(NotPossible, match="no alert begins"):
+        flight.act("next_alert")
+    seen.take()
+    frames = seen.frames
+    assert [frame["t"] for frame in frames[:20]] == samples["t"][:20].tolist()
+    assert frames[-1]["t"] == pytest.approx(3364.0)
+    assert frames[-1]["reason"].startswith("p was off")
+    assert [alarm["alarm"]["t"] for alarm in seen.of("alarm")] == [pytest.approx(3359.5)]

@@ -1,0 +1,143 @@
+"""The recorder: everything into the store, whatever the store does meanwhile."""
+
+import asyncio
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from app.flights import recorder as module
+from app.flights.recorder import INTERVAL_S, Recorder
+from app.messages import Alarm
+from app.store.store import open_store
+from core.dataset import Dataset
+from core.monitor import train
+from core.monitor.assessment import Assessment, State
+from tests.support.flying import NoStore, ScriptedClock, SilentRecorder, as_store, store_with
+from tests.support.oscillator import DT, Array
+
+
+def said(k: int) -> Assessment:
+    return Assessment(k * DT, 0.25, False, State.OK, "", np.full(6, float(k)))
+
+
+def alarm(number: int, by: str | None = None) -> Alarm:
+    return Alarm(id=str(number), number=number, seq=3, t=0.15, p_value=0.5, raised="now", by=by)
+
+
+def under_way(recorder: Recorder) -> list[asyncio.Task[bool]]:
+    return [recorder._task] if recorder._task else []
+
+
+def fill(recorder: Recorder, n: int, first: int = 0) -> None:
+    for k in range(first, first + n):
+        recorder.add(k, np.full(6, float(k)), said(k))
+
+
+def test_every_sample_reaches_the_store_bit_for_bit(
+    dataset: Dataset, flights: Array, tmp_path: Path
+) -> None:
+    monitor = train(dataset)
+    store, monitor_id = store_with(monitor, tmp_path)
+    flight_id = store.add_flight({}, monitor_id, 0.3)
+    recorder = Recorder(store, flight_id, ScriptedClock())
+    stream, y = monitor.stream(0.3), flights[0].copy()
+    y[20, 2] = np.nan
+    expected = [stream.update(k * DT, y[k]) for k in range(len(y))]
+
+    async def record() -> None:
+        for k, one in enumerate(expected):
+            recorder.add(k, y[k], one)
+        await recorder.flush()
+        fill(recorder, 2500, first=len(y))
+        await recorder.close()
+
+    asyncio.run(record())
+    stored = open_store(tmp_path / "store.db").assessments(flight_id)
+    assert stored.seq.tolist() == list(range(len(y) + 2500))
+    batch = monitor.assess(DT * np.arange(len(y)), y, 0.3)
+    np.testing.assert_array_equal(stored.y[: len(y)], y)
+    np.testing.assert_array_equal(stored.p_value[: len(y)], batch.p_value)
+    np.testing.assert_array_equal(stored.state[: len(y)], batch.state)
+    np.testing.assert_array_equal(stored.alert[: len(y)], batch.alert)
+    known = batch.state == 0
+    np.testing.assert_array_equal(stored.y_hat[: len(y)][known], batch.y_hat[known])
+    assert recorder.lost == 0
+
+
+def test_samples_are_written_by_themselves_after_the_interval() -> None:
+    store, clock = NoStore(), ScriptedClock()
+
+    async def record() -> None:
+        recorder = Recorder(as_store(store), "f", clock)
+        fill(recorder, 10)
+        clock.advance(INTERVAL_S - 0.1)
+        assert not under_way(recorder)
+        clock.advance(0.2)
+        await asyncio.gather(*under_way(recorder))
+        assert [chunk[1] for chunk in store.chunks] == [0]
+        assert recorder.waiting(0, 100) == []
+
+    asyncio.run(record())
+
+
+def test_what_the_store_refuses_is_tried_again_and_not_lost(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    store, clock = NoStore(), ScriptedClock()
+    store.failures = 2
+
+    async def record() -> None:
+        recorder = Recorder(as_store(store), "f", clock)
+        fill(recorder, 10)
+        recorder.add_alarm(alarm(1))
+        assert not await recorder.flush()
+        assert [sample.seq for sample in recorder.waiting(4, 6)] == [4, 5, 6]
+        fill(recorder, 5, first=10)
+        clock.advance(INTERVAL_S)
+        assert await asyncio.gather(*under_way(recorder)) == [False]
+        clock.advance(INTERVAL_S)
+        assert await asyncio.gather(*under_way(recorder)) == [True]
+        assert recorder.lost == 0
+
+    asyncio.run(record())
+    assert [(chunk[1], len(chunk[2])) for chunk in store.chunks] == [(0, 15)]
+    assert store.alarms == [("f", 3, 0.15, 0.5)]
+    assert "tried again" in caplog.text
+
+
+def test_only_a_store_that_refuses_for_long_loses_the_oldest_and_counts_them(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(module, "MOST_WAITING", 100)
+    monkeypatch.setattr(module, "BATCH", 30)
+    recorder = SilentRecorder(ScriptedClock())
+    fill(recorder, 150)
+    assert recorder.lost == 60
+    assert recorder.waiting(0, 1000)[0].seq == 60
+
+
+def test_the_end_gives_up_at_last_and_counts_what_was_lost() -> None:
+    store = NoStore()
+    store.failures = 10
+    recorder = SilentRecorder(ScriptedClock(), store)
+    fill(recorder, 7)
+    asyncio.run(recorder.close())
+    assert recorder.lost == 7
+
+
+def test_an_acknowledgement_reaches_the_alarm_in_the_store(
+    dataset: Dataset, tmp_path: Path
+) -> None:
+    store, monitor_id = store_with(train(dataset), tmp_path)
+    flight_id = store.add_flight({}, monitor_id, 0.3)
+    recorder = SilentRecorder(ScriptedClock(), store)
+    recorder._flight_id = flight_id
+    for number in (1, 2):
+        recorder.add_alarm(alarm(number))
+    recorder.add_acknowledgement(alarm(2, by="FTE"))
+    asyncio.run(recorder.close())
+    first, second = store.alarms(flight_id)
+    assert (first.number, first.by, first.acknowledged) == (1, None, None)
+    assert (second.number, second.seq, second.by) == (2, 3, "FTE")
+    assert second.acknowledged is not None

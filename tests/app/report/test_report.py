@@ -1,0 +1,218 @@
+"""The report: one file that stands alone, says every outcome plainly, and never flatters."""
+
+import re
+from dataclasses import replace
+from xml.etree import ElementTree
+
+import pytest
+
+from app.report.facts import MOST_NOTES, OUTCOMES, alerts, certificate, drawn, headline, notes
+from app.report.page import report
+from app.report.subject import ReportSubject
+from core.dataset import Dataset
+from core.monitor import Monitor, MonitorRecipe, train
+from tests.support.reported import crossing, stretch, subject_of
+
+WARNED = stretch(0, "timely_alert", crossing=crossing(0), lead=0.5, alerts=[[1.5, 1.6]])
+MISSED = stretch(1, "missed", crossing=crossing(1))
+QUIET, INVALID = stretch(2, "quiet"), stretch(3, "invalid")
+
+
+@pytest.fixture(scope="module")
+def monitor(dataset: Dataset) -> Monitor:
+    return train(dataset, MonitorRecipe())
+
+
+@pytest.fixture
+def subject(monitor: Monitor) -> ReportSubject:
+    return subject_of(monitor, [WARNED, MISSED, QUIET, INVALID])
+
+
+def sections_of(html: str) -> list[str]:
+    """What is said of each manoeuvre."""
+    return [part.split("</section>")[0] for part in html.split("<section>")[1:]]
+
+
+def test_it_needs_no_other_file_and_runs_nothing(subject: ReportSubject) -> None:
+    html = report(subject)
+    assert re.findall(r"(?:src|href)\s*=", html) == []
+    assert re.findall(r"url\((?!#hatch\))|@import", html) == []
+    assert "<script" not in html
+    assert 'id="hatch"' in html
+
+
+def test_its_pictures_are_whole(subject: ReportSubject) -> None:
+    pictures = re.findall(r'<svg class="chart".*?</svg>', report(subject), re.DOTALL)
+    assert len(pictures) == 1 + 4 + 1
+    for picture in pictures:
+        ElementTree.fromstring(picture)
+        assert "nan" not in picture
+
+
+def test_words_of_the_file_and_the_crew_are_text(monitor: Monitor) -> None:
+    html = report(subject_of(monitor, [stretch(0, "quiet", name="<u>doublet</u>")]))
+    assert "&lt;b&gt;flight&lt;/b&gt; &amp; more.csv" in html
+    assert "gust &lt;here&gt;" in html
+    assert "&lt;i&gt;comment&lt;/i&gt;" in html
+    assert "&lt;u&gt;doublet" in html
+    assert not re.search("<[bui]>", html)
+
+
+def test_every_outcome_and_hash_is_said(subject: ReportSubject) -> None:
+    html = report(subject)
+    for outcome in ("timely_alert", "missed", "quiet", "invalid"):
+        assert OUTCOMES[outcome][1] in html
+    assert "A limit was reached without an alert in time" in html
+    assert "Look first at manoeuvre 2 (missed: no alert before the limit)" in html
+    assert "It holds for 3 of the 4 manoeuvres" in html
+    for digest in ("ab" * 32, "cd" * 32, "ef" * 32, subject.monitor.dataset_digest):
+        assert digest in html
+
+
+def test_each_manoeuvre_says_its_guarantee_remarks_and_checks(subject: ReportSubject) -> None:
+    sections = sections_of(report(subject))
+    assert len(sections) == 4
+    stretches = subject.scoring["stretches"]
+    for number, (section, one) in enumerate(zip(sections, stretches, strict=True)):
+        assert one["guarantee"] in section
+        assert f"it begins late, {number}" in section
+        for check in one["validity"]["checks"]:
+            assert check["text"] in section
+        assert "◇ not known" in section
+        assert ("✕ no" in section) == (one["outcome"] == "invalid")
+
+
+def test_where_the_channels_come_from_and_how_sure_that_is(subject: ReportSubject) -> None:
+    html = report(subject)
+    assert "61 %" in html
+    assert "its sign is turned" in html
+    assert "reversed" in html
+    assert "derived: lateral acceleration less gravity" in html
+    assert "not in the file" in html
+    assert "line 7: 12 cells" in html
+    assert "proposed by the program, not looked over" in html
+    assert html.count("beta: 3 gaps.") == 1
+    assert "Certainty" not in report(replace(subject, guesses={}))
+
+
+def test_what_is_not_known_of_the_data_is_not_praised(subject: ReportSubject) -> None:
+    html = report(replace(subject, scoring={**subject.scoring, "quality": None}))
+    assert "Nothing is known of them" in html
+    assert "No gap" not in html
+
+
+def test_a_report_of_invalid_manoeuvres_alone_promises_nothing(monitor: Monitor) -> None:
+    html = report(subject_of(monitor, [stretch(0, "invalid"), stretch(1, "invalid")]))
+    assert "The guarantee is withdrawn for this recording" in html
+    assert "P(no timely alert" not in html
+    assert "No limit was reached" not in html
+
+
+def test_what_was_not_checked_is_promised_nothing(monitor: Monitor) -> None:
+    unknown = stretch(0, "quiet")
+    unknown["validity"] = unknown["validity"] | {"valid": None, "p_value": None}
+    html = report(subject_of(monitor, [unknown]))
+    assert "Nothing is promised for this recording" in html
+    assert "◇ Not checked" in html
+    assert "P(no timely alert" not in html
+
+
+@pytest.mark.parametrize(
+    ("stretches", "level", "words"),
+    [
+        ([WARNED, QUIET], "good", "warned of in time"),
+        ([QUIET], "good", "No limit was reached, and there was no alert"),
+        ([WARNED, INVALID], "caution", "warned of in time"),
+        ([WARNED, stretch(3, "invalid", crossing=crossing(3))], "bad", "no right to speak"),
+        ([INVALID], "invalid", "No verdict"),
+        ([stretch(0, "false_alert")], "caution", "but there was an alert"),
+        ([WARNED, MISSED, INVALID], "bad", "without an alert in time"),
+    ],
+)
+def test_the_headline_is_the_worst_that_happened(stretches, level: str, words: str) -> None:
+    found = headline(stretches)
+    assert found[0] == level
+    assert words in found[1]
+
+
+def test_an_alert_after_the_limit_has_no_lead() -> None:
+    crossed = stretch(0, "late_alert", crossing=crossing(0), alerts=[[1.9, 2.0], [3.0, 4.0]])
+    rows = alerts([crossed])
+    assert [row["lead"] for row in rows] == [pytest.approx(0.1), None]
+    assert [row["first"] for row in rows] == [True, False]
+
+
+def test_of_very_many_manoeuvres_the_telling_ones_are_drawn(
+    subject: ReportSubject, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("app.report.facts.MOST_DRAWN", 2)
+    assert drawn([QUIET, INVALID, WARNED, MISSED]) == {2, 3}
+    sections = sections_of(report(subject))
+    assert ["<figure>" in section for section in sections] == [True, True, False, False]
+    assert ["is not drawn" in section for section in sections] == [False, False, True, True]
+
+
+def test_thirty_manoeuvres_make_a_file_of_sane_size(monitor: Monitor) -> None:
+    outcomes = ["quiet", "timely_alert", "invalid"] * 10
+    html = report(subject_of(monitor, [stretch(k, name) for k, name in enumerate(outcomes)]))
+    assert len(html.encode()) < 1_000_000
+    assert html.count("<section>") == 30
+    assert html.count('<td class="name">manoeuvre ') == 30
+
+
+def test_notes_are_told_once_and_not_without_end() -> None:
+    assert notes(["a", "b"], ["a", "c"], apart_from=["b"]) == (["a", "c"], 0)
+    told, more = notes([str(k) for k in range(100)])
+    assert (len(told), more) == (MOST_NOTES, 100 - MOST_NOTES)
+
+
+def test_the_certificate_is_of_the_nearest_epsilon_that_was_tested() -> None:
+    evaluation = {
+        "epsilon": 0.1, "n_unsafe": 100, "n_safe": 200,
+        "at_epsilon": {"misses": 9, "false_alerts": 20},
+        "curves": {"epsilon": [0.05, 0.2], "misses": [4, 19], "false_alerts": [50, 10]},
+    }  # fmt: skip
+    found = certificate(evaluation, 0.06)
+    assert found is not None
+    assert (found["epsilon"], found["miss"]["count"]) == (0.05, 4)
+    assert found["fail_given_alert"]["total"] == 96 + 50
+    at = certificate(evaluation, 0.1)
+    assert at is not None
+    assert at["miss"]["low"] < 0.09 < at["miss"]["high"]
+    assert at["power"]["share"] == 0.9
+    assert certificate(None, 0.1) is None
+
+
+REACHED = {"t": 20.3, "channel": "Ny", "value": 0.48}
+
+
+@pytest.mark.parametrize(
+    ("stretches", "outside", "level", "words"),
+    [
+        ([stretch(0, "unseen")], [], "caution", "not wholly known"),
+        ([stretch(0, "unseen", crossing=crossing(0))], [], "bad", "samples are missing"),
+        ([WARNED, stretch(2, "unseen")], [], "caution", "not wholly known"),
+        ([QUIET], [REACHED], "caution", "in a manoeuvre, .* a limit was reached outside every"),
+        ([WARNED], [REACHED], "caution", "also reached outside every manoeuvre"),
+        ([MISSED], [REACHED], "bad", "without an alert in time; one was also reached outside"),
+    ],
+)
+def test_what_nobody_saw_or_judged_is_never_green(stretches, outside, level, words) -> None:
+    found = headline(stretches, outside)
+    assert found[0] == level
+    assert re.search(words, found[1])
+
+
+def test_limits_reached_outside_the_manoeuvres_have_rows(monitor: Monitor) -> None:
+    subject = subject_of(monitor, [stretch(0, "quiet")])
+    html = report(replace(subject, scoring={**subject.scoring, "outside": [REACHED] * 30}))
+    assert html.count('<strong class="caution">outside every manoeuvre</strong>') == 20
+    assert "and 10 more times outside every manoeuvre" in html
+
+
+def test_what_is_withdrawn_or_unconfirmed_is_said_so(subject: ReportSubject) -> None:
+    html = report(subject)
+    assert html.count(">withdrawn</td>") == 2
+    assert "Nobody confirmed which signal is which channel" in html
+    assert "Nobody confirmed" not in report(replace(subject, mapped="confirmed by the user"))
+    assert "carries no certificate: none was stored with it here" in html

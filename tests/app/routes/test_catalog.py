@@ -1,0 +1,82 @@
+import jsonschema_rs
+import pytest
+
+from app.catalog import catalog, dataset_request_schema, monitor_request_schema
+from app.recipes import FAMILIES, from_plain
+from core.channels import KEYS
+from core.collection import DatasetRecipe
+from core.monitor import MonitorRecipe
+from core.specification import SPECIFICATIONS
+from tests.support.api import api
+
+ENTRIES = [
+    pytest.param(family, kind, id=f"{family}-{kind}")
+    for family, content in catalog()["families"].items()
+    for kind in content["entries"]
+]
+
+
+@pytest.fixture(scope="module")
+def published(tmp_path_factory):
+    with api(tmp_path_factory.mktemp("data")) as client:
+        return client.get("/api/v1/catalog").json()
+
+
+def test_every_member_of_every_family_is_published(published):
+    known = [*FAMILIES.values(), SPECIFICATIONS]
+    listed = [list(family["entries"]) for family in published["families"].values()]
+    assert sorted(map(sorted, listed)) == sorted(map(sorted, known))
+
+
+def test_channels_are_in_the_order_of_y(published):
+    assert tuple(channel["key"] for channel in published["channels"]) == KEYS
+
+
+@pytest.mark.parametrize(("family", "kind"), ENTRIES)
+def test_defaults_fit_their_schema(published, family, kind):
+    entry = published["families"][family]["entries"][kind]
+    jsonschema_rs.validate(entry["schema"], entry["default"])
+    assert entry["description"]
+    for name, parameter in entry["schema"]["properties"].items():
+        assert parameter["default"] == entry["default"][name]
+
+
+@pytest.mark.parametrize(("family", "kind"), ENTRIES)
+def test_defaults_are_what_the_family_holds(published, family, kind):
+    default = published["families"][family]["entries"][kind]["default"]
+    members = next((m for b, m in FAMILIES.items() if kind in m and _is(b, family)), SPECIFICATIONS)
+    assert from_plain(members[kind], default) == members[kind]
+
+
+def _is(base: type, family: str) -> bool:
+    return base.__name__.lower() == family.replace("_", "")
+
+
+@pytest.mark.parametrize(("family", "kind"), ENTRIES)
+def test_a_misspelt_parameter_does_not_fit(published, family, kind):
+    schema = published["families"][family]["entries"][kind]["schema"]
+    assert not jsonschema_rs.is_valid(schema, {"misspelt": 1})
+
+
+def test_recipes_come_with_their_defaults(published):
+    recipes = published["recipes"]
+    assert from_plain(DatasetRecipe(n_unsafe=7), recipes["dataset"]["default"]) == DatasetRecipe()
+    assert from_plain(MonitorRecipe(epsilon=0.3), recipes["monitor"]["default"]) == MonitorRecipe()
+    for recipe in recipes.values():
+        jsonschema_rs.validate(recipe["schema"], recipe["default"])
+
+
+def test_a_part_of_a_family_names_it(published):
+    properties = published["recipes"]["dataset"]["schema"]["properties"]
+    for name in ("aircraft", "control_law", "maneuver"):
+        family = published["families"][properties[name]["x-family"]]
+        assert properties[name]["properties"]["kind"]["enum"] == list(family["entries"])
+
+
+def test_requests_have_the_recipe_in_them():
+    assert dataset_request_schema()["properties"].keys() > {"aircraft", "dt", "n_unsafe", "name"}
+    assert monitor_request_schema()["properties"].keys() > {"dataset", "t_early", "score"}
+
+
+def test_a_published_schema_holds_no_reference(published):
+    assert "$ref" not in str(published["families"]) + str(published["recipes"])

@@ -1,0 +1,130 @@
+import io
+
+import numpy as np
+import pytest
+
+from app.recipes import from_plain
+from core.channels import KEYS
+from core.collection import DatasetRecipe, collect
+from core.monitor import train
+from tests.support.api import api, finished, problem, store_of
+
+RECIPE = {"n_unsafe": 5, "n_obs": 10, "seed": 3, "maneuver": {"amplitude_deg": 10.0}}
+
+
+@pytest.fixture(scope="module")
+def client(tmp_path_factory):
+    with api(tmp_path_factory.mktemp("data")) as client:
+        yield client
+
+
+@pytest.fixture(scope="module")
+def stored(client, dataset):
+    return store_of(client).add_dataset(dataset, "oscillator").id
+
+
+def test_a_recipe_becomes_a_job_and_then_a_dataset(client):
+    job = finished(client, client.post("/api/v1/datasets", json=RECIPE | {"name": "small"}))
+    assert job["status"] == "done"
+    info = client.get(f"/api/v1/datasets/{job['result']['dataset']}").json()
+    twin = collect(from_plain(DatasetRecipe(), RECIPE))
+    assert info["name"] == "small"
+    assert info["digest"] == twin.digest()
+    assert info["recipe"]["maneuver"]["amplitude_deg"] == 10.0
+    assert info["n_unsafe"] == 5
+    assert any(entry["id"] == info["id"] for entry in client.get("/api/v1/datasets").json())
+
+
+def test_a_collection_that_cannot_end_fails_with_the_reason(client):
+    recipe = {"n_unsafe": 1000, "max_rollouts": 1000, "maneuver": {"amplitude_deg": 0.01}}
+    job = finished(client, client.post("/api/v1/datasets", json=recipe))
+    assert job["status"] == "failed"
+    assert "raise the amplitude" in job["error"]
+
+
+@pytest.mark.parametrize(
+    ("recipe", "words"),
+    [
+        ({"n_unsaf": 3}, "dataset has no 'n_unsaf': choose aircraft"),
+        ({"aircraft": {"kind": "f17"}}, "f16_sl_h0_v502"),
+        ({"aircraft": {"kind": "f16_sl_h0_v502", "states": 3}}, "choose name, n_states"),
+        ({"maneuver": {"amplitude_deg": "much"}}, "amplitude_deg is 'much'"),
+        ({"maneuver": 5}, "must be an object"),
+        ({"n_unsafe": 1}, "at least 2"),
+        ({"dt": 0.07}, "whole number of steps"),
+        ({"n_unsafe": 10**12}, "FOREWARN_MAX_ARRAY_BYTES"),
+        ({"dt": 1e-9, "n_obs": 1}, "at most 20000 steps fit"),
+        ({"control_law": {"kind": "f16_sl_ofb"}}, "feeds back phi"),
+        ({"name": ""}, "1 to 200 characters"),
+        ({"specification": {"Ny": None}}, "no limit was given"),
+    ],
+)
+def test_a_wrong_recipe_is_refused_naming_what_is_right(client, recipe, words):
+    assert words in problem(client.post("/api/v1/datasets", json=recipe), 422)
+
+
+@pytest.mark.parametrize(
+    ("body", "kind", "status"),
+    [
+        (b"{", "application/json", 422),
+        (b"[]", "application/json", 422),
+        (b'{"dt": NaN}', "application/json", 422),
+        (b"{}", "text/plain", 415),
+    ],
+)
+def test_a_body_that_is_no_object_is_refused(client, body, kind, status):
+    answer = client.post("/api/v1/datasets", content=body, headers={"content-type": kind})
+    assert problem(answer, status)
+
+
+def test_arrays_come_back_as_they_were_stored(client, stored, dataset):
+    answer = client.get(f"/api/v1/datasets/{stored}/arrays")
+    with np.load(io.BytesIO(answer.content), allow_pickle=False) as arrays:
+        for name in ("unsafe", "fail_index", "safe", "safe_times", "theta_unsafe", "theta_safe"):
+            np.testing.assert_array_equal(arrays[name], getattr(dataset, name))
+        assert arrays["dt"] == dataset.dt
+        assert tuple(arrays["theta_names"]) == dataset.theta_names
+
+
+def test_rollouts_are_numbered_unsafe_first(client, stored, dataset):
+    n_unsafe, n_safe = len(dataset.unsafe), len(dataset.safe)
+    for n, rows in ((0, dataset.unsafe), (n_unsafe - 1, dataset.unsafe), (n_unsafe, dataset.safe)):
+        rollout = client.get(f"/api/v1/datasets/{stored}/rollouts/{n}").json()
+        index = n if n < n_unsafe else n - n_unsafe
+        expected = rows[index]
+        if n < n_unsafe:
+            assert rollout["fail_index"] == dataset.fail_index[index]
+            expected = expected[: rollout["fail_index"] + 1]
+        else:
+            assert rollout["fail_index"] is None
+        y = np.column_stack([rollout["telemetry"][key] for key in KEYS])
+        np.testing.assert_array_equal(y, expected)
+        assert rollout["telemetry"]["t"][1] == pytest.approx(dataset.dt)
+        assert tuple(rollout["theta"]) == dataset.theta_names
+    for n in (-1, n_unsafe + n_safe):
+        assert problem(client.get(f"/api/v1/datasets/{stored}/rollouts/{n}"), 404)
+
+
+def test_rollouts_are_listed_by_outcome(client, stored, dataset):
+    path = f"/api/v1/datasets/{stored}/rollouts"
+    listed = client.get(path, params={"outcome": "safe", "first": 1, "count": 2}).json()
+    assert [rollout["n"] for rollout in listed] == [len(dataset.unsafe) + i for i in (1, 2)]
+    assert client.get(path, params={"first": 10**6}).json() == []
+    assert problem(client.get(path, params={"count": 0}), 422)
+
+
+def test_a_dataset_in_use_is_kept_and_says_whose(client, dataset):
+    store = store_of(client)
+    used = store.add_dataset(dataset, "used").id
+    monitor = store.add_monitor(train(dataset), "its monitor", used)
+    words = problem(client.delete(f"/api/v1/datasets/{used}"), 409)
+    assert "its monitor" in words
+    assert monitor.id in words
+    assert client.delete(f"/api/v1/monitors/{monitor.id}").status_code == 204
+    assert client.delete(f"/api/v1/datasets/{used}").status_code == 204
+    assert problem(client.get(f"/api/v1/datasets/{used}"), 404)
+
+
+@pytest.mark.parametrize("path", ["", "/arrays", "/rollouts", "/rollouts/0"])
+def test_an_unknown_dataset_is_not_found(client, path):
+    assert "nothing" in problem(client.get(f"/api/v1/datasets/nothing{path}"), 404)

@@ -1,0 +1,337 @@
+"""Flights over REST and WebSocket, in process and against a real server."""
+
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import orjson
+import pytest
+from starlette.testclient import TestClient, WebSocketTestSession
+from starlette.websockets import WebSocketDisconnect
+
+from app.flights.flights import Flights
+from app.flights.watcher import CREDIT
+from app.messages import Hello
+from tests.app.flights.test_flights import RECIPE, monitor
+from tests.support.api import api, problem, store_of
+from tests.support.flying import ScriptedClock
+
+URL = "/api/v1/flights"
+HEADERS = {"host": "127.0.0.1:8000", "origin": "http://127.0.0.1:8000"}
+
+
+class Server:
+    """The application in process, its flights on a scripted clock."""
+
+    def __init__(self, client: TestClient) -> None:
+        self.client = client
+        self.clock = ScriptedClock()
+        store = store_of(client)
+        self.monitor_id = store.add_monitor(monitor(), "F-16 doublet", None, None).id
+        self.flights: Flights = client.app.state.flights  # pyright: ignore
+        self.flights._clock = self.clock
+        self.flights._scenes = None
+
+    def start(self, **choices: Any) -> dict[str, Any]:
+        source = {"kind": "simulated", "outcome": "unsafe", "seed": 1}
+        body = {"source": source, "monitor": self.monitor_id} | choices
+        response = self.client.post(URL, json=body)
+        assert response.status_code == 201, response.text
+        assert response.headers["location"] == f"{URL}/{response.json()['id']}"
+        return response.json()
+
+    def steer(self, flight: str, action: str, value: Any = None) -> Any:
+        body = {"action": action, "value": value}
+        return self.client.post(f"{URL}/{flight}/transport", json=body)
+
+    def advance(self, seconds: float) -> None:
+        """Let the flights' clock pass, on the server's own loop."""
+        portal = self.client.portal
+        assert portal is not None
+        for _ in range(round(seconds / 0.05)):
+            portal.call(self.clock.advance, 0.05)
+
+    def watch(self, flight: str) -> Any:
+        return self.client.websocket_connect(f"{URL}/{flight}/stream", headers=HEADERS)
+
+
+@pytest.fixture
+def server(tmp_path: Path) -> Iterator[Server]:
+    with api(tmp_path) as client:
+        yield Server(client)
+
+
+def until(socket: WebSocketTestSession, found: Callable[[dict], bool]) -> list[dict[str, Any]]:
+    """Receive up to the first message of this kind, giving credit for frames."""
+    messages = []
+    while True:
+        messages.append(orjson.loads(socket.receive_text()))
+        if messages[-1]["type"] == "frames":
+            socket.send_text('{"type":"credit","n":1}')
+        if found(messages[-1]):
+            return messages
+
+
+def frames_of(messages: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    return [frame for message in messages for frame in message.get("frames", [])]
+
+
+def test_a_flight_is_started_listed_read_and_ended(server: Server) -> None:
+    flight = server.start(name="first")
+    assert (flight["name"], flight["status"], flight["monitor"]) == (
+        "first",
+        "running",
+        server.monitor_id,
+    )
+    assert flight["source"] == {"kind": "simulated", "outcome": "unsafe", "seed": 1}
+    assert flight["epsilon"] == 0.3
+    assert flight["transport"]["playing"]
+    assert flight["fail_t"] > 0
+    assert flight["theta"].keys() == set(monitor().theta_names)
+    assert [one["id"] for one in server.client.get(URL).json()] == [flight["id"]]
+    server.advance(1.0)
+    assert server.client.get(f"{URL}/{flight['id']}").json()["head"] == 20
+    assert server.client.delete(f"{URL}/{flight['id']}").status_code == 204
+    ended = server.client.get(f"{URL}/{flight['id']}").json()
+    assert (ended["status"], ended["head"], ended["transport"]) == ("ended", 20, None)
+    assert server.client.delete(f"{URL}/{flight['id']}").status_code == 204
+    problem(server.client.get(f"{URL}/{flight['id']}"), 404)
+    problem(server.client.delete(f"{URL}/{flight['id']}"), 404)
+
+
+def test_hello_then_every_frame_with_the_scores_of_the_batch(server: Server) -> None:
+    flight = server.start()
+    server.steer(flight["id"], "pause")
+    server.steer(flight["id"], "seek", 0)
+    with server.watch(flight["id"]) as socket:
+        hello = Hello.model_validate_json(socket.receive_text())
+        assert (hello.flight, hello.head, hello.credit) == (flight["id"], 1, CREDIT)
+        assert hello.monitor == {"id": server.monitor_id, "name": "F-16 doublet"}
+        server.steer(flight["id"], "play")
+        messages = []
+        for head in range(11, 122, 10):
+            server.advance(0.5)
+            messages += until(socket, lambda m, head=head: m.get("seq") == head)
+    source = server.client.get(f"{URL}/{flight['id']}/source").json()["frames"]
+    shown = frames_of(messages)
+    assert len(source) == 121
+    assert [f["seq"] for f in shown] == list(range(2, 122))
+    for frame, expected in zip(shown, source[1:], strict=True):
+        assert {**frame, "seq": 0, "sent": None} == {**expected, "seq": 0}
+    track = server.flights.flying(flight["id"])._script._track  # pyright: ignore
+    assert [f["p_value"] for f in source] == monitor().p_values(track.y).tolist()
+    recorded = server.client.get(f"{URL}/{flight['id']}/assessments?first=2").json()
+    assert recorded["frames"] == [{**frame, "sent": None} for frame in shown]
+    assert (recorded["first"], recorded["next"]) == (2, None)
+    assert len([m for m in messages if m["type"] == "alarm"]) == 1
+
+
+def test_a_recipe_with_a_seed_of_many_bits_can_be_watched(server: Server) -> None:
+    source = {"kind": "simulated", "recipe": {"seed": 2**100}}
+    flight = server.start(source=source)
+    with server.watch(flight["id"]) as socket:
+        assert orjson.loads(socket.receive_text())["type"] == "hello"
+
+
+def test_the_record_is_read_in_parts(server: Server, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("app.routes.flights.MOST_FRAMES", 30)
+    flight = server.start()
+    server.advance(6.5)
+    seqs, first = [], 0
+    while first is not None:
+        part = server.client.get(f"{URL}/{flight['id']}/assessments?first={first}").json()
+        seqs += [frame["seq"] for frame in part["frames"]]
+        first = part["next"]
+    assert seqs == list(range(121))
+    part = server.client.get(f"{URL}/{flight['id']}/assessments?first=7&last=9").json()
+    assert ([f["seq"] for f in part["frames"]], part["next"]) == ([7, 8, 9], None)
+
+
+def test_a_watcher_that_gives_no_credit_is_told_what_it_missed(server: Server) -> None:
+    flight = server.start()
+    with server.watch(flight["id"]) as socket:
+        hello = orjson.loads(socket.receive_text())
+        server.advance(4.0)
+        socket.send_text('{"type":"credit","n":1}')
+        seen: list[dict[str, Any]] = []
+        while not any(message.get("conflated") and "frames" in message for message in seen):
+            seen.append(orjson.loads(socket.receive_text()))
+    messages = [m for m in seen if m["type"] == "frames"]
+    assert len(messages) == CREDIT + 1
+    shown = [f["seq"] for f in frames_of(messages)]
+    conflated = sum(m["conflated"] for m in messages)
+    assert len(shown) + conflated == shown[-1] - hello["head"]
+    assert shown[-1] == 80
+
+
+def test_a_watcher_that_reconnects_resumes_without_a_gap_or_repeat(server: Server) -> None:
+    flight = server.start()
+    with server.watch(flight["id"]) as socket:
+        server.advance(1.0)
+        before = frames_of(until(socket, lambda m: m["type"] == "frames" and m["seq"] == 20))
+    server.advance(2.0)
+    with server.watch(flight["id"]) as socket:
+        socket.receive_text()
+        socket.send_text('{"type":"resume","seq":20}')
+        backfill = until(socket, lambda m: m["type"] == "frames")
+        server.advance(1.0)
+        after = until(socket, lambda m: m["type"] == "frames" and m["seq"] == 80)
+    seqs = [frame["seq"] for frame in [*before, *frames_of(backfill + after)]]
+    assert seqs == list(range(seqs[0], 81))
+    assert not [m for m in backfill + after if m["type"] == "reset"]
+
+
+def test_an_alarm_is_acknowledged_over_rest_and_told_to_all(server: Server) -> None:
+    flight = server.start()
+    alarms = f"{URL}/{flight['id']}/alarms"
+    with server.watch(flight["id"]) as socket:
+        server.advance(6.5)
+        raised = until(socket, lambda m: m["type"] == "alarm")[-1]["alarm"]
+        told = server.client.post(f"{alarms}/{raised['id']}/acknowledge", json={"by": "FTE"})
+        assert told.json()["by"] == "FTE"
+        shown = until(socket, lambda m: m["type"] == "alarm" and m["alarm"]["by"] is not None)
+        assert shown[-1]["alarm"] == told.json()
+    again = server.client.post(f"{alarms}/{raised['id']}/acknowledge")
+    assert again.json() == told.json()
+    assert server.client.get(alarms).json()[0] == told.json()
+    assert server.client.get(f"{URL}/{flight['id']}").json()["open_alarms"] == 0
+    problem(server.client.post(f"{alarms}/99/acknowledge"), 404)
+
+
+def test_transport_is_steered_and_told_to_all(server: Server) -> None:
+    flight = server.start()
+    with server.watch(flight["id"]) as socket:
+        socket.receive_text()
+        answer = server.steer(flight["id"], "seek", 2.0)
+        assert answer.json()["position"] == 2.0
+        messages = until(socket, lambda m: m["type"] == "frames" and m["frames"][-1]["t"] == 2.0)
+        kinds = [message["type"] for message in messages]
+        assert kinds.index("reset") < len(kinds) - 1
+        assert messages[kinds.index("transport")]["transport"] == answer.json()
+
+
+@pytest.mark.parametrize(
+    ("action", "value", "status"),
+    [
+        ("warp", None, 422),
+        ("speed", 11, 422),
+        ("speed", "fast", 422),
+        ("seek", None, 422),
+        ("step", 1e300, 422),
+        ("loop", 1, 422),
+    ],
+)
+def test_a_wrong_action_is_a_problem(action: str, value: Any, status: int, server: Server) -> None:
+    problem(server.steer(server.start()["id"], action, value), status)
+
+
+def test_an_action_that_cannot_be_now_is_a_conflict(server: Server) -> None:
+    flight = server.start()["id"]
+    server.steer(flight, "seek", 5.9)
+    assert "no alert begins after" in problem(server.steer(flight, "next_alert"), 409)
+    server.client.delete(f"{URL}/{flight}")
+    assert "is under way" in problem(server.steer(flight, "play"), 404)
+
+
+@pytest.mark.parametrize(
+    ("change", "status", "text"),
+    [
+        ({"monitor": "none"}, 404, "none"),
+        ({"epsilon": 0.01}, 422, "needs at least 99"),
+        ({"epsilon": 2}, 422, "less than 1"),
+        ({"source": {"kind": "seance"}}, 422, "seance"),
+        ({"source": {"kind": "simulated", "theta": {"C_n": 1}}}, 422, "theta names C_n"),
+        ({"source": {"kind": "simulated", "recipe": {"dt": 0.1}}}, 422, "each 0.1 s"),
+        ({"source": {"kind": "simulated", "recipe": {"x": 1}}}, 422, "no 'x'"),
+        ({"source": {"kind": "replay", "dataset": "none", "outcome": "safe", "rollout": 0}}, 404,
+         "none"),
+        ({"speed": 2}, 422, "speed"),
+    ],
+)  # fmt: skip
+def test_a_flight_that_cannot_be_is_a_problem_that_says_why(
+    change: dict, status: int, text: str, server: Server
+) -> None:
+    body = {"source": {"kind": "simulated"}, "monitor": server.monitor_id} | change
+    assert text in problem(server.client.post(URL, json=body), status)
+    assert server.client.get(URL).json() == []
+
+
+def test_one_flight_too_many_is_refused(tmp_path: Path) -> None:
+    with api(tmp_path, max_flights=1) as client:
+        server = Server(client)
+        server.start()
+        source = {"kind": "simulated"}
+        body = {"source": source, "monitor": server.monitor_id}
+        assert "1 flights are under way" in problem(client.post(URL, json=body), 429)
+
+
+def test_a_replay_flies_a_stored_rollout(server: Server) -> None:
+    from app.recipes import to_plain
+    from core.collection import collect
+
+    store = store_of(server.client)
+    dataset = collect(RECIPE, description=to_plain(RECIPE))
+    dataset_id = store.add_dataset(dataset, "test").id
+    source = {"kind": "replay", "dataset": dataset_id, "outcome": "unsafe", "rollout": 3}
+    flight = server.start(source=source)
+    assert flight["name"] == "unsafe rollout 3"
+    frames = server.client.get(f"{URL}/{flight['id']}/source?first=10&last=12").json()["frames"]
+    assert [frame["y"] for frame in frames] == dataset.unsafe[3, 10:13].tolist()
+
+
+@pytest.mark.parametrize(
+    "text", ["", "{}", "[1]", '{"type":"credit","n":0}', '{"type":"resume","seq":-2}', "\x00"]
+)
+def test_a_client_that_sends_nonsense_is_closed(text: str, server: Server) -> None:
+    flight = server.start()
+    with server.watch(flight["id"]) as socket:
+        socket.receive_text()
+        socket.send_text(text)
+        assert until(socket, lambda m: m["type"] == "end")
+        with pytest.raises(WebSocketDisconnect) as closed:
+            socket.receive_text()
+        assert closed.value.code == 1008
+    server.client.get(f"{URL}/{flight['id']}")
+    assert server.flights.flying(flight["id"]).n_watchers == 0
+
+
+def test_a_client_that_sends_bytes_is_closed(server: Server) -> None:
+    with server.watch(server.start()["id"]) as socket:
+        socket.receive_text()
+        socket.send_bytes(b"\x00")
+        assert until(socket, lambda m: m["type"] == "end")
+        with pytest.raises(WebSocketDisconnect):
+            socket.receive_text()
+
+
+def test_a_stream_of_no_flight_says_so_and_closes(server: Server) -> None:
+    with server.watch("none") as socket:
+        end = orjson.loads(socket.receive_text())
+        assert end["type"] == "end"
+        assert "no flight none" in end["reason"]
+        with pytest.raises(WebSocketDisconnect) as closed:
+            socket.receive_text()
+        assert closed.value.code == 4404
+
+
+def test_the_end_of_a_flight_ends_its_streams(server: Server) -> None:
+    flight = server.start()
+    with server.watch(flight["id"]) as socket:
+        server.advance(0.5)
+        server.client.delete(f"{URL}/{flight['id']}")
+        messages = until(socket, lambda m: m["type"] == "end")
+        assert frames_of(messages)[-1]["seq"] == 10
+        with pytest.raises(WebSocketDisconnect) as closed:
+            socket.receive_text()
+        assert closed.value.code == 1000
+
+
+def test_a_heartbeat_comes_each_second(server: Server) -> None:
+    flight = server.start()
+    server.steer(flight["id"], "pause")
+    with server.watch(flight["id"]) as socket:
+        socket.receive_text()
+        for _ in range(3):
+            server.advance(1.0)
+            (beat,) = until(socket, lambda m: m["type"] == "heartbeat")
+            assert (beat["lost"], beat["conflated"]) == (0, 0)

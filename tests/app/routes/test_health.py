@@ -1,0 +1,79 @@
+import re
+
+import pytest
+
+from core import __version__
+from tests.support.api import api, problem, store_of
+
+
+@pytest.fixture
+def client(tmp_path):
+    with api(tmp_path) as client:
+        yield client
+
+
+def test_the_server_is_alive_and_ready(client):
+    assert client.get("/healthz").json() == {"status": "ok"}
+    assert client.get("/readyz").json() == {"status": "ready", "version": __version__}
+
+
+def test_a_server_without_its_store_is_alive_but_not_ready(client, monkeypatch):
+    def broken():
+        raise OSError("disk gone")
+
+    monkeypatch.setattr(store_of(client), "jobs", broken)
+    assert "disk gone" not in problem(client.get("/readyz"), 503)
+    assert client.get("/healthz").status_code == 200
+
+
+def test_requests_are_counted_by_route(client):
+    for name in ("a", "b", "c"):
+        client.get(f"/api/v1/datasets/{name}")
+    client.get("/nowhere/at/all")
+    text = client.get("/metrics").text
+    line = re.escape('{method="GET",route="/api/v1/datasets/{dataset_id}",status="404"} 3.0')
+    assert re.search(rf"^forewarn_requests_total{line}$", text, re.MULTILINE)
+    assert "nowhere" not in text
+    assert "forewarn_jobs_running 0.0" in text
+    assert "forewarn_flights 0.0" in text
+    assert "process_resident_memory_bytes" in text
+
+
+def test_two_applications_count_apart(client, tmp_path):
+    client.get("/healthz")
+    with api(tmp_path / "other") as other:
+        assert 'route="/healthz"' not in other.get("/metrics").text
+
+
+def test_documentation_asks_nothing_of_the_internet(client):
+    page = client.get("/docs").text
+    files = re.findall(r'(?:src|href)="([^"]+)"', page)
+    assert len(files) == 4
+    for file in files:
+        assert file.startswith("/")
+        assert client.get(file).status_code == 200
+    assert "http" not in page
+    start = client.get("/docs/start.js").text
+    assert client.get(re.findall(r'url: "([^"]+)"', start)[0]).json()["openapi"]
+
+
+@pytest.mark.parametrize("path", ["/nothing", "/api/v1/nothing", "/docs/assets/nothing.js"])
+def test_what_is_not_there_is_a_problem(client, path):
+    problem(client.get(path), 404)
+
+
+def test_a_wrong_method_is_a_problem(client):
+    answer = client.post("/api/v1/catalog")
+    problem(answer, 405)
+    assert "GET" in answer.headers["allow"]
+
+
+def test_a_fault_of_the_program_shows_no_detail(client, monkeypatch):
+    def broken():
+        raise RuntimeError("secret")
+
+    monkeypatch.setattr(store_of(client), "datasets", broken)
+    answer = client.get("/api/v1/datasets")
+    assert "secret" not in problem(answer, 500) + answer.text
+    assert answer.json()["reference"] in answer.json()["detail"]
+    assert answer.headers["x-content-type-options"] == "nosniff"

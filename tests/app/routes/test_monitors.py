@@ -1,0 +1,194 @@
+import hashlib
+
+import numpy as np
+import pytest
+
+from app.jobs.training import fly_test, fresh_flights
+from app.recipes import from_plain
+from core.channels import KEYS
+from core.collection import DatasetRecipe
+from core.monitor import MonitorRecipe, train
+from core.monitor.monitor import from_bytes
+from core.monitor.portable import to_bytes
+from tests.support.api import api, finished, problem, store_of
+
+DATASET = {"n_unsafe": 12, "n_obs": 20, "seed": 4}
+
+
+@pytest.fixture(scope="module")
+def client(tmp_path_factory):
+    with api(tmp_path_factory.mktemp("data")) as client:
+        yield client
+
+
+@pytest.fixture(scope="module")
+def monitor(dataset):
+    return train(dataset, MonitorRecipe(epsilon=0.2))
+
+
+@pytest.fixture(scope="module")
+def stored(client, monitor):
+    return store_of(client).add_monitor(monitor, "oscillator").id
+
+
+def telemetry(y, dt):
+    t = (np.arange(len(y)) * dt).tolist()
+    return {"t": t} | dict(zip(KEYS, y.T.tolist(), strict=True))
+
+
+def test_a_recipe_becomes_a_trained_and_tested_monitor(client):
+    order = {"dataset": DATASET, "t_early": 0.2, "n_test": 60, "name": "trained"}
+    job = finished(client, client.post("/api/v1/monitors", json=order))
+    assert job["status"] == "done", job
+    made = job["result"]
+    info = client.get(f"/api/v1/monitors/{made['monitor']}").json()
+    assert (info["name"], info["dataset_id"]) == ("trained", made["dataset"])
+    assert (info["h"], info["lead"]) == (4, pytest.approx(0.2))
+
+    twin = from_bytes(client.get(f"/api/v1/monitors/{made['monitor']}/file").content)
+    support = twin.support
+    assert support is not None
+    n_safe, n_unsafe = len(support.safe), len(support.unsafe)
+    assert info["support"] == {"n_safe": n_safe, "n_unsafe": n_unsafe, "level": 0.02}
+    assert info in client.get("/api/v1/monitors").json()
+    found = client.get(f"/api/v1/monitors/{made['monitor']}/evaluation").json()
+    test = fly_test(twin, fresh_flights(from_plain(DatasetRecipe(), DATASET), 60))
+    assert found["n_unsafe"] + found["n_safe"] == 60
+    assert found["curves"]["misses"] == test.curves.misses.tolist()
+    assert found["curves"]["power"] == test.curves.power.tolist()
+    assert found["at_epsilon"]["epsilon"] == twin.check_epsilon()
+    heard = sum(found["leads"]["counts"]) + found["leads"]["n_without"]
+    starts = np.array(found["leads"]["edges"][:-1])
+    late = np.array(found["leads"]["counts"])[starts < 0.2 - 0.03].sum()
+    assert late == found["n_unsafe"] - found["leads"]["n_without"] - found["leads"]["n_timely"]
+    assert heard == found["n_unsafe"]
+
+
+def test_a_monitor_is_trained_on_a_stored_dataset(client, dataset):
+    stored = store_of(client).add_dataset(dataset, "oscillator").id
+    order = {"dataset": stored, "epsilon": 0.2, "predictor": {"kind": "identity"}}
+    job = finished(client, client.post("/api/v1/monitors", json=order))
+    assert job["status"] == "done", job
+    info = client.get(f"/api/v1/monitors/{job['result']['monitor']}").json()
+    assert info["dataset_id"] == stored
+    assert info["recipe"]["predictor"] == {"kind": "identity"}
+    # the oscillator is no recipe that could be flown afresh
+    assert info["support"] is None
+    path = f"/api/v1/monitors/{info['id']}/evaluation"
+    assert "not flown" in problem(client.get(path), 404)
+
+
+@pytest.mark.parametrize(
+    ("order", "status", "words"),
+    [
+        ({}, 422, "give the id of a stored dataset"),
+        ({"dataset": "nothing"}, 404, "nothing"),
+        ({"dataset": DATASET, "lead": 1}, 422, "monitor has no 'lead': choose t_early"),
+        ({"dataset": DATASET, "predictor": {"kind": "oracle"}}, 422, "linear"),
+        ({"dataset": DATASET, "epsilon": 0.01}, 422, "99 unsafe rollouts"),
+        ({"dataset": DATASET, "n_test": -1}, 422, "n_test"),
+        ({"dataset": DATASET, "n_test": 10**9}, 422, "n_test"),
+        ({"dataset": DATASET, "score": {"kind": "negative_magnitude", "key": "q"}}, 422, "key"),
+    ],
+)
+def test_a_wrong_order_is_refused_at_once(client, order, status, words):
+    assert words in problem(client.post("/api/v1/monitors", json=order), status)
+
+
+def test_scores_are_the_streams_own(client, stored, monitor, flights):
+    for y in flights[:3]:
+        answer = client.post(f"/api/v1/monitors/{stored}/score", json=telemetry(y, monitor.dt))
+        said = answer.json()["assessments"]
+        stream = monitor.stream()
+        for sample, (t, values) in enumerate(zip(np.arange(len(y)) * monitor.dt, y, strict=True)):
+            expected = stream.update(t, values).as_dict()
+            expected |= {"nearest_unsafe": None, "nearest_safe": None}
+            assert said[sample] == expected
+
+
+def test_scores_name_their_exemplars_where_asked(client, stored, monitor, flights):
+    body = telemetry(flights[0], monitor.dt)
+    said = client.post(f"/api/v1/monitors/{stored}/score?why=true", json=body).json()
+    stream = monitor.stream()
+    expected = [stream.update(t, y).as_dict() for t, y in zip(body["t"], flights[0], strict=True)]
+    assert said["assessments"] == expected
+    assert expected[-1]["nearest_unsafe"]["theta"].keys() == set(monitor.theta_names)
+
+
+def test_epsilon_decides_the_alerts(client, stored, monitor, flights):
+    body = telemetry(flights[0], monitor.dt)
+    for epsilon in (0.1, 0.5):
+        path = f"/api/v1/monitors/{stored}/score?epsilon={epsilon}"
+        scored = client.post(path, json=body).json()
+        for said in scored["assessments"]:
+            assert said["alert"] == (said["p_value"] > scored["epsilon"])
+    path = f"/api/v1/monitors/{stored}/score?epsilon=0.01"
+    assert "99 unsafe rollouts" in problem(client.post(path, json=body), 422)
+
+
+def test_a_missing_value_is_never_assessed(client, stored, monitor, flights):
+    body = telemetry(flights[0], monitor.dt)
+    body["Ny"][7] = None
+    said = client.post(f"/api/v1/monitors/{stored}/score", json=body).json()["assessments"]
+    assert said[7]["state"] == "invalid"
+    assert said[7]["p_value"] is said[7]["alert"] is said[7]["y_hat"] is None
+    assert said[6]["state"] == "ok"
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"Ny": None}, "the channel Ny is missing"),
+        ({"Ny": 0.0}, "Ny is not an array"),
+        ({"Ny": [0.0]}, "Ny has 1 samples and t has 3"),
+        ({"q": [0.0, 0.0, 0.0]}, "no channel 'q': choose t, beta"),
+        ({"t": [0.0, None, 0.1]}, "every sample's time"),
+        ({"t": []}, "t has 0 samples"),
+        ({"beta": ["0", "1", "2"]}, "beta is not an array"),
+        ({"beta": [[0.0], 1.0, 2.0]}, "beta is not an array"),
+    ],
+)
+def test_wrong_telemetry_is_refused(client, stored, change, words):
+    body = telemetry(np.zeros((3, 6)), 0.05) | change
+    assert words in problem(client.post(f"/api/v1/monitors/{stored}/score", json=body), 422)
+
+
+def test_a_channel_left_out_is_missed(client, stored):
+    body = telemetry(np.zeros((3, 6)), 0.05)
+    del body["r"]
+    assert "channel r is missing" in problem(
+        client.post(f"/api/v1/monitors/{stored}/score", json=body), 422
+    )
+
+
+def test_calibration_is_the_monitors_own(client, stored, monitor):
+    found = client.get(f"/api/v1/monitors/{stored}/calibration").json()
+    alphas = [np.inf if alpha is None else alpha for alpha in found["alphas"]]
+    np.testing.assert_array_equal(alphas, monitor.alphas)
+    assert found["smallest_epsilon"] == monitor.smallest_epsilon == pytest.approx(1 / 13)
+
+
+def test_a_portable_monitor_goes_round(client, stored, monitor):
+    file = client.get(f"/api/v1/monitors/{stored}/file").content
+    kind = {"content-type": "application/octet-stream"}
+    answer = client.post("/api/v1/monitors", content=file, headers=kind, params={"name": "copy"})
+    assert answer.status_code == 201
+    copy = client.get(answer.headers["location"]).json()
+    assert copy == answer.json()
+    assert copy["name"] == "copy"
+    assert copy["digest"] == hashlib.sha256(file).hexdigest()
+    assert from_bytes(file).alphas.tolist() == monitor.alphas.tolist()
+
+
+@pytest.mark.parametrize("cut", [0, 10, 1000, -1])
+def test_a_file_that_is_no_whole_monitor_is_refused(client, monitor, cut):
+    kind = {"content-type": "application/octet-stream"}
+    file = to_bytes(monitor)[:cut]
+    before = client.get("/api/v1/monitors").json()
+    assert problem(client.post("/api/v1/monitors", content=file, headers=kind), 422)
+    assert client.get("/api/v1/monitors").json() == before
+
+
+@pytest.mark.parametrize("path", ["", "/calibration", "/evaluation", "/file"])
+def test_an_unknown_monitor_is_not_found(client, path):
+    assert "nothing" in problem(client.get(f"/api/v1/monitors/nothing{path}"), 404)

@@ -1,0 +1,173 @@
+"""Report and exports over REST: files that stand alone, under names of any letters."""
+
+import io
+import re
+from collections.abc import Iterator
+from typing import Any
+from urllib.parse import quote, unquote
+
+import numpy as np
+import pandas as pd
+import pyarrow.parquet as pq
+import pytest
+from scipy.io import loadmat
+from starlette.testclient import TestClient
+
+from core.channels import CHANNELS, KEYS
+from core.monitor import Monitor
+from tests.support.api import api, problem, store_of
+from tests.support.attas import TEST, fly
+from tests.support.recorded import RECORDINGS, csv_of, uploaded
+
+NAME = 'prüfflug β ✈ "1"; x.csv'
+STEM = NAME.removesuffix(".csv")
+
+
+class Scored:
+    """A recording with a strange name, as it was scored."""
+
+    def __init__(self, client: TestClient, monitor: Monitor) -> None:
+        self.client = client
+        self.monitor = store_of(client).add_monitor(monitor, "transport <doublet>").id
+        content = csv_of(np.concatenate(fly(2, 5).y), TEST.dt)
+        self.recording = uploaded(client, content, name=NAME, aircraft="PH-LÅB")
+        self.scoring = self.score()
+
+    def score(self, **order: Any) -> dict[str, Any]:
+        path = f"{RECORDINGS}/{self.recording['id']}/scorings"
+        answer = self.client.post(path, json={"monitor": self.monitor} | order)
+        assert answer.status_code in (200, 201), answer.text
+        return answer.json()
+
+    @property
+    def path(self) -> str:
+        return f"{RECORDINGS}/{self.recording['id']}/scorings/{self.scoring['id']}"
+
+    @property
+    def frames(self) -> list[dict[str, Any]]:
+        return self.client.get(f"{self.path}/assessments").json()["frames"]
+
+    def export(self, form: str) -> io.BytesIO:
+        answer = self.client.get(f"{self.path}/export", params={"format": form})
+        assert answer.status_code == 200, answer.text
+        assert answer.headers["content-type"].split(";")[0] in MEDIA_TYPES[form]
+        assert kept_name(answer) == f"{STEM} scored.{form}"
+        return io.BytesIO(answer.content)
+
+
+MEDIA_TYPES = {
+    "csv": "text/csv",
+    "parquet": "application/vnd.apache.parquet",
+    "mat": "application/x-matlab-data",
+}
+
+
+def kept_name(answer: Any) -> str:
+    """The name that a browser keeps an answer under."""
+    form, _, name = answer.headers["content-disposition"].partition("filename*=UTF-8''")
+    assert form == "attachment; "
+    assert re.fullmatch(r"[\w.%~-]+", name, re.ASCII)
+    return unquote(name)
+
+
+@pytest.fixture(scope="module")
+def scored(tmp_path_factory: pytest.TempPathFactory, attas: Monitor) -> Iterator[Scored]:
+    with api(tmp_path_factory.mktemp("data")) as client:
+        yield Scored(client, attas)
+
+
+def test_the_report_stands_alone_under_a_policy_that_lets_nothing_in(scored: Scored):
+    answer = scored.client.get(f"{scored.path}/report")
+    assert answer.status_code == 200
+    assert answer.headers["content-type"] == "text/html; charset=utf-8"
+    policy = answer.headers["content-security-policy"]
+    assert policy.startswith("default-src 'none'; style-src 'unsafe-inline'")
+    assert "script" not in policy
+    assert "content-disposition" not in answer.headers
+    html = answer.text
+    assert re.findall(r"(?:src|href)\s*=|<script|@import", html) == []
+    assert "prüfflug β ✈ &#34;1&#34;; x.csv" in html
+    assert "transport &lt;doublet&gt;" in html
+    assert "PH-LÅB" in html
+    for key in ("digest", "monitor_digest"):
+        assert scored.scoring[key] in html
+    assert scored.recording["digest"] in html
+    for stretch in scored.scoring["stretches"]:
+        assert stretch["guarantee"].replace("'", "&#39;") in html
+
+
+def test_the_report_is_kept_under_the_recordings_name(scored: Scored):
+    answer = scored.client.get(f"{scored.path}/report", params={"download": True})
+    assert kept_name(answer) == f"{STEM} report.html"
+    assert quote("✈") in answer.headers["content-disposition"]
+
+
+def test_the_report_says_who_chose_the_mapping_and_what_was_noted(scored: Scored):
+    path = f"{RECORDINGS}/{scored.recording['id']}"
+
+    def html() -> str:
+        return scored.client.get(f"{scored.path}/report").text
+
+    assert "proposed by the program, not looked over" in html()
+    assert "Certainty" in html()
+    order = {"mapping": scored.recording["mapping"], "remember": False}
+    assert scored.client.put(f"{path}/mapping", json=order).status_code == 200
+    assert "confirmed by the user" in html()
+    assert "Certainty" not in html()
+    marker = {"t": 2.0, "end": 3.0, "kind": "note", "text": "gust & <rain>"}
+    assert scored.client.post(f"{path}/markers", json=marker).status_code == 201
+    assert "gust &amp; &lt;rain&gt;" in html()
+    turned = {**scored.recording["mapping"]["channels"]["beta"], "sign": -1}
+    mapping = scored.recording["mapping"]
+    changed = {**mapping, "channels": {**mapping["channels"], "beta": turned}}
+    order = {"mapping": changed, "remember": False}
+    assert scored.client.put(f"{path}/mapping", json=order).status_code == 200
+    assert "another one is in use now" in html()
+
+
+def test_csv_is_the_samples_with_units_in_their_names(scored: Scored):
+    table = pd.read_csv(scored.export("csv"))
+    frames = scored.frames
+    assert list(table)[:5] == ["t_s", "beta_rad", "p_radps", "r_radps", "Ny_g"]
+    np.testing.assert_array_equal(table["t_s"], [frame["t"] for frame in frames])
+    risk = [np.nan if frame["p_value"] is None else frame["p_value"] for frame in frames]
+    np.testing.assert_array_equal(table["p_value"], risk)
+    assert table["state"].tolist() == [frame["state"] for frame in frames]
+    assert table["stretch"].tolist() == [frame["stretch"] for frame in frames]
+
+
+@pytest.mark.parametrize("form", ["parquet", "mat"])
+def test_the_others_keep_units_and_where_they_come_from(scored: Scored, form: str):
+    y = np.array([frame["y"] for frame in scored.frames])
+    if form == "parquet":
+        table = pq.read_table(scored.export(form))
+        units = {field.name: (field.metadata or {})[b"unit"].decode() for field in table.schema}
+        columns = {key: table[key].to_numpy() for key in KEYS}
+        about = (table.schema.metadata or {})[b"forewarn"].decode()
+    else:
+        content = loadmat(scored.export(form), simplify_cells=True)
+        units, columns, about = content["units"], {key: content[key] for key in KEYS}, ""
+        about = content["about"]
+    for c, channel in enumerate(CHANNELS):
+        assert units[channel.key] == channel.unit
+        np.testing.assert_array_equal(columns[channel.key], y[:, c])
+    for key in ("digest", "monitor_digest"):
+        assert scored.scoring[key] in about
+    assert scored.recording["digest"] in about
+
+
+def test_csv_is_the_default_and_others_are_refused(scored: Scored):
+    path = f"{scored.path}/export"
+    assert scored.client.get(path).content == scored.export("csv").getvalue()
+    assert "format" in problem(scored.client.get(path, params={"format": "xlsx"}), 422)
+
+
+@pytest.mark.parametrize("end", ["report", "export"])
+def test_what_is_not_there_is_not_found(scored: Scored, end: str):
+    recording, lost = scored.recording["id"], scored.score(epsilon=0.4)
+    path = f"{RECORDINGS}/{recording}/scorings"
+    assert scored.client.delete(f"{path}/{lost['id']}").status_code == 204
+    for gone in (f"{path}/{lost['id']}", f"{path}/nothing", f"{RECORDINGS}/no/scorings/nothing"):
+        assert "no scoring" in problem(scored.client.get(f"{gone}/{end}"), 404)
+    elsewhere = f"{RECORDINGS}/no/scorings/{scored.scoring['id']}"
+    assert scored.scoring["id"] in problem(scored.client.get(f"{elsewhere}/{end}"), 404)

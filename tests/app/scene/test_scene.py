@@ -1,0 +1,762 @@
+import asyncio
+import socket
+import subprocess
+import sys
+import threading
+import urllib.error
+import urllib.request
+from math import isfinite, nan, radians
+from types import SimpleNamespace
+from typing import Any
+
+import msgspec
+import numpy as np
+import pytest
+import viser
+import websockets
+from fastapi import WebSocket
+from fastapi.exceptions import WebSocketException
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+from viser import _messages
+from viser.infra import Message, _infra
+from websockets.exceptions import InvalidStatus
+from websockets.sync.client import connect
+
+from app.routes.scene import CONTENT_SECURITY_POLICY, same_origin
+from app.scene import server as scene_server
+from app.scene.aircraft_mesh import aircraft
+from app.scene.ground_track import TRAIL_POINTS, Track
+from app.scene.picture import (
+    ALERT,
+    CALM,
+    EXAGGERATION,
+    GREY,
+    WIDEST,
+    Shown,
+    as_text,
+    readout,
+    tone,
+    words,
+)
+from app.scene.quaternion import body_to_earth, matrix, turn
+from app.scene.scene import Scene, Scenes, TooManyScenes
+from app.scene.server import (
+    SECRET_HEADER,
+    SUBPROTOCOL,
+    SceneServerError,
+    admitted,
+    credentials,
+    open_server,
+)
+from app.scene.shapes import arrow, torus, tube
+from core.monitor.assessment import State
+from core.simulation.attitude import Attitude, SurfaceSigns
+from tests.support.scene_site import Site, scene_site, show
+
+CAMERA = {
+    "type": "ViewerCameraMessage",
+    "wxyz": (1.0, 0.0, 0.0, 0.0),
+    "position": (-20, 5.5, -9.0),
+    "fov": 0.75,
+    "near": 0.01,
+    "far": 1000.0,
+    "image_height": 400,
+    "image_width": 640,
+    "look_at": (0.0, 0.0, 0.0),
+    "up_direction": (0.0, 0.0, -1.0),
+}
+OK = Shown(1.0, Attitude(0.2, 0.1, 0.3), 0.02, 0.03, -0.05, 0.12, 0.2, False, State.OK, "")
+SILENT = (State.STALE, State.INVALID, State.WARMING_UP)
+
+
+def packed(message: Any) -> bytes:
+    return msgspec.msgpack.encode(message)
+
+
+class Clock:
+    """Time that passes only when told."""
+
+    now = 100.0
+
+    def __call__(self) -> float:
+        return self.now
+
+
+@pytest.fixture
+def clock() -> Clock:
+    return Clock()
+
+
+@pytest.fixture
+def scene(clock):
+    """A scene that is drawn by hand."""
+    scene = Scene(clock, SurfaceSigns(1, -1), 0.0, stale_after_s=2.0)
+    yield scene
+    scene.close()
+
+
+@pytest.fixture
+def site():
+    with scene_site() as site:
+        yield site
+
+
+@pytest.fixture
+def arrivals(monkeypatch):
+    """Messages that viser's server gets from watchers; `until(type)` waits for one."""
+
+    class Arrivals(list[Message]):
+        news = threading.Condition()
+
+        def until(self, kind: type[Message]) -> list[type[Message]]:
+            with self.news:
+                came = self.news.wait_for(lambda: any(type(m) is kind for m in self), 20.0)
+            assert came, f"no {kind.__name__} among {self}"
+            return [type(message) for message in self]
+
+    arrived = Arrivals()
+    original = _infra.WebsockServer._handle_incoming_message
+
+    async def noted(self, client_id, message):
+        await original(self, client_id, message)
+        with arrived.news:
+            arrived.append(message)
+            arrived.news.notify_all()
+
+    monkeypatch.setattr(_infra.WebsockServer, "_handle_incoming_message", noted)
+    return arrived
+
+
+def nodes(scene: Scene):
+    return scene._picture
+
+
+def filled(scene: Scene) -> float:
+    """Height to which the column is filled [m]."""
+    scale = nodes(scene)._fill.scale
+    assert isinstance(scale, tuple)
+    return scale[2]
+
+
+def watch(site: Site, flight: str = "f1", **options):
+    """Connect to a scene as its own page does."""
+    options = {"origin": site.http, "subprotocols": [SUBPROTOCOL], "max_size": None} | options
+    return connect(f"{site.ws}/scene/{flight}", **options)
+
+
+class TestTheLoopbackPort:
+    def test_it_opens_to_this_process(self, scene):
+        with connect(
+            scene.address, additional_headers=credentials(), subprotocols=[SUBPROTOCOL]
+        ) as watcher:
+            assert len(watcher.recv()) > 16
+
+    def test_it_is_on_loopback_only(self, scene):
+        assert scene.address.startswith("ws://127.0.0.1:")
+        assert scene._server.get_host() == "127.0.0.1"
+
+    @pytest.mark.parametrize("headers", [{}, {SECRET_HEADER: ""}, {SECRET_HEADER: "guess"}])
+    def test_it_stays_closed_without_the_secret(self, scene, headers):
+        with pytest.raises(InvalidStatus) as refusal:
+            connect(scene.address, additional_headers=headers, subprotocols=[SUBPROTOCOL])
+        assert refusal.value.response.status_code == 403
+
+    def test_it_stays_closed_to_another_process(self, scene):
+        program = (
+            "import sys; from websockets.sync.client import connect\n"
+            f"try: connect(sys.argv[1], subprotocols=['{SUBPROTOCOL}'])\n"
+            "except Exception as refusal: print(refusal.response.status_code)\n"
+            "else: print('connected')"
+        )
+        said = subprocess.run(
+            [sys.executable, "-c", program, scene.address], capture_output=True, text=True
+        )
+        assert said.stdout.strip() == "403"
+
+    def test_it_serves_no_page(self, scene):
+        with pytest.raises(urllib.error.HTTPError) as refusal:
+            urllib.request.urlopen(scene.address.replace("ws", "http"))
+        assert refusal.value.code == 403
+        refusal.value.close()
+
+    def test_a_server_that_lets_strangers_in_is_not_kept(self, monkeypatch):
+        open_server().stop()
+        monkeypatch.setattr(_infra, "websockets", websockets)
+        before = threading.active_count()
+        with pytest.raises(SceneServerError, match="200 to a stranger"):
+            open_server()
+        assert threading.active_count() == before
+
+
+class TestTheShareTunnel:
+    @pytest.fixture
+    def tunnels(self, monkeypatch):
+        opened = []
+        monkeypatch.setattr(viser.ViserServer, "request_share_url", lambda self: opened.append(1))
+        return opened
+
+    def test_no_watcher_can_ask_for_it(self, site, arrivals, tunnels):
+        scene = site.scenes.open("f1")
+        with watch(site) as watcher:
+            watcher.send(packed({"type": "ShareUrlRequest"}))
+            watcher.send(packed(CAMERA))
+            came = arrivals.until(_messages.ViewerCameraMessage)
+        assert _messages.ShareUrlRequest not in came
+        scene._server._thread_executor.shutdown(wait=True)
+        assert tunnels == []
+
+    def test_it_does_not_open_even_where_the_request_arrives(self, scene, arrivals, tunnels):
+        with connect(
+            scene.address, additional_headers=credentials(), subprotocols=[SUBPROTOCOL]
+        ) as watcher:
+            watcher.send(packed({"type": "ShareUrlRequest"}))
+            arrivals.until(_messages.ShareUrlRequest)
+        scene._server._thread_executor.shutdown(wait=True)
+        assert tunnels == []
+
+    def test_viser_would_have_opened_it(self, arrivals, tunnels):
+        open_server().stop()  # puts the guard in place
+        server = viser.ViserServer(host="127.0.0.1", port=0, verbose=False)
+        with connect(
+            scene_server.address(server),
+            additional_headers=credentials(),
+            subprotocols=[SUBPROTOCOL],
+        ) as watcher:
+            watcher.send(packed({"type": "ShareUrlRequest"}))
+            arrivals.until(_messages.ShareUrlRequest)
+        server._thread_executor.shutdown(wait=True)
+        server.stop()
+        assert len(tunnels) == 1
+
+
+class TestWhatGoesUpstream:
+    def test_a_camera_pose_passes(self):
+        message = admitted(packed(CAMERA))
+        assert message is not None
+        assert isinstance(Message.deserialize(message), _messages.ViewerCameraMessage)
+
+    @pytest.mark.parametrize("name", sorted(m.__name__ for m in _messages.Message.get_subclasses()))
+    def test_of_visers_messages_only_the_camera_passes(self, name):
+        for fields in ({}, {k: v for k, v in CAMERA.items() if k != "type"}):
+            passes = admitted(packed({"type": name} | fields)) is not None
+            assert passes == (name == "ViewerCameraMessage" and bool(fields))
+
+    @pytest.mark.parametrize(
+        "message",
+        [
+            b"",
+            b"\xc1",
+            b"\xd9\x02\xff\xff",
+            packed(CAMERA)[:-3],
+            packed(CAMERA | {"value": 1}),
+            packed(CAMERA | {"fov": "wide"}),
+            packed(CAMERA | {"position": (1.0, 2.0)}),
+            packed(CAMERA | {"position": "x" * 20_000}),
+            packed([CAMERA]),
+        ],
+    )
+    def test_what_is_not_quite_a_camera_does_not(self, message):
+        assert admitted(message) is None
+
+    @given(st.binary(max_size=200))
+    def test_noise_does_not(self, noise):
+        assert admitted(noise) is None
+
+    def test_a_watcher_cannot_write_the_panel(self, site, arrivals):
+        scene = site.scenes.open("f1")
+        show(scene)
+        scene.draw()
+        panel = nodes(scene)._readout
+        forged = {
+            "type": "GuiUpdateMessage",
+            "uuid": panel._impl.uuid,
+            "updates": {"content": "RISK 0.00"},
+        }
+        with watch(site) as watcher:
+            watcher.send(packed(forged))
+            watcher.send(packed(CAMERA))
+            came = arrivals.until(_messages.ViewerCameraMessage)
+        assert came == [_messages.ViewerCameraMessage]
+        assert "RISK 0.04" in panel.content
+
+    def test_the_same_message_would_arrive_without_the_proxy(self, scene, arrivals):
+        forged = {"type": "GuiUpdateMessage", "uuid": "x", "updates": {}}
+        with connect(
+            scene.address, additional_headers=credentials(), subprotocols=[SUBPROTOCOL]
+        ) as watcher:
+            watcher.send(packed(forged))
+            assert _messages.GuiUpdateMessage in arrivals.until(_messages.GuiUpdateMessage)
+
+    def test_text_frames_are_dropped(self, site, arrivals):
+        site.scenes.open("f1")
+        with watch(site) as watcher:
+            watcher.send("ShareUrlRequest")
+            watcher.send(packed(CAMERA))
+            assert arrivals.until(_messages.ViewerCameraMessage) == [_messages.ViewerCameraMessage]
+
+
+class TestTheRoutes:
+    def get(self, url: str, **headers: str):
+        return urllib.request.urlopen(urllib.request.Request(url, headers=headers))
+
+    def test_the_page_is_visers_own_with_a_policy_and_an_etag(self, site):
+        site.scenes.open("f1")
+        with self.get(f"{site.http}/scene/f1/") as reply:
+            html, headers = reply.read(), reply.headers
+        assert b"</html>" in html
+        assert len(html) > 500_000
+        assert headers["Content-Security-Policy"] == CONTENT_SECURITY_POLICY
+        assert headers["Content-Type"].startswith("text/html")
+        with pytest.raises(urllib.error.HTTPError) as known:
+            self.get(f"{site.http}/scene/f1/", **{"If-None-Match": headers["ETag"]})
+        assert known.value.code == 304
+        known.value.close()
+
+    def test_the_policy_lets_the_page_talk_to_its_own_origin_only(self):
+        rules = (rule.strip().partition(" ") for rule in CONTENT_SECURITY_POLICY.split(";"))
+        policy = {name: sources for name, _, sources in rules}
+        assert policy["default-src"] == "'none'"
+        assert policy["connect-src"] == "'self' data: blob:"
+        assert policy["frame-ancestors"] == "'self'"
+        assert "http" not in CONTENT_SECURITY_POLICY
+        assert "'unsafe-eval'" not in CONTENT_SECURITY_POLICY
+
+    def test_a_flight_without_a_scene_has_no_page_and_no_stream(self, site):
+        with pytest.raises(urllib.error.HTTPError) as missing:
+            self.get(f"{site.http}/scene/nobody/")
+        assert missing.value.code == 404
+        missing.value.close()
+        with pytest.raises(InvalidStatus):
+            watch(site, "nobody")
+
+    def test_a_watcher_sees_the_scene_through_the_server(self, site):
+        site.scenes.open("f1")
+        with watch(site) as watcher:
+            assert watcher.subprotocol == SUBPROTOCOL
+            assert len(watcher.recv()) > 16
+
+    @pytest.mark.parametrize(
+        "options",
+        [
+            {"origin": "https://elsewhere.example"},
+            {"origin": "http://127.0.0.1:1"},
+            {"origin": "null"},
+            {"origin": None},
+            {"subprotocols": None},
+            {"subprotocols": ["viser-v0.0.1"]},
+        ],
+    )
+    def test_another_site_or_another_client_is_refused(self, site, options):
+        site.scenes.open("f1")
+        with pytest.raises(InvalidStatus) as refusal:
+            watch(site, **options)
+        assert refusal.value.response.status_code == 403
+
+    def test_the_origin_check_compares_with_the_host(self):
+        headers = {"origin": "http://here:1", "host": "here:2"}
+        handshake: Any = SimpleNamespace(headers=headers)
+        with pytest.raises(WebSocketException):
+            asyncio.run(same_origin(handshake))
+        headers["host"] = "here:1"
+        asyncio.run(same_origin(handshake))
+
+    def test_a_closed_scene_sends_its_watchers_away(self, site):
+        scene = site.scenes.open("f1")
+        with watch(site) as watcher:
+            watcher.recv()
+            site.scenes.close("f1")
+            assert all(map(bool, watcher))  # whatever was under way, then the end
+        assert watcher.close_code == 1001
+        assert site.scenes.get("f1") is None
+        assert not scene.draw()
+
+    def test_a_watcher_who_never_reads_holds_up_no_end(self, site, monkeypatch):
+        full, stuck, gone = (threading.Event() for _ in range(3))
+        send_bytes = WebSocket.send_bytes
+
+        class Watchers(list):
+            def remove(self, watcher):
+                super().remove(watcher)
+                gone.set()
+
+        async def noted(self, message: bytes) -> None:
+            if full.is_set():
+                stuck.set()
+            await send_bytes(self, message)
+            if len(message) > 10_000_000:
+                full.set()
+
+        monkeypatch.setattr(WebSocket, "send_bytes", noted)
+        scene = site.scenes.open("f1")
+        scene._watchers = Watchers()
+        with socket.create_connection(("127.0.0.1", site.port)) as watcher:
+            watcher.sendall(
+                f"GET /scene/f1 HTTP/1.1\r\nHost: x\r\nOrigin: http://x\r\nUpgrade: websocket\r\n"
+                "Connection: Upgrade\r\nSec-WebSocket-Version: 13\r\n"
+                "Sec-WebSocket-Key: AAAAAAAAAAAAAAAAAAAAAA==\r\n"
+                f"Sec-WebSocket-Protocol: {SUBPROTOCOL}\r\n\r\n".encode()
+            )
+            assert b" 101 " in watcher.recv(100)
+            cloud = np.zeros((4_000_000, 3), np.float32)  # more than all buffers on the way hold
+            scene._server.scene.add_point_cloud("/cloud", cloud, (1, 2, 3), point_size=0.1)
+            assert full.wait(20.0)
+            show(scene)
+            scene.draw()
+            assert stuck.wait(20.0)
+            assert not gone.is_set()
+            site.scenes.close("f1")
+            assert gone.wait(20.0)
+
+
+class TestShow:
+    def test_the_last_one_before_a_drawing_wins(self, scene):
+        for p_value in (0.01, 0.02, 0.03):
+            show(scene, p_value=p_value)
+        assert scene.draw()
+        assert "RISK 0.03" in nodes(scene)._readout.content
+        assert not scene.draw()
+
+    def test_it_draws_nothing_itself(self, scene):
+        scene.draw()
+        before = nodes(scene)._readout.content
+        show(scene, p_value=0.5, alert=True)
+        assert nodes(scene)._readout.content == before
+
+    def test_one_drawing_is_one_atomic_update(self, scene):
+        class Frames(list):
+            def note(self, step):
+                original = getattr(scene._server, step)
+                setattr(scene._server, step, lambda: (self.append(step), original())[1])
+
+        frames = Frames()
+        for step in ("atomic", "flush"):
+            frames.note(step)
+        show(scene)
+        scene.draw()
+        assert frames == ["atomic", "flush"]
+
+    def test_drawing_for_long_keeps_nothing_behind(self, scene):
+        kept = scene._server._websock_server._broadcast_buffer.message_from_id
+        sizes = []
+        for k in range(300):
+            show(scene, 0.05 * k, attitude=(0.01 * k, 0.0, 0.02 * k), p_value=0.003 * k,
+                 alert=k % 9 == 0)  # fmt: skip
+            scene.draw()
+            sizes.append(len(kept))
+        assert max(sizes[100:]) <= max(sizes[:100])
+
+    @pytest.mark.parametrize("field", ["t", "beta", "delta_a", "delta_r"])
+    def test_what_is_not_a_number_keeps_the_last_pose(self, scene, field):
+        show(scene)
+        show(scene, **{field: nan, "state": "invalid", "p_value": None, "alert": None})
+        assert all(isfinite(number) for number in (scene._shown.t, *scene._shown[2:5]))
+        assert scene._shown.attitude == pytest.approx((radians(12), radians(3), radians(8)))
+        assert scene.draw()
+        assert "INVALID" in nodes(scene)._readout.content
+
+    def test_ok_without_a_number_is_not_calm(self, scene):
+        show(scene, p_value=nan)
+        scene.draw()
+        assert nodes(scene)._headline.text == "INVALID"
+
+    def test_writing_after_close_does_no_harm(self, scene):
+        show(scene)
+        scene.draw()
+        scene.close()
+        scene.close()
+        show(scene, p_value=0.9, alert=True)
+        scene.hold()
+        assert not scene.draw()
+
+    def test_closing_while_others_write_does_no_harm(self, clock):
+        scene, failures, begun = Scene(clock, SurfaceSigns(1, -1), 0.0, 2.0), [], threading.Event()
+
+        def write() -> None:
+            try:
+                for k in range(3000):
+                    show(scene, 0.05 * k)
+                    if not scene.draw() and k:
+                        break
+                    begun.set()
+            except BaseException as failure:
+                failures.append(failure)
+
+        writer = threading.Thread(target=write)
+        writer.start()
+        assert begun.wait(20.0)
+        scene.close()
+        writer.join(20.0)
+        assert failures == []
+        assert not writer.is_alive()
+
+
+class TestWhatIsSaid:
+    def test_the_risk_says_which_way_is_worse(self):
+        assert words(OK) == ("", "RISK 0.12", "alert above 0.2")
+        said = readout(words(OK), CALM)
+        assert "RISK 0.12" in said
+        assert "(higher is worse)" in said
+        assert f"drawn ×{EXAGGERATION:g}" in said
+
+    def test_an_alert_is_a_word_and_a_colour(self):
+        alert = OK._replace(p_value=0.5, alert=True)
+        assert words(alert).word == "ALERT"
+        assert (tone(alert), tone(OK)) == (ALERT, CALM)
+
+    @pytest.mark.parametrize("state", SILENT)
+    def test_a_state_without_a_risk_is_a_word_in_grey_and_never_a_number(self, state):
+        shown = OK._replace(state=state, reason="a gap")  # whatever else was filled in
+        assert words(shown) == (state.replace("_", " ").upper(), "", "a gap")
+        assert tone(shown) == GREY
+        assert "RISK" not in readout(words(shown), GREY)
+
+    def test_a_reason_from_outside_cannot_write_the_page(self):
+        said = readout(
+            words(OK._replace(state=State.STALE, reason="<img src=x>" + "a" * 999)), GREY
+        )
+        assert "<img" not in said
+        assert "&lt;img" in said
+        assert len(said) < 1000
+
+    @given(st.integers(1, 999), st.sampled_from([0.02, 0.05, 0.1, 0.2]), st.data())
+    def test_the_text_stands_on_the_numbers_side_of_the_threshold(self, n, epsilon, data):
+        p_value = data.draw(st.integers(1, n + 1)) / (n + 1)
+        shown = float(as_text(p_value, epsilon))
+        assert (shown > epsilon) == (p_value > epsilon)
+        assert shown > 0.0
+
+    def test_a_scene_to_which_nothing_comes_says_stale(self, scene, clock):
+        scene.draw()
+        assert "STALE" in nodes(scene)._readout.content
+        show(scene)
+        clock.now += 1.9
+        scene.draw()
+        assert "RISK 0.04" in nodes(scene)._readout.content
+        clock.now += 0.2
+        assert scene.draw()
+        assert "STALE" in nodes(scene)._readout.content
+        assert "no sample for 2 s" in nodes(scene)._readout.content
+        assert nodes(scene)._headline.text == "STALE"
+        assert nodes(scene)._fill.color == GREY
+
+    def test_its_patience_follows_its_flight(self, scene, clock):
+        show(scene)
+        clock.now += 1.0
+        scene.wait(0.25)
+        scene.draw()
+        assert "RISK 0.04" in nodes(scene)._readout.content
+        clock.now += 0.3
+        assert scene.draw()
+        assert "no sample for 0.25 s" in nodes(scene)._readout.content
+        show(scene, t=1.05)
+        scene.wait(1.5)
+        clock.now += 1.4
+        scene.draw()
+        assert "RISK 0.04" in nodes(scene)._readout.content
+
+    def test_a_paused_flight_says_paused_and_keeps_its_risk(self, scene, clock):
+        show(scene, p_value=0.3, alert=True)
+        scene.hold()
+        clock.now += 1000.0
+        scene.draw()
+        assert nodes(scene)._headline.text == "ALERT PAUSED RISK 0.30"
+        show(scene, t=1.05)
+        scene.draw()
+        assert nodes(scene)._headline.text == "RISK 0.04"
+
+    def test_who_comes_late_sees_the_present(self, scene, clock):
+        show(scene)
+        scene.draw()
+        clock.now += 60.0
+        with scene.watching(lambda: None):
+            assert nodes(scene)._headline.text == "STALE"
+        assert not scene.is_watched
+
+
+class TestThePicture:
+    def angle(self, scene: Scene, name: str) -> float:
+        part, node = nodes(scene)._parts[name]
+        turned = Rotation.from_quat(np.roll(node.wxyz, -1)).as_rotvec()
+        return float(turned @ part.axis)
+
+    @pytest.mark.parametrize("signs", [SurfaceSigns(a, r) for a in (1, -1) for r in (1, -1)])
+    def test_surfaces_turn_the_way_that_moves_the_aircraft(self, clock, signs):
+        scene = Scene(clock, signs, 0.0, 2.0)
+        show(scene, delta_a=0.05, delta_r=0.06)
+        scene.draw()
+        # Trailing edge up on the right rolls right; trailing edge right yaws right.
+        assert self.angle(scene, "right_aileron") == pytest.approx(-0.05 * EXAGGERATION * signs[0])
+        assert self.angle(scene, "left_aileron") == pytest.approx(0.05 * EXAGGERATION * signs[0])
+        assert self.angle(scene, "rudder") == pytest.approx(0.06 * EXAGGERATION * signs[1])
+        scene.close()
+
+    def test_no_surface_turns_further_than_it_can(self, scene):
+        show(scene, delta_r=-3.0)
+        scene.draw()
+        assert abs(self.angle(scene, "rudder")) == pytest.approx(WIDEST)
+
+    def test_the_attitude_is_drawn_true(self, scene):
+        show(scene, attitude=(0.4, 0.1, 0.2))
+        scene.draw()
+        truth = Rotation.from_euler("ZYX", (0.2, 0.1, 0.4)).as_matrix()
+        assert matrix(tuple(nodes(scene)._aircraft.wxyz)) == pytest.approx(truth, abs=1e-9)
+
+    def test_the_velocity_points_to_the_wind(self, clock):
+        scene = Scene(clock, SurfaceSigns(1, -1), 0.1, 2.0)
+        show(scene, beta=0.05)
+        scene.draw()
+        x, y, z = matrix(tuple(nodes(scene)._velocity.wxyz)) @ (1.0, 0.0, 0.0)
+        assert y == pytest.approx(np.sin(0.05 * EXAGGERATION))  # wind from the right
+        assert z / x == pytest.approx(np.tan(0.1))  # and from below
+        scene.close()
+
+    def test_the_column_fills_to_its_ring_where_the_risk_is_the_threshold(self, scene):
+        show(scene, p_value=0.1, epsilon=0.1)
+        scene.draw()
+        assert filled(scene) == pytest.approx(-nodes(scene)._threshold.position[2])
+        show(scene, p_value=0.2, epsilon=0.1, alert=True)
+        scene.draw()
+        assert filled(scene) > -nodes(scene)._threshold.position[2]
+
+    def test_an_alert_turns_column_and_ring_red(self, scene):
+        show(scene, p_value=0.5, alert=True)
+        scene.draw()
+        assert nodes(scene)._fill.color == ALERT
+        assert tuple(nodes(scene)._ring.colors) == ALERT
+
+    @pytest.mark.parametrize("state", ["stale", "invalid"])
+    def test_lost_telemetry_turns_the_aircraft_grey(self, scene, state):
+        show(scene, state=state, p_value=None, alert=None)
+        scene.draw()
+        for _, node in nodes(scene)._parts.values():
+            assert np.ptp(node.color) < 12
+        show(scene, t=1.05)
+        scene.draw()
+        assert [node.color for _, node in nodes(scene)._parts.values()] == [
+            part.colour for part in aircraft()
+        ]
+
+    @pytest.mark.parametrize("mesh", [arrow(), tube(0.5), torus(1.0, 0.1)])
+    def test_instruments_face_outwards(self, mesh):
+        a, b, c = mesh[0].astype(float)[mesh[1]].transpose(1, 0, 2)
+        assert (a * np.cross(b, c)).sum() > 0
+
+    @given(*[st.floats(-3.1, 3.1)] * 3)
+    def test_a_quaternion_is_its_matrix(self, phi, theta, psi):
+        truth = Rotation.from_euler("ZYX", (psi, theta, phi)).as_matrix()
+        assert matrix(body_to_earth(phi, theta, psi)) == pytest.approx(truth, abs=1e-9)
+        assert matrix(turn((0.0, 0.0, 1.0), psi))[0, 0] == pytest.approx(np.cos(psi))
+
+
+class TestTheTrack:
+    def fly(self, n: int, psi_rate: float = 0.0, beta: float = 0.0) -> Track:
+        track = Track()
+        for k in range(n):
+            track.advance(0.05 * k, Attitude(0.0, 0.0, psi_rate * 0.05 * k), beta, CALM)
+        return track
+
+    def test_the_camera_follows_the_heading_softly(self):
+        assert self.fly(401).heading == 0.0
+        late = self.fly(401, psi_rate=0.1).heading
+        assert 1.5 < late < 2.0  # 0.1 rad/s for 20 s, less the lag of 2.5 s
+
+    def test_the_ground_passes_along_heading_and_sideslip(self):
+        north, east = self.fly(101, beta=0.1).place
+        assert east / north == pytest.approx(np.tan(0.1))
+
+    def test_the_trail_ends_at_the_wing_tips_and_lies_behind(self):
+        points, _ = self.fly(401).trail((0, 0, 0))
+        left, right = points.reshape(2, TRAIL_POINTS, 2, 3)
+        assert left[-1, 1] == pytest.approx((-3.2, -5.2, 0.0), abs=1e-4)
+        assert right[-1, 1] == pytest.approx((-3.2, 5.2, 0.0), abs=1e-4)
+        assert (left[:, 0, 0] < left[:, 1, 0] + 1e-6).all()
+        assert np.array_equal(left[1:, 0], left[:-1, 1])
+
+    def test_the_trail_keeps_the_colour_of_its_time(self):
+        track = self.fly(40)
+        for k in range(40, 60):
+            track.advance(0.05 * k, Attitude(0.0, 0.0, 0.0), 0.0, ALERT)
+        _, colours = track.trail((0, 0, 0))
+        red = (colours[..., 0] > 2 * colours[..., 1].astype(int)).any(1)
+        assert red.any()
+        assert not red.all()
+
+    @pytest.mark.parametrize("t", [0.0, 60.0])
+    def test_a_jump_in_time_starts_the_trail_anew(self, t):
+        track = self.fly(100)
+        track.advance(t, Attitude(0.0, 0.0, 1.0), 0.0, CALM)
+        points, _ = track.trail((0, 0, 0))
+        assert np.linalg.norm(points[:, 1] - points[:, 0], axis=1).max() == 0.0
+        assert track.heading == 1.0
+
+
+class TestScenes:
+    def test_there_is_one_scene_a_flight_and_a_limit(self):
+        scenes = Scenes(max_scenes=2)
+        first = scenes.open("a")
+        assert scenes.open("a") is first
+        assert scenes.open("b") is not first
+        with pytest.raises(TooManyScenes, match="2 flights"):
+            scenes.open("c")
+        scenes.close("a")
+        assert scenes.get("a") is None
+        assert scenes.open("c", stale_after_s=0.25)._stale_after_s == 0.25
+        scenes.stop()
+
+    def test_stopping_leaves_no_thread_and_no_port(self):
+        before = set(threading.enumerate())
+        scenes = Scenes()
+        addresses = [scenes.open(str(k)).address for k in range(3)]
+        scenes.stop()
+        with pytest.raises(RuntimeError, match="stopping"):
+            scenes.open("late")
+        assert set(threading.enumerate()) <= before
+        for address in addresses:
+            with pytest.raises(OSError, match="refused"):
+                connect(address, additional_headers=credentials())
+
+    def test_a_lifespan_stops_them(self):
+        before = set(threading.enumerate())
+
+        async def live() -> Scene:
+            async with Scenes().lifespan() as scenes:
+                return await asyncio.to_thread(scenes.open, "a")
+
+        scene = asyncio.run(live())
+        assert not scene.draw()
+        assert {t for t in threading.enumerate() if t.name == "scenes"} <= before
+
+    def test_the_ticker_draws_what_is_watched(self, site):
+        scene = site.scenes.open("f1")
+        drawn = threading.Event()
+        original = scene._picture.draw
+        scene._picture.draw = lambda shown: (original(shown), drawn.set())[0]
+        with scene.watching(lambda: None):
+            drawn.clear()
+            show(scene)
+            assert drawn.wait(20.0)
+        assert "RISK 0.04" in nodes(scene)._readout.content
+
+    def test_a_scene_that_fails_is_closed_rather_than_frozen(self, caplog):
+        scenes = Scenes()
+        scene = scenes.open("f1")
+        sent_away = threading.Event()
+
+        def fail(shown: Shown) -> None:
+            raise ValueError("no paint")
+
+        with scene.watching(sent_away.set):
+            scene._picture.draw = fail
+            show(scene)
+            assert sent_away.wait(20.0)
+        scenes.stop()
+        assert scenes.get("f1") is None
+        assert "f1 failed" in caplog.text
+
+    def test_opening_and_closing_says_nothing_on_the_terminal(self, capfd):
+        scenes = Scenes()
+        scenes.open("a")
+        scenes.stop()
+        assert capfd.readouterr() == ("", "")

@@ -1,0 +1,176 @@
+"""What was not recorded is never praised, nor charged to the monitor; what lies outside is told."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from app.report.facts import headline
+from app.scoring import ScoredStretch, ScoringOrder, score
+from app.scoring.outcome import Crossing, Hole, Limited
+from app.scoring.outside import APART, MOST_OUTSIDE, outside, outside_note
+from app.scoring.seen import could_not_warn
+from app.scoring.verdict import verdict
+from app.telemetry.traces import Trace, Traces
+from core.channels import KEYS
+from core.monitor import Assessments, Monitor
+from core.monitor.assessment import STATES, State
+from tests.app.scoring.test_wording import said
+from tests.support.attas import fly, record, recorded
+
+NY = KEYS.index("Ny")
+
+
+@pytest.fixture(scope="module")
+def calm(attas: Monitor) -> np.ndarray:
+    """A flight of 3 s of rest and one doublet that is valid and reaches no limit."""
+    for y in fly(40, 5).y:
+        (stretch,) = score(attas, recorded(y)).stretches
+        if stretch.validity.valid and stretch.outcome == "quiet":
+            return y
+    raise AssertionError("no quiet flight among 40")
+
+
+def only(monitor: Monitor, traces: Traces, order: ScoringOrder | None = None) -> ScoredStretch:
+    (stretch,) = score(monitor, traces, order).stretches
+    return stretch
+
+
+def without(y: np.ndarray, start: int, stop: int, column: int) -> np.ndarray:
+    lost = y.copy()
+    lost[start:stop, column] = np.nan
+    return lost
+
+
+@pytest.mark.parametrize("column", [NY, 0])
+def test_a_manoeuvre_half_unseen_is_not_quiet(attas: Monitor, calm: np.ndarray, column: int):
+    stretch = only(attas, recorded(without(calm, 100, 150, column)))
+    assert stretch.outcome == "unseen"
+    assert stretch.validity.valid is None
+    assert "samples are missing or could not be assessed: at most 10% may" in stretch.guarantee
+    assert stretch.guarantee.startswith("Nothing is promised")
+    assert any(line.startswith("not all was seen: no sample ") for line in stretch.remarks)
+    assert headline([stretch.to_plain()])[0] == "caution"
+
+
+def test_a_lone_lost_sample_takes_nothing_away(attas: Monitor, calm: np.ndarray):
+    stretch = only(attas, recorded(without(calm, 100, 101, NY)))
+    assert stretch.outcome == "quiet"
+    assert stretch.validity.valid
+
+
+@pytest.mark.parametrize("way", ["cut", "nan"])
+def test_the_real_doublet_without_its_exceedance_is_unseen(attas: Monitor, way: str):
+    channels = {}
+    for key, trace in record("attas_rud1").channels.items():
+        hole = (trace.t > 7.96) & (trace.t < 10.4)
+        if way == "cut":
+            channels[key] = replace(trace, t=trace.t[~hole], values=trace.values[~hole])
+        elif key == "Ny":
+            channels[key] = replace(trace, values=np.where(hole, np.nan, trace.values))
+        else:
+            channels[key] = trace
+    stretch = only(attas, Traces(channels))
+    assert stretch.outcome == "unseen"
+    assert stretch.validity.valid is not True
+    assert any("no sample of Ny from 7.96 to 10.40 s" in line for line in stretch.remarks)
+
+
+def assessed(*lost: int) -> Assessments:
+    """41 assessments from 8 s on, a tenth of a second each; those lost are invalid."""
+    found = said(*[0.05] * 41)
+    found.state[list(lost)] = STATES.index(State.INVALID)
+    return found
+
+
+@pytest.mark.parametrize(
+    ("hole", "lost", "alerts", "text"),
+    [
+        ((8.16, 9.0), (), (), "could not warn: no sample from 8.16 to 9.00 s; the limit was"),
+        ((8.16, 9.0), (), ((8.1, 8.1),), "whether the alert was timely is unknown"),
+        ((8.66, 9.0), (), ((8.1, 8.1),), ""),
+        ((8.96, 9.0), (), (), ""),
+        ((8.0, 8.6), (), (), ""),
+        (None, range(3, 9), (), "could not warn: no sample could be assessed from 8.50 to 8.70"),
+        (None, range(3, 7), (), ""),
+        (None, range(3, 9), ((8.1, 8.1),), ""),
+        (None, (), (), ""),
+    ],
+)
+def test_a_gap_before_the_limit_is_not_charged_to_the_monitor(hole, lost, alerts, text: str):
+    crossing = Crossing(9.0, "Ny", 0.21)
+    holes = () if hole is None else (Hole("Ny", hole[0], hole[1], hole[1] - hole[0] - 0.02),)
+    limited = Limited(crossing, (), 0.0, holes)
+    found = could_not_warn(limited, crossing, assessed(*lost), alerts, 0.25)
+    assert found.startswith(text)
+    assert bool(found) == bool(text)
+
+
+def test_a_silence_over_a_gap_that_ends_past_the_limit_is_unseen(attas: Monitor, calm):
+    y = calm.copy()
+    y[120:140, NY], y[140:143, NY] = np.nan, 0.5
+    stretch = only(attas, recorded(y), ScoringOrder(epsilon=0.9))
+    assert stretch.crossing is not None
+    if stretch.validity.valid is not False:
+        assert stretch.outcome == "unseen"
+        assert any("the limit was reached between" in line for line in stretch.remarks)
+
+
+def test_limits_reached_outside_every_stretch_are_told(attas: Monitor, calm: np.ndarray):
+    y = np.vstack([calm, np.tile(calm[-1:], (200, 1))])
+    y[-100:-96, NY], y[-40:-36, NY] = 0.48, -0.4
+    scored = score(attas, recorded(y))
+    dt = attas.dt
+    assert [c.t for c in scored.outside] == pytest.approx([(len(y) - k) * dt for k in (100, 40)])
+    assert {c.channel for c in scored.outside} == {"Ny"}
+    assert scored.outside[0].value == pytest.approx(0.48 - (scored.stretches[0].trim[NY] or 0.0))
+    assert any("outside every manoeuvre" in note and "2 times" in note for note in scored.notes)
+    assert any(line.startswith("outside every manoeuvre") for line in verdict(attas, scored))
+    assert score(attas, recorded(y), ScoringOrder(manoeuvres="whole")).outside == ()
+    assert score(attas, recorded(calm)).outside == ()
+    assert outside_note(()) == ()
+
+
+def test_an_exceedance_that_began_in_a_stretch_is_that_stretchs():
+    t = np.arange(0.0, 100.0, 0.1)
+    value = np.where((t > 9.5) & (t < 12.0), 0.5, 0.0)
+    value[[500, 505, 700]] = 0.6
+    traces = Traces({"Ny": Trace(t, value)})
+    limits = np.array([np.inf, np.inf, np.inf, 0.2, np.inf, np.inf])
+    found = outside(traces, limits, [(5.0, 10.0), (65.0, 75.0)], [np.zeros(6)] * 2)
+    assert [c.t for c in found] == pytest.approx([50.0])
+    assert APART > 0.5
+    assert MOST_OUTSIDE >= 1
+
+
+def test_a_withdrawn_stretch_says_so_of_its_alert_and_lead(attas: Monitor, calm: np.ndarray):
+    lines = verdict(attas, score(attas, recorded(calm, V=180.0)))
+    assert "  first alert   withdrawn" in lines
+    assert "  lead          withdrawn" in lines
+
+
+def test_a_trim_longer_than_what_is_there_says_what_was_used(attas: Monitor, calm: np.ndarray):
+    stretch = only(attas, recorded(calm), ScoringOrder(trim=100.0))
+    (line,) = (line for line in stretch.remarks if line.startswith("trim from 100 s"))
+    assert line.endswith("3.00 s are there and were used") or "2.9" in line
+    short = only(attas, recorded(calm), ScoringOrder(trim=1.0))
+    assert not any(line.startswith("trim from") for line in short.remarks)
+
+
+def test_a_sensor_slower_than_its_recorder_counts_at_its_own_rate(
+    attas: Monitor, calm: np.ndarray
+) -> None:
+    held = calm.copy()
+    held[:, 1] = np.repeat(calm[::4, 1], 4)[: len(calm)]
+    rate = next(c for c in only(attas, recorded(held)).validity.checks if c.name == "rate")
+    assert rate.ok is False
+    assert "p recorded at 5 Hz" in rate.text
+    assert "stands in 4 rows" in rate.text
+
+
+def test_a_limit_that_only_the_trim_takes_away_is_named(attas: Monitor, calm: np.ndarray) -> None:
+    skidding = calm.copy()
+    skidding[:, NY] += np.sign(calm[:, NY][np.abs(calm[:, NY]).argmax()]) * 0.2
+    stretch = only(attas, recorded(skidding))
+    assert stretch.crossing is None
+    assert any("as recorded, trim included, reaches" in line for line in stretch.remarks)

@@ -1,0 +1,326 @@
+"""Migrations: up, down and up again with data; never past the program, never by halves."""
+
+import os
+import shutil
+import signal
+import sqlite3
+import subprocess
+import sys
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import numpy as np
+import pytest
+from alembic import command
+from alembic.autogenerate import compare_metadata
+from alembic.config import Config
+from alembic.migration import MigrationContext
+from sqlalchemy import insert, inspect
+
+from app.store import schema
+from app.store.database import address, make_engine, writing
+from app.store.schema import configuration, current_revision, migrating, newest_revision
+from app.store.store import NotFound, StoreError, open_store
+from app.store.tables import jobs, metadata
+from core.dataset import Dataset
+from core.monitor import train
+from core.monitor.portable import to_bytes
+from tests.support.stored import append, assert_says_its_number, keep_recording, scoring
+
+ROOT = Path(__file__).parent.parent
+REVISIONS = ["0001", "0002", "0003", "0004", "0005"]
+
+NEXT = """
+'''One change more.'''
+import os
+import signal
+import sqlalchemy as sa
+from alembic import op
+revision, down_revision = "0006", "0005"
+
+def upgrade():
+    op.create_table("extra", sa.Column("id", sa.Integer, primary_key=True))
+    {change}
+
+def downgrade():
+    op.drop_table("extra")
+"""
+
+
+@pytest.fixture
+def path(tmp_path: Path) -> Path:
+    return tmp_path / "forewarn.db"
+
+
+def move(path: Path, revision: str, config: Config | None = None) -> None:
+    """Migrate a database up or down to a revision."""
+    config = config or configuration()
+    current = current_revision(address(path)) or ""
+    with migrating(address(path)) as connection:
+        config.attributes["connection"] = connection
+        down = revision == "base" or revision < current
+        (command.downgrade if down else command.upgrade)(config, revision)
+
+
+def tables(path: Path) -> set[str]:
+    engine = make_engine(address(path))
+    names = set(inspect(engine).get_table_names())
+    engine.dispose()
+    return names
+
+
+def newer_program(directory: Path, change: str = "") -> Path:
+    """Migrations of a program that is one revision ahead."""
+    ahead = Path(shutil.copytree(schema.migrations(), directory / "ahead"))
+    (ahead / "versions" / "0006_one_more.py").write_text(NEXT.format(change=change))
+    return ahead
+
+
+def configured(directory: Path) -> Config:
+    config = Config()
+    config.set_main_option("script_location", str(directory))
+    return config
+
+
+def test_the_newest_revision_is_the_last_of_those_tested() -> None:
+    assert newest_revision() == REVISIONS[-1]
+
+
+def test_migrations_make_the_tables_that_the_program_uses(path: Path) -> None:
+    move(path, "head")
+    engine = make_engine(address(path))
+    with engine.connect() as connection:
+        context = MigrationContext.configure(
+            connection, opts={"compare_type": True, "compare_server_default": True}
+        )
+        assert compare_metadata(context, metadata) == []
+    engine.dispose()
+
+
+@pytest.mark.parametrize("revision", ["base", *REVISIONS])
+def test_every_revision_goes_up_down_and_up(path: Path, revision: str) -> None:
+    if revision != "base":
+        move(path, revision)
+    there = tables(path)
+    move(path, "head")
+    newest = tables(path)
+    move(path, revision)
+    assert tables(path) - {"alembic_version"} == there - {"alembic_version"}
+    move(path, "head")
+    assert tables(path) == newest == {*metadata.tables, "alembic_version"}
+
+
+def test_what_an_older_schema_knows_survives_down_and_up(path: Path, dataset: Dataset) -> None:
+    monitor = train(dataset)
+    store = open_store(path)
+    dataset_info = store.add_dataset(dataset, "d")
+    monitor_info = store.add_monitor(monitor, "m", dataset_info.id, {"misses": 3})
+    job = store.add_job("collect", {})
+    finished = store.update_job(job, "done")
+    flight = store.add_flight({}, monitor_info.id, 0.1)
+    append(store, flight, 0, 1200)
+    store.add_alarm(flight, 3, 0.06, 0.5)
+    keep_recording(store, "a")
+    scored = store.add_scoring(scoring(store, "a", monitor_info.id))
+    store.close()
+
+    move(path, "0003")
+    store = open_store(path)
+    assert store.recordings() == []
+    with pytest.raises(NotFound):
+        store.scoring("a", scored.id)
+    assert_says_its_number(store.assessments(flight), np.arange(1200))
+    store.close()
+
+    move(path, "0002")
+    store = open_store(path)
+    assert store.flights() == []
+    assert store.jobs() == [finished]
+    store.close()
+
+    move(path, "0001")
+    store = open_store(path)
+    assert store.revision() == REVISIONS[-1]
+    assert store.jobs() == []
+    assert store.datasets() == [dataset_info]
+    assert store.dataset(dataset_info.id).digest() == dataset.digest()
+    assert store.monitors() == [monitor_info]
+    assert store.monitor_file(monitor_info.id) == to_bytes(monitor)
+    assert store.evaluation(monitor_info.id) == {"misses": 3}
+    flight = store.add_flight({}, monitor_info.id, 0.1)
+    append(store, flight, 0, 10)
+    assert_says_its_number(store.assessments(flight), np.arange(10))
+    assert store.damage() == []
+    store.close()
+
+
+def test_a_store_of_an_older_program_is_upgraded_when_it_opens(path: Path) -> None:
+    move(path, "0002")
+    engine = make_engine(address(path))
+    row = {"id": "a", "kind": "collect", "request": {}, "status": "done", "message": ""}
+    with writing(engine) as connection:
+        connection.execute(insert(jobs).values(**row, created="2026-01-01T00:00:00Z"))
+    engine.dispose()
+    store = open_store(path)
+    assert store.revision() == REVISIONS[-1]
+    assert [job.id for job in store.jobs()] == ["a"]
+    store.close()
+
+
+def test_a_store_of_a_newer_program_is_refused_untouched(path: Path, tmp_path: Path) -> None:
+    store = open_store(path)
+    store.update_job(store.add_job("collect", {}), "running")
+    store.close()
+    move(path, "head", configured(newer_program(tmp_path)))
+    before = path.read_bytes()
+    with pytest.raises(StoreError, match="has schema 0006, this program knows up to 0005"):
+        open_store(path)
+    assert path.read_bytes() == before
+    with sqlite3.connect(path) as connection:
+        assert connection.execute("SELECT status FROM jobs").fetchall() == [("running",)]
+    connection.close()
+
+
+def test_a_database_of_another_program_is_refused_untouched(path: Path) -> None:
+    with sqlite3.connect(path) as connection:
+        connection.execute("CREATE TABLE recipes (cake TEXT)")
+    connection.close()
+    before = path.read_bytes()
+    with pytest.raises(StoreError, match=r"tables of another program \(recipes\)"):
+        open_store(path)
+    assert path.read_bytes() == before
+
+
+@pytest.mark.parametrize("content", [b"t,beta,p\n0,0,0\n" * 1000, b"x"])
+def test_a_file_that_is_no_database_is_refused_untouched(path: Path, content: bytes) -> None:
+    path.write_bytes(content)
+    with pytest.raises(StoreError, match="it is not a database"):
+        open_store(path)
+    assert path.read_bytes() == content
+
+
+def test_a_directory_that_cannot_be_made_is_said(tmp_path: Path) -> None:
+    (tmp_path / "file").touch()
+    with pytest.raises(StoreError, match=r"FOREWARN_DATA_DIR|cannot be read"):
+        open_store(tmp_path / "file" / "inside" / "forewarn.db")
+
+
+def test_a_new_directory_is_the_owners_alone(tmp_path: Path) -> None:
+    open_store(tmp_path / "data" / "forewarn.db").close()
+    assert (tmp_path / "data").stat().st_mode & 0o777 == 0o700
+
+
+def test_rebuilding_a_table_keeps_the_rows_that_refer_to_it(
+    path: Path, tmp_path: Path, dataset: Dataset
+) -> None:
+    store = open_store(path)
+    info = store.add_dataset(dataset, "d")
+    store.add_monitor(train(dataset), "m", info.id)
+    store.close()
+    rebuild = (
+        'with op.batch_alter_table("datasets", recreate="always") as batch:\n'
+        '        batch.add_column(sa.Column("note", sa.Text))'
+    )
+    move(path, "head", configured(newer_program(tmp_path, rebuild)))
+    with sqlite3.connect(path) as connection:
+        (n_blocks,) = connection.execute("SELECT count(*) FROM dataset_blocks").fetchone()
+        assert connection.execute("SELECT name, note FROM datasets").fetchall() == [("d", None)]
+    connection.close()
+    assert n_blocks >= 6
+
+
+def test_a_migration_that_breaks_references_is_undone(
+    path: Path, tmp_path: Path, dataset: Dataset
+) -> None:
+    store = open_store(path)
+    info = store.add_dataset(dataset, "d")
+    store.close()
+    ahead = configured(newer_program(tmp_path, 'op.execute("DELETE FROM datasets")'))
+    with pytest.raises(StoreError, match="would break references: row 1 of dataset_blocks"):
+        move(path, "head", ahead)
+    store = open_store(path)
+    assert store.dataset(info.id).digest() == dataset.digest()
+    store.close()
+
+
+def test_a_migration_that_fails_half_way_is_undone(path: Path, tmp_path: Path) -> None:
+    open_store(path).close()
+    ahead = configured(newer_program(tmp_path, 'raise RuntimeError("half way")'))
+    with pytest.raises(RuntimeError, match="half way"):
+        move(path, "head", ahead)
+    assert current_revision(address(path)) == "0005"
+    assert "extra" not in tables(path)
+
+
+def test_a_program_killed_in_the_middle_of_a_migration_leaves_the_old_schema(
+    path: Path, tmp_path: Path
+) -> None:
+    store = open_store(path)
+    job = store.add_job("collect", {})
+    store.close()
+    die = 'op.execute("DELETE FROM jobs")\n    os.kill(os.getpid(), signal.SIGKILL)'
+    code = (
+        "import sys\nfrom pathlib import Path\nfrom app import schema\n"
+        "from app.store.store import open_store\n"
+        "schema.migrations = lambda: Path(sys.argv[2])\nopen_store(sys.argv[1])\n"
+    )
+    killed = subprocess.run(
+        [sys.executable, "-c", code, str(path), str(newer_program(tmp_path, die))], cwd=ROOT
+    )
+    assert killed.returncode == -signal.SIGKILL
+    store = open_store(path)
+    assert store.job(job).status == "interrupted"
+    assert store.damage() == []
+    store.close()
+    assert "extra" not in tables(path)
+
+
+def test_processes_that_open_a_new_store_at_once_make_one(path: Path) -> None:
+    code = "import sys\nfrom app.store.store import open_store\nopen_store(sys.argv[1]).add_job('a', {})"
+    command_line = [sys.executable, "-W", "error", "-c", code, str(path)]
+    opening = [subprocess.Popen(command_line, cwd=ROOT) for _ in range(3)]
+    assert [process.wait() for process in opening] == [0, 0, 0]
+    store = open_store(path)
+    assert len(store.jobs()) == 3
+    store.close()
+
+
+def test_threads_that_open_a_new_store_at_once_make_one(path: Path) -> None:
+    with ThreadPoolExecutor(4) as pool:
+        stores = list(pool.map(open_store, [path] * 4))
+    for store in stores:
+        store.add_job("a", {})
+    assert len(stores[0].jobs()) == 4
+    for store in stores:
+        store.close()
+
+
+def test_the_library_wins_over_the_directory_of_migrations() -> None:
+    code = "import alembic, app.store.schema; print(alembic.__file__); print(app.store.schema.migrations())"
+    done = subprocess.run(
+        [sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True
+    )
+    library, migrations = map(Path, done.stdout.split("\n")[:2])
+    assert library.name == "__init__.py"
+    assert library.parent != ROOT / "alembic"
+    assert (migrations / "versions").is_dir()
+    assert not list(schema.migrations().rglob("__init__.py"))
+
+
+def test_the_command_alembic_finds_its_configuration(path: Path) -> None:
+    def alembic(*arguments: str) -> str:
+        done = subprocess.run(
+            [sys.executable, "-m", "alembic", *arguments],
+            cwd=ROOT,
+            env=os.environ | {"FOREWARN_DATABASE_URL": f"sqlite:///{path}"},
+            capture_output=True,
+            text=True,
+            check=True,
+        )
+        return done.stdout
+
+    alembic("upgrade", "head")
+    assert "0005 (head)" in alembic("current")
+    assert "No new upgrade operations" in alembic("check")
+    alembic("-x", f"url={path}", "downgrade", "0001")
+    assert current_revision(address(path)) == "0001"

@@ -1,0 +1,209 @@
+import json
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from app.telemetry.mapping.applying import apply_mapping, preview
+from app.telemetry.mapping.mapping import TARGETS, ChannelSource, Mapping, TimeSource
+from app.telemetry.recording import TelemetryError
+from tests.support.tables import columns_of
+
+T = {"": TimeSource("t", "s")}
+
+
+def mapping(times=None, **channels):
+    return Mapping(channels, T if times is None else times)
+
+
+def table(n=50, **signals):
+    return {"t": 0.1 * np.arange(n), **signals}
+
+
+@given(
+    st.sampled_from([1, -1]),
+    st.floats(-1.0, 1.0),
+    st.lists(st.floats(-20.0, 20.0), min_size=2, max_size=6),
+)
+def test_a_value_is_sign_times_converted_less_offset(tmp_path_factory, sign, offset, numbers):
+    columns = columns_of(tmp_path_factory.mktemp("a"), {"t": range(len(numbers)), "b": numbers})
+    source = ChannelSource("b", "deg", sign, offset)
+    trace = apply_mapping(columns, mapping(beta=source)).channels["beta"]
+    np.testing.assert_array_equal(trace.values, sign * (np.array(numbers) * (np.pi / 180)) - offset)
+    np.testing.assert_array_equal(trace.t, np.arange(len(numbers)))
+    assert (trace.source, trace.derived, trace.group) == ("b", False, "")
+
+
+def test_what_needs_no_conversion_stays_in_the_file(tmp_path):
+    columns = columns_of(tmp_path, table(b=np.ones(50)))
+    channels = apply_mapping(columns, mapping(beta=ChannelSource("b", "rad"))).channels
+    assert isinstance(channels["beta"].values.base, np.memmap)
+
+
+def test_channels_of_a_group_share_their_times_and_others_do_not(tmp_path):
+    columns = columns_of(
+        tmp_path,
+        {"fast//t": np.arange(9.0), "fast//p": np.ones(9), "fast//r": np.ones(9)}
+        | {"slow//t2": np.arange(3.0) * 1000, "slow//b": np.ones(3)},
+    )
+    times = {"fast": TimeSource("t", "s"), "slow": TimeSource("t2", "ms")}
+    said = mapping(
+        times,
+        p=ChannelSource("p", "rad/s"),
+        r=ChannelSource("r", "rad/s"),
+        beta=ChannelSource("b", "rad"),
+    )
+    channels = apply_mapping(columns, said).channels
+    assert channels["p"].t is channels["r"].t
+    np.testing.assert_array_equal(channels["beta"].t, [0.0, 1.0, 2.0])
+    assert (channels["p"].group, channels["beta"].group) == ("fast", "slow")
+    assert list(channels) == ["beta", "p", "r"]
+
+
+def test_infinities_are_missing(tmp_path):
+    columns = columns_of(tmp_path, table(3, b=[np.inf, 1.0, np.nan]))
+    values = apply_mapping(columns, mapping(beta=ChannelSource("b", "rad"))).channels["beta"].values
+    np.testing.assert_array_equal(values, [np.nan, 1.0, np.nan])
+
+
+def test_the_notes_say_what_was_done(tmp_path):
+    columns = columns_of(tmp_path, table(b=np.ones(50), d=np.ones(50), v=np.ones(50)))
+    said = mapping(
+        beta=ChannelSource(derivation="beta_from_velocity"),
+        delta_r=ChannelSource("d", "deg", sign=-1, offset=0.25),
+        v=ChannelSource("v", "m/s"),
+        V=ChannelSource("b", "kt"),
+    )
+    traces = apply_mapping(columns, said)
+    assert traces.notes == (
+        "Converted: delta_r from deg, V from kt.",
+        "Reversed in sign: delta_r.",
+        "Constant offset subtracted: delta_r 0.25 rad.",
+        "Derived, not measured: beta (sideslip as the arc sine of lateral velocity over airspeed, "
+        "from v, b as V).",
+    )
+    assert traces.channels["beta"].derived
+
+
+WRONG = {
+    "no channel": (mapping(), "the mapping names no channel: say which signals are beta, p"),
+    "no such signal": (
+        mapping(beta=ChannelSource("AOSS", "deg")),
+        "takes beta from 'AOSS', which the file does not hold: choose one of t, b, short//t2",
+    ),
+    "no unit": (mapping(beta=ChannelSource("b")), r"unit of beta \(b\): '' is not a known unit"),
+    "another unit": (
+        mapping(beta=ChannelSource("b", "deg/s")),
+        r"unit of beta \(b\): 'deg/s' is not a unit of this quantity, which is kept in rad",
+    ),
+    "no time": (
+        mapping({}, beta=ChannelSource("b", "rad")),
+        "'b' has no time: say which signal is the time of the table",
+    ),
+    "no time of the group": (
+        mapping(beta=ChannelSource("c", "rad")),
+        "'c' has no time: say which signal is the time of the group 'short'",
+    ),
+    "no such time": (
+        mapping({"": TimeSource("clock")}, beta=ChannelSource("b", "rad")),
+        "takes time from 'clock', which the file does not hold",
+    ),
+    "time in degrees": (
+        mapping({"": TimeSource("t", "deg")}, beta=ChannelSource("b", "rad")),
+        "unit of the time t: 'deg' is not a unit",
+    ),
+    "time of another group": (
+        mapping({"": TimeSource("t2")}, beta=ChannelSource("b", "rad")),
+        "beta is taken from 'b' with 50 values, but its time has 3",
+    ),
+    "unknown derivation": (
+        mapping(beta=ChannelSource(derivation="magic")),
+        "beta cannot be derived by 'magic': choose beta_from_velocity",
+    ),
+    "derivation of another": (
+        mapping(phi=ChannelSource("b", "rad"), r=ChannelSource(derivation="p_from_attitude")),
+        "r cannot be derived by 'p_from_attitude': choose r_from_attitude",
+    ),
+    "lacking": (
+        mapping(beta=ChannelSource(derivation="beta_from_velocity"), V=ChannelSource("b", "m/s")),
+        "beta is to be derived from v and V, but v is not mapped: map a signal to it",
+    ),
+}
+
+
+@pytest.mark.parametrize(("said", "message"), WRONG.values(), ids=WRONG)
+def test_a_mapping_that_does_not_fit_is_refused_by_name(said, message, tmp_path):
+    content = table(b=np.ones(50)) | {"short//t2": np.arange(3.0), "short//c": np.ones(3)}
+    columns = columns_of(tmp_path, content)
+    message = message.replace("short//", "")
+    with pytest.raises(TelemetryError, match=message) as refusal:
+        apply_mapping(columns, said)
+    assert str(refusal.value).isprintable()
+
+
+def test_small_plots_hold_the_extremes_of_all_rows(tmp_path):
+    values = np.random.default_rng(0).standard_normal(10_000)
+    values[[77, 5000]] = 9.0, -9.0
+    values[:50] = np.nan
+    columns = columns_of(tmp_path, table(10_000, b=values))
+    plots = preview(columns, mapping(beta=ChannelSource("b", "mrad")))
+    assert list(plots) == ["beta"]
+    plot = plots["beta"]
+    assert len(plot["t"]) == len(plot["low"]) == len(plot["high"]) == 120
+    assert (plot["unit"], plot["min"], plot["max"]) == ("rad", -0.009, 0.009)
+    assert min(plot["low"]) == -0.009
+    assert max(plot["high"]) == 0.009
+    assert all(0.0 <= t <= 1000.0 for t in plot["t"])
+    json.dumps(plots, allow_nan=False)
+
+
+@pytest.mark.parametrize("n", [2, 5, 119, 120, 121, 1000])
+def test_small_plots_are_no_longer_than_asked_or_recorded(n, tmp_path):
+    columns = columns_of(tmp_path, table(n, b=np.full(n, np.nan)))
+    plot = preview(columns, mapping(beta=ChannelSource("b", "rad")), 60)["beta"]
+    assert len(plot["t"]) == min(n, 60)
+    assert plot["low"] == [None] * min(n, 60)
+    assert plot["min"] is plot["max"] is None
+
+
+def test_one_wrong_channel_does_not_hide_the_others(tmp_path):
+    columns = columns_of(tmp_path, table(b=np.ones(50), v=np.ones(50)))
+    said = mapping(
+        beta=ChannelSource(derivation="beta_from_velocity"),
+        p=ChannelSource("b", "furlongs"),
+        r=ChannelSource(derivation="r_from_attitude"),
+        V=ChannelSource("b", "kt"),
+        v=ChannelSource("v", "ft/s"),
+    )
+    with pytest.raises(TelemetryError):
+        apply_mapping(columns, said)
+    assert list(preview(columns, said)) == ["beta", "V", "v"]
+
+
+@given(st.sampled_from([*TARGETS]), st.text(max_size=8), st.text(max_size=8), st.text(max_size=8))
+def test_any_mapping_is_applied_or_refused_as_telemetry(tmp_path_factory, key, signal, unit, way):
+    columns = columns_of(tmp_path_factory.mktemp("any"), table(3, b=np.ones(3)))
+    for source in (ChannelSource(signal, unit), ChannelSource(derivation=way or "x")):
+        if source.signal or source.derivation:
+            assert preview(columns, mapping(**{key: source})) == {}
+
+
+def test_nothing_is_derived_from_what_no_aircraft_shows(tmp_path):
+    speed = np.full(100, 100.0)
+    speed[50] = 1e30
+    table = {"t": 0.1 * np.arange(100), "v": np.full(100, 5.0), "V": speed}
+    columns = columns_of(tmp_path, table)
+    made = apply_mapping(
+        columns,
+        Mapping(
+            {
+                "v": ChannelSource("v", "m/s"),
+                "V": ChannelSource("V", "m/s"),
+                "beta": ChannelSource(derivation="beta_from_velocity"),
+            },
+            {"": TimeSource("t")},
+        ),
+    )
+    assert np.flatnonzero(np.isnan(made.channels["beta"].values)).tolist() == [50]
+    assert made.channels["V"].values[50] == 1e30, "which the quality is to tell"

@@ -1,0 +1,330 @@
+"""The proposal as a whole: what a file's signals are taken for, how surely and why."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from app.telemetry.contents import open_columns
+from app.telemetry.mapping.applying import apply_mapping, preview
+from app.telemetry.mapping.mapping import ChannelSource, Mapping, TimeSource
+from app.telemetry.mapping.proposal import propose
+from app.telemetry.units import factor
+from core.channels import KEYS
+from tests.support.tables import columns_of, flight
+
+RECORDS = Path(__file__).parents[1] / ".." / "shared" / "data"
+PLAIN = {
+    "t": "t_s", "beta": "beta_rad", "p": "p_radps", "r": "r_radps", "Ny": "ay_g",
+    "delta_a": "da_rad", "delta_r": "dr_rad", "phi": "phi_rad", "theta": "theta_rad",
+    "psi": "psi_rad", "V": "V_mps",
+}  # fmt: skip
+# key -> (name, unit said by the file, unit it is recorded in)
+WAYS: dict[str, list[tuple[str, str, str]]] = {
+    "t": [("t_s", "", "s"), ("Time", "ms", "ms"), ("timestamp_us", "", "us"), ("IRIG", "", "s")],
+    "beta": [("beta_rad", "", "rad"), ("AOSS", "°", "deg"), ("SideSlip_deg", "", "deg")],
+    "p": [("p_radps", "", "rad/s"), ("ROLLRATE", "DEG/S", "deg/s"), ("gyro_x", "dps", "deg/s")],
+    "r": [("r_radps", "", "rad/s"), ("YawRate [deg/s]", "", "deg/s")],
+    "Ny": [("ay_g", "", "g"), ("lat_acc", "m/s²", "m/s^2"), ("NY_CG", "ft/s2", "ft/s^2")],
+    "delta_a": [("da_rad", "", "rad"), ("AIL_POS", "deg", "deg")],
+    "delta_r": [("dr_rad", "", "rad"), ("Seitenruder", "Grad", "deg"), ("rudder_deg", "", "deg")],
+    "phi": [("phi_rad", "", "rad"), ("Bank (deg)", "", "deg")],
+    "theta": [("theta_rad", "", "rad"), ("Pitch", "deg", "deg")],
+    "psi": [("psi_rad", "", "rad"), ("heading", "deg", "deg")],
+    "V": [("V_mps", "", "m/s"), ("KTAS", "", "kt"), ("true_airspeed", "ft/s", "ft/s")],
+}
+SIGNED = (*KEYS,)
+DECOYS = {
+    "pressure": 101325.0, "rpm": 5000.0, "temperature": 15.0, "rudder_trim_cmd": 0.1,
+    "roll_cmd": 0.3, "p_static_pa": 9e4, "alpha_rad": 0.05, "latitude": 52.0, "q_radps": 0.05,
+}  # fmt: skip
+
+
+def record(name):
+    path = RECORDS / name
+    if not path.exists():
+        pytest.skip(f"the flight records are not in {RECORDS}")
+    table = np.genfromtxt(path, delimiter=",", names=True)
+    return {column: table[column] for column in table.dtype.names or ()}
+
+
+def plain_table(**changes):
+    return {PLAIN[key]: values for key, values in (flight() | changes).items()}
+
+
+@pytest.mark.parametrize("name", ["attas_ail1.csv", "attas_rud1.csv"])
+def test_the_attas_records_are_mapped_in_full_and_with_confidence(name, tmp_path):
+    table = record(name)
+    proposal = propose(columns_of(tmp_path, table))
+    assert proposal.missing == ()
+    channels = proposal.mapping.channels
+    assert {key: source.signal for key, source in channels.items()} == {
+        key: PLAIN[key] for key in PLAIN if key not in ("t", "psi")
+    }
+    assert all(source == ChannelSource(source.signal, source.unit) for source in channels.values())
+    assert proposal.mapping.times == {"": TimeSource("t_s", "s")}
+    assert all(proposal.guesses[key].confidence >= 0.85 for key in (*channels, "t:"))
+    traces = apply_mapping(open_columns(tmp_path), proposal.mapping)
+    np.testing.assert_array_equal(traces.channels["Ny"].values, table["ay_g"])
+    assert traces.notes == ()
+
+
+@pytest.mark.parametrize(
+    "name", ["citation_20190312_dutchroll.csv", "citation_20190312_dutchroll_yd.csv"]
+)
+def test_the_citation_records_lack_sideslip_and_have_reversed_surfaces(name, tmp_path):
+    proposal = propose(columns_of(tmp_path, record(name)))
+    assert proposal.missing == ("beta",)
+    told = " ".join(proposal.guesses["beta"].reasons)
+    assert "beta_rad is named like it, but holds no number" in told
+    assert "could be derived from v and V" in told
+    signs = {key: source.sign for key, source in proposal.mapping.channels.items()}
+    assert signs == {"p": 1, "r": 1, "Ny": 1, "delta_a": -1, "delta_r": -1, "phi": 1, "theta": 1,
+                     "V": 1}  # fmt: skip
+    rudder, aileron = (proposal.guesses[key] for key in ("delta_r", "delta_a"))
+    assert "positive rudder yaws the nose right here" in rudder.reasons[-1]
+    assert "reversed like the rudder" in aileron.reasons[-1]
+    assert rudder.confidence > 0.85
+    assert 0.4 < aileron.confidence < 0.7
+
+
+@settings(max_examples=40, suppress_health_check=[HealthCheck.too_slow])
+@given(st.data())
+def test_names_units_signs_and_order_of_the_columns_change_nothing(tmp_path_factory, data):
+    said, table, truth = {}, {}, flight()
+    for key in data.draw(st.permutations(list(truth))):
+        name, unit, recorded = data.draw(st.sampled_from(WAYS[key]))
+        target = {"t": "s", "V": "m/s", "p": "rad/s", "r": "rad/s", "Ny": "g"}.get(key, "rad")
+        sign = data.draw(st.sampled_from((1, -1))) if key in SIGNED else 1
+        table[name] = sign * truth[key] / factor(recorded, target)
+        said[name] = unit
+    columns = columns_of(tmp_path_factory.mktemp("ways"), table, units=said)
+    proposal = propose(columns)
+    traces = apply_mapping(columns, proposal.mapping)
+    assert set(traces.channels) == set(truth) - {"t"}
+    for key, trace in traces.channels.items():
+        assert not trace.derived
+        np.testing.assert_allclose(trace.t, truth["t"], rtol=1e-12)
+        np.testing.assert_allclose(trace.values, truth[key], rtol=1e-12, atol=1e-15)
+        assert proposal.guesses[key].confidence > 0.75
+
+
+@pytest.mark.parametrize("degrees", [False, True], ids=["radians", "degrees"])
+@pytest.mark.parametrize("metric", [False, True], ids=["g", "m/s2"])
+def test_units_that_nobody_says_are_told_by_the_numbers_and_said_to_be_guesses(
+    degrees, metric, tmp_path
+):
+    names = {key: key for key in flight()} | {
+        "t": "time", "Ny": "lat_acc", "delta_a": "aileron", "delta_r": "rudder"
+    }  # fmt: skip
+    table = {}
+    for key, values in flight().items():
+        turned = np.rad2deg(values) if degrees and key not in ("t", "Ny", "V") else values
+        table[names[key]] = 9.80665 * turned if metric and key == "Ny" else turned
+    columns = columns_of(tmp_path, table)
+    proposal = propose(columns)
+    for key, trace in apply_mapping(columns, proposal.mapping).channels.items():
+        np.testing.assert_allclose(trace.values, flight()[key], rtol=1e-12, err_msg=key)
+        assert any("no unit is said" in reason for reason in proposal.guesses[key].reasons)
+    assert proposal.guesses["V"].confidence < 0.5  # 131 could be knots
+
+
+def test_a_sideslip_that_reaches_8_is_in_degrees(tmp_path):
+    table = plain_table()
+    table["beta"] = table.pop("beta_rad") * 8.0 / np.abs(flight()["beta"]).max()
+    proposal = propose(columns_of(tmp_path, table))
+    assert proposal.mapping.channels["beta"].unit == "deg"
+    assert any("are read as deg" in reason for reason in proposal.guesses["beta"].reasons)
+
+
+def test_a_unit_that_no_aircraft_could_reach_is_not_believed(tmp_path):
+    table = plain_table(beta=100.0 * flight()["beta"])
+    proposal = propose(columns_of(tmp_path, table))
+    assert proposal.mapping.channels["beta"].unit == "deg"
+    assert proposal.guesses["beta"].confidence < 0.8
+    assert "which no aircraft does: read as deg" in " ".join(proposal.guesses["beta"].reasons)
+
+
+def test_a_rate_whose_unit_is_unsaid_is_held_against_the_attitude(tmp_path):
+    table = plain_table()
+    table["roll_rate"] = 0.03 * table.pop("p_radps") / np.abs(flight()["p"]).max()
+    table["phi_rad"] = 0.03 * table["phi_rad"] / np.abs(flight()["p"]).max() / 57.29578
+    columns = columns_of(tmp_path, table)
+    proposal = propose(columns)
+    assert proposal.mapping.channels["p"].unit == "deg/s"
+    assert "read as deg/s instead" in " ".join(proposal.guesses["p"].reasons)
+
+
+@pytest.mark.parametrize("name", DECOYS)
+def test_a_decoy_changes_no_channel(name, tmp_path):
+    table = plain_table()
+    before = propose(columns_of(_folder(tmp_path, "before"), table))
+    noise = np.random.default_rng(5).standard_normal(len(table["t_s"]))
+    after = propose(columns_of(_folder(tmp_path, "after"), {name: DECOYS[name] * (1 + 0.01 * noise)}
+                               | table))  # fmt: skip
+    assert after == before
+
+
+def _folder(path, name):
+    (path / name).mkdir()
+    return path / name
+
+
+@pytest.mark.parametrize("key", KEYS)
+def test_a_decoy_is_not_taken_where_the_channel_itself_is_missing(key, tmp_path):
+    table = plain_table()
+    del table[PLAIN[key]]
+    table = {"phi_rad": table["phi_rad"], "t_s": table["t_s"]} | {
+        name: level * np.cos(table["t_s"]) for name, level in DECOYS.items()
+    }
+    proposal = propose(columns_of(tmp_path, table))
+    assert key in proposal.missing or proposal.mapping.channels[key].derivation
+    assert set(proposal.mapping.channels) == {"phi", "p"}
+
+
+@pytest.mark.parametrize("key", ["beta", "p", "r", "Ny"])
+@pytest.mark.parametrize("value", [0.0, 0.3, np.nan], ids=["zero", "constant", "empty"])
+def test_a_dead_signal_is_no_channel_that_moves(key, value, tmp_path):
+    table = plain_table(**{key: np.full(len(flight()["t"]), value)})
+    for angle in ("phi_rad", "psi_rad"):
+        del table[angle]
+    proposal = propose(columns_of(tmp_path, table))
+    assert proposal.missing == (key,)
+    assert PLAIN[key] in proposal.guesses[key].reasons[0]
+    assert proposal.guesses[key].confidence == 0.0
+
+
+@pytest.mark.parametrize("key", ["delta_a", "delta_r"])
+def test_a_surface_may_be_left_alone(key, tmp_path):
+    table = plain_table(**{key: np.zeros(len(flight()["t"]))})
+    proposal = propose(columns_of(tmp_path, table))
+    assert proposal.mapping.channels[key] == ChannelSource(PLAIN[key], "rad")
+    assert "sign cannot be told" in proposal.guesses[key].reasons[-1]
+
+
+def test_few_rows_are_not_called_dead(tmp_path):
+    table = {name: values[:2] * 0.0 + (name == "t_s") * np.arange(2) for name, values in
+             plain_table().items()}  # fmt: skip
+    assert propose(columns_of(tmp_path, table)).missing == ()
+
+
+def test_each_signal_is_given_once_and_the_others_are_alternatives(tmp_path):
+    table = plain_table() | {"beta_raw_rad": flight()["beta"], "p_2_radps": flight()["p"]}
+    proposal = propose(columns_of(tmp_path, table))
+    signals = [source.signal for source in proposal.mapping.channels.values()]
+    assert len(signals) == len(set(signals))
+    assert proposal.mapping.channels["beta"].signal == "beta_rad"
+    assert proposal.alternatives["beta"] == ("beta_raw_rad",)
+    assert "beta_raw_rad would do as well" in proposal.guesses["beta"].reasons
+
+
+def test_speed_and_lateral_velocity_of_one_letter_are_told_apart(tmp_path):
+    table = plain_table()
+    table["V"] = table.pop("V_mps")
+    table["v"] = table["V"] * np.sin(flight()["beta"])
+    del table["beta_rad"]
+    columns = columns_of(tmp_path, table, units={"V": "m/s", "v": "m/s"})
+    proposal = propose(columns)
+    assert proposal.mapping.channels["V"].signal == "V"
+    assert proposal.mapping.channels["v"].signal == "v"
+    assert proposal.mapping.channels["beta"] == ChannelSource(derivation="beta_from_velocity")
+    assert proposal.guesses["beta"].confidence < proposal.guesses["v"].confidence
+    made = apply_mapping(columns, proposal.mapping).channels["beta"]
+    assert made.derived
+    np.testing.assert_allclose(made.values, flight()["beta"], rtol=1e-12, atol=1e-15)
+
+
+def test_a_channel_that_is_missing_is_named_with_what_could_derive_it(tmp_path):
+    table = {PLAIN[key]: flight()[key] for key in ("t", "beta", "Ny")}
+    proposal = propose(columns_of(tmp_path, table))
+    assert proposal.missing == ("p", "r", "delta_a", "delta_r")
+    assert "could be derived from phi" in " ".join(proposal.guesses["p"].reasons)
+    assert "could be derived from psi" in " ".join(proposal.guesses["r"].reasons)
+
+
+def test_what_could_be_derived_is_offered_beside_what_was_measured(tmp_path):
+    proposal = propose(columns_of(tmp_path, plain_table()))
+    assert proposal.derivable == {"p": ("p_from_attitude",), "r": ("r_from_attitude",)}
+    assert not any(source.derivation for source in proposal.mapping.channels.values())
+
+
+@pytest.fixture
+def confirmed():
+    return Mapping(
+        {
+            "beta": ChannelSource("left_vane", "deg", sign=-1, offset=0.01),
+            "delta_r": ChannelSource("dr_rad", "rad", sign=-1),
+            "Ny": ChannelSource(derivation="Ny_without_gravity"),
+            "Ay": ChannelSource("inertial", "m/s^2"),
+            "phi": ChannelSource("phi_rad", "rad"),
+        },
+        {"": TimeSource("t_s", "s")},
+    )
+
+
+def test_a_confirmed_mapping_is_taken_where_its_signals_are(confirmed, tmp_path):
+    table = plain_table() | {"left_vane": -np.rad2deg(flight()["beta"]), "inertial": flight()["Ny"]}
+    proposal = propose(columns_of(tmp_path, table), confirmed, aircraft="PH-LAB")
+    assert confirmed.channels.items() <= proposal.mapping.channels.items()
+    assert proposal.mapping.channels["r"] == ChannelSource("r_radps", "rad/s")
+    for key in confirmed.channels:
+        assert "as confirmed for PH-LAB" in proposal.guesses[key].reasons[0]
+    # the motion contradicts what was confirmed; it is said, not changed
+    assert "but the motion says" in proposal.guesses["delta_r"].reasons[-1]
+    assert proposal.guesses["delta_r"].confidence < 0.7 < proposal.guesses["beta"].confidence
+
+
+def test_what_a_confirmed_mapping_lacks_in_this_file_is_proposed_anew(confirmed, tmp_path):
+    proposal = propose(columns_of(tmp_path, plain_table()), confirmed)
+    assert proposal.mapping.channels["beta"] == ChannelSource("beta_rad", "rad")
+    assert proposal.mapping.channels["Ny"] == ChannelSource("ay_g", "g")
+    assert proposal.mapping.channels["delta_r"].sign == -1
+    assert "Ay" not in proposal.mapping.channels
+    assert "the file has no signal inertial" in proposal.guesses["Ay"].reasons[0]
+
+
+def test_a_unit_that_changed_since_it_was_confirmed_is_doubted(tmp_path):
+    known = Mapping({"beta": ChannelSource("beta", "rad")}, {"": TimeSource("t_s", "s")})
+    table = plain_table()
+    table["beta"] = table.pop("beta_rad")
+    guess = propose(columns_of(tmp_path, table, units={"beta": "deg"}), known).guesses["beta"]
+    assert guess.confidence <= 0.5
+    assert "the file now says deg where rad was confirmed" in guess.reasons[1]
+
+
+def test_the_same_file_is_proposed_the_same(tmp_path):
+    columns = columns_of(tmp_path, plain_table())
+    assert propose(columns) == propose(columns)
+
+
+def test_a_file_without_any_channel_says_so_of_each(tmp_path):
+    table = {"t_s": np.arange(50.0), "cabin_pressure": np.arange(50.0)}
+    proposal = propose(columns_of(tmp_path, table))
+    assert proposal.missing == KEYS
+    assert proposal.mapping.channels == {}
+    assert "no signal is named as sideslip is" in proposal.guesses["beta"].reasons
+
+
+WILD = st.sampled_from([0.0, 1.0, -1.0, 1e-300, 1e308, -1e308, np.nan, np.inf, -np.inf, 9999.0])
+
+
+@settings(max_examples=60, suppress_health_check=[HealthCheck.too_slow])
+@given(st.data(), st.integers(2, 300))
+def test_any_numbers_under_known_names_are_proposed_of_and_applied(tmp_path_factory, data, n):
+    table = {}
+    for key in data.draw(st.lists(st.sampled_from([*WAYS]), min_size=1, unique=True)):
+        name, _, _ = data.draw(st.sampled_from(WAYS[key]))
+        few = data.draw(st.lists(WILD | st.floats(), min_size=1, max_size=8))
+        table[name] = np.resize(few, n)
+    if data.draw(st.booleans()):
+        table["t_s"] = 0.05 * np.arange(n)
+    columns = columns_of(tmp_path_factory.mktemp("wild"), table)
+    proposal = propose(columns)
+    assert all(0.0 <= guess.confidence <= 1.0 for guess in proposal.guesses.values())
+    if proposal.mapping.channels:
+        traces = apply_mapping(columns, proposal.mapping)
+        assert all(not np.isinf(trace.values).any() for trace in traces.channels.values())
+    json.dumps(preview(columns, proposal.mapping), allow_nan=False)

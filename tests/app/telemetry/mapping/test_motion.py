@@ -1,0 +1,235 @@
+"""What the motion says of a mapping: signs, gravity, offsets."""
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from app.telemetry.mapping.applying import apply_mapping
+from app.telemetry.mapping.mapping import ChannelSource
+from app.telemetry.mapping.motion import LONG, motion
+from app.telemetry.mapping.proposal import propose
+from app.telemetry.mapping.signs import CONVENTION, find_signs
+from app.telemetry.traces import Trace, Traces
+from core.channels import KEYS
+from core.simulation.aircraft import PublishedAircraft
+from core.simulation.attitude import SurfaceSigns, surface_signs
+from core.simulation.published import MODELS
+from tests.support.tables import columns_of, flight
+
+MEASURED = (*KEYS, "phi", "theta", "psi", "V")
+UNTOLD = "cannot be told"
+
+
+def traces_of(channels):
+    t = channels["t"]
+    return Traces({key: Trace(t, channels[key]) for key in channels if key != "t"})
+
+
+def moves_of(channels):
+    found = motion(traces_of(channels))
+    assert found is not None
+    return found
+
+
+def proposed(folder, channels, **how):
+    units = {"p": "rad/s", "r": "rad/s", "Ny": "g", "V": "m/s", "t": "s"}
+    said = {key: units.get(key, "rad") for key in channels}
+    columns = columns_of(folder, channels, units=said)
+    return columns, propose(columns, **how)
+
+
+def signs_of(proposal):
+    return {key: source.sign for key, source in proposal.mapping.channels.items()}
+
+
+@pytest.mark.parametrize("model", MODELS)
+@pytest.mark.parametrize("reversed_", [*KEYS, "all"])
+def test_a_reversed_channel_is_found_on_every_published_aircraft(model, reversed_, tmp_path):
+    channels = flight(model)
+    keys = KEYS if reversed_ == "all" else (reversed_,)
+    channels = channels | {key: -channels[key] for key in keys}
+    expected = surface_signs(PublishedAircraft(model, n_states=4).uncertain_plant())
+    _, proposal = proposed(tmp_path, channels, expected=expected)
+    for key in KEYS:
+        told = UNTOLD not in proposal.guesses[key].reasons[-1]
+        assert told or (key, model) == ("delta_a", "b747_40k_m0p8"), key  # it rolls by 0.8 deg/s
+        if told:
+            assert signs_of(proposal)[key] == (-1 if key in keys else 1), key
+
+
+@settings(max_examples=30, suppress_health_check=[HealthCheck.too_slow])
+@given(
+    st.sampled_from([*MODELS]),
+    st.sampled_from([("psi",), ("phi", "theta", "psi"), ("beta",), ("beta", "phi", "psi", "V")]),
+    st.lists(st.sampled_from(["beta", "Ny", "delta_a", "delta_r"]), max_size=2, unique=True),
+)
+def test_what_is_told_of_less_is_never_wrong(model, lacking, reversed_):
+    channels = flight(model) | {key: -flight(model)[key] for key in reversed_}
+    moves = moves_of({key: channels[key] for key in channels if key not in lacking})
+    expected = surface_signs(PublishedAircraft(model, n_states=4).uncertain_plant())
+    for key, evidence in find_signs(moves, expected).items():
+        if evidence.proven:
+            assert evidence.sign == (-1 if key in reversed_ else 1), (key, evidence.text)
+
+
+def test_rates_follow_the_attitude_one_to_one():
+    found = find_signs(moves_of(flight()))
+    for key in ("p", "r"):
+        assert found[key].sign == 1
+        assert found[key].times == 1.0
+        assert "agrees with the attitude: +1.0" in found[key].text
+
+
+@pytest.mark.parametrize(("key", "angle"), [("p", "phi"), ("r", "psi")])
+@pytest.mark.parametrize("which", [0, 1])
+def test_a_rate_in_other_units_than_its_angle_is_noticed(key, angle, which):
+    wrong = (key, angle)[which]
+    found = find_signs(moves_of(flight() | {wrong: np.rad2deg(flight()[wrong])}))
+    ratio = found[key].times if which == 0 else 1.0 / found[key].times
+    assert ratio == pytest.approx(57.3, rel=0.1)
+
+
+def test_units_that_contradict_each_other_are_doubted_and_not_changed(tmp_path):
+    _, proposal = proposed(tmp_path, flight() | {"p": np.rad2deg(flight()["p"])})
+    assert proposal.mapping.channels["p"] == ChannelSource("p", "rad/s")
+    for key in ("p", "phi"):
+        assert "one of the units said is wrong" in " ".join(proposal.guesses[key].reasons)
+        assert proposal.guesses[key].confidence < 0.8
+
+
+@pytest.mark.parametrize("aileron", [1, -1])
+def test_the_aileron_is_held_against_the_aircraft_at_hand(aileron, tmp_path):
+    _, proposal = proposed(tmp_path, flight(), expected=SurfaceSigns(aileron, -1))
+    assert signs_of(proposal)["delta_a"] == -aileron  # the ATTAS rolls left
+
+
+def test_without_an_aircraft_positive_surfaces_turn_left():
+    assert SurfaceSigns(-1, -1) == CONVENTION
+    f16 = surface_signs(PublishedAircraft("f16_sl_h0_v502").uncertain_plant())
+    assert f16 == CONVENTION
+
+
+def test_sideslip_side_force_and_rudder_against_the_yaw_rate_mean_that_it_is_reversed():
+    channels = {key: x for key, x in flight().items() if key != "psi"}
+    found = find_signs(moves_of(channels | {"r": -channels["r"]}))
+    assert {key for key, evidence in found.items() if evidence.sign < 0} == {"r"}
+
+
+def test_nothing_is_told_of_a_still_aircraft_or_a_slow_recorder(tmp_path):
+    still = {key: x if key == "t" else np.full(len(x), x[0]) for key, x in flight().items()}
+    assert find_signs(moves_of(still)) == {}
+    slow = {key: x[::16] for key, x in flight().items()}
+    moves = motion(traces_of(slow))
+    assert moves is None or find_signs(moves) == {}
+
+
+@settings(max_examples=20)
+@given(st.integers(0, 2**32 - 1))
+def test_noise_alone_proves_nothing(seed):
+    rng = np.random.default_rng(seed)
+    t = flight()["t"]
+    noise = {key: 0.02 * rng.standard_normal(len(t)) for key in (*KEYS, "phi", "psi")}
+    moves = moves_of({"t": t, **noise})
+    assert find_signs(moves) == {}
+
+
+def test_of_a_long_recording_the_lively_stretch_is_looked_at():
+    short = flight(dt=0.05)
+    n = int(3 * LONG / 0.05)
+    rng = np.random.default_rng(1)
+    long = {key: 1e-4 * rng.standard_normal(n) for key in MEASURED} | {"t": 0.05 * np.arange(n)}
+    for key in MEASURED:
+        long[key][5000 : 5000 + len(short["t"])] += short[key]
+    found = find_signs(moves_of(long | {"delta_r": -long["delta_r"]}))
+    assert found["delta_r"].sign == -1
+    assert found["beta"].sign == found["Ny"].sign == found["delta_a"].sign == 1
+
+
+def test_channels_of_several_rates_are_held_against_each_other():
+    channels = traces_of(flight()).channels
+    for stride, key in enumerate(KEYS, start=1):
+        trace = channels[key]
+        channels[key] = Trace(trace.t[::stride], trace.values[::stride])
+    found = motion(Traces(channels))
+    assert found is not None
+    assert {key for key, evidence in find_signs(found).items() if evidence.proven} == set(KEYS)
+
+
+@pytest.mark.parametrize("sign", [1, -1])
+def test_gravity_in_a_lateral_acceleration_is_found_and_taken_out(sign, tmp_path):
+    channels = flight("f104a_sl_m0p8")
+    gravity = np.sin(channels["phi"]) * np.cos(channels["theta"])
+    held = sign * (channels["Ny"] + gravity)
+    columns, proposal = proposed(tmp_path, channels | {"Ny": held})
+    assert proposal.mapping.channels["Ny"] == ChannelSource(derivation="Ny_without_gravity")
+    assert proposal.mapping.channels["Ay"] == ChannelSource("Ny", "g", sign=sign)
+    assert "derived, as Ny holds gravity: it follows +1" in proposal.guesses["Ny"].reasons[0]
+    assert proposal.guesses["Ny"].confidence < proposal.guesses["beta"].confidence
+    made = apply_mapping(columns, proposal.mapping).channels["Ny"]
+    assert made.derived
+    np.testing.assert_allclose(made.values, channels["Ny"], atol=1e-12)
+
+
+@pytest.mark.parametrize("model", MODELS)
+def test_what_an_accelerometer_measures_is_left_as_it_is(model, tmp_path):
+    _, proposal = proposed(tmp_path, flight(model))
+    assert proposal.mapping.channels["Ny"] == ChannelSource("Ny", "g")
+    assert "Ay" not in proposal.mapping.channels
+
+
+def test_an_offset_in_the_quiet_first_seconds_is_proposed_with_its_reason(tmp_path):
+    columns, proposal = proposed(tmp_path, flight() | {"Ny": flight()["Ny"] + 0.08})
+    offset = proposal.mapping.channels["Ny"].offset
+    assert offset == pytest.approx(0.08, abs=0.001)
+    assert "it starts at 0.0799 g with a noise of 0.0022 g" in proposal.guesses["Ny"].reasons[-1]
+    made = apply_mapping(columns, proposal.mapping).channels["Ny"]
+    np.testing.assert_allclose(made.values, flight()["Ny"] + 0.08 - offset)
+
+
+def test_an_offset_of_gravity_is_doubted(tmp_path):
+    _, proposal = proposed(tmp_path, flight() | {"Ny": flight()["Ny"] + 1.0})
+    assert "is it the normal acceleration" in proposal.guesses["Ny"].reasons[-1]
+    assert proposal.guesses["Ny"].confidence < 0.5
+
+
+@pytest.mark.parametrize("start", ["trim", "moving"])
+def test_a_side_force_in_trim_or_in_motion_is_no_offset(start, tmp_path):
+    channels = flight()
+    if start == "trim":
+        channels = channels | {"Ny": channels["Ny"] + 0.012}
+    else:
+        channels = {key: x[180:] for key, x in channels.items()}
+    _, proposal = proposed(tmp_path, channels)
+    assert proposal.mapping.channels["Ny"].offset == 0.0
+
+
+@pytest.mark.parametrize("alike", [1, -1])
+def test_two_ailerons_make_one_whichever_way_they_are_counted(alike, tmp_path):
+    channels = {key: x for key, x in flight().items() if key != "delta_a"}
+    down = flight()["delta_a"]
+    channels |= {"aileron_right": down, "aileron_left": alike * down}
+    columns, proposal = proposed(tmp_path, channels)
+    assert proposal.mapping.channels["delta_a"].derivation == "delta_a_of_both"
+    assert proposal.mapping.channels["delta_a_left"].sign == -alike
+    made = apply_mapping(columns, proposal.mapping).channels["delta_a"]
+    np.testing.assert_allclose(made.values, down)
+
+
+@pytest.mark.parametrize("key", ["delta_a", "delta_r"])
+@pytest.mark.parametrize("side", ["left", "right"])
+def test_one_side_stands_for_both_where_the_other_was_not_recorded(key, side, tmp_path):
+    channels = {name: x for name, x in flight().items() if name != key}
+    channels[f"{'aileron' if key == 'delta_a' else 'rudder'}_{side}"] = flight()[key]
+    columns, proposal = proposed(tmp_path, channels)
+    assert proposal.mapping.channels[key].derivation == f"{key}_of_{side}"
+    made = apply_mapping(columns, proposal.mapping).channels[key]
+    np.testing.assert_allclose(made.values, flight()[key])  # its sign is told by the motion
+
+
+def test_rates_made_of_the_attitude_are_not_proven_by_it(tmp_path):
+    channels = {key: x for key, x in flight().items() if key not in ("p", "r")}
+    _, proposal = proposed(tmp_path, channels)
+    for key in ("p", "r"):
+        assert len(proposal.guesses[key].reasons) == 1
+        assert proposal.guesses[key].confidence < 0.7

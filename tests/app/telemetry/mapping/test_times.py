@@ -1,0 +1,163 @@
+import numpy as np
+import pytest
+
+from app.telemetry.extent import extent
+from app.telemetry.mapping.applying import apply_mapping
+from app.telemetry.mapping.mapping import ChannelSource, Mapping, TimeSource
+from app.telemetry.mapping.proposal import propose
+from app.telemetry.recording import TelemetryError
+from tests.support.tables import columns_of
+
+N = 400
+EVEN = 0.02 * np.arange(N)
+SWING = 0.1 * np.sin(EVEN)
+
+
+def times_of(folder, table, **how):
+    proposal = propose(columns_of(folder, table, **how))
+    return proposal.mapping.times, proposal.guesses
+
+
+UNITS = {
+    "seconds": ("time", EVEN, "s"),
+    "milliseconds": ("time", 1e3 * EVEN, "ms"),
+    "microseconds": ("time", 1e6 * EVEN, "us"),
+    "nanoseconds": ("time", 2e9 + 1e9 * EVEN, "ns"),
+    "one a second": ("time", 10 + np.arange(float(N)), "s"),
+    "seconds of the day": ("irig", 43_000.0 + EVEN, "s"),
+    "1970 in seconds": ("timestamp", 1.7e9 + EVEN, "s"),
+    "1970 in milliseconds": ("timestamp", 1.7e12 + 1e3 * EVEN, "ms"),
+    "1970 in microseconds": ("timestamp", 1.7e15 + 1e6 * EVEN, "us"),
+    "1970 in nanoseconds": ("timestamp", 1.7e18 + 1e9 * EVEN, "ns"),
+    "days of a spreadsheet": ("time", 45_000.0 + EVEN / 86_400.0, "day"),
+    "days of MATLAB": ("time", 738_000.5 + EVEN / 86_400.0, "day"),
+}
+
+
+@pytest.mark.parametrize(("name", "values", "unit"), UNITS.values(), ids=UNITS)
+def test_the_unit_of_a_time_is_told_by_its_steps_and_origin(name, values, unit, tmp_path):
+    times, guesses = times_of(tmp_path, {"beta": SWING, name: values})
+    assert times == {"": TimeSource(name, unit)}
+    assert "no unit is said" in guesses["t:"].reasons[1]
+
+
+@pytest.mark.parametrize(
+    ("name", "said", "unit"),
+    [("t_ms", "", "ms"), ("time", "us", "us"), ("Time (sec)", "", "s"), ("time_h", "", "h")],
+)
+def test_a_unit_that_is_said_is_believed(name, said, unit, tmp_path):
+    times, guesses = times_of(tmp_path, {name: EVEN, "beta": SWING}, units={name: said})
+    assert times == {"": TimeSource(name, unit)}
+    assert f"counted in {unit}, as is said" in guesses["t:"].reasons[1]
+
+
+def test_a_unit_that_makes_no_sample_rate_is_doubted(tmp_path):
+    _, guesses = times_of(tmp_path, {"t_h": EVEN, "beta": SWING})
+    assert guesses["t:"].confidence < 0.6
+    assert "though that makes a sample every 72 s" in guesses["t:"].reasons[1]
+
+
+def test_what_the_format_declares_is_the_time(tmp_path):
+    table = {"g//time": EVEN, "g//stamp": 1e6 * EVEN, "g//beta": SWING}
+    times, guesses = times_of(tmp_path, table, times={"g": "stamp"}, units={"stamp": "us"})
+    assert times == {"g": TimeSource("stamp", "us")}
+    assert guesses["t:g"].confidence > 0.95
+
+
+def test_a_time_that_no_name_gives_away_is_found_by_its_even_steps(tmp_path):
+    table = {"beta": SWING, "column 1": EVEN, "x": np.cumsum(np.abs(SWING)) ** 2}
+    times, guesses = times_of(tmp_path, table)
+    assert times == {"": TimeSource("column 1", "s")}
+    assert guesses["t:"].confidence < 0.6
+
+
+@pytest.mark.parametrize(
+    "values",
+    [
+        np.arange(float(N)),
+        np.zeros(N),
+        np.full(N, np.nan),
+        np.random.default_rng(1).standard_normal(N),
+        np.cumsum(np.random.default_rng(1).exponential(size=N)),
+    ],
+    ids=["counter", "constant", "empty", "noise", "uneven"],
+)
+def test_a_group_without_a_time_is_not_used_and_says_so(values, tmp_path):
+    times, guesses = times_of(tmp_path, {"beta": SWING, "row": values})
+    assert times == {}
+    assert guesses["t:"].confidence == 0.0
+    assert guesses["t:"].reasons == ("none of its signals is a time, so it is not used: beta, row",)
+
+
+@pytest.mark.parametrize(
+    ("clock", "why"),
+    [
+        (np.zeros(N), f"t_s is 0 in all {N} rows"),
+        (np.full(N, np.nan), f"t_s holds no number in all {N} rows"),
+    ],
+    ids=["constant", "empty"],
+)
+def test_a_named_time_that_is_no_clock_is_blamed_and_not_the_names(clock, why, tmp_path):
+    columns = columns_of(tmp_path, {"t_s": clock, "beta_rad": SWING})
+    proposal = propose(columns)
+    why += ": it is no clock; choose another time"
+    assert proposal.guesses["t:"].reasons[0].startswith(why)
+    assert f"beta_rad is named as sideslip is, but has no time: {why}" in (
+        proposal.guesses["beta"].reasons
+    )
+    taken = Mapping({"beta": ChannelSource("beta_rad", "rad")}, {"": TimeSource("t_s", "s")})
+    for mapping in (proposal.mapping, taken):
+        with pytest.raises(TelemetryError, match=why):
+            apply_mapping(columns, mapping)
+
+
+def test_a_declared_time_that_is_no_clock_is_not_taken(tmp_path):
+    table = {"clock": np.zeros(N), "t_s": EVEN, "beta_rad": SWING}
+    columns = columns_of(tmp_path, table, times={"": "clock"})
+    assert propose(columns).mapping.times == {"": TimeSource("t_s", "s")}
+
+
+def test_a_name_alone_makes_no_time(tmp_path):
+    table = {"time": np.zeros(N), "elapsed": EVEN, "beta": SWING}
+    assert times_of(tmp_path, table)[0] == {"": TimeSource("elapsed", "s")}
+
+
+def test_clocks_that_repeat_step_back_and_miss_are_still_clocks(tmp_path):
+    clock = EVEN.copy()
+    clock[50:55] = clock[50]
+    clock[200:] -= 1.0
+    clock[300:310] = np.nan
+    assert times_of(tmp_path, {"time": clock, "beta": SWING})[0] == {"": TimeSource("time", "s")}
+
+
+def test_every_group_has_its_own_time_and_one_without_is_left_out(tmp_path):
+    table = {
+        "imu//timestamp": 1e6 * EVEN, "imu//gyro_x": SWING, "imu//gyro_z": SWING,
+        "adc//t_s": EVEN[::4], "adc//beta": SWING[::4],
+        "events//rudder": SWING[:3], "one//x": [1.0],
+    }  # fmt: skip
+    proposal = propose(columns_of(tmp_path, table))
+    assert proposal.mapping.times == {
+        "imu": TimeSource("timestamp", "us"),
+        "adc": TimeSource("t_s", "s"),
+    }
+    signals = {key: source.signal for key, source in proposal.mapping.channels.items()}
+    assert signals == {"beta": "beta", "p": "gyro_x", "r": "gyro_z"}
+    assert "it is not used: rudder" in proposal.guesses["t:events"].reasons[0]
+    assert "fewer than two rows" in proposal.guesses["t:one"].reasons[0]
+
+
+def test_a_spike_is_no_reach():
+    values = 0.05 * np.sin(np.arange(5000.0))
+    values[[100, 4000]] = 9999.0, -9999.0
+    assert extent(values).peak == pytest.approx(0.05, rel=0.01)
+    assert extent(values).highest == 9999.0
+
+
+def test_the_reach_of_few_or_no_values():
+    assert extent(np.array([1.0, -3.0])).peak == 3.0
+    assert extent(np.array([np.nan, np.inf])).peak == 0.0
+    assert extent(np.array([np.nan, np.inf])).empty
+    assert extent(np.empty(0)).empty
+    assert not extent(np.ones(5)).still
+    assert extent(np.ones(500)).still

@@ -1,0 +1,126 @@
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import jsonschema_rs
+import pytest
+import schemathesis
+from hypothesis import HealthCheck, settings
+from schemathesis import checks
+from schemathesis.python.asgi import get_client, shutdown_lifespans
+
+from app.catalog import catalog
+from app.main import create_app
+from app.settings import Settings
+from app.store.store import open_store
+from core.monitor import MonitorRecipe, train
+from tests.support.api import api
+from tests.support.recorded import RECORDINGS, csv_of, uploaded
+
+CHECKS = [
+    checks.not_a_server_error,
+    checks.status_code_conformance,
+    checks.content_type_conformance,
+    checks.response_headers_conformance,
+    checks.response_schema_conformance,
+    checks.unsupported_method,
+]
+EXAMPLES = 12
+
+schema = schemathesis.openapi.from_dict(create_app(Settings(data_dir=Path("unused"))).openapi())
+
+
+@pytest.fixture(scope="module")
+def known(tmp_path_factory, dataset, flights):
+    """A store with one of each; its settings and what a path parameter may be."""
+    data_dir = tmp_path_factory.mktemp("data")
+    kept = Settings(data_dir=data_dir, allowed_hosts=("testserver",), max_jobs=0, max_flights=2)
+    store = open_store(kept.url)
+    dataset_id = store.add_dataset(dataset, "oscillator").id
+    evaluation = {"n_test": 0, "n_unsafe": 0, "n_safe": 0}
+    monitor = train(replace(dataset, recipe={}), MonitorRecipe(epsilon=0.2))
+    monitor_id = store.add_monitor(monitor, "oscillator", dataset_id, evaluation).id
+    job_id = store.add_job("study", {})
+    store.update_job(job_id, status="done", result={"figures": {"a.svg": "<svg/>"}})
+    flight_id = store.add_flight({"kind": "simulated"}, monitor_id, 0.2)
+    store.end_flight(flight_id)
+    store.close()
+    with api(data_dir) as client:
+        path = f"{RECORDINGS}/{uploaded(client, csv_of(flights[0]))['id']}"
+        scoring = client.post(f"{path}/scorings", json={"monitor": monitor_id}).json()
+        marker = client.post(f"{path}/markers", json={"t": 1.0, "text": "gust"}).json()
+    ids = {
+        "dataset_id": dataset_id,
+        "monitor_id": monitor_id,
+        "job_id": job_id,
+        "flight_id": flight_id,
+        "recording_id": scoring["recording"],
+        "scoring_id": scoring["id"],
+        "marker_id": marker["id"],
+        "index": 0,
+        "name": "a.svg",
+    }
+    return kept, ids
+
+
+@pytest.fixture(scope="module")
+def session(known):
+    app: Any = create_app(known[0])
+    with get_client(app) as session:
+        yield session
+    shutdown_lifespans()
+
+
+@schema.parametrize()
+@settings(
+    max_examples=EXAMPLES,
+    deadline=None,
+    derandomize=True,
+    suppress_health_check=[
+        HealthCheck.too_slow,
+        HealthCheck.filter_too_much,
+        HealthCheck.function_scoped_fixture,
+        HealthCheck.large_base_example,
+    ],
+)
+def test_every_answer_is_one_that_the_document_names(case, session, known):
+    case.call_and_validate(app=session.app, session=session, checks=CHECKS)
+    ids = {key: known[1][key] for key in case.path_parameters if key in known[1]}
+    if ids and case.method != "DELETE":
+        case.path_parameters = case.path_parameters | ids
+        case.call_and_validate(app=session.app, session=session, checks=CHECKS)
+
+
+def test_every_operation_and_parameter_says_what_it_is(known):
+    document = create_app(known[0]).openapi()
+    assert "SI units" in document["info"]["description"]
+    for path, item in document["paths"].items():
+        for method, operation in item.items():
+            assert operation["description"], (method, path)
+            assert operation["tags"], (method, path)
+            for answer in operation["responses"].values():
+                assert answer["description"], (method, path)
+
+
+def test_errors_are_described_as_problems(known):
+    document = create_app(known[0]).openapi()
+    assert "HTTPValidationError" not in document["components"]["schemas"]
+    for path, item in document["paths"].items():
+        for method, operation in item.items():
+            for status, answer in operation["responses"].items():
+                if int(status) >= 400:
+                    assert list(answer["content"]) == ["application/problem+json"], (method, path)
+
+
+def test_orders_have_examples_that_fit_their_schema(known):
+    document = create_app(known[0]).openapi()
+    for path in ("/api/v1/datasets", "/api/v1/monitors", "/api/v1/studies"):
+        body = document["paths"][path]["post"]["requestBody"]["content"]["application/json"]
+        jsonschema_rs.validate(body["schema"], body["example"])
+
+
+def test_units_are_in_the_document(known):
+    document = create_app(known[0]).openapi()
+    body = document["paths"]["/api/v1/monitors"]["post"]["requestBody"]["content"]
+    assert body["application/json"]["schema"]["properties"]["t_early"]["x-unit"] == "s"
+    assert catalog()["recipes"]["dataset"]["schema"]["properties"]["dt"]["x-unit"] == "s"

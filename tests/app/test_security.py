@@ -1,0 +1,196 @@
+import socket
+
+import pytest
+from starlette.websockets import WebSocketDisconnect
+
+from app.security import API_POLICY, COOKIE, PAGE_POLICY, REFUSED, cookie_value
+from tests.support.api import ADDRESS, api, problem
+
+TOKEN = "a-token-of-a-good-length"
+STREAM = "/api/v1/flights/nothing/stream"
+
+
+@pytest.fixture(scope="module")
+def client(tmp_path_factory):
+    with api(tmp_path_factory.mktemp("data"), max_body_bytes=2048) as client:
+        yield client
+
+
+@pytest.fixture(scope="module")
+def guarded(tmp_path_factory):
+    data = tmp_path_factory.mktemp("guarded")
+    with api(data, host="0.0.0.0", token=TOKEN, allowed_hosts=("range.example",)) as client:
+        yield client
+
+
+@pytest.fixture(autouse=True)
+def no_cookies_left(guarded):
+    yield
+    guarded.cookies.clear()
+
+
+def refusal(client, path=STREAM, **headers):
+    """Why the guard refuses a WebSocket; empty where the route itself answers."""
+    try:
+        with client.websocket_connect(path, headers={"host": "127.0.0.1:8000"} | headers):
+            return ""
+    except WebSocketDisconnect as error:
+        return error.reason if error.code == REFUSED else ""
+
+
+@pytest.mark.parametrize("host", ["127.0.0.1", "127.0.0.1:9999", "localhost:8000", "[::1]:8000"])
+def test_this_machines_names_are_served(client, host):
+    assert client.get("/healthz", headers={"host": host}).status_code == 200
+    assert not refusal(client, host=host)
+
+
+@pytest.mark.parametrize(
+    "host", ["evil.example", "evil.example:8000", "127.0.0.1.evil.example", "192.168.1.5", "", "["]
+)
+def test_a_rebound_name_is_refused(client, host):
+    problem(client.get("/healthz", headers={"host": host}), 400)
+    assert "host" in refusal(client, host=host) or "called" in refusal(client, host=host)
+
+
+def test_two_hosts_are_refused(client):
+    headers = [("host", "127.0.0.1"), ("host", "evil.example")]
+    problem(client.get("/healthz", headers=headers), 400)
+
+
+def test_a_server_for_others_goes_by_its_addresses_and_allowed_names(guarded):
+    bearer = {"Authorization": f"Bearer {TOKEN}"}
+    for host in ("192.168.1.5:8000", "Range.example", "[fe80::1]:8000", socket.gethostname()):
+        assert guarded.get("/readyz", headers=bearer | {"host": host}).status_code == 200
+    problem(guarded.get("/readyz", headers=bearer | {"host": "evil.example"}), 400)
+
+
+@pytest.mark.parametrize(
+    "origin",
+    ["http://evil.example", "null", "http://127.0.0.1:8001", "http://localhost:8000", "file://"],
+)
+def test_another_sites_page_is_refused(client, origin):
+    for method in ("GET", "POST", "DELETE"):
+        answer = client.request(method, "/api/v1/datasets", headers={"origin": origin})
+        assert "another site" in problem(answer, 403)
+    assert "another site" in refusal(client, origin=origin)
+
+
+def test_the_servers_own_page_is_let_in(client):
+    assert client.get("/healthz", headers={"origin": ADDRESS}).status_code == 200
+    assert not refusal(client, origin=ADDRESS)
+
+
+def test_a_cross_site_form_without_origin_is_refused(client):
+    for site in ("cross-site", "same-site"):
+        headers = {"sec-fetch-site": site}
+        problem(client.post("/api/v1/datasets", headers=headers), 403)
+        assert client.get("/healthz", headers=headers).status_code == 200
+        assert "another site" in refusal(client, **headers)
+
+
+def test_everything_but_the_pulse_asks_for_the_token(guarded):
+    for path in ("/", "/api/v1/catalog", "/openapi.json", "/docs", "/metrics", "/readyz"):
+        answer = guarded.get(path)
+        problem(answer, 401)
+        assert answer.headers["www-authenticate"] == "Bearer"
+    assert guarded.get("/healthz").status_code == 200
+    assert "token" in refusal(guarded)
+    assert "token" in refusal(guarded, path="/scene/nothing")
+
+
+@pytest.mark.parametrize("given", ["", TOKEN[:-1], TOKEN + "x", TOKEN.upper(), "Ωmega"])
+def test_a_wrong_token_is_refused(guarded, given):
+    header = {"Authorization": f"Bearer {given}".encode()}
+    problem(guarded.get("/readyz", headers=header), 401)
+    assert "token" in refusal(guarded, path=f"{STREAM}?token={given}")
+    assert guarded.get("/login", params={"token": given}, follow_redirects=False).status_code == 401
+    assert COOKIE not in guarded.cookies
+
+
+def test_the_token_lets_in_by_header(guarded):
+    headers = {"Authorization": f"Bearer {TOKEN}"}
+    assert guarded.get("/readyz", headers=headers).status_code == 200
+    assert not refusal(guarded, **headers)
+
+
+def test_the_token_lets_in_by_query_on_a_websocket_only(guarded):
+    assert not refusal(guarded, path=f"{STREAM}?token={TOKEN}")
+    problem(guarded.get(f"/readyz?token={TOKEN}"), 401)
+
+
+@pytest.mark.parametrize("way", ["get", "post"])
+def test_a_login_leaves_a_cookie_that_is_not_the_token(guarded, way):
+    if way == "get":
+        answer = guarded.get("/login", params={"token": TOKEN}, follow_redirects=False)
+    else:
+        answer = guarded.post("/login", data={"token": TOKEN}, follow_redirects=False)
+    assert (answer.status_code, answer.headers["location"]) == (303, "/")
+    cookie = answer.headers["set-cookie"]
+    assert "HttpOnly" in cookie
+    assert "SameSite=strict" in cookie
+    assert TOKEN not in cookie
+    assert guarded.get("/readyz").status_code == 200
+    assert not refusal(guarded, cookie=cookie.partition(";")[0])
+
+
+def test_a_forged_cookie_is_refused(guarded):
+    for forged in (TOKEN, cookie_value("another-token-of-length"), "é"):
+        header = {"cookie": f"{COOKIE}={forged}".encode()}
+        problem(guarded.get("/readyz", headers=header), 401)
+
+
+def test_a_browser_without_the_token_is_asked_for_it(guarded):
+    answer = guarded.get("/", headers={"accept": "text/html"}, follow_redirects=False)
+    assert (answer.status_code, answer.headers["location"]) == (303, "/login")
+    page = guarded.get("/login")
+    assert page.status_code == 200
+    assert 'type="password"' in page.text
+    assert TOKEN not in page.text
+
+
+def test_a_login_of_any_size_is_refused_whole(guarded):
+    answer = guarded.post("/login", data={"token": TOKEN + "x" * 10_000}, follow_redirects=False)
+    assert answer.status_code == 401
+
+
+def test_a_body_is_limited_whether_its_length_is_said_or_not(client):
+    kind = {"content-type": "application/json"}
+
+    def endless():
+        for _ in range(1000):
+            yield b" " * 1024
+
+    for body in (b" " * 2049, endless()):
+        answer = client.post("/api/v1/datasets", content=body, headers=kind)
+        assert "2048 bytes" in problem(answer, 413)
+    assert client.post("/api/v1/datasets", content=b" " * 2048, headers=kind).status_code == 422
+
+
+@pytest.mark.parametrize(
+    ("path", "policy"),
+    [("/healthz", PAGE_POLICY), ("/api/v1/catalog", API_POLICY), ("/api/v1/no", API_POLICY)],
+)
+def test_every_answer_has_its_policy_and_headers(client, path, policy):
+    headers = client.get(path).headers
+    assert headers["content-security-policy"] == policy
+    assert headers["x-content-type-options"] == "nosniff"
+    assert headers["referrer-policy"] == "same-origin"
+    assert headers["cross-origin-resource-policy"] == "same-origin"
+    assert "server" not in headers
+
+
+def test_refusals_have_the_headers_too(guarded):
+    answer = guarded.get("/api/v1/catalog")
+    assert answer.status_code == 401
+    assert answer.headers["content-security-policy"] == API_POLICY
+    assert answer.headers["cache-control"] == "no-store"
+
+
+def test_no_policy_lets_anything_in_from_outside():
+    for policy in (PAGE_POLICY, API_POLICY):
+        assert policy.startswith("default-src 'none'")
+        assert "http" not in policy
+        assert "*" not in policy
+        assert "unsafe-eval" not in policy
+    scripts = next(part for part in PAGE_POLICY.split("; ") if part.startswith("script-src"))
+    assert scripts == "script-src 'self'"

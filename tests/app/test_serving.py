@@ -1,0 +1,153 @@
+import json
+import os
+import re
+import signal
+import socket
+import subprocess
+import sys
+import time
+from base64 import b64encode
+from contextlib import contextmanager
+from typing import Any
+
+import httpx
+import pytest
+
+from app.cli import main
+from app.commands.demo import NAME, prepare
+from app.serving import address_of, alone, listen
+from app.settings import Settings, SettingsError
+from app.store.store import open_store
+from core.monitor import MonitorRecipe, train
+from tests.support.api import served
+
+PATIENCE = 60
+
+
+@contextmanager
+def command(*arguments, **environment):
+    """A `forewarn` of its own; the process and the address it printed."""
+    call = [sys.executable, "-c", "from app.cli import main; raise SystemExit(main())", *arguments]
+    given = os.environ | environment
+    with subprocess.Popen(call, stdout=subprocess.PIPE, text=True, env=given) as process:
+        try:
+            assert process.stdout is not None
+            line = next((line for line in process.stdout if "http" in line), "")
+            yield process, re.search(r"http://[^/ ]+", line)[0]  # pyright: ignore
+        finally:
+            process.kill()
+
+
+def settled(address, path, status):
+    """Follow a job's events until it has a status."""
+    with httpx.stream("GET", f"{address}{path}/events", timeout=PATIENCE) as stream:
+        for line in stream.iter_lines():
+            if line.startswith("data: "):
+                job = json.loads(line.removeprefix("data: "))
+                if job["status"] == status:
+                    return job
+    raise AssertionError(f"{path} never was {status}")
+
+
+def test_a_server_serves_its_page_and_stops_when_told(tmp_path):
+    with command("serve", "--data-dir", str(tmp_path), "--port", "0") as (process, address):
+        page = httpx.get(address)
+        assert page.status_code == 200
+        assert page.headers["content-type"].startswith("text/html")
+        assert "script-src 'self'" in page.headers["content-security-policy"]
+        process.send_signal(signal.SIGINT)
+        assert process.wait(PATIENCE) == 0
+
+
+def test_after_a_kill_the_job_is_interrupted_and_the_flight_too(tmp_path, dataset):
+    settings = Settings(data_dir=tmp_path)
+    store = open_store(settings.url)
+    monitor = store.add_monitor(train(dataset, MonitorRecipe(epsilon=0.2)), "oscillator").id
+    store.close()
+    endless = {"n_unsafe": 2000, "maneuver": {"duration_s": 60.0}, "max_safe": 10}
+    with command("serve", "--data-dir", str(tmp_path), "--port", "0") as (process, address):
+        source = {"kind": "simulated", "recipe": {"n_unsafe": 2}}
+        flown = httpx.post(f"{address}/api/v1/flights", json={"source": source, "monitor": monitor})
+        assert flown.status_code == 201, flown.text
+        job = httpx.post(f"{address}/api/v1/datasets", json=endless).headers["location"]
+        settled(address, job, "running")
+        process.kill()
+        process.wait(PATIENCE)
+    store = open_store(settings.url)
+    assert store.job(job.rpartition("/")[2]).status == "interrupted"
+    assert store.flight(flown.json()["id"]).status == "interrupted"
+    assert store.damage() == []
+    store.close()
+
+
+def test_a_second_server_of_the_same_data_is_refused(tmp_path):
+    settings = Settings(data_dir=tmp_path)
+    with (
+        alone(settings),
+        pytest.raises(SettingsError, match="another forewarn serves"),
+        alone(settings),
+    ):
+        pass
+    with alone(settings):
+        pass
+
+
+def test_a_refusal_is_one_line(tmp_path, capsys):
+    assert main(["serve", "--data-dir", str(tmp_path), "--host", "0.0.0.0"]) == 1
+    assert capsys.readouterr().err.count("\n") == 1
+    with socket.socket() as taken:
+        taken.bind(("127.0.0.1", 0))
+        port = str(taken.getsockname()[1])
+        assert main(["serve", "--data-dir", str(tmp_path), "--port", port]) == 1
+    assert "choose another port with --port" in capsys.readouterr().err
+
+
+def test_the_socket_gives_up_on_watchers_that_do_not_read(tmp_path):
+    settings = Settings(data_dir=tmp_path, port=0)
+    listening = listen(settings)
+    try:
+        assert listening.getsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT) == 5000
+        assert address_of(listening, settings).startswith("http://127.0.0.1:")
+    finally:
+        listening.close()
+
+
+def test_a_watcher_has_a_small_buffer_and_a_download_a_large_one(tmp_path):
+    with served(tmp_path) as (address, server):
+        host, port = address.removeprefix("http://").split(":")
+
+        def buffer_after(request):
+            """Of the server's end of a connection that has asked and reads nothing [bytes]."""
+            with socket.create_connection((host, int(port)), PATIENCE) as connection:
+                connection.sendall(f"GET {request}\r\nHost: 127.0.0.1\r\n\r\n".encode())
+                connection.recv(1)
+                (protocol,) = server.server_state.connections
+                end: Any = protocol
+                return end.transport.get_extra_info("socket").getsockopt(
+                    socket.SOL_SOCKET, socket.SO_SNDBUF
+                )
+
+        upgrade = "Upgrade: websocket\r\nConnection: Upgrade\r\nSec-WebSocket-Version: 13\r\n"
+        upgrade += f"Sec-WebSocket-Key: {b64encode(bytes(16)).decode()}"
+        watched = buffer_after(f"/api/v1/flights/none/stream HTTP/1.1\r\n{upgrade}")
+        # the kernel counts its own bookkeeping too, and says twice what was asked for
+        assert watched <= 2 * 32_768
+        until = time.monotonic() + PATIENCE
+        while server.server_state.connections:
+            assert time.monotonic() < until
+        assert buffer_after("/healthz HTTP/1.1") > 2 * watched
+
+
+def test_the_demonstration_flies_and_keeps_its_monitor(tmp_path):
+    arguments = ("demo", "--data-dir", str(tmp_path), "--port", "0", "--no-browser")
+    with command(*arguments) as (_, address):
+        flight = httpx.get(f"{address}/api/v1/flights").json()[0]
+        assert flight["status"] == "running"
+        assert flight["transport"]["loop"] is True
+        assert flight["fail_t"] is not None
+    store = open_store(Settings(data_dir=tmp_path).url)
+    said = []
+    (monitor,) = store.monitors()
+    assert prepare(store, said.append) == monitor.id
+    assert said == [f"the monitor {NAME!r} is there already"]
+    store.close()

@@ -1,0 +1,299 @@
+"""The portable monitor: to the bit, whole or not at all, and never more than data."""
+
+import hashlib
+import io
+import json
+import os
+import pickle
+from collections.abc import Callable
+from dataclasses import fields, replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from core import __version__
+from core.dataset import Dataset
+from core.monitor import Monitor, MonitorRecipe, load, train
+from core.monitor.portable import MonitorFileError, to_bytes
+from core.monitor.predictor import PREDICTORS, PrincipalComponents
+from core.monitor.score import SCORES, NegativeMagnitude
+from core.monitor.support import Support
+from tests.support.oscillator import DT, THETA, Array
+
+RECIPES = {
+    "simple": MonitorRecipe(),
+    "exact trajectory": MonitorRecipe(p_value="exact", t_early=0.3, n_delay=3, epsilon=0.2),
+    "exact pointwise": MonitorRecipe(p_value="exact", calibration="pointwise", scaling="raw"),
+    "pca": MonitorRecipe(predictor=PrincipalComponents(4), score=SCORES["unsafe_distance"]),
+    "magnitude": MonitorRecipe(predictor=PREDICTORS["last_output"], score=NegativeMagnitude("r")),
+}
+
+
+@pytest.fixture(scope="module")
+def blob(dataset: Dataset) -> bytes:
+    return to_bytes(train(dataset))
+
+
+def same(a: object, b: object) -> bool:
+    """Whether two values are equal to the bit, through tuples."""
+    if isinstance(a, np.ndarray) and isinstance(b, np.ndarray):
+        return a.dtype == b.dtype and a.shape == b.shape and a.tobytes() == b.tobytes()
+    if isinstance(a, tuple) and isinstance(b, tuple):
+        return len(a) == len(b) and all(map(same, a, b))
+    return type(a) is type(b) and a == b
+
+
+@pytest.mark.parametrize("name", RECIPES)
+def test_a_loaded_monitor_is_the_saved_one_to_the_bit(
+    name: str, dataset: Dataset, flights: Array, tmp_path: Path
+) -> None:
+    monitor, path = train(dataset, RECIPES[name]), tmp_path / "m.fwm"
+    monitor.save(path)
+    loaded = load(str(path))
+    for field in fields(Monitor):
+        assert same(getattr(loaded, field.name), getattr(monitor, field.name)), field.name
+    for y in flights:
+        assert loaded.p_values(y).tobytes() == monitor.p_values(y).tobytes()
+    said, before = (m.stream().update(0, flights[0][0]).as_dict() for m in (loaded, monitor))
+    assert said == before
+    assert to_bytes(loaded) == to_bytes(monitor)
+
+
+def with_support(dataset: Dataset, **changes: object) -> Monitor:
+    """A monitor that claims to have its validity calibrated."""
+    safe, unsafe = (np.sort(np.random.default_rng(n).random((n, 2)), axis=0) for n in (130, 120))
+    support = Support(np.arange(1.0, 7.0), safe, unsafe, n_samples=61, level=0.03)
+    return replace(train(dataset), support=replace(support, **changes))  # pyright: ignore
+
+
+def test_a_support_comes_back_to_the_bit(dataset: Dataset, flights: Array, tmp_path: Path) -> None:
+    monitor = with_support(dataset)
+    monitor.save(tmp_path / "m.fwm")
+    loaded = load(tmp_path / "m.fwm")
+    assert loaded.support is not None
+    for field in fields(Support):
+        assert same(getattr(loaded.support, field.name), getattr(monitor.support, field.name))
+    assert to_bytes(loaded) == to_bytes(monitor)
+    assert loaded.p_values(flights[0]).tobytes() == train(dataset).p_values(flights[0]).tobytes()
+
+
+def test_only_a_support_asks_for_format_2(dataset: Dataset, blob: bytes, tmp_path: Path) -> None:
+    """A file of format 1, of an older program or without validity, is read as not calibrated."""
+    assert to_bytes(with_support(dataset)).startswith(b"FOREWARN MONITOR 2\n")
+    assert blob.startswith(b"FOREWARN MONITOR 1\n")
+    (tmp_path / "m.fwm").write_bytes(blob)
+    assert load(tmp_path / "m.fwm").support is None
+
+
+NONSENSE = {
+    "a level nobody can serve": {"level": 0.01},
+    "numbers that are not sorted": {"safe": np.arange(300.0, 0.0, -1).reshape(150, 2)},
+    "what is no number": {"unsafe": np.full((150, 2), np.nan)},
+    "no flight": {"unsafe": np.empty((0, 2))},
+    "another shape": {"sigma": np.ones(5)},
+}
+
+
+@pytest.mark.parametrize("nonsense", NONSENSE)
+def test_a_support_that_makes_no_sense_is_refused(
+    nonsense: str, dataset: Dataset, tmp_path: Path
+) -> None:
+    content = to_bytes(with_support(dataset, **NONSENSE[nonsense]))
+    assert "holds a monitor that this program cannot rebuild" in refusal(
+        content, tmp_path / "m.fwm"
+    )
+
+
+def test_the_header_says_where_a_monitor_comes_from(dataset: Dataset, blob: bytes) -> None:
+    title, digest, body = blob.split(b"\n", 2)
+    assert title == b"FOREWARN MONITOR 1"
+    assert digest.decode() == hashlib.sha256(body).hexdigest()
+    with np.load(io.BytesIO(body), allow_pickle=False) as archive:
+        header = json.loads(archive["header"].tobytes())
+        assert sorted(archive["alphas"]) == archive["alphas"].tolist()
+    assert header["recipe"]["predictor"] == {"kind": "linear"}
+    assert header["recipe"]["score"] == {"kind": "nearest_neighbor"}
+    assert header["recipe"]["epsilon"] == 0.1
+    assert header["seed"] == 7
+    assert header["version"] == __version__
+    assert header["dataset_digest"] == dataset.digest()
+    assert header["dataset_recipe"] == {"aircraft": "oscillator"}
+    assert header["theta_names"] == list(THETA)
+    assert (header["dt"], header["h"], header["n_early"]) == (DT, 5, 0)
+
+
+def test_the_digest_tells_datasets_apart(dataset: Dataset) -> None:
+    digests = {dataset.digest(), replace(dataset, dt=0.04).digest()}
+    for name in ("unsafe", "fail_index", "safe", "safe_times"):
+        changed = getattr(dataset, name).copy()
+        changed.flat[0] += 1
+        digests.add(replace(dataset, **{name: changed}).digest())
+    assert len(digests) == 6
+    assert replace(dataset, unsafe=dataset.unsafe.copy()).digest() == dataset.digest()
+
+
+@pytest.mark.parametrize("name", RECIPES)
+def test_a_recipe_survives_json(name: str) -> None:
+    text = json.dumps(RECIPES[name].to_json())
+    assert MonitorRecipe.from_json(json.loads(text)) == RECIPES[name]
+
+
+def test_every_pair_of_predictor_and_score_survives_json() -> None:
+    for predictor in PREDICTORS.values():
+        for score in SCORES.values():
+            if score.channel < 0 or predictor.maps_to_outputs:
+                recipe = MonitorRecipe(predictor=predictor, score=score)
+                assert MonitorRecipe.from_json(json.loads(json.dumps(recipe.to_json()))) == recipe
+
+
+# --- what is refused -----------------------------------------------------------------------------
+
+
+def refusal(content: bytes, path: Path) -> str:
+    path.write_bytes(content)
+    with pytest.raises(MonitorFileError) as error:
+        load(path)
+    assert str(path) in str(error.value)
+    return str(error.value)
+
+
+def signed(body: bytes) -> bytes:
+    return b"FOREWARN MONITOR 1\n" + hashlib.sha256(body).hexdigest().encode() + b"\n" + body
+
+
+def test_a_file_cut_off_anywhere_is_refused(blob: bytes, tmp_path: Path) -> None:
+    for length in [*range(100), *range(100, len(blob), 997), len(blob) - 1]:
+        message = refusal(blob[:length], tmp_path / "m.fwm")
+        if length <= len(b"FOREWARN MONITOR "):
+            assert "is not a Forewarn monitor: choose a file written by" in message
+        else:
+            assert "is cut off or was altered, its digest does not match" in message
+    assert "is cut off or was altered" in refusal(blob + b"\0", tmp_path / "m.fwm")
+
+
+def test_a_file_with_any_byte_changed_is_refused(blob: bytes, tmp_path: Path) -> None:
+    for position in [*range(120), *range(120, len(blob), 499)]:
+        for bit in (1, 0x80) if position >= 30 else (1, 2, 4, 8, 16, 32, 64, 128):
+            altered = bytearray(blob)
+            altered[position] ^= bit
+            refusal(bytes(altered), tmp_path / "m.fwm")
+
+
+def test_a_newer_format_is_refused(blob: bytes, tmp_path: Path) -> None:
+    message = refusal(blob.replace(b"MONITOR 1", b"MONITOR 12", 1), tmp_path / "m.fwm")
+    assert "has monitor format 12, this program reads up to 2: upgrade forewarn" in message
+
+
+@pytest.mark.parametrize(
+    "content", [b"", b"\n\n", b"beta,p,r\n0,0,0\n", b"PK\x03\x04", b"FOREWARN MONITOR x\n"]
+)
+def test_another_kind_of_file_is_refused(content: bytes, tmp_path: Path) -> None:
+    assert "is not a Forewarn monitor" in refusal(content, tmp_path / "m.fwm")
+
+
+def test_a_missing_file_and_a_directory_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(MonitorFileError, match=r"cannot be read \(No such file or directory\)"):
+        load(tmp_path / "none.fwm")
+    with pytest.raises(MonitorFileError, match=r"cannot be read \(Is a directory\)"):
+        load(tmp_path)
+
+
+def test_a_pickle_is_never_opened(blob: bytes, tmp_path: Path) -> None:
+    """Neither an archive with an object array nor a bare pickle, however well signed."""
+    with np.load(io.BytesIO(blob.split(b"\n", 2)[2])) as archive:
+        arrays = dict(archive)
+    arrays["alphas"] = np.array([Trap(tmp_path / "sprung")], object)
+    crafted = io.BytesIO()
+    np.savez(crafted, **arrays)  # pyright: ignore[reportArgumentType]
+    for body in (crafted.getvalue(), pickle.dumps(Trap(tmp_path / "sprung"))):
+        assert "holds no monitor" in refusal(signed(body), tmp_path / "m.fwm")
+    assert not (tmp_path / "sprung").exists()
+    pickle.loads(pickle.dumps(Trap(tmp_path / "sprung")))
+    assert (tmp_path / "sprung").exists()
+
+
+class Trap:
+    """Leaves a directory behind when unpickled."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+
+    def __reduce__(self) -> tuple[Callable, tuple]:
+        return os.mkdir, (str(self.path),)
+
+
+@pytest.mark.parametrize("body", [b"", b"PK\x05\x06" + bytes(18)])
+def test_a_signed_file_without_a_monitor_is_refused(body: bytes, tmp_path: Path) -> None:
+    assert "holds no monitor" in refusal(signed(body), tmp_path / "m.fwm")
+
+
+def test_an_unknown_predictor_is_refused(blob: bytes, tmp_path: Path) -> None:
+    with np.load(io.BytesIO(blob.split(b"\n", 2)[2])) as archive:
+        arrays = dict(archive)
+    header = arrays["header"].tobytes().replace(b'"linear"', b'"oracle"')
+    arrays["header"] = np.frombuffer(header, np.uint8)
+    crafted = io.BytesIO()
+    np.savez(crafted, **arrays)  # pyright: ignore[reportArgumentType]
+    assert "oracle" in refusal(signed(crafted.getvalue()), tmp_path / "m.fwm")
+
+
+@pytest.mark.parametrize(
+    ("name", "change", "message"),
+    [
+        ("matrix", lambda a: a[:-1], "matrix is float64"),
+        ("offset", lambda a: a[:-1], "5 entries instead of 6"),
+        ("scale", lambda a: a[:2], "scale is float64"),
+        ("alphas", lambda a: a[None], "alphas is float64"),
+        ("safe_points", lambda a: a[:, :3], "safe points is float64"),
+        ("safe_points", lambda a: a.astype(np.float32), "safe points is float32"),
+        ("safe_where", lambda a: a[:-1], "safe where has shape"),
+        ("safe_where", lambda a: a + 10**6, "safe where holds numbers outside"),
+        ("unsafe_where", lambda a: a - 10**6, "unsafe where holds numbers outside"),
+        ("theta_unsafe", lambda a: a[:, :0], "theta unsafe is float64"),
+        ("exact_start", lambda a: a + 10**6, "exact start holds numbers outside"),
+        ("exact_start", lambda a: a[::-1].copy(), "exact start does not delimit"),
+        ("exact_start", lambda a: a[:0], "exact points belong to no failure"),
+        ("exact_unsafe", lambda a: a[:-1], "exact unsafe is float64"),
+    ],
+)
+def test_signed_arrays_that_do_not_fit_together_are_refused(
+    name: str, change, message: str, dataset: Dataset, tmp_path: Path
+) -> None:
+    monitor = train(dataset, MonitorRecipe(p_value="exact"))
+    body = to_bytes(monitor).split(b"\n", 2)[2]
+    with np.load(io.BytesIO(body)) as archive:
+        arrays = dict(archive)
+    crafted = io.BytesIO()
+    np.savez(crafted, **arrays | {name: change(arrays[name])})  # pyright: ignore
+    assert message in refusal(signed(crafted.getvalue()), tmp_path / "monitor.fwm")
+
+
+# --- saving --------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("fails", ["fsync", "chmod", "replace"])
+def test_an_interrupted_save_leaves_the_old_file_and_nothing_else(
+    fails: str, dataset: Dataset, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "m.fwm"
+    path.write_bytes(b"the old one")
+
+    def interrupt(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(os, fails, interrupt)
+    with pytest.raises(KeyboardInterrupt):
+        train(dataset).save(path)
+    assert path.read_bytes() == b"the old one"
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_saving_replaces_the_old_file_and_leaves_nothing_else(
+    dataset: Dataset, blob: bytes, tmp_path: Path
+) -> None:
+    path = tmp_path / "m.fwm"
+    path.write_bytes(b"the old one, which is longer in places" * 10_000)
+    train(dataset).save(path)
+    assert path.read_bytes() == blob
+    assert list(tmp_path.iterdir()) == [path]

@@ -1,0 +1,409 @@
+"""Validity: statistics against brute force, p-values against fractions, stream against batch."""
+
+from dataclasses import astuple, replace
+from fractions import Fraction
+from itertools import product
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from core.channels import KEYS
+from core.dataset import Dataset
+from core.monitor import Assessments, Monitor, MonitorRecipe, State, train
+from core.monitor.assessment import STATES
+from core.monitor.predictor import PREDICTORS
+from core.monitor.score import SCORES
+from core.monitor.support import (
+    FINEST,
+    LEVEL,
+    Support,
+    SupportError,
+    calibrate,
+    residual_deviation,
+)
+from core.monitor.validity import Running, excursion_of, judge
+from tests.support import oscillator
+from tests.support.oscillator import DT, N_SAMPLES, NY, TIMES, Array
+
+DELTA_A = KEYS.index("delta_a")
+PAIRS = [
+    (predictor, score)
+    for predictor, score in product(PREDICTORS, SCORES)
+    if SCORES[score].channel < 0 or PREDICTORS[predictor].maps_to_outputs
+]
+
+
+def batches(seed: int = 3, n: int = 1_000):
+    """Fresh flights of the oscillator, without an end."""
+    rng = np.random.default_rng(seed)
+    while True:
+        y = oscillator.fly(rng, n)[1]
+        yield y, oscillator.fail_indices(y)
+
+
+def supported(dataset: Dataset, recipe: MonitorRecipe | None = None) -> Monitor:
+    monitor = train(dataset, recipe)
+    return replace(monitor, support=calibrate(monitor, dataset, batches()))
+
+
+@pytest.fixture(scope="module")
+def monitor(dataset: Dataset) -> Monitor:
+    return supported(dataset)
+
+
+def support_of(monitor: Monitor) -> Support:
+    assert monitor.support is not None
+    return monitor.support
+
+
+def rough_flight(seed: int) -> tuple[Array, Array]:
+    """t, y of a flight with a NaN, a repeated time, a gap, and a clock that is not a number."""
+    rng = np.random.default_rng(seed)
+    y = oscillator.fly(rng, 1)[1][0]
+    t = TIMES.copy()
+    y[rng.integers(1, 20), rng.integers(6)] = np.nan
+    t[30:] += 4 * DT
+    t[rng.integers(35, 40) :] -= DT
+    t[50] = np.nan
+    return t, y
+
+
+# --- the statistics, by brute force --------------------------------------------------------------
+
+
+def brute_force(monitor: Monitor, t: Array, y: Array, said: Assessments) -> Array:
+    """(n, 2) largest residual and distance by each sample, from the assessments and points."""
+    sigma, affine = support_of(monitor).sigma, monitor.affine
+    n_delay, h = monitor.recipe.n_delay, monitor.h
+    kept = [i for i in range(len(t)) if STATES[said.state[i]] is not State.STALE]
+    reached = np.zeros((len(t), 2))
+    for at, i in enumerate(kept):
+        residual = distance = 0.0
+        if STATES[said.state[i]] is State.OK:
+            rows = [kept[max(at - lag, 0)] for lag in range(n_delay, -1, -1)]
+            z = y[rows].ravel() @ affine.matrix + affine.offset
+            distance = np.sqrt(((monitor.safe_points - z) ** 2).sum(axis=1).min())
+            since = kept[at - h : at + 1] if at >= h else []
+            unbroken = all(STATES[said.state[j]] is State.OK for j in since)
+            if since and unbroken and (np.diff(t[since]) < 1.5 * DT).all():
+                residual = (np.abs(y[i] - said.y_hat[since[0]]) / sigma).max()
+        reached[i] = residual, distance
+    return np.fmax.accumulate(reached, axis=0)
+
+
+@pytest.mark.parametrize("n_delay", [0, 2])
+@pytest.mark.parametrize(("predictor", "score"), PAIRS)
+def test_statistics_equal_brute_force(
+    predictor: str, score: str, n_delay: int, dataset: Dataset
+) -> None:
+    recipe = MonitorRecipe(
+        predictor=PREDICTORS[predictor], score=SCORES[score], n_delay=n_delay, scaling="raw"
+    )
+    monitor = supported(dataset, recipe)
+    for seed in range(3):
+        for t, y in (
+            rough_flight(seed),
+            (TIMES, oscillator.fly(np.random.default_rng(seed), 1)[1][0]),
+        ):
+            said = monitor.assess(t, y)
+            _, reached = excursion_of(monitor, support_of(monitor), t, y, said)
+            expected = brute_force(monitor, t, y, said)
+            np.testing.assert_allclose(reached[:, 1], expected[:, 1], rtol=1e-6)
+            if PREDICTORS[predictor].forecasts:
+                np.testing.assert_allclose(reached[:, 0], expected[:, 0], rtol=1e-12)
+                assert reached[-1, 0] > 0
+            else:
+                assert not reached[:, 0].any()
+
+
+def test_sigma_is_the_deviation_of_training_residuals(dataset: Dataset) -> None:
+    monitor = train(dataset)
+    residuals = []
+    for y, times in zip(dataset.safe, dataset.safe_times, strict=True):
+        y_hat = monitor.assess(TIMES, y).y_hat
+        residuals += [y[k + 5] - y_hat[k] for k in times if k + 5 < N_SAMPLES]
+    expected = np.sqrt(np.mean(np.square(residuals), axis=0))
+    np.testing.assert_allclose(residual_deviation(monitor, dataset), expected, rtol=1e-9)
+
+
+def test_sigma_of_a_channel_that_never_moves_is_what_a_sensor_resolves(dataset: Dataset) -> None:
+    still = still_aileron(dataset)
+    assert residual_deviation(train(still), still)[DELTA_A] == FINEST
+
+
+def test_calibration_flights_are_measured_as_a_flight_is(monitor: Monitor) -> None:
+    """Each column of the support is made of what `excursion_of` says of its flights, sorted."""
+    y, fail = next(batches())
+    support, found = support_of(monitor), []
+    for i in np.flatnonzero(fail < N_SAMPLES):
+        t = TIMES[: fail[i] + 1]
+        said = monitor.assess(t, y[i, : fail[i] + 1])
+        found.append(excursion_of(monitor, support, t, y[i], said)[1][-1])
+    assert np.sort(found, axis=0).tobytes() == support.unsafe.tobytes()
+    assert len(support.safe) + len(support.unsafe) == len(y)
+    assert support.n_samples == N_SAMPLES
+
+
+# --- p-values and the rule -----------------------------------------------------------------------
+
+numbers = st.lists(st.integers(0, 12), min_size=19, max_size=60)
+
+
+@given(
+    safe=numbers,
+    unsafe=numbers,
+    residual=st.integers(-1, 13),
+    distance=st.integers(-1, 13),
+    level=st.fractions(Fraction(1, 10), Fraction(1, 2)),
+    forecasts=st.booleans(),
+)
+def test_invalid_iff_the_exact_combined_p_value_is_at_most_the_level(
+    safe: list[int],
+    unsafe: list[int],
+    residual: int,
+    distance: int,
+    level: Fraction,
+    forecasts: bool,
+) -> None:
+    """Ties and equality included; each column is half the other, to tell them apart."""
+    kinds = [np.sort(np.column_stack([kind, kind]) / [1, 2], axis=0) for kind in (safe, unsafe)]
+    sigma = np.full(6, 1.0 if forecasts else np.nan)
+    support = Support(sigma, kinds[0], kinds[1], 61)
+    reached = np.array([residual, distance / 2])
+
+    def exact(kind: list[int], value: int) -> Fraction:
+        return Fraction(1 + sum(x >= value for x in kind), len(kind) + 1)
+
+    p = {1: max(exact(safe, distance), exact(unsafe, distance))}
+    if forecasts:
+        p[0] = max(exact(safe, residual), exact(unsafe, residual))
+    combined = min(Fraction(1), len(p) * min(p.values()))
+    found = support.p_values(reached[None])
+    for k, value in p.items():
+        assert found[0, k] == pytest.approx(float(value), rel=1e-12)
+    assert np.isnan(found[0, 0]) != forecasts
+    assert support.combined(found)[0] == pytest.approx(float(combined), rel=1e-12)
+    is_invalid = (reached > support.bounds(float(level))).any()
+    assert is_invalid == (combined <= level)
+
+
+def test_a_level_that_the_calibration_cannot_serve_is_refused(monitor: Monitor) -> None:
+    support = replace(support_of(monitor), unsafe=support_of(monitor).unsafe[:98])
+    assert support.smallest_level == 2 / 99
+    with pytest.raises(SupportError, match=r"level=0\.02 needs 99 fresh .* 98 failing .* 0\.0203"):
+        support.check_level(0.02)
+    assert support.check_level(0.0203) == 0.0203
+    with pytest.raises(SupportError, match="a share lies between 0 and 1"):
+        support.bounds(1.0)
+
+
+def test_calibration_ends_once_both_kinds_serve_the_level(dataset: Dataset) -> None:
+    """Never before LEAST flights; only labels decide."""
+    monitor, taken = train(dataset), 0
+
+    def small():
+        nonlocal taken
+        for y, fail in batches(n=100):
+            taken += 1
+            yield y, fail
+
+    calibrate(monitor, dataset, small())
+    assert taken == 10
+    rare = ((y, np.where(np.arange(len(y)) < 9, fail, N_SAMPLES)) for y, fail in batches(n=250))
+    support = calibrate(monitor, dataset, rare)
+    assert len(support.unsafe) >= 99
+    assert len(support.safe) > 1_000
+    assert support.level == LEVEL
+
+
+def test_too_few_flights_of_one_kind_raise_the_level_or_are_refused(dataset: Dataset) -> None:
+    monitor = train(dataset)
+    y, fail = next(batches())
+    failing = np.flatnonzero(fail < N_SAMPLES)
+
+    def with_failing(n: int):
+        chosen = np.concatenate([np.flatnonzero(fail == N_SAMPLES), failing[:n]])
+        return [(y[chosen], fail[chosen])]
+
+    support = calibrate(monitor, dataset, with_failing(39))
+    assert support.level == support.smallest_level == 2 / 40
+    with pytest.raises(SupportError, match=r"\d+ stayed safe and 18 failed, 19 of either"):
+        calibrate(monitor, dataset, with_failing(18))
+
+
+# --- one verdict a manoeuvre ---------------------------------------------------------------------
+
+
+def test_a_flight_like_the_simulated_ones_is_valid(monitor: Monitor, flights: Array) -> None:
+    verdicts = [judge(monitor, TIMES, y, monitor.assess(TIMES, y)) for y in flights]
+    assert [verdict.valid for verdict in verdicts] == [True] * len(flights)
+    for verdict in verdicts:
+        assert verdict.reasons == ()
+        assert verdict.level == LEVEL
+        assert verdict.p_value is not None
+        assert verdict.p_value > LEVEL
+
+
+def test_support_changes_no_assessment(monitor: Monitor, dataset: Dataset, flights: Array) -> None:
+    bare = train(dataset)
+    for y in flights[:5]:
+        one, other = (m.assess(TIMES, y) for m in (monitor, bare))
+        judge(monitor, TIMES, y, one)
+        for name in Assessments.__dataclass_fields__:
+            assert getattr(one, name).tobytes() == getattr(other, name).tobytes()
+
+
+@pytest.mark.parametrize(("predictor", "score"), PAIRS)
+def test_running_says_what_the_batch_says_of_every_part(
+    predictor: str, score: str, dataset: Dataset
+) -> None:
+    """Bit for bit; and once invalid, it stays so."""
+    recipe = MonitorRecipe(predictor=PREDICTORS[predictor], score=SCORES[score])
+    monitor = supported(dataset, recipe)
+    for seed in (1, 2):
+        t, y = rough_flight(seed)
+        y[44:, NY] += 2.0
+        said, running, stream = monitor.assess(t, y), Running(monitor), monitor.stream()
+        before = False
+        for k in range(len(t)):
+            is_invalid = running.update(y[k], stream.update(t[k], y[k]))
+            whole = judge(monitor, t, y, said, end=k)
+            assert repr(astuple(running.verdict)) == repr(astuple(whole))
+            assert is_invalid == (whole.valid is False)
+            assert is_invalid >= before
+            before = is_invalid
+        assert before
+
+
+def test_reasons_name_channel_size_and_time(monitor: Monitor, flights: Array) -> None:
+    y, support = flights[3].copy(), support_of(monitor)
+    y[-1, NY] += 0.6
+    said = monitor.assess(TIMES, y)
+    verdict = judge(monitor, TIMES, y, said)
+    off = abs(y[-1, NY] - said.y_hat[-1 - monitor.h, NY])
+    assert verdict.valid is False
+    assert (verdict.sample, verdict.t, verdict.channel) == (60, TIMES[60], None)
+    assert verdict.residual == pytest.approx(off / support.sigma[NY])
+    least = 1 / (min(len(support.safe), len(support.unsafe)) + 1)
+    assert (verdict.residual_p, verdict.p_value) == (least, 2 * least)
+    assert verdict.reasons[0] == (
+        f"Ny was off its forecast by {verdict.residual:.1f} sigma ({off:.3g} g) at 3.00 s; "
+        f"99 % of fresh flights stay within {support.bounds()[0]:.1f}"
+    )
+    y[-1] *= 9
+    said = monitor.assess(TIMES, y)
+    verdict = judge(monitor, TIMES, y, said)
+    z = said.y_hat[-1] / monitor.scale
+    near = min(monitor.safe_points, key=lambda point: ((point - z) ** 2).sum())
+    mostly = max(range(6), key=lambda c: abs(near[c] - z[c]))
+    assert verdict.reasons[-1] == (
+        f"it was {verdict.distance:.3g} from every safe observation of training at 3.00 s, in "
+        f"scaled units, mostly by its forecast of {KEYS[mostly]}; 99 % of fresh flights "
+        f"stay within {support.bounds()[1]:.3g}"
+    )
+
+
+def still_aileron(dataset: Dataset) -> Dataset:
+    """The same rollouts, the aileron at rest."""
+    unsafe, safe = dataset.unsafe.copy(), dataset.safe.copy()
+    unsafe[..., DELTA_A] *= 0
+    safe[..., DELTA_A] = 0
+    return replace(dataset, unsafe=unsafe, safe=safe)
+
+
+def test_a_channel_that_moves_now_and_never_did_is_named(dataset: Dataset, flights: Array) -> None:
+    monitor = train(still_aileron(dataset))
+
+    def still(y: Array) -> Array:
+        return y * (np.arange(6) != DELTA_A)
+
+    fresh = ((still(y), fail) for y, fail in batches())
+    monitor = replace(monitor, support=calibrate(monitor, still_aileron(dataset), fresh))
+    y = still(flights[3])
+    assert judge(monitor, TIMES, y, monitor.assess(TIMES, y)).valid
+    y[25:, DELTA_A] = 0.1
+    verdict = judge(monitor, TIMES, y, monitor.assess(TIMES, y))
+    assert (verdict.sample, verdict.channel) == (25, "delta_a")
+    assert verdict.reasons[0] == "delta_a moved by 0.1 rad at 1.25 s; it never moved in training"
+    y[25:, DELTA_A] = 0.5e-3
+    assert judge(monitor, TIMES, y, monitor.assess(TIMES, y)).valid
+
+
+def test_a_flight_longer_than_those_of_training_says_so_where_it_strays(monitor: Monitor) -> None:
+    y = oscillator.fly(np.random.default_rng(5), 40)[1].reshape(-1, 6)
+    t = np.arange(len(y), dtype=np.float64) * DT
+    verdict = judge(monitor, t, y, monitor.assess(t, y))
+    assert verdict.valid is False
+    assert verdict.reasons[-1] == (
+        "it lasts 122.00 s, the flights of training 3.05 s: a longer one strays farther, "
+        "split it up"
+    )
+
+
+def test_a_flight_counts_up_to_its_first_violation(monitor: Monitor, flights: Array) -> None:
+    y = flights[3].copy()
+    y[45:] *= 9
+    said = monitor.assess(TIMES, y)
+    assert judge(monitor, TIMES, y, said).valid is False
+    assert judge(monitor, TIMES, y, said, end=44).valid is True
+
+
+def test_a_flight_of_which_too_little_was_seen_is_not_called_valid(
+    monitor: Monitor, flights: Array
+) -> None:
+    def reasons(t: Array, y: Array) -> tuple[str, ...]:
+        verdict = judge(monitor, t, y, monitor.assess(t, y))
+        assert verdict.valid is None
+        return verdict.reasons
+
+    y = flights[3].copy()
+    assert reasons(TIMES[:5], y[:5])[0].startswith("5 samples are too few to judge validity")
+    y[::4, 0] = np.nan
+    assert reasons(TIMES, y)[0].startswith("only 15 of 61 samples could be assessed")
+    y = flights[3].copy()
+    y[9::8, 0] = np.nan
+    assert reasons(TIMES, y)[0].startswith("only 4 of 56 forecasts could be compared")
+    late = TIMES.copy()
+    late[30:] += 10.0
+    assert reasons(late, flights[3])[0].startswith("only 59 of 261 samples could be assessed")
+
+
+def test_numbers_beyond_all_bounds_are_invalid_not_overlooked(
+    monitor: Monitor, flights: Array
+) -> None:
+    """A forecast that overflows is no number, and compares false with any bound."""
+    y = flights[3].copy()
+    y[40] = 1e308
+    with np.errstate(over="ignore", invalid="ignore"):
+        said = monitor.assess(TIMES, y)
+    verdict = judge(monitor, TIMES, y, said)
+    assert verdict.valid is False
+    assert verdict.distance == np.inf
+
+
+def test_a_monitor_without_support_is_not_calibrated_and_never_valid(
+    dataset: Dataset, flights: Array
+) -> None:
+    monitor = train(dataset)
+    verdict = judge(monitor, TIMES, flights[0], monitor.assess(TIMES, flights[0]))
+    assert verdict.valid is None
+    assert verdict.p_value is None
+    assert verdict.reasons[0].startswith("validity is not calibrated")
+    with pytest.raises(ValueError, match="validity is not calibrated"):
+        Running(monitor)
+
+
+def test_a_predictor_without_forecasts_is_judged_by_distance_alone(
+    dataset: Dataset, flights: Array
+) -> None:
+    monitor = supported(dataset, MonitorRecipe(predictor=PREDICTORS["identity"]))
+    verdict = judge(monitor, TIMES, flights[0], monitor.assess(TIMES, flights[0]))
+    assert verdict.valid is True
+    assert verdict.residual_p is verdict.residual is None
+    assert verdict.p_value == verdict.distance_p
+    y = flights[0] * 3
+    verdict = judge(monitor, TIMES, y, monitor.assess(TIMES, y))
+    assert verdict.valid is False
+    assert "98 % of fresh flights" in verdict.reasons[0]
