@@ -1,9 +1,9 @@
 """What `pip install .` takes along: the list in pyproject.toml is explicit, so it can forget."""
 
 import tomllib
-from pathlib import Path
 
-ROOT = Path(__file__).parents[1]
+from tests.support.places import ROOT
+
 SETUPTOOLS = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["setuptools"]
 
 

@@ -8,8 +8,9 @@ import pytest
 from app.cli import main
 from core.channels import KEYS
 from core.collection import DatasetRecipe, Simulator
+from tests.support.places import ROOT
 
-README = (Path(__file__).parents[1] / "README.md").read_text(encoding="utf-8")
+README = (ROOT / "README.md").read_text(encoding="utf-8")
 SMALL = {
     "study": ["--n-monitors", "2", "--n-test", "50"],
     "train": ["--n-test", "200"],
@@ -50,7 +51,7 @@ def test_python_of_the_readme_runs(tmp_path: Path, monkeypatch, capsys: pytest.C
 
 
 def test_make_targets_of_the_readme_exist():
-    makefile = (Path(__file__).parents[1] / "Makefile").read_text(encoding="utf-8")
+    makefile = (ROOT / "Makefile").read_text(encoding="utf-8")
     for line in re.findall(r"^    make (.*?)(?:#|$)", README, re.MULTILINE):
         for target in line.split():
             assert re.search(rf"^{target}:", makefile, re.MULTILINE), target

@@ -1,1 +1,1 @@
-"""The store: SQLAlchemy, one file a table family; only here both rows and core objects are known."""
+"""The store: SQLAlchemy, a file a table family; only here rows and core objects are both known."""

@@ -155,7 +155,8 @@ class RecordingInfo:
 class MappedColumns:
     """What the columns of a recording are taken for, as plain data.
 
-    mapping: of app.telemetry.mapping.mapping.   proposal: why it was proposed, and what else could be.
+    mapping: of app.telemetry.mapping.mapping.
+    proposal: why it was proposed, and what else could be.
     quality: of the times and channels so mapped.   problem: why it cannot be applied.
     duration: [s].   statistics: [n, missing, min, max, mean] of each signal.
     """

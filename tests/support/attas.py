@@ -16,8 +16,8 @@ from core.simulation.aircraft import PublishedAircraft
 from core.simulation.control_law import CONTROL_LAWS
 from core.simulation.maneuver import Doublet
 from core.specification import Limits
+from tests.support.places import RECORDS
 
-RECORDS = Path(__file__).parents[2] / "shared" / "data"
 DOUBLET = Doublet(amplitude_deg=-3.7, timing_jitter_s=0.1, amplitude_jitter=0.15)
 TEST = DatasetRecipe(
     aircraft=PublishedAircraft("attas_id_16kft", n_states=4),

@@ -25,9 +25,9 @@ from app.store.tables import jobs, metadata
 from core.dataset import Dataset
 from core.monitor import train
 from core.monitor.portable import to_bytes
+from tests.support.places import ROOT
 from tests.support.stored import append, assert_says_its_number, keep_recording, scoring
 
-ROOT = Path(__file__).parent.parent
 REVISIONS = ["0001", "0002", "0003", "0004", "0005"]
 
 NEXT = """
@@ -276,7 +276,10 @@ def test_a_program_killed_in_the_middle_of_a_migration_leaves_the_old_schema(
 
 
 def test_processes_that_open_a_new_store_at_once_make_one(path: Path) -> None:
-    code = "import sys\nfrom app.store.store import open_store\nopen_store(sys.argv[1]).add_job('a', {})"
+    code = (
+        "import sys\nfrom app.store.store import open_store\n"
+        "open_store(sys.argv[1]).add_job('a', {})"
+    )
     command_line = [sys.executable, "-W", "error", "-c", code, str(path)]
     opening = [subprocess.Popen(command_line, cwd=ROOT) for _ in range(3)]
     assert [process.wait() for process in opening] == [0, 0, 0]
@@ -296,7 +299,10 @@ def test_threads_that_open_a_new_store_at_once_make_one(path: Path) -> None:
 
 
 def test_the_library_wins_over_the_directory_of_migrations() -> None:
-    code = "import alembic, app.store.schema; print(alembic.__file__); print(app.store.schema.migrations())"
+    code = (
+        "import alembic, app.store.schema; print(alembic.__file__); "
+        "print(app.store.schema.migrations())"
+    )
     done = subprocess.run(
         [sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True
     )

@@ -15,9 +15,8 @@ from app.store.tables import (
 )
 from core.dataset import Dataset
 from core.monitor import Monitor, train
+from tests.support.places import ROOT
 from tests.support.stored import assert_says_its_number, count
-
-ROOT = Path(__file__).parent.parent
 
 
 @pytest.fixture

@@ -2,7 +2,6 @@ import json
 import subprocess
 import sys
 from dataclasses import replace
-from pathlib import Path
 from typing import Any, Literal, get_args
 
 import control
@@ -15,8 +14,9 @@ from pydantic import TypeAdapter
 from core.channels import KEYS
 from core.simulation.aircraft import AIRCRAFT, MatrixAircraft, PublishedAircraft, Uncertainty
 from core.simulation.published import DERIVATIVES, MODELS, SIGMA_FRACTION, ModelName
+from tests.support.places import SHARED
 
-REFERENCE = Path(__file__).parents[2] / "shared" / "reference" / "aircraft.json"
+REFERENCE = SHARED / "reference" / "aircraft.json"
 NAMES = tuple(MODELS)
 # The reference rounds every entry to six decimals, so each number is known to half of the last one.
 PRINTED = 0.5e-6 * (1 + 1e-6)

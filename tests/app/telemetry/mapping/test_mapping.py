@@ -1,7 +1,6 @@
 """The proposal as a whole: what a file's signals are taken for, how surely and why."""
 
 import json
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -14,9 +13,9 @@ from app.telemetry.mapping.mapping import ChannelSource, Mapping, TimeSource
 from app.telemetry.mapping.proposal import propose
 from app.telemetry.units import factor
 from core.channels import KEYS
+from tests.support.places import RECORDS
 from tests.support.tables import columns_of, flight
 
-RECORDS = Path(__file__).parents[1] / ".." / "shared" / "data"
 PLAIN = {
     "t": "t_s", "beta": "beta_rad", "p": "p_radps", "r": "r_radps", "Ny": "ay_g",
     "delta_a": "da_rad", "delta_r": "dr_rad", "phi": "phi_rad", "theta": "theta_rad",

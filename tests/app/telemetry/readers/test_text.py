@@ -1,7 +1,6 @@
 """Text tables in every dialect: the same numbers come out, and bad rows by their lines."""
 
 import io
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,8 +11,8 @@ from app.telemetry.contents import ColumnWriter, open_columns
 from app.telemetry.readers import text_blocks, text_parser, text_reader
 from app.telemetry.readers.text_reader import read
 from app.telemetry.recording import TelemetryError
+from tests.support.places import RECORDS
 
-RECORDS = Path(__file__).parents[1] / ".." / "shared" / "data"
 HEADER = "t_s,beta_rad,p_radps,r_radps,ay_g,da_rad,dr_rad"
 NAMES = HEADER.split(",")
 N = 12

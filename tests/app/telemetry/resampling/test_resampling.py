@@ -1,7 +1,5 @@
 """Channels on one grid: what survives, what is removed, and what is never invented."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 from hypothesis import assume, given, settings
@@ -13,8 +11,8 @@ from app.telemetry.resampling.resampling import MAX_ROWS, on_grid, resample
 from app.telemetry.resampling.segments import EVEN
 from app.telemetry.traces import Trace, Traces
 from core.channels import KEYS
+from tests.support.places import RECORDS
 
-RECORDS = Path(__file__).parents[1] / ".." / "shared" / "data"
 SLOPES = np.array([1.0, -2.0, 0.0, 0.5, 3.0, -0.1])
 OFFSETS = np.array([0.1, 0.2, 0.3, -0.4, 0.0, 7.0])
 
