@@ -260,7 +260,7 @@ def test_a_program_killed_in_the_middle_of_a_migration_leaves_the_old_schema(
     store.close()
     die = 'op.execute("DELETE FROM jobs")\n    os.kill(os.getpid(), signal.SIGKILL)'
     code = (
-        "import sys\nfrom pathlib import Path\nfrom app import schema\n"
+        "import sys\nfrom pathlib import Path\nfrom app.store import schema\n"
         "from app.store.store import open_store\n"
         "schema.migrations = lambda: Path(sys.argv[2])\nopen_store(sys.argv[1])\n"
     )
