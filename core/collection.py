@@ -8,7 +8,6 @@ from itertools import count
 from typing import Any, NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 from scipy import stats
 
 from core.channels import KEYS
@@ -18,9 +17,8 @@ from core.simulation.control_law import CONTROL_LAWS, ControlLaw, check_usable
 from core.simulation.maneuver import MANEUVERS, Maneuver
 from core.simulation.rollout import roll_out
 from core.specification import SPECIFICATIONS, Limits
+from core.types import Array, Flags, Indices
 
-Array = npt.NDArray[np.float64]
-Indices = npt.NDArray[np.int64]
 Progress = Callable[[int, int], object]
 
 FIRST_CHUNK, LARGEST_CHUNK = 256, 4096
@@ -79,11 +77,11 @@ class Rollouts(NamedTuple):
     theta: Array
 
     @property
-    def is_unsafe(self) -> npt.NDArray[np.bool_]:
+    def is_unsafe(self) -> Flags:
         """(n,) whether the rollout violates the specification."""
         return self.fail_index < self.y.shape[1]
 
-    def some(self, which: slice | npt.NDArray[np.bool_]) -> "Rollouts":
+    def some(self, which: slice | Flags) -> "Rollouts":
         """Return the rollouts of a slice or a mask."""
         return Rollouts(self.y[which], self.fail_index[which], self.theta[which])
 

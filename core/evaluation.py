@@ -8,9 +8,7 @@ from scipy import stats
 
 from core.monitor.calibration import check_epsilon, smallest_epsilon
 from core.monitor.monitor import Monitor
-
-Array = npt.NDArray[np.float64]
-Indices = npt.NDArray[np.int64]
+from core.types import Array, Indices
 
 EPSILONS = np.arange(1, 50) / 50
 """The grid of the paper's figure: 0.02, 0.04, ..., 0.98."""

@@ -3,13 +3,10 @@
 from dataclasses import asdict, dataclass
 
 import numpy as np
-import numpy.typing as npt
 
 from core.channels import KEYS
 from core.kernels.compiled import jit
-
-Array = npt.NDArray[np.float64]
-Indices = npt.NDArray[np.int64]
+from core.types import Array, Indices
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
-import numpy.typing as npt
 
 from core.channels import KEYS
 from core.collection import DatasetRecipe, Rollouts, Simulator, collect
@@ -21,9 +20,7 @@ from core.monitor.recipe import MonitorRecipe
 from core.monitor.score import SCORES, NegativeMagnitude, Score
 from core.monitor.training import SafeObservations, train
 from core.specification import Limits
-
-Array = npt.NDArray[np.float64]
-Indices = npt.NDArray[np.int64]
+from core.types import Array, Indices
 
 METHODS: dict[str, tuple[str, str]] = {
     "linear + nearest neighbor": ("linear", "nearest_neighbor"),

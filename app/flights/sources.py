@@ -9,7 +9,6 @@ from dataclasses import dataclass, field, replace
 from typing import Annotated, Any, Literal, NamedTuple, Protocol
 
 import numpy as np
-import numpy.typing as npt
 from pydantic import BaseModel, ConfigDict, Field
 
 from app.recipes import from_plain
@@ -19,8 +18,8 @@ from core.collection import DatasetRecipe, Rollouts, Simulator
 from core.monitor import Monitor
 from core.simulation.aircraft import Aircraft, PublishedAircraft
 from core.simulation.attitude import attitude
+from core.types import Array
 
-Array = npt.NDArray[np.float64]
 BATCH, MOST_BATCHES = 256, 64
 """Rollouts made at a time, and at most so many times, until one has the outcome asked for."""
 

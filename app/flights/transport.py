@@ -10,9 +10,9 @@ from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
-Array = npt.NDArray[np.float64]
+from core.types import Array
+
 SLOWEST, FASTEST = 0.1, 10.0
 CATCH_UP_S = 1.0
 """[s] A flight later than this, after a suspended machine for example, does not rush."""

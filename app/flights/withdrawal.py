@@ -19,8 +19,7 @@ from app.recipes import from_plain
 from core.monitor import Assessment, Assessments, Monitor, State
 from core.monitor.validity import Running, first_stray
 from core.specification import Limits
-
-Array = npt.NDArray[np.float64]
+from core.types import Array, Flags
 
 
 class Withdrawal(NamedTuple):
@@ -80,6 +79,6 @@ def withdrawn(t: float, reason: str) -> Assessment:
     return Assessment(t, None, None, State.INVALID, reason)
 
 
-def _is_past(limits: Array, y: Array) -> npt.NDArray[np.bool_]:
+def _is_past(limits: Array, y: Array) -> Flags:
     """Whether a sample reaches a limit. A value that is missing does not: it says nothing."""
     return np.asarray((np.isfinite(y) & (np.abs(y) >= limits)).any(axis=-1))

@@ -4,19 +4,19 @@ from collections.abc import Callable, Iterator
 from dataclasses import replace
 
 import numpy as np
-import numpy.typing as npt
 
 from core.collection import CHUNK_STEPS, DatasetRecipe, Simulator
 from core.dataset import Dataset
 from core.monitor import Monitor
 from core.monitor.support import LEAST, SupportError, calibrate
+from core.types import Array, Indices
 
 VALIDITY = 3
 """Branch of a seed's random streams: these flights neither train nor test a monitor."""
 MOST_FLIGHTS = 20_000
 """Fresh flights made in search of the rarer kind, unless the dataset took more."""
 
-Flights = tuple[npt.NDArray[np.float64], npt.NDArray[np.int64]]
+Flights = tuple[Array, Indices]
 
 
 def supported(

@@ -5,7 +5,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from app.jobs.supporting import supported
 from app.recipes import RecipeError, from_plain, to_plain
@@ -13,8 +12,8 @@ from core.collection import DatasetRecipe, Rollouts, Simulator, collect
 from core.dataset import Dataset
 from core.evaluation import EPSILONS, Evaluation, evaluate, leads
 from core.monitor import Monitor, MonitorRecipe, train
+from core.types import Array
 
-Array = npt.NDArray[np.float64]
 Progress = Callable[[str, int, int], object]
 """Called with (what is being done, done, in all); what it raises cancels."""
 

@@ -1,9 +1,9 @@
 """What a plot of very many samples covers, in few: nothing that could be seen is lost."""
 
 import numpy as np
-import numpy.typing as npt
 
-Array = npt.NDArray[np.float64]
+from core.types import Array, Flags
+
 BINS = 1200
 """Most columns of a trace: more cannot be seen on paper."""
 
@@ -22,7 +22,7 @@ def envelope(t: Array, values: Array, bins: int = BINS) -> tuple[Array, Array]:
     return t[chosen], values[chosen]
 
 
-def runs(flags: npt.NDArray[np.bool_]) -> list[tuple[int, int]]:
+def runs(flags: Flags) -> list[tuple[int, int]]:
     """First and last sample of each run of true."""
     edges = np.diff(np.concatenate([[False], flags, [False]]).astype(np.int8))
     begins, ends = np.flatnonzero(edges == 1), np.flatnonzero(edges == -1) - 1

@@ -5,18 +5,17 @@ from collections.abc import Iterable, Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import numpy.typing as npt
 from matplotlib import rc_context
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from core.channels import CHANNELS
 from core.monitor import Assessments, Monitor
+from core.types import Array, Indices
 
 if TYPE_CHECKING:
     from core.study import MethodResult, StudyResult
 
-Array = npt.NDArray[np.float64]
 
 # Okabe and Ito's colours keep apart for colour-blind eyes; dashes repeat the difference.
 COLOURS = ("#0072B2", "#E69F00", "#009E73", "#CC79A7", "#56B4E9")
@@ -179,9 +178,7 @@ def _legend_once(figure: Figure, axes: Iterable[Axes]) -> None:
     )
 
 
-def _telling_pair(
-    monitor: Monitor, y: Array, fail_index: npt.NDArray[np.int64]
-) -> tuple[int | None, int | None]:
+def _telling_pair(monitor: Monitor, y: Array, fail_index: Indices) -> tuple[int | None, int | None]:
     """Return an unsafe flight failing at the median time, and the safe one that came closest."""
     unsafe = np.flatnonzero(fail_index < y.shape[1])
     safe = np.flatnonzero(fail_index == y.shape[1])

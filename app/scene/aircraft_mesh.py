@@ -10,6 +10,8 @@ from functools import cache
 import numpy as np
 import numpy.typing as npt
 
+from core.types import Array, Indices
+
 Vertices = npt.NDArray[np.float32]
 Faces = npt.NDArray[np.uint32]
 Point = tuple[float, float, float]
@@ -41,10 +43,10 @@ class Part:
     axis: Point = (0.0, 1.0, 0.0)
 
 
-Skin = tuple[npt.NDArray[np.float64], npt.NDArray[np.int64]]
+Skin = tuple[Array, Indices]
 
 
-def loft(sections: npt.NDArray[np.float64], closed: bool = True) -> Skin:
+def loft(sections: Array, closed: bool = True) -> Skin:
     """Skin over sections (n_sections, n_points, 3), each a ring if `closed`, else an open line."""
     n, m = sections.shape[:2]
     columns = m if closed else m - 1
@@ -55,7 +57,7 @@ def loft(sections: npt.NDArray[np.float64], closed: bool = True) -> Skin:
     return sections.reshape(-1, 3), faces
 
 
-def cap(ring: npt.NDArray[np.float64], flip: bool = False) -> Skin:
+def cap(ring: Array, flip: bool = False) -> Skin:
     """Close a convex ring (n, 3) with a fan about its middle."""
     n = len(ring)
     following = (np.arange(n) + 1) % n
@@ -96,7 +98,7 @@ def body(stations: list[tuple[float, float, float, float, float]], n: int = 36) 
     return vertices, faces[:, ::-1]
 
 
-def _smooth(column: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+def _smooth(column: Array) -> Array:
     """Round the corners between stations; the ends stay."""
     inner = (column[:-2] + 2.0 * column[1:-1] + column[2:]) / 4.0
     return np.concatenate((column[:1], inner, column[-1:]))
@@ -117,7 +119,7 @@ class Blade:
     thickness: float
     up: Point = (0.0, 0.0, -1.0)
 
-    def at(self, span: float, chord: float) -> npt.NDArray[np.float64]:
+    def at(self, span: float, chord: float) -> Array:
         """Point of the middle plane at fractions of span and chord (0: leading edge)."""
         edge = np.array(self.root) + span * (np.array(self.tip) - self.root)
         edge[0] -= chord * (self.root_chord + span * (self.tip_chord - self.root_chord))
@@ -148,7 +150,7 @@ class Blade:
         return join(*skins)
 
 
-def _profile(fraction: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+def _profile(fraction: Array) -> Array:
     """Half thickness of a NACA four-digit section, as a fraction of its full thickness."""
     x = np.clip(fraction, 0.0, 1.0)
     return 5.0 * (0.2969 * np.sqrt(x) - 0.126 * x - 0.3516 * x**2 + 0.2843 * x**3 - 0.1036 * x**4)
@@ -170,7 +172,7 @@ def _part(name: str, skin: Skin, colour: Colour) -> Part:
     return Part(name, vertices.astype(np.float32), faces.astype(np.uint32), colour)
 
 
-def _point(vector: npt.NDArray[np.float64]) -> Point:
+def _point(vector: Array) -> Point:
     x, y, z = vector.tolist()
     return x, y, z
 
@@ -178,8 +180,8 @@ def _point(vector: npt.NDArray[np.float64]) -> Point:
 def _hinged(
     name: str,
     skin: Skin,
-    inner: npt.NDArray[np.float64],
-    outer: npt.NDArray[np.float64],
+    inner: Array,
+    outer: Array,
     colour: Colour = SURFACE,
 ) -> Part:
     """A surface that turns about the line from inner to outer."""
@@ -222,7 +224,7 @@ def _fin() -> Skin:
     )
 
 
-def _aileron() -> tuple[Skin, npt.NDArray[np.float64], npt.NDArray[np.float64]]:
+def _aileron() -> tuple[Skin, Array, Array]:
     first, last = AILERON_SPAN
     skin = WING.panel((first + GAP, last - GAP), (AILERON_CHORD, 1.0))
     return skin, WING.at(first, AILERON_CHORD), WING.at(last, AILERON_CHORD)

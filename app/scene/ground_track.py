@@ -12,8 +12,7 @@ import numpy.typing as npt
 from app.scene.aircraft_mesh import SPAN, Colour
 from app.scene.quaternion import body_to_earth, matrix
 from core.simulation.attitude import Attitude, wrapped
-
-Array = npt.NDArray[np.float64]
+from core.types import Array
 
 DISPLAY_SPEED = 28.0
 """How fast the ground passes [m/s]."""

@@ -3,7 +3,8 @@
 from math import cos, sin
 
 import numpy as np
-import numpy.typing as npt
+
+from core.types import Array
 
 Quaternion = tuple[float, float, float, float]
 
@@ -30,7 +31,7 @@ def body_to_earth(phi: float, theta: float, psi: float) -> Quaternion:
     return product(yaw, product(pitch, turn((1.0, 0.0, 0.0), phi)))
 
 
-def matrix(q: Quaternion) -> npt.NDArray[np.float64]:
+def matrix(q: Quaternion) -> Array:
     """The same rotation as a (3, 3) matrix."""
     w, x, y, z = q
     return np.array(

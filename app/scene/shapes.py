@@ -10,8 +10,8 @@ import numpy as np
 import numpy.typing as npt
 
 from app.scene.aircraft_mesh import Faces, Vertices, loft
+from core.types import Array
 
-Array = npt.NDArray[np.float64]
 Lines = npt.NDArray[np.float32]
 Mesh = tuple[Vertices, Faces]
 

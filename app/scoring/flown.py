@@ -5,15 +5,13 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-import numpy.typing as npt
 
 from app.scoring.plan import Plan
 from app.scoring.stretches import Stretch
 from app.telemetry.recording import Recording
 from app.telemetry.traces import Traces
 from core.monitor import Assessments, Monitor
-
-Array = npt.NDArray[np.float64]
+from core.types import Array, Flags
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,7 +29,7 @@ class Flown:
     traces: Traces
     recording: Recording
     stretch: Stretch
-    needed: npt.NDArray[np.bool_]
+    needed: Flags
     y: Array
     assessed: Array
     said: Assessments

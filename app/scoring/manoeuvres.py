@@ -10,13 +10,10 @@ from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 from scipy.ndimage import maximum_filter1d, median_filter, minimum_filter1d, uniform_filter1d
 
 from app.scoring.plan import Plan
-
-Array = npt.NDArray[np.float64]
-Flags = npt.NDArray[np.bool_]
+from core.types import Array
 
 WINDOW = 1.0
 """[s] in which a surface moves, and over which the level before an input is taken."""

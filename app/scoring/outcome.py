@@ -4,12 +4,10 @@ from dataclasses import dataclass
 from typing import Literal, NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
 from app.telemetry.traces import Traces
 from core.channels import CHANNELS
-
-Array = npt.NDArray[np.float64]
+from core.types import Array, Flags
 
 Outcome = Literal[
     "timely_alert", "late_alert", "missed", "false_alert", "quiet", "unseen", "invalid"
@@ -98,7 +96,7 @@ def _holes(key: str, t: Array, start: float, end: float) -> list[Hole]:
     ]
 
 
-def runs(t: Array, alert: npt.NDArray[np.bool_]) -> Alerts:
+def runs(t: Array, alert: Flags) -> Alerts:
     """Times of the first and the last sample of each run of alerts [s]."""
     edges = np.flatnonzero(np.diff(alert.view(np.int8), prepend=0, append=0)).reshape(-1, 2)
     return tuple((float(t[begin]), float(t[end - 1])) for begin, end in edges)

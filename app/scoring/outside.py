@@ -3,13 +3,11 @@
 from collections.abc import Sequence
 
 import numpy as np
-import numpy.typing as npt
 
 from app.scoring.outcome import SAME_TIME, Crossing
 from app.telemetry.traces import Traces
 from core.channels import CHANNELS
-
-Array = npt.NDArray[np.float64]
+from core.types import Array
 
 APART = 1.0
 """[s] Samples past a limit that lie closer are of one exceedance."""

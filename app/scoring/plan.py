@@ -5,7 +5,6 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from app.recipes import from_plain
 from core.channels import KEYS, N_CHANNELS
@@ -14,8 +13,7 @@ from core.monitor import Monitor
 from core.simulation.aircraft import Aircraft, PublishedAircraft
 from core.simulation.maneuver import Maneuver
 from core.specification import Limits
-
-Array = npt.NDArray[np.float64]
+from core.types import Array, Flags
 
 SURFACES = (KEYS.index("delta_a"), KEYS.index("delta_r"))
 """Where aileron and rudder stand in y, in the order of the pilot's commands."""
@@ -99,7 +97,7 @@ def first_direction(deviation: Array) -> int:
     return int(np.sign(known[main.argmax()])) if len(known) else 0
 
 
-def read_channels(monitor: Monitor, *, scored: bool = False) -> npt.NDArray[np.bool_]:
+def read_channels(monitor: Monitor, *, scored: bool = False) -> Flags:
     """(6,) whether a channel has a weight, beyond rounding, in the map from observations to points.
 
     scored: only to that part of a point that the score looks at.
@@ -112,6 +110,6 @@ def read_channels(monitor: Monitor, *, scored: bool = False) -> npt.NDArray[np.b
     return weights > ROUNDING * weights.max()
 
 
-def needed_channels(monitor: Monitor, limits: Array) -> npt.NDArray[np.bool_]:
+def needed_channels(monitor: Monitor, limits: Array) -> Flags:
     """(6,) whether the monitor cannot do without a channel: it is scored by it, or limited."""
     return read_channels(monitor, scored=True) | np.isfinite(limits)

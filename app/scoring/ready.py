@@ -5,7 +5,6 @@ from dataclasses import dataclass
 from typing import Self
 
 import numpy as np
-import numpy.typing as npt
 
 from app.scoring.plan import Plan, needed_channels, plan_of
 from app.telemetry.mapping.derivations import DERIVATIONS
@@ -15,6 +14,7 @@ from app.telemetry.timing.timing import Quality, repaired
 from app.telemetry.traces import Traces
 from core.channels import KEYS
 from core.monitor import Monitor
+from core.types import Flags
 
 
 class MissingChannels(TelemetryError):
@@ -49,7 +49,7 @@ class Ready:
     traces: Traces
     quality: Quality
     recording: Recording
-    needed: npt.NDArray[np.bool_]
+    needed: Flags
     notes: tuple[str, ...]
 
     @classmethod

@@ -22,8 +22,7 @@ from app.telemetry.traces import Traces
 from core.channels import KEYS
 from core.monitor import Assessments, Monitor
 from core.monitor.assessment import STATES, State
-
-Array = npt.NDArray[np.float64]
+from core.types import Array
 
 INVALID = STATES.index(State.INVALID)
 

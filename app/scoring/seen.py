@@ -5,11 +5,11 @@ samples, or many small ones, take the verdict away; a lone lost sample does not.
 """
 
 import numpy as np
-import numpy.typing as npt
 
 from app.scoring.outcome import SAME_TIME, Alerts, Crossing, Hole, Limited
 from core.monitor import Assessments
 from core.monitor.assessment import STATES, State
+from core.types import Flags
 
 MOST_LOST = 2
 """Samples of the monitor that may be missing in a row; the history after them is no such loss."""
@@ -18,7 +18,7 @@ MOST_SHARE = 0.05
 WARMING_UP, OK = STATES.index(State.WARMING_UP), STATES.index(State.OK)
 
 
-def unassessed(said: Assessments) -> npt.NDArray[np.bool_]:
+def unassessed(said: Assessments) -> Flags:
     """(n,) samples that could not be assessed, without those that the first history takes."""
     begun = said.state != WARMING_UP
     first = int(begun.argmax()) if begun.any() else len(begun)
@@ -86,7 +86,7 @@ def could_not_warn(
     )
 
 
-def _longest_run(flags: npt.NDArray[np.bool_]) -> tuple[int, int]:
+def _longest_run(flags: Flags) -> tuple[int, int]:
     """First sample of the longest run, and the one after its last."""
     edges = np.flatnonzero(np.diff(flags.view(np.int8), prepend=0, append=0)).reshape(-1, 2)
     longest = edges[(edges[:, 1] - edges[:, 0]).argmax()] if len(edges) else (0, 0)

@@ -3,15 +3,12 @@
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
 from app.scoring.manoeuvres import Activity, find
 from app.scoring.order import ScoringOrder, Span, said
 from app.scoring.plan import SURFACES, Plan
 from app.scoring.scored import MOST_STRETCHES
 from app.telemetry.recording import Recording, TelemetryError
-
-Array = npt.NDArray[np.float64]
 
 ON_GRID = 1e-6
 """Of a step: times so close to a sample are the sample's."""

@@ -10,8 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from app.store.peaks import PeakHistogram
-
-Array = npt.NDArray[np.float64]
+from core.types import Array, Flags, Indices
 
 JobStatus = Literal["queued", "running", "done", "failed", "cancelled", "interrupted"]
 MappingState = Literal["proposed", "remembered", "confirmed"]
@@ -234,11 +233,11 @@ class StoredAssessments:
     y_hat: (n, 6), NaN where there is no forecast.   reasons: (n,) why a sample was not assessed.
     """
 
-    seq: npt.NDArray[np.int64]
+    seq: Indices
     t: Array
     y: Array
     p_value: Array
-    alert: npt.NDArray[np.bool_]
+    alert: Flags
     state: npt.NDArray[np.uint8]
     y_hat: Array
     reasons: tuple[str, ...]

@@ -4,12 +4,12 @@ from dataclasses import dataclass
 from typing import Any, Self
 
 import numpy as np
-import numpy.typing as npt
 
 from app.recipes import RecipeError, from_plain
 from core.channels import KEYS
 from core.dataset import Dataset
 from core.specification import Limits
+from core.types import Array
 
 BINS_TO_THE_LIMIT = 20
 MOST_BINS = 60
@@ -54,14 +54,12 @@ def peak_histograms(dataset: Dataset) -> tuple[PeakHistogram, ...]:
     )
 
 
-def _peaks(y: npt.NDArray[np.float64], limit: float) -> npt.NDArray[np.float64]:
+def _peaks(y: Array, limit: float) -> Array:
     """(n,) highest |y| / limit of each rollout (n, n_samples), up to its end."""
     return np.fmax.reduce(np.abs(y), axis=1, initial=0.0) / limit
 
 
-def _histogram(
-    key: str, limit: float, unsafe: npt.NDArray[np.float64], safe: npt.NDArray[np.float64]
-) -> PeakHistogram:
+def _histogram(key: str, limit: float, unsafe: Array, safe: Array) -> PeakHistogram:
     bins = [np.minimum(p * BINS_TO_THE_LIMIT, MOST_BINS - 1).astype(int) for p in (unsafe, safe)]
     n_bins = max(BINS_TO_THE_LIMIT, *(int(b.max(initial=0)) + 1 for b in bins))
     counts = [tuple(np.bincount(b, minlength=n_bins).tolist()) for b in bins]

@@ -14,8 +14,8 @@ import numpy.typing as npt
 
 from app.telemetry.printable import printable
 from app.telemetry.recording import TelemetryError
+from core.types import Array
 
-Array = npt.NDArray[np.float64]
 CONTENTS = "contents.json"
 MOST_SIGNALS = 4096
 LONGEST_NAME, LONGEST_TEXT = 200, 500

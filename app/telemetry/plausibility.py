@@ -8,9 +8,9 @@ from dataclasses import replace
 from math import radians
 
 import numpy as np
-import numpy.typing as npt
 
 from app.telemetry.traces import Array, Trace
+from core.types import Indices
 
 DEFLECTION = radians(100.0)
 """Of the sideslip or a surface [rad]."""
@@ -42,7 +42,7 @@ BOUNDS: dict[str, float] = {
 """Largest magnitude of a target, in its unit; one without a bound is only good to derive others."""
 
 
-def implausible(key: str, values: Array) -> npt.NDArray[np.intp]:
+def implausible(key: str, values: Array) -> Indices:
     """Rows whose value no aircraft shows."""
     bound = BOUNDS.get(key, np.inf)
     reach = max(-np.fmin.reduce(values, initial=0.0), np.fmax.reduce(values, initial=0.0))
@@ -55,7 +55,7 @@ def believed(key: str, trace: Trace) -> Trace:
     return replace(trace, values=without(trace.values, rows)) if len(rows) else trace
 
 
-def without(values: Array, rows: npt.NDArray[np.intp]) -> Array:
+def without(values: Array, rows: Indices) -> Array:
     """Values with some of them missing; the same array where there are none."""
     if not len(rows):
         return values

@@ -2,10 +2,8 @@
 
 from dataclasses import dataclass, field
 
-import numpy as np
-import numpy.typing as npt
+from core.types import Array
 
-Array = npt.NDArray[np.float64]
 ATTITUDE = ("phi", "theta", "psi")
 
 

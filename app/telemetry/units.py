@@ -10,15 +10,12 @@ from functools import cache
 from math import pi
 from typing import TYPE_CHECKING
 
-import numpy as np
-import numpy.typing as npt
-
 from app.telemetry.recording import TelemetryError
+from core.types import Array
 
 if TYPE_CHECKING:
     from pint import UnitRegistry
 
-Array = npt.NDArray[np.float64]
 
 STANDARD_GRAVITY = 9.80665
 """[m/s2] by definition (CGPM 1901)."""

@@ -3,7 +3,6 @@
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
 from core.channels import N_CHANNELS
 from core.kernels.compiled import in_chunks, jit
@@ -11,10 +10,7 @@ from core.kernels.lanes import WIDTH, add, address, fma, load, pick, read, splat
 from core.kernels.nearest import Tree, inlined, locate, nearest_at, squared_distance_at
 from core.monitor.calibration import p_values
 from core.monitor.predictor import Affine
-
-Array = npt.NDArray[np.float64]
-Indices = npt.NDArray[np.int64]
-Flags = npt.NDArray[np.bool_]
+from core.types import Array, Flags, Indices
 
 OK, WARMING_UP, STALE, INVALID = range(4)
 SAMPLES_A_TASK = 8_192

@@ -7,18 +7,16 @@ and the distance from the safe observations. A stream, a recording and a calibra
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
 from core.channels import N_CHANNELS
 from core.kernels.assessing import INVALID, OK, STALE, map_observation, states
 from core.kernels.compiled import in_chunks, jit
 from core.kernels.nearest import Tree, locate, nearest_at, squared_distance_at
+from core.types import Array, Indices
 
 if TYPE_CHECKING:
     from core.monitor.monitor import Monitor
 
-Array = npt.NDArray[np.float64]
-Indices = npt.NDArray[np.int64]
 
 DISTANCE = N_CHANNELS
 """Where the distance lies behind the residuals of the channels."""

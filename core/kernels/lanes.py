@@ -13,11 +13,12 @@ more than the arithmetic. They do not keep an array alive: take the `address` of
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 from llvmlite import ir
 from numba.core import cgutils, types
 from numba.extending import intrinsic as numba_intrinsic
 from numba.extending import models, register_model
+
+from core.types import Array
 
 intrinsic: Any = numba_intrinsic  # its decorated functions lose the argument `typing` when called
 
@@ -43,7 +44,7 @@ class _LanesModel(models.PrimitiveModel):
 lanes = _LanesType()
 
 
-def aligned(size: int) -> npt.NDArray[np.float64]:
+def aligned(size: int) -> Array:
     """Return uninitialised room for `size` numbers, from a cache line on as fast loads need."""
     room = np.empty(size + WIDTH)
     skip = -(room.ctypes.data // 8) % WIDTH

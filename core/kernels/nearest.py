@@ -18,9 +18,7 @@ from numba.np.numpy_support import carray
 
 from core.kernels.compiled import in_chunks, jit
 from core.kernels.tree_build import EMPTY, LEAF, WIDTH, pack
-
-Array = npt.NDArray[np.float64]
-Indices = npt.NDArray[np.int64]
+from core.types import Array, Indices
 
 BLOCK = 6  # coordinates summed in registers at a time: one observation's channels
 STACK = 128  # 7 siblings wait at each level, and 9 levels hold 2^31 points

@@ -5,7 +5,6 @@ passed over: a bound on their score shows that they cannot be it.
 """
 
 import numpy as np
-import numpy.typing as npt
 
 from core.kernels.assessing import (
     Fitted,
@@ -17,9 +16,7 @@ from core.kernels.assessing import (
 )
 from core.kernels.compiled import in_chunks, jit
 from core.kernels.nearest import inlined, locate, nearest_at, squared_distance_at
-
-Array = npt.NDArray[np.float64]
-Indices = npt.NDArray[np.int64]
+from core.types import Array, Indices
 
 FLIGHTS_A_TASK = 32
 ROUNDING = 1e-9

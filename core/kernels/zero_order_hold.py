@@ -9,7 +9,6 @@ from functools import cache
 from math import factorial
 
 import numpy as np
-import numpy.typing as npt
 from scipy.special import hyp1f1
 
 from core.kernels.closed_loop import clear
@@ -30,8 +29,8 @@ from core.kernels.lanes import (
     where_greater,
     write,
 )
+from core.types import Array
 
-Array = npt.NDArray[np.float64]
 DEGREE = 16
 MAX_SCALE = 40
 _TRUNCATION = (

@@ -4,13 +4,8 @@ from dataclasses import dataclass
 from enum import StrEnum
 from typing import Any, NamedTuple
 
-import numpy as np
-import numpy.typing as npt
-
 from core.channels import KEYS
-
-Array = npt.NDArray[np.float64]
-Indices = npt.NDArray[np.int64]
+from core.types import Array, Flags, Indices
 
 
 class State(StrEnum):
@@ -94,7 +89,7 @@ class Assessments:
     t: Array
     state: Indices
     p_value: Array
-    alert: npt.NDArray[np.bool_]
+    alert: Flags
     score: Array
     y_hat: Array
     nearest_unsafe: Indices

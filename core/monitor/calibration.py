@@ -5,7 +5,7 @@ import math
 import numpy as np
 import numpy.typing as npt
 
-Array = npt.NDArray[np.float64]
+from core.types import Array
 
 
 def p_values(scores: npt.ArrayLike, alphas: Array) -> Array:

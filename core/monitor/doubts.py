@@ -3,11 +3,11 @@
 from typing import TYPE_CHECKING
 
 import numpy as np
-import numpy.typing as npt
 
 from core.channels import CHANNELS
 from core.kernels.deviation import COMPARED, DISTANCE, PLACED, SIZE, WHEN, Excursion
 from core.monitor.support import Support
+from core.types import Array
 
 if TYPE_CHECKING:
     from core.monitor.monitor import Monitor
@@ -24,9 +24,9 @@ def strayed(
     monitor: "Monitor",
     support: Support,
     so_far: Excursion,
-    bounds: npt.NDArray[np.float64],
+    bounds: Array,
     level: float,
-    outlier: npt.NDArray[np.float64] | None,
+    outlier: Array | None,
 ) -> list[str]:
     """Where and how far beyond the bounds; nothing for a flight within them.
 
@@ -60,7 +60,7 @@ def strayed(
     return found
 
 
-def _mostly(monitor: "Monitor", outlier: npt.NDArray[np.float64] | None) -> str:
+def _mostly(monitor: "Monitor", outlier: Array | None) -> str:
     """In which channel a forecast is farthest from that of the nearest safe observation."""
     if outlier is None or not np.isfinite(outlier).all():
         return ""

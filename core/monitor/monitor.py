@@ -19,10 +19,8 @@ from core.monitor.calibration import check_epsilon, smallest_epsilon
 from core.monitor.predictor import Affine
 from core.monitor.recipe import MonitorRecipe
 from core.monitor.support import Support
+from core.types import Array, Flags, Indices
 from core.whole_file import write_whole
-
-Array = npt.NDArray[np.float64]
-Indices = npt.NDArray[np.int64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -349,7 +347,7 @@ def _checked(y: npt.ArrayLike) -> Array:
     return y
 
 
-def _spread(values: npt.NDArray, where: npt.NDArray[np.bool_], missing: Any) -> npt.NDArray:
+def _spread(values: npt.NDArray, where: Flags, missing: Any) -> npt.NDArray:
     spread = np.full(len(where), missing)
     spread[where] = values
     return spread

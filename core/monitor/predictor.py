@@ -5,9 +5,9 @@ from dataclasses import dataclass
 from typing import ClassVar, NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
-Array = npt.NDArray[np.float64]
+from core.types import Array
+
 N_OUTPUTS = 6
 BLOCK = 256
 """Rows that a QR step takes: fits the cache, and is too small for BLAS to start threads on."""

@@ -6,19 +6,17 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-import numpy.typing as npt
 
 from core.channels import N_CHANNELS
 from core.dataset import Dataset
 from core.kernels.deviation import farthest, ground_of
 from core.monitor.calibration import p_values
 from core.monitor.observation import channel_scale, outputs_ahead
+from core.types import Array, Indices
 
 if TYPE_CHECKING:
     from core.monitor.monitor import Monitor
 
-Array = npt.NDArray[np.float64]
-Indices = npt.NDArray[np.int64]
 
 LEVEL = 0.02
 """Share of the flights of either kind that is accepted to be wrongly called invalid."""

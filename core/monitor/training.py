@@ -1,7 +1,6 @@
 """Training: from labelled trajectories to a calibrated monitor."""
 
 import numpy as np
-import numpy.typing as npt
 
 from core import __version__
 from core.channels import N_CHANNELS
@@ -23,9 +22,7 @@ from core.monitor.observation import (
 )
 from core.monitor.predictor import Affine, Predictor
 from core.monitor.recipe import MonitorRecipe
-
-Array = npt.NDArray[np.float64]
-Indices = npt.NDArray[np.int64]
+from core.types import Array, Indices
 
 
 class SafeObservations:

@@ -9,7 +9,6 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-import numpy.typing as npt
 
 from core.channels import KEYS, N_CHANNELS
 from core.kernels.assessing import STALE
@@ -28,11 +27,11 @@ from core.kernels.deviation import (
 from core.monitor.assessment import STATES, Assessment, Assessments
 from core.monitor.doubts import NOT_CALIBRATED, strayed, too_little
 from core.monitor.support import Support
+from core.types import Array
 
 if TYPE_CHECKING:
     from core.monitor.monitor import Monitor
 
-Array = npt.NDArray[np.float64]
 
 CODES = {state: code for code, state in enumerate(STATES)}
 

@@ -12,12 +12,10 @@ from math import cos, exp, isfinite, pi, tan
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
 from core.channels import KEYS
 from core.simulation.uncertain_plant import UncertainPlant
-
-Array = npt.NDArray[np.float64]
+from core.types import Array
 
 P, R = KEYS.index("p"), KEYS.index("r")
 WASH_OUT_S = 60.0

@@ -14,11 +14,11 @@ import numpy.typing as npt
 
 from core.channels import KEYS
 from core.simulation.uncertain_plant import Plants, UncertainPlant
+from core.types import Array
 
 if TYPE_CHECKING:
     from control import InputOutputSystem
 
-Array = npt.NDArray[np.float64]
 Rows = tuple[tuple[float, ...], ...]
 
 FEEDBACK: tuple[str, ...] = (*KEYS, "phi")

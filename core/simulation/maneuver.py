@@ -10,9 +10,9 @@ from math import inf, isfinite, log
 from typing import Literal, get_args
 
 import numpy as np
-import numpy.typing as npt
 
-Array = npt.NDArray[np.float64]
+from core.types import Array
+
 Surface = Literal["aileron", "rudder"]
 Spacing = Literal["log", "linear"]
 Interpolation = Literal["hold", "linear"]

@@ -4,7 +4,6 @@ from functools import partial
 from math import ceil, exp, inf, isfinite, radians
 
 import numpy as np
-import numpy.typing as npt
 
 from core.channels import N_CHANNELS
 from core.kernels.compiled import in_chunks
@@ -14,8 +13,8 @@ from core.kernels.saturation import LIMITED_LEDGER, limited_room, roll_out_limit
 from core.kernels.zero_order_hold import input_series
 from core.simulation.control_law import FEEDBACK, PHI_STATE, SURFACES, Actuator, Controller
 from core.simulation.uncertain_plant import Plants
+from core.types import Array
 
-Array = npt.NDArray[np.float64]
 CHUNK = 32 * GROUPS * WIDTH
 """Rollouts that a thread takes at a time."""
 LONGEST_STEP = 0.002

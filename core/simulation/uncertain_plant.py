@@ -8,9 +8,9 @@ from math import isfinite
 from typing import Literal, NamedTuple, get_args
 
 import numpy as np
-import numpy.typing as npt
 
-Array = npt.NDArray[np.float64]
+from core.types import Array
+
 Distribution = Literal["normal", "uniform"]
 Unit = Literal["fraction", "absolute"]
 

@@ -6,12 +6,9 @@ It knows nothing of `core.simulation`; about one flight in four breaks |N_y| < 0
 from dataclasses import replace
 
 import numpy as np
-import numpy.typing as npt
 
 from core.dataset import Dataset
-
-Array = npt.NDArray[np.float64]
-Indices = npt.NDArray[np.int64]
+from core.types import Array, Indices
 
 DT, N_SAMPLES, NY = 0.05, 61, 3
 TIMES: Array = DT * np.arange(N_SAMPLES, dtype=np.float64)

@@ -16,7 +16,8 @@ import numpy.typing as npt
 from sklearn.decomposition import PCA
 from sklearn.neighbors import NearestNeighbors
 
-Array = npt.NDArray[np.float64]
+from core.types import Array
+
 Map = Callable[[Array], Array]  # predictor: (m, d) -> (m, d'); distance and score: (m, d) -> (m,)
 
 # F-16 of Stevens & Lewis (502 ft/s, sea level): rows Y, L, N; columns beta, p, r, delta_a, delta_r.

@@ -9,13 +9,11 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-import numpy.typing as npt
 
 from app.telemetry.extent import extent
 from app.telemetry.mapping.slopes import values_at
 from app.telemetry.traces import Trace, Traces
-
-Array = npt.NDArray[np.float64]
+from core.types import Array, Indices
 
 STEP = 0.05
 """Of the grid that channels of several rates meet on [s]."""
@@ -54,7 +52,7 @@ class Motion:
 
     values: dict[str, Array]
     rates: dict[str, Array]
-    window: npt.NDArray[np.intp]
+    window: Indices
 
     def spread(self, key: str) -> float:
         """Standard deviation of a channel about its mean in each window; 0 where it is absent."""

@@ -1,10 +1,8 @@
 """Derivatives and values between samples of recorded traces, without amplifying their noise."""
 
 import numpy as np
-import numpy.typing as npt
 
-Array = npt.NDArray[np.float64]
-Flags = npt.NDArray[np.bool_]
+from core.types import Array, Indices
 
 HALF_WINDOW_S = 0.1
 """A slope looks this far to either side, at the least one sample [s]."""
@@ -79,7 +77,7 @@ def unwrapped(t: Array, angle: Array) -> Array:
     return free
 
 
-def _usable(t: Array, x: Array, *, missing: bool = False) -> npt.NDArray[np.intp]:
+def _usable(t: Array, x: Array, *, missing: bool = False) -> Indices:
     """Samples in the order of their times, of equal times the first; with finite values."""
     good = np.isfinite(t) if missing else np.isfinite(t) & np.isfinite(x)
     if good.all() and bool((np.diff(t) > 0.0).all()):

@@ -10,6 +10,7 @@ import numpy.typing as npt
 
 from app.telemetry.readers.ch10_packets import TICKS
 from app.telemetry.readers.sources import Column, Pieces, Source
+from core.types import Array
 
 MOST_WORDS = 32
 """Data words of a MIL-STD-1553 message."""
@@ -103,7 +104,7 @@ class Sampled(Series):
         n_rows = sum(map(len, self.blocks))
         return Source((name,), _columns(name, labels), n_rows, pieces)
 
-    def _times(self) -> Iterator[npt.NDArray[np.float64]]:
+    def _times(self) -> Iterator[Array]:
         """Ticks of the samples: spread evenly up to the next packet, unless there is a gap."""
         lengths = np.array([len(block) for block in self.blocks], dtype=np.float64)
         steps = np.append(np.diff(self.times), np.nan) / lengths

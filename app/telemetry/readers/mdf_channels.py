@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from app.telemetry.readers.sources import Column
+from core.types import Flags
 
 NUMERIC_4 = frozenset(range(6))
 """Data types of MDF 4: integers and floating-point numbers of either byte order."""
@@ -34,9 +35,7 @@ class Channel:
     column: Column
     conversion: Any
 
-    def physical(
-        self, raw: npt.NDArray[Any], invalid: npt.NDArray[np.bool_] | None
-    ) -> npt.NDArray[Any]:
+    def physical(self, raw: npt.NDArray[Any], invalid: Flags | None) -> npt.NDArray[Any]:
         """Return values in the unit of the channel, NaN where the file calls them invalid."""
         values = self.conversion.convert(raw) if self.conversion else raw
         if invalid is None or not invalid.any():

@@ -10,10 +10,10 @@ import pyarrow as pa
 import pyarrow.compute
 
 from app.telemetry.readers.time_forms import DAY, RANGES, SECOND, YEAR, TimeForm
+from core.types import Array, Flags
 
-Array = npt.NDArray[np.float64]
 Nanoseconds = npt.NDArray[np.int64]
-Times = tuple[Nanoseconds, npt.NDArray[np.bool_]]
+Times = tuple[Nanoseconds, Flags]
 """(n,) since 1970 or the zero of their form [ns], and (n,) whether they are known."""
 compute: Any = pyarrow.compute
 """Its functions are made when it is imported."""

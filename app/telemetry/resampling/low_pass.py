@@ -14,10 +14,9 @@ towards an end the filter does less, and the end sample itself passes as it is.
 from functools import lru_cache
 
 import numpy as np
-import numpy.typing as npt
 from scipy.signal import upfirdn
 
-Array = npt.NDArray[np.float64]
+from core.types import Array
 
 PASS, STOP = 0.4, 0.6
 """Edges of the pass band and of the stop band, as shares of the slower rate."""

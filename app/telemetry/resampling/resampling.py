@@ -9,17 +9,13 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-import numpy.typing as npt
 
 from app.telemetry.recording import ATTITUDE, Recording, TelemetryError
 from app.telemetry.resampling.resampling_notes import Treatment, notes_on
 from app.telemetry.resampling.segments import GAP_RATIO, Course, Grid, course
 from app.telemetry.traces import Trace, Traces
 from core.channels import KEYS
-
-Array = npt.NDArray[np.float64]
-Indices = npt.NDArray[np.intp]
-Flags = npt.NDArray[np.bool_]
+from core.types import Array, Flags, Indices
 
 CONDITION = ("V", "h")
 RATE_RATIO = 1.5

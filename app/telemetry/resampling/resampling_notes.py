@@ -4,12 +4,10 @@ from collections.abc import Iterable
 from dataclasses import dataclass, field
 
 import numpy as np
-import numpy.typing as npt
 
 from app.telemetry.resampling.low_pass import HALF_WIDTH, PASS, STOP
 from app.telemetry.resampling.segments import Grid
-
-Array = npt.NDArray[np.float64]
+from core.types import Array
 
 
 @dataclass(frozen=True, eq=False)

@@ -4,13 +4,10 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-import numpy.typing as npt
 
 from app.telemetry.resampling.low_pass import low_passed
 from app.telemetry.resampling.uneven import interpolated
-
-Array = npt.NDArray[np.float64]
-Indices = npt.NDArray[np.intp]
+from core.types import Array, Indices
 
 GAP_RATIO = 1.5
 """Neighbours further apart than this many steps, the longer of the two, have a gap between them."""

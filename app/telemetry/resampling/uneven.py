@@ -1,10 +1,8 @@
 """Between samples whose clock is not even: the cubic through the four nearest, where it is safe."""
 
 import numpy as np
-import numpy.typing as npt
 
-Array = npt.NDArray[np.float64]
-Indices = npt.NDArray[np.intp]
+from core.types import Array, Indices
 
 CLOSE = 0.3
 """Of the usual step: samples closer together make a cubic swing, so there the line is taken."""

@@ -3,12 +3,10 @@
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
 from app.telemetry.mapping.mapping import TARGETS
 from app.telemetry.plausibility import BOUNDS
-
-Array = npt.NDArray[np.float64]
+from core.types import Array
 
 MOST_SPANS = 500
 """More spans of a kind than this are joined where they are close."""

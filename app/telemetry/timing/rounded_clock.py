@@ -5,10 +5,8 @@ if ever so nearly even, are what the recorder says and stay.
 """
 
 import numpy as np
-import numpy.typing as npt
 
-Array = npt.NDArray[np.float64]
-Indices = npt.NDArray[np.intp]
+from core.types import Array, Indices
 
 FEWEST = 20
 """Times that show a pattern."""

@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 import pytest
 
 from core.channels import KEYS
@@ -18,8 +17,7 @@ from core.monitor.support import LEVEL, Support, calibrate
 from core.simulation.aircraft import PublishedAircraft
 from core.simulation.control_law import CONTROL_LAWS, RateDamper
 from core.simulation.maneuver import Doublet
-
-Array = npt.NDArray[np.float64]
+from core.types import Array
 
 NOISE = SensorNoise(beta=5e-4, p=4e-3, r=1e-3, Ny=4e-3, delta_a=3e-4, delta_r=3e-4)
 PLANTS = {

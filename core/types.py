@@ -1,0 +1,11 @@
+"""The arrays that everything computes with, by what they hold."""
+
+import numpy as np
+import numpy.typing as npt
+
+Array = npt.NDArray[np.float64]
+"""Numbers."""
+Indices = npt.NDArray[np.int64]
+"""Positions of samples, rollouts or points."""
+Flags = npt.NDArray[np.bool_]
+"""Yes or no for each of a batch."""
