@@ -11,18 +11,16 @@ from typing import Any
 from pydantic import TypeAdapter
 
 from app.field_notes import field_notes, first_line
-from app.recipes import FAMILIES, family_of, to_plain
+from app.recipes import family_of, to_plain
 from app.telemetry_catalog import telemetry_catalog
 from core import __version__
 from core.channels import CHANNELS
 from core.collection import DatasetRecipe
 from core.monitor import MonitorRecipe
+from core.recipe import FAMILIES, Family
 from core.specification import SPECIFICATIONS, Limits
 from core.study import StudyRecipe
 
-NAMES: dict[type, str] = dict(
-    zip(FAMILIES, ("aircraft", "control_law", "maneuver", "predictor", "score"), strict=True)
-)
 LABELS = {
     "aircraft": "Aircraft",
     "control_law": "Control law",
@@ -43,15 +41,15 @@ LARGEST_N_TEST = 100_000
 @cache
 def catalog() -> dict[str, Any]:
     """Return the whole catalog as plain data."""
-    families: dict[str, dict[str, Any]] = {}
-    for base, family in (*FAMILIES.items(), (Limits, SPECIFICATIONS)):
-        name = NAMES.get(base, "specification")
-        families[name] = {
-            "label": LABELS[name],
-            "description": first_line(base),
-            "entries": {kind: _entry(kind, member) for kind, member in family.items()},
+    known = FAMILIES | {"specification": Family("specification", Limits, SPECIFICATIONS)}
+    families = {
+        name: {
+            "label": label,
+            "description": first_line(known[name].base),
+            "entries": {kind: _entry(kind, member) for kind, member in known[name].members.items()},
         }
-    families = {name: families[name] for name in LABELS}
+        for name, label in LABELS.items()
+    }
     return {
         "version": __version__,
         "channels": [asdict(channel) for channel in CHANNELS],
@@ -107,12 +105,11 @@ def _with_notes(schema: dict[str, Any], member: Any) -> dict[str, Any]:
 def _property(schema: dict[str, Any], value: Any) -> dict[str, Any]:
     family = family_of(value)
     if family is not None:
-        base = next(base for base in FAMILIES if isinstance(value, base))
         return {
             "type": "object",
-            "description": first_line(base),
-            "x-family": NAMES[base],
-            "properties": {"kind": {"enum": list(family)}},
+            "description": first_line(family.base),
+            "x-family": family.name,
+            "properties": {"kind": {"enum": list(family.members)}},
         }
     if is_dataclass(value):
         return _with_notes(schema, value)

@@ -19,6 +19,7 @@ from core.monitor.calibration import check_epsilon, smallest_epsilon
 from core.monitor.predictor import Affine
 from core.monitor.recipe import MonitorRecipe
 from core.monitor.support import Support
+from core.recipe import from_plain
 from core.types import Array, Flags, Indices
 from core.whole_file import write_whole
 
@@ -261,7 +262,7 @@ def from_bytes(blob: bytes, name: str = "monitor") -> Monitor:
 
 
 def _rebuild(header: dict[str, Any], arrays: dict[str, Any]) -> Monitor:
-    recipe = MonitorRecipe.from_json(header["recipe"])
+    recipe = from_plain(MonitorRecipe(), header["recipe"])
     affine = Affine(arrays.pop("matrix"), arrays.pop("offset"))
     exact = Transduction(
         **{key: arrays.pop(f"exact_{key}") for key in portable.EXACT_ARRAYS}, **header["exact"]

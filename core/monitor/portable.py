@@ -16,6 +16,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from core.recipe import to_plain
+
 if TYPE_CHECKING:
     from core.monitor.monitor import Monitor
 
@@ -46,7 +48,7 @@ def to_bytes(monitor: "Monitor") -> bytes:
     """Pack a monitor."""
     exact, support = monitor.exact, monitor.support
     header = {key: getattr(monitor, key) for key in HEADER_FIELDS} | {
-        "recipe": monitor.recipe.to_json(),
+        "recipe": to_plain(monitor.recipe),
         "theta_names": monitor.theta_names,
         "exact": {"always": exact.always, "running": exact.running},
     }

@@ -6,6 +6,7 @@ from typing import ClassVar, NamedTuple
 
 import numpy as np
 
+from core.recipe import family
 from core.types import Array
 
 N_OUTPUTS = 6
@@ -125,9 +126,13 @@ class LastOutput(Predictor):
         return Affine(np.eye(o.shape[1])[:, -N_OUTPUTS:], np.zeros(N_OUTPUTS))
 
 
-PREDICTORS: dict[str, Predictor] = {
-    "linear": Linear(),
-    "identity": Identity(),
-    "pca": PrincipalComponents(),
-    "last_output": LastOutput(),
-}
+PREDICTORS = family(
+    "predictor",
+    Predictor,
+    {
+        "linear": Linear(),
+        "identity": Identity(),
+        "pca": PrincipalComponents(),
+        "last_output": LastOutput(),
+    },
+)

@@ -1,8 +1,8 @@
 """The recipe of a monitor: every choice that training makes, and what the form shows."""
 
 import math
-from dataclasses import dataclass, fields, is_dataclass, replace
-from typing import Any, Literal, get_args
+from dataclasses import dataclass
+from typing import Literal, get_args
 
 from core.monitor.predictor import PREDICTORS, Predictor
 from core.monitor.score import SCORES, Score
@@ -59,38 +59,3 @@ class MonitorRecipe:
                 "the score negative_magnitude reads an output: choose the predictor linear or "
                 "last_output"
             )
-
-    def to_json(self) -> dict[str, Any]:
-        """Return plain data, each family member tagged by its `kind`."""
-        data = {field.name: getattr(self, field.name) for field in fields(self)}
-        return data | {
-            "predictor": tagged(self.predictor, PREDICTORS),
-            "score": tagged(self.score, SCORES),
-        }
-
-    @classmethod
-    def from_json(cls, data: dict[str, Any]) -> "MonitorRecipe":
-        """Rebuild a recipe from `to_json`."""
-        return cls(
-            **data
-            | {
-                "predictor": untagged(data["predictor"], PREDICTORS),
-                "score": untagged(data["score"], SCORES),
-            }
-        )
-
-
-def tagged(member: Any, family: dict[str, Any]) -> dict[str, Any]:
-    """Return a family member's parameters with its name in the family as `kind`."""
-    assert is_dataclass(member)
-    kind = next(name for name, entry in family.items() if type(entry) is type(member))
-    return {"kind": kind} | {field.name: getattr(member, field.name) for field in fields(member)}
-
-
-def untagged(data: dict[str, Any], family: dict[str, Any]) -> Any:
-    """Rebuild a family member from `tagged`; ValueError where the family has no such kind."""
-    parameters = dict(data)
-    kind = parameters.pop("kind")
-    if kind not in family:
-        raise ValueError(f"kind {kind!r} was given: choose one of {', '.join(family)}")
-    return replace(family[kind], **parameters)

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 from typing import ClassVar, Literal
 
 from core.channels import KEYS
+from core.recipe import family
 
 
 @dataclass(frozen=True)
@@ -56,9 +57,13 @@ class NegativeMagnitude(Score):
         return KEYS.index(self.key)
 
 
-SCORES: dict[str, Score] = {
-    "nearest_neighbor": NearestNeighbor(),
-    "unsafe_distance": UnsafeDistance(),
-    "safe_distance": SafeDistance(),
-    "negative_magnitude": NegativeMagnitude(),
-}
+SCORES = family(
+    "score",
+    Score,
+    {
+        "nearest_neighbor": NearestNeighbor(),
+        "unsafe_distance": UnsafeDistance(),
+        "safe_distance": SafeDistance(),
+        "negative_magnitude": NegativeMagnitude(),
+    },
+)

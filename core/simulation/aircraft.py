@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, Literal, Self
 import numpy as np
 
 from core.channels import KEYS, N_CHANNELS
+from core.recipe import family
 from core.simulation.published import (
     DERIVATIVES,
     MODELS,
@@ -351,7 +352,11 @@ def _example() -> MatrixAircraft:
     )
 
 
-AIRCRAFT: dict[str, Aircraft] = {
-    **{name: PublishedAircraft(name) for name in MODELS},
-    "matrices": _example(),
-}
+AIRCRAFT = family(
+    "aircraft",
+    Aircraft,
+    {
+        **{name: PublishedAircraft(name) for name in MODELS},
+        "matrices": _example(),
+    },
+)

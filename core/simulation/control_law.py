@@ -13,6 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from core.channels import KEYS
+from core.recipe import family
 from core.simulation.uncertain_plant import Plants, UncertainPlant
 from core.types import Array
 
@@ -348,19 +349,23 @@ def check_usable(
         )
 
 
-CONTROL_LAWS: dict[str, ControlLaw] = {
-    "none": NoFeedback(),
-    "f16_sl_ofb": OutputFeedback(),
-    "f16_damper": RateDamper(kr=0.5, kp=0.1),
-    "f104a_damper": RateDamper(kr=0.3, kp=0.03),
-    "f4c_damper": RateDamper(kr=1.0, kp=0.1),
-    "attas_damper": RateDamper(kr=1.0, kp=0.1),
-    "nt33a_damper": RateDamper(kr=1.0, kp=0.1),
-    # MathWorks, Control System Toolbox, "Yaw Damper Design for a 747 Jet Aircraft"
-    "b747_yaw_damper_mathworks": RateDamper(kr=2.34, kp=0.0, washout_rad_s=0.2),
-    # after Bryson; Franklin, Powell and Emami-Naeini's 747
-    "b747_yaw_damper_bryson": RateDamper(
-        kr=2.0, kp=0.0, washout_rad_s=1.0 / 3.0, actuator=Actuator(10.0)
-    ),
-    "state_space": StateSpaceLaw(),
-}
+CONTROL_LAWS = family(
+    "control_law",
+    ControlLaw,
+    {
+        "none": NoFeedback(),
+        "f16_sl_ofb": OutputFeedback(),
+        "f16_damper": RateDamper(kr=0.5, kp=0.1),
+        "f104a_damper": RateDamper(kr=0.3, kp=0.03),
+        "f4c_damper": RateDamper(kr=1.0, kp=0.1),
+        "attas_damper": RateDamper(kr=1.0, kp=0.1),
+        "nt33a_damper": RateDamper(kr=1.0, kp=0.1),
+        # MathWorks, Control System Toolbox, "Yaw Damper Design for a 747 Jet Aircraft"
+        "b747_yaw_damper_mathworks": RateDamper(kr=2.34, kp=0.0, washout_rad_s=0.2),
+        # after Bryson; Franklin, Powell and Emami-Naeini's 747
+        "b747_yaw_damper_bryson": RateDamper(
+            kr=2.0, kp=0.0, washout_rad_s=1.0 / 3.0, actuator=Actuator(10.0)
+        ),
+        "state_space": StateSpaceLaw(),
+    },
+)

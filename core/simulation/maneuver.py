@@ -11,6 +11,7 @@ from typing import Literal, get_args
 
 import numpy as np
 
+from core.recipe import family
 from core.types import Array
 
 Surface = Literal["aileron", "rudder"]
@@ -330,13 +331,17 @@ class Table(Maneuver):
         return np.stack(tuple(columns), axis=-1)
 
 
-MANEUVERS: dict[str, Maneuver] = {
-    "rudder_doublet": Doublet(),
-    "aileron_doublet": Doublet(surface="aileron"),
-    "step": Step(),
-    "pulse": Pulse(),
-    "multistep_3211": Multistep3211(),
-    "bank_to_bank": BankToBank(),
-    "frequency_sweep": FrequencySweep(),
-    "table": Table(),
-}
+MANEUVERS = family(
+    "maneuver",
+    Maneuver,
+    {
+        "rudder_doublet": Doublet(),
+        "aileron_doublet": Doublet(surface="aileron"),
+        "step": Step(),
+        "pulse": Pulse(),
+        "multistep_3211": Multistep3211(),
+        "bank_to_bank": BankToBank(),
+        "frequency_sweep": FrequencySweep(),
+        "table": Table(),
+    },
+)

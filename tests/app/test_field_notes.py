@@ -3,8 +3,8 @@ from dataclasses import dataclass, fields
 import pytest
 
 from app.field_notes import field_notes, first_line
-from app.recipes import FAMILIES
 from core.collection import DatasetRecipe
+from core.recipe import FAMILIES
 from core.specification import Limits
 
 
@@ -75,7 +75,7 @@ def test_channels_lend_their_units():
 
 @pytest.mark.parametrize(
     "member",
-    [pytest.param(m, id=k) for family in FAMILIES.values() for k, m in family.items()],
+    [pytest.param(m, id=k) for family in FAMILIES.values() for k, m in family.members.items()],
 )
 def test_every_parameter_named_in_a_unit_has_it(member):
     notes = field_notes(type(member))

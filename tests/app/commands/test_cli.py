@@ -8,6 +8,7 @@ import pytest
 
 from app.cli import main
 from core.monitor import Monitor, load
+from core.recipe import to_plain
 from core.simulation.aircraft import AIRCRAFT
 from tests.support.attas import record_file
 
@@ -87,7 +88,7 @@ def test_train_writes_a_monitor_that_knows_its_recipe(tmp_path: Path, capsys):
     monitor = load(path)
     assert isinstance(monitor, Monitor)
     assert (monitor.n_unsafe, monitor.h, monitor.seed) == (60, 6, 7)
-    assert monitor.recipe.to_json()["predictor"] == {"kind": "identity"}
+    assert to_plain(monitor.recipe)["predictor"] == {"kind": "identity"}
     assert monitor.dataset_recipe["aircraft"]["kind"] == "f16_sl_h0_v502"
     assert "calibrated on 60 failures" in capsys.readouterr().out
 

@@ -2,10 +2,11 @@ import jsonschema_rs
 import pytest
 
 from app.catalog import catalog, dataset_request_schema, monitor_request_schema
-from app.recipes import FAMILIES, from_plain
+from app.recipes import from_plain
 from core.channels import KEYS
 from core.collection import DatasetRecipe
 from core.monitor import MonitorRecipe
+from core.recipe import FAMILIES
 from core.specification import SPECIFICATIONS
 from tests.support.api import api
 
@@ -23,7 +24,7 @@ def published(tmp_path_factory):
 
 
 def test_every_member_of_every_family_is_published(published):
-    known = [*FAMILIES.values(), SPECIFICATIONS]
+    known = [*(family.members for family in FAMILIES.values()), SPECIFICATIONS]
     listed = [list(family["entries"]) for family in published["families"].values()]
     assert sorted(map(sorted, listed)) == sorted(map(sorted, known))
 
@@ -44,12 +45,8 @@ def test_defaults_fit_their_schema(published, family, kind):
 @pytest.mark.parametrize(("family", "kind"), ENTRIES)
 def test_defaults_are_what_the_family_holds(published, family, kind):
     default = published["families"][family]["entries"][kind]["default"]
-    members = next((m for b, m in FAMILIES.items() if kind in m and _is(b, family)), SPECIFICATIONS)
+    members = FAMILIES[family].members if family in FAMILIES else SPECIFICATIONS
     assert from_plain(members[kind], default) == members[kind]
-
-
-def _is(base: type, family: str) -> bool:
-    return base.__name__.lower() == family.replace("_", "")
 
 
 @pytest.mark.parametrize(("family", "kind"), ENTRIES)

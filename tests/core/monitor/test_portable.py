@@ -19,6 +19,7 @@ from core.monitor.portable import MonitorFileError, to_bytes
 from core.monitor.predictor import PREDICTORS, PrincipalComponents
 from core.monitor.score import SCORES, NegativeMagnitude
 from core.monitor.support import Support
+from core.recipe import from_plain, to_plain
 from tests.support.oscillator import DT, THETA, Array
 
 RECIPES = {
@@ -135,8 +136,8 @@ def test_the_digest_tells_datasets_apart(dataset: Dataset) -> None:
 
 @pytest.mark.parametrize("name", RECIPES)
 def test_a_recipe_survives_json(name: str) -> None:
-    text = json.dumps(RECIPES[name].to_json())
-    assert MonitorRecipe.from_json(json.loads(text)) == RECIPES[name]
+    text = json.dumps(to_plain(RECIPES[name]))
+    assert from_plain(MonitorRecipe(), json.loads(text)) == RECIPES[name]
 
 
 def test_every_pair_of_predictor_and_score_survives_json() -> None:
@@ -144,7 +145,9 @@ def test_every_pair_of_predictor_and_score_survives_json() -> None:
         for score in SCORES.values():
             if score.channel < 0 or predictor.maps_to_outputs:
                 recipe = MonitorRecipe(predictor=predictor, score=score)
-                assert MonitorRecipe.from_json(json.loads(json.dumps(recipe.to_json()))) == recipe
+                assert (
+                    from_plain(MonitorRecipe(), json.loads(json.dumps(to_plain(recipe)))) == recipe
+                )
 
 
 # --- what is refused -----------------------------------------------------------------------------

@@ -9,7 +9,7 @@ from sklearn.linear_model import LinearRegression
 
 from core.monitor import predictor
 from core.monitor.predictor import PREDICTORS, Affine, Array, Linear, PrincipalComponents
-from core.monitor.recipe import tagged, untagged
+from core.recipe import from_plain, to_plain
 
 
 def pairs(n: int = 300) -> tuple[Array, Array]:
@@ -41,8 +41,8 @@ def test_every_predictor_keeps_its_promises(name: str) -> None:
     np.testing.assert_array_equal(ahead, before[1])
     assert d == 6 or not recipe.maps_to_outputs
     assert recipe.maps_to_outputs or not recipe.forecasts
-    assert tagged(recipe, PREDICTORS)["kind"] == name
-    assert untagged(tagged(recipe, PREDICTORS), PREDICTORS) == recipe
+    assert to_plain(recipe)["kind"] == name
+    assert from_plain(PREDICTORS["identity"], to_plain(recipe)) == recipe
 
 
 @pytest.mark.parametrize("name", PREDICTORS)

@@ -8,8 +8,8 @@ from core.kernels.assessing import SIMPLE, score_all
 from core.monitor import MonitorRecipe
 from core.monitor.monitor import assemble
 from core.monitor.predictor import PREDICTORS, Affine, Array
-from core.monitor.recipe import tagged, untagged
 from core.monitor.score import SCORES, NegativeMagnitude, Score
+from core.recipe import from_plain, to_plain
 
 
 def score_of(score: Score, unsafe: Array, safe: Array, z: Array) -> Array:
@@ -44,8 +44,8 @@ def test_every_score_is_finite_deterministic_and_survives_json(name: str) -> Non
     assert np.isfinite(s).all()
     assert len(np.unique(s)) == 40
     assert (score_of(score, unsafe, safe, z) == s).all()
-    assert tagged(score, SCORES)["kind"] == name
-    assert untagged(tagged(score, SCORES), SCORES) == score
+    assert to_plain(score)["kind"] == name
+    assert from_plain(SCORES["safe_distance"], to_plain(score)) == score
 
 
 @pytest.mark.parametrize("name", SCORES)

@@ -1,0 +1,97 @@
+"""Recipes as plain data and back: the one rule for what files, options and requests say."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import fields, is_dataclass
+from typing import Any, NamedTuple, TypeVar
+
+M = TypeVar("M")
+
+
+class Family(NamedTuple):
+    """Parts of recipes of one base class, which plain data tells apart by `kind`."""
+
+    name: str
+    base: type
+    members: dict[str, Any]
+
+
+FAMILIES: dict[str, Family] = {}
+"""Every family by its name, as far as its module is imported."""
+
+
+class RecipeError(ValueError):
+    """A recipe that names something unknown or holds a value that is not allowed."""
+
+
+def family(name: str, base: type[M], members: dict[str, M]) -> dict[str, M]:
+    """Return the members of a family; recipes hold them by `kind` from now on."""
+    FAMILIES[name] = Family(name, base, members)
+    return members
+
+
+def family_of(member: Any) -> Family | None:
+    """Return the family a recipe's part belongs to; None for a part that is not of one."""
+    return next((known for known in FAMILIES.values() if isinstance(member, known.base)), None)
+
+
+def to_plain(recipe: Any) -> Any:
+    """Return a recipe as JSON's types; a family's member names itself by `kind`."""
+    if isinstance(recipe, tuple | list):
+        return [to_plain(value) for value in recipe]
+    if isinstance(recipe, dict):
+        return {key: to_plain(value) for key, value in recipe.items()}
+    if not is_dataclass(recipe):
+        return recipe
+    plain = {field.name: to_plain(getattr(recipe, field.name)) for field in fields(recipe)}
+    of = family_of(recipe)
+    return plain if of is None else {"kind": _kind(recipe, of.members)} | plain
+
+
+def _kind(member: Any, members: Mapping[str, Any]) -> str:
+    """Name of the entry that the member was most likely made from."""
+    same = {name: entry for name, entry in members.items() if type(entry) is type(member)}
+
+    def agreement(name: str) -> int:
+        return sum(
+            getattr(member, field.name) == getattr(same[name], field.name)
+            for field in fields(member)
+        )
+
+    return max(same, key=agreement)
+
+
+def _build(default: Any, values: Mapping[str, Any], where: str) -> Any:
+    """Return another of the default's class; RecipeError where it refuses its values."""
+    try:
+        return type(default)(**values)
+    except (TypeError, ValueError) as error:
+        raise RecipeError(f"{where}: {error}") from error
+
+
+def from_plain(
+    default: Any,
+    plain: Any,
+    where: str = "recipe",
+    build: Callable[[Any, Mapping[str, Any], str], Any] = _build,
+) -> Any:
+    """Return `default` with what `plain` says put in place.
+
+    A family's part may change its `kind`; a parameter that is not given keeps its default.
+    build: makes another of (default, values, where); one that checks types where `plain` comes
+    from a person. RecipeError says which part is wrong and what would be right.
+    """
+    if not isinstance(plain, dict):
+        raise RecipeError(f"{where} is {plain!r}: it must be an object of parameters")
+    plain = dict(plain)
+    of = family_of(default)
+    if of is not None and (kind := plain.pop("kind", None)) is not None:
+        if not (isinstance(kind, str) and kind in of.members):
+            raise RecipeError(f"{where} {kind!r} is unknown: choose {', '.join(of.members)}")
+        default = of.members[kind]
+    known = {field.name: getattr(default, field.name) for field in fields(default)}
+    for key in plain:
+        if key not in known:
+            raise RecipeError(f"{where} has no {key!r}: choose {', '.join(known)}")
+        if is_dataclass(known[key]) and not is_dataclass(plain[key]):
+            plain[key] = from_plain(known[key], plain[key], f"{where}.{key}", build)
+    return build(default, known | plain, where)
