@@ -47,10 +47,10 @@ def demonstrate(settings: Settings, say: Callable[[str], None], *, browser: bool
 
 def prepare(store: Store, say: Callable[[str], None]) -> str:
     """Return the id of the demonstration's monitor, trained unless this version did it before."""
-    for info in store.monitors():
+    for info in store.monitors.all():
         if info.name == NAME and info.version == __version__ and info.recipe == to_plain(MONITOR):
             try:
-                store.monitor(info.id)
+                store.monitors.get(info.id)
             except (StoreError, ValueError):
                 say(f"the monitor {NAME!r} there is of an older program")
                 continue
@@ -59,9 +59,9 @@ def prepare(store: Store, say: Callable[[str], None]) -> str:
     say(f"training a small monitor: {DATASET.n_unsafe} unsafe rollouts")
     with progress_bar("unsafe rollouts") as progress:
         dataset = simulate(DATASET, lambda _, done, total: progress(done, total))
-    stored = store.add_dataset(dataset, dataset_name(DATASET))
+    stored = store.datasets.add(dataset, dataset_name(DATASET))
     trained = train_and_test(dataset, MONITOR, N_TEST, lambda *_: None)
-    return store.add_monitor(trained.monitor, NAME, stored.id, trained.evaluation).id
+    return store.monitors.add(trained.monitor, NAME, stored.id, trained.evaluation).id
 
 
 async def fly(app: FastAPI, settings: Settings, monitor_id: str) -> str:

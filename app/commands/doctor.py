@@ -175,7 +175,7 @@ def _trial_monitor(settings: Settings) -> str:
     dataset = simulate(recipe, lambda *_: None)
     store = open_store(settings.url)
     try:
-        return store.add_monitor(train(dataset, MonitorRecipe()), "doctor").id
+        return store.monitors.add(train(dataset, MonitorRecipe()), "doctor").id
     finally:
         store.close()
 

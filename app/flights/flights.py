@@ -107,7 +107,7 @@ class Flights:
         """
         self._take_place()
         try:
-            monitor = await asyncio.to_thread(self.store.monitor, order.monitor_id)
+            monitor = await asyncio.to_thread(self.store.monitors.get, order.monitor_id)
             epsilon = monitor.check_epsilon(order.epsilon)
             script, name = await asyncio.to_thread(self._open, order, monitor, epsilon)
             source = order.source.model_dump(exclude_none=True)
@@ -127,7 +127,7 @@ class Flights:
         """Start the flight of a live source; errors as of `start`."""
         self._take_place()
         try:
-            monitor = await asyncio.to_thread(self.store.monitor, monitor_id)
+            monitor = await asyncio.to_thread(self.store.monitors.get, monitor_id)
             epsilon = monitor.check_epsilon(epsilon)
             plan = await self._plan(name, description, monitor_id, epsilon)
             return await self._start(plan, source)
@@ -145,7 +145,7 @@ class Flights:
         if self._scenes is not None:
             await asyncio.to_thread(self._scenes.close, flight_id)
         try:
-            await asyncio.to_thread(self.store.end_flight, flight_id, status)
+            await asyncio.to_thread(self.store.flights.end, flight_id, status)
         except Exception:
             LOG.exception("flight %s ended, but the store could not note it", flight_id)
 
@@ -153,7 +153,7 @@ class Flights:
         """All alarms of a flight, under way or ended, in the order raised; NotFound."""
         flight = self.get(flight_id)
         at_hand = flight.alarms.at_hand if flight else []
-        stored = await asyncio.to_thread(self.store.alarms, flight_id)
+        stored = await asyncio.to_thread(self.store.alarms.of, flight_id)
         alarms = {
             one.number: Alarm(
                 id=str(one.number),
@@ -180,9 +180,9 @@ class Flights:
             else:
                 await flight.recorder.flush()
                 return alarm
-        for stored in await asyncio.to_thread(self.store.alarms, flight_id):
+        for stored in await asyncio.to_thread(self.store.alarms.of, flight_id):
             if str(stored.number) == alarm_id:
-                await asyncio.to_thread(self.store.acknowledge_alarm, stored.id, by)
+                await asyncio.to_thread(self.store.alarms.acknowledge, stored.id, by)
         for alarm in await self.alarms(flight_id):
             if alarm.id == alarm_id:
                 return alarm
@@ -211,10 +211,10 @@ class Flights:
     async def _plan(
         self, name: str, source: dict[str, Any], monitor_id: str, epsilon: float
     ) -> FlightPlan:
-        monitor = await asyncio.to_thread(self.store.monitor, monitor_id)
-        info = await asyncio.to_thread(self.store.monitor_info, monitor_id)
+        monitor = await asyncio.to_thread(self.store.monitors.get, monitor_id)
+        info = await asyncio.to_thread(self.store.monitors.info, monitor_id)
         stored = {**source, "name": name}
-        flight_id = await asyncio.to_thread(self.store.add_flight, stored, monitor_id, epsilon)
+        flight_id = await asyncio.to_thread(self.store.flights.add, stored, monitor_id, epsilon)
         return FlightPlan(flight_id, name, source, monitor, monitor_id, info.name, epsilon)
 
     def _open(self, order: FlightOrder, monitor: Monitor, epsilon: float) -> tuple[Script, str]:
@@ -229,7 +229,7 @@ class Flights:
     ) -> tuple[Script, str]:
         if self._scored is None:
             raise SourceError("no recordings are kept here: fly a simulated source")
-        info = self.store.scoring(source.recording, source.scoring)
+        info = self.store.scorings.info(source.recording, source.scoring)
         if (info.monitor_id, info.epsilon) != (monitor_id, epsilon):
             raise SourceError(
                 f"this recording was scored by monitor {info.monitor_name} ({info.monitor_id}) at "
@@ -242,7 +242,7 @@ class Flights:
             forecasts=monitor.recipe.predictor.forecasts,
             theta0=trim_angles(monitor.dataset_recipe)[1],
         )
-        return script, self.store.recording_info(source.recording).name
+        return script, self.store.recordings.info(source.recording).name
 
     async def _start(self, plan: FlightPlan, source: Script | LiveSource) -> Flight:
         try:
@@ -257,7 +257,7 @@ class Flights:
             flight.start()
         except BaseException:
             self._flights.pop(plan.id, None)
-            await asyncio.to_thread(self.store.end_flight, plan.id, "failed")
+            await asyncio.to_thread(self.store.flights.end, plan.id, "failed")
             raise
         if self._closing:
             await self.stop(plan.id, "ended", STOPPING)
@@ -285,7 +285,7 @@ class Flights:
             return None
 
     def _stored_frames(self, flight_id: str, first: int, last: int) -> list[dict[str, Any]]:
-        stored = self.store.assessments(flight_id, first, last)
+        stored = self.store.flights.assessments(flight_id, first, last)
         frames = []
         for i, code in enumerate(stored.state.tolist()):
             ok = STATES[code] is State.OK

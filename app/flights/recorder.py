@@ -133,7 +133,7 @@ class Recorder:
 
     def _write(self, batch: list[Recorded]) -> None:
         said = [sample.said for sample in batch]
-        self._store.append_assessments(
+        self._store.flights.append(
             self._flight_id,
             batch[0].seq,
             np.array([one.t for one in said]),
@@ -146,9 +146,9 @@ class Recorder:
         )
 
     def _write_alarm(self, alarm: Alarm) -> None:
-        stored = self._store.add_alarm(self._flight_id, alarm.seq, alarm.t, alarm.p_value)
+        stored = self._store.alarms.add(self._flight_id, alarm.seq, alarm.t, alarm.p_value)
         self._store_ids[alarm.id] = stored
 
     def _write_acknowledgement(self, alarm_id: str, by: str) -> None:
         if alarm_id in self._store_ids:
-            self._store.acknowledge_alarm(self._store_ids[alarm_id], by)
+            self._store.alarms.acknowledge(self._store_ids[alarm_id], by)

@@ -176,8 +176,8 @@ def simulate(recipe: DatasetRecipe, request: Simulated) -> Track:
 
 def replay(store: Store, request: Replay) -> Track:
     """Return a stored rollout, with the samples after its failure where they can be had again."""
-    stored = store.rollout(request.dataset, request.outcome, request.rollout)
-    info = store.dataset_info(request.dataset)
+    stored = store.datasets.rollout(request.dataset, request.outcome, request.rollout)
+    info = store.datasets.info(request.dataset)
     y = stored.y
     if stored.fail_index is not None:
         y = _whole_rollout(info.recipe, stored.theta, y)
@@ -207,7 +207,7 @@ def _recipe(request: Simulated, store: Store, monitor: Monitor) -> DatasetRecipe
     if request.dataset is not None:
         if plain is not None:
             raise SourceError("dataset and recipe were both given: give one, or neither")
-        plain = store.dataset_info(request.dataset).recipe
+        plain = store.datasets.info(request.dataset).recipe
     if plain is None:
         plain = monitor.dataset_recipe
     if not plain:

@@ -106,7 +106,7 @@ class Jobs:
                 raise QueueFull(
                     f"{len(self._waiting)} jobs wait already: wait for one to end, or cancel one"
                 )
-            task = Task(self.store.add_job(kind, request), work, self._tell)
+            task = Task(self.store.jobs.add(kind, request), work, self._tell)
             self._live[task.id] = task
             self._waiting.append(task)
             self._changed.notify()
@@ -114,7 +114,7 @@ class Jobs:
 
     def info(self, job_id: str) -> JobInfo:
         """The job as it is now, progress included; NotFound for an unknown id."""
-        return self.fresh(self.store.job(job_id))
+        return self.fresh(self.store.jobs.info(job_id))
 
     def fresh(self, info: JobInfo) -> JobInfo:
         """A stored job with its progress of this moment."""
@@ -129,7 +129,7 @@ class Jobs:
         with self._changed:
             task = self._live.get(job_id)
             if task is None:
-                status = self.store.job(job_id).status
+                status = self.store.jobs.info(job_id).status
                 raise NotRunning(f"the job is {status} already: there is nothing to cancel")
             task.stop.set()
             if task in self._waiting:
@@ -179,7 +179,7 @@ class Jobs:
 
     def _run(self, task: Task) -> None:
         try:
-            self.store.update_job(task.id, status="running", message="starting")
+            self.store.jobs.update(task.id, status="running", message="starting")
             task.progress("starting", 0, 0)
             result = task.work(task)
             self._end(
@@ -209,7 +209,7 @@ class Jobs:
 
     def _end(self, task: Task, **fields: Any) -> None:
         try:
-            self.store.update_job(task.id, **fields)
+            self.store.jobs.update(task.id, **fields)
         except Exception:
             LOG.exception("job %s ended as %s, which could not be stored", task.id, fields)
         task.ended = True
@@ -221,7 +221,7 @@ class Jobs:
         now = time.monotonic()
         if now >= task.next_save:
             task.next_save = now + SAVE_INTERVAL
-            self.store.update_job(
+            self.store.jobs.update(
                 task.id, progress=task.done, total=task.total, message=task.message
             )
         self._wake(task)

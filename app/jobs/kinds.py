@@ -15,7 +15,7 @@ def dataset_work(order: DatasetOrder, store: Store) -> Work:
     def work(task: Task) -> dict[str, Any]:
         dataset = simulate(order.recipe, task.progress)
         task.progress("storing", task.done, task.total)
-        return {"dataset": store.add_dataset(dataset, order.name).id}
+        return {"dataset": store.datasets.add(dataset, order.name).id}
 
     return work
 
@@ -28,10 +28,10 @@ def monitor_work(order: MonitorOrder, store: Store) -> Work:
         if dataset is None:
             assert order.dataset.recipe
             dataset = simulate(order.dataset.recipe, task.progress)
-            dataset_id = store.add_dataset(dataset, dataset_name(order.dataset.recipe)).id
+            dataset_id = store.datasets.add(dataset, dataset_name(order.dataset.recipe)).id
         training = train_and_test(dataset, order.recipe, order.n_test, task.progress)
         task.progress("storing", task.done, task.total)
-        info = store.add_monitor(training.monitor, order.name, dataset_id, training.evaluation)
+        info = store.monitors.add(training.monitor, order.name, dataset_id, training.evaluation)
         return {"monitor": info.id, "dataset": dataset_id}
 
     return work

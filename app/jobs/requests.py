@@ -27,7 +27,7 @@ class DatasetChoice:
 
     def load(self, store: Store) -> Dataset | None:
         """The stored dataset; None where it is yet to be simulated."""
-        return None if self.id is None else store.dataset(self.id)
+        return None if self.id is None else store.datasets.get(self.id)
 
 
 @dataclass(frozen=True)
@@ -68,7 +68,7 @@ def monitor_order(plain: dict[str, Any], store: Store, max_bytes: int) -> Monito
         _check_test_size(choice.recipe, n_test, max_bytes)
     else:
         assert choice.id
-        n_unsafe = store.dataset_info(choice.id).n_unsafe
+        n_unsafe = store.datasets.info(choice.id).n_unsafe
     try:
         check_epsilon(recipe.epsilon, n_unsafe)
     except (ValueError, OverflowError) as error:
@@ -135,7 +135,7 @@ def _recipe(default: Any, plain: Any, where: str) -> Any:
 def _dataset_choice(plain: dict[str, Any], store: Store, max_bytes: int) -> DatasetChoice:
     given = plain.pop("dataset", None)
     if isinstance(given, str):
-        store.dataset_info(given)
+        store.datasets.info(given)
         return DatasetChoice(given, None)
     if isinstance(given, dict):
         return DatasetChoice(None, _dataset_recipe(given, max_bytes))

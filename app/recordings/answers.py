@@ -21,11 +21,11 @@ SUMMARY = ("n", "missing", "min", "max", "mean")
 
 def described(recordings: Recordings, recording_id: str) -> dict[str, Any]:
     """All about a recording. NotFound; StoreError."""
-    info = recordings.store.recording_info(recording_id)
-    mapped = recordings.store.mapped_columns(recording_id)
+    info = recordings.store.recordings.info(recording_id)
+    mapped = recordings.store.recordings.mapped_columns(recording_id)
     contents = recordings.columns(recording_id).contents
     return asdict(info) | {
-        "same_as": recordings.store.earlier_recording(recording_id),
+        "same_as": recordings.store.recordings.duplicate_of(recording_id),
         "contents": _contents(contents, mapped),
         "bad_rows": _bad_rows(contents),
         "mapping": mapped.mapping,
@@ -51,7 +51,7 @@ def bands(recordings: Recordings, recording_id: str, mapping: Mapping, bins: int
 
 def signal_bands(recordings: Recordings, recording_id: str, index: int) -> dict[str, Any]:
     """A signal of a recording in a few bins. NotFound; StoreError."""
-    recordings.store.recording_info(recording_id)
+    recordings.store.recordings.info(recording_id)
     columns = recordings.columns(recording_id)
     signals = columns.contents.signals
     if not 0 <= index < len(signals):

@@ -20,7 +20,7 @@ class MappingMemory:
         """The mapping last kept for this aircraft, best of one for these very signals."""
         store = open_store(self.settings.url, recover=False)
         try:
-            kept = store.remembered_mapping(self.aircraft, signature(contents))
+            kept = store.mappings.find(self.aircraft, signature(contents))
         finally:
             store.close()
         return None if kept is None else Mapping.from_plain(kept.mapping)
@@ -29,6 +29,6 @@ class MappingMemory:
         """Use this mapping for the next recording of the aircraft."""
         store = open_store(self.settings.url, recover=False)
         try:
-            store.remember_mapping(self.aircraft, signature(contents), mapping.to_plain())
+            store.mappings.save(self.aircraft, signature(contents), mapping.to_plain())
         finally:
             store.close()

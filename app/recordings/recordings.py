@@ -121,7 +121,7 @@ class Recordings:
 
     def take_mapping(self, recording_id: str, mapping: Mapping) -> MappedColumns:
         """What comes of another mapping, without keeping it. NotFound; StoreError."""
-        before = self.store.mapped_columns(recording_id)
+        before = self.store.recordings.mapped_columns(recording_id)
         with self.present(recording_id):
             return take_mapping(self.files.columns(recording_id), mapping, before)
 
@@ -138,17 +138,17 @@ class Recordings:
         if mapped.problem is not None:
             raise TelemetryError(mapped.problem)
         confirmed = replace(mapped, mapping_state="confirmed")
-        self.store.confirm_mapping(recording_id, confirmed, aircraft)
-        aircraft = self.store.recording_info(recording_id).aircraft
+        self.store.recordings.confirm_mapping(recording_id, confirmed, aircraft)
+        aircraft = self.store.recordings.info(recording_id).aircraft
         if remember and aircraft:
             key = signature(self.columns(recording_id).contents)
-            self.store.remember_mapping(aircraft, key, mapped.mapping)
+            self.store.mappings.save(aircraft, key, mapped.mapping)
 
     def delete(self, recording_id: str) -> None:
         """Delete a recording with its folder. NotFound; InUse while it is flown."""
-        self.store.withdraw_recording(recording_id)
+        self.store.recordings.withdraw(recording_id)
         self.files.discard(recording_id)
-        self.store.forget_recording(recording_id)
+        self.store.recordings.purge(recording_id)
 
     @contextmanager
     def present(self, recording_id: str) -> Iterator[None]:
@@ -156,7 +156,7 @@ class Recordings:
         try:
             yield
         except FileNotFoundError as error:
-            self.store.recording_info(recording_id)
+            self.store.recordings.info(recording_id)
             raise StoreError(
                 f"{error.filename} is missing: restore the data directory, or delete the "
                 "recording and upload it again"
@@ -174,14 +174,14 @@ class Recordings:
             read_file(folder / "file", folder / "columns", name=upload.name)
         columns = open_columns(folder / "columns")
         key = signature(columns.contents)
-        return propose_mapping(columns, self.store.remembered_mapping(upload.aircraft, key))
+        return propose_mapping(columns, self.store.mappings.find(upload.aircraft, key))
 
     def _admit(
         self, recording_id: str, upload: Upload, received: Received, mapped: MappedColumns
     ) -> None:
         """Put a recording in its place, first the row that is not seen, then the folder."""
         folder = self.files.incoming / recording_id
-        self.store.begin_recording(
+        self.store.recordings.begin(
             recording_id,
             upload.name,
             received.size,
@@ -192,23 +192,23 @@ class Recordings:
         )
         with spacious():
             self.files.admit(recording_id)
-        self.store.complete_recording(recording_id)
+        self.store.recordings.complete(recording_id)
 
     def _drop(self, recording_id: str) -> None:
         """Leave nothing of a recording that did not come in."""
         try:
             self.files.reject(recording_id)
             with suppress(NotFound):
-                self.store.withdraw_recording(recording_id)
+                self.store.recordings.withdraw(recording_id)
             self.files.discard(recording_id)
-            self.store.forget_recording(recording_id)
+            self.store.recordings.purge(recording_id)
         except Exception:
             LOG.exception("recording %s is removed at the next start", recording_id)
 
     def _recover(self) -> None:
         """Clear up after a server that died."""
-        for recording_id in self.store.unseen_recordings():
+        for recording_id in self.store.recordings.incomplete():
             self.files.discard(recording_id)
-            self.store.forget_recording(recording_id)
-        recordings = [info.id for info in self.store.recordings()]
-        self.files.clear(recordings, self.store.scoring_ids())
+            self.store.recordings.purge(recording_id)
+        recordings = [info.id for info in self.store.recordings.all()]
+        self.files.clear(recordings, self.store.scorings.ids())

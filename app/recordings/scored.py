@@ -86,14 +86,14 @@ class ScoredRecordings:
 
     def delete(self, recording_id: str, scoring_id: str) -> None:
         """Delete a scoring with its samples. NotFound; InUse while it is flown."""
-        self.store.delete_scoring(recording_id, scoring_id)
+        self.store.scorings.delete(recording_id, scoring_id)
         remove(self.files.scorings(recording_id), scoring_id)
 
     def _score(
         self, recording_id: str, monitor_id: str, order: ScoringOrder
     ) -> tuple[ScoringInfo, bool]:
         of = self._ingredients(recording_id, monitor_id, order)
-        if kept := self.store.same_scoring(recording_id, of.digest):
+        if kept := self.store.scorings.find(recording_id, of.digest):
             return kept, False
         traces = self.recordings.traces(recording_id, of.mapped)
         scored = score(of.monitor, traces, of.order)
@@ -103,7 +103,7 @@ class ScoredRecordings:
         try:
             with self.recordings.present(recording_id):
                 keep(folder, scoring_id, scored.samples)
-            kept = self.store.add_scoring(_entry(of, scored, scoring_id, hashed.result()))
+            kept = self.store.scorings.add(_entry(of, scored, scoring_id, hashed.result()))
         except BaseException:
             remove(folder, scoring_id)
             raise
@@ -112,12 +112,12 @@ class ScoredRecordings:
         return kept, kept.id == scoring_id
 
     def _ingredients(self, recording_id: str, monitor_id: str, order: ScoringOrder) -> Ingredients:
-        monitor = self.store.monitor(monitor_id)
+        monitor = self.store.monitors.get(monitor_id)
         return Ingredients(
-            self.store.recording_info(recording_id),
-            self.store.mapped_columns(recording_id),
+            self.store.recordings.info(recording_id),
+            self.store.recordings.mapped_columns(recording_id),
             monitor,
-            self.store.monitor_info(monitor_id),
+            self.store.monitors.info(monitor_id),
             replace(order, epsilon=monitor.check_epsilon(order.epsilon)),
         )
 

@@ -17,21 +17,21 @@ MAPPED: dict[MappingState, str] = {
 def stored_subject(scored: ScoredRecordings, recording_id: str, scoring_id: str) -> ReportSubject:
     """A stored scoring, ready to report. NotFound; StoreError."""
     store = scored.store
-    info = store.scoring(recording_id, scoring_id)
-    recording = store.recording_info(recording_id)
+    info = store.scorings.info(recording_id, scoring_id)
+    recording = store.recordings.info(recording_id)
     contents = scored.recordings.columns(recording_id).contents
-    mapped, guesses = _mapped(info, store.mapped_columns(recording_id))
+    mapped, guesses = _mapped(info, store.recordings.mapped_columns(recording_id))
     return ReportSubject(
         recording=asdict(recording) | of_contents(contents),
         scoring=asdict(info),
-        monitor=store.monitor(info.monitor_id),
+        monitor=store.monitors.get(info.monitor_id),
         monitor_name=info.monitor_name,
         monitor_digest=info.monitor_digest,
-        evaluation=store.evaluation(info.monitor_id),
+        evaluation=store.monitors.evaluation(info.monitor_id),
         samples=scored.samples(info),
         mapped=mapped,
         guesses=guesses,
-        markers=[asdict(marker) for marker in store.markers(recording_id)],
+        markers=[asdict(marker) for marker in store.markers.of(recording_id)],
     )
 
 

@@ -112,20 +112,20 @@ async def order_dataset(plain: PlainBody, store: StoreDep, jobs: JobsDep, settin
 @router.get("")
 async def list_datasets(store: StoreDep) -> list[Dataset]:
     """All datasets, newest first."""
-    infos = await asyncio.to_thread(store.datasets)
+    infos = await asyncio.to_thread(store.datasets.all)
     return [Dataset.model_validate(info) for info in infos]
 
 
 @router.get("/{dataset_id}", responses=problem_responses(404))
 async def read_dataset(dataset_id: str, store: StoreDep) -> Dataset:
     """One dataset, without its arrays."""
-    return Dataset.model_validate(await asyncio.to_thread(store.dataset_info, dataset_id))
+    return Dataset.model_validate(await asyncio.to_thread(store.datasets.info, dataset_id))
 
 
 @router.delete("/{dataset_id}", status_code=204, responses=problem_responses(404, 409))
 async def delete_dataset(dataset_id: str, store: StoreDep) -> None:
     """Delete a dataset; 409 names the monitors that were trained on it."""
-    await asyncio.to_thread(store.delete_dataset, dataset_id)
+    await asyncio.to_thread(store.datasets.delete, dataset_id)
 
 
 @router.get(
@@ -142,7 +142,7 @@ async def read_arrays(dataset_id: str, store: StoreDep) -> Response:
 
 
 def _arrays(store: Store, dataset_id: str) -> bytes:
-    dataset = store.dataset(dataset_id)
+    dataset = store.datasets.get(dataset_id)
     archive = io.BytesIO()
     np.savez(
         archive,
@@ -172,7 +172,7 @@ async def list_rollouts(
     """Several rollouts of one outcome, from index `first` on."""
 
     def read() -> list[dict[str, Any]]:
-        info = store.dataset_info(dataset_id)
+        info = store.datasets.info(dataset_id)
         n = info.n_unsafe if outcome == "unsafe" else info.n_safe
         return [
             _rollout(store, dataset_id, outcome, index)
@@ -189,7 +189,7 @@ async def read_rollout(dataset_id: str, n: int, store: StoreDep):
     """One rollout by its number: unsafe ones first, then safe ones; telemetry as JSON."""
 
     def read() -> dict[str, Any]:
-        info = store.dataset_info(dataset_id)
+        info = store.datasets.info(dataset_id)
         if not 0 <= n < info.n_unsafe + info.n_safe:
             raise Problem(
                 404, f"the dataset has rollouts 0 to {info.n_unsafe + info.n_safe - 1}, not {n}"
@@ -202,8 +202,8 @@ async def read_rollout(dataset_id: str, n: int, store: StoreDep):
 
 
 def _rollout(store: Store, dataset_id: str, outcome: Outcome, index: int) -> dict[str, Any]:
-    info = store.dataset_info(dataset_id)
-    y, theta, fail_index = store.rollout(dataset_id, outcome, index)
+    info = store.datasets.info(dataset_id)
+    y, theta, fail_index = store.datasets.rollout(dataset_id, outcome, index)
     t = np.arange(len(y)) * info.dt
     return {
         "n": index if outcome == "unsafe" else info.n_unsafe + index,

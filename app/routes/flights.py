@@ -144,14 +144,14 @@ async def start_flight(
 @router.get("")
 async def list_flights(flights: FlightsDep) -> list[FlightStatus]:
     """All flights, newest first, under way or ended."""
-    stored = await asyncio.to_thread(flights.store.flights)
+    stored = await asyncio.to_thread(flights.store.flights.all)
     return [_status(info, flights.get(info.id)) for info in stored]
 
 
 @router.get("/{flight_id}", responses=problem_responses(404, 422))
 async def read_flight(flight_id: str, flights: FlightsDep) -> FlightStatus:
     """One flight."""
-    info = await asyncio.to_thread(flights.store.flight, flight_id)
+    info = await asyncio.to_thread(flights.store.flights.info, flight_id)
     return _status(info, flights.get(flight_id))
 
 
@@ -161,7 +161,7 @@ async def end_flight(flight_id: str, flights: FlightsDep) -> None:
     if flights.get(flight_id) is not None:
         await flights.stop(flight_id)
     else:
-        await asyncio.to_thread(flights.store.delete_flight, flight_id)
+        await asyncio.to_thread(flights.store.flights.delete, flight_id)
 
 
 @router.post("/{flight_id}/transport", responses=problem_responses(404, 409, 422))

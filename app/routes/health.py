@@ -36,7 +36,7 @@ async def health() -> Health:
 async def readiness(store: StoreDep) -> Readiness:
     """Whether the store can be read."""
     try:
-        await asyncio.to_thread(store.jobs)
+        await asyncio.to_thread(store.jobs.all)
     except Exception as error:
         raise Problem(503, "the store cannot be read", "urn:forewarn:store") from error
     return Readiness(status="ready", version=__version__)

@@ -37,7 +37,7 @@ async def list_jobs(store: StoreDep, jobs: JobsDep) -> list[Job]:
     """All jobs, newest first; progress as of now. A study's curves are left out."""
 
     def read() -> list[Job]:
-        listed = [jobs.fresh(info) for info in store.jobs()]
+        listed = [jobs.fresh(info) for info in store.jobs.all()]
         return [job_model(info).model_copy(update=_short(info)) for info in listed]
 
     return await asyncio.to_thread(read)

@@ -47,7 +47,7 @@ class Marker(MarkerText):
 @router.get("", responses=problem_responses(404))
 async def list_markers(recording_id: str, store: StoreDep) -> list[Marker]:
     """All markers and notes of a recording, in the order of their times."""
-    kept = await asyncio.to_thread(store.markers, recording_id)
+    kept = await asyncio.to_thread(store.markers.of, recording_id)
     return [Marker.model_validate(marker) for marker in kept]
 
 
@@ -55,7 +55,7 @@ async def list_markers(recording_id: str, store: StoreDep) -> list[Marker]:
 async def add_marker(recording_id: str, text: MarkerText, store: StoreDep) -> Marker:
     """Set a marker or a note."""
     marker = StoredMarker(id=new_id(), created=now(), **text.model_dump())
-    kept = await asyncio.to_thread(store.add_marker, recording_id, marker)
+    kept = await asyncio.to_thread(store.markers.add, recording_id, marker)
     return Marker.model_validate(kept)
 
 
@@ -65,11 +65,11 @@ async def change_marker(
 ) -> Marker:
     """Say it otherwise, or of another time."""
     marker = StoredMarker(id=marker_id, created="", **text.model_dump())
-    kept = await asyncio.to_thread(store.change_marker, recording_id, marker)
+    kept = await asyncio.to_thread(store.markers.update, recording_id, marker)
     return Marker.model_validate(kept)
 
 
 @router.delete("/{marker_id}", status_code=204, responses=problem_responses(404))
 async def delete_marker(recording_id: str, marker_id: str, store: StoreDep) -> None:
     """Take a marker away."""
-    await asyncio.to_thread(store.delete_marker, recording_id, marker_id)
+    await asyncio.to_thread(store.markers.delete, recording_id, marker_id)

@@ -175,7 +175,7 @@ async def order_monitor(
 
 
 async def _add_file(body: bytes, name: str, store: Store) -> Response:
-    info = await asyncio.to_thread(store.add_monitor_file, body, name)
+    info = await asyncio.to_thread(store.monitors.add_file, body, name)
     monitor = Monitor.model_validate(info)
     location = {"Location": f"/api/v1/monitors/{info.id}"}
     return Response(monitor.model_dump_json(), 201, location, "application/json")
@@ -184,20 +184,20 @@ async def _add_file(body: bytes, name: str, store: Store) -> Response:
 @router.get("")
 async def list_monitors(store: StoreDep) -> list[Monitor]:
     """All monitors, newest first."""
-    infos = await asyncio.to_thread(store.monitors)
+    infos = await asyncio.to_thread(store.monitors.all)
     return [Monitor.model_validate(info) for info in infos]
 
 
 @router.get("/{monitor_id}", responses=problem_responses(404))
 async def read_monitor(monitor_id: str, store: StoreDep) -> Monitor:
     """One monitor, without its arrays."""
-    return Monitor.model_validate(await asyncio.to_thread(store.monitor_info, monitor_id))
+    return Monitor.model_validate(await asyncio.to_thread(store.monitors.info, monitor_id))
 
 
 @router.delete("/{monitor_id}", status_code=204, responses=problem_responses(404, 409))
 async def delete_monitor(monitor_id: str, store: StoreDep) -> None:
     """Delete a monitor; 409 where a flight uses it."""
-    await asyncio.to_thread(store.delete_monitor, monitor_id)
+    await asyncio.to_thread(store.monitors.delete, monitor_id)
 
 
 @router.get(
@@ -207,7 +207,7 @@ async def read_calibration(monitor_id: str, store: StoreDep):
     """Sorted calibration scores and the smallest epsilon that they can serve."""
 
     def read() -> dict[str, Any]:
-        monitor = store.monitor(monitor_id)
+        monitor = store.monitors.get(monitor_id)
         return {
             "alphas": [alpha if abs(alpha) < float("inf") else None for alpha in monitor.alphas],
             "n_unsafe": monitor.n_unsafe,
@@ -226,7 +226,7 @@ async def read_evaluation(monitor_id: str, store: StoreDep) -> dict[str, Any]:
 
     404 for a monitor that came as a file and was never flown here.
     """
-    found = await asyncio.to_thread(store.evaluation, monitor_id)
+    found = await asyncio.to_thread(store.monitors.evaluation, monitor_id)
     if found is None:
         raise Problem(
             404, "this monitor was not flown on fresh flights: train it here to have it so"
@@ -241,7 +241,7 @@ async def read_evaluation(monitor_id: str, store: StoreDep) -> dict[str, Any]:
 )
 async def read_monitor_file(monitor_id: str, store: StoreDep) -> Response:
     """The portable monitor, for `forewarn score` or another server."""
-    body = await asyncio.to_thread(store.monitor_file, monitor_id)
+    body = await asyncio.to_thread(store.monitors.file, monitor_id)
     headers = {"Content-Disposition": f'attachment; filename="monitor-{monitor_id}.fwm"'}
     return Response(body, 200, headers, MONITOR_FILE)
 
@@ -273,7 +273,7 @@ async def score_telemetry(
 
     def score() -> Response:
         recording = parse_telemetry(plain)
-        monitor = store.monitor(monitor_id)
+        monitor = store.monitors.get(monitor_id)
         try:
             served = monitor.check_epsilon(epsilon)
         except ValueError as error:

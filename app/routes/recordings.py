@@ -93,7 +93,7 @@ async def upload_recording(
 @router.get("")
 async def list_recordings(recordings: RecordingsDep) -> list[ListedRecording]:
     """All recordings, newest first."""
-    infos = await asyncio.to_thread(recordings.store.recordings)
+    infos = await asyncio.to_thread(recordings.store.recordings.all)
     return [ListedRecording.model_validate(info) for info in infos]
 
 

@@ -70,8 +70,8 @@ async def export_samples(
     """Every sample with what was said of it, units included."""
 
     def make() -> Response:
-        info = scored.store.scoring(recording_id, scoring_id)
-        recording = scored.store.recording_info(recording_id)
+        info = scored.store.scorings.info(recording_id, scoring_id)
+        recording = scored.store.recordings.info(recording_id)
         content = export(scored.samples(info), about(asdict(recording), asdict(info)), form)
         kind = EXPORTS[form]
         headers = _as_file(f"{PurePath(recording.name).stem} scored.{kind.ending}")

@@ -174,7 +174,7 @@ async def score_recording(recording_id: str, asked: ScoringRequest, scored: Scor
 
 def _epsilon(scored: ScoredDep, asked: ScoringRequest) -> float:
     try:
-        return scored.store.monitor(asked.monitor).check_epsilon(asked.epsilon)
+        return scored.store.monitors.get(asked.monitor).check_epsilon(asked.epsilon)
     except ValueError as error:
         raise Problem(422, str(error), "urn:forewarn:epsilon") from None
 
@@ -182,13 +182,13 @@ def _epsilon(scored: ScoredDep, asked: ScoringRequest) -> float:
 @router.get("/scorings", response_model=list[Scoring], responses=problem_responses(404))
 async def list_scorings(recording_id: str, scored: ScoredDep):
     """All scorings of a recording, newest first."""
-    return await json_from(lambda: [answer(i) for i in scored.store.scorings(recording_id)])
+    return await json_from(lambda: [answer(i) for i in scored.store.scorings.of(recording_id)])
 
 
 @router.get("/scorings/{scoring_id}", response_model=Scoring, responses=problem_responses(404))
 async def read_scoring(recording_id: str, scoring_id: str, scored: ScoredDep):
     """One scoring with a verdict on each manoeuvre."""
-    return await json_from(lambda: answer(scored.store.scoring(recording_id, scoring_id)))
+    return await json_from(lambda: answer(scored.store.scorings.info(recording_id, scoring_id)))
 
 
 @router.delete("/scorings/{scoring_id}", status_code=204, responses=problem_responses(404, 409))
@@ -218,7 +218,7 @@ async def read_assessments(
     """
 
     def read() -> dict[str, Any]:
-        info = scored.store.scoring(recording_id, scoring_id)
+        info = scored.store.scorings.info(recording_id, scoring_id)
         end = min(first + MOST_FRAMES, info.n_samples, (last if last is not None else 2**53) + 1)
         asked = info.n_samples if last is None else min(last + 1, info.n_samples)
         return {
@@ -244,7 +244,7 @@ async def read_tiles(
     """Any stretch of a scoring in bins, from tiles that were made once: quick at any length."""
 
     def read() -> dict[str, Any]:
-        info: ScoringInfo = scored.store.scoring(recording_id, scoring_id)
+        info: ScoringInfo = scored.store.scorings.info(recording_id, scoring_id)
         window = (info.start if start is None else start, info.end if end is None else end)
         return tiled(info, *scored.window(info, *window, bins))
 

@@ -10,7 +10,7 @@ from app.store.arrays import from_blob, from_blocks, to_blocks
 from app.store.database import StoreError
 from app.store.entries import DatasetInfo, StoredRollout
 from app.store.peaks import PeakHistogram, peak_histograms
-from app.store.repository import InUse, NotFound, Shelf, columns, found, whole
+from app.store.repository import InUse, NotFound, Repository, columns, complete, fetch
 from app.store.tables import dataset_blocks, datasets, monitors, new_id, now
 from core import __version__
 from core.dataset import Dataset
@@ -28,11 +28,11 @@ ROWS = {
 Outcome = Literal["unsafe", "safe"]
 
 
-class StoredDatasets(Shelf):
+class DatasetRepository(Repository):
     """Datasets by id."""
 
-    def add_dataset(self, dataset: Dataset, name: str) -> DatasetInfo:
-        """Keep a dataset; it is seen by others once it is wholly stored."""
+    def add(self, dataset: Dataset, name: str) -> DatasetInfo:
+        """Store a dataset; it is seen by others once it is complete."""
         n_unsafe, n_met = len(dataset.unsafe), dataset.n_safe_met
         info = DatasetInfo(
             id=new_id(),
@@ -53,22 +53,22 @@ class StoredDatasets(Shelf):
             peaks=peak_histograms(dataset),
         )
         row = vars(info) | {"peaks": [asdict(peaks) for peaks in info.peaks]}
-        self._put_in_parts(datasets, row, dataset_blocks, _blocks(info.id, dataset))
+        self._add_in_parts(datasets, row, dataset_blocks, _blocks(info.id, dataset))
         return info
 
-    def dataset_info(self, dataset_id: str) -> DatasetInfo:
+    def info(self, dataset_id: str) -> DatasetInfo:
         """What a dataset is; NotFound."""
         with self._reading() as connection:
             return _info(_row(connection, dataset_id))
 
-    def datasets(self) -> list[DatasetInfo]:
+    def all(self) -> list[DatasetInfo]:
         """All datasets, newest first."""
         query = select(*columns(datasets, DatasetInfo)).where(datasets.c.complete)
         query = query.order_by(datasets.c.created.desc())
         with self._reading() as connection:
             return [_info(row) for row in connection.execute(query)]
 
-    def dataset(self, dataset_id: str) -> Dataset:
+    def get(self, dataset_id: str) -> Dataset:
         """Return the dataset itself. NotFound; StoreError where it is damaged."""
         with self._reading() as connection:
             info = _info(_row(connection, dataset_id))
@@ -113,7 +113,7 @@ class StoredDatasets(Shelf):
         names = info.theta_names or tuple(f"theta[{i}]" for i in range(len(theta)))
         return StoredRollout(y.copy(), dict(zip(names, theta.tolist(), strict=True)), fail_index)
 
-    def delete_dataset(self, dataset_id: str) -> None:
+    def delete(self, dataset_id: str) -> None:
         """Delete a dataset. NotFound; InUse where monitors were trained on it."""
         users = select(monitors.c.name, monitors.c.id).where(monitors.c.dataset_id == dataset_id)
         with self._writing() as connection:
@@ -122,10 +122,15 @@ class StoredDatasets(Shelf):
                 raise InUse(f"dataset {name}", [(row.name, row.id) for row in using])
             connection.execute(delete(datasets).where(datasets.c.id == dataset_id))
 
+    def recover(self) -> None:
+        """Delete what a process that died left half stored."""
+        with self._writing() as connection:
+            connection.execute(delete(datasets).where(~datasets.c.complete))
+
 
 def _row(connection: Connection, dataset_id: str) -> Row:
-    query = select(*columns(datasets, DatasetInfo)).where(whole(datasets, dataset_id))
-    return found(connection, query, "dataset", dataset_id)
+    query = select(*columns(datasets, DatasetInfo)).where(complete(datasets, dataset_id))
+    return fetch(connection, query, "dataset", dataset_id)
 
 
 def _info(row: Row) -> DatasetInfo:

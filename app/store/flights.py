@@ -1,4 +1,4 @@
-"""Stored flights: assessments in chunks of samples, alarms with their acknowledgement."""
+"""Stored flights: what they are, and their assessments in chunks of samples."""
 
 from collections.abc import Iterable, Sequence
 from itertools import groupby
@@ -9,9 +9,9 @@ import numpy.typing as npt
 from sqlalchemy import Connection, Select, delete, func, insert, select, update
 
 from app.store.arrays import from_blob, to_blob
-from app.store.entries import Alarm, FlightInfo, StoredAssessments
-from app.store.repository import Shelf, columns, found, whole
-from app.store.tables import alarms, assessment_chunks, flights, monitors, new_id, now
+from app.store.entries import FlightInfo, StoredAssessments
+from app.store.repository import Repository, columns, complete, fetch
+from app.store.tables import assessment_chunks, flights, monitors, new_id, now
 from core.channels import N_CHANNELS
 from core.monitor.assessment import REASONS
 
@@ -31,46 +31,46 @@ SAMPLE = np.dtype(
 """One assessed sample as it is stored; `state` is a code into core.monitor.assessment.STATES."""
 
 
-class StoredFlights(Shelf):
+class FlightRepository(Repository):
     """Flights by id."""
 
-    def add_flight(self, source: dict[str, Any], monitor_id: str, epsilon: float) -> str:
-        """Keep a flight that runs from now on; return its id. NotFound for the monitor."""
+    def add(self, source: dict[str, Any], monitor_id: str, epsilon: float) -> str:
+        """Store a flight that runs from now on; return its id. NotFound for the monitor."""
         flight_id = new_id()
         row = {"id": flight_id, "source": source, "monitor_id": monitor_id, "epsilon": epsilon}
         with self._writing() as connection:
-            query = select(monitors.c.id).where(whole(monitors, monitor_id))
-            found(connection, query, "monitor", monitor_id)
+            query = select(monitors.c.id).where(complete(monitors, monitor_id))
+            fetch(connection, query, "monitor", monitor_id)
             connection.execute(insert(flights).values(**row, status="running", created=now()))
         return flight_id
 
-    def end_flight(self, flight_id: str, status: str = "ended") -> FlightInfo:
+    def end(self, flight_id: str, status: str = "ended") -> FlightInfo:
         """Note that a flight is over and how; one that has ended stays as it ended. NotFound."""
         if not status or status == "running":
             raise ValueError(f"a flight cannot end as {status!r}: say how it ended, in one word")
         running = (flights.c.id == flight_id) & (flights.c.status == "running")
         with self._writing() as connection:
             connection.execute(update(flights).where(running).values(status=status, ended=now()))
-            return _flight(connection, flight_id)
+            return fetch_flight(connection, flight_id)
 
-    def flight(self, flight_id: str) -> FlightInfo:
+    def info(self, flight_id: str) -> FlightInfo:
         """What a flight is; NotFound."""
         with self._reading() as connection:
-            return _flight(connection, flight_id)
+            return fetch_flight(connection, flight_id)
 
-    def flights(self) -> list[FlightInfo]:
+    def all(self) -> list[FlightInfo]:
         """All flights, newest first."""
         query = _flights().order_by(flights.c.created.desc())
         with self._reading() as connection:
             return [FlightInfo(**row._mapping) for row in connection.execute(query)]
 
-    def delete_flight(self, flight_id: str) -> None:
+    def delete(self, flight_id: str) -> None:
         """Delete a flight with its assessments and alarms. NotFound."""
         with self._writing() as connection:
-            _flight(connection, flight_id)
+            fetch_flight(connection, flight_id)
             connection.execute(delete(flights).where(flights.c.id == flight_id))
 
-    def append_assessments(
+    def append(
         self,
         flight_id: str,
         first_seq: int,
@@ -82,7 +82,7 @@ class StoredFlights(Shelf):
         y_hat: npt.ArrayLike | None = None,
         reasons: Sequence[str] | None = None,
     ) -> None:
-        """Keep the next samples of a flight, numbered from first_seq.
+        """Store the next samples of a flight, numbered from first_seq.
 
         t: (n,) [s].   y: (n, 6).   p_value: (n,), NaN where there is none.   alert: (n,) bool.
         state: (n,) codes into STATES.   y_hat: (n, 6), None or NaN where there is no forecast.
@@ -103,7 +103,7 @@ class StoredFlights(Shelf):
         if not chunks:
             return
         with self._writing() as connection:
-            head = _flight(connection, flight_id).head
+            head = fetch_flight(connection, flight_id).head
             if head is not None and first_seq <= head:
                 raise ValueError(
                     f"flight {flight_id} is stored up to sample {head}: the next one cannot be "
@@ -122,7 +122,7 @@ class StoredFlights(Shelf):
         if last_seq is not None:
             query = query.where(chunk.first_seq <= last_seq)
         with self._reading() as connection:
-            _flight(connection, flight_id)
+            fetch_flight(connection, flight_id)
             rows = connection.execute(query.order_by(chunk.first_seq)).all()
         parts = [from_blob(row.content) for row in rows]
         samples = np.concatenate([np.empty(0, SAMPLE), *parts])
@@ -133,52 +133,38 @@ class StoredFlights(Shelf):
         ]
         numbers = [np.arange(len(p)) + row.first_seq for row, p in zip(rows, parts, strict=True)]
         seq = np.concatenate([np.empty(0, np.int64), *numbers])
-        asked = slice(
+        wanted = slice(
             np.searchsorted(seq, first_seq),
             None if last_seq is None else np.searchsorted(seq, last_seq, "right"),
         )
         return StoredAssessments(
-            seq=seq[asked],
-            reasons=tuple(reasons[asked]),
-            **{name: np.ascontiguousarray(samples[name][asked]) for name in SAMPLE.names or ()},
+            seq=seq[wanted],
+            reasons=tuple(reasons[wanted]),
+            **{name: np.ascontiguousarray(samples[name][wanted]) for name in SAMPLE.names or ()},
         )
 
-    def add_alarm(self, flight_id: str, seq: int, t: float, p_value: float | None) -> str:
-        """Keep an alarm of a flight, raised now; return its id. NotFound."""
-        alarm_id = new_id()
-        last = select(func.max(alarms.c.number)).where(alarms.c.flight_id == flight_id)
-        row = {"id": alarm_id, "flight_id": flight_id, "seq": seq, "t": t, "p_value": p_value}
+    def recover(self) -> None:
+        """Note as interrupted what nobody flies any more: the process that flew it died."""
+        running = flights.c.status == "running"
+        interrupted = {"status": "interrupted", "ended": now()}
         with self._writing() as connection:
-            _flight(connection, flight_id)
-            number = (connection.execute(last).scalar() or 0) + 1
-            connection.execute(insert(alarms).values(**row, number=number, raised=now()))
-        return alarm_id
-
-    def acknowledge_alarm(self, alarm_id: str, by: str) -> Alarm:
-        """Note who has seen an alarm; the first one stays. NotFound."""
-        waiting = (alarms.c.id == alarm_id) & alarms.c.acknowledged.is_(None)
-        with self._writing() as connection:
-            connection.execute(update(alarms).where(waiting).values(acknowledged=now(), by=by))
-            return _alarm(connection, alarm_id)
-
-    def alarm(self, alarm_id: str) -> Alarm:
-        """Return one alarm; NotFound."""
-        with self._reading() as connection:
-            return _alarm(connection, alarm_id)
-
-    def alarms(self, flight_id: str) -> list[Alarm]:
-        """Alarms of a flight in the order they were raised. NotFound."""
-        query = select(*columns(alarms, Alarm)).where(alarms.c.flight_id == flight_id)
-        with self._reading() as connection:
-            _flight(connection, flight_id)
-            rows = connection.execute(query.order_by(alarms.c.number))
-            return [Alarm(**row._mapping) for row in rows]
+            connection.execute(update(flights).where(running).values(**interrupted))
 
 
-def interrupt_flights(connection: Connection) -> None:
-    """Report flights that nobody flies any more: the process that flew them died."""
-    words = {"status": "interrupted", "ended": now()}
-    connection.execute(update(flights).where(flights.c.status == "running").values(**words))
+def replays_of(connection: Connection, kind: str, identity: str) -> list[tuple[str, str]]:
+    """Flights under way whose source is this recording or scoring, in words, with their ids."""
+    running = select(flights.c.id, flights.c.source).where(flights.c.status == "running")
+    return [
+        ("running flight", row.id)
+        for row in connection.execute(running.order_by(flights.c.created))
+        if row.source.get(kind) == identity
+    ]
+
+
+def fetch_flight(connection: Connection, flight_id: str) -> FlightInfo:
+    """What a flight is; NotFound."""
+    query = _flights().where(flights.c.id == flight_id)
+    return FlightInfo(**fetch(connection, query, "flight", flight_id)._mapping)
 
 
 def _samples(*fields: Any) -> npt.NDArray:
@@ -200,8 +186,8 @@ def _samples(*fields: Any) -> npt.NDArray:
 def _runs(state: npt.NDArray, reasons: Sequence[str]) -> list[list[Any]] | None:
     """[first, last, text] of each run of samples whose reason is not that of their state."""
     runs = []
-    said = zip(state.tolist(), reasons, strict=True) if reasons else ()
-    other = ("" if text == REASONS[code] else text for code, text in said)
+    given = zip(state.tolist(), reasons, strict=True) if reasons else ()
+    other = ("" if text == REASONS[code] else text for code, text in given)
     for text, run in groupby(enumerate(other), lambda numbered: numbered[1]):
         numbers = [k for k, _ in run]
         if text:
@@ -226,13 +212,3 @@ def _flights() -> Select:
         .label("head")
     )
     return select(*columns(flights, FlightInfo), head)
-
-
-def _flight(connection: Connection, flight_id: str) -> FlightInfo:
-    query = _flights().where(flights.c.id == flight_id)
-    return FlightInfo(**found(connection, query, "flight", flight_id)._mapping)
-
-
-def _alarm(connection: Connection, alarm_id: str) -> Alarm:
-    query = select(*columns(alarms, Alarm)).where(alarms.c.id == alarm_id)
-    return Alarm(**found(connection, query, "alarm", alarm_id)._mapping)

@@ -5,24 +5,24 @@ from typing import Any
 from sqlalchemy import Connection, insert, select, update
 
 from app.store.entries import ENDED, JobInfo, JobStatus
-from app.store.repository import Shelf, columns, found
+from app.store.repository import Repository, columns, fetch
 from app.store.tables import jobs, new_id, now
 
 STATUSES: tuple[JobStatus, ...] = ("queued", "running", *ENDED)
 
 
-class StoredJobs(Shelf):
+class JobRepository(Repository):
     """Jobs by id."""
 
-    def add_job(self, kind: str, request: dict[str, Any]) -> str:
-        """Keep a job that waits to be run; return its id."""
+    def add(self, kind: str, request: dict[str, Any]) -> str:
+        """Store a job that waits to be run; return its id."""
         job_id = new_id()
         row = {"id": job_id, "kind": kind, "request": request, "status": "queued", "message": ""}
         with self._writing() as connection:
             connection.execute(insert(jobs).values(**row, created=now()))
         return job_id
 
-    def update_job(
+    def update(
         self,
         job_id: str,
         status: JobStatus | None = None,
@@ -34,11 +34,11 @@ class StoredJobs(Shelf):
     ) -> JobInfo:
         """Note what is given; return the job as it is then. NotFound.
 
-        A job that has ended stays as it ended: a late word changes nothing.
+        A job that has ended stays as it ended: a late update changes nothing.
         """
         if status is not None and status not in STATUSES:
             raise ValueError(f"job status {status!r} is unknown: choose {', '.join(STATUSES)}")
-        said = {
+        changes = {
             "status": status,
             "progress": progress,
             "total": total,
@@ -48,35 +48,35 @@ class StoredJobs(Shelf):
             "started": now() if status == "running" else None,
             "ended": now() if status in ENDED else None,
         }
-        said = {key: value for key, value in said.items() if value is not None}
+        changes = {key: value for key, value in changes.items() if value is not None}
         with self._writing() as connection:
             job = _job(connection, job_id)
-            if not said or job.status in ENDED:
+            if not changes or job.status in ENDED:
                 return job
             if job.started is not None:
-                said.pop("started", None)
-            connection.execute(update(jobs).where(jobs.c.id == job_id).values(**said))
+                changes.pop("started", None)
+            connection.execute(update(jobs).where(jobs.c.id == job_id).values(**changes))
             return _job(connection, job_id)
 
-    def job(self, job_id: str) -> JobInfo:
+    def info(self, job_id: str) -> JobInfo:
         """What became of a job; NotFound."""
         with self._reading() as connection:
             return _job(connection, job_id)
 
-    def jobs(self) -> list[JobInfo]:
+    def all(self) -> list[JobInfo]:
         """All jobs, newest first."""
         query = select(*columns(jobs, JobInfo)).order_by(jobs.c.created.desc())
         with self._reading() as connection:
             return [JobInfo(**row._mapping) for row in connection.execute(query)]
 
-
-def interrupt_jobs(connection: Connection) -> None:
-    """Report jobs that nobody works on any more: the process that had them died."""
-    unfinished = jobs.c.status.in_(("queued", "running"))
-    words = {"status": "interrupted", "ended": now()}
-    connection.execute(update(jobs).where(unfinished).values(**words))
+    def recover(self) -> None:
+        """Note as interrupted what nobody works on any more: the process that had it died."""
+        unfinished = jobs.c.status.in_(("queued", "running"))
+        interrupted = {"status": "interrupted", "ended": now()}
+        with self._writing() as connection:
+            connection.execute(update(jobs).where(unfinished).values(**interrupted))
 
 
 def _job(connection: Connection, job_id: str) -> JobInfo:
     query = select(*columns(jobs, JobInfo)).where(jobs.c.id == job_id)
-    return JobInfo(**found(connection, query, "job", job_id)._mapping)
+    return JobInfo(**fetch(connection, query, "job", job_id)._mapping)

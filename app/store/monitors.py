@@ -1,4 +1,4 @@
-"""Stored monitors: their portable files, with what those say laid out in columns."""
+"""Stored monitors: their portable files, and columns of what is in them."""
 
 import hashlib
 from collections import OrderedDict
@@ -6,12 +6,12 @@ from collections.abc import Iterator
 from threading import Lock
 from typing import Any
 
-from sqlalchemy import Connection, Engine, Row, delete, select, update
+from sqlalchemy import Connection, Engine, Row, delete, select
 
 from app.recipes import to_plain
 from app.store.database import StoreError
 from app.store.entries import MonitorInfo
-from app.store.repository import InUse, Shelf, columns, found, whole
+from app.store.repository import InUse, Repository, columns, complete, fetch
 from app.store.tables import (
     datasets,
     flights,
@@ -28,35 +28,35 @@ from core.monitor.portable import MonitorFileError, to_bytes
 
 PART_BYTES = 1024 * 1024
 SUPPORT = "support"
-"""Key of what a monitor's validity is calibrated on, beside what test flights said of it."""
+"""Key of what a monitor's validity is calibrated on, beside its evaluation."""
 READY_MONITORS = 4
-"""Monitors kept in memory, search trees built."""
+"""Monitors held in memory, search trees built."""
 
 
-class StoredMonitors(Shelf):
+class MonitorRepository(Repository):
     """Monitors by id."""
 
-    def __init__(self, engine: Engine) -> None:
-        super().__init__(engine)
+    def __init__(self, engine: Engine, writer: Lock) -> None:
+        super().__init__(engine, writer)
         self._ready: OrderedDict[str, Monitor] = OrderedDict()
         self._ready_lock = Lock()
 
-    def add_monitor(
+    def add(
         self,
         monitor: Monitor,
         name: str,
         dataset_id: str | None = None,
         evaluation: dict[str, Any] | None = None,
     ) -> MonitorInfo:
-        """Keep a trained monitor.
+        """Store a trained monitor.
 
         dataset_id: the stored dataset it was trained on; NotFound where that is not stored,
         ValueError where it is another one.   evaluation: plain data about fresh flights.
         """
         return self._add(monitor, to_bytes(monitor), name, dataset_id, evaluation)
 
-    def add_monitor_file(self, content: bytes, name: str) -> MonitorInfo:
-        """Keep a portable monitor as it is; MonitorFileError where it is none.
+    def add_file(self, content: bytes, name: str) -> MonitorInfo:
+        """Store a portable monitor as it is; MonitorFileError where it is none.
 
         It is tied to the dataset it was trained on where that is stored here.
         """
@@ -100,39 +100,39 @@ class StoredMonitors(Shelf):
         )
         row = vars(info) | {"evaluation": _joined(evaluation, info.support)}
         del row[SUPPORT]
-        self._put_in_parts(monitors, row, monitor_parts, _parts(info.id, content))
+        self._add_in_parts(monitors, row, monitor_parts, _parts(info.id, content))
         return info
 
     def _check_dataset(self, monitor: Monitor, dataset_id: str) -> None:
-        query = select(datasets.c.digest).where(whole(datasets, dataset_id))
+        query = select(datasets.c.digest).where(complete(datasets, dataset_id))
         with self._reading() as connection:
-            digest = found(connection, query, "dataset", dataset_id).digest
+            digest = fetch(connection, query, "dataset", dataset_id).digest
         if digest != monitor.dataset_digest:
             raise ValueError(
                 f"dataset {dataset_id} is not the one this monitor was trained on, their digests "
                 "differ: name that one, or none"
             )
 
-    def monitor_info(self, monitor_id: str) -> MonitorInfo:
+    def info(self, monitor_id: str) -> MonitorInfo:
         """What a monitor is; NotFound."""
         with self._reading() as connection:
             return MonitorInfo(**_row(connection, monitor_id)._mapping)
 
-    def monitors(self) -> list[MonitorInfo]:
+    def all(self) -> list[MonitorInfo]:
         """All monitors, newest first."""
         query = select(*_COLUMNS).where(monitors.c.complete)
         with self._reading() as connection:
             rows = connection.execute(query.order_by(monitors.c.created.desc()))
             return [MonitorInfo(**row._mapping) for row in rows]
 
-    def monitor(self, monitor_id: str) -> Monitor:
+    def get(self, monitor_id: str) -> Monitor:
         """Return the monitor, ready to assess; the last few asked for stay in memory. NotFound."""
         with self._ready_lock:
             if monitor_id in self._ready:
                 self._ready.move_to_end(monitor_id)
                 return self._ready[monitor_id]
         try:
-            monitor = from_bytes(self.monitor_file(monitor_id), f"stored monitor {monitor_id}")
+            monitor = from_bytes(self.file(monitor_id), f"stored monitor {monitor_id}")
         except MonitorFileError as error:
             raise StoreError(str(error)) from error
         with self._ready_lock:
@@ -141,7 +141,7 @@ class StoredMonitors(Shelf):
                 self._ready.popitem(last=False)
         return monitor
 
-    def monitor_file(self, monitor_id: str) -> bytes:
+    def file(self, monitor_id: str) -> bytes:
         """Return the portable file, byte for byte as it was added. NotFound; StoreError."""
         query = select(monitor_parts.c.content).where(monitor_parts.c.monitor_id == monitor_id)
         with self._reading() as connection:
@@ -157,21 +157,13 @@ class StoredMonitors(Shelf):
         return content
 
     def evaluation(self, monitor_id: str) -> dict[str, Any] | None:
-        """What fresh flights said of a monitor; None where it was not evaluated. NotFound."""
-        query = select(monitors.c.evaluation).where(whole(monitors, monitor_id))
+        """The evaluation of a monitor on fresh flights; None where there is none. NotFound."""
+        query = select(monitors.c.evaluation).where(complete(monitors, monitor_id))
         with self._reading() as connection:
-            kept = found(connection, query, "monitor", monitor_id).evaluation or {}
-        return {key: value for key, value in kept.items() if key != SUPPORT} or None
+            stored = fetch(connection, query, "monitor", monitor_id).evaluation or {}
+        return {key: value for key, value in stored.items() if key != SUPPORT} or None
 
-    def set_evaluation(self, monitor_id: str, evaluation: dict[str, Any] | None) -> None:
-        """Keep an evaluation, numbers that are none as null. NotFound."""
-        with self._writing() as connection:
-            kept = _joined(evaluation, _row(connection, monitor_id).support)
-            connection.execute(
-                update(monitors).where(monitors.c.id == monitor_id).values(evaluation=kept)
-            )
-
-    def delete_monitor(self, monitor_id: str) -> None:
+    def delete(self, monitor_id: str) -> None:
         """Delete a monitor. NotFound; InUse where flights or scorings are of it."""
         with self._writing() as connection:
             name = _row(connection, monitor_id).name
@@ -180,6 +172,11 @@ class StoredMonitors(Shelf):
             connection.execute(delete(monitors).where(monitors.c.id == monitor_id))
         with self._ready_lock:
             self._ready.pop(monitor_id, None)
+
+    def recover(self) -> None:
+        """Delete what a process that died left half stored."""
+        with self._writing() as connection:
+            connection.execute(delete(monitors).where(~monitors.c.complete))
 
 
 _COLUMNS = [*columns(monitors, MonitorInfo), monitors.c.evaluation[SUPPORT].label(SUPPORT)]
@@ -196,13 +193,13 @@ def _support(monitor: Monitor) -> dict[str, Any] | None:
 def _joined(
     evaluation: dict[str, Any] | None, support: dict[str, Any] | None
 ) -> dict[str, Any] | None:
-    """Lay the column `evaluation` out: all that fresh flights said."""
+    """Content of the column `evaluation`: the evaluation and what validity is calibrated on."""
     return evaluation if support is None else (evaluation or {}) | {SUPPORT: support}
 
 
 def _row(connection: Connection, monitor_id: str) -> Row:
-    query = select(*_COLUMNS).where(whole(monitors, monitor_id))
-    return found(connection, query, "monitor", monitor_id)
+    query = select(*_COLUMNS).where(complete(monitors, monitor_id))
+    return fetch(connection, query, "monitor", monitor_id)
 
 
 def _users(connection: Connection, monitor_id: str) -> list[tuple[str, str]]:

@@ -1,4 +1,4 @@
-"""What every part of the store shares: one engine, short transactions, rows found by id."""
+"""What the repositories of the store share: one engine, short transactions, rows by id."""
 
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import AbstractContextManager, contextmanager
@@ -27,23 +27,26 @@ class InUse(ValueError):
         super().__init__(f"{what} is used by {named}{more}: delete them first")
 
 
-class Shelf:
-    """Rows of some tables, reached through an engine from any thread."""
+class Repository:
+    """The rows of one table family, reached through an engine from any thread.
 
-    def __init__(self, engine: Engine) -> None:
-        self.engine = engine
-        self._one_writer = Lock()
+    writer: the lock that all repositories of an engine share.
+    """
+
+    def __init__(self, engine: Engine, writer: Lock) -> None:
+        self._engine = engine
+        self._writer = writer
 
     def _reading(self) -> AbstractContextManager[Connection]:
-        return reading(self.engine)
+        return reading(self._engine)
 
     @contextmanager
     def _writing(self) -> Iterator[Connection]:
         """One writer at a time: SQLite lets others wait by polling, unfairly."""
-        with self._one_writer, writing(self.engine) as connection:
+        with self._writer, writing(self._engine) as connection:
             yield connection
 
-    def _put_in_parts(
+    def _add_in_parts(
         self,
         table: Table,
         row: Mapping[str, Any],
@@ -88,14 +91,14 @@ def columns(table: Table, entry: type) -> list[Any]:
     return [table.c[field.name] for field in fields(entry) if field.name in table.c]
 
 
-def found(connection: Connection, query: Select, what: str, identity: str) -> Row:
-    """Return the one row of a query; NotFound where there is none."""
+def fetch(connection: Connection, query: Select, what: str, identity: str) -> Row:
+    """The one row of a query; NotFound where there is none. what: its kind, in words."""
     row = connection.execute(query).one_or_none()
     if row is None:
         raise NotFound(f"there is no {what} {identity!r}: it was deleted, or never was")
     return row
 
 
-def whole(table: Table, identity: str) -> Any:
+def complete(table: Table, identity: str) -> Any:
     """Condition: the row of this id, once it is complete."""
     return (table.c.id == identity) & table.c.complete

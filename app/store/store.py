@@ -1,42 +1,53 @@
 """The store: datasets, monitors, jobs, flights, recordings in one database, by URL or path.
 
 Every method is synchronous and may be called from any thread; a coroutine calls it through
-`asyncio.to_thread`. Only this module and its `stored_*` parts know both rows and core objects.
+`asyncio.to_thread`. Only this package knows both rows and core objects.
 """
 
 from pathlib import Path
+from threading import Lock
 
-from sqlalchemy import delete
+from sqlalchemy import Engine
 
+from app.store.alarms import AlarmRepository
 from app.store.database import StoreError, address, damage, make_engine
-from app.store.datasets import StoredDatasets
-from app.store.flights import StoredFlights, interrupt_flights
-from app.store.jobs import StoredJobs, interrupt_jobs
-from app.store.monitors import StoredMonitors
-from app.store.recordings import StoredRecordings
+from app.store.datasets import DatasetRepository
+from app.store.flights import FlightRepository
+from app.store.jobs import JobRepository
+from app.store.mappings import MappingRepository
+from app.store.markers import MarkerRepository
+from app.store.monitors import MonitorRepository
+from app.store.recordings import RecordingRepository
 from app.store.repository import InUse, NotFound
 from app.store.schema import bring_up_to_date, current_revision
-from app.store.scorings import StoredScorings
-from app.store.tables import datasets, monitors
+from app.store.scorings import ScoringRepository
 
 __all__ = ["InUse", "NotFound", "Store", "StoreError", "open_store"]
 
 
-class Store(
-    StoredDatasets, StoredMonitors, StoredJobs, StoredFlights, StoredRecordings, StoredScorings
-):
-    """All that is kept. Open it with `open_store`."""
+class Store:
+    """One database and its repositories, one for each family of tables; see `open_store`."""
+
+    def __init__(self, engine: Engine) -> None:
+        shared = engine, Lock()
+        self.engine = engine
+        self.datasets = DatasetRepository(*shared)
+        self.monitors = MonitorRepository(*shared)
+        self.jobs = JobRepository(*shared)
+        self.flights = FlightRepository(*shared)
+        self.alarms = AlarmRepository(*shared)
+        self.recordings = RecordingRepository(*shared)
+        self.mappings = MappingRepository(*shared)
+        self.scorings = ScoringRepository(*shared)
+        self.markers = MarkerRepository(*shared)
 
     def recover(self) -> None:
         """Clear up after a process that died: interrupted work, half-stored content.
 
         Recordings, whose content lies in folders, are cleared up by `app.recordings.files`.
         """
-        with self._writing() as connection:
-            interrupt_jobs(connection)
-            interrupt_flights(connection)
-            for table in (monitors, datasets):
-                connection.execute(delete(table).where(~table.c.complete))
+        for repository in (self.jobs, self.flights, self.monitors, self.datasets):
+            repository.recover()
 
     def revision(self) -> str:
         """Revision of the schema."""

@@ -36,14 +36,14 @@ def known(tmp_path_factory, dataset, flights):
     data_dir = tmp_path_factory.mktemp("data")
     kept = Settings(data_dir=data_dir, allowed_hosts=("testserver",), max_jobs=0, max_flights=2)
     store = open_store(kept.url)
-    dataset_id = store.add_dataset(dataset, "oscillator").id
+    dataset_id = store.datasets.add(dataset, "oscillator").id
     evaluation = {"n_test": 0, "n_unsafe": 0, "n_safe": 0}
     monitor = train(replace(dataset, recipe={}), MonitorRecipe(epsilon=0.2))
-    monitor_id = store.add_monitor(monitor, "oscillator", dataset_id, evaluation).id
-    job_id = store.add_job("study", {})
-    store.update_job(job_id, status="done", result={"figures": {"a.svg": "<svg/>"}})
-    flight_id = store.add_flight({"kind": "simulated"}, monitor_id, 0.2)
-    store.end_flight(flight_id)
+    monitor_id = store.monitors.add(monitor, "oscillator", dataset_id, evaluation).id
+    job_id = store.jobs.add("study", {})
+    store.jobs.update(job_id, status="done", result={"figures": {"a.svg": "<svg/>"}})
+    flight_id = store.flights.add({"kind": "simulated"}, monitor_id, 0.2)
+    store.flights.end(flight_id)
     store.close()
     with api(data_dir) as client:
         path = f"{RECORDINGS}/{uploaded(client, csv_of(flights[0]))['id']}"

@@ -62,7 +62,7 @@ def test_a_server_serves_its_page_and_stops_when_told(tmp_path):
 def test_after_a_kill_the_job_is_interrupted_and_the_flight_too(tmp_path, dataset):
     settings = Settings(data_dir=tmp_path)
     store = open_store(settings.url)
-    monitor = store.add_monitor(train(dataset, MonitorRecipe(epsilon=0.2)), "oscillator").id
+    monitor = store.monitors.add(train(dataset, MonitorRecipe(epsilon=0.2)), "oscillator").id
     store.close()
     endless = {"n_unsafe": 2000, "maneuver": {"duration_s": 60.0}, "max_safe": 10}
     with command("serve", "--data-dir", str(tmp_path), "--port", "0") as (process, address):
@@ -74,8 +74,8 @@ def test_after_a_kill_the_job_is_interrupted_and_the_flight_too(tmp_path, datase
         process.kill()
         process.wait(PATIENCE)
     store = open_store(settings.url)
-    assert store.job(job.rpartition("/")[2]).status == "interrupted"
-    assert store.flight(flown.json()["id"]).status == "interrupted"
+    assert store.jobs.info(job.rpartition("/")[2]).status == "interrupted"
+    assert store.flights.info(flown.json()["id"]).status == "interrupted"
     assert store.damage() == []
     store.close()
 
@@ -147,7 +147,7 @@ def test_the_demonstration_flies_and_keeps_its_monitor(tmp_path):
         assert flight["fail_t"] is not None
     store = open_store(Settings(data_dir=tmp_path).url)
     said = []
-    (monitor,) = store.monitors()
+    (monitor,) = store.monitors.all()
     assert prepare(store, said.append) == monitor.id
     assert said == [f"the monitor {NAME!r} is there already"]
     store.close()

@@ -64,7 +64,7 @@ def serving(directory: Path, dt: float) -> Iterator[Server]:
     recipe = replace(DatasetRecipe(), dt=dt, n_unsafe=30, n_obs=30)
     dataset = collect(recipe, description=to_plain(recipe))
     store = open_store(directory / "forewarn.db")
-    monitor = store.add_monitor(train(dataset), "benchmark", None, None).id
+    monitor = store.monitors.add(train(dataset), "benchmark", None, None).id
     store.close()
     code = "import sys; from app.cli import main; sys.exit(main(sys.argv[1:]))"
     command = [sys.executable, "-c", code, "serve", "--port", "0", "--data-dir", str(directory)]

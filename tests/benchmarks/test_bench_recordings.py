@@ -89,7 +89,7 @@ def test_an_hour_at_100_hz_from_upload_to_stored_assessments(
     path = tmp_path / "hour.csv"
     write_csv(path, HOUR)
     with api(tmp_path / "data") as client:
-        monitor_id = store_of(client).add_monitor(monitor, "bench").id
+        monitor_id = store_of(client).monitors.add(monitor, "bench").id
         order = {"monitor": monitor_id, "trim": None, "manoeuvres": "whole"}
         small = tmp_path / "small.csv"
         write_csv(small, 2_000)
@@ -126,7 +126,7 @@ def test_replay_of_ten_hours_starts_and_seeks_at_once(monitor: Monitor, tmp_path
     path = tmp_path / "ten_hours.csv"
     write_csv(path, 10 * HOUR)
     with api(tmp_path / "data") as client:
-        monitor_id = store_of(client).add_monitor(monitor, "bench").id
+        monitor_id = store_of(client).monitors.add(monitor, "bench").id
         recording = upload(client, path, "ten_hours.csv")
         at = f"/api/v1/recordings/{recording['id']}/scorings"
         scoring = client.post(

@@ -85,28 +85,28 @@ def rows(flown: StoredAssessments, first: int, n: int) -> list[dict]:
 def test_storing_assessments_in_chunks_against_rows(tmp_path: Path, dataset: Dataset) -> None:
     flown = flight_of(N)
     store = open_store(tmp_path / "chunks.db")
-    flight = store.add_flight({}, store.add_monitor(train(dataset), "m").id, 0.1)
+    flight = store.flights.add({}, store.monitors.add(train(dataset), "m").id, 0.1)
     arrays = [getattr(flown, f.name) for f in fields(flown) if f.name not in ("seq", "reasons")]
     t, y, p_value, alert, state, y_hat = arrays
     begin = perf_counter()
     for i in range(0, N, EACH):
         part = slice(i, i + EACH)
-        store.append_assessments(
+        store.flights.append(
             flight, i, t[part], y[part], p_value[part], alert[part], state[part], y_hat[part]
         )
     chunks = perf_counter() - begin
-    at_once = store.add_flight({}, store.flight(flight).monitor_id, 0.1)
+    at_once = store.flights.add({}, store.flights.info(flight).monitor_id, 0.1)
     begin = perf_counter()
-    store.append_assessments(at_once, 0, *arrays)
+    store.flights.append(at_once, 0, *arrays)
     one_commit = (perf_counter() - begin) / N
     begin = perf_counter()
-    back = store.assessments(flight)
+    back = store.flights.assessments(flight)
     read_chunks = perf_counter() - begin
     for field in fields(flown):
         np.testing.assert_array_equal(getattr(back, field.name), getattr(flown, field.name))
     begin = perf_counter()
     for i in range(0, N, N // 100):
-        assert len(store.assessments(flight, i, i + 99)) == 100
+        assert len(store.flights.assessments(flight, i, i + 99)) == 100
     backfill = (perf_counter() - begin) / 100
 
     engine = make_engine(store.engine.url.set(database=str(tmp_path / "rows.db")))
@@ -165,12 +165,12 @@ def test_storing_a_large_dataset_and_reading_one_rollout(tmp_path: Path) -> None
     size = sum(array.nbytes for array in vars(large).values() if isinstance(array, np.ndarray))
     store = open_store(tmp_path / "forewarn.db")
     begin = perf_counter()
-    info = store.add_dataset(large, "large")
+    info = store.datasets.add(large, "large")
     added = perf_counter()
-    back = store.dataset(info.id)
+    back = store.datasets.get(info.id)
     read = perf_counter()
     for index in range(0, n_safe, n_safe // 100):
-        store.rollout(info.id, "safe", index)
+        store.datasets.rollout(info.id, "safe", index)
     one = (perf_counter() - read) / 100
     np.testing.assert_array_equal(back.safe, large.safe)
     peer = []

@@ -31,8 +31,8 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Site]:
     """A server with one dataset and one monitor."""
     with open_site(tmp_path_factory.mktemp("fly")) as site:
         dataset = collect(RECIPE, description=to_plain(RECIPE))
-        stored = site.store.add_dataset(dataset, "F-16 doublet")
-        site.store.add_monitor(train(dataset, MonitorRecipe()), "doublet", stored.id, None)
+        stored = site.store.datasets.add(dataset, "F-16 doublet")
+        site.store.monitors.add(train(dataset, MonitorRecipe()), "doublet", stored.id, None)
         yield site
 
 

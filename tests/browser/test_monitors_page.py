@@ -201,8 +201,8 @@ def test_an_own_model_is_pasted_as_json(page: Page, site: Site) -> None:
 
 
 def test_a_job_that_was_lost_is_told_in_the_list(page: Page, site: Site) -> None:
-    job = site.store.add_job("monitor", {"name": "card 8"})
-    site.store.update_job(job, status="interrupted", message="training")
+    job = site.store.jobs.add("monitor", {"name": "card 8"})
+    site.store.jobs.update(job, status="interrupted", message="training")
     page.goto(f"{site.http}/#/monitors")
     page.get_by_text("that did not finish").click()
     expect(page.locator("main")).to_contain_text(

@@ -118,7 +118,7 @@ def track(y: Array, dt: float = DT) -> Track:
 
 def store_with(monitor: Monitor, directory: Path) -> tuple[Store, str]:
     store = open_store(directory / "store.db")
-    return store, store.add_monitor(monitor, "oscillator", None, None).id
+    return store, store.monitors.add(monitor, "oscillator", None, None).id
 
 
 def plan(
@@ -130,25 +130,26 @@ def plan(
 
 
 class NoStore:
-    """A store that takes everything and keeps it in lists."""
+    """A store that takes everything and lists it; its own repository of flights and of alarms."""
 
     def __init__(self) -> None:
+        self.flights = self.alarms = self
         self.chunks: list[tuple[Any, ...]] = []
-        self.alarms: list[tuple[Any, ...]] = []
+        self.notes: list[tuple[Any, ...]] = []
         self.failures = 0
 
-    def append_assessments(self, *chunk: Any) -> None:
+    def append(self, *chunk: Any) -> None:
         if self.failures:
             self.failures -= 1
             raise OSError("the disk is full")
         self.chunks.append(chunk)
 
-    def add_alarm(self, *alarm: Any) -> str:
-        self.alarms.append(alarm)
-        return f"stored {len(self.alarms)}"
+    def add(self, *alarm: Any) -> str:
+        self.notes.append(alarm)
+        return f"stored {len(self.notes)}"
 
-    def acknowledge_alarm(self, *acknowledgement: Any) -> None:
-        self.alarms.append(acknowledgement)
+    def acknowledge(self, *acknowledgement: Any) -> None:
+        self.notes.append(acknowledgement)
 
 
 def as_store(stand_in: NoStore) -> Any:

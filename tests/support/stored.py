@@ -11,7 +11,7 @@ from sqlalchemy import func, select
 
 from app.store import arrays as stored_arrays
 from app.store import monitors as stored_monitors
-from app.store import repository as shelf
+from app.store import repository
 from app.store.entries import MappedColumns, ScoringInfo, StoredAssessments
 from app.store.store import Store, open_store
 from core.monitor import Monitor
@@ -39,7 +39,7 @@ def opened(path: Path) -> Iterator[Store]:
 def make_parts_small(monkeypatch: pytest.MonkeyPatch) -> None:
     """Let small content take many parts and transactions, as large content does."""
     monkeypatch.setattr(stored_arrays, "BLOCK_BYTES", 10_000)
-    monkeypatch.setattr(shelf, "TRANSACTION_BYTES", 20_000)
+    monkeypatch.setattr(repository, "TRANSACTION_BYTES", 20_000)
     monkeypatch.setattr(stored_monitors, "PART_BYTES", 1_000)
 
 
@@ -49,14 +49,14 @@ def count(store: Store, table: Any) -> int:
 
 
 def flown(store: Store, monitor: Monitor) -> str:
-    return store.add_flight({"kind": "test"}, store.add_monitor(monitor, "m").id, 0.1)
+    return store.flights.add({"kind": "test"}, store.monitors.add(monitor, "m").id, 0.1)
 
 
 def append(store: Store, flight: str, first: int, n: int) -> None:
     """Samples whose every field says its number."""
     seq = np.arange(first, first + n)
     y = seq[:, None] + np.arange(6) / 10
-    store.append_assessments(flight, first, seq * 0.02, y, seq / 7, seq % 3 == 0, seq % 4, -y)
+    store.flights.append(flight, first, seq * 0.02, y, seq / 7, seq % 3 == 0, seq % 4, -y)
 
 
 def assert_says_its_number(stored: StoredAssessments, seq: np.ndarray) -> None:
@@ -73,8 +73,8 @@ def keep_recording(
     store: Store, identity: str, digest: str = "d", name: str = "flight.csv"
 ) -> None:
     """A recording of which nothing is on the disk."""
-    store.begin_recording(identity, name, 2**40, digest, "csv", "PH-LAB", MAPPED)
-    store.complete_recording(identity)
+    store.recordings.begin(identity, name, 2**40, digest, "csv", "PH-LAB", MAPPED)
+    store.recordings.complete(identity)
 
 
 def scoring(store: Store, recording: str, monitor: str, order: str = "o") -> ScoringInfo:
@@ -83,9 +83,9 @@ def scoring(store: Store, recording: str, monitor: str, order: str = "o") -> Sco
         id=f"s-{recording}-{order}"[:12],
         recording_id=recording,
         monitor_id=monitor,
-        monitor_name=store.monitor_info(monitor).name,
-        monitor_digest=store.monitor_info(monitor).digest,
-        specification=store.monitor_info(monitor).dataset_recipe.get("specification", {}),
+        monitor_name=store.monitors.info(monitor).name,
+        monitor_digest=store.monitors.info(monitor).digest,
+        specification=store.monitors.info(monitor).dataset_recipe.get("specification", {}),
         order_digest=order,
         digest="x",
         created="2026-01-01T00:00:00.000000Z",

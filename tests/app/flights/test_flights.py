@@ -33,7 +33,7 @@ class Hangar:
 
     def __init__(self, directory: Path, **choices: Any) -> None:
         self.store: Store = open_store(directory / "store.db")
-        self.monitor_id = self.store.add_monitor(monitor(), "F-16 doublet", None, None).id
+        self.monitor_id = self.store.monitors.add(monitor(), "F-16 doublet", None, None).id
         self.clock = ScriptedClock()
         self.flights = Flights(self.store, clock=self.clock, **choices)
 
@@ -67,9 +67,9 @@ def test_flights_fly_side_by_side_and_are_recorded_when_stopped(run: Callable) -
             hangar.clock.advance(0.05)
         for flight in flights:
             await hangar.flights.stop(flight.id)
-        stored = [hangar.store.assessments(flight.id) for flight in flights]
+        stored = [hangar.store.flights.assessments(flight.id) for flight in flights]
         assert [len(one) for one in stored] == [121, 71, 121]
-        assert {info.status for info in hangar.store.flights()} == {"ended"}
+        assert {info.status for info in hangar.store.flights.all()} == {"ended"}
         assert (stored[0].y != stored[2].y).any()
         assert hangar.flights.under_way() == []
 
@@ -84,8 +84,8 @@ def test_the_end_of_the_server_stops_every_flight_and_completes_its_record(tmp_p
             seen = Seen(flight.watch())
             hangar.clock.advance(1.0)
         assert seen.take()[-1] == {"type": "end", "reason": "the server is stopping"}
-        assert len(hangar.store.assessments(flight.id)) == 21
-        assert hangar.store.flight(flight.id).status == "ended"
+        assert len(hangar.store.flights.assessments(flight.id)) == 21
+        assert hangar.store.flights.info(flight.id).status == "ended"
         with pytest.raises(TooManyFlights, match="the server is stopping"):
             await hangar.flights.start(hangar.order())
 
@@ -116,7 +116,7 @@ def test_a_flight_that_cannot_start_leaves_nothing_behind(run: Callable) -> None
         theta = Simulated(kind="simulated", theta={"C_n": 1.0})
         with pytest.raises(SourceError):
             await hangar.flights.start(replace(hangar.order(), source=theta))
-        assert hangar.store.flights() == []
+        assert hangar.store.flights.all() == []
         await hangar.flights.start(hangar.order())
 
     run(test, max_flights=1)
@@ -150,13 +150,13 @@ def test_a_write_while_frames_are_read_repeats_none(
     async def test(hangar: Hangar) -> None:
         flight = await hangar.flights.start(hangar.order())
         hangar.clock.advance(1.0)
-        loop, read = asyncio.get_running_loop(), hangar.store.assessments
+        loop, read = asyncio.get_running_loop(), hangar.store.flights.assessments
 
         def read_after_a_write(*what: Any) -> Any:
             asyncio.run_coroutine_threadsafe(flight.recorder.flush(), loop).result()
             return read(*what)
 
-        monkeypatch.setattr(hangar.store, "assessments", read_after_a_write)
+        monkeypatch.setattr(hangar.store.flights, "assessments", read_after_a_write)
         frames = await hangar.flights.frames(flight.id, 0, 1000)
         assert [frame["seq"] for frame in frames] == list(range(21))
 
@@ -173,7 +173,7 @@ def test_alarms_are_the_same_during_and_after_the_flight(run: Callable) -> None:
         assert alarm.acknowledged is None
         told = await flights.acknowledge(flight.id, alarm.id, "FTE")
         assert told.by == "FTE"
-        stored = hangar.store.alarms(flight.id)[0]
+        stored = hangar.store.alarms.of(flight.id)[0]
         assert (stored.number, stored.seq, stored.p_value) == (1, alarm.seq, alarm.p_value)
         assert stored.by == "FTE"
         await flights.stop(flight.id)
@@ -194,7 +194,7 @@ def test_an_alarm_nobody_saw_can_be_acknowledged_after_the_flight(run: Callable)
             hangar.clock.advance(0.05)
         await hangar.flights.stop(flight.id)
         told = await hangar.flights.acknowledge(flight.id, "1", "FTE")
-        assert told.by == hangar.store.alarms(flight.id)[0].by == "FTE"
+        assert told.by == hangar.store.alarms.of(flight.id)[0].by == "FTE"
 
     run(test)
 
@@ -208,8 +208,8 @@ def test_a_flight_that_fails_by_itself_is_stopped_and_noted(
         hangar.clock.advance(1.0)
         await asyncio.gather(*hangar.flights._stopping)
         assert hangar.flights.get(flight.id) is None
-        assert hangar.store.flight(flight.id).status == "failed"
-        assert len(hangar.store.assessments(flight.id)) == 1
+        assert hangar.store.flights.info(flight.id).status == "failed"
+        assert len(hangar.store.flights.assessments(flight.id)) == 1
 
     run(test)
     assert "failed" in caplog.text

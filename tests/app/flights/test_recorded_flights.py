@@ -43,7 +43,7 @@ class Airfield:
 
     def __init__(self, client: TestClient, monitor: Monitor) -> None:
         self.client, self.clock, self.theatre = client, ScriptedClock(), Theatre()
-        self.monitor = store_of(client).add_monitor(monitor, "transport doublet").id
+        self.monitor = store_of(client).monitors.add(monitor, "transport doublet").id
         flights: Any = client.app.state.flights  # pyright: ignore
         flights._clock, flights._scenes = self.clock, self.theatre
         head = f"{HEAD},phi_rad,theta_rad,V_mps"
@@ -187,7 +187,7 @@ def test_the_attitude_of_the_file_is_what_the_scene_shows(field: Airfield, fligh
 
 
 def test_another_monitor_or_epsilon_is_refused_by_a_sentence(field: Airfield, attas: Monitor):
-    other = store_of(field.client).add_monitor(attas, "another").id
+    other = store_of(field.client).monitors.add(attas, "another").id
     flown_before = field.client.get(URL).json()
     for wrong in ({"monitor": other}, {"epsilon": 0.5}):
         said = problem(field.order(**wrong), 422)

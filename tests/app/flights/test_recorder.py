@@ -39,7 +39,7 @@ def test_every_sample_reaches_the_store_bit_for_bit(
 ) -> None:
     monitor = train(dataset)
     store, monitor_id = store_with(monitor, tmp_path)
-    flight_id = store.add_flight({}, monitor_id, 0.3)
+    flight_id = store.flights.add({}, monitor_id, 0.3)
     recorder = Recorder(store, flight_id, ScriptedClock())
     stream, y = monitor.stream(0.3), flights[0].copy()
     y[20, 2] = np.nan
@@ -53,7 +53,7 @@ def test_every_sample_reaches_the_store_bit_for_bit(
         await recorder.close()
 
     asyncio.run(record())
-    stored = open_store(tmp_path / "store.db").assessments(flight_id)
+    stored = open_store(tmp_path / "store.db").flights.assessments(flight_id)
     assert stored.seq.tolist() == list(range(len(y) + 2500))
     batch = monitor.assess(DT * np.arange(len(y)), y, 0.3)
     np.testing.assert_array_equal(stored.y[: len(y)], y)
@@ -102,7 +102,7 @@ def test_what_the_store_refuses_is_tried_again_and_not_lost(
 
     asyncio.run(record())
     assert [(chunk[1], len(chunk[2])) for chunk in store.chunks] == [(0, 15)]
-    assert store.alarms == [("f", 3, 0.15, 0.5)]
+    assert store.notes == [("f", 3, 0.15, 0.5)]
     assert "tried again" in caplog.text
 
 
@@ -130,14 +130,14 @@ def test_an_acknowledgement_reaches_the_alarm_in_the_store(
     dataset: Dataset, tmp_path: Path
 ) -> None:
     store, monitor_id = store_with(train(dataset), tmp_path)
-    flight_id = store.add_flight({}, monitor_id, 0.3)
+    flight_id = store.flights.add({}, monitor_id, 0.3)
     recorder = SilentRecorder(ScriptedClock(), store)
     recorder._flight_id = flight_id
     for number in (1, 2):
         recorder.add_alarm(alarm(number))
     recorder.add_acknowledgement(alarm(2, by="FTE"))
     asyncio.run(recorder.close())
-    first, second = store.alarms(flight_id)
+    first, second = store.alarms.of(flight_id)
     assert (first.number, first.by, first.acknowledged) == (1, None, None)
     assert (second.number, second.seq, second.by) == (2, 3, "FTE")
     assert second.acknowledged is not None

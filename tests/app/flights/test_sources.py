@@ -33,7 +33,7 @@ def stored(tmp_path_factory: pytest.TempPathFactory) -> tuple[Store, str, str, M
     store: Path = tmp_path_factory.mktemp("sources")
     opened = open_store(store / "store.db")
     datasets = [collect(recipe, description=to_plain(recipe)) for recipe in (RECIPE, NOISY)]
-    clean, noisy = (opened.add_dataset(dataset, "test").id for dataset in datasets)
+    clean, noisy = (opened.datasets.add(dataset, "test").id for dataset in datasets)
     monitor = train(datasets[0], MonitorRecipe(epsilon=0.3))
     return opened, clean, noisy, replace(monitor, dataset_recipe=to_plain(RECIPE))
 
@@ -137,7 +137,7 @@ def test_an_unsafe_replay_is_the_stored_one_and_goes_on_past_it(
 ) -> None:
     store, clean, _, _ = stored
     request = Replay(kind="replay", dataset=clean, outcome="unsafe", rollout=rollout)
-    track, kept = fly(stored, request), store.rollout(clean, "unsafe", rollout)
+    track, kept = fly(stored, request), store.datasets.rollout(clean, "unsafe", rollout)
     np.testing.assert_array_equal(track.y[: len(kept.y)], kept.y)
     assert len(track.t) == 121
     assert track.fail_index == kept.fail_index
@@ -148,7 +148,7 @@ def test_a_replay_that_cannot_be_simulated_again_ends_at_the_failure(stored: tup
     """Sensor noise is not stored: other numbers would come out."""
     store, _, noisy, _ = stored
     request = Replay(kind="replay", dataset=noisy, outcome="unsafe", rollout=1)
-    track, kept = fly(stored, request), store.rollout(noisy, "unsafe", 1)
+    track, kept = fly(stored, request), store.datasets.rollout(noisy, "unsafe", 1)
     np.testing.assert_array_equal(track.y, kept.y)
     assert track.fail_index == len(track.t) - 1 < 120
 
@@ -156,7 +156,7 @@ def test_a_replay_that_cannot_be_simulated_again_ends_at_the_failure(stored: tup
 def test_a_safe_replay_is_the_stored_one(stored: tuple) -> None:
     store, clean, _, _ = stored
     track = fly(stored, Replay(kind="replay", dataset=clean, outcome="safe", rollout=2))
-    np.testing.assert_array_equal(track.y, store.rollout(clean, "safe", 2).y)
+    np.testing.assert_array_equal(track.y, store.datasets.rollout(clean, "safe", 2).y)
     assert track.fail_index is None
     with pytest.raises(NotFound, match="numbered from 0"):
         fly(stored, Replay(kind="replay", dataset=clean, outcome="safe", rollout=10**6))

@@ -54,7 +54,7 @@ def run(jobs, work):
 def test_a_job_ends_with_its_result(jobs, store):
     job = run(jobs, lambda task: {"answer": 42})
     assert (job.status, job.result, job.error) == ("done", {"answer": 42}, None)
-    assert store.job(job.id) == job
+    assert store.jobs.info(job.id) == job
     assert job.started is not None
     assert job.ended is not None
 
@@ -116,7 +116,7 @@ def test_a_wrong_request_fails_with_its_sentence(jobs):
 
 
 def test_what_is_missing_is_named(jobs, store):
-    job = run(jobs, lambda task: {"dataset": store.dataset("nothing")})
+    job = run(jobs, lambda task: {"dataset": store.datasets.get("nothing")})
     assert job.status == "failed"
     assert "no dataset 'nothing'" in job.error
 
@@ -205,16 +205,16 @@ def test_stopping_interrupts_what_runs_and_what_waits(store):
     gate.go_on.set()
     closing.join(PATIENCE)
     assert not closing.is_alive()
-    assert store.job(running).status == "interrupted"
-    assert "ask for it again" in store.job(running).error
+    assert store.jobs.info(running).status == "interrupted"
+    assert "ask for it again" in store.jobs.info(running).error
     with pytest.raises(QueueFull):
         jobs.submit("test", {}, lambda task: {})
 
 
 def test_a_job_of_a_process_that_died_is_interrupted(tmp_path):
     dying = open_store(tmp_path / "forewarn.db")
-    running, queued = dying.add_job("test", {}), dying.add_job("test", {})
-    dying.update_job(running, status="running", progress=1, total=2)
+    running, queued = dying.jobs.add("test", {}), dying.jobs.add("test", {})
+    dying.jobs.update(running, status="running", progress=1, total=2)
     dying.close()
     store = open_store(tmp_path / "forewarn.db")
     jobs = Jobs(store)

@@ -153,7 +153,7 @@ def test_what_a_dying_server_left_half_way_is_cleared_up(tmp_path, file, moment)
             (root / whole["id"] / "scorings" / name).write_bytes(b"half")
             (root / half / "scorings" / name).write_bytes(b"half")
     else:
-        store.withdraw_recording(half)
+        store.recordings.withdraw(half)
     if moment == "row":
         (root / half).rename(root / "incoming" / half)
     elif moment == "gone":

@@ -20,7 +20,7 @@ def client(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def stored(client, dataset):
-    return store_of(client).add_dataset(dataset, "oscillator").id
+    return store_of(client).datasets.add(dataset, "oscillator").id
 
 
 def test_a_recipe_becomes_a_job_and_then_a_dataset(client):
@@ -115,8 +115,8 @@ def test_rollouts_are_listed_by_outcome(client, stored, dataset):
 
 def test_a_dataset_in_use_is_kept_and_says_whose(client, dataset):
     store = store_of(client)
-    used = store.add_dataset(dataset, "used").id
-    monitor = store.add_monitor(train(dataset), "its monitor", used)
+    used = store.datasets.add(dataset, "used").id
+    monitor = store.monitors.add(train(dataset), "its monitor", used)
     words = problem(client.delete(f"/api/v1/datasets/{used}"), 409)
     assert "its monitor" in words
     assert monitor.id in words

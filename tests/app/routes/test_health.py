@@ -21,7 +21,7 @@ def test_a_server_without_its_store_is_alive_but_not_ready(client, monkeypatch):
     def broken():
         raise OSError("disk gone")
 
-    monkeypatch.setattr(store_of(client), "jobs", broken)
+    monkeypatch.setattr(store_of(client).jobs, "all", broken)
     assert "disk gone" not in problem(client.get("/readyz"), 503)
     assert client.get("/healthz").status_code == 200
 
@@ -72,7 +72,7 @@ def test_a_fault_of_the_program_shows_no_detail(client, monkeypatch):
     def broken():
         raise RuntimeError("secret")
 
-    monkeypatch.setattr(store_of(client), "datasets", broken)
+    monkeypatch.setattr(store_of(client).datasets, "all", broken)
     answer = client.get("/api/v1/datasets")
     assert "secret" not in problem(answer, 500) + answer.text
     assert answer.json()["reference"] in answer.json()["detail"]

@@ -103,8 +103,8 @@ def test_an_unknown_job_is_not_found(client, path):
 
 def test_a_job_of_a_server_that_died_is_interrupted_and_says_what_to_do(tmp_path):
     dying = open_store(f"sqlite:///{tmp_path / 'forewarn.db'}")
-    job_id = dying.add_job("monitor", {"asked": 1})
-    dying.update_job(job_id, status="running", message="training")
+    job_id = dying.jobs.add("monitor", {"asked": 1})
+    dying.jobs.update(job_id, status="running", message="training")
     dying.close()
     with api(tmp_path) as client:
         job = client.get(f"/api/v1/jobs/{job_id}").json()

@@ -28,7 +28,7 @@ def monitor(dataset):
 
 @pytest.fixture(scope="module")
 def stored(client, monitor):
-    return store_of(client).add_monitor(monitor, "oscillator").id
+    return store_of(client).monitors.add(monitor, "oscillator").id
 
 
 def telemetry(y, dt):
@@ -65,7 +65,7 @@ def test_a_recipe_becomes_a_trained_and_tested_monitor(client):
 
 
 def test_a_monitor_is_trained_on_a_stored_dataset(client, dataset):
-    stored = store_of(client).add_dataset(dataset, "oscillator").id
+    stored = store_of(client).datasets.add(dataset, "oscillator").id
     order = {"dataset": stored, "epsilon": 0.2, "predictor": {"kind": "identity"}}
     job = finished(client, client.post("/api/v1/monitors", json=order))
     assert job["status"] == "done", job

@@ -184,9 +184,9 @@ def test_a_store_that_fails_at_the_last_moment_leaves_nothing(client, file, unto
     def fails(_):
         raise RuntimeError("a fault of the program")
 
-    monkeypatch.setattr(store_of(client), "complete_recording", fails)
+    monkeypatch.setattr(store_of(client).recordings, "complete", fails)
     assert problem(upload(client, file), 500)
-    assert store_of(client).unseen_recordings() == []
+    assert store_of(client).recordings.incomplete() == []
 
 
 def test_uploads_at_once_are_each_whole(client, flights):
@@ -288,7 +288,7 @@ def test_a_confirmed_mapping_is_remembered_for_the_aircraft(client, flights):
     assert other["mapping_state"] == "proposed"
     order = {"mapping": mapping, "aircraft": "OO-XYZ", "remember": False}
     assert client.put(path, json=order).json()["aircraft"] == "OO-XYZ"
-    assert store_of(client).remembered_mapping("OO-XYZ", "") is None
+    assert store_of(client).mappings.find("OO-XYZ", "") is None
 
 
 def test_without_an_aircraft_nothing_is_remembered(client, flights):

@@ -28,7 +28,7 @@ class Scored:
 
     def __init__(self, client: TestClient, monitor: Monitor) -> None:
         self.client = client
-        self.monitor = store_of(client).add_monitor(monitor, "transport <doublet>").id
+        self.monitor = store_of(client).monitors.add(monitor, "transport <doublet>").id
         content = csv_of(np.concatenate(fly(2, 5).y), TEST.dt)
         self.recording = uploaded(client, content, name=NAME, aircraft="PH-LÅB")
         self.scoring = self.score()

@@ -32,7 +32,7 @@ def client(data_dir):
 @pytest.fixture(scope="module")
 def monitor(client, dataset):
     trained = train(replace(dataset, recipe={}), MonitorRecipe(epsilon=0.2))
-    return store_of(client).add_monitor(trained, "oscillator").id
+    return store_of(client).monitors.add(trained, "oscillator").id
 
 
 @pytest.fixture(scope="module")

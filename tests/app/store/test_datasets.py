@@ -40,8 +40,8 @@ def test_a_dataset_comes_back_to_the_bit(
 ) -> None:
     if parts == "small":
         request.getfixturevalue("small_parts")
-    info = store.add_dataset(dataset, "doublets")
-    back = store.dataset(info.id)
+    info = store.datasets.add(dataset, "doublets")
+    back = store.datasets.get(info.id)
     for field in fields(Dataset):
         given, found = getattr(dataset, field.name), getattr(back, field.name)
         np.testing.assert_array_equal(found, given)
@@ -51,9 +51,9 @@ def test_a_dataset_comes_back_to_the_bit(
 
 
 def test_a_dataset_says_what_it_is(store: Store, dataset: Dataset) -> None:
-    added = store.add_dataset(dataset, "doublets")
-    assert store.dataset_info(added.id) == added
-    assert store.datasets() == [added]
+    added = store.datasets.add(dataset, "doublets")
+    assert store.datasets.info(added.id) == added
+    assert store.datasets.all() == [added]
     assert (added.n_unsafe, added.n_samples, added.n_obs, added.seed) == (12, 61, 20, 7)
     assert added.digest == dataset.digest()
     assert added.unsafe_rate == dataset.unsafe_rate
@@ -61,36 +61,36 @@ def test_a_dataset_says_what_it_is(store: Store, dataset: Dataset) -> None:
 
 
 def test_lists_begin_with_the_newest(store: Store, dataset: Dataset) -> None:
-    added = [store.add_dataset(dataset, name).id for name in "abc"]
-    assert [info.id for info in store.datasets()] == added[::-1]
+    added = [store.datasets.add(dataset, name).id for name in "abc"]
+    assert [info.id for info in store.datasets.all()] == added[::-1]
 
 
 @pytest.mark.parametrize("seed", [None, 0, 2**128 + 1])
 def test_any_seed_is_kept(store: Store, dataset: Dataset, seed: int | None) -> None:
-    info = store.add_dataset(replace(dataset, seed=seed), "a")
-    assert store.dataset(info.id).seed == store.dataset_info(info.id).seed == seed
+    info = store.datasets.add(replace(dataset, seed=seed), "a")
+    assert store.datasets.get(info.id).seed == store.datasets.info(info.id).seed == seed
 
 
 def test_a_dataset_without_safe_rollouts_is_kept(store: Store, dataset: Dataset) -> None:
     none = {name: getattr(dataset, name)[:0] for name in ("safe", "safe_times", "theta_safe")}
     lonely = replace(dataset, **none, n_safe_met=0)
-    info = store.add_dataset(lonely, "a")
-    assert store.dataset(info.id).safe.shape == (0, 61, 6)
+    info = store.datasets.add(lonely, "a")
+    assert store.datasets.get(info.id).safe.shape == (0, 61, 6)
     single = {name: getattr(lonely, name)[:1] for name in ("unsafe", "fail_index", "theta_unsafe")}
-    assert store.add_dataset(replace(lonely, **single), "b").unsafe_rate is None
+    assert store.datasets.add(replace(lonely, **single), "b").unsafe_rate is None
 
 
 def test_every_rollout_is_the_datasets_own_up_to_its_failure(
     store: Store, dataset: Dataset, small_parts: None
 ) -> None:
-    dataset_id = store.add_dataset(dataset, "a").id
+    dataset_id = store.datasets.add(dataset, "a").id
     for index, fail_index in enumerate(dataset.fail_index):
-        y, theta, fail = store.rollout(dataset_id, "unsafe", index)
+        y, theta, fail = store.datasets.rollout(dataset_id, "unsafe", index)
         assert fail == fail_index
         np.testing.assert_array_equal(y, dataset.unsafe[index, : fail_index + 1])
         assert list(theta.values()) == dataset.theta_unsafe[index].tolist()
     for index in range(len(dataset.safe)):
-        y, theta, fail = store.rollout(dataset_id, "safe", index)
+        y, theta, fail = store.datasets.rollout(dataset_id, "safe", index)
         assert fail is None
         np.testing.assert_array_equal(y, dataset.safe[index])
         assert theta == dict(
@@ -101,26 +101,26 @@ def test_every_rollout_is_the_datasets_own_up_to_its_failure(
 def test_a_rollout_is_read_without_the_others(
     store: Store, dataset: Dataset, small_parts: None
 ) -> None:
-    dataset_id = store.add_dataset(dataset, "a").id
+    dataset_id = store.datasets.add(dataset, "a").id
     block = dataset_blocks.c
     with writing(store.engine) as connection:
         connection.execute(delete(dataset_blocks).where(block.first_row > 0))
-    np.testing.assert_array_equal(store.rollout(dataset_id, "safe", 0).y, dataset.safe[0])
+    np.testing.assert_array_equal(store.datasets.rollout(dataset_id, "safe", 0).y, dataset.safe[0])
     with pytest.raises(StoreError, match="other rows than"):
-        store.dataset(dataset_id)
+        store.datasets.get(dataset_id)
 
 
 @pytest.mark.parametrize("index", [-1, 12])
 def test_a_rollout_beyond_the_dataset_is_not_found(
     store: Store, dataset: Dataset, index: int
 ) -> None:
-    dataset_id = store.add_dataset(dataset, "a").id
+    dataset_id = store.datasets.add(dataset, "a").id
     with pytest.raises(NotFound, match=f"no unsafe rollout {index} .* it has 12"):
-        store.rollout(dataset_id, "unsafe", index)
+        store.datasets.rollout(dataset_id, "unsafe", index)
 
 
 def test_an_altered_array_is_noticed(store: Store, dataset: Dataset) -> None:
-    dataset_id = store.add_dataset(dataset, "a").id
+    dataset_id = store.datasets.add(dataset, "a").id
     unsafe = dataset.unsafe.copy()
     unsafe[0, 0, 0] += 1e-12
     with writing(store.engine) as connection:
@@ -130,7 +130,7 @@ def test_an_altered_array_is_noticed(store: Store, dataset: Dataset) -> None:
             .values(content=to_blob(unsafe))
         )
     with pytest.raises(StoreError, match="digest does not match"):
-        store.dataset(dataset_id)
+        store.datasets.get(dataset_id)
 
 
 def test_a_dataset_is_seen_only_once_it_is_whole(
@@ -140,22 +140,22 @@ def test_a_dataset_is_seen_only_once_it_is_whole(
 
     def slowly(array: np.ndarray) -> Iterator[tuple[int, bytes]]:
         for block in to_blocks(array):
-            seen.append(store.datasets())
+            seen.append(store.datasets.all())
             yield block
 
     monkeypatch.setattr(stored_datasets, "to_blocks", slowly)
-    added = store.add_dataset(dataset, "a")
+    added = store.datasets.add(dataset, "a")
     assert len(seen) > 20
     assert not any(seen)
-    assert store.datasets() == [added]
+    assert store.datasets.all() == [added]
 
 
 def test_a_dataset_that_fails_half_way_leaves_nothing(
     store: Store, dataset: Dataset, small_parts: None
 ) -> None:
     with pytest.raises(ValueError, match="Object arrays"):
-        store.add_dataset(replace(dataset, theta_safe=dataset.theta_safe.astype(object)), "a")
-    assert store.datasets() == []
+        store.datasets.add(replace(dataset, theta_safe=dataset.theta_safe.astype(object)), "a")
+    assert store.datasets.all() == []
     assert count(store, datasets) == count(store, dataset_blocks) == 0
 
 

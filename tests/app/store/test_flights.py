@@ -38,13 +38,13 @@ def test_reasons_come_back_across_chunks_and_default_to_what_the_state_says(
     for part in (slice(0, 1300), slice(1300, n)):
         t = np.arange(n)[part] * 0.02
         nothing = np.full(len(t), np.nan), np.zeros(len(t), bool), state[part]
-        store.append_assessments(
+        store.flights.append(
             flight, part.start, t, np.ones((len(t), 6)), *nothing, reasons=reasons[part]
         )
-    assert store.assessments(flight).reasons == tuple(reasons)
-    assert store.assessments(flight, 690, 1310).reasons == tuple(reasons[690:1311])
+    assert store.flights.assessments(flight).reasons == tuple(reasons)
+    assert store.flights.assessments(flight, 690, 1310).reasons == tuple(reasons[690:1311])
     append(store, flight, n, 4)
-    assert store.assessments(flight, n).reasons == REASONS
+    assert store.flights.assessments(flight, n).reasons == REASONS
 
 
 def test_state_codes_mean_what_stored_flights_mean_by_them() -> None:
@@ -54,7 +54,7 @@ def test_state_codes_mean_what_stored_flights_mean_by_them() -> None:
 @pytest.fixture(scope="module")
 def long_lived(tmp_path_factory: pytest.TempPathFactory, trained: Monitor) -> tuple[Store, str]:
     opened = open_store(tmp_path_factory.mktemp("store") / "forewarn.db")
-    return opened, opened.add_monitor(trained, "m").id
+    return opened, opened.monitors.add(trained, "m").id
 
 
 @given(
@@ -69,7 +69,7 @@ def test_any_stretch_comes_back_as_it_was_stored(
     length: int | None,
 ) -> None:
     store, monitor_id = long_lived
-    flight = store.add_flight({}, monitor_id, 0.1)
+    flight = store.flights.add({}, monitor_id, 0.1)
     there, seq = [], 0
     for gap, n in stretches:
         append(store, flight, seq + gap, n)
@@ -77,8 +77,8 @@ def test_any_stretch_comes_back_as_it_was_stored(
         seq += gap + n
     last = None if length is None else first + length
     asked = [i for i in there if i >= first and (last is None or i <= last)]
-    assert_says_its_number(store.assessments(flight, first, last), np.array(asked, int))
-    assert store.flight(flight).head == (there[-1] if there else None)
+    assert_says_its_number(store.flights.assessments(flight, first, last), np.array(asked, int))
+    assert store.flights.info(flight).head == (there[-1] if there else None)
 
 
 def test_samples_lie_a_thousand_to_a_blob(store: Store, trained: Monitor) -> None:
@@ -91,13 +91,13 @@ def test_a_sample_is_stored_once(store: Store, trained: Monitor) -> None:
     append(store, flight, 0, 10)
     with pytest.raises(ValueError, match="stored up to sample 9: the next one cannot be 9"):
         append(store, flight, 9, 1)
-    assert len(store.assessments(flight)) == 10
+    assert len(store.flights.assessments(flight)) == 10
 
 
 def test_samples_without_forecast_or_p_value_stay_so(store: Store, trained: Monitor) -> None:
     flight = flown(store, trained)
-    store.append_assessments(flight, 0, [0.0], np.ones((1, 6)), [np.nan], [False], [1])
-    back = store.assessments(flight)
+    store.flights.append(flight, 0, [0.0], np.ones((1, 6)), [np.nan], [False], [1])
+    back = store.flights.assessments(flight)
     assert np.isnan(back.y_hat).all()
     assert np.isnan(back.p_value).all()
     assert back.state.tolist() == [1]
@@ -106,32 +106,32 @@ def test_samples_without_forecast_or_p_value_stay_so(store: Store, trained: Moni
 def test_fields_of_other_shapes_are_refused(store: Store, trained: Monitor) -> None:
     flight = flown(store, trained)
     with pytest.raises(ValueError, match=r"y has shape \(6,\): it needs \(2, 6\)"):
-        store.append_assessments(flight, 0, [0, 1], np.ones(6), [0, 0], [0, 0], [0, 0])
+        store.flights.append(flight, 0, [0, 1], np.ones(6), [0, 0], [0, 0], [0, 0])
     with pytest.raises(ValueError, match=r"p_value has shape \(\): it needs \(2,\)"):
-        store.append_assessments(flight, 0, [0, 1], np.ones((2, 6)), 0.5, [0, 0], [0, 0])
+        store.flights.append(flight, 0, [0, 1], np.ones((2, 6)), 0.5, [0, 0], [0, 0])
 
 
 def test_a_flight_ends_once(store: Store, trained: Monitor) -> None:
     flight = flown(store, trained)
-    assert store.flight(flight).status == "running"
-    ended = store.end_flight(flight, "failed")
+    assert store.flights.info(flight).status == "running"
+    ended = store.flights.end(flight, "failed")
     assert ended.status == "failed"
     assert ended.ended is not None
-    assert store.end_flight(flight) == ended
-    assert store.flights() == [ended]
+    assert store.flights.end(flight) == ended
+    assert store.flights.all() == [ended]
     with pytest.raises(ValueError, match="cannot end as 'running'"):
-        store.end_flight(flight, "running")
+        store.flights.end(flight, "running")
 
 
 def test_alarms_are_numbered_and_acknowledged_once(store: Store, trained: Monitor) -> None:
     flight, other = flown(store, trained), flown(store, trained)
-    raised = [store.add_alarm(flight, seq, seq / 50, 0.5) for seq in (4, 90)]
-    store.add_alarm(other, 7, 0.14, None)
-    first = store.acknowledge_alarm(raised[0], "conductor")
+    raised = [store.alarms.add(flight, seq, seq / 50, 0.5) for seq in (4, 90)]
+    store.alarms.add(other, 7, 0.14, None)
+    first = store.alarms.acknowledge(raised[0], "conductor")
     assert first.by == "conductor"
     assert first.acknowledged is not None
-    assert store.acknowledge_alarm(raised[0], "pilot") == first == store.alarm(raised[0])
-    alarms = store.alarms(flight)
+    assert store.alarms.acknowledge(raised[0], "pilot") == first == store.alarms.of(flight)[0]
+    alarms = store.alarms.of(flight)
     assert [(a.id, a.number, a.seq) for a in alarms] == [(raised[0], 1, 4), (raised[1], 2, 90)]
     assert alarms[1].acknowledged is alarms[1].by is None
-    assert [a.number for a in store.alarms(other)] == [1]
+    assert [a.number for a in store.alarms.of(other)] == [1]

@@ -113,43 +113,43 @@ def test_every_revision_goes_up_down_and_up(path: Path, revision: str) -> None:
 def test_what_an_older_schema_knows_survives_down_and_up(path: Path, dataset: Dataset) -> None:
     monitor = train(dataset)
     store = open_store(path)
-    dataset_info = store.add_dataset(dataset, "d")
-    monitor_info = store.add_monitor(monitor, "m", dataset_info.id, {"misses": 3})
-    job = store.add_job("collect", {})
-    finished = store.update_job(job, "done")
-    flight = store.add_flight({}, monitor_info.id, 0.1)
+    dataset_info = store.datasets.add(dataset, "d")
+    monitor_info = store.monitors.add(monitor, "m", dataset_info.id, {"misses": 3})
+    job = store.jobs.add("collect", {})
+    finished = store.jobs.update(job, "done")
+    flight = store.flights.add({}, monitor_info.id, 0.1)
     append(store, flight, 0, 1200)
-    store.add_alarm(flight, 3, 0.06, 0.5)
+    store.alarms.add(flight, 3, 0.06, 0.5)
     keep_recording(store, "a")
-    scored = store.add_scoring(scoring(store, "a", monitor_info.id))
+    scored = store.scorings.add(scoring(store, "a", monitor_info.id))
     store.close()
 
     move(path, "0003")
     store = open_store(path)
-    assert store.recordings() == []
+    assert store.recordings.all() == []
     with pytest.raises(NotFound):
-        store.scoring("a", scored.id)
-    assert_says_its_number(store.assessments(flight), np.arange(1200))
+        store.scorings.info("a", scored.id)
+    assert_says_its_number(store.flights.assessments(flight), np.arange(1200))
     store.close()
 
     move(path, "0002")
     store = open_store(path)
-    assert store.flights() == []
-    assert store.jobs() == [finished]
+    assert store.flights.all() == []
+    assert store.jobs.all() == [finished]
     store.close()
 
     move(path, "0001")
     store = open_store(path)
     assert store.revision() == REVISIONS[-1]
-    assert store.jobs() == []
-    assert store.datasets() == [dataset_info]
-    assert store.dataset(dataset_info.id).digest() == dataset.digest()
-    assert store.monitors() == [monitor_info]
-    assert store.monitor_file(monitor_info.id) == to_bytes(monitor)
-    assert store.evaluation(monitor_info.id) == {"misses": 3}
-    flight = store.add_flight({}, monitor_info.id, 0.1)
+    assert store.jobs.all() == []
+    assert store.datasets.all() == [dataset_info]
+    assert store.datasets.get(dataset_info.id).digest() == dataset.digest()
+    assert store.monitors.all() == [monitor_info]
+    assert store.monitors.file(monitor_info.id) == to_bytes(monitor)
+    assert store.monitors.evaluation(monitor_info.id) == {"misses": 3}
+    flight = store.flights.add({}, monitor_info.id, 0.1)
     append(store, flight, 0, 10)
-    assert_says_its_number(store.assessments(flight), np.arange(10))
+    assert_says_its_number(store.flights.assessments(flight), np.arange(10))
     assert store.damage() == []
     store.close()
 
@@ -163,13 +163,13 @@ def test_a_store_of_an_older_program_is_upgraded_when_it_opens(path: Path) -> No
     engine.dispose()
     store = open_store(path)
     assert store.revision() == REVISIONS[-1]
-    assert [job.id for job in store.jobs()] == ["a"]
+    assert [job.id for job in store.jobs.all()] == ["a"]
     store.close()
 
 
 def test_a_store_of_a_newer_program_is_refused_untouched(path: Path, tmp_path: Path) -> None:
     store = open_store(path)
-    store.update_job(store.add_job("collect", {}), "running")
+    store.jobs.update(store.jobs.add("collect", {}), "running")
     store.close()
     move(path, "head", configured(newer_program(tmp_path)))
     before = path.read_bytes()
@@ -214,8 +214,8 @@ def test_rebuilding_a_table_keeps_the_rows_that_refer_to_it(
     path: Path, tmp_path: Path, dataset: Dataset
 ) -> None:
     store = open_store(path)
-    info = store.add_dataset(dataset, "d")
-    store.add_monitor(train(dataset), "m", info.id)
+    info = store.datasets.add(dataset, "d")
+    store.monitors.add(train(dataset), "m", info.id)
     store.close()
     rebuild = (
         'with op.batch_alter_table("datasets", recreate="always") as batch:\n'
@@ -233,13 +233,13 @@ def test_a_migration_that_breaks_references_is_undone(
     path: Path, tmp_path: Path, dataset: Dataset
 ) -> None:
     store = open_store(path)
-    info = store.add_dataset(dataset, "d")
+    info = store.datasets.add(dataset, "d")
     store.close()
     ahead = configured(newer_program(tmp_path, 'op.execute("DELETE FROM datasets")'))
     with pytest.raises(StoreError, match="would break references: row 1 of dataset_blocks"):
         move(path, "head", ahead)
     store = open_store(path)
-    assert store.dataset(info.id).digest() == dataset.digest()
+    assert store.datasets.get(info.id).digest() == dataset.digest()
     store.close()
 
 
@@ -256,7 +256,7 @@ def test_a_program_killed_in_the_middle_of_a_migration_leaves_the_old_schema(
     path: Path, tmp_path: Path
 ) -> None:
     store = open_store(path)
-    job = store.add_job("collect", {})
+    job = store.jobs.add("collect", {})
     store.close()
     die = 'op.execute("DELETE FROM jobs")\n    os.kill(os.getpid(), signal.SIGKILL)'
     code = (
@@ -269,7 +269,7 @@ def test_a_program_killed_in_the_middle_of_a_migration_leaves_the_old_schema(
     )
     assert killed.returncode == -signal.SIGKILL
     store = open_store(path)
-    assert store.job(job).status == "interrupted"
+    assert store.jobs.info(job).status == "interrupted"
     assert store.damage() == []
     store.close()
     assert "extra" not in tables(path)
@@ -278,13 +278,13 @@ def test_a_program_killed_in_the_middle_of_a_migration_leaves_the_old_schema(
 def test_processes_that_open_a_new_store_at_once_make_one(path: Path) -> None:
     code = (
         "import sys\nfrom app.store.store import open_store\n"
-        "open_store(sys.argv[1]).add_job('a', {})"
+        "open_store(sys.argv[1]).jobs.add('a', {})"
     )
     command_line = [sys.executable, "-W", "error", "-c", code, str(path)]
     opening = [subprocess.Popen(command_line, cwd=ROOT) for _ in range(3)]
     assert [process.wait() for process in opening] == [0, 0, 0]
     store = open_store(path)
-    assert len(store.jobs()) == 3
+    assert len(store.jobs.all()) == 3
     store.close()
 
 
@@ -292,8 +292,8 @@ def test_threads_that_open_a_new_store_at_once_make_one(path: Path) -> None:
     with ThreadPoolExecutor(4) as pool:
         stores = list(pool.map(open_store, [path] * 4))
     for store in stores:
-        store.add_job("a", {})
-    assert len(stores[0].jobs()) == 4
+        store.jobs.add("a", {})
+    assert len(stores[0].jobs.all()) == 4
     for store in stores:
         store.close()
 

@@ -41,61 +41,58 @@ def small_parts(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_a_monitor_comes_back_with_the_same_p_values(
     store: Store, trained: Monitor, flights: np.ndarray, small_parts: None
 ) -> None:
-    info = store.add_monitor(trained, "m")
+    info = store.monitors.add(trained, "m")
     assert count(store, monitor_parts) > 5
-    back = store.monitor(info.id)
+    back = store.monitors.get(info.id)
     for y in flights:
         np.testing.assert_array_equal(back.p_values(y), trained.p_values(y))
-    assert store.monitor_file(info.id) == to_bytes(trained)
+    assert store.monitors.file(info.id) == to_bytes(trained)
 
 
 def test_a_monitor_says_what_it_is(store: Store, dataset: Dataset, trained: Monitor) -> None:
-    dataset_id = store.add_dataset(dataset, "d").id
-    added = store.add_monitor(trained, "m", dataset_id, {"miss_rate": [0.1, float("nan")]})
-    assert store.monitor_info(added.id) == added
-    assert store.monitors() == [added]
+    dataset_id = store.datasets.add(dataset, "d").id
+    added = store.monitors.add(trained, "m", dataset_id, {"miss_rate": [0.1, float("nan")]})
+    assert store.monitors.info(added.id) == added
+    assert store.monitors.all() == [added]
     assert added.dataset_id == dataset_id
     assert added.recipe["predictor"] == {"kind": "linear"}
     assert (added.lead, added.n_unsafe) == (trained.lead, trained.n_unsafe)
-    assert store.evaluation(added.id) == {"miss_rate": [0.1, None]}
-    store.set_evaluation(added.id, {"misses": np.arange(3)})
-    assert store.evaluation(added.id) == {"misses": [0, 1, 2]}
+    assert store.monitors.evaluation(added.id) == {"miss_rate": [0.1, None]}
+    again = store.monitors.add(trained, "m", dataset_id, {"misses": np.arange(3)})
+    assert store.monitors.evaluation(again.id) == {"misses": [0, 1, 2]}
 
 
 def test_a_monitor_file_is_kept_as_it_is_and_finds_its_dataset(
     store: Store, dataset: Dataset, trained: Monitor
 ) -> None:
     content = to_bytes(trained)
-    alone = store.add_monitor_file(content, "sent")
+    alone = store.monitors.add_file(content, "sent")
     assert alone.dataset_id is None
-    dataset_id = store.add_dataset(dataset, "d").id
-    tied = store.add_monitor_file(content, "sent again")
+    dataset_id = store.datasets.add(dataset, "d").id
+    tied = store.monitors.add_file(content, "sent again")
     assert tied.dataset_id == dataset_id
     assert alone.digest == tied.digest
-    assert store.monitor_file(tied.id) == content
+    assert store.monitors.file(tied.id) == content
     with pytest.raises(MonitorFileError, match="broken"):
-        store.add_monitor_file(content[:-1], "broken")
-    assert len(store.monitors()) == 2
+        store.monitors.add_file(content[:-1], "broken")
+    assert len(store.monitors.all()) == 2
 
 
 def test_what_validity_is_calibrated_on_is_known_without_the_file(
     store: Store, dataset: Dataset, trained: Monitor
 ) -> None:
-    assert store.add_monitor(trained, "bare", None, {"misses": 3}).support is None
+    assert store.monitors.add(trained, "bare", None, {"misses": 3}).support is None
     fresh = oscillator.fly(np.random.default_rng(3), 2_000)[1]
     support = calibrate(trained, dataset, [(fresh, oscillator.fail_indices(fresh))])
     monitor = replace(trained, support=support)
     said = {"n_safe": len(support.safe), "n_unsafe": len(support.unsafe), "level": 0.02}
-    added = store.add_monitor(monitor, "m", None, {"misses": 3})
-    sent = store.add_monitor_file(to_bytes(monitor), "sent")
-    assert added.support == sent.support == store.monitor_info(sent.id).support == said
-    assert [info.support for info in store.monitors()] == [said, said, None]
-    assert store.evaluation(added.id) == {"misses": 3}
-    assert store.evaluation(sent.id) is None
-    store.set_evaluation(sent.id, {"misses": 4})
-    assert store.evaluation(sent.id) == {"misses": 4}
-    assert store.monitor_info(sent.id).support == said
-    kept = store.monitor(added.id).support
+    added = store.monitors.add(monitor, "m", None, {"misses": 3})
+    sent = store.monitors.add_file(to_bytes(monitor), "sent")
+    assert added.support == sent.support == store.monitors.info(sent.id).support == said
+    assert [info.support for info in store.monitors.all()] == [said, said, None]
+    assert store.monitors.evaluation(added.id) == {"misses": 3}
+    assert store.monitors.evaluation(sent.id) is None
+    kept = store.monitors.get(added.id).support
     assert kept is not None
     assert kept.unsafe.tobytes() == support.unsafe.tobytes()
 
@@ -103,32 +100,32 @@ def test_what_validity_is_calibrated_on_is_known_without_the_file(
 def test_a_monitor_is_tied_only_to_the_dataset_it_was_trained_on(
     store: Store, dataset: Dataset, trained: Monitor
 ) -> None:
-    other = store.add_dataset(replace(dataset, dt=0.1), "other").id
+    other = store.datasets.add(replace(dataset, dt=0.1), "other").id
     with pytest.raises(ValueError, match="not the one this monitor was trained on"):
-        store.add_monitor(trained, "m", other)
+        store.monitors.add(trained, "m", other)
     with pytest.raises(NotFound, match="no dataset 'nowhere'"):
-        store.add_monitor(trained, "m", "nowhere")
-    assert store.monitors() == []
+        store.monitors.add(trained, "m", "nowhere")
+    assert store.monitors.all() == []
 
 
 def test_the_last_few_monitors_stay_ready(store: Store, trained: Monitor) -> None:
-    ids = [store.add_monitor(trained, "m").id for _ in range(stored_monitors.READY_MONITORS + 1)]
-    first = store.monitor(ids[0])
+    ids = [store.monitors.add(trained, "m").id for _ in range(stored_monitors.READY_MONITORS + 1)]
+    first = store.monitors.get(ids[0])
     for monitor_id in ids[1:-1]:
-        store.monitor(monitor_id)
-    assert store.monitor(ids[0]) is first
-    second = store.monitor(ids[1])
-    store.monitor(ids[-1])
-    assert store.monitor(ids[1]) is second
-    assert len(store._ready) == stored_monitors.READY_MONITORS
-    store.delete_monitor(ids[1])
+        store.monitors.get(monitor_id)
+    assert store.monitors.get(ids[0]) is first
+    second = store.monitors.get(ids[1])
+    store.monitors.get(ids[-1])
+    assert store.monitors.get(ids[1]) is second
+    assert len(store.monitors._ready) == stored_monitors.READY_MONITORS
+    store.monitors.delete(ids[1])
     with pytest.raises(NotFound):
-        store.monitor(ids[1])
+        store.monitors.get(ids[1])
 
 
 def test_an_altered_monitor_is_noticed(store: Store, trained: Monitor) -> None:
-    info = store.add_monitor(trained, "m")
+    info = store.monitors.add(trained, "m")
     with writing(store.engine) as connection:
         connection.execute(update(monitor_parts).values(content=b"FOREWARN MONITOR 1"))
     with pytest.raises(StoreError, match="digest does not match"):
-        store.monitor(info.id)
+        store.monitors.get(info.id)

@@ -43,15 +43,15 @@ def trained(dataset: Dataset) -> Monitor:
 def test_a_dataset_in_use_stays_and_names_its_monitors(
     store: Store, dataset: Dataset, trained: Monitor
 ) -> None:
-    dataset_id = store.add_dataset(dataset, "doublets").id
-    used_by = [store.add_monitor(trained, name, dataset_id) for name in ("early", "late")]
+    dataset_id = store.datasets.add(dataset, "doublets").id
+    used_by = [store.monitors.add(trained, name, dataset_id) for name in ("early", "late")]
     with pytest.raises(InUse, match=r"is used by early \(.*\), late \(") as refused:
-        store.delete_dataset(dataset_id)
+        store.datasets.delete(dataset_id)
     assert refused.value.users == tuple((info.name, info.id) for info in used_by)
-    assert store.dataset(dataset_id).digest() == dataset.digest()
+    assert store.datasets.get(dataset_id).digest() == dataset.digest()
     for info in used_by:
-        store.delete_monitor(info.id)
-    store.delete_dataset(dataset_id)
+        store.monitors.delete(info.id)
+    store.datasets.delete(dataset_id)
     assert [count(store, table) for table in (datasets, dataset_blocks, monitors)] == [0, 0, 0]
     assert count(store, monitor_parts) == 0
 
@@ -59,39 +59,37 @@ def test_a_dataset_in_use_stays_and_names_its_monitors(
 def test_a_monitor_that_flew_stays_and_names_its_flights(store: Store, trained: Monitor) -> None:
     flight = flown(store, trained)
     append(store, flight, 0, 10)
-    store.add_alarm(flight, 3, 0.06, 0.5)
-    monitor_id = store.flight(flight).monitor_id
+    store.alarms.add(flight, 3, 0.06, 0.5)
+    monitor_id = store.flights.info(flight).monitor_id
     with pytest.raises(InUse, match=f"monitor m is used by running flight .{flight}."):
-        store.delete_monitor(monitor_id)
-    store.delete_flight(flight)
-    store.delete_monitor(monitor_id)
+        store.monitors.delete(monitor_id)
+    store.flights.delete(flight)
+    store.monitors.delete(monitor_id)
     kept = [count(store, table) for name, table in metadata.tables.items()]
     assert kept == [0] * len(kept)
 
 
 MISSING: dict[str, Callable[[Store], Any]] = {
-    "dataset": lambda s: s.dataset("x"),
-    "dataset_info": lambda s: s.dataset_info("x"),
-    "rollout": lambda s: s.rollout("x", "safe", 0),
-    "delete_dataset": lambda s: s.delete_dataset("x"),
-    "monitor": lambda s: s.monitor("x"),
-    "monitor_info": lambda s: s.monitor_info("x"),
-    "monitor_file": lambda s: s.monitor_file("x"),
-    "evaluation": lambda s: s.evaluation("x"),
-    "set_evaluation": lambda s: s.set_evaluation("x", {}),
-    "delete_monitor": lambda s: s.delete_monitor("x"),
-    "job": lambda s: s.job("x"),
-    "update_job": lambda s: s.update_job("x", "running"),
-    "add_flight": lambda s: s.add_flight({}, "x", 0.1),
-    "flight": lambda s: s.flight("x"),
-    "end_flight": lambda s: s.end_flight("x"),
-    "delete_flight": lambda s: s.delete_flight("x"),
+    "dataset": lambda s: s.datasets.get("x"),
+    "dataset_info": lambda s: s.datasets.info("x"),
+    "rollout": lambda s: s.datasets.rollout("x", "safe", 0),
+    "delete_dataset": lambda s: s.datasets.delete("x"),
+    "monitor": lambda s: s.monitors.get("x"),
+    "monitor_info": lambda s: s.monitors.info("x"),
+    "monitor_file": lambda s: s.monitors.file("x"),
+    "evaluation": lambda s: s.monitors.evaluation("x"),
+    "delete_monitor": lambda s: s.monitors.delete("x"),
+    "job": lambda s: s.jobs.info("x"),
+    "update_job": lambda s: s.jobs.update("x", "running"),
+    "add_flight": lambda s: s.flights.add({}, "x", 0.1),
+    "flight": lambda s: s.flights.info("x"),
+    "end_flight": lambda s: s.flights.end("x"),
+    "delete_flight": lambda s: s.flights.delete("x"),
     "append": lambda s: append(s, "x", 0, 1),
-    "assessments": lambda s: s.assessments("x"),
-    "add_alarm": lambda s: s.add_alarm("x", 0, 0.0, 0.5),
-    "acknowledge_alarm": lambda s: s.acknowledge_alarm("x", "me"),
-    "alarm": lambda s: s.alarm("x"),
-    "alarms": lambda s: s.alarms("x"),
+    "assessments": lambda s: s.flights.assessments("x"),
+    "add_alarm": lambda s: s.alarms.add("x", 0, 0.0, 0.5),
+    "acknowledge_alarm": lambda s: s.alarms.acknowledge("x", "me"),
+    "alarms": lambda s: s.alarms.of("x"),
 }
 
 
@@ -102,61 +100,61 @@ def test_what_is_not_there_is_not_found(store: Store, call: Callable[[Store], An
 
 
 def test_a_job_keeps_its_progress_and_how_it_ended(store: Store) -> None:
-    job_id = store.add_job("train", {"n_unsafe": 50})
-    waiting = store.job(job_id)
+    job_id = store.jobs.add("train", {"n_unsafe": 50})
+    waiting = store.jobs.info(job_id)
     assert (waiting.status, waiting.request, waiting.started) == ("queued", {"n_unsafe": 50}, None)
-    running = store.update_job(job_id, "running", progress=3, total=50, message="rolling out")
-    again = store.update_job(job_id, "running", progress=4)
+    running = store.jobs.update(job_id, "running", progress=3, total=50, message="rolling out")
+    again = store.jobs.update(job_id, "running", progress=4)
     assert (again.progress, again.total, again.message) == (4, 50, "rolling out")
     assert again.started == running.started is not None
-    done = store.update_job(job_id, "done", result={"monitor": "abc"})
+    done = store.jobs.update(job_id, "done", result={"monitor": "abc"})
     assert done.ended is not None
     assert done.ended >= str(done.started)
-    assert store.jobs() == [done]
+    assert store.jobs.all() == [done]
 
 
 def test_a_job_that_has_ended_stays_as_it_ended(store: Store) -> None:
-    job_id = store.add_job("train", {})
-    cancelled = store.update_job(job_id, "cancelled")
-    assert store.update_job(job_id, "done", result={}) == cancelled
-    assert store.job(job_id) == cancelled
+    job_id = store.jobs.add("train", {})
+    cancelled = store.jobs.update(job_id, "cancelled")
+    assert store.jobs.update(job_id, "done", result={}) == cancelled
+    assert store.jobs.info(job_id) == cancelled
     with pytest.raises(ValueError, match="job status 'finished' is unknown: choose queued"):
-        store.update_job(job_id, "finished")  # pyright: ignore
+        store.jobs.update(job_id, "finished")  # pyright: ignore
 
 
 def test_everything_is_there_after_opening_again(
     path: Path, dataset: Dataset, trained: Monitor
 ) -> None:
     with_all = open_store(path)
-    dataset_id = with_all.add_dataset(dataset, "d").id
-    monitor = with_all.add_monitor(trained, "m", dataset_id)
-    flight = with_all.add_flight({"kind": "replay"}, monitor.id, 0.2)
+    dataset_id = with_all.datasets.add(dataset, "d").id
+    monitor = with_all.monitors.add(trained, "m", dataset_id)
+    flight = with_all.flights.add({"kind": "replay"}, monitor.id, 0.2)
     append(with_all, flight, 0, 1500)
     with_all.close()
     again = open_store(f"sqlite:///{path}")
-    assert again.dataset(dataset_id).digest() == dataset.digest()
-    assert isinstance(again.monitor_info(monitor.id), MonitorInfo)
-    assert_says_its_number(again.assessments(flight), np.arange(1500))
+    assert again.datasets.get(dataset_id).digest() == dataset.digest()
+    assert isinstance(again.monitors.info(monitor.id), MonitorInfo)
+    assert_says_its_number(again.flights.assessments(flight), np.arange(1500))
     again.close()
 
 
 def test_work_under_way_is_interrupted_when_the_store_opens(path: Path, trained: Monitor) -> None:
     dying = open_store(path)
-    running, queued, done = (dying.add_job(kind, {}) for kind in ("a", "b", "c"))
-    dying.update_job(running, "running")
-    finished = dying.update_job(done, "done")
+    running, queued, done = (dying.jobs.add(kind, {}) for kind in ("a", "b", "c"))
+    dying.jobs.update(running, "running")
+    finished = dying.jobs.update(done, "done")
     flight = flown(dying, trained)
-    before = dying.job(running)
+    before = dying.jobs.info(running)
 
     looking = open_store(path, recover=False)
-    assert looking.job(running).status == "running"
-    assert looking.flight(flight).status == "running"
+    assert looking.jobs.info(running).status == "running"
+    assert looking.flights.info(flight).status == "running"
 
     again = open_store(path)
-    assert [again.job(job).status for job in (running, queued)] == ["interrupted"] * 2
-    assert again.job(done) == finished
-    assert again.flight(flight).status == "interrupted"
-    after = again.job(running)
+    assert [again.jobs.info(job).status for job in (running, queued)] == ["interrupted"] * 2
+    assert again.jobs.info(done) == finished
+    assert again.flights.info(flight).status == "interrupted"
+    after = again.jobs.info(running)
     assert after.ended is not None
     assert after == replace(before, status="interrupted", ended=after.ended)
     for store in (dying, looking, again):
@@ -192,30 +190,30 @@ def test_a_full_disk_is_said_and_leaves_nothing(store: Store, dataset: Dataset) 
         held.execute(f"PRAGMA max_page_count = {pages + 20}")  # pyright: ignore
         held.close()
     with pytest.raises(StoreError, match="disk is full"):
-        store.add_dataset(dataset, "too large")
-    assert store.datasets() == []
+        store.datasets.add(dataset, "too large")
+    assert store.datasets.all() == []
 
 
 def test_threads_write_and_read_at_once(store: Store, dataset: Dataset, trained: Monitor) -> None:
-    monitor_id = store.add_monitor(trained, "m").id
-    flights = [store.add_flight({"n": i}, monitor_id, 0.1) for i in range(4)]
+    monitor_id = store.monitors.add(trained, "m").id
+    flights = [store.flights.add({"n": i}, monitor_id, 0.1) for i in range(4)]
 
     def record(flight: str) -> None:
         for first in range(0, 1000, 50):
             append(store, flight, first, 50)
-            store.add_alarm(flight, first, first * 0.02, 0.5)
+            store.alarms.add(flight, first, first * 0.02, 0.5)
 
     def watch(flight: str) -> None:
         seen = 0
         while seen < 1000:
-            stored = store.assessments(flight)
+            stored = store.flights.assessments(flight)
             assert len(stored) >= seen
             assert len(stored) % 50 == 0
             seen = len(stored)
 
     def collect(name: str) -> str:
-        info = store.add_dataset(dataset, name)
-        return store.dataset(info.id).digest()
+        info = store.datasets.add(dataset, name)
+        return store.datasets.get(info.id).digest()
 
     with ThreadPoolExecutor(10) as pool:
         work = [pool.submit(watch, flight) for flight in flights]
@@ -225,5 +223,5 @@ def test_threads_write_and_read_at_once(store: Store, dataset: Dataset, trained:
             future.result()
         assert {future.result() for future in collected} == {dataset.digest()}
     for flight in flights:
-        assert_says_its_number(store.assessments(flight), np.arange(1000))
-        assert [alarm.number for alarm in store.alarms(flight)] == list(range(1, 21))
+        assert_says_its_number(store.flights.assessments(flight), np.arange(1000))
+        assert [alarm.number for alarm in store.alarms.of(flight)] == list(range(1, 21))

@@ -34,14 +34,14 @@ import os, signal, sys
 from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 from sqlalchemy import event
-from app.store import repository as shelf
+from app.store import repository
 from app.store import arrays as stored_arrays
 from app.store.store import open_store
 from tests.support import oscillator
 from tests.support.stored import append
 
 path, last_statement = sys.argv[1], int(sys.argv[2])
-stored_arrays.BLOCK_BYTES, shelf.TRANSACTION_BYTES = 10_000, 50_000
+stored_arrays.BLOCK_BYTES, repository.TRANSACTION_BYTES = 10_000, 50_000
 store = open_store(path)
 n_statements = 0
 
@@ -57,9 +57,9 @@ def say(*words):
     sys.stdout.flush()
 
 def collect(job):
-    store.update_job(job, "running")
+    store.jobs.update(job, "running")
     for k in range(2 if last_statement else 1_000_000):
-        say("dataset", store.add_dataset(dataset, f"d{k}").id)
+        say("dataset", store.datasets.add(dataset, f"d{k}").id)
 
 def fly(flight):
     for first in range(0, 150 if last_statement else 10**9, 50):
@@ -67,8 +67,8 @@ def fly(flight):
         say("stored", flight, first + 49)
 
 dataset = oscillator.collect(np.random.default_rng(11), 12)
-job = store.add_job("collect", {})
-flights = [store.add_flight({}, store.monitors()[0].id, 0.1) for _ in range(2)]
+job = store.jobs.add("collect", {})
+flights = [store.flights.add({}, store.monitors.all()[0].id, 0.1) for _ in range(2)]
 say("ids", job, *flights)
 if last_statement:
     collect(job)
@@ -96,21 +96,21 @@ def assert_clean(path: Path, said: list[list[str]], dataset: Dataset) -> None:
     """All that the writer said was stored is there, and what is half stored is not."""
     store = open_store(path)
     assert store.damage() == []
-    known = {info.id for info in store.datasets()}
+    known = {info.id for info in store.datasets.all()}
     assert {words[1] for words in said if words[0] == "dataset"} <= known
     assert count(store, datasets) == len(known)
     for dataset_id in list(known)[:3]:
-        assert store.dataset(dataset_id).digest() == dataset.digest()
-    for job in store.jobs():
+        assert store.datasets.get(dataset_id).digest() == dataset.digest()
+    for job in store.jobs.all():
         assert job.status == "interrupted"
     heads = {words[1]: int(words[2]) for words in said if words[0] == "stored"}
-    for flight in store.flights():
+    for flight in store.flights.all():
         assert flight.status == "interrupted"
-        n = len(store.assessments(flight.id))
+        n = len(store.flights.assessments(flight.id))
         assert n % 50 == 0
         assert n > heads.get(flight.id, -1)
-        assert_says_its_number(store.assessments(flight.id), np.arange(n))
-    store.add_dataset(dataset, "after")
+        assert_says_its_number(store.flights.assessments(flight.id), np.arange(n))
+    store.datasets.add(dataset, "after")
     store.close()
 
 
@@ -118,7 +118,7 @@ def test_a_writer_killed_at_any_statement_leaves_a_clean_store(
     path: Path, dataset: Dataset, trained: Monitor
 ) -> None:
     first = open_store(path)
-    first.add_monitor(trained, "m")
+    first.monitors.add(trained, "m")
     first.close()
     with writer(path, 10**9) as unhurt:
         said = [line.split() for line in unhurt.stdout or ()]
@@ -137,7 +137,7 @@ def test_threads_killed_at_any_moment_leave_a_clean_store(
     path: Path, dataset: Dataset, trained: Monitor, n_lines: int
 ) -> None:
     first = open_store(path)
-    first.add_monitor(trained, "m")
+    first.monitors.add(trained, "m")
     first.close()
     with writer(path, 0) as killed:
         assert killed.stdout is not None

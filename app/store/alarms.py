@@ -1,0 +1,39 @@
+"""Stored alarms: numbered in their flight, acknowledged once."""
+
+from sqlalchemy import func, insert, select, update
+
+from app.store.entries import Alarm
+from app.store.flights import fetch_flight
+from app.store.repository import Repository, columns, fetch
+from app.store.tables import alarms, new_id, now
+
+
+class AlarmRepository(Repository):
+    """Alarms of flights."""
+
+    def add(self, flight_id: str, seq: int, t: float, p_value: float | None) -> str:
+        """Store an alarm of a flight, raised now; return its id. NotFound."""
+        alarm_id = new_id()
+        last = select(func.max(alarms.c.number)).where(alarms.c.flight_id == flight_id)
+        row = {"id": alarm_id, "flight_id": flight_id, "seq": seq, "t": t, "p_value": p_value}
+        with self._writing() as connection:
+            fetch_flight(connection, flight_id)
+            number = (connection.execute(last).scalar() or 0) + 1
+            connection.execute(insert(alarms).values(**row, number=number, raised=now()))
+        return alarm_id
+
+    def acknowledge(self, alarm_id: str, by: str) -> Alarm:
+        """Note who has seen an alarm; the first one stays. NotFound."""
+        waiting = (alarms.c.id == alarm_id) & alarms.c.acknowledged.is_(None)
+        query = select(*columns(alarms, Alarm)).where(alarms.c.id == alarm_id)
+        with self._writing() as connection:
+            connection.execute(update(alarms).where(waiting).values(acknowledged=now(), by=by))
+            return Alarm(**fetch(connection, query, "alarm", alarm_id)._mapping)
+
+    def of(self, flight_id: str) -> list[Alarm]:
+        """Alarms of a flight in the order they were raised. NotFound."""
+        query = select(*columns(alarms, Alarm)).where(alarms.c.flight_id == flight_id)
+        with self._reading() as connection:
+            fetch_flight(connection, flight_id)
+            rows = connection.execute(query.order_by(alarms.c.number))
+            return [Alarm(**row._mapping) for row in rows]

@@ -1,0 +1,39 @@
+"""Stored mappings: what was confirmed for an aircraft, to propose for its next recording."""
+
+from typing import Any
+
+from sqlalchemy import delete, insert, select
+
+from app.store.entries import RememberedMapping
+from app.store.repository import Repository
+from app.store.tables import channel_maps, new_id, now
+
+
+class MappingRepository(Repository):
+    """Mappings by aircraft and signature of the signals."""
+
+    def save(self, aircraft: str, signature: str, mapping: dict[str, Any]) -> None:
+        """Store a mapping for the next recording of this aircraft; the earlier one goes."""
+        key = {"aircraft": aircraft, "signature": signature}
+        same = (channel_maps.c.aircraft == aircraft) & (channel_maps.c.signature == signature)
+        with self._writing() as connection:
+            connection.execute(delete(channel_maps).where(same))
+            row = {"id": new_id(), **key, "saved": now(), "mapping": mapping}
+            connection.execute(insert(channel_maps).values(**row))
+
+    def find(self, aircraft: str | None, signature: str) -> RememberedMapping | None:
+        """The mapping last confirmed for this aircraft, best of these very signals.
+
+        None where the aircraft is unknown: another's may be reversed under the same names.
+        """
+        if not aircraft:
+            return None
+        table = channel_maps.c
+        newest = select(table.aircraft, table.mapping).order_by(table.saved.desc()).limit(1)
+        of_aircraft = table.aircraft == aircraft
+        with self._reading() as connection:
+            for condition in (of_aircraft & (table.signature == signature), of_aircraft):
+                row = connection.execute(newest.where(condition)).one_or_none()
+                if row is not None:
+                    return RememberedMapping(**row._mapping)
+        return None

@@ -1,0 +1,51 @@
+"""Stored markers: remarks that people set on a recording."""
+
+from dataclasses import asdict, replace
+
+from sqlalchemy import Connection, delete, insert, select, update
+
+from app.store.entries import Marker
+from app.store.recordings import fetch_recording
+from app.store.repository import Repository, columns, fetch
+from app.store.tables import markers
+
+
+class MarkerRepository(Repository):
+    """Markers of recordings."""
+
+    def add(self, recording_id: str, marker: Marker) -> Marker:
+        """Store a remark on a recording. NotFound."""
+        with self._writing() as connection:
+            fetch_recording(connection, recording_id)
+            values = asdict(marker) | {"recording_id": recording_id}
+            connection.execute(insert(markers).values(**values))
+        return marker
+
+    def of(self, recording_id: str) -> list[Marker]:
+        """All remarks on a recording, in the order of their times. NotFound."""
+        query = select(*columns(markers, Marker)).where(markers.c.recording_id == recording_id)
+        with self._reading() as connection:
+            fetch_recording(connection, recording_id)
+            rows = connection.execute(query.order_by(markers.c.t, markers.c.created))
+            return [Marker(**row._mapping) for row in rows]
+
+    def update(self, recording_id: str, marker: Marker) -> Marker:
+        """Put a remark in the place of the one of its id; return it as stored. NotFound."""
+        with self._writing() as connection:
+            marker = replace(marker, created=_marker(connection, recording_id, marker.id).created)
+            this = markers.c.id == marker.id
+            connection.execute(update(markers).where(this).values(**asdict(marker)))
+        return marker
+
+    def delete(self, recording_id: str, marker_id: str) -> None:
+        """Delete a remark. NotFound."""
+        with self._writing() as connection:
+            _marker(connection, recording_id, marker_id)
+            connection.execute(delete(markers).where(markers.c.id == marker_id))
+
+
+def _marker(connection: Connection, recording_id: str, marker_id: str) -> Marker:
+    query = select(*columns(markers, Marker)).where(
+        markers.c.id == marker_id, markers.c.recording_id == recording_id
+    )
+    return Marker(**fetch(connection, query, "marker", marker_id)._mapping)
