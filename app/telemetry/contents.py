@@ -12,7 +12,6 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from app.telemetry.printable import printable
 from app.telemetry.recording import TelemetryError
 from core.types import Array
 
@@ -226,3 +225,13 @@ def open_columns(folder: Path) -> Columns:
             }
         ),
     )
+
+
+def printable(text: str, most: int) -> str:
+    """Text on one line of up to `most` signs; what cannot be shown becomes a blank or "?"."""
+    if not text.isprintable():
+        text = "".join(
+            sign if sign.isprintable() else " " if sign.isspace() else "?" for sign in text
+        )
+    text = text.strip()
+    return text if len(text) <= most else f"{text[: most - 3]}..."

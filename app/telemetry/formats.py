@@ -12,6 +12,7 @@ from pathlib import Path, PurePath
 from app.telemetry.contents import ColumnWriter, Contents
 from app.telemetry.recording import TelemetryError
 
+READERS = "app.telemetry.readers"
 HEAD_BYTES = 4096
 TEXT = "csv"
 HDF5_SIGNATURE = b"\x89HDF\r\n\x1a\n"
@@ -20,7 +21,7 @@ CONTROLS = bytes({*range(32), 127} - set(b"\t\n\v\f\r\x1a\x1b"))
 
 @dataclass(frozen=True)
 class Format:
-    """A file format. endings: of names, the usual one first.   reader: name of its module.
+    """A file format. endings: of names, the usual one first.   reader: its module in READERS.
 
     looks_like: whether the first HEAD_BYTES of a file are of this format.
     extra: of this package, which the reader needs; "" for none.
@@ -37,7 +38,7 @@ class Format:
 
     def read(self, path: Path, writer: ColumnWriter) -> Contents:
         """Pour a file into columns. TelemetryError where it cannot be used."""
-        return import_module(self.reader).read(path, writer)
+        return import_module(self.reader, READERS).read(path, writer)
 
 
 def format_of(path: Path, name: str) -> tuple[Format, tuple[str, ...]]:
@@ -126,42 +127,42 @@ FORMATS: dict[str, Format] = {
             "text table",
             (".csv", ".tsv", ".txt", ".dat", ".asc", ".tab", ".prn"),
             _is_text,
-            "app.telemetry.readers.text_reader",
+            ".text",
         ),
         Format(
             "parquet",
             "Parquet table",
             (".parquet", ".pq"),
             _starts(b"PAR1"),
-            "app.telemetry.readers.parquet_reader",
+            ".parquet",
         ),
         Format(
             "matlab5",
             "MATLAB v5 file",
             (".mat",),
             _is_matlab5,
-            "app.telemetry.readers.matlab_reader",
+            ".matlab",
         ),
         Format(
             "hdf5",
             "HDF5 file (MATLAB v7.3 too)",
             (".h5", ".hdf5", ".hdf", ".mat"),
             _is_hdf5,
-            "app.telemetry.readers.hdf5_reader",
+            ".hdf5",
         ),
         Format(
             "netcdf",
             "NetCDF file",
             (".nc", ".nc4", ".cdf"),
             lambda head: head.startswith(b"CDF") or _is_hdf5(head),
-            "app.telemetry.readers.netcdf_reader",
+            ".netcdf",
         ),
         Format(
             "ulog",
             "PX4 ULog",
             (".ulg", ".ulog"),
             _starts(b"ULog\x01\x12\x35"),
-            "app.telemetry.readers.ulog_reader",
+            ".ulog",
             extra="ulog",
         ),
         Format(
@@ -169,7 +170,7 @@ FORMATS: dict[str, Format] = {
             "ASAM MDF",
             (".mf4", ".mdf"),
             _starts(b"MDF     ", b"UnFinMF "),
-            "app.telemetry.readers.mdf_reader",
+            ".mdf",
             extra="mdf",
         ),
         Format(
@@ -177,7 +178,7 @@ FORMATS: dict[str, Format] = {
             "IRIG 106 Chapter 10 recording",
             (".ch10", ".c10", ".i106"),
             _is_ch10,
-            "app.telemetry.readers.ch10_reader",
+            ".ch10",
             extra="ch10",
             experimental=True,
         ),

@@ -7,9 +7,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from app.telemetry.contents import Contents, open_columns
+from app.telemetry.contents import Contents, open_columns, printable
 from app.telemetry.formats import Format, format_of
-from app.telemetry.printable import printable
 from app.telemetry.readers import isolation
 from app.telemetry.recording import TelemetryError
 
@@ -94,7 +93,6 @@ def _order(
         "reader": known.reader,
         "extra": known.extra,
         "notes": notes,
-        "size": size,
         "seconds": limits.seconds * max(1.0, size / GIB),
         "memory": limits.memory,
         "most_bytes": limits.most_bytes,

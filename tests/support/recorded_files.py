@@ -23,7 +23,7 @@ def read(reader: str, path: Path, *, most_bytes: int = 1 << 30) -> Columns:
     """The columns of a file, which a reader writes beside it."""
     folder = path.with_name(f"{path.name}.columns")
     folder.mkdir()
-    module = import_module(f"app.telemetry.readers.{reader}_reader")
+    module = import_module(f"app.telemetry.readers.{reader}")
     module.read(path, ColumnWriter(folder, most_bytes))
     return open_columns(folder)
 

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy.typing as npt
 
 from app.telemetry.contents import MOST_LISTED, MOST_SIGNALS, ColumnWriter
-from app.telemetry.readers.text_units import unit_in
+from app.telemetry.readers.written_units import unit_in
 from app.telemetry.recording import TelemetryError
 
 BLOCK = 1 << 20

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from app.telemetry.readers.mdf_blocks import check_blocks
+from app.telemetry.reading import ReadLimits, read_file
 from app.telemetry.recording import TelemetryError
 from tests.support.recorded_files import read
 
@@ -96,7 +96,7 @@ def test_channel_groups_keep_their_own_times_and_namesakes_their_group(saved):
 
 @pytest.mark.parametrize("compression", [0, 1, 2])
 def test_records_come_in_their_order_from_many_fragments(compression, saved, monkeypatch):
-    monkeypatch.setattr("app.telemetry.readers.mdf_reader.FRAGMENT", 1000)
+    monkeypatch.setattr("app.telemetry.readers.mdf.FRAGMENT", 1000)
     t = np.arange(40_000) / 100
     path = saved([signal("p", np.sin(t), t), signal("r", t, t)], compression=compression)
     columns = read("mdf", path)
@@ -119,20 +119,20 @@ def test_a_file_that_its_writer_did_not_finish_is_read(saved):
     content[:8] = b"UnFinMF "
     struct.pack_into("<H", content, 60, 1)  # the cycle counters are not up to date
     path.write_bytes(content)
-    assert not check_blocks(path)
     columns = read("mdf", path)
     np.testing.assert_array_equal(columns.values("p"), T)
     assert {p.suffix for p in columns.folder.iterdir()} == {".f8", ".json"}
 
 
-def test_blocks_in_a_circle_are_refused(saved):
+def test_blocks_in_a_circle_end_at_a_limit(saved, tmp_path):
     path = saved([signal("p", T)])
     content = bytearray(path.read_bytes())
     group = struct.unpack_from("<Q", content, 64 + 24)[0]
     struct.pack_into("<Q", content, group + 24, group)
     path.write_bytes(content)
-    with pytest.raises(TelemetryError, match="point in circles"):
-        read("mdf", path)
+    with pytest.raises(TelemetryError, match="took more than 3 s to read: export"):
+        read_file(path, tmp_path / "columns", limits=ReadLimits(seconds=3.0))
+    assert not (tmp_path / "columns").exists()
 
 
 def test_data_beyond_the_end_of_the_file_are_refused(saved):

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import scipy.io
 
-from app.telemetry.readers.cf_time import Since, since
+from app.telemetry.readers.cf import Since, since
 from tests.support.recorded_files import read
 
 SCIPYS = Path(scipy.io.__file__).parent / "tests" / "data"

@@ -109,7 +109,7 @@ def test_what_is_no_signal_is_named_with_its_reason(stored):
 
 
 def test_rows_of_all_row_groups_come_in_their_order(stored, monkeypatch):
-    monkeypatch.setattr("app.telemetry.readers.parquet_reader.BATCH_ROWS", 7)
+    monkeypatch.setattr("app.telemetry.readers.parquet.BATCH_ROWS", 7)
     columns = stored(pa.table({"x": np.arange(1000.0)}), row_group_size=90)
     np.testing.assert_array_equal(columns.values("x"), np.arange(1000.0))
 

@@ -9,9 +9,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from app.telemetry.contents import ColumnWriter, open_columns
-from app.telemetry.readers.text_reader import read
-from app.telemetry.readers.time_forms import form_of, is_time
-from app.telemetry.readers.time_text import Clock, times_of
+from app.telemetry.readers.text import read
+from app.telemetry.readers.text_tables.time_forms import form_of, is_time
+from app.telemetry.readers.text_tables.times import Clock, times_of
 
 T0 = datetime(2026, 3, 1, 12, 34, 56, 789000)
 

@@ -114,7 +114,7 @@ def test_messages_without_measure_are_refused(formats, reason, logged):
 
 
 def test_of_too_many_fields_those_of_small_topics_are_kept(logged, monkeypatch):
-    monkeypatch.setattr("app.telemetry.readers.ulog_reader.MOST_SIGNALS", 5)
+    monkeypatch.setattr("app.telemetry.readers.ulog.MOST_SIGNALS", 5)
     columns = logged(
         ["large:uint64_t timestamp;float[4] x;", "air:uint64_t timestamp;float beta;"],
         subscribed(0, "large"),

@@ -9,7 +9,7 @@ import numpy.typing as npt
 import pyarrow as pa
 import pyarrow.compute
 
-from app.telemetry.readers.time_forms import DAY, RANGES, SECOND, YEAR, TimeForm
+from app.telemetry.readers.text_tables.time_forms import DAY, RANGES, SECOND, YEAR, TimeForm
 from core.types import Array, Flags
 
 Nanoseconds = npt.NDArray[np.int64]

@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from app.telemetry.contents import ColumnWriter, Contents
-from app.telemetry.readers.cf_variables import Conventions
+from app.telemetry.readers.cf import Conventions
 from app.telemetry.readers.library_errors import library_errors
 from app.telemetry.readers.matrices import Matrix, matrix, to_sources
 from app.telemetry.readers.sources import listed, pour
@@ -25,7 +25,7 @@ def read(path: Path, writer: ColumnWriter) -> Contents:
 def _read_hdf5(path: Path, writer: ColumnWriter) -> Contents:
     import h5py
 
-    from app.telemetry.readers.netcdf_hdf5 import read_open
+    from app.telemetry.readers.hdf5_files.netcdf4 import read_open
 
     with h5py.File(path, "r", locking=False, rdcc_nbytes=0) as file:
         return read_open(file, writer)

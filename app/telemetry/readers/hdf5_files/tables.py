@@ -8,7 +8,7 @@ from typing import Any
 import h5py
 import numpy as np
 
-from app.telemetry.readers.hdf5_walk import Path, attribute, not_numeric, text
+from app.telemetry.readers.hdf5_files.walk import Path, attribute, not_numeric, text
 from app.telemetry.readers.sources import BLOCK, Column, Pieces, Source, is_time_name
 
 MOST_NESTING = 8

@@ -8,8 +8,8 @@ from typing import Any
 import h5py
 import numpy.typing as npt
 
-from app.telemetry.readers.hdf5_tables import table
-from app.telemetry.readers.hdf5_walk import (
+from app.telemetry.readers.hdf5_files.tables import table
+from app.telemetry.readers.hdf5_files.walk import (
     DESCRIPTION_NAMES,
     UNIT_NAMES,
     Address,

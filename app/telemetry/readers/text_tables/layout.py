@@ -4,10 +4,10 @@ from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from app.telemetry.readers.text_header import find_header, printable_names
-from app.telemetry.readers.text_lines import MOST_CELLS, Line, best_parted
-from app.telemetry.readers.text_units import unit_in, unit_of_cell
-from app.telemetry.readers.time_forms import TimeForm, form_of
+from app.telemetry.readers.text_tables.header import find_header, printable_names
+from app.telemetry.readers.text_tables.lines import MOST_CELLS, Line, best_parted
+from app.telemetry.readers.text_tables.time_forms import TimeForm, form_of
+from app.telemetry.readers.written_units import unit_in, unit_of_cell
 from app.telemetry.recording import TelemetryError
 
 SAMPLE_LINES = 500

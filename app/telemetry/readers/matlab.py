@@ -1,4 +1,8 @@
-"""Recordings in MATLAB files: variables and fields of structures, of version 4, 5 and 7.3."""
+"""Recordings in MATLAB files: variables and fields of structures, of version 4, 5 and 7.3.
+
+The library trusts what a file of version 5 declares: where that is wrong, it may take more memory
+than there is or crash, which ends no more than the process.
+"""
 
 import math
 from collections.abc import Iterator
@@ -9,16 +13,17 @@ from typing import Any
 import numpy as np
 
 from app.telemetry.contents import ColumnWriter, Contents
-from app.telemetry.readers.library_errors import library_errors
-from app.telemetry.readers.matlab_elements import check_elements
+from app.telemetry.readers.library_errors import library_errors, too_deep
 from app.telemetry.readers.matlab_structures import SIGNALS, as_signals
 from app.telemetry.readers.matrices import Matrix, matrix, to_sources
 from app.telemetry.readers.sources import Column, listed, pour
+from app.telemetry.recording import TelemetryError
 
 TITLE = "MATLAB"
 MOST_MEMORY = 1 << 30
 """What the variables of a file may take, since they are read whole [bytes]."""
 MOST_TEXT = 4096
+MOST_DEPTH = 32
 INTEGERS = (f"{sign}int{n}" for sign in ("", "u") for n in (8, 16, 32, 64))
 NUMBERS = frozenset(("double", "single", "logical", *INTEGERS))
 REASONS = {
@@ -40,19 +45,16 @@ def read(path: Path, writer: ColumnWriter) -> Contents:
         version = matfile_version(path, appendmat=False)[0]
         if version == 2:
             return _read_hdf5(path, writer)
-        most = min(MOST_MEMORY, writer.most_bytes)
-        if version == 1:
-            check_elements(path, most)
-        held = _load(path, most)
-        sources = to_sources(as_signals(held.arrays, held.texts))
-        pour(path, sources, writer, held.ignored, ".")
-        return writer.finish("matlab5", ignored=listed(held.ignored))
+        loaded = _load(path, min(MOST_MEMORY, writer.most_bytes))
+        sources = to_sources(as_signals(loaded.arrays, loaded.texts))
+        pour(path, sources, writer, loaded.ignored, ".")
+        return writer.finish("matlab5", ignored=listed(loaded.ignored))
 
 
 def _read_hdf5(path: Path, writer: ColumnWriter) -> Contents:
     import h5py
 
-    from app.telemetry.readers.matlab_hdf5 import read_open
+    from app.telemetry.readers.hdf5_files.matlab73 import read_open
 
     with h5py.File(path, "r", locking=False, rdcc_nbytes=0) as file:
         return read_open(file, writer)
@@ -60,7 +62,7 @@ def _read_hdf5(path: Path, writer: ColumnWriter) -> Contents:
 
 @dataclass(eq=False)
 class Loaded:
-    """What was found, by the path to the field."""
+    """The variables of a file, by the path to the field."""
 
     arrays: dict[Keys, Matrix] = field(default_factory=dict)
     texts: dict[Keys, str] = field(default_factory=dict)
@@ -71,21 +73,21 @@ def _load(path: Path, most_bytes: int) -> Loaded:
     """Read the variables that can hold signals or say something of them."""
     from scipy.io import loadmat, whosmat
 
-    held, wanted = Loaded(), []
+    loaded, wanted = Loaded(), []
     for name, shape, kind in whosmat(path, appendmat=False):
         n = math.prod(shape)
         if name.startswith("__"):
             continue
         if kind in NUMBERS and n > most_bytes:
-            held.ignored.append(f"{name}: {n} numbers, which is more than may be read")
+            loaded.ignored.append(f"{name}: {n} numbers, which is more than may be read")
         elif kind in NUMBERS or (kind == "char" and n <= MOST_TEXT) or kind == "struct":
             wanted.append(name)
         else:
-            held.ignored.append(f"{name}: {REASONS.get(kind, 'text')}")
+            loaded.ignored.append(f"{name}: {REASONS.get(kind, 'text')}")
     values = loadmat(path, appendmat=False, variable_names=wanted) if wanted else {}
     for keys, value in _fields(((name,), values[name]) for name in wanted if name in values):
-        _add(held, keys, value)
-    return held
+        _add(loaded, keys, value)
+    return loaded
 
 
 def _fields(stack: Any) -> Iterator[tuple[Keys, Any]]:
@@ -93,6 +95,8 @@ def _fields(stack: Any) -> Iterator[tuple[Keys, Any]]:
     left = list(stack)[::-1]
     while left:
         keys, value = left.pop()
+        if len(keys) > MOST_DEPTH:
+            raise TelemetryError(too_deep(TITLE))
         names = value.dtype.names if type(value) is np.ndarray else None
         if not names or (value.size != 1 and keys[-1].lower() != SIGNALS):
             yield keys, value
@@ -102,18 +106,18 @@ def _fields(stack: Any) -> Iterator[tuple[Keys, Any]]:
             left += [((*here, name), element[name]) for name in reversed(names)]
 
 
-def _add(held: Loaded, keys: Keys, value: Any) -> None:
+def _add(loaded: Loaded, keys: Keys, value: Any) -> None:
     name = ".".join(keys)
     if type(value) is not np.ndarray:
-        held.ignored.append(f"{name}: {REASONS['sparse' if hasattr(value, 'nnz') else 'object']}")
+        loaded.ignored.append(f"{name}: {REASONS['sparse' if hasattr(value, 'nnz') else 'object']}")
     elif value.dtype.kind == "U" and value.size == 1:
-        held.texts[keys] = str(value.reshape(-1)[0]).strip()[:MOST_TEXT]
+        loaded.texts[keys] = str(value.reshape(-1)[0]).strip()[:MOST_TEXT]
     elif value.dtype.kind in "biuf":
         made = matrix(keys[:-1], Column(name), value.shape, value.__getitem__)
         if isinstance(made, Matrix):
-            held.arrays[keys] = made
+            loaded.arrays[keys] = made
         else:
-            held.ignored.append(made)
+            loaded.ignored.append(made)
     elif value.size:
         kinds = {"c": "complex", "V": "an array of structures", "O": "a cell array"}
-        held.ignored.append(f"{name}: {kinds.get(value.dtype.kind, 'text')}")
+        loaded.ignored.append(f"{name}: {kinds.get(value.dtype.kind, 'text')}")

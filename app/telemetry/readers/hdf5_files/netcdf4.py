@@ -6,9 +6,9 @@ from typing import Any
 import h5py
 
 from app.telemetry.contents import ColumnWriter, Contents
-from app.telemetry.readers.cf_variables import Conventions
-from app.telemetry.readers.hdf5_arrays import Unpack, arrays
-from app.telemetry.readers.hdf5_walk import attribute, datasets, text
+from app.telemetry.readers.cf import Conventions
+from app.telemetry.readers.hdf5_files.arrays import Unpack, arrays
+from app.telemetry.readers.hdf5_files.walk import attribute, datasets, text
 from app.telemetry.readers.sources import Column, listed, pour
 
 

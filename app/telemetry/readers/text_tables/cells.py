@@ -4,7 +4,7 @@ import csv
 import re
 from math import isfinite, nan
 
-from app.telemetry.readers.time_forms import is_time
+from app.telemetry.readers.text_tables.time_forms import is_time
 
 MISSING_WORDS = (
     "", "-", "--", "---", "?", "NA", "N/A", "#N/A", "NaN", "-NaN", "+NaN", "NULL", "None", "NIL",

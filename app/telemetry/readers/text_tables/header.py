@@ -5,11 +5,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import takewhile
 
-from app.telemetry.contents import LONGEST_NAME
-from app.telemetry.printable import printable
-from app.telemetry.readers.text_cells import BLANKS
-from app.telemetry.readers.text_lines import Line, Lines
-from app.telemetry.readers.text_units import are_units
+from app.telemetry.contents import LONGEST_NAME, printable
+from app.telemetry.readers.text_tables.cells import BLANKS
+from app.telemetry.readers.text_tables.lines import Line, Lines
+from app.telemetry.readers.written_units import are_units
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 import numpy.typing as npt
 
-from app.telemetry.readers.ch10_packets import TICKS
+from app.telemetry.readers.chapter10.packets import TICKS
 from app.telemetry.readers.sources import Column, Pieces, Source
 from core.types import Array
 

@@ -14,12 +14,12 @@ def read(path: Path, writer: ColumnWriter) -> Contents:
     with library_errors(TITLE):
         import h5py
 
-        from app.telemetry.readers import matlab_hdf5, netcdf_hdf5
-        from app.telemetry.readers.hdf5_arrays import arrays
-        from app.telemetry.readers.hdf5_walk import datasets
+        from app.telemetry.readers.hdf5_files import matlab73, netcdf4
+        from app.telemetry.readers.hdf5_files.arrays import arrays
+        from app.telemetry.readers.hdf5_files.walk import datasets
 
         with h5py.File(path, "r", locking=False, rdcc_nbytes=0) as file:
-            for other in (matlab_hdf5, netcdf_hdf5):
+            for other in (matlab73, netcdf4):
                 if other.wrote(file):
                     return other.read_open(file, writer)
             ignored: list[str] = []

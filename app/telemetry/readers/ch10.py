@@ -1,14 +1,14 @@
 """Recordings of IRIG 106 Chapter 10, experimental: raw numbers of buses, discretes and analog."""
 
+import re
 from dataclasses import dataclass, field
 from datetime import datetime, timedelta
 from pathlib import Path
 
 from app.telemetry.contents import ColumnWriter, Contents
-from app.telemetry.readers.ch10_decoding import DECODERS, OTHER_KINDS, Decoded
-from app.telemetry.readers.ch10_packets import TICKS, Packet, packets, ticks_between
-from app.telemetry.readers.ch10_series import Sampled
-from app.telemetry.readers.ch10_setup import channel_names, moment
+from app.telemetry.readers.chapter10.decoding import DECODERS, OTHER_KINDS, Decoded
+from app.telemetry.readers.chapter10.packets import TICKS, Packet, packets, ticks_between
+from app.telemetry.readers.chapter10.series import Sampled
 from app.telemetry.readers.library_errors import library_errors
 from app.telemetry.readers.sources import Source, listed, pour
 from app.telemetry.recording import TelemetryError
@@ -107,3 +107,30 @@ class Opened:
 def _kind(data_type: int) -> str:
     """What packets of a type hold; types of a kind follow one another."""
     return OTHER_KINDS.get(data_type, OTHER_KINDS.get(data_type & ~0x07, f"type {data_type:#04x}"))
+
+
+SOURCE = re.compile(rb"R-(\d+)\\(TK1|DSI)-(\d+):([^;]*);")
+LONGEST = 40
+
+
+def channel_names(packet: Packet) -> dict[int, str]:
+    """The data sources by the number of their channel, as the set-up record lists them."""
+    from chapter10.computer import ComputerF1
+
+    entries: dict[tuple[bytes, bytes], dict[bytes, str]] = {}
+    for recorder, key, number, value in SOURCE.findall(packet.opened(ComputerF1).data):
+        text = value.decode("utf-8", "replace").strip()[:LONGEST]
+        entries.setdefault((recorder, number), {})[key] = text
+    return {
+        int(entry[b"TK1"]): entry[b"DSI"]
+        for entry in entries.values()
+        if entry.get(b"TK1", "").isdecimal() and b"DSI" in entry
+    }
+
+
+def moment(packet: Packet) -> datetime | None:
+    """The date and time of day of a time packet, None where it does not tell the year."""
+    from chapter10.time import TimeF1
+
+    opened = packet.opened(TimeF1)
+    return opened.time if opened.date_format else None

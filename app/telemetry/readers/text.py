@@ -7,12 +7,11 @@ import numpy as np
 import pyarrow as pa
 
 from app.telemetry.contents import ColumnWriter, Contents
-from app.telemetry.readers.bad_rows import BadRows
-from app.telemetry.readers.text_blocks import blocks, pieces, without_lines
-from app.telemetry.readers.text_layout import Layout, find_layout
-from app.telemetry.readers.text_parser import BlockParser, Rows, finite
-from app.telemetry.readers.text_rows import RowReader
-from app.telemetry.readers.time_text import Array, Clock, times_of
+from app.telemetry.readers.text_tables.blocks import blocks, pieces, without_lines
+from app.telemetry.readers.text_tables.layout import Layout, find_layout
+from app.telemetry.readers.text_tables.parser import BlockParser, Rows, finite
+from app.telemetry.readers.text_tables.rows import BadRows, RowReader
+from app.telemetry.readers.text_tables.times import Array, Clock, times_of
 
 HEAD_BYTES = 2**18
 PIECE_BYTES = 2**16

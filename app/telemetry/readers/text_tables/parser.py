@@ -6,9 +6,9 @@ import numpy as np
 import pyarrow as pa
 from pyarrow import csv
 
-from app.telemetry.readers.text_cells import BLANKS, MISSING
-from app.telemetry.readers.text_layout import Layout
-from app.telemetry.readers.time_text import Array, Times, times_of
+from app.telemetry.readers.text_tables.cells import BLANKS, MISSING
+from app.telemetry.readers.text_tables.layout import Layout
+from app.telemetry.readers.text_tables.times import Array, Times, times_of
 
 ARROW_BYTES = 2**20
 """Arrow's own blocks, one a thread at a time."""

@@ -5,7 +5,7 @@ from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from app.telemetry.readers.text_cells import DELIMITERS, cells, comment, kind
+from app.telemetry.readers.text_tables.cells import DELIMITERS, cells, comment, kind
 
 MOST_CELLS = 1 << 14
 """Of a line; further ones are not looked at, and a table of so many columns is refused."""

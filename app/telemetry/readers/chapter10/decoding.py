@@ -13,8 +13,8 @@ from typing import Any, TypeVar
 import numpy as np
 import numpy.typing as npt
 
-from app.telemetry.readers.ch10_packets import HEADER, TURN, Packet, ticks_between
-from app.telemetry.readers.ch10_series import MOST_WORDS, Sampled, Series, Values, Words
+from app.telemetry.readers.chapter10.packets import HEADER, TURN, Packet, ticks_between
+from app.telemetry.readers.chapter10.series import MOST_WORDS, Sampled, Series, Values, Words
 
 MODE_CODES = (0, 31)
 """Subaddresses whose messages carry no data words of the bus's users."""

@@ -8,8 +8,8 @@ import h5py
 import numpy as np
 
 from app.telemetry.contents import ColumnWriter, Contents
-from app.telemetry.readers.hdf5_arrays import arrays
-from app.telemetry.readers.hdf5_walk import Path, attribute, datasets, text, unreadable
+from app.telemetry.readers.hdf5_files.arrays import arrays
+from app.telemetry.readers.hdf5_files.walk import Path, attribute, datasets, text, unreadable
 from app.telemetry.readers.matlab_structures import SIGNALS, as_signals
 from app.telemetry.readers.matrices import to_sources
 from app.telemetry.readers.sources import listed, pour

@@ -1,0 +1,1 @@
+"""IRIG 106 Chapter 10: packets, and the numbers in them."""

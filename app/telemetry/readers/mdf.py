@@ -1,0 +1,200 @@
+"""Recordings in ASAM MDF 3 and 4: a group is a channel group with its master.
+
+A conversion by formula is a text that the library evaluates as a program: it is never asked to.
+The library follows the pointers between blocks as they are: where they run in circles, the limits
+of the process end it.
+"""
+
+from collections import Counter
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from app.telemetry.contents import ColumnWriter, Contents
+from app.telemetry.readers.library_errors import library_errors
+from app.telemetry.readers.sources import Column, Pieces, Source, listed, pour
+from core.types import Flags
+
+TITLE = "MDF"
+OPTIONS: dict[str, Any] = {"process_bus_logging": False, "use_display_names": False}
+FINISHED = b"MDF"
+FRAGMENT = 8 << 20
+"""Records that are read at a time [bytes]."""
+NUMERIC_4 = frozenset(range(6))
+"""Data types of MDF 4: integers and floating-point numbers of either byte order."""
+NOT_NUMERIC_3 = frozenset((7, 8))
+SAFE_4 = frozenset((0, 1, 2, 4, 5, 6))
+"""Conversions of MDF 4: none, linear, rational, and tables from number to number."""
+SAFE_3 = frozenset((65535, 0, 1, 2, 6, 7, 8, 9))
+FORMULA_4, FORMULA_3 = 3, 10
+MASTER_TYPES = (2, 3)
+TIME_SYNC = 1
+VIRTUAL_TYPES = (3, 6)
+"""Channels that are counted, not recorded."""
+INVALIDATION = 2
+"""Flag: a bit of each record says whether it is invalid."""
+
+
+@dataclass(frozen=True, eq=False)
+class Channel:
+    """A channel that is read. index: in its group.   conversion: None where values are raw."""
+
+    index: int
+    column: Column
+    conversion: Any
+
+    def physical(self, raw: npt.NDArray[Any], invalid: Flags | None) -> npt.NDArray[Any]:
+        """Return values in the unit of the channel, NaN where the file calls them invalid."""
+        values = self.conversion.convert(raw) if self.conversion else raw
+        if invalid is None or not invalid.any():
+            return values
+        return np.where(np.asarray(invalid, bool), np.nan, values)
+
+
+def read(path: Path, writer: ColumnWriter) -> Contents:
+    """Read an MDF file; times count from the moment that its header names."""
+    with library_errors(TITLE):
+        from asammdf import MDF
+
+        with (
+            path.open("rb") as file,
+            # the library finishes a copy of a file that its writer did not, and wants its path
+            MDF(
+                file if file.peek().startswith(FINISHED) else path,
+                temporary_folder=writer.folder,
+                **OPTIONS,
+            ) as mdf,
+        ):
+            mdf.configure(read_fragment_size=FRAGMENT)
+            ignored: list[str] = []
+            pour(path, list(_sources(mdf, ignored)), writer, ignored)
+            start = mdf.header.start_time.isoformat()
+        return writer.finish("mdf4", start=start, ignored=listed(ignored))
+
+
+def _sources(mdf: Any, ignored: list[str]) -> Iterator[Source]:
+    """The channel groups; those that share the master of another are of its clock."""
+    names = _group_names(mdf)
+    count = Counter(c.name for group in mdf.groups for c in group.channels)
+    newer = mdf.version >= "4"
+    for number, group in enumerate(mdf.groups):
+        chosen = []
+        for index, raw in enumerate(group.channels):
+            name = raw.name if count[raw.name] == 1 else f"{names[number]}/{raw.name}"
+            composed = bool(group.channel_dependencies[index])
+            result = _channel(index, raw, group.channel_group, name, composed, newer)
+            if isinstance(result, Channel):
+                chosen.append(result)
+            else:
+                ignored.append(result)
+        master = mdf.virtual_groups_map.get(number, number) if newer else number
+        n_rows = group.channel_group.cycles_nr
+        if not chosen:
+            continue
+        if newer and n_rows:
+            _check_record(group)
+        pieces = partial(_pieces, mdf, number, chosen, n_rows)
+        columns = tuple(channel.column for channel in chosen)
+        yield Source((names[number],), columns, n_rows, pieces, (names[master],))
+
+
+def _check_record(group: Any) -> None:
+    """ValueError where one record is larger than all data: the library makes room for it."""
+    record = group.channel_group.samples_byte_nr + group.channel_group.invalidation_bytes_nr
+    if record > sum(block.original_size for block in group.data_blocks):
+        raise ValueError("it ends within its data")
+
+
+def _pieces(mdf: Any, group: int, channels: list[Channel], n_rows: int) -> Pieces:
+    """Read the records of a group by fragments, every channel from each."""
+    left = n_rows
+    for fragment in mdf._mdf._load_data(mdf.groups[group]):
+        values = None
+        for number, channel in enumerate(channels):
+            raw, invalid = mdf.get(
+                group=group,
+                index=channel.index,
+                data=fragment,
+                raw=True,
+                samples_only=True,
+                ignore_invalidation_bits=True,
+            )
+            values = channel.physical(raw, invalid)
+            yield number, values
+        left -= 0 if values is None else len(values)
+    if left:
+        raise ValueError("it ends within its data")
+
+
+def _group_names(mdf: Any) -> list[str]:
+    """A name for each channel group: what acquired it or its comment; a number where two agree."""
+    named = []
+    for number, group in enumerate(mdf.groups):
+        of_group = group.channel_group
+        name = getattr(of_group, "acq_name", "") or getattr(of_group, "comment", "") or ""
+        plain = "" if _is_xml(name) else str(name).strip()
+        named.append(plain[:80] or f"group {number}")
+    count = Counter(named)
+    return [n if count[n] == 1 else f"{n} {number}" for number, n in enumerate(named)]
+
+
+def _channel(
+    index: int, channel: Any, group: Any, name: str, composed: bool, newer: bool
+) -> Channel | str:
+    """Look at a channel of the library's, or say why it is no signal.
+
+    group: its channel group.   composed: it is made of other channels.   newer: of MDF 4.
+    """
+    if composed:
+        return f"{name}: made of channels, which are read one by one"
+    kind = channel.data_type
+    if (kind not in NUMERIC_4) if newer else (kind in NOT_NUMERIC_3):
+        return f"{name}: text or bytes"
+    if _lies_outside(channel, group, newer):
+        return f"{name}: lies outside the records of its group"
+    if newer and channel.channel_type == 1:
+        return f"{name}: values of different lengths"
+    conversion = channel.conversion
+    rule = conversion.conversion_type if conversion else 0
+    if rule == (FORMULA_4 if newer else FORMULA_3):
+        return f"{name}: converted by a formula, which is not evaluated"
+    if newer and any(
+        hasattr(other, "conversion_type")
+        for other in (getattr(conversion, "referenced_blocks", None) or {}).values()
+    ):
+        return f"{name}: converted by one of several rules"
+    unit = channel.unit or getattr(conversion, "unit", "") or ""
+    time = (
+        channel.channel_type in MASTER_TYPES and channel.sync_type == TIME_SYNC
+        if newer
+        else (channel.channel_type == 1)
+    )
+    safe = rule in (SAFE_4 if newer else SAFE_3)
+    comment = "" if _is_xml(channel.comment) else str(channel.comment or "")
+    column = Column(name, str(unit).strip() or ("s" if time else ""), comment[:200], time)
+    return Channel(index, column, conversion if safe else None)
+
+
+def _is_xml(comment: Any) -> bool:
+    """Whether a comment is a document rather than words: MDF 4 allows either."""
+    return str(comment).startswith("<")
+
+
+def _lies_outside(channel: Any, group: Any, newer: bool) -> bool:
+    """Whether its bits are not all in the records; the library would read and write out of them."""
+    if not newer:
+        more = 8 * getattr(channel, "additional_byte_offset", 0)
+        return channel.start_offset + more + channel.bit_count > 8 * group.samples_byte_nr
+    if channel.channel_type in VIRTUAL_TYPES:
+        return False
+    if channel.flags & INVALIDATION and (
+        channel.pos_invalidation_bit >= 8 * group.invalidation_bytes_nr
+    ):
+        return True
+    end = 8 * channel.byte_offset + channel.bit_offset + channel.bit_count
+    return end > 8 * group.samples_byte_nr
