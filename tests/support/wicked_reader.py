@@ -2,6 +2,7 @@
 
 import ctypes
 import os
+import signal
 import sys
 from pathlib import Path
 
@@ -32,6 +33,18 @@ def crash() -> None:
 def loop() -> None:
     while True:
         pass
+
+
+def burn() -> None:
+    """Loop without the alarm, which a library may take for itself: that of CPU time is left."""
+    signal.setitimer(signal.ITIMER_REAL, 0)
+    loop()
+
+
+def hold() -> None:
+    """Wait without the alarm: neither limit of the system's is left."""
+    signal.setitimer(signal.ITIMER_REAL, 0)
+    signal.pause()
 
 
 def eat() -> None:
@@ -67,6 +80,9 @@ def stumble() -> None:
 DEEDS = {
     "crash": crash,
     "loop": loop,
+    "burn": burn,
+    "hold": hold,
+    "die": lambda: os.kill(os.getpid(), signal.SIGKILL),
     "eat": eat,
     "eat_at_once": eat_at_once,
     "fall": fall,

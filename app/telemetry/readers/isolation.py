@@ -1,153 +1,110 @@
-"""The near side of the processes that read files: start their server, send an order, wait.
+"""Have files read in processes of their own: start one, send it an order, read how it ended.
 
-The server is a fresh interpreter: it knows nothing of the program that asks, runs none of its
-`__main__`, and ends with it. It is not multiprocessing's, whose children import `__main__` again,
-which for the command `forewarn` is all of it.
+After each use a spare process is started, so that the next file need not wait for its libraries.
+A process ends with the one that asked, however that ends.
 """
 
 import atexit
 import json
 import os
-import socket
+import signal
 import subprocess
 import sys
 from contextlib import suppress
-from threading import Lock
+from queue import Empty, SimpleQueue
 from typing import Any
 
-FORKS = hasattr(os, "fork") and hasattr(socket, "send_fds")
-PATH = "import sys; path = sys.argv[1:]; sys.path[:] = path[1:]; "
-SERVE = (
-    f"{PATH}import socket; from app.telemetry.readers.reader_process import serve; "
-    "serve(socket.socket(fileno=int(path[0])))"
-)
-WORK_ALONE = f"{PATH}from app.telemetry.readers.reader_process import work_alone; work_alone()"
+Worker = subprocess.Popen[bytes]
+
+COMMAND = ("-P", "-W", "ignore", "-m", "app.telemetry.readers.worker")
+ENVIRONMENT = {
+    "OMP_NUM_THREADS": "1",
+    "OPENBLAS_NUM_THREADS": "1",
+    "ARROW_DEFAULT_MEMORY_POOL": "system",  # the others reserve a GiB, which would be counted
+}
 GRACE_SECONDS = 10.0
-"""A keeper answers this long after its worker's time at the latest."""
+"""A process that does not end at its own limit is ended this much later."""
+ENDS = {"SIGALRM": "slow", "SIGXCPU": "slow", "SIGKILL": "large"}
+"""What a signal of the system's means; it kills for want of memory."""
+
+_spares: SimpleQueue[Worker] = SimpleQueue()
 
 
 def carry_out(order: dict[str, Any]) -> dict[str, Any]:
-    """Have an order carried out elsewhere. Safe in any thread; returns when nobody works on it."""
-    if FORKS:
-        answer = _ask_server(order)
-        if answer:
-            return json.loads(answer)
-        if os.listdir(order["folder"]) or not _server.has_ended(within=1.0):
-            return {"end": "crashed"}
-    return _carried_out_alone(order)
+    """Have an order carried out. Safe in any thread; its process is gone on return."""
+    worker = _take()
+    try:
+        return _answer(worker, order)
+    finally:
+        _end(worker)
+        warm_up()
 
 
 def warm_up() -> None:
-    """Let the server start while there is something else to do."""
-    if FORKS:
-        _server.start()
+    """Start a spare process in the background, unless there is one."""
+    if _spares.empty():
+        _spares.put(_start())
 
 
-class _Server:
-    """The process that forks keepers, started again where it has ended."""
-
-    def __init__(self) -> None:
-        self._lock = Lock()
-        self._process: subprocess.Popen[bytes] | None = None
-        self._control: socket.socket | None = None
-
-    def start(self) -> socket.socket:
-        """Return the socket that takes connections; start the process where there is none."""
-        with self._lock:
-            if self._control and not self.has_ended():
-                return self._control
-            self._close()
-            self._control, theirs = socket.socketpair()
-            with theirs:
-                self._process = subprocess.Popen(
-                    _interpreter(SERVE, str(theirs.fileno())),
-                    pass_fds=[theirs.fileno()],
-                    stdin=subprocess.DEVNULL,
-                    stdout=subprocess.DEVNULL,
-                    start_new_session=True,  # an interrupt of the terminal is not for it
-                    env=os.environ | {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"},
-                )
-            return self._control
-
-    def has_ended(self, within: float = 0.0) -> bool:
-        """Whether there is no process, or none in so many seconds."""
-        with suppress(subprocess.TimeoutExpired):
-            return self._process is None or self._process.wait(within) is not None
-        return False
-
-    def stop(self) -> None:
-        """End the process; workers that are waited for go on."""
-        with self._lock:
-            self._close()
-
-    def _close(self) -> None:
-        if self._control:
-            self._control.close()
-        if self._process:
-            try:
-                self._process.wait(timeout=1.0)
-            except subprocess.TimeoutExpired:
-                self._process.kill()
-                self._process.wait()
-        self._control = self._process = None
+def _take() -> Worker:
+    with suppress(Empty):
+        worker = _spares.get_nowait()
+        if worker.poll() is None:
+            return worker
+        _end(worker)
+    return _start()
 
 
-_server = _Server()
-atexit.register(_server.stop)
+def _start() -> Worker:
+    """A fresh interpreter that imports what this one would."""
+    path = os.pathsep.join(place or os.getcwd() for place in sys.path)
+    return subprocess.Popen(
+        [sys.executable, *COMMAND],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.DEVNULL,
+        start_new_session=True,  # an interrupt of the terminal is not for it
+        env=os.environ | ENVIRONMENT | {"PYTHONPATH": path},
+    )
 
 
-def _ask_server(order: dict[str, Any]) -> bytes:
-    """Return the answer; nothing where the keeper or the server ended without one."""
-    ours, theirs = socket.socketpair()
-    with ours:
-        with theirs:
-            try:
-                socket.send_fds(_server.start(), [b"+"], [theirs.fileno()])
-            except OSError:  # it ended just now
-                socket.send_fds(_server.start(), [b"+"], [theirs.fileno()])
+def _answer(worker: Worker, order: dict[str, Any]) -> dict[str, Any]:
+    """Send an order; return the answer, or what the process ended of."""
+    orders, worker.stdin = worker.stdin, None  # communicate would close it, which ends the worker
+    assert orders
+    with orders:
         try:
-            ours.settimeout(order["seconds"] + GRACE_SECONDS)
-            ours.sendall(json.dumps(order).encode() + b"\n")
-            return _all_of(ours)
-        except TimeoutError:
-            _hang_up(ours)
-            return b'{"end": "slow"}'
-        except OSError:
-            return b""
-        except BaseException:
-            _hang_up(ours)
-            raise
-
-
-def _hang_up(connection: socket.socket) -> None:
-    """Tell the keeper that nobody waits; return when its worker is gone."""
-    with suppress(OSError):
-        connection.settimeout(GRACE_SECONDS)
-        connection.shutdown(socket.SHUT_WR)
-        _all_of(connection)
-
-
-def _all_of(connection: socket.socket) -> bytes:
-    return b"".join(iter(lambda: connection.recv(65536), b""))
-
-
-def _carried_out_alone(order: dict[str, Any]) -> dict[str, Any]:
+            with suppress(BrokenPipeError):
+                orders.write(json.dumps(order).encode() + b"\n")
+                orders.flush()
+            answer, _ = worker.communicate(timeout=order["seconds"] + GRACE_SECONDS)
+        except subprocess.TimeoutExpired:
+            return {"end": "slow"}
     try:
-        done = subprocess.run(
-            _interpreter(WORK_ALONE, ""),
-            input=json.dumps(order).encode() + b"\n",
-            stdout=subprocess.PIPE,
-            stderr=subprocess.DEVNULL,
-            timeout=order["seconds"] + GRACE_SECONDS,
-        )
-        return json.loads(done.stdout)
-    except subprocess.TimeoutExpired:
-        return {"end": "slow"}
+        return json.loads(answer)
     except ValueError:
-        return {"end": "crashed"}
+        reason = _exit_reason(worker.returncode)
+        return {"end": ENDS.get(reason, "crashed"), "text": reason}
 
 
-def _interpreter(program: str, argument: str) -> list[str]:
-    """Command of a fresh interpreter that imports what this one would."""
-    path = [str(place) or os.getcwd() for place in sys.path]
-    return [sys.executable, "-W", "ignore", "-c", program, argument, *path]
+def _exit_reason(code: int) -> str:
+    """Name of the signal that ended a process, or its exit code."""
+    try:
+        return signal.Signals(-code).name
+    except ValueError:
+        return f"exit {code}"
+
+
+def _end(worker: Worker) -> None:
+    """End a process with all that it has started."""
+    with worker:
+        if worker.poll() is None:
+            with suppress(ProcessLookupError):
+                os.killpg(worker.pid, signal.SIGKILL) if hasattr(os, "killpg") else worker.kill()
+
+
+@atexit.register
+def _end_spares() -> None:
+    with suppress(Empty):
+        while True:
+            _end(_spares.get_nowait())

@@ -1,6 +1,7 @@
 """Files are read by their content, elsewhere, and whatever happens there is one sentence here."""
 
 import os
+import select
 import subprocess
 import sys
 from concurrent.futures import ThreadPoolExecutor
@@ -18,6 +19,7 @@ from tests.support.wicked_reader import MAGIC
 
 TABLE = "t,beta\n0,1\n1,2\n2,3\n"
 MEMORY = 200 * 2**20
+ENDLESS = ("loop", "burn", "hold")
 
 
 @pytest.fixture
@@ -30,13 +32,6 @@ def write(tmp_path):
         return path
 
     return _write
-
-
-@pytest.fixture
-def alone(monkeypatch):
-    """Without a server that forks, as on other systems."""
-    monkeypatch.setattr(isolation, "FORKS", False)
-    monkeypatch.setattr(isolation, "GRACE_SECONDS", 1.0)
 
 
 @pytest.fixture
@@ -56,8 +51,10 @@ def wicked(write, tmp_path, monkeypatch):
     )
 
     def _wicked(deed, argument=""):
+        # a process that waits is ended from outside, one that works by its limit of CPU time
+        monkeypatch.setattr(isolation, "GRACE_SECONDS", 1.0 if deed == "hold" else 60.0)
         path = write(MAGIC + f"{deed} {argument}".strip().encode(), "flight.wicked")
-        limits = ReadLimits(seconds=0.5 if deed == "loop" else 60.0, memory=MEMORY)
+        limits = ReadLimits(seconds=0.5 if deed in ENDLESS else 60.0, memory=MEMORY)
         return read_file(path, tmp_path / "columns", name="my.wicked", limits=limits)
 
     return _wicked
@@ -70,10 +67,6 @@ def test_a_file_becomes_a_folder_of_columns(write, tmp_path):
     np.testing.assert_array_equal(columns.values("beta"), [1, 2, 3])
 
 
-def test_a_file_is_read_where_there_is_no_fork(alone, write, tmp_path):
-    test_a_file_becomes_a_folder_of_columns(write, tmp_path)
-
-
 OUTCOMES = {
     "crash": "the reader failed on it.*: it is damaged or no whole Wicked file, export it again",
     "abort": "the reader failed on it",
@@ -82,6 +75,9 @@ OUTCOMES = {
     "fall": r"the reader failed on it \(RecursionError: ",
     "stumble": r"the reader failed on it \(KeyError: ",
     "loop": "took more than 0.5 s to read: export the stretch and the signals of this test",
+    "burn": "took more than 0.5 s to read: export the stretch",
+    "hold": "took more than 0.5 s to read: export the stretch",
+    "die": "took more than 200 MiB of memory to read",
     "eat": "took more than 200 MiB of memory to read: export the stretch",
     "eat_at_once": "took more than 200 MiB of memory to read",
     "lack": r"No module named 'no_such_library', which reading Wicked file needs: "
@@ -101,11 +97,6 @@ def test_whatever_a_reader_does_is_one_sentence_and_leaves_nothing(deed, wicked,
     assert capfd.readouterr() == ("", "")
 
 
-@pytest.mark.parametrize("deed", ["crash", "loop", "eat", "refuse"])
-def test_a_reader_is_contained_where_there_is_no_fork(deed, alone, wicked, tmp_path, capfd):
-    test_whatever_a_reader_does_is_one_sentence_and_leaves_nothing(deed, wicked, tmp_path, capfd)
-
-
 def test_a_full_disk_is_not_the_files_fault(wicked, tmp_path):
     with pytest.raises(OSError, match="no room to store"):
         wicked("fill")
@@ -114,15 +105,15 @@ def test_a_full_disk_is_not_the_files_fault(wicked, tmp_path):
 
 def test_an_interruption_ends_the_reader_and_removes_its_columns(wicked, tmp_path, monkeypatch):
     os.mkfifo(tmp_path / "begun")
-    receive, pids = isolation._all_of, []
+    communicate, pids = subprocess.Popen.communicate, []
 
-    def interrupted(connection):
+    def interrupted(process, **options):
         if not pids:
             pids.append(int((tmp_path / "begun").read_text()))
             raise KeyboardInterrupt
-        return receive(connection)
+        return communicate(process, **options)
 
-    monkeypatch.setattr(isolation, "_all_of", interrupted)
+    monkeypatch.setattr(subprocess.Popen, "communicate", interrupted)
     with pytest.raises(KeyboardInterrupt):
         wicked("loop", str(tmp_path / "begun"))
     with pytest.raises(ProcessLookupError):
@@ -130,20 +121,22 @@ def test_an_interruption_ends_the_reader_and_removes_its_columns(wicked, tmp_pat
     assert not (tmp_path / "columns").exists()
 
 
-def test_a_server_that_was_ended_is_started_again(write, tmp_path):
-    read_file(write(TABLE), tmp_path / "before")
-    process = isolation._server._process
-    assert process
-    process.kill()
-    process.wait()
-    assert read_file(write(TABLE), tmp_path / "after").groups[0].n_rows == 3
-
-
-def test_a_server_that_cannot_start_is_replaced_by_a_process_a_file(write, tmp_path, monkeypatch):
-    monkeypatch.setattr(isolation, "SERVE", "raise SystemExit")
-    monkeypatch.setattr(isolation, "_server", isolation._Server())
+def test_a_spare_that_was_ended_is_replaced(write, tmp_path):
+    isolation.warm_up()
+    spare = isolation._spares.get_nowait()
+    isolation._spares.put(spare)
+    spare.kill()
+    spare.wait()
     assert read_file(write(TABLE), tmp_path / "columns").groups[0].n_rows == 3
-    isolation._server.stop()
+
+
+def test_the_spare_is_what_reads_the_next_file_and_is_used_once(write, tmp_path):
+    isolation.warm_up()
+    spare = isolation._spares.get_nowait()
+    isolation._spares.put(spare)
+    read_file(write(TABLE), tmp_path / "columns")
+    assert spare.returncode == 0
+    assert isolation._spares.qsize() == 1
 
 
 def test_many_threads_read_at_once(write, tmp_path):
@@ -154,28 +147,86 @@ def test_many_threads_read_at_once(write, tmp_path):
         np.testing.assert_array_equal(open_columns(tmp_path / str(k)).values("x"), [k, k])
 
 
-def test_a_script_without_a_main_guard_reads_once_and_leaves_no_process(write, tmp_path):
-    script = write(
-        f"""
-        from pathlib import Path
-        from app.telemetry.readers import isolation
-        from app.telemetry.reading import read_file
-        print(read_file(Path({str(write(TABLE))!r}), Path("columns")).groups[0].n_rows)
-        print(isolation._server._process.pid)
-        """.replace("\n        ", "\n"),
-        "script.py",
-    )
-    run = subprocess.run(
+def run_script(lines, tmp_path, **options):
+    """Start a program that can import what this one can."""
+    script = tmp_path / "script.py"
+    script.write_text("\n".join(lines))
+    return subprocess.Popen(
         [sys.executable, "-W", "error", script],
         cwd=tmp_path,
         env=os.environ | {"PYTHONPATH": os.pathsep.join(filter(None, sys.path))},
-        capture_output=True,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
         text=True,
+        **options,
     )
-    n_rows, pid = run.stdout.split()
-    assert (n_rows, run.stderr, run.returncode) == ("3", "", 0)
+
+
+def has_ended(pid):
+    """Whether a process of no matter whose ends by itself."""
+    try:
+        handle = os.pidfd_open(pid)
+    except ProcessLookupError:
+        return True
+    try:
+        return bool(select.select([handle], [], [], 30)[0])
+    finally:
+        os.close(handle)
+
+
+READS = (
+    "from pathlib import Path",
+    "from app.telemetry.readers import isolation",
+    "from app.telemetry.reading import read_file",
+)
+
+
+def test_a_script_without_a_main_guard_reads_once_and_leaves_no_process(write, tmp_path):
+    path = str(write(TABLE))
+    lines = (
+        *READS,
+        f'print(read_file(Path({path!r}), Path("columns")).groups[0].n_rows)',
+        "spare = isolation._spares.get_nowait()",
+        "isolation._spares.put(spare)",
+        "print(spare.pid)",
+    )
+    with run_script(lines, tmp_path) as program:
+        output, errors = program.communicate()
+    n_rows, pid = output.split()
+    assert (n_rows, errors, program.returncode) == ("3", "", 0)
     with pytest.raises(ProcessLookupError):
         os.kill(int(pid), 0)
+
+
+@pytest.mark.skipif(
+    not hasattr(os, "pidfd_open"), reason="the system does not tell of others' processes"
+)
+@pytest.mark.parametrize("task", ["wait", "loop"])
+def test_no_process_outlives_a_program_that_is_killed(task, tmp_path):
+    """Neither a spare nor one that is reading."""
+    os.mkfifo(tmp_path / "begun")
+    (tmp_path / "columns").mkdir()
+    (tmp_path / "file").write_bytes(MAGIC + f"loop {tmp_path / 'begun'}".encode())
+    order = {
+        "path": str(tmp_path / "file"), "folder": str(tmp_path / "columns"), "notes": (),
+        "reader": "tests.support.wicked_reader", "extra": "", "seconds": 1000.0,
+        "memory": MEMORY, "most_bytes": 1 << 30, "bad_share": 0.01,
+    }  # fmt: skip
+    lines = (
+        *READS,
+        "isolation.warm_up()",
+        "spare = isolation._spares.get_nowait()",
+        "isolation._spares.put(spare)",
+        "print(spare.pid, flush=True)",
+        f"isolation.carry_out({order!r})" if task == "loop" else "input()",
+    )
+    with run_script(lines, tmp_path, stdin=subprocess.PIPE) as program:
+        assert program.stdout
+        pid = int(program.stdout.readline())
+        if task == "loop":
+            assert int((tmp_path / "begun").read_text()) == pid
+        program.kill()
+    assert has_ended(pid)
 
 
 def mdf(n):

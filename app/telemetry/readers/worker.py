@@ -1,0 +1,115 @@
+"""The process that reads a file, which may do its worst to it: one order, one answer, the end.
+
+The order is a line of JSON on standard input, which stays open while somebody waits for the answer,
+JSON on standard output. The system ends what exceeds its limits or is not waited for any more;
+app.telemetry.readers.isolation starts the process and reads its exit code.
+"""
+
+import json
+import os
+import select
+import signal
+import sys
+import time
+import traceback
+from contextlib import suppress
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+from app.telemetry.contents import ColumnWriter
+from app.telemetry.formats import READERS
+from app.telemetry.readers.library_errors import NO_ROOM
+from app.telemetry.recording import TelemetryError
+
+PRELOADED = {
+    "app.telemetry.readers.text": 0.0,
+    "pyarrow.csv": 0.0,
+    "pyarrow.parquet": 0.0,
+    "h5py": 0.0,
+    "scipy.io": 2.0,
+    "pandas": 2.0,  # where it is installed, pyarrow imports it
+}
+"""What a spare process imports after so long without an order [s]: the slow ones when idle."""
+
+
+def main() -> None:
+    """Carry out the order on standard input; what libraries print goes nowhere."""
+    orders, answers = os.dup(0), os.dup(1)
+    nowhere = os.open(os.devnull, os.O_RDWR)
+    for stream in (0, 1, 2):
+        os.dup2(nowhere, stream)
+    for module, idle in PRELOADED.items():
+        if _is_ready(orders, idle):
+            break
+        with suppress(ImportError):
+            import_module(module)
+    with open(orders, "rb", closefd=False) as lines:
+        line = lines.readline()
+    if line:
+        order = json.loads(line)
+        _limit(order, orders)
+        os.write(answers, json.dumps(read(order)).encode())
+    os._exit(0)
+
+
+def read(order: dict[str, Any]) -> dict[str, Any]:
+    """Read a file as ordered. Returns how it ended, as app.telemetry.reading words it."""
+    writer = ColumnWriter(
+        Path(order["folder"]), order["most_bytes"], order["bad_share"], tuple(order["notes"])
+    )
+    try:
+        import_module(order["reader"], READERS).read(Path(order["path"]), writer)
+    except TelemetryError as error:
+        return {"end": "refused", "text": str(error)[:4000]}
+    except MemoryError:
+        return {"end": "large"}
+    except BaseException as error:
+        if isinstance(error, ModuleNotFoundError) and order["extra"]:
+            return {"end": "lacking", "text": str(error)[:500]}
+        if isinstance(error, OSError) and error.errno in NO_ROOM:
+            return {"end": "no room", "errno": error.errno}
+        text = f"{type(error).__name__}: {error}"
+        return {"end": "failed", "text": text[:500], "trace": traceback.format_exc()[-4000:]}
+    return {"end": "read"}
+
+
+def _limit(order: dict[str, Any], orders: int) -> None:
+    """Have the system end this process where it takes too much, or `orders` is closed."""
+    if sys.platform == "win32":
+        return
+    import fcntl
+    import resource
+
+    cpu = int(time.process_time() + order["seconds"] * (os.cpu_count() or 1)) + 1
+    memory = _data_bytes() + order["memory"]
+    for limit, soft, hard in (
+        (resource.RLIMIT_CORE, 0, 0),
+        (resource.RLIMIT_CPU, cpu, cpu + 1),  # a hard limit kills without a reason
+        (resource.RLIMIT_DATA, memory, memory),  # mapped files and reservations are not counted
+    ):
+        with suppress(ValueError, OSError):
+            resource.setrlimit(limit, (soft, hard))
+    signal.setitimer(signal.ITIMER_REAL, order["seconds"])
+    fcntl.fcntl(orders, fcntl.F_SETOWN, os.getpid())
+    fcntl.fcntl(orders, fcntl.F_SETFL, os.O_ASYNC)  # SIGIO when it is closed
+    if _is_ready(orders, 0.0):
+        os._exit(0)
+
+
+def _is_ready(orders: int, within: float) -> bool:
+    """Whether there is something to read, or the end, within so many seconds."""
+    return sys.platform != "win32" and bool(select.select([orders], [], [], within)[0])
+
+
+def _data_bytes() -> int:
+    """Memory of this process that is no file's [bytes]; 0 where the system does not say."""
+    try:
+        with open("/proc/self/statm", "rb") as file:
+            return int(file.read().split()[5]) * os.sysconf("SC_PAGE_SIZE")
+    except OSError:
+        return 0
+
+
+if __name__ == "__main__":
+    main()
