@@ -2,6 +2,8 @@
 
 from dataclasses import dataclass
 
+from core.kernels import N_CHANNELS
+
 
 @dataclass(frozen=True)
 class Channel:
@@ -22,4 +24,5 @@ CHANNELS: tuple[Channel, ...] = (
     Channel("delta_r", "δ_r", "rad", "rudder"),
 )
 KEYS: tuple[str, ...] = tuple(channel.key for channel in CHANNELS)
-N_CHANNELS = len(CHANNELS)
+if len(CHANNELS) != N_CHANNELS:
+    raise AssertionError(f"{len(CHANNELS)} channels: the kernels compute with {N_CHANNELS}")

@@ -12,6 +12,7 @@ from scipy import stats
 
 from core.channels import KEYS
 from core.dataset import Dataset
+from core.seeds import Branch, stream
 from core.simulation.aircraft import AIRCRAFT, Aircraft
 from core.simulation.control_law import CONTROL_LAWS, ControlLaw, check_usable
 from core.simulation.maneuver import MANEUVERS, Maneuver
@@ -27,8 +28,6 @@ CHUNK_STEPS = 2_000_000
 CERTAINTY = 1e-6
 MOST_SAMPLES = 20_000
 """Steps of a rollout, so that a chunk of them stays within memory."""
-ROLLOUTS, SAFE_TIMES = 0, 1
-"""Branches of a seed's tree of random streams."""
 
 
 class CollectionError(ValueError):
@@ -68,8 +67,8 @@ class SensorNoise:
 class Rollouts(NamedTuple):
     """Labelled trajectories of one manoeuvre.
 
-    y: (n, n_samples, 6) measured outputs.   fail_index: (n,) first sample that violates the
-    specification, n_samples for a safe rollout.   theta: (n, n_parameters).
+    y: (n, n_samples, 6) measured outputs.   fail_index: (n,) first sample that exceeds a limit,
+    n_samples for a safe rollout.   theta: (n, n_parameters).
     """
 
     y: Array
@@ -78,7 +77,7 @@ class Rollouts(NamedTuple):
 
     @property
     def is_unsafe(self) -> Flags:
-        """(n,) whether the rollout violates the specification."""
+        """(n,) whether the rollout exceeds a limit."""
         return self.fail_index < self.y.shape[1]
 
     def some(self, which: slice | Flags) -> "Rollouts":
@@ -173,7 +172,7 @@ class Simulator:
             pedal_lag_s=recipe.maneuver.pedal_lag_s,
             substeps=recipe.substeps,
         )
-        first = recipe.specification.first_violation(y)
+        first = recipe.specification.first_exceedance(y)
         if recipe.substeps > 1:
             first = -(-first // recipe.substeps)
             y = np.ascontiguousarray(y[:, :: recipe.substeps])
@@ -187,8 +186,7 @@ class Simulator:
         steps = recipe.maneuver.n_samples(recipe.dt) * recipe.substeps
         largest = max(FIRST_CHUNK, min(LARGEST_CHUNK, CHUNK_STEPS // steps))
         size = min(FIRST_CHUNK << min(number, 30), largest)
-        stream = np.random.SeedSequence(self.recipe.seed, spawn_key=(ROLLOUTS, number))
-        return self.rollouts(size, np.random.default_rng(stream))
+        return self.rollouts(size, stream(recipe.seed, Branch.ROLLOUTS, number))
 
 
 def collect(
@@ -290,8 +288,7 @@ def _dataset(
 
 def _safe_times(recipe: DatasetRecipe, n_safe: int, n_samples: int) -> Indices:
     """(n_safe, n_obs) random sample indices of each safe rollout, without repetition, ascending."""
-    stream = np.random.SeedSequence(recipe.seed, spawn_key=(SAFE_TIMES,))
-    rng = np.random.default_rng(stream)
+    rng = stream(recipe.seed, Branch.SAFE_TIMES)
     times = np.empty((n_safe, recipe.n_obs), np.int64)
     for start in range(0, n_safe, LARGEST_CHUNK):
         part = times[start : start + LARGEST_CHUNK]

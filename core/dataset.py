@@ -16,7 +16,7 @@ class Dataset:
     """Unsafe and safe rollouts of one manoeuvre on aircraft drawn from D_theta.
 
     unsafe: (n_unsafe, n_samples, 6) measured outputs y, NaN after the failure sample.
-    fail_index: (n_unsafe,) first sample that violates the specification.
+    fail_index: (n_unsafe,) first sample that exceeds a limit.
     safe: (n_safe, n_samples, 6).
     safe_times: (n_safe, n_obs) the sampled observation indices of each safe rollout, ascending.
     theta_unsafe, theta_safe: (n, n_parameters) parameters, named by `theta_names`.

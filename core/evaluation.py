@@ -112,7 +112,7 @@ def evaluate(
     """Fly fresh trajectories through a monitor and count, at each epsilon it can serve.
 
     y: (n, n_samples, 6), none of which trained the monitor; safe ones over the full horizon.
-    fail_index: (n,) first sample that violates, n_samples for a safe flight.
+    fail_index: (n,) first sample that exceeds a limit, n_samples for a safe flight.
     epsilons: (n_eps,); unless given, those of EPSILONS that the monitor's failures can serve.
     """
     if epsilons is None:

@@ -1,17 +1,17 @@
-"""What unsafe means: the first violation of a batch of trajectories."""
+"""What unsafe means: the first exceedance of each trajectory of a batch."""
 
 from dataclasses import asdict, dataclass
 
 import numpy as np
 
 from core.channels import KEYS
-from core.kernels.compiled import jit
+from core.kernels.exceedance import first_exceedance
 from core.types import Array, Indices
 
 
 @dataclass(frozen=True)
 class Limits:
-    """Unsafe as soon as the magnitude of one channel reaches its limit; the limit itself is unsafe.
+    """Unsafe as soon as the magnitude of one channel exceeds its limit; the limit itself is unsafe.
 
     One optional limit a channel, in the channel's SI unit (N_y in g). The default is the paper's.
     """
@@ -40,28 +40,13 @@ class Limits:
         limits = [getattr(self, key) for key in KEYS]
         return np.array([np.inf if limit is None else limit for limit in limits])
 
-    def first_violation(self, y: Array) -> Indices:
-        """First sample of each trajectory that violates a limit.
+    def first_exceedance(self, y: Array) -> Indices:
+        """First sample of each trajectory that exceeds a limit.
 
-        y: (n, n_samples, 6). A limited channel that is not finite violates: it has diverged.
+        y: (n, n_samples, 6). A limited channel that is not finite exceeds: it has diverged.
         Returns (n,) sample indices; n_samples where the limits hold throughout.
         """
-        return _first_violation(y, self.magnitudes)
-
-
-@jit
-def _first_violation(y: Array, limits: Array) -> Indices:
-    n, n_samples, n_channels = y.shape
-    first = np.full(n, n_samples, np.int64)
-    for c in range(n_channels):
-        if limits[c] == np.inf:
-            continue
-        for i in range(n):
-            for k in range(first[i]):
-                if not abs(y[i, k, c]) < limits[c]:
-                    first[i] = k
-                    break
-    return first
+        return first_exceedance(y, self.magnitudes)
 
 
 SPECIFICATIONS = {"limits": Limits()}

@@ -19,6 +19,7 @@ from core.monitor.predictor import PREDICTORS, Predictor
 from core.monitor.recipe import MonitorRecipe
 from core.monitor.score import SCORES, NegativeMagnitude, Score
 from core.monitor.training import SafeObservations, train
+from core.seeds import monitor_seeds
 from core.specification import Limits
 from core.types import Array, Indices
 
@@ -147,12 +148,12 @@ def study(
     """
     recipe = recipe or StudyRecipe()
     n_monitors = recipe.n_monitors
-    seeds = np.random.SeedSequence(recipe.dataset.seed).generate_state(2 * n_monitors)
+    seeds = monitor_seeds(recipe.dataset.seed, n_monitors)
     evaluations = {name: [] for name in methods(recipe.dataset.specification)}
     rates, example = [], None
     pool = ThreadPoolExecutor(os.cpu_count() or 1)
     try:
-        parts = pool.map(partial(_part_alone, recipe), *seeds.reshape(-1, 2).T.tolist())
+        parts = pool.map(partial(_part_alone, recipe), *zip(*seeds, strict=True))
         for number, (dataset, flights, monitors, found) in enumerate(parts):
             rates.append(dataset.unsafe_rate)
             example = example or (monitors[0], flights)

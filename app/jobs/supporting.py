@@ -3,16 +3,13 @@
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 
-import numpy as np
-
 from core.collection import CHUNK_STEPS, DatasetRecipe, Simulator
 from core.dataset import Dataset
 from core.monitor import Monitor
 from core.monitor.support import LEAST, SupportError, calibrate
+from core.seeds import Branch, stream
 from core.types import Array, Indices
 
-VALIDITY = 3
-"""Branch of a seed's random streams: these flights neither train nor test a monitor."""
 MOST_FLIGHTS = 20_000
 """Fresh flights made in search of the rarer kind, unless the dataset took more."""
 
@@ -42,8 +39,7 @@ def fresh_batches(
 ) -> Iterator[Flights]:
     """Batches of fresh flights, as large as memory likes, `most` in all at most."""
     simulator = Simulator(recipe)
-    stream = np.random.SeedSequence(recipe.seed, spawn_key=(VALIDITY,))
-    rng = np.random.default_rng(stream)
+    rng = stream(recipe.seed, Branch.VALIDITY)
     steps = recipe.maneuver.n_samples(recipe.dt) * recipe.substeps
     size, made = max(1, min(LEAST, CHUNK_STEPS // steps)), 0
     while made < most:

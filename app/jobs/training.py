@@ -12,13 +12,12 @@ from core.collection import DatasetRecipe, Rollouts, Simulator, collect
 from core.dataset import Dataset
 from core.evaluation import EPSILONS, Evaluation, evaluate, leads
 from core.monitor import Monitor, MonitorRecipe, train
+from core.seeds import Branch, stream
 from core.types import Array
 
 Progress = Callable[[str, int, int], object]
 """Called with (what is being done, done, in all); what it raises cancels."""
 
-TEST = 2
-"""Branch of a seed's random streams that no collection uses."""
 LEAD_BINS = 20
 NO_RECIPE = "validity is not calibrated: the dataset has no recipe to fly fresh flights of"
 
@@ -127,8 +126,7 @@ def train_and_test(
 
 def fresh_flights(recipe: DatasetRecipe, n: int) -> Rollouts:
     """Roll out n flights that no monitor of this recipe was trained on."""
-    stream = np.random.SeedSequence(recipe.seed, spawn_key=(TEST,))
-    return Simulator(recipe).rollouts(n, np.random.default_rng(stream))
+    return Simulator(recipe).rollouts(n, stream(recipe.seed, Branch.TEST))
 
 
 def fly_test(monitor: Monitor, flights: Rollouts) -> FlownTest:

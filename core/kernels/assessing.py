@@ -4,12 +4,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from core.channels import N_CHANNELS
-from core.kernels.compiled import in_chunks, jit
-from core.kernels.lanes import WIDTH, add, address, fma, load, pick, read, splat, write
-from core.kernels.nearest import Tree, inlined, locate, nearest_at, squared_distance_at
-from core.monitor.calibration import p_values
-from core.monitor.predictor import Affine
+from core.kernels.compiled import in_chunks, inlined, jit
+from core.kernels.mapping import map_observation
+from core.kernels.nearest import Tree, locate, nearest_at, squared_distance_at
+from core.kernels.p_value import Transduction, p_value_of
 from core.types import Array, Flags, Indices
 
 OK, WARMING_UP, STALE, INVALID = range(4)
@@ -20,7 +18,7 @@ class Fitted(NamedTuple):
     """What scoring one observation needs.
 
     matrix: (6 * (n_delay + 1), width), offset: (width,) the predictor's map of unscaled
-    observations to the first `d` columns; see in_lanes.
+    observations to the first `d` columns; see `in_lanes`.
     Score: unsafe_weight * min_u |z - y_u|^2 - safe_weight * min_s |z - y_s|^2, or, where
     `channel` is not negative, -|z_channel|.
     alphas: (n_unsafe,) sorted.
@@ -35,69 +33,6 @@ class Fitted(NamedTuple):
     safe_weight: float
     channel: int
     alphas: Array
-
-
-class Transduction(NamedTuple):
-    """What the exact p-value needs to calibrate anew with the test point among the unsafe ones.
-
-    points: (n, d) mapped samples of the failures' histories; failure i owns start[i]:start[i+1].
-    unsafe, safe: (n,) their weighted squared distances, own failure left out.
-    alphas: (n_failures,) in the order of `start`.
-    always: failures too early to be warned of.   running: score a flight by its lowest so far.
-    Empty arrays mean the simple p-value (SIMPLE).
-    """
-
-    points: Array
-    unsafe: Array
-    safe: Array
-    start: Indices
-    alphas: Array
-    always: int
-    running: bool
-
-
-SIMPLE = Transduction(
-    np.empty((0, 1)), np.empty(0), np.empty(0), np.empty(0, np.int64), np.empty(0), 0, False
-)
-
-
-@inlined
-def map_observation(fitted, y, i, n_delay, z):
-    """Map observation o_i of y (n, 6) into z (d,); rows before the first repeat it."""
-    _map(
-        address(fitted.matrix),
-        address(fitted.offset),
-        address(y),
-        address(z),
-        z.shape[0],
-        i,
-        n_delay,
-    )
-
-
-@jit
-def _map(matrix, offset, y, z, d, i, n_delay):
-    for block in range(0, d, WIDTH):
-        width = (d + WIDTH - 1) // WIDTH * WIDTH
-        even, odd = load(offset, block), splat(0.0)  # two sums: half the wait for each addition
-        for row in range(n_delay + 1):
-            at = row * N_CHANNELS * width + block
-            sample = max(i - n_delay + row, 0) * N_CHANNELS
-            for c in range(0, N_CHANNELS, 2):
-                left, right = splat(read(y, sample + c)), splat(read(y, sample + c + 1))
-                even = fma(load(matrix, at + c * width), left, even)
-                odd = fma(load(matrix, at + (c + 1) * width), right, odd)
-        point = add(even, odd)
-        for j in range(min(WIDTH, d - block)):
-            write(z, block + j, pick(point, j))
-
-
-def in_lanes(affine: Affine) -> Affine:
-    """Return the same map with columns of zeros up to whole SIMD lanes."""
-    missing = -len(affine.offset) % WIDTH
-    return Affine(
-        np.pad(affine.matrix, ((0, 0), (0, missing))), np.pad(affine.offset, (0, missing))
-    )
 
 
 @inlined
@@ -122,40 +57,6 @@ def score_point(rule, unsafe_at, safe_at, z, skip, near_unsafe, near_safe):
         distance, near_safe = nearest_at(safe_at, z, -1, near_safe)
         safe = rule[1] * distance
     return unsafe - safe, near_unsafe, near_safe
-
-
-@inlined
-def _simple_p(alphas, s):
-    n = alphas.shape[0]
-    return (n - np.searchsorted(alphas, s) + 1) / (n + 1)
-
-
-@jit
-def _exact_p(fitted, exact, z, s):
-    """p-value with z joined to the unsafe points; never above the simple one at the same s."""
-    count = exact.always
-    for i in range(exact.alphas.shape[0]):
-        if exact.alphas[i] < s:
-            continue
-        stays = 1
-        for j in range(exact.start[i], exact.start[i + 1]):
-            total = 0.0
-            for k in range(z.shape[0]):
-                e = z[k] - exact.points[j, k]
-                total += e * e
-            if min(exact.unsafe[j], fitted.unsafe_weight * total) - exact.safe[j] < s:
-                stays = 0
-                break
-        count += stays
-    return (count + 1) / (fitted.alphas.shape[0] + 1)
-
-
-@inlined
-def p_value_of(fitted, exact, z, s, lowest):
-    """p-value of a score; `lowest` is the flight's lowest score so far, this one included."""
-    if exact.start.shape[0] == 0:
-        return _simple_p(fitted.alphas, s)
-    return _exact_p(fitted, exact, z, lowest if exact.running else s)
 
 
 @jit
@@ -273,32 +174,9 @@ def score_all(
         SAMPLES_A_TASK,
         lambda a, b: _score_some(fitted, y, ok, n_delay, a, b, z, s, unsafe, safe),
     )
-    if len(exact.start) == 0:
-        return z, s, p_values(s, fitted.alphas), unsafe, safe
     p, lowest = np.full(n, np.nan), np.fmin.accumulate(s)
     in_chunks(n, SAMPLES_A_TASK, lambda a, b: _p_some(fitted, exact, ok, a, b, z, s, lowest, p))
     return z, s, p, unsafe, safe
-
-
-@jit
-def _map_some(affine, y, where, n_delay, start, stop, z):
-    for i in range(start, stop):
-        map_observation(affine, y[where[i, 0]], where[i, 1], n_delay, z[i])
-
-
-def map_samples(affine: Affine, y: Array, where: Indices, n_delay: int) -> Array:
-    """Mapped points of chosen samples, to the bit what a flight through them would give.
-
-    y: (n, n_samples, 6).   where: (m, 2) trajectory and sample.   Returns (m, d).
-    """
-    z = np.empty((len(where), len(affine.offset)))
-    lanes = in_lanes(affine)
-    in_chunks(
-        len(where),
-        SAMPLES_A_TASK,
-        lambda a, b: _map_some(lanes, y, where, n_delay, a, b, z),
-    )
-    return z
 
 
 @jit

@@ -15,13 +15,13 @@ from numba.core import config, event
 
 
 @cache
-def _kernel_directory() -> str:
-    """Where this version's compiled kernels are kept: another for any change of the sources.
+def cache_directory(sources: Path = Path(__file__).parent) -> str:
+    """Where compiled kernels are stored: another for any change in this folder, and for no other.
 
     numba itself looks at the one file a kernel stands in, not at the kernels which that one calls.
     """
-    sources = sorted(Path(__file__).parent.rglob("*.py"))
-    digest = hashlib.sha256(b"".join(source.read_bytes() for source in sources))
+    files = sorted(sources.rglob("*.py"))
+    digest = hashlib.sha256(b"".join(file.read_bytes() for file in files))
     home = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
     return str(Path(home) / "forewarn" / f"kernels-{digest.hexdigest()[:16]}")
 
@@ -30,11 +30,15 @@ def jit(function: Callable[..., Any]) -> Any:
     """Compile a kernel once a machine, without the GIL; IEEE arithmetic, so that bits repeat."""
     settings: Any = config
     given = settings.CACHE_DIR
-    settings.CACHE_DIR = given or _kernel_directory()
+    settings.CACHE_DIR = given or cache_directory()
     try:
         return numba.njit(cache=True, nogil=True)(function)
     finally:
         settings.CACHE_DIR = given
+
+
+# Part of the kernel that calls: as a call it would take as long as what it does.
+inlined = numba.njit(inline="always")
 
 
 @cache

@@ -4,19 +4,16 @@ Two measures, each kept at its largest so far: the residual of the forecasts, ch
 and the distance from the safe observations. A stream, a recording and a calibration share it.
 """
 
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
-from core.channels import N_CHANNELS
-from core.kernels.assessing import INVALID, OK, STALE, map_observation, states
+from core.kernels import N_CHANNELS
+from core.kernels.assessing import INVALID, OK, STALE, states
 from core.kernels.compiled import in_chunks, jit
+from core.kernels.mapping import map_observation
 from core.kernels.nearest import Tree, locate, nearest_at, squared_distance_at
 from core.types import Array, Indices
-
-if TYPE_CHECKING:
-    from core.monitor.monitor import Monitor
-
 
 DISTANCE = N_CHANNELS
 """Where the distance lies behind the residuals of the channels."""
@@ -72,22 +69,6 @@ class Excursion(NamedTuple):
         elapsed = (self.clock[1] - self.clock[0]) / dt
         counted = int(self.counts[FRESH])
         return max(counted, round(elapsed) + 1) if np.isfinite(elapsed) else counted
-
-
-def ground_of(monitor: "Monitor", sigma: Array) -> Ground:
-    """What excursions from a monitor's training are measured by."""
-    return Ground(
-        matrix=monitor.fitted.matrix,
-        offset=monitor.fitted.offset,
-        safe=monitor.safe_tree,
-        scale=monitor.scale,
-        sigma=sigma,
-        d=monitor.fitted.d,
-        h=monitor.h,
-        n_delay=monitor.recipe.n_delay,
-        dt=monitor.dt,
-        forecasts=monitor.recipe.predictor.forecasts,
-    )
 
 
 @jit

@@ -7,7 +7,6 @@ monotone, so a box's bound, summed in the order of a distance, never exceeds a d
 
 from typing import Any, NamedTuple
 
-import numba
 import numpy as np
 import numpy.typing as npt
 from llvmlite import ir
@@ -16,7 +15,7 @@ from numba.core import cgutils
 from numba.core.errors import TypingError
 from numba.np.numpy_support import carray
 
-from core.kernels.compiled import in_chunks, jit
+from core.kernels.compiled import in_chunks, inlined, jit
 from core.kernels.tree_build import EMPTY, LEAF, WIDTH, pack
 from core.types import Array, Indices
 
@@ -24,9 +23,6 @@ BLOCK = 6  # coordinates summed in registers at a time: one observation's channe
 STACK = 128  # 7 siblings wait at each level, and 9 levels hold 2^31 points
 MOST = 2**30  # points, so that 32-bit lanes suffice
 SAMPLES_A_TASK = 4_096
-
-# Part of the search itself: as calls they take as long as what they do.
-inlined = numba.njit(inline="always")
 
 # Kernels call what follows without the typing context that its Python signature starts with.
 intrinsic: Any = extending.intrinsic

@@ -8,14 +8,13 @@ import numpy as np
 
 from core.kernels.assessing import (
     Fitted,
-    Transduction,
-    map_observation,
-    p_value_of,
     rule_of,
     score_point,
 )
-from core.kernels.compiled import in_chunks, jit
-from core.kernels.nearest import inlined, locate, nearest_at, squared_distance_at
+from core.kernels.compiled import in_chunks, inlined, jit
+from core.kernels.mapping import map_observation
+from core.kernels.nearest import locate, nearest_at, squared_distance_at
+from core.kernels.p_value import Transduction, p_value_of
 from core.types import Array, Indices
 
 FLIGHTS_A_TASK = 32

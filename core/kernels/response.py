@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from core.channels import N_CHANNELS
+from core.kernels import N_CHANNELS
 from core.kernels.closed_loop import N_FEEDBACK, clear, close_loop
 from core.kernels.compiled import jit
 from core.kernels.lanes import (

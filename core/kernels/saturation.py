@@ -4,7 +4,7 @@ The classic fourth-order method at a fixed step; the step at which a limit begin
 without being located, which costs some 1e-5 rad at two milliseconds.
 """
 
-from core.channels import N_CHANNELS
+from core.kernels import N_CHANNELS
 from core.kernels.closed_loop import N_FEEDBACK, clear, close_loop
 from core.kernels.compiled import jit
 from core.kernels.lanes import (

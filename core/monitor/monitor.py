@@ -11,8 +11,9 @@ import numpy.typing as npt
 from core.channels import N_CHANNELS
 from core.kernels import assessing as live_path
 from core.kernels import peak_risk
-from core.kernels.assessing import SIMPLE, Fitted, Transduction
+from core.kernels.assessing import Fitted
 from core.kernels.nearest import Tree, build
+from core.kernels.p_value import SIMPLE, Transduction
 from core.monitor import portable
 from core.monitor.assessment import REASONS, STATES, Assessment, Assessments, Exemplar
 from core.monitor.calibration import check_epsilon, smallest_epsilon
@@ -229,7 +230,7 @@ def assemble(
     """Build the arrays of the compiled path, search trees included where they are looked up."""
     searched = recipe.score.channel < 0
     return Fitted(
-        *live_path.in_lanes(affine),
+        *affine.in_lanes(),
         d=len(affine.offset),
         unsafe=build(unsafe_points if searched else unsafe_points[:0]),
         safe=build(safe_points if searched else safe_points[:0]),

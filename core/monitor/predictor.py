@@ -2,10 +2,11 @@
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
-from typing import ClassVar, NamedTuple
+from typing import ClassVar
 
 import numpy as np
 
+from core.kernels.mapping import Affine
 from core.recipe import family
 from core.types import Array
 
@@ -13,20 +14,6 @@ N_OUTPUTS = 6
 BLOCK = 256
 """Rows that a QR step takes: fits the cache, and is too small for BLAS to start threads on."""
 RANK_TOLERANCE = 1e-10
-
-
-class Affine(NamedTuple):
-    """A fitted predictor: z = o @ matrix + offset.
-
-    matrix: (6 * (n_delay + 1), d).   offset: (d,).
-    """
-
-    matrix: Array
-    offset: Array
-
-    def in_units(self, scale: Array) -> "Affine":
-        """Return the same map for observations that are yet to be divided by `scale`."""
-        return Affine(np.ascontiguousarray(self.matrix / scale[:, None]), self.offset)
 
 
 @dataclass(frozen=True)

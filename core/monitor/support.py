@@ -9,7 +9,7 @@ import numpy as np
 
 from core.channels import N_CHANNELS
 from core.dataset import Dataset
-from core.kernels.deviation import farthest, ground_of
+from core.kernels.deviation import Ground, farthest
 from core.monitor.calibration import p_values
 from core.monitor.observation import channel_scale, outputs_ahead
 from core.types import Array, Indices
@@ -112,6 +112,22 @@ class Support:
                 for kind in (self.safe, self.unsafe)
             )
         return found
+
+
+def ground_of(monitor: "Monitor", sigma: Array) -> Ground:
+    """What excursions from a monitor's training are measured by."""
+    return Ground(
+        matrix=monitor.fitted.matrix,
+        offset=monitor.fitted.offset,
+        safe=monitor.safe_tree,
+        scale=monitor.scale,
+        sigma=sigma,
+        d=monitor.fitted.d,
+        h=monitor.h,
+        n_delay=monitor.recipe.n_delay,
+        dt=monitor.dt,
+        forecasts=monitor.recipe.predictor.forecasts,
+    )
 
 
 def calibrate(

@@ -5,13 +5,9 @@ import numpy as np
 from core import __version__
 from core.channels import N_CHANNELS
 from core.dataset import Dataset
-from core.kernels.assessing import (
-    SIMPLE,
-    Fitted,
-    Transduction,
-    map_samples,
-    weighted_distances,
-)
+from core.kernels.assessing import Fitted, weighted_distances
+from core.kernels.mapping import map_samples
+from core.kernels.p_value import SIMPLE, Transduction
 from core.kernels.peak_risk import lowest_scores
 from core.monitor.monitor import Monitor, assemble
 from core.monitor.observation import (

@@ -21,12 +21,11 @@ from core.kernels.deviation import (
     Excursion,
     begin,
     follow,
-    ground_of,
     take,
 )
 from core.monitor.assessment import STATES, Assessment, Assessments
 from core.monitor.doubts import NOT_CALIBRATED, strayed, too_little
-from core.monitor.support import Support
+from core.monitor.support import Support, ground_of
 from core.types import Array
 
 if TYPE_CHECKING:

@@ -91,7 +91,7 @@ def test_rollout_against_python_control():
     def whole() -> np.ndarray:
         theta = PLANT.sample(ROLLOUTS, rng)
         y = roll_out(PLANT.plants(theta), CONTROLLER, LAW.actuator, commands, DT)
-        return Limits(Ny=0.5).first_violation(y)
+        return Limits(Ny=0.5).first_exceedance(y)
 
     report("given plants, reused output", microseconds(given(), ROLLOUTS), theirs)
     report("the same, fresh output", microseconds(given(target=None), ROLLOUTS), theirs)

@@ -25,8 +25,8 @@ def test_dataset_is_labelled_and_cut_at_the_failure():
     assert np.isnan(dataset.unsafe[after]).all()
     assert np.isfinite(dataset.unsafe[~after]).all()
     limits = RECIPE.specification
-    np.testing.assert_array_equal(limits.first_violation(dataset.unsafe), dataset.fail_index)
-    assert (limits.first_violation(dataset.safe) == 121).all()
+    np.testing.assert_array_equal(limits.first_exceedance(dataset.unsafe), dataset.fail_index)
+    assert (limits.first_exceedance(dataset.safe) == 121).all()
     assert len(dataset.safe) == dataset.n_safe_met == len(dataset.theta_safe)
     assert dataset.theta_unsafe.shape == (30, len(dataset.theta_names))
 
@@ -180,5 +180,5 @@ def test_a_limit_on_several_channels_fails_at_the_first_of_them():
     both = replace(RECIPE, specification=Limits(Ny=0.5, beta=0.05))
     one = Simulator(RECIPE).rollouts(500, np.random.default_rng(5))
     two = Simulator(both).rollouts(500, np.random.default_rng(5))
-    beta = Limits(Ny=None, beta=0.05).first_violation(two.y)
+    beta = Limits(Ny=None, beta=0.05).first_exceedance(two.y)
     np.testing.assert_array_equal(two.fail_index, np.minimum(one.fail_index, beta))

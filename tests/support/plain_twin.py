@@ -108,7 +108,7 @@ def rudder_doublet(amplitude: float, dt: float = 0.05, duration: float = 6.0) ->
     return pilot
 
 
-def first_violation(y: Array, channel: int = 3, limit: float = 0.5) -> int:
+def first_exceedance(y: Array, channel: int = 3, limit: float = 0.5) -> int:
     """First sample with |y[channel]| >= limit, or T where there is none."""
     violations = np.flatnonzero(np.abs(y[:, channel]) >= limit)
     return int(violations[0]) if len(violations) else len(y)
@@ -121,7 +121,7 @@ def collect(
     unsafe, safe = [], []
     while len(unsafe) < n_unsafe:
         y = sample_rollout()
-        fail = first_violation(y)
+        fail = first_exceedance(y)
         if fail < len(y):
             unsafe.append(y[: fail + 1])
         else:
@@ -376,7 +376,7 @@ def study(
         unsafe, safe = collect(sample_rollout, n_unsafe)
         times = [rng.choice(len(pilot), n_obs, replace=False) for _ in safe]
         tests = np.array([sample_rollout() for _ in range(n_test)])
-        fails = [first_violation(y) for y in tests]
+        fails = [first_exceedance(y) for y in tests]
         for method in METHODS:
             _, p = monitor_p_values(
                 unsafe, safe, times, tests, method, h, scaled=scaled, level=level

@@ -58,7 +58,7 @@ def test_the_same_seed_is_the_same_flight() -> None:
 def test_a_random_aircraft_has_the_outcome_asked_for(outcome: Any) -> None:
     for seed in range(4):
         track = simulate(RECIPE, simulated(seed=seed, outcome=outcome))
-        first = RECIPE.specification.first_violation(track.y[np.newaxis])[0]
+        first = RECIPE.specification.first_exceedance(track.y[np.newaxis])[0]
         assert (first < len(track.t)) == (outcome == "unsafe")
         assert track.fail_index == (first if outcome == "unsafe" else None)
 

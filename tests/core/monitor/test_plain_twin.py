@@ -100,9 +100,9 @@ def test_doublet_reverses_after_one_second() -> None:
 
 def test_the_limit_itself_is_unsafe() -> None:
     y = np.zeros((4, 6))
-    assert twin.first_violation(y) == 4
+    assert twin.first_exceedance(y) == 4
     y[2, 3] = -0.5
-    assert twin.first_violation(y) == 2
+    assert twin.first_exceedance(y) == 2
 
 
 def test_collection_cuts_at_the_failure_and_keeps_the_safe() -> None:

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from core.channels import KEYS
-from core.kernels.assessing import SIMPLE, score_all
+from core.kernels.assessing import score_all
+from core.kernels.p_value import SIMPLE
 from core.monitor import MonitorRecipe
 from core.monitor.monitor import assemble
 from core.monitor.predictor import PREDICTORS, Affine, Array

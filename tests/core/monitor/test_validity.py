@@ -342,7 +342,7 @@ def test_a_flight_longer_than_those_of_training_says_so_where_it_strays(monitor:
     )
 
 
-def test_a_flight_counts_up_to_its_first_violation(monitor: Monitor, flights: Array) -> None:
+def test_a_flight_counts_up_to_its_first_exceedance(monitor: Monitor, flights: Array) -> None:
     y = flights[3].copy()
     y[45:] *= 9
     said = monitor.assess(TIMES, y)

@@ -11,9 +11,9 @@ import pytest
 
 from core.channels import KEYS
 from core.collection import DatasetRecipe, SensorNoise, Simulator, collect
-from core.kernels.deviation import farthest, ground_of
+from core.kernels.deviation import farthest
 from core.monitor import Monitor, train
-from core.monitor.support import LEVEL, Support, calibrate
+from core.monitor.support import LEVEL, Support, calibrate, ground_of
 from core.simulation.aircraft import PublishedAircraft
 from core.simulation.control_law import CONTROL_LAWS, RateDamper
 from core.simulation.maneuver import Doublet
@@ -50,7 +50,7 @@ class Plant:
     def strays(self, y: Array) -> Array:
         """(n, 2) what each flight reaches up to its first violation or its end."""
         assert self.monitor.support
-        last = np.minimum(self.recipe.specification.first_violation(y), y.shape[1] - 1)
+        last = np.minimum(self.recipe.specification.first_exceedance(y), y.shape[1] - 1)
         return farthest(ground_of(self.monitor, self.monitor.support.sigma), y, last)
 
     def share_invalid(self, y: Array) -> float:

@@ -1,0 +1,85 @@
+"""The compiled predictor: the affine map of an observation to the point that is looked up."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from core.kernels import N_CHANNELS
+from core.kernels.compiled import in_chunks, inlined, jit
+from core.kernels.lanes import WIDTH, add, address, fma, load, pick, read, splat, write
+from core.types import Array, Indices
+
+SAMPLES_A_TASK = 8_192
+
+
+class Affine(NamedTuple):
+    """A fitted predictor: z = o @ matrix + offset.
+
+    matrix: (6 * (n_delay + 1), d).   offset: (d,).
+    """
+
+    matrix: Array
+    offset: Array
+
+    def in_units(self, scale: Array) -> "Affine":
+        """Return the same map for observations that are yet to be divided by `scale`."""
+        return Affine(np.ascontiguousarray(self.matrix / scale[:, None]), self.offset)
+
+    def in_lanes(self) -> "Affine":
+        """Return the same map with columns of zeros up to whole SIMD lanes."""
+        missing = -len(self.offset) % WIDTH
+        return Affine(
+            np.pad(self.matrix, ((0, 0), (0, missing))), np.pad(self.offset, (0, missing))
+        )
+
+
+@inlined
+def map_observation(fitted, y, i, n_delay, z):
+    """Map observation o_i of y (n, 6) into z (d,); rows before the first repeat it."""
+    _map(
+        address(fitted.matrix),
+        address(fitted.offset),
+        address(y),
+        address(z),
+        z.shape[0],
+        i,
+        n_delay,
+    )
+
+
+@jit
+def _map(matrix, offset, y, z, d, i, n_delay):
+    for block in range(0, d, WIDTH):
+        width = (d + WIDTH - 1) // WIDTH * WIDTH
+        even, odd = load(offset, block), splat(0.0)  # two sums: half the wait for each addition
+        for row in range(n_delay + 1):
+            at = row * N_CHANNELS * width + block
+            sample = max(i - n_delay + row, 0) * N_CHANNELS
+            for c in range(0, N_CHANNELS, 2):
+                left, right = splat(read(y, sample + c)), splat(read(y, sample + c + 1))
+                even = fma(load(matrix, at + c * width), left, even)
+                odd = fma(load(matrix, at + (c + 1) * width), right, odd)
+        point = add(even, odd)
+        for j in range(min(WIDTH, d - block)):
+            write(z, block + j, pick(point, j))
+
+
+@jit
+def _map_some(affine, y, where, n_delay, start, stop, z):
+    for i in range(start, stop):
+        map_observation(affine, y[where[i, 0]], where[i, 1], n_delay, z[i])
+
+
+def map_samples(affine: Affine, y: Array, where: Indices, n_delay: int) -> Array:
+    """Mapped points of chosen samples, to the bit what a flight through them would give.
+
+    y: (n, n_samples, 6).   where: (m, 2) trajectory and sample.   Returns (m, d).
+    """
+    z = np.empty((len(where), len(affine.offset)))
+    lanes = affine.in_lanes()
+    in_chunks(
+        len(where),
+        SAMPLES_A_TASK,
+        lambda a, b: _map_some(lanes, y, where, n_delay, a, b, z),
+    )
+    return z
