@@ -27,7 +27,7 @@ from app.flights.sources import (
 )
 from app.messages import Alarm, plain_frame
 from app.recordings.scored import ScoredRecordings
-from app.store.entries import FlightInfo
+from app.store.flights import FlightInfo
 from app.store.store import NotFound, Store
 from core.monitor import Assessment, Monitor, State
 from core.monitor.assessment import STATES

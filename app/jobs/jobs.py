@@ -9,7 +9,7 @@ from collections.abc import AsyncIterator, Callable
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-from app.store.entries import ENDED, JobInfo
+from app.store.jobs import ENDED, JobInfo
 from app.store.store import NotFound, Store
 
 LOG = logging.getLogger("forewarn")

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from app.recordings.recordings import Recordings
-from app.store.entries import MappedColumns
+from app.store.recordings import MappedColumns
 from app.store.store import NotFound
 from app.telemetry.contents import Contents
 from app.telemetry.mapping.applying import preview

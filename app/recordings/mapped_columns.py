@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 import orjson
 
-from app.store.entries import MappedColumns, MappingState, RememberedMapping
+from app.store.mappings import RememberedMapping
+from app.store.recordings import MappedColumns, MappingState
 from app.telemetry.contents import Columns, Contents
 from app.telemetry.mapping.applying import apply_mapping
 from app.telemetry.mapping.derivations import DERIVATIONS, Derivation

@@ -17,7 +17,7 @@ from app.recordings.files import RecordingFiles, spacious
 from app.recordings.mapped_columns import propose_mapping, signature, take_mapping
 from app.recordings.upload import Received, receive
 from app.recordings.workers import Busy, Workers, to_its_end
-from app.store.entries import MappedColumns
+from app.store.recordings import MappedColumns
 from app.store.store import NotFound, Store, StoreError
 from app.store.tables import new_id
 from app.telemetry.contents import Columns, open_columns

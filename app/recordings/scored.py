@@ -16,7 +16,9 @@ from app.recordings.recordings import Recordings
 from app.recordings.samples import Samples, digest, keep, open_samples, open_tiles, remove
 from app.recordings.tiles import TILE, Window, window
 from app.scoring import ScoredRecording, ScoringOrder, score
-from app.store.entries import MappedColumns, MonitorInfo, RecordingInfo, ScoringInfo
+from app.store.monitors import MonitorInfo
+from app.store.recordings import MappedColumns, RecordingInfo
+from app.store.scorings import ScoringInfo
 from app.store.tables import new_id, now
 from core import __version__
 from core.kernels.compiled import threads

@@ -12,7 +12,7 @@ from app.recordings.recordings import Recordings
 from app.recordings.samples import Samples
 from app.recordings.tiles import Window
 from app.scoring import manoeuvres_in
-from app.store.entries import ScoringInfo
+from app.store.scorings import ScoringInfo
 from core.channels import KEYS
 from core.monitor.assessment import STATES
 from core.specification import Limits

@@ -5,7 +5,8 @@ from typing import Any
 
 from app.recordings.scored import ScoredRecordings
 from app.report.subject import PROPOSED, ReportSubject, of_contents
-from app.store.entries import MappedColumns, MappingState, ScoringInfo
+from app.store.recordings import MappedColumns, MappingState
+from app.store.scorings import ScoringInfo
 
 MAPPED: dict[MappingState, str] = {
     "proposed": PROPOSED,

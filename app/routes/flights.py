@@ -23,7 +23,7 @@ from app.messages import Alarm, Credit, End, Frame, MessageError, TransportState
 from app.problems import Problem, problem_responses
 from app.recipes import RecipeError
 from app.routes.dependencies import json_from
-from app.store.entries import FlightInfo
+from app.store.flights import FlightInfo
 from core.monitor import State
 
 router = APIRouter(prefix="/api/v1/flights", tags=["flights"])

@@ -9,7 +9,7 @@ from pydantic import BaseModel, ConfigDict, Field
 from app.jobs.jobs import STOPPED, Jobs, QueueFull, Work
 from app.jobs.kinds import without_figures
 from app.problems import Problem, problem_responses
-from app.store.entries import JobInfo, JobStatus
+from app.store.jobs import JobInfo, JobStatus
 
 ACCEPTED: dict[int | str, dict[str, Any]] = problem_responses(404, 413, 415, 422, 429) | {
     202: {

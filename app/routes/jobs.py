@@ -24,7 +24,7 @@ from app.routes.dependencies import (
     file_of,
 )
 from app.routes.job_answers import ACCEPTED, Job, accepted, job_model
-from app.store.entries import ENDED, JobInfo
+from app.store.jobs import ENDED, JobInfo
 
 router = APIRouter(prefix="/api/v1", tags=["jobs"])
 KEEP_ALIVE = 15.0

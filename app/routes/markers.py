@@ -8,8 +8,8 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 from app.problems import problem_responses
 from app.routes.dependencies import StoreDep
 from app.routes.recording_models import Number
-from app.store.entries import Marker as StoredMarker
-from app.store.entries import MarkerKind
+from app.store.markers import Marker as StoredMarker
+from app.store.markers import MarkerKind
 from app.store.tables import new_id, now
 
 router = APIRouter(prefix="/api/v1/recordings/{recording_id}/markers", tags=["recordings"])

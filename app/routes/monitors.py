@@ -35,6 +35,8 @@ MONITOR_FILE = "application/octet-stream"
 class Support(BaseModel):
     """What a monitor's validity is calibrated on."""
 
+    model_config = ConfigDict(from_attributes=True)
+
     n_safe: int = Field(description="fresh flights that stayed safe")
     n_unsafe: int = Field(description="fresh flights that failed")
     level: float = Field(description="share of either that is called invalid, at most")

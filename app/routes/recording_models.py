@@ -4,7 +4,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from app.store.entries import MappingState
+from app.store.recordings import MappingState
 
 Number = Annotated[float, Field(allow_inf_nan=False)]
 

@@ -13,7 +13,7 @@ from app.routes.dependencies import RecordingsDep, ScoredDep, json_from, json_re
 from app.routes.recording_models import Mapping, Number, Span
 from app.scoring import ScoringOrder
 from app.scoring import Span as MarkedSpan
-from app.store.entries import ScoringInfo
+from app.store.scorings import ScoringInfo
 
 router = APIRouter(prefix="/api/v1/recordings/{recording_id}", tags=["recordings"])
 MOST_FRAMES = 10_000

@@ -1,11 +1,34 @@
 """Stored alarms: numbered in their flight, acknowledged once."""
 
+from dataclasses import dataclass
+
 from sqlalchemy import func, insert, select, update
 
-from app.store.entries import Alarm
 from app.store.flights import fetch_flight
-from app.store.repository import Repository, columns, fetch
+from app.store.repository import Entry, Repository, columns, fetch
 from app.store.tables import alarms, new_id, now
+
+
+@dataclass(frozen=True)
+class Alarm(Entry):
+    """A latched alert."""
+
+    id: str
+    flight_id: str
+    number: int
+    """1, 2, ... in its flight"""
+    seq: int
+    """sample number"""
+    t: float
+    """time of the sample [s]"""
+    p_value: float | None
+    """risk; null where the state of the sample was not `ok`"""
+    raised: str
+    """UTC, ISO 8601"""
+    acknowledged: str | None
+    """UTC, ISO 8601"""
+    by: str | None
+    """who acknowledged it"""
 
 
 class AlarmRepository(Repository):

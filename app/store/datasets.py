@@ -1,19 +1,19 @@
 """Stored datasets: arrays in blocks, so that one rollout is read without the others."""
 
 from collections.abc import Iterator
-from dataclasses import asdict
-from typing import Any, Literal
+from dataclasses import asdict, dataclass
+from typing import Any, Literal, NamedTuple
 
 from sqlalchemy import Connection, Row, delete, select
 
 from app.store.arrays import from_blob, from_blocks, to_blocks
 from app.store.database import StoreError
-from app.store.entries import DatasetInfo, StoredRollout
 from app.store.peaks import PeakHistogram, peak_histograms
-from app.store.repository import InUse, NotFound, Repository, columns, complete, fetch
+from app.store.repository import Entry, InUse, NotFound, Repository, columns, complete, fetch
 from app.store.tables import dataset_blocks, datasets, monitors, new_id, now
 from core import __version__
 from core.dataset import Dataset
+from core.types import Array
 
 ROWS = {
     "unsafe": "n_unsafe",
@@ -26,6 +26,52 @@ ROWS = {
 """Arrays of a dataset, and the count that is their number of rows."""
 
 Outcome = Literal["unsafe", "safe"]
+
+
+@dataclass(frozen=True)
+class DatasetInfo(Entry):
+    """A stored dataset, without its arrays."""
+
+    id: str
+    name: str
+    created: str
+    """UTC, ISO 8601"""
+    digest: str
+    """SHA-256 of what a monitor can learn from it"""
+    seed: int | None
+    version: str
+    """program that simulated it"""
+    recipe: dict[str, Any]
+    """what was asked for; empty if not simulated here"""
+    dt: float
+    """sample interval [s]"""
+    n_unsafe: int
+    n_safe: int
+    """safe rollouts stored"""
+    n_safe_met: int
+    """safe rollouts met, stored or not"""
+    n_samples: int
+    """samples of a rollout"""
+    n_obs: int
+    """observation times stored of each safe rollout"""
+    unsafe_rate: float | None
+    """unbiased share of unsafe rollouts; null where too few were met to say"""
+    theta_names: tuple[str, ...]
+    """names of theta, the uncertain parameters"""
+    peaks: tuple[PeakHistogram, ...]
+    """one histogram for each limited channel"""
+
+
+class StoredRollout(NamedTuple):
+    """One rollout of a dataset.
+
+    y: (k, 6), up to and with the failure sample.   theta: its parameters by name.
+    fail_index: the failure sample, None for a safe rollout.
+    """
+
+    y: Array
+    theta: dict[str, float]
+    fail_index: int | None
 
 
 class DatasetRepository(Repository):

@@ -1,7 +1,7 @@
 """Stored flights: what they are, and their assessments in chunks of samples."""
 
-from collections.abc import Iterable, Sequence
-from itertools import groupby
+from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -9,26 +9,31 @@ import numpy.typing as npt
 from sqlalchemy import Connection, Select, delete, func, insert, select, update
 
 from app.store.arrays import from_blob, to_blob
-from app.store.entries import FlightInfo, StoredAssessments
-from app.store.repository import Repository, columns, complete, fetch
+from app.store.assessments import SAMPLE, StoredAssessments, pack, reasons_of, runs_of
+from app.store.repository import Entry, Repository, columns, complete, fetch
 from app.store.tables import assessment_chunks, flights, monitors, new_id, now
-from core.channels import N_CHANNELS
-from core.monitor.assessment import REASONS
 
 CHUNK = 1000
 """Most samples in one blob."""
 
-SAMPLE = np.dtype(
-    [
-        ("t", "<f8"),
-        ("y", "<f8", (N_CHANNELS,)),
-        ("p_value", "<f8"),
-        ("alert", "?"),
-        ("state", "u1"),
-        ("y_hat", "<f8", (N_CHANNELS,)),
-    ]
-)
-"""One assessed sample as it is stored; `state` is a code into core.monitor.assessment.STATES."""
+
+@dataclass(frozen=True)
+class FlightInfo(Entry):
+    """A run of a source through a monitor."""
+
+    id: str
+    source: dict[str, Any]
+    monitor_id: str
+    epsilon: float
+    """accepted miss rate"""
+    status: str
+    """`running`, `interrupted`, or the word it was ended with"""
+    created: str
+    """UTC, ISO 8601"""
+    ended: str | None
+    """UTC, ISO 8601"""
+    head: int | None
+    """newest sample number stored; null before the first"""
 
 
 class FlightRepository(Repository):
@@ -89,14 +94,14 @@ class FlightRepository(Repository):
         reasons: (n,) why a sample was not assessed; None: what its state says.
         NotFound; ValueError for other shapes and for samples that are already stored.
         """
-        samples = _samples(t, y, p_value, alert, state, y_hat)
+        samples = pack(t, y, p_value, alert, state, y_hat)
         chunks = [
             {
                 "flight_id": flight_id,
                 "first_seq": first_seq + i,
                 "last_seq": first_seq + min(i + CHUNK, len(samples)) - 1,
                 "content": to_blob(samples[i : i + CHUNK]),
-                "reasons": _runs(samples["state"][i : i + CHUNK], (reasons or ())[i : i + CHUNK]),
+                "reasons": runs_of(samples["state"][i : i + CHUNK], (reasons or ())[i : i + CHUNK]),
             }
             for i in range(0, len(samples), CHUNK)
         ]
@@ -129,7 +134,7 @@ class FlightRepository(Repository):
         reasons = [
             text
             for row, part in zip(rows, parts, strict=True)
-            for text in _reasons(part["state"], row.reasons or ())
+            for text in reasons_of(part["state"], row.reasons or ())
         ]
         numbers = [np.arange(len(p)) + row.first_seq for row, p in zip(rows, parts, strict=True)]
         seq = np.concatenate([np.empty(0, np.int64), *numbers])
@@ -165,42 +170,6 @@ def fetch_flight(connection: Connection, flight_id: str) -> FlightInfo:
     """What a flight is; NotFound."""
     query = _flights().where(flights.c.id == flight_id)
     return FlightInfo(**fetch(connection, query, "flight", flight_id)._mapping)
-
-
-def _samples(*fields: Any) -> npt.NDArray:
-    """Pack the fields of SAMPLE, in its order."""
-    samples = np.empty(len(fields[0]), SAMPLE)
-    for name, values in zip(SAMPLE.names or (), fields, strict=True):
-        if values is None:
-            samples[name] = np.nan
-        elif np.shape(values) != samples[name].shape:
-            raise ValueError(
-                f"{name} has shape {np.shape(values)}: it needs {samples[name].shape}, a row for "
-                "each sample"
-            )
-        else:
-            samples[name] = values
-    return samples
-
-
-def _runs(state: npt.NDArray, reasons: Sequence[str]) -> list[list[Any]] | None:
-    """[first, last, text] of each run of samples whose reason is not that of their state."""
-    runs = []
-    given = zip(state.tolist(), reasons, strict=True) if reasons else ()
-    other = ("" if text == REASONS[code] else text for code, text in given)
-    for text, run in groupby(enumerate(other), lambda numbered: numbered[1]):
-        numbers = [k for k, _ in run]
-        if text:
-            runs.append([numbers[0], numbers[-1], text])
-    return runs or None
-
-
-def _reasons(state: npt.NDArray, runs: Iterable[Sequence[Any]]) -> list[str]:
-    """The reason of each sample of a chunk."""
-    reasons = [REASONS[code] for code in state.tolist()]
-    for first, last, text in runs:
-        reasons[first : last + 1] = [text] * (last + 1 - first)
-    return reasons
 
 
 def _flights() -> Select:

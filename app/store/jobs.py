@@ -1,14 +1,44 @@
 """Stored jobs: what was asked for, how far it got, how it ended."""
 
-from typing import Any
+from dataclasses import dataclass
+from typing import Any, Literal
 
 from sqlalchemy import Connection, insert, select, update
 
-from app.store.entries import ENDED, JobInfo, JobStatus
-from app.store.repository import Repository, columns, fetch
+from app.store.repository import Entry, Repository, columns, fetch
 from app.store.tables import jobs, new_id, now
 
+JobStatus = Literal["queued", "running", "done", "failed", "cancelled", "interrupted"]
+ENDED: tuple[JobStatus, ...] = ("done", "failed", "cancelled", "interrupted")
 STATUSES: tuple[JobStatus, ...] = ("queued", "running", *ENDED)
+
+
+@dataclass(frozen=True)
+class JobInfo(Entry):
+    """Long work under way or ended."""
+
+    id: str
+    kind: str
+    """`dataset`, `monitor` or `study`"""
+    request: dict[str, Any]
+    """what was asked for"""
+    status: JobStatus
+    """`interrupted`: the server stopped while it was under way"""
+    progress: float | None
+    """done, of `total`, of what `message` says"""
+    total: float | None
+    """in all; null or 0 while unknown"""
+    message: str
+    result: Any
+    """what it made: ids of the dataset and monitor, or a study's curves"""
+    error: Any
+    """why it failed or was interrupted"""
+    created: str
+    """UTC, ISO 8601"""
+    started: str | None
+    """UTC, ISO 8601"""
+    ended: str | None
+    """UTC, ISO 8601"""
 
 
 class JobRepository(Repository):

@@ -1,12 +1,22 @@
 """Stored mappings: what was confirmed for an aircraft, to propose for its next recording."""
 
+from dataclasses import dataclass
 from typing import Any
 
 from sqlalchemy import delete, insert, select
 
-from app.store.entries import RememberedMapping
-from app.store.repository import Repository
+from app.store.repository import Entry, Repository
 from app.store.tables import channel_maps, new_id, now
+
+
+@dataclass(frozen=True)
+class RememberedMapping(Entry):
+    """A mapping that was confirmed before."""
+
+    aircraft: str
+    """that it was confirmed for"""
+    mapping: dict[str, Any]
+    """as of app.telemetry.mapping.mapping"""
 
 
 class MappingRepository(Repository):

@@ -1,13 +1,30 @@
 """Stored markers: remarks that people set on a recording."""
 
-from dataclasses import asdict, replace
+from dataclasses import asdict, dataclass, replace
+from typing import Literal
 
 from sqlalchemy import Connection, delete, insert, select, update
 
-from app.store.entries import Marker
 from app.store.recordings import fetch_recording
-from app.store.repository import Repository, columns, fetch
+from app.store.repository import Entry, Repository, columns, fetch
 from app.store.tables import markers
+
+MarkerKind = Literal["note", "marker"]
+
+
+@dataclass(frozen=True)
+class Marker(Entry):
+    """A remark on a moment or an interval of a recording."""
+
+    id: str
+    created: str
+    """UTC, ISO 8601"""
+    kind: MarkerKind
+    t: float
+    """[s]"""
+    end: float | None
+    """[s] of an interval; null: a moment"""
+    text: str
 
 
 class MarkerRepository(Repository):

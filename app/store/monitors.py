@@ -3,6 +3,7 @@
 import hashlib
 from collections import OrderedDict
 from collections.abc import Iterator
+from dataclasses import asdict, dataclass
 from threading import Lock
 from typing import Any
 
@@ -10,8 +11,7 @@ from sqlalchemy import Connection, Engine, Row, delete, select
 
 from app.recipes import to_plain
 from app.store.database import StoreError
-from app.store.entries import MonitorInfo
-from app.store.repository import InUse, Repository, columns, complete, fetch
+from app.store.repository import Entry, InUse, Repository, columns, complete, fetch
 from app.store.tables import (
     datasets,
     flights,
@@ -31,6 +31,58 @@ SUPPORT = "support"
 """Key of what a monitor's validity is calibrated on, beside its evaluation."""
 READY_MONITORS = 4
 """Monitors held in memory, search trees built."""
+
+
+@dataclass(frozen=True)
+class SupportInfo(Entry):
+    """What a monitor's validity is calibrated on."""
+
+    n_safe: int
+    """fresh flights that stayed safe"""
+    n_unsafe: int
+    """fresh flights that failed"""
+    level: float
+    """share of either that is called invalid, at most"""
+
+
+@dataclass(frozen=True)
+class MonitorInfo(Entry):
+    """A stored monitor, without its arrays."""
+
+    id: str
+    name: str
+    created: str
+    """UTC, ISO 8601"""
+    digest: str
+    """SHA-256 of its portable file"""
+    dataset_id: str | None
+    """stored dataset it was trained on"""
+    dataset_digest: str
+    """SHA-256 of what it learned from"""
+    dataset_recipe: dict[str, Any]
+    """the planned test it was trained for"""
+    recipe: dict[str, Any]
+    """predictor, score, calibration and their parameters"""
+    seed: int | None
+    version: str
+    """program that trained it"""
+    dt: float
+    """sample interval it needs [s]"""
+    h: int
+    """lead in samples"""
+    lead: float
+    """lead in effect, h dt [s]"""
+    n_unsafe: int
+    """failures it is calibrated on"""
+    n_early: int
+    """failures before which no timely alert was possible"""
+    smallest_epsilon: float
+    """smallest miss rate it can serve"""
+    epsilon: float
+    """miss rate it alerts at unless told otherwise"""
+    support: SupportInfo | None
+    """null where its validity is not calibrated: it cannot tell whether a flight is like those it
+    was trained on"""
 
 
 class MonitorRepository(Repository):
@@ -116,14 +168,14 @@ class MonitorRepository(Repository):
     def info(self, monitor_id: str) -> MonitorInfo:
         """What a monitor is; NotFound."""
         with self._reading() as connection:
-            return MonitorInfo(**_row(connection, monitor_id)._mapping)
+            return _info(_row(connection, monitor_id))
 
     def all(self) -> list[MonitorInfo]:
         """All monitors, newest first."""
         query = select(*_COLUMNS).where(monitors.c.complete)
         with self._reading() as connection:
             rows = connection.execute(query.order_by(monitors.c.created.desc()))
-            return [MonitorInfo(**row._mapping) for row in rows]
+            return [_info(row) for row in rows]
 
     def get(self, monitor_id: str) -> Monitor:
         """Return the monitor, ready to assess; the last few asked for stay in memory. NotFound."""
@@ -182,24 +234,27 @@ class MonitorRepository(Repository):
 _COLUMNS = [*columns(monitors, MonitorInfo), monitors.c.evaluation[SUPPORT].label(SUPPORT)]
 
 
-def _support(monitor: Monitor) -> dict[str, Any] | None:
-    """Say what the monitor's validity is calibrated on; None where it is not."""
+def _support(monitor: Monitor) -> SupportInfo | None:
     support = monitor.support
-    if support is None:
-        return None
-    return {"n_safe": len(support.safe), "n_unsafe": len(support.unsafe), "level": support.level}
+    return support and SupportInfo(len(support.safe), len(support.unsafe), support.level)
 
 
 def _joined(
-    evaluation: dict[str, Any] | None, support: dict[str, Any] | None
+    evaluation: dict[str, Any] | None, support: SupportInfo | None
 ) -> dict[str, Any] | None:
     """Content of the column `evaluation`: the evaluation and what validity is calibrated on."""
-    return evaluation if support is None else (evaluation or {}) | {SUPPORT: support}
+    return evaluation if support is None else (evaluation or {}) | {SUPPORT: asdict(support)}
 
 
 def _row(connection: Connection, monitor_id: str) -> Row:
     query = select(*_COLUMNS).where(complete(monitors, monitor_id))
     return fetch(connection, query, "monitor", monitor_id)
+
+
+def _info(row: Row) -> MonitorInfo:
+    values = dict(row._mapping)
+    support = values.pop(SUPPORT)
+    return MonitorInfo(**values, support=support and SupportInfo(**support))
 
 
 def _users(connection: Connection, monitor_id: str) -> list[tuple[str, str]]:

@@ -6,6 +6,7 @@ from typing import Any, Self
 import numpy as np
 
 from app.recipes import RecipeError, from_plain
+from app.store.repository import Entry
 from core.channels import KEYS
 from core.dataset import Dataset
 from core.specification import Limits
@@ -16,18 +17,18 @@ MOST_BINS = 60
 
 
 @dataclass(frozen=True)
-class PeakHistogram:
-    """Rollouts counted by their peak |channel| / limit; 1 is the limit and begins a bin.
-
-    limit: in the channel's unit.   edges: (n_bins + 1,), the last bin also counts all beyond it.
-    unsafe, safe: (n_bins,) rollouts.
-    """
+class PeakHistogram(Entry):
+    """Rollouts counted by their peak |channel| / limit; 1 is the limit and begins a bin."""
 
     channel: str
     limit: float
+    """in the channel's unit"""
     edges: tuple[float, ...]
+    """one more than bins; the last bin counts all beyond"""
     unsafe: tuple[int, ...]
+    """(n_bins,) rollouts"""
     safe: tuple[int, ...]
+    """(n_bins,) rollouts"""
 
     @classmethod
     def from_plain(cls, plain: dict[str, Any]) -> Self:

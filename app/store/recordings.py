@@ -3,14 +3,56 @@
 The files themselves lie in the data directory, see `app.recordings.files`.
 """
 
-from dataclasses import asdict, fields
+from dataclasses import asdict, dataclass, fields
+from typing import Any, Literal
 
 from sqlalchemy import Connection, Select, delete, func, insert, select, update
 
-from app.store.entries import MappedColumns, RecordingInfo
 from app.store.flights import replays_of
-from app.store.repository import InUse, Repository, columns, complete, fetch
+from app.store.repository import Entry, InUse, Repository, columns, complete, fetch
 from app.store.tables import now, recordings, scorings
+
+MappingState = Literal["proposed", "remembered", "confirmed"]
+
+
+@dataclass(frozen=True)
+class RecordingInfo(Entry):
+    """An uploaded recording, without what its columns are taken for."""
+
+    id: str
+    name: str
+    created: str
+    """UTC, ISO 8601"""
+    size: int
+    """of the file [bytes]"""
+    digest: str
+    """SHA-256 of the file"""
+    format: str
+    """key of a format in the catalog"""
+    aircraft: str | None
+    duration: float | None
+    """of the mapped channels [s]; null where the mapping cannot be applied"""
+    mapping_state: MappingState
+    n_scorings: int
+
+
+@dataclass(frozen=True)
+class MappedColumns(Entry):
+    """What the columns of a recording are taken for, as plain data."""
+
+    mapping: dict[str, Any]
+    """as of app.telemetry.mapping.mapping"""
+    mapping_state: MappingState
+    proposal: dict[str, Any]
+    """why the mapping was proposed, and what else could be"""
+    quality: dict[str, Any] | None
+    """of the times and channels so mapped"""
+    problem: str | None
+    """why the mapping cannot be applied"""
+    duration: float | None
+    """of the mapped channels [s]; null where the mapping cannot be applied"""
+    statistics: list[list[float | None]]
+    """[n, missing, min, max, mean] of each signal, in the file's unit"""
 
 
 class RecordingRepository(Repository):

@@ -6,6 +6,7 @@ from dataclasses import fields
 from threading import Lock
 from typing import Any
 
+from pydantic import ConfigDict
 from sqlalchemy import Connection, Engine, Row, Select, Table, delete, insert, update
 
 from app.store.database import reading, writing
@@ -25,6 +26,12 @@ class InUse(ValueError):
         named = ", ".join(f"{name} ({identity})" for name, identity in self.users[:5])
         more = f" and {len(self.users) - 5} more" if len(self.users) > 5 else ""
         super().__init__(f"{what} is used by {named}{more}: delete them first")
+
+
+class Entry:
+    """What a frozen dataclass of a row derives from: its docstrings describe its fields."""
+
+    __pydantic_config__ = ConfigDict(use_attribute_docstrings=True)
 
 
 class Repository:

@@ -1,14 +1,60 @@
 """Stored scorings: recordings as monitors scored them, without the samples."""
 
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
+from typing import Any
 
 from sqlalchemy import Connection, Row, Select, delete, insert, select
 
-from app.store.entries import ScoringInfo
 from app.store.flights import replays_of
 from app.store.recordings import fetch_recording
-from app.store.repository import InUse, Repository, columns, complete, fetch
+from app.store.repository import Entry, InUse, Repository, columns, complete, fetch
 from app.store.tables import monitors, scorings
+
+
+@dataclass(frozen=True)
+class ScoringInfo(Entry):
+    """A recording as a monitor scored it, without the samples."""
+
+    id: str
+    recording_id: str
+    monitor_id: str
+    monitor_name: str
+    monitor_digest: str
+    """SHA-256 of the portable monitor"""
+    specification: dict[str, Any]
+    """the limits that the monitor warns of"""
+    order_digest: str
+    """SHA-256 of all that decides the samples"""
+    digest: str
+    """SHA-256 of the samples: the same order gives the same"""
+    created: str
+    """UTC, ISO 8601"""
+    version: str
+    """program that scored it"""
+    epsilon: float
+    """accepted miss rate"""
+    lead: float
+    """promised by the monitor [s]"""
+    dt: float
+    """sample interval [s]"""
+    order: dict[str, Any]
+    """epsilon, trim and manoeuvres as asked for"""
+    mapping: dict[str, Any]
+    """that was used"""
+    n_samples: int
+    start: float
+    """[s]"""
+    end: float
+    """[s]"""
+    notes: list[str]
+    """what was assumed and done, oldest first"""
+    quality: dict[str, Any] | None
+    """of the recorded times and channels"""
+    stretches: list[dict[str, Any]]
+    """one manoeuvre each, with its trim, validity, alerts, crossing and outcome"""
+    outside: list[dict[str, Any]]
+    """limits reached outside every manoeuvre: t [s], channel and value of the first recorded sample
+    of each time, from the trim of the manoeuvre before"""
 
 
 class ScoringRepository(Repository):

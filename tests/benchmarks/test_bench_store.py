@@ -10,8 +10,8 @@ import pytest
 from sqlalchemy import func, insert, select
 from sqlalchemy.orm import DeclarativeBase, Mapped, Session, mapped_column
 
+from app.store.assessments import StoredAssessments
 from app.store.database import make_engine, writing
-from app.store.entries import StoredAssessments
 from app.store.store import open_store
 from core.channels import KEYS
 from core.dataset import Dataset

@@ -12,7 +12,9 @@ from sqlalchemy import func, select
 from app.store import arrays as stored_arrays
 from app.store import monitors as stored_monitors
 from app.store import repository
-from app.store.entries import MappedColumns, ScoringInfo, StoredAssessments
+from app.store.assessments import StoredAssessments
+from app.store.recordings import MappedColumns
+from app.store.scorings import ScoringInfo
 from app.store.store import Store, open_store
 from core.monitor import Monitor
 

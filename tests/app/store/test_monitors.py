@@ -10,6 +10,7 @@ from sqlalchemy import update
 
 from app.store import monitors as stored_monitors
 from app.store.database import writing
+from app.store.monitors import SupportInfo
 from app.store.store import NotFound, Store, StoreError
 from app.store.tables import (
     monitor_parts,
@@ -85,11 +86,11 @@ def test_what_validity_is_calibrated_on_is_known_without_the_file(
     fresh = oscillator.fly(np.random.default_rng(3), 2_000)[1]
     support = calibrate(trained, dataset, [(fresh, oscillator.fail_indices(fresh))])
     monitor = replace(trained, support=support)
-    said = {"n_safe": len(support.safe), "n_unsafe": len(support.unsafe), "level": 0.02}
+    expected = SupportInfo(len(support.safe), len(support.unsafe), 0.02)
     added = store.monitors.add(monitor, "m", None, {"misses": 3})
     sent = store.monitors.add_file(to_bytes(monitor), "sent")
-    assert added.support == sent.support == store.monitors.info(sent.id).support == said
-    assert [info.support for info in store.monitors.all()] == [said, said, None]
+    assert added.support == sent.support == store.monitors.info(sent.id).support == expected
+    assert [info.support for info in store.monitors.all()] == [expected, expected, None]
     assert store.monitors.evaluation(added.id) == {"misses": 3}
     assert store.monitors.evaluation(sent.id) is None
     kept = store.monitors.get(added.id).support

@@ -6,7 +6,9 @@ from pathlib import Path
 
 import pytest
 
-from app.store.entries import Marker, RecordingInfo, RememberedMapping
+from app.store.mappings import RememberedMapping
+from app.store.markers import Marker
+from app.store.recordings import RecordingInfo
 from app.store.repository import InUse, NotFound
 from app.store.store import Store
 from app.store.tables import channel_maps, markers, recordings, scorings

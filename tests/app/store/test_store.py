@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from app.store.database import address
-from app.store.entries import MonitorInfo
+from app.store.monitors import MonitorInfo
 from app.store.store import InUse, NotFound, Store, StoreError, open_store
 from app.store.tables import (
     dataset_blocks,
