@@ -3,14 +3,16 @@
 The page draws its forms from it, and the OpenAPI document takes the recipes' schemas from it.
 """
 
+import re
 from copy import deepcopy
 from dataclasses import asdict, fields, is_dataclass
 from functools import cache
+from inspect import cleandoc
+from types import GenericAlias
 from typing import Any
 
-from pydantic import TypeAdapter
+from pydantic import ConfigDict, TypeAdapter
 
-from app.field_notes import field_notes, first_line
 from app.recipes import family_of, to_plain
 from app.telemetry_catalog import telemetry_catalog
 from core import __version__
@@ -34,6 +36,9 @@ RECIPES: dict[str, Any] = {
     "monitor": MonitorRecipe(),
     "study": StudyRecipe(),
 }
+DOCSTRINGS = ConfigDict(use_attribute_docstrings=True)
+UNIT = re.compile(r"\[([^\[\]]*[A-Za-z/%][^\[\]]*)\]")
+SUFFIXES = {"_deg_s": "deg/s", "_rad_s": "rad/s", "_deg": "deg", "_hz": "Hz", "_s": "s"}
 N_TEST = 2000
 LARGEST_N_TEST = 100_000
 
@@ -82,16 +87,17 @@ def schema_of(member: Any) -> dict[str, Any]:
 
 
 def _with_notes(schema: dict[str, Any], member: Any) -> dict[str, Any]:
-    """Add notes and defaults to an object's properties; unknown ones are not allowed."""
-    notes = field_notes(type(member))
+    """Add descriptions, units and defaults to an object's properties; no others are allowed."""
+    described = descriptions(type(member))
     properties = {}
     for field in fields(member):
         value = getattr(member, field.name)
-        note = notes[field.name]
+        words = described.get(field.name, "")
         entry = _property(schema["properties"][field.name], value)
         entry |= {"title": field.name, "default": to_plain(value)}
-        entry["description"] = note.description or entry.get("description", "")
-        entry |= {"x-unit": note.unit} if note.unit else {}
+        entry["description"] = words or entry.get("description", "")
+        if unit := unit_of(field.name, "" if isinstance(value, tuple) else words):
+            entry["x-unit"] = unit
         properties[field.name] = entry
     return {
         "type": "object",
@@ -100,6 +106,39 @@ def _with_notes(schema: dict[str, Any], member: Any) -> dict[str, Any]:
         "properties": properties,
         "additionalProperties": False,
     }
+
+
+def descriptions(kind: type) -> dict[str, str]:
+    """Attribute docstring of each parameter; a class's own go before its bases'."""
+    described = {channel.key: f"{channel.label} {channel.symbol}" for channel in CHANNELS}
+    for base in filter(is_dataclass, reversed(kind.__mro__)):
+        listed: Any = GenericAlias(list, base)  # a dataclass itself takes no configuration
+        schema = TypeAdapter(listed, config=DOCSTRINGS).json_schema()
+        own = schema["$defs"][schema["items"]["$ref"].rpartition("/")[2]].get("properties", {})
+        described |= {
+            name: " ".join(entry["description"].split())
+            for name, entry in own.items()
+            if "description" in entry
+        }
+    return described
+
+
+def unit_of(name: str, description: str) -> str:
+    """Unit of a parameter: what its name ends in, its description has in brackets, its channel's.
+
+    Empty for a count or a word.
+    """
+    for suffix, unit in SUFFIXES.items():
+        if name.endswith(suffix):
+            return unit
+    if written := UNIT.search(description):
+        return written[1]
+    return next((channel.unit for channel in CHANNELS if channel.key == name), "")
+
+
+def first_line(kind: type) -> str:
+    """What a class is, in its docstring's first paragraph."""
+    return " ".join(cleandoc(kind.__doc__ or "").partition("\n\n")[0].split())
 
 
 def _property(schema: dict[str, Any], value: Any) -> dict[str, Any]:

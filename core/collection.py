@@ -91,13 +91,6 @@ class DatasetRecipe:
 
     The default is an F-16 with yaw and roll damper on a rudder doublet that about a quarter of the
     aircraft fail.
-    dt: sample interval of the telemetry [s].
-    substeps: parts of dt after which limits are checked; a crossing between two samples then
-    counts at the later one.
-    n_unsafe: unsafe rollouts to collect.   n_obs: observation times kept of each safe rollout.
-    seed: of every random draw; the same recipe makes the same dataset.
-    max_rollouts: budget; a collection that cannot end within it stops early.
-    max_safe: safe rollouts kept, the first ones; more are counted only.
     """
 
     aircraft: Aircraft = AIRCRAFT["f16_sl_h0_v502"]
@@ -106,12 +99,20 @@ class DatasetRecipe:
     specification: Limits = SPECIFICATIONS["limits"]
     noise: SensorNoise = SensorNoise()
     dt: float = 0.05
+    """sample interval of the telemetry [s]."""
     substeps: int = 1
+    """parts of dt after which limits are checked; a crossing between two samples then counts at the
+    later one."""
     n_unsafe: int = 50
+    """unsafe rollouts to collect."""
     n_obs: int = 50
+    """observation times kept of each safe rollout."""
     seed: int = 0
+    """of every random draw; the same recipe makes the same dataset."""
     max_rollouts: int = 1_000_000
+    """budget; a collection that cannot end within it stops early."""
     max_safe: int = 50_000
+    """safe rollouts kept, the first ones; more are counted only."""
 
     def __post_init__(self) -> None:
         """Refuse sizes that make no dataset."""

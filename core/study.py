@@ -45,18 +45,16 @@ def methods(specification: Limits) -> dict[str, tuple[Predictor, Score]]:
 
 @dataclass(frozen=True)
 class StudyRecipe:
-    """Size of the experiment.
-
-    dataset: the planned test; its seed starts the whole study.
-    monitor: every choice but predictor and score. The defaults are the paper's.
-    n_monitors: monitors of each method, each from a dataset of its own.
-    n_test: fresh test flights of each monitor.
-    """
+    """Size of the experiment."""
 
     dataset: DatasetRecipe = DatasetRecipe()  # noqa: RUF009
+    """the planned test; its seed starts the whole study."""
     monitor: MonitorRecipe = MonitorRecipe(calibration="pointwise", scaling="raw")  # noqa: RUF009
+    """every choice but predictor and score. The defaults are the paper's."""
     n_monitors: int = 10
+    """monitors of each method, each from a dataset of its own."""
     n_test: int = 500
+    """fresh test flights of each monitor."""
 
     def __post_init__(self) -> None:
         """Refuse a study without monitors or flights."""

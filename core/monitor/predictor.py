@@ -81,12 +81,10 @@ class Identity(Predictor):
 
 @dataclass(frozen=True)
 class PrincipalComponents(Predictor):
-    """Projection on the leading principal components of the safe observations (the paper's "PCA").
-
-    n_components: how many to keep.
-    """
+    """Projection on the safe observations' leading principal components (the paper's "PCA")."""
 
     n_components: int = 6
+    """how many to keep."""
 
     def fit(self, o: Array, y_ahead: Array) -> Affine:
         """Fit by singular vectors; each sign makes the largest entry positive."""

@@ -14,27 +14,25 @@ Scaling = Literal["safe_std", "raw"]
 
 @dataclass(frozen=True)
 class MonitorRecipe:
-    """How to train a monitor. The defaults are the method with trajectory calibration.
-
-    t_early: wished lead [s]; the lead in effect is the next whole number of samples.
-    n_delay: past outputs in an observation beside the newest one.
-    calibration: `pointwise` at the one sample t_fail - h (paper), or `trajectory` over all samples
-    up to it: the rule that is flown, as valid and more powerful.
-    p_value: `simple`, or the `exact` transductive one, never larger. With trajectory calibration
-    the exact one judges a flight by its riskiest moment so far, so it hardly falls again. Scores of
-    a magnitude look up no neighbours and have the simple one either way.
-    scaling: channels by their safe standard deviation, or `raw` units (paper).
-    epsilon: share of failing flights on which silence is accepted.
-    """
+    """How to train a monitor. The defaults are the method with trajectory calibration."""
 
     t_early: float = 0.25
+    """wished lead [s]; the lead in effect is the next whole number of samples."""
     n_delay: int = 2
+    """past outputs in an observation beside the newest one."""
     predictor: Predictor = PREDICTORS["linear"]
     score: Score = SCORES["nearest_neighbor"]
     calibration: Calibration = "trajectory"
+    """`pointwise` at the one sample t_fail - h (paper), or `trajectory` over all samples up to it:
+    the rule that is flown, as valid and more powerful."""
     p_value: PValue = "simple"
+    """`simple`, or the `exact` transductive one, never larger. With trajectory calibration the
+    exact one judges a flight by its riskiest moment so far, so it hardly falls again. Scores of a
+    magnitude look up no neighbours and have the simple one either way."""
     scaling: Scaling = "safe_std"
+    """channels by their safe standard deviation, or `raw` units (paper)."""
     epsilon: float = 0.1
+    """share of failing flights on which silence is accepted."""
 
     def __post_init__(self) -> None:
         """Refuse what no dataset could make right."""

@@ -55,13 +55,13 @@ class PublishedAircraft(Aircraft):
 
     Only the Y, L, N terms are aerodynamic and uncertain; a Y derivative moves beta_dot and N_y
     together, the kinematic terms stay.
-    n_states: 4 with bank angle phi, or 3 as in the paper: without it the Dutch roll damps more than
-        the aircraft's where g/V is not small.
     Raises ValueError for an unknown model, number of states or derivative.
     """
 
     name: ModelName
     n_states: Literal[3, 4] = 3
+    """4 with bank angle phi, or 3 as in the paper: without it the Dutch roll damps more than the
+    aircraft's where g/V is not small."""
     uncertainty: Uncertainty = PUBLISHED_SCATTER
 
     def __post_init__(self) -> None:
@@ -129,24 +129,29 @@ def _derivative_effects(speed_over_gravity: float) -> tuple[Effect, ...]:
 class MatrixAircraft(Aircraft):
     """The user's own linear model, by its nominal matrices and the uncertainty of their entries.
 
-    a (nx, nx), b (nx, 2): inputs delta_a, delta_r [rad], any nx >= 1 with any states.
-    c (4, nx), d (4, 2): outputs beta [rad], p, r [rad/s], Ny [g]; the surfaces themselves are
-        appended. With 6 rows, the last two must be the surfaces: zeros in c, identity in d.
-    uncertainty: by entry, as {"A[0,0]": 0.1, "C[3,0]": 0.1} (row, column, from 0; not the surfaces'
-        rows). One number means every entry that is not 0, 1 or -1; kinematic ones such as
-        cos(alpha0) are then among them. Entries vary independently, also where beta_dot and N_y
-        share a derivative.
-    states: names of x; x0, x1, ... if empty. A law that feeds back bank angle looks for "phi".
+    Inputs delta_a, delta_r [rad]; outputs beta [rad], p, r [rad/s], Ny [g]. a (nx, nx), b (nx, 2),
+    c (4, nx), d (4, 2), any nx >= 1 with any states.
     Raises ValueError for wrong shapes, numbers that are not finite, entries that do not exist, and
     fractions of zero.
     """
 
     a: Rows
+    """inputs delta_a, delta_r [rad], any nx >= 1 with any states."""
     b: Rows
+    """inputs delta_a, delta_r [rad], any nx >= 1 with any states."""
     c: Rows
+    """outputs beta [rad], p, r [rad/s], Ny [g]; the surfaces themselves are appended. With 6 rows,
+    the last two must be the surfaces: zeros in c, identity in d."""
     d: Rows
+    """outputs beta [rad], p, r [rad/s], Ny [g]; the surfaces themselves are appended. With 6 rows,
+    the last two must be the surfaces: zeros in c, identity in d."""
     uncertainty: Uncertainty
+    """by entry, as {"A[0,0]": 0.1, "C[3,0]": 0.1} (row, column, from 0; not the surfaces' rows).
+    One number means every entry that is not 0, 1 or -1; kinematic ones such as cos(alpha0) are then
+    among them. Entries vary independently, also where beta_dot and N_y share a derivative."""
     states: tuple[str, ...] = ()
+    """names of x; x0, x1, ... if empty. A law that feeds back bank angle looks for "phi".
+    """
 
     def __post_init__(self) -> None:
         self.uncertain_plant()

@@ -34,14 +34,15 @@ LARGEST_GROWTH = 1e3
 class Actuator:
     """First-order surface actuator 20.2/(s + 20.2), both surfaces alike (Stevens and Lewis, F-16).
 
-    rate_limit_deg_s: largest surface rate [deg/s].   position_limit_deg: largest command [deg];
-    None: no limit. With a limit, rollouts are integrated numerically instead of exactly.
+    With a limit, rollouts are integrated numerically instead of exactly.
     Raises ValueError for numbers that are not positive and finite.
     """
 
     bandwidth_rad_s: float = 20.2
     rate_limit_deg_s: float | None = None
+    """largest surface rate [deg/s]; None: no limit."""
     position_limit_deg: float | None = None
+    """largest command [deg]; None: no limit."""
 
     def __post_init__(self) -> None:
         for name in ("bandwidth_rad_s", "rate_limit_deg_s", "position_limit_deg"):
@@ -120,11 +121,12 @@ class OutputFeedback(ControlLaw):
 
     The default is the F-16's lateral regulator of Stevens, Lewis and Johnson, Aircraft Control and
     Simulation, 3rd ed., Example 5.3-1; it needs the four-state plant.
-    aileron, rudder: rows of K.
     """
 
     aileron: tuple[float, float, float, float] = (-0.56, -0.44, 0.11, -0.35)
+    """row of K: gains of r_w, p, beta and phi."""
     rudder: tuple[float, float, float, float] = (-1.19, -0.21, -0.44, 0.26)
+    """row of K: gains of r_w, p, beta and phi."""
     washout_rad_s: float = 1.0
 
     def controller(self, plant: UncertainPlant) -> Controller:
@@ -140,11 +142,13 @@ class RateDamper(ControlLaw):
     """Washed-out yaw damper and roll damper: rudder +-kr s/(s + washout) r, aileron +-kp p.
 
     Signs are those that damp the nominal aircraft, by the sign of the surface's effect on the rate;
-    a negative gain takes damping away.   kr, kp [s], washout_rad_s [rad/s].
+    a negative gain takes damping away.
     """
 
     kr: float = 0.5
+    """rudder per washed-out yaw rate [s]."""
     kp: float = 0.1
+    """aileron per roll rate [s]."""
     washout_rad_s: float = 1.0
 
     def controller(self, plant: UncertainPlant) -> Controller:
@@ -168,13 +172,14 @@ class RateDamper(ControlLaw):
 class StateSpaceLaw(ControlLaw):
     """The user's own K(s) as matrices: u_cmd = pilot - K y.
 
-    inputs: what is fed back, names of FEEDBACK.   outputs: names of SURFACES.
     a (m, m), b (m, inputs), c (outputs, m), d (outputs, inputs); a, b empty for constant gains.
     Raises ValueError for names that are unknown or repeated, wrong shapes and non-finite numbers.
     """
 
     inputs: tuple[str, ...] = ("r",)
+    """what is fed back, names of FEEDBACK."""
     outputs: tuple[str, ...] = ("delta_r",)
+    """names of SURFACES."""
     a: Rows = ((-1.0,),)
     b: Rows = ((1.0,),)
     c: Rows = ((0.5,),)

@@ -28,22 +28,22 @@ TIME_GUARD = 1e-9
 class Maneuver(ABC):
     """A trim lead-in, then inputs in segments; amplitudes in degrees of command, either sign.
 
-    duration_s: length of the rollout; inputs that last longer are cut.
-    lead_in_s: trim before the first input.
-    pedal_lag_s: first-order lag of stick and pedals, applied by the rollout, not by `pilot`.
-    timing_jitter_s: standard deviation of the normal scatter of the first input's start and,
-        independently, of every segment's duration; later segments shift along. A start before t = 0
-        is moved to 0, a negative duration to 0; a segment planned to last 0 s stays out.
-    amplitude_jitter: standard deviation of the one factor 1 + jitter on all commands of a rollout.
     Raises ValueError for numbers that are not finite, for negative times, frequencies and jitters,
     and for a lead-in that leaves nothing of the duration.
     """
 
     duration_s: float = 6.0
+    """length of the rollout; inputs that last longer are cut."""
     lead_in_s: float = 0.5
+    """trim before the first input."""
     pedal_lag_s: float = 0.1
+    """first-order lag of stick and pedals, applied by the rollout, not by `pilot`."""
     timing_jitter_s: float = 0.0
+    """standard deviation of the normal scatter of the first input's start and, independently, of
+    every segment's duration; later segments shift along. A start before t = 0 is moved to 0, a
+    negative duration to 0; a segment planned to last 0 s stays out."""
     amplitude_jitter: float = 0.0
+    """standard deviation of the one factor 1 + jitter on all commands of a rollout."""
 
     def __post_init__(self) -> None:
         for entry in fields(self):
@@ -289,14 +289,16 @@ class FrequencySweep(OneSurface):
 class Table(Maneuver):
     """Commands at given times after the lead-in, held or joined by lines; the last one stays.
 
-    t_s: increasing, from 0.   delta_a_deg, delta_r_deg: as many. Trim before the first time.
-    One segment: jitter of its duration stretches the whole table.
+    Trim before the first time. One segment: jitter of its duration stretches the whole table.
     Raises ValueError for no rows, columns of unequal length and times that do not increase.
     """
 
     t_s: tuple[float, ...] = (0.0, 0.5, 1.5, 2.5, 3.0)
+    """increasing, from 0."""
     delta_a_deg: tuple[float, ...] = (0.0, 2.0, -2.0, 2.0, 0.0)
+    """as many as t_s. Trim before the first time."""
     delta_r_deg: tuple[float, ...] = (0.0, 5.0, -5.0, 1.0, 0.0)
+    """as many as t_s. Trim before the first time."""
     interpolation: Interpolation = "linear"
 
     def __post_init__(self) -> None:

@@ -38,16 +38,15 @@ class Effect(NamedTuple):
 class Uncertainty:
     """How far each parameter scatters about its nominal value, independently of the others.
 
-    spread: one number for all parameters, or one by name; a parameter not named is certain.
-        A standard deviation where the distribution is normal (not truncated), a half width where
-        it is uniform.
-    unit: the spread is a fraction of the nominal value, or absolute in the parameter's own unit.
     Raises ValueError for a spread that is negative or not finite, or an unknown word.
     """
 
     spread: float | dict[str, float] = field(hash=False)
+    """one number for all parameters, or one by name; a parameter not named is certain. A standard
+    deviation where the distribution is normal (not truncated), a half width where it is uniform."""
     distribution: Distribution = "normal"
     unit: Unit = "fraction"
+    """the spread is a fraction of the nominal value, or absolute in the parameter's own unit."""
 
     def __post_init__(self) -> None:
         for given, known in ((self.distribution, Distribution), (self.unit, Unit)):
