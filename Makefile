@@ -1,4 +1,4 @@
-.PHONY: demo study test lint types bench clean
+.PHONY: demo study test fuzz lint types bench clean
 VENV := .venv
 BIN := $(VENV)/bin
 PYTHON ?= python3
@@ -10,8 +10,11 @@ demo: $(READY) ## train a small monitor, serve the page, and fly a doublet on it
 study: $(READY) ## repeat the paper's experiment at a small size and draw its figures
 	$(BIN)/forewarn study --n-monitors 4 --n-test 300 --out results/study
 
-test: $(READY) ## every test
+test: $(READY) ## every test but the long campaign of damaged files
 	$(BIN)/python -m pytest
+
+fuzz: $(READY) ## ten thousand damaged files for the readers
+	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -m fuzz tests/fuzzing
 
 lint: $(READY) ## style, formatting and the direction of imports
 	$(BIN)/ruff check

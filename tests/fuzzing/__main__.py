@@ -48,18 +48,18 @@ def main() -> int:
 
 def report(kind: str, outcomes: list[Outcome], took: float, paths: list[str]) -> bool:
     """Print what came of the files of a kind; whether any is wrong."""
-    ended = [one for one in outcomes if not one.contained]
-    slowest = max(ended, key=lambda one: one.seconds)
+    ended = [outcome for outcome in outcomes if not outcome.contained]
+    slowest = max(ended, key=lambda outcome: outcome.seconds)
     print(
         f"{kind}: {len(outcomes)} files from {len(paths)} in {took:.0f} s, "
-        f"{dict(Counter(one.end for one in outcomes))}; slowest {slowest.seconds:.2f} s "
-        f"(number {slowest.number}), most memory {max(one.memory for one in outcomes)} MiB",
+        f"{dict(Counter(outcome.end for outcome in outcomes))}; slowest {slowest.seconds:.2f} s "
+        f"(number {slowest.number}), most memory {max(outcome.memory for outcome in outcomes)} MiB",
         flush=True,
     )
-    for one in outcomes:
-        if one.end not in ("read", "refused"):
-            print(f"  number {one.number} {one.end}: {one.text}")
-    return any(one.end == "wrong" for one in outcomes)
+    for outcome in outcomes:
+        if outcome.end not in ("read", "refused"):
+            print(f"  number {outcome.number} {outcome.end}: {outcome.text}")
+    return any(outcome.end == "wrong" for outcome in outcomes)
 
 
 if __name__ == "__main__":

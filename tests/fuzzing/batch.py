@@ -7,10 +7,10 @@ ended the process.
 import json
 import os
 import shutil
-import signal
 import tempfile
 import time
 from pathlib import Path
+from signal import ITIMER_REAL, setitimer
 
 from app.recordings.mapped_columns import propose_mapping
 from app.telemetry.contents import Columns, ColumnWriter, open_columns
@@ -22,20 +22,19 @@ MOST_BYTES = 1 << 30
 
 
 def read(path: Path, writer: ColumnWriter) -> None:
-    """Do what the JSON at `path` says: kind, seed, paths, first, last, seconds, log."""
+    """Do what the JSON at `path` says: seed, files, paths, seconds, log."""
     order = json.loads(path.read_text())
-    paths = [Path(each) for each in order["paths"]]
     aside = writer.folder / "temporary"
     aside.mkdir()
     tempfile.tempdir = str(aside)
     log = os.open(order["log"], os.O_WRONLY | os.O_APPEND)
-    for number in range(order["first"], order["last"]):
-        file = damaged(order["seed"], order["kind"], number, paths)
-        signal.setitimer(signal.ITIMER_REAL, order["seconds"])
+    for kind, number in order["files"]:
+        file = damaged(order["seed"], kind, number, [Path(path) for path in order["paths"][kind]])
+        setitimer(ITIMER_REAL, order["seconds"])
         begun = time.perf_counter()
         end, text = outcome(file, writer.folder)
         took = time.perf_counter() - begun
-        signal.setitimer(signal.ITIMER_REAL, 0)
+        setitimer(ITIMER_REAL, 0)
         os.write(log, json.dumps([end, text, took, _most_memory()]).encode() + b"\n")
 
 
@@ -49,8 +48,8 @@ def outcome(file: Damaged, folder: Path) -> tuple[str, str]:
         contents = known.read(path, ColumnWriter(columns, MOST_BYTES, notes=notes))
         if open_columns(columns).contents != contents:
             return "wrong", "what was written is not what was answered"
-        if said := wrong_columns(open_columns(columns)):
-            return "wrong", said
+        if reason := wrong_columns(open_columns(columns)):
+            return "wrong", reason
         propose_mapping(open_columns(columns), None)
     except TelemetryError as error:
         return "refused", str(error)
@@ -66,16 +65,16 @@ def outcome(file: Damaged, folder: Path) -> tuple[str, str]:
 def wrong_columns(columns: Columns) -> str:
     """What is wrong with a folder of columns, "" where nothing is."""
     contents = columns.contents
-    names = [one.name for one in contents.signals]
+    names = [signal.name for signal in contents.signals]
     expected = {"contents.json", *(f"{number}.f8" for number in range(len(names)))}
     if more := {path.name for path in columns.folder.iterdir()} - expected:
         return f"{more} lies beside the columns"
     if len(set(names)) < len(names) or not all(name and name.isprintable() for name in names):
         return f"signals have the names {names}"
-    for one in contents.signals:
-        values, n_rows = columns.values(one.name), contents.groups[one.group].n_rows
+    for signal in contents.signals:
+        values, n_rows = columns.values(signal.name), contents.groups[signal.group].n_rows
         if values.shape != (n_rows,):
-            return f"{one.name} has {len(values)} values in a group of {n_rows} rows"
+            return f"{signal.name} has {len(values)} values in a group of {n_rows} rows"
     return ""
 
 

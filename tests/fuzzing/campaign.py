@@ -44,43 +44,36 @@ class Outcome:
 
 def run(seed: int, counts: dict[str, int], seeds: Sequence[Seed], folder: Path) -> list[Outcome]:
     """Try so many damaged files of each kind."""
-    batches = [
-        (kind, first, min(first + BATCH, count))
-        for kind, count in counts.items()
-        for first in range(0, count, BATCH)
-    ]
-
-    def one(batch: tuple[str, int, int]) -> list[Outcome]:
-        kind, first, last = batch
-        return _batch(seed, kind, paths_of(seeds, kind), first, last, folder)
-
+    files = [(kind, number) for kind, count in counts.items() for number in range(count)]
+    batches = [files[first : first + BATCH] for first in range(0, len(files), BATCH)]
+    paths = {kind: [str(path) for path in paths_of(seeds, kind)] for kind in counts}
     with ThreadPoolExecutor(2) as pool:
-        return [outcome for outcomes in pool.map(one, batches) for outcome in outcomes]
+        done = pool.map(lambda batch: _batch(seed, batch, paths, folder), batches)
+        return [outcome for outcomes in done for outcome in outcomes]
 
 
 def _batch(
-    seed: int, kind: str, paths: Sequence[Path], first: int, last: int, folder: Path
+    seed: int, files: list[tuple[str, int]], paths: dict[str, list[str]], folder: Path
 ) -> list[Outcome]:
     """Try the files of one batch; begin anew behind one that ends its process."""
     outcomes: list[Outcome] = []
-    while first < last:
+    while files:
         with TemporaryDirectory(dir=folder) as name:
             here = Path(name)
             (here / "columns").mkdir()
             (here / "log").touch()
-            order = {"seed": seed, "kind": kind, "first": first, "last": last, "seconds": SECONDS}
-            order |= {"log": str(here / "log"), "paths": [str(path) for path in paths]}
-            (here / "order").write_text(json.dumps(order))
-            answer = isolation.carry_out(_order(here, last - first))
+            order = {"seed": seed, "files": files, "seconds": SECONDS, "paths": paths}
+            (here / "order").write_text(json.dumps(order | {"log": str(here / "log")}))
+            answer = isolation.carry_out(_order(here, len(files)))
             lines = (here / "log").read_text().splitlines()
-        for number, line in enumerate(lines, first):
+        for (kind, number), line in zip(files, lines, strict=False):
             outcomes.append(Outcome(kind, number, *json.loads(line)))
-        first += len(lines)
-        if first < last:
-            end, text = answer["end"], answer.get("text", "")
-            assert end in ("crashed", "slow", "large"), answer
-            outcomes.append(Outcome(kind, first, end, text, SECONDS))
-            first += 1
+        files = files[len(lines) :]
+        if files:
+            assert answer["end"] in ("crashed", "slow", "large"), answer
+            text = answer.get("text", "")
+            outcomes.append(Outcome(*files[0], answer["end"], text, SECONDS))
+            files = files[1:]
     return outcomes
 
 

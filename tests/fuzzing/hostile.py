@@ -40,3 +40,20 @@ READABLE = frozenset(
     )
 )
 """Those that hold a signal all the same."""
+ENDLESS = frozenset(("blocks_in_circles",))
+"""Those that the library that reads them comes to no end with, so that the limit of time does."""
+FEW_HOSTILE = frozenset(
+    (
+        "unclosed_quote",
+        "lists_in_lists",
+        "matlab_bomb",
+        "groups_in_circles",
+        "netcdf_records",
+        "message_of_itself",
+        "channel_outside",
+        "packets_of_all_times",
+        "zip_bomb",
+        "empty",
+    )
+)
+"""One of about every format, for a short run."""

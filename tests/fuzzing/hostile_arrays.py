@@ -139,13 +139,13 @@ def odd_names(path: Path) -> None:
 def netcdf(n_records: int, length: int, name: bytes = b"x") -> bytes:
     """A variable of so many records, over a dimension of so much, and no numbers."""
 
-    def text(said: bytes) -> bytes:
-        return struct.pack(">I", len(said)) + said + bytes(-len(said) % 4)
+    def text(content: bytes) -> bytes:
+        return struct.pack(">I", len(content)) + content + bytes(-len(content) % 4)
 
     dimensions = struct.pack(">II", 10, 2) + text(b"t") + struct.pack(">I", 0)
     dimensions += text(b"n") + struct.pack(">I", length)
-    one = text(name) + struct.pack(">III", 2, 0, 1) + bytes(8) + struct.pack(">III", 6, 8, 200)
-    variables = struct.pack(">II", 11, 1) + one
+    variable = text(name) + struct.pack(">III", 2, 0, 1) + bytes(8) + struct.pack(">III", 6, 8, 200)
+    variables = struct.pack(">II", 11, 1) + variable
     return b"CDF\x01" + struct.pack(">I", n_records) + dimensions + bytes(8) + variables
 
 
