@@ -144,7 +144,7 @@ class ColumnWriter:
         if self._bytes > self.most_bytes:
             raise TelemetryError(
                 f"the file unfolds to more than {self.most_bytes / 2**20:.0f} MiB of numbers: "
-                "export the stretch and the signals of this test"
+                "export the time range and the signals of this test"
             )
         with (self.folder / f"{signal}.f8").open("ab") as file:
             file.write(block.data)

@@ -10,6 +10,7 @@ from importlib import import_module
 from pathlib import Path, PurePath
 
 from app.telemetry.contents import ColumnWriter, Contents
+from app.telemetry.readers.text_tables.blocks import wide_encoding
 from app.telemetry.recording import TelemetryError
 
 READERS = "app.telemetry.readers"
@@ -99,12 +100,9 @@ def _is_ch10(head: bytes) -> bool:
 
 
 def _is_text(head: bytes) -> bool:
-    """Hardly any control characters, in UTF-8, UTF-16 or an 8-bit code."""
-    if head.startswith((b"\xff\xfe", b"\xfe\xff")):
+    """UTF-16, or hardly any control characters, in UTF-8 or an 8-bit code."""
+    if wide_encoding(head):
         return True
-    even, odd = head[::2].count(0), head[1::2].count(0)
-    if max(even, odd) > 0.4 * len(head) and min(even, odd) == 0:
-        return True  # UTF-16 without its mark
     return len(head.translate(None, CONTROLS)) >= 0.99 * len(head)
 
 

@@ -58,7 +58,7 @@ def read_file(
 
 
 def warm_up() -> None:
-    """Start what read_file needs, in the background: the first file is then read as fast."""
+    """Start what read_file needs, in the background."""
     isolation.warm_up()
 
 
@@ -109,7 +109,7 @@ def _check(answer: dict[str, Any], known: Format, order: dict[str, Any]) -> None
         raise TelemetryError(answer["text"])
     if end == "no room":
         raise OSError(answer["errno"], "no room to store what the file holds", order["folder"])
-    less = "export the stretch and the signals of this test"
+    less = "export the time range and the signals of this test"
     if end == "slow":
         raise TelemetryError(f"took more than {order['seconds']:.3g} s to read: {less}")
     if end == "large":
@@ -122,7 +122,8 @@ def _check(answer: dict[str, Any], known: Format, order: dict[str, Any]) -> None
             f"pip install 'forewarn[{known.extra}]'"
         )
     log.info("the reader of %s ended with %s", known.key, answer)
-    why = f" ({answer['text']})" if answer.get("text") else ""
+    detail = f" ({answer['text']})" if answer.get("text") else ""
     raise TelemetryError(
-        f"the reader failed on it{why}: it is damaged or no whole {known.title}, export it again"
+        f"the reader failed on it{detail}: it is damaged or no complete {known.title}, export it "
+        "again"
     )

@@ -10,7 +10,7 @@ from app.telemetry.readers.chapter10.decoding import DECODERS, OTHER_KINDS, Deco
 from app.telemetry.readers.chapter10.packets import TICKS, Packet, packets, ticks_between
 from app.telemetry.readers.chapter10.series import Sampled
 from app.telemetry.readers.library_errors import library_errors
-from app.telemetry.readers.sources import Source, listed, pour
+from app.telemetry.readers.sources import Source, listed, write_sources
 from app.telemetry.recording import TelemetryError
 
 TITLE = "Chapter 10"
@@ -25,7 +25,7 @@ EXPERIMENTAL = (
 def read(path: Path, writer: ColumnWriter) -> Contents:
     """Read what of a Chapter 10 recording is numbers; times count from the first of them."""
     with library_errors(TITLE):
-        import chapter10  # noqa: F401  # so that its absence is told first
+        import chapter10  # noqa: F401  # so that its absence is reported first
 
         opened = Opened()
         for packet in packets(path):
@@ -37,7 +37,7 @@ def read(path: Path, writer: ColumnWriter) -> Contents:
                 f"no channel of the Chapter 10 file can be decoded without a description of the "
                 f"aircraft{kinds}: export the decoded parameters as a table"
             )
-        pour(path, sources, writer, ignored)
+        write_sources(path, sources, writer, ignored)
         return writer.finish(
             "ch10", start=opened.start(), ignored=listed(ignored), notes=tuple(opened.notes())
         )
@@ -61,8 +61,8 @@ class Opened:
             if packet.data_type == SETUP:
                 self.decoded.sources |= channel_names(packet)
             elif packet.data_type == TIME:
-                told = None if self.clock else moment(packet)
-                self.clock = (packet.time, told) if told else self.clock
+                utc = None if self.clock else moment(packet)
+                self.clock = (packet.time, utc) if utc else self.clock
             elif packet.data_type not in DECODERS:
                 if packet.data_type not in COMPUTER:
                     left_out[f"{_kind(packet.data_type)} packets"] += 1
@@ -75,10 +75,10 @@ class Opened:
 
     def sources(self) -> list[Source]:
         """Return the series by their names; analog samples of one packet have no known rate."""
-        found = sorted(self.decoded.series.items())
-        untimed = [s for _, s in found if isinstance(s, Sampled) and len(s.times) < 2]
+        by_name = sorted(self.decoded.series.items())
+        untimed = [s for _, s in by_name if isinstance(s, Sampled) and len(s.times) < 2]
         self.decoded.left_out.update(["analog channels of one packet"] * len(untimed))
-        return [series.source(name) for name, series in found if series not in untimed]
+        return [series.source(name) for name, series in by_name if series not in untimed]
 
     def ignored(self) -> list[str]:
         """Say what was left out and how often."""
@@ -88,9 +88,9 @@ class Opened:
         """Return the moment from which times count in ISO 8601, "" where no packet tells it."""
         if self.clock is None or self.decoded.first is None:
             return ""
-        ticks, told = self.clock
+        ticks, utc = self.clock
         away = ticks_between(self.decoded.first, ticks) / TICKS
-        return (told + timedelta(seconds=away)).isoformat()
+        return (utc + timedelta(seconds=away)).isoformat()
 
     def notes(self) -> list[str]:
         """Say what has to be known of the numbers."""
@@ -100,7 +100,7 @@ class Opened:
                 "Analog samples have the times of their packets, evenly spread between them."
             )
         if self.n_passed:
-            notes.append(f"{self.n_passed} bytes of the file are no whole packets.")
+            notes.append(f"{self.n_passed} bytes of the file are no complete packets.")
         return notes
 
 

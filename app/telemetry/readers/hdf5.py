@@ -4,7 +4,7 @@ from pathlib import Path
 
 from app.telemetry.contents import ColumnWriter, Contents
 from app.telemetry.readers.library_errors import library_errors
-from app.telemetry.readers.sources import listed, pour
+from app.telemetry.readers.sources import listed, write_sources
 
 TITLE = "HDF5"
 
@@ -23,6 +23,6 @@ def read(path: Path, writer: ColumnWriter) -> Contents:
                 if other.wrote(file):
                     return other.read_open(file, writer)
             ignored: list[str] = []
-            found = arrays(datasets(file, ignored), ignored)
-            pour(path, found.sources(), writer, ignored)
+            contents = arrays(datasets(file, ignored), ignored)
+            write_sources(path, contents.sources(), writer, ignored)
             return writer.finish("hdf5", ignored=listed(ignored))

@@ -33,7 +33,7 @@ def library_errors(title: str) -> Iterator[None]:
         raise TelemetryError(too_deep(title)) from error
     except MemoryError as error:
         raise TelemetryError(
-            f"reading this {title} file takes more memory than there is: export the stretch and "
+            f"reading this {title} file takes more memory than there is: export the time range and "
             "the signals of this test"
         ) from error
     except Exception as error:
@@ -54,7 +54,7 @@ def too_deep(title: str) -> str:
 
 def _reason(error: Exception) -> str:
     """The first line of what the library says, without its dots, or else the kind of error."""
-    said = str(error).strip()
-    line = said.splitlines()[0].rstrip(".: ") if said else ""
+    message = str(error).strip()
+    line = message.splitlines()[0].rstrip(".: ") if message else ""
     printable = "".join(letter if letter.isprintable() else "?" for letter in line)
     return printable[:LONGEST_REASON] or type(error).__name__

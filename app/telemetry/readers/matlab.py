@@ -16,7 +16,7 @@ from app.telemetry.contents import ColumnWriter, Contents
 from app.telemetry.readers.library_errors import library_errors, too_deep
 from app.telemetry.readers.matlab_structures import SIGNALS, as_signals
 from app.telemetry.readers.matrices import Matrix, matrix, to_sources
-from app.telemetry.readers.sources import Column, listed, pour
+from app.telemetry.readers.sources import Column, listed, write_sources
 from app.telemetry.recording import TelemetryError
 
 TITLE = "MATLAB"
@@ -47,7 +47,7 @@ def read(path: Path, writer: ColumnWriter) -> Contents:
             return _read_hdf5(path, writer)
         loaded = _load(path, min(MOST_MEMORY, writer.most_bytes))
         sources = to_sources(as_signals(loaded.arrays, loaded.texts))
-        pour(path, sources, writer, loaded.ignored, ".")
+        write_sources(path, sources, writer, loaded.ignored, ".")
         return writer.finish("matlab5", ignored=listed(loaded.ignored))
 
 

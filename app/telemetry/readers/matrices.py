@@ -51,15 +51,15 @@ def matrix(
 
     reverse: the dimensions are stored last first, as MATLAB's are.
     """
-    kept = [k for k, n in enumerate(shape) if n != 1]
-    long = tuple(shape[k] for k in kept)
+    axes = [k for k, n in enumerate(shape) if n != 1]
+    long = tuple(shape[k] for k in axes)
     if len(long) > 2:
         return f"{column.name}: {len(long)} dimensions"
     if len(long) == 2 and min(long) > MOST_COLUMNS:
         return f"{column.name}: {long[0]} by {long[1]} numbers are no set of signals"
 
     def part(index: Index) -> npt.NDArray[Any]:
-        at = dict(zip(kept, index, strict=True))
+        at = dict(zip(axes, index, strict=True))
         return take(tuple(at.get(k, 0) for k in range(len(shape))))
 
     return Matrix(
@@ -67,8 +67,8 @@ def matrix(
         column,
         long,
         part,
-        chunks and tuple(chunks[k] for k in kept),
-        tuple(clocks[k] for k in kept) if clocks else (None, None),
+        chunks and tuple(chunks[k] for k in axes),
+        tuple(clocks[k] for k in axes) if clocks else (None, None),
         int(reverse),
     )
 
@@ -98,15 +98,15 @@ def _samples_axis(matrix: Matrix, clocks: Collection[Clock], lengths: Collection
     """The axis of the samples: that of a time by declaration, by length, else the longer one."""
     if len(matrix.shape) < 2:
         return 0
-    one, other = matrix.shape
-    possible = [axis for axis, n_columns in ((0, other), (1, one)) if n_columns <= MOST_COLUMNS]
+    first, second = matrix.shape
+    possible = [axis for axis, n_columns in ((0, second), (1, first)) if n_columns <= MOST_COLUMNS]
     for fitting in (
         [axis for axis in possible if matrix.clocks[axis] in clocks],
         [axis for axis in possible if matrix.shape[axis] in lengths],
     ):
         if len(fitting) == 1:
             return fitting[0]
-    return matrix.rows if one == other else int(other > one)
+    return matrix.rows if first == second else int(second > first)
 
 
 def _pieces(matrix: Matrix, axis: int) -> Pieces:

@@ -17,7 +17,7 @@ import numpy.typing as npt
 
 from app.telemetry.contents import ColumnWriter, Contents
 from app.telemetry.readers.library_errors import library_errors
-from app.telemetry.readers.sources import Column, Pieces, Source, listed, pour
+from app.telemetry.readers.sources import Column, Pieces, Source, listed, write_sources
 from core.types import Flags
 
 TITLE = "MDF"
@@ -72,7 +72,7 @@ def read(path: Path, writer: ColumnWriter) -> Contents:
         ):
             mdf.configure(read_fragment_size=FRAGMENT)
             ignored: list[str] = []
-            pour(path, list(_sources(mdf, ignored)), writer, ignored)
+            write_sources(path, list(_sources(mdf, ignored)), writer, ignored)
             start = mdf.header.start_time.isoformat()
         return writer.finish("mdf4", start=start, ignored=listed(ignored))
 

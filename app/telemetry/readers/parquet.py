@@ -12,7 +12,15 @@ import pyarrow as pa
 
 from app.telemetry.contents import ColumnWriter, Contents
 from app.telemetry.readers.library_errors import library_errors
-from app.telemetry.readers.sources import BLOCK, Column, Pieces, Source, is_time_name, listed, pour
+from app.telemetry.readers.sources import (
+    BLOCK,
+    Column,
+    Pieces,
+    Source,
+    is_time_name,
+    listed,
+    write_sources,
+)  # fmt: skip
 from core.types import Array
 
 TITLE = "Parquet"
@@ -37,7 +45,9 @@ def read(path: Path, writer: ColumnWriter) -> Contents:
                         yield number, moments.numbers(batch.column(name))
 
             columns = _columns(schema, names)
-            pour(path, [Source((), columns, file.metadata.num_rows, pieces)], writer, ignored)
+            write_sources(
+                path, [Source((), columns, file.metadata.num_rows, pieces)], writer, ignored
+            )
             return writer.finish("parquet", start=moments.start, ignored=listed(ignored))
 
 
@@ -125,8 +135,8 @@ class Moments:
         if not (is_moment(kind) or is_span(kind)):
             return column.cast(pa.float64(), safe=False).to_numpy(zero_copy_only=False)
         missing = column.is_null().to_numpy(zero_copy_only=False)
-        whole = column.cast(pa.int32()) if pa.types.is_time32(kind) else column
-        counts = whole.cast(pa.int64()).fill_null(0).to_numpy(zero_copy_only=False)
+        integers = column.cast(pa.int32()) if pa.types.is_time32(kind) else column
+        counts = integers.cast(pa.int64()).fill_null(0).to_numpy(zero_copy_only=False)
         rate = PER_SECOND[kind.unit]
         seconds = (
             self._since_first(counts, missing, kind, rate) if is_moment(kind) else counts / rate
@@ -166,14 +176,14 @@ def units_of_table(schema: pa.Schema) -> dict[str, str]:
     Either {"units": {name: unit}} or {name: {"unit": unit}} or {name: unit} under a key `units`.
     """
     attributes = _attributes(schema)
-    found: dict[str, str] = {}
+    by_name: dict[str, str] = {}
     for name, value in attributes.items():
         if name in KEYS and isinstance(value, Mapping):
-            found |= {str(k): v for k, v in value.items() if isinstance(v, str)}
+            by_name |= {str(k): v for k, v in value.items() if isinstance(v, str)}
         elif isinstance(value, Mapping):
             units = [value[key] for key in KEYS if isinstance(value.get(key), str)]
-            found |= {name: units[0]} if units else {}
-    return found
+            by_name |= {name: units[0]} if units else {}
+    return by_name
 
 
 def index_of_table(schema: pa.Schema) -> tuple[str, ...]:

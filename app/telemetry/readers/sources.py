@@ -64,7 +64,7 @@ def is_time_name(name: str) -> bool:
     return re.split(r"[\[({<]", name)[0].strip().lower() in TIME_NAMES
 
 
-def pour(
+def write_sources(
     path: Path,
     sources: Sequence[Source],
     writer: ColumnWriter,
@@ -133,7 +133,7 @@ def _check_size(path: Path, series: Sequence[Source], writer: ColumnWriter) -> N
     if n_bytes > most:
         raise TelemetryError(
             f"the file declares {n_bytes / 2**20:.0f} MiB of numbers, more than the "
-            f"{most / 2**20:.0f} MiB that one of its size may unfold to: export the stretch and "
+            f"{most / 2**20:.0f} MiB that one of its size may unfold to: export the time range and "
             "the signals of this test"
         )
 

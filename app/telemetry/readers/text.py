@@ -56,8 +56,8 @@ class _Table:
         self._clocks = {i: Clock(c.form, c.example) for i, c in enumerate(layout.columns) if c.form}
         self._parser = BlockParser(layout)
         self.bad = BadRows(writer.bad_share)
-        silent = {i for i in self._wanted if not layout.columns[i].example}
-        self._rows = RowReader(layout, self.bad, silent)
+        unfilled = {i for i in self._wanted if not layout.columns[i].example}
+        self._rows = RowReader(layout, self.bad, unfilled)
         self.n_rows = 0
         group = writer.add_group()
         # times as text are the table's time, unless they are repeated from row to row
@@ -85,7 +85,7 @@ class _Table:
             for column in self._columns
             if column.kind == "text" and column.example
         ]
-        for i, (line, cell) in self._rows.late.items():
+        for i, (line, cell) in self._rows.turned_text.items():
             ignored.append(f"{self._columns[i].name}: text from line {line} on, {cell[:40]!a}")
         times = [n for i, c in self._clocks.items() for n in c.notes(self._columns[i].name)]
         coarse = [
@@ -104,13 +104,13 @@ class _Table:
 
     def _parsed(self, line: int, block: bytes) -> list[Rows]:
         try:
-            return [self._heard(self._parser.parse(block, self._wanted))]
+            return [self._noted(self._parser.parse(block, self._wanted))]
         except ValueError:
             pass
         parts = []
         for at, piece in pieces(line, block, PIECE_BYTES):
             try:
-                part = self._heard(self._parser.parse(piece, self._wanted))
+                part = self._noted(self._parser.parse(piece, self._wanted))
             except ValueError:
                 part = self._row_by_row(at, piece)
             parts.append(part)
@@ -126,13 +126,15 @@ class _Table:
                 read.columns[i] = times_of(pa.chunked_array([pa.array(values, pa.string())]), form)
             else:
                 read.columns[i] = finite(np.array(values, float))
-        self._wanted = [i for i in self._wanted if i not in self._rows.late]
+        self._wanted = [i for i in self._wanted if i not in self._rows.turned_text]
         return read
 
-    def _heard(self, part: Rows) -> Rows:
+    def _noted(self, part: Rows) -> Rows:
         """The rows, after noting which columns hold numbers at last."""
-        silent = self._rows.silent
-        silent -= {i for i in silent & part.columns.keys() if not np.isnan(part.columns[i]).all()}
+        unfilled = self._rows.unfilled
+        unfilled -= {
+            i for i in unfilled & part.columns.keys() if not np.isnan(part.columns[i]).all()
+        }
         return part
 
     def _values(self, i: int, part: Rows) -> Array:

@@ -8,7 +8,7 @@ from typing import Any
 
 from app.telemetry.contents import MOST_SIGNALS, ColumnWriter, Contents
 from app.telemetry.readers.library_errors import library_errors, too_deep
-from app.telemetry.readers.sources import BLOCK, Column, Pieces, Source, listed, pour
+from app.telemetry.readers.sources import BLOCK, Column, Pieces, Source, listed, write_sources
 from app.telemetry.recording import TelemetryError
 
 TITLE = "ULog"
@@ -36,7 +36,7 @@ def read(path: Path, writer: ColumnWriter) -> Contents:
             log = ULog(file)
         ignored: list[str] = []
         sources = [_topic(data, log.data_list, ignored) for data in log.data_list]
-        pour(path, _smallest(sources, ignored), writer, ignored)
+        write_sources(path, _smallest(sources, ignored), writer, ignored)
         return writer.finish("ulog", ignored=listed(ignored), notes=_notes(log))
 
 
@@ -103,14 +103,14 @@ def _topic(data: Any, every: list[Any], ignored: list[str]) -> Source:
 
 def _smallest(sources: list[Source], ignored: list[str]) -> list[Source]:
     """The topics with the fewest fields, where all have more than can be read."""
-    kept, n_signals = [], 0
+    chosen, n_signals = [], 0
     for source in sorted(sources, key=lambda source: len(source.columns)):
         n_signals += len(source.columns)
         if n_signals <= MOST_SIGNALS:
-            kept.append(source)
+            chosen.append(source)
         else:
             ignored.append(f"{source.within[0]}: one of too many fields in the file")
-    return [source for source in sources if source in kept]
+    return [source for source in sources if source in chosen]
 
 
 def _pieces(fields: Mapping[str, Any], names: list[str]) -> Pieces:

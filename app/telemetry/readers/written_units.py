@@ -32,10 +32,10 @@ def unit_in(name: str) -> str:
 
     What is in parentheses counts only if it reads like one: "p (deg/s)", but not "beta (filtered)".
     """
-    found = UNIT_AT_END.search(name)
-    if not found:
+    match = UNIT_AT_END.search(name)
+    if not match:
         return ""
-    *bracketed, in_parentheses = found.groups()
+    *bracketed, in_parentheses = match.groups()
     sure = next((text.strip() for text in bracketed if text is not None), None)
     unit = sure if sure is not None else in_parentheses.strip()
     if unit.isdigit() or (sure is None and not reads_like_unit(unit)):
@@ -45,8 +45,8 @@ def unit_in(name: str) -> str:
 
 def unit_of_cell(cell: str) -> str:
     """The unit in a cell of a row of units: "[deg]", "(deg)", "deg" or a sign for none."""
-    found = MARKED_UNIT.fullmatch(cell)
-    unit = next(text for text in found.groups() if text is not None) if found else cell
+    match = MARKED_UNIT.fullmatch(cell)
+    unit = next(text for text in match.groups() if text is not None) if match else cell
     return "" if unit.strip().lower() in NO_UNIT else unit.strip()
 
 

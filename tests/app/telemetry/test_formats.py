@@ -12,6 +12,7 @@ from app.telemetry.formats import FORMATS, format_of
 from app.telemetry.recording import TelemetryError
 from tests.support.recorded_files import BETA, FILES, P, T, read
 
+pytestmark = pytest.mark.xdist_group("formats")
 NAMED = [kind for kind in FILES if kind != "ch10"]
 """Those whose files name their channels."""
 WITH_UNITS = [kind for kind in NAMED if kind != "ulog"]

@@ -68,17 +68,17 @@ def test_a_file_becomes_a_folder_of_columns(write, tmp_path):
 
 
 OUTCOMES = {
-    "crash": "the reader failed on it.*: it is damaged or no whole Wicked file, export it again",
+    "crash": "the reader failed on it.*: it is damaged or no complete Wicked file, export it again",
     "abort": "the reader failed on it",
     "exit": "the reader failed on it",
     "leave": r"the reader failed on it \(SystemExit: bye\)",
     "fall": r"the reader failed on it \(RecursionError: ",
     "stumble": r"the reader failed on it \(KeyError: ",
-    "loop": "took more than 0.5 s to read: export the stretch and the signals of this test",
-    "burn": "took more than 0.5 s to read: export the stretch",
-    "hold": "took more than 0.5 s to read: export the stretch",
+    "loop": "took more than 0.5 s to read: export the time range and the signals of this test",
+    "burn": "took more than 0.5 s to read: export the time range",
+    "hold": "took more than 0.5 s to read: export the time range",
     "die": "took more than 200 MiB of memory to read",
-    "eat": "took more than 200 MiB of memory to read: export the stretch",
+    "eat": "took more than 200 MiB of memory to read: export the time range",
     "eat_at_once": "took more than 200 MiB of memory to read",
     "lack": r"No module named 'no_such_library', which reading Wicked file needs: "
     r"pip install 'forewarn\[wicked\]'",

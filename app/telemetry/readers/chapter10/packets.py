@@ -1,6 +1,6 @@
 """Packets of an IRIG 106 Chapter 10 recording: found by their headers, opened by the library.
 
-A header is 24 bytes with a sync pattern and a checksum, so that damaged stretches are passed over.
+A header is 24 bytes with a sync pattern and a checksum, so that damaged parts are passed over.
 Reference: IRIG 106-17, chapter 11.2, "Data packet format".
 """
 
@@ -51,18 +51,18 @@ def packets(path: Path) -> Iterator[Packet | int]:
     """Every whole packet of a file in its order, and a number of bytes wherever some are none."""
     with path.open("rb") as file, closing(_mapped(file.fileno())) as recorded:
         at, n_false = 0, 0
-        while (found := recorded.find(SYNC, at)) >= 0:
-            if not (length := _length(recorded, found)):
+        while (start := recorded.find(SYNC, at)) >= 0:
+            if not (length := _length(recorded, start)):
                 n_false += 1
                 if n_false > MOST_FALSE:
                     raise ValueError("hardly any of it is packets")
-                at, passed = found + 1, at
+                at, passed = start + 1, at
                 yield at - passed
                 continue
-            if found > at:
-                yield found - at
-            yield _packet(recorded[found : found + length])
-            at = found + length
+            if start > at:
+                yield start - at
+            yield _packet(recorded[start : start + length])
+            at = start + length
         if at < len(recorded):
             yield len(recorded) - at
 
@@ -99,9 +99,9 @@ def _packet(raw: bytes) -> Packet:
     body = raw[HEADER.size :]
     if flags & HAS_SECONDARY:
         body, length = body[SECONDARY:], length - SECONDARY
-    start = HEADER.pack(
+    header = HEADER.pack(
         sync, channel, length, n_data, version, number, flags & ~HAS_SECONDARY, kind, rtc, 0
     )[:22]
-    whole = start + struct.pack("<H", _checksum(start)) + body
+    plain = header + struct.pack("<H", _checksum(header)) + body
     time = int.from_bytes(rtc, "little")
-    return Packet(channel, kind, time, not flags & STAMPED_OTHERWISE, whole)
+    return Packet(channel, kind, time, not flags & STAMPED_OTHERWISE, plain)

@@ -45,13 +45,13 @@ class Arrays:
 
 def plain(name: str, dataset: h5py.Dataset) -> tuple[Column, Unpack | None]:
     """Take a dataset's unit and description from its attributes; a dimension scale is a time."""
-    unit, said = first_text(dataset, UNIT_NAMES), first_text(dataset, DESCRIPTION_NAMES)
+    unit, description = first_text(dataset, UNIT_NAMES), first_text(dataset, DESCRIPTION_NAMES)
     time = is_time_name(name.split("/")[-1]) or _is_scale(dataset)
-    return Column(name, unit, said, time), None
+    return Column(name, unit, description, time), None
 
 
 def arrays(
-    found: Iterable[tuple[Path, h5py.Dataset]],
+    members: Iterable[tuple[Path, h5py.Dataset]],
     ignored: list[str],
     describe: Describe = plain,
     *,
@@ -65,7 +65,7 @@ def arrays(
     """
     readable: dict[Path, h5py.Dataset] = {}
     scales: dict[Address, Path] = {}
-    for path, dataset in found:
+    for path, dataset in members:
         if _is_scale(dataset):
             scales[address(dataset)] = path
             if NO_VARIABLE in text(attribute(dataset, "NAME")):
@@ -74,7 +74,7 @@ def arrays(
             ignored.append(f"{separator.join(path)}: {reason}")
         else:
             readable[path] = dataset
-    held = Arrays()
+    result = Arrays()
     for path, dataset in readable.items():
         name = separator.join(path)
         if dataset.dtype.names:
@@ -93,10 +93,10 @@ def arrays(
         if isinstance(made, str):
             ignored.append(made)
         elif isinstance(made, Matrix):
-            held.matrices[path] = made
+            result.matrices[path] = made
         else:
-            held.tables.append(made)
-    return held
+            result.tables.append(made)
+    return result
 
 
 def _take(dataset: h5py.Dataset, unpack: Unpack, index: Any) -> npt.NDArray[Any]:

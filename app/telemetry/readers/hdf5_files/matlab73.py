@@ -9,10 +9,17 @@ import numpy as np
 
 from app.telemetry.contents import ColumnWriter, Contents
 from app.telemetry.readers.hdf5_files.arrays import arrays
-from app.telemetry.readers.hdf5_files.walk import Path, attribute, datasets, text, unreadable
+from app.telemetry.readers.hdf5_files.walk import (
+    Path,
+    attribute,
+    datasets,
+    not_stored,
+    text,
+    unreadable,
+)
 from app.telemetry.readers.matlab_structures import SIGNALS, as_signals
 from app.telemetry.readers.matrices import to_sources
-from app.telemetry.readers.sources import listed, pour
+from app.telemetry.readers.sources import listed, write_sources
 
 MARK = b"MATLAB"
 MOST_TEXT = 4096
@@ -46,9 +53,11 @@ def read_open(file: h5py.File, writer: ColumnWriter) -> Contents:
             ignored.append(f"{'.'.join(path)}: {reason}")
         else:
             numbers.append((path, dataset))
-    held = arrays(numbers, ignored, separator=".", reverse=True)
-    signals = as_signals(held.matrices, texts)
-    pour(FilePath(file.filename), [*to_sources(signals), *held.tables], writer, ignored, ".")
+    contents = arrays(numbers, ignored, separator=".", reverse=True)
+    signals = as_signals(contents.matrices, texts)
+    write_sources(
+        FilePath(file.filename), [*to_sources(signals), *contents.tables], writer, ignored, "."
+    )
     return writer.finish("hdf5", ignored=listed(ignored))
 
 
@@ -58,7 +67,7 @@ def _members(file: h5py.File, ignored: list[str]) -> Iterator[Item]:
         if path[-2:-1] != (SIGNALS,) or not h5py.check_ref_dtype(dataset.dtype):
             yield path, dataset
             continue
-        if math.prod(dataset.shape or ()) > MOST_OF_ARRAY or unreadable(dataset) != "references":
+        if math.prod(dataset.shape or ()) > MOST_OF_ARRAY or not_stored(dataset):
             ignored.append(f"{'.'.join(path)}: an array of {dataset.size} structures")
             continue
         for number, reference in enumerate(np.ravel(dataset[()])):

@@ -9,7 +9,7 @@ from app.telemetry.contents import ColumnWriter, Contents
 from app.telemetry.readers.cf import Conventions
 from app.telemetry.readers.hdf5_files.arrays import Unpack, arrays
 from app.telemetry.readers.hdf5_files.walk import attribute, datasets, text
-from app.telemetry.readers.sources import Column, listed, pour
+from app.telemetry.readers.sources import Column, listed, write_sources
 
 
 def wrote(file: h5py.File) -> bool:
@@ -23,13 +23,13 @@ def read_open(file: h5py.File, writer: ColumnWriter) -> Contents:
     conventions = Conventions()
 
     def describe(name: str, dataset: h5py.Dataset) -> tuple[Column, Unpack]:
-        def said(key: str) -> Any:
+        def value_of(key: str) -> Any:
             value = attribute(dataset, key)
             return text(value) or value
 
-        return conventions.variable(name, said, dataset.dtype)
+        return conventions.variable(name, value_of, dataset.dtype)
 
-    held = arrays(datasets(file, ignored), ignored, describe)
-    pour(Path(file.filename), held.sources(), writer, ignored)
+    contents = arrays(datasets(file, ignored), ignored, describe)
+    write_sources(Path(file.filename), contents.sources(), writer, ignored)
     start = conventions.start.iso if conventions.start else ""
     return writer.finish("netcdf", start=start, ignored=listed(ignored))

@@ -58,8 +58,8 @@ def _fields(
 
 def _rows(dataset: h5py.Dataset, fields: list[Keys]) -> Pieces:
     """Read a table by whole chunks of rows."""
-    whole = dataset.chunks[0] if dataset.chunks else 1
-    step = max(8 * BLOCK // dataset.dtype.itemsize // whole, 1) * whole
+    chunk = dataset.chunks[0] if dataset.chunks else 1
+    step = max(8 * BLOCK // dataset.dtype.itemsize // chunk, 1) * chunk
     for first in range(0, len(dataset), step):
         block = dataset[first : first + step]
         for number, keys in enumerate(fields):

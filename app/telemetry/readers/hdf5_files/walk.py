@@ -40,8 +40,8 @@ def datasets(
         inner = []
         for name in group:
             if isinstance(name, bytes):
-                said = name.decode("utf-8", "replace")
-                ignored.append(f"{'/'.join((*path, said))}: a name that is not in UTF-8")
+                shown = name.decode("utf-8", "replace")
+                ignored.append(f"{'/'.join((*path, shown))}: a name that is not in UTF-8")
                 continue
             here = (*path, str(name))
             link = group.get(name, getlink=True)
@@ -55,22 +55,19 @@ def datasets(
                     f"the HDF5 file holds more than {MOST_OBJECTS} objects: export the signals of "
                     "this test in a flat table"
                 )
-            found = group[name]
-            if isinstance(found, h5py.Dataset):
-                yield here, found
-            elif isinstance(found, h5py.Group) and (at := address(found)) not in seen:
+            member = group[name]
+            if isinstance(member, h5py.Dataset):
+                yield here, member
+            elif isinstance(member, h5py.Group) and (at := address(member)) not in seen:
                 seen.add(at)
-                inner.append((here, found))
+                inner.append((here, member))
         stack += reversed(inner)
 
 
 def unreadable(dataset: h5py.Dataset) -> str:
     """Why a dataset's numbers are not read, "" where they can be."""
-    properties = dataset.id.get_create_plist()
-    if dataset.is_virtual or properties.get_external_count():
-        return "its numbers lie in other files"
-    if dataset.shape is None or math.prod(dataset.shape) == 0:
-        return "no value"
+    if reason := not_stored(dataset):
+        return reason
     try:
         dtype = dataset.dtype
     except TypeError:
@@ -79,6 +76,7 @@ def unreadable(dataset: h5py.Dataset) -> str:
         return reason
     if _hardly_written(dataset):
         return "hardly ever written"
+    properties = dataset.id.get_create_plist()
     filters = [properties.get_filter(k) for k in range(properties.get_nfilters())]
     if missing := [f for f in filters if not h5py.h5z.filter_avail(f[0])]:
         name = missing[0][3].decode("utf-8", "replace") or missing[0][0]
@@ -86,6 +84,15 @@ def unreadable(dataset: h5py.Dataset) -> str:
     chunk = math.prod(dataset.chunks or (0,)) * dtype.itemsize
     if chunk > MOST_CHUNK:
         return f"stored in pieces of {chunk / 2**20:.0f} MiB, which is more than may be read"
+    return ""
+
+
+def not_stored(dataset: h5py.Dataset) -> str:
+    """Why a dataset has no values in its file, "" where it has."""
+    if dataset.is_virtual or dataset.id.get_create_plist().get_external_count():
+        return "its numbers lie in other files"
+    if dataset.shape is None or math.prod(dataset.shape) == 0:
+        return "no value"
     return ""
 
 
@@ -140,7 +147,7 @@ def text(value: Any) -> str:
 
 def first_text(holder: Any, names: tuple[str, ...]) -> str:
     """The first of the named attributes that says something."""
-    return next((said for name in names if (said := text(attribute(holder, name)))), "")
+    return next((value for name in names if (value := text(attribute(holder, name)))), "")
 
 
 def address(holder: Any) -> Address:

@@ -58,7 +58,7 @@ def without_lines(block: bytes, n: int) -> bytes:
 def _decoded(file: BinaryIO) -> Iterator[bytes]:
     """Chunks of the file in an encoding that writes ASCII as ASCII, without a mark."""
     chunk = file.read(BLOCK_BYTES)
-    wide = _wide_encoding(chunk[:4096])
+    wide = wide_encoding(chunk[:4096])
     if not wide:
         yield chunk.removeprefix(UTF8_MARK)
         while chunk := file.read(BLOCK_BYTES):
@@ -72,7 +72,7 @@ def _decoded(file: BinaryIO) -> Iterator[bytes]:
         chunk = file.read(BLOCK_BYTES)
 
 
-def _wide_encoding(head: bytes) -> str:
+def wide_encoding(head: bytes) -> str:
     """UTF-16 by its mark, or by the zeros in every other byte of Latin text; else ""."""
     if head.startswith(codecs.BOM_UTF16_LE):
         return "utf-16-le"

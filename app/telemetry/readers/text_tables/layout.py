@@ -90,9 +90,9 @@ def _most_common(kinds: Sequence[str]) -> str:
 
 
 def _column(name: str, unit: str, kind: str, i: int, rows: Sequence[Line]) -> Column:
-    found = [row.cells[i] for row in rows if row.kinds[i] == kind]
-    example = found[0][:40] if found else ""
+    of_kind = [row.cells[i] for row in rows if row.kinds[i] == kind]
+    example = of_kind[0][:40] if of_kind else ""
     if kind != "time":
         return Column(name, unit, kind, example)
-    coarse = len(set(found)) < 0.9 * len(found)
-    return Column(name, "s", kind, example, form_of(found), coarse)
+    coarse = len(set(of_kind)) < 0.9 * len(of_kind)
+    return Column(name, "s", kind, example, form_of(of_kind), coarse)

@@ -59,14 +59,14 @@ class BadRows:
 class RowReader:
     """Reads rows, and collects the bad ones.
 
-    silent: numbers of columns that held no number so far.   late: of those of them that turned out
-    to hold text after all, with the line and the cell where they did.
+    unfilled: numbers of columns that held no number so far.
+    turned_text: of those of them that hold text after all, the line and the cell where they do.
     """
 
     layout: Layout
     bad: BadRows
-    silent: set[int]
-    late: dict[int, tuple[int, str]] = field(default_factory=dict)
+    unfilled: set[int]
+    turned_text: dict[int, tuple[int, str]] = field(default_factory=dict)
 
     def read(self, line: int, text: str, wanted: list[int]) -> list[list[Value]]:
         """The good rows of whole lines: numbers, or times as text and None for a missing one.
@@ -90,49 +90,49 @@ class RowReader:
         """Whether a row that Python reads as numbers needs no closer look."""
         return (
             self.layout.decimal == "."
-            and not any(self.layout.columns[i].form or i in self.silent for i in wanted)
+            and not any(self.layout.columns[i].form or i in self.unfilled for i in wanted)
             and text.isascii()
             and not any(sign in text for sign in '"_')
         )
 
     def _plain_values(self, row: str, wanted: list[int]) -> list[Value] | None:
-        found = row.split(None if self.layout.delimiter == BLANKS else self.layout.delimiter)
-        if len(found) != len(self.layout.columns):
+        row_cells = row.split(None if self.layout.delimiter == BLANKS else self.layout.delimiter)
+        if len(row_cells) != len(self.layout.columns):
             return None
         try:
-            return [float(found[i]) for i in wanted]
+            return [float(row_cells[i]) for i in wanted]
         except ValueError:
             return None
 
     def _cells(self, row: str) -> list[str]:
         columns = self.layout.columns
         try:
-            found = cells(row, self.layout.delimiter)
+            row_cells = cells(row, self.layout.delimiter)
         except csv.Error:
             raise BadCellError("its quotes do not match") from None
-        surplus = len(found) - len(columns)
+        surplus = len(row_cells) - len(columns)
         if surplus == -1 and columns[-1].is_padding:
-            found.append("")
-        elif surplus and not (surplus == 1 and not found[-1]):
-            raise BadCellError(f"{len(found)} cells where {len(columns)} are needed")
-        return found
+            row_cells.append("")
+        elif surplus and not (surplus == 1 and not row_cells[-1]):
+            raise BadCellError(f"{len(row_cells)} cells where {len(columns)} are needed")
+        return row_cells
 
-    def _values(self, line: int, found: list[str], wanted: list[int]) -> list[Value]:
+    def _values(self, line: int, row_cells: list[str], wanted: list[int]) -> list[Value]:
         values: list[Value] = []
         for i in wanted:
-            column, cell = self.layout.columns[i], found[i]
+            column, cell = self.layout.columns[i], row_cells[i]
             if column.form:
                 values.append(_time(column, cell))
                 continue
             value = number(cell, self.layout.decimal)
             if value is None:
-                if i not in self.silent:
+                if i not in self.unfilled:
                     raise BadCellError(_not_a("number", column, cell))
-                self.late.setdefault(i, (line, cell))
-            values.append(nan if value is None or i in self.late else value)
+                self.turned_text.setdefault(i, (line, cell))
+            values.append(nan if value is None or i in self.turned_text else value)
         for i, value in zip(wanted, values, strict=True):
-            if i in self.silent and value == value and i not in self.late:
-                self.silent.discard(i)
+            if i in self.unfilled and value == value and i not in self.turned_text:
+                self.unfilled.discard(i)
         return values
 
 

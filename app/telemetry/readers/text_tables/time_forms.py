@@ -34,16 +34,16 @@ class TimeForm:
 
     def has_zone(self, cell: str) -> bool:
         """Whether a cell says in which zone its clock is."""
-        found = re.fullmatch(self.pattern, cell, re.ASCII)
-        return bool(found and found.groupdict().get("zone"))
+        match = re.fullmatch(self.pattern, cell, re.ASCII)
+        return bool(match and match.groupdict().get("zone"))
 
     def matches(self, cell: str) -> bool:
         """Whether a cell is written so, each number within its range."""
-        found = re.fullmatch(self.pattern, cell, re.ASCII)
-        return found is not None and all(
-            low <= int(found[name]) <= high
+        match = re.fullmatch(self.pattern, cell, re.ASCII)
+        return match is not None and all(
+            low <= int(match[name]) <= high
             for name, (low, high) in RANGES.items()
-            if name in found.re.groupindex
+            if name in match.re.groupindex
         )
 
 

@@ -31,12 +31,12 @@ def times_of(texts: pa.ChunkedArray, form: TimeForm) -> Times:
             with suppress(pa.ArrowInvalid):
                 stamps = compute.cast(iso, pa.timestamp("ns", zone)).to_numpy()
                 return np.where(known, stamps.astype("M8[ns]").astype(np.int64), 0), known
-    found = compute.extract_regex(texts, pattern=rf"^(?:{form.pattern})$")
-    strange = known & ~compute.is_valid(found).to_numpy()
+    matched = compute.extract_regex(texts, pattern=rf"^(?:{form.pattern})$")
+    strange = known & ~compute.is_valid(matched).to_numpy()
     if strange.any():
         raise ValueError(f"row {int(strange.argmax())} is no {form.title}")
-    names = [found.type.field(i).name for i in range(found.type.num_fields)]
-    parts = {name: compute.struct_field(found, name) for name in names}
+    names = [matched.type.field(i).name for i in range(matched.type.num_fields)]
+    parts = {name: compute.struct_field(matched, name) for name in names}
     numbers = {
         name: _integers(compute.utf8_rpad(part, 9, "0") if name == "fraction" else part, known)
         for name, part in parts.items()

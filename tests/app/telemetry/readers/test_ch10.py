@@ -186,7 +186,7 @@ def test_damage_between_packets_is_passed_over_and_noted(recorded):
         bus(FIRST, message), b"\x25\xeb noise", bus(FIRST + 9, message), b"\x25\xeb" * 3
     )
     assert columns.contents.groups[0].n_rows == 2
-    assert columns.contents.notes[-1] == "14 bytes of the file are no whole packets."
+    assert columns.contents.notes[-1] == "14 bytes of the file are no complete packets."
 
 
 def test_a_recording_without_decodable_channels_says_so(recorded):
