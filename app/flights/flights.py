@@ -237,7 +237,7 @@ class Flights:
             )
         script = RecordedScript(
             self._scored.samples(info),
-            info.stretches,
+            info.manoeuvres,
             info.dt,
             forecasts=monitor.recipe.predictor.forecasts,
             theta0=trim_angles(monitor.dataset_recipe)[1],

@@ -17,13 +17,16 @@ from core.channels import KEYS
 from core.monitor.assessment import STATES
 from core.specification import Limits
 
-OF_ITS_OWN = ("recording_id", "monitor_id", "specification", "order_digest")
+OF_ITS_OWN = ("recording_id", "monitor_id", "specification", "request_digest")
+ON_THE_WIRE = {"request": "order", "manoeuvres": "stretches"}
+"""Fields whose keys in JSON are others."""
 
 
 def answer(info: ScoringInfo) -> dict[str, Any]:
     """A scoring without its samples."""
     limits = from_plain(Limits(), info.specification, "specification")
-    plain = {key: value for key, value in asdict(info).items() if key not in OF_ITS_OWN}
+    fields = asdict(info).items()
+    plain = {ON_THE_WIRE.get(key, key): value for key, value in fields if key not in OF_ITS_OWN}
     return plain | {
         "recording": info.recording_id,
         "monitor": info.monitor_id,
@@ -57,7 +60,7 @@ def frames(info: ScoringInfo, samples: Samples, first: int) -> list[dict[str, An
             "p_value": p_value,
             "alert": alert if known[i] else None,
             "state": STATES[state].value,
-            "reason": reason(state, stretch, info.stretches),
+            "reason": reason(state, stretch, info.manoeuvres),
             "y_hat": y_hat[i] if forecast[i] else None,
             "sent": None,
             "withdrawn": withdrawn,

@@ -86,7 +86,7 @@ def _scoring(one: Scored, mapping: Mapping) -> dict[str, Any]:
         "end": float(t[-1]),
         "notes": list(scored.notes),
         "quality": plain_quality(scored.quality),
-        "stretches": [plain(stretch.to_plain()) for stretch in scored.stretches],
+        "manoeuvres": [plain(stretch.to_plain()) for stretch in scored.stretches],
         "outside": [asdict(crossing) for crossing in scored.outside],
         "digest": digest(scored.samples),
     }

@@ -38,7 +38,7 @@ def report(subject: ReportSubject) -> str:
     monitor, scoring, recording = subject.monitor, subject.scoring, subject.recording
     plain = monitor.dataset_recipe.get("specification", {})
     limits = from_plain(Limits(), plain, "specification").magnitudes
-    stretches, epsilon = scoring["stretches"], scoring["epsilon"]
+    stretches, epsilon = scoring["manoeuvres"], scoring["epsilon"]
     outside = scoring["outside"]
     drawn = facts.drawn(stretches)
     valid = [stretch["validity"]["valid"] for stretch in stretches]

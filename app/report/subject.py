@@ -18,7 +18,7 @@ class ReportSubject:
     """Everything a report is about, in plain data but for the monitor and the samples.
 
     recording: name, digest, size, format, aircraft, and what `of_contents` says of the file.
-    scoring: as of app.store.scorings.ScoringInfo, its mapping and stretches plain.
+    scoring: as of app.store.scorings.ScoringInfo, its mapping and manoeuvres plain.
     evaluation: what fresh flights said of the monitor, None if it was not tested.
     samples: as stored.   mapped: who chose the mapping, in words; "" where it is not known.
     guesses: confidence and reasons of a mapping that was proposed, by key of TARGETS.
@@ -61,7 +61,7 @@ def about(recording: Mapping[str, Any], scoring: Mapping[str, Any]) -> dict[str,
         "dt_s": scoring["dt"],
         "samples_sha256": scoring["digest"],
         "mapping": scoring["mapping"],
-        "manoeuvres": scoring["stretches"],
+        "manoeuvres": scoring["manoeuvres"],
         "notes": scoring["notes"],
         "program": scoring["version"],
     }

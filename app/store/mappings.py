@@ -6,7 +6,7 @@ from typing import Any
 from sqlalchemy import delete, insert, select
 
 from app.store.repository import Entry, Repository
-from app.store.tables import channel_maps, new_id, now
+from app.store.tables import mappings, new_id, now
 
 
 @dataclass(frozen=True)
@@ -25,11 +25,11 @@ class MappingRepository(Repository):
     def save(self, aircraft: str, signature: str, mapping: dict[str, Any]) -> None:
         """Store a mapping for the next recording of this aircraft; the earlier one goes."""
         key = {"aircraft": aircraft, "signature": signature}
-        same = (channel_maps.c.aircraft == aircraft) & (channel_maps.c.signature == signature)
+        same = (mappings.c.aircraft == aircraft) & (mappings.c.signature == signature)
         with self._writing() as connection:
-            connection.execute(delete(channel_maps).where(same))
+            connection.execute(delete(mappings).where(same))
             row = {"id": new_id(), **key, "saved": now(), "mapping": mapping}
-            connection.execute(insert(channel_maps).values(**row))
+            connection.execute(insert(mappings).values(**row))
 
     def find(self, aircraft: str | None, signature: str) -> RememberedMapping | None:
         """The mapping last confirmed for this aircraft, best of these very signals.
@@ -38,7 +38,7 @@ class MappingRepository(Repository):
         """
         if not aircraft:
             return None
-        table = channel_maps.c
+        table = mappings.c
         newest = select(table.aircraft, table.mapping).order_by(table.saved.desc()).limit(1)
         of_aircraft = table.aircraft == aircraft
         with self._reading() as connection:

@@ -23,10 +23,10 @@ class ScoringInfo(Entry):
     """SHA-256 of the portable monitor"""
     specification: dict[str, Any]
     """the limits that the monitor warns of"""
-    order_digest: str
+    request_digest: str
     """SHA-256 of all that decides the samples"""
     digest: str
-    """SHA-256 of the samples: the same order gives the same"""
+    """SHA-256 of the samples: the same request gives the same"""
     created: str
     """UTC, ISO 8601"""
     version: str
@@ -37,7 +37,7 @@ class ScoringInfo(Entry):
     """promised by the monitor [s]"""
     dt: float
     """sample interval [s]"""
-    order: dict[str, Any]
+    request: dict[str, Any]
     """epsilon, trim and manoeuvres as asked for"""
     mapping: dict[str, Any]
     """that was used"""
@@ -50,8 +50,8 @@ class ScoringInfo(Entry):
     """what was assumed and done, oldest first"""
     quality: dict[str, Any] | None
     """of the recorded times and channels"""
-    stretches: list[dict[str, Any]]
-    """one manoeuvre each, with its trim, validity, alerts, crossing and outcome"""
+    manoeuvres: list[dict[str, Any]]
+    """each with its trim, validity, alerts, crossing and outcome"""
     outside: list[dict[str, Any]]
     """limits reached outside every manoeuvre: t [s], channel and value of the first recorded sample
     of each time, from the trim of the manoeuvre before"""
@@ -63,7 +63,7 @@ class ScoringRepository(Repository):
     def add(self, scoring: ScoringInfo) -> ScoringInfo:
         """Store a scoring whose samples are in their place.
 
-        Returns the stored one: an earlier one where the order was carried out before.
+        Returns the stored one: an earlier one where the request was carried out before.
         NotFound where the recording or the monitor was deleted meanwhile.
         """
         values = {key: value for key, value in asdict(scoring).items() if key in scorings.c}
@@ -71,16 +71,16 @@ class ScoringRepository(Repository):
             fetch_recording(connection, scoring.recording_id)
             monitor = select(monitors.c.id).where(complete(monitors, scoring.monitor_id))
             fetch(connection, monitor, "monitor", scoring.monitor_id)
-            earlier = _same_order(scoring.recording_id, scoring.order_digest)
+            earlier = _same_request(scoring.recording_id, scoring.request_digest)
             if (row := connection.execute(earlier).one_or_none()) is not None:
                 return _entry(row)
             connection.execute(insert(scorings).values(**values))
         return scoring
 
-    def find(self, recording_id: str, order_digest: str) -> ScoringInfo | None:
-        """The scoring that this order led to before, None where it was never carried out."""
+    def find(self, recording_id: str, request_digest: str) -> ScoringInfo | None:
+        """The scoring that this request led to before, None where it was never carried out."""
         with self._reading() as connection:
-            row = connection.execute(_same_order(recording_id, order_digest)).one_or_none()
+            row = connection.execute(_same_request(recording_id, request_digest)).one_or_none()
         return None if row is None else _entry(row)
 
     def info(self, recording_id: str, scoring_id: str) -> ScoringInfo:
@@ -117,8 +117,8 @@ def _scorings(recording_id: str) -> Select:
     return joined.where(scorings.c.recording_id == recording_id)
 
 
-def _same_order(recording_id: str, order_digest: str) -> Select:
-    return _scorings(recording_id).where(scorings.c.order_digest == order_digest)
+def _same_request(recording_id: str, request_digest: str) -> Select:
+    return _scorings(recording_id).where(scorings.c.request_digest == request_digest)
 
 
 def _scoring(connection: Connection, recording_id: str, scoring_id: str) -> ScoringInfo:

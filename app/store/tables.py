@@ -242,8 +242,8 @@ recordings = Table(
     _plain("statistics"),
 )
 
-channel_maps = Table(
-    "channel_maps",
+mappings = Table(
+    "mappings",
     metadata,
     _id(),
     Column("aircraft", Text, nullable=False),
@@ -260,23 +260,23 @@ scorings = Table(
     _refers_to("recordings", "CASCADE"),
     _refers_to("monitors", "RESTRICT"),
     Column("monitor_digest", String(64), nullable=False),
-    Column("order_digest", String(64), nullable=False),
+    Column("request_digest", String(64), nullable=False),
     Column("digest", String(64), nullable=False),
     _time("created", nullable=False),
     Column("version", Text, nullable=False),
     Column("epsilon", Float, nullable=False),
     Column("lead", Float, nullable=False),
     Column("dt", Float, nullable=False),
-    _plain("order"),
+    _plain("request"),
     _plain("mapping"),
     Column("n_samples", BigInteger, nullable=False),
     Column("start", Float, nullable=False),
     Column("end", Float, nullable=False),
     _plain("notes"),
     _plain("quality", nullable=True),
-    _plain("stretches"),
+    _plain("manoeuvres"),
     _plain("outside"),
-    UniqueConstraint("recording_id", "order_digest"),
+    UniqueConstraint("recording_id", "request_digest"),
 )
 
 markers = Table(

@@ -7,3 +7,5 @@ ROOT = Path(__file__).parents[2]
 SHARED = ROOT.parent / "shared"
 """Published numbers and flight records, beside the checkout; they are not part of it."""
 RECORDS = SHARED / "data"
+DATA = ROOT / "tests" / "data"
+"""Files that earlier versions of the program wrote."""

@@ -78,7 +78,7 @@ def subject_of(monitor: Monitor, stretches: Sequence[dict[str, Any]]) -> ReportS
             "created": "2030-01-01T10:20:30.000000Z", "version": "0", "epsilon": 0.1, "dt": DT,
             "lead": monitor.lead, "n_samples": n, "start": 0.0, "end": n * DT,
             "notes": ["resampled", "beta: 3 gaps."], "digest": "cd" * 32,
-            "monitor_name": "oscillator", "monitor_digest": "ef" * 32, "stretches": stretches,
+            "monitor_name": "oscillator", "monitor_digest": "ef" * 32, "manoeuvres": stretches,
             "outside": [],
             "quality": {
                 "sentences": ["beta: 3 gaps."],

@@ -7,13 +7,17 @@ from typing import Any
 
 import numpy as np
 import pytest
+from alembic import command
+from alembic.config import Config
 from sqlalchemy import func, select
 
 from app.store import arrays as stored_arrays
 from app.store import monitors as stored_monitors
 from app.store import repository
 from app.store.assessments import StoredAssessments
+from app.store.database import address
 from app.store.recordings import MappedColumns
+from app.store.schema import configuration, current_revision, migrating
 from app.store.scorings import ScoringInfo
 from app.store.store import Store, open_store
 from core.monitor import Monitor
@@ -36,6 +40,16 @@ def opened(path: Path) -> Iterator[Store]:
     yield store
     assert store.damage() == []
     store.close()
+
+
+def move(path: Path, revision: str, config: Config | None = None) -> None:
+    """Migrate a database up or down to a revision."""
+    config = config or configuration()
+    current = current_revision(address(path)) or ""
+    with migrating(address(path)) as connection:
+        config.attributes["connection"] = connection
+        down = revision == "base" or revision < current
+        (command.downgrade if down else command.upgrade)(config, revision)
 
 
 def make_parts_small(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -79,29 +93,29 @@ def keep_recording(
     store.recordings.complete(identity)
 
 
-def scoring(store: Store, recording: str, monitor: str, order: str = "o") -> ScoringInfo:
+def scoring(store: Store, recording: str, monitor: str, request: str = "o") -> ScoringInfo:
     """A scoring of which nothing is on the disk."""
     return ScoringInfo(
-        id=f"s-{recording}-{order}"[:12],
+        id=f"s-{recording}-{request}"[:12],
         recording_id=recording,
         monitor_id=monitor,
         monitor_name=store.monitors.info(monitor).name,
         monitor_digest=store.monitors.info(monitor).digest,
         specification=store.monitors.info(monitor).dataset_recipe.get("specification", {}),
-        order_digest=order,
+        request_digest=request,
         digest="x",
         created="2026-01-01T00:00:00.000000Z",
         version="0",
         epsilon=0.1,
         lead=0.5,
         dt=0.05,
-        order={"epsilon": 0.1, "trim": None, "manoeuvres": "whole"},
+        request={"epsilon": 0.1, "trim": None, "manoeuvres": "whole"},
         mapping=MAPPED.mapping,
         n_samples=2**40,
         start=0.0,
         end=12.5,
         notes=["one"],
         quality=None,
-        stretches=[{"name": "whole", "validity": {"valid": True}}],
+        manoeuvres=[{"name": "whole", "validity": {"valid": True}}],
         outside=[{"t": 3.5, "channel": "Ny", "value": 0.6}],
     )

@@ -72,7 +72,7 @@ def test_every_outcome_and_hash_is_said(subject: ReportSubject) -> None:
 def test_each_manoeuvre_says_its_guarantee_remarks_and_checks(subject: ReportSubject) -> None:
     sections = sections_of(report(subject))
     assert len(sections) == 4
-    stretches = subject.scoring["stretches"]
+    stretches = subject.scoring["manoeuvres"]
     for number, (section, one) in enumerate(zip(sections, stretches, strict=True)):
         assert one["guarantee"] in section
         assert f"it begins late, {number}" in section

@@ -11,7 +11,7 @@ from app.store.markers import Marker
 from app.store.recordings import RecordingInfo
 from app.store.repository import InUse, NotFound
 from app.store.store import Store
-from app.store.tables import channel_maps, markers, recordings, scorings
+from app.store.tables import mappings, markers, recordings, scorings
 from core.dataset import Dataset
 from core.monitor import Monitor, train
 from tests.support.stored import MAPPED, count, keep_recording, opened, scoring
@@ -102,7 +102,7 @@ def test_a_mapping_is_remembered_by_aircraft_alone(store: Store) -> None:
     )
     store.mappings.save("PH-LAB", "new", {"channels": {"n": 9}})
     assert number("PH-LAB", "new") == 9
-    assert count(store, channel_maps) == 3
+    assert count(store, mappings) == 3
 
 
 def test_confirming_a_mapping_keeps_what_was_measured_of_the_file(store: Store) -> None:
@@ -119,7 +119,7 @@ def test_confirming_a_mapping_keeps_what_was_measured_of_the_file(store: Store) 
     assert store.recordings.info("a").aircraft == "D-IFSA"
 
 
-def test_an_order_is_kept_once(store: Store, trained: Monitor) -> None:
+def test_a_request_is_carried_out_once(store: Store, trained: Monitor) -> None:
     monitor = store.monitors.add(trained, "m").id
     keep_recording(store, "a")
     first = scoring(store, "a", monitor)
@@ -148,7 +148,7 @@ def test_a_scoring_is_of_its_recording_alone(store: Store, trained: Monitor) -> 
         lambda: store.scorings.of("c"),
         lambda: store.markers.of("c"),
         lambda: store.scorings.add(scoring(store, "c", monitor)),
-        lambda: store.scorings.add(replace(kept, monitor_id="c", order_digest="p")),
+        lambda: store.scorings.add(replace(kept, monitor_id="c", request_digest="p")),
     ):
         with pytest.raises(NotFound):
             refused()

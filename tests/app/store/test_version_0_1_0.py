@@ -1,0 +1,121 @@
+"""A database that version 0.1.0 wrote: all of it is there, in this schema and in that one."""
+
+import json
+import shutil
+import sqlite3
+from collections.abc import Iterator
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from app.store.mappings import RememberedMapping
+from app.store.store import Store, open_store
+from core.monitor.assessment import STATES
+from tests.support.places import DATA
+from tests.support.stored import move, opened
+
+WRITTEN = DATA / "version_0_1_0"
+REVISION = "0005"
+ANSWERS: dict[str, Any] = json.loads((WRITTEN / "answers.json").read_text())
+MONITOR, FLIGHT, RECORDING = (
+    next(key.split("/")[1] for key in ANSWERS if key.startswith(kind))
+    for kind in ("monitors", "flights", "recordings")
+)
+RENAMED = {"recording": "recording_id", "monitor": "monitor_id"} | {
+    "order": "request",
+    "stretches": "manoeuvres",
+}
+
+
+@pytest.fixture
+def path(tmp_path: Path) -> Path:
+    return Path(shutil.copy(WRITTEN / "data" / "forewarn.db", tmp_path))
+
+
+@pytest.fixture(params=["up", "up, down and up"])
+def store(path: Path, request: pytest.FixtureRequest) -> Iterator[Store]:
+    if request.param != "up":
+        move(path, "head")
+        move(path, REVISION)
+    with opened(path) as store:
+        yield store
+
+
+def stored_fields(answer: dict[str, Any], entry: dict[str, Any]) -> dict[str, Any]:
+    """What REST answered, by the names of the entry's fields."""
+    named = {RENAMED.get(key, key): value for key, value in answer.items()}
+    return {key: named[key] for key in entry if key in named}
+
+
+def assert_answers(entry: Any, answer: dict[str, Any], *others: str) -> None:
+    """The entry is what was answered; others: its fields that no answer had."""
+    plain = json.loads(json.dumps(asdict(entry)))
+    expected = stored_fields(answer, plain)
+    assert plain.keys() - expected.keys() == set(others)
+    assert {key: plain[key] for key in expected} == expected
+
+
+def test_dataset_and_monitor_are_those_that_were_trained(store: Store) -> None:
+    answer = ANSWERS[f"monitors/{MONITOR}"]
+    info = store.monitors.info(MONITOR)
+    assert_answers(info, answer)
+    assert store.datasets.get(answer["dataset_id"]).digest() == answer["dataset_digest"]
+    assert store.monitors.evaluation(MONITOR) == ANSWERS[f"monitors/{MONITOR}/evaluation"]
+
+
+def test_the_monitor_gives_the_p_values_that_were_flown(store: Store) -> None:
+    source = store.flights.info(FLIGHT).source
+    y, _, _ = store.datasets.rollout(source["dataset"], source["outcome"], source["rollout"])
+    frames = ANSWERS[f"flights/{FLIGHT}/assessments"]["frames"][: len(y)]
+    flown = [np.nan if frame["p_value"] is None else frame["p_value"] for frame in frames]
+    assert np.isfinite(flown).any()
+    np.testing.assert_array_equal(store.monitors.get(MONITOR).p_values(y), flown)
+
+
+def test_every_sample_and_alarm_of_the_flight_is_there(store: Store) -> None:
+    answer = ANSWERS[f"flights/{FLIGHT}"]
+    named = answer["source"] | {"name": answer["name"]}
+    assert_answers(store.flights.info(FLIGHT), answer | {"source": named})
+    stored = store.flights.assessments(FLIGHT)
+    frames = ANSWERS[f"flights/{FLIGHT}/assessments"]["frames"]
+    assert len(stored) == len(frames) == 121
+    for name in ("seq", "t", "y", "p_value", "y_hat"):
+        expected = np.array([frame[name] for frame in frames], float)
+        np.testing.assert_array_equal(getattr(stored, name), expected)
+    assert [STATES[code].value for code in stored.state] == [frame["state"] for frame in frames]
+    assert stored.alert.tolist() == [bool(frame["alert"]) for frame in frames]
+    assert list(stored.reasons) == [frame["reason"] for frame in frames]
+    alarms = ANSWERS[f"flights/{FLIGHT}/alarms"]
+    for alarm, answered in zip(store.alarms.of(FLIGHT), alarms, strict=True):
+        assert_answers(alarm, answered | {"id": alarm.id}, "flight_id")
+
+
+def test_recording_scoring_and_markers_are_there(store: Store) -> None:
+    answer = ANSWERS[f"recordings/{RECORDING}"]
+    assert_answers(store.recordings.info(RECORDING), answer)
+    assert store.recordings.mapped_columns(RECORDING).mapping == answer["mapping"]
+    of_its_own = "specification", "request_digest"
+    scorings = ANSWERS[f"recordings/{RECORDING}/scorings"]
+    for info, scored in zip(store.scorings.of(RECORDING), scorings, strict=True):
+        assert_answers(info, scored, *of_its_own)
+        assert store.scorings.find(RECORDING, info.request_digest) == info
+    markers = ANSWERS[f"recordings/{RECORDING}/markers"]
+    for marker, answered in zip(store.markers.of(RECORDING), markers, strict=True):
+        assert_answers(marker, answered)
+
+
+def test_a_mapping_outlives_the_way_down_and_up(path: Path) -> None:
+    store = open_store(path)
+    store.mappings.save("PH-LAB", "signals", {"channels": {}})
+    store.close()
+    move(path, REVISION)
+    with sqlite3.connect(path) as connection:
+        rows = connection.execute("SELECT aircraft, signature, mapping FROM channel_maps")
+        assert rows.fetchall() == [("PH-LAB", "signals", '{"channels":{}}')]
+    connection.close()
+    with opened(path) as again:
+        found = again.mappings.find("PH-LAB", "signals")
+        assert found == RememberedMapping("PH-LAB", {"channels": {}})
