@@ -41,9 +41,10 @@ def carry_out(order: dict[str, Any]) -> dict[str, Any]:
 
 
 def warm_up() -> None:
-    """Start a spare process in the background, unless there is one."""
-    if _spares.empty():
-        _spares.put(_start())
+    """Start a spare process in the background, unless there is one or the system has no more."""
+    with suppress(OSError):
+        if _spares.empty():
+            _spares.put(_start())
 
 
 def _take() -> Worker:

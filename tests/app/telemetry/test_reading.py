@@ -139,6 +139,13 @@ def test_the_spare_is_what_reads_the_next_file_and_is_used_once(write, tmp_path)
     assert isolation._spares.qsize() == 1
 
 
+def test_a_spare_that_cannot_start_does_not_cost_the_file(write, tmp_path, monkeypatch):
+    isolation.warm_up()
+    monkeypatch.setattr(sys, "executable", str(tmp_path / "absent"))
+    assert read_file(write(TABLE), tmp_path / "columns").groups[0].n_rows == 3
+    assert isolation._spares.empty()
+
+
 def test_many_threads_read_at_once(write, tmp_path):
     paths = [write(f"t,x\n0,{k}\n1,{k}\n", f"{k}.csv") for k in range(12)]
     with ThreadPoolExecutor(6) as pool:
