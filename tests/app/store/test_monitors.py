@@ -12,14 +12,11 @@ from app.store import monitors as stored_monitors
 from app.store.database import writing
 from app.store.monitors import SupportInfo
 from app.store.store import NotFound, Store, StoreError
-from app.store.tables import (
-    monitor_parts,
-)
+from app.store.tables import monitor_parts
 from core.dataset import Dataset
 from core.monitor import Monitor, train
 from core.monitor.portable import MonitorFileError, to_bytes
-from core.monitor.support import calibrate
-from tests.support import oscillator
+from core.monitor.support import Support
 from tests.support.stored import count, make_parts_small, opened
 
 
@@ -83,10 +80,10 @@ def test_what_validity_is_calibrated_on_is_known_without_the_file(
     store: Store, dataset: Dataset, trained: Monitor
 ) -> None:
     assert store.monitors.add(trained, "bare", None, {"misses": 3}).support is None
-    fresh = oscillator.fly(np.random.default_rng(3), 2_000)[1]
-    support = calibrate(trained, dataset, [(fresh, oscillator.fail_indices(fresh))])
+    safe, unsafe = (np.sort(np.random.default_rng(n).random((n, 2)), axis=0) for n in (300, 200))
+    support = Support(np.ones(6), safe, unsafe, dataset.unsafe.shape[1])
     monitor = replace(trained, support=support)
-    expected = SupportInfo(len(support.safe), len(support.unsafe), 0.02)
+    expected = SupportInfo(n_safe=300, n_unsafe=200, level=0.02)
     added = store.monitors.add(monitor, "m", None, {"misses": 3})
     sent = store.monitors.add_file(to_bytes(monitor), "sent")
     assert added.support == sent.support == store.monitors.info(sent.id).support == expected
