@@ -33,7 +33,7 @@ def migrations() -> Path:
         if (directory / "env.py").is_file():
             return directory
     raise StoreError(
-        f"the migrations are missing beside {here}: the installation is not whole, install again"
+        f"the migrations are missing beside {here}: the installation is incomplete, install again"
     )
 
 

@@ -1,4 +1,4 @@
-"""The tables: what is kept of datasets, monitors, jobs, flights and recordings.
+"""The tables: what is stored of datasets, monitors, jobs, flights and recordings.
 
 Ids are random, times are UTC in ISO 8601, numbers are SI. Large content lies in tables of its own,
 in parts of a size that a short transaction can write. A migration in `alembic/` goes with every
@@ -69,9 +69,9 @@ def _id() -> Column[str]:
 
 
 def _part_of(table: str) -> Column[str]:
-    """Part of the primary key that says whose part this is; it is deleted with the whole."""
-    whole = ForeignKey(f"{table}.id", ondelete="CASCADE")
-    return Column(f"{table.removesuffix('s')}_id", String(2 * ID_BYTES), whole, primary_key=True)
+    """Part of the primary key that says whose part this is; deleted with that."""
+    row = ForeignKey(f"{table}.id", ondelete="CASCADE")
+    return Column(f"{table.removesuffix('s')}_id", String(2 * ID_BYTES), row, primary_key=True)
 
 
 def _refers_to(table: str, ondelete: str) -> Column[str]:

@@ -1,9 +1,8 @@
-"""Stored datasets: to the bit, whole or not at all, one rollout without the others."""
+"""Stored datasets: to the bit, complete or not at all, one rollout without the others."""
 
 from collections.abc import Iterator
 from dataclasses import fields, replace
 from itertools import pairwise
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -20,13 +19,7 @@ from app.store.tables import (
     datasets,
 )
 from core.dataset import Dataset
-from tests.support.stored import count, make_parts_small, opened
-
-
-@pytest.fixture
-def store(tmp_path: Path) -> Iterator[Store]:
-    with opened(tmp_path / "kept here" / "50 %" / "forewarn.db") as store:
-        yield store
+from tests.support.stored import count, make_parts_small
 
 
 @pytest.fixture
@@ -43,10 +36,10 @@ def test_a_dataset_comes_back_to_the_bit(
     info = store.datasets.add(dataset, "doublets")
     back = store.datasets.get(info.id)
     for field in fields(Dataset):
-        given, found = getattr(dataset, field.name), getattr(back, field.name)
-        np.testing.assert_array_equal(found, given)
+        given, read = getattr(dataset, field.name), getattr(back, field.name)
+        np.testing.assert_array_equal(read, given)
         if isinstance(given, np.ndarray):
-            assert found.dtype == given.dtype
+            assert read.dtype == given.dtype
     assert (count(store, dataset_blocks) > 20) == (parts == "small")
 
 
@@ -133,7 +126,7 @@ def test_an_altered_array_is_noticed(store: Store, dataset: Dataset) -> None:
         store.datasets.get(dataset_id)
 
 
-def test_a_dataset_is_seen_only_once_it_is_whole(
+def test_a_dataset_is_seen_only_once_it_is_complete(
     store: Store, dataset: Dataset, small_parts: None, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     seen: list[list[DatasetInfo]] = []
@@ -161,9 +154,9 @@ def test_a_dataset_that_fails_half_way_leaves_nothing(
 
 def test_peaks_count_every_rollout_against_its_limit(dataset: Dataset) -> None:
     limits = {"Ny": 0.4, "p": 0.3, "beta": None}
-    found = peak_histograms(replace(dataset, recipe={"specification": limits}))
-    assert [peaks.channel for peaks in found] == ["p", "Ny"]
-    for peaks, channel in zip(found, (1, 3), strict=True):
+    histograms = peak_histograms(replace(dataset, recipe={"specification": limits}))
+    assert [peaks.channel for peaks in histograms] == ["p", "Ny"]
+    for peaks, channel in zip(histograms, (1, 3), strict=True):
         edges = np.array(peaks.edges)
         assert 1.0 in peaks.edges
         for counts, y in ((peaks.unsafe, dataset.unsafe), (peaks.safe, dataset.safe)):

@@ -1,31 +1,18 @@
 """Stored flights: every sample once, in chunks; alarms acknowledged once."""
 
 from collections.abc import Iterator
-from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from app.store import flights as stored_flights
 from app.store.store import Store
 from app.store.tables import assessment_chunks
-from core.dataset import Dataset
-from core.monitor import Monitor, train
+from core.monitor import Monitor
 from core.monitor.assessment import REASONS, STATES
 from tests.support.stored import append, assert_says_its_number, count, flown, opened
-
-
-@pytest.fixture
-def store(tmp_path: Path) -> Iterator[Store]:
-    with opened(tmp_path / "kept here" / "50 %" / "forewarn.db") as store:
-        yield store
-
-
-@pytest.fixture(scope="module")
-def trained(dataset: Dataset) -> Monitor:
-    return train(dataset)
 
 
 def test_reasons_come_back_across_chunks_and_default_to_what_the_state_says(
@@ -59,6 +46,7 @@ def long_lived(
         yield store, store.monitors.add(trained, "m").id
 
 
+@settings(max_examples=40)
 @given(
     parts=st.lists(st.tuples(st.integers(0, 3), st.integers(0, 25)), max_size=5),
     first=st.integers(-5, 50),

@@ -1,8 +1,6 @@
 """Stored monitors: the same p-values, the same file, tied to their dataset."""
 
-from collections.abc import Iterator
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -14,21 +12,10 @@ from app.store.monitors import SupportInfo
 from app.store.store import NotFound, Store, StoreError
 from app.store.tables import monitor_parts
 from core.dataset import Dataset
-from core.monitor import Monitor, train
+from core.monitor import Monitor
 from core.monitor.portable import MonitorFileError, to_bytes
 from core.monitor.support import Support
-from tests.support.stored import count, make_parts_small, opened
-
-
-@pytest.fixture
-def store(tmp_path: Path) -> Iterator[Store]:
-    with opened(tmp_path / "kept here" / "50 %" / "forewarn.db") as store:
-        yield store
-
-
-@pytest.fixture(scope="module")
-def trained(dataset: Dataset) -> Monitor:
-    return train(dataset)
+from tests.support.stored import count, make_parts_small
 
 
 @pytest.fixture
@@ -90,9 +77,9 @@ def test_what_validity_is_calibrated_on_is_known_without_the_file(
     assert [info.support for info in store.monitors.all()] == [expected, expected, None]
     assert store.monitors.evaluation(added.id) == {"misses": 3}
     assert store.monitors.evaluation(sent.id) is None
-    kept = store.monitors.get(added.id).support
-    assert kept is not None
-    assert kept.unsafe.tobytes() == support.unsafe.tobytes()
+    stored = store.monitors.get(added.id).support
+    assert stored is not None
+    assert stored.unsafe.tobytes() == support.unsafe.tobytes()
 
 
 def test_a_monitor_is_tied_only_to_the_dataset_it_was_trained_on(

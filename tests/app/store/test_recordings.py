@@ -1,8 +1,6 @@
 """Rows of recordings, mappings, scorings and markers; nothing of them outlives its recording."""
 
-from collections.abc import Iterator
 from dataclasses import replace
-from pathlib import Path
 
 import pytest
 
@@ -12,20 +10,8 @@ from app.store.recordings import RecordingInfo
 from app.store.repository import InUse, NotFound
 from app.store.store import Store
 from app.store.tables import mappings, markers, recordings, scorings
-from core.dataset import Dataset
-from core.monitor import Monitor, train
-from tests.support.stored import MAPPED, count, keep_recording, opened, scoring
-
-
-@pytest.fixture
-def store(tmp_path: Path) -> Iterator[Store]:
-    with opened(tmp_path / "forewarn.db") as store:
-        yield store
-
-
-@pytest.fixture(scope="module")
-def trained(dataset: Dataset) -> Monitor:
-    return train(dataset)
+from core.monitor import Monitor
+from tests.support.stored import MAPPED, count, keep_recording, scoring
 
 
 def test_a_recording_is_seen_once_its_folder_is_in_its_place(store: Store) -> None:
@@ -63,15 +49,15 @@ def test_a_recording_goes_out_of_sight_before_it_goes(store: Store, trained: Mon
 def test_a_recording_that_is_flown_stays(store: Store, trained: Monitor) -> None:
     monitor = store.monitors.add(trained, "m").id
     keep_recording(store, "a")
-    kept = store.scorings.add(scoring(store, "a", monitor))
-    source = {"kind": "recording", "recording": "a", "scoring": kept.id}
+    stored = store.scorings.add(scoring(store, "a", monitor))
+    source = {"kind": "recording", "recording": "a", "scoring": stored.id}
     flight = store.flights.add(source, monitor, 0.1)
     with pytest.raises(InUse, match=f"recording flight.csv is used by running flight.*{flight}"):
         store.recordings.withdraw("a")
     with pytest.raises(InUse, match=flight):
-        store.scorings.delete("a", kept.id)
+        store.scorings.delete("a", stored.id)
     store.flights.end(flight)
-    store.scorings.delete("a", kept.id)
+    store.scorings.delete("a", stored.id)
     store.recordings.withdraw("a")
 
 
@@ -89,8 +75,8 @@ def test_a_mapping_is_remembered_by_aircraft_alone(store: Store) -> None:
         store.mappings.save(aircraft, signals, {"channels": {"n": order}})
 
     def number(aircraft: str | None, signals: str) -> int | None:
-        kept = store.mappings.find(aircraft, signals)
-        return None if kept is None else kept.mapping["channels"]["n"]
+        stored = store.mappings.find(aircraft, signals)
+        return None if stored is None else stored.mapping["channels"]["n"]
 
     assert number("PH-LAB", "old") == 0
     assert number("PH-LAB", "new") == 1
@@ -138,17 +124,17 @@ def test_a_scoring_is_of_its_recording_alone(store: Store, trained: Monitor) -> 
     monitor = store.monitors.add(trained, "m").id
     keep_recording(store, "a")
     keep_recording(store, "b")
-    kept = store.scorings.add(scoring(store, "a", monitor))
+    stored = store.scorings.add(scoring(store, "a", monitor))
     marker = store.markers.add("a", Marker("k", "now", "note", 1.0, None, "gust"))
     for refused in (
-        lambda: store.scorings.info("b", kept.id),
-        lambda: store.scorings.delete("b", kept.id),
+        lambda: store.scorings.info("b", stored.id),
+        lambda: store.scorings.delete("b", stored.id),
         lambda: store.markers.update("b", marker),
         lambda: store.markers.delete("b", marker.id),
         lambda: store.scorings.of("c"),
         lambda: store.markers.of("c"),
         lambda: store.scorings.add(scoring(store, "c", monitor)),
-        lambda: store.scorings.add(replace(kept, monitor_id="c", request_digest="p")),
+        lambda: store.scorings.add(replace(stored, monitor_id="c", request_digest="p")),
     ):
         with pytest.raises(NotFound):
             refused()
@@ -157,15 +143,15 @@ def test_a_scoring_is_of_its_recording_alone(store: Store, trained: Monitor) -> 
 def test_a_monitor_that_scored_a_recording_stays(store: Store, trained: Monitor) -> None:
     monitor = store.monitors.add(trained, "m").id
     keep_recording(store, "a")
-    kept = store.scorings.add(scoring(store, "a", monitor))
+    stored = store.scorings.add(scoring(store, "a", monitor))
     flight = store.flights.add({}, monitor, 0.1)
     with pytest.raises(InUse, match=r"scoring of flight\.csv") as refused:
         store.monitors.delete(monitor)
     assert refused.value.users == (
         ("running flight", flight),
-        ("scoring of flight.csv", kept.id),
+        ("scoring of flight.csv", stored.id),
     )
-    store.scorings.delete("a", kept.id)
+    store.scorings.delete("a", stored.id)
     store.flights.delete(flight)
     store.monitors.delete(monitor)
 

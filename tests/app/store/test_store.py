@@ -1,6 +1,6 @@
 """The store: what is in use stays, what is gone is gone, what was under way is interrupted."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
@@ -20,24 +20,8 @@ from app.store.tables import (
     monitors,
 )
 from core.dataset import Dataset
-from core.monitor import Monitor, train
-from tests.support.stored import append, assert_says_its_number, count, flown, opened
-
-
-@pytest.fixture
-def path(tmp_path: Path) -> Path:
-    return tmp_path / "kept here" / "50 %" / "forewarn.db"
-
-
-@pytest.fixture
-def store(path: Path) -> Iterator[Store]:
-    with opened(path) as store:
-        yield store
-
-
-@pytest.fixture(scope="module")
-def trained(dataset: Dataset) -> Monitor:
-    return train(dataset)
+from core.monitor import Monitor
+from tests.support.stored import append, assert_says_its_number, count, flown
 
 
 def test_a_dataset_in_use_stays_and_names_its_monitors(
@@ -65,8 +49,8 @@ def test_a_monitor_that_flew_stays_and_names_its_flights(store: Store, trained: 
         store.monitors.delete(monitor_id)
     store.flights.delete(flight)
     store.monitors.delete(monitor_id)
-    kept = [count(store, table) for name, table in metadata.tables.items()]
-    assert kept == [0] * len(kept)
+    left = [count(store, table) for name, table in metadata.tables.items()]
+    assert left == [0] * len(left)
 
 
 MISSING: dict[str, Callable[[Store], Any]] = {
@@ -162,7 +146,7 @@ def test_work_under_way_is_interrupted_when_the_store_opens(path: Path, trained:
 
 
 @pytest.mark.parametrize(
-    ("given", "said"),
+    ("given", "message"),
     [
         ("sqlite://", "no file"),
         ("sqlite:///:memory:", "no file"),
@@ -171,8 +155,8 @@ def test_work_under_way_is_interrupted_when_the_store_opens(path: Path, trained:
         ("://", "no known kind"),
     ],
 )
-def test_what_is_no_database_address_is_refused(given: str, said: str) -> None:
-    with pytest.raises(StoreError, match=said):
+def test_what_is_no_database_address_is_refused(given: str, message: str) -> None:
+    with pytest.raises(StoreError, match=message):
         address(given)
 
 

@@ -117,5 +117,5 @@ def test_a_mapping_outlives_the_way_down_and_up(path: Path) -> None:
         assert rows.fetchall() == [("PH-LAB", "signals", '{"channels":{}}')]
     connection.close()
     with opened(path) as again:
-        found = again.mappings.find("PH-LAB", "signals")
-        assert found == RememberedMapping("PH-LAB", {"channels": {}})
+        mapping = again.mappings.find("PH-LAB", "signals")
+        assert mapping == RememberedMapping("PH-LAB", {"channels": {}})
