@@ -1,8 +1,9 @@
-"""Processes that write to a store until they are killed, each forked of one that imported it."""
+"""Processes that open a store, most to be killed: each forked of one that has imported it."""
 
 import multiprocessing
 import os
 import signal
+import warnings
 from concurrent.futures import ThreadPoolExecutor
 from multiprocessing.connection import Connection
 from multiprocessing.process import BaseProcess
@@ -13,7 +14,7 @@ from typing import Any
 import numpy as np
 from sqlalchemy import event
 
-from app.store import arrays, repository
+from app.store import arrays, repository, schema
 from app.store.store import open_store
 from tests.support import oscillator
 from tests.support.stored import append
@@ -76,6 +77,18 @@ def write_at_once(path: Path, reports: Connection) -> None:
         pool.submit(writer.collect, 10**6)
         for flight in writer.flights:
             pool.submit(writer.fly, flight, 10**9)
+
+
+def add_a_job(path: Path, reports: Connection) -> None:
+    """Open a store and add a job; warnings are errors."""
+    warnings.simplefilter("error")
+    open_store(path).jobs.add("a", {})
+
+
+def open_by_migrations(path: Path, reports: Connection, directory: Path) -> None:
+    """Open a store as a program with these migrations does."""
+    schema.migrations = lambda: directory
+    open_store(path)
 
 
 def start(target: Any, path: Path, *arguments: Any) -> tuple[BaseProcess, Connection]:

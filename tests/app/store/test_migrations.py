@@ -26,6 +26,7 @@ from core.dataset import Dataset
 from core.monitor import train
 from core.monitor.portable import to_bytes
 from tests.support.places import ROOT
+from tests.support.store_writer import add_a_job, open_by_migrations, remaining, start
 from tests.support.stored import append, assert_says_its_number, keep_recording, move, scoring
 
 REVISIONS = [
@@ -249,15 +250,9 @@ def test_a_program_killed_in_the_middle_of_a_migration_leaves_the_old_schema(
     job = store.jobs.add("collect", {})
     store.close()
     die = 'op.execute("DELETE FROM jobs")\n    os.kill(os.getpid(), signal.SIGKILL)'
-    code = (
-        "import sys\nfrom pathlib import Path\nfrom app.store import schema\n"
-        "from app.store.store import open_store\n"
-        "schema.migrations = lambda: Path(sys.argv[2])\nopen_store(sys.argv[1])\n"
-    )
-    killed = subprocess.run(
-        [sys.executable, "-c", code, str(path), str(newer_program(tmp_path, die))], cwd=ROOT
-    )
-    assert killed.returncode == -signal.SIGKILL
+    killed, reports = start(open_by_migrations, path, newer_program(tmp_path, die))
+    assert remaining(killed, reports) == []
+    assert killed.exitcode == -signal.SIGKILL
     store = open_store(path)
     assert store.jobs.info(job).status == "interrupted"
     assert store.damage() == []
@@ -266,13 +261,9 @@ def test_a_program_killed_in_the_middle_of_a_migration_leaves_the_old_schema(
 
 
 def test_processes_that_open_a_new_store_at_once_make_one(path: Path) -> None:
-    code = (
-        "import sys\nfrom app.store.store import open_store\n"
-        "open_store(sys.argv[1]).jobs.add('a', {})"
-    )
-    command_line = [sys.executable, "-W", "error", "-c", code, str(path)]
-    opening = [subprocess.Popen(command_line, cwd=ROOT) for _ in range(3)]
-    assert [process.wait() for process in opening] == [0, 0, 0]
+    opening = [start(add_a_job, path) for _ in range(3)]
+    assert [remaining(*process) for process in opening] == [[], [], []]
+    assert [process.exitcode for process, _ in opening] == [0, 0, 0]
     store = open_store(path)
     assert len(store.jobs.all()) == 3
     store.close()
