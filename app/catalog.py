@@ -83,17 +83,12 @@ def schema_of(member: Any) -> dict[str, Any]:
     Every property has title, description, `x-unit` and default; no `$ref`. A property that is of a
     family has `x-family` and takes a `kind` with that kind's parameters.
     """
-    return _with_notes(_inlined(TypeAdapter(type(member)).json_schema()), member)
-
-
-def _with_notes(schema: dict[str, Any], member: Any) -> dict[str, Any]:
-    """Add descriptions, units and defaults to an object's properties; no others are allowed."""
-    described = descriptions(type(member))
-    properties = {}
+    kind, properties = type(member), {}
+    known = _definitions()[kind.__name__].get("properties", {})
+    described = descriptions(kind)
     for field in fields(member):
-        value = getattr(member, field.name)
-        words = described.get(field.name, "")
-        entry = _property(schema["properties"][field.name], value)
+        value, words = getattr(member, field.name), described.get(field.name, "")
+        entry = _property(known[field.name], value)
         entry |= {"title": field.name, "default": to_plain(value)}
         entry["description"] = words or entry.get("description", "")
         if unit := unit_of(field.name, "" if isinstance(value, tuple) else words):
@@ -101,25 +96,32 @@ def _with_notes(schema: dict[str, Any], member: Any) -> dict[str, Any]:
         properties[field.name] = entry
     return {
         "type": "object",
-        "title": type(member).__name__,
-        "description": first_line(type(member)),
+        "title": kind.__name__,
+        "description": first_line(kind),
         "properties": properties,
         "additionalProperties": False,
     }
 
 
+@cache
+def _definitions() -> dict[str, Any]:
+    """JSON schema, with attribute docstrings, of every class that recipes are made of, and bases.
+
+    All at once, since pydantic reads the source of each class anew for every schema it is in.
+    """
+    members = [m for family in FAMILIES.values() for m in family.members.values()]
+    classes = [c for m in (*members, *RECIPES.values()) for c in type(m).__mro__ if is_dataclass(c)]
+    every: Any = GenericAlias(tuple, tuple(dict.fromkeys(classes)))
+    return TypeAdapter(every, config=DOCSTRINGS).json_schema()["$defs"]
+
+
 def descriptions(kind: type) -> dict[str, str]:
-    """Attribute docstring of each parameter; a class's own go before its bases'."""
+    """Attribute docstring of each parameter, inherited ones too; a channel's is its name."""
     described = {channel.key: f"{channel.label} {channel.symbol}" for channel in CHANNELS}
-    for base in filter(is_dataclass, reversed(kind.__mro__)):
-        listed: Any = GenericAlias(list, base)  # a dataclass itself takes no configuration
-        schema = TypeAdapter(listed, config=DOCSTRINGS).json_schema()
-        own = schema["$defs"][schema["items"]["$ref"].rpartition("/")[2]].get("properties", {})
-        described |= {
-            name: " ".join(entry["description"].split())
-            for name, entry in own.items()
-            if "description" in entry
-        }
+    for base in reversed(kind.__mro__):
+        for name, entry in _definitions().get(base.__name__, {}).get("properties", {}).items():
+            if "description" in entry:
+                described[name] = " ".join(entry["description"].split())
     return described
 
 
@@ -151,25 +153,8 @@ def _property(schema: dict[str, Any], value: Any) -> dict[str, Any]:
             "properties": {"kind": {"enum": list(family.members)}},
         }
     if is_dataclass(value):
-        return _with_notes(schema, value)
+        return schema_of(value)
     return dict(schema)
-
-
-def _inlined(schema: dict[str, Any]) -> dict[str, Any]:
-    """The schema with every `$ref` replaced by what it refers to."""
-    definitions = schema.get("$defs", {})
-
-    def resolve(node: Any) -> Any:
-        if isinstance(node, list):
-            return [resolve(entry) for entry in node]
-        if not isinstance(node, dict):
-            return node
-        if "$ref" in node:
-            target = definitions[node["$ref"].rpartition("/")[2]]
-            return resolve(target | {k: v for k, v in node.items() if k != "$ref"})
-        return {key: resolve(entry) for key, entry in node.items() if key != "$defs"}
-
-    return resolve(schema)
 
 
 def dataset_request_schema() -> dict[str, Any]:

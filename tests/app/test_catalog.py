@@ -1,37 +1,13 @@
-from dataclasses import dataclass, fields
+from dataclasses import fields
 
 import pytest
 
 from app.catalog import descriptions, first_line, schema_of, unit_of
 from core.collection import DatasetRecipe
 from core.recipe import FAMILIES
+from core.simulation.aircraft import AIRCRAFT
+from core.simulation.maneuver import Maneuver, Table
 from core.specification import Limits
-
-
-@dataclass(frozen=True)
-class Base:
-    """A base."""
-
-    speed: float = 1.0
-    """how fast [m/s]."""
-    turn_deg: float = 2.0
-    """how far,
-    over two lines."""
-
-
-@dataclass(frozen=True)
-class Part(Base):
-    """What it is, in
-    two lines.
-
-    Some words on it.
-    """
-
-    speed: float = 2.0
-    """its own words [kt]."""
-    a: tuple[float, ...] = ()
-    """inputs [rad]."""
-    rest: int = 0
 
 
 def unit(schema, name):
@@ -39,24 +15,33 @@ def unit(schema, name):
 
 
 def test_attribute_docstrings_describe_and_give_the_unit():
-    schema = schema_of(Part())
-    assert schema["properties"]["turn_deg"]["description"] == "how far, over two lines."
-    assert unit(schema, "turn_deg") == "deg"
-    assert schema["properties"]["rest"]["description"] == unit(schema, "rest") == ""
+    schema = schema_of(DatasetRecipe())
+    entry = schema["properties"]["dt"]
+    assert (entry["description"], entry["x-unit"]) == ("sample interval of the telemetry [s].", "s")
+    assert schema["properties"]["substeps"]["description"].endswith("counts at the later one.")
+    assert unit(schema, "substeps") == ""
 
 
-def test_a_class_describes_better_than_its_base():
-    assert descriptions(Part)["speed"] == "its own words [kt]."
-    assert unit(schema_of(Part()), "speed") == "kt"
-    assert unit(schema_of(Base()), "speed") == "m/s"
+def test_a_class_inherits_descriptions():
+    own, inherited = descriptions(Table), descriptions(Maneuver)
+    assert own["t_s"] == "increasing, from 0."
+    assert own["lead_in_s"] == inherited["lead_in_s"] == "trim before the first input."
 
 
 def test_a_matrix_has_no_unit_of_its_own():
-    assert descriptions(Part)["a"] == "inputs [rad]."
-    assert unit(schema_of(Part()), "a") == ""
+    schema = schema_of(AIRCRAFT["matrices"])
+    assert "[rad]" in schema["properties"]["a"]["description"]
+    assert unit(schema, "a") == ""
 
 
 def test_the_first_line_is_the_first_paragraph():
+    class Part:
+        """What it is, in
+        two lines.
+
+        Some words on it.
+        """
+
     assert first_line(Part) == "What it is, in two lines."
 
 
@@ -71,7 +56,6 @@ def test_channels_lend_their_units():
         "delta_r": "rad",
     }
     assert descriptions(Limits)["beta"] == "sideslip β"
-    assert unit(schema_of(DatasetRecipe()), "dt") == "s"
 
 
 @pytest.mark.parametrize(
