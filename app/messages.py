@@ -7,9 +7,9 @@ transport does; `sent` and the heartbeat's `server_time` are the server's.
 
 from typing import Annotated, Any, Literal
 
-import orjson
 from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
 
+from app import json_codec
 from core.channels import CHANNELS
 from core.monitor import Assessment
 from core.monitor.assessment import State
@@ -210,8 +210,8 @@ _CLIENT: TypeAdapter[Credit | Resume] = TypeAdapter(
 def decode(text: str) -> Credit | Resume:
     """Read a client's message; MessageError where it is none."""
     try:
-        return _CLIENT.validate_python(orjson.loads(text))
-    except (orjson.JSONDecodeError, ValidationError) as error:
+        return _CLIENT.validate_json(text)
+    except ValidationError as error:
         raise MessageError("send credit with n, or resume with seq, as JSON") from error
 
 
@@ -232,7 +232,7 @@ def plain_frame(seq: int, y: Any, said: Assessment, sent: float | None) -> dict[
 
 def encode_frame(frame: dict[str, Any]) -> str:
     """Return a frame as JSON text, once for all who see it; what is not finite becomes null."""
-    return orjson.dumps(frame, option=orjson.OPT_SERIALIZE_NUMPY).decode()
+    return json_codec.encode(frame).decode()
 
 
 def encode_frames(seq: int, frames: list[str], conflated: int) -> str:

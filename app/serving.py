@@ -1,7 +1,6 @@
 """Serving: the listening socket, the server around the application, one server a data directory."""
 
 import asyncio
-import os
 import socket
 from collections.abc import Awaitable, Callable, Iterator
 from contextlib import contextmanager
@@ -9,6 +8,7 @@ from typing import Any
 
 import uvicorn
 from fastapi import FastAPI
+from filelock import FileLock, Timeout
 from uvicorn.protocols.websockets.auto import AutoWebSocketsProtocol
 
 from app.main import create_app
@@ -121,37 +121,24 @@ def alone(settings: Settings) -> Iterator[None]:
 
     SettingsError where another process serves it, or it cannot be written.
     """
-    path = settings.data_dir / "forewarn.lock"
+    lock = FileLock(settings.data_dir / "forewarn.lock", timeout=0, mode=0o600)
     try:
         settings.data_dir.mkdir(parents=True, exist_ok=True)
-        handle = os.open(path, os.O_RDWR | os.O_CREAT, 0o600)
+        lock.acquire()
+    except Timeout:
+        raise SettingsError(
+            f"another forewarn serves {settings.data_dir}: stop it, or choose another with "
+            "--data-dir"
+        ) from None
     except OSError as error:
         raise SettingsError(
             f"{settings.data_dir} cannot be written ({error.strerror}): choose another with "
             "--data-dir"
         ) from error
     try:
-        if not _lock(handle):
-            raise SettingsError(
-                f"another forewarn serves {settings.data_dir}: stop it, or choose another with "
-                "--data-dir"
-            )
         yield
     finally:
-        os.close(handle)
-
-
-def _lock(handle: int) -> bool:
-    """Take the lock, which goes with the process however it ends; False where another has it."""
-    try:
-        import fcntl
-    except ImportError:  # Windows: two servers there are the user's care
-        return True
-    try:
-        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except BlockingIOError:
-        return False
-    return True
+        lock.release()
 
 
 def _loop_factory() -> Callable[[], asyncio.AbstractEventLoop] | None:

@@ -1,10 +1,23 @@
 """What `pip install .` takes along: the list in pyproject.toml is explicit, so it can forget."""
 
+import ast
+import re
+import subprocess
+import sys
 import tomllib
+from importlib.metadata import packages_distributions, version
 
+import pytest
+
+from app.commands.doctor import TESTED, release
 from tests.support.places import ROOT
 
-SETUPTOOLS = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["setuptools"]
+PYPROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())
+SETUPTOOLS = PYPROJECT["tool"]["setuptools"]
+NEVER_IMPORTED = {
+    "httptools": "uvicorn reads HTTP with it",
+    "fastapi-offline": "its files are served, its code never runs",
+}
 
 
 def folders_of_code(top: str) -> set[str]:
@@ -22,3 +35,43 @@ def test_every_folder_of_code_is_packaged():
 def test_the_page_and_the_migrations_are_packaged_as_data():
     assert SETUPTOOLS["package-dir"] == {"app.alembic": "alembic", "app.static": "static"}
     assert SETUPTOOLS["package-data"]["app.static"] == ["**/*"]
+
+
+def declared(*extras: str) -> set[str]:
+    """Return the names of what is required, without an extra or with these."""
+    project = PYPROJECT["project"]
+    lists = (project["optional-dependencies"][extra] for extra in extras)
+    required = [*project["dependencies"], *(name for names in lists for name in names)]
+    return {re.split(r"[^\w.-]", requirement)[0] for requirement in required}
+
+
+def imported() -> set[str]:
+    """Return the distributions that the code imports from, anywhere in its files."""
+    distributions, modules = packages_distributions(), set()
+    for file in (file for top in ("app", "core") for file in (ROOT / top).rglob("*.py")):
+        for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.Import):
+                modules |= {alias.name.partition(".")[0] for alias in node.names}
+            elif isinstance(node, ast.ImportFrom) and node.module:
+                modules.add(node.module.partition(".")[0])
+    others = modules - sys.stdlib_module_names - {"app", "core"}
+    return {distributions[module][0].lower().replace("_", "-") for module in others}
+
+
+def test_what_is_imported_is_declared_and_what_is_declared_is_imported():
+    assert declared("ulog", "mdf", "ch10") - set(NEVER_IMPORTED) == imported()
+
+
+@pytest.mark.parametrize("package", sorted(TESTED))
+def test_the_newest_tested_release_is_the_one_that_these_tests_run_with(package):
+    assert release(version(package)) == release(TESTED[package])
+
+
+def test_the_newest_tested_release_of_every_dependency_is_known():
+    assert set(TESTED) == declared()
+
+
+def test_matplotlib_loads_only_where_a_figure_is_drawn():
+    modules = "app.main, app.cli, app.commands.report_files, app.commands.scoring_lines"
+    code = f"import sys, {modules}; sys.exit('matplotlib' in sys.modules)"
+    subprocess.run([sys.executable, "-c", code], check=True, cwd=ROOT)

@@ -5,7 +5,7 @@ import webbrowser
 from collections.abc import Callable
 
 from fastapi import FastAPI
-from httpx import ASGITransport, AsyncClient
+from httpx2 import ASGITransport, AsyncClient
 
 from app.commands.progress import progress_bar
 from app.jobs.requests import dataset_name

@@ -14,7 +14,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
-import httpx
+import httpx2
 from sqlalchemy import make_url
 from websockets.asyncio.client import connect
 
@@ -30,6 +30,39 @@ from core.collection import DatasetRecipe
 from core.monitor import MonitorRecipe, train
 
 PACKAGES = ("numpy", "scipy", "numba", "fastapi", "uvicorn", "sqlalchemy", "viser", "websockets")
+TESTED = {
+    "alembic": "1.20",
+    "anyio": "4.16",
+    "control": "0.10",
+    "fastapi": "0.165",
+    "fastapi-offline": "1.7",
+    "filelock": "4.2",
+    "h5py": "3.16",
+    "httptools": "0.9",
+    "httpx2": "2.16",
+    "jinja2": "3.1",
+    "llvmlite": "0.50",
+    "markupsafe": "3.0",
+    "matplotlib": "3.11",
+    "msgspec": "0.22",
+    "numba": "0.68",
+    "numpy": "2.4",
+    "pint": "0.25",
+    "platformdirs": "4.14",
+    "prometheus-client": "0.26",
+    "pyarrow": "26.0",
+    "pydantic": "2.14",
+    "pydantic-core": "2.50",
+    "rich": "14.3",
+    "scipy": "1.17",
+    "sqlalchemy": "2.1",
+    "starlette": "1.10",
+    "uvicorn": "0.54",
+    "uvloop": "0.23",
+    "viser": "1.1",
+    "websockets": "16.1",
+}
+"""The newest release of each dependency that the tests have run with."""
 NEEDED = ("index.html", "style.css", "js/main.js")
 OUTSIDE = re.compile(
     r"""(?:\b(?:src|href)\s*=\s*["']|\burl\(\s*["']?|\bimport\b[^;'"]*["']|\bfrom\s*["'])"""
@@ -59,6 +92,7 @@ def examine(settings: Settings) -> Iterator[Finding]:
     """Run every check in turn; one that fails does not stop the others."""
     checks: tuple[tuple[str, Callable[[Settings], str]], ...] = (
         ("versions", versions),
+        ("dependencies", dependencies),
         ("data directory", data_directory),
         ("schema", schema),
         ("port", port),
@@ -83,6 +117,30 @@ def versions(settings: Settings) -> str:
         except PackageNotFoundError:
             raise Failed(f"{package} is not installed: install forewarn again") from None
     return ", ".join(found)
+
+
+def dependencies(settings: Settings) -> str:
+    """Which dependencies are newer than any that the tests have run with; nothing is wrong yet."""
+    newer = [
+        f"{package} {installed} (tested up to {tested})"
+        for package, tested in TESTED.items()
+        if (installed := _installed(package)) and release(installed) > release(tested)
+    ]
+    if not newer:
+        return f"none of {len(TESTED)} is newer than tested"
+    return f"newer than tested: {', '.join(newer)}; where something fails, install the tested one"
+
+
+def release(text: str) -> tuple[int, ...]:
+    """Major and minor number of a version."""
+    return tuple(int(number) for number in re.findall(r"\d+", text)[:2])
+
+
+def _installed(package: str) -> str | None:
+    try:
+        return version(package)
+    except PackageNotFoundError:  # uvloop is none of Windows'
+        return None
 
 
 def data_directory(settings: Settings) -> str:
@@ -123,10 +181,12 @@ def port(settings: Settings) -> str:
     except SettingsError:
         host = f"[{settings.host}]" if ":" in settings.host else settings.host
         try:
-            answer = httpx.get(f"http://{host}:{settings.port}/healthz", timeout=5, trust_env=False)
+            answer = httpx2.get(
+                f"http://{host}:{settings.port}/healthz", timeout=5, trust_env=False
+            )
             if answer.json() == {"status": "ok"}:
                 return f"{settings.port} is served by forewarn already"
-        except (httpx.HTTPError, ValueError):
+        except (httpx2.HTTPError, ValueError):
             pass
         raise
     return f"{settings.host}:{settings.port} is free"
@@ -206,7 +266,9 @@ def _running(settings: Settings) -> Iterator[tuple[str, dict[str, str]]]:
 async def _watch(address: str, headers: dict[str, str], monitor_id: str) -> str:
     async with (
         asyncio.timeout(PATIENCE),
-        httpx.AsyncClient(base_url=address, headers=headers, trust_env=False) as client,
+        httpx2.AsyncClient(
+            base_url=address, headers=headers, timeout=PATIENCE, trust_env=False
+        ) as client,
     ):
         for path in ("/", "/docs", "/readyz", "/api/v1/catalog"):
             (await client.get(path)).raise_for_status()

@@ -11,8 +11,6 @@ from app.commands.mapping_lines import contents_lines, mapping_lines
 from app.recordings.exports import export
 from app.recordings.mapping_memory import MappingMemory
 from app.recordings.scored_file import Scored, ScoredFile, ScoreRequest, score_file
-from app.report import study_figures as figures
-from app.report.flight_figure import whole_flight
 from app.scoring.plan import plan_of
 from app.scoring.verdict import verdict
 from core.whole_file import write_whole
@@ -60,6 +58,9 @@ def is_assessed(one: Scored) -> bool:
 
 def _files(file: str, one: Scored) -> dict[str, bytes]:
     """Table and figure, by their place in the directory of results."""
+    from app.report import study_figures as figures
+    from app.report.flight_figure import whole_flight
+
     scored, monitor = one.recording, one.monitor
     figure = whole_flight(
         scored.samples,

@@ -6,8 +6,8 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-import orjson
 
+from app import json_codec
 from app.store.mappings import RememberedMapping
 from app.store.recordings import MappedColumns, MappingState
 from app.telemetry.contents import Columns, Contents
@@ -112,5 +112,4 @@ def plain_quality(quality: Quality) -> dict[str, Any]:
 
 def plain(content: Any) -> Any:
     """Dataclasses and arrays as JSON's types; what is not a number becomes null."""
-    option = orjson.OPT_SERIALIZE_NUMPY | orjson.OPT_NON_STR_KEYS
-    return orjson.loads(orjson.dumps(content, option=option))
+    return json_codec.decode(json_codec.encode(content))

@@ -4,9 +4,9 @@ import asyncio
 from collections.abc import Callable
 from typing import Annotated, Any, TypeVar
 
-import orjson
 from fastapi import Depends, Request, Response
 
+from app import json_codec
 from app.jobs.jobs import Jobs
 from app.problems import Problem
 from app.recordings.recordings import Recordings
@@ -61,8 +61,8 @@ def content_type(request: Request) -> str:
 def parse_object(body: bytes) -> dict[str, Any]:
     """Parse a JSON object; Problem 422 says where it is none."""
     try:
-        plain = orjson.loads(body)
-    except orjson.JSONDecodeError as error:
+        plain = json_codec.decode(body)
+    except json_codec.NotJson as error:
         raise Problem(422, f"the body is not JSON: {error}", "urn:forewarn:request") from None
     if not isinstance(plain, dict):
         raise Problem(
@@ -78,8 +78,7 @@ PlainBody = Annotated[dict[str, Any], Depends(plain_body)]
 
 def json_response(content: Any, status: int = 200, headers: dict[str, str] | None = None):
     """JSON of plain data and numpy arrays; NaN becomes null."""
-    body = orjson.dumps(content, option=orjson.OPT_SERIALIZE_NUMPY)
-    return Response(body, status, headers, "application/json")
+    return Response(json_codec.encode(content), status, headers, "application/json")
 
 
 async def json_from(make: Callable[..., Any], *arguments: Any) -> Response:

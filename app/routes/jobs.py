@@ -4,7 +4,6 @@ import asyncio
 from collections.abc import AsyncIterator
 from typing import Annotated, Any
 
-import orjson
 from fastapi import APIRouter, Header, Request, Response
 from fastapi.responses import StreamingResponse
 from fastapi.sse import format_sse_event
@@ -122,7 +121,7 @@ async def _events(job_id: str, jobs: JobsDep) -> AsyncIterator[bytes]:
         if info is None:
             yield format_sse_event(comment="still at it")
             continue
-        data = orjson.dumps(job_model(info).model_dump()).decode()
+        data = job_model(info).model_dump_json()
         ended = info.status in ENDED
         yield format_sse_event(data_str=data, id=LAST_EVENT if ended else None)
 

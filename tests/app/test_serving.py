@@ -10,7 +10,7 @@ from base64 import b64encode
 from contextlib import contextmanager
 from typing import Any
 
-import httpx
+import httpx2
 import pytest
 
 from app.cli import main
@@ -40,7 +40,7 @@ def command(*arguments, **environment):
 
 def settled(address, path, status):
     """Follow a job's events until it has a status."""
-    with httpx.stream("GET", f"{address}{path}/events", timeout=PATIENCE) as stream:
+    with httpx2.stream("GET", f"{address}{path}/events", timeout=PATIENCE) as stream:
         for line in stream.iter_lines():
             if line.startswith("data: "):
                 job = json.loads(line.removeprefix("data: "))
@@ -51,7 +51,7 @@ def settled(address, path, status):
 
 def test_a_server_serves_its_page_and_stops_when_told(tmp_path):
     with command("serve", "--data-dir", str(tmp_path), "--port", "0") as (process, address):
-        page = httpx.get(address)
+        page = httpx2.get(address)
         assert page.status_code == 200
         assert page.headers["content-type"].startswith("text/html")
         assert "script-src 'self'" in page.headers["content-security-policy"]
@@ -67,9 +67,11 @@ def test_after_a_kill_the_job_is_interrupted_and_the_flight_too(tmp_path, datase
     endless = {"n_unsafe": 2000, "maneuver": {"duration_s": 60.0}, "max_safe": 10}
     with command("serve", "--data-dir", str(tmp_path), "--port", "0") as (process, address):
         source = {"kind": "simulated", "recipe": {"n_unsafe": 2}}
-        flown = httpx.post(f"{address}/api/v1/flights", json={"source": source, "monitor": monitor})
+        flown = httpx2.post(
+            f"{address}/api/v1/flights", json={"source": source, "monitor": monitor}
+        )
         assert flown.status_code == 201, flown.text
-        job = httpx.post(f"{address}/api/v1/datasets", json=endless).headers["location"]
+        job = httpx2.post(f"{address}/api/v1/datasets", json=endless).headers["location"]
         settled(address, job, "running")
         process.kill()
         process.wait(PATIENCE)
@@ -141,7 +143,7 @@ def test_a_watcher_has_a_small_buffer_and_a_download_a_large_one(tmp_path):
 def test_the_demonstration_flies_and_keeps_its_monitor(tmp_path):
     arguments = ("demo", "--data-dir", str(tmp_path), "--port", "0", "--no-browser")
     with command(*arguments) as (_, address):
-        flight = httpx.get(f"{address}/api/v1/flights").json()[0]
+        flight = httpx2.get(f"{address}/api/v1/flights").json()[0]
         assert flight["status"] == "running"
         assert flight["transport"]["loop"] is True
         assert flight["fail_t"] is not None

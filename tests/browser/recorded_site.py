@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import httpx
+import httpx2
 import numpy as np
 
 from app.store.store import Store
@@ -60,7 +60,7 @@ class RecordedSite:
         return self.site.store
 
     def ask(self, method: str, path: str, **given: Any) -> Any:
-        answer = httpx.request(method, f"{self.http}/api/v1{path}", timeout=60, **given)
+        answer = httpx2.request(method, f"{self.http}/api/v1{path}", timeout=60, **given)
         assert answer.is_success, answer.text
         return answer.json() if answer.content else None
 

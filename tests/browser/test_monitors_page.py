@@ -5,7 +5,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
-import httpx
+import httpx2
 import numpy as np
 import pytest
 from playwright.sync_api import Page, expect
@@ -33,7 +33,7 @@ class Site:
     store: Store
 
     def get(self, path: str) -> Any:
-        return httpx.get(f"{self.http}/api/v1{path}").raise_for_status().json()
+        return httpx2.get(f"{self.http}/api/v1{path}").raise_for_status().json()
 
 
 @pytest.fixture(scope="module")
@@ -48,10 +48,10 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Site]:
     with open_site(tmp_path_factory.mktemp("trained")) as server:
         origin = server.http
         order = {"dataset": SMALL, "n_test": N_TEST, "name": "card 7"}
-        job = httpx.post(f"{origin}/api/v1/monitors", json=order).raise_for_status()
-        stream = httpx.get(f"{origin}{job.headers['location']}/events", timeout=60)
+        job = httpx2.post(f"{origin}/api/v1/monitors", json=order).raise_for_status()
+        stream = httpx2.get(f"{origin}{job.headers['location']}/events", timeout=60)
         assert '"done"' in stream.text.replace(" ", "")
-        made = httpx.get(f"{origin}{job.headers['location']}").json()["result"]
+        made = httpx2.get(f"{origin}{job.headers['location']}").json()["result"]
         yield Site(origin, made["monitor"], made["dataset"], server.store)
 
 

@@ -6,7 +6,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-import orjson
+import msgspec
 from starlette.testclient import TestClient
 
 from app.main import create_app
@@ -69,7 +69,7 @@ def events(client: TestClient, location: str) -> list[dict[str, Any]]:
     with client.stream("GET", f"{location}/events") as stream:
         assert stream.headers["content-type"].startswith("text/event-stream")
         lines = [line.removeprefix("data: ") for line in stream.iter_lines() if "data: " in line]
-    return [orjson.loads(line) for line in lines]
+    return [msgspec.json.decode(line) for line in lines]
 
 
 def finished(client: TestClient, response: Any) -> dict[str, Any]:

@@ -7,8 +7,8 @@ from itertools import count
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import numpy as np
-import orjson
 
 from app.flights.clock import Clock
 from app.flights.flight import FlightPlan
@@ -98,7 +98,7 @@ class Seen:
         """Take what can be had now, giving credit back for frames unless told not to."""
         new: list[dict[str, Any]] = []
         while (text := self.watcher._take()) is not None:
-            new.append(orjson.loads(text))
+            new.append(msgspec.json.decode(text))
             if credit and new[-1]["type"] == "frames":
                 self.watcher.grant(1)
         self.messages += new

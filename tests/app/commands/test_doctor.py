@@ -22,6 +22,22 @@ def test_a_sound_installation_is_well(settings):
     assert "numpy" in findings["versions"].words
 
 
+def test_no_dependency_here_is_newer_than_tested(settings):
+    assert doctor.dependencies(settings) == f"none of {len(doctor.TESTED)} is newer than tested"
+
+
+@pytest.mark.parametrize(("installed", "is_newer"), [("2.9.7", False), ("2.10.0rc1", True)])
+def test_a_dependency_newer_than_tested_is_named(settings, monkeypatch, installed, is_newer):
+    monkeypatch.setattr(doctor, "TESTED", {"numpy": "2.9"})
+    monkeypatch.setattr(doctor, "version", lambda _: installed)
+    assert (f"numpy {installed} (tested up to 2.9)" in doctor.dependencies(settings)) is is_newer
+
+
+def test_a_dependency_that_this_system_does_without_is_passed_over(settings, monkeypatch):
+    monkeypatch.setattr(doctor, "TESTED", {"none-of-this-name": "1.0"})
+    assert doctor.dependencies(settings) == "none of 1 is newer than tested"
+
+
 def test_a_failure_does_not_stop_the_other_checks(settings, monkeypatch):
     def broken(_):
         raise RuntimeError("no such thing")
@@ -30,8 +46,9 @@ def test_a_failure_does_not_stop_the_other_checks(settings, monkeypatch):
     monkeypatch.setattr(doctor, "round_trip", lambda _: "served")
     findings = list(examine(settings))
     assert [finding.what for finding in findings if not finding.is_well] == ["data directory"]
-    assert "no such thing" in str(findings[1])
-    assert str(findings[1]).startswith("FAIL")
+    (failure,) = (finding for finding in findings if finding.what == "data directory")
+    assert "no such thing" in str(failure)
+    assert str(failure).startswith("FAIL")
 
 
 @pytest.mark.parametrize(("fails", "code"), [(False, 0), (True, 1)])

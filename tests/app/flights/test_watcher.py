@@ -1,6 +1,6 @@
 """Watchers: credit, what is left out and counted, what never is, and resuming."""
 
-import orjson
+import msgspec
 import pytest
 
 from app.flights.watcher import CREDIT, LARGEST, MAX_WAITING, NEWEST, RecentFrames, Watcher
@@ -9,7 +9,7 @@ from tests.support.flying import Seen
 
 def append(recent: RecentFrames, *watchers: Watcher, n: int = 1) -> None:
     for _ in range(n):
-        recent.append(orjson.dumps({"seq": recent.head + 1}).decode())
+        recent.append(msgspec.json.encode({"seq": recent.head + 1}).decode())
         for watcher in watchers:
             watcher.wake()
 

@@ -12,7 +12,7 @@ import sys
 import threading
 import time
 
-import httpx
+import httpx2
 import pytest
 
 from app import serving as serving_module
@@ -45,7 +45,7 @@ def half_sent(address, length=LENGTH, share=0.5):
 def until(fact, address):
     """Ask the server for its pulse until something is so: its loop goes round each time."""
     deadline = time.monotonic() + PATIENCE
-    with httpx.Client(base_url=address) as client:
+    with httpx2.Client(base_url=address) as client:
         while not fact():
             assert time.monotonic() < deadline
             client.get("/healthz")
@@ -68,7 +68,7 @@ def test_a_sender_that_leaves_half_way_leaves_nothing(tmp_path):
                 connection.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, b"\1\0\0\0\0\0\0\0")
             connection.close()
             until(lambda: not kept_files(tmp_path), address)
-        assert httpx.get(f"{address}{RECORDINGS}").json() == []
+        assert httpx2.get(f"{address}{RECORDINGS}").json() == []
 
 
 def test_a_sender_that_falls_silent_is_told_and_leaves_nothing(tmp_path, monkeypatch):
@@ -96,11 +96,11 @@ def test_a_sender_that_leaves_while_its_file_is_read_leaves_nothing(tmp_path, fi
         connection.sendall(HEAD.format(path=RECORDINGS, length=len(file)).encode() + file)
         assert reading.wait(PATIENCE)
         connection.close()
-        httpx.get(f"{address}/healthz")  # its loop has come round since
+        httpx2.get(f"{address}/healthz")  # its loop has come round since
         left.set()
         until(lambda: not server.app.state.recordings.under_way, address)
         assert kept_files(tmp_path) == set()
-        assert httpx.get(f"{address}{RECORDINGS}").json() == []
+        assert httpx2.get(f"{address}{RECORDINGS}").json() == []
 
 
 def test_a_server_that_stops_leaves_nothing_of_what_was_coming(tmp_path, monkeypatch):
@@ -122,7 +122,7 @@ def test_a_server_that_is_killed_leaves_nothing_after_its_next_start(tmp_path, f
         line = next(line for line in process.stdout if "http" in line)
         address = re.search(r"http://[^/ ]+", line)[0]  # pyright: ignore
         query = {"name": "whole.csv"}
-        kept = httpx.post(
+        kept = httpx2.post(
             f"{address}{RECORDINGS}", params=query, content=file, headers=OCTETS, timeout=PATIENCE
         )
         assert kept.status_code == 201, kept.text

@@ -4,7 +4,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
-import orjson
+import msgspec
 import pytest
 from starlette.testclient import TestClient, WebSocketTestSession
 from starlette.websockets import WebSocketDisconnect
@@ -65,7 +65,7 @@ def until(socket: WebSocketTestSession, found: Callable[[dict], bool]) -> list[d
     """Receive up to the first message of this kind, giving credit for frames."""
     messages = []
     while True:
-        messages.append(orjson.loads(socket.receive_text()))
+        messages.append(msgspec.json.decode(socket.receive_text()))
         if messages[-1]["type"] == "frames":
             socket.send_text('{"type":"credit","n":1}')
         if found(messages[-1]):
@@ -130,7 +130,7 @@ def test_a_recipe_with_a_seed_of_many_bits_can_be_watched(server: Server) -> Non
     source = {"kind": "simulated", "recipe": {"seed": 2**100}}
     flight = server.start(source=source)
     with server.watch(flight["id"]) as socket:
-        assert orjson.loads(socket.receive_text())["type"] == "hello"
+        assert msgspec.json.decode(socket.receive_text())["type"] == "hello"
 
 
 def test_the_record_is_read_in_parts(server: Server, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -150,12 +150,12 @@ def test_the_record_is_read_in_parts(server: Server, monkeypatch: pytest.MonkeyP
 def test_a_watcher_that_gives_no_credit_is_told_what_it_missed(server: Server) -> None:
     flight = server.start()
     with server.watch(flight["id"]) as socket:
-        hello = orjson.loads(socket.receive_text())
+        hello = msgspec.json.decode(socket.receive_text())
         server.advance(4.0)
         socket.send_text('{"type":"credit","n":1}')
         seen: list[dict[str, Any]] = []
         while not any(message.get("conflated") and "frames" in message for message in seen):
-            seen.append(orjson.loads(socket.receive_text()))
+            seen.append(msgspec.json.decode(socket.receive_text()))
     messages = [m for m in seen if m["type"] == "frames"]
     assert len(messages) == CREDIT + 1
     shown = [f["seq"] for f in frames_of(messages)]
@@ -306,7 +306,7 @@ def test_a_client_that_sends_bytes_is_closed(server: Server) -> None:
 
 def test_a_stream_of_no_flight_says_so_and_closes(server: Server) -> None:
     with server.watch("none") as socket:
-        end = orjson.loads(socket.receive_text())
+        end = msgspec.json.decode(socket.receive_text())
         assert end["type"] == "end"
         assert "no flight none" in end["reason"]
         with pytest.raises(WebSocketDisconnect) as closed:

@@ -1,0 +1,24 @@
+"""JSON of plain data, dataclasses and numpy arrays; what is not finite becomes null."""
+
+from typing import Any
+
+import msgspec
+
+_encoder = msgspec.json.Encoder(enc_hook=lambda value: value.tolist())
+
+
+class NotJson(ValueError):
+    """What was sent is not JSON; says where."""
+
+
+def encode(content: Any) -> bytes:
+    """Return content as JSON, each float by the fewest digits that mean it."""
+    return _encoder.encode(content)
+
+
+def decode(text: bytes | str) -> Any:
+    """Return what JSON says, as plain data; NotJson where it is none, or too deep."""
+    try:
+        return msgspec.json.decode(text)
+    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
+        raise NotJson(str(error)) from error
