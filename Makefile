@@ -10,8 +10,8 @@ demo: $(READY) ## train a small monitor, serve the page, and fly a doublet on it
 study: $(READY) ## repeat the paper's experiment at a small size and draw its figures
 	$(BIN)/forewarn study --n-monitors 4 --n-test 300 --out results/study
 
-test: $(READY) ## every test but the long campaign of damaged files
-	$(BIN)/python -m pytest
+test: $(READY) ## every test but the long campaign of damaged files; a file's tests share a process
+	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n 2 --dist loadfile
 
 fuzz: $(READY) ## ten thousand damaged files for the readers
 	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -m fuzz tests/fuzzing

@@ -2,14 +2,19 @@
 
 import numpy as np
 import pytest
-from hypothesis import settings
+from hypothesis import HealthCheck, settings
 
 from core.dataset import Dataset
 from core.monitor import Monitor
 from tests.support import oscillator
 from tests.support.attas import trained
 
-settings.register_profile("forewarn", deadline=None, derandomize=True)
+settings.register_profile(
+    "forewarn",
+    deadline=None,
+    derandomize=True,
+    suppress_health_check=[HealthCheck.too_slow],  # no test fails by the clock
+)
 settings.load_profile("forewarn")
 
 

@@ -12,7 +12,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import httpx
+import httpx2
 import numpy as np
 import pytest
 
@@ -31,7 +31,7 @@ class Server:
 
     def __init__(self, process: subprocess.Popen[str], address: str, monitor: str) -> None:
         self.process, self.monitor = process, monitor
-        self.client = httpx.Client(base_url=address, timeout=60, trust_env=False)
+        self.client = httpx2.Client(base_url=address, timeout=60, trust_env=False)
         self.address = address
 
     def fly(self, n: int) -> list[str]:
