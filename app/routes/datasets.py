@@ -6,7 +6,7 @@ from typing import Annotated, Any, Literal
 
 import numpy as np
 from fastapi import APIRouter, Query, Response
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, Field
 
 from app.catalog import dataset_request_schema
 from app.jobs.kinds import dataset_work
@@ -22,50 +22,15 @@ from app.routes.dependencies import (
     file_of,
     json_from,
 )
-from app.routes.job_answers import ACCEPTED, Job, accepted
+from app.routes.job_answers import ACCEPTED, accepted
+from app.store.datasets import DatasetInfo
+from app.store.jobs import JobInfo
 from app.store.store import Store
 from core.channels import KEYS
 
 router = APIRouter(prefix="/api/v1/datasets", tags=["datasets"])
 Outcome = Literal["unsafe", "safe"]
 MOST_ROLLOUTS = 500
-
-
-class Peaks(BaseModel):
-    """Rollouts counted by their peak |channel| / limit; 1 is the limit and begins a bin."""
-
-    model_config = ConfigDict(from_attributes=True)
-
-    channel: str = Field(examples=["Ny"])
-    limit: float = Field(description="in the channel's unit")
-    edges: list[float] = Field(description="one more than bins; the last bin counts all beyond")
-    unsafe: list[int]
-    safe: list[int]
-
-
-class Dataset(BaseModel):
-    """A stored dataset, without its arrays."""
-
-    model_config = ConfigDict(from_attributes=True)
-
-    id: str
-    name: str
-    created: str = Field(description="UTC, ISO 8601")
-    digest: str = Field(description="SHA-256 of what a monitor can learn from it")
-    seed: int | None
-    version: str = Field(description="program that simulated it")
-    recipe: dict[str, Any] = Field(description="what was asked for; empty if not simulated here")
-    dt: float = Field(description="sample interval [s]")
-    n_unsafe: int
-    n_safe: int = Field(description="safe rollouts kept")
-    n_safe_met: int = Field(description="safe rollouts met, kept or not")
-    n_obs: int = Field(description="observation times kept of each safe rollout")
-    unsafe_rate: float | None = Field(
-        description="unbiased share of unsafe rollouts; null where too few were met to say"
-    )
-    n_samples: int = Field(description="samples of a rollout")
-    theta_names: list[str] = Field(description="names of theta, the uncertain parameters")
-    peaks: list[Peaks] = Field(description="one histogram for each limited channel")
 
 
 class Rollout(BaseModel):
@@ -83,7 +48,7 @@ class Rollout(BaseModel):
 @router.post(
     "",
     status_code=202,
-    response_model=Job,
+    response_model=JobInfo,
     responses=ACCEPTED,
     openapi_extra=body_of(
         dataset_request_schema(),
@@ -110,16 +75,15 @@ async def order_dataset(plain: PlainBody, store: StoreDep, jobs: JobsDep, settin
 
 
 @router.get("")
-async def list_datasets(store: StoreDep) -> list[Dataset]:
+async def list_datasets(store: StoreDep) -> list[DatasetInfo]:
     """All datasets, newest first."""
-    infos = await asyncio.to_thread(store.datasets.all)
-    return [Dataset.model_validate(info) for info in infos]
+    return await asyncio.to_thread(store.datasets.all)
 
 
 @router.get("/{dataset_id}", responses=problem_responses(404))
-async def read_dataset(dataset_id: str, store: StoreDep) -> Dataset:
+async def read_dataset(dataset_id: str, store: StoreDep) -> DatasetInfo:
     """One dataset, without its arrays."""
-    return Dataset.model_validate(await asyncio.to_thread(store.datasets.info, dataset_id))
+    return await asyncio.to_thread(store.datasets.info, dataset_id)
 
 
 @router.delete("/{dataset_id}", status_code=204, responses=problem_responses(404, 409))

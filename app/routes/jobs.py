@@ -2,12 +2,14 @@
 
 import asyncio
 from collections.abc import AsyncIterator
+from dataclasses import replace
 from typing import Annotated, Any
 
 from fastapi import APIRouter, Header, Request, Response
 from fastapi.responses import StreamingResponse
 from fastapi.sse import format_sse_event
 
+from app import json_codec
 from app.catalog import study_request_schema
 from app.jobs.jobs import NotRunning
 from app.jobs.kinds import study_work
@@ -22,7 +24,7 @@ from app.routes.dependencies import (
     body_of,
     file_of,
 )
-from app.routes.job_answers import ACCEPTED, Job, accepted, job_model
+from app.routes.job_answers import ACCEPTED, accepted, as_sent
 from app.store.jobs import ENDED, JobInfo
 
 router = APIRouter(prefix="/api/v1", tags=["jobs"])
@@ -32,24 +34,24 @@ LAST_EVENT = "end"
 
 
 @router.get("/jobs")
-async def list_jobs(store: StoreDep, jobs: JobsDep) -> list[Job]:
+async def list_jobs(store: StoreDep, jobs: JobsDep) -> list[JobInfo]:
     """All jobs, newest first; progress as of now. A study's curves are left out."""
 
-    def read() -> list[Job]:
+    def read() -> list[JobInfo]:
         listed = [jobs.fresh(info) for info in store.jobs.all()]
-        return [job_model(info).model_copy(update=_short(info)) for info in listed]
+        return [_short(as_sent(info)) for info in listed]
 
     return await asyncio.to_thread(read)
 
 
-def _short(info: JobInfo) -> dict[str, Any]:
-    return {"result": None} if info.kind == "study" else {}
+def _short(info: JobInfo) -> JobInfo:
+    return replace(info, result=None) if info.kind == "study" else info
 
 
 @router.get("/jobs/{job_id}", responses=problem_responses(404))
-async def read_job(job_id: str, jobs: JobsDep) -> Job:
+async def read_job(job_id: str, jobs: JobsDep) -> JobInfo:
     """One job, with its result once it is done."""
-    return job_model(await asyncio.to_thread(jobs.info, job_id))
+    return as_sent(await asyncio.to_thread(jobs.info, job_id))
 
 
 @router.get(
@@ -67,13 +69,13 @@ async def read_figure(job_id: str, name: str, jobs: JobsDep) -> Response:
 
 
 @router.post("/jobs/{job_id}/cancel", status_code=202, responses=problem_responses(404, 409))
-async def cancel_job(job_id: str, jobs: JobsDep) -> Job:
+async def cancel_job(job_id: str, jobs: JobsDep) -> JobInfo:
     """Ask a job to end; it does at its next step, as `cancelled`."""
     try:
         await asyncio.to_thread(jobs.cancel, job_id)
     except NotRunning as error:
         raise Problem(409, str(error), "urn:forewarn:not-running") from None
-    return job_model(await asyncio.to_thread(jobs.info, job_id))
+    return as_sent(await asyncio.to_thread(jobs.info, job_id))
 
 
 EVENT = {
@@ -121,7 +123,7 @@ async def _events(job_id: str, jobs: JobsDep) -> AsyncIterator[bytes]:
         if info is None:
             yield format_sse_event(comment="still at it")
             continue
-        data = job_model(info).model_dump_json()
+        data = json_codec.encode(as_sent(info)).decode()
         ended = info.status in ENDED
         yield format_sse_event(data_str=data, id=LAST_EVENT if ended else None)
 
@@ -130,7 +132,7 @@ async def _events(job_id: str, jobs: JobsDep) -> AsyncIterator[bytes]:
     "/studies",
     status_code=202,
     tags=["studies"],
-    response_model=Job,
+    response_model=JobInfo,
     responses=ACCEPTED,
     openapi_extra=body_of(
         study_request_schema(), {"dataset": {"n_unsafe": 50}, "n_monitors": 10, "n_test": 500}

@@ -8,8 +8,7 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 from app.problems import problem_responses
 from app.routes.dependencies import StoreDep
 from app.routes.recording_models import Number
-from app.store.markers import Marker as StoredMarker
-from app.store.markers import MarkerKind
+from app.store.markers import Marker, MarkerKind
 from app.store.tables import new_id, now
 
 router = APIRouter(prefix="/api/v1/recordings/{recording_id}/markers", tags=["recordings"])
@@ -35,28 +34,17 @@ class MarkerText(BaseModel):
         return self
 
 
-class Marker(MarkerText):
-    """A remark that is kept."""
-
-    model_config = ConfigDict(from_attributes=True)
-
-    id: str
-    created: str = Field(description="UTC, ISO 8601")
-
-
 @router.get("", responses=problem_responses(404))
 async def list_markers(recording_id: str, store: StoreDep) -> list[Marker]:
     """All markers and notes of a recording, in the order of their times."""
-    kept = await asyncio.to_thread(store.markers.of, recording_id)
-    return [Marker.model_validate(marker) for marker in kept]
+    return await asyncio.to_thread(store.markers.of, recording_id)
 
 
 @router.post("", status_code=201, responses=problem_responses(404, 422))
 async def add_marker(recording_id: str, text: MarkerText, store: StoreDep) -> Marker:
     """Set a marker or a note."""
-    marker = StoredMarker(id=new_id(), created=now(), **text.model_dump())
-    kept = await asyncio.to_thread(store.markers.add, recording_id, marker)
-    return Marker.model_validate(kept)
+    marker = Marker(id=new_id(), created=now(), **text.model_dump())
+    return await asyncio.to_thread(store.markers.add, recording_id, marker)
 
 
 @router.put("/{marker_id}", responses=problem_responses(404, 422))
@@ -64,9 +52,8 @@ async def change_marker(
     recording_id: str, marker_id: str, text: MarkerText, store: StoreDep
 ) -> Marker:
     """Say it otherwise, or of another time."""
-    marker = StoredMarker(id=marker_id, created="", **text.model_dump())
-    kept = await asyncio.to_thread(store.markers.update, recording_id, marker)
-    return Marker.model_validate(kept)
+    marker = Marker(id=marker_id, created="", **text.model_dump())
+    return await asyncio.to_thread(store.markers.update, recording_id, marker)
 
 
 @router.delete("/{marker_id}", status_code=204, responses=problem_responses(404))

@@ -4,7 +4,7 @@ import asyncio
 from typing import Annotated, Any, Literal
 
 from fastapi import APIRouter, Query, Request, Response
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, Field
 
 from app.catalog import monitor_request_schema
 from app.jobs.kinds import monitor_work
@@ -24,50 +24,14 @@ from app.routes.dependencies import (
     json_response,
     plain_body,
 )
-from app.routes.job_answers import ACCEPTED, Job, accepted
+from app.routes.job_answers import ACCEPTED, accepted
+from app.store.jobs import JobInfo
+from app.store.monitors import MonitorInfo
 from app.store.store import Store
 from core.channels import KEYS
 
 router = APIRouter(prefix="/api/v1/monitors", tags=["monitors"])
 MONITOR_FILE = "application/octet-stream"
-
-
-class Support(BaseModel):
-    """What a monitor's validity is calibrated on."""
-
-    model_config = ConfigDict(from_attributes=True)
-
-    n_safe: int = Field(description="fresh flights that stayed safe")
-    n_unsafe: int = Field(description="fresh flights that failed")
-    level: float = Field(description="share of either that is called invalid, at most")
-
-
-class Monitor(BaseModel):
-    """A stored monitor, without its arrays."""
-
-    model_config = ConfigDict(from_attributes=True)
-
-    id: str
-    name: str
-    created: str = Field(description="UTC, ISO 8601")
-    digest: str = Field(description="SHA-256 of its portable file")
-    dataset_id: str | None = Field(description="stored dataset it was trained on")
-    dataset_digest: str = Field(description="SHA-256 of what it learned from")
-    recipe: dict[str, Any] = Field(description="predictor, score, calibration and their parameters")
-    dataset_recipe: dict[str, Any] = Field(description="the planned test it was trained for")
-    version: str = Field(description="program that trained it")
-    seed: int | None
-    dt: float = Field(description="sample interval it needs [s]")
-    h: int = Field(description="lead in samples")
-    lead: float = Field(description="lead in effect, h dt [s]")
-    n_unsafe: int = Field(description="failures it is calibrated on")
-    n_early: int = Field(description="failures before which no timely alert was possible")
-    smallest_epsilon: float = Field(description="smallest miss rate it can serve")
-    epsilon: float = Field(description="miss rate it alerts at unless told otherwise")
-    support: Support | None = Field(
-        description="null where its validity is not calibrated: it cannot tell whether a flight "
-        "is like those it was trained on"
-    )
 
 
 class Calibration(BaseModel):
@@ -145,8 +109,8 @@ _ORDER["requestBody"]["content"][MONITOR_FILE] = {
 @router.post(
     "",
     status_code=202,
-    response_model=Job,
-    responses=ACCEPTED | {201: {"model": Monitor, "description": "the uploaded monitor"}},
+    response_model=JobInfo,
+    responses=ACCEPTED | {201: {"model": MonitorInfo, "description": "the uploaded monitor"}},
     openapi_extra=_ORDER,
 )
 async def order_monitor(
@@ -178,22 +142,19 @@ async def order_monitor(
 
 async def _add_file(body: bytes, name: str, store: Store) -> Response:
     info = await asyncio.to_thread(store.monitors.add_file, body, name)
-    monitor = Monitor.model_validate(info)
-    location = {"Location": f"/api/v1/monitors/{info.id}"}
-    return Response(monitor.model_dump_json(), 201, location, "application/json")
+    return json_response(info, 201, {"Location": f"/api/v1/monitors/{info.id}"})
 
 
 @router.get("")
-async def list_monitors(store: StoreDep) -> list[Monitor]:
+async def list_monitors(store: StoreDep) -> list[MonitorInfo]:
     """All monitors, newest first."""
-    infos = await asyncio.to_thread(store.monitors.all)
-    return [Monitor.model_validate(info) for info in infos]
+    return await asyncio.to_thread(store.monitors.all)
 
 
 @router.get("/{monitor_id}", responses=problem_responses(404))
-async def read_monitor(monitor_id: str, store: StoreDep) -> Monitor:
+async def read_monitor(monitor_id: str, store: StoreDep) -> MonitorInfo:
     """One monitor, without its arrays."""
-    return Monitor.model_validate(await asyncio.to_thread(store.monitors.info, monitor_id))
+    return await asyncio.to_thread(store.monitors.info, monitor_id)
 
 
 @router.delete("/{monitor_id}", status_code=204, responses=problem_responses(404, 409))

@@ -29,9 +29,9 @@ class JobInfo(Entry):
     total: float | None
     """in all; null or 0 while unknown"""
     message: str
-    result: Any
+    result: dict[str, Any] | None
     """what it made: ids of the dataset and monitor, or a study's curves"""
-    error: Any
+    error: str | None
     """why it failed or was interrupted"""
     created: str
     """UTC, ISO 8601"""
