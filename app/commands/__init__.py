@@ -1,1 +1,1 @@
-"""The commands of `forewarn`, one file a command."""
+"""The commands of `forewarn`, one file a command: `add` its options to a parser, `run` it."""

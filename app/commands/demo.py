@@ -1,12 +1,16 @@
 """The demonstration: a small trained monitor, the server, and a flight that is about to fail."""
 
+import argparse
 import asyncio
+import os
+import sys
 import webbrowser
 from collections.abc import Callable
 
 from fastapi import FastAPI
 from httpx2 import ASGITransport, AsyncClient
 
+from app.commands import serve as serve_command
 from app.commands.progress import progress_bar
 from app.jobs.requests import dataset_name
 from app.jobs.training import simulate, train_and_test
@@ -24,6 +28,21 @@ DATASET = DatasetRecipe(n_unsafe=100)
 MONITOR = MonitorRecipe()
 N_TEST = 1000
 SEED = 1
+
+
+def add(parser: argparse.ArgumentParser) -> None:
+    """Add the command's options."""
+    parser.add_argument("--no-browser", action="store_true", help="print the address only")
+    serve_command.add(parser)
+
+
+def run(options: argparse.Namespace) -> int:
+    """Demonstrate, and open the page where there is a display."""
+    has_display = sys.platform != "linux" or "DISPLAY" in os.environ
+    has_display = has_display or "WAYLAND_DISPLAY" in os.environ
+    settings = serve_command.settings_of(options)
+    demonstrate(settings, serve_command.say, browser=has_display and not options.no_browser)
+    return 0
 
 
 def demonstrate(settings: Settings, say: Callable[[str], None], *, browser: bool) -> None:

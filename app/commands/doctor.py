@@ -1,5 +1,6 @@
 """The doctor: whether this installation can serve, and what to do where it cannot."""
 
+import argparse
 import asyncio
 import json
 import platform
@@ -18,6 +19,7 @@ import httpx2
 from sqlalchemy import make_url
 from websockets.asyncio.client import connect
 
+from app.commands import serve
 from app.jobs.training import simulate
 from app.main import STATIC, create_app
 from app.scene.server import SUBPROTOCOL
@@ -86,6 +88,20 @@ class Finding:
 
     def __str__(self) -> str:
         return f"{'ok  ' if self.is_well else 'FAIL'}  {self.what:16} {self.words}"
+
+
+def add(parser: argparse.ArgumentParser) -> None:
+    """Add the command's options: those of the server that it examines."""
+    serve.add(parser)
+
+
+def run(options: argparse.Namespace) -> int:
+    """Print each check as it ends; 0 where all is well."""
+    well = True
+    for finding in examine(serve.settings_of(options)):
+        print(finding, flush=True)
+        well = well and finding.is_well
+    return 0 if well else 1
 
 
 def examine(settings: Settings) -> Iterator[Finding]:

@@ -1,129 +1,102 @@
-"""The command that scores a recorded flight: its options, and what they mean."""
+"""The command that scores a recorded flight: what it prints, the tables and figures it writes."""
 
 import argparse
+import json
+from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import NamedTuple
+
+import numpy as np
 
 from app.commands.destinations import check_directory
+from app.commands.mapping_lines import contents_lines, mapping_lines
+from app.commands.scoring_options import SETTINGS, add_scoring_options, request_of
+from app.recordings.exports import export
+from app.recordings.mapping_memory import MappingMemory
+from app.recordings.scored_file import Scored, ScoredFile, ScoreRequest, score_file
+from app.scoring.plan import plan_of
+from app.scoring.verdict import verdict
+from core.whole_file import write_whole
 
-if TYPE_CHECKING:
-    from app.recordings.mapping_memory import MappingMemory
-    from app.recordings.scored_file import ScoreRequest
-    from app.scoring import ScoringOrder
-    from app.scoring.order import Span
-
-LEAD_IN, NO_TRIM = "lead-in", "none"
-SETTINGS = "Settings of the data directory, for --aircraft, come from FOREWARN_*."
-
-
-def add_score_command(commands: Any) -> None:
-    """Add `score` to the command line's subcommands."""
-    score = commands.add_parser(
-        "score", help="score recorded telemetry with monitors", epilog=SETTINGS
-    )
-    add_scoring_options(score)
-    score.add_argument("-o", "--out", type=Path, help="directory written, FILE's name if absent")
-    score.set_defaults(run=_score)
+MAPPING = "mapping.json"
 
 
-def add_scoring_options(parser: argparse.ArgumentParser) -> None:
-    """Add what says which file is scored by what, and how."""
-    parser.add_argument("monitors", type=Path, nargs="+", metavar="MONITOR", help="monitor files")
-    parser.add_argument("file", type=Path, metavar="FILE", help="telemetry in any format read")
-    parser.add_argument(
-        "--epsilon",
-        action="append",
-        default=[],
-        metavar="E[,E...]",
-        help="accepted miss rates, side by side; each monitor's own if absent",
-    )
-    parser.add_argument(
-        "--mapping",
-        type=Path,
-        metavar="FILE.json",
-        help="which signal is which channel",
-    )
-    parser.add_argument(
-        "--aircraft", metavar="NAME", help="use the mapping kept for it, and keep the one given"
-    )
-    parser.add_argument(
-        "--trim",
-        default=LEAD_IN,
-        metavar="SECONDS|lead-in|none",
-        help="what each manoeuvre is measured from: the mean of so much before its first input",
-    )
-    parser.add_argument(
-        "--manoeuvres",
-        default="found",
-        metavar="found|whole|START:END,...",
-        help="found by control activity, the recording as one, or between times [s]",
-    )
+class Report(NamedTuple):
+    """What came of it. assessed: whether anything could be."""
+
+    text: str
+    assessed: bool
 
 
-def request_of(options: argparse.Namespace) -> "tuple[ScoreRequest, MappingMemory | None]":
-    """What the options ask for, and the memory of the aircraft where one is named."""
-    epsilons = tuple(map(_epsilon, ",".join(options.epsilon).split(","))) if options.epsilon else ()
-    order = _order(options)
-
-    from app.commands.mapping_lines import read_mapping
-    from app.recordings.mapping_memory import MappingMemory
-    from app.recordings.scored_file import ScoreRequest
-    from app.settings import read_settings
-
-    request = ScoreRequest(
-        monitors=tuple(options.monitors),
-        file=options.file,
-        epsilons=epsilons or (None,),
-        mapping=None if options.mapping is None else read_mapping(options.mapping),
-        order=order,
-    )
-    return request, MappingMemory(read_settings(), options.aircraft) if options.aircraft else None
+def add(parser: argparse.ArgumentParser) -> None:
+    """Add the command's options."""
+    add_scoring_options(parser)
+    parser.add_argument("-o", "--out", type=Path, help="directory written, FILE's name if absent")
+    parser.epilog = SETTINGS
 
 
-def _score(options: argparse.Namespace) -> int:
+def run(options: argparse.Namespace) -> int:
+    """Score the file; 1 where nothing could be assessed."""
     out = check_directory(options.out or Path(f"{options.file.stem}-scored"))
     request, memory = request_of(options)
-
-    from app.commands.scoring_lines import write_scores
-
     report = write_scores(request, out, memory)
     print(report.text)
     return 0 if report.assessed else 1
 
 
-def _epsilon(text: str) -> float:
-    try:
-        return float(text)
-    except ValueError:
-        raise ValueError(f"--epsilon {text!r}: write a miss rate between 0 and 1") from None
+def write_scores(request: ScoreRequest, out: Path, memory: MappingMemory | None = None) -> Report:
+    """Score a file; write tables, figures and the mapping into a directory.
+
+    memory: as for `score_file`.   Nothing is written before everything is scored.
+    """
+    found = score_file(request, memory)
+    text = json.dumps(found.mapping.to_plain(), indent=2, ensure_ascii=False)
+    files = {MAPPING: f"{text}\n".encode()}
+    for one in found.scored:
+        files |= _files(request.file.name, one)
+    for name, content in files.items():
+        (out / name).parent.mkdir(parents=True, exist_ok=True)
+        write_whole(out / name, content)
+    written = f"written: {', '.join(str(out / name) for name in files)}"
+    return Report("\n".join([*lines(found), written]), any(map(is_assessed, found.scored)))
 
 
-def _order(options: argparse.Namespace) -> "ScoringOrder":
-    from app.scoring.order import ScoringOrder
-
-    words = {LEAD_IN: "lead_in", NO_TRIM: None}
-    trim = words[options.trim] if options.trim in words else _seconds("--trim", options.trim)
-    marked = options.manoeuvres
-    if marked not in ("found", "whole"):
-        marked = tuple(map(_span, marked.split(",")))
-    return ScoringOrder(trim=trim, manoeuvres=marked)
+def lines(found: ScoredFile) -> Iterator[str]:
+    """Everything that is known of a scored file, for a person to read."""
+    yield from contents_lines(found.contents)
+    yield from mapping_lines(found.mapping, found.proposal)
+    for one in found.scored:
+        yield from _lines(one, one is found.scored[0])
 
 
-def _span(text: str) -> "Span":
-    from app.scoring.order import Span
-
-    start, colon, end = text.partition(":")
-    if not colon:
-        raise ValueError(
-            f"--manoeuvres {text!r}: write found, whole, or START:END in seconds, several with "
-            "commas between"
-        )
-    return Span(_seconds("--manoeuvres", start), _seconds("--manoeuvres", end))
+def is_assessed(one: Scored) -> bool:
+    """Whether any sample of a scoring could be assessed."""
+    samples = one.recording.samples
+    return bool((np.isfinite(samples["p_value"]) | np.isfinite(samples["withdrawn"])).any())
 
 
-def _seconds(option: str, text: str) -> float:
-    try:
-        return float(text)
-    except ValueError:
-        words = {"--trim": f", {LEAD_IN} or {NO_TRIM}"}.get(option, "")
-        raise ValueError(f"{option} {text!r}: write a number of seconds{words}") from None
+def _files(file: str, one: Scored) -> dict[str, bytes]:
+    """Table and figure, by their place in the directory of results."""
+    from app.report import study_figures as figures
+    from app.report.flight_figure import whole_flight
+
+    scored, monitor = one.recording, one.monitor
+    figure = whole_flight(
+        scored.samples,
+        [stretch.to_plain() for stretch in scored.stretches],
+        plan_of(monitor).limits,
+        scored.epsilon,
+        monitor.lead,
+        " ".join(["scored:", file, one.label]).strip(),
+    )
+    files = {"assessments.csv": export(scored.samples, {}, "csv")}
+    files |= figures.render(figure, "scored")
+    return {str(Path(one.label) / name): content for name, content in files.items()}
+
+
+def _lines(one: Scored, is_first: bool) -> Iterator[str]:
+    if is_first:
+        yield from dict.fromkeys((*one.recording.quality.sentences(), *one.recording.notes))
+    if one.label:
+        yield f"== {one.label} =="
+    yield from verdict(one.monitor, one.recording)

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from app.cli import main
+from app.cli import COMMANDS, main
 from core.monitor import Monitor, load
 from core.recipe import to_plain
 from core.simulation.aircraft import AIRCRAFT
@@ -79,6 +79,21 @@ def test_interrupted_study_leaves_nothing_behind(
     assert main(small_study(tmp_path / "out")) == 130
     assert "interrupted, nothing was written" in capsys.readouterr().err
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_each_command_prints_its_options(name: str, capsys: pytest.CaptureFixture):
+    with pytest.raises(SystemExit) as ended:
+        main([name, "--help"])
+    assert ended.value.code == 0
+    assert capsys.readouterr().out.startswith(f"usage: forewarn {name} [-h] [--")
+
+
+def test_help_names_every_command(capsys: pytest.CaptureFixture):
+    with pytest.raises(SystemExit):
+        main(["--help"])
+    words = capsys.readouterr().out.split()
+    assert set(COMMANDS) <= set(words)
 
 
 def test_train_writes_a_monitor_that_knows_its_recipe(tmp_path: Path, capsys):

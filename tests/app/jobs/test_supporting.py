@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from app.commands.training_lines import report
+from app.commands.train import report
 from app.jobs import supporting
 from app.jobs.training import fresh_flights, train_and_test
 from core.collection import DatasetRecipe, Simulator, collect

@@ -9,7 +9,7 @@ import pytest
 LIBRARIES = ("asammdf", "chapter10", "h5py", "pandas", "pyarrow", "pyulog", "scipy.io")
 
 
-@pytest.mark.parametrize("module", ["app.cli", "app.main", "app.telemetry.reading"])
+@pytest.mark.parametrize("module", ["app.commands.report", "app.main", "app.telemetry.reading"])
 def test_libraries_of_file_formats_are_loaded_only_when_they_are_used(module):
     program = f"import sys, {module}; print(*(n for n in {LIBRARIES!r} if n in sys.modules))"
     loaded = subprocess.run(

@@ -126,6 +126,12 @@ def plain_recipe(options: argparse.Namespace) -> dict[str, Any]:
     return plain
 
 
+def print_recipe(recipe: Any) -> int:
+    """Print a recipe as JSON: what `--print-recipe` does in place of the work."""
+    print(json.dumps(to_plain(recipe), indent=2))
+    return 0
+
+
 def maneuver_table(path: Path) -> dict[str, Any]:
     """Read a manoeuvre of columns t_s, delta_a_deg, delta_r_deg (a missing surface stays at 0)."""
     try:

@@ -1,24 +1,57 @@
-"""What a training found, as lines to print."""
+"""The command that simulates, trains and tests a monitor, and what it prints of it."""
+
+import argparse
+from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
+from app.commands.destinations import check_file
 from app.commands.progress import progress_bar
-from app.jobs.training import FlownTest, Training, simulate
-from app.jobs.training import train_and_test as train_from
+from app.commands.recipe_options import add_recipe_options, plain_recipe, print_recipe
+from app.jobs.training import FlownTest, Training, simulate, train_and_test
+from app.recipes import from_plain
 from core.collection import DatasetRecipe
 from core.dataset import Dataset
 from core.evaluation import clopper_pearson
-from core.monitor import Monitor, MonitorRecipe
+from core.monitor import MonitorRecipe
 
 
-def train_and_test(
-    dataset_recipe: DatasetRecipe, recipe: MonitorRecipe, n_test: int
-) -> tuple[Monitor, str]:
-    """Simulate, train, fly n_test fresh flights through the monitor; return it and a report."""
+@dataclass(frozen=True)
+class TrainingRecipe:
+    """What `train` does: simulate a dataset, train a monitor, fly fresh rollouts through it."""
+
+    dataset: DatasetRecipe = DatasetRecipe()  # noqa: RUF009
+    monitor: MonitorRecipe = MonitorRecipe()  # noqa: RUF009
+    n_test: int = 2000
+
+    def __post_init__(self) -> None:
+        """Refuse less than no test flight."""
+        if self.n_test < 0:
+            raise ValueError(f"n_test={self.n_test} was given: it must be 0 or more")
+
+
+def add(parser: argparse.ArgumentParser) -> None:
+    """Add the command's options."""
+    add_recipe_options(parser, method=True)
+    parser.add_argument(
+        "--n-test", type=int, dest=".n_test", metavar="NUMBER", help="fresh test flights"
+    )
+    parser.add_argument("-o", "--out", type=Path, default=Path("monitor.fwm"), help="file written")
+
+
+def run(options: argparse.Namespace) -> int:
+    """Simulate, train, fly fresh flights through the monitor; write its file."""
+    recipe = from_plain(TrainingRecipe(), plain_recipe(options))
+    if options.print_recipe:
+        return print_recipe(recipe)
+    check_file(options.out)
     with progress_bar("unsafe rollouts") as progress:
-        dataset = simulate(dataset_recipe, lambda _, done, total: progress(done, total))
-    training = train_from(dataset, recipe, n_test, lambda *_: None)
-    return training.monitor, report(training)
+        dataset = simulate(recipe.dataset, lambda _, done, total: progress(done, total))
+    training = train_and_test(dataset, recipe.monitor, recipe.n_test, lambda *_: None)
+    training.monitor.save(options.out)
+    print(f"{report(training)}\nwritten: {options.out}")
+    return 0
 
 
 def report(training: Training) -> str:

@@ -1,0 +1,94 @@
+"""Options of the command line that say which file is scored by what, and how."""
+
+import argparse
+from pathlib import Path
+
+from app.commands.mapping_lines import read_mapping
+from app.recordings.mapping_memory import MappingMemory
+from app.recordings.scored_file import ScoreRequest
+from app.scoring.order import ScoringOrder, Span
+from app.settings import read_settings
+
+LEAD_IN, NO_TRIM = "lead-in", "none"
+SETTINGS = "Settings of the data directory, for --aircraft, come from FOREWARN_*."
+
+
+def add_scoring_options(parser: argparse.ArgumentParser) -> None:
+    """Add what says which file is scored by what, and how."""
+    parser.add_argument("monitors", type=Path, nargs="+", metavar="MONITOR", help="monitor files")
+    parser.add_argument("file", type=Path, metavar="FILE", help="telemetry in any format read")
+    parser.add_argument(
+        "--epsilon",
+        action="append",
+        default=[],
+        metavar="E[,E...]",
+        help="accepted miss rates, side by side; each monitor's own if absent",
+    )
+    parser.add_argument(
+        "--mapping",
+        type=Path,
+        metavar="FILE.json",
+        help="which signal is which channel",
+    )
+    parser.add_argument(
+        "--aircraft", metavar="NAME", help="use the mapping kept for it, and keep the one given"
+    )
+    parser.add_argument(
+        "--trim",
+        default=LEAD_IN,
+        metavar="SECONDS|lead-in|none",
+        help="what each manoeuvre is measured from: the mean of so much before its first input",
+    )
+    parser.add_argument(
+        "--manoeuvres",
+        default="found",
+        metavar="found|whole|START:END,...",
+        help="found by control activity, the recording as one, or between times [s]",
+    )
+
+
+def request_of(options: argparse.Namespace) -> tuple[ScoreRequest, MappingMemory | None]:
+    """What the options ask for, and the memory of the aircraft where one is named."""
+    epsilons = tuple(map(_epsilon, ",".join(options.epsilon).split(","))) if options.epsilon else ()
+    request = ScoreRequest(
+        monitors=tuple(options.monitors),
+        file=options.file,
+        epsilons=epsilons or (None,),
+        mapping=None if options.mapping is None else read_mapping(options.mapping),
+        order=_order(options),
+    )
+    return request, MappingMemory(read_settings(), options.aircraft) if options.aircraft else None
+
+
+def _epsilon(text: str) -> float:
+    try:
+        return float(text)
+    except ValueError:
+        raise ValueError(f"--epsilon {text!r}: write a miss rate between 0 and 1") from None
+
+
+def _order(options: argparse.Namespace) -> ScoringOrder:
+    words = {LEAD_IN: "lead_in", NO_TRIM: None}
+    trim = words[options.trim] if options.trim in words else _seconds("--trim", options.trim)
+    marked = options.manoeuvres
+    if marked not in ("found", "whole"):
+        marked = tuple(map(_span, marked.split(",")))
+    return ScoringOrder(trim=trim, manoeuvres=marked)
+
+
+def _span(text: str) -> Span:
+    start, colon, end = text.partition(":")
+    if not colon:
+        raise ValueError(
+            f"--manoeuvres {text!r}: write found, whole, or START:END in seconds, several with "
+            "commas between"
+        )
+    return Span(_seconds("--manoeuvres", start), _seconds("--manoeuvres", end))
+
+
+def _seconds(option: str, text: str) -> float:
+    try:
+        return float(text)
+    except ValueError:
+        words = {"--trim": f", {LEAD_IN} or {NO_TRIM}"}.get(option, "")
+        raise ValueError(f"{option} {text!r}: write a number of seconds{words}") from None

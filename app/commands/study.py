@@ -1,0 +1,35 @@
+"""The command that repeats the paper's experiment."""
+
+import argparse
+from pathlib import Path
+
+from app.commands.destinations import check_directory
+from app.commands.progress import progress_bar
+from app.commands.recipe_options import add_recipe_options, plain_recipe, print_recipe
+from app.recipes import from_plain
+from app.report.study import write_study
+from core.study import StudyRecipe, study
+
+
+def add(parser: argparse.ArgumentParser) -> None:
+    """Add the command's options."""
+    add_recipe_options(parser, method=False)
+    parser.add_argument(
+        "--n-monitors", type=int, dest=".n_monitors", metavar="NUMBER", help="monitors a method"
+    )
+    parser.add_argument(
+        "--n-test", type=int, dest=".n_test", metavar="NUMBER", help="fresh test flights a monitor"
+    )
+    parser.add_argument("-o", "--out", type=Path, default=Path("study"), help="directory written")
+
+
+def run(options: argparse.Namespace) -> int:
+    """Train and test every method's monitors; write table, data and figures."""
+    recipe = from_plain(StudyRecipe(), plain_recipe(options))
+    if options.print_recipe:
+        return print_recipe(recipe)
+    check_directory(options.out)
+    with progress_bar("monitors") as progress:
+        result = study(recipe, progress=progress)
+    print(write_study(result, options.out))
+    return 0
