@@ -54,8 +54,8 @@ def request_of(options: argparse.Namespace) -> tuple[ScoreRequest, MappingMemory
         monitors=tuple(options.monitors),
         file=options.file,
         epsilons=epsilons or (None,),
-        mapping=None if options.mapping is None else read_mapping(options.mapping),
         order=_order(options),
+        mapping=None if options.mapping is None else read_mapping(options.mapping),
     )
     return request, MappingMemory(read_settings(), options.aircraft) if options.aircraft else None
 
