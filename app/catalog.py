@@ -13,6 +13,7 @@ from typing import Any
 
 from pydantic import ConfigDict, TypeAdapter
 
+from app.jobs.requests import LARGEST_N_TEST, N_TEST
 from app.recipes import family_of, to_plain
 from app.telemetry_catalog import telemetry_catalog
 from core import __version__
@@ -39,8 +40,6 @@ RECIPES: dict[str, Any] = {
 DOCSTRINGS = ConfigDict(use_attribute_docstrings=True)
 UNIT = re.compile(r"\[([^\[\]]*[A-Za-z/%][^\[\]]*)\]")
 SUFFIXES = {"_deg_s": "deg/s", "_rad_s": "rad/s", "_deg": "deg", "_hz": "Hz", "_s": "s"}
-N_TEST = 2000
-LARGEST_N_TEST = 100_000
 
 
 @cache

@@ -2,20 +2,25 @@
 
 import argparse
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
+from typing import Any
 
 from app.commands.destinations import DestinationError, check_file
 from app.commands.score import Report, is_assessed, lines
 from app.commands.scoring_options import SETTINGS, add_scoring_options, request_of
+from app.jobs.requests import N_TEST
+from app.jobs.training import fly_test, fresh_flights
+from app.recipes import RecipeError, from_plain
 from app.recordings.exports import EXPORTS, export
 from app.recordings.mapping_memory import MappingMemory
 from app.recordings.scored_file import ScoreRequest, labels, score_file
 from app.report.from_file import file_subjects
 from app.report.page import report
 from app.report.subject import about
+from core.collection import DatasetRecipe
+from core.monitor import Monitor
 from core.whole_file import write_whole
-
-N_TEST = 2000
 
 
 def add(parser: argparse.ArgumentParser) -> None:
@@ -97,7 +102,8 @@ def write_reports(
     order.check(request)
     found = score_file(request, memory)
     files: dict[Path, bytes] = {}
-    for one, subject in file_subjects(request, found, order.aircraft, order.n_test):
+    evaluate = partial(evaluation, n_test=order.n_test)
+    for one, subject in file_subjects(request, found, order.aircraft, evaluate):
         notes = about(subject.recording, subject.scoring)
         exported = [export(subject.samples, notes, form) for form in order.exports]
         content = [report(subject).encode(), *exported]
@@ -106,3 +112,15 @@ def write_reports(
         write_whole(path, content)
     written = f"written: {', '.join(map(str, files))}"
     return Report("\n".join([*lines(found), written]), any(map(is_assessed, found.scored)))
+
+
+def evaluation(monitor: Monitor, n_test: int) -> dict[str, Any] | None:
+    """What fresh flights of a monitor's own recipe say of it; None where there are none."""
+    try:
+        recipe = from_plain(DatasetRecipe(), monitor.dataset_recipe, "dataset")
+    except RecipeError:
+        return None
+    if not (n_test and monitor.dataset_recipe):
+        return None
+    test = fly_test(monitor, fresh_flights(recipe, n_test))
+    return test.as_plain(n_test, monitor.lead, monitor.dt)

@@ -9,6 +9,7 @@ import numpy as np
 from app.commands.destinations import check_file
 from app.commands.progress import progress_bar
 from app.commands.recipe_options import add_recipe_options, plain_recipe, print_recipe
+from app.jobs.requests import N_TEST
 from app.jobs.training import FlownTest, Training, simulate, train_and_test
 from app.recipes import from_plain
 from core.collection import DatasetRecipe
@@ -23,7 +24,7 @@ class TrainingRecipe:
 
     dataset: DatasetRecipe = DatasetRecipe()  # noqa: RUF009
     monitor: MonitorRecipe = MonitorRecipe()  # noqa: RUF009
-    n_test: int = 2000
+    n_test: int = N_TEST
 
     def __post_init__(self) -> None:
         """Refuse less than no test flight."""

@@ -3,7 +3,6 @@
 from dataclasses import dataclass, replace
 from typing import Any
 
-from app.catalog import LARGEST_N_TEST, N_TEST
 from app.jobs.training import recipe_of
 from app.recipes import RecipeError, from_plain, to_plain
 from app.store.store import Store
@@ -15,6 +14,9 @@ from core.study import StudyRecipe
 
 LONGEST_NAME = 200
 LARGEST_N_MONITORS = 100
+N_TEST = 2000
+"""Fresh flights that a monitor is evaluated on unless another number is asked for."""
+LARGEST_N_TEST = 100_000
 N_CHANNELS_BYTES = 6 * 8
 
 

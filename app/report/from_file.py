@@ -1,13 +1,11 @@
 """Scorings of a file as subjects of reports: what `forewarn report` is made of."""
 
 import hashlib
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from app.jobs.training import fly_test, fresh_flights
-from app.recipes import RecipeError, from_plain
 from app.recordings.mapped_columns import plain, plain_quality
 from app.recordings.samples import digest
 from app.recordings.scored_file import Scored, ScoredFile, ScoreRequest
@@ -15,18 +13,20 @@ from app.report.subject import PROPOSED, ReportSubject, of_contents
 from app.store.tables import now
 from app.telemetry.mapping.mapping import Mapping
 from core import __version__
-from core.collection import DatasetRecipe
 from core.monitor import Monitor
 
 GIVEN = "as given"
 
 
 def file_subjects(
-    request: ScoreRequest, found: ScoredFile, aircraft: str | None, n_test: int
+    request: ScoreRequest,
+    found: ScoredFile,
+    aircraft: str | None,
+    evaluate: Callable[[Monitor], dict[str, Any] | None],
 ) -> Iterator[tuple[Scored, ReportSubject]]:
     """Each scoring of a file, ready to report.
 
-    n_test: fresh flights that say how good a monitor is, 0 for none.
+    evaluate: what fresh flights say of a monitor, asked once for each; None where there are none.
     """
     recording = {
         "name": request.file.name,
@@ -39,7 +39,7 @@ def file_subjects(
     evaluations: dict[Path, dict[str, Any] | None] = {}
     for one in found.scored:
         if one.path not in evaluations:
-            evaluations[one.path] = evaluation(one.monitor, n_test)
+            evaluations[one.path] = evaluate(one.monitor)
         scoring = _scoring(one, found.mapping)
         yield (
             one,
@@ -55,18 +55,6 @@ def file_subjects(
                 guesses={key: asdict(guess) for key, guess in guesses.items()},
             ),
         )
-
-
-def evaluation(monitor: Monitor, n_test: int) -> dict[str, Any] | None:
-    """What fresh flights of a monitor's own recipe say of it; None where there are none."""
-    try:
-        recipe = from_plain(DatasetRecipe(), monitor.dataset_recipe, "dataset")
-    except RecipeError:
-        return None
-    if not (n_test and monitor.dataset_recipe):
-        return None
-    test = fly_test(monitor, fresh_flights(recipe, n_test))
-    return test.as_plain(n_test, monitor.lead, monitor.dt)
 
 
 def _scoring(one: Scored, mapping: Mapping) -> dict[str, Any]:
