@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import Executor
 from dataclasses import dataclass, fields, replace
 from itertools import count
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from scipy import stats
@@ -13,6 +13,7 @@ from scipy import stats
 from core.channels import KEYS
 from core.dataset import Dataset
 from core.seeds import Branch, stream
+from core.recipe import to_plain
 from core.simulation.aircraft import AIRCRAFT, Aircraft
 from core.simulation.control_law import CONTROL_LAWS, ControlLaw, check_usable
 from core.simulation.maneuver import MANEUVERS, Maneuver
@@ -28,6 +29,8 @@ CHUNK_STEPS = 2_000_000
 CERTAINTY = 1e-6
 MOST_SAMPLES = 20_000
 """Steps of a rollout, so that a chunk of them stays within memory."""
+FRESH_BATCH, MOST_FRESH = 1_000, 20_000
+"""Fresh flights of a batch, and in all unless asked for more."""
 
 
 class CollectionError(ValueError):
@@ -195,14 +198,12 @@ def collect(
     *,
     executor: Executor | None = None,
     progress: Progress | None = None,
-    description: dict[str, Any] | None = None,
 ) -> Dataset:
     """Roll out until recipe.n_unsafe rollouts turned unsafe; keep the safe ones met on the way.
 
     executor: where chunks are rolled out; here, on the kernels' threads, unless given. The result
     depends on the recipe alone.
     progress: called with (unsafe rollouts found, rollouts made); what it raises cancels.
-    description: the recipe as plain data, kept with the dataset.
     CollectionError where the budget cannot suffice or too few safe rollouts remain.
     """
     simulator = Simulator(recipe)
@@ -226,9 +227,29 @@ def collect(
         if progress:
             progress(n_unsafe, n_made)
         if n_unsafe == recipe.n_unsafe:
-            return _dataset(simulator, kept, n_made - n_unsafe, description or {})
+            return _dataset(simulator, kept, n_made - n_unsafe)
         _check_budget(recipe, n_unsafe, n_made)
     raise AssertionError("chunks never end")
+
+
+def fresh(recipe: DatasetRecipe, most: int = MOST_FRESH) -> Iterator[Rollouts]:
+    """Roll out flights that neither train nor test a monitor of this recipe, for its validity.
+
+    Batches as large as memory likes, `most` flights in all; made as they are asked for.
+    """
+    simulator = Simulator(recipe)
+    rng, made = stream(recipe.seed, Branch.VALIDITY), 0
+    steps = recipe.maneuver.n_samples(recipe.dt) * recipe.substeps
+    size = max(1, min(FRESH_BATCH, CHUNK_STEPS // steps))
+    while made < most:
+        flights = simulator.rollouts(min(size, most - made), rng)
+        made += len(flights.y)
+        yield flights
+
+
+def evaluation_flights(recipe: DatasetRecipe, n: int) -> Rollouts:
+    """Roll out n flights that neither train a monitor of this recipe nor calibrate its validity."""
+    return Simulator(recipe).rollouts(n, stream(recipe.seed, Branch.TEST))
 
 
 def _chunks(simulator: Simulator, executor: Executor | None) -> Iterator[Rollouts]:
@@ -258,9 +279,7 @@ def _check_budget(recipe: DatasetRecipe, n_unsafe: int, n_made: int) -> None:
     )
 
 
-def _dataset(
-    simulator: Simulator, kept: list[Rollouts], n_safe_met: int, description: dict[str, Any]
-) -> Dataset:
+def _dataset(simulator: Simulator, kept: list[Rollouts], n_safe_met: int) -> Dataset:
     recipe = simulator.recipe
     y, fail_index, theta = (np.concatenate(arrays) for arrays in zip(*kept, strict=True))
     is_unsafe = fail_index < y.shape[1]
@@ -283,7 +302,8 @@ def _dataset(
         theta_names=simulator.plant.names,
         n_safe_met=n_safe_met,
         seed=recipe.seed,
-        recipe=description,
+        recipe=to_plain(recipe),
+        specification=recipe.specification,
     )
 
 

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from core.specification import Specification
 from core.types import Array, Indices
 
 
@@ -22,6 +23,8 @@ class Dataset:
     theta_unsafe, theta_safe: (n, n_parameters) parameters, named by `theta_names`.
     dt: sample interval [s].
     n_safe_met: safe rollouts met before the last unsafe one, kept or not.
+    specification: what the unsafe ones violate; None where that is not known.
+    recipe: what it was simulated from, as plain data; empty where it was not simulated.
     """
 
     unsafe: Array
@@ -35,6 +38,7 @@ class Dataset:
     n_safe_met: int = 0
     seed: int | None = None
     recipe: dict[str, Any] = field(default_factory=dict)
+    specification: Specification = None
 
     @property
     def unsafe_rate(self) -> float:

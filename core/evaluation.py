@@ -63,6 +63,8 @@ class Evaluation:
     n_early: failures that came before any timely alert could; each is a miss.
     misses: (n_eps,) failing flights without an alert at least t_early before the failure.
     false_alerts: (n_eps,) safe flights with an alert at any time.
+    withdrawn: (n_eps,) failing flights of which nothing was said any more, for being outside
+    training, before an alert that would have counted: neither missed nor caught.
     """
 
     epsilons: Array
@@ -71,6 +73,12 @@ class Evaluation:
     n_early: int
     misses: Indices
     false_alerts: Indices
+    withdrawn: Indices
+
+    @property
+    def caught(self) -> Indices:
+        """(n_eps,) failing flights with an alert at least t_early before the failure."""
+        return self.n_unsafe - self.misses - self.withdrawn
 
     @property
     def miss_rate(self) -> Array:
@@ -95,21 +103,21 @@ class Evaluation:
     @property
     def fail_given_alert(self) -> Array:
         """(n_eps,) share of failures among flights with a timely or false alert; NaN for none."""
-        caught = self.n_unsafe - self.misses
-        alerts = caught + self.false_alerts
-        return np.divide(caught, alerts, out=np.full(len(alerts), np.nan), where=alerts > 0)
+        alerts = self.caught + self.false_alerts
+        return np.divide(self.caught, alerts, out=np.full(len(alerts), np.nan), where=alerts > 0)
 
     @property
     def fail_given_alert_interval(self) -> Array:
         """(n_eps, 2) Clopper-Pearson 95 % interval of P(fail | alert)."""
-        caught = self.n_unsafe - self.misses
-        return clopper_pearson(caught, caught + self.false_alerts)
+        return clopper_pearson(self.caught, self.caught + self.false_alerts)
 
 
 def evaluate(
     monitor: Monitor, y: Array, fail_index: Indices, epsilons: Array | None = None
 ) -> Evaluation:
     """Fly fresh trajectories through a monitor and count, at each epsilon it can serve.
+
+    A monitor whose validity is calibrated says nothing of a flight once it is outside training.
 
     y: (n, n_samples, 6), none of which trained the monitor; safe ones over the full horizon.
     fail_index: (n,) first sample that exceeds a limit, n_samples for a safe flight.
@@ -120,14 +128,17 @@ def evaluate(
     served = np.array([check_epsilon(epsilon, monitor.n_unsafe) for epsilon in epsilons])
     is_unsafe = fail_index < y.shape[1]
     last = np.where(is_unsafe, fail_index - monitor.h, y.shape[1] - 1)
-    silent = monitor.highest_p_values(y, last)[:, None] <= served
+    heard = np.minimum(last, monitor.first_withdrawn(y, fail_index) - 1)
+    silent = monitor.highest_p_values(y, heard)[:, None] <= served
+    is_missed = silent & (heard == last)[:, None]
     return Evaluation(
         epsilons=np.asarray(epsilons),
         n_unsafe=int(is_unsafe.sum()),
         n_safe=int((~is_unsafe).sum()),
         n_early=int((last < 0).sum()),
-        misses=silent[is_unsafe].sum(axis=0),
+        misses=is_missed[is_unsafe].sum(axis=0),
         false_alerts=(~silent[~is_unsafe]).sum(axis=0),
+        withdrawn=(silent & ~is_missed)[is_unsafe].sum(axis=0),
     )
 
 

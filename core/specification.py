@@ -1,5 +1,6 @@
 """What unsafe means: the first exceedance of each trajectory of a batch."""
 
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 
 import numpy as np
@@ -50,3 +51,26 @@ class Limits:
 
 
 SPECIFICATIONS = {"limits": Limits()}
+
+Specification = Limits | str | None
+"""What unsafe means for a monitor: limits, the label of what is known by its verdicts alone, or
+None where it is not known. Only limits can be judged from telemetry."""
+
+
+def magnitudes_of(specification: Specification) -> Array | None:
+    """(6,) magnitudes that must not be reached; None where there are no limits to judge by."""
+    return specification.magnitudes if isinstance(specification, Limits) else None
+
+
+def specification_to_plain(specification: Specification) -> dict[str, float | None] | str | None:
+    """Return JSON's types."""
+    return asdict(specification) if isinstance(specification, Limits) else specification
+
+
+def specification_from_plain(plain: Mapping[str, float | None] | str | None) -> Specification:
+    """Rebuild a specification; a channel that is not named has no limit. ValueError."""
+    if plain is None or isinstance(plain, str):
+        return plain
+    if unknown := [key for key in plain if key not in KEYS]:
+        raise ValueError(f"limits name the channel {unknown[0]!r}: choose {', '.join(KEYS)}")
+    return Limits(**{key: plain.get(key) for key in KEYS})

@@ -184,7 +184,7 @@ def _part(recipe: StudyRecipe, seed: int, test_seed: int) -> Part:
     safe = SafeObservations(dataset, recipe.monitor)
     compared = methods(recipe.dataset.specification)
     monitors = [
-        train(dataset, replace(recipe.monitor, predictor=predictor, score=score), safe)
+        train(dataset, replace(recipe.monitor, predictor=predictor, score=score), safe=safe)
         for predictor, score in compared.values()
     ]
     found = [evaluate(monitor, flights.y, flights.fail_index, epsilons) for monitor in monitors]

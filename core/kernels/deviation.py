@@ -1,4 +1,4 @@
-"""How far a flight strays from what its monitor learned: the compiled way, sample by sample.
+"""How far a flight deviates from what its monitor learned, sample by sample.
 
 Two measures, each kept at its largest so far: the residual of the forecasts, channel by channel,
 and the distance from the safe observations. A stream, a recording and a calibration share it.
@@ -22,8 +22,8 @@ SAMPLES, FRESH, RUN, COMPARED, PLACED, NEAR = range(6)
 FLIGHTS_A_TASK = 32
 
 
-class Ground(NamedTuple):
-    """What a monitor learned, as far as an excursion is measured from it.
+class Reference(NamedTuple):
+    """What a monitor learned, as far as a deviation is measured from it.
 
     matrix, offset: of the predictor, in lanes.   safe: tree of the safe points.
     scale: (6,) of the channels.   sigma: (6,) of the residuals, in the channels' units.
@@ -43,8 +43,8 @@ class Ground(NamedTuple):
     forecasts: bool
 
 
-class Excursion(NamedTuple):
-    """The farthest that a flight has been so far.
+class Deviation(NamedTuple):
+    """The farthest that a flight has deviated so far.
 
     peaks: (3, 7) largest residual of each channel [sigma] and largest distance [scaled units]; the
         number, and the time [s], of the sample that made each, -1 and NaN for none.
@@ -60,7 +60,7 @@ class Excursion(NamedTuple):
     points: Array
 
     @property
-    def reached(self) -> Array:
+    def largest(self) -> Array:
         """(2,) largest residual of any channel [sigma], largest distance [scaled units]."""
         return np.array([self.peaks[SIZE, :DISTANCE].max(), self.peaks[SIZE, DISTANCE]])
 
@@ -72,26 +72,26 @@ class Excursion(NamedTuple):
 
 
 @jit
-def begin(ground):
-    """Excursion of a flight before its first sample."""
+def begin(reference):
+    """Deviation of a flight before its first sample."""
     peaks = np.zeros((3, DISTANCE + 1))
     peaks[AT], peaks[WHEN] = -1.0, np.nan
     counts = np.array([0, 0, 0, 0, 0, -1])
-    return Excursion(peaks, counts, np.full(2, np.nan), np.empty((ground.h, ground.d)))
+    return Deviation(peaks, counts, np.full(2, np.nan), np.empty((reference.h, reference.d)))
 
 
 @jit
-def follow(ground, so_far, t, y, row, codes, near, distance, reached):
+def follow(reference, so_far, t, y, row, codes, near, distance, largest):
     """Take samples of a flight, one after the other.
 
     y: (m, 6) those not stale, beginning with y[row], their history in the rows before.
     t, codes, near: (n,) all of them, near -1 where the nearest safe point is not known.
-    distance: from that point, if it is known already; else NaN.   reached: (n, 2) out.
+    distance: from that point, if it is known already; else NaN.   largest: (n, 2) out.
     """
     # Taken apart and written out: by calls, and through the tuples, it takes five times as long.
     peaks, counts, clock, points = so_far
-    scale, sigma, h, dt = ground.scale, ground.sigma, ground.h, ground.dt
-    safe_at, z = locate(ground.safe), np.empty(ground.d)
+    scale, sigma, h, dt = reference.scale, reference.sigma, reference.h, reference.dt
+    safe_at, z = locate(reference.safe), np.empty(reference.d)
     for i in range(codes.shape[0]):
         if codes[i] != STALE:
             if counts[FRESH] == 0:
@@ -102,7 +102,7 @@ def follow(ground, so_far, t, y, row, codes, near, distance, reached):
             counts[FRESH] += 1
             if codes[i] == OK:
                 counts[RUN] = counts[RUN] + 1 if follows else 1
-                if ground.forecasts and counts[RUN] > h:
+                if reference.forecasts and counts[RUN] > h:
                     # This slot's point is of h samples ago; each one since was assessed in turn.
                     counts[COMPARED] += 1
                     for c in range(N_CHANNELS):
@@ -110,7 +110,7 @@ def follow(ground, so_far, t, y, row, codes, near, distance, reached):
                         if not off <= peaks[SIZE, c]:
                             peaks[SIZE, c] = off if off == off else np.inf
                             peaks[AT, c], peaks[WHEN, c] = counts[SAMPLES], t[i]
-                map_observation(ground, y, row, ground.n_delay, z)
+                map_observation(reference, y, row, reference.n_delay, z)
                 for k in range(z.shape[0]):
                     points[slot, k] = z[k]
                 far = distance
@@ -128,13 +128,13 @@ def follow(ground, so_far, t, y, row, codes, near, distance, reached):
                 counts[RUN] = 0
             row += 1
         counts[SAMPLES] += 1
-        reached[i, 0], reached[i, 1] = peaks[SIZE, 0], peaks[SIZE, DISTANCE]
+        largest[i, 0], largest[i, 1] = peaks[SIZE, 0], peaks[SIZE, DISTANCE]
         for c in range(1, N_CHANNELS):
-            reached[i, 0] = max(reached[i, 0], peaks[SIZE, c])
+            largest[i, 0] = max(largest[i, 0], peaks[SIZE, c])
 
 
 @jit
-def take(ground, so_far, history, y, t, code, distance):
+def take(reference, so_far, history, y, t, code, distance):
     """Take the next sample of a stream. Returns the largest residual and distance so far.
 
     history: (n_delay + 1, 6) that this keeps.   code: state of the sample.
@@ -145,9 +145,9 @@ def take(ground, so_far, history, y, t, code, distance):
         for row in range(newest):
             history[row] = y if so_far.counts[FRESH] == 0 else history[row + 1]
         history[newest] = y
-    reached, near = np.empty((1, 2)), np.array([-1])
+    largest, near = np.empty((1, 2)), np.array([-1])
     follow(
-        ground,
+        reference,
         so_far,
         np.array([t]),
         history,
@@ -155,28 +155,62 @@ def take(ground, so_far, history, y, t, code, distance):
         np.array([code]),
         near,
         distance,
-        reached,
+        largest,
     )
-    return reached[0, 0], reached[0, 1]
+    return largest[0, 0], largest[0, 1]
 
 
 @jit
-def _farthest_some(ground, t, y, last, start, stop, farthest):
-    unknown, reached = np.full(t.shape[0], -1), np.empty((t.shape[0], 2))
+def _farthest_some(reference, t, y, last, start, stop, farthest):
+    unknown, largest = np.full(t.shape[0], -1), np.empty((t.shape[0], 2))
     for i in range(start, stop):
         n = last[i] + 1
-        codes = states(t[:n], y[i, :n], ground.dt, ground.n_delay)
-        follow(ground, begin(ground), t[:n], y[i], 0, codes, unknown, np.nan, reached)
-        farthest[i] = reached[n - 1]
+        codes = states(t[:n], y[i, :n], reference.dt, reference.n_delay)
+        follow(reference, begin(reference), t[:n], y[i], 0, codes, unknown, np.nan, largest)
+        farthest[i] = largest[n - 1]
 
 
-def farthest(ground: Ground, y: Array, last: Indices) -> Array:
+def farthest(reference: Reference, y: Array, last: Indices) -> Array:
     """Largest residual and distance of each trajectory over its samples 0..last.
 
     y: (n, n_samples, 6).   last: (n,) 0 or more.   Returns (n, 2).
     """
-    found = np.empty((len(y), 2))
-    t = np.arange(y.shape[1]) * ground.dt
+    farthest_of = np.empty((len(y), 2))
+    t = np.arange(y.shape[1]) * reference.dt
     y = np.ascontiguousarray(y, np.float64)
-    in_chunks(len(y), FLIGHTS_A_TASK, lambda a, b: _farthest_some(ground, t, y, last, a, b, found))
-    return found
+    in_chunks(
+        len(y),
+        FLIGHTS_A_TASK,
+        lambda a, b: _farthest_some(reference, t, y, last, a, b, farthest_of),
+    )
+    return farthest_of
+
+
+@jit
+def _first_beyond_some(reference, t, y, last, bounds, start, stop, first):
+    unknown, largest = np.full(t.shape[0], -1), np.empty((t.shape[0], 2))
+    for i in range(start, stop):
+        n = last[i] + 1
+        codes = states(t[:n], y[i, :n], reference.dt, reference.n_delay)
+        follow(reference, begin(reference), t[:n], y[i], 0, codes, unknown, np.nan, largest)
+        for k in range(n):
+            if largest[k, 0] > bounds[0] or largest[k, 1] > bounds[1]:
+                first[i] = k
+                break
+
+
+def first_beyond(reference: Reference, y: Array, last: Indices, bounds: Array) -> Indices:
+    """First sample of each trajectory, of 0..last, by which it deviates more than the bounds allow.
+
+    y: (n, n_samples, 6).   last: (n,) 0 or more.   bounds: (2,) of residual and distance.
+    Returns (n,); n_samples where there is none.
+    """
+    first = np.full(len(y), y.shape[1])
+    t = np.arange(y.shape[1]) * reference.dt
+    y = np.ascontiguousarray(y, np.float64)
+    in_chunks(
+        len(y),
+        FLIGHTS_A_TASK,
+        lambda a, b: _first_beyond_some(reference, t, y, last, bounds, a, b, first),
+    )
+    return first

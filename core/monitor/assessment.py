@@ -1,8 +1,10 @@
 """What a monitor says of one sample, and the states in which it says nothing."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
 from typing import Any, NamedTuple
+
+import numpy as np
 
 from core.channels import KEYS
 from core.types import Array, Flags, Indices
@@ -19,6 +21,13 @@ class State(StrEnum):
 
 STATES = tuple(State)
 """States in the order of the compiled path's codes."""
+_CODES = {state: code for code, state in enumerate(STATES)}
+
+
+def code_of(state: State) -> int:
+    """The compiled path's code of a state."""
+    return _CODES[state]
+
 
 REASONS = (
     "",
@@ -77,6 +86,18 @@ class Assessment:
         }
 
 
+class Withdrawal(NamedTuple):
+    """first: sample from which on nothing is said of a flight.   reason: why."""
+
+    first: int
+    reason: str
+
+
+def withdrawn(t: float, reason: str) -> Assessment:
+    """What is said of a sample of which nothing may be said."""
+    return Assessment(t, None, None, State.INVALID, reason)
+
+
 @dataclass(frozen=True, eq=False)
 class Assessments:
     """Assessments of a whole trajectory, one array a field; row i is sample i.
@@ -84,6 +105,7 @@ class Assessments:
     t: (n,) [s].   state: (n,) codes into STATES.   p_value, score: (n,), NaN unless `ok`.
     alert: (n,) false unless `ok`.   y_hat: (n, 6), NaN where there is no forecast.
     nearest_unsafe, nearest_safe: (n,) point numbers of the monitor; -1 where there is none.
+    withdrawal: from where on the flight is invalid for being outside training; None if it is not.
     """
 
     t: Array
@@ -94,6 +116,41 @@ class Assessments:
     y_hat: Array
     nearest_unsafe: Indices
     nearest_safe: Indices
+    withdrawal: Withdrawal | None = None
 
     def __len__(self) -> int:
         return len(self.t)
+
+    def __getitem__(self, k: int) -> Assessment:
+        """Sample k, without exemplars."""
+        if self.withdrawal is not None and k >= self.withdrawal.first:
+            return withdrawn(float(self.t[k]), self.withdrawal.reason)
+        t, code = float(self.t[k]), int(self.state[k])
+        state, reason = STATES[code], REASONS[code]
+        if state is not State.OK:
+            return Assessment(t, None, None, state, reason)
+        y_hat = self.y_hat[k] if np.isfinite(self.y_hat[k]).all() else None
+        p_value, alert, score = (float(self.p_value[k]), bool(self.alert[k]), float(self.score[k]))
+        return Assessment(t, p_value, alert, state, reason, y_hat, score)
+
+    def withdrawn_from(self, lost: Withdrawal | None) -> "Assessments":
+        """Return them with nothing said from a sample on."""
+        if lost is None:
+            return self
+        after = slice(lost.first, None)
+        arrays = {name: getattr(self, name).copy() for name in _NOTHING}
+        for name, nothing in _NOTHING.items():
+            arrays[name][after] = nothing
+        return replace(self, **arrays, withdrawal=lost)
+
+
+_NOTHING = {
+    "state": code_of(State.INVALID),
+    "p_value": np.nan,
+    "alert": False,
+    "score": np.nan,
+    "y_hat": np.nan,
+    "nearest_unsafe": -1,
+    "nearest_safe": -1,
+}
+"""What stands in an array of Assessments where nothing is said."""

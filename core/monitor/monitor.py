@@ -1,4 +1,4 @@
-"""The trained and calibrated monitor: of a batch, of a stream, as one portable file."""
+"""The trained and calibrated monitor: of a batch, of a stream."""
 
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -9,18 +9,35 @@ import numpy as np
 import numpy.typing as npt
 
 from core.channels import N_CHANNELS
-from core.kernels import assessing as live_path
-from core.kernels import peak_risk
+from core.kernels import assessing, peak_risk
 from core.kernels.assessing import Fitted
+from core.kernels.deviation import Reference, first_beyond
 from core.kernels.nearest import Tree, build
 from core.kernels.p_value import SIMPLE, Transduction
 from core.monitor import portable
-from core.monitor.assessment import REASONS, STATES, Assessment, Assessments, Exemplar
+from core.monitor.assessment import (
+    REASONS,
+    STATES,
+    Assessment,
+    Assessments,
+    Exemplar,
+    Withdrawal,
+    withdrawn,
+)
 from core.monitor.calibration import check_epsilon, smallest_epsilon
 from core.monitor.predictor import Affine
 from core.monitor.recipe import MonitorRecipe
-from core.monitor.support import Support
-from core.recipe import from_plain
+from core.monitor.support import NOT_CALIBRATED, Support, ValidityBasis
+from core.monitor.validity import (
+    RunningValidity,
+    ValidityVerdict,
+    exceeds,
+    in_words,
+    judge,
+    withdrawal,
+)
+from core.recipe import to_plain
+from core.specification import Specification, magnitudes_of, specification_to_plain
 from core.types import Array, Flags, Indices
 from core.whole_file import write_whole
 
@@ -31,20 +48,23 @@ class Monitor:
 
     dt: sample interval [s].   h: lead in samples.
     scale: (6,) units of the channels in which distances count.
-    reach: (6,) largest magnitude of each channel among the rollouts it learned from.
+    training_max_abs: (6,) largest magnitude of each channel among the rollouts it learned from.
     unsafe_points, safe_points: (n, d) mapped.   unsafe_where, safe_where: (n, 2) the rollout and
     the sample each point comes from.   theta_unsafe, theta_safe: (n, n_parameters) of rollouts.
     n_early: failures that came before any warning could; their calibration score is +inf.
     fitted, exact: arrays of the compiled path.
     dataset_recipe, dataset_digest, seed, version: where it comes from.
-    support: how far fresh flights stray from what it learned; None where that is not calibrated.
+    specification: what its failures are; None where that is not known.
+    support: how far fresh flights deviate from what it learned; None where that is not calibrated,
+    and then it never withdraws.
+    evaluation: what fresh flights said of it, as plain data; None where none were flown.
     """
 
     recipe: MonitorRecipe
     dt: float
     h: int
     scale: Array
-    reach: Array
+    training_max_abs: Array
     unsafe_points: Array
     unsafe_where: Indices
     safe_points: Array
@@ -59,7 +79,9 @@ class Monitor:
     dataset_digest: str = ""
     seed: int | None = None
     version: str = ""
+    specification: Specification = None
     support: Support | None = None
+    evaluation: dict[str, Any] | None = None
 
     @property
     def alphas(self) -> Array:
@@ -70,6 +92,34 @@ class Monitor:
     def affine(self) -> Affine:
         """The predictor's map from an observation in SI units to a point."""
         return Affine(self.fitted.matrix[:, : self.fitted.d], self.fitted.offset[: self.fitted.d])
+
+    @cached_property
+    def limits(self) -> Array | None:
+        """(6,) magnitudes that its flights must not reach; None where they are not known."""
+        return magnitudes_of(self.specification)
+
+    @cached_property
+    def validity_basis(self) -> ValidityBasis | None:
+        """What the validity of a flight is judged by; None where it is not calibrated."""
+        if self.support is None:
+            return None
+        reference = self.reference(self.support.sigma)
+        return ValidityBasis(self.support, reference, self.training_max_abs, self.safe_points)
+
+    def reference(self, sigma: Array) -> Reference:
+        """What deviations are measured from. sigma: (6,) of the residuals, NaN for no forecasts."""
+        return Reference(
+            matrix=self.fitted.matrix,
+            offset=self.fitted.offset,
+            safe=self.safe_tree,
+            scale=self.scale,
+            sigma=sigma,
+            d=self.fitted.d,
+            h=self.h,
+            n_delay=self.recipe.n_delay,
+            dt=self.dt,
+            forecasts=self.recipe.predictor.forecasts,
+        )
 
     @cached_property
     def safe_tree(self) -> Tree:
@@ -96,26 +146,33 @@ class Monitor:
         """p-value of each sample of a trajectory sampled at the monitor's dt.
 
         y: (n_samples, 6) channels in order, SI units, N_y in g.
-        Returns (n_samples,) in [1/(n_unsafe+1), 1]; NaN where a sample or its history is invalid.
+        Returns (n_samples,) in [1/(n_unsafe+1), 1]; NaN where a sample or its history is invalid,
+        and from where on the flight is outside training.
         """
         y = _checked(y)
         return self.assess(np.arange(len(y)) * self.dt, y).p_value
 
     def assess(
-        self, t: npt.ArrayLike, y: npt.ArrayLike, epsilon: float | None = None
+        self,
+        t: npt.ArrayLike,
+        y: npt.ArrayLike,
+        epsilon: float | None = None,
+        *,
+        withdraw: bool = True,
     ) -> Assessments:
         """Assess every sample of a trajectory; the same bits as a stream of its samples.
 
         t: (n,) [s].   y: (n, 6).   epsilon: the recipe's unless given.
+        withdraw: say nothing from where on the flight is outside training, as a stream does.
         """
         t, y = np.ascontiguousarray(t, np.float64), _checked(y)
         if t.shape != (len(y),):
             raise ValueError(f"t has shape {t.shape}: it needs one time a sample, ({len(y)},)")
         epsilon = self.check_epsilon(epsilon)
-        state = live_path.states(t, y, self.dt, self.recipe.n_delay)
-        fresh = state != live_path.STALE
-        z, s, p, unsafe, safe = live_path.score_all(
-            self.fitted, self.exact, y[fresh], state[fresh] == live_path.OK, self.recipe.n_delay
+        state = assessing.states(t, y, self.dt, self.recipe.n_delay)
+        fresh = state != assessing.STALE
+        z, s, p, unsafe, safe = assessing.score_all(
+            self.fitted, self.exact, y[fresh], state[fresh] == assessing.OK, self.recipe.n_delay
         )
         result = Assessments(
             t=t,
@@ -129,7 +186,36 @@ class Monitor:
         )
         if self.recipe.predictor.forecasts:
             result.y_hat[fresh] = z * self.scale
-        return result
+        return result.withdrawn_from(self.withdrawal(t, y, result)) if withdraw else result
+
+    def withdrawal(self, t: Array, y: Array, assessments: Assessments) -> Withdrawal | None:
+        """From which sample on a flight is outside training, and why; None where it is not.
+
+        t: (n,) [s].   y: (n, 6).   assessments: of these samples, not withdrawn.
+        """
+        if self.validity_basis is None:
+            return None
+        beyond = None if self.limits is None else exceeds(self.limits, y)
+        end = int(beyond.argmax()) if beyond is not None and beyond.any() else None
+        return withdrawal(self.validity_basis, t, y, assessments, end)
+
+    def judge(
+        self,
+        t: Array,
+        y: Array,
+        assessments: Assessments,
+        level: float | None = None,
+        end: int | None = None,
+    ) -> ValidityVerdict:
+        """Judge whether a whole manoeuvre is one that this monitor can speak of.
+
+        assessments: of these samples, not withdrawn.   level: share of flights like those of
+        training that is called invalid, the support's own unless given.   end: last sample that
+        counts, the first that exceeds a limit if one does.
+        """
+        if self.validity_basis is None:
+            return ValidityVerdict(None, reasons=(NOT_CALIBRATED,))
+        return judge(self.validity_basis, t, y, assessments, level, end)
 
     def stream(self, epsilon: float | None = None) -> "Stream":
         """Start assessing one flight, sample by sample."""
@@ -150,10 +236,54 @@ class Monitor:
         )
 
     def highest_p_values(self, y: Array, last: Indices) -> Array:
-        """Highest p-value of each trajectory over samples 0..last; 0 where last < 0."""
+        """Highest p-value of each trajectory over samples 0..last, not withdrawn; 0 if last < 0."""
         return peak_risk.highest_p_values(
             self.fitted, self.exact, np.ascontiguousarray(y), self.recipe.n_delay, last
         )
+
+    def save(self, path: str | Path) -> None:
+        """Write the portable file: whole, or not at all."""
+        write_whole(path, self.to_bytes())
+
+    def to_bytes(self) -> bytes:
+        """Return the portable file's content."""
+        return portable.pack(self._sections())
+
+    def _sections(self) -> list[portable.Section]:
+        header = {name: getattr(self, name) for name in portable.MONITOR_FIELDS} | {
+            "recipe": to_plain(self.recipe),
+            "theta_names": self.theta_names,
+        }
+        arrays = {name: getattr(self, name) for name in portable.MONITOR_ARRAYS}
+        specification = {"specification": specification_to_plain(self.specification)}
+        sections = [
+            portable.Section("monitor", 1, True, header, arrays | self.affine._asdict()),
+            portable.Section("specification", 1, True, specification, {}),
+        ]
+        if len(self.exact.start):
+            plain = {"always": self.exact.always, "running": self.exact.running}
+            exact = {name: getattr(self.exact, name) for name in portable.EXACT_ARRAYS}
+            sections.append(portable.Section("transduction", 1, True, plain, exact))
+        if self.support is not None:
+            plain = {name: getattr(self.support, name) for name in portable.SUPPORT_FIELDS}
+            support = {name: getattr(self.support, name) for name in portable.SUPPORT_ARRAYS}
+            sections.append(portable.Section("validity", 1, True, plain, support))
+        if self.evaluation is not None:
+            sections.append(portable.Section("evaluation", 1, False, self.evaluation, {}))
+        return sections
+
+    def first_withdrawn(self, y: Array, fail_index: Indices) -> Indices:
+        """First sample of each trajectory of which nothing is said, for being outside training.
+
+        y: (n, n_samples, 6), finite up to the first exceedance.
+        fail_index: (n,) the first exceedance, n_samples for a safe flight; what comes later never
+        withdraws.   Returns (n,); n_samples where there is none.
+        """
+        if self.validity_basis is None:
+            return np.full(len(y), y.shape[1])
+        last = np.minimum(fail_index, y.shape[1] - 1)
+        basis = self.validity_basis
+        return first_beyond(basis.reference, y, last, basis.support.bounds())
 
     def unsafe_exemplar(self, point: int, distance: float) -> Exemplar:
         """The failed rollout behind an unsafe point, at the sample t_early before it failed."""
@@ -169,13 +299,13 @@ class Monitor:
         parameters = dict(zip(self.theta_names, theta[rollout].tolist(), strict=True))
         return Exemplar(rollout, sample * self.dt, distance, parameters)
 
-    def save(self, path: str | Path) -> None:
-        """Write the portable file: whole, or not at all."""
-        write_whole(path, portable.to_bytes(self))
-
 
 class Stream:
-    """One flight through a monitor, sample by sample."""
+    """One flight through a monitor, sample by sample.
+
+    Once the flight is outside training, nothing more is said of it; of a monitor whose validity is
+    not calibrated, that never happens.
+    """
 
     def __init__(self, monitor: Monitor, epsilon: float) -> None:
         self.monitor = monitor
@@ -185,6 +315,9 @@ class Stream:
         self._status = np.array([0, 0, -1, -1])
         self._clock = np.array([np.nan, np.inf, np.nan, np.nan, 0.0])
         self._point = np.empty(self._fitted.d)
+        basis, self._limits = monitor.validity_basis, monitor.limits
+        self._validity = basis and RunningValidity(basis, monitor.recipe.n_delay)
+        self._reason = ""
 
     def update(self, t: float, y: npt.ArrayLike) -> Assessment:
         """Assess the next sample.
@@ -196,8 +329,19 @@ class Stream:
             raise ValueError(
                 f"a sample of shape {y.shape} was given: it needs the 6 channels, (6,)"
             )
-        t = float(t)
-        code, p, s = live_path.update(
+        if self._reason:
+            return withdrawn(float(t), self._reason)
+        assessment = self._assess(float(t), y)
+        if self._validity is not None:
+            if self._validity.update(y, assessment):
+                self._reason = in_words(self._validity.verdict.reasons)
+                return withdrawn(assessment.t, self._reason)
+            if self._limits is not None and exceeds(self._limits, y):
+                self._validity = None  # the verdict of this moment stays
+        return assessment
+
+    def _assess(self, t: float, y: Array) -> Assessment:
+        code, p, s = assessing.update(
             self._fitted,
             self._exact,
             self._buffer,
@@ -208,7 +352,7 @@ class Stream:
             y,
             self._point,
         )
-        if code != live_path.OK:
+        if code != assessing.OK:
             return Assessment(t, None, None, STATES[code], REASONS[code])
         monitor, z = self.monitor, self._point
         unsafe, safe = self._status[2], self._status[3]
@@ -239,107 +383,6 @@ def assemble(
         channel=recipe.score.channel,
         alphas=alphas,
     )
-
-
-def load(path: str | Path) -> Monitor:
-    """Read a portable monitor; portable.MonitorFileError says what is wrong with the file."""
-    return from_bytes(portable.read(path), str(path))
-
-
-def from_bytes(blob: bytes, name: str = "monitor") -> Monitor:
-    """Read a portable monitor from memory; `name` is what errors call it."""
-    header, arrays = portable.unpack(blob, name)
-    try:
-        return _rebuild(header, arrays)
-    except KeyError as error:
-        raise portable.MonitorFileError(
-            f"{name} has no {error}: it was written by an older program, train the monitor again"
-        ) from error
-    except (TypeError, ValueError) as error:
-        raise portable.MonitorFileError(
-            f"{name} holds a monitor that this program cannot rebuild ({error}): upgrade forewarn "
-            "or train the monitor again"
-        ) from error
-
-
-def _rebuild(header: dict[str, Any], arrays: dict[str, Any]) -> Monitor:
-    recipe = from_plain(MonitorRecipe(), header["recipe"])
-    affine = Affine(arrays.pop("matrix"), arrays.pop("offset"))
-    exact = Transduction(
-        **{key: arrays.pop(f"exact_{key}") for key in portable.EXACT_ARRAYS}, **header["exact"]
-    )
-    support = _support(header, arrays)
-    _check_arrays(recipe, affine, exact, header, arrays)
-    fitted = assemble(
-        recipe, affine, arrays["unsafe_points"], arrays["safe_points"], arrays.pop("alphas")
-    )
-    return Monitor(
-        recipe=recipe,
-        fitted=fitted,
-        exact=exact,
-        theta_names=tuple(header["theta_names"]),
-        support=support,
-        **{key: header[key] for key in portable.HEADER_FIELDS},
-        **arrays,
-    )
-
-
-def _support(header: dict[str, Any], arrays: dict[str, Any]) -> Support | None:
-    """Take the support out of the arrays; a file without one was written by an older program, or
-    for a monitor whose validity is not calibrated.
-    """
-    if not header.get("support"):
-        return None
-    parts = {key: arrays.pop(f"support_{key}") for key in portable.SUPPORT_ARRAYS}
-    support = Support(**parts, **header["support"])
-    support.check()
-    return support
-
-
-def _check_arrays(
-    recipe: MonitorRecipe,
-    affine: Affine,
-    exact: Transduction,
-    header: dict[str, Any],
-    arrays: dict[str, Any],
-) -> None:
-    """Refuse arrays that do not fit together: kernels trust them without looking again."""
-    d, n_parameters = len(affine.offset), len(header["theta_names"])
-    if recipe.predictor.maps_to_outputs and d != N_CHANNELS:
-        raise ValueError(f"its points have {d} entries instead of {N_CHANNELS}")
-    n_failures, n_samples = len(exact.alphas), len(exact.points)
-    shapes = {
-        "matrix": (affine.matrix, (N_CHANNELS * (recipe.n_delay + 1), d)),
-        "offset": (affine.offset, (d,)),
-        "scale": (arrays["scale"], (N_CHANNELS,)),
-        "reach": (arrays["reach"], (N_CHANNELS,)),
-        "alphas": (arrays["alphas"], (len(arrays["alphas"]),)),
-        "exact points": (exact.points, (n_samples, d if n_samples else 1)),
-        "exact unsafe": (exact.unsafe, (n_samples,)),
-        "exact safe": (exact.safe, (n_samples,)),
-        "exact alphas": (exact.alphas, (n_failures,)),
-    }
-    counts = [("exact start", exact.start, n_samples)] if len(exact.start) else []
-    for side in ("unsafe", "safe"):
-        points, where = arrays[f"{side}_points"], arrays[f"{side}_where"]
-        theta = arrays[f"theta_{side}"]
-        shapes[f"{side} points"] = (points, (len(points), d))
-        shapes[f"theta {side}"] = (theta, (len(theta), n_parameters))
-        if where.shape != (len(points), 2):
-            raise ValueError(f"{side} where has shape {where.shape}")
-        counts.append((f"{side} where", where[:, 0], len(theta) - 1))
-    for name, (array, shape) in shapes.items():
-        if array.dtype != np.float64 or array.shape != shape:
-            raise ValueError(f"{name} is {array.dtype} {array.shape} instead of float64 {shape}")
-    for name, array, most in counts:
-        if array.dtype != np.int64 or (len(array) and not 0 <= array.min() <= array.max() <= most):
-            raise ValueError(f"{name} holds numbers outside 0 to {most}")
-    if len(exact.start) and (
-        len(exact.start) != n_failures + 1 or (np.diff(exact.start) < 0).any()
-    ):
-        raise ValueError("exact start does not delimit the failures' histories")
-    if len(exact.points) and not len(exact.start):
-        raise ValueError("exact points belong to no failure")
 
 
 def _checked(y: npt.ArrayLike) -> Array:

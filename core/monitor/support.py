@@ -1,22 +1,16 @@
-"""What a monitor's training supports: how far fresh flights stray from it, by conformal rank."""
+"""What a monitor's training supports: how far fresh flights deviate from it, by conformal rank."""
 
 import math
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import Any
 
 import numpy as np
 
 from core.channels import N_CHANNELS
-from core.dataset import Dataset
-from core.kernels.deviation import Ground, farthest
+from core.kernels.deviation import Reference, farthest
 from core.monitor.calibration import p_values
-from core.monitor.observation import channel_scale, outputs_ahead
 from core.types import Array, Indices
-
-if TYPE_CHECKING:
-    from core.monitor.monitor import Monitor
-
 
 LEVEL = 0.02
 """Share of the flights of either kind that is accepted to be wrongly called invalid."""
@@ -24,9 +18,10 @@ WORST_LEVEL = 0.1
 """Largest level that is taken where fresh flights of one kind are too few for LEVEL."""
 LEAST, MOST = 1_000, 5_000
 """Fresh flights to calibrate on; and of one kind, at most."""
-FINEST = 1e-3
-"""Least sigma of a residual, as a share of the channel's deviation; of a channel that never moves,
-in its SI unit (N_y in g): 1 mrad, 1 mrad/s, 1 mg, about what a sensor resolves."""
+NOT_CALIBRATED = (
+    "validity is not calibrated: this monitor cannot tell whether a flight is like those it was "
+    "trained on, train it again"
+)
 
 
 class SupportError(ValueError):
@@ -35,7 +30,7 @@ class SupportError(ValueError):
 
 @dataclass(frozen=True, eq=False)
 class Support:
-    """How far flights stray that are drawn like the simulated ones.
+    """How far flights deviate that are drawn like the simulated ones.
 
     sigma: (6,) deviation of a forecast's residual on safe training rollouts, in the channels'
     units; NaN where the predictor makes no forecasts.
@@ -86,17 +81,17 @@ class Support:
             )
         return level
 
-    def p_values(self, reached: Array) -> Array:
+    def p_values(self, largest: Array) -> Array:
         """p-value of each statistic: the larger of those among safe and among failing flights.
 
-        reached: (n, 2) largest residual and distance.   Returns (n, 2), NaN where none is tested.
+        largest: (n, 2) residual and distance.   Returns (n, 2), NaN where none is tested.
         """
-        found = np.full(reached.shape, np.nan)
+        p = np.full(largest.shape, np.nan)
         for k in self.statistics:
-            found[:, k] = np.maximum(
-                p_values(reached[:, k], self.safe[:, k]), p_values(reached[:, k], self.unsafe[:, k])
+            p[:, k] = np.maximum(
+                p_values(largest[:, k], self.safe[:, k]), p_values(largest[:, k], self.unsafe[:, k])
             )
-        return found
+        return p
 
     def combined(self, p: Array) -> Array:
         """One p-value of all statistics, by Bonferroni's rule. p: (n, 2).   Returns (n,)."""
@@ -105,54 +100,49 @@ class Support:
     def bounds(self, level: float | None = None) -> Array:
         """(2,) what a statistic must exceed to be invalid: the rule combined p <= level."""
         level = self.check_level(level)
-        found = np.full(2, np.inf)
+        bounds = np.full(2, np.inf)
         for k in self.statistics:
-            found[k] = max(
+            bounds[k] = max(
                 kind[_rank(level, len(self.statistics), len(kind)), k]
                 for kind in (self.safe, self.unsafe)
             )
-        return found
+        return bounds
 
 
-def ground_of(monitor: "Monitor", sigma: Array) -> Ground:
-    """What excursions from a monitor's training are measured by."""
-    return Ground(
-        matrix=monitor.fitted.matrix,
-        offset=monitor.fitted.offset,
-        safe=monitor.safe_tree,
-        scale=monitor.scale,
-        sigma=sigma,
-        d=monitor.fitted.d,
-        h=monitor.h,
-        n_delay=monitor.recipe.n_delay,
-        dt=monitor.dt,
-        forecasts=monitor.recipe.predictor.forecasts,
-    )
+@dataclass(frozen=True, eq=False)
+class ValidityBasis:
+    """What a flight is compared with: all that a monitor remembers of its training.
+
+    training_max_abs: (6,) largest magnitude of each channel.   safe_points: (n, d) mapped.
+    """
+
+    support: Support
+    reference: Reference
+    training_max_abs: Array
+    safe_points: Array
 
 
 def calibrate(
-    monitor: "Monitor", dataset: Dataset, flights: Iterable[tuple[Array, Indices]]
+    reference: Reference, n_samples: int, flights: Iterable[tuple[Array, Indices, *tuple[Any, ...]]]
 ) -> Support:
     """Calibrate validity on fresh flights, in batches, until both kinds can serve LEVEL.
 
-    dataset: what the monitor was trained on.
+    n_samples: of a rollout.
     flights: batches of y (n, n_samples, 6) and fail_index (n,), n_samples for a safe flight, that
     neither trained nor tested the monitor. No more of them are taken than are needed; only their
     labels decide that, so flights of one kind stay exchangeable.
     SupportError where they end too early for WORST_LEVEL.
     """
-    sigma = residual_deviation(monitor, dataset)
-    ground = ground_of(monitor, sigma)
-    n_statistics = 2 if ground.forecasts else 1
+    n_statistics = 2 if reference.forecasts else 1
     kinds: tuple[list[Array], list[Array]] = [], []
     counts, n_flights, level = [0, 0], 0, math.inf
-    for y, fail_index in flights:
+    for y, fail_index, *_ in flights:
         n_flights += len(y)
         is_unsafe = fail_index < y.shape[1]
         for kind, these in enumerate((~is_unsafe, is_unsafe)):
             some = np.flatnonzero(these)[: MOST - counts[kind]]
             last = np.minimum(fail_index[some], y.shape[1] - 1)
-            kinds[kind].append(farthest(ground, y[some], last))
+            kinds[kind].append(farthest(reference, y[some], last))
             counts[kind] += len(some)
         level = max(LEVEL, _smallest_level(n_statistics, min(counts)))
         if n_flights >= LEAST and level <= LEVEL:
@@ -164,22 +154,7 @@ def calibrate(
             f"{counts[1]} failed, {needed} of either are needed; change the amplitude or the limit"
         )
     safe, unsafe = (np.sort(np.concatenate(kind), axis=0) for kind in kinds)
-    return Support(sigma, safe, unsafe, dataset.safe.shape[1], level)
-
-
-def residual_deviation(monitor: "Monitor", dataset: Dataset) -> Array:
-    """(6,) root mean square of y_{t+h} - y_hat_{t+h} at the safe observations, from below FINEST.
-
-    NaN where the predictor makes no forecasts.
-    """
-    if not monitor.recipe.predictor.forecasts:
-        return np.full(len(monitor.scale), np.nan)
-    ahead = outputs_ahead(dataset.safe, dataset.safe_times, monitor.h)
-    ahead -= monitor.safe_points * monitor.scale
-    deviation = np.sqrt(np.nanmean(np.square(ahead, out=ahead), axis=0))
-    times = np.arange(len(dataset.safe))[:, None], dataset.safe_times
-    newest = dataset.safe[times].reshape(-1, dataset.safe.shape[2])
-    return np.maximum(deviation, FINEST * channel_scale(newest))
+    return Support(reference.sigma, safe, unsafe, n_samples, level)
 
 
 def _smallest_level(n_statistics: int, n: int) -> float:

@@ -1,5 +1,9 @@
 """Training: from labelled trajectories to a calibrated monitor."""
 
+from collections.abc import Iterable
+from dataclasses import replace
+from typing import Any
+
 import numpy as np
 
 from core import __version__
@@ -18,7 +22,14 @@ from core.monitor.observation import (
 )
 from core.monitor.predictor import Affine, Predictor
 from core.monitor.recipe import MonitorRecipe
+from core.monitor.support import calibrate
 from core.types import Array, Indices
+
+FINEST = 1e-3
+"""Least sigma of a residual, as a share of the channel's deviation; of a channel that never moves,
+in its SI unit (N_y in g): 1 mrad, 1 mrad/s, 1 mg, about what a sensor resolves."""
+FreshFlights = Iterable[tuple[Array, Indices, *tuple[Any, ...]]]
+"""Batches of flights: outputs y (n, n_samples, 6), fail_index (n,), and what else comes along."""
 
 
 class SafeObservations:
@@ -45,16 +56,52 @@ class SafeObservations:
 
 
 def train(
-    dataset: Dataset, recipe: MonitorRecipe | None = None, safe: SafeObservations | None = None
+    dataset: Dataset,
+    recipe: MonitorRecipe | None = None,
+    fresh: FreshFlights | None = None,
+    *,
+    safe: SafeObservations | None = None,
 ) -> Monitor:
     """Fit the predictor on safe observations, then calibrate the score on the failures.
 
     Calibration data chooses nothing: scale and predictor come from safe observations only.
+    fresh: batches of fresh flights that validity is calibrated on, see `with_validity`; without
+    them the monitor cannot tell whether a flight is like those it was trained on.
     safe: those of this dataset and of a recipe that differs in predictor and score at most, to
     share them among monitors.
-    ValueError where the dataset has no unsafe or no safe rollout.
+    ValueError where the dataset has no unsafe or no safe rollout, or fresh flights are too few.
     """
-    recipe = recipe or MonitorRecipe()
+    monitor = _calibrated(dataset, recipe or MonitorRecipe(), safe)
+    return monitor if fresh is None else with_validity(monitor, dataset, fresh)
+
+
+def with_validity(monitor: Monitor, dataset: Dataset, fresh: FreshFlights) -> Monitor:
+    """Return the monitor with its validity calibrated.
+
+    dataset: what it was trained on.
+    fresh: batches of y (n, n_samples, 6) and fail_index (n,), n_samples for a safe flight, that
+    neither trained nor tested it; only as many are taken as are needed.   SupportError.
+    """
+    reference = monitor.reference(residual_deviation(monitor, dataset))
+    return replace(monitor, support=calibrate(reference, dataset.safe.shape[1], fresh))
+
+
+def residual_deviation(monitor: Monitor, dataset: Dataset) -> Array:
+    """(6,) root mean square of y_{t+h} - y_hat_{t+h} at the safe observations, from below FINEST.
+
+    NaN where the predictor makes no forecasts.
+    """
+    if not monitor.recipe.predictor.forecasts:
+        return np.full(len(monitor.scale), np.nan)
+    ahead = outputs_ahead(dataset.safe, dataset.safe_times, monitor.h)
+    ahead -= monitor.safe_points * monitor.scale
+    deviation = np.sqrt(np.nanmean(np.square(ahead, out=ahead), axis=0))
+    times = np.arange(len(dataset.safe))[:, None], dataset.safe_times
+    newest = dataset.safe[times].reshape(-1, dataset.safe.shape[2])
+    return np.maximum(deviation, FINEST * channel_scale(newest))
+
+
+def _calibrated(dataset: Dataset, recipe: MonitorRecipe, safe: SafeObservations | None) -> Monitor:
     _check(dataset, recipe)
     h, n_delay = lead_steps(recipe.t_early, dataset.dt), recipe.n_delay
     safe = safe or SafeObservations(dataset, recipe)
@@ -84,7 +131,7 @@ def train(
         dt=dataset.dt,
         h=h,
         scale=safe.scale,
-        reach=np.fmax(
+        training_max_abs=np.fmax(
             np.abs(dataset.safe).max(axis=(0, 1)), np.nanmax(np.abs(dataset.unsafe), axis=(0, 1))
         ),
         unsafe_points=unsafe_points,
@@ -101,6 +148,7 @@ def train(
         dataset_digest=dataset.digest(),
         seed=dataset.seed,
         version=__version__,
+        specification=dataset.specification,
     )
 
 

@@ -1,12 +1,17 @@
-"""Validity: whether a monitor has any right to speak of a flight, one verdict a manoeuvre.
+"""Validity: whether a flight is one that a monitor can speak of, one verdict a manoeuvre.
 
 A flight drawn like the simulated ones, safe or failing, is called invalid with a probability of at
 most the level, over a whole manoeuvre and so at any moment of it: its statistics only ever grow. A
-longer flight than those of training has more samples to stray in, and is called so more often.
+longer flight than those of training has more samples to deviate in, and is called so more often.
+
+Once a flight is invalid, it is so to its end: nothing more is said of it. What counts ends with the
+first sample that reaches a limit, as it did for the flights behind the bounds. The guarantee is
+about what comes before; so the verdict of that moment stays, and no aircraft is called invalid for
+where it goes once it has left its envelope.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -18,33 +23,26 @@ from core.kernels.deviation import (
     SAMPLES,
     SIZE,
     WHEN,
-    Excursion,
+    Deviation,
     begin,
     follow,
     take,
 )
-from core.monitor.assessment import STATES, Assessment, Assessments
-from core.monitor.doubts import NOT_CALIBRATED, strayed, too_little
-from core.monitor.support import Support, ground_of
-from core.types import Array
-
-if TYPE_CHECKING:
-    from core.monitor.monitor import Monitor
-
-
-CODES = {state: code for code, state in enumerate(STATES)}
+from core.monitor.assessment import Assessment, Assessments, Withdrawal, code_of
+from core.monitor.reasons import outside_training, too_little
+from core.monitor.support import ValidityBasis
+from core.types import Array, Flags
 
 
 @dataclass(frozen=True)
-class SupportVerdict:
+class ValidityVerdict:
     """Whether a manoeuvre lies within what its monitor was trained on.
 
-    valid: False where it strays farther than all but a share `level` of the fresh flights of either
-    kind; None where nothing can be said: not calibrated, or less than half of it was seen. Only
-    True gives the right to speak.
+    valid: False where it deviates farther than all but a share `level` of the fresh flights of
+    either kind; None where nothing can be said: not calibrated, or less than half of it was seen.
     p_value: of both statistics, by Bonferroni's rule.   residual_p, distance_p: of each.
     residual: largest [sigma].   distance: largest [scaled units].
-    sample, t, channel: where it strays most: number, time [s] and the channel's key; no channel
+    sample, t, channel: where it deviates most: number, time [s] and the channel's key; no channel
     where that is the distance.
     reasons: why `valid` is not True.
     None stands for what is not tested or not there.
@@ -64,146 +62,149 @@ class SupportVerdict:
 
 
 def judge(
-    monitor: "Monitor",
+    basis: ValidityBasis,
     t: Array,
     y: Array,
-    said: Assessments,
+    assessments: Assessments,
     level: float | None = None,
     end: int | None = None,
-) -> SupportVerdict:
+) -> ValidityVerdict:
     """Judge a whole manoeuvre.
 
-    t: (n,) [s].   y: (n, 6).   said: what monitor.assess(t, y) said.   level: the support's own
-    unless given.   end: last sample that counts; the first that violates the limits, if one does,
-    as failing flights are calibrated up to there.
+    t: (n,) [s].   y: (n, 6).   assessments: of these samples, not withdrawn.
+    level: the support's own unless given.   end: last sample that counts; the first that exceeds
+    a limit, if one does, as failing flights are calibrated up to there.
     """
-    if monitor.support is None:
-        return SupportVerdict(None, reasons=(NOT_CALIBRATED,))
-    so_far, _ = excursion_of(monitor, monitor.support, t, y, said, end)
-    at = int(so_far.peaks[AT, DISTANCE])
-    outlier = said.y_hat[at] if at >= 0 else None
-    return _verdict(monitor, monitor.support, so_far, level, outlier)
+    deviation, _ = deviation_of(basis, t, y, assessments, end)
+    at = int(deviation.peaks[AT, DISTANCE])
+    outlier = assessments.y_hat[at] if at >= 0 else None
+    return _verdict(basis, deviation, level, outlier)
 
 
-def excursion_of(
-    monitor: "Monitor",
-    support: Support,
+def deviation_of(
+    basis: ValidityBasis,
     t: Array,
     y: Array,
-    said: Assessments,
+    assessments: Assessments,
     end: int | None = None,
-) -> tuple[Excursion, Array]:
-    """How far a manoeuvre strays in the end, and (n, 2) residual and distance by each sample.
+) -> tuple[Deviation, Array]:
+    """How far a manoeuvre deviates in the end, and (n, 2) residual and distance by each sample.
 
     Samples in which nothing was assessed add nothing. A sample is compared with the forecast made
     h samples before it only where every sample since was assessed.
     """
-    n = len(said) if end is None else end + 1
-    codes, near = said.state[:n], said.nearest_safe[:n]
+    n = len(assessments) if end is None else end + 1
+    codes, near = assessments.state[:n], assessments.nearest_safe[:n]
     t, y = np.ascontiguousarray(t, np.float64)[:n], np.ascontiguousarray(y, np.float64)[:n]
     fresh = codes != STALE
-    ground = ground_of(monitor, support.sigma)
-    so_far, reached = begin(ground), np.empty((n, 2))
+    deviation, largest = begin(basis.reference), np.empty((n, 2))
     y = y if fresh.all() else y[fresh]
-    follow(ground, so_far, t, y, 0, codes, near, np.nan, reached)
-    return so_far, reached
+    follow(basis.reference, deviation, t, y, 0, codes, near, np.nan, largest)
+    return deviation, largest
 
 
-def first_stray(
-    monitor: "Monitor",
+def withdrawal(
+    basis: ValidityBasis,
     t: Array,
     y: Array,
-    said: Assessments,
-    level: float | None = None,
+    assessments: Assessments,
     end: int | None = None,
-) -> tuple[int, SupportVerdict] | None:
-    """First sample by which `judge` says invalid, and what it says there: what `Running` finds.
+) -> Withdrawal | None:
+    """From which sample on nothing may be said of a flight, and why; None for a valid one.
 
-    None where it never does, or validity is not calibrated.
+    Arguments as of `judge`. It is the sample at which `RunningValidity` becomes invalid.
     """
-    if monitor.support is None:
-        return None
-    _, reached = excursion_of(monitor, monitor.support, t, y, said, end)
-    beyond = (reached > monitor.support.bounds(level)).any(axis=1)
+    _, largest = deviation_of(basis, t, y, assessments, end)
+    beyond = (largest > basis.support.bounds()).any(axis=1)
     if not beyond.any():
         return None
-    k = int(beyond.argmax())
-    return k, judge(monitor, t, y, said, level, k)
+    first = int(beyond.argmax())
+    return Withdrawal(first, in_words(judge(basis, t, y, assessments, end=first).reasons))
 
 
-class Running:
+def exceeds(limits: Array, y: Array) -> Flags:
+    """(...,) whether a sample exceeds a limit; a value that is missing does not.
+
+    limits: (6,).   y: (..., 6).
+    """
+    return np.asarray((np.isfinite(y) & (np.abs(y) >= limits)).any(axis=-1))
+
+
+def in_words(reasons: Sequence[str]) -> str:
+    """The reasons of a verdict as one text."""
+    return "; ".join(reasons)
+
+
+class RunningValidity:
     """Validity of a flight under way, sample by sample; invalid once is invalid to the end.
 
-    ValueError for a monitor whose validity is not calibrated, or a level it cannot serve.
+    level: the support's own unless given.   SupportError for one that it cannot serve.
     """
 
-    def __init__(self, monitor: "Monitor", level: float | None = None) -> None:
-        if monitor.support is None:
-            raise ValueError(NOT_CALIBRATED)
-        self.monitor, self.support = monitor, monitor.support
-        self.level = self.support.check_level(level)
-        self.is_invalid = False
-        self._residual_bound, self._distance_bound = self.support.bounds(level).tolist()
-        self._ground = ground_of(monitor, self.support.sigma)
-        self._history = np.zeros((monitor.recipe.n_delay + 1, N_CHANNELS))
-        self._so_far: Excursion = begin(self._ground)
+    def __init__(self, basis: ValidityBasis, n_delay: int, level: float | None = None) -> None:
+        self.basis = basis
+        self.level = basis.support.check_level(level)
+        self._residual_bound, self._distance_bound = basis.support.bounds(level).tolist()
+        self._history = np.zeros((n_delay + 1, N_CHANNELS))
+        self._deviation: Deviation = begin(basis.reference)
         self._outlier: Array | None = None
 
-    def update(self, y: Array, said: Assessment) -> bool:
-        """Take the next sample. Returns whether the flight has become invalid, now or before.
+    def update(self, y: Array, assessment: Assessment) -> bool:
+        """Take the next sample. Returns whether the flight is invalid, from now or before on.
 
-        y: (6,) float64, contiguous.   said: what the monitor's stream said of it.
+        y: (6,) float64, contiguous.   assessment: of it, not withdrawn.
         """
-        near = said.nearest_safe
+        near = assessment.nearest_safe
         residual, distance = take(
-            self._ground,
-            self._so_far,
+            self.basis.reference,
+            self._deviation,
             self._history,
             y,
-            said.t,
-            CODES[said.state],
+            assessment.t,
+            code_of(assessment.state),
             np.nan if near is None else near.distance,
         )
-        if self._so_far.peaks[AT, DISTANCE] == self._so_far.counts[SAMPLES] - 1:
-            self._outlier = said.y_hat
-        self.is_invalid = residual > self._residual_bound or distance > self._distance_bound
-        return self.is_invalid
+        if self._deviation.peaks[AT, DISTANCE] == self._deviation.counts[SAMPLES] - 1:
+            self._outlier = assessment.y_hat
+        return residual > self._residual_bound or distance > self._distance_bound
 
     @property
-    def verdict(self) -> SupportVerdict:
+    def verdict(self) -> ValidityVerdict:
         """The verdict so far."""
-        return _verdict(self.monitor, self.support, self._so_far, self.level, self._outlier)
+        return _verdict(self.basis, self._deviation, self.level, self._outlier)
 
 
 def _verdict(
-    monitor: "Monitor",
-    support: Support,
-    so_far: Excursion,
-    level: float | None,
-    outlier: Array | None,
-) -> SupportVerdict:
+    basis: ValidityBasis, deviation: Deviation, level: float | None, outlier: Array | None
+) -> ValidityVerdict:
+    support = basis.support
     level = support.check_level(level)
-    bounds, reached = support.bounds(level), so_far.reached
-    p = support.p_values(reached[None])
+    bounds, largest = support.bounds(level), deviation.largest
+    p = support.p_values(largest[None])
     residual_p, distance_p = (None if np.isnan(value) else float(value) for value in p[0])
-    beyond = strayed(monitor, support, so_far, bounds, level, outlier)
-    unseen = too_little(monitor, so_far)
-    worst = int(so_far.peaks[SIZE, :DISTANCE].argmax())
-    with np.errstate(divide="ignore", invalid="ignore"):
-        residual_share, distance_share = np.nan_to_num(reached / bounds)
-    if distance_share >= residual_share:
-        worst = DISTANCE
-    there = so_far.peaks[AT, worst] >= 0
-    return SupportVerdict(
-        valid=False if beyond else None if unseen else True,
+    outside = outside_training(basis, deviation, bounds, level, outlier)
+    unseen = too_little(basis, deviation)
+    worst = _worst(deviation, bounds)
+    there = deviation.peaks[AT, worst] >= 0
+    return ValidityVerdict(
+        valid=False if outside else None if unseen else True,
         level=level,
         p_value=float(support.combined(p)[0]),
         residual_p=residual_p,
         distance_p=distance_p,
-        residual=None if residual_p is None else float(reached[0]),
-        distance=float(reached[1]),
-        sample=int(so_far.peaks[AT, worst]) if there else None,
-        t=float(so_far.peaks[WHEN, worst]) if there else None,
+        residual=None if residual_p is None else float(largest[0]),
+        distance=float(largest[1]),
+        sample=int(deviation.peaks[AT, worst]) if there else None,
+        t=float(deviation.peaks[WHEN, worst]) if there else None,
         channel=KEYS[worst] if there and worst != DISTANCE else None,
-        reasons=tuple(beyond or unseen),
+        reasons=tuple(outside or unseen),
     )
+
+
+def _worst(deviation: Deviation, bounds: Array) -> int:
+    """Row of the statistic that comes closest to its bound, or is farthest beyond it."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        residual_share, distance_share = np.nan_to_num(deviation.largest / bounds)
+    if distance_share >= residual_share:
+        return DISTANCE
+    return int(deviation.peaks[SIZE, :DISTANCE].argmax())

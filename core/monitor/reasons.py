@@ -1,0 +1,91 @@
+"""Why a flight is outside a monitor's training, or cannot be judged, in words."""
+
+import numpy as np
+
+from core.channels import CHANNELS
+from core.kernels.deviation import COMPARED, DISTANCE, PLACED, SIZE, WHEN, Deviation
+from core.monitor.support import ValidityBasis
+from core.types import Array
+
+MOST_NAMED = 3
+"""Channels that are named, the worst ones."""
+
+
+def outside_training(
+    basis: ValidityBasis, deviation: Deviation, bounds: Array, level: float, outlier: Array | None
+) -> list[str]:
+    """Where and how far beyond the bounds; nothing for a flight within them.
+
+    bounds: (2,) of residual and distance.
+    outlier: (6,) forecast made of the farthest observation; None or NaN where there is none.
+    """
+    support, dt = basis.support, basis.reference.dt
+    share = f"{100 * (1 - level / len(support.statistics)):.4g} % of fresh flights stay within"
+    residual, distance = deviation.peaks[SIZE, :DISTANCE], deviation.peaks[SIZE, DISTANCE]
+    when, reasons = deviation.peaks[WHEN], []
+    for c in np.argsort(-residual, kind="stable")[:MOST_NAMED].tolist():
+        if residual[c] > bounds[0]:
+            reasons.append(
+                _off_forecast(basis, c, float(residual[c]), float(when[c]), bounds[0], share)
+            )
+    if distance > bounds[1]:
+        reasons.append(
+            f"it was {distance:.3g} from every safe observation of training at "
+            f"{when[DISTANCE]:.2f} s, in scaled units{_mostly(basis, outlier)}; {share} "
+            f"{bounds[1]:.3g}"
+        )
+    n_due = deviation.n_due(dt)
+    if reasons and n_due > support.n_samples:
+        reasons.append(
+            f"it lasts {n_due * dt:.2f} s, the flights of training {support.n_samples * dt:.2f} s: "
+            "a longer one deviates farther, split it up"
+        )
+    return reasons
+
+
+def _off_forecast(
+    basis: ValidityBasis, c: int, residual: float, when: float, bound: float, share: str
+) -> str:
+    channel, amount = CHANNELS[c], residual * basis.support.sigma[c]
+    if basis.training_max_abs[c] == 0:
+        return (
+            f"{channel.key} moved by {amount:.3g} {channel.unit} at {when:.2f} s; it never moved "
+            "in training"
+        )
+    return (
+        f"{channel.key} was off its forecast by {residual:.1f} sigma ({amount:.3g} {channel.unit}) "
+        f"at {when:.2f} s; {share} {bound:.1f}"
+    )
+
+
+def _mostly(basis: ValidityBasis, outlier: Array | None) -> str:
+    """In which channel a forecast is farthest from that of the nearest safe observation."""
+    if outlier is None or not np.isfinite(outlier).all():
+        return ""
+    apart = np.abs(basis.safe_points - outlier / basis.reference.scale)
+    with np.errstate(over="ignore"):
+        nearest = apart[np.square(apart).sum(axis=1).argmin()]
+    return f", mostly by its forecast of {CHANNELS[int(nearest.argmax())].key}"
+
+
+def too_little(basis: ValidityBasis, deviation: Deviation) -> list[str]:
+    """Why nothing can be said of a flight: less than half was seen of what one without gaps has."""
+    reference = basis.reference
+    n_due = deviation.n_due(reference.dt)
+    placed, compared = int(deviation.counts[PLACED]), int(deviation.counts[COMPARED])
+    if placed == 0 or 2 * placed < n_due:
+        return [f"only {placed} of {n_due} samples could be assessed: too few to judge validity"]
+    n_pairs = n_due - reference.h
+    if not reference.forecasts:
+        return []
+    if n_pairs <= 0:
+        return [
+            f"{n_due} samples are too few to judge validity: a forecast is compared with what came "
+            f"from sample {reference.h + 1} on"
+        ]
+    if 2 * compared < n_pairs:
+        return [
+            f"only {compared} of {n_pairs} forecasts could be compared with what came: too few to "
+            "judge validity"
+        ]
+    return []
