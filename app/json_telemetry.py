@@ -8,7 +8,6 @@ from pydantic import BaseModel, ConfigDict, Field
 from app.telemetry.recording import ATTITUDE, Recording, TelemetryError
 from core.channels import KEYS
 from core.monitor import Monitor
-from core.monitor.assessment import REASONS, STATES
 
 Values = list[float | None]
 MOST_SAMPLES = 1_000_000
@@ -77,31 +76,5 @@ def assessed(
             stream.update(t, y).as_dict()
             for t, y in zip(recording.t.tolist(), recording.y, strict=True)
         ]
-    said = monitor.assess(recording.t, recording.y, epsilon)
-    rows = zip(
-        said.t.tolist(),
-        said.state.tolist(),
-        said.p_value.tolist(),
-        said.alert.tolist(),
-        said.score.tolist(),
-        said.y_hat.tolist(),
-        strict=True,
-    )
-    return [_assessment(*row) for row in rows]
-
-
-def _assessment(
-    t: float, code: int, p_value: float, alert: bool, score: float, y_hat: list[float]
-) -> dict[str, Any]:
-    known = p_value == p_value
-    return {
-        "t": t,
-        "p_value": p_value if known else None,
-        "alert": alert if known else None,
-        "state": STATES[code].value,
-        "reason": REASONS[code],
-        "y_hat": dict(zip(KEYS, y_hat, strict=True)) if known and y_hat[0] == y_hat[0] else None,
-        "score": score if known else None,
-        "nearest_unsafe": None,
-        "nearest_safe": None,
-    }
+    assessments = monitor.assess(recording.t, recording.y, epsilon)
+    return [assessments[k].as_dict() for k in range(len(assessments))]

@@ -5,6 +5,7 @@ Times `t` are the flight's own [s]; `seq` numbers the samples flown, one up a sa
 transport does; `sent` and the heartbeat's `server_time` are the server's.
 """
 
+from dataclasses import asdict
 from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
@@ -13,7 +14,7 @@ from app import json_codec
 from core.channels import CHANNELS
 from core.monitor import Assessment
 from core.monitor.assessment import State
-from core.specification import Limits
+from core.specification import Limits, Specification
 
 Outputs = Annotated[list[float | None], Field(min_length=6, max_length=6)]
 
@@ -240,15 +241,16 @@ def encode_frames(seq: int, frames: list[str], conflated: int) -> str:
     return f'{{"type":"frames","seq":{seq},"conflated":{conflated},"frames":[{",".join(frames)}]}}'
 
 
-def limited_channels(limits: Limits) -> list[ChannelLimit]:
-    """The telemetry dictionary with the specification's limits."""
+def limited_channels(specification: Specification) -> list[ChannelLimit]:
+    """The telemetry dictionary with the specification's limits, as far as it has any."""
+    limits = asdict(specification) if isinstance(specification, Limits) else {}
     return [
         ChannelLimit(
             key=channel.key,
             symbol=channel.symbol,
             unit=channel.unit,
             label=channel.label,
-            limit=getattr(limits, channel.key),
+            limit=limits.get(channel.key),
         )
         for channel in CHANNELS
     ]

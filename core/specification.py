@@ -55,6 +55,8 @@ SPECIFICATIONS = {"limits": Limits()}
 Specification = Limits | str | None
 """What unsafe means for a monitor: limits, the label of what is known by its verdicts alone, or
 None where it is not known. Only limits can be judged from telemetry."""
+PlainSpecification = dict[str, float | None] | str | None
+"""A specification as JSON: limits by channel, the label, or null."""
 
 
 def magnitudes_of(specification: Specification) -> Array | None:
@@ -62,12 +64,12 @@ def magnitudes_of(specification: Specification) -> Array | None:
     return specification.magnitudes if isinstance(specification, Limits) else None
 
 
-def specification_to_plain(specification: Specification) -> dict[str, float | None] | str | None:
+def specification_to_plain(specification: Specification) -> PlainSpecification:
     """Return JSON's types."""
     return asdict(specification) if isinstance(specification, Limits) else specification
 
 
-def specification_from_plain(plain: Mapping[str, float | None] | str | None) -> Specification:
+def specification_from_plain(plain: PlainSpecification) -> Specification:
     """Rebuild a specification; a channel that is not named has no limit. ValueError."""
     if plain is None or isinstance(plain, str):
         return plain

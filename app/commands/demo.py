@@ -80,7 +80,7 @@ def prepare(store: Store, say: Callable[[str], None]) -> str:
         dataset = simulate(DATASET, lambda _, done, total: progress(done, total))
     stored = store.datasets.add(dataset, dataset_name(DATASET))
     trained = train_and_test(dataset, MONITOR, N_TEST, lambda *_: None)
-    return store.monitors.add(trained.monitor, NAME, stored.id, trained.evaluation).id
+    return store.monitors.add(trained.monitor, NAME, stored.id).id
 
 
 async def fly(app: FastAPI, settings: Settings, monitor_id: str) -> str:

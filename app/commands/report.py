@@ -10,7 +10,7 @@ from app.commands.destinations import DestinationError, check_file
 from app.commands.score import Report, is_assessed, lines
 from app.commands.scoring_options import SETTINGS, add_scoring_options, request_of
 from app.jobs.requests import N_TEST
-from app.jobs.training import fly_test, fresh_flights
+from app.jobs.training import fly_test
 from app.recipes import RecipeError, from_plain
 from app.recordings.exports import EXPORTS, export
 from app.recordings.mapping_memory import MappingMemory
@@ -18,7 +18,7 @@ from app.recordings.scored_file import ScoreRequest, labels, score_file
 from app.report.from_file import file_subjects
 from app.report.page import report
 from app.report.subject import about
-from core.collection import DatasetRecipe
+from core.collection import DatasetRecipe, evaluation_flights
 from core.monitor import Monitor
 from core.whole_file import write_whole
 
@@ -115,12 +115,14 @@ def write_reports(
 
 
 def evaluation(monitor: Monitor, n_test: int) -> dict[str, Any] | None:
-    """What fresh flights of a monitor's own recipe say of it; None where there are none."""
+    """What its file says of fresh flights, else those flown now by its recipe; None for neither."""
+    if monitor.evaluation is not None:
+        return monitor.evaluation
     try:
         recipe = from_plain(DatasetRecipe(), monitor.dataset_recipe, "dataset")
     except RecipeError:
         return None
     if not (n_test and monitor.dataset_recipe):
         return None
-    test = fly_test(monitor, fresh_flights(recipe, n_test))
+    test = fly_test(monitor, evaluation_flights(recipe, n_test))
     return test.as_plain(n_test, monitor.lead, monitor.dt)

@@ -79,7 +79,7 @@ def _dataset_line(dataset: Dataset) -> str:
 def _validity_line(training: Training) -> str:
     support = training.monitor.support
     if support is None:
-        return training.unsupported
+        return training.not_calibrated
     return (
         f"validity calibrated on {len(support.safe)} safe and {len(support.unsafe)} failing fresh "
         f"flights: at most {100 * support.level:.2g} % of either are called invalid"
@@ -88,16 +88,24 @@ def _validity_line(training: Training) -> str:
 
 def _test_lines(test: FlownTest, lead: float) -> list[str]:
     found = test.at_epsilon
-    caught = found.n_unsafe - found.misses[0]
+    caught = int(found.caught[0])
     silent = found.n_safe - found.false_alerts[0]
     return [
         f"fresh flights: {found.n_unsafe} failed, {found.n_safe} did not; at epsilon "
         f"{test.epsilon:g}:",
         _share("missed", found.misses[0], found.n_unsafe, "of failing flights"),
+        *_withdrawn_line(int(found.withdrawn[0]), found.n_unsafe),
         _share("no alert", silent, found.n_safe, "of safe flights"),
         _share("P(fail | alert)", caught, caught + found.false_alerts[0], "of alerts"),
         _lead_line(test.leads, lead),
     ]
+
+
+def _withdrawn_line(withdrawn: int, n_unsafe: int) -> list[str]:
+    if not withdrawn:
+        return []
+    where = "of failing flights, before an alert: neither missed nor caught"
+    return [_share("withdrawn", withdrawn, n_unsafe, where)]
 
 
 def _share(what: str, count: int, total: int, of: str) -> str:

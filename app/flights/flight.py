@@ -14,7 +14,6 @@ from app.flights.clock import Clock, Timer
 from app.flights.recorder import Recorder
 from app.flights.sources import Array
 from app.flights.watcher import CREDIT, RecentFrames, Watcher
-from app.flights.withdrawal import limits_of
 from app.messages import (
     Alarm,
     AlarmRaised,
@@ -164,7 +163,7 @@ class Flight(ABC):
             flight=plan.id,
             name=plan.name,
             server_time=self.clock.utc(),
-            channels=limited_channels(limits_of(monitor)),
+            channels=limited_channels(monitor.specification),
             epsilon=plan.epsilon,
             n_unsafe=monitor.n_unsafe,
             lead=monitor.lead,

@@ -44,6 +44,10 @@ class TooManyFlights(RuntimeError):
     """As many flights are under way as may be."""
 
 
+class LimitsUnknown(ValueError):
+    """A monitor whose limits are not known, as a flight's only monitor."""
+
+
 @dataclass(frozen=True)
 class FlightOrder:
     """A flight to start. epsilon: the monitor's unless given."""
@@ -107,7 +111,7 @@ class Flights:
         """
         self._take_place()
         try:
-            monitor = await asyncio.to_thread(self.store.monitors.get, order.monitor_id)
+            monitor = await asyncio.to_thread(self._monitor, order.monitor_id)
             epsilon = monitor.check_epsilon(order.epsilon)
             script, name = await asyncio.to_thread(self._open, order, monitor, epsilon)
             source = order.source.model_dump(exclude_none=True)
@@ -127,7 +131,7 @@ class Flights:
         """Start the flight of a live source; errors as of `start`."""
         self._take_place()
         try:
-            monitor = await asyncio.to_thread(self.store.monitors.get, monitor_id)
+            monitor = await asyncio.to_thread(self._monitor, monitor_id)
             epsilon = monitor.check_epsilon(epsilon)
             plan = await self._plan(name, description, monitor_id, epsilon)
             return await self._start(plan, source)
@@ -207,6 +211,16 @@ class Flights:
                 f"({', '.join(self._flights)})"
             )
         self._starting += 1
+
+    def _monitor(self, monitor_id: str) -> Monitor:
+        """The monitor of a flight. NotFound; LimitsUnknown: it could not say what it warns of."""
+        monitor = self.store.monitors.get(monitor_id)
+        if monitor.limits is None:
+            raise LimitsUnknown(
+                f"monitor {monitor_id} does not say which limits it was trained for, so nothing "
+                "could be said of an exceedance: fly a monitor that does, or train it again"
+            )
+        return monitor
 
     async def _plan(
         self, name: str, source: dict[str, Any], monitor_id: str, epsilon: float

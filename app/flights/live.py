@@ -6,7 +6,6 @@ from typing import Any
 from app.flights.flight import LEVEL, Flight, FlightPlan, patience
 from app.flights.sources import LiveSource
 from app.flights.transport import NotPossible
-from app.flights.withdrawal import CheckedStream
 from app.messages import TransportState
 from core.monitor import State
 
@@ -65,7 +64,7 @@ class LiveFlight(Flight):
         await super().stop(reason)
 
     async def _fly_source(self) -> None:
-        stream = CheckedStream(self.plan.monitor, self.plan.epsilon)
+        stream = self.plan.monitor.stream(self.plan.epsilon)
         try:
             async for t, y, attitude in self._source:
                 self._came = self.clock.now()

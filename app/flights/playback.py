@@ -8,9 +8,7 @@ from abc import ABC, abstractmethod
 import numpy as np
 
 from app.flights.sources import Array, Track
-from app.flights.withdrawal import withdrawal, withdrawn
-from core.monitor import Assessment, Monitor, State
-from core.monitor.assessment import REASONS, STATES
+from core.monitor import Assessment, Monitor
 
 Angles = tuple[float, float, float]
 """Bank, pitch and heading [rad]."""
@@ -60,12 +58,7 @@ class AssessedTrack(Script):
         if track.fail_index is not None:
             self.fail_t = float(track.t[track.fail_index])
         self._track = track
-        self._forecasts = monitor.recipe.predictor.forecasts
-        self._said = monitor.assess(track.t, track.y, epsilon)
-        self._withdrawal = withdrawal(monitor, track.t, track.y, self._said)
-        self._alert = self._said.alert.copy()
-        if self._withdrawal is not None:
-            self._alert[self._withdrawal.first :] = False
+        self._assessments = monitor.assess(track.t, track.y, epsilon)
         self.is_checked = monitor.support is not None
 
     def y(self, k: int) -> Array:
@@ -78,20 +71,12 @@ class AssessedTrack(Script):
         return phi, theta, psi
 
     def said(self, k: int) -> Assessment:
-        """What the batch says of sample k, unless that was withdrawn."""
-        said, lost = self._said, self._withdrawal
-        if lost is not None and k >= lost.first:
-            return withdrawn(float(said.t[k]), lost.reason)
-        code = int(said.state[k])
-        t, state, reason = float(said.t[k]), STATES[code], REASONS[code]
-        if state is not State.OK:
-            return Assessment(t, None, None, state, reason)
-        y_hat = said.y_hat[k] if self._forecasts else None
-        return Assessment(t, float(said.p_value[k]), bool(self._alert[k]), state, reason, y_hat)
+        """What the batch says of sample k."""
+        return self._assessments[k]
 
     def next_alert(self, k: int) -> int | None:
         """First sample after k at which an alert begins."""
-        alert = self._alert
+        alert = self._assessments.alert
         onsets = np.flatnonzero(alert & ~np.concatenate([[False], alert[:-1]]))
         later = onsets[onsets > k]
         return int(later[0]) if len(later) else None

@@ -67,7 +67,7 @@ class RecordedScript(Script):
         sample = self._samples[k]
         t, code = float(sample["t"]), int(sample["state"])
         if (state := STATES[code]) is not State.OK:
-            why = reason(code, int(sample["stretch"]), self._stretches)
+            why = reason(code, t, int(sample["stretch"]), self._stretches)
             return Assessment(t, None, None, state, why)
         y_hat = sample["y_hat"] if self._forecasts else None
         return Assessment(t, float(sample["p_value"]), bool(sample["alert"]), state, y_hat=y_hat)

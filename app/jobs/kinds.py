@@ -31,7 +31,7 @@ def monitor_work(order: MonitorOrder, store: Store) -> Work:
             dataset_id = store.datasets.add(dataset, dataset_name(order.dataset.recipe)).id
         training = train_and_test(dataset, order.recipe, order.n_test, task.progress)
         task.progress("storing", task.done, task.total)
-        info = store.monitors.add(training.monitor, order.name, dataset_id, training.evaluation)
+        info = store.monitors.add(training.monitor, order.name, dataset_id)
         return {"monitor": info.id, "dataset": dataset_id}
 
     return work

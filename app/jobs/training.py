@@ -1,18 +1,25 @@
 """Training a monitor from a dataset, and what fresh flights say of it, as data."""
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
-from app.jobs.supporting import supported
-from app.recipes import RecipeError, from_plain, to_plain
-from core.collection import DatasetRecipe, Rollouts, Simulator, collect
+from app.recipes import RecipeError, from_plain
+from core.collection import (
+    MOST_FRESH,
+    DatasetRecipe,
+    Rollouts,
+    collect,
+    evaluation_flights,
+    fresh,
+)
 from core.dataset import Dataset
 from core.evaluation import EPSILONS, Evaluation, evaluate, leads
 from core.monitor import Monitor, MonitorRecipe, train
-from core.seeds import Branch, stream
+from core.monitor.support import SupportError
+from core.monitor.training import with_validity
 from core.types import Array
 
 Progress = Callable[[str, int, int], object]
@@ -55,29 +62,16 @@ class FlownTest:
 
 @dataclass(frozen=True, eq=False)
 class Training:
-    """A trained monitor, what it learned from, what fresh flights said of it; None: not flown.
+    """A trained monitor, evaluated if it was flown, and what it learned from.
 
-    unsupported: why its validity is not calibrated; empty where it is.
+    test: what fresh flights said; None: not flown.
+    not_calibrated: why its validity is not calibrated; empty where it is.
     """
 
     dataset: Dataset
     monitor: Monitor
-    test: FlownTest | None
-    n_test: int = 0
-    unsupported: str = ""
-
-    @property
-    def evaluation(self) -> dict[str, Any] | None:
-        """The test as plain data, with where it comes from."""
-        if self.test is None:
-            return None
-        plain = self.test.as_plain(self.n_test, self.monitor.lead, self.monitor.dt)
-        return plain | {
-            "unsafe_rate": self.dataset.unsafe_rate,
-            "seed": self.dataset.seed,
-            "dataset_digest": self.dataset.digest(),
-            "version": self.monitor.version,
-        }
+    test: FlownTest | None = None
+    not_calibrated: str = ""
 
 
 def simulate(recipe: DatasetRecipe, progress: Progress) -> Dataset:
@@ -87,7 +81,7 @@ def simulate(recipe: DatasetRecipe, progress: Progress) -> Dataset:
         words = f"simulating: {n_unsafe} unsafe of {n_made} rollouts"
         progress(words, n_unsafe, recipe.n_unsafe)
 
-    return collect(recipe, progress=found, description=to_plain(recipe))
+    return collect(recipe, progress=found)
 
 
 def recipe_of(dataset: Dataset) -> DatasetRecipe | None:
@@ -112,21 +106,40 @@ def train_and_test(
     monitor.check_epsilon()
     simulated = recipe_of(dataset)
     if simulated is None:
-        return Training(dataset, monitor, None, unsupported=NO_RECIPE)
-    monitor, unsupported = supported(
-        monitor, dataset, simulated, lambda words: progress(words, 1, 3)
-    )
+        return Training(dataset, monitor, not_calibrated=NO_RECIPE)
+    monitor, not_calibrated = _with_validity(monitor, dataset, simulated, progress)
     if n_test == 0:
-        return Training(dataset, monitor, None, unsupported=unsupported)
+        return Training(dataset, monitor, not_calibrated=not_calibrated)
     progress(f"flying {n_test} fresh flights", 2, 3)
-    test = fly_test(monitor, fresh_flights(simulated, n_test))
+    test = fly_test(monitor, evaluation_flights(simulated, n_test))
     progress("done", 3, 3)
-    return Training(dataset, monitor, test, n_test, unsupported)
+    evaluation = test.as_plain(n_test, monitor.lead, monitor.dt) | {
+        "unsafe_rate": dataset.unsafe_rate,
+        "seed": dataset.seed,
+        "dataset_digest": dataset.digest(),
+        "version": monitor.version,
+    }
+    return Training(dataset, replace(monitor, evaluation=evaluation), test, not_calibrated)
 
 
-def fresh_flights(recipe: DatasetRecipe, n: int) -> Rollouts:
-    """Roll out n flights that no monitor of this recipe was trained on."""
-    return Simulator(recipe).rollouts(n, stream(recipe.seed, Branch.TEST))
+def _with_validity(
+    monitor: Monitor, dataset: Dataset, recipe: DatasetRecipe, progress: Progress
+) -> tuple[Monitor, str]:
+    """Return the monitor with its validity calibrated; or without, and why."""
+    most = max(MOST_FRESH, len(dataset.unsafe) + dataset.n_safe_met)
+    try:
+        return with_validity(monitor, dataset, _told(fresh(recipe, most), progress)), ""
+    except SupportError as error:
+        return monitor, str(error)
+
+
+def _told(batches: Iterator[Rollouts], progress: Progress) -> Iterator[Rollouts]:
+    made = 0
+    progress(f"calibrating validity on fresh flights: {made} so far", 1, 3)
+    for flights in batches:
+        yield flights
+        made += len(flights.y)
+        progress(f"calibrating validity on fresh flights: {made} so far", 1, 3)
 
 
 def fly_test(monitor: Monitor, flights: Rollouts) -> FlownTest:
@@ -150,6 +163,7 @@ def _part(whole: Evaluation, at: slice) -> Evaluation:
         n_early=whole.n_early,
         misses=whole.misses[at],
         false_alerts=whole.false_alerts[at],
+        withdrawn=whole.withdrawn[at],
     )
 
 
@@ -160,6 +174,7 @@ def _curves(found: Evaluation) -> dict[str, list[Any]]:
         "epsilon": found.epsilons.tolist(),
         "misses": found.misses.tolist(),
         "false_alerts": found.false_alerts.tolist(),
+        "withdrawn": found.withdrawn.tolist(),
         "miss_rate": unknown if no_unsafe else found.miss_rate.tolist(),
         "miss_interval": found.miss_interval.tolist(),
         "power": unknown if no_safe else found.power.tolist(),

@@ -3,22 +3,23 @@
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from app.flights.withdrawal import in_words
 from core.monitor import State
 from core.monitor.assessment import REASONS, STATES
+from core.monitor.validity import in_words
 
 BETWEEN = "between manoeuvres"
 
 
-def reason(code: int, stretch: int, stretches: Sequence[Mapping[str, Any]]) -> str:
+def reason(code: int, t: float, stretch: int, stretches: Sequence[Mapping[str, Any]]) -> str:
     """The reason of a sample; empty where its state needs none.
 
-    code, stretch: as stored, see app.scoring.   stretches: plain, as stored with them.
+    code, t, stretch: as stored, see app.scoring.   stretches: plain, as stored with them; those
+    of earlier versions were withdrawn as a whole.
     """
     if STATES[code] is not State.INVALID:
         return REASONS[code]
     if stretch < 0:
         return BETWEEN
-    validity = stretches[stretch]["validity"]
-    withdrawn = in_words(validity["reasons"]) if validity["valid"] is False else ""
-    return withdrawn or REASONS[code]
+    validity, begin = stretches[stretch]["validity"], stretches[stretch].get("withdrawn_t", t)
+    is_withdrawn = validity["valid"] is False and begin is not None and t >= begin
+    return (in_words(validity["reasons"]) if is_withdrawn else "") or REASONS[code]

@@ -134,7 +134,7 @@ def _entry(
         monitor_id=of.info.id,
         monitor_name=of.info.name,
         monitor_digest=of.info.digest,
-        specification=of.info.dataset_recipe.get("specification", {}),
+        specification=of.info.specification,
         request_digest=of.digest,
         digest=samples_digest,
         created=now(),

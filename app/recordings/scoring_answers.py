@@ -6,7 +6,6 @@ from typing import Any
 import numpy as np
 
 from app.messages import limited_channels
-from app.recipes import from_plain
 from app.recordings.reasons import reason
 from app.recordings.recordings import Recordings
 from app.recordings.samples import Samples
@@ -15,7 +14,7 @@ from app.scoring import manoeuvres_in
 from app.store.scorings import ScoringInfo
 from core.channels import KEYS
 from core.monitor.assessment import STATES
-from core.specification import Limits
+from core.specification import specification_from_plain
 
 OF_ITS_OWN = ("recording_id", "monitor_id", "specification", "request_digest")
 ON_THE_WIRE = {"request": "order", "manoeuvres": "stretches"}
@@ -24,13 +23,13 @@ ON_THE_WIRE = {"request": "order", "manoeuvres": "stretches"}
 
 def answer(info: ScoringInfo) -> dict[str, Any]:
     """A scoring without its samples."""
-    limits = from_plain(Limits(), info.specification, "specification")
+    specification = specification_from_plain(info.specification)
     fields = asdict(info).items()
     plain = {ON_THE_WIRE.get(key, key): value for key, value in fields if key not in OF_ITS_OWN}
     return plain | {
         "recording": info.recording_id,
         "monitor": info.monitor_id,
-        "channels": [channel.model_dump() for channel in limited_channels(limits)],
+        "channels": [channel.model_dump() for channel in limited_channels(specification)],
     }
 
 
@@ -60,7 +59,7 @@ def frames(info: ScoringInfo, samples: Samples, first: int) -> list[dict[str, An
             "p_value": p_value,
             "alert": alert if known[i] else None,
             "state": STATES[state].value,
-            "reason": reason(state, stretch, info.manoeuvres),
+            "reason": reason(state, t, stretch, info.manoeuvres),
             "y_hat": y_hat[i] if forecast[i] else None,
             "sent": None,
             "withdrawn": withdrawn,

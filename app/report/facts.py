@@ -19,9 +19,28 @@ OUTCOMES = {
     "quiet": ("●", "no alert, limit not reached", "good"),
     "unseen": ("◌", "not all seen: nothing can be said", "caution"),
     "invalid": ("▨", "invalid, no verdict", "invalid"),
+    "unknown": ("?", "unknown: the monitor's limits are not known", "caution"),
 }
 """Sign, words and level of each outcome."""
-TELLING = ("missed", "late_alert", "unseen", "false_alert", "timely_alert", "invalid", "quiet")
+TELLING = (
+    "missed",
+    "late_alert",
+    "unseen",
+    "false_alert",
+    "timely_alert",
+    "invalid",
+    "unknown",
+    "quiet",
+)
+    "missed",
+    "late_alert",
+    "unseen",
+    "false_alert",
+    "timely_alert",
+    "invalid",
+    "quiet",
+    "unknown",
+)
 """Outcomes, those first that a reader wants to see drawn."""
 MOST_DRAWN = 100
 """Manoeuvres that are drawn one by one."""
@@ -45,6 +64,8 @@ def headline(stretches: Sequence[Plain], outside: Sequence[Plain] = ()) -> tuple
 
 def _of_manoeuvres(stretches: Sequence[Plain]) -> tuple[str, str]:
     n = counts(stretches)
+    if n["unknown"]:
+        return "caution", "Unknown: the monitor does not say which limits it was trained for"
     unjudged = [s for s in stretches if s["outcome"] == "invalid"]
     reached = any(s["crossing"] for s in unjudged)
     if n["missed"] or n["late_alert"]:
@@ -127,17 +148,23 @@ def certificate(evaluation: Plain | None, epsilon: float) -> dict[str, Any] | No
     nearest = min(range(len(asked)), key=lambda i: abs(asked[i] - epsilon))
     at = evaluation["at_epsilon"]
     row = {
-        key: at[key] if nearest == len(asked) - 1 else curves[key][nearest]
-        for key in ("misses", "false_alerts")
+        key: _count(at, key) if nearest == len(asked) - 1 else _count(curves, key, nearest)
+        for key in ("misses", "false_alerts", "withdrawn")
     }
     n_unsafe, n_safe = evaluation["n_unsafe"], evaluation["n_safe"]
-    alerted = n_unsafe - row["misses"]
+    alerted = n_unsafe - row["misses"] - row["withdrawn"]
     return {
         "epsilon": asked[nearest],
         "miss": _share(row["misses"], n_unsafe),
         "power": _share(n_safe - row["false_alerts"], n_safe),
         "fail_given_alert": _share(alerted, alerted + row["false_alerts"]),
     }
+
+
+def _count(counts: Plain, key: str, at: int | None = None) -> int:
+    """A count of an evaluation; 0 for one that earlier versions did not make."""
+    values = counts.get(key, 0)
+    return values if at is None or values == 0 else values[at]
 
 
 def mapping_rows(mapping: Plain, guesses: Mapping[str, Plain]) -> list[dict[str, Any]]:

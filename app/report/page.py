@@ -8,13 +8,13 @@ from typing import Any
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup, escape
 
-from app.recipes import from_plain, to_plain
+from app.recipes import to_plain
 from app.report import facts, figures
 from app.report.envelope import Array
 from app.report.subject import PROPOSED, ReportSubject
+from app.scoring.plan import plan_of
 from core import __version__
 from core.channels import CHANNELS, Channel
-from core.specification import Limits
 
 SURE = 0.9
 """Confidence from which a proposal goes without its reasons."""
@@ -36,8 +36,7 @@ TEMPLATES = Environment(
 def report(subject: ReportSubject) -> str:
     """Return the report as HTML that needs no other file."""
     monitor, scoring, recording = subject.monitor, subject.scoring, subject.recording
-    plain = monitor.dataset_recipe.get("specification", {})
-    limits = from_plain(Limits(), plain, "specification").magnitudes
+    limits = plan_of(monitor).limits
     stretches, epsilon = scoring["manoeuvres"], scoring["epsilon"]
     outside = scoring["outside"]
     drawn = facts.drawn(stretches)

@@ -20,15 +20,16 @@ def stored_subject(scored: ScoredRecordings, recording_id: str, scoring_id: str)
     store = scored.store
     info = store.scorings.info(recording_id, scoring_id)
     recording = store.recordings.info(recording_id)
+    monitor = store.monitors.get(info.monitor_id)
     contents = scored.recordings.columns(recording_id).contents
     mapped, guesses = _mapped(info, store.recordings.mapped_columns(recording_id))
     return ReportSubject(
         recording=asdict(recording) | of_contents(contents),
         scoring=asdict(info),
-        monitor=store.monitors.get(info.monitor_id),
+        monitor=monitor,
         monitor_name=info.monitor_name,
         monitor_digest=info.monitor_digest,
-        evaluation=store.monitors.evaluation(info.monitor_id),
+        evaluation=monitor.evaluation,
         samples=scored.samples(info),
         mapped=mapped,
         guesses=guesses,

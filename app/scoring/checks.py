@@ -82,7 +82,7 @@ def channels(flown: Flown) -> Check:
 
 def units(flown: Flown) -> Check:
     """Whether the values are of the size of training's, by orders: the support judges finely."""
-    reach = flown.monitor.reach
+    reach = flown.monitor.training_max_abs
     ratio = np.divide(flown.largest, reach, out=np.zeros_like(reach), where=reach > 0.0)
     worst = int(ratio.argmax())
     if ratio[worst] <= LARGER:
@@ -154,12 +154,12 @@ def _surfaces(flown: Flown) -> tuple[bool | None, str]:
                 oks[-1] = False
                 text += ": it went the other way first, or its sign is reversed"
         elif moved > max(
-            FLOWN_SHARE * amplitudes.max(initial=0.0), LARGER * flown.monitor.reach[c]
+            FLOWN_SHARE * amplitudes.max(initial=0.0), LARGER * flown.monitor.training_max_abs[c]
         ):
             oks[-1] = False
             text += ", which the planned manoeuvre leaves alone"
-        elif moved > LARGER * flown.monitor.reach[c]:
-            text += f", at most {np.degrees(flown.monitor.reach[c]):.2g}° in training"
+        elif moved > LARGER * flown.monitor.training_max_abs[c]:
+            text += f", at most {np.degrees(flown.monitor.training_max_abs[c]):.2g}° in training"
         texts.append(text)
     ok = False if False in oks else None if None in oks else True
     return ok, "; ".join(texts)
@@ -176,7 +176,7 @@ def trim(flown: Flown) -> Check:
     rest = flown.recording.y[stretch.rest, :N_RESPONSES]
     known = np.isfinite(rest)
     spread = rest.max(0, initial=-np.inf, where=known) - rest.min(0, initial=np.inf, where=known)
-    largest = np.maximum(TRIM_SHARE * flown.monitor.reach[:N_RESPONSES], RESTS)
+    largest = np.maximum(TRIM_SHARE * flown.monitor.training_max_abs[:N_RESPONSES], RESTS)
     share = np.where(flown.needed[:N_RESPONSES], spread / largest, 0.0)
     worst = int(share.argmax())
     moved = f"{CHANNELS[worst].key} moves by {spread[worst]:.2g} {CHANNELS[worst].unit} in it"

@@ -10,7 +10,7 @@ from core.channels import CHANNELS
 from core.types import Array, Flags
 
 Outcome = Literal[
-    "timely_alert", "late_alert", "missed", "false_alert", "quiet", "unseen", "invalid"
+    "timely_alert", "late_alert", "missed", "false_alert", "quiet", "unseen", "invalid", "unknown"
 ]
 Alerts = tuple[tuple[float, float], ...]
 GAP_RATIO = 1.5

@@ -12,7 +12,6 @@ from core.collection import DatasetRecipe
 from core.monitor import Monitor
 from core.simulation.aircraft import Aircraft, PublishedAircraft
 from core.simulation.maneuver import Maneuver
-from core.specification import Limits
 from core.types import Array, Flags
 
 SURFACES = (KEYS.index("delta_a"), KEYS.index("delta_r"))
@@ -31,11 +30,13 @@ class Plan:
     """The planned test as far as a monitor knows it.
 
     limits: (6,) magnitudes that must not be reached, infinite where there is none.
+    limits_known: whether the monitor says which limits it was trained for.
     maneuver, aircraft: None where the monitor does not come from a recipe.
     """
 
     dt: float
     limits: Array
+    limits_known: bool = True
     maneuver: Maneuver | None = None
     aircraft: Aircraft | None = None
 
@@ -77,14 +78,15 @@ class Plan:
 
 
 def plan_of(monitor: Monitor) -> Plan:
-    """The test that a monitor was trained for; the default limits where it does not say."""
+    """The test that a monitor was trained for, as far as it says."""
     recipe: dict[str, Any] = monitor.dataset_recipe
-    known = {part: {part: recipe[part]} for part in ("maneuver", "aircraft") if part in recipe}
+    given = {part: {part: recipe[part]} for part in ("maneuver", "aircraft") if part in recipe}
     parts = {
-        part: getattr(from_plain(DatasetRecipe(), plain), part) for part, plain in known.items()
+        part: getattr(from_plain(DatasetRecipe(), plain), part) for part, plain in given.items()
     }
-    limits = from_plain(Limits(), recipe.get("specification", {}), "specification")
-    return Plan(monitor.dt, limits.magnitudes, **parts)
+    if monitor.limits is None:
+        return Plan(monitor.dt, np.full(N_CHANNELS, np.inf), False, **parts)
+    return Plan(monitor.dt, monitor.limits, **parts)
 
 
 def first_direction(deviation: Array) -> int:

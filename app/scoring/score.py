@@ -12,7 +12,14 @@ from app.scoring.order import ScoringOrder, Span
 from app.scoring.outcome import SAME_TIME, Crossing, Limited, against_limits, outcome, runs
 from app.scoring.outside import MOST_OUTSIDE, outside, outside_note
 from app.scoring.ready import Ready
-from app.scoring.scored import BETWEEN, ScoredRecording, ScoredStretch, Validity, packed
+from app.scoring.scored import (
+    BETWEEN,
+    OBSERVATIONS,
+    ScoredRecording,
+    ScoredStretch,
+    Validity,
+    packed,
+)
 from app.scoring.seen import could_not_warn, not_seen
 from app.scoring.stretches import Stretch, stretches
 from app.scoring.validity import validity
@@ -64,7 +71,10 @@ def manoeuvres_in(monitor: Monitor, traces: Traces) -> tuple[Span, ...]:
 
 @dataclass(frozen=True, eq=False)
 class _Judged:
-    """A stretch with everything that does not depend on epsilon."""
+    """A stretch with everything that does not depend on epsilon.
+
+    said: of all its samples.   withdrawn: sample from which on nothing is said; None for none.
+    """
 
     stretch: Stretch
     trim: Array
@@ -72,6 +82,7 @@ class _Judged:
     said: Assessments
     limited: Limited
     validity: Validity
+    withdrawn: int | None
 
 
 def _judge(flight: Ready, stretch: Stretch) -> _Judged:
@@ -81,7 +92,7 @@ def _judge(flight: Ready, stretch: Stretch) -> _Judged:
     trim = np.zeros(len(KEYS)) if stretch.rest is None else _mean(recorded[stretch.rest])
     y = recorded[part] - trim
     assessed = np.where(flight.needed, y, 0.0) if not flight.needed.all() else y
-    said = flight.monitor.assess(t, assessed)
+    said = flight.monitor.assess(t, assessed, withdraw=False)
     limited = against_limits(flight.traces, flight.plan.limits, trim, float(t[0]), float(t[-1]))
     end = len(t) - 1
     if limited.crossing is not None:
@@ -99,7 +110,21 @@ def _judge(flight: Ready, stretch: Stretch) -> _Judged:
         end,
         {channel.key: channel.held for channel in flight.quality.channels},
     )
-    return _Judged(stretch, trim, y, said, limited, validity(flown))
+    verdict = validity(flown)
+    return _Judged(stretch, trim, y, said, limited, verdict, _withdrawn(flown, verdict))
+
+
+def _withdrawn(flown: Flown, verdict: Validity) -> int | None:
+    """First sample of which nothing is said: as of a stream; the first of all for a failed check.
+
+    A check knows more than a stream does: the airspeed, say, or which manoeuvre was flown.
+    """
+    if any(check.ok is False for check in verdict.checks if check.name != OBSERVATIONS):
+        return 0
+    if verdict.valid is not False:
+        return None
+    lost = flown.monitor.withdrawal(flown.said.t, flown.assessed, flown.said)
+    return None if lost is None else lost.first
 
 
 def _outside(flight: Ready, judged: list[_Judged]) -> tuple[Crossing, ...]:
@@ -128,11 +153,16 @@ def _scored(
         part = slice(one.stretch.first, one.stretch.last + 1)
         fields["y"][part], fields["y_hat"][part] = one.y, one.said.y_hat
         fields["stretch"][part] = number
-        if one.validity.valid is False:
-            fields["withdrawn"][part] = one.said.p_value
-        else:
-            fields["state"][part], fields["p_value"][part] = one.said.state, one.said.p_value
-            fields["alert"][part] = one.said.p_value > epsilon
+        last = one.stretch.last + 1 if one.withdrawn is None else one.stretch.first + one.withdrawn
+        said, lost = slice(one.stretch.first, last), slice(last, one.stretch.last + 1)
+        n_said = last - one.stretch.first
+        fields["withdrawn"][lost] = one.said.p_value[n_said:]
+        fields["y_hat"][lost] = np.nan
+        fields["state"][said], fields["p_value"][said] = (
+            one.said.state[:n_said],
+            one.said.p_value[:n_said],
+        )
+        fields["alert"][said] = one.said.p_value[:n_said] > epsilon
     samples = packed(fields)
     scored = [
         _verdict(flight, one, samples[one.stretch.first : one.stretch.last + 1], epsilon)
@@ -181,10 +211,16 @@ def _verdict(
     alerts = runs(part["t"], part["alert"])
     crossing, promised = one.limited.crossing, flight.monitor.lead
     what, lead = outcome(alerts, crossing, promised)
-    is_withdrawn = one.validity.valid is False
+    is_withdrawn = one.withdrawn is not None
+    if not flight.plan.limits_known:
+        what, lead = "unknown", None
+    elif is_withdrawn and not alerts:
+        what, lead = "invalid", None
     first = [withdrawn(one.said, one.limited, epsilon)] if is_withdrawn else []
     why = ""
-    if crossing is None:
+    if not flight.plan.limits_known:
+        pass
+    elif crossing is None:
         why = not_seen(one.limited, one.said, alerts, flight.monitor.dt)
     elif not is_withdrawn:
         why = could_not_warn(one.limited, crossing, one.said, alerts, promised)
@@ -206,5 +242,6 @@ def _verdict(
         alerts=alerts,
         crossing=crossing,
         lead=lead,
+        withdrawn_t=None if one.withdrawn is None else float(part["t"][one.withdrawn]),
         remarks=(*first, *remarks(flight.plan, one.stretch, one.limited, one.said)),
     )

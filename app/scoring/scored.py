@@ -78,6 +78,7 @@ class ScoredStretch:
     alerts: first and last time of each run of alerts [s].
     crossing: the first recorded sample that reaches a limit.
     lead: from the first alert to the crossing [s]; None where one of them is missing.
+    withdrawn_t: first sample of which nothing is said any more [s]; None where there is none.
     remarks: what limits the verdict.   guarantee: what is promised, or that nothing is.
     """
 
@@ -95,6 +96,7 @@ class ScoredStretch:
     alerts: tuple[tuple[float, float], ...] = ()
     crossing: Crossing | None = None
     lead: float | None = None
+    withdrawn_t: float | None = None
     remarks: tuple[str, ...] = ()
 
     def to_plain(self) -> dict[str, Any]:

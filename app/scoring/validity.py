@@ -7,7 +7,7 @@ from app.scoring.flown import Flown
 from app.scoring.plan import read_channels
 from app.scoring.scored import OBSERVATIONS, Check, Validity
 from core.channels import KEYS
-from core.monitor.validity import SupportVerdict, judge
+from core.monitor.validity import ValidityVerdict
 
 
 def validity(flown: Flown) -> Validity:
@@ -39,17 +39,17 @@ def validity(flown: Flown) -> Validity:
     )
 
 
-def support(flown: Flown) -> SupportVerdict:
+def support(flown: Flown) -> ValidityVerdict:
     """Whether the observations lie within those of training, by conformal rank."""
     monitor, absent = flown.monitor, ~np.isfinite(flown.y).any(axis=0)
     if missing := [KEYS[c] for c in np.flatnonzero(absent & read_channels(monitor))]:
-        return SupportVerdict(
+        return ValidityVerdict(
             None, reasons=(f"not judged: that needs {', '.join(missing)}, which is not recorded",)
         )
-    return judge(monitor, flown.said.t, flown.assessed, flown.said, end=flown.end)
+    return monitor.judge(flown.said.t, flown.assessed, flown.said, end=flown.end)
 
 
-def _support_text(found: SupportVerdict) -> str:
+def _support_text(found: ValidityVerdict) -> str:
     if found.p_value is None or found.level is None:
         return "; ".join(found.reasons)
     numbers = f"p = {found.p_value:.3g}, outside from {found.level:g} down"

@@ -15,6 +15,7 @@ OUTCOMES = {
     "quiet": "no alert, no limit reached",
     "unseen": "not all seen: nothing can be said",
     "invalid": "INVALID, no verdict",
+    "unknown": "unknown: the monitor does not say which limits it was trained for",
 }
 MOST_TOLD = 20
 """Exceedances outside of the stretches."""
@@ -37,12 +38,16 @@ def _lines(monitor: Monitor, scored: ScoredRecording, stretch: ScoredStretch) ->
     yield f"{stretch.name}, {times}: {OUTCOMES[stretch.outcome]}"
     if stretch.peak_risk is not None:
         yield from _risk(monitor, scored.epsilon, stretch, stretch.peak_risk)
-    elif stretch.validity.valid is not False:
+    elif stretch.withdrawn_t is None:
         yield f"  {NOTHING}"
     else:
         yield "  first alert   withdrawn"
+    if stretch.withdrawn_t is not None:
+        yield f"  withdrawn     from {stretch.withdrawn_t:.2f} s on: nothing is said any more"
     yield f"  first crossing {_crossing(stretch)}"
-    if stretch.validity.valid is False:
+    if stretch.outcome == "unknown":
+        yield "  lead          unknown"
+    elif stretch.outcome == "invalid":
         yield "  lead          withdrawn"
     elif stretch.peak_risk is not None and stretch.crossing is not None:
         yield f"  lead          {_lead(monitor, stretch)}"
@@ -79,6 +84,8 @@ def _risk(monitor: Monitor, epsilon: float, stretch: ScoredStretch, peak: float)
 
 def _crossing(stretch: ScoredStretch) -> str:
     crossing = stretch.crossing
+    if stretch.outcome == "unknown":
+        return "unknown"
     if crossing is None:
         return "none in what was recorded"
     return _reached(crossing)

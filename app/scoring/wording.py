@@ -51,7 +51,12 @@ def withdrawn(said: Assessments, limited: Limited, epsilon: float) -> str:
 def remarks(plan: Plan, stretch: Stretch, limited: Limited, said: Assessments) -> tuple[str, ...]:
     """What limits the verdict on a stretch."""
     lines = []
-    if limited.crossing is None:
+    if not plan.limits_known:
+        lines.append(
+            "which limits the monitor was trained for is not known: exceedance, miss and warning "
+            "lead time are unknown"
+        )
+    elif limited.crossing is None:
         peaks = ", ".join(
             f"|{peak.channel}| {peak.largest:.3g} of {peak.limit:.3g} from trim"
             for peak in limited.peaks

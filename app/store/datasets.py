@@ -14,6 +14,11 @@ from app.store.tables import dataset_blocks, datasets, monitors, new_id, now
 from core import __version__
 from core.dataset import Dataset
 from core.types import Array
+from core.specification import (
+    PlainSpecification,
+    specification_from_plain,
+    specification_to_plain,
+)
 
 ROWS = {
     "unsafe": "n_unsafe",
@@ -57,6 +62,8 @@ class DatasetInfo(Entry):
     unsafe_rate: float | None
     """unbiased share of unsafe rollouts; null where too few were met to say"""
     theta_names: tuple[str, ...]
+    specification: PlainSpecification
+    """limits by channel, the label of another one, null where it is not known"""
     """names of theta, the uncertain parameters"""
     peaks: tuple[PeakHistogram, ...]
     """one histogram for each limited channel"""
@@ -97,6 +104,7 @@ class DatasetRepository(Repository):
             unsafe_rate=dataset.unsafe_rate if n_unsafe and n_unsafe + n_met > 1 else None,
             theta_names=tuple(dataset.theta_names),
             peaks=peak_histograms(dataset),
+            specification=specification_to_plain(dataset.specification),
         )
         row = vars(info) | {"peaks": [asdict(peaks) for peaks in info.peaks]}
         self._add_in_parts(datasets, row, dataset_blocks, _blocks(info.id, dataset))
@@ -129,6 +137,7 @@ class DatasetRepository(Repository):
             n_safe_met=info.n_safe_met,
             seed=info.seed,
             recipe=info.recipe,
+            specification=specification_from_plain(info.specification),
         )
         if dataset.digest() != info.digest:
             raise StoreError(

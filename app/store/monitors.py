@@ -3,7 +3,7 @@
 import hashlib
 from collections import OrderedDict
 from collections.abc import Iterator
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from threading import Lock
 from typing import Any
 
@@ -23,8 +23,9 @@ from app.store.tables import (
     scorings,
 )
 from core.monitor import Monitor
-from core.monitor.monitor import from_bytes
-from core.monitor.portable import MonitorFileError, to_bytes
+from core.monitor.loading import from_bytes
+from core.monitor.portable import MonitorFileError
+from core.specification import PlainSpecification, specification_to_plain
 
 PART_BYTES = 1024 * 1024
 SUPPORT = "support"
@@ -80,6 +81,8 @@ class MonitorInfo(Entry):
     """smallest miss rate it can serve"""
     epsilon: float
     """miss rate it alerts at unless told otherwise"""
+    specification: PlainSpecification
+    """limits by channel, the label of another one, null where it is not known"""
     support: SupportInfo | None
     """null where its validity is not calibrated: it cannot tell whether a flight is like those it
     was trained on"""
@@ -93,19 +96,13 @@ class MonitorRepository(Repository):
         self._ready: OrderedDict[str, Monitor] = OrderedDict()
         self._ready_lock = Lock()
 
-    def add(
-        self,
-        monitor: Monitor,
-        name: str,
-        dataset_id: str | None = None,
-        evaluation: dict[str, Any] | None = None,
-    ) -> MonitorInfo:
+    def add(self, monitor: Monitor, name: str, dataset_id: str | None = None) -> MonitorInfo:
         """Store a trained monitor.
 
         dataset_id: the stored dataset it was trained on; NotFound where that is not stored,
-        ValueError where it is another one.   evaluation: plain data about fresh flights.
+        ValueError where it is another one.
         """
-        return self._add(monitor, to_bytes(monitor), name, dataset_id, evaluation)
+        return self._add(monitor, monitor.to_bytes(), name, dataset_id)
 
     def add_file(self, content: bytes, name: str) -> MonitorInfo:
         """Store a portable monitor as it is; MonitorFileError where it is none.
@@ -118,15 +115,10 @@ class MonitorRepository(Repository):
         )
         with self._reading() as connection:
             dataset_id = connection.execute(same.order_by(datasets.c.created)).scalars().first()
-        return self._add(monitor, content, name, dataset_id, None)
+        return self._add(monitor, content, name, dataset_id)
 
     def _add(
-        self,
-        monitor: Monitor,
-        content: bytes,
-        name: str,
-        dataset_id: str | None,
-        evaluation: dict[str, Any] | None,
+        self, monitor: Monitor, content: bytes, name: str, dataset_id: str | None
     ) -> MonitorInfo:
         if dataset_id is not None:
             self._check_dataset(monitor, dataset_id)
@@ -148,9 +140,10 @@ class MonitorRepository(Repository):
             n_early=monitor.n_early,
             smallest_epsilon=monitor.smallest_epsilon,
             epsilon=monitor.recipe.epsilon,
+            specification=specification_to_plain(monitor.specification),
             support=_support(monitor),
         )
-        row = vars(info) | {"evaluation": _joined(evaluation, info.support)}
+        row = vars(info) | {"evaluation": _joined(monitor.evaluation, info.support)}
         del row[SUPPORT]
         self._add_in_parts(monitors, row, monitor_parts, _parts(info.id, content))
         return info
@@ -187,6 +180,8 @@ class MonitorRepository(Repository):
             monitor = from_bytes(self.file(monitor_id), f"stored monitor {monitor_id}")
         except MonitorFileError as error:
             raise StoreError(str(error)) from error
+        if monitor.evaluation is None:  # stored by a version whose files did not carry it
+            monitor = replace(monitor, evaluation=self.evaluation(monitor_id))
         with self._ready_lock:
             self._ready[monitor_id] = monitor
             while len(self._ready) > READY_MONITORS:

@@ -5,11 +5,10 @@ from typing import Any, Self
 
 import numpy as np
 
-from app.recipes import RecipeError, from_plain
 from app.store.repository import Entry
 from core.channels import KEYS
 from core.dataset import Dataset
-from core.specification import Limits
+from core.specification import magnitudes_of
 from core.types import Array
 
 BINS_TO_THE_LIMIT = 20
@@ -39,9 +38,8 @@ class PeakHistogram(Entry):
 
 def peak_histograms(dataset: Dataset) -> tuple[PeakHistogram, ...]:
     """One histogram for each limited channel; none where the specification is not one of limits."""
-    try:
-        limits = from_plain(Limits(), dataset.recipe.get("specification", {}), "specification")
-    except RecipeError:
+    limits = magnitudes_of(dataset.specification)
+    if limits is None:
         return ()
     return tuple(
         _histogram(
@@ -50,7 +48,7 @@ def peak_histograms(dataset: Dataset) -> tuple[PeakHistogram, ...]:
             _peaks(dataset.unsafe[..., c], limit),
             _peaks(dataset.safe[..., c], limit),
         )
-        for c, (key, limit) in enumerate(zip(KEYS, limits.magnitudes.tolist(), strict=True))
+        for c, (key, limit) in enumerate(zip(KEYS, limits.tolist(), strict=True))
         if np.isfinite(limit)
     )
 

@@ -9,6 +9,7 @@ from app.store.flights import replays_of
 from app.store.recordings import fetch_recording
 from app.store.repository import Entry, InUse, Repository, columns, complete, fetch
 from app.store.tables import monitors, scorings
+from core.specification import PlainSpecification
 
 
 @dataclass(frozen=True)
@@ -21,8 +22,8 @@ class ScoringInfo(Entry):
     monitor_name: str
     monitor_digest: str
     """SHA-256 of the portable monitor"""
-    specification: dict[str, Any]
-    """the limits that the monitor warns of"""
+    specification: PlainSpecification
+    """what the monitor warns of: limits by channel, a label, null where it is not known"""
     request_digest: str
     """SHA-256 of all that decides the samples"""
     digest: str
@@ -110,7 +111,7 @@ class ScoringRepository(Repository):
 
 
 def _scorings(recording_id: str) -> Select:
-    of_monitor = monitors.c.name.label("monitor_name"), monitors.c.dataset_recipe
+    of_monitor = monitors.c.name.label("monitor_name"), monitors.c.specification
     joined = select(*columns(scorings, ScoringInfo), *of_monitor).join(
         monitors, monitors.c.id == scorings.c.monitor_id
     )
@@ -127,6 +128,4 @@ def _scoring(connection: Connection, recording_id: str, scoring_id: str) -> Scor
 
 
 def _entry(row: Row) -> ScoringInfo:
-    values = dict(row._mapping)
-    recipe = values.pop("dataset_recipe")
-    return ScoringInfo(**values, specification=recipe.get("specification", {}))
+    return ScoringInfo(**row._mapping)

@@ -109,6 +109,7 @@ datasets = Table(
     Column("unsafe_rate", Float),
     _plain("theta_names"),
     _plain("peaks"),
+    _plain("specification", nullable=True),
 )
 
 dataset_blocks = Table(
@@ -147,6 +148,7 @@ monitors = Table(
     Column("smallest_epsilon", Float, nullable=False),
     Column("epsilon", Float, nullable=False),
     _plain("evaluation", nullable=True),
+    _plain("specification", nullable=True),
 )
 
 monitor_parts = Table(

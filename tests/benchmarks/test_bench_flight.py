@@ -16,7 +16,6 @@ import httpx2
 import numpy as np
 import pytest
 
-from app.recipes import to_plain
 from app.store.store import open_store
 from core.collection import DatasetRecipe, collect
 from core.monitor import train
@@ -62,9 +61,9 @@ class Server:
 @contextmanager
 def serving(directory: Path, dt: float) -> Iterator[Server]:
     recipe = replace(DatasetRecipe(), dt=dt, n_unsafe=30, n_obs=30)
-    dataset = collect(recipe, description=to_plain(recipe))
+    dataset = collect(recipe)
     store = open_store(directory / "forewarn.db")
-    monitor = store.monitors.add(train(dataset), "benchmark", None, None).id
+    monitor = store.monitors.add(train(dataset), "benchmark").id
     store.close()
     code = "import sys; from app.cli import main; sys.exit(main(sys.argv[1:]))"
     command = [sys.executable, "-c", code, "serve", "--port", "0", "--data-dir", str(directory)]

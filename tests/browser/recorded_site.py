@@ -86,5 +86,5 @@ class RecordedSite:
 def open_recorded_site(data_dir: Path) -> Iterator[RecordedSite]:
     """The server, until the block ends."""
     with open_site(data_dir) as site:
-        monitor = site.store.monitors.add(attas.trained(), "transport doublet", None, None)
+        monitor = site.store.monitors.add(attas.trained(), "transport doublet")
         yield RecordedSite(site, monitor.id, recorded_file())

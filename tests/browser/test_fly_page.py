@@ -8,7 +8,6 @@ from typing import Any
 import pytest
 from playwright.sync_api import Page, WebSocketRoute, expect
 
-from app.recipes import to_plain
 from core.collection import DatasetRecipe, collect
 from core.monitor import MonitorRecipe, train
 from tests.browser.chromium import wait_until
@@ -30,9 +29,9 @@ SCENE = [
 def site(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Site]:
     """A server with one dataset and one monitor."""
     with open_site(tmp_path_factory.mktemp("fly")) as site:
-        dataset = collect(RECIPE, description=to_plain(RECIPE))
+        dataset = collect(RECIPE)
         stored = site.store.datasets.add(dataset, "F-16 doublet")
-        site.store.monitors.add(train(dataset, MonitorRecipe()), "doublet", stored.id, None)
+        site.store.monitors.add(train(dataset, MonitorRecipe()), "doublet", stored.id)
         yield site
 
 

@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 from app.jobs.training import train_and_test
-from app.recipes import to_plain
 from app.telemetry.traces import Trace, Traces
 from core.channels import KEYS
 from core.collection import DatasetRecipe, Rollouts, SensorNoise, Simulator, collect
@@ -43,7 +42,7 @@ COLUMNS = {
 
 def trained(test: DatasetRecipe = TEST, recipe: MonitorRecipe | None = None) -> Monitor:
     """A monitor of this test whose validity is calibrated."""
-    dataset = collect(test, description=to_plain(test))
+    dataset = collect(test)
     return train_and_test(dataset, recipe or MonitorRecipe(), 0, lambda *_: None).monitor
 
 

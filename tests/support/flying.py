@@ -118,7 +118,7 @@ def track(y: Array, dt: float = DT) -> Track:
 
 def store_with(monitor: Monitor, directory: Path) -> tuple[Store, str]:
     store = open_store(directory / "store.db")
-    return store, store.monitors.add(monitor, "oscillator", None, None).id
+    return store, store.monitors.add(monitor, "oscillator").id
 
 
 def plan(

@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from core.dataset import Dataset
+from core.specification import Limits
 from core.types import Array, Indices
 
 DT, N_SAMPLES, NY = 0.05, 61, 3
@@ -68,6 +69,7 @@ def collect(rng: np.random.Generator, n_unsafe: int, n_obs: int = 20) -> Dataset
         theta_safe=theta[safe],
         dt=DT,
         theta_names=THETA,
+        specification=Limits(),
         n_safe_met=len(safe),
         seed=7,
         recipe={"aircraft": "oscillator"},

@@ -12,7 +12,6 @@ import pytest
 
 from app.flights.flights import FlightOrder, Flights, TooManyFlights
 from app.flights.sources import Simulated, SourceError
-from app.recipes import to_plain
 from app.store.store import NotFound, Store, open_store
 from core.collection import DatasetRecipe, collect
 from core.monitor import Monitor, MonitorRecipe, train
@@ -24,7 +23,7 @@ RECIPE = DatasetRecipe(n_unsafe=12, n_obs=10, seed=3)
 
 @cache
 def monitor() -> Monitor:
-    dataset = collect(RECIPE, description=to_plain(RECIPE))
+    dataset = collect(RECIPE)
     return train(dataset, MonitorRecipe(epsilon=0.3))
 
 
@@ -33,7 +32,7 @@ class Hangar:
 
     def __init__(self, directory: Path, **choices: Any) -> None:
         self.store: Store = open_store(directory / "store.db")
-        self.monitor_id = self.store.monitors.add(monitor(), "F-16 doublet", None, None).id
+        self.monitor_id = self.store.monitors.add(monitor(), "F-16 doublet").id
         self.clock = ScriptedClock()
         self.flights = Flights(self.store, clock=self.clock, **choices)
 

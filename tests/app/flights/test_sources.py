@@ -32,7 +32,7 @@ def stored(tmp_path_factory: pytest.TempPathFactory) -> tuple[Store, str, str, M
     """A store with a dataset, a noisy one, and a monitor of the first."""
     store: Path = tmp_path_factory.mktemp("sources")
     opened = open_store(store / "store.db")
-    datasets = [collect(recipe, description=to_plain(recipe)) for recipe in (RECIPE, NOISY)]
+    datasets = [collect(recipe) for recipe in (RECIPE, NOISY)]
     clean, noisy = (opened.datasets.add(dataset, "test").id for dataset in datasets)
     monitor = train(datasets[0], MonitorRecipe(epsilon=0.3))
     return opened, clean, noisy, replace(monitor, dataset_recipe=to_plain(RECIPE))

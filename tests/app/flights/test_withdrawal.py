@@ -48,7 +48,7 @@ def checked() -> Monitor:
 @cache
 def planned() -> Monitor:
     """A fighter's monitor for a rudder doublet, its validity calibrated."""
-    dataset = collect(PLANNED, description=to_plain(PLANNED))
+    dataset = collect(PLANNED)
     return train_and_test(dataset, MonitorRecipe(), 0, lambda *_: None).monitor
 
 
@@ -272,7 +272,7 @@ def test_neither_seek_nor_loop_changes_what_is_said_of_a_sample() -> None:
 def test_the_record_keeps_the_reason(tmp_path: Path) -> None:
     async def fly() -> None:
         hangar = Hangar(tmp_path)
-        monitor = hangar.store.monitors.add(planned(), "F-16", None, None).id
+        monitor = hangar.store.monitors.add(planned(), "F-16").id
         doubled = flown_as(PLANNED, amplitude_deg=2 * amplitude(PLANNED))
         source = Simulated(kind="simulated", recipe=to_plain(doubled))
         async with hangar.flights as flights:

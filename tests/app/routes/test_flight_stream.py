@@ -27,7 +27,7 @@ class Server:
         self.client = client
         self.clock = ScriptedClock()
         store = store_of(client)
-        self.monitor_id = store.monitors.add(monitor(), "F-16 doublet", None, None).id
+        self.monitor_id = store.monitors.add(monitor(), "F-16 doublet").id
         self.flights: Flights = client.app.state.flights  # pyright: ignore
         self.flights._clock = self.clock
         self.flights._scenes = None
@@ -266,11 +266,10 @@ def test_one_flight_too_many_is_refused(tmp_path: Path) -> None:
 
 
 def test_a_replay_flies_a_stored_rollout(server: Server) -> None:
-    from app.recipes import to_plain
     from core.collection import collect
 
     store = store_of(server.client)
-    dataset = collect(RECIPE, description=to_plain(RECIPE))
+    dataset = collect(RECIPE)
     dataset_id = store.datasets.add(dataset, "test").id
     source = {"kind": "replay", "dataset": dataset_id, "outcome": "unsafe", "rollout": 3}
     flight = server.start(source=source)

@@ -9,7 +9,6 @@ from core.channels import KEYS
 from core.collection import DatasetRecipe
 from core.monitor import MonitorRecipe, train
 from core.monitor.monitor import from_bytes
-from core.monitor.portable import to_bytes
 from tests.support.api import api, finished, problem, store_of
 
 DATASET = {"n_unsafe": 12, "n_obs": 20, "seed": 4}
@@ -183,7 +182,7 @@ def test_a_portable_monitor_goes_round(client, stored, monitor):
 @pytest.mark.parametrize("cut", [0, 10, 1000, -1])
 def test_a_file_that_is_no_whole_monitor_is_refused(client, monitor, cut):
     kind = {"content-type": "application/octet-stream"}
-    file = to_bytes(monitor)[:cut]
+    file = monitor.to_bytes()[:cut]
     before = client.get("/api/v1/monitors").json()
     assert problem(client.post("/api/v1/monitors", content=file, headers=kind), 422)
     assert client.get("/api/v1/monitors").json() == before

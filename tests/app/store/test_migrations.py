@@ -24,7 +24,6 @@ from app.store.store import NotFound, StoreError, open_store
 from app.store.tables import jobs, metadata
 from core.dataset import Dataset
 from core.monitor import train
-from core.monitor.portable import to_bytes
 from tests.support.places import ROOT
 from tests.support.store_writer import add_a_job, open_by_migrations, remaining, start
 from tests.support.stored import append, assert_says_its_number, keep_recording, move, scoring
@@ -134,7 +133,7 @@ def test_what_an_older_schema_knows_survives_down_and_up(path: Path, dataset: Da
     assert store.datasets.all() == [dataset_info]
     assert store.datasets.get(dataset_info.id).digest() == dataset.digest()
     assert store.monitors.all() == [monitor_info]
-    assert store.monitors.file(monitor_info.id) == to_bytes(monitor)
+    assert store.monitors.file(monitor_info.id) == monitor.to_bytes()
     assert store.monitors.evaluation(monitor_info.id) == {"misses": 3}
     flight = store.flights.add({}, monitor_info.id, 0.1)
     append(store, flight, 0, 10)

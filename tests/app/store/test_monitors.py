@@ -13,7 +13,7 @@ from app.store.store import NotFound, Store, StoreError
 from app.store.tables import monitor_parts
 from core.dataset import Dataset
 from core.monitor import Monitor
-from core.monitor.portable import MonitorFileError, to_bytes
+from core.monitor.portable import MonitorFileError
 from core.monitor.support import Support
 from tests.support.stored import count, make_parts_small
 
@@ -31,7 +31,7 @@ def test_a_monitor_comes_back_with_the_same_p_values(
     back = store.monitors.get(info.id)
     for y in flights:
         np.testing.assert_array_equal(back.p_values(y), trained.p_values(y))
-    assert store.monitors.file(info.id) == to_bytes(trained)
+    assert store.monitors.file(info.id) == trained.to_bytes()
 
 
 def test_a_monitor_says_what_it_is(store: Store, dataset: Dataset, trained: Monitor) -> None:
@@ -50,7 +50,7 @@ def test_a_monitor_says_what_it_is(store: Store, dataset: Dataset, trained: Moni
 def test_a_monitor_file_is_kept_as_it_is_and_finds_its_dataset(
     store: Store, dataset: Dataset, trained: Monitor
 ) -> None:
-    content = to_bytes(trained)
+    content = trained.to_bytes()
     alone = store.monitors.add_file(content, "sent")
     assert alone.dataset_id is None
     dataset_id = store.datasets.add(dataset, "d").id
@@ -72,7 +72,7 @@ def test_what_validity_is_calibrated_on_is_known_without_the_file(
     monitor = replace(trained, support=support)
     expected = SupportInfo(n_safe=300, n_unsafe=200, level=0.02)
     added = store.monitors.add(monitor, "m", None, {"misses": 3})
-    sent = store.monitors.add_file(to_bytes(monitor), "sent")
+    sent = store.monitors.add_file(monitor.to_bytes(), "sent")
     assert added.support == sent.support == store.monitors.info(sent.id).support == expected
     assert [info.support for info in store.monitors.all()] == [expected, expected, None]
     assert store.monitors.evaluation(added.id) == {"misses": 3}

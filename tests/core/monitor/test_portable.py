@@ -15,7 +15,7 @@ import pytest
 from core import __version__
 from core.dataset import Dataset
 from core.monitor import Monitor, MonitorRecipe, load, train
-from core.monitor.portable import MonitorFileError, to_bytes
+from core.monitor.portable import MonitorFileError
 from core.monitor.predictor import PREDICTORS, PrincipalComponents
 from core.monitor.score import SCORES, NegativeMagnitude
 from core.monitor.support import Support
@@ -33,7 +33,7 @@ RECIPES = {
 
 @pytest.fixture(scope="module")
 def blob(dataset: Dataset) -> bytes:
-    return to_bytes(train(dataset))
+    return train(dataset).to_bytes()
 
 
 def same(a: object, b: object) -> bool:
@@ -58,7 +58,7 @@ def test_a_loaded_monitor_is_the_saved_one_to_the_bit(
         assert loaded.p_values(y).tobytes() == monitor.p_values(y).tobytes()
     said, before = (m.stream().update(0, flights[0][0]).as_dict() for m in (loaded, monitor))
     assert said == before
-    assert to_bytes(loaded) == to_bytes(monitor)
+    assert loaded.to_bytes() == monitor.to_bytes()
 
 
 def with_support(dataset: Dataset, **changes: object) -> Monitor:
@@ -75,13 +75,13 @@ def test_a_support_comes_back_to_the_bit(dataset: Dataset, flights: Array, tmp_p
     assert loaded.support is not None
     for field in fields(Support):
         assert same(getattr(loaded.support, field.name), getattr(monitor.support, field.name))
-    assert to_bytes(loaded) == to_bytes(monitor)
+    assert loaded.to_bytes() == monitor.to_bytes()
     assert loaded.p_values(flights[0]).tobytes() == train(dataset).p_values(flights[0]).tobytes()
 
 
 def test_only_a_support_asks_for_format_2(dataset: Dataset, blob: bytes, tmp_path: Path) -> None:
     """A file of format 1, of an older program or without validity, is read as not calibrated."""
-    assert to_bytes(with_support(dataset)).startswith(b"FOREWARN MONITOR 2\n")
+    assert with_support(dataset).to_bytes().startswith(b"FOREWARN MONITOR 2\n")
     assert blob.startswith(b"FOREWARN MONITOR 1\n")
     (tmp_path / "m.fwm").write_bytes(blob)
     assert load(tmp_path / "m.fwm").support is None
@@ -100,7 +100,7 @@ NONSENSE = {
 def test_a_support_that_makes_no_sense_is_refused(
     nonsense: str, dataset: Dataset, tmp_path: Path
 ) -> None:
-    content = to_bytes(with_support(dataset, **NONSENSE[nonsense]))
+    content = with_support(dataset, **NONSENSE[nonsense]).to_bytes()
     assert "holds a monitor that this program cannot rebuild" in refusal(
         content, tmp_path / "m.fwm"
     )
@@ -264,7 +264,7 @@ def test_signed_arrays_that_do_not_fit_together_are_refused(
     name: str, change, message: str, dataset: Dataset, tmp_path: Path
 ) -> None:
     monitor = train(dataset, MonitorRecipe(p_value="exact"))
-    body = to_bytes(monitor).split(b"\n", 2)[2]
+    body = monitor.to_bytes().split(b"\n", 2)[2]
     with np.load(io.BytesIO(body)) as archive:
         arrays = dict(archive)
     crafted = io.BytesIO()

@@ -15,15 +15,9 @@ from core.monitor import Assessments, Monitor, MonitorRecipe, State, train
 from core.monitor.assessment import STATES
 from core.monitor.predictor import PREDICTORS
 from core.monitor.score import SCORES
-from core.monitor.support import (
-    FINEST,
-    LEVEL,
-    Support,
-    SupportError,
-    calibrate,
-    residual_deviation,
-)
-from core.monitor.validity import Running, excursion_of, judge
+from core.monitor.support import LEVEL, Support, SupportError, ValidityBasis
+from core.monitor.training import FINEST, residual_deviation, with_validity
+from core.monitor.validity import RunningValidity, deviation_of
 from tests.support import oscillator
 from tests.support.oscillator import DT, N_SAMPLES, NY, TIMES, Array
 
@@ -44,8 +38,7 @@ def batches(seed: int = 3, n: int = 1_000):
 
 
 def supported(dataset: Dataset, recipe: MonitorRecipe | None = None) -> Monitor:
-    monitor = train(dataset, recipe)
-    return replace(monitor, support=calibrate(monitor, dataset, batches()))
+    return train(dataset, recipe, batches())
 
 
 @pytest.fixture(scope="module")
@@ -56,6 +49,16 @@ def monitor(dataset: Dataset) -> Monitor:
 def support_of(monitor: Monitor) -> Support:
     assert monitor.support is not None
     return monitor.support
+
+
+def basis_of(monitor: Monitor) -> ValidityBasis:
+    assert monitor.validity_basis is not None
+    return monitor.validity_basis
+
+
+def untouched(monitor: Monitor, t: Array, y: Array) -> Assessments:
+    """What would be said if nothing were withdrawn."""
+    return monitor.assess(t, y, withdraw=False)
 
 
 def rough_flight(seed: int) -> tuple[Array, Array]:
@@ -107,8 +110,8 @@ def test_statistics_equal_brute_force(
             rough_flight(seed),
             (TIMES, oscillator.fly(np.random.default_rng(seed), 1)[1][0]),
         ):
-            said = monitor.assess(t, y)
-            _, reached = excursion_of(monitor, support_of(monitor), t, y, said)
+            said = untouched(monitor, t, y)
+            _, reached = deviation_of(basis_of(monitor), t, y, said)
             expected = brute_force(monitor, t, y, said)
             np.testing.assert_allclose(reached[:, 1], expected[:, 1], rtol=1e-6)
             if PREDICTORS[predictor].forecasts:
@@ -122,7 +125,7 @@ def test_sigma_is_the_deviation_of_training_residuals(dataset: Dataset) -> None:
     monitor = train(dataset)
     residuals = []
     for y, times in zip(dataset.safe, dataset.safe_times, strict=True):
-        y_hat = monitor.assess(TIMES, y).y_hat
+        y_hat = untouched(monitor, TIMES, y).y_hat
         residuals += [y[k + 5] - y_hat[k] for k in times if k + 5 < N_SAMPLES]
     expected = np.sqrt(np.mean(np.square(residuals), axis=0))
     np.testing.assert_allclose(residual_deviation(monitor, dataset), expected, rtol=1e-9)
@@ -134,13 +137,13 @@ def test_sigma_of_a_channel_that_never_moves_is_what_a_sensor_resolves(dataset: 
 
 
 def test_calibration_flights_are_measured_as_a_flight_is(monitor: Monitor) -> None:
-    """Each column of the support is made of what `excursion_of` says of its flights, sorted."""
+    """Each column of the support is made of what `deviation_of` says of its flights, sorted."""
     y, fail = next(batches())
     support, found = support_of(monitor), []
     for i in np.flatnonzero(fail < N_SAMPLES):
         t = TIMES[: fail[i] + 1]
-        said = monitor.assess(t, y[i, : fail[i] + 1])
-        found.append(excursion_of(monitor, support, t, y[i], said)[1][-1])
+        said = untouched(monitor, t, y[i, : fail[i] + 1])
+        found.append(deviation_of(basis_of(monitor), t, y[i], said)[1][-1])
     assert np.sort(found, axis=0).tobytes() == support.unsafe.tobytes()
     assert len(support.safe) + len(support.unsafe) == len(y)
     assert support.n_samples == N_SAMPLES
@@ -209,10 +212,10 @@ def test_calibration_ends_once_both_kinds_serve_the_level(dataset: Dataset) -> N
             taken += 1
             yield y, fail
 
-    calibrate(monitor, dataset, small())
+    with_validity(monitor, dataset, small())
     assert taken == 10
     rare = ((y, np.where(np.arange(len(y)) < 9, fail, N_SAMPLES)) for y, fail in batches(n=250))
-    support = calibrate(monitor, dataset, rare)
+    support = support_of(with_validity(monitor, dataset, rare))
     assert len(support.unsafe) >= 99
     assert len(support.safe) > 1_000
     assert support.level == LEVEL
@@ -227,17 +230,17 @@ def test_too_few_flights_of_one_kind_raise_the_level_or_are_refused(dataset: Dat
         chosen = np.concatenate([np.flatnonzero(fail == N_SAMPLES), failing[:n]])
         return [(y[chosen], fail[chosen])]
 
-    support = calibrate(monitor, dataset, with_failing(39))
+    support = support_of(with_validity(monitor, dataset, with_failing(39)))
     assert support.level == support.smallest_level == 2 / 40
     with pytest.raises(SupportError, match=r"\d+ stayed safe and 18 failed, 19 of either"):
-        calibrate(monitor, dataset, with_failing(18))
+        with_validity(monitor, dataset, with_failing(18))
 
 
 # --- one verdict a manoeuvre ---------------------------------------------------------------------
 
 
 def test_a_flight_like_the_simulated_ones_is_valid(monitor: Monitor, flights: Array) -> None:
-    verdicts = [judge(monitor, TIMES, y, monitor.assess(TIMES, y)) for y in flights]
+    verdicts = [monitor.judge(TIMES, y, untouched(monitor, TIMES, y)) for y in flights]
     assert [verdict.valid for verdict in verdicts] == [True] * len(flights)
     for verdict in verdicts:
         assert verdict.reasons == ()
@@ -250,8 +253,8 @@ def test_support_changes_no_assessment(monitor: Monitor, dataset: Dataset, fligh
     bare = train(dataset)
     for y in flights[:5]:
         one, other = (m.assess(TIMES, y) for m in (monitor, bare))
-        judge(monitor, TIMES, y, one)
-        for name in Assessments.__dataclass_fields__:
+        assert one.withdrawal is other.withdrawal is None
+        for name in set(Assessments.__dataclass_fields__) - {"withdrawal"}:
             assert getattr(one, name).tobytes() == getattr(other, name).tobytes()
 
 
@@ -259,17 +262,18 @@ def test_support_changes_no_assessment(monitor: Monitor, dataset: Dataset, fligh
 def test_running_says_what_the_batch_says_of_every_part(
     predictor: str, score: str, dataset: Dataset
 ) -> None:
-    """Bit for bit; and once invalid, it stays so."""
+    """Bit for bit; and once invalid, it stays so. The stream does not withdraw by itself."""
     recipe = MonitorRecipe(predictor=PREDICTORS[predictor], score=SCORES[score])
     monitor = supported(dataset, recipe)
     for seed in (1, 2):
         t, y = rough_flight(seed)
         y[44:, NY] += 2.0
-        said, running, stream = monitor.assess(t, y), Running(monitor), monitor.stream()
+        said, running = untouched(monitor, t, y), RunningValidity(basis_of(monitor), 2)
+        stream = replace(monitor, support=None).stream()
         before = False
         for k in range(len(t)):
             is_invalid = running.update(y[k], stream.update(t[k], y[k]))
-            whole = judge(monitor, t, y, said, end=k)
+            whole = monitor.judge(t, y, said, end=k)
             assert repr(astuple(running.verdict)) == repr(astuple(whole))
             assert is_invalid == (whole.valid is False)
             assert is_invalid >= before
@@ -280,8 +284,8 @@ def test_running_says_what_the_batch_says_of_every_part(
 def test_reasons_name_channel_size_and_time(monitor: Monitor, flights: Array) -> None:
     y, support = flights[3].copy(), support_of(monitor)
     y[-1, NY] += 0.6
-    said = monitor.assess(TIMES, y)
-    verdict = judge(monitor, TIMES, y, said)
+    said = untouched(monitor, TIMES, y)
+    verdict = monitor.judge(TIMES, y, said)
     off = abs(y[-1, NY] - said.y_hat[-1 - monitor.h, NY])
     assert verdict.valid is False
     assert (verdict.sample, verdict.t, verdict.channel) == (60, TIMES[60], None)
@@ -293,8 +297,8 @@ def test_reasons_name_channel_size_and_time(monitor: Monitor, flights: Array) ->
         f"99 % of fresh flights stay within {support.bounds()[0]:.1f}"
     )
     y[-1] *= 9
-    said = monitor.assess(TIMES, y)
-    verdict = judge(monitor, TIMES, y, said)
+    said = untouched(monitor, TIMES, y)
+    verdict = monitor.judge(TIMES, y, said)
     z = said.y_hat[-1] / monitor.scale
     near = min(monitor.safe_points, key=lambda point: ((point - z) ** 2).sum())
     mostly = max(range(6), key=lambda c: abs(near[c] - z[c]))
@@ -320,24 +324,24 @@ def test_a_channel_that_moves_now_and_never_did_is_named(dataset: Dataset, fligh
         return y * (np.arange(6) != DELTA_A)
 
     fresh = ((still(y), fail) for y, fail in batches())
-    monitor = replace(monitor, support=calibrate(monitor, still_aileron(dataset), fresh))
+    monitor = with_validity(monitor, still_aileron(dataset), fresh)
     y = still(flights[3])
-    assert judge(monitor, TIMES, y, monitor.assess(TIMES, y)).valid
+    assert monitor.judge(TIMES, y, untouched(monitor, TIMES, y)).valid
     y[25:, DELTA_A] = 0.1
-    verdict = judge(monitor, TIMES, y, monitor.assess(TIMES, y))
+    verdict = monitor.judge(TIMES, y, untouched(monitor, TIMES, y))
     assert (verdict.sample, verdict.channel) == (25, "delta_a")
     assert verdict.reasons[0] == "delta_a moved by 0.1 rad at 1.25 s; it never moved in training"
     y[25:, DELTA_A] = 0.5e-3
-    assert judge(monitor, TIMES, y, monitor.assess(TIMES, y)).valid
+    assert monitor.judge(TIMES, y, untouched(monitor, TIMES, y)).valid
 
 
 def test_a_flight_longer_than_those_of_training_says_so_where_it_strays(monitor: Monitor) -> None:
     y = oscillator.fly(np.random.default_rng(5), 40)[1].reshape(-1, 6)
     t = np.arange(len(y), dtype=np.float64) * DT
-    verdict = judge(monitor, t, y, monitor.assess(t, y))
+    verdict = monitor.judge(t, y, untouched(monitor, t, y))
     assert verdict.valid is False
     assert verdict.reasons[-1] == (
-        "it lasts 122.00 s, the flights of training 3.05 s: a longer one strays farther, "
+        "it lasts 122.00 s, the flights of training 3.05 s: a longer one deviates farther, "
         "split it up"
     )
 
@@ -345,16 +349,16 @@ def test_a_flight_longer_than_those_of_training_says_so_where_it_strays(monitor:
 def test_a_flight_counts_up_to_its_first_exceedance(monitor: Monitor, flights: Array) -> None:
     y = flights[3].copy()
     y[45:] *= 9
-    said = monitor.assess(TIMES, y)
-    assert judge(monitor, TIMES, y, said).valid is False
-    assert judge(monitor, TIMES, y, said, end=44).valid is True
+    said = untouched(monitor, TIMES, y)
+    assert monitor.judge(TIMES, y, said).valid is False
+    assert monitor.judge(TIMES, y, said, end=44).valid is True
 
 
 def test_a_flight_of_which_too_little_was_seen_is_not_called_valid(
     monitor: Monitor, flights: Array
 ) -> None:
     def reasons(t: Array, y: Array) -> tuple[str, ...]:
-        verdict = judge(monitor, t, y, monitor.assess(t, y))
+        verdict = monitor.judge(t, y, untouched(monitor, t, y))
         assert verdict.valid is None
         return verdict.reasons
 
@@ -377,8 +381,8 @@ def test_numbers_beyond_all_bounds_are_invalid_not_overlooked(
     y = flights[3].copy()
     y[40] = 1e308
     with np.errstate(over="ignore", invalid="ignore"):
-        said = monitor.assess(TIMES, y)
-    verdict = judge(monitor, TIMES, y, said)
+        said = untouched(monitor, TIMES, y)
+    verdict = monitor.judge(TIMES, y, said)
     assert verdict.valid is False
     assert verdict.distance == np.inf
 
@@ -387,23 +391,22 @@ def test_a_monitor_without_support_is_not_calibrated_and_never_valid(
     dataset: Dataset, flights: Array
 ) -> None:
     monitor = train(dataset)
-    verdict = judge(monitor, TIMES, flights[0], monitor.assess(TIMES, flights[0]))
+    verdict = monitor.judge(TIMES, flights[0], untouched(monitor, TIMES, flights[0]))
     assert verdict.valid is None
     assert verdict.p_value is None
     assert verdict.reasons[0].startswith("validity is not calibrated")
-    with pytest.raises(ValueError, match="validity is not calibrated"):
-        Running(monitor)
+    assert monitor.validity_basis is None
 
 
 def test_a_predictor_without_forecasts_is_judged_by_distance_alone(
     dataset: Dataset, flights: Array
 ) -> None:
     monitor = supported(dataset, MonitorRecipe(predictor=PREDICTORS["identity"]))
-    verdict = judge(monitor, TIMES, flights[0], monitor.assess(TIMES, flights[0]))
+    verdict = monitor.judge(TIMES, flights[0], untouched(monitor, TIMES, flights[0]))
     assert verdict.valid is True
     assert verdict.residual_p is verdict.residual is None
     assert verdict.p_value == verdict.distance_p
     y = flights[0] * 3
-    verdict = judge(monitor, TIMES, y, monitor.assess(TIMES, y))
+    verdict = monitor.judge(TIMES, y, untouched(monitor, TIMES, y))
     assert verdict.valid is False
     assert "98 % of fresh flights" in verdict.reasons[0]

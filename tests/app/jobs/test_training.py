@@ -11,7 +11,6 @@ from app.jobs.training import fresh_flights, train_and_test
 from core.collection import DatasetRecipe, Simulator, collect
 from core.dataset import Dataset
 from core.monitor import MonitorRecipe, train
-from core.monitor.portable import to_bytes
 
 RECIPE = DatasetRecipe(n_unsafe=30, seed=4)
 
