@@ -40,7 +40,7 @@ def test_training_calibrates_validity_even_without_a_test(simulated: Dataset) ->
 
 def test_the_same_order_gives_the_same_monitor_file(simulated: Dataset) -> None:
     twice = [train_and_test(simulated, MonitorRecipe(), n, nothing).monitor for n in (0, 50)]
-    assert to_bytes(twice[0]) == to_bytes(twice[1])
+    assert replace(twice[1], evaluation=None).to_bytes() == twice[0].to_bytes()
 
 
 def test_its_flights_neither_train_nor_test(simulated: Dataset) -> None:

@@ -15,11 +15,12 @@ import pytest
 from core import __version__
 from core.dataset import Dataset
 from core.monitor import Monitor, MonitorRecipe, load, train
-from core.monitor.portable import MonitorFileError
+from core.monitor.portable import MonitorFileError, Section, pack, unpack
 from core.monitor.predictor import PREDICTORS, PrincipalComponents
 from core.monitor.score import SCORES, NegativeMagnitude
 from core.monitor.support import Support
 from core.recipe import from_plain, to_plain
+from core.specification import Limits, Specification
 from tests.support.oscillator import DT, THETA, Array
 
 RECIPES = {
@@ -79,12 +80,51 @@ def test_a_support_comes_back_to_the_bit(dataset: Dataset, flights: Array, tmp_p
     assert loaded.p_values(flights[0]).tobytes() == train(dataset).p_values(flights[0]).tobytes()
 
 
-def test_only_a_support_asks_for_format_2(dataset: Dataset, blob: bytes, tmp_path: Path) -> None:
-    """A file of format 1, of an older program or without validity, is read as not calibrated."""
-    assert with_support(dataset).to_bytes().startswith(b"FOREWARN MONITOR 2\n")
-    assert blob.startswith(b"FOREWARN MONITOR 1\n")
-    (tmp_path / "m.fwm").write_bytes(blob)
-    assert load(tmp_path / "m.fwm").support is None
+def test_the_file_carries_what_is_known_and_nothing_else(dataset: Dataset, tmp_path: Path) -> None:
+    """Limits and validity are sections that must be known, the evaluation one that may be."""
+    bare = replace(train(dataset), specification=None)
+    known = replace(with_support(dataset), evaluation={"n_test": 3, "misses": [1, None]})
+    for monitor, names in (
+        (bare, ["monitor", "specification"]),
+        (known, ["monitor", "specification", "validity", "evaluation"]),
+    ):
+        sections = unpack(monitor.to_bytes(), "m")
+        assert list(sections) == names
+        assert [name for name in names if not sections[name].required] == names[3:]
+        monitor.save(tmp_path / "m.fwm")
+        loaded = load(tmp_path / "m.fwm")
+        assert (loaded.specification, loaded.evaluation) == (
+            monitor.specification,
+            monitor.evaluation,
+        )
+
+
+@pytest.mark.parametrize("specification", [Limits(beta=0.12, Ny=None), "hand-made verdicts", None])
+def test_a_specification_comes_back(
+    specification: Specification, dataset: Dataset, tmp_path: Path
+) -> None:
+    train(replace(dataset, specification=specification)).save(tmp_path / "m.fwm")
+    assert load(tmp_path / "m.fwm").specification == specification
+
+
+def with_section(
+    blob: bytes, required: bool, name: str = "clairvoyance", version: int = 1
+) -> bytes:
+    """The same file as a later program might write it."""
+    sections = [part for part in unpack(blob, "m").values() if part.name != name]
+    return pack([*sections, Section(name, version, required, {"sees": "all"}, {"x": np.ones(3)})])
+
+
+def test_a_later_programs_sections_are_ignored_or_refused_as_they_ask(
+    blob: bytes, dataset: Dataset, flights: Array, tmp_path: Path
+) -> None:
+    (tmp_path / "m.fwm").write_bytes(with_section(blob, required=False))
+    p_values = load(tmp_path / "m.fwm").p_values(flights[0])
+    assert p_values.tobytes() == train(dataset).p_values(flights[0]).tobytes()
+    for later in (with_section(blob, True), with_section(blob, True, "validity", 2)):
+        assert "which this program does not know and must not ignore: upgrade" in refusal(
+            later, tmp_path / "m.fwm"
+        )
 
 
 NONSENSE = {
@@ -108,11 +148,13 @@ def test_a_support_that_makes_no_sense_is_refused(
 
 def test_the_header_says_where_a_monitor_comes_from(dataset: Dataset, blob: bytes) -> None:
     title, digest, body = blob.split(b"\n", 2)
-    assert title == b"FOREWARN MONITOR 1"
+    assert title == b"FOREWARN MONITOR 3"
     assert digest.decode() == hashlib.sha256(body).hexdigest()
     with np.load(io.BytesIO(body), allow_pickle=False) as archive:
-        header = json.loads(archive["header"].tobytes())
-        assert sorted(archive["alphas"]) == archive["alphas"].tolist()
+        index = json.loads(archive["sections"].tobytes())
+        assert sorted(archive["monitor/alphas"]) == archive["monitor/alphas"].tolist()
+    assert [part["name"] for part in index] == ["monitor", "specification"]
+    header = index[0]["header"]
     assert header["recipe"]["predictor"] == {"kind": "linear"}
     assert header["recipe"]["score"] == {"kind": "nearest_neighbor"}
     assert header["recipe"]["epsilon"] == 0.1
@@ -162,7 +204,7 @@ def refusal(content: bytes, path: Path) -> str:
 
 
 def signed(body: bytes) -> bytes:
-    return b"FOREWARN MONITOR 1\n" + hashlib.sha256(body).hexdigest().encode() + b"\n" + body
+    return b"FOREWARN MONITOR 3\n" + hashlib.sha256(body).hexdigest().encode() + b"\n" + body
 
 
 def test_a_file_cut_off_anywhere_is_refused(blob: bytes, tmp_path: Path) -> None:
@@ -184,8 +226,8 @@ def test_a_file_with_any_byte_changed_is_refused(blob: bytes, tmp_path: Path) ->
 
 
 def test_a_newer_format_is_refused(blob: bytes, tmp_path: Path) -> None:
-    message = refusal(blob.replace(b"MONITOR 1", b"MONITOR 12", 1), tmp_path / "m.fwm")
-    assert "has monitor format 12, this program reads up to 2: upgrade forewarn" in message
+    message = refusal(blob.replace(b"MONITOR 3", b"MONITOR 12", 1), tmp_path / "m.fwm")
+    assert "has monitor format 12, this program reads up to 3: upgrade forewarn" in message
 
 
 @pytest.mark.parametrize(
@@ -206,7 +248,7 @@ def test_a_pickle_is_never_opened(blob: bytes, tmp_path: Path) -> None:
     """Neither an archive with an object array nor a bare pickle, however well signed."""
     with np.load(io.BytesIO(blob.split(b"\n", 2)[2])) as archive:
         arrays = dict(archive)
-    arrays["alphas"] = np.array([Trap(tmp_path / "sprung")], object)
+    arrays["monitor/alphas"] = np.array([Trap(tmp_path / "sprung")], object)
     crafted = io.BytesIO()
     np.savez(crafted, **arrays)  # pyright: ignore[reportArgumentType]
     for body in (crafted.getvalue(), pickle.dumps(Trap(tmp_path / "sprung"))):
@@ -234,8 +276,8 @@ def test_a_signed_file_without_a_monitor_is_refused(body: bytes, tmp_path: Path)
 def test_an_unknown_predictor_is_refused(blob: bytes, tmp_path: Path) -> None:
     with np.load(io.BytesIO(blob.split(b"\n", 2)[2])) as archive:
         arrays = dict(archive)
-    header = arrays["header"].tobytes().replace(b'"linear"', b'"oracle"')
-    arrays["header"] = np.frombuffer(header, np.uint8)
+    header = arrays["sections"].tobytes().replace(b'"linear"', b'"oracle"')
+    arrays["sections"] = np.frombuffer(header, np.uint8)
     crafted = io.BytesIO()
     np.savez(crafted, **arrays)  # pyright: ignore[reportArgumentType]
     assert "oracle" in refusal(signed(crafted.getvalue()), tmp_path / "m.fwm")
@@ -244,20 +286,20 @@ def test_an_unknown_predictor_is_refused(blob: bytes, tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("name", "change", "message"),
     [
-        ("matrix", lambda a: a[:-1], "matrix is float64"),
-        ("offset", lambda a: a[:-1], "5 entries instead of 6"),
-        ("scale", lambda a: a[:2], "scale is float64"),
-        ("alphas", lambda a: a[None], "alphas is float64"),
-        ("safe_points", lambda a: a[:, :3], "safe points is float64"),
-        ("safe_points", lambda a: a.astype(np.float32), "safe points is float32"),
-        ("safe_where", lambda a: a[:-1], "safe where has shape"),
-        ("safe_where", lambda a: a + 10**6, "safe where holds numbers outside"),
-        ("unsafe_where", lambda a: a - 10**6, "unsafe where holds numbers outside"),
-        ("theta_unsafe", lambda a: a[:, :0], "theta unsafe is float64"),
-        ("exact_start", lambda a: a + 10**6, "exact start holds numbers outside"),
-        ("exact_start", lambda a: a[::-1].copy(), "exact start does not delimit"),
-        ("exact_start", lambda a: a[:0], "exact points belong to no failure"),
-        ("exact_unsafe", lambda a: a[:-1], "exact unsafe is float64"),
+        ("monitor/matrix", lambda a: a[:-1], "matrix is float64"),
+        ("monitor/offset", lambda a: a[:-1], "5 entries instead of 6"),
+        ("monitor/scale", lambda a: a[:2], "scale is float64"),
+        ("monitor/alphas", lambda a: a[None], "alphas is float64"),
+        ("monitor/safe_points", lambda a: a[:, :3], "safe points is float64"),
+        ("monitor/safe_points", lambda a: a.astype(np.float32), "safe points is float32"),
+        ("monitor/safe_where", lambda a: a[:-1], "safe where has shape"),
+        ("monitor/safe_where", lambda a: a + 10**6, "safe where holds numbers outside"),
+        ("monitor/unsafe_where", lambda a: a - 10**6, "unsafe where holds numbers outside"),
+        ("monitor/theta_unsafe", lambda a: a[:, :0], "theta unsafe is float64"),
+        ("transduction/start", lambda a: a + 10**6, "exact start holds numbers outside"),
+        ("transduction/start", lambda a: a[::-1].copy(), "exact start does not delimit"),
+        ("transduction/start", lambda a: a[:0], "exact points belong to no failure"),
+        ("transduction/unsafe", lambda a: a[:-1], "exact unsafe is float64"),
     ],
 )
 def test_signed_arrays_that_do_not_fit_together_are_refused(
