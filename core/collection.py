@@ -12,8 +12,8 @@ from scipy import stats
 
 from core.channels import KEYS
 from core.dataset import Dataset
-from core.seeds import Branch, stream
 from core.recipe import to_plain
+from core.seeds import Branch, stream
 from core.simulation.aircraft import AIRCRAFT, Aircraft
 from core.simulation.control_law import CONTROL_LAWS, ControlLaw, check_usable
 from core.simulation.maneuver import MANEUVERS, Maneuver

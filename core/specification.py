@@ -1,6 +1,5 @@
 """What unsafe means: the first exceedance of each trajectory of a batch."""
 
-from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 
 import numpy as np

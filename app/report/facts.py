@@ -32,15 +32,6 @@ TELLING = (
     "unknown",
     "quiet",
 )
-    "missed",
-    "late_alert",
-    "unseen",
-    "false_alert",
-    "timely_alert",
-    "invalid",
-    "quiet",
-    "unknown",
-)
 """Outcomes, those first that a reader wants to see drawn."""
 MOST_DRAWN = 100
 """Manoeuvres that are drawn one by one."""

@@ -36,9 +36,9 @@ class Plan:
 
     dt: float
     limits: Array
-    limits_known: bool = True
     maneuver: Maneuver | None = None
     aircraft: Aircraft | None = None
+    limits_known: bool = True
 
     @property
     def duration(self) -> float | None:
@@ -85,7 +85,7 @@ def plan_of(monitor: Monitor) -> Plan:
         part: getattr(from_plain(DatasetRecipe(), plain), part) for part, plain in given.items()
     }
     if monitor.limits is None:
-        return Plan(monitor.dt, np.full(N_CHANNELS, np.inf), False, **parts)
+        return Plan(monitor.dt, np.full(N_CHANNELS, np.inf), limits_known=False, **parts)
     return Plan(monitor.dt, monitor.limits, **parts)
 
 

@@ -13,12 +13,12 @@ from app.store.repository import Entry, InUse, NotFound, Repository, columns, co
 from app.store.tables import dataset_blocks, datasets, monitors, new_id, now
 from core import __version__
 from core.dataset import Dataset
-from core.types import Array
 from core.specification import (
     PlainSpecification,
     specification_from_plain,
     specification_to_plain,
 )
+from core.types import Array
 
 ROWS = {
     "unsafe": "n_unsafe",

@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from core.channels import N_CHANNELS
-from core.kernels.assessing import SIMPLE, Transduction
+from core.kernels.p_value import SIMPLE, Transduction
 from core.monitor import portable
 from core.monitor.monitor import Monitor, assemble
 from core.monitor.portable import MonitorFileError, Section

@@ -39,7 +39,8 @@ def known(tmp_path_factory, dataset, flights):
     dataset_id = store.datasets.add(dataset, "oscillator").id
     evaluation = {"n_test": 0, "n_unsafe": 0, "n_safe": 0}
     monitor = train(replace(dataset, recipe={}), MonitorRecipe(epsilon=0.2))
-    monitor_id = store.monitors.add(monitor, "oscillator", dataset_id, evaluation).id
+    evaluated = replace(monitor, evaluation=evaluation)
+    monitor_id = store.monitors.add(evaluated, "oscillator", dataset_id).id
     job_id = store.jobs.add("study", {})
     store.jobs.update(job_id, status="done", result={"figures": {"a.svg": "<svg/>"}})
     flight_id = store.flights.add({"kind": "simulated"}, monitor_id, 0.2)

@@ -6,10 +6,8 @@ from time import perf_counter
 import numpy as np
 import pytest
 
-from core.collection import DatasetRecipe, Simulator, collect
+from core.collection import DatasetRecipe, Simulator, collect, fresh
 from core.monitor import Monitor, train
-from core.monitor.support import calibrate
-from core.monitor.validity import Running, judge
 
 pytestmark = pytest.mark.benchmark
 N_SAMPLES = 360_000
@@ -19,9 +17,7 @@ N_SAMPLES = 360_000
 def monitor() -> Monitor:
     recipe = DatasetRecipe(n_unsafe=200, seed=1)
     dataset = collect(recipe)
-    fresh = Simulator(recipe).rollouts(1_000, np.random.default_rng(2))
-    bare = train(dataset)
-    return replace(bare, support=calibrate(bare, dataset, [(fresh.y, fresh.fail_index)]))
+    return train(dataset, fresh=fresh(recipe))
 
 
 def best(call, n: int = 5) -> float:
@@ -37,7 +33,7 @@ def test_a_recording_is_judged(monitor: Monitor) -> None:
     flights = Simulator(DatasetRecipe()).rollouts(3_000, np.random.default_rng(3)).y
     y = np.ascontiguousarray(flights.reshape(-1, 6)[:N_SAMPLES])
     t = np.arange(N_SAMPLES, dtype=np.float64) * monitor.dt
-    said, support = monitor.assess(t, y), monitor.support
+    said, support = monitor.assess(t, y, withdraw=False), monitor.support
     assert support is not None
 
     def plainly() -> tuple[float, float]:
@@ -46,9 +42,9 @@ def test_a_recording_is_judged(monitor: Monitor) -> None:
         distance = np.linalg.norm(said.y_hat / monitor.scale - near, axis=1)
         return residual.max(), distance.max()
 
-    verdict = judge(monitor, t, y, said)
+    verdict = monitor.judge(t, y, said)
     assert (verdict.residual, verdict.distance) == pytest.approx(plainly(), rel=1e-9)
-    ours, plain = best(lambda: judge(monitor, t, y, said)), best(plainly)
+    ours, plain = best(lambda: monitor.judge(t, y, said)), best(plainly)
     print(
         f"\njudging {N_SAMPLES:,} samples: {1e3 * ours:.0f} ms, numpy {plain / ours:.1f} x as long"
     )
@@ -57,14 +53,12 @@ def test_a_recording_is_judged(monitor: Monitor) -> None:
 
 def test_a_sample_in_flight_is_judged_in_less_than_it_is_assessed(monitor: Monitor) -> None:
     y = Simulator(DatasetRecipe()).rollouts(1, np.random.default_rng(4)).y[0]
-    samples = [np.ascontiguousarray(sample) for sample in y]
+    samples, bare = [np.ascontiguousarray(sample) for sample in y], replace(monitor, support=None)
 
     def fly(validity: bool) -> None:
-        stream, running = monitor.stream(), Running(monitor)
+        stream = (monitor if validity else bare).stream()
         for k, sample in enumerate(samples):
-            said = stream.update(k * monitor.dt, sample)
-            if validity:
-                running.update(sample, said)
+            stream.update(k * monitor.dt, sample)
 
     alone, both = best(lambda: fly(False), 50), best(lambda: fly(True), 50)
     each = 1e6 * (both - alone) / len(samples)

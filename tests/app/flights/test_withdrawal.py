@@ -14,7 +14,6 @@ import pytest
 from app.flights.flights import FlightOrder
 from app.flights.playback import AssessedTrack
 from app.flights.sources import Simulated, Track
-from app.flights.withdrawal import CheckedStream, withdrawal
 from app.jobs.training import train_and_test
 from app.messages import Frames, Hello, StateChange
 from app.recipes import to_plain
@@ -108,7 +107,7 @@ def test_of_flights_like_those_of_training_few_fall_silent() -> None:
     """At most the level of either kind, by more than three standard errors."""
     flights, is_unsafe = rollouts(PLANNED, 1_200)
     t = np.arange(flights.shape[1]) * PLANNED.dt
-    fell = [withdrawal(planned(), t, y, planned().assess(t, y)) is not None for y in flights]
+    fell = [planned().assess(t, y).withdrawal is not None for y in flights]
     for name, kind in (("safe", ~is_unsafe), ("failing", is_unsafe)):
         share, error = np.mean(np.array(fell)[kind]), np.sqrt(LEVEL / kind.sum())
         print(f"{name}: {share:.4f} of {kind.sum()} fell silent")
@@ -158,7 +157,7 @@ def test_live_says_of_each_sample_what_the_track_says(
 ) -> None:
     t, y = FLIGHTS[flight]()
     script = AssessedTrack(Track(t, y, DT), monitor(), EPSILON)
-    stream = CheckedStream(monitor(), EPSILON)
+    stream = monitor().stream(EPSILON)
     said = [stream.update(*sample) for sample in zip(t, y, strict=True)]
     for one, expected in zip(said, everything_said(script), strict=True):
         for name in ("t", "p_value", "alert", "state", "reason"):
@@ -182,27 +181,27 @@ def test_a_flight_that_broke_a_limit_is_not_called_invalid_for_what_follows() ->
     assert_silent_from(everything_said(AssessedTrack(track(y), checked(), EPSILON)), 30)
     y = quiet_flight()
     y[20, NY] = 0.5
-    at = withdrawal(checked(), T, y, checked().assess(T, y))
+    at = checked().assess(T, y).withdrawal
     y = strange(y, 30)
     assert at is None
-    assert withdrawal(checked(), T, y, checked().assess(T, y)) is None
+    assert checked().assess(T, y).withdrawal is None
 
 
 def test_a_violation_counts_itself_and_a_missing_value_is_none() -> None:
     y = quiet_flight()
     y[20, NY] = 40.0
-    found = withdrawal(checked(), T, y, checked().assess(T, y))
+    found = checked().assess(T, y).withdrawal
     assert found is not None
     assert found.first == 20
     y = strange(quiet_flight(), 30)
     y[10, NY], y[12, NY] = np.nan, np.inf
-    found = withdrawal(checked(), T, y, checked().assess(T, y))
+    found = checked().assess(T, y).withdrawal
     assert found is not None
     assert found.first == 30
 
 
 def test_neither_a_gap_nor_a_new_history_takes_it_back() -> None:
-    stream, y = CheckedStream(checked(), EPSILON), quiet_flight()
+    stream, y = checked().stream(EPSILON), quiet_flight()
     y[0, DELTA_A] = 2.0
     t = T + np.where(np.arange(N_SAMPLES) > 20, 100.0, 0.0)
     said = [stream.update(*sample) for sample in zip(t, y, strict=True)]
@@ -218,7 +217,7 @@ def alerted_then_strange() -> tuple[Array, int]:
     for y in oscillator.fly(np.random.default_rng(12), 300)[1]:
         said = checked().assess(T, y, EPSILON)
         past = np.abs(y[:, NY]) >= 0.5
-        if not past.any() or withdrawal(checked(), T, y, said) is not None:
+        if not past.any() or checked().assess(T, y).withdrawal is not None:
             continue
         if said.alert.any() and said.alert.argmax() + 2 < past.argmax():
             return strange(y, int(said.alert.argmax()) + 2), int(said.alert.argmax()) + 2
@@ -292,5 +291,5 @@ def test_a_monitor_loaded_from_its_file_withdraws_at_the_same_sample(tmp_path: P
     checked().save(tmp_path / "monitor.fwm")
     again, bare = load(tmp_path / "monitor.fwm"), replace(checked(), support=None)
     y = strange(quiet_flight(), 25)
-    found = [withdrawal(m, T, y, m.assess(T, y)) for m in (checked(), again, bare)]
+    found = [m.assess(T, y).withdrawal for m in (checked(), again, bare)]
     assert found[0] == found[1] != found[2] is None

@@ -7,6 +7,7 @@ import sqlite3
 import subprocess
 import sys
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -99,10 +100,10 @@ def test_every_revision_goes_up_down_and_up(path: Path, revision: str) -> None:
 
 
 def test_what_an_older_schema_knows_survives_down_and_up(path: Path, dataset: Dataset) -> None:
-    monitor = train(dataset)
+    monitor = replace(train(dataset), evaluation={"misses": 3})
     store = open_store(path)
     dataset_info = store.datasets.add(dataset, "d")
-    monitor_info = store.monitors.add(monitor, "m", dataset_info.id, {"misses": 3})
+    monitor_info = store.monitors.add(monitor, "m", dataset_info.id)
     job = store.jobs.add("collect", {})
     finished = store.jobs.update(job, "done")
     flight = store.flights.add({}, monitor_info.id, 0.1)

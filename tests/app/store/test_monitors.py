@@ -36,15 +36,15 @@ def test_a_monitor_comes_back_with_the_same_p_values(
 
 def test_a_monitor_says_what_it_is(store: Store, dataset: Dataset, trained: Monitor) -> None:
     dataset_id = store.datasets.add(dataset, "d").id
-    added = store.monitors.add(trained, "m", dataset_id, {"miss_rate": [0.1, float("nan")]})
+    evaluated = replace(trained, evaluation={"miss_rate": [0.1, None]})
+    added = store.monitors.add(evaluated, "m", dataset_id)
     assert store.monitors.info(added.id) == added
     assert store.monitors.all() == [added]
     assert added.dataset_id == dataset_id
     assert added.recipe["predictor"] == {"kind": "linear"}
     assert (added.lead, added.n_unsafe) == (trained.lead, trained.n_unsafe)
     assert store.monitors.evaluation(added.id) == {"miss_rate": [0.1, None]}
-    again = store.monitors.add(trained, "m", dataset_id, {"misses": np.arange(3)})
-    assert store.monitors.evaluation(again.id) == {"misses": [0, 1, 2]}
+    assert store.monitors.get(added.id).evaluation == {"miss_rate": [0.1, None]}
 
 
 def test_a_monitor_file_is_kept_as_it_is_and_finds_its_dataset(
@@ -66,17 +66,17 @@ def test_a_monitor_file_is_kept_as_it_is_and_finds_its_dataset(
 def test_what_validity_is_calibrated_on_is_known_without_the_file(
     store: Store, dataset: Dataset, trained: Monitor
 ) -> None:
-    assert store.monitors.add(trained, "bare", None, {"misses": 3}).support is None
+    assert store.monitors.add(trained, "bare").support is None
     safe, unsafe = (np.sort(np.random.default_rng(n).random((n, 2)), axis=0) for n in (300, 200))
     support = Support(np.ones(6), safe, unsafe, dataset.unsafe.shape[1])
-    monitor = replace(trained, support=support)
+    monitor = replace(trained, support=support, evaluation={"misses": 3})
     expected = SupportInfo(n_safe=300, n_unsafe=200, level=0.02)
-    added = store.monitors.add(monitor, "m", None, {"misses": 3})
+    added = store.monitors.add(monitor, "m")
     sent = store.monitors.add_file(monitor.to_bytes(), "sent")
     assert added.support == sent.support == store.monitors.info(sent.id).support == expected
     assert [info.support for info in store.monitors.all()] == [expected, expected, None]
     assert store.monitors.evaluation(added.id) == {"misses": 3}
-    assert store.monitors.evaluation(sent.id) is None
+    assert store.monitors.evaluation(sent.id) == {"misses": 3}
     stored = store.monitors.get(added.id).support
     assert stored is not None
     assert stored.unsafe.tobytes() == support.unsafe.tobytes()

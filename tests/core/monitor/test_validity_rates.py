@@ -13,7 +13,8 @@ from core.channels import KEYS
 from core.collection import DatasetRecipe, SensorNoise, Simulator, collect
 from core.kernels.deviation import farthest
 from core.monitor import Monitor, train
-from core.monitor.support import LEVEL, Support, calibrate, ground_of
+from core.monitor.support import LEVEL, Support
+from core.monitor.training import with_validity
 from core.simulation.aircraft import PublishedAircraft
 from core.simulation.control_law import CONTROL_LAWS, RateDamper
 from core.simulation.maneuver import Doublet
@@ -51,7 +52,7 @@ class Plant:
         """(n, 2) what each flight reaches up to its first violation or its end."""
         assert self.monitor.support
         last = np.minimum(self.recipe.specification.first_exceedance(y), y.shape[1] - 1)
-        return farthest(ground_of(self.monitor, self.monitor.support.sigma), y, last)
+        return farthest(self.monitor.reference(self.monitor.support.sigma), y, last)
 
     def share_invalid(self, y: Array) -> float:
         assert self.monitor.support
@@ -64,24 +65,23 @@ def plant(request: pytest.FixtureRequest) -> Plant:
     dataset = collect(recipe)
     monitor, rng = train(dataset), np.random.default_rng(6)
     fresh = Simulator(recipe).rollouts(N_CALIBRATE, rng)
-    support = calibrate(monitor, dataset, [(fresh.y, fresh.fail_index)])
-    return Plant(recipe, replace(monitor, support=support))
+    return Plant(recipe, with_validity(monitor, dataset, [fresh]))
 
 
 def test_at_most_the_level_of_either_kind_is_wrongly_called_invalid(plant: Plant) -> None:
     """Over calibration sets, as the promise is made; and at 0.1 the rule is not idle."""
     assert plant.monitor.support
     simulator, rng = Simulator(plant.recipe), np.random.default_rng(7)
-    ground = ground_of(plant.monitor, plant.monitor.support.sigma)
+    reference = plant.monitor.reference(plant.monitor.support.sigma)
     shares: dict[tuple[str, float], list[float]] = {}
     for _ in range(N_FITS):
         flights = simulator.rollouts(N_CALIBRATE + N_FRESH, rng)
         last = np.minimum(flights.fail_index, flights.y.shape[1] - 1)
-        reached = farthest(ground, flights.y, last)
+        reached = farthest(reference, flights.y, last)
         old = np.arange(len(reached)) < N_CALIBRATE
         kinds = {"safe": ~flights.is_unsafe, "failing": flights.is_unsafe}
         safe, unsafe = (np.sort(reached[old & kind], axis=0) for kind in kinds.values())
-        support = Support(ground.sigma, safe, unsafe, flights.y.shape[1])
+        support = Support(reference.sigma, safe, unsafe, flights.y.shape[1])
         for level in (LEVEL, 0.1):
             is_invalid = np.any(reached > support.bounds(level), axis=1)
             for name, kind in kinds.items():
