@@ -184,6 +184,7 @@ class Guard:
 class BodyLimit:
     """ASGI layer that refuses a body above so many bytes, said or sent.
 
+    FastAPI's `max_body_size` would answer a said length in plain text, after the route has run.
     uploads: where a body may be larger, by method and path.
     """
 

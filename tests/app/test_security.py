@@ -166,6 +166,12 @@ def test_a_body_is_limited_whether_its_length_is_said_or_not(client):
     assert client.post("/api/v1/datasets", content=b" " * 2048, headers=kind).status_code == 422
 
 
+@pytest.mark.parametrize("path", ["/api/v1/recordings/none", "/api/v1/no-such-path"])
+def test_a_body_too_large_is_refused_before_any_route_runs(client, path):
+    answer = client.request("DELETE", path, content=b" " * 2049)
+    assert "2048 bytes" in problem(answer, 413)
+
+
 @pytest.mark.parametrize(
     ("path", "policy"),
     [("/healthz", PAGE_POLICY), ("/api/v1/catalog", API_POLICY), ("/api/v1/no", API_POLICY)],
