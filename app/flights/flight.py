@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING, Any
 from app.flights.alarms import Alarms
 from app.flights.clock import Clock, Timer
 from app.flights.recorder import Recorder
-from app.flights.sources import Array
 from app.flights.watcher import CREDIT, RecentFrames, Watcher
 from app.messages import (
     Alarm,
@@ -28,6 +27,7 @@ from app.messages import (
 )
 from core.channels import KEYS
 from core.monitor import Assessment, Monitor, State
+from core.types import Array
 
 if TYPE_CHECKING:
     from app.scene.scene import Scene

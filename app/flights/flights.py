@@ -10,26 +10,15 @@ import numpy as np
 
 from app.flights.clock import Clock, MonotonicClock
 from app.flights.flight import Flight, FlightPlan, patience
-from app.flights.live import LiveFlight
-from app.flights.playback import AssessedTrack, Script
-from app.flights.recorded_playback import RecordedScript
+from app.flights.live import LiveSource
+from app.flights.playback import Script
 from app.flights.recorder import Recorder
-from app.flights.replay import TrackFlight
-from app.flights.sources import (
-    LiveSource,
-    Recorded,
-    Replay,
-    Simulated,
-    SourceError,
-    aircraft_of,
-    open_source,
-    trim_angles,
-)
+from app.flights.sources import Opening, Source, aircraft_of, trim_angles
 from app.messages import Alarm, plain_frame
 from app.recordings.scored import ScoredRecordings
 from app.store.flights import FlightInfo
 from app.store.store import NotFound, Store
-from core.monitor import Assessment, Monitor, State
+from core.monitor import Assessment, State
 from core.monitor.assessment import STATES
 from core.simulation.attitude import SurfaceSigns, surface_signs
 
@@ -52,7 +41,7 @@ class LimitsUnknown(ValueError):
 class FlightOrder:
     """A flight to start. epsilon: the monitor's unless given."""
 
-    source: Simulated | Replay | Recorded
+    source: Source
     monitor_id: str
     epsilon: float | None = None
     name: str | None = None
@@ -113,28 +102,11 @@ class Flights:
         try:
             monitor = await asyncio.to_thread(self._monitor, order.monitor_id)
             epsilon = monitor.check_epsilon(order.epsilon)
-            script, name = await asyncio.to_thread(self._open, order, monitor, epsilon)
+            opening = Opening(self.store, self._scored, order.monitor_id, monitor, epsilon)
+            script, name = await asyncio.to_thread(order.source.open, opening)
             source = order.source.model_dump(exclude_none=True)
             plan = await self._plan(order.name or name, source, order.monitor_id, epsilon)
-            return await self._start(plan, script)
-        finally:
-            self._starting -= 1
-
-    async def start_live(
-        self,
-        source: LiveSource,
-        description: dict[str, Any],
-        monitor_id: str,
-        epsilon: float | None = None,
-        name: str = "live",
-    ) -> Flight:
-        """Start the flight of a live source; errors as of `start`."""
-        self._take_place()
-        try:
-            monitor = await asyncio.to_thread(self._monitor, monitor_id)
-            epsilon = monitor.check_epsilon(epsilon)
-            plan = await self._plan(name, description, monitor_id, epsilon)
-            return await self._start(plan, source)
+            return await self._start(plan, order.source.flight, script)
         finally:
             self._starting -= 1
 
@@ -231,42 +203,14 @@ class Flights:
         flight_id = await asyncio.to_thread(self.store.flights.add, stored, monitor_id, epsilon)
         return FlightPlan(flight_id, name, source, monitor, monitor_id, info.name, epsilon)
 
-    def _open(self, order: FlightOrder, monitor: Monitor, epsilon: float) -> tuple[Script, str]:
-        """What is flown, and what people call it; slow, for a thread."""
-        if isinstance(order.source, Recorded):
-            return self._open_recorded(order.source, order.monitor_id, monitor, epsilon)
-        track = open_source(order.source, self.store, monitor)
-        return AssessedTrack(track, monitor, epsilon), _name(order.source)
-
-    def _open_recorded(
-        self, source: Recorded, monitor_id: str, monitor: Monitor, epsilon: float
-    ) -> tuple[Script, str]:
-        if self._scored is None:
-            raise SourceError("no recordings are kept here: fly a simulated source")
-        info = self.store.scorings.info(source.recording, source.scoring)
-        if (info.monitor_id, info.epsilon) != (monitor_id, epsilon):
-            raise SourceError(
-                f"this recording was scored by monitor {info.monitor_name} ({info.monitor_id}) at "
-                f"epsilon {info.epsilon:g}: fly it with these, or score it again"
-            )
-        script = RecordedScript(
-            self._scored.samples(info),
-            info.manoeuvres,
-            info.dt,
-            forecasts=monitor.recipe.predictor.forecasts,
-            theta0=trim_angles(monitor.dataset_recipe)[1],
-        )
-        return script, self.store.recordings.info(source.recording).name
-
-    async def _start(self, plan: FlightPlan, source: Script | LiveSource) -> Flight:
+    async def _start(
+        self, plan: FlightPlan, make: Callable[..., Flight], source: Script | LiveSource
+    ) -> Flight:
         try:
             scene = await asyncio.to_thread(self._open_scene, plan, patience(source.dt))
             recorder = Recorder(self.store, plan.id, self._clock)
-            about = (recorder, self._clock, self._when_over(plan.id), scene)
-            if isinstance(source, Script):
-                flight = TrackFlight(plan, source, *about)
-            else:
-                flight = LiveFlight(plan, source, *about)
+            when_over = self._when_over(plan.id)
+            flight = make(plan, source, recorder, self._clock, when_over, scene)
             self._flights[plan.id] = flight
             flight.start()
         except BaseException:
@@ -319,9 +263,3 @@ class Flights:
 def flight_name(info: FlightInfo) -> str:
     """What people call a stored flight."""
     return str(info.source.get("name", info.source.get("kind", "flight")))
-
-
-def _name(source: Simulated | Replay) -> str:
-    if isinstance(source, Replay):
-        return f"{source.outcome} rollout {source.rollout}"
-    return f"simulated, seed {source.seed}"

@@ -1,13 +1,40 @@
 """The flight of a live source: assessed sample by sample, stale as soon as the source is late."""
 
 import asyncio
-from typing import Any
+from collections.abc import AsyncIterator
+from typing import Any, NamedTuple, Protocol
 
 from app.flights.flight import LEVEL, Flight, FlightPlan, patience
-from app.flights.sources import LiveSource
 from app.flights.transport import NotPossible
 from app.messages import TransportState
 from core.monitor import State
+from core.types import Array
+
+
+class Sample(NamedTuple):
+    """One sample of a live source. y: (6,).   attitude: phi, theta, psi [rad] where measured."""
+
+    t: float
+    y: Array
+    attitude: tuple[float, float, float] | None = None
+
+
+class LiveSource(Protocol):
+    """Samples as they come; the flight ends when they do."""
+
+    @property
+    def dt(self) -> float:
+        """Interval at which samples should come [s]."""
+        ...
+
+    @property
+    def theta(self) -> dict[str, float] | None:
+        """Parameters of a simulated aircraft, by name."""
+        ...
+
+    def __aiter__(self) -> AsyncIterator[Sample]:
+        """Yield the samples, each as soon as it is there."""
+        ...
 
 
 class LiveFlight(Flight):

@@ -7,8 +7,9 @@ from abc import ABC, abstractmethod
 
 import numpy as np
 
-from app.flights.sources import Array, Track
+from app.flights.track import Track
 from core.monitor import Assessment, Monitor
+from core.types import Array
 
 Angles = tuple[float, float, float]
 """Bank, pitch and heading [rad]."""

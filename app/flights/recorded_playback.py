@@ -10,12 +10,12 @@ import numpy as np
 import numpy.typing as npt
 
 from app.flights.playback import Angles, Script
-from app.flights.sources import Array
 from app.recordings.reasons import reason
 from core.channels import KEYS
 from core.monitor import Assessment, State
 from core.monitor.assessment import STATES
 from core.simulation.attitude import WASH_OUT_S, DisplayAttitude
+from core.types import Array
 
 P, R = KEYS.index("p"), KEYS.index("r")
 RUN_UP_S = 2 * WASH_OUT_S

@@ -14,12 +14,12 @@ from typing import NamedTuple
 import numpy as np
 
 from app.flights.clock import Clock, Timer
-from app.flights.sources import Array
 from app.messages import Alarm
 from app.store.store import NotFound, Store
 from core.channels import N_CHANNELS
 from core.monitor import Assessment
 from core.monitor.assessment import STATES
+from core.types import Array
 
 LOG = logging.getLogger("forewarn")
 INTERVAL_S = 2.0

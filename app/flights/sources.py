@@ -1,19 +1,25 @@
-"""Where a flight's samples come from: a simulated rollout, a stored one, a recording, live ones.
+"""Where a flight's samples come from: a simulated rollout, a stored one, a scored recording.
 
-A Track is known as a whole: it can be sought in, and is assessed at once. A LiveSource is not: its
-samples come when they come. Both state the interval and what is known of the aircraft.
+A source is what is asked for over the wire, and knows how it is opened and flown.
 """
 
-from collections.abc import AsyncIterator
-from dataclasses import dataclass, field, replace
-from typing import Annotated, Any, Literal, NamedTuple, Protocol
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+from dataclasses import replace
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, NamedTuple, Union
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
+from app.flights.flight import Flight
+from app.flights.live import LiveSource
+from app.flights.playback import AssessedTrack, Script
+from app.flights.recorded_playback import RecordedScript
+from app.flights.replay import TrackFlight
+from app.flights.track import SourceError, Track, times
 from app.recipes import from_plain
+from app.recordings.scored import ScoredRecordings
 from app.store.store import Store
-from core.channels import N_CHANNELS
 from core.collection import DatasetRecipe, Rollouts, Simulator
 from core.monitor import Monitor
 from core.simulation.aircraft import Aircraft, PublishedAircraft
@@ -24,78 +30,65 @@ BATCH, MOST_BATCHES = 256, 64
 """Rollouts made at a time, and at most so many times, until one has the outcome asked for."""
 
 
-class SourceError(ValueError):
-    """A source that cannot be flown, or not through this monitor; one sentence: why, what to do."""
+class Opening(NamedTuple):
+    """By what a source is opened. scored: recordings, None where none are kept."""
+
+    store: Store
+    scored: ScoredRecordings | None
+    monitor_id: str
+    monitor: Monitor
+    epsilon: float
 
 
-class Sample(NamedTuple):
-    """One sample of a live source. y: (6,).   attitude: phi, theta, psi [rad] where measured."""
+class Source(BaseModel, ABC):
+    """A source as it is asked for; its `kind` is its name in SOURCES."""
 
-    t: float
-    y: Array
-    attitude: tuple[float, float, float] | None = None
+    model_config = ConfigDict(extra="forbid")
 
+    flight: ClassVar[Callable[..., Flight]] = TrackFlight
+    """How what it opens is flown."""
 
-class LiveSource(Protocol):
-    """Samples as they come; the flight ends when they do."""
+    @abstractmethod
+    def open(self, opening: Opening) -> tuple[Script | LiveSource, str]:
+        """Return what is flown, and what people call it; slow, for a thread.
 
-    @property
-    def dt(self) -> float:
-        """Interval at which samples should come [s]."""
-        ...
-
-    @property
-    def theta(self) -> dict[str, float] | None:
-        """Parameters of a simulated aircraft, by name."""
-        ...
-
-    def __aiter__(self) -> AsyncIterator[Sample]:
-        """Yield the samples, each as soon as it is there."""
-        ...
+        SourceError where there is no such flight or the monitor cannot fly it; RecipeError for a
+        wrong recipe; the store's NotFound.
+        """
 
 
-@dataclass(frozen=True, eq=False)
-class Track:
-    """A source known from start to end.
+class TrackSource(Source):
+    """A source of a track, which the monitor assesses as it is opened."""
 
-    t: (n,) rising [s].   y: (n, 6), NaN where unknown.   dt: sample interval [s].
-    attitude: (n, 3) phi, theta, psi [rad]; integrated from the rates for display unless given.
-    theta: parameters of a simulated aircraft.   fail_index: first sample past a limit, if known.
-    """
+    def open(self, opening: Opening) -> tuple[Script, str]:
+        """Make the track and assess it."""
+        track = self.track(opening.store, opening.monitor)
+        return AssessedTrack(track, opening.monitor, opening.epsilon), self.name()
 
-    t: Array
-    y: Array
-    dt: float
-    attitude: Array = field(default_factory=lambda: np.empty((0, 3)))
-    theta: dict[str, float] | None = None
-    fail_index: int | None = None
-
-    def __post_init__(self) -> None:
-        """Refuse what has no samples or no order; integrate the attitude where it is missing."""
-        n = len(self.t)
-        if not n or self.y.shape != (n, N_CHANNELS):
+    def track(self, store: Store, monitor: Monitor) -> Track:
+        """Make the track; SourceError where the monitor has another interval."""
+        track = self.make(store, monitor)
+        if abs(track.dt - monitor.dt) > 1e-9 * monitor.dt:
             raise SourceError(
-                f"the source has {n} times and samples of shape {self.y.shape}: it needs one row "
-                f"of {N_CHANNELS} channels for each time, and one at least"
+                f"the source has a sample each {track.dt:g} s, the monitor needs one each "
+                f"{monitor.dt:g} s: choose a dataset with that dt, or train a monitor for this one"
             )
-        if not (np.isfinite(self.t).all() and (np.diff(self.t) > 0).all()):
-            raise SourceError("the source's times do not rise throughout: sort or resample it")
-        if len(self.attitude) != n:
-            object.__setattr__(self, "attitude", attitude(self.t, self.y))
+        return track
 
-    @property
-    def duration(self) -> float:
-        """From the first sample to the last [s]."""
-        return float(self.t[-1] - self.t[0])
+    @abstractmethod
+    def make(self, store: Store, monitor: Monitor) -> Track:
+        """Make the track, whatever its interval."""
+
+    @abstractmethod
+    def name(self) -> str:
+        """What people call it."""
 
 
-class Simulated(BaseModel):
+class Simulated(TrackSource):
     """A fresh rollout of a stored dataset's test, of a recipe, or else of the monitor's own test.
 
     Where theta is given, its parameters are as said and the others nominal.
     """
-
-    model_config = ConfigDict(extra="forbid")
 
     kind: Literal["simulated"]
     dataset: str | None = Field(default=None, description="id of the dataset whose test is flown")
@@ -110,47 +103,65 @@ class Simulated(BaseModel):
         default="any", description="of a random aircraft"
     )
 
+    def make(self, store: Store, monitor: Monitor) -> Track:
+        """Fly the test once, to its planned end."""
+        return simulate(_recipe(self, store, monitor), self)
 
-class Replay(BaseModel):
+    def name(self) -> str:
+        """By its seed."""
+        return f"simulated, seed {self.seed}"
+
+
+class Replay(TrackSource):
     """A stored rollout; an unsafe one goes on past its failure where it can be simulated again."""
-
-    model_config = ConfigDict(extra="forbid")
 
     kind: Literal["replay"]
     dataset: str = Field(description="id")
     outcome: Literal["unsafe", "safe"]
     rollout: int = Field(ge=0, description="number among those of this outcome")
 
+    def make(self, store: Store, monitor: Monitor) -> Track:
+        """Return the rollout, with the samples after its failure where they can be had again."""
+        stored = store.datasets.rollout(self.dataset, self.outcome, self.rollout)
+        info = store.datasets.info(self.dataset)
+        y = stored.y
+        if stored.fail_index is not None:
+            y = _whole_rollout(info.recipe, stored.theta, y)
+        t = times(len(y), info.dt)
+        angles = attitude(t, y, trim_angles(info.recipe)[1])
+        return Track(t, y, info.dt, angles, theta=stored.theta, fail_index=stored.fail_index)
 
-class Recorded(BaseModel):
+    def name(self) -> str:
+        """By outcome and number."""
+        return f"{self.outcome} rollout {self.rollout}"
+
+
+class Recorded(Source):
     """A recording as it was scored; monitor and epsilon are those of the scoring."""
-
-    model_config = ConfigDict(extra="forbid")
 
     kind: Literal["recording"]
     recording: str = Field(description="id")
     scoring: str = Field(description="id of one of its scorings")
 
-
-SourceRequest = Annotated[Simulated | Replay | Recorded, Field(discriminator="kind")]
-
-
-def open_source(request: Simulated | Replay, store: Store, monitor: Monitor) -> Track:
-    """Make the samples of a flight; slow, for a thread.
-
-    SourceError where there is no such flight or the monitor has another interval; RecipeError for a
-    wrong recipe; the store's NotFound.
-    """
-    if isinstance(request, Replay):
-        track = replay(store, request)
-    else:
-        track = simulate(_recipe(request, store, monitor), request)
-    if abs(track.dt - monitor.dt) > 1e-9 * monitor.dt:
-        raise SourceError(
-            f"the source has a sample each {track.dt:g} s, the monitor needs one each "
-            f"{monitor.dt:g} s: choose a dataset with that dt, or train a monitor for this one"
+    def open(self, opening: Opening) -> tuple[Script, str]:
+        """Play what was scored; nothing is scored again."""
+        store, monitor = opening.store, opening.monitor
+        if opening.scored is None:
+            raise SourceError("no recordings are kept here: fly a simulated source")
+        info = store.scorings.info(self.recording, self.scoring)
+        if (info.monitor_id, info.epsilon) != (opening.monitor_id, opening.epsilon):
+            raise SourceError(
+                f"this recording was scored by monitor {info.monitor_name} ({info.monitor_id}) at "
+                f"epsilon {info.epsilon:g}: fly it with these, or score it again"
+            )
+        script = RecordedScript(
+            opening.scored.samples(info),
+            info.manoeuvres,
+            info.dt,
+            forecasts=monitor.recipe.predictor.forecasts,
+            theta0=trim_angles(monitor.dataset_recipe)[1],
         )
-    return track
+        return script, store.recordings.info(self.recording).name
 
 
 def simulate(recipe: DatasetRecipe, request: Simulated) -> Track:
@@ -171,20 +182,6 @@ def simulate(recipe: DatasetRecipe, request: Simulated) -> Track:
     raise SourceError(
         f"none of {BATCH * MOST_BATCHES} random aircraft was {request.outcome}: choose another "
         "outcome, theta or amplitude"
-    )
-
-
-def replay(store: Store, request: Replay) -> Track:
-    """Return a stored rollout, with the samples after its failure where they can be had again."""
-    stored = store.datasets.rollout(request.dataset, request.outcome, request.rollout)
-    info = store.datasets.info(request.dataset)
-    y = stored.y
-    if stored.fail_index is not None:
-        y = _whole_rollout(info.recipe, stored.theta, y)
-    t = times(len(y), info.dt)
-    pitch = trim_angles(info.recipe)[1]
-    return Track(
-        t, y, info.dt, attitude(t, y, pitch), theta=stored.theta, fail_index=stored.fail_index
     )
 
 
@@ -246,11 +243,6 @@ def _track(simulator: Simulator, rollouts: Rollouts, i: int) -> Track:
     )
 
 
-def times(n: int, dt: float) -> Array:
-    """Times of n samples from 0 on [s]: the very ones that batch scores are made with."""
-    return (np.arange(n) * dt).astype(np.float64)
-
-
 def _trim_angles(aircraft: Aircraft) -> tuple[float, float]:
     if isinstance(aircraft, PublishedAircraft):
         return aircraft.model.alpha0, aircraft.model.theta0
@@ -270,3 +262,15 @@ def _whole_rollout(plain: dict[str, Any], theta: dict[str, float], y: Array) -> 
     again = simulator.rollouts(1, np.random.default_rng(0)).y[0]
     same = bool(plain) and np.array_equal(again[: len(y)], y)
     return again if same else y
+
+
+SOURCES: dict[str, type[Source]] = {
+    "simulated": Simulated,
+    "replay": Replay,
+    "recording": Recorded,
+}
+
+if TYPE_CHECKING:
+    SourceRequest = Source
+else:
+    SourceRequest = Annotated[Union[*SOURCES.values()], Field(discriminator="kind")]

@@ -15,7 +15,7 @@ from app.flights.flight import FlightPlan
 from app.flights.playback import AssessedTrack
 from app.flights.recorder import Recorder
 from app.flights.replay import TrackFlight
-from app.flights.sources import Track, times
+from app.flights.track import Track, times
 from app.flights.watcher import Watcher
 from app.store.store import Store, open_store
 from core.monitor import Monitor, MonitorRecipe, train

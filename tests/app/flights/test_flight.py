@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from app.flights.flight import HEARTBEAT_S, patience
-from app.flights.sources import Track
+from app.flights.track import Track
 from app.flights.transport import CATCH_UP_S, NotPossible, TransportError
 from app.flights.watcher import NEWEST
 from app.messages import Frames, Hello

@@ -11,7 +11,8 @@ import msgspec
 import pytest
 
 from app.flights.flights import FlightOrder, Flights, TooManyFlights
-from app.flights.sources import Simulated, SourceError
+from app.flights.sources import Simulated
+from app.flights.track import SourceError
 from app.store.store import NotFound, Store, open_store
 from core.collection import DatasetRecipe, collect
 from core.monitor import Monitor, MonitorRecipe, train

@@ -6,8 +6,7 @@ from typing import Any
 
 import pytest
 
-from app.flights.live import LiveFlight
-from app.flights.sources import Sample
+from app.flights.live import LiveFlight, Sample
 from app.flights.transport import NotPossible
 from core.monitor import Monitor, State
 from tests.support.flying import (

@@ -10,14 +10,11 @@ import pytest
 from app.flights.sources import (
     Replay,
     Simulated,
-    SourceError,
-    Track,
     aircraft_of,
-    open_source,
     simulate,
-    times,
     trim_angles,
 )
+from app.flights.track import SourceError, Track, times
 from app.recipes import RecipeError, to_plain
 from app.store.store import NotFound, Store, open_store
 from core.collection import DatasetRecipe, SensorNoise, Simulator, collect
@@ -44,7 +41,7 @@ def simulated(**choices: Any) -> Simulated:
 
 def fly(stored: tuple, request: Any) -> Track:
     store, _, _, monitor = stored
-    return open_source(request, store, monitor)
+    return request.track(store, monitor)
 
 
 def test_the_same_seed_is_the_same_flight() -> None:
@@ -123,7 +120,7 @@ def test_the_test_is_the_recipes_the_datasets_or_the_monitors(stored: tuple) -> 
 def test_a_monitor_of_flown_data_needs_a_recipe(stored: tuple) -> None:
     store, _, _, monitor = stored
     with pytest.raises(SourceError, match="no recipe says what to simulate"):
-        open_source(simulated(), store, replace(monitor, dataset_recipe={}))
+        simulated().track(store, replace(monitor, dataset_recipe={}))
 
 
 def test_another_interval_than_the_monitors_is_refused(stored: tuple) -> None:

@@ -13,7 +13,8 @@ import pytest
 
 from app.flights.flights import FlightOrder
 from app.flights.playback import AssessedTrack
-from app.flights.sources import Simulated, Track
+from app.flights.sources import Simulated
+from app.flights.track import Track
 from app.jobs.training import train_and_test
 from app.messages import Frames, Hello, StateChange
 from app.recipes import to_plain

@@ -1,0 +1,53 @@
+"""What is flown, known from start to end: it can be sought in, and is assessed at once."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from core.channels import N_CHANNELS
+from core.simulation.attitude import attitude
+from core.types import Array
+
+
+class SourceError(ValueError):
+    """A source that cannot be flown, or not through this monitor; one sentence: why, what to do."""
+
+
+@dataclass(frozen=True, eq=False)
+class Track:
+    """A source known from start to end.
+
+    t: (n,) rising [s].   y: (n, 6), NaN where unknown.   dt: sample interval [s].
+    attitude: (n, 3) phi, theta, psi [rad]; integrated from the rates for display unless given.
+    theta: parameters of a simulated aircraft.   fail_index: first sample past a limit, if known.
+    """
+
+    t: Array
+    y: Array
+    dt: float
+    attitude: Array = field(default_factory=lambda: np.empty((0, 3)))
+    theta: dict[str, float] | None = None
+    fail_index: int | None = None
+
+    def __post_init__(self) -> None:
+        """Refuse what has no samples or no order; integrate the attitude where it is missing."""
+        n = len(self.t)
+        if not n or self.y.shape != (n, N_CHANNELS):
+            raise SourceError(
+                f"the source has {n} times and samples of shape {self.y.shape}: it needs one row "
+                f"of {N_CHANNELS} channels for each time, and one at least"
+            )
+        if not (np.isfinite(self.t).all() and (np.diff(self.t) > 0).all()):
+            raise SourceError("the source's times do not rise throughout: sort or resample it")
+        if len(self.attitude) != n:
+            object.__setattr__(self, "attitude", attitude(self.t, self.y))
+
+    @property
+    def duration(self) -> float:
+        """From the first sample to the last [s]."""
+        return float(self.t[-1] - self.t[0])
+
+
+def times(n: int, dt: float) -> Array:
+    """Times of n samples from 0 on [s]: the very ones that batch scores are made with."""
+    return (np.arange(n) * dt).astype(np.float64)
