@@ -18,7 +18,7 @@ from app.messages import Alarm, plain_frame
 from app.recordings.scored import ScoredRecordings
 from app.store.flights import FlightInfo
 from app.store.store import NotFound, Store
-from core.monitor import Assessment, State
+from core.monitor import Assessment, Monitor, State
 from core.monitor.assessment import STATES
 from core.simulation.attitude import SurfaceSigns, surface_signs
 

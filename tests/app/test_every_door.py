@@ -10,7 +10,7 @@ import pytest
 from starlette.testclient import TestClient
 
 from app.flights.playback import AssessedTrack
-from app.flights.sources import Track
+from app.flights.track import Track
 from app.recordings.scored_file import ScoreRequest, score_file
 from app.scoring import ScoringOrder, score
 from core.monitor import Assessment, Monitor, State
