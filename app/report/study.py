@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 
 from app.recipes import to_plain
-from app.report import study_figures as figures
 from core.study import MethodResult, StudyResult
 from core.whole_file import write_whole
 
@@ -21,6 +20,8 @@ def write_study(result: StudyResult, out: Path) -> str:
 
     Every file is complete before the first is put in place.
     """
+    from app.report import study_figures as figures
+
     limits = result.recipe.dataset.specification.magnitudes
     files = {
         "study.json": json.dumps(summary(result), indent=1).encode(),
