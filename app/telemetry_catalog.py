@@ -7,7 +7,7 @@ from typing import Any
 
 from app.telemetry.formats import FORMATS
 from app.telemetry.mapping.derivations import DERIVATIONS
-from app.telemetry.mapping.mapping import TARGETS
+from app.telemetry.targets import TARGETS
 from app.telemetry.units import choices
 
 

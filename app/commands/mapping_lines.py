@@ -5,8 +5,9 @@ from pathlib import Path
 
 from app.recipes import read_plain
 from app.telemetry.contents import Contents
-from app.telemetry.mapping.mapping import TARGETS, ChannelSource, Mapping
+from app.telemetry.mapping.mapping import ChannelSource, Mapping
 from app.telemetry.mapping.proposal import Proposal
+from app.telemetry.targets import TARGETS
 
 MOST_BAD_ROWS = 10
 """Bad rows that are printed one by one."""

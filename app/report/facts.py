@@ -5,7 +5,7 @@ from itertools import chain
 from typing import Any
 
 from app.telemetry.mapping.derivations import DERIVATIONS
-from app.telemetry.mapping.mapping import TARGETS
+from app.telemetry.targets import TARGETS
 from core.channels import KEYS
 from core.evaluation import clopper_pearson
 

@@ -2,7 +2,15 @@
 
 from dataclasses import dataclass, field
 
-from core.types import Array
+import numpy as np
+import numpy.typing as npt
+
+Array = npt.NDArray[np.float64]
+Indices = npt.NDArray[np.intp]
+Flags = npt.NDArray[np.bool_]
+
+GAP_RATIO = 1.5
+"""Neighbouring samples further apart than this many usual steps have a gap between them."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,9 +9,10 @@ import numpy as np
 from app.telemetry.contents import Columns, Signal
 from app.telemetry.mapping.derivations import DERIVATIONS, derive
 from app.telemetry.mapping.group_times import dead_time, no_clock
-from app.telemetry.mapping.mapping import TARGETS, ChannelSource, Mapping
+from app.telemetry.mapping.mapping import ChannelSource, Mapping
 from app.telemetry.plausibility import believed
 from app.telemetry.recording import TelemetryError
+from app.telemetry.targets import TARGETS
 from app.telemetry.traces import Array, Trace, Traces
 from app.telemetry.units import convert, spelled
 

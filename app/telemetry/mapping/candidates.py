@@ -5,8 +5,8 @@ from dataclasses import dataclass, field, replace
 from app.telemetry.contents import Columns, Signal
 from app.telemetry.extent import Extent, extent
 from app.telemetry.mapping.magnitudes import possible, possible_units
-from app.telemetry.mapping.mapping import TARGETS
 from app.telemetry.mapping.names import Reading, readings
+from app.telemetry.targets import TARGETS
 from app.telemetry.units import PLAIN, UNSAID, factor, fits, spelled
 from core.channels import KEYS
 

@@ -5,8 +5,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from app.telemetry.mapping.mapping import TARGETS
 from app.telemetry.mapping.slopes import HALF_WINDOW_S, Array, slopes, unwrapped, values_at
+from app.telemetry.targets import TARGETS
 from app.telemetry.traces import Trace
 
 Inputs = dict[str, Array]

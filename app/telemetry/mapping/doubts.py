@@ -12,12 +12,13 @@ from app.telemetry.contents import Columns
 from app.telemetry.extent import extent
 from app.telemetry.mapping.applying import WILD, apply_mapping
 from app.telemetry.mapping.gravity import gravity_share, quiet_offset
-from app.telemetry.mapping.mapping import TARGETS, ChannelSource, Mapping
+from app.telemetry.mapping.mapping import ChannelSource, Mapping
 from app.telemetry.mapping.motion import motion
 from app.telemetry.mapping.names import readings
 from app.telemetry.mapping.signs import find_signs
 from app.telemetry.plausibility import believed
 from app.telemetry.recording import TelemetryError
+from app.telemetry.targets import TARGETS
 from app.telemetry.traces import Trace, Traces
 from app.telemetry.units import factor, fits, spelled
 from core.channels import KEYS

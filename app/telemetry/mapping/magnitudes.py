@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from math import exp, log
 
 from app.telemetry.extent import Extent
-from app.telemetry.mapping.mapping import TARGETS
+from app.telemetry.targets import TARGETS
 from app.telemetry.units import choices, factor
 
 

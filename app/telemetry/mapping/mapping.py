@@ -5,50 +5,7 @@ from dataclasses import asdict, dataclass, field
 from typing import Any, Self
 
 from app.telemetry.recording import TelemetryError
-from core.channels import CHANNELS
-
-
-@dataclass(frozen=True)
-class Target:
-    """A quantity that a signal can be. unit: the one it is kept in."""
-
-    key: str
-    symbol: str
-    unit: str
-    label: str
-
-
-ATTITUDE_TARGETS = (
-    Target("phi", "φ", "rad", "bank angle"),
-    Target("theta", "θ", "rad", "pitch angle"),
-    Target("psi", "ψ", "rad", "heading"),
-)
-CONDITION_TARGETS = (
-    Target("V", "V", "m/s", "true airspeed"),
-    Target("h", "h", "m", "altitude"),
-)
-INGREDIENTS = (
-    Target("v", "v", "m/s", "lateral velocity"),
-    Target("Ay", "a_y", "g", "lateral acceleration, gravity included"),
-    Target("delta_a_left", "δ_a,l", "rad", "left aileron"),
-    Target("delta_a_right", "δ_a,r", "rad", "right aileron"),
-    Target("delta_r_left", "δ_r,l", "rad", "left rudder"),
-    Target("delta_r_right", "δ_r,r", "rad", "right rudder"),
-    Target("q0", "q_0", "1", "attitude quaternion, scalar part"),
-    Target("q1", "q_1", "1", "attitude quaternion, forward part"),
-    Target("q2", "q_2", "1", "attitude quaternion, right part"),
-    Target("q3", "q_3", "1", "attitude quaternion, down part"),
-)
-"""Only good to derive others from."""
-TARGETS: dict[str, Target] = {
-    target.key: target
-    for target in (
-        *(Target(c.key, c.symbol, c.unit, c.label) for c in CHANNELS),
-        *ATTITUDE_TARGETS,
-        *CONDITION_TARGETS,
-        *INGREDIENTS,
-    )
-}
+from app.telemetry.targets import TARGETS
 
 
 @dataclass(frozen=True)

@@ -15,11 +15,12 @@ from app.telemetry.mapping.derivations import DERIVATIONS, ways
 from app.telemetry.mapping.draft import Draft, Guess
 from app.telemetry.mapping.evidence import weigh
 from app.telemetry.mapping.group_times import dead_time, find_time
-from app.telemetry.mapping.mapping import TARGETS, ChannelSource, Mapping
+from app.telemetry.mapping.mapping import ChannelSource, Mapping
 from app.telemetry.mapping.names import readings
 from app.telemetry.mapping.remembering import recall
 from app.telemetry.mapping.signs import CONVENTION
 from app.telemetry.mapping.unsaid_units import settle_units
+from app.telemetry.targets import TARGETS
 from core.channels import KEYS
 from core.simulation.attitude import SurfaceSigns
 

@@ -3,7 +3,8 @@
 from app.telemetry.extent import extent
 from app.telemetry.mapping.derivations import DERIVATIONS
 from app.telemetry.mapping.draft import Draft, Guess
-from app.telemetry.mapping.mapping import TARGETS, ChannelSource, Mapping
+from app.telemetry.mapping.mapping import ChannelSource, Mapping
+from app.telemetry.targets import TARGETS
 from app.telemetry.units import fits, spelled
 
 SURE = 0.98

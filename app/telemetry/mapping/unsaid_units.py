@@ -9,7 +9,7 @@ from math import exp, log
 
 from app.telemetry.mapping.candidates import Candidate
 from app.telemetry.mapping.magnitudes import COMMON, unit_weights
-from app.telemetry.mapping.mapping import TARGETS
+from app.telemetry.targets import TARGETS
 
 ANGULAR = {"rad": ("rad", "deg"), "rad/s": ("rad/s", "deg/s")}
 SAID_VOTE = 2.5

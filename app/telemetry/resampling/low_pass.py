@@ -6,8 +6,8 @@ nothing fold back below PASS/T. It is symmetric, so that no frequency is delayed
 look ahead of HALF_WIDTH T, of which little weighs: an ideal step is felt one T before it by 9 % of
 its height, two T before it by 4 %.
 
-At its ends a stretch is continued by its reflection in its own end sample, which keeps value and
-slope. So each row is a weighted sum of samples of its own stretch, none further than HALF_WIDTH T;
+At its ends a segment is continued by its reflection in its own end sample, which keeps value and
+slope. So each row is a weighted sum of samples of its own segment, none further than HALF_WIDTH T;
 towards an end the filter does less, and the end sample itself passes as it is.
 """
 
@@ -16,7 +16,7 @@ from functools import lru_cache
 import numpy as np
 from scipy.signal import upfirdn
 
-from core.types import Array
+from app.telemetry.traces import Array
 
 PASS, STOP = 0.4, 0.6
 """Edges of the pass band and of the stop band, as shares of the slower rate."""
@@ -34,7 +34,7 @@ BLOCK = 1 << 20
 
 
 def low_passed(x: Array, first: float, stride: float, n: int) -> Array:
-    """Rows at the places first, first + stride, ... of an evenly sampled stretch: (n,).
+    """Rows at the places first, first + stride, ... of an evenly sampled segment: (n,).
 
     x: (n_samples >= 2,) finite.   first, stride: in samples, whole or not; every row lies between
     the first and the last sample. T is one sample or one stride, the longer of the two.
@@ -42,16 +42,16 @@ def low_passed(x: Array, first: float, stride: float, n: int) -> Array:
     slower = round(max(1.0, stride), 4)
     reach = int(np.ceil(HALF_WIDTH * slower))
     padded = _continued(x, reach + 1)
-    whole = round(stride)
-    if whole and abs(stride - whole) * n < SAME_PLACE:
+    step = round(stride)
+    if step and abs(stride - step) * n < SAME_PLACE:
         begin = max(0, int(np.floor(first)))
         weights = _kernel(round(first - begin, 9), reach, slower)
-        return _decimated(padded[begin + 1 :], weights, whole, n)
+        return _decimated(padded[begin + 1 :], weights, step, n)
     return _swept(padded, first, stride, n, _table(reach, slower))
 
 
 def _continued(x: Array, n: int) -> Array:
-    """n more samples on either side: the stretch reflected in its end samples."""
+    """n more samples on either side: the segment reflected in its end samples."""
     if len(x) <= n:
         return np.pad(x, n, "reflect", reflect_type="odd")
     before, after = 2.0 * x[0] - x[n:0:-1], 2.0 * x[-1] - x[-2 : -n - 2 : -1]

@@ -5,21 +5,20 @@ the same instant would know less; the notes of the result say by how much.
 """
 
 from collections.abc import Collection
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 
 from app.telemetry.recording import ATTITUDE, Recording, TelemetryError
 from app.telemetry.resampling.resampling_notes import Treatment, notes_on
-from app.telemetry.resampling.segments import GAP_RATIO, Course, Grid, course
-from app.telemetry.traces import Trace, Traces
+from app.telemetry.resampling.segments import Grid, ResamplingPlan, resampling_plan
+from app.telemetry.traces import GAP_RATIO, Array, Flags, Indices, Trace, Traces
 from core.channels import KEYS
-from core.types import Array, Flags, Indices
 
 CONDITION = ("V", "h")
 RATE_RATIO = 1.5
-"""Steps this much longer than the grid's are refused of a channel that the monitor needs."""
+"""A needed channel whose step is longer than this many of the grid's is refused."""
 MAX_ROWS = 10_000_000
 """More rows than any flight has; a clock that jumps would ask for them."""
 
@@ -27,7 +26,7 @@ MAX_ROWS = 10_000_000
 def on_grid(traces: Traces, dt: float, needed: Collection[str] = KEYS) -> Recording:
     """The channels at t_0 + k dt [s], as long as those that are needed were all being recorded.
 
-    traces: with times that increase, as `repaired` returns them.
+    traces: with times that increase, as after `repair`.
     needed: channels that may not be slower than RATE_RATIO dt; any other may, for display.
     t_0: the first time of the slowest needed channel since all needed ones are recorded.
 
@@ -35,7 +34,7 @@ def on_grid(traces: Traces, dt: float, needed: Collection[str] = KEYS) -> Record
     times if they are the grid. Any other goes through `low_pass`, at half of the slower of its own
     rate and the grid's, at 1/T: what is below 0.4/T stays within 0.1 %, what would alias into it
     falls below 1/1000, and no channel is delayed. One whose clock is not even comes through local
-    cubics first. Attitude loses its jumps of a turn on the way.
+    cubics first. Attitude is unwrapped on the way.
 
     A missing value is treated as a sample that was not taken. Where neighbours are then more than
     1.5 steps apart, of the channel or of the grid, whichever are longer, there is a gap: its rows
@@ -46,60 +45,47 @@ def on_grid(traces: Traces, dt: float, needed: Collection[str] = KEYS) -> Record
     Raises TelemetryError for a needed channel that is too slow, where the needed channels have no
     two rows in common, and for a grid of more than MAX_ROWS rows.
     """
-    known = {
+    recorded = {
         key: trace
         for key, trace in traces.channels.items()
         if key in (*KEYS, *ATTITUDE, *CONDITION) and np.isfinite(trace.values).any()
     }
-    clocks: dict[int, _Clock] = {}
-    grid = _grid({key: known[key].t for key in KEYS if key in needed and key in known}, dt)
+    grid = _grid({key: recorded[key].t for key in KEYS if key in needed and key in recorded}, dt)
+    clocks = {id(trace.t): _GridClock(trace.t, grid) for trace in recorded.values()}
     rows, treatments = {}, []
-    for key, trace in known.items():
-        clock = clocks.get(id(trace.t)) or _Clock(trace.t, grid)
-        clocks[id(trace.t)] = clock
-        rows[key], treatment = clock.rows(key, trace.values, key in needed)
+    for key, trace in recorded.items():
+        rows[key], treatment = clocks[id(trace.t)].rows(key, trace.values, key in needed)
         treatments.append(treatment)
-    y = np.full((grid.n, len(KEYS)), np.nan)
-    for c, key in enumerate(KEYS):
+    on_the_grid = [clock.t for clock in clocks.values() if clock.is_grid]
+    return _recording(
+        np.array(on_the_grid[0]) if on_the_grid else grid.t,
+        rows,
+        recorded,
+        (*traces.notes, *notes_on(grid, treatments)),
+    )
+
+
+def _recording(
+    t: Array, rows: dict[str, Array], recorded: dict[str, Trace], notes: tuple[str, ...]
+) -> Recording:
+    """t: (n,) [s].   rows: (n,) by channel; NaN in y for a channel that is not there."""
+    y = np.full((len(t), len(KEYS)), np.nan)
+    for column, key in enumerate(KEYS):
         if key in rows:
-            y[:, c] = rows.pop(key)
-    same = [clock.t for clock in clocks.values() if clock.is_grid]
+            y[:, column] = rows[key]
     return Recording(
-        t=np.array(same[0]) if same else grid.t,
+        t=t,
         y=y,
         attitude={key: rows[key] for key in ATTITUDE if key in rows},
         condition={key: rows[key] for key in CONDITION if key in rows},
-        columns={key: trace.source for key, trace in known.items()},
-        derived=frozenset(key for key, trace in known.items() if trace.derived),
-        notes=(*traces.notes, *notes_on(grid, treatments)),
-    )
-
-
-def resample(recording: Recording, dt: float) -> Recording:
-    """A recording at t[0] + k dt [s] by the same rules; one on that grid is returned as it is."""
-    grid = _grid({"the recording": recording.t}, dt)
-    if _Clock(recording.t, grid).is_grid:
-        return recording
-    channels = {
-        **dict(zip(KEYS, np.ascontiguousarray(recording.y.T), strict=True)),
-        **recording.attitude,
-        **recording.condition,
-    }
-    even = on_grid(
-        Traces({key: Trace(recording.t, values) for key, values in channels.items()}), dt
-    )
-    return replace(
-        recording,
-        t=even.t,
-        y=even.y,
-        attitude=even.attitude,
-        condition=even.condition,
-        notes=(*recording.notes, *even.notes),
+        columns={key: trace.source for key, trace in recorded.items()},
+        derived=frozenset(key for key, trace in recorded.items() if trace.derived),
+        notes=notes,
     )
 
 
 def _grid(clocks: dict[str, Array], dt: float) -> Grid:
-    """Span the rows that the needed channels have in common."""
+    """The rows that the needed channels have in common. clocks: their times by channel [s]."""
     if not clocks:
         raise TelemetryError(
             "none of the channels that the monitor needs has a value: map them to signals of the "
@@ -130,8 +116,8 @@ def _grid(clocks: dict[str, Array], dt: float) -> Grid:
 
 
 @dataclass(eq=False)
-class _Clock:
-    """The times that some channels share, and what has been found of them on one grid."""
+class _GridClock:
+    """The times that some channels share, against a grid."""
 
     t: Array
     grid: Grid
@@ -157,39 +143,41 @@ class _Clock:
         return nodes if np.mean(np.diff(nodes) == 1) > 0.5 else None
 
     @cached_property
-    def course(self) -> Course:
-        """The way of the channels that miss no value."""
-        return course(self.t, self.grid)
+    def plan(self) -> ResamplingPlan:
+        """For the channels that miss no value."""
+        return resampling_plan(self.t, self.grid)
 
     def rows(self, key: str, x: Array, needed: bool) -> tuple[Array, Treatment]:
         """A channel's values on the grid, and what was done to them."""
         finite = np.isfinite(x)
-        known = np.count_nonzero(finite)
+        n_finite = np.count_nonzero(finite)
         placed = self.is_grid or self.nodes is not None
-        if placed and 3 * known > 2 * len(x):
+        if placed and 3 * n_finite > 2 * len(x):
             return self._placed(key, x, finite)
-        way = self.course if known == len(x) else course(self.t[finite], self.grid)
-        slow = way.step > RATE_RATIO * self.grid.dt + self.grid.tolerance
+        complete = n_finite == len(x)
+        plan = self.plan if complete else resampling_plan(self.t[finite], self.grid)
+        dt, tolerance = self.grid.dt, self.grid.tolerance
+        slow = plan.step > RATE_RATIO * dt + tolerance
         if slow and needed:
             raise TelemetryError(
-                f"{key} has a value every {way.step:.4g} s; a monitor with a step of "
-                f"{self.grid.dt:.4g} s needs one at least every {RATE_RATIO * self.grid.dt:.4g} s: "
-                f"record faster or train a monitor with dt={way.step:.4g}"
+                f"{key} has a value every {plan.step:.4g} s; a monitor with a step of "
+                f"{dt:.4g} s needs one at least every {RATE_RATIO * dt:.4g} s: "
+                f"record faster or train a monitor with dt={plan.step:.4g}"
             )
-        if placed and way.step <= self.grid.dt + self.grid.tolerance:
+        if placed and plan.step <= dt + tolerance:
             return self._placed(key, x, finite)
-        own = x[finite] if known < len(x) else x
-        rows = way.rows(np.unwrap(own) if key in ATTITUDE else own)
-        return rows, Treatment(key, way.step, way.even, slow, way.gaps, way.limit, way.bridged)
+        values = x if complete else x[finite]
+        rows = plan.rows(np.unwrap(values) if key in ATTITUDE else values)
+        return rows, Treatment(key, plan.step, plan.even, slow, plan.gaps, plan.limit, plan.bridged)
 
     def _placed(self, key: str, x: Array, finite: Flags) -> tuple[Array, Treatment]:
         """Each value on its own row, bit for bit."""
-        whole = bool(finite.all())
+        complete = bool(finite.all())
         limit = GAP_RATIO * self.grid.dt + self.grid.tolerance
-        if self.is_grid and whole:
+        if self.is_grid and complete:
             return np.array(x), Treatment(key, limit=limit)
         nodes = np.arange(len(x)) if self.nodes is None else self.nodes
-        nodes, x = (nodes, x) if whole else (nodes[finite], x[finite])
+        nodes, x = (nodes, x) if complete else (nodes[finite], x[finite])
         rows = np.full(self.grid.n, np.nan)
         inside = (nodes >= 0) & (nodes < self.grid.n)
         rows[nodes[inside]] = x[inside]

@@ -7,15 +7,16 @@ import numpy as np
 
 from app.telemetry.resampling.low_pass import HALF_WIDTH, PASS, STOP
 from app.telemetry.resampling.segments import Grid
-from core.types import Array
+from app.telemetry.traces import Array
 
 
 @dataclass(frozen=True, eq=False)
 class Treatment:
-    """How a channel came onto the grid.
+    """How a channel was brought onto the grid.
 
-    step: its own [s], 0 where it was on the grid.   even: its clock.   slow: slower than wanted.
-    gaps: lengths of those left open [s], longer than `limit`.   bridged: samples lost elsewhere.
+    step: its own [s], 0 where it was on the grid.   even: whether its clock is even.
+    slow: recorded more slowly than wanted.   gaps: lengths of those left open [s], longer than
+    `limit`.   bridged: samples lost in shorter holes.
     """
 
     key: str
@@ -28,7 +29,7 @@ class Treatment:
 
 
 def notes_on(grid: Grid, treatments: Iterable[Treatment]) -> list[str]:
-    """One sentence for all channels that fared alike; none for a channel on the grid as it was."""
+    """A sentence for all channels treated alike; none for a channel on the grid as it was."""
     alike: dict[str, list[str]] = {}
     for treatment in treatments:
         for sentence in (_rate(treatment, grid), _gaps(treatment), _bridged(treatment)):
@@ -41,19 +42,19 @@ def _rate(treatment: Treatment, grid: Grid) -> str:
     step, dt = treatment.step, grid.dt
     if not step:
         return ""
-    change = f"{{}}: from {1.0 / step:.4g} Hz to {1.0 / dt:.4g} Hz"
+    change = f"{{}}: resampled from {1.0 / step:.4g} Hz to {1.0 / dt:.4g} Hz"
     if treatment.slow:
-        return f"{change}, recorded more slowly than the grid, so good for display only."
+        return f"{change}; recorded more slowly than the grid, so for display only."
     down = dt > step * (1.0 + 1e-3)
     uneven = "" if treatment.even else ", from an uneven clock by local cubics"
     if not (down or treatment.even):
-        return f"{change}{uneven}, which look up to {2.0 * step:.4g} s ahead."
+        return f"{change}{uneven}, which use samples up to {2.0 * step:.4g} s in the future."
     slower = max(step, dt)
-    removed = f" and removes from {STOP / slower:.3g} Hz on" if down else ""
+    removed = f" and removes {STOP / slower:.3g} Hz and above" if down else ""
     return (
-        f"{change}{uneven}, by a filter without delay that keeps up to {PASS / slower:.3g} Hz"
-        f"{removed}; it looks up to {HALF_WIDTH * slower:.3g} s ahead, and a step shows "
-        f"{slower:.3g} s ahead of itself by 9 %."
+        f"{change}{uneven}, by a zero-phase low-pass filter that passes up to "
+        f"{PASS / slower:.3g} Hz{removed}; it uses samples up to {HALF_WIDTH * slower:.3g} s in "
+        f"the future, and a step appears {slower:.3g} s early with 9 % of its height."
     )
 
 
@@ -61,15 +62,16 @@ def _gaps(treatment: Treatment) -> str:
     if not len(treatment.gaps):
         return ""
     return (
-        f"{{}}: gaps of more than {treatment.limit:.4g} s, left open: {len(treatment.gaps)}, the "
+        f"{{}}: {len(treatment.gaps)} gaps longer than {treatment.limit:.4g} s left open, the "
         f"longest {treatment.gaps.max():.4g} s."
+        if len(treatment.gaps) > 1
+        else f"{{}}: 1 gap of {treatment.gaps[0]:.4g} s left open."
     )
 
 
 def _bridged(treatment: Treatment) -> str:
-    if not treatment.bridged:
+    n = treatment.bridged
+    if not n:
         return ""
-    return (
-        f"{{}}: samples lost in holes of up to {treatment.limit:.4g} s, bridged by cubics: "
-        f"{treatment.bridged}."
-    )
+    samples = "1 lost sample" if n == 1 else f"{n} lost samples"
+    return f"{{}}: {samples} in holes of up to {treatment.limit:.4g} s bridged by local cubics."

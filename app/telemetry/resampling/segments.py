@@ -1,4 +1,4 @@
-"""Contiguous stretches of a channel, and the rows of a time grid that lie within each."""
+"""Segments of a channel between gaps, and the rows of a time grid that lie within each."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -7,13 +7,11 @@ import numpy as np
 
 from app.telemetry.resampling.low_pass import low_passed
 from app.telemetry.resampling.uneven import interpolated
-from core.types import Array, Indices
+from app.telemetry.traces import GAP_RATIO, Array, Indices
 
-GAP_RATIO = 1.5
-"""Neighbours further apart than this many steps, the longer of the two, have a gap between them."""
 EVEN = 2e-4
-"""A clock that keeps within this share of its step is even: then a sine of the pass band is wrong
-by 0.05 % at most. Others are taken at the times they give."""
+"""A clock whose times deviate by less than this share of its step is even: a sine of the pass band
+is then wrong by 0.05 % at most. Samples of any other are taken at the times they have."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,14 +33,14 @@ class Grid:
         return self.start + self.dt * np.arange(self.n, dtype=np.float64)
 
     def within(self, first: float, last: float) -> tuple[int, int]:
-        """Rows from the first to behind the last one in a span of time."""
+        """Begin and end (exclusive) of the rows within an interval [s]."""
         begin = np.ceil((first - self.tolerance - self.start) / self.dt)
         end = np.floor((last + self.tolerance - self.start) / self.dt) + 1
         return max(0, int(begin)), max(0, min(self.n, int(end)))
 
 
 @dataclass(frozen=True, eq=False)
-class Stretch:
+class Segment:
     """Samples begin to end (exclusive) and the rows first to last (exclusive) within them.
 
     index: where each sample belongs on an even clock of `step` [s]; None where it is uneven.
@@ -57,11 +55,11 @@ class Stretch:
 
 
 @dataclass(frozen=True, eq=False)
-class Course:
-    """The way from one clock to a grid; every channel that is whole on this clock shares it.
+class ResamplingPlan:
+    """From one clock to a grid: for every channel with a value at each time of the clock.
 
     t: (n,) [s] increasing.   step: the median one.   limit: longer steps are gaps [s].
-    gaps: lengths of the gaps [s].   bridged: samples lost in holes that are no gaps.
+    gaps: lengths of the gaps [s].   bridged: samples lost in holes too short to be gaps.
     """
 
     t: Array
@@ -70,47 +68,49 @@ class Course:
     limit: float
     gaps: Array
     bridged: int
-    stretches: tuple[Stretch, ...]
+    segments: tuple[Segment, ...]
 
     @property
     def even(self) -> bool:
-        """Whether every stretch of some length keeps an even clock."""
-        return all(s.index is not None for s in self.stretches if s.end - s.begin > 3)
+        """Whether each segment of more than three samples has an even clock."""
+        return all(s.index is not None for s in self.segments if s.end - s.begin > 3)
 
     def rows(self, x: Array) -> Array:
         """(grid.n,) from finite values (n,) on this clock; NaN in gaps and outside."""
         rows = np.full(self.grid.n, np.nan)
-        for s in self.stretches:
+        for s in self.segments:
             part = _even_rows if s.index is not None else _uneven_rows
             rows[s.first : s.last] = part(s, self.t[s.begin : s.end], x[s.begin : s.end], self.grid)
         return rows
 
 
-def course(t: Array, grid: Grid) -> Course:
-    """Find the stretches between gaps. t: (n >= 1,) increasing."""
+def resampling_plan(t: Array, grid: Grid) -> ResamplingPlan:
+    """Divide a clock into segments at its gaps. t: (n >= 1,) increasing [s]."""
     steps = np.diff(t)
     step = float(np.median(steps)) if len(steps) else grid.dt
     limit = GAP_RATIO * max(grid.dt, step) + grid.tolerance
     breaks = np.flatnonzero(steps > limit)
-    stretches = []
+    segments = []
     bridged = 0
     for begin, end in zip([0, *(breaks + 1)], [*(breaks + 1), len(t)], strict=True):
         first, last = grid.within(t[begin], t[end - 1])
         if first < last:
-            usual, index = _clock(t[begin:end], steps[begin : end - 1], step, grid.tolerance)
-            stretches.append(Stretch(int(begin), int(end), first, last, usual, index))
+            usual, index = _even_clock(t[begin:end], steps[begin : end - 1], step, grid.tolerance)
+            segments.append(Segment(int(begin), int(end), first, last, usual, index))
         bridged += int(np.rint(steps[begin : end - 1] / step - 1.0).clip(0.0).sum())
-    return Course(t, grid, step, limit, steps[breaks], bridged, tuple(stretches))
+    return ResamplingPlan(t, grid, step, limit, steps[breaks], bridged, tuple(segments))
 
 
-def _clock(t: Array, steps: Array, step: float, tolerance: float) -> tuple[float, Indices | None]:
-    """The usual step of a stretch, and each sample's place if its clock is even."""
+def _even_clock(
+    t: Array, steps: Array, step: float, tolerance: float
+) -> tuple[float, Indices | None]:
+    """The usual step of a segment, and each sample's place if its clock is even."""
     if len(t) < 4:
         return step, None
-    whole = steps <= GAP_RATIO * step
-    span = t[-1] - t[0]
-    n = round(span / float(steps.mean(where=whole))) if whole.any() else len(steps)
-    usual = span / n
+    regular = steps <= GAP_RATIO * step
+    duration = t[-1] - t[0]
+    n = round(duration / float(steps.mean(where=regular))) if regular.any() else len(steps)
+    usual = duration / n
     place = (t - t[0]) / usual
     index = np.arange(len(t)) if n == len(steps) else np.rint(place).astype(np.intp)
     if np.abs(place - index).max() * usual > EVEN * usual + tolerance:
@@ -118,7 +118,7 @@ def _clock(t: Array, steps: Array, step: float, tolerance: float) -> tuple[float
     return usual, index
 
 
-def _even_rows(s: Stretch, t: Array, x: Array, grid: Grid) -> Array:
+def _even_rows(s: Segment, t: Array, x: Array, grid: Grid) -> Array:
     """Filtered to the slower of the two rates; a sample where the grid is not the slower one."""
     assert s.index is not None
     n = int(s.index[-1]) + 1
@@ -139,7 +139,7 @@ def _even_rows(s: Stretch, t: Array, x: Array, grid: Grid) -> Array:
     return rows
 
 
-def _uneven_rows(s: Stretch, t: Array, x: Array, grid: Grid) -> Array:
+def _uneven_rows(s: Segment, t: Array, x: Array, grid: Grid) -> Array:
     """Cubics between the samples; going down onto a finer grid first, which is then filtered."""
     if len(t) == 1:
         return np.full(s.last - s.first, x[0])

@@ -1,10 +1,13 @@
 """What the values of one channel show of its sensor: holes, held values, a sensor that froze."""
 
 import numpy as np
+import numpy.typing as npt
 
-from app.telemetry.resampling.segments import GAP_RATIO
 from app.telemetry.timing.quality import ChannelQuality, Span, spans
-from core.types import Array, Flags, Indices
+from app.telemetry.traces import GAP_RATIO
+
+Array = npt.NDArray[np.float64]
+Indices = npt.NDArray[np.intp]
 
 FROZEN = 2.0
 """A value has to stand this long to be called frozen [s]."""
@@ -46,7 +49,7 @@ def channel_quality(
     return quality, (*missing, *spans(f"frozen:{key}", *frozen, duration))
 
 
-def _holes(t: Array, finite: Flags, limit: float) -> tuple[Array, Array]:
+def _holes(t: Array, finite: npt.NDArray[np.bool_], limit: float) -> tuple[Array, Array]:
     """Begin and end of the stretches without a value that are longer than the usual step."""
     known = np.flatnonzero(finite)
     before = np.concatenate([[0], known])

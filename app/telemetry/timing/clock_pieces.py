@@ -4,11 +4,14 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
+import numpy.typing as npt
 
 from app.telemetry.recording import TelemetryError
-from app.telemetry.resampling.segments import GAP_RATIO
-from core.types import Array, Flags, Indices
+from app.telemetry.traces import GAP_RATIO
 
+Array = npt.NDArray[np.float64]
+Indices = npt.NDArray[np.intp]
+Flags = npt.NDArray[np.bool_]
 Same = Callable[[Indices, Indices], Flags]
 """Whether rows hold the same values in every channel, pair by pair."""
 

@@ -5,11 +5,11 @@ from dataclasses import replace
 import numpy as np
 
 from app.telemetry.recording import TelemetryError
-from app.telemetry.resampling.segments import GAP_RATIO
 from app.telemetry.timing.clock_faults import WRAPS, Ordered, in_order
 from app.telemetry.timing.clock_pieces import Array, Flags, Indices
 from app.telemetry.timing.quality import ClockQuality, Span, spans
 from app.telemetry.timing.rounded_clock import evened
+from app.telemetry.traces import GAP_RATIO
 
 NO_TIME = 1e12
 """Numbers from here on are not times; 30,000 years [s]."""

@@ -3,10 +3,12 @@
 from dataclasses import dataclass
 
 import numpy as np
+import numpy.typing as npt
 
-from app.telemetry.mapping.mapping import TARGETS
 from app.telemetry.plausibility import BOUNDS
-from core.types import Array
+from app.telemetry.targets import TARGETS
+
+Array = npt.NDArray[np.float64]
 
 MOST_SPANS = 500
 """More spans of a kind than this are joined where they are close."""

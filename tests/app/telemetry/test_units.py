@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from app.telemetry.mapping.mapping import TARGETS
 from app.telemetry.recording import TelemetryError
+from app.telemetry.targets import TARGETS
 from app.telemetry.units import BASIC, CHOICES, choices, convert, factor, fits, spelled
 
 SPELLINGS = {

@@ -6,8 +6,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from app.telemetry.mapping.applying import apply_mapping, preview
-from app.telemetry.mapping.mapping import TARGETS, ChannelSource, Mapping, TimeSource
+from app.telemetry.mapping.mapping import ChannelSource, Mapping, TimeSource
 from app.telemetry.recording import TelemetryError
+from app.telemetry.targets import TARGETS
 from tests.support.tables import columns_of
 
 T = {"": TimeSource("t", "s")}

@@ -2,9 +2,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from app.telemetry.mapping.mapping import TARGETS
 from app.telemetry.mapping.names import readings
 from app.telemetry.mapping.vocabulary import MEANINGS
+from app.telemetry.targets import TARGETS
 from app.telemetry.units import spelled
 
 # key -> (names without a unit, names that say one: what they say)

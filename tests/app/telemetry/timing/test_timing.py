@@ -10,12 +10,11 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from app.telemetry.recording import TelemetryError
-from app.telemetry.resampling.segments import Array
 from app.telemetry.timing.clock_faults import WRAPS
 from app.telemetry.timing.quality import MOST_SPANS, Quality, Span
 from app.telemetry.timing.rounded_clock import evened
 from app.telemetry.timing.timing import repaired
-from app.telemetry.traces import Trace, Traces
+from app.telemetry.traces import Array, Trace, Traces
 
 N = 2000
 ROW = np.arange(N, dtype=np.float64)
