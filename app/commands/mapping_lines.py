@@ -1,4 +1,4 @@
-"""What a file holds and what its signals were taken for, as lines to print."""
+"""What a file holds and which signals are mapped to which channels, as lines to print."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -11,8 +11,8 @@ from app.telemetry.targets import TARGETS
 
 MOST_BAD_ROWS = 10
 """Bad rows that are printed one by one."""
-SURE = 0.9
-"""Confidence from which a proposal goes without its reasons."""
+EVIDENT = 0.9
+"""Confidence from which a proposal is printed without its reasons."""
 
 
 def read_mapping(path: Path) -> Mapping:
@@ -33,21 +33,22 @@ def contents_lines(contents: Contents) -> Iterator[str]:
 
 
 def mapping_lines(mapping: Mapping, proposal: Proposal | None) -> Iterator[str]:
-    """One line a channel; how sure the program is where it chose itself."""
+    """One line a channel, with the confidence where the program proposed it."""
     yield "mapping, proposed:" if proposal else "mapping, as given:"
     for key in (key for key in TARGETS if key in mapping.channels):
         source = mapping.channels[key]
-        guess = proposal.guesses.get(key) if proposal else None
-        doubt = ""
-        if guess is not None and not source.derivation:
-            doubt = f", {guess.confidence:.0%} sure"
-            doubt += f": {'; '.join(guess.reasons)}" if guess.confidence < SURE else ""
-        yield f"  {key:8} {_said(source, TARGETS[key].unit)}{doubt}"
+        rationale = proposal.rationales.get(key) if proposal else None
+        confidence = ""
+        if rationale is not None and not source.derivation:
+            confidence = f", confidence {rationale.confidence:.0%}"
+            if rationale.confidence < EVIDENT:
+                confidence += f": {'; '.join(rationale.reasons)}"
+        yield f"  {key:8} {_source(source, TARGETS[key].unit)}{confidence}"
 
 
-def _said(source: ChannelSource, target_unit: str) -> str:
+def _source(source: ChannelSource, target_unit: str) -> str:
     if source.derivation:
         return f"derived: {source.derivation}"
     sign = "-" if source.sign < 0 else ""
-    offset = f" less {source.offset:g} {target_unit}" if source.offset else ""
-    return f"{sign}{source.signal} [{source.unit or 'no unit'}]{offset}"
+    bias = f", bias removed: {source.offset:g} {target_unit}" if source.offset else ""
+    return f"{sign}{source.signal} [{source.unit or 'unit not given'}]{bias}"

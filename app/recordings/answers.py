@@ -1,18 +1,22 @@
-"""What is answered about a recording, as plain data."""
+"""A recording as plain data: what it holds, its mapping, small plots."""
 
 from dataclasses import asdict
 from typing import Any
 
 import numpy as np
 
+from app.recordings.mapped_columns import plain_quality
 from app.recordings.recordings import Recordings
 from app.store.recordings import MappedColumns
 from app.store.store import NotFound
 from app.telemetry.contents import Contents
-from app.telemetry.mapping.applying import preview
-from app.telemetry.mapping.doubts import find_doubts
+from app.telemetry.mapping.applying import applicable
 from app.telemetry.mapping.mapping import Mapping
+from app.telemetry.mapping.mapping_warnings import find_warnings
+from app.telemetry.targets import TARGETS
+from app.telemetry.traces import Trace, Traces
 from core.channels import KEYS
+from core.types import Array
 
 BINS = 120
 """Of a small plot."""
@@ -20,7 +24,7 @@ SUMMARY = ("n", "missing", "min", "max", "mean")
 
 
 def described(recordings: Recordings, recording_id: str) -> dict[str, Any]:
-    """All about a recording. NotFound; StoreError."""
+    """A recording with its contents and mapping. NotFound; StoreError."""
     info = recordings.store.recordings.info(recording_id)
     mapped = recordings.store.recordings.mapped_columns(recording_id)
     contents = recordings.columns(recording_id).contents
@@ -36,17 +40,49 @@ def described(recordings: Recordings, recording_id: str) -> dict[str, Any]:
     }
 
 
-def bands(recordings: Recordings, recording_id: str, mapping: Mapping, bins: int) -> dict[str, Any]:
-    """What comes of a mapping, channel by channel, without keeping it. NotFound; StoreError."""
-    mapped = recordings.take_mapping(recording_id, mapping)
+def preview(
+    recordings: Recordings, recording_id: str, mapping: Mapping, bins: int
+) -> dict[str, Any]:
+    """What comes of a mapping, channel by channel, without storing it. NotFound; StoreError."""
+    mapped = recordings.mapped(recording_id, mapping)
     with recordings.present(recording_id):
         columns = recordings.files.columns(recording_id)
+        applied = mapped.applied or applicable(columns, mapping)
         return {
-            "channels": preview(columns, mapping, bins),
-            "quality": mapped.quality,
+            "channels": channel_bands(applied, bins),
+            "quality": plain_quality(mapped.repaired.quality) if mapped.repaired else None,
             "problem": mapped.problem,
-            "doubts": find_doubts(columns, mapping),
+            "doubts": find_warnings(columns, mapping, mapped.applied),
         }
+
+
+def channel_bands(traces: Traces, bins: int = BINS) -> dict[str, dict[str, Any]]:
+    """Small plots by key: t, low and high of at most so many equal bins; unit, min, max.
+
+    In JSON's types, None for what is no number.
+    """
+    return {key: _bands(trace, TARGETS[key].unit, bins) for key, trace in traces.channels.items()}
+
+
+def _bands(trace: Trace, unit: str, bins: int) -> dict[str, Any]:
+    rows = len(trace.values)
+    if not rows:
+        return {"t": [], "low": [], "high": [], "unit": unit, "min": None, "max": None}
+    starts = np.linspace(0, rows, min(bins, rows), endpoint=False).astype(np.intp)
+    middle = (starts + np.append(starts[1:], rows)) // 2
+    low, high = np.fmin.reduceat(trace.values, starts), np.fmax.reduceat(trace.values, starts)
+    return {
+        "t": _plain(trace.t[middle]),
+        "low": _plain(low),
+        "high": _plain(high),
+        "unit": unit,
+        "min": _plain(np.fmin.reduce(low, keepdims=True))[0],
+        "max": _plain(np.fmax.reduce(high, keepdims=True))[0],
+    }
+
+
+def _plain(numbers: Array) -> list[float | None]:
+    return [number if number == number else None for number in numbers.tolist()]
 
 
 def signal_bands(recordings: Recordings, recording_id: str, index: int) -> dict[str, Any]:

@@ -1,4 +1,4 @@
-"""What the columns of a recording are taken for, and how good they are as such."""
+"""The mapping of a recording as it is stored: proposed or confirmed, with the quality under it."""
 
 import hashlib
 import json
@@ -8,63 +8,56 @@ from typing import Any
 import numpy as np
 
 from app import json_codec
+from app.recordings.mapped_recording import MappedRecording
 from app.store.mappings import RememberedMapping
 from app.store.recordings import MappedColumns, MappingState
 from app.telemetry.contents import Columns, Contents
-from app.telemetry.mapping.applying import apply_mapping
 from app.telemetry.mapping.derivations import DERIVATIONS, Derivation
 from app.telemetry.mapping.mapping import Mapping
 from app.telemetry.mapping.proposal import propose
 from app.telemetry.recording import TelemetryError
-from app.telemetry.timing.timing import Quality, repaired
+from app.telemetry.timing.quality import Quality
 from app.telemetry.traces import Traces
 
 BLOCK = 2**18
 """Values looked at together."""
 
 
-def propose_mapping(columns: Columns, remembered: RememberedMapping | None) -> MappedColumns:
-    """Say what the columns of a new recording are likely to be."""
-    kept = _still_known(remembered)
-    proposal = propose(columns, kept, aircraft=remembered.aircraft if remembered else "")
-    taken = kept is not None and kept.channels.items() <= proposal.mapping.channels.items()
+def propose_mapping(
+    columns: Columns, remembered: RememberedMapping | None
+) -> tuple[MappedColumns, MappedRecording]:
+    """Propose a mapping for the columns of a new recording; return it as stored, and applied."""
+    before = _still_known(remembered)
+    proposal = propose(columns, before, aircraft=remembered.aircraft if remembered else "")
+    unchanged = before is not None and before.channels.items() <= proposal.mapping.channels.items()
     described = {
-        "guesses": proposal.guesses,
+        "guesses": proposal.rationales,
         "alternatives": proposal.alternatives,
         "derivable": {
             key: [_way(DERIVATIONS[name]) for name in names]
             for key, names in proposal.derivable.items()
         },
     }
-    state: MappingState = "remembered" if taken else "proposed"
-    return take_mapping(
-        columns,
-        proposal.mapping,
-        MappedColumns({}, state, plain(described), None, None, None, statistics(columns)),
-    )
+    state: MappingState = "remembered" if unchanged else "proposed"
+    unmapped = MappedColumns({}, state, plain(described), None, None, None, statistics(columns))
+    mapped = MappedRecording.of(columns, proposal.mapping)
+    return with_mapping(unmapped, mapped), mapped
 
 
-def take_mapping(columns: Columns, mapping: Mapping, before: MappedColumns) -> MappedColumns:
-    """Take the columns for something else, and say what comes of it."""
-    quality, problem, duration = None, None, None
-    try:
-        traces, measured = repaired(apply_mapping(columns, mapping))
-    except TelemetryError as error:
-        problem = str(error)
-    else:
-        quality = plain_quality(measured)
-        duration = _duration(traces)
+def with_mapping(before: MappedColumns, mapped: MappedRecording) -> MappedColumns:
+    """The stored mapping changed to another, with the quality of the channels under it."""
+    repaired = mapped.repaired
     return replace(
         before,
-        mapping=mapping.to_plain(),
-        quality=quality,
-        problem=problem,
-        duration=duration,
+        mapping=mapped.mapping.to_plain(),
+        quality=plain_quality(repaired.quality) if repaired else None,
+        problem=mapped.problem,
+        duration=_duration(repaired.traces) if repaired else None,
     )
 
 
 def _still_known(remembered: RememberedMapping | None) -> Mapping | None:
-    """The mapping that was kept; None where it names what this program does not know any more."""
+    """The mapping that was remembered; None where it names what this version does not know."""
     try:
         return None if remembered is None else Mapping.from_plain(remembered.mapping)
     except TelemetryError:

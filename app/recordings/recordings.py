@@ -14,18 +14,17 @@ from pathlib import Path
 from typing import Any, Self
 
 from app.recordings.files import RecordingFiles, spacious
-from app.recordings.mapped_columns import propose_mapping, signature, take_mapping
+from app.recordings.mapped_columns import propose_mapping, signature, with_mapping
+from app.recordings.mapped_recording import MappedRecording, RecentMappings
 from app.recordings.upload import Received, receive
 from app.recordings.workers import Busy, Workers, to_its_end
 from app.store.recordings import MappedColumns
 from app.store.store import NotFound, Store, StoreError
 from app.store.tables import new_id
 from app.telemetry.contents import Columns, open_columns
-from app.telemetry.mapping.applying import apply_mapping
 from app.telemetry.mapping.mapping import Mapping
 from app.telemetry.reading import read_file, warm_up
 from app.telemetry.recording import TelemetryError
-from app.telemetry.traces import Traces
 
 LOG = logging.getLogger("forewarn")
 MOST_UPLOADS = 8
@@ -61,6 +60,7 @@ class Recordings:
         self.files = RecordingFiles(root)
         self.workers = Workers()
         self.readers = Workers(queue=MOST_UPLOADS)
+        self._recent = RecentMappings()
         self._uploads: set[asyncio.Task[Any]] = set()
 
     async def __aenter__(self) -> Self:
@@ -97,10 +97,11 @@ class Recordings:
             received = await receive(upload.body, folder / "file", self.files.require)
             if received.size == 0:
                 raise TelemetryError(f"{upload.name} is empty: choose a file that holds telemetry")
-            mapped = await self.readers.run(self._read, folder, upload)
+            stored, mapped = await self.readers.run(self._read, folder, upload)
             if await upload.is_abandoned():
                 raise Abandoned
-            await to_its_end(self._admit, recording_id, upload, received, mapped)
+            await to_its_end(self._admit, recording_id, upload, received, stored)
+            self._recent.add(recording_id, mapped)
         except BaseException:
             await to_its_end(self._drop, recording_id)
             raise
@@ -113,17 +114,16 @@ class Recordings:
         with self.present(recording_id):
             return self.files.columns(recording_id)
 
-    def traces(self, recording_id: str, mapped: MappedColumns) -> Traces:
-        """The channels of a recording, so mapped. NotFound; TelemetryError; StoreError."""
+    def mapped(self, recording_id: str, mapping: Mapping | None = None) -> MappedRecording:
+        """The channels of a recording, under its own mapping if none is given. NotFound;
+        StoreError.
+        """
+        stored = self.store.recordings.mapped_columns(recording_id)
+        mapping = Mapping.from_plain(stored.mapping) if mapping is None else mapping
         with self.present(recording_id):
-            columns = self.files.columns(recording_id)
-            return apply_mapping(columns, Mapping.from_plain(mapped.mapping))
-
-    def take_mapping(self, recording_id: str, mapping: Mapping) -> MappedColumns:
-        """What comes of another mapping, without keeping it. NotFound; StoreError."""
-        before = self.store.recordings.mapped_columns(recording_id)
-        with self.present(recording_id):
-            return take_mapping(self.files.columns(recording_id), mapping, before)
+            return self._recent.mapped(
+                recording_id, mapping, lambda: self.files.columns(recording_id)
+            )
 
     def confirm_mapping(
         self, recording_id: str, mapping: Mapping, aircraft: str | None, *, remember: bool
@@ -134,19 +134,20 @@ class Recordings:
         aircraft: another than was said with the upload. Where none is named nothing is remembered:
         the next recording may be of one that counts its signals the other way.
         """
-        mapped = self.take_mapping(recording_id, mapping)
-        if mapped.problem is not None:
-            raise TelemetryError(mapped.problem)
-        confirmed = replace(mapped, mapping_state="confirmed")
+        mapped = self.mapped(recording_id, mapping)
+        mapped.scorable()
+        before = self.store.recordings.mapped_columns(recording_id)
+        confirmed = replace(with_mapping(before, mapped), mapping_state="confirmed")
         self.store.recordings.confirm_mapping(recording_id, confirmed, aircraft)
         aircraft = self.store.recordings.info(recording_id).aircraft
         if remember and aircraft:
             key = signature(self.columns(recording_id).contents)
-            self.store.mappings.save(aircraft, key, mapped.mapping)
+            self.store.mappings.save(aircraft, key, confirmed.mapping)
 
     def delete(self, recording_id: str) -> None:
         """Delete a recording with its folder. NotFound; InUse while it is flown."""
         self.store.recordings.withdraw(recording_id)
+        self._recent.forget(recording_id)
         self.files.discard(recording_id)
         self.store.recordings.purge(recording_id)
 
@@ -168,8 +169,8 @@ class Recordings:
         warm_up()
         return self.files.begin(recording_id)
 
-    def _read(self, folder: Path, upload: Upload) -> MappedColumns:
-        """Read the file that came into a folder, and say what its columns are likely to be."""
+    def _read(self, folder: Path, upload: Upload) -> tuple[MappedColumns, MappedRecording]:
+        """Read the file that came into a folder, and propose a mapping of its columns."""
         with spacious():
             read_file(folder / "file", folder / "columns", name=upload.name)
         columns = open_columns(folder / "columns")

@@ -20,6 +20,7 @@ from app.store.monitors import MonitorInfo
 from app.store.recordings import MappedColumns, RecordingInfo
 from app.store.scorings import ScoringInfo
 from app.store.tables import new_id, now
+from app.telemetry.mapping.mapping import Mapping
 from core import __version__
 from core.kernels.compiled import threads
 from core.monitor import Monitor
@@ -97,8 +98,9 @@ class ScoredRecordings:
         of = self._ingredients(recording_id, monitor_id, order)
         if kept := self.store.scorings.find(recording_id, of.digest):
             return kept, False
-        traces = self.recordings.traces(recording_id, of.mapped)
-        scored = score(of.monitor, traces, of.order)
+        mapping = Mapping.from_plain(of.mapped.mapping)
+        recorded = self.recordings.mapped(recording_id, mapping).scorable()
+        scored = score(of.monitor, recorded, of.order)
         folder, scoring_id = self.files.scorings(recording_id), new_id()
         self.files.require(2 * scored.samples.nbytes)
         hashed = threads().submit(digest, scored.samples)

@@ -17,7 +17,7 @@ from app.telemetry.mapping.proposal import Proposal, propose
 from app.telemetry.mapping.signs import CONVENTION
 from app.telemetry.reading import read_file
 from app.telemetry.recording import TelemetryError
-from app.telemetry.traces import Traces
+from app.telemetry.timing.repair import RepairedTraces, repair
 from core.monitor import Monitor, load
 from core.simulation.attitude import surface_signs
 
@@ -72,7 +72,8 @@ def score_file(request: ScoreRequest, memory: MappingMemory | None = None) -> Sc
         proposal = None if request.mapping else _proposed(columns, monitors[0], memory)
         mapping = request.mapping or (proposal.mapping if proposal else Mapping())
         try:
-            scored = tuple(_score(request, monitors, apply_mapping(columns, mapping)))
+            recorded = repair(apply_mapping(columns, mapping))
+            scored = tuple(_score(request, monitors, recorded))
         except TelemetryError as error:
             raise TelemetryError(f"{request.file}: {error}{_why(error, proposal)}") from None
     if memory and request.mapping:
@@ -95,8 +96,8 @@ def _why(error: TelemetryError, proposal: Proposal | None) -> str:
     """Why nothing was taken for the channels that are missing."""
     if proposal is None or not isinstance(error, MissingChannels):
         return ""
-    guesses = [proposal.guesses.get(key) for key in error.keys]
-    reasons = [guess.reasons[0] for guess in guesses if guess is not None and guess.reasons]
+    rationales = [proposal.rationales.get(key) for key in error.keys]
+    reasons = [found.reasons[0] for found in rationales if found is not None and found.reasons]
     return f" ({'; '.join(reasons)})" if reasons else ""
 
 
@@ -111,11 +112,13 @@ def labels(request: ScoreRequest) -> list[str]:
     return ["-".join(compress(part, several)) for part in parts]
 
 
-def _score(request: ScoreRequest, monitors: list[Monitor], traces: Traces) -> Iterator[Scored]:
+def _score(
+    request: ScoreRequest, monitors: list[Monitor], recorded: RepairedTraces
+) -> Iterator[Scored]:
     label = iter(labels(request))
     for path, monitor in zip(request.monitors, monitors, strict=True):
-        for one in score_at_each(monitor, traces, request.order, request.epsilons):
-            yield Scored(next(label), path, monitor, one)
+        for scored in score_at_each(monitor, recorded, request.order, request.epsilons):
+            yield Scored(next(label), path, monitor, scored)
 
 
 def _distinct(names: list[str]) -> list[str]:

@@ -36,9 +36,8 @@ def answer(info: ScoringInfo) -> dict[str, Any]:
 def found_spans(recordings: Recordings, recording_id: str, monitor_id: str) -> list[dict[str, Any]]:
     """Manoeuvres that scoring by a monitor would find. NotFound; TelemetryError."""
     monitor = recordings.store.monitors.get(monitor_id)
-    mapped = recordings.store.recordings.mapped_columns(recording_id)
-    traces = recordings.traces(recording_id, mapped)
-    return [span._asdict() for span in manoeuvres_in(monitor, traces)]
+    recorded = recordings.mapped(recording_id).scorable()
+    return [span._asdict() for span in manoeuvres_in(monitor, recorded)]
 
 
 def frames(info: ScoringInfo, samples: Samples, first: int) -> list[dict[str, Any]]:

@@ -35,7 +35,7 @@ def file_subjects(
         "aircraft": aircraft,
         "format": found.contents.format,
     } | of_contents(found.contents)
-    guesses = found.proposal.guesses if found.proposal else {}
+    rationales = found.proposal.rationales if found.proposal else {}
     evaluations: dict[Path, dict[str, Any] | None] = {}
     for one in found.scored:
         if one.path not in evaluations:
@@ -52,7 +52,7 @@ def file_subjects(
                 evaluation=evaluations[one.path],
                 samples=one.recording.samples,
                 mapped=PROPOSED if found.proposal else GIVEN,
-                guesses={key: asdict(guess) for key, guess in guesses.items()},
+                guesses={key: asdict(rationale) for key, rationale in rationales.items()},
             ),
         )
 

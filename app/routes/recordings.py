@@ -7,7 +7,7 @@ from fastapi import APIRouter, Query, Request
 from starlette.requests import ClientDisconnect
 
 from app.problems import Problem, problem_responses
-from app.recordings.answers import bands, described, signal_bands
+from app.recordings.answers import described, preview, signal_bands
 from app.recordings.recordings import Abandoned, Upload
 from app.recordings.upload import plain_name
 from app.routes.dependencies import (
@@ -135,11 +135,11 @@ async def preview_mapping(recording_id: str, order: PreviewOrder, recordings: Re
     `problem` says why it cannot be applied; there are no channels then.
     """
 
-    def preview() -> dict[str, Any]:
+    def answer() -> dict[str, Any]:
         mapping = Mapping.from_plain(order.mapping.model_dump())
-        return bands(recordings, recording_id, mapping, order.bins)
+        return preview(recordings, recording_id, mapping, order.bins)
 
-    return await json_from(preview)
+    return await json_from(answer)
 
 
 @router.get(

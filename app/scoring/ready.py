@@ -4,13 +4,12 @@ from collections.abc import Collection
 from dataclasses import dataclass
 from typing import Self
 
-import numpy as np
-
 from app.scoring.plan import Plan, needed_channels, plan_of
 from app.telemetry.mapping.derivations import DERIVATIONS
 from app.telemetry.recording import Recording, TelemetryError
 from app.telemetry.resampling.resampling import on_grid
-from app.telemetry.timing.timing import Quality, repaired
+from app.telemetry.timing.quality import Quality
+from app.telemetry.timing.repair import RepairedTraces
 from app.telemetry.traces import Traces
 from core.channels import KEYS
 from core.monitor import Monitor
@@ -53,22 +52,18 @@ class Ready:
     notes: tuple[str, ...]
 
     @classmethod
-    def of(cls, monitor: Monitor, traces: Traces) -> Self:
-        """MissingChannels; TelemetryError where one is too slow or the times cannot be told."""
+    def of(cls, monitor: Monitor, repaired: RepairedTraces) -> Self:
+        """MissingChannels; TelemetryError where one is too slow."""
+        traces, quality = repaired.traces, repaired.quality
         plan = plan_of(monitor)
         needed = needed_channels(monitor, plan.limits)
-        absent = [key for key in KEYS if not _is_recorded(traces, key)]
+        recorded = [c.key for c in quality.channels if c.missing < 1.0 or c.implausible]
+        absent = [key for key in KEYS if key not in recorded]
         if lacking := [key for key in absent if needed[KEYS.index(key)]]:
-            recorded = [key for key in traces.channels if _is_recorded(traces, key)]
             raise MissingChannels(lacking, recorded)
-        traces, quality = repaired(traces)
         read = [key for key, is_needed in zip(KEYS, needed, strict=True) if is_needed]
         recording = on_grid(traces, monitor.dt, read)
         notes = list(recording.notes)
         if absent:
             notes.append(f"Not recorded, and the monitor does not read it: {', '.join(absent)}.")
         return cls(monitor, plan, traces, quality, recording, needed, tuple(notes))
-
-
-def _is_recorded(traces: Traces, key: str) -> bool:
-    return key in traces.channels and bool(np.isfinite(traces.channels[key].values).any())

@@ -25,7 +25,7 @@ from app.scoring.stretches import Stretch, stretches
 from app.scoring.validity import validity
 from app.scoring.wording import guarantee, remarks, withdrawn
 from app.telemetry.recording import ATTITUDE, Recording
-from app.telemetry.traces import Traces
+from app.telemetry.timing.repair import RepairedTraces
 from core.channels import KEYS
 from core.monitor import Assessments, Monitor
 from core.monitor.assessment import STATES, State
@@ -34,22 +34,27 @@ from core.types import Array
 INVALID = STATES.index(State.INVALID)
 
 
-def score(monitor: Monitor, traces: Traces, order: ScoringOrder | None = None) -> ScoredRecording:
+def score(
+    monitor: Monitor, recorded: RepairedTraces, order: ScoringOrder | None = None
+) -> ScoredRecording:
     """Score a recording.
 
-    traces: in SI units, as recorded.   TelemetryError where the monitor cannot be given what it
+    recorded: in SI units.   TelemetryError where the monitor cannot be given what it
     needs, or the order does not fit the recording; ValueError for an epsilon it cannot serve.
     """
     order = order or ScoringOrder()
-    return score_at_each(monitor, traces, order, (order.epsilon,))[0]
+    return score_at_each(monitor, recorded, order, (order.epsilon,))[0]
 
 
 def score_at_each(
-    monitor: Monitor, traces: Traces, order: ScoringOrder, epsilons: Sequence[float | None]
+    monitor: Monitor,
+    recorded: RepairedTraces,
+    order: ScoringOrder,
+    epsilons: Sequence[float | None],
 ) -> tuple[ScoredRecording, ...]:
     """Score once at each miss rate, for the price of one: only alerts depend on it."""
     checked = [monitor.check_epsilon(epsilon) for epsilon in epsilons]
-    flight = Ready.of(monitor, traces)
+    flight = Ready.of(monitor, recorded)
     planned, notes = stretches(flight.recording, flight.plan, order)
     judged = [_judge(flight, stretch) for stretch in planned]
     reached = _outside(flight, judged)
@@ -57,9 +62,9 @@ def score_at_each(
     return tuple(_scored(flight, judged, epsilon, notes, reached) for epsilon in checked)
 
 
-def manoeuvres_in(monitor: Monitor, traces: Traces) -> tuple[Span, ...]:
+def manoeuvres_in(monitor: Monitor, recorded: RepairedTraces) -> tuple[Span, ...]:
     """The manoeuvres that scoring would find; none where there are none."""
-    flight = Ready.of(monitor, traces)
+    flight = Ready.of(monitor, recorded)
     found, _ = stretches(flight.recording, flight.plan, ScoringOrder())
     t = flight.recording.t
     return tuple(

@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from app.scoring.outcome import Crossing, Outcome
-from app.telemetry.timing.timing import Quality
+from app.telemetry.timing.quality import Quality
 
 BETWEEN = -1
 """Stretch of a sample that lies in none: between manoeuvres."""

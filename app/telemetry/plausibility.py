@@ -1,7 +1,7 @@
-"""Values that no aircraft shows: a sensor that failed, or numbers that are no measurement.
+"""Values that no aircraft can show: a sensor that failed, or numbers that are no measurement.
 
 The bounds leave room for every aircraft and every way to count: a heading that is not wrapped goes
-on and on. What is beyond them is nothing to score, and nothing to judge a monitor by.
+on and on. Values beyond them are not scored.
 """
 
 from dataclasses import replace
@@ -9,8 +9,8 @@ from math import radians
 
 import numpy as np
 
-from app.telemetry.traces import Array, Trace
-from core.types import Indices
+from app.telemetry.traces import Trace
+from core.types import Array, Indices
 
 DEFLECTION = radians(100.0)
 """Of the sideslip or a surface [rad]."""
@@ -39,18 +39,18 @@ BOUNDS: dict[str, float] = {
     "delta_r_left": DEFLECTION,
     "delta_r_right": DEFLECTION,
 }
-"""Largest magnitude of a target, in its unit; one without a bound is only good to derive others."""
+"""Largest plausible magnitude of a target, in its unit; quaternions have none."""
 
 
 def implausible(key: str, values: Array) -> Indices:
-    """Rows whose value no aircraft shows."""
+    """Rows whose value no aircraft can show."""
     bound = BOUNDS.get(key, np.inf)
     reach = max(-np.fmin.reduce(values, initial=0.0), np.fmax.reduce(values, initial=0.0))
     return np.flatnonzero(np.abs(values) > bound) if reach > bound else np.empty(0, np.intp)
 
 
-def believed(key: str, trace: Trace) -> Trace:
-    """A channel with only what an aircraft can show; itself where that is all."""
+def plausible(key: str, trace: Trace) -> Trace:
+    """A channel with its implausible values missing; the channel itself where it has none."""
     rows = implausible(key, trace.values)
     return replace(trace, values=without(trace.values, rows)) if len(rows) else trace
 
@@ -59,6 +59,6 @@ def without(values: Array, rows: Indices) -> Array:
     """Values with some of them missing; the same array where there are none."""
     if not len(rows):
         return values
-    kept = np.array(values, np.float64)
-    kept[rows] = np.nan
-    return kept
+    remaining = np.array(values, np.float64)
+    remaining[rows] = np.nan
+    return remaining

@@ -2,12 +2,7 @@
 
 from dataclasses import dataclass, field
 
-import numpy as np
-import numpy.typing as npt
-
-Array = npt.NDArray[np.float64]
-Indices = npt.NDArray[np.intp]
-Flags = npt.NDArray[np.bool_]
+from core.types import Array
 
 GAP_RATIO = 1.5
 """Neighbouring samples further apart than this many usual steps have a gap between them."""

@@ -66,7 +66,7 @@ BASIC: dict[str, tuple[str, str]] = {
     "counts": ("[count]", "count bit bits lsb cnts"),
 }
 # written as one word, or otherwise against the grammar of `_parsed`
-WHOLE: dict[str, str] = {
+ONE_WORD: dict[str, str] = {
     "degps": "deg/s", "degpersec": "deg/s", "degpersecond": "deg/s", "degs/s": "deg/s",
     "dps": "deg/s", "dps2": "deg/s^2", "degps2": "deg/s^2",
     "radps": "rad/s", "radpersec": "rad/s", "radpersecond": "rad/s", "r/s": "rad/s",
@@ -77,8 +77,10 @@ WHOLE: dict[str, str] = {
     "ms2": "m/s^2", "ms-2": "m/s^2", "ms^-2": "m/s^2", "ms-1": "m/s", "ms^-1": "m/s",
     "fps2": "ft/s^2", "ftps2": "ft/s^2", "fpss": "ft/s^2", "ft/s/s": "ft/s^2",
 }  # fmt: skip
-UNSAID = frozenset(("", "-", "--", "none", "n/a", "na", "nan", "unitless", "unit", "?", "eu", "1"))
-"""What stands in the place of a unit and says none."""
+NOT_GIVEN = frozenset(
+    ("", "-", "--", "none", "n/a", "na", "nan", "unitless", "unit", "?", "eu", "1")
+)
+"""What stands in the place of a unit where none is given."""
 PLAIN = "1"
 """The unit of what has none."""
 CHOICES: dict[str, tuple[str, ...]] = {
@@ -137,15 +139,15 @@ def convert(values: Array, unit: str, target: str) -> Array:
     per_unit = factor(unit, target)
     if per_unit == 1.0:
         return values
-    whole = round(1.0 / per_unit)
-    if whole > 1 and abs(whole * per_unit - 1.0) < 1e-12:
-        return values / whole  # 50 ms are 0.05 s, which 50 * 0.001 is not quite
+    divisor = round(1.0 / per_unit)
+    if divisor > 1 and abs(divisor * per_unit - 1.0) < 1e-12:
+        return values / divisor  # 50 ms are 0.05 s, which 50 * 0.001 is not quite
     return values * per_unit
 
 
 @cache
 def _factor(unit: str, target: str) -> float:
-    if target == PLAIN and (unit.lower() in UNSAID or unit == PLAIN):
+    if target == PLAIN and (unit.lower() in NOT_GIVEN or unit == PLAIN):
         return 1.0
     text = "m/s" if target == "m/s" and unit.lower() in ("ms", "m_s") else unit
     parts = _parsed(text)
@@ -201,9 +203,9 @@ def _ordered(text: str) -> list[tuple[str, str, int]]:
 def _parsed(text: str) -> dict[str, int]:
     """Unit -> power; empty where the text is none."""
     plain = _plain(text)
-    if plain in UNSAID:
+    if plain in NOT_GIVEN:
         return {}
-    plain = WHOLE.get(plain.replace(" ", ""), plain)
+    plain = ONE_WORD.get(plain.replace(" ", ""), plain)
     if plain in _NAMES:
         return {_NAMES[plain]: 1}
     parts: dict[str, int] = {}

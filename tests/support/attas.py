@@ -7,6 +7,9 @@ import numpy as np
 import pytest
 
 from app.jobs.training import train_and_test
+from app.scoring import ScoredRecording, ScoringOrder
+from app.scoring import score as score_repaired
+from app.telemetry.timing.repair import repair
 from app.telemetry.traces import Trace, Traces
 from core.channels import KEYS
 from core.collection import DatasetRecipe, Rollouts, SensorNoise, Simulator, collect
@@ -58,6 +61,11 @@ def recorded(y: np.ndarray, dt: float = TEST.dt, start: float = 0.0, **more: flo
     values = dict(zip(KEYS, np.ascontiguousarray(y.T), strict=True))
     values |= {key: np.full(len(t), value) for key, value in more.items()}
     return Traces({key: Trace(t, column, source=key) for key, column in values.items()})
+
+
+def score(monitor: Monitor, traces: Traces, order: ScoringOrder | None = None) -> ScoredRecording:
+    """Score channels as they were recorded."""
+    return score_repaired(monitor, repair(traces), order)
 
 
 def record_file(name: str) -> Path:

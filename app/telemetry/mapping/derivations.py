@@ -1,13 +1,14 @@
-"""Channels that nobody recorded, from others that were: offered, never taken for measured."""
+"""Channels that were not recorded, derived from others: offered, never taken for measured."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
 
-from app.telemetry.mapping.slopes import HALF_WINDOW_S, Array, slopes, unwrapped, values_at
+from app.telemetry.mapping.slopes import HALF_WINDOW_S, slopes, unwrapped, values_at
 from app.telemetry.targets import TARGETS
 from app.telemetry.traces import Trace
+from core.types import Array
 
 Inputs = dict[str, Array]
 """Key of TARGETS -> (n,) in its unit, all on the same times."""
@@ -117,7 +118,7 @@ def _psi_of_q(t: Array, given: Inputs) -> Array:
     return np.arctan2(2.0 * (q0 * q3 + q1 * q2), 1.0 - 2.0 * (q2 * q2 + q3 * q3))
 
 
-_SLOPE = f"slopes over {2 * HALF_WINDOW_S:g} s, which look {HALF_WINDOW_S:g} s ahead"
+_SLOPE = f"slopes over {2 * HALF_WINDOW_S:g} s, which use {HALF_WINDOW_S:g} s of future samples"
 _Q = ("q0", "q1", "q2", "q3")
 _A, _R = ("delta_a_right", "delta_a_left"), ("delta_r_left", "delta_r_right")
 DERIVATIONS: dict[str, Derivation] = {
@@ -137,12 +138,12 @@ DERIVATIONS: dict[str, Derivation] = {
         ),
         Derivation(
             "Ny_without_gravity", "Ny", ("Ay", "phi"),
-            "lateral acceleration less gravity's part sin(phi) cos(theta)", _without_gravity,
+            "lateral acceleration minus gravity's component sin(phi) cos(theta)", _without_gravity,
             ("theta",),
         ),
         Derivation(
-            "delta_a_of_both", "delta_a", _A, "half of right aileron less left, trailing edge down "
-            "being positive on either", lambda t, given: 0.5 * (given[_A[0]] - given[_A[1]]),
+            "delta_a_of_both", "delta_a", _A, "half the difference of right and left aileron, each "
+            "positive trailing edge down", lambda t, given: 0.5 * (given[_A[0]] - given[_A[1]]),
         ),
         Derivation(
             "delta_a_of_right", "delta_a", _A[:1], "the right aileron for both",

@@ -1,19 +1,19 @@
-"""What an accelerometer's channel holds besides N_y: gravity in a bank, or a constant offset."""
+"""What an accelerometer's channel holds besides N_y: gravity in a bank, or a constant bias."""
 
 from dataclasses import dataclass
 from math import radians
 
 import numpy as np
 
-from app.telemetry.mapping.motion import Motion, Share
+from app.telemetry.mapping.motion import Effect, Motion
 from app.telemetry.traces import Trace
 
 IN_FULL = (0.7, 1.3)
 """Share of sin(phi) cos(theta) that is gravity, and not a manoeuvre that was not coordinated."""
 CLEAR = 0.7
-"""What it must explain of what the other channels leave."""
+"""What it must explain of what the other channels leave unexplained."""
 BANKED = radians(0.8)
-"""Standard deviation of the bank that can tell [rad]."""
+"""Standard deviation of the bank angle from which gravity can be told [rad]."""
 QUIET_S = 2.0
 """At the start, before the manoeuvre [s]."""
 QUIET = 0.3
@@ -22,23 +22,25 @@ MOST = 20_000
 """Samples that the whole recording's scatter is taken of."""
 STILL = 0.01
 """Scatter that is quiet whatever comes later [g]."""
-LEAST_OFFSET = 0.02
+LEAST_BIAS = 0.02
 """Smaller ones are trim: the side force of a real aircraft [g]."""
 BEYOND_NOISE = 3.0
 ONE_G = (0.85, 1.15)
 
 
 @dataclass(frozen=True)
-class Offset:
-    """A constant part of a channel in its unit, and why it is taken for one."""
+class Bias:
+    """A constant part of a channel in its unit, and the evidence in words.
+
+    like_gravity: whether it is as large as gravity itself.
+    """
 
     value: float
     text: str
-    upright: bool = False
-    """Whether it is as large as gravity itself."""
+    like_gravity: bool = False
 
 
-def gravity_share(moves: Motion) -> Share | None:
+def gravity_effect(moves: Motion) -> Effect | None:
     """How the lateral acceleration follows sin(phi) cos(theta), where it does so in full.
 
     Specific force, which an accelerometer measures, does not know the bank of a coordinated turn;
@@ -49,13 +51,13 @@ def gravity_share(moves: Motion) -> Share | None:
         return None
     others = ("beta", "delta_r", "p", "r", "delta_a")
     causes = {key: moves.values[key] for key in others if key in moves.values}
-    share = moves.shares(moves.values["Ny"], causes | {"gravity": moves.gravity}).get("gravity")
-    if share is None or share.share < CLEAR or not IN_FULL[0] < abs(share.slope) < IN_FULL[1]:
+    effect = moves.effects(moves.values["Ny"], causes | {"gravity": moves.gravity}).get("gravity")
+    if effect is None or effect.share < CLEAR or not IN_FULL[0] < abs(effect.slope) < IN_FULL[1]:
         return None
-    return share
+    return effect
 
 
-def quiet_offset(trace: Trace) -> Offset | None:
+def quiet_bias(trace: Trace) -> Bias | None:
     """A constant part of the quiet first seconds, well beyond their noise and any trim."""
     t, values = trace.t, trace.values
     known = np.flatnonzero(np.isfinite(t))
@@ -71,10 +73,13 @@ def quiet_offset(trace: Trace) -> Offset | None:
     half = len(start) // 2
     drift = abs(float(start[:half].mean() - start[half:].mean()))
     quiet = max(noise, drift) <= max(QUIET * scatter, STILL)
-    if not quiet or abs(mean) <= max(LEAST_OFFSET, BEYOND_NOISE * noise):
+    if not quiet or abs(mean) <= max(LEAST_BIAS, BEYOND_NOISE * noise):
         return None
-    upright = ONE_G[0] < abs(mean) < ONE_G[1]
-    text = f"it starts at {mean:.3g} g with a noise of {noise:.2g} g: a constant offset"
-    if upright:
-        text += ", as large as gravity: is it the normal acceleration, or the axis tilted?"
-    return Offset(float(f"{mean:.6g}"), text, upright)
+    like_gravity = ONE_G[0] < abs(mean) < ONE_G[1]
+    text = (
+        f"constant bias: its first {QUIET_S:g} s have a mean of {mean:.3g} g and a standard "
+        f"deviation of {noise:.2g} g"
+    )
+    if like_gravity:
+        text += ", as large as gravity: check for a normal acceleration or a tilted axis"
+    return Bias(float(f"{mean:.6g}"), text, like_gravity)

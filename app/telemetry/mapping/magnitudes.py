@@ -1,22 +1,22 @@
-"""Which unit numbers are in, by how far they reach: a sideslip that reaches 8 is in degrees.
+"""Which unit numbers are in, by their magnitude: a sideslip of up to 8 is in degrees.
 
-Each target has a usual reach, lognormally scattered over aircraft and manoeuvres; a unit is as
-likely as the reach that it would mean, times how common it is. What no aircraft does rules it out.
+Each target has a usual peak, lognormally scattered over aircraft and manoeuvres; a unit is as
+likely as the peak that it would mean, times how common it is. An implausible peak rules it out.
 """
 
 from dataclasses import dataclass
 from math import exp, log
 
-from app.telemetry.extent import Extent
+from app.telemetry.mapping.extent import Extent
 from app.telemetry.targets import TARGETS
 from app.telemetry.units import choices, factor
 
 
 @dataclass(frozen=True)
 class Magnitude:
-    """Of a target, in its unit: usual reach, the factor of its scatter, what no aircraft exceeds.
+    """Of a target, in its unit: usual peak, the factor of its scatter, the most that is plausible.
 
-    floor: nor falls below; for the quantities that are never negative.
+    floor: the least that is plausible; for the quantities that are never negative.
     """
 
     usual: float
@@ -52,18 +52,18 @@ COMMON: dict[str, dict[str, float]] = {
     "m": {"m": 0.5, "ft": 0.5},
     "1": {"1": 1.0},
 }
-"""Units that a file may leave unsaid, by the target's, and how common they are."""
+"""Units that a file may not give, by the target's, and how common they are."""
 RULED_OUT = 1e-6
 LEAST_LIKELY = 1e-4
 
 
 def likelihood(key: str, extent: Extent, per_unit: float) -> float:
-    """How usual the reach is if one of the signal's units is `per_unit` of the target's; 0 to 1."""
+    """How usual the peak is if one of the signal's units is `per_unit` of the target's; 0 to 1."""
     magnitude = MAGNITUDES[key]
     if extent.peak * per_unit > magnitude.most or extent.middle * per_unit < magnitude.floor:
         return RULED_OUT
     if not extent.peak:
-        return 1.0  # says nothing
+        return 1.0  # which tells nothing
     away = log(extent.peak * per_unit / magnitude.usual) / log(magnitude.scatter)
     return max(exp(-0.5 * away * away), LEAST_LIKELY)
 
@@ -71,7 +71,7 @@ def likelihood(key: str, extent: Extent, per_unit: float) -> float:
 def unit_weights(
     key: str, extent: Extent, common: dict[str, float] | None = None
 ) -> dict[str, float]:
-    """Unit -> likelihood times how common it is, not normalised; for a signal that says none."""
+    """Unit -> likelihood times how common it is, not normalised; for a signal that gives none."""
     target = TARGETS[key].unit
     return {
         unit: share * likelihood(key, extent, factor(unit, target))
@@ -79,13 +79,13 @@ def unit_weights(
     }
 
 
-def possible(key: str, extent: Extent, unit: str) -> bool:
-    """Whether an aircraft can reach that far, were the signal in this unit."""
+def unit_is_plausible(key: str, extent: Extent, unit: str) -> bool:
+    """Whether the values are plausible in this unit."""
     return likelihood(key, extent, factor(unit, TARGETS[key].unit)) > RULED_OUT
 
 
-def possible_units(key: str, extent: Extent) -> list[str]:
-    """Return the units in which an aircraft could have done it, the likeliest first."""
+def plausible_units(key: str, extent: Extent) -> list[str]:
+    """Return the units in which the values are plausible, the likeliest first."""
     target = TARGETS[key].unit
     weights = {
         unit: likelihood(key, extent, factor(unit, target)) * COMMON[target].get(unit, 0.02)

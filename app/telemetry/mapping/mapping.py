@@ -66,26 +66,26 @@ class Mapping:
 
 def _entry(kind: type, key: str, plain: Any) -> Any:
     try:
-        made = kind(**plain)
+        entry = kind(**plain)
     except TypeError:
         raise TelemetryError(
             f"the mapping of {key!r} is not of the fields of {kind.__name__}: "
             f"{', '.join(kind.__dataclass_fields__)}"
         ) from None
     for name, form in kind.__annotations__.items():
-        value = getattr(made, name)
+        value = getattr(entry, name)
         good = isinstance(value, (int, float) if form is float else form)
         if not good or isinstance(value, bool):
             raise TelemetryError(
                 f"{name} of the mapping of {key!r} is {value!r}: give {form.__name__}"
             )
-    if isinstance(made, ChannelSource):
-        if made.sign not in (1, -1):
-            raise TelemetryError(f"sign of the mapping of {key!r} is {made.sign}: give 1 or -1")
-        if not abs(made.offset) < float("inf"):
+    if isinstance(entry, ChannelSource):
+        if entry.sign not in (1, -1):
+            raise TelemetryError(f"sign of the mapping of {key!r} is {entry.sign}: give 1 or -1")
+        if not abs(entry.offset) < float("inf"):
             raise TelemetryError(f"offset of the mapping of {key!r} is not finite: give a number")
-        if bool(made.signal) == bool(made.derivation):
+        if bool(entry.signal) == bool(entry.derivation):
             raise TelemetryError(
                 f"the mapping of {key!r} needs either a signal or a derivation: give one of them"
             )
-    return made
+    return entry

@@ -1,7 +1,7 @@
-"""How an aircraft moves in a recording, smoothed and with derivatives, and what moves with what.
+"""The motion of the aircraft in a recording, smoothed and with derivatives, and its regressions.
 
-Signs are told from it: rates against the attitude, accelerations against the surfaces. Channels and
-their derivatives go through one window, a smoothed one and its slope, so that an equation between
+Signs are found from it: rates against the attitude, accelerations against the surfaces. Channels
+and their derivatives go through one window, a smooth one and its slope, so that an equation between
 them stays exact while the noise of the sensors averages out.
 """
 
@@ -10,7 +10,7 @@ from functools import cached_property
 
 import numpy as np
 
-from app.telemetry.extent import extent
+from app.telemetry.mapping.extent import extent_of
 from app.telemetry.mapping.slopes import values_at
 from app.telemetry.traces import Trace, Traces
 from core.types import Array, Indices
@@ -22,7 +22,7 @@ WIDTH = 0.6
 SLOWEST = 0.25
 """Recordings with longer steps show no accelerations [s]."""
 LONG = 400.0
-"""Of longer recordings only the liveliest windows are looked at [s]."""
+"""Of longer recordings only the windows with most motion are looked at [s]."""
 WINDOW = 40.0
 LEADERS = ("delta_r", "delta_a", "r", "p")
 """The windows are where these move most."""
@@ -33,8 +33,8 @@ FEWEST = 60
 
 
 @dataclass(frozen=True)
-class Share:
-    """Of a response in one of its causes, beside all others.
+class Effect:
+    """Of one cause on a response, beside all others.
 
     slope: response per cause.   share: of what the others leave unexplained, from 0 to 1.
     """
@@ -47,7 +47,7 @@ class Share:
 class Motion:
     """values, rates: channel -> (n,) smoothed, and its derivative [1/s]; NaN where unknown.
 
-    window: (n,) number of the stretch that a row lies in.
+    window: (n,) number of the window that a row lies in.
     """
 
     values: dict[str, Array]
@@ -61,17 +61,17 @@ class Motion:
         (values,) = self._centred([self.values[key]])
         return float(values.std()) if len(values) else 0.0
 
-    def shares(self, response: Array, causes: dict[str, Array]) -> dict[str, Share]:
+    def effects(self, response: Array, causes: dict[str, Array]) -> dict[str, Effect]:
         """Least squares of a response on its causes, all from their means in each window.
 
         {} where there are too few rows. A cause that does not move is left out.
         """
         y, *columns = self._centred([response, *causes.values()])
         scales = [float(column.std()) if len(column) else 0.0 for column in columns]
-        kept = [k for k, scale in enumerate(scales) if scale > 1e-9]
-        if len(y) < FEWEST or not kept:
+        moving = [k for k, scale in enumerate(scales) if scale > 1e-9]
+        if len(y) < FEWEST or not moving:
             return {}
-        x = np.column_stack([columns[k] / scales[k] for k in kept])
+        x = np.column_stack([columns[k] / scales[k] for k in moving])
         gram = x.T @ x
         if not np.isfinite(gram).all():
             return {}
@@ -80,13 +80,13 @@ class Motion:
         left = y - x @ slopes
         unexplained = float(left @ left)
         names = list(causes)
-        found = {}
-        for i, k in enumerate(kept):
+        effects = {}
+        for i, k in enumerate(moving):
             explained = slopes[i] ** 2 / inverse[i, i] if inverse[i, i] > 0.0 else 0.0
             total = explained + unexplained
             share = float(explained / total) if total > 0.0 else 0.0
-            found[names[k]] = Share(float(slopes[i] / scales[k]), share)
-        return found
+            effects[names[k]] = Effect(float(slopes[i] / scales[k]), share)
+        return effects
 
     def _centred(self, columns: list[Array]) -> list[Array]:
         known = np.isfinite(columns).all(axis=0)
@@ -107,7 +107,7 @@ class Motion:
 
 
 def motion(traces: Traces) -> Motion | None:
-    """Return how the aircraft moves; None where it was recorded too slowly to tell."""
+    """Return the motion; None where it was recorded too slowly for it."""
     channels = {key: traces.channels[key] for key in LATERAL if key in traces.channels}
     leader = next((channels[key] for key in ("r", "p", *LEADERS) if key in channels), None)
     if leader is None:
@@ -143,23 +143,23 @@ def _kernels() -> tuple[Array, Array]:
 
 
 def _windows(channels: dict[str, Trace], leader: Trace) -> list[tuple[float, float]]:
-    """Spans of time to look at: all of a short recording, of a long one where it is lively."""
+    """Intervals to look at [s]: all of a short recording, of a long one those with most motion."""
     known = leader.t[np.isfinite(leader.t)]
     if len(known) < 2 or not known[-1] > known[0]:
         return []
     if known[-1] - known[0] <= LONG:
         return [(float(known[0]), float(known[-1]))]
-    spans = []
+    starts = []
     for key in LEADERS:
         if key not in channels:
             continue
-        t, reach = channels[key].t, extent(channels[key].values)
-        lively = np.nan_to_num(reach.high - reach.low)
-        starts = np.linspace(0, reach.n, len(lively), endpoint=False).astype(np.intp)
-        for tile in np.argsort(-lively, kind="stable")[:N_EACH]:
-            if np.isfinite(t[starts[tile]]):
-                spans.append(float(t[starts[tile]]) - 0.5 * WINDOW)
-    return _apart(sorted(spans))
+        t, extent = channels[key].t, extent_of(channels[key].values)
+        variation = np.nan_to_num(extent.high - extent.low)
+        rows = np.linspace(0, extent.n, len(variation), endpoint=False).astype(np.intp)
+        for tile in np.argsort(-variation, kind="stable")[:N_EACH]:
+            if np.isfinite(t[rows[tile]]):
+                starts.append(float(t[rows[tile]]) - 0.5 * WINDOW)
+    return _apart(sorted(starts))
 
 
 def _apart(starts: list[float]) -> list[tuple[float, float]]:

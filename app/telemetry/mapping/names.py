@@ -5,15 +5,15 @@ from functools import cache
 
 from app.telemetry.mapping.spelling import Spelling, spellings
 from app.telemetry.mapping.vocabulary import (
-    DOUBTFUL,
-    HARMLESS,
-    HARMLESS_LEAVES,
     IMPLIED,
     MEANINGS,
+    NEUTRAL,
+    NEUTRAL_FACTOR,
     OF_KIND,
     OTHER,
     PER_NUMBER,
     SIDES,
+    UNCERTAIN,
     UNKNOWN,
     UNKNOWN_BESIDE_LETTER,
 )
@@ -25,8 +25,11 @@ SIDED = ("delta_a", "delta_r")
 
 
 @dataclass(frozen=True)
-class Reading:
-    """A target that a name can mean: how surely, what of the name says so, the unit it says."""
+class NameMatch:
+    """A target that a name can mean.
+
+    certainty: 0 to 1.   stem: the part of the name that means it.   unit: that the name gives.
+    """
 
     key: str
     certainty: float
@@ -35,36 +38,36 @@ class Reading:
 
 
 @cache
-def readings(name: str, group: str = "") -> tuple[Reading, ...]:
-    """Return what a name can mean, the surest first; at most one reading for each target.
+def name_matches(name: str, group: str = "") -> tuple[NameMatch, ...]:
+    """Return the targets that a name can mean, each once, the most certain first.
 
     group: of the file, whose name is looked at too: vehicle_angular_velocity holds x, y and z.
     """
-    best: dict[str, Reading] = {}
+    best: dict[str, NameMatch] = {}
     for spelling in spellings(name, group):
-        for reading in _of_spelling(spelling):
-            known = best.get(reading.key)
-            if known is None or reading.certainty > known.certainty:
-                best[reading.key] = reading
-    return tuple(sorted(best.values(), key=lambda reading: -reading.certainty))
+        for match in _of_spelling(spelling):
+            before = best.get(match.key)
+            if before is None or match.certainty > before.certainty:
+                best[match.key] = match
+    return tuple(sorted(best.values(), key=lambda match: -match.certainty))
 
 
-def _of_spelling(spelling: Spelling) -> list[Reading]:
+def _of_spelling(spelling: Spelling) -> list[NameMatch]:
     words = (*spelling.path, *spelling.words)
     first = len(spelling.path)
-    found = []
+    matches = []
     for start in range(len(words)):
         for end in range(max(start, first) + 1, min(start + LONGEST_STEM, len(words)) + 1):
             stem = "".join(words[start:end])
             for key, certainty in MEANINGS.get(stem, {}).items():
                 path, rest = words[: min(start, first)], (*words[first:start], *words[end:])
-                found += _judged(key, certainty, stem, path, rest, spelling.unit)
-    return found
+                matches += _weighed(key, certainty, stem, path, rest, spelling.unit)
+    return matches
 
 
-def _judged(
+def _weighed(
     key: str, certainty: float, stem: str, path: tuple[str, ...], rest: tuple[str, ...], unit: str
-) -> list[Reading]:
+) -> list[NameMatch]:
     """Weigh a stem by the words beside it."""
     sides = {SIDES[word] for word in rest if word in SIDES} if key in SIDED else set()
     if len(sides) == 1:
@@ -73,23 +76,23 @@ def _judged(
     for word in rest:
         certainty *= _beside(word, key, stem)
     for word in path:
-        # what a name lies in may make another quantity of it; else it says nothing
+        # what a name lies in may make another quantity of it; else it means nothing
         certainty *= 0.0 if word in OTHER else OF_KIND.get(word, {}).get(key, 1.0)
     if certainty < LEAST:
         return []
-    return [Reading(key, certainty, stem, unit or IMPLIED.get(stem, ""))]
+    return [NameMatch(key, certainty, stem, unit or IMPLIED.get(stem, ""))]
 
 
 def _beside(word: str, key: str, stem: str) -> float:
-    """What a word that is not part of the name's stem leaves of its certainty."""
+    """Factor on the certainty of a stem, for a word of the name beside it."""
     if word in OTHER:
         return 0.0
     if word in OF_KIND:
         return OF_KIND[word].get(key, OF_KIND[word].get("", 0.0))
-    if word in DOUBTFUL:
-        return DOUBTFUL[word]
-    if word in HARMLESS:
-        return HARMLESS_LEAVES
+    if word in UNCERTAIN:
+        return UNCERTAIN[word]
+    if word in NEUTRAL:
+        return NEUTRAL_FACTOR
     if word.isdigit():
         return PER_NUMBER
     # the name of another channel: roll beside rudder

@@ -1,76 +1,76 @@
 """A mapping that a person has confirmed, laid over a new file of the same recorder."""
 
-from app.telemetry.extent import extent
 from app.telemetry.mapping.derivations import DERIVATIONS
-from app.telemetry.mapping.draft import Draft, Guess
+from app.telemetry.mapping.extent import extent_of
 from app.telemetry.mapping.mapping import ChannelSource, Mapping
+from app.telemetry.mapping.proposal_builder import ProposalBuilder, Rationale
 from app.telemetry.targets import TARGETS
 from app.telemetry.units import fits, spelled
 
-SURE = 0.98
+CONFIDENCE = 0.98
 
 
-def recall(draft: Draft, remembered: Mapping, aircraft: str) -> None:
-    """Take what was confirmed wherever the file has the signals for it; say where it has not."""
+def recall(builder: ProposalBuilder, remembered: Mapping, aircraft: str) -> None:
+    """Take what was confirmed wherever the file has the signals for it, else enter the reason."""
     whom = f"as confirmed for {aircraft}" if aircraft else "as confirmed before"
-    _times(draft, remembered, whom)
+    _times(builder, remembered, whom)
     for key, source in remembered.channels.items():
         if not source.signal:
             continue
-        if trouble := _trouble(draft, key, source.signal, source.unit):
-            draft.guesses[key] = Guess(0.0, (f"not {whom}: {trouble}",))
+        if obstacle := _obstacle(builder, key, source.signal, source.unit):
+            builder.rationales[key] = Rationale(0.0, (f"not {whom}: {obstacle}",))
             continue
-        draft.take(key, source, SURE, whom)
-        draft.confirmed.add(key)
-        said = spelled(draft.columns.signal(source.signal).unit)
-        if said and fits(said, TARGETS[key].unit) and said != spelled(source.unit):
-            doubt = f"the file now says {said} where {source.unit} was confirmed: check the unit"
-            draft.comment(key, doubt, 0.5)
-    _derived(draft, remembered, whom)
+        builder.assign(key, source, CONFIDENCE, whom)
+        builder.confirmed.add(key)
+        unit = spelled(builder.columns.signal(source.signal).unit)
+        if unit and fits(unit, TARGETS[key].unit) and unit != spelled(source.unit):
+            reason = f"the file now gives {unit} where {source.unit} was confirmed: check the unit"
+            builder.comment(key, reason, 0.5)
+    _derived(builder, remembered, whom)
 
 
-def _times(draft: Draft, remembered: Mapping, whom: str) -> None:
-    contents = draft.columns.contents
+def _times(builder: ProposalBuilder, remembered: Mapping, whom: str) -> None:
+    contents = builder.columns.contents
     rows = {signal.name: contents.groups[signal.group].n_rows for signal in contents.signals}
     for group in contents.groups:
         source = remembered.times.get(group.name)
         if source and rows.get(source.signal) == group.n_rows and fits(source.unit, "s"):
-            draft.times[group.name] = source
-            draft.guesses[f"t:{group.name}"] = Guess(SURE, (whom,))
+            builder.times[group.name] = source
+            builder.rationales[f"t:{group.name}"] = Rationale(CONFIDENCE, (whom,))
 
 
-def _trouble(draft: Draft, key: str, name: str, unit: str) -> str:
+def _obstacle(builder: ProposalBuilder, key: str, name: str, unit: str) -> str:
     """Why a confirmed signal cannot be taken from this file; "" if it can."""
-    contents = draft.columns.contents
+    contents = builder.columns.contents
     try:
-        signal = draft.columns.signal(name)
+        signal = builder.columns.signal(name)
     except KeyError:
         return f"the file has no signal {name}"
     if not fits(unit, TARGETS[key].unit):
-        return f"{unit!r} is no unit of {TARGETS[key].label}"
-    if contents.groups[signal.group].name not in draft.times:
+        return f"{unit!r} is not a unit of {TARGETS[key].label}"
+    if contents.groups[signal.group].name not in builder.times:
         return f"{name} has no time"
-    reach = extent(draft.columns.values(name))
-    return f"{name} holds no number in {reach.n} rows" if reach.empty else ""
+    extent = extent_of(builder.columns.values(name))
+    return f"{name} has no value in any of its {extent.n} rows" if extent.empty else ""
 
 
-def _derived(draft: Draft, remembered: Mapping, whom: str) -> None:
+def _derived(builder: ProposalBuilder, remembered: Mapping, whom: str) -> None:
     """Confirmed derivations, each as soon as what it needs is there."""
     pending = {key: source for key, source in remembered.channels.items() if source.derivation}
     while True:
-        ready = [key for key, source in pending.items() if not _lacking(draft, key, source)]
+        ready = [key for key, source in pending.items() if not _lacking(builder, key, source)]
         if not ready:
             break
         for key in ready:
-            draft.take(key, pending.pop(key), SURE, f"{whom}: derived")
-            draft.confirmed.add(key)
+            builder.assign(key, pending.pop(key), CONFIDENCE, f"{whom}: derived")
+            builder.confirmed.add(key)
     for key, source in pending.items():
-        lacking = _lacking(draft, key, source)
-        draft.guesses[key] = Guess(0.0, (f"not {whom}: it lacks {' and '.join(lacking)}",))
+        lacking = _lacking(builder, key, source)
+        builder.rationales[key] = Rationale(0.0, (f"not {whom}: it lacks {' and '.join(lacking)}",))
 
 
-def _lacking(draft: Draft, key: str, source: ChannelSource) -> list[str]:
+def _lacking(builder: ProposalBuilder, key: str, source: ChannelSource) -> list[str]:
     way = DERIVATIONS.get(source.derivation)
     if way is None or way.target != key:
         return [f"a derivation {source.derivation!r}"]
-    return [need for need in way.needs if need not in draft.channels]
+    return [need for need in way.needs if need not in builder.channels]

@@ -2,14 +2,13 @@
 
 import numpy as np
 
+from app.telemetry.traces import GAP_RATIO
 from core.types import Array, Indices
 
 HALF_WINDOW_S = 0.1
 """A slope looks this far to either side, at the least one sample [s]."""
 MOST_TERMS = 10
 """Samples to either side that a slope goes by; of more, as many that are evenly spread."""
-GAP_RATIO = 1.5
-"""Neighbours further apart than this many median steps have a gap between them."""
 
 
 def slopes(t: Array, x: Array) -> Array:
@@ -21,14 +20,19 @@ def slopes(t: Array, x: Array) -> Array:
     t: (n,) in any order; of equal times the first counts.   x: (n,) NaN where missing; there, and
     where a sample has no neighbour on its own side of a gap, the slope is NaN.
     """
-    found = np.full(len(t), np.nan)
+    slope = np.full(len(t), np.nan)
     order = _usable(t, x)
     if len(order) < 2:
-        return found
-    t, x = t[order], x[order]
+        return slope
+    slope[order] = _line_slopes(t[order], x[order])
+    return slope
+
+
+def _line_slopes(t: Array, x: Array) -> Array:
+    """Of the line through the window of each sample, NaN where it is alone. t: increasing."""
     steps = np.diff(t)
     step = float(np.median(steps))
-    stretch = np.concatenate([[0], np.cumsum(steps > GAP_RATIO * step)])
+    segment = np.concatenate([[0], np.cumsum(steps > GAP_RATIO * step)])
     reach = max(1, int(HALF_WINDOW_S / step + 1e-6))
     offsets = np.unique(np.linspace(1, reach, min(reach, MOST_TERMS)).round().astype(int))
     # sums over the window, of times and values from its own middle
@@ -39,15 +43,14 @@ def slopes(t: Array, x: Array) -> Array:
         there = slice(max(0, offset), len(t) - max(0, -offset))
         if here.start >= len(t) or there.start >= len(t):
             continue
-        within = stretch[here] == stretch[there]
+        within = segment[here] == segment[there]
         dt = np.where(within, t[there] - t[here], 0.0)
         dx = np.where(within, x[there] - x[here], 0.0)
         for total, term in ((n, within), (st, dt), (sx, dx), (stt, dt * dt), (stx, dt * dx)):
             total[here] += term
     spread = stt - st * st / n
     with np.errstate(invalid="ignore", divide="ignore"):
-        found[order] = np.where(spread > 0.0, (stx - st * sx / n) / spread, np.nan)
-    return found
+        return np.where(spread > 0.0, (stx - st * sx / n) / spread, np.nan)
 
 
 def values_at(at: Array, t: Array, x: Array) -> Array:
@@ -61,12 +64,12 @@ def values_at(at: Array, t: Array, x: Array) -> Array:
     t, x = t[order], x[order]
     steps = np.diff(t)
     after = np.clip(np.searchsorted(t, at), 1, len(t) - 1)
-    found = np.interp(at, t, x, left=np.nan, right=np.nan)
+    values = np.interp(at, t, x, left=np.nan, right=np.nan)
     open_ = steps[after - 1] > GAP_RATIO * float(np.median(steps))
     on_sample = (at == t[after]) | (at == t[after - 1])
-    found[open_ & ~on_sample] = np.nan
-    found[~np.isfinite(at)] = np.nan
-    return found
+    values[open_ & ~on_sample] = np.nan
+    values[~np.isfinite(at)] = np.nan
+    return values
 
 
 def unwrapped(t: Array, angle: Array) -> Array:
@@ -79,10 +82,10 @@ def unwrapped(t: Array, angle: Array) -> Array:
 
 def _usable(t: Array, x: Array, *, missing: bool = False) -> Indices:
     """Samples in the order of their times, of equal times the first; with finite values."""
-    good = np.isfinite(t) if missing else np.isfinite(t) & np.isfinite(x)
-    if good.all() and bool((np.diff(t) > 0.0).all()):
+    usable = np.isfinite(t) if missing else np.isfinite(t) & np.isfinite(x)
+    if usable.all() and bool((np.diff(t) > 0.0).all()):
         return np.arange(len(t))
-    order = np.flatnonzero(good)
+    order = np.flatnonzero(usable)
     order = order[np.argsort(t[order], kind="stable")]
     first = np.ones(len(order), np.bool_)
     first[1:] = np.diff(t[order]) > 0.0

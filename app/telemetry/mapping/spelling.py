@@ -9,7 +9,7 @@ import unicodedata
 from dataclasses import dataclass
 from functools import cache
 
-from app.telemetry.units import UNSAID, spelled
+from app.telemetry.units import NOT_GIVEN, spelled
 
 GREEK = {
     "α": "alpha", "β": "beta", "δ": "delta", "Δ": "delta", "φ": "phi", "ϕ": "phi", "Φ": "phi",
@@ -30,7 +30,7 @@ class Spelling:
     """One way to read a name.
 
     path: words of what the name lies in.   words: of the name itself, all in lower case.
-    unit: what it says, as it spells it; "" if nothing.
+    unit: as the name spells it; "" if it gives none.
     """
 
     path: tuple[str, ...]
@@ -46,15 +46,15 @@ def spellings(name: str, group: str = "") -> tuple[Spelling, ...]:
     before = tuple(w for part in (group, *path) for w in _words(part) if not w.isdigit())
     own, index = _index(own)
     own, bracketed = _bracketed(own)
-    if bracketed and (spelled(bracketed) or bracketed.lower() in UNSAID):
+    if bracketed and (spelled(bracketed) or bracketed.lower() in NOT_GIVEN):
         return (Spelling(before, _with_index(_words(own), index), bracketed),)
     rest = f"{own} {bracketed}"
     ways = [
         Spelling(before, _with_index(_words(stem), index), unit) for stem, unit in _suffixes(rest)
     ]
     plain = Spelling(before, _with_index(_words(rest), index))
-    whole = Spelling(before, _with_index(_words(rest.lower()), index))
-    return tuple(dict.fromkeys([*ways, plain, whole]))
+    lower = Spelling(before, _with_index(_words(rest.lower()), index))
+    return tuple(dict.fromkeys([*ways, plain, lower]))
 
 
 def _place(name: str) -> tuple[list[str], str]:
@@ -88,19 +88,19 @@ def _suffixes(name: str) -> list[tuple[str, str]]:
     """(stem, unit) for each way in which the end of a name is a unit: ay_m_s2, BetaDeg, altft."""
     name = name.strip()
     ends = [match.start() for match in re.finditer(r"[_\s\-]+(?=[^_\s\-])", name)][-4:]
-    found = []
+    suffixes = []
     for end in ends:
         unit = name[end:].strip(" _-")
         if end and spelled(unit):
-            found.append((name[:end], unit))
+            suffixes.append((name[:end], unit))
     camel = re.search(r"(?<=[a-z])[A-Z][A-Za-z0-9]*$", name)
-    if not found and camel and spelled(camel[0]):
-        found.append((name[: camel.start()], camel[0]))
-    if not found:
+    if not suffixes and camel and spelled(camel[0]):
+        suffixes.append((name[: camel.start()], camel[0]))
+    if not suffixes:
         match = re.search(r"(?<=\w)(degps|deg|radps|rad|mps2|mps|kts|dps)$", name.lower())
         if match:
-            found.append((name[: match.start()], match[0]))
-    return found
+            suffixes.append((name[: match.start()], match[0]))
+    return suffixes
 
 
 def _words(text: str) -> tuple[str, ...]:
@@ -120,6 +120,6 @@ def _with_index(words: tuple[str, ...], index: str) -> tuple[str, ...]:
     if words[-1] in VECTORS or words[0] in VECTORS:
         names = LETTERS.get(words[-1], AXES)
         if number < len(names):
-            kept = words[:-1] if words[-1] in ("xyz", *LETTERS) else words
-            return (*kept, names[number])
+            stem = words[:-1] if words[-1] in ("xyz", *LETTERS) else words
+            return (*stem, names[number])
     return (*words, index)

@@ -1,8 +1,8 @@
-"""What flight test calls the channels, in several countries and programs, and how surely."""
+"""What flight test calls the channels, in several countries and programs, with certainties."""
 
 from collections.abc import Iterator
 
-# target -> how sure the name alone is -> spellings without gaps, in lower case
+# target -> certainty of the name alone -> spellings without gaps, in lower case
 STEMS: dict[str, dict[float, str]] = {
     "beta": {
         0.97: "sideslip sideslipangle angleofsideslip aoss schiebewinkel derapage sideslipang",
@@ -104,7 +104,7 @@ IMPLIED = {
     "tasmps": "m/s", "latg": "g", "lateralg": "g", "fl": "FL", "flightlevel": "FL",
     "timesec": "s", "timesecs": "s", "tsec": "s", "seconds": "s", "sec": "s", "secs": "s",
 }  # fmt: skip
-"""The unit that a name says by itself."""
+"""The unit that a name implies."""
 SIDES = {
     **dict.fromkeys(("left", "lh", "l", "port", "links", "lt", "lft"), "left"),
     **dict.fromkeys(("right", "rh", "r", "stbd", "starboard", "rechts", "rt", "rgt"), "right"),
@@ -116,14 +116,14 @@ def _words(text: str) -> frozenset[str]:
     return frozenset(text.split())
 
 
-HARMLESS = _words(
+NEUTRAL = _words(
     "cg nb boom nose noseboom vane probe meas measured sensor sens ahrs ahr ins imu irs irig adc "
     "adiru dadc adiu fcc fcs fti ftiu corr corrected cal body b bdy axis pos posn "
     "position defl deflection surf surface sfc angle ang signal sig val value avg mean ek ekf tm "
     "pcm eng si euler att attitude nav state aero air data true is ist flight aircraft ac vehicle "
     "chan channel ch sys system rec msl asl baro act total tot fdm std nz"
 )
-"""Say where or how a quantity was measured, not that it is another one."""
+"""Tell where or how a quantity was measured, not that it is another one."""
 OF_KIND: dict[str, dict[str, float]] = {
     "rate": dict.fromkeys(("p", "r"), 0.985),
     "gyro": dict.fromkeys(("p", "r"), 0.985),
@@ -138,8 +138,8 @@ OF_KIND: dict[str, dict[str, float]] = {
     **{word: {"V": 0.3, "h": 0.3} for word in ("ground", "radio", "radar")},
     **{word: {"V": 0.3, "v": 0.0, "": 0.985} for word in ("local", "global", "ned", "earth")},
 }
-"""Words that fit some targets, at what is left of the certainty; "": what is left for the rest."""
-DOUBTFUL = {
+"""Words that fit some targets, each with a factor on its certainty; "": for all others."""
+UNCERTAIN = {
     "raw": 0.93, "est": 0.9, "estimated": 0.9, "filt": 0.97, "filtered": 0.97, "model": 0.6,
     "sim": 0.8, "servo": 0.6, "actuator": 0.8, "mag": 0.9, "backup": 0.8, "sec": 0.9, "stby": 0.7,
     "upper": 0.8, "lower": 0.8, "inboard": 0.8, "outboard": 0.7, "a": 0.95, "f": 0.9, "m": 0.9,
@@ -158,9 +158,9 @@ OTHER = _words(
 )
 """Make another quantity of what stands beside them; a rudder command is no rudder."""
 UNKNOWN, UNKNOWN_BESIDE_LETTER = 0.45, 0.3
-"""What a word that means nothing to us leaves of the certainty, and beside a stem of one letter."""
+"""Factor on the certainty for an unknown word, and for one beside a stem of one letter."""
 PER_NUMBER = 0.93
-HARMLESS_LEAVES = 0.985
+NEUTRAL_FACTOR = 0.985
 
 
 def _entries() -> Iterator[tuple[str, str, float]]:
@@ -171,7 +171,7 @@ def _entries() -> Iterator[tuple[str, str, float]]:
 
 
 MEANINGS: dict[str, dict[str, float]] = {}
-"""Spelling without gaps -> what it can be -> how surely."""
+"""Spelling without gaps -> target -> certainty."""
 for _stem, _key, _certainty in _entries():
     _of_stem = MEANINGS.setdefault(_stem, {})
     _of_stem[_key] = max(_certainty, _of_stem.get(_key, 0.0))

@@ -16,7 +16,7 @@ from functools import lru_cache
 import numpy as np
 from scipy.signal import upfirdn
 
-from app.telemetry.traces import Array
+from core.types import Array
 
 PASS, STOP = 0.4, 0.6
 """Edges of the pass band and of the stop band, as shares of the slower rate."""

@@ -13,8 +13,9 @@ import numpy as np
 from app.telemetry.recording import ATTITUDE, Recording, TelemetryError
 from app.telemetry.resampling.resampling_notes import Treatment, notes_on
 from app.telemetry.resampling.segments import Grid, ResamplingPlan, resampling_plan
-from app.telemetry.traces import GAP_RATIO, Array, Flags, Indices, Trace, Traces
+from app.telemetry.traces import GAP_RATIO, Trace, Traces
 from core.channels import KEYS
+from core.types import Array, Flags, Indices
 
 CONDITION = ("V", "h")
 RATE_RATIO = 1.5

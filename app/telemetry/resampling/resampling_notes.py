@@ -7,7 +7,7 @@ import numpy as np
 
 from app.telemetry.resampling.low_pass import HALF_WIDTH, PASS, STOP
 from app.telemetry.resampling.segments import Grid
-from app.telemetry.traces import Array
+from core.types import Array
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,7 +7,8 @@ import numpy as np
 
 from app.telemetry.resampling.low_pass import low_passed
 from app.telemetry.resampling.uneven import interpolated
-from app.telemetry.traces import GAP_RATIO, Array, Indices
+from app.telemetry.traces import GAP_RATIO
+from core.types import Array, Indices
 
 EVEN = 2e-4
 """A clock whose times deviate by less than this share of its step is even: a sine of the pass band

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from app.telemetry.traces import Array, Indices
+from core.types import Array, Indices
 
 CLOSE = 0.3
 """Of the usual step: samples closer together make a cubic swing, so there the line is taken."""

@@ -1,18 +1,15 @@
 """What the values of one channel show of its sensor: holes, held values, a sensor that froze."""
 
 import numpy as np
-import numpy.typing as npt
 
-from app.telemetry.timing.quality import ChannelQuality, Span, spans
+from app.telemetry.timing.quality import ChannelQuality, Fault, faults
 from app.telemetry.traces import GAP_RATIO
-
-Array = npt.NDArray[np.float64]
-Indices = npt.NDArray[np.intp]
+from core.types import Array, Flags, Indices
 
 FROZEN = 2.0
-"""A value has to stand this long to be called frozen [s]."""
+"""A value has to be held this long to be called frozen [s]."""
 FROZEN_RUNS = 20.0
-"""And this many times longer than the channel's values usually stand."""
+"""And this many times longer than the channel's values are usually held."""
 FEWEST_RUNS = 20
 """Changes of value that show how long values are held."""
 ALIKE = 0.8
@@ -21,20 +18,21 @@ ALIKE = 0.8
 
 def channel_quality(
     key: str, t: Array, x: Array, step: float
-) -> tuple[ChannelQuality, tuple[Span, ...]]:
+) -> tuple[ChannelQuality, tuple[Fault, ...]]:
     """Look at a channel. t: (n >= 2,) increasing, usually by `step`.   x: (n,), NaN if missing."""
     finite = np.isfinite(x)
-    known = int(np.count_nonzero(finite))
-    share = (len(x) - known) / len(x)
+    n_finite = int(np.count_nonzero(finite))
+    share = (len(x) - n_finite) / len(x)
     duration = float(t[-1] - t[0])
-    if known < 2:
+    if n_finite < 2:
         quality = ChannelQuality(key, share, duration, 0.0)
-        return quality, (Span(float(t[0]), float(t[-1]), f"missing:{key}"),)
-    whole = known == len(x)
-    own = t if whole else t[finite]
-    step = step if whole else float(np.median(np.diff(own)))
-    begin, end = (t[:0], t[:0]) if whole else _holes(t, finite, GAP_RATIO * step)
-    runs, frozen = _runs(own, x if whole else x[finite])
+        return quality, (Fault(float(t[0]), float(t[-1]), f"missing:{key}"),)
+    begin, end = t[:0], t[:0]
+    if n_finite < len(x):
+        step = float(np.median(np.diff(t[finite])))
+        begin, end = _holes(t, finite, GAP_RATIO * step)
+        t, x = t[finite], x[finite]
+    runs, frozen = _runs(t, x)
     quality = ChannelQuality(
         key=key,
         missing=share,
@@ -45,12 +43,12 @@ def channel_quality(
         frozen=float((frozen[1] - frozen[0]).max(initial=0.0)),
         frozen_at=float(frozen[0][(frozen[1] - frozen[0]).argmax()]) if len(frozen[0]) else 0.0,
     )
-    missing = spans(f"missing:{key}", begin, end, duration)
-    return quality, (*missing, *spans(f"frozen:{key}", *frozen, duration))
+    missing = faults(f"missing:{key}", begin, end, duration)
+    return quality, (*missing, *faults(f"frozen:{key}", *frozen, duration))
 
 
-def _holes(t: Array, finite: npt.NDArray[np.bool_], limit: float) -> tuple[Array, Array]:
-    """Begin and end of the stretches without a value that are longer than the usual step."""
+def _holes(t: Array, finite: Flags, limit: float) -> tuple[Array, Array]:
+    """Begin and end of the intervals without a value that are longer than the usual step."""
     known = np.flatnonzero(finite)
     before = np.concatenate([[0], known])
     after = np.concatenate([known, [len(t) - 1]])
@@ -60,7 +58,7 @@ def _holes(t: Array, finite: npt.NDArray[np.bool_], limit: float) -> tuple[Array
 
 
 def _runs(t: Array, x: Array) -> tuple[Indices, tuple[Array, Array]]:
-    """Rows that each value stands for, one after the other; begin and end of the frozen ones."""
+    """Rows that each value is held for, one after the other; begin and end of the frozen ones."""
     begin = np.concatenate([[0], np.flatnonzero(x[1:] != x[:-1]) + 1])
     rows = np.diff(begin, append=len(x))
     long = 1 + np.flatnonzero(rows[1:] >= FROZEN_RUNS)

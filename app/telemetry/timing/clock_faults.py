@@ -1,8 +1,8 @@
-"""Recorded times put in order: what is certain is put right, what is not is left out or refused.
+"""Recorded times put in order: what is certain is repaired, what is not is removed or refused.
 
-Rows that come a little late are sorted in. A counter that wraps is counted on, where that joins
-the rows on either side. A few stray times are left out. Where the clock was set back, a stretch of
-times occurs twice, and no time in it says which of the two it means: those rows are left out, and
+Rows that come a little late are sorted in. A counter that wraps is continued, where that joins
+the rows on either side. A few stray times are removed. Where the clock was set back, an interval of
+times occurs twice, and no time in it tells which of the two it means: those rows are removed, and
 a gap remains. Nothing of this merges two passes of a clock into one.
 """
 
@@ -11,15 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from app.telemetry.recording import TelemetryError
-from app.telemetry.timing.clock_pieces import (
-    LONGEST_PAUSE,
-    Array,
-    ClockSet,
-    Indices,
-    Same,
-    agreeing,
-    pieces,
-)
+from app.telemetry.timing.clock_pieces import LONGEST_PAUSE, ClockSet, Same, agreeing, pieces
+from core.types import Array, Indices
 
 WRAPS = {
     "the end of a 16-bit counter of milliseconds": 2**16 * 1e-3,
@@ -33,18 +26,18 @@ WRAPS = {
 LATE = 5.0
 """Rows that come later than this, and than three steps, are not late packets [s]."""
 FEW_SETS = 10
-"""A clock that is set more often is none."""
+"""A signal that steps back more often is not a clock."""
 MANY_BACK = 0.05
-"""Share of steps back that no clock takes which is set now and then."""
+"""Share of steps back that is too large for a clock that is set now and then."""
 MOST_LOST = 0.1
 """Share of the rows without a certain time above which a file is refused."""
 
 
 @dataclass(frozen=True, eq=False)
-class Ordered:
+class OrderedClock:
     """Rows in the order of time. t: (n,) not falling.   rows: (n,) which ones of those given.
 
-    late: times of the rows that had come after a later one.   backward: all came newest first.
+    late: times of the rows that came after a later one.   backward: recorded newest first.
     wraps: name and last time before, of every wrap.
     """
 
@@ -56,7 +49,7 @@ class Ordered:
     sets: tuple[ClockSet, ...] = ()
 
 
-def in_order(t: Array, same: Same, what: str) -> Ordered:
+def in_order(t: Array, same: Same, what: str) -> OrderedClock:
     """Bring rows into the order of time. t: (n,) finite, as recorded.   what: they are times of.
 
     Raises TelemetryError where more than MOST_LOST of the rows have no certain time.
@@ -64,30 +57,30 @@ def in_order(t: Array, same: Same, what: str) -> Ordered:
     rows = np.arange(len(t))
     steps = np.diff(t)
     if not (steps < 0.0).any() and not (steps > LONGEST_PAUSE).any():
-        return Ordered(t, rows, t[:0])
+        return OrderedClock(t, rows, t[:0])
     if not (steps > 0.0).any():
-        return Ordered(np.ascontiguousarray(t[::-1]), rows[::-1], t[:0], backward=True)
+        return OrderedClock(np.ascontiguousarray(t[::-1]), rows[::-1], t[:0], backward=True)
     usual = float(np.median(steps[steps > 0.0]))
     if np.mean(steps < 0.0) > MANY_BACK:  # the steps as recorded are those of the shuffle
         usual = min(usual, float(np.ptp(t)) / len(steps))
     late = max(LATE, 3.0 * usual)
     t, wraps = _unwrapped(t, usual)
-    kept, sets = agreeing(t, pieces(t, same, late, usual, what), late)
-    lost = sum(each.lost for each in sets)
+    accepted, sets = agreeing(t, pieces(t, same, late, usual, what), late)
+    lost = sum(clock_set.lost for clock_set in sets)
     if lost > MOST_LOST * len(t):
-        worst = max(sets, key=lambda each: each.lost)
+        worst = max(sets, key=lambda clock_set: clock_set.lost)
         few = len(sets) <= FEW_SETS
         raise TelemetryError(
             f"the clock of {what} goes from {worst.before:.10g} s to {worst.after:.10g} s before "
-            f"its row {worst.row + 1}, which leaves {lost} of {len(t)} rows without a certain "
-            "time: "
+            f"its row {worst.row + 1}, which leaves {lost} of {len(t)} rows with an "
+            "ambiguous time: "
             + ("split the file where its clock was set" if few else "choose the signal of the time")
         )
-    rows = np.concatenate([piece.rows for piece in kept])
+    rows = np.concatenate([piece.rows for piece in accepted])
     behind = t[rows] < np.maximum.accumulate(t[rows])
     late_times = np.sort(t[rows[behind]])
     rows = rows[np.argsort(t[rows], kind="stable")]
-    return Ordered(t[rows], rows, late_times, wraps=wraps, sets=sets)
+    return OrderedClock(t[rows], rows, late_times, wraps=wraps, sets=sets)
 
 
 def _unwrapped(t: Array, usual: float) -> tuple[Array, tuple[tuple[str, float], ...]]:

@@ -4,14 +4,11 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
-import numpy.typing as npt
 
 from app.telemetry.recording import TelemetryError
 from app.telemetry.traces import GAP_RATIO
+from core.types import Array, Flags, Indices
 
-Array = npt.NDArray[np.float64]
-Indices = npt.NDArray[np.intp]
-Flags = npt.NDArray[np.bool_]
 Same = Callable[[Indices, Indices], Flags]
 """Whether rows hold the same values in every channel, pair by pair."""
 
@@ -33,19 +30,19 @@ MOST_SETS = 1_000
 class ClockSet:
     """A clock that was set, or a few rows with stray times. row: number of the first row after.
 
-    before, after: the times on either side [s].   lost: rows left out.   doubt: whether the times
-    from `after` to `before` occur twice, so that no other channel's can be trusted either.
+    before, after: the times on either side [s].   lost: rows removed.   ambiguous: whether
+    the times from `after` to `before` occur twice, so that those of no other clock can be trusted.
     """
 
     row: int
     before: float
     after: float
     lost: int
-    doubt: bool = False
+    ambiguous: bool = False
 
 
 @dataclass(frozen=True, eq=False)
-class Piece:
+class ClockPiece:
     """Rows in recorded order, the least and the greatest of their times."""
 
     rows: Indices
@@ -56,7 +53,7 @@ class Piece:
         return len(self.rows)
 
 
-def pieces(t: Array, same: Same, late: float, usual: float, what: str) -> list[Piece]:
+def pieces(t: Array, same: Same, late: float, usual: float, what: str) -> list[ClockPiece]:
     """Rows cut where the clock steps far to either side, or back into times it has given.
 
     t: (n,) as recorded.   late: the longest that a row may come late [s].   usual: step [s].
@@ -68,12 +65,12 @@ def pieces(t: Array, same: Same, late: float, usual: float, what: str) -> list[P
             "signal that is the time, or sort the rows"
         )
     waiting = np.split(np.arange(len(t)), far)[::-1]
-    found = []
+    result = []
     most_sets = max(MOST_SETS, len(t) // MOST_SETS)
     while waiting:
-        if len(waiting) + len(found) > len(far) + most_sets:
+        if len(waiting) + len(result) > len(far) + most_sets:
             raise TelemetryError(
-                f"the times of {what} go to and fro at more than {most_sets} places: choose the "
+                f"the times of {what} step back at more than {most_sets} places: choose the "
                 "signal that is the time, or sort the rows"
             )
         rows = waiting.pop()
@@ -81,41 +78,47 @@ def pieces(t: Array, same: Same, late: float, usual: float, what: str) -> list[P
         if len(cuts):
             waiting += np.split(rows, cuts)[::-1]
         else:
-            found.append(_piece(rows, t))
-    return found
+            result.append(_piece(rows, t))
+    return result
 
 
-def agreeing(t: Array, found: list[Piece], late: float) -> tuple[list[Piece], tuple[ClockSet, ...]]:
+def agreeing(
+    t: Array, recorded: list[ClockPiece], late: float
+) -> tuple[list[ClockPiece], tuple[ClockSet, ...]]:
     """Pieces, or what is left of them, whose times follow one another; what was lost for it.
 
-    Of two that do not follow one another the smaller is left out, or the times that both have,
+    Of two that do not follow one another the smaller is removed, or the times that both have,
     whichever are fewer rows; a small piece between two that go on without it is stray.
     """
-    kept: list[Piece] = []
+    accepted: list[ClockPiece] = []
     sets: list[ClockSet] = []
-    for piece in found:
+    for piece in recorded:
         row = int(piece.rows[0])
         step = ClockSet(row, float(t[row - 1]), float(t[row]), 0)
-        new: Piece | None = piece
-        while kept and new and not kept[-1].high < new.low <= kept[-1].high + LONGEST_PAUSE:
-            last = kept.pop()
-            stray = len(last) < len(new) and kept and 0.0 < new.low - kept[-1].high <= late
-            stays, follows = t[last.rows] < new.low, t[new.rows] > last.high
-            shared = int((~stays).sum() + (~follows).sum())
+        new: ClockPiece | None = piece
+        while accepted and new and not _follows(new, accepted[-1]):
+            last = accepted.pop()
+            stray = len(last) < len(new) and accepted and 0.0 < new.low - accepted[-1].high <= late
+            before, after = t[last.rows] < new.low, t[new.rows] > last.high
+            shared = int((~before).sum() + (~after).sum())
             if stray or (new.low > last.high and len(last) < len(new)):
                 sets.append(replace(step, lost=len(last)))
             elif new.low <= last.high and shared <= min(len(last), len(new)):
-                sets.append(ClockSet(row, last.high, new.low, shared, doubt=True))
-                new = _part(new, follows, t)
-                kept += [rest] if (rest := _part(last, stays, t)) else []
+                sets.append(ClockSet(row, last.high, new.low, shared, ambiguous=True))
+                new = _part(new, after, t)
+                accepted += [rest] if (rest := _part(last, before, t)) else []
             elif len(last) < len(new):
                 sets.append(replace(step, lost=len(last)))
             else:
                 sets.append(replace(step, lost=len(new)))
                 new = None
-                kept.append(last)
-        kept += [new] if new else []
-    return kept, tuple(sets)
+                accepted.append(last)
+        accepted += [new] if new else []
+    return accepted, tuple(sets)
+
+
+def _follows(piece: ClockPiece, last: ClockPiece) -> bool:
+    return last.high < piece.low <= last.high + LONGEST_PAUSE
 
 
 def _set_back(t: Array, rows: Indices, same: Same, late: float, usual: float, what: str) -> Indices:
@@ -142,9 +145,11 @@ def _set_back(t: Array, rows: Indices, same: Same, late: float, usual: float, wh
 
 
 def _given_twice(
-    t: Array, rows: Indices, same: Same, usual: float, begin: Indices, span: Array
+    t: Array, rows: Indices, same: Same, usual: float, begin: Indices, duration: Array
 ) -> Indices:
-    """Those of the blocks out of order that late rows do not explain. begin, span: of each block.
+    """Those of the blocks out of order that late rows do not explain.
+
+    begin, duration: of each block.
 
     Late rows fill the places where rows are missing. A clock that runs twice through a block of
     times gives it twice as many rows as it has steps, or gives one time to different values. One
@@ -161,18 +166,18 @@ def _given_twice(
     odd = after == 0.0
     if np.count_nonzero(forward < CLOSE * usual) <= MOST_CLOSE * len(forward):
         odd = (after < CLOSE * usual) | (after > GAP_RATIO * usual)
-        short = np.repeat(span < MOST_STEPS * usual, np.diff(begin, append=len(t)))
+        short = np.repeat(duration < MOST_STEPS * usual, np.diff(begin, append=len(t)))
         odd &= ~short | (after == 0.0)
     odd &= ~sent_again
     odd[begin] = False  # the step that leads to a block is none of its own
     n_odd, n_rows = (np.add.reduceat(x.astype(np.intp), begin) for x in (odd, ~sent_again))
-    crowded = n_rows > 1.5 * (span / usual + 1.0) + 2.0
-    return np.flatnonzero(((n_odd > 0) | crowded) & (span > 0.0))
+    crowded = n_rows > 1.5 * (duration / usual + 1.0) + 2.0
+    return np.flatnonzero(((n_odd > 0) | crowded) & (duration > 0.0))
 
 
-def _piece(rows: Indices, t: Array) -> Piece:
-    return Piece(rows, float(t[rows].min()), float(t[rows].max()))
+def _piece(rows: Indices, t: Array) -> ClockPiece:
+    return ClockPiece(rows, float(t[rows].min()), float(t[rows].max()))
 
 
-def _part(piece: Piece, keep: Flags, t: Array) -> Piece | None:
+def _part(piece: ClockPiece, keep: Flags, t: Array) -> ClockPiece | None:
     return _piece(piece.rows[keep], t) if keep.any() else None

@@ -1,53 +1,54 @@
-"""One clock's rows, from recorded to repaired, and what is to be said of them."""
+"""One clock's rows, from recorded to repaired, with the faults that were found."""
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
 from app.telemetry.recording import TelemetryError
-from app.telemetry.timing.clock_faults import WRAPS, Ordered, in_order
-from app.telemetry.timing.clock_pieces import Array, Flags, Indices
-from app.telemetry.timing.quality import ClockQuality, Span, spans
+from app.telemetry.timing.clock_faults import WRAPS, OrderedClock, in_order
+from app.telemetry.timing.quality import ClockQuality, Fault, faults
 from app.telemetry.timing.rounded_clock import evened
 from app.telemetry.traces import GAP_RATIO
+from core.types import Array, Flags, Indices
 
 NO_TIME = 1e12
-"""Numbers from here on are not times; 30,000 years [s]."""
+"""Larger numbers are not times: 30,000 years [s]."""
 FASTEST = 1e-8
-"""Shorter steps are of no recorder [s]."""
+"""No recorder has shorter steps [s]."""
 
 
-def ordered(t: Array, values: dict[str, Array]) -> Ordered:
+def ordered(t: Array, values: dict[str, Array]) -> OrderedClock:
     """Put the rows that have a time in its order; `rows` count those recorded."""
     finite = np.abs(t) < NO_TIME
     if finite.all():
         return in_order(t, lambda a, b: _same(values, a, b), ", ".join(values))
     known = np.flatnonzero(finite)
-    found = in_order(t[known], lambda a, b: _same(values, known[a], known[b]), ", ".join(values))
-    return replace(found, rows=known[found.rows])
+    clock = in_order(t[known], lambda a, b: _same(values, known[a], known[b]), ", ".join(values))
+    return replace(clock, rows=known[clock.rows])
 
 
-def on_one_clock(clocks: list[Ordered]) -> list[Ordered]:
-    """Clocks of one file taken as one: what is in doubt on one is so on all; wraps are shared.
+def on_one_clock(clocks: list[OrderedClock]) -> list[OrderedClock]:
+    """Clocks of one file taken as one: times ambiguous on one are so on all; wraps are shared.
 
     A clock that began after a wrap does not show it; it is moved by whole periods to where the
     longest clock that wrapped was recording.
     """
-    doubts = [(s.after, s.before) for clock in clocks for s in clock.sets if s.doubt]
+    ambiguous = [(s.after, s.before) for clock in clocks for s in clock.sets if s.ambiguous]
     wrapped = max((clock for clock in clocks if clock.wraps), key=lambda c: len(c.t), default=None)
     result = []
     for clock in clocks:
         if wrapped and len(clock.t) and not clock.wraps:
             clock = _moved(clock, wrapped)
-        for begin, end in doubts:
-            sure = (clock.t < begin) | (clock.t > end)
-            if not sure.all():
-                clock = replace(clock, t=clock.t[sure], rows=clock.rows[sure])
+        for begin, end in ambiguous:
+            certain = (clock.t < begin) | (clock.t > end)
+            if not certain.all():
+                clock = replace(clock, t=clock.t[certain], rows=clock.rows[certain])
         result.append(clock)
     return result
 
 
-def _moved(clock: Ordered, wrapped: Ordered) -> Ordered:
+def _moved(clock: OrderedClock, wrapped: OrderedClock) -> OrderedClock:
     begin, end, lift = wrapped.t[0], wrapped.t[-1], 0.0
     for name, _ in (("", 0.0), *wrapped.wraps):
         lift += WRAPS.get(name, 0.0)
@@ -58,56 +59,87 @@ def _moved(clock: Ordered, wrapped: Ordered) -> Ordered:
     return replace(clock, t=clock.t + lift, wraps=wrapped.wraps) if lift else clock
 
 
-def finished(
-    recorded: Array, values: dict[str, Array], clock: Ordered
-) -> tuple[Array, dict[str, Array], ClockQuality, list[Span]]:
-    """Times that increase, the channels' values at them, and how good both are.
+@dataclass(frozen=True, eq=False)
+class RepairedClock:
+    """A clock after repair. t: (n,) [s] increasing.   values: (n,) by channel."""
+
+    t: Array
+    values: dict[str, Array]
+    quality: ClockQuality
+    faults: tuple[Fault, ...]
+
+
+def repair_clock(recorded: Array, values: dict[str, Array], clock: OrderedClock) -> RepairedClock:
+    """Times that increase, the channels' values at them, and how good the times are.
 
     recorded: (n,) [s].   values: (n,) by channel.   clock: their order.
+    Raises TelemetryError where fewer than two rows have a time, or all lie too close together.
     """
-    t, rows = clock.t, clock.rows
-    t, rows, repeated, conflicting, again, rounded_to = _single(t, rows, values)
+    times = _unique_times(clock.t, clock.rows, values)
+    t, rows = times.t, times.rows
+    _check_usable(t, len(recorded), ", ".join(values))
+    untouched = len(rows) == len(recorded) and bool((np.diff(rows) == 1).all())
+    chosen = {key: _finite(x if untouched else x[rows]) for key, x in values.items()}
+    quality, gaps = _quality(t, tuple(values), len(recorded))
+    bad_times = len(recorded) - int((np.abs(recorded) < NO_TIME).sum())
+    quality = replace(
+        quality,
+        bad_times=bad_times,
+        repeated=times.n_repeated,
+        conflicting=times.n_conflicting,
+        reordered=len(clock.late),
+        backward=clock.backward,
+        wraps=tuple(name for name, _ in clock.wraps),
+        sets=tuple((clock_set.before, clock_set.after) for clock_set in clock.sets),
+        lost=len(recorded) - len(t) - bad_times - times.n_repeated,
+        rounded_to=times.rounded_to,
+    )
+    return RepairedClock(t, chosen, quality, _faults(t, gaps, clock, times.repeated))
+
+
+def _check_usable(t: Array, n_rows: int, channels: str) -> None:
     if len(t) < 2:
         raise TelemetryError(
-            f"{len(t)} of {len(recorded)} rows of {', '.join(values)} have a time of their own: "
+            f"{len(t)} of {n_rows} rows of {channels} have a time of their own: "
             "choose the signal that is their time and its unit, or leave them out"
         )
     if t[-1] - t[0] < FASTEST * (len(t) - 1):
         raise TelemetryError(
-            f"{len(t)} rows of {', '.join(values)} lie within {t[-1] - t[0]:.3g} s: choose the "
+            f"{len(t)} rows of {channels} lie within {t[-1] - t[0]:.3g} s: choose the "
             "unit of their time"
         )
-    untouched = len(rows) == len(recorded) and bool((np.diff(rows) == 1).all())
-    chosen = {key: _finite(x if untouched else x[rows]) for key, x in values.items()}
-    quality, gaps = _quality(t, tuple(values), len(recorded))
-    quality = replace(
-        quality,
-        bad_times=len(recorded) - int((np.abs(recorded) < NO_TIME).sum()),
-        repeated=repeated,
-        conflicting=conflicting,
-        reordered=len(clock.late),
-        backward=clock.backward,
-        wraps=tuple(name for name, _ in clock.wraps),
-        sets=tuple((each.before, each.after) for each in clock.sets),
-        rounded_to=rounded_to,
-    )
-    quality = replace(quality, lost=len(recorded) - len(t) - quality.bad_times - repeated)
-    doubts = [s for s in clock.sets if s.doubt]
-    begin, end = np.array([s.after for s in doubts]), np.array([s.before for s in doubts])
+
+
+def _faults(
+    t: Array, gaps: tuple[Array, Array], clock: OrderedClock, repeated: Array
+) -> tuple[Fault, ...]:
+    ambiguous = [clock_set for clock_set in clock.sets if clock_set.ambiguous]
+    begin, end = np.array([s.after for s in ambiguous]), np.array([s.before for s in ambiguous])
     duration = float(t[-1] - t[0])
-    marks = [
-        *spans("gap", *gaps, duration),
-        *spans("clock", begin, end, duration),
-        *spans("repeated", again, again, duration),
-        *spans("reordered", clock.late, clock.late, duration),
-    ]
-    return t, chosen, quality, marks
+    return (
+        *faults("gap", *gaps, duration),
+        *faults("clock", begin, end, duration),
+        *faults("repeated", repeated, repeated, duration),
+        *faults("reordered", clock.late, clock.late, duration),
+    )
 
 
-def _single(
-    t: Array, rows: Indices, values: dict[str, Array]
-) -> tuple[Array, Indices, int, int, Array, float]:
-    """One row a time: (t, rows, n repeated, n of them with other values, where, rounded to).
+class _UniqueTimes(NamedTuple):
+    """One row a time. repeated: times of the rows removed.   rounded_to: see ClockQuality [s]."""
+
+    t: Array
+    rows: Indices
+    repeated: Array
+    n_conflicting: int = 0
+    rounded_to: float = 0.0
+
+    @property
+    def n_repeated(self) -> int:
+        return len(self.repeated)
+
+
+def _unique_times(t: Array, rows: Indices, values: dict[str, Array]) -> _UniqueTimes:
+    """Remove all rows of a time but the first, unless coarse rounding made their times equal.
 
     Rows that differ at one time may be what coarse rounding made of an even clock; rows written
     twice are not.
@@ -115,14 +147,15 @@ def _single(
     twice = np.flatnonzero(np.diff(t) == 0.0)
     same = _same(values, rows[twice], rows[twice + 1])
     if 2 * same.sum() <= len(twice) and (even := evened(t)):
-        return even[0], rows, 0, 0, t[:0], even[1]
-    again = t[twice]
-    if len(twice):
-        first = np.concatenate([[True], np.diff(t) > 0.0])
-        t, rows = t[first], rows[first]
-        if even := evened(t):
-            return even[0], rows, len(twice), int((~same).sum()), again, even[1]
-    return t, rows, len(twice), int((~same).sum()), again, 0.0
+        return _UniqueTimes(even[0], rows, t[:0], 0, even[1])
+    repeated = t[twice]
+    if not len(twice):
+        return _UniqueTimes(t, rows, repeated)
+    n_conflicting = int((~same).sum())
+    first = np.concatenate([[True], np.diff(t) > 0.0])
+    t, rows = t[first], rows[first]
+    even_t, rounded_to = evened(t) or (t, 0.0)
+    return _UniqueTimes(even_t, rows, repeated, n_conflicting, rounded_to)
 
 
 def _same(values: dict[str, Array], a: Indices, b: Indices) -> Flags:

@@ -1,23 +1,24 @@
-"""How good the times and the channels of a recording are, in numbers, spans and sentences."""
+"""How good the times and the channels of a recording are, in numbers, marks and sentences."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
 from app.telemetry.plausibility import BOUNDS
 from app.telemetry.targets import TARGETS
+from core.types import Array
 
-Array = npt.NDArray[np.float64]
-
-MOST_SPANS = 500
-"""More spans of a kind than this are joined where they are close."""
+MOST_FAULTS = 500
+"""More faults of a kind than this are joined where they are close."""
 
 
 @dataclass(frozen=True)
-class Span:
-    """A stretch of time to mark [s]. kind: gap, clock, repeated, reordered, implausible:<channel>,
-    missing:<channel> or frozen:<channel>.
+class Fault:
+    """An interval of a recording in which times or values are at fault [s].
+
+    kind: gap, clock, repeated, reordered, implausible:<channel>, missing:<channel> or
+    frozen:<channel>.
     """
 
     start: float
@@ -32,10 +33,11 @@ class ClockQuality:
     n_rows: as recorded.   start, end, step, jitter: [s] after repair; step is the mean between
     gaps, jitter the root mean square of its deviations from the median.   rate: [Hz].
     n_gaps, gap_time, longest_gap, longest_gap_at: neighbours over 1.5 median steps apart [s].
-    bad_times: rows without a time.   repeated: rows written twice, of which `conflicting` with
-    other values; the first stays.   reordered: rows that came late.   backward: newest first.
-    wraps: names of the clocks that started again.   sets: times before and after the clock was set
-    [s].   lost: rows left out for that.   rounded_to: unit of times put back on an even clock [s].
+    bad_times: rows without a time.   repeated: rows with a time that was there before, of which
+    `conflicting` with other values; the first stays.   reordered: rows that came late.
+    backward: recorded newest first.   wraps: names of the counters that wrapped.   sets: times
+    before and after the clock was set [s].   lost: rows removed for that.   rounded_to: resolution
+    of the times in the file, where they were restored to an even clock [s].
     """
 
     channels: tuple[str, ...]
@@ -61,41 +63,45 @@ class ClockQuality:
 
     def repairs(self) -> list[str]:
         """What was done to the times."""
-        of = f"Time of {', '.join(self.channels)}: "
-        done = []
+        done = [*self._order_repairs(), *self._row_repairs()]
+        return [f"Time of {', '.join(self.channels)}: {'; '.join(done)}."] if done else []
+
+    def _order_repairs(self) -> Iterator[str]:
         if self.bad_times:
-            done.append(f"{_rows(self.bad_times)} without a time left out")
+            yield f"{_rows(self.bad_times)} without a time removed"
         if self.backward:
-            done.append("rows turned round, they ran from the newest to the oldest")
+            yield "rows reversed, as they were recorded newest first"
         for name in dict.fromkeys(self.wraps):
             times = self.wraps.count(name)
-            done.append(f"counted on over {name}" + (f", {times} times" if times > 1 else ""))
+            yield f"continued beyond {name}" + (f", {times} times" if times > 1 else "")
         if self.sets:
             where = ", ".join(f"from {a:.10g} s to {b:.10g} s" for a, b in self.sets[:3])
-            more = f" and {len(self.sets) - 3} more" if len(self.sets) > 3 else ""
-            done.append(
-                f"the clock jumps {where}{more}; {_rows(self.lost)} without a certain time left out"
+            more = f" and {len(self.sets) - 3} times more" if len(self.sets) > 3 else ""
+            yield (
+                f"the clock jumps {where}{more}; {_rows(self.lost)} with an ambiguous time removed"
             )
         elif self.lost:
-            done.append(f"{_rows(self.lost)} left out, at times that another clock gave twice")
+            yield f"{_rows(self.lost)} removed, at times that another clock of the file gives twice"
+
+    def _row_repairs(self) -> Iterator[str]:
         if self.reordered:
-            done.append(f"{_rows(self.reordered)} that came late sorted in")
+            yield f"{_rows(self.reordered)} recorded late, sorted into the order of time"
         if self.repeated:
             but = f" ({self.conflicting} with other values)" if self.conflicting else ""
-            done.append(
-                f"{_rows(self.repeated)} with a repeated time left out{but}, the first kept"
+            yield (
+                f"{_rows(self.repeated)} with a repeated time removed{but}, the first of each "
+                "time retained"
             )
         if self.rounded_to:
-            done.append(
-                f"rounded to {self.rounded_to:.3g} s in the file, put back on an even clock of "
-                f"{self.rate:.6g} Hz"
+            yield (
+                f"times rounded to {self.rounded_to:.3g} s in the file, restored to an even clock "
+                f"of {self.rate:.6g} Hz"
             )
-        return [f"{of}{'; '.join(done)}."] if done else []
 
     def describe(self) -> list[str]:
         """Its rate, what was repaired, its gaps."""
         about = f"{', '.join(self.channels)}: {_rows(self.n_rows)}"
-        jitter = f", scattering by {self.jitter:.2g} s" if self.jitter > 1e-4 * self.step else ""
+        jitter = f", jitter {self.jitter:.2g} s rms" if self.jitter > 1e-4 * self.step else ""
         lines = [
             f"{about} at {self.rate:.6g} Hz{jitter}, from {self.start:.10g} to {self.end:.10g} s.",
             *self.repairs(),
@@ -103,7 +109,7 @@ class ClockQuality:
         if self.n_gaps:
             lines.append(
                 f"{', '.join(self.channels)}: {_count(self.n_gaps, 'gap')}, {self.gap_time:.4g} s "
-                f"in all, the longest {self.longest_gap:.4g} s at {self.longest_gap_at:.10g} s."
+                f"in total, the longest {self.longest_gap:.4g} s at {self.longest_gap_at:.10g} s."
             )
         return lines
 
@@ -114,8 +120,8 @@ class ChannelQuality:
 
     missing: share of its rows without a value.   longest_missing: [s], besides gaps of its clock.
     rate: [Hz] of its values.   held: rows that each value is repeated for, 1 where it is not.
-    constant: it never changes.   frozen: longest time that it stands still having moved [s].
-    implausible: rows with a value that no aircraft shows, which is taken as missing; the largest
+    constant: it never changes.   frozen: longest time without a change after it had moved [s].
+    implausible: rows with a value that no aircraft can show, which is taken as missing; the largest
     of them and its time.
     """
 
@@ -136,11 +142,10 @@ class ChannelQuality:
         if not self.implausible:
             return []
         unit = TARGETS[self.key].unit
-        taken = "it is" if self.implausible == 1 else "they are"
         return [
-            f"{self.key} goes beyond {BOUNDS[self.key]:.4g} {unit}, which no aircraft shows, in "
-            f"{_rows(self.implausible)} (to {self.largest:.4g} {unit}, at "
-            f"{self.largest_at:.10g} s): {taken} taken as missing. Is its unit right?"
+            f"{self.key} exceeds {BOUNDS[self.key]:.4g} {unit}, the most that is plausible, in "
+            f"{_rows(self.implausible)} (up to {self.largest:.4g} {unit}, at "
+            f"{self.largest_at:.10g} s), taken as missing: check its unit."
         ]
 
     def describe(self) -> list[str]:
@@ -149,13 +154,14 @@ class ChannelQuality:
         if self.missing == 1.0:
             return [*lines, f"{self.key} has no value."]
         if self.missing:
-            most = f", {self.longest_missing:.4g} s at most" if self.longest_missing else ""
+            longest = self.longest_missing
+            most = f" (for up to {longest:.4g} s)" if longest else ""
             lines.append(
-                f"{self.key} is missing in {self.missing:.2%} of its rows{most}; it has values at "
-                f"{self.rate:.4g} Hz."
+                f"{self.key} has no value in {self.missing:.2%} of its rows{most}; its values come "
+                f"at {self.rate:.4g} Hz."
             )
         if self.constant:
-            lines.append(f"{self.key} never changes: is it connected?")
+            lines.append(f"{self.key} never changes: check that its sensor is connected.")
         if self.held > 1:
             lines.append(
                 f"{self.key} repeats each value {self.held} times, so it was measured at "
@@ -163,8 +169,8 @@ class ChannelQuality:
             )
         if self.frozen:
             lines.append(
-                f"{self.key} does not change by a bit for {self.frozen:.4g} s from "
-                f"{self.frozen_at:.10g} s on, having moved before: did its sensor freeze?"
+                f"{self.key} is constant to the last bit for {self.frozen:.4g} s from "
+                f"{self.frozen_at:.10g} s on, after it had moved: check its sensor."
             )
         return lines
 
@@ -173,20 +179,20 @@ class ChannelQuality:
 class Quality:
     """Everything about the times and values of a recording, as plain data.
 
-    spans: what to mark on a strip, in the order of kind and time.
+    spans: the faults to mark on a strip, in the order of kind and time.
     """
 
     clocks: tuple[ClockQuality, ...]
     channels: tuple[ChannelQuality, ...]
-    spans: tuple[Span, ...] = ()
+    spans: tuple[Fault, ...] = ()
 
     def sentences(self) -> list[str]:
         """All of it for a report."""
         return [line for part in (*self.clocks, *self.channels) for line in part.describe()]
 
 
-def spans(kind: str, starts: Array, ends: Array, duration: float) -> tuple[Span, ...]:
-    """Spans of a kind in the order of time, joined where they touch or are too many to draw.
+def faults(kind: str, starts: Array, ends: Array, duration: float) -> tuple[Fault, ...]:
+    """Faults of a kind in the order of time, joined where they touch or are too many to draw.
 
     starts, ends: (n,) [s].   duration: of the recording [s].
     """
@@ -194,10 +200,10 @@ def spans(kind: str, starts: Array, ends: Array, duration: float) -> tuple[Span,
         return ()
     order = np.argsort(starts, kind="stable")
     starts, ends = starts[order], np.maximum.accumulate(ends[order])
-    near = duration / MOST_SPANS if len(starts) > MOST_SPANS else 0.0
+    near = duration / MOST_FAULTS if len(starts) > MOST_FAULTS else 0.0
     apart = np.flatnonzero(starts[1:] > ends[:-1] + near)
     first, last = starts[[0, *(apart + 1)]], ends[[*apart, -1]]
-    return tuple(Span(a, b, kind) for a, b in zip(first.tolist(), last.tolist(), strict=True))
+    return tuple(Fault(a, b, kind) for a, b in zip(first.tolist(), last.tolist(), strict=True))
 
 
 def _rows(n: int) -> str:

@@ -1,7 +1,7 @@
 """An even clock whose times were rounded when they were written: milliseconds, float32, seconds.
 
-Times that an even clock and one rounding explain altogether are put back onto that clock. Others,
-if ever so nearly even, are what the recorder says and stay.
+Times that an even clock and one rounding explain altogether are restored to that clock. Others,
+however nearly even, stay as recorded.
 """
 
 import numpy as np
@@ -21,7 +21,7 @@ MOST_LENGTHS = 100
 
 def evened(t: Array) -> tuple[Array, float] | None:
     """The even clock behind rounded times and the unit they are rounded to [s]; None if there is
-    none, or nothing to put right.
+    none, or nothing to restore.
 
     t: (n,) in order; equal neighbours are allowed, they are what coarse rounding makes. Where
     samples were lost the clock goes on in whole steps if that explains the times, else it starts
@@ -72,12 +72,12 @@ def _clock(t: Array, starts: Indices, unit: float) -> Array | None:
         middle = 0.5 * (np.maximum.reduceat(rest, starts) + np.minimum.reduceat(rest, starts))
         if np.abs(rest - middle[part]).max() > 0.5 * unit:
             continue
-        whole = index + np.rint((middle - middle[0]) / step)[part]
-        rest = t - step * whole
+        place = index + np.rint((middle - middle[0]) / step)[part]
+        rest = t - step * place
         origin, slack = 0.5 * (rest.max() + rest.min()), 0.5 * (unit - rest.max() + rest.min())
         if slack < 0.0:
             return middle[part] + step * index
-        return (t[0] if abs(t[0] - origin) <= slack else origin) + step * whole
+        return (t[0] if abs(t[0] - origin) <= slack else origin) + step * place
     return None
 
 

@@ -87,7 +87,7 @@ def test_where_the_channels_come_from_and_how_sure_that_is(subject: ReportSubjec
     assert "61 %" in html
     assert "its sign is turned" in html
     assert "reversed" in html
-    assert "derived: lateral acceleration less gravity" in html
+    assert "derived: lateral acceleration minus gravity" in html
     assert "not in the file" in html
     assert "line 7: 12 cells" in html
     assert "proposed by the program, not looked over" in html

@@ -239,7 +239,7 @@ def test_a_mapping_is_tried_without_being_kept(client, kept, flights):
     seen = client.post(f"{path}/preview", json={"mapping": mapping}).json()
     assert seen["doubts"]["p"] == [
         "p_radps is mapped to yaw rate too",
-        "its name says that p_radps is in rad/s, not in deg/s",
+        "its name gives p_radps in rad/s, not in deg/s",
     ]
 
 

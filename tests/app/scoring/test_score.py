@@ -6,10 +6,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from app.scoring import BETWEEN, SAMPLE, ScoringOrder, Span, manoeuvres_in, score, score_at_each
+from app.scoring import BETWEEN, SAMPLE, ScoringOrder, Span, manoeuvres_in, score_at_each
 from app.scoring.outcome import Crossing, against_limits, outcome
 from app.scoring.plan import needed_channels, plan_of
 from app.telemetry.recording import TelemetryError
+from app.telemetry.timing.repair import repair
 from app.telemetry.traces import Trace, Traces
 from core.channels import KEYS
 from core.collection import Simulator
@@ -17,7 +18,7 @@ from core.monitor import Monitor, MonitorRecipe
 from core.monitor.assessment import STATES, State
 from core.monitor.predictor import PREDICTORS
 from core.monitor.score import SCORES
-from tests.support.attas import TEST, fly, record, recorded, trained
+from tests.support.attas import TEST, fly, record, recorded, score, trained
 
 INVALID = STATES.index(State.INVALID)
 UNTOUCHED = ScoringOrder(trim=None, manoeuvres="whole")
@@ -81,7 +82,7 @@ def test_a_found_manoeuvre_begins_with_the_planned_lead_in_and_lasts_as_planned(
         moved = np.flatnonzero(np.abs(y[:, 5]) > 5 * TEST.noise.delta_r)[0]
         assert stretch.first == pytest.approx(moved - 1 - 0.5 / attas.dt, abs=2)
         assert stretch.end - stretch.start == pytest.approx(TEST.maneuver.duration_s, abs=1e-6)
-        assert manoeuvres_in(attas, recorded(y, start=3358.0)) == (
+        assert manoeuvres_in(attas, repair(recorded(y, start=3358.0))) == (
             Span(stretch.start, stretch.end, "manoeuvre 1"),
         )
 
@@ -119,7 +120,7 @@ def test_a_recording_without_input_is_scored_as_one(attas: Monitor, calm: np.nda
     scored = score(attas, recorded(calm[:60]))
     assert [s.name for s in scored.stretches] == ["whole recording"]
     assert any("No control input was found" in note for note in scored.notes)
-    assert manoeuvres_in(attas, recorded(calm[:60])) == ()
+    assert manoeuvres_in(attas, repair(recorded(calm[:60]))) == ()
 
 
 def test_marked_stretches_are_scored_between_their_times(attas: Monitor, calm: np.ndarray):
@@ -361,7 +362,7 @@ def test_a_channel_that_the_monitor_does_not_read_may_be_missing(calm: np.ndarra
 
 
 def test_several_epsilons_differ_in_their_alerts_alone(attas: Monitor, calm: np.ndarray):
-    loose, strict = score_at_each(attas, recorded(calm), ScoringOrder(), (0.5, 0.05))
+    loose, strict = score_at_each(attas, repair(recorded(calm)), ScoringOrder(), (0.5, 0.05))
     assert (loose.epsilon, strict.epsilon) == (0.5, 0.05)
     for name in SAMPLE.names or ():
         if name != "alert":

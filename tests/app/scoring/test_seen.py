@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from app.report.facts import headline
-from app.scoring import ScoredStretch, ScoringOrder, score
+from app.scoring import ScoredStretch, ScoringOrder
 from app.scoring.outcome import Crossing, Hole, Limited
 from app.scoring.outside import APART, MOST_OUTSIDE, outside, outside_note
 from app.scoring.seen import could_not_warn
@@ -16,7 +16,7 @@ from core.channels import KEYS
 from core.monitor import Assessments, Monitor
 from core.monitor.assessment import STATES, State
 from tests.app.scoring.test_wording import said
-from tests.support.attas import fly, record, recorded
+from tests.support.attas import fly, record, recorded, score
 
 NY = KEYS.index("Ny")
 

@@ -5,7 +5,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from app.telemetry.mapping.applying import apply_mapping, preview
+from app.recordings.answers import channel_bands
+from app.telemetry.mapping.applying import applicable, apply_mapping
 from app.telemetry.mapping.mapping import ChannelSource, Mapping, TimeSource
 from app.telemetry.recording import TelemetryError
 from app.telemetry.targets import TARGETS
@@ -49,13 +50,13 @@ def test_channels_of_a_group_share_their_times_and_others_do_not(tmp_path):
         | {"slow//t2": np.arange(3.0) * 1000, "slow//b": np.ones(3)},
     )
     times = {"fast": TimeSource("t", "s"), "slow": TimeSource("t2", "ms")}
-    said = mapping(
+    mapped = mapping(
         times,
         p=ChannelSource("p", "rad/s"),
         r=ChannelSource("r", "rad/s"),
         beta=ChannelSource("b", "rad"),
     )
-    channels = apply_mapping(columns, said).channels
+    channels = apply_mapping(columns, mapped).channels
     assert channels["p"].t is channels["r"].t
     np.testing.assert_array_equal(channels["beta"].t, [0.0, 1.0, 2.0])
     assert (channels["p"].group, channels["beta"].group) == ("fast", "slow")
@@ -70,17 +71,17 @@ def test_infinities_are_missing(tmp_path):
 
 def test_the_notes_say_what_was_done(tmp_path):
     columns = columns_of(tmp_path, table(b=np.ones(50), d=np.ones(50), v=np.ones(50)))
-    said = mapping(
+    mapped = mapping(
         beta=ChannelSource(derivation="beta_from_velocity"),
         delta_r=ChannelSource("d", "deg", sign=-1, offset=0.25),
         v=ChannelSource("v", "m/s"),
         V=ChannelSource("b", "kt"),
     )
-    traces = apply_mapping(columns, said)
+    traces = apply_mapping(columns, mapped)
     assert traces.notes == (
         "Converted: delta_r from deg, V from kt.",
         "Reversed in sign: delta_r.",
-        "Constant offset subtracted: delta_r 0.25 rad.",
+        "Bias removed: delta_r 0.25 rad.",
         "Derived, not measured: beta (sideslip as the arc sine of lateral velocity over airspeed, "
         "from v, b as V).",
     )
@@ -88,7 +89,7 @@ def test_the_notes_say_what_was_done(tmp_path):
 
 
 WRONG = {
-    "no channel": (mapping(), "the mapping names no channel: say which signals are beta, p"),
+    "no channel": (mapping(), "the mapping names no channel: map signals to beta, p"),
     "no such signal": (
         mapping(beta=ChannelSource("AOSS", "deg")),
         "takes beta from 'AOSS', which the file does not hold: choose one of t, b, short//t2",
@@ -100,11 +101,11 @@ WRONG = {
     ),
     "no time": (
         mapping({}, beta=ChannelSource("b", "rad")),
-        "'b' has no time: say which signal is the time of the table",
+        "'b' has no time: choose the signal that is the time of the table",
     ),
     "no time of the group": (
         mapping(beta=ChannelSource("c", "rad")),
-        "'c' has no time: say which signal is the time of the group 'short'",
+        "'c' has no time: choose the signal that is the time of the group 'short'",
     ),
     "no such time": (
         mapping({"": TimeSource("clock")}, beta=ChannelSource("b", "rad")),
@@ -133,13 +134,13 @@ WRONG = {
 }
 
 
-@pytest.mark.parametrize(("said", "message"), WRONG.values(), ids=WRONG)
-def test_a_mapping_that_does_not_fit_is_refused_by_name(said, message, tmp_path):
+@pytest.mark.parametrize(("wrong", "message"), WRONG.values(), ids=WRONG)
+def test_a_mapping_that_does_not_fit_is_refused_by_name(wrong, message, tmp_path):
     content = table(b=np.ones(50)) | {"short//t2": np.arange(3.0), "short//c": np.ones(3)}
     columns = columns_of(tmp_path, content)
     message = message.replace("short//", "")
     with pytest.raises(TelemetryError, match=message) as refusal:
-        apply_mapping(columns, said)
+        apply_mapping(columns, wrong)
     assert str(refusal.value).isprintable()
 
 
@@ -148,7 +149,7 @@ def test_small_plots_hold_the_extremes_of_all_rows(tmp_path):
     values[[77, 5000]] = 9.0, -9.0
     values[:50] = np.nan
     columns = columns_of(tmp_path, table(10_000, b=values))
-    plots = preview(columns, mapping(beta=ChannelSource("b", "mrad")))
+    plots = channel_bands(apply_mapping(columns, mapping(beta=ChannelSource("b", "mrad"))))
     assert list(plots) == ["beta"]
     plot = plots["beta"]
     assert len(plot["t"]) == len(plot["low"]) == len(plot["high"]) == 120
@@ -162,7 +163,8 @@ def test_small_plots_hold_the_extremes_of_all_rows(tmp_path):
 @pytest.mark.parametrize("n", [2, 5, 119, 120, 121, 1000])
 def test_small_plots_are_no_longer_than_asked_or_recorded(n, tmp_path):
     columns = columns_of(tmp_path, table(n, b=np.full(n, np.nan)))
-    plot = preview(columns, mapping(beta=ChannelSource("b", "rad")), 60)["beta"]
+    traces = apply_mapping(columns, mapping(beta=ChannelSource("b", "rad")))
+    plot = channel_bands(traces, 60)["beta"]
     assert len(plot["t"]) == min(n, 60)
     assert plot["low"] == [None] * min(n, 60)
     assert plot["min"] is plot["max"] is None
@@ -170,7 +172,7 @@ def test_small_plots_are_no_longer_than_asked_or_recorded(n, tmp_path):
 
 def test_one_wrong_channel_does_not_hide_the_others(tmp_path):
     columns = columns_of(tmp_path, table(b=np.ones(50), v=np.ones(50)))
-    said = mapping(
+    mapped = mapping(
         beta=ChannelSource(derivation="beta_from_velocity"),
         p=ChannelSource("b", "furlongs"),
         r=ChannelSource(derivation="r_from_attitude"),
@@ -178,8 +180,8 @@ def test_one_wrong_channel_does_not_hide_the_others(tmp_path):
         v=ChannelSource("v", "ft/s"),
     )
     with pytest.raises(TelemetryError):
-        apply_mapping(columns, said)
-    assert list(preview(columns, said)) == ["beta", "V", "v"]
+        apply_mapping(columns, mapped)
+    assert list(applicable(columns, mapped).channels) == ["beta", "V", "v"]
 
 
 @given(st.sampled_from([*TARGETS]), st.text(max_size=8), st.text(max_size=8), st.text(max_size=8))
@@ -187,10 +189,10 @@ def test_any_mapping_is_applied_or_refused_as_telemetry(tmp_path_factory, key, s
     columns = columns_of(tmp_path_factory.mktemp("any"), table(3, b=np.ones(3)))
     for source in (ChannelSource(signal, unit), ChannelSource(derivation=way or "x")):
         if source.signal or source.derivation:
-            assert preview(columns, mapping(**{key: source})) == {}
+            assert applicable(columns, mapping(**{key: source})).channels == {}
 
 
-def test_nothing_is_derived_from_what_no_aircraft_shows(tmp_path):
+def test_nothing_is_derived_from_implausible_values(tmp_path):
     speed = np.full(100, 100.0)
     speed[50] = 1e30
     table = {"t": 0.1 * np.arange(100), "v": np.full(100, 5.0), "V": speed}

@@ -7,8 +7,9 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from app.recordings.answers import channel_bands
 from app.telemetry.contents import open_columns
-from app.telemetry.mapping.applying import apply_mapping, preview
+from app.telemetry.mapping.applying import applicable, apply_mapping
 from app.telemetry.mapping.mapping import ChannelSource, Mapping, TimeSource
 from app.telemetry.mapping.proposal import propose
 from app.telemetry.units import factor
@@ -21,7 +22,7 @@ PLAIN = {
     "delta_a": "da_rad", "delta_r": "dr_rad", "phi": "phi_rad", "theta": "theta_rad",
     "psi": "psi_rad", "V": "V_mps",
 }  # fmt: skip
-# key -> (name, unit said by the file, unit it is recorded in)
+# key -> (name, unit in the file, unit it is recorded in)
 WAYS: dict[str, list[tuple[str, str, str]]] = {
     "t": [("t_s", "", "s"), ("Time", "ms", "ms"), ("timestamp_us", "", "us"), ("IRIG", "", "s")],
     "beta": [("beta_rad", "", "rad"), ("AOSS", "°", "deg"), ("SideSlip_deg", "", "deg")],
@@ -65,7 +66,7 @@ def test_the_attas_records_are_mapped_in_full_and_with_confidence(name, tmp_path
     }
     assert all(source == ChannelSource(source.signal, source.unit) for source in channels.values())
     assert proposal.mapping.times == {"": TimeSource("t_s", "s")}
-    assert all(proposal.guesses[key].confidence >= 0.85 for key in (*channels, "t:"))
+    assert all(proposal.rationales[key].confidence >= 0.85 for key in (*channels, "t:"))
     traces = apply_mapping(open_columns(tmp_path), proposal.mapping)
     np.testing.assert_array_equal(traces.channels["Ny"].values, table["ay_g"])
     assert traces.notes == ()
@@ -77,13 +78,13 @@ def test_the_attas_records_are_mapped_in_full_and_with_confidence(name, tmp_path
 def test_the_citation_records_lack_sideslip_and_have_reversed_surfaces(name, tmp_path):
     proposal = propose(columns_of(tmp_path, record(name)))
     assert proposal.missing == ("beta",)
-    told = " ".join(proposal.guesses["beta"].reasons)
-    assert "beta_rad is named like it, but holds no number" in told
+    told = " ".join(proposal.rationales["beta"].reasons)
+    assert "beta_rad is named like sideslip, but has no value in any of its" in told
     assert "could be derived from v and V" in told
     signs = {key: source.sign for key, source in proposal.mapping.channels.items()}
     assert signs == {"p": 1, "r": 1, "Ny": 1, "delta_a": -1, "delta_r": -1, "phi": 1, "theta": 1,
                      "V": 1}  # fmt: skip
-    rudder, aileron = (proposal.guesses[key] for key in ("delta_r", "delta_a"))
+    rudder, aileron = (proposal.rationales[key] for key in ("delta_r", "delta_a"))
     assert "positive rudder yaws the nose right here" in rudder.reasons[-1]
     assert "reversed like the rudder" in aileron.reasons[-1]
     assert rudder.confidence > 0.85
@@ -93,14 +94,14 @@ def test_the_citation_records_lack_sideslip_and_have_reversed_surfaces(name, tmp
 @settings(max_examples=40, suppress_health_check=[HealthCheck.too_slow])
 @given(st.data())
 def test_names_units_signs_and_order_of_the_columns_change_nothing(tmp_path_factory, data):
-    said, table, truth = {}, {}, flight()
+    units, table, truth = {}, {}, flight()
     for key in data.draw(st.permutations(list(truth))):
         name, unit, recorded = data.draw(st.sampled_from(WAYS[key]))
         target = {"t": "s", "V": "m/s", "p": "rad/s", "r": "rad/s", "Ny": "g"}.get(key, "rad")
         sign = data.draw(st.sampled_from((1, -1))) if key in SIGNED else 1
         table[name] = sign * truth[key] / factor(recorded, target)
-        said[name] = unit
-    columns = columns_of(tmp_path_factory.mktemp("ways"), table, units=said)
+        units[name] = unit
+    columns = columns_of(tmp_path_factory.mktemp("ways"), table, units=units)
     proposal = propose(columns)
     traces = apply_mapping(columns, proposal.mapping)
     assert set(traces.channels) == set(truth) - {"t"}
@@ -108,12 +109,12 @@ def test_names_units_signs_and_order_of_the_columns_change_nothing(tmp_path_fact
         assert not trace.derived
         np.testing.assert_allclose(trace.t, truth["t"], rtol=1e-12)
         np.testing.assert_allclose(trace.values, truth[key], rtol=1e-12, atol=1e-15)
-        assert proposal.guesses[key].confidence > 0.75
+        assert proposal.rationales[key].confidence > 0.75
 
 
 @pytest.mark.parametrize("degrees", [False, True], ids=["radians", "degrees"])
 @pytest.mark.parametrize("metric", [False, True], ids=["g", "m/s2"])
-def test_units_that_nobody_says_are_told_by_the_numbers_and_said_to_be_guesses(
+def test_units_that_are_not_given_are_inferred_from_the_numbers_and_named_so(
     degrees, metric, tmp_path
 ):
     names = {key: key for key in flight()} | {
@@ -127,8 +128,10 @@ def test_units_that_nobody_says_are_told_by_the_numbers_and_said_to_be_guesses(
     proposal = propose(columns)
     for key, trace in apply_mapping(columns, proposal.mapping).channels.items():
         np.testing.assert_allclose(trace.values, flight()[key], rtol=1e-12, err_msg=key)
-        assert any("no unit is said" in reason for reason in proposal.guesses[key].reasons)
-    assert proposal.guesses["V"].confidence < 0.5  # 131 could be knots
+        assert any(
+            "unit not given: values up to" in reason for reason in proposal.rationales[key].reasons
+        )
+    assert proposal.rationales["V"].confidence < 0.5  # 131 could be knots
 
 
 def test_a_sideslip_that_reaches_8_is_in_degrees(tmp_path):
@@ -136,25 +139,25 @@ def test_a_sideslip_that_reaches_8_is_in_degrees(tmp_path):
     table["beta"] = table.pop("beta_rad") * 8.0 / np.abs(flight()["beta"]).max()
     proposal = propose(columns_of(tmp_path, table))
     assert proposal.mapping.channels["beta"].unit == "deg"
-    assert any("are read as deg" in reason for reason in proposal.guesses["beta"].reasons)
+    assert any("are taken as deg" in reason for reason in proposal.rationales["beta"].reasons)
 
 
-def test_a_unit_that_no_aircraft_could_reach_is_not_believed(tmp_path):
+def test_a_unit_with_implausible_values_is_not_taken(tmp_path):
     table = plain_table(beta=100.0 * flight()["beta"])
     proposal = propose(columns_of(tmp_path, table))
     assert proposal.mapping.channels["beta"].unit == "deg"
-    assert proposal.guesses["beta"].confidence < 0.8
-    assert "which no aircraft does: read as deg" in " ".join(proposal.guesses["beta"].reasons)
+    assert proposal.rationales["beta"].confidence < 0.8
+    assert "are implausible: taken as deg" in " ".join(proposal.rationales["beta"].reasons)
 
 
-def test_a_rate_whose_unit_is_unsaid_is_held_against_the_attitude(tmp_path):
+def test_an_inferred_unit_of_a_rate_is_checked_against_the_attitude(tmp_path):
     table = plain_table()
     table["roll_rate"] = 0.03 * table.pop("p_radps") / np.abs(flight()["p"]).max()
     table["phi_rad"] = 0.03 * table["phi_rad"] / np.abs(flight()["p"]).max() / 57.29578
     columns = columns_of(tmp_path, table)
     proposal = propose(columns)
     assert proposal.mapping.channels["p"].unit == "deg/s"
-    assert "read as deg/s instead" in " ".join(proposal.guesses["p"].reasons)
+    assert "taken as deg/s instead" in " ".join(proposal.rationales["p"].reasons)
 
 
 @pytest.mark.parametrize("name", DECOYS)
@@ -192,8 +195,8 @@ def test_a_dead_signal_is_no_channel_that_moves(key, value, tmp_path):
         del table[angle]
     proposal = propose(columns_of(tmp_path, table))
     assert proposal.missing == (key,)
-    assert PLAIN[key] in proposal.guesses[key].reasons[0]
-    assert proposal.guesses[key].confidence == 0.0
+    assert PLAIN[key] in proposal.rationales[key].reasons[0]
+    assert proposal.rationales[key].confidence == 0.0
 
 
 @pytest.mark.parametrize("key", ["delta_a", "delta_r"])
@@ -201,7 +204,7 @@ def test_a_surface_may_be_left_alone(key, tmp_path):
     table = plain_table(**{key: np.zeros(len(flight()["t"]))})
     proposal = propose(columns_of(tmp_path, table))
     assert proposal.mapping.channels[key] == ChannelSource(PLAIN[key], "rad")
-    assert "sign cannot be told" in proposal.guesses[key].reasons[-1]
+    assert "sign cannot be verified" in proposal.rationales[key].reasons[-1]
 
 
 def test_few_rows_are_not_called_dead(tmp_path):
@@ -217,7 +220,7 @@ def test_each_signal_is_given_once_and_the_others_are_alternatives(tmp_path):
     assert len(signals) == len(set(signals))
     assert proposal.mapping.channels["beta"].signal == "beta_rad"
     assert proposal.alternatives["beta"] == ("beta_raw_rad",)
-    assert "beta_raw_rad would do as well" in proposal.guesses["beta"].reasons
+    assert "beta_raw_rad fits as well" in proposal.rationales["beta"].reasons
 
 
 def test_speed_and_lateral_velocity_of_one_letter_are_told_apart(tmp_path):
@@ -230,7 +233,7 @@ def test_speed_and_lateral_velocity_of_one_letter_are_told_apart(tmp_path):
     assert proposal.mapping.channels["V"].signal == "V"
     assert proposal.mapping.channels["v"].signal == "v"
     assert proposal.mapping.channels["beta"] == ChannelSource(derivation="beta_from_velocity")
-    assert proposal.guesses["beta"].confidence < proposal.guesses["v"].confidence
+    assert proposal.rationales["beta"].confidence < proposal.rationales["v"].confidence
     made = apply_mapping(columns, proposal.mapping).channels["beta"]
     assert made.derived
     np.testing.assert_allclose(made.values, flight()["beta"], rtol=1e-12, atol=1e-15)
@@ -240,8 +243,8 @@ def test_a_channel_that_is_missing_is_named_with_what_could_derive_it(tmp_path):
     table = {PLAIN[key]: flight()[key] for key in ("t", "beta", "Ny")}
     proposal = propose(columns_of(tmp_path, table))
     assert proposal.missing == ("p", "r", "delta_a", "delta_r")
-    assert "could be derived from phi" in " ".join(proposal.guesses["p"].reasons)
-    assert "could be derived from psi" in " ".join(proposal.guesses["r"].reasons)
+    assert "could be derived from phi" in " ".join(proposal.rationales["p"].reasons)
+    assert "could be derived from psi" in " ".join(proposal.rationales["r"].reasons)
 
 
 def test_what_could_be_derived_is_offered_beside_what_was_measured(tmp_path):
@@ -270,10 +273,10 @@ def test_a_confirmed_mapping_is_taken_where_its_signals_are(confirmed, tmp_path)
     assert confirmed.channels.items() <= proposal.mapping.channels.items()
     assert proposal.mapping.channels["r"] == ChannelSource("r_radps", "rad/s")
     for key in confirmed.channels:
-        assert "as confirmed for PH-LAB" in proposal.guesses[key].reasons[0]
-    # the motion contradicts what was confirmed; it is said, not changed
-    assert "but the motion says" in proposal.guesses["delta_r"].reasons[-1]
-    assert proposal.guesses["delta_r"].confidence < 0.7 < proposal.guesses["beta"].confidence
+        assert "as confirmed for PH-LAB" in proposal.rationales[key].reasons[0]
+    # the motion contradicts what was confirmed; it is commented on, not changed
+    assert "but by the motion it is reversed" in proposal.rationales["delta_r"].reasons[-1]
+    assert proposal.rationales["delta_r"].confidence < 0.7 < proposal.rationales["beta"].confidence
 
 
 def test_what_a_confirmed_mapping_lacks_in_this_file_is_proposed_anew(confirmed, tmp_path):
@@ -282,16 +285,17 @@ def test_what_a_confirmed_mapping_lacks_in_this_file_is_proposed_anew(confirmed,
     assert proposal.mapping.channels["Ny"] == ChannelSource("ay_g", "g")
     assert proposal.mapping.channels["delta_r"].sign == -1
     assert "Ay" not in proposal.mapping.channels
-    assert "the file has no signal inertial" in proposal.guesses["Ay"].reasons[0]
+    assert "the file has no signal inertial" in proposal.rationales["Ay"].reasons[0]
 
 
-def test_a_unit_that_changed_since_it_was_confirmed_is_doubted(tmp_path):
+def test_a_unit_that_changed_since_it_was_confirmed_is_suspect(tmp_path):
     known = Mapping({"beta": ChannelSource("beta", "rad")}, {"": TimeSource("t_s", "s")})
     table = plain_table()
     table["beta"] = table.pop("beta_rad")
-    guess = propose(columns_of(tmp_path, table, units={"beta": "deg"}), known).guesses["beta"]
-    assert guess.confidence <= 0.5
-    assert "the file now says deg where rad was confirmed" in guess.reasons[1]
+    proposal = propose(columns_of(tmp_path, table, units={"beta": "deg"}), known)
+    rationale = proposal.rationales["beta"]
+    assert rationale.confidence <= 0.5
+    assert "the file now gives deg where rad was confirmed" in rationale.reasons[1]
 
 
 def test_the_same_file_is_proposed_the_same(tmp_path):
@@ -304,7 +308,7 @@ def test_a_file_without_any_channel_says_so_of_each(tmp_path):
     proposal = propose(columns_of(tmp_path, table))
     assert proposal.missing == KEYS
     assert proposal.mapping.channels == {}
-    assert "no signal is named as sideslip is" in proposal.guesses["beta"].reasons
+    assert "no signal is named like sideslip" in proposal.rationales["beta"].reasons
 
 
 WILD = st.sampled_from([0.0, 1.0, -1.0, 1e-300, 1e308, -1e308, np.nan, np.inf, -np.inf, 9999.0])
@@ -322,8 +326,8 @@ def test_any_numbers_under_known_names_are_proposed_of_and_applied(tmp_path_fact
         table["t_s"] = 0.05 * np.arange(n)
     columns = columns_of(tmp_path_factory.mktemp("wild"), table)
     proposal = propose(columns)
-    assert all(0.0 <= guess.confidence <= 1.0 for guess in proposal.guesses.values())
+    assert all(0.0 <= rationale.confidence <= 1.0 for rationale in proposal.rationales.values())
     if proposal.mapping.channels:
         traces = apply_mapping(columns, proposal.mapping)
         assert all(not np.isinf(trace.values).any() for trace in traces.channels.values())
-    json.dumps(preview(columns, proposal.mapping), allow_nan=False)
+    json.dumps(channel_bands(applicable(columns, proposal.mapping)), allow_nan=False)

@@ -18,7 +18,7 @@ from core.simulation.published import MODELS
 from tests.support.tables import columns_of, flight
 
 MEASURED = (*KEYS, "phi", "theta", "psi", "V")
-UNTOLD = "cannot be told"
+UNVERIFIED = "cannot be verified"
 
 
 def traces_of(channels):
@@ -52,7 +52,7 @@ def test_a_reversed_channel_is_found_on_every_published_aircraft(model, reversed
     expected = surface_signs(PublishedAircraft(model, n_states=4).uncertain_plant())
     _, proposal = proposed(tmp_path, channels, expected=expected)
     for key in KEYS:
-        told = UNTOLD not in proposal.guesses[key].reasons[-1]
+        told = UNVERIFIED not in proposal.rationales[key].reasons[-1]
         assert told or (key, model) == ("delta_a", "b747_40k_m0p8"), key  # it rolls by 0.8 deg/s
         if told:
             assert signs_of(proposal)[key] == (-1 if key in keys else 1), key
@@ -90,12 +90,12 @@ def test_a_rate_in_other_units_than_its_angle_is_noticed(key, angle, which):
     assert ratio == pytest.approx(57.3, rel=0.1)
 
 
-def test_units_that_contradict_each_other_are_doubted_and_not_changed(tmp_path):
+def test_units_that_contradict_each_other_are_suspect_and_not_changed(tmp_path):
     _, proposal = proposed(tmp_path, flight() | {"p": np.rad2deg(flight()["p"])})
     assert proposal.mapping.channels["p"] == ChannelSource("p", "rad/s")
     for key in ("p", "phi"):
-        assert "one of the units said is wrong" in " ".join(proposal.guesses[key].reasons)
-        assert proposal.guesses[key].confidence < 0.8
+        assert "the unit of one of them is wrong" in " ".join(proposal.rationales[key].reasons)
+        assert proposal.rationales[key].confidence < 0.8
 
 
 @pytest.mark.parametrize("aileron", [1, -1])
@@ -164,8 +164,8 @@ def test_gravity_in_a_lateral_acceleration_is_found_and_taken_out(sign, tmp_path
     columns, proposal = proposed(tmp_path, channels | {"Ny": held})
     assert proposal.mapping.channels["Ny"] == ChannelSource(derivation="Ny_without_gravity")
     assert proposal.mapping.channels["Ay"] == ChannelSource("Ny", "g", sign=sign)
-    assert "derived, as Ny holds gravity: it follows +1" in proposal.guesses["Ny"].reasons[0]
-    assert proposal.guesses["Ny"].confidence < proposal.guesses["beta"].confidence
+    assert "derived, as Ny contains gravity: it follows +1" in proposal.rationales["Ny"].reasons[0]
+    assert proposal.rationales["Ny"].confidence < proposal.rationales["beta"].confidence
     made = apply_mapping(columns, proposal.mapping).channels["Ny"]
     assert made.derived
     np.testing.assert_allclose(made.values, channels["Ny"], atol=1e-12)
@@ -182,15 +182,19 @@ def test_an_offset_in_the_quiet_first_seconds_is_proposed_with_its_reason(tmp_pa
     columns, proposal = proposed(tmp_path, flight() | {"Ny": flight()["Ny"] + 0.08})
     offset = proposal.mapping.channels["Ny"].offset
     assert offset == pytest.approx(0.08, abs=0.001)
-    assert "it starts at 0.0799 g with a noise of 0.0022 g" in proposal.guesses["Ny"].reasons[-1]
+    assert proposal.rationales["Ny"].reasons[-1] == (
+        "removed a constant bias: its first 2 s have a mean of 0.0799 g and a standard deviation "
+        "of 0.0022 g"
+    )
     made = apply_mapping(columns, proposal.mapping).channels["Ny"]
     np.testing.assert_allclose(made.values, flight()["Ny"] + 0.08 - offset)
 
 
-def test_an_offset_of_gravity_is_doubted(tmp_path):
+def test_a_bias_as_large_as_gravity_is_suspect(tmp_path):
     _, proposal = proposed(tmp_path, flight() | {"Ny": flight()["Ny"] + 1.0})
-    assert "is it the normal acceleration" in proposal.guesses["Ny"].reasons[-1]
-    assert proposal.guesses["Ny"].confidence < 0.5
+    text = proposal.rationales["Ny"].reasons[-1]
+    assert "as large as gravity: check for a normal acceleration" in text
+    assert proposal.rationales["Ny"].confidence < 0.5
 
 
 @pytest.mark.parametrize("start", ["trim", "moving"])
@@ -231,5 +235,5 @@ def test_rates_made_of_the_attitude_are_not_proven_by_it(tmp_path):
     channels = {key: x for key, x in flight().items() if key not in ("p", "r")}
     _, proposal = proposed(tmp_path, channels)
     for key in ("p", "r"):
-        assert len(proposal.guesses[key].reasons) == 1
-        assert proposal.guesses[key].confidence < 0.7
+        assert len(proposal.rationales[key].reasons) == 1
+        assert proposal.rationales[key].confidence < 0.7

@@ -2,7 +2,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from app.telemetry.mapping.names import readings
+from app.telemetry.mapping.names import name_matches
 from app.telemetry.mapping.vocabulary import MEANINGS
 from app.telemetry.targets import TARGETS
 from app.telemetry.units import spelled
@@ -103,19 +103,19 @@ def _named(key: str) -> list[tuple[str, str, str]]:
 
 @pytest.mark.parametrize(("key", "name", "unit"), [row for key in NAMES for row in _named(key)])
 def test_a_name_is_read_as_its_channel_in_the_unit_that_it_says(key, name, unit):
-    first = readings(name)[0]
+    first = name_matches(name)[0]
     assert (first.key, spelled(first.unit)) == (key, unit)
     assert first.certainty >= 0.5
 
 
 @pytest.mark.parametrize("name", DECOYS)
 def test_a_name_of_something_else_is_no_channel(name):
-    assert [reading for reading in readings(name) if reading.certainty >= 0.3] == []
+    assert [reading for reading in name_matches(name) if reading.certainty >= 0.3] == []
 
 
 @pytest.mark.parametrize("name", UNSURE.split())
 def test_a_name_that_could_be_a_channel_is_not_taken_for_it(name):
-    assert all(reading.certainty < 0.4 for reading in readings(name))
+    assert all(reading.certainty < 0.4 for reading in name_matches(name))
 
 
 @pytest.mark.parametrize(
@@ -131,12 +131,12 @@ def test_a_name_that_could_be_a_channel_is_not_taken_for_it(name):
     ],
 )
 def test_the_group_completes_the_name(group, name, key):
-    assert readings(name, group)[0].key == key
+    assert name_matches(name, group)[0].key == key
 
 
 @pytest.mark.parametrize("group", ["vehicle_attitude_setpoint", "actuator_limits"])
 def test_a_group_of_commands_has_no_measurements(group):
-    assert readings("roll", group) == ()
+    assert name_matches("roll", group) == ()
 
 
 @pytest.mark.parametrize(
@@ -152,30 +152,30 @@ def test_a_group_of_commands_has_no_measurements(group):
     ],
 )
 def test_a_name_that_can_mean_one_thing_only_is_surer(surer, less):
-    assert readings(surer)[0].key == readings(less)[0].key
-    assert readings(surer)[0].certainty > readings(less)[0].certainty
+    assert name_matches(surer)[0].key == name_matches(less)[0].key
+    assert name_matches(surer)[0].certainty > name_matches(less)[0].certainty
 
 
 def test_v_can_be_the_speed_or_its_lateral_part():
-    assert {reading.key for reading in readings("v")} == {"V", "v"}
+    assert {reading.key for reading in name_matches("v")} == {"V", "v"}
 
 
 @given(st.sampled_from([row[:2] for key in NAMES for row in _named(key)]), st.data())
 def test_case_changes_nothing(row, data):
     key, name = row
     if name.islower() or name.isupper():
-        assert readings(name.swapcase())[0].key == key
+        assert name_matches(name.swapcase())[0].key == key
 
 
 @given(st.text(max_size=30))
 def test_any_name_is_read_as_targets_or_time_with_a_certainty(name):
-    for reading in readings(name, name):
+    for reading in name_matches(name, name):
         assert reading.key in TARGETS or reading.key == "t"
         assert 0.0 < reading.certainty <= 1.0
 
 
 def test_every_word_of_the_vocabulary_means_itself():
     for stem, meant in MEANINGS.items():
-        found = {reading.key: reading.certainty for reading in readings(stem)}
+        found = {reading.key: reading.certainty for reading in name_matches(stem)}
         for key, certainty in meant.items():
             assert found.get(key, 0.0) >= certainty - 1e-12, stem

@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
-from app.telemetry.extent import extent
 from app.telemetry.mapping.applying import apply_mapping
+from app.telemetry.mapping.extent import extent_of
 from app.telemetry.mapping.mapping import ChannelSource, Mapping, TimeSource
 from app.telemetry.mapping.proposal import propose
 from app.telemetry.recording import TelemetryError
@@ -15,7 +15,7 @@ SWING = 0.1 * np.sin(EVEN)
 
 def times_of(folder, table, **how):
     proposal = propose(columns_of(folder, table, **how))
-    return proposal.mapping.times, proposal.guesses
+    return proposal.mapping.times, proposal.rationales
 
 
 UNITS = {
@@ -36,39 +36,39 @@ UNITS = {
 
 @pytest.mark.parametrize(("name", "values", "unit"), UNITS.values(), ids=UNITS)
 def test_the_unit_of_a_time_is_told_by_its_steps_and_origin(name, values, unit, tmp_path):
-    times, guesses = times_of(tmp_path, {"beta": SWING, name: values})
+    times, rationales = times_of(tmp_path, {"beta": SWING, name: values})
     assert times == {"": TimeSource(name, unit)}
-    assert "no unit is said" in guesses["t:"].reasons[1]
+    assert "unit not given: " in rationales["t:"].reasons[1]
 
 
 @pytest.mark.parametrize(
-    ("name", "said", "unit"),
+    ("name", "given", "unit"),
     [("t_ms", "", "ms"), ("time", "us", "us"), ("Time (sec)", "", "s"), ("time_h", "", "h")],
 )
-def test_a_unit_that_is_said_is_believed(name, said, unit, tmp_path):
-    times, guesses = times_of(tmp_path, {name: EVEN, "beta": SWING}, units={name: said})
+def test_a_unit_that_is_given_is_taken(name, given, unit, tmp_path):
+    times, rationales = times_of(tmp_path, {name: EVEN, "beta": SWING}, units={name: given})
     assert times == {"": TimeSource(name, unit)}
-    assert f"counted in {unit}, as is said" in guesses["t:"].reasons[1]
+    assert f"its unit is given as {unit}" in rationales["t:"].reasons[1]
 
 
 def test_a_unit_that_makes_no_sample_rate_is_doubted(tmp_path):
-    _, guesses = times_of(tmp_path, {"t_h": EVEN, "beta": SWING})
-    assert guesses["t:"].confidence < 0.6
-    assert "though that makes a sample every 72 s" in guesses["t:"].reasons[1]
+    _, rationales = times_of(tmp_path, {"t_h": EVEN, "beta": SWING})
+    assert rationales["t:"].confidence < 0.6
+    assert "although that makes one sample every 72 s" in rationales["t:"].reasons[1]
 
 
 def test_what_the_format_declares_is_the_time(tmp_path):
     table = {"g//time": EVEN, "g//stamp": 1e6 * EVEN, "g//beta": SWING}
-    times, guesses = times_of(tmp_path, table, times={"g": "stamp"}, units={"stamp": "us"})
+    times, rationales = times_of(tmp_path, table, times={"g": "stamp"}, units={"stamp": "us"})
     assert times == {"g": TimeSource("stamp", "us")}
-    assert guesses["t:g"].confidence > 0.95
+    assert rationales["t:g"].confidence > 0.95
 
 
 def test_a_time_that_no_name_gives_away_is_found_by_its_even_steps(tmp_path):
     table = {"beta": SWING, "column 1": EVEN, "x": np.cumsum(np.abs(SWING)) ** 2}
-    times, guesses = times_of(tmp_path, table)
+    times, rationales = times_of(tmp_path, table)
     assert times == {"": TimeSource("column 1", "s")}
-    assert guesses["t:"].confidence < 0.6
+    assert rationales["t:"].confidence < 0.6
 
 
 @pytest.mark.parametrize(
@@ -83,27 +83,29 @@ def test_a_time_that_no_name_gives_away_is_found_by_its_even_steps(tmp_path):
     ids=["counter", "constant", "empty", "noise", "uneven"],
 )
 def test_a_group_without_a_time_is_not_used_and_says_so(values, tmp_path):
-    times, guesses = times_of(tmp_path, {"beta": SWING, "row": values})
+    times, rationales = times_of(tmp_path, {"beta": SWING, "row": values})
     assert times == {}
-    assert guesses["t:"].confidence == 0.0
-    assert guesses["t:"].reasons == ("none of its signals is a time, so it is not used: beta, row",)
+    assert rationales["t:"].confidence == 0.0
+    assert rationales["t:"].reasons == (
+        "the group is not used, as none of its signals is a time: beta, row",
+    )
 
 
 @pytest.mark.parametrize(
     ("clock", "why"),
     [
         (np.zeros(N), f"t_s is 0 in all {N} rows"),
-        (np.full(N, np.nan), f"t_s holds no number in all {N} rows"),
+        (np.full(N, np.nan), f"t_s has no value in any of its {N} rows"),
     ],
     ids=["constant", "empty"],
 )
 def test_a_named_time_that_is_no_clock_is_blamed_and_not_the_names(clock, why, tmp_path):
     columns = columns_of(tmp_path, {"t_s": clock, "beta_rad": SWING})
     proposal = propose(columns)
-    why += ": it is no clock; choose another time"
-    assert proposal.guesses["t:"].reasons[0].startswith(why)
-    assert f"beta_rad is named as sideslip is, but has no time: {why}" in (
-        proposal.guesses["beta"].reasons
+    why += ", which is no clock: choose another signal as the time"
+    assert proposal.rationales["t:"].reasons[0].startswith(why)
+    assert f"beta_rad is named like sideslip, but has no time: {why}" in (
+        proposal.rationales["beta"].reasons
     )
     taken = Mapping({"beta": ChannelSource("beta_rad", "rad")}, {"": TimeSource("t_s", "s")})
     for mapping in (proposal.mapping, taken):
@@ -143,21 +145,21 @@ def test_every_group_has_its_own_time_and_one_without_is_left_out(tmp_path):
     }
     signals = {key: source.signal for key, source in proposal.mapping.channels.items()}
     assert signals == {"beta": "beta", "p": "gyro_x", "r": "gyro_z"}
-    assert "it is not used: rudder" in proposal.guesses["t:events"].reasons[0]
-    assert "fewer than two rows" in proposal.guesses["t:one"].reasons[0]
+    assert "none of its signals is a time: rudder" in proposal.rationales["t:events"].reasons[0]
+    assert "fewer than two rows" in proposal.rationales["t:one"].reasons[0]
 
 
-def test_a_spike_is_no_reach():
+def test_a_spike_is_no_peak():
     values = 0.05 * np.sin(np.arange(5000.0))
     values[[100, 4000]] = 9999.0, -9999.0
-    assert extent(values).peak == pytest.approx(0.05, rel=0.01)
-    assert extent(values).highest == 9999.0
+    assert extent_of(values).peak == pytest.approx(0.05, rel=0.01)
+    assert extent_of(values).highest == 9999.0
 
 
-def test_the_reach_of_few_or_no_values():
-    assert extent(np.array([1.0, -3.0])).peak == 3.0
-    assert extent(np.array([np.nan, np.inf])).peak == 0.0
-    assert extent(np.array([np.nan, np.inf])).empty
-    assert extent(np.empty(0)).empty
-    assert not extent(np.ones(5)).still
-    assert extent(np.ones(500)).still
+def test_the_extent_of_few_or_no_values():
+    assert extent_of(np.array([1.0, -3.0])).peak == 3.0
+    assert extent_of(np.array([np.nan, np.inf])).peak == 0.0
+    assert extent_of(np.array([np.nan, np.inf])).empty
+    assert extent_of(np.empty(0)).empty
+    assert not extent_of(np.ones(5)).still
+    assert extent_of(np.ones(500)).still

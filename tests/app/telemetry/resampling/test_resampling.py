@@ -9,8 +9,9 @@ from app.telemetry.recording import Recording, TelemetryError
 from app.telemetry.resampling.low_pass import HALF_WIDTH, PASS, STOP, low_passed
 from app.telemetry.resampling.resampling import MAX_ROWS, on_grid
 from app.telemetry.resampling.segments import EVEN
-from app.telemetry.traces import Array, Trace, Traces
+from app.telemetry.traces import Trace, Traces
 from core.channels import KEYS
+from core.types import Array
 from tests.support.places import RECORDS
 
 SLOPES = np.array([1.0, -2.0, 0.0, 0.5, 3.0, -0.1])

@@ -1,4 +1,4 @@
-"""Times put right only where that is certain, and said so."""
+"""Times repaired only where that is certain, and the repair named."""
 
 import json
 from dataclasses import asdict
@@ -11,10 +11,11 @@ from hypothesis import strategies as st
 
 from app.telemetry.recording import TelemetryError
 from app.telemetry.timing.clock_faults import WRAPS
-from app.telemetry.timing.quality import MOST_SPANS, Quality, Span
+from app.telemetry.timing.quality import MOST_FAULTS, Fault, Quality
+from app.telemetry.timing.repair import repair
 from app.telemetry.timing.rounded_clock import evened
-from app.telemetry.timing.timing import repaired
-from app.telemetry.traces import Array, Trace, Traces
+from app.telemetry.traces import Trace, Traces
+from core.types import Array
 
 N = 2000
 ROW = np.arange(N, dtype=np.float64)
@@ -27,10 +28,11 @@ def traces(t: Array, x: Array = ROW, **more: Trace) -> Traces:
     return Traces({"h": Trace(t, x), "theta": Trace(t, -0.5 * x)} | more)
 
 
-def repair(t: np.ndarray, x: Array = ROW, **more: Trace) -> tuple[Trace, Quality]:
+def repaired(t: np.ndarray, x: Array = ROW, **more: Trace) -> tuple[Trace, Quality]:
     """The first channel and the quality of all; checks what holds for every repair."""
     recorded = traces(np.asarray(t, np.float64), x, **more)
-    made, quality = repaired(recorded)
+    result = repair(recorded)
+    made, quality = result.traces, result.quality
     assert msgspec.json.encode(asdict(quality))  # which takes no numbers of NumPy's
     assert json.dumps(asdict(quality), allow_nan=False)
     for key, trace in made.channels.items():
@@ -49,7 +51,7 @@ def kinds(quality: Quality) -> set[str]:
 
 
 def test_good_times_stay_the_same_array():
-    made, quality = repair(T)
+    made, quality = repaired(T)
     assert made.t is T
     assert made.values is ROW
     clock = quality.clocks[0]
@@ -63,10 +65,10 @@ def test_good_times_stay_the_same_array():
 def test_rows_without_a_time_are_left_out():
     t = T.copy()
     t[[7, 900]], t[33] = np.nan, -np.inf
-    made, quality = repair(t)
+    made, quality = repaired(t)
     np.testing.assert_array_equal(made.values, np.delete(ROW, [7, 33, 900]))
     assert (quality.clocks[0].bad_times, quality.clocks[0].n_gaps) == (3, 3)
-    assert "3 rows without a time left out" in quality.sentences()[1]
+    assert "3 rows without a time removed" in quality.sentences()[1]
 
 
 @settings(max_examples=30)
@@ -76,7 +78,7 @@ def test_late_packets_are_sorted_in(seed, depth):
     order = np.arange(N)
     for begin in rng.integers(0, N - depth, 3):
         order[begin : begin + depth] = rng.permutation(order[begin : begin + depth])
-    made, quality = repair(T[order], order.astype(float))
+    made, quality = repaired(T[order], order.astype(float))
     np.testing.assert_array_equal(made.values, ROW)
     np.testing.assert_array_equal(made.t, T)
     late = order < np.maximum.accumulate(order)
@@ -86,19 +88,19 @@ def test_late_packets_are_sorted_in(seed, depth):
 
 def test_rows_that_all_came_in_pairs_the_wrong_way_round_are_sorted():
     order = np.arange(N) ^ 1
-    made, _ = repair(T[order], ROW[order])
+    made, _ = repaired(T[order], ROW[order])
     np.testing.assert_array_equal(made.values, ROW)
 
 
 def test_rows_from_the_newest_to_the_oldest_are_turned_round():
-    made, quality = repair(T[::-1].copy(), ROW[::-1])
+    made, quality = repaired(T[::-1].copy(), ROW[::-1])
     np.testing.assert_array_equal(made.values, ROW)
     assert quality.clocks[0].backward
 
 
 def test_rows_written_twice_count_once():
     index = np.sort(np.append(np.arange(N), [5, 5, 700, N - 1]))
-    made, quality = repair(T[index], ROW[index])
+    made, quality = repaired(T[index], ROW[index])
     np.testing.assert_array_equal(made.values, ROW)
     assert (quality.clocks[0].repeated, quality.clocks[0].conflicting) == (4, 0)
     assert [span.start for span in quality.spans if span.kind == "repeated"] == [0.05, 7.0, 19.99]
@@ -106,37 +108,37 @@ def test_rows_written_twice_count_once():
 
 def test_a_packet_sent_again_later_counts_once():
     index = np.concatenate([np.arange(900), np.arange(880, 900), np.arange(900, N)])
-    made, quality = repair(T[index], ROW[index])
+    made, quality = repaired(T[index], ROW[index])
     np.testing.assert_array_equal(made.values, ROW)
     assert (quality.clocks[0].repeated, quality.clocks[0].sets) == (20, ())
 
 
-def test_of_two_values_at_one_time_the_first_stays_and_it_is_said():
+def test_of_two_values_at_one_time_the_first_stays_and_is_named():
     t = T.copy()
     t[501] = t[500]
-    made, quality = repair(t)
+    made, quality = repaired(t)
     np.testing.assert_array_equal(made.values, np.delete(ROW, 501))
     assert quality.clocks[0].conflicting == 1
-    assert "1 row with a repeated time left out (1 with other values)" in quality.sentences()[1]
+    assert "1 row with a repeated time removed (1 with other values)" in quality.sentences()[1]
 
 
 @pytest.mark.parametrize("name", WRAPS)
-def test_a_counter_that_wraps_is_counted_on(name):
+def test_a_counter_that_wraps_is_continued(name):
     t = np.round(np.mod(WRAPS[name] - 10.0 + T, WRAPS[name]), 6)
-    made, quality = repair(t)
+    made, quality = repaired(t)
     np.testing.assert_array_equal(made.values, ROW)
     np.testing.assert_allclose(made.t, WRAPS[name] - 10.0 + T, atol=1e-5)
     assert quality.clocks[0].wraps == (name,)
-    assert f"counted on over {name}" in quality.sentences()[1]
+    assert f"continued beyond {name}" in quality.sentences()[1]
 
 
-def test_a_clock_that_began_after_the_wrap_is_counted_on_too():
+def test_a_clock_that_began_after_the_wrap_is_continued_too():
     period = WRAPS["the end of a 32-bit counter of microseconds"]
     t = np.mod(period - 10.0 + T, period)
     psi = Trace(2.0 + ROW[:60] / 10.0, ROW[:60])
-    made, quality = repaired(traces(t, psi=psi))
-    np.testing.assert_allclose(made.channels["psi"].t, psi.t + period)
-    assert quality.clocks[1].wraps
+    result = repair(traces(t, psi=psi))
+    np.testing.assert_allclose(result.traces.channels["psi"].t, psi.t + period)
+    assert result.quality.clocks[1].wraps
 
 
 @settings(max_examples=60)
@@ -149,9 +151,9 @@ def test_two_passes_of_a_clock_are_never_merged(back, at, step):
     t[at:] -= back
     if cheapest > 0.1 * N:
         with pytest.raises(TelemetryError, match="split the file where its clock was set"):
-            repair(t)
+            repaired(t)
         return
-    made, quality = repair(t)
+    made, quality = repaired(t)
     assert (np.diff(made.values) > 0.0).all()  # rows in the order they were recorded
     assert len(made.t) >= 0.9 * N
     assert quality.clocks[0].lost == N - len(made.t) > 0
@@ -166,30 +168,30 @@ def test_two_passes_of_a_clock_are_never_merged(back, at, step):
 def test_a_leap_second_leaves_a_gap_and_says_so():
     t = T.copy()
     t[1000:] -= 0.5
-    made, quality = repair(t)
+    made, quality = repaired(t)
     np.testing.assert_array_equal(made.values, np.delete(ROW, np.s_[950:1050]))
-    assert Span(9.5, 9.99, "clock") in quality.spans
+    assert Fault(9.5, 9.99, "clock") in quality.spans
     assert any(s.kind == "gap" and s.start < 9.5 and s.end > 9.99 for s in quality.spans)
     assert (
-        "the clock jumps from 9.99 s to 9.5 s; 100 rows without a certain time left out"
+        "the clock jumps from 9.99 s to 9.5 s; 100 rows with an ambiguous time removed"
         in (quality.sentences()[1])
     )
 
 
-def test_what_is_in_doubt_on_one_clock_is_so_on_all():
+def test_what_is_ambiguous_on_one_clock_is_so_on_all():
     t = T.copy()
     t[1000:] -= 0.5
     slow = np.arange(0.0, 19.0, 1.3)
-    _, quality = repair(t, V=Trace(slow, slow), phi=Trace(np.append(slow, 19.4), np.zeros(16)))
+    _, quality = repaired(t, V=Trace(slow, slow), phi=Trace(np.append(slow, 19.4), np.zeros(16)))
     assert 9.1 in np.round(slow, 6)
-    in_doubt = ((slow >= 9.5) & (slow <= 9.99)).sum()
-    assert [clock.lost for clock in quality.clocks[1:]] == [in_doubt, in_doubt]
+    ambiguous = ((slow >= 9.5) & (slow <= 9.99)).sum()
+    assert [clock.lost for clock in quality.clocks[1:]] == [ambiguous, ambiguous]
 
 
 def test_a_clock_set_while_it_starts_costs_what_came_before():
     t = T + 1.7e9
     t[:50] = T[:50]
-    made, quality = repair(t)
+    made, quality = repaired(t)
     np.testing.assert_array_equal(made.values, ROW[50:])
     assert quality.clocks[0].sets == ((0.49, 1.7e9 + 0.5),)
 
@@ -197,7 +199,7 @@ def test_a_clock_set_while_it_starts_costs_what_came_before():
 def test_stray_times_are_left_out():
     t = T.copy()
     t[300], t[700], t[1500:1503] = 1e9, 0.0, [80.0, 80.01, 80.02]
-    made, quality = repair(t)
+    made, quality = repaired(t)
     np.testing.assert_array_equal(made.values, np.delete(ROW, [300, 700, 1500, 1501, 1502]))
     assert quality.clocks[0].lost == 5
 
@@ -207,9 +209,9 @@ def test_stray_times_are_left_out():
     [
         (np.where(ROW < 1000, T, T - 8.0), r"goes from 9\.99 s to 2 s before its row 1001, which"),
         (np.random.default_rng(0).uniform(0, 1e5, N), "choose the signal of the time"),
-        (np.random.default_rng(0).uniform(0, 4.9, 50 * N), "at more than 1000 places"),
+        (np.random.default_rng(0).uniform(0, 4.9, 50 * N), "step back at more than 1000 places"),
         (np.random.default_rng(0).uniform(0, 1e5, 50 * N), "by more than .* s at .* places"),
-        (20.0 * np.abs(np.sin(0.001 * ROW)), "without a certain time: choose the signal of"),
+        (20.0 * np.abs(np.sin(0.001 * ROW)), "with an ambiguous time: choose the signal of"),
         (np.random.default_rng(0).normal(size=N).cumsum(), "fall from .* s in small steps until"),
         (1e-12 * ROW, "lie within 2e-09 s: choose the unit of their time"),
         (1e15 + ROW, "0 of 2000 rows .* choose the signal that is their time and its unit"),
@@ -219,7 +221,7 @@ def test_stray_times_are_left_out():
 )
 def test_times_that_cannot_be_told_are_refused_with_the_numbers(t, words):
     with pytest.raises(TelemetryError, match=words):
-        repaired(traces(t, np.arange(len(t), dtype=np.float64)))
+        repair(traces(t, np.arange(len(t), dtype=np.float64)))
 
 
 @pytest.mark.parametrize("cut", [np.floor, np.rint])
@@ -228,27 +230,27 @@ def test_times_that_cannot_be_told_are_refused_with_the_numbers(t, words):
 )
 def test_rounded_times_of_an_even_clock_are_put_back(rate, unit, cut):
     true = ROW / rate
-    made, quality = repair(np.round(unit * cut(true / unit + 1e-9), 9))
+    made, quality = repaired(np.round(unit * cut(true / unit + 1e-9), 9))
     np.testing.assert_array_equal(made.values, ROW)
     np.testing.assert_allclose(np.diff(made.t), 1.0 / rate, atol=1e-12)
     assert np.abs(made.t - true).max() <= 0.5 * unit
     assert quality.clocks[0].rounded_to == pytest.approx(unit)
-    assert f"put back on an even clock of {rate:g} Hz" in quality.sentences()[1]
+    assert f"restored to an even clock of {rate:g} Hz" in quality.sentences()[1]
 
 
 def test_times_in_single_precision_are_put_back():
-    made, _ = repair((3000.0 + T).astype(np.float32).astype(np.float64))
+    made, _ = repaired((3000.0 + T).astype(np.float32).astype(np.float64))
     np.testing.assert_allclose(made.t, 3000.0 + T, atol=1e-9)
 
 
 def test_rounded_times_keep_their_lost_rows_and_their_pauses():
     kept = np.sort(np.random.default_rng(1).choice(N, N - 40, replace=False))
     true = ROW / 60.0
-    made, quality = repair(np.round(true, 3)[kept], ROW[kept])
+    made, quality = repaired(np.round(true, 3)[kept], ROW[kept])
     np.testing.assert_allclose(made.t, true[kept], atol=1e-9)
     assert quality.clocks[0].n_gaps > 30
     paused = np.where(ROW < 1000, true, true + 7.1234)
-    made, quality = repair(np.round(paused, 3))
+    made, quality = repaired(np.round(paused, 3))
     np.testing.assert_allclose(np.delete(np.diff(made.t), 999), 1.0 / 60.0, atol=1e-5)
     assert np.abs(made.t - paused).max() <= 1e-3
     assert quality.clocks[0].longest_gap == pytest.approx(7.1234 + 1 / 60, abs=2e-3)
@@ -272,34 +274,34 @@ def test_times_that_rounding_does_not_explain_are_left_alone(t):
 
 def test_gaps_are_found_with_their_place_and_length():
     t = np.delete(T, [*range(300, 350), 1200])
-    _, quality = repair(t, np.delete(ROW, [*range(300, 350), 1200]))
+    _, quality = repaired(t, np.delete(ROW, [*range(300, 350), 1200]))
     clock = quality.clocks[0]
     assert (clock.n_gaps, clock.longest_gap_at) == (2, 2.99)
     assert (clock.gap_time, clock.longest_gap) == (pytest.approx(0.53), pytest.approx(0.51))
-    assert quality.spans == (Span(2.99, 3.5, "gap"), Span(11.99, 12.01, "gap"))
-    assert "2 gaps, 0.53 s in all, the longest 0.51 s at 2.99 s" in quality.sentences()[1]
+    assert quality.spans == (Fault(2.99, 3.5, "gap"), Fault(11.99, 12.01, "gap"))
+    assert "2 gaps, 0.53 s in total, the longest 0.51 s at 2.99 s" in quality.sentences()[1]
 
 
 def test_uneven_steps_are_jitter_and_no_gaps():
     rng = np.random.default_rng(4)
-    _, quality = repair(T + rng.uniform(-0.002, 0.002, N))
+    _, quality = repaired(T + rng.uniform(-0.002, 0.002, N))
     clock = quality.clocks[0]
     assert clock.n_gaps == 0
     assert clock.jitter == pytest.approx(0.002 * np.sqrt(2 / 3), rel=0.1)
-    assert f"scattering by {clock.jitter:.2g} s" in quality.sentences()[0]
+    assert f"jitter {clock.jitter:.2g} s rms" in quality.sentences()[0]
 
 
 def test_missing_values_are_placed_and_blanks_of_a_slow_channel_are_its_rate():
     x, slow = ROW.copy(), np.full(N, np.nan)
     x[500:520], x[900] = np.nan, np.inf
     slow[::10] = ROW[::10]
-    _, quality = repair(T, x, phi=Trace(T, slow), psi=Trace(T, np.full(N, np.nan)))
+    _, quality = repaired(T, x, phi=Trace(T, slow), psi=Trace(T, np.full(N, np.nan)))
     altitude, _, phi, psi = quality.channels
     assert (altitude.missing, altitude.longest_missing) == (21 / N, pytest.approx(0.21))
-    assert Span(4.99, 5.2, "missing:h") in quality.spans
+    assert Fault(4.99, 5.2, "missing:h") in quality.spans
     assert (phi.rate, phi.longest_missing) == (pytest.approx(10.0), pytest.approx(0.09))
     assert psi.missing == 1.0
-    assert Span(0.0, 19.99, "missing:psi") in quality.spans
+    assert Fault(0.0, 19.99, "missing:psi") in quality.spans
     assert "psi has no value." in quality.sentences()
 
 
@@ -309,15 +311,15 @@ def test_a_sensor_that_froze_is_told_from_one_that_is_slow_coarse_or_dead():
     frozen[800:1400] = frozen[800]
     held = np.repeat(rng.normal(size=N // 10), 10)
     channels = {"beta": frozen, "phi": coarse, "psi": held, "V": np.full(N, 3.0), "h": ROW}
-    _, quality = repaired(Traces({key: Trace(T, x) for key, x in channels.items()}))
+    quality = repair(Traces({key: Trace(T, x) for key, x in channels.items()})).quality
     beta, phi, psi, v, h = quality.channels
     assert (beta.frozen, beta.frozen_at) == (pytest.approx(5.99), pytest.approx(8.0))
     assert [c.frozen for c in (phi, psi, v, h)] == [0.0] * 4
     assert [c.held for c in quality.channels] == [1, 1, 10, 1, 1]
     assert [c.constant for c in quality.channels] == [False, False, False, True, False]
-    assert quality.spans == (Span(8.0, 13.99, "frozen:beta"),)
+    assert quality.spans == (Fault(8.0, 13.99, "frozen:beta"),)
     said = " ".join(quality.sentences())
-    assert "beta does not change by a bit for 5.99 s from 8 s on" in said
+    assert "beta is constant to the last bit for 5.99 s from 8 s on" in said
     assert "psi repeats each value 10 times, so it was measured at 10 Hz" in said
     assert "V never changes" in said
 
@@ -326,17 +328,18 @@ def test_a_strip_stays_drawable_whatever_the_recording():
     t = np.linspace(0.0, 500.0, 50_000)
     x = 2.0 * t
     x[::7] = np.nan
-    _, quality = repair(t, x)
-    assert len(quality.spans) <= 2 * MOST_SPANS
+    _, quality = repaired(t, x)
+    assert len(quality.spans) <= 2 * MOST_FAULTS
     assert kinds(quality) == {"missing:h", "missing:theta"}
 
 
-def test_what_no_aircraft_shows_is_missing_and_said():
+def test_implausible_values_are_missing_and_named():
     beta, p, ay = 0.01 * np.sin(T), 0.1 * np.cos(T), 0.1 * np.sin(T)
     wild, far = p.copy(), ay.copy()
     wild[700:720], far[1000] = 1e30, -9e99
     recorded = {"beta": beta, "p": wild, "Ny": far}
-    made, quality = repaired(Traces({key: Trace(T, x) for key, x in recorded.items()}))
+    result = repair(Traces({key: Trace(T, x) for key, x in recorded.items()}))
+    made, quality = result.traces, result.quality
     assert made.channels["beta"].values is beta
     np.testing.assert_array_equal(
         np.flatnonzero(np.isnan(made.channels["p"].values)), range(700, 720)
@@ -346,11 +349,11 @@ def test_what_no_aircraft_shows_is_missing_and_said():
     assert [c.implausible for c in quality.channels] == [0, 20, 1]
     assert (quality.channels[2].largest, quality.channels[2].largest_at) == (-9e99, 10.0)
     assert quality.channels[1].longest_missing == pytest.approx(0.21)
-    assert Span(10.0, 10.0, "implausible:Ny") in quality.spans
+    assert Fault(10.0, 10.0, "implausible:Ny") in quality.spans
     assert {"implausible:p", "missing:p"} <= kinds(quality)
     said = (
-        "Ny goes beyond 30 g, which no aircraft shows, in 1 row (to -9e+99 g, at 10 s): it is "
-        "taken as missing. Is its unit right?"
+        "Ny exceeds 30 g, the most that is plausible, in 1 row (up to -9e+99 g, at 10 s), taken as "
+        "missing: check its unit."
     )
     assert said in quality.sentences()
     assert said in made.notes

@@ -1,4 +1,4 @@
-"""How far a signal reaches, from one pass over its numbers: what a proposal goes by."""
+"""The range of a signal's values, from one pass over them: what a proposal goes by."""
 
 from dataclasses import dataclass
 
@@ -8,29 +8,29 @@ from core.types import Array
 
 N_TILES = 2048
 OUTLIERS = 2
-"""Tiles that reach further than the peak: spikes are not motion."""
+"""Tiles with larger values than the peak: spikes are not motion."""
 FEW = 20
 """With fewer values there is no telling spikes from motion, nor a dead channel from a still one."""
 
 
 @dataclass(frozen=True, eq=False)
 class Extent:
-    """n: values.   known: finite ones among them.   low, high: (n_tiles,) of equal stretches."""
+    """n: values.   n_finite: of them.   low, high: (n_tiles,) extremes of as many equal parts."""
 
     n: int
-    known: int
+    n_finite: int
     low: Array
     high: Array
 
     @property
     def empty(self) -> bool:
-        """Whether there is no number at all."""
-        return not self.known
+        """Whether no value is finite."""
+        return not self.n_finite
 
     @property
     def still(self) -> bool:
-        """Whether there are numbers enough to say that it never changes."""
-        return self.known >= FEW and self.lowest == self.highest
+        """Whether there are values enough to tell that it never changes."""
+        return self.n_finite >= FEW and self.lowest == self.highest
 
     @property
     def lowest(self) -> float:
@@ -44,29 +44,29 @@ class Extent:
 
     @property
     def peak(self) -> float:
-        """Magnitude that it reaches, but for single spikes; 0 where there is no number."""
-        reach = np.fmax(np.abs(self.low), np.abs(self.high))
-        reach = np.sort(reach[np.isfinite(reach)])
-        if not len(reach):
+        """Largest magnitude but for single spikes; 0 where no value is finite."""
+        largest = np.fmax(np.abs(self.low), np.abs(self.high))
+        largest = np.sort(largest[np.isfinite(largest)])
+        if not len(largest):
             return 0.0
-        return float(reach[-1 - OUTLIERS] if len(reach) >= FEW else reach[-1])
+        return float(largest[-1 - OUTLIERS] if len(largest) >= FEW else largest[-1])
 
     @property
     def middle(self) -> float:
-        """Where it mostly is: the median over the tiles; 0 where there is no number."""
+        """Typical value: the median over the tiles; 0 where no value is finite."""
         centre = 0.5 * (self.low + self.high)
         centre = centre[np.isfinite(centre)]
         return float(np.median(centre)) if len(centre) else 0.0
 
 
-def extent(values: Array) -> Extent:
-    """Return how far values (n,) reach; NaN and infinities are no numbers."""
+def extent_of(values: Array) -> Extent:
+    """Return the extent of values (n,); NaN and infinities are left out."""
     values, n = np.asarray(values), len(values)
     if not n:
         return Extent(0, 0, np.empty(0), np.empty(0))
     starts = np.linspace(0, n, min(n, N_TILES), endpoint=False).astype(np.intp)
     finite = np.isfinite(values)
-    known = int(np.count_nonzero(finite))
+    n_finite = int(np.count_nonzero(finite))
     if np.isinf(values).any():
         values = np.where(finite, values, np.nan)
-    return Extent(n, known, np.fmin.reduceat(values, starts), np.fmax.reduceat(values, starts))
+    return Extent(n, n_finite, np.fmin.reduceat(values, starts), np.fmax.reduceat(values, starts))

@@ -1,0 +1,162 @@
+"""A proposed mapping checked against the motion it implies: units, signs, gravity and bias."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from app.telemetry.mapping.applying import apply_mapping, part_of
+from app.telemetry.mapping.gravity import gravity_effect, quiet_bias
+from app.telemetry.mapping.mapping import ChannelSource
+from app.telemetry.mapping.motion import Motion, motion
+from app.telemetry.mapping.proposal_builder import ProposalBuilder
+from app.telemetry.mapping.signs import ANGLE_OF, MIX_UP, SignEvidence, find_signs
+from app.telemetry.plausibility import plausible
+from app.telemetry.recording import TelemetryError
+from app.telemetry.traces import Traces
+from core.simulation.attitude import SurfaceSigns
+
+DEGREES = ("deg", "deg/s")
+OTHER_UNIT = {"rad": "deg", "deg": "rad", "rad/s": "deg/s", "deg/s": "rad/s"}
+SURFACES = ("delta_a", "delta_r")
+LEFT, RIGHT = "delta_a_left", "delta_a_right"
+ALIKE = 0.6
+"""Correlation above which two ailerons are counted the same way."""
+
+
+def check_against_motion(builder: ProposalBuilder, expected: SurfaceSigns) -> None:
+    """Correct and comment on a proposed mapping by the motion that it implies.
+
+    expected: which way the aircraft goes at positive deflections. A confirmed channel is commented
+    on only.
+    """
+    traces = _applied(builder)
+    if traces is None:
+        return
+    if _oppose_ailerons(builder, traces):
+        traces = _applied(builder) or traces
+    moves = motion(traces)
+    if moves is not None:
+        moves = _check_signs(builder, traces, moves, expected)
+        _take_out_gravity(builder, moves)
+    _remove_bias(builder)
+
+
+def _check_signs(
+    builder: ProposalBuilder, traces: Traces, moves: Motion, expected: SurfaceSigns
+) -> Motion:
+    """Settle inferred units, then signs; return the motion in those units."""
+    yaw_is_known = "r" in builder.confirmed
+    signs = find_signs(moves, expected, yaw_is_known=yaw_is_known)
+    if _change_units(builder, signs):
+        moves = motion(_applied(builder) or traces) or moves
+        signs = find_signs(moves, expected, yaw_is_known=yaw_is_known)
+    for key, evidence in signs.items():
+        _check_sign(builder, key, evidence)
+    for key in SURFACES:
+        if key in builder.channels and key not in signs:
+            builder.comment(key, "its sign cannot be verified from the motion", 0.98)
+    return moves
+
+
+def _applied(builder: ProposalBuilder) -> Traces | None:
+    try:
+        traces = apply_mapping(builder.columns, builder.mapping)
+    except TelemetryError:
+        return None
+    return replace(traces, channels={k: plausible(k, x) for k, x in traces.channels.items()})
+
+
+def _oppose_ailerons(builder: ProposalBuilder, traces: Traces) -> bool:
+    """Reverse the left aileron if both deflect alike, as one goes up when the other goes down."""
+    if not {LEFT, RIGHT} <= traces.channels.keys() or {LEFT, RIGHT} & builder.confirmed:
+        return False
+    left, right = traces.channels[LEFT], traces.channels[RIGHT]
+    if left.t is not right.t:
+        return False
+    known = np.isfinite(left.values) & np.isfinite(right.values)
+    pair = np.array([left.values[known], right.values[known]])
+    if known.sum() < 2 or not pair.std(axis=1).all():
+        return False
+    correlation = float(np.corrcoef(pair).ravel()[1])
+    if not correlation > ALIKE:
+        return False
+    builder.change(LEFT, sign=-builder.channels[LEFT].sign)
+    builder.comment(LEFT, f"reversed: it moves like the right one (correlation {correlation:.2f})")
+    return True
+
+
+def _change_units(builder: ProposalBuilder, signs: dict[str, SignEvidence]) -> bool:
+    """Settle an inferred unit by the ratio of a rate to its angle's derivative."""
+    changed = False
+    for key, angle in ANGLE_OF.items():
+        evidence = signs.get(key)
+        if evidence is None or evidence.times == 1.0:
+            continue
+        ratio = f"{key} is {evidence.times:.3g} times d({angle})/dt"
+        inferred = [name for name in (key, angle) if name in builder.unit_inferred]
+        if not inferred:
+            for name in (key, angle):
+                builder.comment(name, f"{ratio}: the unit of one of them is wrong", 0.5)
+            continue
+        suspect = min(inferred, key=lambda name: builder.rationales[name].confidence)
+        too_large = (evidence.times > MIX_UP[0]) == (suspect == key)
+        other = OTHER_UNIT.get(builder.channels[suspect].unit, "")
+        if other and too_large == (other in DEGREES):
+            builder.change(suspect, unit=other)
+            builder.comment(suspect, f"taken as {other} instead: {ratio}")
+            changed = True
+    return changed
+
+
+def _check_sign(builder: ProposalBuilder, key: str, evidence: SignEvidence) -> None:
+    """Reverse a channel, or enter the evidence for its sign."""
+    if key in ANGLE_OF and builder.channels[key].derivation:
+        return  # it was made of the angle itself
+    if key in builder.confirmed:
+        if evidence.sign < 0 and evidence.proven:
+            builder.comment(key, f"but by the motion it is {evidence.text}", 0.6)
+        return
+    if evidence.sign < 0:
+        builder.change(key, sign=-builder.channels[key].sign)
+        builder.comment(key, evidence.text, 0.95 if evidence.proven else 0.6)
+    elif evidence.proven:
+        builder.support(key, evidence.text, 0.6)
+    else:
+        builder.comment(key, evidence.text, 0.8)
+
+
+def _take_out_gravity(builder: ProposalBuilder, moves: Motion) -> None:
+    """Take gravity out of a lateral acceleration that holds it."""
+    source = builder.channels.get("Ny")
+    if source is None or not source.signal or "Ny" in builder.confirmed or "Ay" in builder.channels:
+        return
+    effect = gravity_effect(moves)
+    if effect is None:
+        return
+    slope = source.sign * effect.slope
+    why = (
+        f"it follows {slope:+.2f} g times sin(phi) cos(theta), which explains "
+        f"{effect.share:.0%} of what the other channels do not"
+    )
+    if slope < 0.0:
+        reason = f"{why}: it is reversed and contains gravity, or was flown in steady sideslips"
+        builder.comment("Ny", reason, 0.6)
+        return
+    before = builder.rationales["Ny"]
+    builder.assign("Ay", source, before.confidence, *before.reasons, why)
+    derived = ChannelSource(derivation="Ny_without_gravity")
+    reason = f"derived, as {source.signal} contains gravity: {why}"
+    builder.assign("Ny", derived, round(0.8 * before.confidence, 4), reason)
+
+
+def _remove_bias(builder: ProposalBuilder) -> None:
+    """Remove what an accelerometer shows in the quiet first seconds."""
+    if "Ny" not in builder.channels or "Ny" in builder.confirmed:
+        return
+    try:
+        trace = apply_mapping(builder.columns, part_of(builder.mapping, "Ny")).channels["Ny"]
+    except TelemetryError:
+        return
+    if bias := quiet_bias(trace):
+        builder.change("Ny", offset=bias.value)
+        builder.comment("Ny", f"removed a {bias.text}", 0.4 if bias.like_gravity else 0.85)

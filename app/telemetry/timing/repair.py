@@ -1,0 +1,90 @@
+"""The times of a recording as a clock can have given them, and what had to be done for that."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from app.telemetry.plausibility import implausible, without
+from app.telemetry.timing.channel_quality import channel_quality
+from app.telemetry.timing.clock_repair import on_one_clock, ordered, repair_clock
+from app.telemetry.timing.quality import ChannelQuality, ClockQuality, Fault, Quality, faults
+from app.telemetry.traces import Trace, Traces
+from core.types import Array
+
+
+@dataclass(frozen=True, eq=False)
+class RepairedTraces:
+    """Channels whose times increase, with only certain times and plausible values.
+
+    quality: of what was recorded.
+    """
+
+    traces: Traces
+    quality: Quality
+
+
+def repair(traces: Traces) -> RepairedTraces:
+    """Put the times of a recording right, and tell how good they and the channels are.
+
+    Channels that share their times share them afterwards, and times that nothing is wrong with
+    stay the same array. In the order of the work:
+    rows without a time are removed;
+    late rows are sorted in, wraps continued, and set clocks cut, as in `clock_faults`;
+    a time that is ambiguous on one clock is removed from all, since a file has one clock;
+    of rows with equal times the first stays, unless coarse rounding made them equal;
+    times that one rounding of an even clock explains go back onto it, as in `rounded_clock`;
+    infinite and implausible values become NaN. The notes say what was done.
+
+    Raises TelemetryError where more than a tenth of a clock's rows have no certain time.
+    """
+    by_clock: dict[int, dict[str, Trace]] = {}
+    for key, trace in traces.channels.items():
+        by_clock.setdefault(id(trace.t), {})[key] = trace
+    recorded = [next(iter(sharing.values())).t for sharing in by_clock.values()]
+    values = [
+        {key: trace.values for key, trace in sharing.items()} for sharing in by_clock.values()
+    ]
+    clocks = on_one_clock([ordered(t, xs) for t, xs in zip(recorded, values, strict=True)])
+    channels: dict[str, tuple[Trace, ChannelQuality]] = {}
+    qualities: list[ClockQuality] = []
+    marks: list[Fault] = []
+    for t, xs, order in zip(recorded, values, clocks, strict=True):
+        clock = repair_clock(t, xs, order)
+        qualities.append(clock.quality)
+        marks += clock.faults
+        for key, x in clock.values.items():
+            x, quality, of_channel = _plausible(key, clock.t, x, clock.quality.step)
+            channels[key] = replace(traces.channels[key], t=clock.t, values=x), quality
+            marks += of_channel
+    in_order = {key: channels[key] for key in traces.channels}
+    about = tuple(quality for _, quality in in_order.values())
+    notes = [line for quality in (*qualities, *about) for line in quality.repairs()]
+    repaired = Traces({k: trace for k, (trace, _) in in_order.items()}, (*traces.notes, *notes))
+    return RepairedTraces(repaired, Quality(tuple(qualities), about, tuple(marks)))
+
+
+def _plausible(
+    key: str, t: Array, x: Array, step: float
+) -> tuple[Array, ChannelQuality, tuple[Fault, ...]]:
+    """A channel with only plausible values, how good it is, and its faults."""
+    beyond = implausible(key, x)
+    plausible = without(x, beyond)
+    quality, marks = channel_quality(key, t, plausible, step)
+    if not len(beyond):
+        return plausible, quality, marks
+    largest = beyond[np.abs(x[beyond]).argmax()]
+    quality = replace(
+        quality,
+        implausible=len(beyond),
+        largest=float(x[largest]),
+        largest_at=float(t[largest]),
+    )
+    at = t[beyond]
+    return (
+        plausible,
+        quality,
+        (
+            *faults(f"implausible:{key}", at, at, float(t[-1] - t[0])),
+            *marks,
+        ),
+    )

@@ -1,0 +1,116 @@
+"""A recording under a mapping is applied and repaired once, whoever looks at it."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from app.recordings import mapped_recording
+from app.recordings.mapped_recording import MappedRecording, RecentMappings
+from app.recordings.scored_file import ScoreRequest, score_file
+from app.scoring import ScoringOrder
+from app.telemetry.mapping import applying
+from app.telemetry.mapping.mapping import ChannelSource, Mapping, TimeSource
+from app.telemetry.recording import TelemetryError
+from app.telemetry.timing import repair as repairing
+from core.monitor import MonitorRecipe, train
+from tests.support.api import api, store_of
+from tests.support.recorded import RECORDINGS, csv_of, uploaded
+from tests.support.tables import columns_of
+
+
+@pytest.fixture
+def repairs(monkeypatch) -> list[str]:
+    """An entry for each clock that is repaired; the recordings of this test have one."""
+    return counted(monkeypatch, repairing, "repair_clock")
+
+
+@pytest.fixture
+def applications(monkeypatch) -> list[str]:
+    """An entry for each time that a mapping is applied."""
+    return counted(monkeypatch, applying, "derivation_order")
+
+
+def counted(monkeypatch, module, name: str) -> list[str]:
+    calls, original = [], getattr(module, name)
+
+    def call(*arguments):
+        calls.append(name)
+        return original(*arguments)
+
+    monkeypatch.setattr(module, name, call)
+    return calls
+
+
+@pytest.fixture(scope="module")
+def monitor(dataset):
+    return train(replace(dataset, recipe={}), MonitorRecipe(epsilon=0.2))
+
+
+def test_a_preview_its_confirmation_and_every_scoring_share_one_repair(
+    repairs, applications, monitor, flights, tmp_path
+):
+    with api(tmp_path) as client:
+        stored = store_of(client).monitors.add(monitor, "oscillator").id
+        recording = uploaded(client, csv_of(np.concatenate(flights)))
+        path = f"{RECORDINGS}/{recording['id']}"
+        assert len(repairs) == 1
+        for sign in (1, -1):
+            repairs.clear()
+            applications.clear()
+            source = recording["mapping"]["channels"]["beta"] | {"sign": sign}
+            channels = recording["mapping"]["channels"] | {"beta": source}
+            body = {"mapping": recording["mapping"] | {"channels": channels}}
+            preview = client.post(f"{path}/preview", json=body).json()
+            assert preview["quality"]["sentences"]
+            assert client.put(f"{path}/mapping", json=body).status_code == 200
+            found = client.get(f"{path}/manoeuvres", params={"monitor": stored})
+            assert found.status_code == 200, found.text
+            for epsilon in (0.2, 0.4):
+                order = {"monitor": stored, "epsilon": epsilon, "trim": None}
+                answer = client.post(f"{path}/scorings", json=order | {"manoeuvres": "whole"})
+                assert answer.status_code == 201, answer.text
+            # what the upload proposed is in memory already
+            assert len(repairs) == len(applications) == (0 if sign == 1 else 1)
+
+
+def test_a_file_is_repaired_once_for_all_monitors_and_miss_rates(
+    repairs, monitor, flights, tmp_path
+):
+    file, path = tmp_path / "flight.csv", tmp_path / "oscillator.forewarn"
+    file.write_bytes(csv_of(np.concatenate(flights)))
+    monitor.save(path)
+    order = ScoringOrder(trim=None, manoeuvres="whole")
+    scored = score_file(ScoreRequest((path, path), file, (0.2, 0.4), order=order)).scored
+    assert len(scored) == 4
+    assert len(repairs) == 1
+
+
+@pytest.fixture
+def columns(tmp_path):
+    return columns_of(tmp_path, {"t": 0.05 * np.arange(100), "b": np.ones(100)})
+
+
+def mapped(unit: str = "rad") -> Mapping:
+    return Mapping({"beta": ChannelSource("b", unit)}, {"": TimeSource("t", "s")})
+
+
+def test_what_cannot_be_applied_is_not_scored(columns):
+    wrong = MappedRecording.of(columns, mapped("m"))
+    assert (wrong.applied, wrong.repaired) == (None, None)
+    with pytest.raises(TelemetryError, match="'m' is not a unit of this quantity"):
+        wrong.scorable()
+
+
+def test_the_oldest_mappings_are_dropped_beyond_the_memory_for_them(columns, monkeypatch, repairs):
+    n_bytes = MappedRecording.of(columns, mapped()).n_bytes
+    assert n_bytes == 2 * 100 * 8
+    monkeypatch.setattr(mapped_recording, "MOST_BYTES", 2 * n_bytes)
+    recent = RecentMappings()
+    repairs.clear()
+    for recording_id, n_repairs in (("a", 1), ("b", 2), ("a", 2), ("c", 3), ("a", 3), ("b", 4)):
+        recent.mapped(recording_id, mapped(), lambda: columns)
+        assert len(repairs) == n_repairs, recording_id
+    recent.forget("b")
+    recent.mapped("b", mapped(), lambda: columns)
+    assert len(repairs) == 5
