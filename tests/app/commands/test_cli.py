@@ -330,7 +330,7 @@ def test_mapping_given_for_an_aircraft_is_used_for_its_next_file(
     assert main([*base, *given]) == 0
     capsys.readouterr()
     assert main([*base, "-o", str(tmp_path / "next")]) == 0
-    assert "less 0.125 g" in capsys.readouterr().out
+    assert "bias removed: 0.125 g" in capsys.readouterr().out
     assert json.loads((tmp_path / "next" / "mapping.json").read_text()) == mapping
 
 
