@@ -12,12 +12,12 @@ from starlette.testclient import TestClient
 from app.flights.playback import AssessedTrack
 from app.flights.track import Track
 from app.recordings.scored_file import ScoreRequest, score_file
-from app.scoring import ScoringOrder, score
+from app.scoring import ScoringOrder
 from core.monitor import Assessment, Monitor, State
 from core.monitor.assessment import STATES
 from tests.app.flights.test_withdrawal import checked, quiet_flight, strange
 from tests.support.api import api, store_of
-from tests.support.attas import recorded
+from tests.support.attas import recorded, score
 from tests.support.flying import EPSILON, T, exact_monitor, failing_flight
 from tests.support.oscillator import DT, Array
 from tests.support.recorded import csv_of
