@@ -1,10 +1,12 @@
 """Response of linear closed loops to held pilot commands, eight rollouts side by side."""
 
+from typing import NamedTuple
+
 import numpy as np
 
 from core.kernels import N_CHANNELS
 from core.kernels.closed_loop import N_FEEDBACK, clear, close_loop
-from core.kernels.compiled import jit
+from core.kernels.compiled import inlined, jit
 from core.kernels.lanes import (
     WIDTH,
     add,
@@ -24,25 +26,46 @@ from core.kernels.lanes import (
     write_integer,
 )
 from core.kernels.zero_order_hold import discretise, product, scratch
+from core.types import Array
 
-SAMPLES = 4  # between two transposed stores: 4 samples x 6 channels are three blocks of eight
-GROUPS = (
-    2  # of eight rollouts that advance in turn: one computes while the other waits for its sums
-)
-LEDGER_EACH = (
-    2 * WIDTH + SAMPLES * N_CHANNELS
-)  # rollouts of the lanes, their places in `out`, sources of channels
-LEDGER = GROUPS * LEDGER_EACH
+SAMPLES = 4
+"""Between two transposed stores: 4 samples x 6 channels are three blocks of eight."""
+GROUPS = 2
+"""Of eight rollouts that advance in turn: one computes while the other waits for its sums."""
+LANES_IWORK = 2 * WIDTH + SAMPLES * N_CHANNELS
+"""Integers of eight rollouts: their numbers, their places in `out`, the sources of channels."""
+LINEAR_IWORK = GROUPS * LANES_IWORK
 
 
-def linear_room(nx: int, m: int, n_samples: int) -> int:
-    """Scratch numbers that `roll_out_linear` needs."""
+class Hold(NamedTuple):
+    """How long a command is held. step: [s] between two output samples, `substeps` to a command.
+
+    series, decays: `input_series` of that step; decays of 0: no pedal lag.
+    """
+
+    step: float
+    substeps: int
+    series: Array
+    decays: Array
+
+
+def linear_work(nx: int, m: int, n_samples: int) -> int:
+    """Workspace [numbers] that `roll_out_linear` needs."""
     n = nx + 2 + m
     return GROUPS * (
         (n * n + (7 + SAMPLES) * n + 4 + 4 * SAMPLES + N_FEEDBACK * (nx + 2) + 2 * n_samples)
         * WIDTH
         + scratch(n)
     )
+
+
+@jit
+def place_lanes(which, base, n_rollouts, length):
+    """Note the rollouts of the lanes, from `base` on, and their places in `out`."""
+    for lane in range(WIDTH):
+        rollout = min(base + lane, n_rollouts - 1)
+        write_integer(which, lane, rollout)
+        write_integer(which, WIDTH + lane, rollout * length)
 
 
 @jit
@@ -112,6 +135,18 @@ def measure(w, rows, z, spacing, y, nx, sources):
         store(w, at + 12 * WIDTH, y3)
 
 
+@inlined
+def write_samples(w, rows, z, spacing, y, nx, which, samples, target, written):
+    """Measure SAMPLES samples or fewer and write them behind those that are written already."""
+    if samples == 0:
+        return
+    measure(w, rows, z, spacing, y, nx, which + 16 * WIDTH)
+    if samples == SAMPLES:
+        write_block(w, which, target, written)
+    else:
+        write_rest(w, which, samples, target, written)
+
+
 @jit
 def write_block(w, which, target, written):
     """Write SAMPLES samples behind those that are written already."""
@@ -144,7 +179,7 @@ def _drive(w, gains, inputs, aileron, rudder, n, start, out):
 
 
 @jit
-def _take_command(w, commands, at, u, e):
+def take_command(w, commands, at, u, e):
     """Move to the commands at `at`; what the pedals lack of a jump is left in e."""
     for s in (0, WIDTH):
         command = load(commands, at + s)
@@ -153,22 +188,28 @@ def _take_command(w, commands, at, u, e):
         store(w, u + s, command)
 
 
-@jit
-def roll_out_linear(
-    plants, law, bandwidth, pilot, step, substeps, series, decays, room, ledger, out, first, last
-):
-    """Simulate rollouts first..last-1 into `out`; returns the first block that cannot be, or -1.
+class _LinearPlaces(NamedTuple):
+    """Where in the workspace of a group things begin; line: length of a state of eight rollouts."""
 
-    series, decays: `input_series`.
-    room: `linear_room` numbers of scratch, aligned; ledger: LEDGER integers.
-    With a pedal lag (decays not 0) the surfaces follow u + e: the held command, and what is left of
-    earlier jumps, which fades as exp(-t / lag). Both enter exactly, without more states.
-    """
-    nx = plants[0].shape[1]
-    n = nx + 2 + law[0].shape[0]
-    n_rollouts = plants[0].shape[0]
-    n_samples = pilot.shape[1]
-    length = ((n_samples - 1) * substeps + 1) * N_CHANNELS
+    n: int
+    line: int
+    phi: int
+    held: int
+    fading: int
+    zero: int
+    constant: int
+    force: int
+    u: int
+    e: int
+    z: int
+    y: int
+    rows: int
+    loop: int
+
+
+@jit
+def _places(nx, m):
+    n = nx + 2 + m
     line = n * WIDTH
     phi = n - n  # a literal 0 would compile every callee once more
     held = n * line
@@ -182,51 +223,71 @@ def roll_out_linear(
     y = z + SAMPLES * line
     rows = y + SAMPLES * 4 * WIDTH
     loop = rows + N_FEEDBACK * (nx + 2) * WIDTH
-    w0 = address(room)
-    w_bytes = 8 * (loop + scratch(n))
+    return _LinearPlaces(n, line, phi, held, fading, zero, constant, force, u, e, z, y, rows, loop)
+
+
+@jit
+def _begin(w, at, plants, law, bandwidth, hold, which):
+    """Eight rollouts at trim, before their first command; False if a loop is not finite."""
+    nx = plants[0].shape[1]
+    kinds = 2 if hold.decays[0] != 0.0 else 1
+    if not close_loop(plants, law, bandwidth, which, w, at.loop, at.rows):
+        return False
+    if not discretise(
+        w, at.loop, at.n, nx, bandwidth, hold.step, hold.series, hold.decays, kinds,
+        at.phi, at.held,
+    ):  # fmt: skip
+        return False
+    locate_channels(w, at.rows, at.z, at.line, at.y, nx, which + 16 * WIDTH)
+    clear(w, at.zero, at.n)
+    clear(w, at.u, 4 + at.n)
+    return True
+
+
+@jit
+def roll_out_linear(plants, law, bandwidth, pilot, hold, work, iwork, out, first, last):
+    """Simulate rollouts first..last-1 into `out`; returns the first block that cannot be, or -1.
+
+    hold: Hold.   work: `linear_work` numbers, aligned; iwork: LINEAR_IWORK integers.
+    With a pedal lag the surfaces follow u + e: the held command, and what is left of earlier jumps,
+    which fades as exp(-t / lag). Both enter exactly, without more states.
+    """
+    n_rollouts, nx = plants[0].shape[:2]
+    n_samples = pilot.shape[1]
+    length = ((n_samples - 1) * hold.substeps + 1) * N_CHANNELS
+    at = _places(nx, law[0].shape[0])
+    n, line, phi, held, fading, zero, constant, force, u, e, z, y, rows, loop = at
+    w0, which0, target = address(work), address(iwork), address(out)
+    w_bytes, which_bytes = 8 * (loop + scratch(n)), 8 * LANES_IWORK
     commands0 = w0 + GROUPS * w_bytes
     commands_bytes = 8 * 2 * n_samples * WIDTH if pilot.shape[0] > 1 else 0
-    which0 = address(ledger)
-    ledger_bytes = 8 * LEDGER_EACH
-    target = address(out)
-    changed = np.zeros(n_samples, np.bool_)
-    used = np.zeros(2, np.bool_)
-    lagged = decays[0] != 0.0
-    fade = splat(decays[0])
-    kinds = 2 if lagged else 1
+    changed, used = np.zeros(n_samples, np.bool_), np.zeros(2, np.bool_)
+    lagged, fade = hold.decays[0] != 0.0, splat(hold.decays[0])
+    start = force if lagged else constant
     for base in range(first, last, GROUPS * WIDTH):
         groups = min(GROUPS, (last - base + WIDTH - 1) // WIDTH)
         for g in range(groups):
-            w, which = w0 + g * w_bytes, which0 + g * ledger_bytes
-            for lane in range(WIDTH):
-                rollout = min(base + g * WIDTH + lane, n_rollouts - 1)
-                write_integer(which, lane, rollout)
-                write_integer(which, WIDTH + lane, rollout * length)
-            if not close_loop(plants, law, bandwidth, which, w, loop, rows):
+            w, which = w0 + g * w_bytes, which0 + g * which_bytes
+            place_lanes(which, base + g * WIDTH, n_rollouts, length)
+            if not _begin(w, at, plants, law, bandwidth, hold, which):
                 return base
-            if not discretise(w, loop, n, nx, bandwidth, step, series, decays, kinds, phi, held):
-                return base
-            locate_channels(w, rows, z, line, y, nx, which + 16 * WIDTH)
-            if base == first or commands_bytes > 0:
-                gather_commands(pilot, which, commands0 + g * commands_bytes)
-            clear(w, zero, n)
-            clear(w, u, 4 + n)
         if base == first or commands_bytes > 0:
             changed[:] = False
             changed[0] = True
             for g in range(groups):
-                note_changes(commands0 + g * commands_bytes, n_samples, changed, used)
+                commands = commands0 + g * commands_bytes
+                gather_commands(pilot, which0 + g * which_bytes, commands)
+                note_changes(commands, n_samples, changed, used)
         now = 0
         filled = 1
         written = 0
-        start = force if lagged else constant
         for k in range(n_samples - 1):
             if changed[k]:
                 for g in range(groups):
                     w = w0 + g * w_bytes
-                    _take_command(w, commands0 + g * commands_bytes, 2 * k * WIDTH, u, e)
+                    take_command(w, commands0 + g * commands_bytes, 2 * k * WIDTH, u, e)
                     _drive(w, held, u, used[0], used[1], n, zero, constant)
-            for _ in range(substeps):
+            for _ in range(hold.substeps):
                 for g in range(groups):
                     w = w0 + g * w_bytes
                     if lagged:
@@ -238,13 +299,11 @@ def roll_out_linear(
                 filled += 1
                 if filled == SAMPLES:
                     for g in range(groups):
-                        w, which = w0 + g * w_bytes, which0 + g * ledger_bytes
-                        measure(w, rows, z, line, y, nx, which + 16 * WIDTH)
-                        write_block(w, which, target, written)
+                        w, which = w0 + g * w_bytes, which0 + g * which_bytes
+                        write_samples(w, rows, z, line, y, nx, which, filled, target, written)
                     written += SAMPLES * N_CHANNELS
                     filled = 0
-        for g in range(groups if filled > 0 else 0):
-            w, which = w0 + g * w_bytes, which0 + g * ledger_bytes
-            measure(w, rows, z, line, y, nx, which + 16 * WIDTH)
-            write_rest(w, which, filled, target, written)
+        for g in range(groups):
+            w, which = w0 + g * w_bytes, which0 + g * which_bytes
+            write_samples(w, rows, z, line, y, nx, which, filled, target, written)
     return -1

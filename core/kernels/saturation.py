@@ -4,9 +4,11 @@ The classic fourth-order method at a fixed step; the step at which a limit begin
 without being located, which costs some 1e-5 rad at two milliseconds.
 """
 
+from typing import NamedTuple
+
 from core.kernels import N_CHANNELS
 from core.kernels.closed_loop import N_FEEDBACK, clear, close_loop
-from core.kernels.compiled import jit
+from core.kernels.compiled import inlined, jit
 from core.kernels.lanes import (
     WIDTH,
     add,
@@ -18,88 +20,63 @@ from core.kernels.lanes import (
     store,
     subtract,
     where_greater,
-    write_integer,
 )
 from core.kernels.response import (
-    LEDGER_EACH,
+    LANES_IWORK,
     SAMPLES,
     gather_commands,
     locate_channels,
-    measure,
-    write_block,
-    write_rest,
+    place_lanes,
+    take_command,
+    write_samples,
 )
 from core.kernels.zero_order_hold import product
 
-LIMITED_LEDGER = LEDGER_EACH
+LIMITED_IWORK = LANES_IWORK
 
 
-def limited_room(nx: int, m: int, n_samples: int) -> int:
-    """Scratch numbers that `roll_out_limited` needs."""
-    n = nx + 2 + m
-    vectors = n * n + (5 + SAMPLES) * n + 4 + 4 * SAMPLES + N_FEEDBACK * (nx + 2) + 2 * n_samples
-    return vectors * WIDTH
+class Surfaces(NamedTuple):
+    """Actuators of first order. rate_limit [rad/s], position_limit [rad]: inf if none."""
+
+    bandwidth: float
+    rate_limit: float
+    position_limit: float
 
 
-@jit
-def _clip(value, limit):
-    """Return value within +-limit; NaN stays NaN."""
-    high = splat(limit)
-    low = splat(-limit)
-    value = where_greater(value, high, high, value)
-    return where_greater(low, value, low, value)
+class Steps(NamedTuple):
+    """How time is cut. step: [s] between two output samples, of which a command lasts `substeps`.
 
-
-@jit
-def _rate(w, loop, z, zero, out, u, e, fade, nx, n, bandwidth, rate_limit, position_limit):
-    """out = z_dot, with `loop` of unit bandwidth and the pedals at u + fade e."""
-    product(w, loop, z, zero, out, n, 1)
-    for s in range(2):
-        at = (nx + s) * WIDTH
-        delta = load(w, z + at)
-        pilot = fma(fade, load(w, e + s * WIDTH), load(w, u + s * WIDTH))
-        command = _clip(add(add(load(w, out + at), delta), pilot), position_limit)
-        wish = multiply(splat(bandwidth), subtract(command, delta))
-        store(w, out + at, _clip(wish, rate_limit))
-
-
-@jit
-def _combine(w, z, factor, slope, out, n):
-    """out = z + factor slope."""
-    for i in range(n):
-        at = i * WIDTH
-        store(w, out + at, fma(splat(factor), load(w, slope + at), load(w, z + at)))
-
-
-@jit
-def roll_out_limited(
-    plants,
-    law,
-    bandwidth,
-    rate_limit,
-    position_limit,
-    pilot,
-    step,
-    parts,
-    substeps,
-    half_fade,
-    room,
-    ledger,
-    out,
-    first,
-    last,
-):
-    """Simulate rollouts first..last-1 into `out`; returns the first block that cannot be, or -1.
-
-    Each step between two output samples is cut into `parts` Runge-Kutta steps; half_fade is what
-    half of one leaves of a pedal that lags. rate_limit [rad/s], position_limit [rad]: inf if none.
-    room: `limited_room` numbers, aligned; ledger: LIMITED_LEDGER integers.
+    parts: Runge-Kutta steps of each.   half_fade: what half of one leaves of a lag; 0 without lag.
     """
-    nx = plants[0].shape[1]
-    n = nx + 2 + law[0].shape[0]
-    n_rollouts = plants[0].shape[0]
-    n_samples = pilot.shape[1]
-    length = ((n_samples - 1) * substeps + 1) * N_CHANNELS
+
+    step: float
+    substeps: int
+    parts: int
+    half_fade: float
+
+
+class _LimitedPlaces(NamedTuple):
+    """Where in the workspace things begin; line: length of a state of eight rollouts."""
+
+    n: int
+    line: int
+    loop: int
+    zero: int
+    state: int
+    slope: int
+    stage: int
+    following: int
+    z: int
+    u: int
+    e: int
+    y: int
+    rows: int
+    commands: int
+
+
+@jit
+def _places(nx, m):
+    n = nx + 2 + m
     line = n * WIDTH
     loop = n - n  # a literal 0 would compile every callee once more
     zero = n * line
@@ -113,64 +90,116 @@ def roll_out_limited(
     y = e + 2 * WIDTH
     rows = y + SAMPLES * 4 * WIDTH
     commands = rows + N_FEEDBACK * (nx + 2) * WIDTH
-    w = address(room)
-    which = address(ledger)
-    sources = which + 16 * WIDTH
-    target = address(out)
-    h = step / parts
-    whole = splat(1.0)
-    half = splat(half_fade)
-    full = splat(half_fade * half_fade)
+    return _LimitedPlaces(
+        n, line, loop, zero, state, slope, stage, following, z, u, e, y, rows, commands
+    )
+
+
+def limited_work(nx: int, m: int, n_samples: int) -> int:
+    """Workspace [numbers] that `roll_out_limited` needs."""
+    return _places(nx, m).commands + 2 * n_samples * WIDTH
+
+
+@jit
+def _clip(value, limit):
+    """Return value within +-limit; NaN stays NaN."""
+    high = splat(limit)
+    low = splat(-limit)
+    value = where_greater(value, high, high, value)
+    return where_greater(low, value, low, value)
+
+
+@inlined
+def _derivative(w, at, z, out, fade, nx, surfaces):
+    """out = z_dot, with the loop of unit bandwidth and the pedals at u + fade e."""
+    product(w, at.loop, z, at.zero, out, at.n, 1)
+    for s in range(2):
+        place = (nx + s) * WIDTH
+        delta = load(w, z + place)
+        pilot = fma(fade, load(w, at.e + s * WIDTH), load(w, at.u + s * WIDTH))
+        command = _clip(add(add(load(w, out + place), delta), pilot), surfaces.position_limit)
+        rate = multiply(splat(surfaces.bandwidth), subtract(command, delta))
+        store(w, out + place, _clip(rate, surfaces.rate_limit))
+
+
+@jit
+def _combine(w, z, factor, slope, out, n):
+    """out = z + factor slope."""
+    for i in range(n):
+        at = i * WIDTH
+        store(w, out + at, fma(splat(factor), load(w, slope + at), load(w, z + at)))
+
+
+@jit
+def _copy(w, source, target, length):
+    for i in range(0, length, WIDTH):
+        store(w, target + i, load(w, source + i))
+
+
+@inlined
+def _runge_kutta(w, at, nx, surfaces, steps):
+    """Advance the state by one part of a step, and let the lags fade."""
+    h = steps.step / steps.parts
+    half, full = splat(steps.half_fade), splat(steps.half_fade * steps.half_fade)
+    for i, weight, ahead in ((0, 1.0, 0.5), (1, 2.0, 0.5), (2, 2.0, 1.0), (3, 1.0, 0.0)):
+        fade = splat(1.0) if i == 0 else (full if i == 3 else half)
+        _derivative(w, at, at.state if i == 0 else at.stage, at.slope, fade, nx, surfaces)
+        total = at.state if i == 0 else at.following
+        _combine(w, total, weight * h / 6.0, at.slope, at.following, at.n)
+        _combine(w, at.state, ahead * h, at.slope, at.stage, at.n)
+    _copy(w, at.following, at.state, at.line)
+    for s in (0, WIDTH):
+        store(w, at.e + s, multiply(full, load(w, at.e + s)))
+
+
+@jit
+def _begin(w, at, plants, law, pilot, which, same_commands):
+    """Eight rollouts at trim, before their first command; False if a loop is not finite."""
+    if not close_loop(plants, law, 1.0, which, w, at.loop, at.rows):
+        return False
+    locate_channels(w, at.rows, at.z, at.line, at.y, plants[0].shape[1], which + 16 * WIDTH)
+    if not same_commands:
+        gather_commands(pilot, which, w + 8 * at.commands)
+    clear(w, at.zero, (5 + SAMPLES) * at.n + 4)
+    return True
+
+
+@jit
+def _follow_commands(w, at, nx, n_samples, surfaces, steps, which, target):
+    """Simulate eight rollouts and write their samples; the first is the trim."""
+    filled, written = 1, 0
+    for k in range(n_samples - 1):
+        take_command(w, w + 8 * at.commands, 2 * k * WIDTH, at.u, at.e)
+        if steps.half_fade == 0.0:
+            clear(w, at.e, 2)
+        for _ in range(steps.substeps):
+            for _ in range(steps.parts):
+                _runge_kutta(w, at, nx, surfaces, steps)
+            _copy(w, at.state, at.z + filled * at.line, at.line)
+            filled += 1
+            if filled == SAMPLES:
+                write_samples(w, at.rows, at.z, at.line, at.y, nx, which, filled, target, written)
+                written += SAMPLES * N_CHANNELS
+                filled = 0
+    write_samples(w, at.rows, at.z, at.line, at.y, nx, which, filled, target, written)
+
+
+@jit
+def roll_out_limited(plants, law, surfaces, pilot, steps, work, iwork, out, first, last):
+    """Simulate rollouts first..last-1 into `out`; returns the first block that cannot be, or -1.
+
+    surfaces, steps: Surfaces and Steps.
+    work: `limited_work` numbers, aligned; iwork: LIMITED_IWORK integers.
+    """
+    n_rollouts, nx = plants[0].shape[:2]
+    n_samples = pilot.shape[1]
+    length = ((n_samples - 1) * steps.substeps + 1) * N_CHANNELS
+    at = _places(nx, law[0].shape[0])
+    w, which, target = address(work), address(iwork), address(out)
     for base in range(first, last, WIDTH):
-        for lane in range(WIDTH):
-            rollout = min(base + lane, n_rollouts - 1)
-            write_integer(which, lane, rollout)
-            write_integer(which, WIDTH + lane, rollout * length)
-        if not close_loop(plants, law, 1.0, which, w, loop, rows):
+        place_lanes(which, base, n_rollouts, length)
+        same_commands = base > first and pilot.shape[0] == 1
+        if not _begin(w, at, plants, law, pilot, which, same_commands):
             return base
-        locate_channels(w, rows, z, line, y, nx, sources)
-        if base == first or pilot.shape[0] > 1:
-            gather_commands(pilot, which, w + 8 * commands)
-        clear(w, zero, (5 + SAMPLES) * n + 4)
-        filled = 1
-        written = 0
-        for k in range(n_samples - 1):
-            for s in (0, WIDTH):
-                command = load(w, commands + 2 * k * WIDTH + s)
-                rest = subtract(load(w, e + s), subtract(command, load(w, u + s)))
-                store(w, e + s, rest if half_fade > 0.0 else splat(0.0))
-                store(w, u + s, command)
-            for part in range(substeps * parts):
-                for i, weight, ahead in (
-                    (0, 1.0, 0.5),
-                    (1, 2.0, 0.5),
-                    (2, 2.0, 1.0),
-                    (3, 1.0, 0.0),
-                ):
-                    at = state if i == 0 else stage
-                    fade = whole if i == 0 else (full if i == 3 else half)
-                    _rate(
-                        w, loop, at, zero, slope, u, e, fade, nx, n,
-                        bandwidth, rate_limit, position_limit,
-                    )  # fmt: skip
-                    _combine(
-                        w, state if i == 0 else following, weight * h / 6.0, slope, following, n
-                    )
-                    _combine(w, state, ahead * h, slope, stage, n)
-                for i in range(0, line, WIDTH):
-                    store(w, state + i, load(w, following + i))
-                for s in (0, WIDTH):
-                    store(w, e + s, multiply(full, load(w, e + s)))
-                if (part + 1) % parts == 0:
-                    for i in range(0, line, WIDTH):
-                        store(w, z + filled * line + i, load(w, state + i))
-                    filled += 1
-                    if filled == SAMPLES:
-                        measure(w, rows, z, line, y, nx, sources)
-                        write_block(w, which, target, written)
-                        written += SAMPLES * N_CHANNELS
-                        filled = 0
-        if filled > 0:
-            measure(w, rows, z, line, y, nx, sources)
-            write_rest(w, which, filled, target, written)
+        _follow_commands(w, at, nx, n_samples, surfaces, steps, which, target)
     return -1

@@ -8,8 +8,14 @@ import numpy as np
 from core.channels import N_CHANNELS
 from core.kernels.compiled import in_chunks
 from core.kernels.lanes import WIDTH, aligned
-from core.kernels.response import GROUPS, LEDGER, linear_room, roll_out_linear
-from core.kernels.saturation import LIMITED_LEDGER, limited_room, roll_out_limited
+from core.kernels.response import GROUPS, LINEAR_IWORK, Hold, linear_work, roll_out_linear
+from core.kernels.saturation import (
+    LIMITED_IWORK,
+    Steps,
+    Surfaces,
+    limited_work,
+    roll_out_limited,
+)
 from core.kernels.zero_order_hold import input_series
 from core.simulation.control_law import FEEDBACK, PHI_STATE, SURFACES, Actuator, Controller
 from core.simulation.uncertain_plant import Plants
@@ -49,29 +55,21 @@ def roll_out(
     out = np.empty(shape) if out is None else _checked_out(out, shape)
     plants = Plants(*(np.ascontiguousarray(matrix, dtype=np.float64) for matrix in plants))
     law = tuple(np.ascontiguousarray(matrix, dtype=np.float64) for matrix in controller)
-    m = len(controller.a)
+    m, step = len(controller.a), dt / substeps
     if actuator.rate_limit_deg_s is None and actuator.position_limit_deg is None:
-        step = dt / substeps
         series, decays = input_series(step, pedal_lag_s)
-        kernel = partial(
-            roll_out_linear,
-            *(plants, law, actuator.bandwidth_rad_s, pilot, step, substeps, series, decays),
-        )
-        room, ledger = linear_room(n_states, m, pilot.shape[1]), LEDGER
+        hold = Hold(step, substeps, series, decays)
+        kernel = partial(roll_out_linear, plants, law, actuator.bandwidth_rad_s, pilot, hold)
+        work, iwork = linear_work(n_states, m, pilot.shape[1]), LINEAR_IWORK
     else:
-        kernel = partial(
-            roll_out_limited,
-            *(plants, law, actuator.bandwidth_rad_s),
-            *_limits(actuator),
-            *(pilot, dt / substeps),
-            *_runge_kutta(dt / substeps, actuator, controller, pedal_lag_s, substeps),
-        )
-        room, ledger = limited_room(n_states, m, pilot.shape[1]), LIMITED_LEDGER
+        steps = _runge_kutta(step, actuator, controller, pedal_lag_s, substeps)
+        kernel = partial(roll_out_limited, plants, law, _surfaces(actuator), pilot, steps)
+        work, iwork = limited_work(n_states, m, pilot.shape[1]), LIMITED_IWORK
 
     def simulate(start: int, stop: int) -> None:
-        failed = kernel(aligned(room), np.empty(ledger, np.int64), out, start, stop)
+        failed = kernel(aligned(work), np.empty(iwork, np.int64), out, start, stop)
         if failed >= 0:
-            raise ValueError(_what_failed(plants, failed, dt / substeps))
+            raise ValueError(_what_failed(plants, failed, step))
 
     in_chunks(n, CHUNK, simulate)
     return out
@@ -136,21 +134,21 @@ def _checked_out(out: Array, shape: tuple[int, int, int]) -> Array:
     return out
 
 
-def _limits(actuator: Actuator) -> tuple[float, float]:
-    """Rate limit [rad/s] and position limit [rad], inf where there is none."""
+def _surfaces(actuator: Actuator) -> Surfaces:
     limits = actuator.rate_limit_deg_s, actuator.position_limit_deg
     rate, position = (inf if limit is None else radians(limit) for limit in limits)
-    return rate, position
+    return Surfaces(actuator.bandwidth_rad_s, rate, position)
 
 
 def _runge_kutta(
     step: float, actuator: Actuator, controller: Controller, lag_s: float, substeps: int
-) -> tuple[int, int, float]:
-    """Parts of an output step, output steps a sample, and what half a part leaves of a lag."""
+) -> Steps:
+    """Cut each output step into parts that follow the fastest of actuators and law."""
     law_poles = np.abs(np.linalg.eigvals(controller.a)) if len(controller.a) else np.zeros(1)
     fastest = max(actuator.bandwidth_rad_s, law_poles.max())
     parts = ceil(step / min(LONGEST_STEP, 0.2 / fastest) - 1e-9)
-    return parts, substeps, exp(-0.5 * step / parts / lag_s) if lag_s > 0 else 0.0
+    half_fade = exp(-0.5 * step / parts / lag_s) if lag_s > 0 else 0.0
+    return Steps(step, substeps, parts, half_fade)
 
 
 def _what_failed(plants: Plants, first: int, step: float) -> str:

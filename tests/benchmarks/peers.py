@@ -13,7 +13,7 @@ class CKDTreeMonitor:
 
     def __init__(self, monitor: Monitor) -> None:
         self.matrix, self.offset = monitor.affine
-        self.unsafe = cKDTree(monitor.unsafe_points)
+        self.unsafe = cKDTree(np.unique(monitor.unsafe_points, axis=0))
         self.safe = cKDTree(np.unique(monitor.safe_points, axis=0))
         self.alphas, self.n_delay = monitor.alphas, monitor.recipe.n_delay
         self.history: deque[np.ndarray] = deque(maxlen=self.n_delay + 1)

@@ -10,8 +10,9 @@ import pytest
 
 from core.collection import DatasetRecipe, Simulator, collect
 from core.kernels import assessing as live_path
-from core.kernels.compiled import jit
+from core.kernels.compiled import jit, on_this_thread
 from core.monitor import Monitor, train
+from tests.benchmarks.pairs import in_turns
 from tests.benchmarks.peers import CKDTreeMonitor
 
 pytestmark = pytest.mark.benchmark
@@ -35,16 +36,11 @@ def _fly(fitted, exact, buffer, status, clock, dt, y, z):
     return risk
 
 
-def compiled_call(monitor: Monitor, y: np.ndarray) -> float:
-    """Mean time of one compiled update [s], best of five flights."""
-    best = np.inf
-    for _ in range(6):
-        stream = monitor.stream()
-        state = (stream._buffer, stream._status, stream._clock)
-        begin = perf_counter()
-        _fly(stream._fitted, stream._exact, *state, monitor.dt, y, stream._point)
-        best = min(best, (perf_counter() - begin) / len(y))
-    return best
+def compiled_flight(monitor: Monitor, y: np.ndarray) -> None:
+    """Assess a flight without returning to Python."""
+    stream = monitor.stream()
+    state = (stream._buffer, stream._status, stream._clock)
+    _fly(stream._fitted, stream._exact, *state, monitor.dt, y, stream._point)
 
 
 def python_calls(monitor: Monitor, y: np.ndarray) -> np.ndarray:
@@ -62,18 +58,13 @@ def python_calls(monitor: Monitor, y: np.ndarray) -> np.ndarray:
 def test_one_sample_to_assessment(n_points: int) -> None:
     monitor, y = monitor_of(n_points)
     peer = CKDTreeMonitor(monitor)
-    peer_times = []
-    for sample in y:
-        begin = perf_counter()
-        peer.update(sample)
-        peer_times.append(perf_counter() - begin)
-    inside = compiled_call(monitor, y)
-    calls = python_calls(monitor, y)
-    p50, p99 = np.percentile(calls, [50, 99])
+    pair = in_turns(
+        lambda: compiled_flight(monitor, y), lambda: [peer.update(sample) for sample in y]
+    ).per(len(y))
+    p50, p99 = np.percentile(python_calls(monitor, y), [50, 99])
     print(
-        f"\n{len(monitor.safe_points)} safe points: compiled {inside * 1e6:.2f} µs, "
-        f"Python call median {p50:.1f} µs, p99 {p99:.1f} µs; numpy + cKDTree median "
-        f"{np.median(peer_times) * 1e6:.1f} µs: ratio {np.median(peer_times) / inside:.0f} x"
+        f"\n{len(monitor.safe_points)} safe points: compiled {pair.ours.min() * 1e6:.2f} µs, "
+        f"Python call median {p50:.1f} µs, p99 {p99:.1f} µs; numpy + cKDTree {pair}"
     )
     assert np.mean(monitor.p_values(y) != peer.p_values(y)) < 1e-4  # rounding of BLAS
 
@@ -83,23 +74,13 @@ def test_batch_scoring_of_an_hour_at_100_hz() -> None:
     flights = Simulator(DatasetRecipe()).rollouts(2976, np.random.default_rng(2))
     y = flights.y.reshape(-1, 6)[:360_000]
     peer = CKDTreeMonitor(monitor)
-    monitor.p_values(y)
-    begin = perf_counter()
-    peer.p_values(y)
-    alone = perf_counter() - begin
-    ratios, begin, middle, end = [], 0.0, 0.0, 0.0
-    for _ in range(3):
-        begin = perf_counter()
-        ours = monitor.p_values(y)
-        middle = perf_counter()
-        theirs = peer.p_values(y, workers=2)
-        end = perf_counter()
-        ratios.append((end - middle) / (middle - begin))
-        assert np.mean(ours != theirs) < 1e-4  # rounding of BLAS
+    assert np.mean(monitor.p_values(y) != peer.p_values(y)) < 1e-4  # rounding of BLAS
+    with on_this_thread():
+        one = in_turns(lambda: monitor.p_values(y), lambda: peer.p_values(y))
+    two = in_turns(lambda: monitor.p_values(y), lambda: peer.p_values(y, workers=2))
     print(
-        f"\n360,000 samples, {len(monitor.safe_points)} safe points: {middle - begin:.3f} s; "
-        f"cKDTree {alone:.2f} s: ratio {alone / (middle - begin):.1f} x; cKDTree on two threads "
-        f"{end - middle:.2f} s: ratio {np.median(ratios):.1f} x"
+        f"\n360,000 samples, {len(monitor.safe_points)} safe points: {two.ours.min():.3f} s; "
+        f"cKDTree, both on one thread {one}; both on two threads {two}"
     )
 
 

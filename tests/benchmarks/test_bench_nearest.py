@@ -3,9 +3,12 @@ from time import perf_counter
 import numpy as np
 import pytest
 from numba import njit
+from pykdtree.kdtree import KDTree as PyKDTree  # pyright: ignore[reportMissingTypeStubs]
 from scipy.spatial import KDTree
 
-from core.kernels.nearest import build, nearest, nearest_batch
+from core.kernels.compiled import in_chunks
+from core.kernels.nearest import build, nearest
+from tests.benchmarks.pairs import in_turns
 
 # F-16, 502 ft/s at sea level (Stevens & Lewis, Example 5.3-1), rows beta, p, r.
 A = np.array([[-0.322, 0.0364, -0.9917], [-30.6492, -3.6784, 0.6646], [8.5396, -0.0254, -0.4764]])
@@ -71,19 +74,30 @@ def repeat(tree, z, hint, times):
     return total
 
 
-def shortest(task, times=5):
-    taken = []
-    for _ in range(times):
-        begin = perf_counter()
-        task()
-        taken.append(perf_counter() - begin)
-    return min(taken)
+def search(tree, z):
+    """Squared distances and neighbours of all samples, on one thread."""
+    d2, index = np.empty(len(z)), np.empty(len(z), np.int64)
+    stream(tree, z, d2, index)
+    return d2, index
+
+
+def search_on_threads(tree, z):
+    """`search` on all threads; the hint starts anew in each part."""
+    d2, index = np.empty(len(z)), np.empty(len(z), np.int64)
+    in_chunks(len(z), 4_096, lambda a, b: stream(tree, z[a:b], d2[a:b], index[a:b]))
+    return d2, index
 
 
 def each_query(tree, z, index, n=3_000):
     """ns of single queries, the hint being the winner before: median, 99 %."""
-    pick = np.random.default_rng(2).integers(1, len(z), n)
-    taken = [shortest(lambda i=i: repeat(tree, z[i], index[i - 1], 10), 3) / 10 for i in pick]
+    taken = []
+    for i in np.random.default_rng(2).integers(1, len(z), n):
+        times = []
+        for _ in range(3):
+            begin = perf_counter()
+            repeat(tree, z[i], index[i - 1], 10)
+            times.append(perf_counter() - begin)
+        taken.append(min(times) / 10)
     return np.percentile(np.array(taken) * 1e9, [50, 99])
 
 
@@ -91,37 +105,35 @@ def each_query(tree, z, index, n=3_000):
     ("n", "d"),
     [(50, 6), (5_000, 6), (14_600, 6), (500_000, 6), (1_000_000, 6), (5_000, 18), (500_000, 18)],
 )
-def test_nearest_against_scipy_on_an_hour_of_flight(flown, n, d):
-    points, z = sampled(flown[0], n, d), np.ascontiguousarray(flown[1][..., -d:].reshape(-1, d))
-    tree, peer = build(points), KDTree(points)
-    d2, index = np.empty(len(z)), np.empty(len(z), np.int64)
-    stream(tree, z[:2], d2, index)
-    one = shortest(lambda: stream(tree, z, d2, index))
-    two = shortest(lambda: nearest_batch(tree, z))
-    some = slice(0, len(z), 1) if n < 100_000 else slice(0, 30_050, 1)
-    share = len(z[some]) / len(z)
-    their_one = shortest(lambda: peer.query(z[some]), 2) / share
-    their_two = shortest(lambda: peer.query(z[some], workers=2), 2) / share
+def test_nearest_against_public_trees_on_an_hour_of_flight(flown, n, d):
+    """The peers get the distinct points only, as our tree stores them."""
+    points = np.unique(sampled(flown[0], n, d), axis=0)
+    z = np.ascontiguousarray(flown[1][..., -d:].reshape(-1, d))
+    tree, scipy_tree, py_tree = build(points), KDTree(points), PyKDTree(points)
+    d2, index = search(tree, z)
+    np.testing.assert_array_equal(search_on_threads(tree, z)[0], d2)
+    part = z[: len(z) if n < 100_000 else 30_050]
+    expected = scipy_tree.query(part)[0]
+    np.testing.assert_allclose(np.sqrt(d2[: len(part)]), expected, rtol=1e-12, atol=1e-15)
     median, high = each_query(tree, z, index)
+    one = in_turns(lambda: search(tree, part), lambda: scipy_tree.query(part))
+    two = in_turns(lambda: search_on_threads(tree, part), lambda: scipy_tree.query(part, workers=2))
+    py = in_turns(lambda: search_on_threads(tree, part), lambda: py_tree.query(part))
     print(
-        f"\n{n:>9,} points, d {d:>2}: {one / len(z) * 1e9:5.0f} ns a sample in a stream"
-        f" (single: median {median:.0f}, 99 % {high:.0f});"
-        f" hour on one thread {one:.3f} s (KDTree x{their_one / one:.1f}),"
-        f" on all {two:.3f} s (KDTree x{their_one / two:.1f}, workers=2 x{their_two / two:.1f})"
+        f"\n{len(points):>9,} distinct points, d {d:>2}: {one.ours.min() / len(part) * 1e9:5.0f} ns"
+        f" a sample in a stream (single: median {median:.0f}, 99 % {high:.0f});\n"
+        f"  one thread, KDTree {one}; all threads, KDTree {two}; pykdtree {py}"
     )
-    np.testing.assert_allclose(np.sqrt(d2[some]), peer.query(z[some])[0], rtol=1e-12, atol=1e-15)
-    np.testing.assert_array_equal(nearest_batch(tree, z)[1], index)
 
 
-def test_build_against_scipy(flown):
-    points = sampled(flown[0], 1_000_000, 6)
-    build(points[:10])
-    ours = shortest(lambda: build(points), 3)
-    theirs = shortest(lambda: KDTree(points), 3)
+def test_build_against_public_trees(flown):
+    points = np.unique(sampled(flown[0], 1_000_000, 6), axis=0)
+    scipy_pair = in_turns(lambda: build(points), lambda: KDTree(points))
+    py_pair = in_turns(lambda: build(points), lambda: PyKDTree(points))
     tree = build(points)
     size = sum(a.nbytes for a in tree) / points.nbytes
     print(
-        f"\nbuild of {len(points):,} points: {ours:.2f} s (KDTree {theirs:.2f} s);"
-        f" {size:.2f} times the memory of the points"
+        f"\nbuild of {len(points):,} points: {scipy_pair.ours.min():.2f} s; KDTree {scipy_pair};"
+        f" pykdtree {py_pair}; {size:.2f} times the memory of the points"
     )
-    np.testing.assert_array_equal(nearest_batch(tree, points[:1000])[0], 0.0)
+    np.testing.assert_array_equal(search(tree, points[:1000])[0], 0.0)

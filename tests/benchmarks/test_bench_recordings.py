@@ -16,6 +16,7 @@ from app.jobs.training import train_and_test
 from core.collection import DatasetRecipe, Simulator, collect
 from core.monitor import Monitor, MonitorRecipe
 from core.simulation.maneuver import MANEUVERS
+from tests.benchmarks.pairs import ROUNDS
 from tests.support.api import api, store_of
 
 pytestmark = pytest.mark.benchmark
@@ -95,8 +96,9 @@ def test_an_hour_at_100_hz_from_upload_to_stored_assessments(
         write_csv(small, 2_000)
         warm = upload(client, small, "warm.csv")
         client.post(f"/api/v1/recordings/{warm['id']}/scorings", json=order)
-        ratios, ours, plain, recording, answer = [], [], np.empty(0), {}, None
-        for k in range(3):
+        ratios, ours, theirs = [], [], []
+        plain, recording, answer = np.empty(0), {}, None
+        for k in range(ROUNDS):
             begin = perf_counter()
             recording = upload(client, path, f"hour{k}.csv")
             read = perf_counter()
@@ -104,7 +106,8 @@ def test_an_hour_at_100_hz_from_upload_to_stored_assessments(
             end = perf_counter()
             assert answer.status_code == 201, answer.text
             plain = plain_way(path, monitor, tmp_path / "plain.db")
-            ratios.append((perf_counter() - end) / (end - begin))
+            theirs.append(perf_counter() - end)
+            ratios.append(theirs[-1] / (end - begin))
             ours.append((end - begin, read - begin))
         assert answer is not None
         scoring = answer.json()
@@ -115,10 +118,11 @@ def test_an_hour_at_100_hz_from_upload_to_stored_assessments(
     said = np.array([frame["withdrawn"] or frame["p_value"] for frame in frames], float)
     assert np.nanmean(said != plain[: len(said)]) < 1e-3
     whole, reading = min(ours)
+    shortest = min(theirs) / whole
     print(
         f"\n{path.stat().st_size / 1e6:.0f} MB CSV, {HOUR} rows, {len(monitor.safe_points)} safe "
         f"points: {whole:.2f} s, of which upload and reading {reading:.2f} s; pandas + "
-        f"scikit-learn ratio {np.median(ratios):.1f} x"
+        f"scikit-learn ratio {np.median(ratios):.1f} x (shortest {shortest:.1f} x)"
     )
 
 

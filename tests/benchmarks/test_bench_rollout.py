@@ -5,7 +5,6 @@ F-16, three states, every derivative random; washed-out yaw damper and roll damp
 """
 
 from collections.abc import Callable
-from time import perf_counter
 from typing import Any
 
 import control
@@ -18,6 +17,7 @@ from core.simulation.control_law import Actuator, RateDamper
 from core.simulation.rollout import roll_out
 from core.simulation.uncertain_plant import Plants
 from core.specification import Limits
+from tests.benchmarks.pairs import in_turns
 
 pytestmark = pytest.mark.benchmark
 
@@ -27,7 +27,7 @@ CONTROLLER = LAW.controller(PLANT)
 DT = 0.05
 toolbox: Any = control  # its types do not know all that it takes
 ROLLOUTS = 4096
-RUNS = 60
+FEW = 50
 
 
 def pilot() -> np.ndarray:
@@ -51,53 +51,42 @@ def peer(plants: Plants, commands: np.ndarray) -> np.ndarray:
     return y
 
 
-def microseconds(task: Callable[[], Any], n: int, runs: int = RUNS) -> np.ndarray:
-    """Time of each of `runs` runs, per rollout."""
-    times = []
-    for _ in range(runs):
-        start = perf_counter()
-        task()
-        times.append(perf_counter() - start)
-    return np.array(times) / n * 1e6
-
-
-def report(name: str, ours: np.ndarray, theirs: np.ndarray) -> None:
-    """Print times and ratios; best against best, median against median."""
-    print(
-        f"{name:<56} {ours.min():7.3f} us (median {np.median(ours):7.3f})   "
-        f"x{theirs.min() / ours.min():<6.0f} (median x{np.median(theirs) / np.median(ours):.0f})"
-    )
+def report(name: str, ours: Callable[[], Any], theirs: Callable[[], Any], rounds: int = 10) -> None:
+    """Print our time of one rollout and the ratios; a round is 4096 of ours and 50 of theirs."""
+    pair = in_turns(ours, theirs, rounds).per(ROLLOUTS, FEW)
+    median, shortest = np.median(pair.ours) * 1e6, pair.ours.min() * 1e6
+    print(f"{name:<46} {shortest:7.3f} us (median {median:7.3f})   {pair}")
 
 
 def test_rollout_against_python_control():
     rng = np.random.default_rng(0)
     plants = PLANT.plants(PLANT.sample(ROLLOUTS, rng))
     commands = pilot()
-    few = Plants(*(matrix[:50] for matrix in plants))
+    few = Plants(*(matrix[:FEW] for matrix in plants))
     out = np.empty((ROLLOUTS, 121, 6))
     expected = peer(few, commands[0])
     roll_out(plants, CONTROLLER, LAW.actuator, commands, DT, out=out)
-    worst = np.abs(out[:50] - expected).max()
+    worst = np.abs(out[:FEW] - expected).max()
     assert worst < 1e-9
-    with threadpool_limits(1):  # BLAS threads only slow such small matrices down
-        theirs = microseconds(lambda: peer(few, commands[0]), 50, 10)
-    print(f"\npython-control {theirs.min():.0f} us a rollout; largest difference {worst:.1e}")
+    print(f"\nlargest difference from python-control {worst:.1e}")
 
     def given(actuator: Actuator = LAW.actuator, lag: float = 0.0, target: Any = out):
         return lambda: roll_out(
             plants, CONTROLLER, actuator, commands, DT, pedal_lag_s=lag, out=target
         )
 
+    def theirs() -> np.ndarray:
+        return peer(few, commands[0])
+
     def whole() -> np.ndarray:
         theta = PLANT.sample(ROLLOUTS, rng)
         y = roll_out(PLANT.plants(theta), CONTROLLER, LAW.actuator, commands, DT)
         return Limits(Ny=0.5).first_exceedance(y)
 
-    report("given plants, reused output", microseconds(given(), ROLLOUTS), theirs)
-    report("the same, fresh output", microseconds(given(target=None), ROLLOUTS), theirs)
-    report("the same, pedal lag 0.1 s", microseconds(given(lag=0.1), ROLLOUTS), theirs)
-    whole()
-    report("sampling, plants, fresh output, failures", microseconds(whole, ROLLOUTS), theirs)
     limited = given(Actuator(rate_limit_deg_s=60.0))
-    limited()
-    report("rate limits (Runge-Kutta)", microseconds(limited, ROLLOUTS, 5), theirs)
+    with threadpool_limits(1):  # BLAS threads only slow such small matrices down
+        report("given plants, reused output", given(), theirs)
+        report("the same, fresh output", given(target=None), theirs)
+        report("the same, pedal lag 0.1 s", given(lag=0.1), theirs)
+        report("sampling, plants, fresh output, failures", whole, theirs)
+        report("rate limits (Runge-Kutta)", limited, theirs, 5)

@@ -124,7 +124,7 @@ def test_uplot_on_the_same_seven_strips() -> None:
         peer = harness(browser, origin)
         peer.evaluate(f"(() => {{ {source}; window.uPlot = uPlot; }})()")
         peer.evaluate(PEER, [source, css])
-        for _ in range(3):
+        for _ in range(5):
             ours.bring_to_front()
             print(f"\nours: {measured(ours)}")
             peer.bring_to_front()

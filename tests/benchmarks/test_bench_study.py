@@ -1,5 +1,5 @@
 from dataclasses import replace
-from time import perf_counter
+from itertools import count
 
 import numpy as np
 import pytest
@@ -9,6 +9,7 @@ from core.simulation.aircraft import PublishedAircraft, Uncertainty
 from core.simulation.control_law import CONTROL_LAWS
 from core.simulation.maneuver import Doublet
 from core.study import StudyRecipe, study
+from tests.benchmarks.pairs import in_turns
 from tests.support import plain_twin as twin
 
 pytestmark = pytest.mark.benchmark
@@ -21,18 +22,20 @@ def test_the_whole_study() -> None:
         maneuver=Doublet(surface="rudder", amplitude_deg=5.0, pedal_lag_s=0.0),
     )
     recipe = StudyRecipe(dataset=dataset)
-    result, ours = study(recipe), []
-    for seed in range(5):
-        begin = perf_counter()
-        result = study(replace(recipe, dataset=replace(dataset, seed=seed)))
-        ours.append(perf_counter() - begin)
+    result = study(recipe)
     epsilons = next(iter(result.methods.values())).epsilons
-    begin = perf_counter()
-    plain = twin.study(epsilons=epsilons, amplitude_deg=5.0, seed=1)
-    theirs = perf_counter() - begin
+    seeds, plain = count(), {}
+
+    def ours() -> None:
+        study(replace(recipe, dataset=replace(dataset, seed=next(seeds))))
+
+    def theirs() -> None:
+        plain.update(twin.study(epsilons=epsilons, amplitude_deg=5.0, seed=1))
+
+    pair = in_turns(ours, theirs, warm=False)
     print(
-        f"\nwhole study: {np.median(ours):.3f} s; python-control + scikit-learn {theirs:.1f} s: "
-        f"ratio {theirs / np.median(ours):.0f} x"
+        f"\nwhole study: {np.median(pair.ours):.3f} s; python-control + scikit-learn "
+        f"{np.median(pair.theirs):.1f} s: {pair}"
     )
     for (name, method), (miss, power) in zip(result.methods.items(), plain.values(), strict=True):
         print(
