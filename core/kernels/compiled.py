@@ -73,11 +73,11 @@ def in_chunks(n: int, size: int, task: Callable[[int, int], object]) -> None:
 class _Compilation(event.Listener):
     def __init__(self, say: Callable[[str], None]) -> None:
         self.say = say
-        self.said = False
+        self.announced = False
 
     def on_start(self, event: event.Event) -> None:
-        if not self.said:
-            self.said = True
+        if not self.announced:
+            self.announced = True
             self.say("compiling the numerical kernels: once on this machine, under a minute")
 
     def on_end(self, event: event.Event) -> None:

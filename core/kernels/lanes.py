@@ -45,10 +45,10 @@ lanes = _LanesType()
 
 
 def aligned(size: int) -> Array:
-    """Return uninitialised room for `size` numbers, from a cache line on as fast loads need."""
-    room = np.empty(size + WIDTH)
-    skip = -(room.ctypes.data // 8) % WIDTH
-    return room[skip : skip + size]
+    """Return `size` numbers of workspace, not initialised, from a cache line on for fast loads."""
+    work = np.empty(size + WIDTH)
+    skip = -(work.ctypes.data // 8) % WIDTH
+    return work[skip : skip + size]
 
 
 def _pointer(builder, address, position, pointee):

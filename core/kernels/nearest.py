@@ -15,14 +15,13 @@ from numba.core import cgutils
 from numba.core.errors import TypingError
 from numba.np.numpy_support import carray
 
-from core.kernels.compiled import in_chunks, inlined, jit
+from core.kernels.compiled import inlined, jit
 from core.kernels.tree_build import EMPTY, LEAF, WIDTH, pack
-from core.types import Array, Indices
+from core.types import Array
 
 BLOCK = 6  # coordinates summed in registers at a time: one observation's channels
 STACK = 128  # 7 siblings wait at each level, and 9 levels hold 2^31 points
 MOST = 2**30  # points, so that 32-bit lanes suffice
-SAMPLES_A_TASK = 4_096
 
 # Kernels call what follows without the typing context that its Python signature starts with.
 intrinsic: Any = extending.intrinsic
@@ -67,10 +66,10 @@ def build(points: Array) -> Tree:
 def locate(tree):
     """Where a tree's arrays lie; taken once before a loop, it saves counting references in it."""
     return (
-        address(tree.points),
-        address(tree.original),
-        address(tree.boxes),
-        address(tree.slot),
+        _address(tree.points),
+        _address(tree.original),
+        _address(tree.boxes),
+        _address(tree.slot),
         tree.original.shape[0] // LEAF,
         tree.slot.shape[0],
     )
@@ -99,7 +98,7 @@ def nearest_at(place, z, skip, hint):
         place[3],
         place[4],
         place[5],
-        address(z),
+        _address(z),
         z.shape[0],
         skip,
         hint,
@@ -109,7 +108,7 @@ def nearest_at(place, z, skip, hint):
 @inlined
 def squared_distance_at(place, z, i):
     """Squared distance from z to original point i, 0 <= i < n: the bits `nearest_at` gives."""
-    return _squared_distance(place[0], place[3], address(z), z.shape[0], i)
+    return _squared_distance(place[0], place[3], _address(z), z.shape[0], i)
 
 
 @jit
@@ -118,30 +117,8 @@ def _squared_distance(points, slot, z, d, i):
     return _distance(carray(points, (1,)), lane, carray(z, (1,)), d)
 
 
-def nearest_batch(tree: Tree, z: Array) -> tuple[Array, Indices]:
-    """`nearest` of each row, on all threads; fastest where consecutive rows are close together.
-
-    z: (m, d).   Returns (m,) squared distances and (m,) original indices.
-    """
-    z = np.ascontiguousarray(z, np.float64)
-    if z.ndim != 2 or z.shape[1] * len(tree.original) != len(tree.points):
-        needed = len(tree.points) // max(len(tree.original), 1)
-        raise ValueError(f"z has shape {z.shape}: this tree needs (m, {needed})")
-    d2, index = np.empty(len(z)), np.empty(len(z), np.int64)
-    in_chunks(len(z), SAMPLES_A_TASK, lambda a, b: _nearest_some(tree, z, a, b, d2, index))
-    return d2, index
-
-
-@jit
-def _nearest_some(tree, z, start, stop, d2, index):
-    hint, place = -1, locate(tree)
-    for i in range(start, stop):
-        d2[i], hint = nearest_at(place, z[i], -1, hint)
-        index[i] = hint
-
-
 @intrinsic
-def address(_context, array):
+def _address(_context, array):
     """Where an array's numbers lie. Counting references to five arrays costs more than a search."""
     if array.layout != "C":
         raise TypingError("nearest needs C-contiguous arrays: pass np.ascontiguousarray(z)")
@@ -153,7 +130,7 @@ def address(_context, array):
 
 
 @intrinsic
-def scratch(_context):
+def _stack(_context):
     """LEAF + 2 * STACK floats on the machine's stack: nothing to allocate, nothing aliases it."""
 
     def generate(_generator, builder, _signature, _arguments):
@@ -165,7 +142,7 @@ def scratch(_context):
 @jit
 def _search(points, original, boxes, slot, n_leaves, n, z, d, skip, hint):
     # A bound or distance a lane; then a stack of (bound, node), each family's nearest on top.
-    total = carray(scratch(), (1,))
+    total = carray(_stack(), (1,))
     points, original = carray(points, (1,)), carray(original, (1,))
     boxes, slot, z = carray(boxes, (1,)), carray(slot, (1,)), carray(z, (1,))
     for k in range(d):
@@ -235,22 +212,22 @@ def _distance(points, lane, z, d):
 @inlined
 def _distances(points, leaf, z, d, total):
     """Squared distance from z to each point of a leaf."""
-    at, whole = U(leaf * LEAF * d), U(d - d % BLOCK)
+    at, blocks_end = U(leaf * LEAF * d), U(d - d % BLOCK)
     _clear(total, LEAF)
-    for k in range(U(0), whole, U(BLOCK)):
+    for k in range(U(0), blocks_end, U(BLOCK)):
         _add_squares(points, at + k * U(LEAF), z, k, BLOCK, total)
-    for k in range(whole, U(d)):
+    for k in range(blocks_end, U(d)):
         _add_squares(points, at + k * U(LEAF), z, k, 1, total)
 
 
 @inlined
 def _bounds(boxes, node, z, d, total):
     """Squared distance from z to each child's box: 0 inside."""
-    at, whole = U(node * 2 * WIDTH * d), U(d - d % BLOCK)
+    at, blocks_end = U(node * 2 * WIDTH * d), U(d - d % BLOCK)
     _clear(total, WIDTH)
-    for k in range(U(0), whole, U(BLOCK)):
+    for k in range(U(0), blocks_end, U(BLOCK)):
         _add_gaps(boxes, at + k * U(WIDTH), U(WIDTH * d), z, k, BLOCK, total)
-    for k in range(whole, U(d)):
+    for k in range(blocks_end, U(d)):
         _add_gaps(boxes, at + k * U(WIDTH), U(WIDTH * d), z, k, 1, total)
 
 

@@ -56,7 +56,7 @@ def _distinct(points):
         size *= 2
     table = np.full(size, -1, np.int32)
     twice = np.zeros(n, np.bool_)
-    first, kept, n_kept = np.empty(n, np.int32), np.empty(n, np.int32), 0
+    first, stored, n_stored = np.empty(n, np.int32), np.empty(n, np.int32), 0
     for i in range(n):
         at = _hash(bits, i) % np.uint64(size)
         while table[at] >= 0 and not _equal(bits, i, table[at]):
@@ -67,9 +67,9 @@ def _distinct(points):
         first[i] = table[at]
         if new or not twice[first[i]]:
             twice[first[i]] = not new
-            kept[n_kept] = i
-            n_kept += 1
-    return kept[:n_kept].copy(), first
+            stored[n_stored] = i
+            n_stored += 1
+    return stored[:n_stored].copy(), first
 
 
 @jit

@@ -7,6 +7,7 @@ that needs fewer squarings than its neighbours keeps its result, so its bits do 
 
 from functools import cache
 from math import factorial
+from typing import NamedTuple
 
 import numpy as np
 from scipy.special import hyp1f1
@@ -145,6 +146,126 @@ def _column_block(w, powers, series, first, last, n, surface, out):
             store(w, out + (i * 2 + j) * WIDTH, v)
 
 
+class _HoldPlaces(NamedTuple):
+    """Where the workspace of `discretise` has its parts: four powers of M, sums, lane vectors."""
+
+    size: int
+    narrow: int
+    powers: int
+    p2: int
+    p3: int
+    p4: int
+    start: int
+    total: int
+    scale: int
+    decay: int
+    half_step: int
+    own: int
+
+
+@jit
+def _places(loop, n):
+    size = n * n * WIDTH
+    scale = loop + 6 * size
+    return _HoldPlaces(
+        size, 2 * n * WIDTH, loop, loop + size, loop + 2 * size, loop + 3 * size, loop + 4 * size,
+        loop + 5 * size, scale, scale + WIDTH, scale + 2 * WIDTH, scale + 3 * WIDTH,
+    )  # fmt: skip
+
+
+@jit
+def _scale_down(w, at, n, step, decays):
+    """Powers M to M^4 of the halved M = F h; how often the busiest lane is halved, -1 if too often.
+
+    Leaves in each lane its halvings, what the lag does in its halved step, and that step's share.
+    """
+    h = splat(step)
+    for i in range(at.powers, at.powers + at.size, WIDTH):
+        store(w, i, multiply(h, load(w, i)))
+    clear(w, at.start, n * n)
+    product(w, at.powers, at.powers, at.start, at.p2, n, n)
+    product(w, at.p2, at.p2, at.start, at.p4, n, n)
+    store(w, at.decay, _norm(w, at.powers, n))
+    store(w, at.half_step, _norm(w, at.p4, n))
+    most = _halvings(w, at.decay, at.half_step, at.scale)
+    if most > MAX_SCALE:
+        return -1
+    product(w, at.p2, at.powers, at.start, at.p3, n, n)
+    for lane in range(WIDTH):
+        s = int(read(w, at.scale + lane))
+        write(w, at.decay + lane, decays[s])
+        write(w, at.half_step + lane, 0.5**s)
+    if most > 0:
+        half = load(w, at.half_step)
+        factor = half
+        for k in range(4):
+            for i in range(at.powers + k * at.size, at.powers + (k + 1) * at.size, WIDTH):
+                store(w, i, multiply(factor, load(w, i)))
+            factor = multiply(factor, half)
+    return most
+
+
+@jit
+def _exponential(w, at, n, phi):
+    """exp(M) - I by Horner's rule in M^4; the I would cost slow modes their digits."""
+    _block(w, at.powers, _EXP, 12, 4, n, at.total)
+    _block(w, at.powers, _EXP, 8, 3, n, at.start)
+    product(w, at.p4, at.total, at.start, phi, n, n)
+    _block(w, at.powers, _EXP, 4, 3, n, at.start)
+    product(w, at.p4, phi, at.start, at.total, n, n)
+    _block(w, at.powers, _EXP, 0, 3, n, at.start)
+    product(w, at.p4, at.total, at.start, phi, n, n)
+
+
+@jit
+def _input_effect(w, at, n, surface, factor, series, out):
+    """Effect (n, 2) of one kind of input over the halved step, by the same rule."""
+    two_columns = at.narrow // (n * WIDTH)  # a literal 2 would compile `product` once more
+    for lane in range(WIDTH):
+        s = int(read(w, at.scale + lane))
+        for k in range(DEGREE + 1):
+            write(w, at.own + k * WIDTH + lane, series[s, k])
+    _column_block(w, at.powers, at.own, 12, 4, n, surface, at.total)
+    _column_block(w, at.powers, at.own, 8, 3, n, surface, at.start)
+    product(w, at.p4, at.total, at.start, out, n, two_columns)
+    _column_block(w, at.powers, at.own, 4, 3, n, surface, at.start)
+    product(w, at.p4, out, at.start, at.total, n, two_columns)
+    _column_block(w, at.powers, at.own, 0, 3, n, surface, at.start)
+    product(w, at.p4, at.total, at.start, out, n, two_columns)
+    gain = multiply(splat(factor), load(w, at.half_step))
+    for i in range(out, out + at.narrow, WIDTH):
+        store(w, i, multiply(gain, load(w, i)))
+
+
+@jit
+def _take_doubled(w, at, level, out, length):
+    """Take the doubled matrix at `total` in the lanes that are halved more than `level` times."""
+    active, now = load(w, at.scale), splat(float(level))
+    for i in range(0, length, WIDTH):
+        store(w, out + i, where_greater(active, now, load(w, at.total + i), load(w, out + i)))
+
+
+@jit
+def _double(w, at, n, level, kinds, phi, inputs):
+    """From h to 2 h: E <- E E + 2 E, G <- E G + (1 + e(h)) G."""
+    two_columns = at.narrow // (n * WIDTH)
+    two = splat(2.0)
+    for kind in range(kinds):
+        out = inputs + kind * at.narrow
+        factor = two if kind == 0 else add(load(w, at.decay), splat(1.0))
+        for i in range(0, at.narrow, WIDTH):
+            store(w, at.start + i, multiply(factor, load(w, out + i)))
+        product(w, phi, out, at.start, at.total, n, two_columns)
+        _take_doubled(w, at, level, out, at.narrow)
+    rate = load(w, at.decay)
+    active, now = load(w, at.scale), splat(float(level))
+    store(w, at.decay, where_greater(active, now, multiply(rate, rate), rate))
+    for i in range(0, at.size, WIDTH):
+        store(w, at.start + i, multiply(two, load(w, phi + i)))
+    product(w, phi, phi, at.start, at.total, n, n)
+    _take_doubled(w, at, level, phi, at.size)
+
+
 @jit
 def discretise(w, loop, n, surface, bandwidth, step, series, decays, kinds, phi, inputs):
     """phi = exp(F step) and the effect of inputs over one step; False if a loop is too fast.
@@ -153,86 +274,17 @@ def discretise(w, loop, n, surface, bandwidth, step, series, decays, kinds, phi,
     inputs: `kinds` (1 or 2) matrices (n, 2): integral of exp(F (step - t)) B e(t) dt with e = 1 and
     exp(-t / lag), B = bandwidth on the rows of the two surfaces. series, decays: `input_series`.
     """
-    size = n * n * WIDTH
-    narrow = 2 * n * WIDTH
-    two_columns = narrow // (n * WIDTH)  # a literal 2 would compile `product` once more
-    powers, p2, p3, p4 = loop, loop + size, loop + 2 * size, loop + 3 * size
-    start, total = loop + 4 * size, loop + 5 * size
-    scale = loop + 6 * size
-    decay, half_step, own = scale + WIDTH, scale + 2 * WIDTH, scale + 3 * WIDTH
-    h = splat(step)
-    for at in range(powers, powers + size, WIDTH):
-        store(w, at, multiply(h, load(w, at)))
-    clear(w, start, n * n)
-    product(w, powers, powers, start, p2, n, n)
-    product(w, p2, p2, start, p4, n, n)
-    store(w, decay, _norm(w, powers, n))
-    store(w, half_step, _norm(w, p4, n))
-    most = _halvings(w, decay, half_step, scale)
-    if most > MAX_SCALE:
+    at = _places(loop, n)
+    most = _scale_down(w, at, n, step, decays)
+    if most < 0:
         return False
-    product(w, p2, powers, start, p3, n, n)
-    for lane in range(WIDTH):
-        s = int(read(w, scale + lane))
-        write(w, decay + lane, decays[s])
-        write(w, half_step + lane, 0.5**s)
-    half = load(w, half_step)
-    if most > 0:
-        factor = half
-        for k in range(4):
-            for at in range(powers + k * size, powers + (k + 1) * size, WIDTH):
-                store(w, at, multiply(factor, load(w, at)))
-            factor = multiply(factor, half)
-
-    # exp(M) - I by Horner's rule in M^4; the I would cost slow modes their digits
-    _block(w, powers, _EXP, 12, 4, n, total)
-    _block(w, powers, _EXP, 8, 3, n, start)
-    product(w, p4, total, start, phi, n, n)
-    _block(w, powers, _EXP, 4, 3, n, start)
-    product(w, p4, phi, start, total, n, n)
-    _block(w, powers, _EXP, 0, 3, n, start)
-    product(w, p4, total, start, phi, n, n)
+    _exponential(w, at, n, phi)
     for kind in range(kinds):
-        out = inputs + kind * narrow
-        for lane in range(WIDTH):
-            s = int(read(w, scale + lane))
-            for k in range(DEGREE + 1):
-                write(w, own + k * WIDTH + lane, series[kind, s, k])
-        _column_block(w, powers, own, 12, 4, n, surface, total)
-        _column_block(w, powers, own, 8, 3, n, surface, start)
-        product(w, p4, total, start, out, n, two_columns)
-        _column_block(w, powers, own, 4, 3, n, surface, start)
-        product(w, p4, out, start, total, n, two_columns)
-        _column_block(w, powers, own, 0, 3, n, surface, start)
-        product(w, p4, total, start, out, n, two_columns)
-        factor = multiply(splat(bandwidth * step), half)
-        for at in range(out, out + narrow, WIDTH):
-            store(w, at, multiply(factor, load(w, at)))
-
-    # from h to 2 h: E <- E E + 2 E, G <- E G + (1 + e(h)) G
-    one = splat(1.0)
-    two = splat(2.0)
+        out = inputs + kind * at.narrow
+        _input_effect(w, at, n, surface, bandwidth * step, series[kind], out)
     for level in range(most):
-        now = splat(float(level))
-        active = load(w, scale)
-        for kind in range(kinds):
-            out = inputs + kind * narrow
-            factor = two if kind == 0 else add(load(w, decay), one)
-            for i in range(0, narrow, WIDTH):
-                store(w, start + i, multiply(factor, load(w, out + i)))
-            product(w, phi, out, start, total, n, two_columns)
-            for i in range(0, narrow, WIDTH):
-                doubled = where_greater(active, now, load(w, total + i), load(w, out + i))
-                store(w, out + i, doubled)
-        rate = load(w, decay)
-        store(w, decay, where_greater(active, now, multiply(rate, rate), rate))
-        for i in range(0, size, WIDTH):
-            store(w, start + i, multiply(two, load(w, phi + i)))
-        product(w, phi, phi, start, total, n, n)
-        for i in range(0, size, WIDTH):
-            doubled = where_greater(active, now, load(w, total + i), load(w, phi + i))
-            store(w, phi + i, doubled)
+        _double(w, at, n, level, kinds, phi, inputs)
     for i in range(n):
-        at = phi + (i * n + i) * WIDTH
-        store(w, at, add(load(w, at), one))
+        diagonal = phi + (i * n + i) * WIDTH
+        store(w, diagonal, add(load(w, diagonal), splat(1.0)))
     return True

@@ -5,7 +5,7 @@ from hypothesis import strategies as st
 from numba.core.errors import TypingError
 
 from core.kernels.compiled import jit
-from core.kernels.nearest import build, locate, nearest, nearest_batch, squared_distance_at
+from core.kernels.nearest import build, locate, nearest, squared_distance_at
 from core.kernels.tree_build import _select
 
 
@@ -55,6 +55,15 @@ def clouds(draw):
     return np.ascontiguousarray(points), np.ascontiguousarray(z), rng
 
 
+def flown(tree, z):
+    """Neighbours of one sample after the other, each hinted by the last."""
+    neighbours, hint = [], -1
+    for row in z:
+        neighbours.append(nearest(tree, row, -1, hint))
+        hint = neighbours[-1][1]
+    return neighbours
+
+
 @settings(deadline=None, max_examples=300)
 @given(clouds())
 def test_nearest_is_the_brute_force_minimum_bit_for_bit_whatever_is_skipped_or_hinted(cloud):
@@ -72,11 +81,10 @@ def test_nearest_is_the_brute_force_minimum_bit_for_bit_whatever_is_skipped_or_h
 
 @settings(deadline=None, max_examples=50)
 @given(clouds())
-def test_a_batch_gives_what_single_queries_give(cloud):
+def test_a_flight_hinted_by_each_last_neighbour_gives_what_single_queries_give(cloud):
     points, z, _ = cloud
     tree = build(points)
-    d2, index = nearest_batch(tree, z)
-    assert [*zip(d2, index, strict=True)] == [nearest(tree, row, -1, -1) for row in z]
+    assert flown(tree, z) == [nearest(tree, row, -1, -1) for row in z]
 
 
 @settings(deadline=None, max_examples=50)
@@ -87,17 +95,6 @@ def test_squared_distance_is_the_sum_in_order_of_the_coordinates(cloud):
     for row in z:
         i = int(rng.integers(len(points)))
         assert distance(tree, row, i) == brute_force(points[i : i + 1], row)[0]
-
-
-def test_a_batch_on_threads_equals_one_in_order():
-    rng = np.random.default_rng(1)
-    points = rng.standard_normal((3_000, 6)).cumsum(axis=0)
-    z = rng.standard_normal((20_000, 6)).cumsum(axis=0)
-    tree = build(points)
-    d2, index = nearest_batch(tree, z)
-    again = [nearest_batch(tree, z[i : i + 1000]) for i in range(0, len(z), 1000)]
-    np.testing.assert_array_equal(d2, np.concatenate([a for a, _ in again]))
-    np.testing.assert_array_equal(index, np.concatenate([b for _, b in again]))
 
 
 def test_many_points_agree_with_brute_force():
@@ -119,7 +116,7 @@ def test_each_copy_of_a_point_finds_the_lowest_other_copy():
 @pytest.mark.parametrize("n", [1, 2, 31, 32, 33, 64, 65, 256, 257, 2_049, 2_081])
 def test_every_point_finds_itself_at_the_edges_of_leaves_and_levels(n):
     points = np.random.default_rng(n).uniform(size=(n, 2))
-    d2, index = nearest_batch(build(points), points)
+    d2, index = zip(*flown(build(points), points), strict=True)
     np.testing.assert_array_equal(d2, 0.0)
     np.testing.assert_array_equal(index, np.arange(n))
 
@@ -152,9 +149,10 @@ def test_a_sample_that_is_not_finite_never_gets_a_distance(bad, n):
         assert index == -1
 
 
-def test_after_a_bad_sample_a_batch_goes_on():
+def test_after_a_bad_sample_a_flight_goes_on():
     points = np.arange(600.0).reshape(100, 6)
-    d2, index = nearest_batch(build(points), np.array([points[3], points[4] * np.nan, points[5]]))
+    z = np.array([points[3], points[4] * np.nan, points[5]])
+    d2, index = zip(*flown(build(points), z), strict=True)
     np.testing.assert_array_equal(d2, [0.0, np.nan, 0.0])
     np.testing.assert_array_equal(index, [3, -1, 5])
 
@@ -164,7 +162,6 @@ def test_no_point_is_infinitely_far():
     assert nearest(build(np.empty((0, 6))), z, -1, -1) == (np.inf, -1)
     assert nearest(build(np.empty((0, 6))), z, 0, 0) == (np.inf, -1)
     assert nearest(build(np.zeros((1, 6))), z, 0, 0) == (np.inf, -1)
-    assert nearest_batch(build(np.zeros((1, 6))), np.empty((0, 6)))[0].shape == (0,)
 
 
 def test_a_hint_that_is_no_point_is_no_hint():
@@ -191,11 +188,6 @@ def test_the_same_points_make_the_same_tree():
 def test_points_that_make_no_tree_are_refused(points, said):
     with pytest.raises(ValueError, match=said):
         build(points)
-
-
-def test_queries_of_another_dimension_are_refused():
-    with pytest.raises(ValueError, match=r"needs \(m, 6\)"):
-        nearest_batch(build(np.zeros((9, 6))), np.zeros((4, 18)))
 
 
 def test_a_strided_query_is_refused():
