@@ -30,7 +30,7 @@ def test_the_whole_study() -> None:
         study(replace(recipe, dataset=replace(dataset, seed=next(seeds))))
 
     def theirs() -> None:
-        plain.update(twin.study(epsilons=epsilons, amplitude_deg=5.0, seed=1))
+        plain.update(twin.study(epsilons=epsilons, amplitude_deg=5.0, seed=1)["pointwise"])
 
     pair = in_turns(ours, theirs, warm=False)
     print(

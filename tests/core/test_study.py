@@ -3,23 +3,39 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from core.collection import DatasetRecipe, Simulator, collect
+from core.collection import DatasetRecipe, Rollouts, Simulator, collect
+from core.dataset import Dataset
 from core.evaluation import EPSILONS, evaluate
 from core.monitor import MonitorRecipe, train
 from core.monitor.predictor import PREDICTORS
 from core.monitor.score import SCORES
-from core.study import METHODS, StudyRecipe, study
+from core.study import METHODS, StudyRecipe, StudyResult, study
 from tests.support import plain_twin as twin
 
 TWINS = dict(zip(METHODS, twin.METHODS, strict=True))
 
 
+SMALL = StudyRecipe(n_monitors=3, n_test=80)
+
+
+@pytest.fixture(scope="module")
+def small() -> StudyResult:
+    return study(SMALL)
+
+
+@pytest.fixture(scope="module")
+def rollouts() -> tuple[Dataset, Rollouts]:
+    """Rollouts to train on, and sixty fresh ones."""
+    recipe = replace(DatasetRecipe(), n_unsafe=20, seed=4)
+    return collect(recipe), Simulator(recipe).rollouts(60, np.random.default_rng(8))
+
+
 @pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("calibration", ["pointwise", "trajectory"])
-def test_each_method_equals_the_plain_twin_on_the_same_rollouts(method: str, calibration: str):
-    recipe = replace(DatasetRecipe(), n_unsafe=20, seed=4)
-    dataset = collect(recipe)
-    flights = Simulator(recipe).rollouts(60, np.random.default_rng(8))
+def test_each_method_equals_the_plain_twin_on_the_same_rollouts(
+    rollouts: tuple[Dataset, Rollouts], method: str, calibration: str
+):
+    dataset, flights = rollouts
     predictor, score = METHODS[method]
     monitor = train(
         dataset,
@@ -50,18 +66,15 @@ def test_each_method_equals_the_plain_twin_on_the_same_rollouts(method: str, cal
     np.testing.assert_allclose(found.power, power, atol=1.01 / found.n_safe)
 
 
-def test_study_depends_on_its_seed_alone():
-    recipe = StudyRecipe(n_monitors=3, n_test=50)
-    one, same = study(recipe), study(recipe)
-    other = study(replace(recipe, dataset=replace(recipe.dataset, seed=1)))
+def test_study_depends_on_its_seed_alone(small: StudyResult):
+    same, other = study(SMALL), study(replace(SMALL, dataset=replace(SMALL.dataset, seed=1)))
     for name in METHODS:
-        np.testing.assert_array_equal(one.methods[name].misses, same.methods[name].misses)
-    assert any((one.methods[name].misses != other.methods[name].misses).any() for name in METHODS)
+        np.testing.assert_array_equal(small.methods[name].misses, same.methods[name].misses)
+    assert any((small.methods[name].misses != other.methods[name].misses).any() for name in METHODS)
 
 
-def test_study_counts_every_test_flight_once():
-    result = study(StudyRecipe(n_monitors=3, n_test=80))
-    for method in result.methods.values():
+def test_study_counts_every_test_flight_once(small: StudyResult):
+    for method in small.methods.values():
         np.testing.assert_array_equal(method.n_unsafe + method.n_safe, 80)
         assert (method.misses <= method.n_unsafe).all()
         assert (method.false_alerts <= method.n_safe).all()

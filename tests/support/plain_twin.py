@@ -8,6 +8,7 @@ at t = 0; times in s; h = lead in samples. A low score is dangerous, a high p-va
 """
 
 from collections.abc import Callable, Sequence
+from itertools import product
 from math import ceil
 
 import control
@@ -356,12 +357,13 @@ def study(
     dt: float = 0.05,
     t_early: float = 0.25,
     scaled: bool = False,
-    level: str = "pointwise",
+    levels: Sequence[str] = ("pointwise",),
     seed: int = 0,
-) -> dict[str, tuple[Array, Array]]:
-    """The paper's experiment, on the F-16: method -> (miss, power), each (n_monitors, n_epsilons).
+) -> dict[str, dict[str, tuple[Array, Array]]]:
+    """The paper's experiment, on the F-16: calibration level -> method -> (miss, power).
 
-    Each monitor has its own training rollouts and its own n_test fresh ones.
+    miss, power: (n_monitors, n_epsilons). Each monitor has its own training rollouts and its own
+    n_test fresh ones; the levels share them.
     """
     rng = np.random.default_rng(seed)
     pilot, h = rudder_doublet(np.deg2rad(amplitude_deg), dt), lead_steps(t_early, dt)
@@ -371,18 +373,23 @@ def study(
         matrices = plant(sample_derivatives(rng, distribution))
         return rollout(closed_loop(*matrices, k, bandwidth, pedal_lag), pilot, dt)
 
-    curves: dict[str, list[tuple[Array, Array]]] = {method: [] for method in METHODS}
+    curves: dict[str, dict[str, list[tuple[Array, Array]]]] = {
+        level: {method: [] for method in METHODS} for level in levels
+    }
     for _ in range(n_monitors):
         unsafe, safe = collect(sample_rollout, n_unsafe)
         times = [rng.choice(len(pilot), n_obs, replace=False) for _ in safe]
         tests = np.array([sample_rollout() for _ in range(n_test)])
         fails = [first_exceedance(y) for y in tests]
-        for method in METHODS:
+        for level, method in product(levels, METHODS):
             _, p = monitor_p_values(
                 unsafe, safe, times, tests, method, h, scaled=scaled, level=level
             )
-            curves[method].append(evaluate(list(p), fails, h, grid))
+            curves[level][method].append(evaluate(list(p), fails, h, grid))
     return {
-        method: (np.array([miss for miss, _ in pairs]), np.array([power for _, power in pairs]))
-        for method, pairs in curves.items()
+        level: {
+            method: (np.array([miss for miss, _ in pairs]), np.array([power for _, power in pairs]))
+            for method, pairs in methods.items()
+        }
+        for level, methods in curves.items()
     }
