@@ -207,8 +207,8 @@ def collect(
     CollectionError where the budget cannot suffice or too few safe rollouts remain.
     """
     simulator = Simulator(recipe)
-    kept: list[Rollouts] = []
-    n_unsafe = n_made = n_safe_kept = 0
+    parts: list[Rollouts] = []
+    n_unsafe = n_made = n_safe_stored = 0
     for rollouts in _chunks(simulator, executor):
         rollouts = rollouts.some(slice(recipe.max_rollouts - n_made))
         unsafe = np.flatnonzero(rollouts.is_unsafe)
@@ -218,16 +218,16 @@ def collect(
         n_made += len(rollouts.y)
         n_unsafe += min(len(unsafe), missing)
         keep = rollouts.is_unsafe | (
-            n_safe_kept + np.cumsum(~rollouts.is_unsafe) <= recipe.max_safe
+            n_safe_stored + np.cumsum(~rollouts.is_unsafe) <= recipe.max_safe
         )
         if not keep.all():
             rollouts = rollouts.some(keep)
-        n_safe_kept += np.count_nonzero(~rollouts.is_unsafe)
-        kept.append(rollouts)
+        n_safe_stored += np.count_nonzero(~rollouts.is_unsafe)
+        parts.append(rollouts)
         if progress:
             progress(n_unsafe, n_made)
         if n_unsafe == recipe.n_unsafe:
-            return _dataset(simulator, kept, n_made - n_unsafe)
+            return _dataset(simulator, parts, n_made - n_unsafe)
         _check_budget(recipe, n_unsafe, n_made)
     raise AssertionError("chunks never end")
 
@@ -279,9 +279,9 @@ def _check_budget(recipe: DatasetRecipe, n_unsafe: int, n_made: int) -> None:
     )
 
 
-def _dataset(simulator: Simulator, kept: list[Rollouts], n_safe_met: int) -> Dataset:
+def _dataset(simulator: Simulator, parts: list[Rollouts], n_safe_met: int) -> Dataset:
     recipe = simulator.recipe
-    y, fail_index, theta = (np.concatenate(arrays) for arrays in zip(*kept, strict=True))
+    y, fail_index, theta = (np.concatenate(arrays) for arrays in zip(*parts, strict=True))
     is_unsafe = fail_index < y.shape[1]
     if n_safe_met == 0:
         raise CollectionError(

@@ -23,7 +23,7 @@ class Dataset:
     theta_unsafe, theta_safe: (n, n_parameters) parameters, named by `theta_names`.
     dt: sample interval [s].
     n_safe_met: safe rollouts met before the last unsafe one, kept or not.
-    specification: what the unsafe ones violate; None where that is not known.
+    specification: which limit the unsafe ones exceed; None where that is not known.
     recipe: what it was simulated from, as plain data; empty where it was not simulated.
     """
 

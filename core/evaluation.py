@@ -149,9 +149,9 @@ def leads(monitor: Monitor, y: Array, fail_index: Indices, epsilon: float | None
     Returns (n_unsafe,) [s], shorter than the monitor's lead where the alert came too late to
     count, negative infinity where none came by the failure.
     """
-    found = []
+    times = []
     epsilon = monitor.check_epsilon(epsilon)
     for i in np.flatnonzero(fail_index < y.shape[1]):
         alerts = monitor.p_values(y[i, : fail_index[i] + 1]) > epsilon
-        found.append((fail_index[i] - alerts.argmax()) * monitor.dt if alerts.any() else -np.inf)
-    return np.array(found, float)
+        times.append((fail_index[i] - alerts.argmax()) * monitor.dt if alerts.any() else -np.inf)
+    return np.array(times, float)

@@ -116,7 +116,7 @@ class MethodResult:
 
 @dataclass(frozen=True, eq=False)
 class StudyResult:
-    """What the study found.
+    """Every method's counts, and an example to look at.
 
     methods: by name.   unsafe_rate: unbiased estimate from all collections.
     monitor, flights: the first monitor of the first method and its test flights, to look at.
@@ -152,10 +152,10 @@ def study(
     pool = ThreadPoolExecutor(os.cpu_count() or 1)
     try:
         parts = pool.map(partial(_part_alone, recipe), *zip(*seeds, strict=True))
-        for number, (dataset, flights, monitors, found) in enumerate(parts):
+        for number, (dataset, flights, monitors, evaluated) in enumerate(parts):
             rates.append(dataset.unsafe_rate)
             example = example or (monitors[0], flights)
-            for name, evaluation in found.items():
+            for name, evaluation in evaluated.items():
                 evaluations[name].append(evaluation)
             if progress:
                 progress(number + 1, n_monitors)
@@ -187,5 +187,5 @@ def _part(recipe: StudyRecipe, seed: int, test_seed: int) -> Part:
         train(dataset, replace(recipe.monitor, predictor=predictor, score=score), safe=safe)
         for predictor, score in compared.values()
     ]
-    found = [evaluate(monitor, flights.y, flights.fail_index, epsilons) for monitor in monitors]
-    return dataset, flights, monitors, dict(zip(compared, found, strict=True))
+    evaluated = [evaluate(monitor, flights.y, flights.fail_index, epsilons) for monitor in monitors]
+    return dataset, flights, monitors, dict(zip(compared, evaluated, strict=True))

@@ -38,7 +38,7 @@ class Rollout(BaseModel):
 
     n: int = Field(description="number in the dataset: unsafe ones first, then safe ones")
     outcome: Outcome
-    fail_index: int | None = Field(description="first sample that violates; null if none")
+    fail_index: int | None = Field(description="first sample that exceeds a limit; null if none")
     theta: dict[str, float] = Field(description="parameters of the aircraft, by name")
     telemetry: dict[str, list[float | None]] = Field(
         description="t [s] and each channel [rad, rad/s, g]", examples=[{"t": [0.0], "Ny": [0.0]}]

@@ -109,8 +109,8 @@ def _kinematics(model: PublishedModel, n_states: int) -> Plants:
     c[0, :3, :3] = np.eye(3)
     d = np.zeros((1, N_CHANNELS, 2))
     d[0, 4:] = np.eye(2)
-    kept = np.ascontiguousarray(a[:, :n_states, :n_states])
-    return Plants(kept, np.zeros((1, n_states, 2)), c, d)
+    reduced = np.ascontiguousarray(a[:, :n_states, :n_states])
+    return Plants(reduced, np.zeros((1, n_states, 2)), c, d)
 
 
 def _derivative_effects(speed_over_gravity: float) -> tuple[Effect, ...]:

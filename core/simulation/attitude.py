@@ -69,9 +69,9 @@ class DisplayAttitude:
                 then, phi_dot_then, psi_dot_then = self._last
                 dt = t - then
                 if dt <= LONGEST_GAP_S:
-                    kept = exp(-dt / self.wash_out_s)
+                    fade = exp(-dt / self.wash_out_s)
                     self._phi = wrapped(
-                        kept * (self._phi + 0.5 * dt * phi_dot_then) + 0.5 * dt * phi_dot
+                        fade * (self._phi + 0.5 * dt * phi_dot_then) + 0.5 * dt * phi_dot
                     )
                     self._psi = wrapped(self._psi + 0.5 * dt * (psi_dot_then + psi_dot))
             self._last = t, phi_dot, psi_dot

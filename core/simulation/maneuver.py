@@ -321,8 +321,8 @@ class Table(Maneuver):
 
     def commands(self, elapsed: Array, segments: Array) -> Array:
         """The table at the planned time that each sample, stretched, stands for."""
-        whole = self.t_s[-1]
-        planned = elapsed * (whole / np.maximum(segments, TIME_GUARD)) if whole else elapsed
+        last = self.t_s[-1]
+        planned = elapsed * (last / np.maximum(segments, TIME_GUARD)) if last else elapsed
         begun = np.searchsorted(self.t_s, planned + TIME_GUARD, side="right")
         columns = (
             np.where(begun > 0, np.interp(planned, self.t_s, column), 0.0)

@@ -26,7 +26,7 @@ def test_a_flight_within_limits_has_its_length_as_failure_index() -> None:
 
 
 @pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
-def test_a_limited_channel_that_is_not_finite_violates(value: float) -> None:
+def test_a_limited_channel_that_is_not_finite_exceeds(value: float) -> None:
     y = np.zeros((1, 5, 6))
     y[0, 3, 3] = value
     assert Limits().first_exceedance(y).tolist() == [3]

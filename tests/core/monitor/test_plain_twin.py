@@ -237,7 +237,7 @@ def test_p_values_equal_a_double_loop_in_fractions(name: str) -> None:
 def test_exact_p_value_is_never_above_the_simple_one(name: str, n_early: int) -> None:
     rng, score = np.random.default_rng(7), twin.SCORES[name]
     unsafe, safe = rng.standard_normal((15, 6)), rng.standard_normal((40, 6)) - 0.5
-    z = rng.standard_normal((60, 6))
+    z = rng.standard_normal((24, 6))
     flights = [point[None] for point in unsafe] + [unsafe[:0]] * n_early
     alphas = twin.calibrate(flights, safe, score, "pointwise")
     simple = twin.p_values(score(twin.nearest(unsafe), twin.nearest(safe))(z), alphas)
