@@ -19,7 +19,7 @@ import {
   secondsText,
   validityWords,
 } from "./recording_words.js";
-import { riskText } from "./risk_gauge.js";
+import { riskText } from "./fly/risk_gauge.js";
 import { button } from "./view_states.js";
 import { figure } from "./words.js";
 

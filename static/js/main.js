@@ -10,7 +10,7 @@ import { api } from "./api.js";
 import { bindThemeButton } from "./theme.js";
 
 const VIEWS = {
-  fly: { title: "Fly", load: () => import("./fly.js") },
+  fly: { title: "Fly", load: () => import("./fly/index.js") },
   recordings: { title: "Recordings", load: () => import("./recordings.js") },
   monitors: { title: "Monitors", load: () => import("./monitors.js") },
   datasets: { title: "Datasets", load: () => import("./datasets.js") },

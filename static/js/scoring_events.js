@@ -10,7 +10,7 @@
 
 import { outcomeOf, secondsText } from "./recording_words.js";
 import { formatValue } from "./readout.js";
-import { riskText } from "./risk_gauge.js";
+import { riskText } from "./fly/risk_gauge.js";
 
 export function eventsOf({ stretches, outside, channels, epsilon }) {
   return [

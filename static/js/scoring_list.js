@@ -8,7 +8,7 @@
 import { h } from "./dom.js";
 import { earlierMapping } from "./mapping_changes.js";
 import { orderWords, outcomeChip, outcomeOf, outsideText } from "./recording_words.js";
-import { riskText } from "./risk_gauge.js";
+import { riskText } from "./fly/risk_gauge.js";
 import { button, confirmed } from "./view_states.js";
 import { figure, moment } from "./words.js";
 

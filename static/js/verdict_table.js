@@ -17,7 +17,7 @@ import {
   secondsText,
   validityWords,
 } from "./recording_words.js";
-import { riskText } from "./risk_gauge.js";
+import { riskText } from "./fly/risk_gauge.js";
 import { figure } from "./words.js";
 
 const OPEN = 3; // manoeuvres up to which all reasons are shown at once

@@ -3,16 +3,16 @@
  * `?auto` runs the animation loop; else `harness.draw(wall)` draws once. `?theme=light`, `?seconds=20`.
  */
 
-import { createAlarmPanel } from "/static/js/alarm_panel.js";
+import { createAlarmPanel } from "/static/js/fly/alarm_panel.js";
 import { decimal, decimals } from "/static/js/decimals.js";
 import { changedChannels } from "/static/js/mapping_changes.js";
 import { outcomeOf, validityWords } from "/static/js/recording_words.js";
 import { createRingBuffer } from "/static/js/ring_buffer.js";
-import { createRiskGauge, riskText } from "/static/js/risk_gauge.js";
+import { createRiskGauge, riskText } from "/static/js/fly/risk_gauge.js";
 import { loopStats } from "/static/js/draw_loop.js";
 import { createStripChart } from "/static/js/strip_chart.js";
 import { createTimeline } from "/static/js/timeline.js";
-import { bindMuteButton, createTone } from "/static/js/tone.js";
+import { bindMuteButton, createTone } from "/static/js/fly/tone.js";
 import { createValueAxis } from "/static/js/value_axis.js";
 
 const options = new URLSearchParams(location.search);

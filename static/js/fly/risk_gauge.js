@@ -15,8 +15,8 @@
  *       number on the wrong side of epsilon
  */
 
-import { addDrawer } from "./draw_loop.js";
-import { shownState } from "./readout.js";
+import { addDrawer } from "../draw_loop.js";
+import { shownState } from "../readout.js";
 
 const NS = "http://www.w3.org/2000/svg";
 const CENTRE = { x: 170, y: 150 };

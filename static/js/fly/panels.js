@@ -9,8 +9,8 @@
  *   sourceText(source, name) -> string
  */
 
-import { h } from "./dom.js";
-import { symbolNodes } from "./readout.js";
+import { h } from "../dom.js";
+import { symbolNodes } from "../readout.js";
 import { riskText } from "./risk_gauge.js";
 
 const WIDEST = 60; // s

@@ -9,9 +9,9 @@
  *     link: "connecting" | "open" | "lost" | "over"; patience: age that is cautioned of; live: false for a flight that is over
  */
 
-import { h } from "./dom.js";
-import { put } from "./panel_states.js";
-import { STATE_WORDS } from "./readout.js";
+import { h } from "../dom.js";
+import { put } from "../panel_states.js";
+import { STATE_WORDS } from "../readout.js";
 
 const ITEMS = [
   ["state", "monitor says", "What the monitor says of the newest sample"],

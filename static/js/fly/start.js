@@ -7,10 +7,10 @@
  */
 
 import { guarantee } from "./alarm_panel.js";
-import { reason } from "./api.js";
-import { h } from "./dom.js";
-import { put, state } from "./panel_states.js";
-import { sourceText } from "./flight_panels.js";
+import { reason } from "../api.js";
+import { h } from "../dom.js";
+import { put, state } from "../panel_states.js";
+import { sourceText } from "./panels.js";
 
 const REFRESH = 3000; // ms
 

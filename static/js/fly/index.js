@@ -4,12 +4,12 @@
  * Exports  show(element, {id, query, api, navigate}) -> {close()}
  */
 
-import { reason } from "./api.js";
-import { h } from "./dom.js";
-import { state } from "./panel_states.js";
-import { showLiveFlight } from "./flight_live.js";
-import { showFlightRecord } from "./flight_record.js";
-import { showFlightStart } from "./flight_start.js";
+import { reason } from "../api.js";
+import { h } from "../dom.js";
+import { state } from "../panel_states.js";
+import { showLiveFlight } from "./live_flight.js";
+import { showFlightRecord } from "./record.js";
+import { showFlightStart } from "./start.js";
 
 const AGAIN = 1000; // ms between attempts to reach a server that does not answer
 

@@ -20,10 +20,10 @@
  *   close()              silence
  */
 
-import { reason } from "./api.js";
-import { h } from "./dom.js";
-import { put } from "./panel_states.js";
-import { shownState } from "./readout.js";
+import { reason } from "../api.js";
+import { h } from "../dom.js";
+import { put } from "../panel_states.js";
+import { shownState } from "../readout.js";
 import { riskText } from "./risk_gauge.js";
 
 export function guarantee({ epsilon, lead }) {
