@@ -12,7 +12,7 @@ import { bindThemeButton } from "./theme.js";
 const VIEWS = {
   fly: { title: "Fly", load: () => import("./fly/index.js") },
   recordings: { title: "Recordings", load: () => import("./recordings.js") },
-  monitors: { title: "Monitors", load: () => import("./monitors.js") },
+  monitors: { title: "Monitors", load: () => import("./monitors/index.js") },
   datasets: { title: "Datasets", load: () => import("./datasets.js") },
 };
 

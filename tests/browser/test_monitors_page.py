@@ -290,7 +290,7 @@ def test_rank_and_scatter_are_those_of_the_method(page: Page, site: Site) -> Non
     cases = [(epsilon, n) for n in (9, 19, 50, 200, 5000) for epsilon in np.arange(1, 50) / 50]
     found = page.evaluate(
         """async (cases) => {
-            const rule = await import("/js/calibration_rule.js");
+            const rule = await import("/js/monitors/calibration_rule.js");
             return cases.map(([epsilon, n]) => [rule.rank(epsilon, n), rule.scatter(epsilon, n)]);
         }""",
         [[float(epsilon), n] for epsilon, n in cases],

@@ -5,15 +5,15 @@
  *     query: dataset (train on that one), like (begin from that monitor's recipe)
  */
 
-import { reason } from "./api.js";
+import { reason } from "../api.js";
 import { neededFor } from "./calibration_rule.js";
-import { h } from "./dom.js";
-import { createFields } from "./form.js";
-import { followInPlace } from "./job_progress.js";
-import { datasetChoice } from "./planned_test.js";
-import { lively } from "./view_life.js";
-import { link, pageOf } from "./view_states.js";
-import { figure, loadCatalog } from "./words.js";
+import { h } from "../dom.js";
+import { createFields } from "../form.js";
+import { followInPlace } from "../job_progress.js";
+import { datasetChoice } from "../planned_test.js";
+import { lively } from "../view_life.js";
+import { link, pageOf } from "../view_states.js";
+import { figure, loadCatalog } from "../words.js";
 
 const MAIN = ["t_early", "epsilon"];
 const TEST = {

@@ -6,8 +6,8 @@
  */
 
 import { showComparison } from "./compare_methods.js";
-import { showMonitors } from "./monitor_list.js";
-import { showMonitor } from "./monitor_page.js";
+import { showMonitors } from "./list.js";
+import { showMonitor } from "./page.js";
 import { showTraining } from "./train_form.js";
 
 const VIEWS = { new: showTraining, compare: showComparison };
