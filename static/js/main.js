@@ -13,7 +13,7 @@ const VIEWS = {
   fly: { title: "Fly", load: () => import("./fly/index.js") },
   recordings: { title: "Recordings", load: () => import("./recordings.js") },
   monitors: { title: "Monitors", load: () => import("./monitors/index.js") },
-  datasets: { title: "Datasets", load: () => import("./datasets.js") },
+  datasets: { title: "Datasets", load: () => import("./datasets/index.js") },
 };
 
 const page = document.querySelector("#page");

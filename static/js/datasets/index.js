@@ -4,14 +4,14 @@
  * Exports  show(element, {id, query, api, navigate}) -> {close()}
  */
 
-import { reason } from "./api.js";
-import { showDataset } from "./dataset_page.js";
-import { formatted, h } from "./dom.js";
-import { followInPlace, jobList } from "./job_progress.js";
-import { createTestFields } from "./planned_test.js";
-import { lively } from "./view_life.js";
-import { empty, link, pageOf } from "./view_states.js";
-import { aircraftName, kindName, limitWords, loadCatalog, moment, percent } from "./words.js";
+import { reason } from "../api.js";
+import { showDataset } from "./page.js";
+import { formatted, h } from "../dom.js";
+import { followInPlace, jobList } from "../job_progress.js";
+import { createTestFields } from "../planned_test.js";
+import { lively } from "../view_life.js";
+import { empty, link, pageOf } from "../view_states.js";
+import { aircraftName, kindName, limitWords, loadCatalog, moment, percent } from "../words.js";
 
 export function show(element, context) {
   if (context.id === "new") return showSimulation(element, context);
