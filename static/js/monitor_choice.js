@@ -7,7 +7,7 @@
  *     reason stands beside what is wrong
  */
 
-import { decimals } from "./decimals.js";
+import { decimals } from "./forms/decimals.js";
 import { formatted, h } from "./dom.js";
 import { link } from "./view_states.js";
 import { aircraftName, figure, kindName, limitWords } from "./words.js";

@@ -10,7 +10,7 @@
  */
 
 import { reason } from "./api.js";
-import { decimal } from "./decimals.js";
+import { decimal } from "./forms/decimals.js";
 import { h } from "./dom.js";
 import { createManoeuvrePicker } from "./manoeuvre_picker.js";
 import { createMonitorChoice } from "./monitor_choice.js";

@@ -5,7 +5,7 @@
  *   createSpanTable({changed}) -> {element, add(span), set(spans), read() -> [{start, end, name}], check()}
  */
 
-import { decimal } from "./decimals.js";
+import { decimal } from "./forms/decimals.js";
 import { h } from "./dom.js";
 import { button } from "./view_states.js";
 

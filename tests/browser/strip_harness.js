@@ -4,7 +4,7 @@
  */
 
 import { createAlarmPanel } from "/static/js/fly/alarm_panel.js";
-import { decimal, decimals } from "/static/js/decimals.js";
+import { decimal, decimals } from "/static/js/forms/decimals.js";
 import { changedChannels } from "/static/js/mapping_changes.js";
 import { outcomeOf, validityWords } from "/static/js/recording_words.js";
 import { createRingBuffer } from "/static/js/ring_buffer.js";

@@ -161,7 +161,7 @@ def test_an_epsilon_that_the_failures_cannot_serve_is_said_at_once(page: Page, s
 
 
 READ_BACK = """async ({schema, initial, catalog}) => {
-    const { createFields } = await import("/js/form.js");
+    const { createFields } = await import("/js/forms/form.js");
     const fields = createFields(schema, initial, { catalog, path: "x" });
     const holder = document.body.appendChild(document.createElement("form"));
     holder.append(...fields.keys.map(fields.element));

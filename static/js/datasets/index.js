@@ -8,7 +8,7 @@ import { reason } from "../api.js";
 import { showDataset } from "./page.js";
 import { formatted, h } from "../dom.js";
 import { followInPlace, jobList } from "../job_progress.js";
-import { createTestFields } from "../planned_test.js";
+import { createTestFields } from "../forms/planned_test.js";
 import { lively } from "../view_life.js";
 import { empty, link, pageOf } from "../view_states.js";
 import { aircraftName, kindName, limitWords, loadCatalog, moment, percent } from "../words.js";

@@ -2,7 +2,7 @@
 
 import { formatted, h } from "../dom.js";
 import { peakFigure, rolloutFigure } from "../figures.js";
-import { rawRecipe, recipeTable } from "../recipe_table.js";
+import { rawRecipe, recipeTable } from "../forms/recipe_table.js";
 import { createRolloutViewer } from "./rollout_viewer.js";
 import { sampleRollouts } from "./rollouts.js";
 import { lively } from "../view_life.js";

@@ -7,9 +7,9 @@
 import { reason } from "../api.js";
 import { h } from "../dom.js";
 import { methodsFigure } from "../figures.js";
-import { createFields } from "../form.js";
+import { createFields } from "../forms/form.js";
 import { createJobProgress } from "../job_progress.js";
-import { datasetChoice } from "../planned_test.js";
+import { datasetChoice } from "../forms/planned_test.js";
 import { lively } from "../view_life.js";
 import { empty, link, pageOf } from "../view_states.js";
 import { figure, interval, loadCatalog, moment, percent } from "../words.js";

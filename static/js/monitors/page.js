@@ -3,7 +3,7 @@
 import { formatted, h } from "../dom.js";
 import { createEpsilonCost } from "./epsilon_cost.js";
 import { calibrationFigure, curvesFigure, leadFigure, rolloutFigure } from "../figures.js";
-import { rawRecipe, recipeTable } from "../recipe_table.js";
+import { rawRecipe, recipeTable } from "../forms/recipe_table.js";
 import { sampleRollouts } from "../datasets/rollouts.js";
 import { lively } from "../view_life.js";
 import { button, confirmed, empty, link, pageOf } from "../view_states.js";

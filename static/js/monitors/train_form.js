@@ -8,9 +8,9 @@
 import { reason } from "../api.js";
 import { neededFor } from "./calibration_rule.js";
 import { h } from "../dom.js";
-import { createFields } from "../form.js";
+import { createFields } from "../forms/form.js";
 import { followInPlace } from "../job_progress.js";
-import { datasetChoice } from "../planned_test.js";
+import { datasetChoice } from "../forms/planned_test.js";
 import { lively } from "../view_life.js";
 import { link, pageOf } from "../view_states.js";
 import { figure, loadCatalog } from "../words.js";
