@@ -6,8 +6,8 @@
  *   badRowsTable(rows) -> element                   [{line, reason, text}]
  */
 
-import { h } from "./dom.js";
-import { percent } from "./words.js";
+import { h } from "./lib/dom.js";
+import { percent } from "./lib/words.js";
 
 export function badRows({ n, share, rows }) {
   if (!n) return null;

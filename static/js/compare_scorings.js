@@ -9,8 +9,8 @@
 import { compareTable } from "./compare_table.js";
 import { createOverlay } from "./overlay.js";
 import { createScoringPicker } from "./scoring_picker.js";
-import { lively } from "./view_life.js";
-import { link, pageOf } from "./view_states.js";
+import { lively } from "./lib/view_life.js";
+import { link, pageOf } from "./lib/view_states.js";
 
 export function showComparedScorings(element, { id, query, api, navigate }) {
   const references = query

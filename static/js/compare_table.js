@@ -8,7 +8,7 @@
  *       stretches of one recording are matched by their times, those of others by their order
  */
 
-import { formatted, h } from "./dom.js";
+import { formatted, h } from "./lib/dom.js";
 import { earlierMapping } from "./mapping_changes.js";
 import {
   firstAlertText,
@@ -20,8 +20,8 @@ import {
   validityWords,
 } from "./recording_words.js";
 import { riskText } from "./fly/risk_gauge.js";
-import { button } from "./view_states.js";
-import { figure } from "./words.js";
+import { button } from "./lib/view_states.js";
+import { figure } from "./lib/words.js";
 
 export function compareTable(compared, { remove }) {
   const scorings = compared.map(({ scoring }) => scoring);

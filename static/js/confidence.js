@@ -5,7 +5,7 @@
  *   confidence({confidence 0..1, reasons}) -> element     the word: sure, likely, or check
  */
 
-import { h } from "./dom.js";
+import { h } from "./lib/dom.js";
 
 const WORDS = [
   [0.9, "sure", "ok"],

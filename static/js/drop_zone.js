@@ -6,12 +6,12 @@
  *     done([recording])   all that were on their way have ended, and these came in
  */
 
-import { reason } from "./api.js";
-import { h } from "./dom.js";
+import { reason } from "./lib/api.js";
+import { h } from "./lib/dom.js";
 import { badRowsTable } from "./bad_rows.js";
 import { bytesText } from "./recording_words.js";
 import { sendFile } from "./upload.js";
-import { button } from "./view_states.js";
+import { button } from "./lib/view_states.js";
 
 const LONGEST_NAME = 200;
 

@@ -6,7 +6,7 @@
  * follows a question mark (#/fly?monitor=3f9a); navigate("#/fly/3f9a") goes elsewhere.
  */
 
-import { api } from "./api.js";
+import { api } from "./lib/api.js";
 import { bindThemeButton } from "./theme.js";
 
 const VIEWS = {

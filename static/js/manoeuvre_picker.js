@@ -8,12 +8,12 @@
  *     refresh()         another monitor may find others
  */
 
-import { reason } from "./api.js";
-import { h } from "./dom.js";
+import { reason } from "./lib/api.js";
+import { h } from "./lib/dom.js";
 import { previewTiles } from "./preview_tiles.js";
 import { createRecordingChart } from "./recording_chart.js";
 import { createSpanTable } from "./span_table.js";
-import { button } from "./view_states.js";
+import { button } from "./lib/view_states.js";
 
 const WAYS = [
   ["found", "Found by control activity"],

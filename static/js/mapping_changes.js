@@ -6,7 +6,7 @@
  *   changedChannels(before, now) -> [key]               "time" where a clock differs
  */
 
-import { h } from "./dom.js";
+import { h } from "./lib/dom.js";
 
 const PLAIN = { signal: "", unit: "", sign: 1, offset: 0, derivation: "" };
 

@@ -9,10 +9,10 @@
  */
 
 import { confidence } from "./confidence.js";
-import { formatted, h } from "./dom.js";
+import { formatted, h } from "./lib/dom.js";
 import { createMiniPlot } from "./mini_plot.js";
 import { createSignalSelect } from "./signal_select.js";
-import { button } from "./view_states.js";
+import { button } from "./lib/view_states.js";
 
 const PLAIN = { signal: "", unit: "", sign: 1, offset: 0, derivation: "" };
 const NEVER_MEASURED = "not in this file";

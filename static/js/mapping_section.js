@@ -9,11 +9,11 @@
  *     confirmed(recording)                      as the server has it then
  */
 
-import { reason } from "./api.js";
-import { h } from "./dom.js";
+import { reason } from "./lib/api.js";
+import { h } from "./lib/dom.js";
 import { createMappingTable } from "./mapping_table.js";
 import { MAPPING_STATES } from "./recording_words.js";
-import { button } from "./view_states.js";
+import { button } from "./lib/view_states.js";
 
 const REST = 250; // ms that a correction must rest before it is tried
 

@@ -7,7 +7,7 @@
  *     doubts: {key: [sentence]}
  */
 
-import { h } from "./dom.js";
+import { h } from "./lib/dom.js";
 import { createMappingRow } from "./mapping_row.js";
 import { createTimeRows } from "./time_rows.js";
 

@@ -8,9 +8,9 @@
  */
 
 import { decimals } from "./forms/decimals.js";
-import { formatted, h } from "./dom.js";
-import { link } from "./view_states.js";
-import { aircraftName, figure, kindName, limitWords } from "./words.js";
+import { formatted, h } from "./lib/dom.js";
+import { link } from "./lib/view_states.js";
+import { aircraftName, figure, kindName, limitWords } from "./lib/words.js";
 
 export function createMonitorChoice({ monitors, used, catalog, changed }) {
   const said = h("p", { class: "error", role: "alert", hidden: true });

@@ -7,9 +7,9 @@
  *   noteSign(kind) -> string     "■" of a note, "▼" of a marker
  */
 
-import { h } from "./dom.js";
+import { h } from "./lib/dom.js";
 import { secondsText } from "./recording_words.js";
-import { button } from "./view_states.js";
+import { button } from "./lib/view_states.js";
 
 const NONE = "None yet. They stay with the recording, and are in its report.";
 

@@ -9,12 +9,12 @@
  *   laneOfMarkers(markers, row) -> [item]    for a chart's lane
  */
 
-import { reason } from "./api.js";
-import { h } from "./dom.js";
+import { reason } from "./lib/api.js";
+import { h } from "./lib/dom.js";
 import { createNoteList, noteSign } from "./note_list.js";
-import { put } from "./panel_states.js";
+import { put } from "./lib/panel_states.js";
 import { secondsText } from "./recording_words.js";
-import { button } from "./view_states.js";
+import { button } from "./lib/view_states.js";
 
 export function createNotesPanel({ api, recording, place, go, changed }) {
   const path = `/recordings/${recording}/markers`;

@@ -5,12 +5,12 @@
  *   createOverlay({api, compared}) -> {element, close()}      compared: [{letter, recordingName, scoring}]
  */
 
-import { h } from "./dom.js";
+import { h } from "./lib/dom.js";
 import { createRecordingChart } from "./recording_chart.js";
 import { secondsText } from "./recording_words.js";
 import { laneOf, spansOf } from "./scoring_events.js";
 import { scoringSource, stripOrder } from "./scoring_source.js";
-import { figure } from "./words.js";
+import { figure } from "./lib/words.js";
 
 const OWN = "own"; // aligned by the recordings' own times
 const NAMES = ["under", "over"];

@@ -7,7 +7,7 @@
  *       sentences: [text]}, times in [s]; kind "gap", "missing:beta", ...
  */
 
-import { h, svg } from "./dom.js";
+import { h, svg } from "./lib/dom.js";
 import { durationText } from "./recording_words.js";
 import { formatTime } from "./time_axis.js";
 import { niceTicks } from "./plot.js";

@@ -22,10 +22,10 @@
  *   window, update(wall), destroy()
  */
 
-import { reason } from "./api.js";
+import { reason } from "./lib/api.js";
 import { attachInput } from "./chart_input.js";
 import { attachMarking } from "./drag_marking.js";
-import { addDrawer } from "./draw_loop.js";
+import { addDrawer } from "./lib/draw_loop.js";
 import { createEventLane } from "./event_lane.js";
 import { createOverviewBar } from "./overview_bar.js";
 import { readPalette, watchTheme } from "./palette.js";

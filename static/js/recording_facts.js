@@ -6,15 +6,15 @@
  *   createSignalList({api, recording}) -> element     every signal, each with a plot when asked for
  */
 
-import { reason } from "./api.js";
+import { reason } from "./lib/api.js";
 import { badRows } from "./bad_rows.js";
-import { h } from "./dom.js";
+import { h } from "./lib/dom.js";
 import { createMiniPlot } from "./mini_plot.js";
 import { nameParts } from "./signal_select.js";
 import { formatTitle } from "./recording_list.js";
 import { bytesText, durationText } from "./recording_words.js";
-import { button } from "./view_states.js";
-import { figure, moment } from "./words.js";
+import { button } from "./lib/view_states.js";
+import { figure, moment } from "./lib/words.js";
 
 const SHOWN = 100; // signals listed at first
 

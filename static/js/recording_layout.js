@@ -8,8 +8,8 @@
  */
 
 import { layOut } from "./chart_layout.js";
-import { h } from "./dom.js";
-import { button } from "./view_states.js";
+import { h } from "./lib/dom.js";
+import { button } from "./lib/view_states.js";
 
 const BUTTONS = [
   ["back", "◀ Event", "Go to the event before (key P)"],

@@ -1,11 +1,11 @@
 /** All recordings, and the place where new ones come in. Exports  showRecordings(element, context). */
 
-import { h } from "./dom.js";
+import { h } from "./lib/dom.js";
 import { createDropZone } from "./drop_zone.js";
 import { bytesText, durationText, MAPPING_STATES } from "./recording_words.js";
-import { lively } from "./view_life.js";
-import { button, confirmed, empty, pageOf } from "./view_states.js";
-import { loadCatalog, moment } from "./words.js";
+import { lively } from "./lib/view_life.js";
+import { button, confirmed, empty, pageOf } from "./lib/view_states.js";
+import { loadCatalog, moment } from "./lib/words.js";
 
 export function showRecordings(element, { api, navigate }) {
   return lively(element, { title: "Recordings", text: "Looking up the recordings", build });

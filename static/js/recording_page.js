@@ -3,16 +3,16 @@
  * Exports  showRecording(element, context).
  */
 
-import { h } from "./dom.js";
+import { h } from "./lib/dom.js";
 import { createMappingSection } from "./mapping_section.js";
 import { createQualityStrip } from "./quality_strip.js";
 import { createSignalList, recordingFacts } from "./recording_facts.js";
 import { previewTiles } from "./preview_tiles.js";
 import { createScoreForm } from "./score_form.js";
 import { createScoringList } from "./scoring_list.js";
-import { lively } from "./view_life.js";
-import { button, confirmed, link, pageOf } from "./view_states.js";
-import { loadCatalog } from "./words.js";
+import { lively } from "./lib/view_life.js";
+import { button, confirmed, link, pageOf } from "./lib/view_states.js";
+import { loadCatalog } from "./lib/words.js";
 
 const ROW_BINS = 120; // of the small plots
 const CHART_BINS = 1600; // where manoeuvres are looked for too

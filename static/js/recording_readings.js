@@ -6,7 +6,7 @@
  *     sets: [TileSet | null] as drawn.   spans: [[{start, end, withdrawn}] | null] of each source
  */
 
-import { put } from "./panel_states.js";
+import { put } from "./lib/panel_states.js";
 import { formatValue } from "./readout.js";
 import { durationText } from "./recording_words.js";
 import { createTileReadout, rangeText } from "./tile_readout.js";

@@ -14,9 +14,9 @@
  *   leadText(stretch, lead) -> string       lead reached against the promised one
  */
 
-import { h } from "./dom.js";
+import { h } from "./lib/dom.js";
 import { formatValue } from "./readout.js";
-import { figure } from "./words.js";
+import { figure } from "./lib/words.js";
 import { formatTime } from "./time_axis.js";
 
 const UNITS = ["bytes", "kB", "MB", "GB", "TB"];

@@ -9,9 +9,9 @@
  *     hold(): the mapping is being changed, so that nothing can be scored
  */
 
-import { reason } from "./api.js";
+import { reason } from "./lib/api.js";
 import { decimal } from "./forms/decimals.js";
-import { h } from "./dom.js";
+import { h } from "./lib/dom.js";
 import { createManoeuvrePicker } from "./manoeuvre_picker.js";
 import { createMonitorChoice } from "./monitor_choice.js";
 

@@ -5,12 +5,12 @@
  *   createScoringList({api, recording, scorings, changed}) -> element | null
  */
 
-import { h } from "./dom.js";
+import { h } from "./lib/dom.js";
 import { earlierMapping } from "./mapping_changes.js";
 import { orderWords, outcomeChip, outcomeOf, outsideText } from "./recording_words.js";
 import { riskText } from "./fly/risk_gauge.js";
-import { button, confirmed } from "./view_states.js";
-import { figure, moment } from "./words.js";
+import { button, confirmed } from "./lib/view_states.js";
+import { figure, moment } from "./lib/words.js";
 
 const MOST_CHIPS = 4;
 

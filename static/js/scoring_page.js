@@ -3,9 +3,9 @@
  * Exports  showScoring(element, context).
  */
 
-import { reason } from "./api.js";
-import { formatted, h } from "./dom.js";
-import { createEventList } from "./event_list.js";
+import { reason } from "./lib/api.js";
+import { formatted, h } from "./lib/dom.js";
+import { createEventList } from "./lib/event_list.js";
 import { createNotesPanel, laneOfMarkers } from "./notes_panel.js";
 import { createRecordingChart } from "./recording_chart.js";
 import { outcomeOf, outsideText, trimText } from "./recording_words.js";
@@ -13,9 +13,9 @@ import { eventsOf, laneOf, spansOf } from "./scoring_events.js";
 import { scoringFacts } from "./scoring_facts.js";
 import { scoringSource, stripOrder } from "./scoring_source.js";
 import { createVerdictTable } from "./verdict_table.js";
-import { lively } from "./view_life.js";
-import { button, empty, link, pageOf } from "./view_states.js";
-import { figure } from "./words.js";
+import { lively } from "./lib/view_life.js";
+import { button, empty, link, pageOf } from "./lib/view_states.js";
+import { figure } from "./lib/words.js";
 
 const WIDE = 4; // times a manoeuvre's length from which on its events cannot be told apart
 const EXPORTS = [

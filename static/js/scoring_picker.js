@@ -6,10 +6,10 @@
  *     taken: [{recording, scoring}] not offered.   add({recording, scoring})
  */
 
-import { reason } from "./api.js";
-import { h } from "./dom.js";
-import { button } from "./view_states.js";
-import { figure } from "./words.js";
+import { reason } from "./lib/api.js";
+import { h } from "./lib/dom.js";
+import { button } from "./lib/view_states.js";
+import { figure } from "./lib/words.js";
 
 export function createScoringPicker({ api, recordings, taken, add }) {
   const scored = recordings.filter(({ n_scorings: n }) => n > 0);

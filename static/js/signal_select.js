@@ -8,7 +8,7 @@
  *   nameParts(name, group) -> [name within the group, group]
  */
 
-import { h } from "./dom.js";
+import { h } from "./lib/dom.js";
 
 const MANY = 60; // signals from which on the whole list waits until it is opened
 

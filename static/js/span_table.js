@@ -6,8 +6,8 @@
  */
 
 import { decimal } from "./forms/decimals.js";
-import { h } from "./dom.js";
-import { button } from "./view_states.js";
+import { h } from "./lib/dom.js";
+import { button } from "./lib/view_states.js";
 
 export function createSpanTable({ changed }) {
   let spans = [];

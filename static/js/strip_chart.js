@@ -34,7 +34,7 @@
 
 import { attachInput } from "./chart_input.js";
 import { layOut } from "./chart_layout.js";
-import { addDrawer } from "./draw_loop.js";
+import { addDrawer } from "./lib/draw_loop.js";
 import { readPalette, watchTheme } from "./palette.js";
 import { createReadout, formatValue, shownState, STATE_WORDS } from "./readout.js";
 import { ALERT, createRingBuffer, GAP, INVALID, THINNED, UNASSESSED, WARMING_UP } from "./ring_buffer.js";

@@ -8,8 +8,8 @@
  *       words: stands in the value's place where there is none ("INVALID")
  */
 
-import { h } from "./dom.js";
-import { put } from "./panel_states.js";
+import { h } from "./lib/dom.js";
+import { put } from "./lib/panel_states.js";
 import { formatValue, symbolNodes } from "./readout.js";
 
 export function createTileReadout(element, { symbol, label, unit }) {

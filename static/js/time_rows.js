@@ -7,7 +7,7 @@
  */
 
 import { confidence } from "./confidence.js";
-import { h } from "./dom.js";
+import { h } from "./lib/dom.js";
 import { createSignalSelect } from "./signal_select.js";
 
 export function createTimeRows({ times, contents, guesses, units, changed }) {

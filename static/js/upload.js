@@ -7,7 +7,7 @@
  *     ended: the answer, null once cancelled; rejects with an ApiError
  */
 
-import { address, noAnswer, refusal } from "./api.js";
+import { address, noAnswer, refusal } from "./lib/api.js";
 
 export function sendFile(path, file, changed) {
   const request = new XMLHttpRequest();

@@ -5,7 +5,7 @@
  *   createVerdictTable(scoring, {show}) -> {element, choose(k)}     show(k): a manoeuvre was pressed
  */
 
-import { formatted, h } from "./dom.js";
+import { formatted, h } from "./lib/dom.js";
 import { formatValue } from "./readout.js";
 import {
   firstAlertText,
@@ -18,7 +18,7 @@ import {
   validityWords,
 } from "./recording_words.js";
 import { riskText } from "./fly/risk_gauge.js";
-import { figure } from "./words.js";
+import { figure } from "./lib/words.js";
 
 const OPEN = 3; // manoeuvres up to which all reasons are shown at once
 const MANY = 8; // from which on they are sorted out by their outcome

@@ -9,7 +9,7 @@ import { changedChannels } from "/static/js/mapping_changes.js";
 import { outcomeOf, validityWords } from "/static/js/recording_words.js";
 import { createRingBuffer } from "/static/js/ring_buffer.js";
 import { createRiskGauge, riskText } from "/static/js/fly/risk_gauge.js";
-import { loopStats } from "/static/js/draw_loop.js";
+import { loopStats } from "/static/js/lib/draw_loop.js";
 import { createStripChart } from "/static/js/strip_chart.js";
 import { createTimeline } from "/static/js/timeline.js";
 import { bindMuteButton, createTone } from "/static/js/fly/tone.js";

@@ -4,14 +4,14 @@
  * Exports  show(element, {id, query, api, navigate}) -> {close()}
  */
 
-import { reason } from "../api.js";
+import { reason } from "../lib/api.js";
 import { showDataset } from "./page.js";
-import { formatted, h } from "../dom.js";
-import { followInPlace, jobList } from "../job_progress.js";
+import { formatted, h } from "../lib/dom.js";
+import { followInPlace, jobList } from "../lib/job_progress.js";
 import { createTestFields } from "../forms/planned_test.js";
-import { lively } from "../view_life.js";
-import { empty, link, pageOf } from "../view_states.js";
-import { aircraftName, kindName, limitWords, loadCatalog, moment, percent } from "../words.js";
+import { lively } from "../lib/view_life.js";
+import { empty, link, pageOf } from "../lib/view_states.js";
+import { aircraftName, kindName, limitWords, loadCatalog, moment, percent } from "../lib/words.js";
 
 export function show(element, context) {
   if (context.id === "new") return showSimulation(element, context);

@@ -1,12 +1,12 @@
 /** One dataset: what was simulated, how often it failed, its rollouts to look at and to replay. */
 
-import { formatted, h } from "../dom.js";
+import { formatted, h } from "../lib/dom.js";
 import { peakFigure, rolloutFigure } from "../figures.js";
 import { rawRecipe, recipeTable } from "../forms/recipe_table.js";
 import { createRolloutViewer } from "./rollout_viewer.js";
 import { sampleRollouts } from "./rollouts.js";
-import { lively } from "../view_life.js";
-import { button, confirmed, link, pageOf } from "../view_states.js";
+import { lively } from "../lib/view_life.js";
+import { button, confirmed, link, pageOf } from "../lib/view_states.js";
 import {
   aircraftName,
   figure,
@@ -15,7 +15,7 @@ import {
   loadCatalog,
   moment,
   percent,
-} from "../words.js";
+} from "../lib/words.js";
 
 export function showDataset(element, { id, api, navigate }) {
   return lively(element, { title: "Dataset", text: "Opening the dataset", build });

@@ -6,11 +6,11 @@
  *     monitors: those that can fly it, the best first
  */
 
-import { reason } from "../api.js";
-import { formatted, h } from "../dom.js";
+import { reason } from "../lib/api.js";
+import { formatted, h } from "../lib/dom.js";
 import { createStripChart } from "../strip_chart.js";
-import { button, link } from "../view_states.js";
-import { figure } from "../words.js";
+import { button, link } from "../lib/view_states.js";
+import { figure } from "../lib/words.js";
 
 export function createRolloutViewer({ api, catalog, dataset, monitors, navigate }) {
   const counts = { unsafe: dataset.n_unsafe, safe: dataset.n_safe };

@@ -20,9 +20,9 @@
  *   close()              silence
  */
 
-import { reason } from "../api.js";
-import { h } from "../dom.js";
-import { put } from "../panel_states.js";
+import { reason } from "../lib/api.js";
+import { h } from "../lib/dom.js";
+import { put } from "../lib/panel_states.js";
 import { shownState } from "../readout.js";
 import { riskText } from "./risk_gauge.js";
 

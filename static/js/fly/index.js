@@ -4,9 +4,9 @@
  * Exports  show(element, {id, query, api, navigate}) -> {close()}
  */
 
-import { reason } from "../api.js";
-import { h } from "../dom.js";
-import { state } from "../panel_states.js";
+import { reason } from "../lib/api.js";
+import { h } from "../lib/dom.js";
+import { state } from "../lib/panel_states.js";
 import { showLiveFlight } from "./live_flight.js";
 import { showFlightRecord } from "./record.js";
 import { showFlightStart } from "./start.js";

@@ -7,13 +7,13 @@
  */
 
 import { createAlarmPanel } from "./alarm_panel.js";
-import { reason } from "../api.js";
+import { reason } from "../lib/api.js";
 import { createConnection } from "./connection.js";
-import { addDrawer } from "../draw_loop.js";
-import { h } from "../dom.js";
-import { createEventList } from "../event_list.js";
+import { addDrawer } from "../lib/draw_loop.js";
+import { h } from "../lib/dom.js";
+import { createEventList } from "../lib/event_list.js";
 import { alertText, createFlightPanels, limitsOf, sourceText, windowOf } from "./panels.js";
-import { put, state as stateOf } from "../panel_states.js";
+import { put, state as stateOf } from "../lib/panel_states.js";
 import { shownState } from "../readout.js";
 import { createReplayNotes } from "./replay_notes.js";
 import { createRiskGauge, riskText } from "./risk_gauge.js";
@@ -26,7 +26,7 @@ import { formatTime } from "../time_axis.js";
 import { createTimeline } from "../timeline.js";
 import { bindMuteButton, createTone } from "./tone.js";
 import { createTransportBar } from "./transport_bar.js";
-import { confirmed } from "../view_states.js";
+import { confirmed } from "../lib/view_states.js";
 
 const STATUS_EVERY = 200; // ms
 const HELD = 1500; // ms

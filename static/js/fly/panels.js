@@ -9,7 +9,7 @@
  *   sourceText(source, name) -> string
  */
 
-import { h } from "../dom.js";
+import { h } from "../lib/dom.js";
 import { symbolNodes } from "../readout.js";
 import { riskText } from "./risk_gauge.js";
 

@@ -6,15 +6,15 @@
  *     flight: as the server has it.   why: how it ended, if the page saw it
  */
 
-import { reason } from "../api.js";
-import { h } from "../dom.js";
-import { put, state } from "../panel_states.js";
-import { createEventList } from "../event_list.js";
+import { reason } from "../lib/api.js";
+import { h } from "../lib/dom.js";
+import { put, state } from "../lib/panel_states.js";
+import { createEventList } from "../lib/event_list.js";
 import { alertText, createFlightPanels, sourceText, windowOf } from "./panels.js";
 import { createRiskGauge } from "./risk_gauge.js";
 import { createStatusStrip } from "./status_strip.js";
 import { createStripChart } from "../strip_chart.js";
-import { confirmed } from "../view_states.js";
+import { confirmed } from "../lib/view_states.js";
 
 const HOW = {
   ended: "was ended",

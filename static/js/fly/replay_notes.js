@@ -9,9 +9,9 @@
  *     write(): opens the field for a note at this moment
  */
 
-import { reason } from "../api.js";
-import { h } from "../dom.js";
-import { put } from "../panel_states.js";
+import { reason } from "../lib/api.js";
+import { h } from "../lib/dom.js";
+import { put } from "../lib/panel_states.js";
 
 export function createReplayNotes({ api, source, now, found, fail }) {
   const path = `/recordings/${encodeURIComponent(source.recording)}`;

@@ -15,7 +15,7 @@
  *       number on the wrong side of epsilon
  */
 
-import { addDrawer } from "../draw_loop.js";
+import { addDrawer } from "../lib/draw_loop.js";
 import { shownState } from "../readout.js";
 
 const NS = "http://www.w3.org/2000/svg";

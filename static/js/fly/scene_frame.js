@@ -9,8 +9,8 @@
  *     wake()    the server is back: connect again.   close(text): the flight is over
  */
 
-import { h } from "../dom.js";
-import { state } from "../panel_states.js";
+import { h } from "../lib/dom.js";
+import { state } from "../lib/panel_states.js";
 
 const KEY = "forewarn.scene";
 

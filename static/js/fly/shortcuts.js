@@ -6,7 +6,7 @@
  *   createShortcutList() -> {dialog, open()}
  */
 
-import { h } from "../dom.js";
+import { h } from "../lib/dom.js";
 
 const GROUPS = [
   ["Alarm", [["K", "acknowledge the alarm"], ["M", "mute or unmute the tone"]]],

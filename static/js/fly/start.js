@@ -7,9 +7,9 @@
  */
 
 import { guarantee } from "./alarm_panel.js";
-import { reason } from "../api.js";
-import { h } from "../dom.js";
-import { put, state } from "../panel_states.js";
+import { reason } from "../lib/api.js";
+import { h } from "../lib/dom.js";
+import { put, state } from "../lib/panel_states.js";
 import { sourceText } from "./panels.js";
 
 const REFRESH = 3000; // ms

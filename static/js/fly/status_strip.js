@@ -9,8 +9,8 @@
  *     link: "connecting" | "open" | "lost" | "over"; patience: age that is cautioned of; live: false for a flight that is over
  */
 
-import { h } from "../dom.js";
-import { put } from "../panel_states.js";
+import { h } from "../lib/dom.js";
+import { put } from "../lib/panel_states.js";
 import { STATE_WORDS } from "../readout.js";
 
 const ITEMS = [

@@ -14,9 +14,9 @@
  *   keys                 {key: act} for the page's shortcuts
  */
 
-import { reason } from "../api.js";
-import { h } from "../dom.js";
-import { put } from "../panel_states.js";
+import { reason } from "../lib/api.js";
+import { h } from "../lib/dom.js";
+import { put } from "../lib/panel_states.js";
 
 const SPEEDS = [0.1, 0.2, 0.5, 1, 2, 5, 10];
 

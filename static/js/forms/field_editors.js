@@ -13,8 +13,8 @@
  *   focus()
  */
 
-import { formatted, h } from "../dom.js";
-import { figure, labelOf, plainWords } from "../words.js";
+import { formatted, h } from "../lib/dom.js";
+import { figure, labelOf, plainWords } from "../lib/words.js";
 
 const DEGREES = { rad: "deg", "rad/s": "deg/s" };
 

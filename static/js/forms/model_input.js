@@ -5,8 +5,8 @@
  *   createModelInput(use) -> element      use(model) with the keys in small letters, once it parses
  */
 
-import { h } from "../dom.js";
-import { button } from "../view_states.js";
+import { h } from "../lib/dom.js";
+import { button } from "../lib/view_states.js";
 
 const NEEDED = ["a", "b", "c", "d", "uncertainty"];
 const KNOWN = [...NEEDED, "states"];

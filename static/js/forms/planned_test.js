@@ -10,9 +10,9 @@
  *          failures() -> number of unsafe rollouts | null
  */
 
-import { formatted, h } from "../dom.js";
+import { formatted, h } from "../lib/dom.js";
 import { createFields } from "./form.js";
-import { aircraftName, figure, kindName, limitWords } from "../words.js";
+import { aircraftName, figure, kindName, limitWords } from "../lib/words.js";
 
 const SIZE = "n_unsafe";
 

@@ -6,8 +6,8 @@
  *   rawRecipe(title, plain) -> <details>              the JSON, as the server takes it
  */
 
-import { formatted, h } from "../dom.js";
-import { aircraftCondition, figure, labelOf } from "../words.js";
+import { formatted, h } from "../lib/dom.js";
+import { aircraftCondition, figure, labelOf } from "../lib/words.js";
 
 export function recipeTable(schema, plain, catalog) {
   return h(

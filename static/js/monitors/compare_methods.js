@@ -4,15 +4,15 @@
  * Exports  showComparison(element, {query, api, navigate})     query: dataset, job (a past study)
  */
 
-import { reason } from "../api.js";
-import { h } from "../dom.js";
+import { reason } from "../lib/api.js";
+import { h } from "../lib/dom.js";
 import { methodsFigure } from "../figures.js";
 import { createFields } from "../forms/form.js";
-import { createJobProgress } from "../job_progress.js";
+import { createJobProgress } from "../lib/job_progress.js";
 import { datasetChoice } from "../forms/planned_test.js";
-import { lively } from "../view_life.js";
-import { empty, link, pageOf } from "../view_states.js";
-import { figure, interval, loadCatalog, moment, percent } from "../words.js";
+import { lively } from "../lib/view_life.js";
+import { empty, link, pageOf } from "../lib/view_states.js";
+import { figure, interval, loadCatalog, moment, percent } from "../lib/words.js";
 
 const TITLE = "Compare five methods";
 const SHOWN = [0.05, 0.1, 0.2, 0.3];

@@ -8,8 +8,8 @@
  */
 
 import { neededFor, rank, scatter, threshold } from "./calibration_rule.js";
-import { h, svg } from "../dom.js";
-import { figure, interval, percent } from "../words.js";
+import { h, svg } from "../lib/dom.js";
+import { figure, interval, percent } from "../lib/words.js";
 
 const MEASURES = [
   {

@@ -1,11 +1,11 @@
 /** All monitors, those in training, and the way to a new one. Exports  showMonitors(element, context). */
 
-import { reason } from "../api.js";
-import { h } from "../dom.js";
-import { jobList } from "../job_progress.js";
-import { lively } from "../view_life.js";
-import { button, empty, link, pageOf } from "../view_states.js";
-import { aircraftName, figure, kindName, loadCatalog, moment, percent } from "../words.js";
+import { reason } from "../lib/api.js";
+import { h } from "../lib/dom.js";
+import { jobList } from "../lib/job_progress.js";
+import { lively } from "../lib/view_life.js";
+import { button, empty, link, pageOf } from "../lib/view_states.js";
+import { aircraftName, figure, kindName, loadCatalog, moment, percent } from "../lib/words.js";
 
 export function showMonitors(element, { api, navigate }) {
   return lively(element, { title: "Monitors", text: "Looking up the monitors", build });

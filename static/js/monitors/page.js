@@ -1,12 +1,12 @@
 /** One monitor: what it promises, what fresh flights said, its figures and its file. Exports  showMonitor. */
 
-import { formatted, h } from "../dom.js";
+import { formatted, h } from "../lib/dom.js";
 import { createEpsilonCost } from "./epsilon_cost.js";
 import { calibrationFigure, curvesFigure, leadFigure, rolloutFigure } from "../figures.js";
 import { rawRecipe, recipeTable } from "../forms/recipe_table.js";
 import { sampleRollouts } from "../datasets/rollouts.js";
-import { lively } from "../view_life.js";
-import { button, confirmed, empty, link, pageOf } from "../view_states.js";
+import { lively } from "../lib/view_life.js";
+import { button, confirmed, empty, link, pageOf } from "../lib/view_states.js";
 import {
   aircraftName,
   figure,
@@ -15,7 +15,7 @@ import {
   loadCatalog,
   moment,
   percent,
-} from "../words.js";
+} from "../lib/words.js";
 
 export function showMonitor(element, { id, api, navigate }) {
   return lively(element, { title: "Monitor", text: "Opening the monitor", build });

@@ -5,15 +5,15 @@
  *     query: dataset (train on that one), like (begin from that monitor's recipe)
  */
 
-import { reason } from "../api.js";
+import { reason } from "../lib/api.js";
 import { neededFor } from "./calibration_rule.js";
-import { h } from "../dom.js";
+import { h } from "../lib/dom.js";
 import { createFields } from "../forms/form.js";
-import { followInPlace } from "../job_progress.js";
+import { followInPlace } from "../lib/job_progress.js";
 import { datasetChoice } from "../forms/planned_test.js";
-import { lively } from "../view_life.js";
-import { link, pageOf } from "../view_states.js";
-import { figure, loadCatalog } from "../words.js";
+import { lively } from "../lib/view_life.js";
+import { link, pageOf } from "../lib/view_states.js";
+import { figure, loadCatalog } from "../lib/words.js";
 
 const MAIN = ["t_early", "epsilon"];
 const TEST = {
