@@ -10,7 +10,7 @@
 
 import { confidence } from "./confidence.js";
 import { formatted, h } from "./lib/dom.js";
-import { createMiniPlot } from "./mini_plot.js";
+import { createMiniPlot } from "./charts/mini_plot.js";
 import { createSignalSelect } from "./signal_select.js";
 import { button } from "./lib/view_states.js";
 

@@ -9,8 +9,8 @@
 
 import { h, svg } from "./lib/dom.js";
 import { durationText } from "./recording_words.js";
-import { formatTime } from "./time_axis.js";
-import { niceTicks } from "./plot.js";
+import { formatTime } from "./charts/time_axis.js";
+import { niceTicks } from "./charts/plot.js";
 
 const ALWAYS = {
   gap: "gaps",

@@ -9,7 +9,7 @@
 import { reason } from "./lib/api.js";
 import { badRows } from "./bad_rows.js";
 import { h } from "./lib/dom.js";
-import { createMiniPlot } from "./mini_plot.js";
+import { createMiniPlot } from "./charts/mini_plot.js";
 import { nameParts } from "./signal_select.js";
 import { formatTitle } from "./recording_list.js";
 import { bytesText, durationText } from "./recording_words.js";

@@ -7,7 +7,7 @@
  *     fail(words, again): shown until again() is asked for
  */
 
-import { layOut } from "./chart_layout.js";
+import { layOut } from "./charts/layout.js";
 import { h } from "./lib/dom.js";
 import { button } from "./lib/view_states.js";
 

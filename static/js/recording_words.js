@@ -15,9 +15,9 @@
  */
 
 import { h } from "./lib/dom.js";
-import { formatValue } from "./readout.js";
+import { formatValue } from "./charts/readout.js";
 import { figure } from "./lib/words.js";
-import { formatTime } from "./time_axis.js";
+import { formatTime } from "./charts/time_axis.js";
 
 const UNITS = ["bytes", "kB", "MB", "GB", "TB"];
 

@@ -9,7 +9,7 @@
  */
 
 import { outcomeOf, secondsText } from "./recording_words.js";
-import { formatValue } from "./readout.js";
+import { formatValue } from "./charts/readout.js";
 import { riskText } from "./fly/risk_gauge.js";
 
 export function eventsOf({ stretches, outside, channels, epsilon }) {

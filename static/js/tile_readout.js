@@ -10,7 +10,7 @@
 
 import { h } from "./lib/dom.js";
 import { put } from "./lib/panel_states.js";
-import { formatValue, symbolNodes } from "./readout.js";
+import { formatValue, symbolNodes } from "./charts/readout.js";
 
 export function createTileReadout(element, { symbol, label, unit }) {
   element.classList.add("readout", "tile-readout");

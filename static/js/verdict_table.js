@@ -6,7 +6,7 @@
  */
 
 import { formatted, h } from "./lib/dom.js";
-import { formatValue } from "./readout.js";
+import { formatValue } from "./charts/readout.js";
 import {
   firstAlertText,
   isWithdrawn,

@@ -7,13 +7,13 @@ import { createAlarmPanel } from "/static/js/fly/alarm_panel.js";
 import { decimal, decimals } from "/static/js/forms/decimals.js";
 import { changedChannels } from "/static/js/mapping_changes.js";
 import { outcomeOf, validityWords } from "/static/js/recording_words.js";
-import { createRingBuffer } from "/static/js/ring_buffer.js";
+import { createRingBuffer } from "/static/js/charts/live/ring_buffer.js";
 import { createRiskGauge, riskText } from "/static/js/fly/risk_gauge.js";
 import { loopStats } from "/static/js/lib/draw_loop.js";
-import { createStripChart } from "/static/js/strip_chart.js";
-import { createTimeline } from "/static/js/timeline.js";
+import { createStripChart } from "/static/js/charts/live/strip_chart.js";
+import { createTimeline } from "/static/js/charts/live/timeline.js";
 import { bindMuteButton, createTone } from "/static/js/fly/tone.js";
-import { createValueAxis } from "/static/js/value_axis.js";
+import { createValueAxis } from "/static/js/charts/value_axis.js";
 
 const options = new URLSearchParams(location.search);
 if (options.has("theme")) document.documentElement.dataset.theme = options.get("theme");

@@ -1,7 +1,7 @@
 /** One dataset: what was simulated, how often it failed, its rollouts to look at and to replay. */
 
 import { formatted, h } from "../lib/dom.js";
-import { peakFigure, rolloutFigure } from "../figures.js";
+import { peakFigure, rolloutFigure } from "../charts/figures.js";
 import { rawRecipe, recipeTable } from "../forms/recipe_table.js";
 import { createRolloutViewer } from "./rollout_viewer.js";
 import { sampleRollouts } from "./rollouts.js";

@@ -8,7 +8,7 @@
 
 import { reason } from "../lib/api.js";
 import { formatted, h } from "../lib/dom.js";
-import { createStripChart } from "../strip_chart.js";
+import { createStripChart } from "../charts/live/strip_chart.js";
 import { button, link } from "../lib/view_states.js";
 import { figure } from "../lib/words.js";
 

@@ -23,7 +23,7 @@
 import { reason } from "../lib/api.js";
 import { h } from "../lib/dom.js";
 import { put } from "../lib/panel_states.js";
-import { shownState } from "../readout.js";
+import { shownState } from "../charts/readout.js";
 import { riskText } from "./risk_gauge.js";
 
 export function guarantee({ epsilon, lead }) {

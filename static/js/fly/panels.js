@@ -10,7 +10,7 @@
  */
 
 import { h } from "../lib/dom.js";
-import { symbolNodes } from "../readout.js";
+import { symbolNodes } from "../charts/readout.js";
 import { riskText } from "./risk_gauge.js";
 
 const WIDEST = 60; // s

@@ -13,7 +13,7 @@ import { createEventList } from "../lib/event_list.js";
 import { alertText, createFlightPanels, sourceText, windowOf } from "./panels.js";
 import { createRiskGauge } from "./risk_gauge.js";
 import { createStatusStrip } from "./status_strip.js";
-import { createStripChart } from "../strip_chart.js";
+import { createStripChart } from "../charts/live/strip_chart.js";
 import { confirmed } from "../lib/view_states.js";
 
 const HOW = {

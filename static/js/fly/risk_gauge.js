@@ -16,7 +16,7 @@
  */
 
 import { addDrawer } from "../lib/draw_loop.js";
-import { shownState } from "../readout.js";
+import { shownState } from "../charts/readout.js";
 
 const NS = "http://www.w3.org/2000/svg";
 const CENTRE = { x: 170, y: 150 };

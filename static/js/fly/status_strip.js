@@ -11,7 +11,7 @@
 
 import { h } from "../lib/dom.js";
 import { put } from "../lib/panel_states.js";
-import { STATE_WORDS } from "../readout.js";
+import { STATE_WORDS } from "../charts/readout.js";
 
 const ITEMS = [
   ["state", "monitor says", "What the monitor says of the newest sample"],

@@ -10,7 +10,7 @@
 
 import { formatted, h } from "./dom.js";
 import { put } from "./panel_states.js";
-import { formatTime } from "../time_axis.js";
+import { formatTime } from "../charts/time_axis.js";
 
 export function createEventList(element, { go, label = "Events, newest first", most = 300 }) {
   const title = h("h2", { class: "event-title" }, "Events");

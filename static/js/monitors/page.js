@@ -2,7 +2,7 @@
 
 import { formatted, h } from "../lib/dom.js";
 import { createEpsilonCost } from "./epsilon_cost.js";
-import { calibrationFigure, curvesFigure, leadFigure, rolloutFigure } from "../figures.js";
+import { calibrationFigure, curvesFigure, leadFigure, rolloutFigure } from "../charts/figures.js";
 import { rawRecipe, recipeTable } from "../forms/recipe_table.js";
 import { sampleRollouts } from "../datasets/rollouts.js";
 import { lively } from "../lib/view_life.js";

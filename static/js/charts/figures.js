@@ -10,9 +10,9 @@
  *   methodsFigure(methods, ranking, what)    what: "miss" or "power" of a study
  */
 
-import { h, svg } from "./lib/dom.js";
+import { h, svg } from "../lib/dom.js";
 import { createPlot } from "./plot.js";
-import { figure as number, percent } from "./lib/words.js";
+import { figure as number, percent } from "../lib/words.js";
 
 const UNIT_SHARE = {
   domain: [0, 1],

@@ -7,7 +7,7 @@
  *     bar: {mode, span, values: elements; on(name, act)}
  */
 
-import { KEYS_HELP } from "./chart_input.js";
+import { KEYS_HELP } from "./input.js";
 
 const BUTTONS = [
   ["a", "A", "Set cursor A (key A)"],

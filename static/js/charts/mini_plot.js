@@ -6,8 +6,8 @@
  *     tiles: {t, low, high, unit, min, max}; null in low and high where nothing was recorded
  */
 
-import { h, svg } from "./lib/dom.js";
-import { figure } from "./lib/words.js";
+import { h, svg } from "../lib/dom.js";
+import { figure } from "../lib/words.js";
 
 const [WIDTH, HEIGHT, PAD] = [240, 44, 4];
 

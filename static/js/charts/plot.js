@@ -15,8 +15,8 @@
  *   hatched                           fill of a hatched bar
  */
 
-import { piecesOf, svg } from "./lib/dom.js";
-import { figure } from "./lib/words.js";
+import { piecesOf, svg } from "../lib/dom.js";
+import { figure } from "../lib/words.js";
 
 const MARGIN = { left: 62, right: 16, top: 14, bottom: 48 };
 const SHAPES = {
