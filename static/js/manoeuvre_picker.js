@@ -10,8 +10,8 @@
 
 import { reason } from "./lib/api.js";
 import { h } from "./lib/dom.js";
-import { previewTiles } from "./preview_tiles.js";
-import { createRecordingChart } from "./recording_chart.js";
+import { previewTiles } from "./charts/recorded/preview_tiles.js";
+import { createRecordingChart } from "./charts/recorded/recording_chart.js";
 import { createSpanTable } from "./span_table.js";
 import { button } from "./lib/view_states.js";
 

@@ -6,7 +6,7 @@
  */
 
 import { h } from "./lib/dom.js";
-import { createRecordingChart } from "./recording_chart.js";
+import { createRecordingChart } from "./charts/recorded/recording_chart.js";
 import { secondsText } from "./recording_words.js";
 import { laneOf, spansOf } from "./scoring_events.js";
 import { scoringSource, stripOrder } from "./scoring_source.js";

@@ -7,7 +7,7 @@ import { h } from "./lib/dom.js";
 import { createMappingSection } from "./mapping_section.js";
 import { createQualityStrip } from "./quality_strip.js";
 import { createSignalList, recordingFacts } from "./recording_facts.js";
-import { previewTiles } from "./preview_tiles.js";
+import { previewTiles } from "./charts/recorded/preview_tiles.js";
 import { createScoreForm } from "./score_form.js";
 import { createScoringList } from "./scoring_list.js";
 import { lively } from "./lib/view_life.js";

@@ -7,7 +7,7 @@ import { reason } from "./lib/api.js";
 import { formatted, h } from "./lib/dom.js";
 import { createEventList } from "./lib/event_list.js";
 import { createNotesPanel, laneOfMarkers } from "./notes_panel.js";
-import { createRecordingChart } from "./recording_chart.js";
+import { createRecordingChart } from "./charts/recorded/recording_chart.js";
 import { outcomeOf, outsideText, trimText } from "./recording_words.js";
 import { eventsOf, laneOf, spansOf } from "./scoring_events.js";
 import { scoringFacts } from "./scoring_facts.js";

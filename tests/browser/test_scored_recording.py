@@ -388,7 +388,7 @@ def test_stretches_of_one_recording_are_matched_by_time_and_of_others_by_order(
 
 def test_a_window_stays_within_its_recording(scored: Page) -> None:
     seen = scored.evaluate("""async () => {
-        const { createTimeWindow } = await import("/js/time_window.js");
+        const { createTimeWindow } = await import("/js/charts/recorded/time_window.js");
         const made = createTimeWindow({ start: 100, end: 36100, least: 1 });
         const seen = [];
         const act = (name, ...given) => {
@@ -413,7 +413,7 @@ def test_a_window_stays_within_its_recording(scored: Page) -> None:
 
 def test_the_coarsest_tiles_that_are_fine_enough_are_drawn(scored: Page) -> None:
     picked = scored.evaluate("""async () => {
-        const { createTileCache } = await import("/js/tiles.js");
+        const { createTileCache } = await import("/js/charts/recorded/tiles.js");
         const load = async (start, end, bins) => {
             const step = (end - start) / bins;
             const t = Array.from({ length: bins }, (_, k) => start + k * step);
@@ -447,7 +447,7 @@ def test_the_coarsest_tiles_that_are_fine_enough_are_drawn(scored: Page) -> None
 
 def test_a_previews_channels_share_a_grid_and_keep_their_extremes(scored: Page) -> None:
     grid = scored.evaluate("""async () => {
-        const { previewTiles } = await import("/js/preview_tiles.js");
+        const { previewTiles } = await import("/js/charts/recorded/preview_tiles.js");
         return previewTiles({
             fast: { t: [0, 1, 2, 3, 8, 9], low: [1, 2, 3, 4, 5, 6], high: [1, 2, 3, 4, 5, 7] },
             slow: { t: [0, 4, 8], low: [-1, null, -3], high: [1, null, 3] },

@@ -8,9 +8,9 @@
  *       words: stands in the value's place where there is none ("INVALID")
  */
 
-import { h } from "./lib/dom.js";
-import { put } from "./lib/panel_states.js";
-import { formatValue, symbolNodes } from "./charts/readout.js";
+import { h } from "../../lib/dom.js";
+import { put } from "../../lib/panel_states.js";
+import { formatValue, symbolNodes } from "../readout.js";
 
 export function createTileReadout(element, { symbol, label, unit }) {
   element.classList.add("readout", "tile-readout");

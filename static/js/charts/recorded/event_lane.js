@@ -8,7 +8,7 @@
  *     chosen(item)   one was pressed
  */
 
-import { h } from "./lib/dom.js";
+import { h } from "../../lib/dom.js";
 
 const ROW = 26; // px
 const THIN = 16; // px a manoeuvre below which only its bar is seen

@@ -9,7 +9,7 @@
  *     fills what lies beyond +-limit; mark(x, up) is called where a stretch of it begins
  */
 
-import { SPARSE } from "./charts/strip_frame.js";
+import { SPARSE } from "../strip_frame.js";
 
 const HALF = 0.9; // px, half of the trace's thickness
 const DASH = 9; // px of a dash and its space

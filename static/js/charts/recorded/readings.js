@@ -6,11 +6,11 @@
  *     sets: [TileSet | null] as drawn.   spans: [[{start, end, withdrawn}] | null] of each source
  */
 
-import { put } from "./lib/panel_states.js";
-import { formatValue } from "./charts/readout.js";
-import { durationText } from "./recording_words.js";
+import { put } from "../../lib/panel_states.js";
+import { formatValue } from "../readout.js";
+import { durationText } from "../../recording_words.js";
 import { createTileReadout, rangeText } from "./tile_readout.js";
-import { formatTime } from "./charts/time_axis.js";
+import { formatTime } from "../time_axis.js";
 
 const NOTHING = { low: NaN, high: NaN };
 

@@ -9,7 +9,7 @@
  * Press or drag to move the window there. It is for the pointer: keys on the strips do the same.
  */
 
-import { GUTTER } from "./charts/strip_frame.js";
+import { GUTTER } from "../strip_frame.js";
 
 export function createOverviewBar(canvas, { timeWindow, start, end, key }) {
   const pen = canvas.getContext("2d", { alpha: false });

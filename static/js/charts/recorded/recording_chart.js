@@ -22,22 +22,22 @@
  *   window, update(wall), destroy()
  */
 
-import { reason } from "./lib/api.js";
-import { attachInput } from "./charts/input.js";
+import { reason } from "../../lib/api.js";
+import { attachInput } from "../input.js";
 import { attachMarking } from "./drag_marking.js";
-import { addDrawer } from "./lib/draw_loop.js";
+import { addDrawer } from "../../lib/draw_loop.js";
 import { createEventLane } from "./event_lane.js";
 import { createOverviewBar } from "./overview_bar.js";
-import { readPalette, watchTheme } from "./charts/palette.js";
-import { layOutRecording } from "./recording_layout.js";
-import { createReadings } from "./recording_readings.js";
-import { GUTTER } from "./charts/strip_frame.js";
+import { readPalette, watchTheme } from "../palette.js";
+import { layOutRecording } from "./layout.js";
+import { createReadings } from "./readings.js";
+import { GUTTER } from "../strip_frame.js";
 import { bandsOf } from "./tile_bands.js";
 import { createTileStrip, pieceOf } from "./tile_strip.js";
 import { createTileCache } from "./tiles.js";
-import { createTimeAxis, timeTicks } from "./charts/time_axis.js";
+import { createTimeAxis, timeTicks } from "../time_axis.js";
 import { createTimeWindow } from "./time_window.js";
-import { createRiskAxis, createValueAxis } from "./charts/value_axis.js";
+import { createRiskAxis, createValueAxis } from "../value_axis.js";
 
 const RISK = { key: "risk", symbol: "risk", unit: "", label: "higher is worse", limit: null };
 const DESCRIBED_EVERY = 1000; // ms

@@ -12,7 +12,7 @@
  *     for all strips; spans: [{start, end}] of its manoeuvres, or null where all counts
  */
 
-import { createStripFrame } from "./charts/strip_frame.js";
+import { createStripFrame } from "../strip_frame.js";
 import { drawBeyond, drawTiles } from "./tile_trace.js";
 
 const FAINT = 0.5;
