@@ -11,7 +11,7 @@ import { bindThemeButton } from "./theme.js";
 
 const VIEWS = {
   fly: { title: "Fly", load: () => import("./fly/index.js") },
-  recordings: { title: "Recordings", load: () => import("./recordings.js") },
+  recordings: { title: "Recordings", load: () => import("./recordings/index.js") },
   monitors: { title: "Monitors", load: () => import("./monitors/index.js") },
   datasets: { title: "Datasets", load: () => import("./datasets/index.js") },
 };

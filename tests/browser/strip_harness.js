@@ -5,8 +5,8 @@
 
 import { createAlarmPanel } from "/static/js/fly/alarm_panel.js";
 import { decimal, decimals } from "/static/js/forms/decimals.js";
-import { changedChannels } from "/static/js/mapping_changes.js";
-import { outcomeOf, validityWords } from "/static/js/recording_words.js";
+import { changedChannels } from "/static/js/recordings/mapping/changes.js";
+import { outcomeOf, validityWords } from "/static/js/recordings/words.js";
 import { createRingBuffer } from "/static/js/charts/live/ring_buffer.js";
 import { createRiskGauge, riskText } from "/static/js/fly/risk_gauge.js";
 import { loopStats } from "/static/js/lib/draw_loop.js";

@@ -374,7 +374,7 @@ def test_stretches_of_one_recording_are_matched_by_time_and_of_others_by_order(
     scored: Page,
 ) -> None:
     rows = scored.evaluate("""async () => {
-        const { rowsOf } = await import("/js/compare_table.js");
+        const { rowsOf } = await import("/js/recordings/compare/table.js");
         const scoring = (recording, ...spans) =>
             ({ recording, stretches: spans.map(([start, end]) => ({ start, end })) });
         return rowsOf([

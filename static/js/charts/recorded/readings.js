@@ -8,7 +8,7 @@
 
 import { put } from "../../lib/panel_states.js";
 import { formatValue } from "../readout.js";
-import { durationText } from "../../recording_words.js";
+import { durationText } from "../../recordings/words.js";
 import { createTileReadout, rangeText } from "./tile_readout.js";
 import { formatTime } from "../time_axis.js";
 

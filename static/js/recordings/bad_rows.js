@@ -1,0 +1,66 @@
+/**
+ * Rows of a file that could not be read and were left out.
+ *
+ * Exports
+ *   badRows({n, share, rows}) -> element | null     folded, with how many
+ *   badRowsTable(rows) -> element                   [{line, reason, text}]
+ */
+
+import { h } from "../lib/dom.js";
+import { percent } from "../lib/words.js";
+
+export function badRows({ n, share, rows }) {
+  if (!n) return null;
+  const more =
+    n > rows.length ? h("p", { class: "hint" }, `The first ${rows.length} of ${n}.`) : null;
+  return h(
+    "details",
+    { class: "fold bad-rows" },
+    h(
+      "summary",
+      {},
+      h(
+        "span",
+        { class: "chip", "data-level": "caution" },
+        `◆ ${n} bad ${n === 1 ? "row" : "rows"}`,
+      ),
+      ` left out, ${percent(share, share < 0.001 ? 3 : 1)} of the file: which, and why`,
+    ),
+    badRowsTable(rows),
+    more,
+  );
+}
+
+export function badRowsTable(rows) {
+  const head = ["Line", "Reason", "It begins"];
+  return h(
+    "div",
+    { class: "table-scroll bad-rows-table" },
+    h(
+      "table",
+      { class: "table" },
+      h(
+        "thead",
+        {},
+        h(
+          "tr",
+          {},
+          head.map((words, k) => h("th", { scope: "col", class: k ? null : "number" }, words)),
+        ),
+      ),
+      h(
+        "tbody",
+        {},
+        rows.map(({ line, reason, text }) =>
+          h(
+            "tr",
+            {},
+            h("th", { scope: "row", class: "number" }, line.toLocaleString("en")),
+            h("td", {}, reason),
+            h("td", {}, h("code", {}, text)),
+          ),
+        ),
+      ),
+    ),
+  );
+}

@@ -1,0 +1,72 @@
+/**
+ * Several scorings side by side, of one recording or of several, and two of them laid over each other.
+ *
+ * Exports
+ *   showComparedScorings(element, {id, query, api, navigate})
+ *     query: compare=sid,rid:sid,...   a scoring of recording `id`, or of another
+ */
+
+import { compareTable } from "./table.js";
+import { createOverlay } from "./overlay.js";
+import { createScoringPicker } from "./scoring_picker.js";
+import { lively } from "../../lib/view_life.js";
+import { link, pageOf } from "../../lib/view_states.js";
+
+export function showComparedScorings(element, { id, query, api, navigate }) {
+  const references = query
+    .get("compare")
+    .split(",")
+    .filter(Boolean)
+    .map((text) => referenceOf(text, id));
+  return lively(element, { title: "Compare", text: "Opening the scorings", build });
+
+  async function build({ keep }) {
+    const recordings = await api.get("/recordings");
+    const names = new Map(recordings.map((one) => [one.id, one.name]));
+    const compared = await Promise.all(
+      references.map(async ({ recording, scoring }, k) => {
+        const [{ mapping }, scored] = await Promise.all([
+          api.get(`/recordings/${recording}`),
+          api.get(`/recordings/${recording}/scorings/${scoring}`),
+        ]);
+        return {
+          letter: String.fromCharCode(65 + k),
+          recordingName: names.get(recording) ?? recording,
+          scoring: scored,
+          mapping,
+        };
+      }),
+    );
+    const picker = createScoringPicker({ api, recordings, taken: references, add });
+    const overlay = keep(createOverlay({ api, compared }));
+    return pageOf(
+      "Compare",
+      [link("The recording", `#/recordings/${id}`)],
+      compareTable(compared, { remove: compared.length > 1 ? remove : null }),
+      picker.element,
+      overlay.element,
+    );
+  }
+
+  function add(reference) {
+    go([...references, reference]);
+  }
+
+  function remove(k) {
+    go(references.filter((_, place) => place !== k));
+  }
+
+  function go(wanted) {
+    const words = wanted.map(({ recording, scoring }) =>
+      recording === id ? scoring : `${recording}:${scoring}`,
+    );
+    navigate(`#/recordings/${id}?compare=${words.join(",")}`);
+  }
+}
+
+function referenceOf(text, recording) {
+  const parts = text.split(":");
+  return parts.length > 1
+    ? { recording: parts[0], scoring: parts[1] }
+    : { recording, scoring: text };
+}

@@ -1,0 +1,147 @@
+/**
+ * Two scorings laid over each other, each from a moment of its own: the start of a manoeuvre, say.
+ *
+ * Exports
+ *   createOverlay({api, compared}) -> {element, close()}      compared: [{letter, recordingName, scoring}]
+ */
+
+import { h } from "../../lib/dom.js";
+import { createRecordingChart } from "../../charts/recorded/recording_chart.js";
+import { secondsText } from "../words.js";
+import { laneOf, spansOf } from "../scoring/events.js";
+import { scoringSource, stripOrder } from "../scoring/source.js";
+import { figure } from "../../lib/words.js";
+
+const OWN = "own"; // aligned by the recordings' own times
+const NAMES = ["under", "over"];
+
+export function createOverlay({ api, compared }) {
+  const host = h("div", { class: "scored-chart" });
+  const key = h("div", { class: "figure-key overlay-key" });
+  let chart = null;
+  const sides = compared.slice(0, 2).map((_, k) => sideOf(k));
+  const element = h(
+    "section",
+    { class: "panel stack-tight", "aria-label": "Overlay" },
+    h(
+      "h2",
+      { class: "panel-title" },
+      compared.length > 1 ? "One over the other" : "On its own: add another to lay over it",
+    ),
+    h(
+      "div",
+      { class: "row overlay-choice" },
+      sides.map((side) => side.element),
+    ),
+    key,
+    host,
+  );
+  draw();
+  return { element, close: () => chart?.destroy() };
+
+  function sideOf(k) {
+    const which = h(
+      "select",
+      { "aria-label": k ? "scoring laid over" : "scoring below", onchange: () => turn() },
+      compared.map(({ letter, scoring }, n) =>
+        h(
+          "option",
+          { value: n },
+          `${letter}: ${scoring.monitor_name}, ε ${figure(scoring.epsilon)}`,
+        ),
+      ),
+    );
+    const from = h("select", { "aria-label": `moment that ${NAMES[k]} begins at`, onchange: draw });
+    which.value = String(k);
+    const turn = (redraw = true) => {
+      const { scoring } = compared[Number(which.value)];
+      from.replaceChildren(
+        h("option", { value: OWN }, "the recording's own time"),
+        ...scoring.stretches.map(({ name, start }, n) =>
+          h("option", { value: String(n) }, `${name}, at ${secondsText(start)}`),
+        ),
+      );
+      from.value = oneRecording() || !scoring.stretches.length ? OWN : "0";
+      if (redraw) draw();
+    };
+    turn(false);
+    return {
+      element: h(
+        "span",
+        { class: "row" },
+        h("div", { class: "field" }, which),
+        h("span", { class: "dim" }, "from"),
+        h("div", { class: "field" }, from),
+      ),
+      chosen: () => compared[Number(which.value)],
+      stretch: () =>
+        from.value === OWN
+          ? null
+          : compared[Number(which.value)].scoring.stretches[Number(from.value)],
+      offset: (scoring) => (from.value === OWN ? 0 : scoring.stretches[Number(from.value)].start),
+    };
+  }
+
+  function oneRecording() {
+    return new Set(compared.map(({ scoring }) => scoring.recording)).size === 1;
+  }
+
+  function draw() {
+    chart?.destroy();
+    const shown = sides.map((side) => {
+      const one = side.chosen();
+      return { ...one, offset: side.offset(one.scoring) };
+    });
+    const [{ scoring: below }] = shown;
+    chart = createRecordingChart(host, {
+      channels: below.channels,
+      order: stripOrder(below.channels),
+      epsilon: below.epsilon,
+      sources: shown.map(({ scoring, offset }) => ({
+        ...scoringSource(api, scoring, offset),
+        spans: spansOf(scoring, offset),
+      })),
+      label: "Scorings laid over each other",
+      chosen: ({ start, end }) =>
+        chart.show(start - 0.1 * (end - start), end + 0.1 * (end - start)),
+    });
+    chart.setLane(
+      shown.flatMap(({ letter, scoring, offset }, k) =>
+        laneOf(scoring.stretches, { row: k, offset, id: letter }).map((item) => ({
+          ...item,
+          text: `${letter} ${item.text}`,
+          title: `${letter}, ${item.title}`,
+        })),
+      ),
+    );
+    chart.setEvents(below.stretches.map(({ start }) => ({ t: start - shown[0].offset })));
+    const aligned = sides.map((side) => side.stretch()).filter(Boolean);
+    if (aligned.length) {
+      const longest = Math.max(...aligned.map(({ start, end }) => end - start));
+      chart.show(-0.1 * longest, 1.1 * longest);
+    }
+    key.replaceChildren(...shown.map(keyOf), limitsDiffer(shown.map(({ scoring }) => scoring)));
+  }
+
+  function keyOf({ letter, recordingName, scoring, offset }, k) {
+    const when = offset ? `, t = 0 at ${secondsText(offset)}` : "";
+    return h(
+      "span",
+      {},
+      h("span", { class: `key-line key-line-${k}`, "aria-hidden": true }),
+      h(
+        "span",
+        {},
+        `${letter} ${k ? "(dashed)" : "(full line)"}: ${recordingName}, ${scoring.monitor_name} at ε ${figure(scoring.epsilon)}${when}`,
+      ),
+    );
+  }
+}
+
+function limitsDiffer(scorings) {
+  const limits = scorings.map(({ channels, epsilon }) =>
+    JSON.stringify([channels.map(({ limit }) => limit), epsilon]),
+  );
+  const words = "Limits, ε, alerts and manoeuvres in the strips are those of the first.";
+  return h("span", {}, new Set(limits).size > 1 ? words : "");
+}

@@ -1,0 +1,67 @@
+/**
+ * Choose a scoring of any recording, to compare it.
+ *
+ * Exports
+ *   createScoringPicker({api, recordings, taken, add}) -> {element}
+ *     taken: [{recording, scoring}] not offered.   add({recording, scoring})
+ */
+
+import { reason } from "../../lib/api.js";
+import { h } from "../../lib/dom.js";
+import { button } from "../../lib/view_states.js";
+import { figure } from "../../lib/words.js";
+
+export function createScoringPicker({ api, recordings, taken, add }) {
+  const scored = recordings.filter(({ n_scorings: n }) => n > 0);
+  const recording = h(
+    "select",
+    { id: "pick-recording", onchange: fill },
+    scored.map(({ id, name }) => h("option", { value: id }, name)),
+  );
+  const scoring = h("select", { id: "pick-scoring" });
+  const go = button("Add it", () => add({ recording: recording.value, scoring: scoring.value }));
+  const said = h("p", { class: "error", role: "alert", hidden: true });
+  if (taken.length) recording.value = taken[0].recording;
+  fill();
+  return {
+    element: h(
+      "section",
+      { class: "panel", "aria-label": "Add a scoring" },
+      h(
+        "div",
+        { class: "row picker-row" },
+        h("label", { for: "pick-recording" }, "Add a scoring of"),
+        h("div", { class: "field" }, recording),
+        h("label", { for: "pick-scoring" }, "by"),
+        h("div", { class: "field" }, scoring),
+        go,
+      ),
+      said,
+    ),
+  };
+
+  async function fill() {
+    go.disabled = true;
+    said.hidden = true;
+    scoring.replaceChildren();
+    const id = recording.value;
+    if (!id) return;
+    try {
+      const all = await api.get(`/recordings/${id}/scorings`);
+      if (recording.value !== id) return;
+      const known = new Set(taken.filter((one) => one.recording === id).map((one) => one.scoring));
+      const left = all.filter((one) => !known.has(one.id));
+      scoring.replaceChildren(
+        ...(left.length
+          ? left.map((one) =>
+              h("option", { value: one.id }, `${one.monitor_name} at ε ${figure(one.epsilon)}`),
+            )
+          : [h("option", { value: "" }, "all are here already")]),
+      );
+      go.disabled = left.length === 0;
+    } catch (error) {
+      said.textContent = reason(error);
+      said.hidden = false;
+    }
+  }
+}

@@ -1,0 +1,166 @@
+/**
+ * Outcomes by manoeuvre, one column a scoring.
+ *
+ * Exports
+ *   compareTable(compared, {remove(k) | null}) -> element
+ *     compared: [{letter, recordingName, scoring, mapping}]   mapping: the recording's present one
+ *   rowsOf(scorings) -> [[number of a stretch | -1 for each scoring]]
+ *       stretches of one recording are matched by their times, those of others by their order
+ */
+
+import { formatted, h } from "../../lib/dom.js";
+import { earlierMapping } from "../mapping/changes.js";
+import {
+  firstAlertText,
+  isWithdrawn,
+  leadText,
+  outcomeChip,
+  outsideText,
+  secondsText,
+  validityWords,
+} from "../words.js";
+import { riskText } from "../../fly/risk_gauge.js";
+import { button } from "../../lib/view_states.js";
+import { figure } from "../../lib/words.js";
+
+export function compareTable(compared, { remove }) {
+  const scorings = compared.map(({ scoring }) => scoring);
+  const rows = rowsOf(scorings);
+  const several = new Set(scorings.map(({ recording }) => recording)).size > 1;
+  const heads = compared.map(({ letter, recordingName, scoring, mapping }, k) =>
+    h(
+      "th",
+      { scope: "col" },
+      h(
+        "div",
+        { class: "compare-head" },
+        h("span", { class: "compare-letter" }, letter),
+        h(
+          "span",
+          {},
+          h(
+            "a",
+            { href: `#/recordings/${scoring.recording}?scoring=${scoring.id}` },
+            scoring.monitor_name,
+          ),
+          ` at ε ${figure(scoring.epsilon)}`,
+          h(
+            "span",
+            { class: "hint hint-line" },
+            `${several ? `${recordingName}, ` : ""}lead ${figure(scoring.lead)} s`,
+          ),
+          earlierMapping(scoring, mapping),
+          outside(scoring),
+        ),
+        remove
+          ? button("✕", () => remove(k), {
+              class: "button button-small",
+              "aria-label": `Leave ${letter} out`,
+              title: "Leave it out",
+            })
+          : null,
+      ),
+    ),
+  );
+  return h(
+    "section",
+    { class: "panel stack-tight", "aria-label": "Outcomes" },
+    h("h2", { class: "panel-title" }, "Side by side"),
+    h(
+      "div",
+      { class: "table-scroll" },
+      h(
+        "table",
+        { class: "table compare-table" },
+        h("thead", {}, h("tr", {}, h("th", { scope: "col" }, "Manoeuvre"), heads)),
+        h(
+          "tbody",
+          {},
+          rows.map((row) => rowElement(row, scorings)),
+        ),
+      ),
+    ),
+  );
+}
+
+export function rowsOf(scorings) {
+  const rows = [];
+  scorings.forEach(({ recording, stretches }, k) => {
+    stretches.forEach((stretch, number) => {
+      const fits = (row) =>
+        row[k] === -1 &&
+        row.some((n, other) => n >= 0 && same(scorings[other], n, recording, stretch, number));
+      let row = rows.find(fits);
+      if (row === undefined) {
+        row = new Array(scorings.length).fill(-1);
+        rows.push(row);
+      }
+      row[k] = number;
+    });
+  });
+  return rows;
+}
+
+function outside(scoring) {
+  const words = outsideText(scoring);
+  return words ? h("span", { class: "hint hint-line outside-line" }, "◆ ", formatted(words)) : null;
+}
+
+function peakText(stretch, epsilon) {
+  if (isWithdrawn(stretch)) return "withdrawn";
+  const { peak_risk: risk } = stretch;
+  return risk === null ? "–" : riskText(risk, epsilon);
+}
+
+function same(other, n, recording, stretch, number) {
+  if (other.recording !== recording) return n === number;
+  const { start, end } = other.stretches[n];
+  const overlap = Math.min(end, stretch.end) - Math.max(start, stretch.start);
+  return overlap > 0.5 * Math.min(end - start, stretch.end - stretch.start);
+}
+
+function rowElement(row, scorings) {
+  const first = row.findIndex((n) => n >= 0);
+  const { name, start, end } = scorings[first].stretches[row[first]];
+  const differ = new Set(scorings.map(({ recording }) => recording)).size > 1;
+  return h(
+    "tr",
+    {},
+    h(
+      "th",
+      { scope: "row" },
+      name,
+      differ
+        ? null
+        : h("span", { class: "hint hint-line" }, `${secondsText(start)} to ${secondsText(end)}`),
+    ),
+    row.map((n, k) => cell(scorings[k], n)),
+  );
+}
+
+function cell(scoring, n) {
+  if (n < 0) return h("td", { class: "dim" }, "not scored");
+  const stretch = scoring.stretches[n];
+  const { outcome, validity } = stretch;
+  const { word } = validityWords(stretch);
+  const p =
+    validity.p_value === null || validity.p_value === undefined
+      ? ""
+      : `, p = ${figure(validity.p_value, 2)}`;
+  const lines = [
+    ["lead", leadText(stretch, scoring.lead)],
+    ["first alert", firstAlertText(stretch)],
+    ["peak risk", peakText(stretch, scoring.epsilon)],
+    ["right to speak", `${word}${p}`],
+  ];
+  return h(
+    "td",
+    {},
+    outcomeChip(outcome),
+    h(
+      "dl",
+      { class: "recipe compare-lines" },
+      lines.flatMap(([name, words]) => [h("dt", {}, name), h("dd", {}, words)]),
+    ),
+  );
+}

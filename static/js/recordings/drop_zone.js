@@ -1,0 +1,187 @@
+/**
+ * Where recordings come in: drop files anywhere on the page, or choose them; each with its progress.
+ *
+ * Exports
+ *   createDropZone({aircraft: [name], formats: [title], done}) -> {element, close()}
+ *     done([recording])   all that were on their way have ended, and these came in
+ */
+
+import { reason } from "../lib/api.js";
+import { h } from "../lib/dom.js";
+import { badRowsTable } from "./bad_rows.js";
+import { bytesText } from "./words.js";
+import { sendFile } from "./upload.js";
+import { button } from "../lib/view_states.js";
+
+const LONGEST_NAME = 200;
+
+export function createDropZone({ aircraft, formats, done }) {
+  const input = h("input", {
+    type: "file",
+    multiple: true,
+    class: "visually-hidden",
+    tabindex: -1,
+    "aria-label": "recorded telemetry file",
+    onchange: () => {
+      take([...input.files]);
+      input.value = "";
+    },
+  });
+  const name = h("input", {
+    type: "text",
+    id: "upload-aircraft",
+    list: "known-aircraft",
+    maxlength: LONGEST_NAME,
+    autocomplete: "off",
+    placeholder: "optional, such as PH-LAB",
+  });
+  const known = h(
+    "datalist",
+    { id: "known-aircraft" },
+    aircraft.map((value) => h("option", { value })),
+  );
+  const rows = h("ul", { class: "uploads" });
+  const zone = h(
+    "div",
+    { class: "drop-zone" },
+    h("p", { class: "drop-words" }, "Drop a recording anywhere on this page"),
+    h(
+      "div",
+      { class: "row" },
+      button("Choose a file", () => input.click(), { class: "button button-primary" }),
+      input,
+    ),
+    formats.length ? h("p", { class: "hint" }, `Read: ${formats.join(", ")}`) : null,
+  );
+  const element = h(
+    "section",
+    { class: "panel stack", "aria-label": "Upload" },
+    h(
+      "div",
+      { class: "upload-columns" },
+      zone,
+      h(
+        "div",
+        { class: "field" },
+        h("label", { for: "upload-aircraft" }, "Aircraft"),
+        name,
+        known,
+        h("p", { class: "hint" }, "Its mapping is remembered, and applied the next time."),
+      ),
+    ),
+    rows,
+  );
+  const sending = new Set();
+  let came = [];
+  const handlers = { dragover, dragleave, drop };
+  for (const [event, handler] of Object.entries(handlers)) addEventListener(event, handler);
+
+  function dragover(event) {
+    if (!event.dataTransfer?.types.includes("Files")) return;
+    event.preventDefault();
+    zone.toggleAttribute("data-over", true);
+  }
+
+  function dragleave(event) {
+    if (event.relatedTarget === null) zone.toggleAttribute("data-over", false);
+  }
+
+  function drop(event) {
+    event.preventDefault();
+    zone.toggleAttribute("data-over", false);
+    take([...(event.dataTransfer?.files ?? [])]);
+  }
+
+  function take(files) {
+    for (const file of files) send(file);
+  }
+
+  async function send(file) {
+    const bar = h("progress", {
+      class: "progress",
+      max: 1,
+      value: 0,
+      "aria-label": `sending ${file.name}`,
+    });
+    const words = h("span", { class: "upload-words", role: "status" }, "begins");
+    const stop = button("Cancel", () => upload.cancel(), {
+      class: "button button-small",
+      "aria-label": `Cancel ${file.name}`,
+    });
+    const row = h(
+      "li",
+      { class: "upload", "data-status": "sending" },
+      h("span", { class: "upload-name" }, file.name),
+      words,
+      stop,
+      bar,
+    );
+    rows.append(row);
+    const craft = name.value.trim();
+    const query = new URLSearchParams({
+      name: file.name.slice(-LONGEST_NAME),
+      ...(craft && { aircraft: craft }),
+    });
+    const upload = sendFile(`/recordings?${query}`, file, ({ sent, total, reading }) => {
+      bar.value = total ? sent / total : 0;
+      if (reading) bar.removeAttribute("value");
+      words.textContent = reading
+        ? "sent; the server reads it"
+        : `${bytesText(sent)} of ${bytesText(total)}`;
+    });
+    sending.add(upload);
+    try {
+      const recording = await upload.ended;
+      if (recording) came.push(recording);
+      row.remove();
+    } catch (error) {
+      refuse(row, file, error);
+    }
+    sending.delete(upload);
+    if (sending.size === 0 && came.length) {
+      const finished = came;
+      came = [];
+      done(finished, rows.children.length > 0);
+    }
+  }
+
+  function refuse(row, file, error) {
+    const retry = error.status === 0 || error.status >= 500;
+    const again = () => {
+      row.remove();
+      send(file);
+    };
+    row.dataset.status = "refused";
+    const found = error.problem?.bad_rows ?? [];
+    const parts = [
+      h("span", { class: "upload-name" }, file.name),
+      h(
+        "span",
+        { class: "row" },
+        retry ? button("Try again", again, { class: "button button-small" }) : null,
+        button("Dismiss", () => row.remove(), {
+          class: "button button-small",
+          "aria-label": `Dismiss ${file.name}`,
+        }),
+      ),
+      h("p", { class: "error", role: "alert" }, withoutName(reason(error), file.name)),
+      found.length ? badRowsTable(found) : null,
+    ];
+    row.replaceChildren(...parts.filter(Boolean));
+  }
+
+  return {
+    element,
+    close: () => {
+      for (const [event, handler] of Object.entries(handlers)) removeEventListener(event, handler);
+      for (const upload of sending) upload.cancel();
+    },
+  };
+}
+
+/** The server's sentence, which begins with the name that stands above it already. */
+function withoutName(words, name) {
+  const start = `${name}: `;
+  if (!words.toLowerCase().startsWith(start.toLowerCase())) return words;
+  return words.charAt(start.length).toUpperCase() + words.slice(start.length + 1);
+}

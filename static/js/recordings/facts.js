@@ -1,0 +1,172 @@
+/**
+ * What is known of an uploaded file: its facts, what reading it took, its signals.
+ *
+ * Exports
+ *   recordingFacts(recording, catalog) -> element
+ *   createSignalList({api, recording}) -> element     every signal, each with a plot when asked for
+ */
+
+import { reason } from "../lib/api.js";
+import { badRows } from "./bad_rows.js";
+import { h } from "../lib/dom.js";
+import { createMiniPlot } from "../charts/mini_plot.js";
+import { nameParts } from "./mapping/signal_select.js";
+import { formatTitle } from "./list.js";
+import { bytesText, durationText } from "./words.js";
+import { button } from "../lib/view_states.js";
+import { figure, moment } from "../lib/words.js";
+
+const SHOWN = 100; // signals listed at first
+
+export function recordingFacts(recording, catalog) {
+  const { contents } = recording;
+  const rows = contents.groups.reduce((sum, group) => sum + group.n_rows, 0);
+  const entries = [
+    ["Aircraft", recording.aircraft ?? "not said"],
+    ["Format", formatTitle(catalog, recording.format)],
+    ["Size", bytesText(recording.size)],
+    ["Length", durationText(recording.duration ?? NaN)],
+    ["Samples", rows.toLocaleString("en")],
+    ["Rate", ratesOf(contents.groups)],
+    ["Signals", contents.signals.length.toLocaleString("en")],
+    ["Begins", contents.start ? moment(contents.start) : "not said"],
+    ["Uploaded", moment(recording.created)],
+  ];
+  const twin = recording.same_as
+    ? h(
+        "p",
+        {},
+        "The same bytes were uploaded before: ",
+        h("a", { href: `#/recordings/${recording.same_as}` }, "the earlier recording"),
+        ".",
+      )
+    : null;
+  const remarks = [...contents.notes, ...contents.ignored.map((words) => `Left out: ${words}`)];
+  return h(
+    "section",
+    { class: "panel stack-tight", "aria-label": "File" },
+    h(
+      "dl",
+      { class: "facts" },
+      entries.map(([name, value]) => h("div", {}, h("dt", {}, name), h("dd", {}, value))),
+    ),
+    h("p", { class: "dim" }, "SHA-256 ", h("span", { class: "hash" }, recording.digest)),
+    twin,
+    remarks.length
+      ? h(
+          "ul",
+          { class: "sentences" },
+          remarks.map((words) => h("li", {}, words)),
+        )
+      : null,
+    badRows(recording.bad_rows),
+  );
+}
+
+function ratesOf(groups) {
+  const rates = groups.map(({ rate }) => rate).filter(Number.isFinite);
+  if (!rates.length) return "–";
+  const [least, most] = [Math.min(...rates), Math.max(...rates)].map((rate) => figure(rate));
+  return least === most ? `${least} Hz` : `${least} to ${most} Hz`;
+}
+
+export function createSignalList({ api, recording }) {
+  const { signals, groups } = recording.contents;
+  const body = h("tbody", {});
+  const filter = h("input", {
+    type: "search",
+    "aria-label": "find a signal",
+    placeholder: "find a signal",
+    oninput: list,
+  });
+  const more = h("p", { class: "hint" });
+  list();
+  const heads = ["Signal", "Unit", "Values", "Missing", "Least", "Greatest", "Mean", "Plot"];
+  return h(
+    "details",
+    { class: "panel fold signal-list" },
+    h("summary", {}, `all ${signals.length} signals of the file`),
+    signals.length > 12 ? h("div", { class: "field" }, filter) : null,
+    h(
+      "div",
+      { class: "table-scroll" },
+      h(
+        "table",
+        { class: "table" },
+        h(
+          "thead",
+          {},
+          h(
+            "tr",
+            {},
+            heads.map((words, k) =>
+              h("th", { scope: "col", class: k > 1 && k < 7 ? "number" : null }, words),
+            ),
+          ),
+        ),
+        body,
+      ),
+    ),
+    more,
+  );
+
+  function list() {
+    const wanted = filter.value.trim().toLowerCase();
+    const fits = signals
+      .map((signal, number) => ({ ...signal, number }))
+      .filter(({ name, description }) => `${name} ${description}`.toLowerCase().includes(wanted));
+    body.replaceChildren(...fits.slice(0, SHOWN).map(row));
+    more.textContent =
+      fits.length > SHOWN
+        ? `The first ${SHOWN} of ${fits.length}: type a part of the name to find others.`
+        : "";
+  }
+
+  function row({ name, unit, group, description, n, missing, min, max, mean, number }) {
+    const place = h(
+      "td",
+      {},
+      button("Show", () => draw(place, name, number), {
+        class: "button button-small",
+        "aria-label": `Show ${name}`,
+      }),
+    );
+    const [own, of] = nameParts(name, groups.length > 1 ? groups[group].name : "");
+    return h(
+      "tr",
+      {},
+      h(
+        "th",
+        { scope: "row" },
+        own,
+        h(
+          "span",
+          { class: "hint" },
+          [of, description]
+            .filter(Boolean)
+            .map((words) => ` ${words}`)
+            .join(","),
+        ),
+      ),
+      h("td", {}, unit),
+      h("td", { class: "number" }, n.toLocaleString("en")),
+      h("td", { class: "number" }, missing ? missing.toLocaleString("en") : "none"),
+      [min, max, mean].map((value) => h("td", { class: "number" }, figure(value, 4))),
+      place,
+    );
+  }
+
+  async function draw(place, name, number) {
+    const plot = createMiniPlot(name);
+    try {
+      const { low, high, unit, rows } = await api.get(
+        `/recordings/${recording.id}/signals/${number}/preview`,
+      );
+      const { min, max } = signals[number];
+      plot.show({ t: low.map((_, k) => k * rows), low, high, unit, min, max });
+      place.replaceChildren(plot.element);
+    } catch (error) {
+      place.replaceChildren(h("span", { class: "error" }, reason(error)));
+    }
+  }
+}

@@ -1,0 +1,20 @@
+/**
+ * The Recordings page: the list and the place to drop a file; #/recordings/{id} is one recording,
+ * ?scoring={sid} what a monitor said of it, ?compare={sid},{rid}:{sid} several of those side by side.
+ *
+ * Exports  show(element, {id, query, api, navigate}) -> {close()}
+ */
+
+import { showComparedScorings } from "./compare/index.js";
+import { showRecordings } from "./list.js";
+import { showRecording } from "./page.js";
+import { showScoring } from "./scoring/page.js";
+
+export function show(element, context) {
+  const query = context.query ?? new URLSearchParams();
+  const given = { ...context, query };
+  if (!context.id) return showRecordings(element, given);
+  if (query.get("scoring")) return showScoring(element, given);
+  if (query.get("compare")) return showComparedScorings(element, given);
+  return showRecording(element, given);
+}

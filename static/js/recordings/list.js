@@ -1,0 +1,120 @@
+/** All recordings, and the place where new ones come in. Exports  showRecordings(element, context). */
+
+import { h } from "../lib/dom.js";
+import { createDropZone } from "./drop_zone.js";
+import { bytesText, durationText, MAPPING_STATES } from "./words.js";
+import { lively } from "../lib/view_life.js";
+import { button, confirmed, empty, pageOf } from "../lib/view_states.js";
+import { loadCatalog, moment } from "../lib/words.js";
+
+export function showRecordings(element, { api, navigate }) {
+  return lively(element, { title: "Recordings", text: "Looking up the recordings", build });
+
+  async function build({ keep }) {
+    const [catalog, recordings] = await Promise.all([loadCatalog(api), api.get("/recordings")]);
+    const formats = catalog.telemetry.formats;
+    const aircraft = [...new Set(recordings.map((one) => one.aircraft).filter(Boolean))].sort();
+    const list = h("div", {}, listOf(recordings));
+    const zone = keep(
+      createDropZone({ aircraft, formats: formats.map(formatWords), done: arrived }),
+    );
+    return pageOf("Recordings", [], zone.element, list);
+
+    async function arrived(came, othersFailed) {
+      if (came.length === 1 && !othersFailed) navigate(`#/recordings/${came[0].id}`);
+      else list.replaceChildren(listOf(await api.get("/recordings")));
+    }
+
+    function listOf(all) {
+      if (all.length) return table(all, catalog, remove);
+      return empty(
+        "No recording yet",
+        "A recording is a file of telemetry from any recorder. Drop one above: its signals are found by name and by value, you check them, and any monitor then says what it would have said.",
+      );
+    }
+
+    function remove({ id, name, n_scorings: scorings }) {
+      const also = scorings ? `, its ${scorings} ${scorings === 1 ? "scoring" : "scorings"}` : "";
+      confirmed(
+        `Delete the recording “${name}”?`,
+        `The file${also} and its notes go with it, for good.`,
+        "Delete it",
+        async () => {
+          await api.delete(`/recordings/${id}`);
+          list.replaceChildren(listOf(await api.get("/recordings")));
+        },
+      );
+    }
+  }
+}
+
+function table(recordings, catalog, remove) {
+  const heads = [
+    ["Name"],
+    ["Aircraft"],
+    ["Length", 1],
+    ["Format"],
+    ["Size", 1],
+    ["Mapping"],
+    ["Scorings", 1],
+    ["Uploaded"],
+  ];
+  const rows = recordings.map((one) => {
+    const { word, level, text } = MAPPING_STATES[one.mapping_state] ?? {};
+    return h(
+      "tr",
+      {},
+      h("th", { scope: "row" }, h("a", { href: `#/recordings/${one.id}` }, one.name)),
+      h(
+        "td",
+        { class: "nowrap", "data-label": "Aircraft" },
+        one.aircraft ?? h("span", { class: "dim" }, "not said"),
+      ),
+      h("td", { class: "number", "data-label": "Length" }, durationText(one.duration)),
+      h("td", { "data-label": "Format" }, formatTitle(catalog, one.format)),
+      h("td", { class: "number", "data-label": "Size" }, bytesText(one.size)),
+      h(
+        "td",
+        { "data-label": "Mapping" },
+        h("span", { class: "chip", "data-level": level, title: text }, word),
+      ),
+      h("td", { class: "number", "data-label": "Scorings" }, one.n_scorings),
+      h("td", { class: "dim", "data-label": "Uploaded" }, moment(one.created)),
+      h(
+        "td",
+        {},
+        button("Delete", () => remove(one), {
+          class: "button button-small",
+          "aria-label": `Delete ${one.name}`,
+        }),
+      ),
+    );
+  });
+  const head = h(
+    "tr",
+    {},
+    heads.map(([words, isNumber]) =>
+      h("th", { scope: "col", class: isNumber ? "number" : null }, words),
+    ),
+    h("th", { scope: "col" }, h("span", { class: "visually-hidden" }, "Delete it")),
+  );
+  return h(
+    "div",
+    { class: "table-scroll panel" },
+    h(
+      "table",
+      { class: "table table-cards recording-table" },
+      h("thead", {}, head),
+      h("tbody", {}, rows),
+    ),
+  );
+}
+
+export function formatTitle(catalog, key) {
+  return catalog.telemetry.formats.find((one) => one.key === key)?.title ?? key;
+}
+
+function formatWords({ title, installed, experimental }) {
+  if (!installed) return `${title} (not installed)`;
+  return experimental ? `${title} (experimental)` : title;
+}

@@ -1,0 +1,32 @@
+/**
+ * Whether a scoring was made by another mapping than the recording has now.
+ *
+ * Exports
+ *   earlierMapping(scoring, mapping) -> chip | null     mapping: the recording's present one
+ *   changedChannels(before, now) -> [key]               "time" where a clock differs
+ */
+
+import { h } from "../../lib/dom.js";
+
+const PLAIN = { signal: "", unit: "", sign: 1, offset: 0, derivation: "" };
+
+export function earlierMapping({ mapping, channels }, now) {
+  const changed = changedChannels(mapping, now);
+  if (!changed.length) return null;
+  const names = changed.map((key) => channels.find((one) => one.key === key)?.label ?? key);
+  const title = `The recording's mapping was changed since, in ${names.join(", ")}. Score it again to compare.`;
+  return h("span", { class: "chip", "data-level": "caution", title }, "◆ earlier mapping");
+}
+
+export function changedChannels(before, now) {
+  if (!before || !now) return [];
+  const changed = differing(before.channels, now.channels, (source) => source && { ...PLAIN, ...source });
+  const clocks = differing(before.times, now.times, (source) => source);
+  return clocks.length ? [...changed, "time"] : changed;
+}
+
+function differing(before = {}, now = {}, plain) {
+  const keys = [...new Set([...Object.keys(before), ...Object.keys(now)])];
+  const text = (source) => JSON.stringify(Object.entries(plain(source ?? null) ?? {}).sort());
+  return keys.filter((key) => text(before[key]) !== text(now[key]));
+}

@@ -1,0 +1,171 @@
+/**
+ * One channel of a mapping: which signal it is, in which unit, with what sign and offset.
+ *
+ * Exports
+ *   createMappingRow({target, source, contents, guess, likely, derivable, state, changed}) -> MappingRow
+ *     target: of the catalog.   source: as the mapping has it, or null.   state: of the whole mapping
+ *   MappingRow
+ *     element, key, read() -> source | null, show(tiles | null, [sentence that speaks against it])
+ */
+
+import { confidence } from "./confidence.js";
+import { formatted, h } from "../../lib/dom.js";
+import { createMiniPlot } from "../../charts/mini_plot.js";
+import { createSignalSelect } from "./signal_select.js";
+import { button } from "../../lib/view_states.js";
+
+const PLAIN = { signal: "", unit: "", sign: 1, offset: 0, derivation: "" };
+const NEVER_MEASURED = "not in this file";
+
+export function createMappingRow({
+  target,
+  source,
+  contents,
+  guess,
+  likely,
+  derivable,
+  state,
+  needed,
+  changed,
+}) {
+  const { key, symbol, label, unit } = target;
+  let now = source ? { ...PLAIN, ...source } : null;
+  let edited = false;
+  const name = `${label} ${symbol}`;
+  const plot = createMiniPlot(name);
+  const signal = createSignalSelect({
+    id: `map-${key}`,
+    label: `signal of ${name}`,
+    ...contents,
+    likely,
+    derivable,
+    none: NEVER_MEASURED,
+    chosen: chosenOf(now),
+    changed: choose,
+  });
+  const units = h("select", {
+    "aria-label": `unit of ${name}`,
+    onchange: () => edit({ unit: units.value }),
+  });
+  const sign = button("", () => edit({ sign: -now.sign }), { class: "button button-small sign" });
+  const offset = h("input", {
+    type: "number",
+    step: "any",
+    "aria-label": `offset of ${name} in ${unit}`,
+    oninput: () => Number.isFinite(offset.valueAsNumber) && edit({ offset: offset.valueAsNumber }),
+  });
+  const verdict = h("div", { class: "map-verdict" });
+  const against = h("ul", { class: "map-doubts", role: "status" });
+  const cell = (part, words, ...content) =>
+    h(
+      "div",
+      { class: `map-cell map-${part}` },
+      words ? h("span", { class: "map-label" }, words) : null,
+      content,
+    );
+  const element = h(
+    "li",
+    { class: "map-row", "data-key": key },
+    h(
+      "div",
+      { class: "map-cell map-channel" },
+      h("span", { class: "map-symbol" }, formatted(symbol)),
+      h("span", {}, label, h("span", { class: "unit" }, ` [${unit}]`)),
+    ),
+    cell("signal", "signal", signal),
+    cell("unit", "unit", units),
+    cell("sign", "sign", sign),
+    cell("offset", `offset [${unit}]`, offset),
+    cell("confidence", "", verdict, against),
+    cell("plot", "", plot.element),
+  );
+  render();
+
+  function choose(value) {
+    if (value === "") now = null;
+    else if (value.startsWith("derive:")) now = { ...PLAIN, derivation: value.slice(7) };
+    else {
+      const named = value.slice(7);
+      const { unit: said } = contents.signals.find((one) => one.name === named) ?? {};
+      now = { ...PLAIN, signal: named, unit: said || now?.unit || target.units[0] };
+    }
+    signal.value = value;
+    edit({});
+  }
+
+  function edit(change) {
+    if (now) now = { ...now, ...change };
+    edited = true;
+    render();
+    changed();
+  }
+
+  function render() {
+    const measured = now !== null && now.signal !== "";
+    const given = measured ? now.unit : unit;
+    const offered = [...new Set([...target.units, given].filter(Boolean))];
+    units.replaceChildren(...offered.map((one) => h("option", { value: one }, one)));
+    units.value = given;
+    units.disabled = !measured;
+    sign.disabled = offset.disabled = now === null;
+    const reversed = now?.sign === -1;
+    sign.textContent = reversed ? "−" : "+";
+    sign.setAttribute("aria-pressed", String(reversed));
+    sign.setAttribute(
+      "aria-label",
+      `sign of ${name}: ${reversed ? "reversed" : "as recorded"}. Press to change.`,
+    );
+    if (document.activeElement !== offset) offset.value = now?.offset ?? "";
+    element.dataset.source = now === null ? "none" : now.derivation ? "derived" : "measured";
+    verdict.replaceChildren(...verdictOf());
+  }
+
+  function verdictOf() {
+    if (now === null) return missingWords();
+    if (now.derivation) {
+      const { title = now.derivation, needs = [] } =
+        derivable.find((one) => one.key === now.derivation) ?? {};
+      const from = needs.length ? ` (needs ${needs.join(", ")})` : "";
+      return [chip("◆ DERIVED", "caution"), h("span", { class: "hint" }, `${title}${from}`)];
+    }
+    if (edited) return [h("span", { class: "dim" }, "set by you")];
+    if (state === "confirmed") return [chip("✓ confirmed", "ok")];
+    return guess ? [confidence(guess)] : [];
+  }
+
+  function missingWords() {
+    const why = guess?.reasons.length
+      ? h("span", { class: "hint" }, guess.reasons.join("; "))
+      : null;
+    const offers = derivable.map((one) =>
+      button(`Derive it: ${one.title}`, () => choose(`derive:${one.key}`), {
+        class: "button button-small",
+      }),
+    );
+    if (!needed && !offers.length) return [h("span", { class: "dim" }, "not mapped")];
+    return [needed ? chip("◆ MISSING", "caution") : null, needed ? why : null, ...offers].filter(
+      Boolean,
+    );
+  }
+
+  return {
+    key,
+    element,
+    read: () => now,
+    show(tiles, doubts = []) {
+      plot.show(now === null ? null : (tiles ?? { min: NaN }));
+      const words = doubts.map((one) => h("li", {}, chip("◆ CHECK", "caution"), ` ${one}`));
+      against.replaceChildren(...words);
+      against.hidden = words.length === 0;
+    },
+  };
+}
+
+function chosenOf(source) {
+  if (source === null) return "";
+  return source.derivation ? `derive:${source.derivation}` : `signal:${source.signal}`;
+}
+
+function chip(words, level) {
+  return h("span", { class: "chip", "data-level": level }, words);
+}

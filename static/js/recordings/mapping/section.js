@@ -1,0 +1,154 @@
+/**
+ * The mapping of a recording: the table, what is wrong with it, and the way to confirm it.
+ *
+ * Exports
+ *   createMappingSection({api, catalog, recording, known, bins, previewed, confirmed})
+ *       -> {element, close()}
+ *     known: names of aircraft.   bins: of the preview
+ *     previewed({channels, quality, problem}, edited)   at first, and after each correction
+ *     confirmed(recording)                      as the server has it then
+ */
+
+import { reason } from "../../lib/api.js";
+import { h } from "../../lib/dom.js";
+import { createMappingTable } from "./table.js";
+import { MAPPING_STATES } from "../words.js";
+import { button } from "../../lib/view_states.js";
+
+const REST = 250; // ms that a correction must rest before it is tried
+
+export function createMappingSection({
+  api,
+  catalog,
+  recording,
+  known,
+  bins,
+  previewed,
+  confirmed,
+}) {
+  const path = `/recordings/${recording.id}`;
+  let timer = 0;
+  let turn = 0;
+  let closed = false;
+  const table = createMappingTable({ catalog, recording, changed: later });
+  const problem = h("p", { class: "error", role: "alert", hidden: true });
+  const aircraft = h("input", {
+    type: "text",
+    id: "map-aircraft",
+    list: "map-known-aircraft",
+    maxlength: 200,
+    autocomplete: "off",
+    value: recording.aircraft ?? "",
+    oninput: adapt,
+  });
+  const remember = h("input", { type: "checkbox", id: "map-remember", checked: true });
+  const rememberWords = h("span", {});
+  const again = recording.mapping_state === "confirmed";
+  const confirm = button(again ? "Confirm the change" : "Confirm the mapping", put, {
+    class: "button button-primary",
+  });
+  const { word, level, text } = MAPPING_STATES[recording.mapping_state];
+  let edited = false;
+  const element = h(
+    "details",
+    { class: "panel stack mapping", open: !again },
+    h(
+      "summary",
+      { class: "step-title" },
+      h("h2", { class: "panel-title" }, "Mapping"),
+      h("span", { class: "chip", "data-level": level }, word),
+      h("span", { class: "dim" }, summaryOf(recording, text, catalog)),
+    ),
+    table.element,
+    problem,
+    h(
+      "div",
+      { class: "row map-end" },
+      h("label", { for: "map-aircraft" }, "Aircraft"),
+      h(
+        "div",
+        { class: "field" },
+        aircraft,
+        h(
+          "datalist",
+          { id: "map-known-aircraft" },
+          known.map((value) => h("option", { value })),
+        ),
+      ),
+      h("label", { class: "radio" }, remember, rememberWords),
+      h("span", { class: "spread" }, confirm),
+    ),
+  );
+  adapt();
+  preview(table.read());
+
+  function adapt() {
+    const name = aircraft.value.trim();
+    remember.disabled = !name;
+    rememberWords.textContent = name
+      ? `Remember it for ${name}`
+      : "Not remembered: name the aircraft to have it proposed next time";
+  }
+
+  function later(mapping) {
+    edited = true;
+    clearTimeout(timer);
+    timer = setTimeout(() => preview(mapping), REST);
+  }
+
+  async function preview(mapping) {
+    const mine = ++turn;
+    try {
+      const answer = await api.post(`${path}/preview`, { mapping, bins });
+      if (mine !== turn || closed) return;
+      table.show(answer.channels, answer.doubts);
+      tell(answer.problem);
+      previewed(answer, edited);
+    } catch (error) {
+      if (mine === turn && !closed) tell(reason(error));
+    }
+  }
+
+  function tell(words) {
+    problem.textContent = words ?? "";
+    problem.hidden = !words;
+    confirm.disabled = Boolean(words);
+  }
+
+  async function put() {
+    clearTimeout(timer);
+    confirm.disabled = true;
+    try {
+      const name = aircraft.value.trim();
+      const body = {
+        mapping: table.read(),
+        remember: remember.checked && !remember.disabled,
+        ...(name && { aircraft: name }),
+      };
+      confirmed(await api.put(`${path}/mapping`, body));
+    } catch (error) {
+      tell(reason(error));
+      confirm.disabled = false;
+    }
+  }
+
+  return {
+    element,
+    close: () => {
+      closed = true;
+      clearTimeout(timer);
+    },
+  };
+}
+
+function summaryOf({ mapping, missing }, text, catalog) {
+  const sources = Object.values(mapping.channels);
+  const derived = sources.filter(({ derivation }) => derivation).length;
+  const parts = [text, `${sources.length} channels`];
+  if (derived) parts.push(`${derived} derived`);
+  const labels = catalog.channels
+    .filter(({ key }) => missing.includes(key))
+    .map(({ label }) => label);
+  if (labels.length) parts.push(`without ${labels.join(", ")}`);
+  return parts.filter(Boolean).join(", ");
+}

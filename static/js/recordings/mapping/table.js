@@ -1,0 +1,128 @@
+/**
+ * Which signal of a file is which channel: proposed, corrected with a preview of the data beside it.
+ *
+ * Exports
+ *   createMappingTable({catalog, recording, changed}) -> {element, read() -> mapping, show(channels, doubts)}
+ *     changed(mapping)   after each correction.   channels: {key: tiles} of a preview.
+ *     doubts: {key: [sentence]}
+ */
+
+import { h } from "../../lib/dom.js";
+import { createMappingRow } from "./row.js";
+import { createTimeRows } from "./time_rows.js";
+
+const HEADS = [
+  ["channel", "Channel"],
+  ["signal", "Signal in the file"],
+  ["unit", "Unit"],
+  ["sign", "Sign"],
+  ["offset", "Less an offset"],
+  ["confidence", "How sure"],
+  ["plot", "The data, so mapped"],
+];
+
+export function createMappingTable({ catalog, recording, changed }) {
+  const { mapping, contents, guesses, alternatives, derivable } = recording;
+  const measured = new Set(catalog.channels.map(({ key }) => key));
+  const time = createTimeRows({
+    times: mapping.times,
+    contents,
+    guesses,
+    units: catalog.telemetry.time_units,
+    changed: tell,
+  });
+  const rows = catalog.telemetry.targets.map((target) =>
+    createMappingRow({
+      target,
+      source: mapping.channels[target.key] ?? null,
+      contents,
+      guess: guesses[target.key],
+      likely: alternatives[target.key] ?? [],
+      derivable: derivable[target.key] ?? [],
+      state: recording.mapping_state,
+      needed: recording.missing.includes(target.key),
+      changed: tell,
+    }),
+  );
+  const main = rows.filter(({ key }) => measured.has(key));
+  const others = rows.filter(({ key }) => !measured.has(key));
+  const mapped = others.filter((row) => row.read() !== null);
+  const more = h(
+    "ul",
+    { class: "map-rows" },
+    mapped.map((row) => row.element),
+  );
+  const another = h(
+    "select",
+    { class: "map-another", "aria-label": "map another quantity", onchange: addAnother },
+    h("option", { value: "" }, "Map another quantity"),
+    catalog.telemetry.targets
+      .filter(({ key }) => others.some((row) => row.key === key && !mapped.includes(row)))
+      .map(({ key, label }) => h("option", { value: key }, label)),
+  );
+  const head = h(
+    "div",
+    { class: "map-head", "aria-hidden": true },
+    HEADS.map(([part, words]) => h("span", { class: `map-${part}` }, words)),
+  );
+  const element = h(
+    "div",
+    { class: "map-table" },
+    head,
+    time.element,
+    h(
+      "ul",
+      { class: "map-rows" },
+      main.map((row) => row.element),
+    ),
+    h(
+      "details",
+      { class: "fold map-more", open: recording.mapping_state !== "confirmed" },
+      h("summary", {}, `attitude, airspeed, altitude and the like: ${mapped.length} mapped`),
+      h(
+        "p",
+        { class: "hint" },
+        "Attitude turns the aircraft in the scene, airspeed is checked against the monitor's flight condition, and missing channels can be derived from such quantities.",
+      ),
+      more,
+      h("div", { class: "row map-add" }, another),
+    ),
+  );
+  show({});
+
+  function addAnother() {
+    const row = others.find(({ key }) => key === another.value);
+    if (!row) return;
+    another.selectedOptions[0].remove();
+    another.value = "";
+    more.append(row.element);
+    row.element.querySelector("select").focus();
+  }
+
+  function read() {
+    const channels = rows
+      .map((row) => [row.key, row.read()])
+      .filter(([, source]) => source !== null);
+    return { channels: Object.fromEntries(channels), times: time.read() };
+  }
+
+  function tell() {
+    changed(read());
+  }
+
+  function show(channels, doubts = {}) {
+    for (const row of rows) row.show(channels[row.key], doubts[row.key]);
+    const groups = rows
+      .map((row) => row.read()?.signal)
+      .filter(Boolean)
+      .map(groupOf);
+    time.show(new Set(groups));
+  }
+
+  function groupOf(name) {
+    const signal = contents.signals.find((one) => one.name === name);
+    return contents.groups[signal?.group ?? 0]?.name;
+  }
+
+  return { element, read, show };
+}

@@ -1,0 +1,92 @@
+/**
+ * Which signal is the time: one row for each group of signals that a mapping uses.
+ *
+ * Exports
+ *   createTimeRows({times, contents, guesses, units, changed}) -> {element, read(), show(used)}
+ *     times: of the mapping.   units: that times come in.   used: Set of group names
+ */
+
+import { confidence } from "./confidence.js";
+import { h } from "../../lib/dom.js";
+import { createSignalSelect } from "./signal_select.js";
+
+export function createTimeRows({ times, contents, guesses, units, changed }) {
+  const now = structuredClone(times);
+  const edited = new Set();
+  const rows = new Map(contents.groups.map((group, number) => [group.name, rowOf(group, number)]));
+  const element = h("ul", { class: "map-rows time-rows" }, [...rows.values()]);
+
+  function rowOf({ name: group, n_rows: n, rate }, number) {
+    const ofGroup = contents.signals.filter((signal) => signal.group === number);
+    const words = group ? `time of ${group}` : "time";
+    const guess = guesses[`t:${group}`];
+    const verdict = h("div", { class: "map-verdict" });
+    const select = createSignalSelect({
+      id: `map-time-${number}`,
+      label: `signal of ${words}`,
+      signals: ofGroup,
+      groups: [],
+      likely: [],
+      derivable: [],
+      none: "choose one",
+      chosen: now[group] ? `signal:${now[group].signal}` : "",
+      changed: (value) => {
+        if (value) now[group] = { signal: value.slice(7), unit: now[group]?.unit ?? "s" };
+        else delete now[group];
+        change();
+      },
+    });
+    const unit = h(
+      "select",
+      {
+        "aria-label": `unit of ${words}`,
+        onchange: () => {
+          if (now[group]) now[group].unit = unit.value;
+          change();
+        },
+      },
+      [...new Set([...units, now[group]?.unit].filter(Boolean))].map((one) =>
+        h("option", { value: one }, one),
+      ),
+    );
+    unit.value = now[group]?.unit ?? "s";
+    const say = () => {
+      if (edited.has(group)) verdict.replaceChildren(h("span", { class: "dim" }, "set by you"));
+      else if (guess) verdict.replaceChildren(confidence(guess));
+    };
+    const change = () => {
+      edited.add(group);
+      say();
+      changed();
+    };
+    say();
+    const rateWords = `${n.toLocaleString("en")} samples${rate ? ` at ${Number(rate.toPrecision(4))} Hz` : ""}`;
+    return h(
+      "li",
+      { class: "map-row map-time", "data-group": group },
+      h(
+        "div",
+        { class: "map-cell map-channel" },
+        h("span", { class: "map-symbol" }, h("span", { class: "symbol" }, "t")),
+        h("span", {}, words),
+      ),
+      h(
+        "div",
+        { class: "map-cell map-signal" },
+        h("span", { class: "map-label" }, "signal"),
+        select,
+      ),
+      h("div", { class: "map-cell map-unit" }, h("span", { class: "map-label" }, "unit"), unit),
+      h("div", { class: "map-cell map-confidence" }, verdict),
+      h("div", { class: "map-cell map-plot dim" }, rateWords),
+    );
+  }
+
+  return {
+    element,
+    read: () => now,
+    show: (used) => {
+      for (const [group, row] of rows) row.hidden = rows.size > 1 && !used.has(group);
+    },
+  };
+}

@@ -1,0 +1,129 @@
+/**
+ * Markers and notes that people put on a recording: at the cursor, or from A to B.
+ *
+ * Exports
+ *   createNotesPanel({api, recording, place, go, changed}) -> {element, load(), quick(), moved()}
+ *     place() -> {t, end | null} | null    where the chart's cursors are.   go(t)
+ *     changed([marker])    after each change.   quick(): a marker at the cursor, without words
+ *     moved(): the cursors are elsewhere now
+ *   laneOfMarkers(markers, row) -> [item]    for a chart's lane
+ */
+
+import { reason } from "../lib/api.js";
+import { h } from "../lib/dom.js";
+import { createNoteList, noteSign } from "./note_list.js";
+import { put } from "../lib/panel_states.js";
+import { secondsText } from "./words.js";
+import { button } from "../lib/view_states.js";
+
+export function createNotesPanel({ api, recording, place, go, changed }) {
+  const path = `/recordings/${recording}/markers`;
+  let markers = [];
+  const list = createNoteList({ go, save, remove });
+  const text = h("input", {
+    type: "text",
+    maxlength: 2000,
+    "aria-label": "text of the note",
+    placeholder: "what happened here?",
+  });
+  const where = h("span", { class: "hint" });
+  const add = h("button", { class: "button button-small", type: "submit" }, "Add the note");
+  const flag = button("Set a marker", quick, {
+    class: "button button-small",
+    title: "A marker without words (key M on the strips)",
+  });
+  const said = h("p", { class: "error", role: "alert", hidden: true });
+  const element = h(
+    "section",
+    { class: "event-panel notes-panel", "aria-label": "Notes" },
+    h("h2", { class: "event-title" }, "Notes and markers"),
+    h(
+      "form",
+      { class: "note-form", onsubmit: send, "aria-label": "Add a note" },
+      h("div", { class: "field" }, text),
+      h("div", { class: "row" }, add, flag, where),
+    ),
+    said,
+    list.element,
+  );
+  moved();
+
+  function moved() {
+    const at = place();
+    put(where, at === null ? "click on the strips first: the note stands there" : words(at));
+    add.disabled = flag.disabled = at === null;
+  }
+
+  function words({ t, end }) {
+    return end === null ? `at ${secondsText(t)}` : `${secondsText(t)} to ${secondsText(end)}`;
+  }
+
+  async function send(event) {
+    event.preventDefault();
+    const said = text.value.trim();
+    if (!said) text.focus();
+    else if (await create({ ...place(), text: said, kind: "note" })) text.value = "";
+  }
+
+  function quick() {
+    if (place() === null) return;
+    const n = markers.filter(({ kind }) => kind === "marker").length + 1;
+    create({ ...place(), text: `marker ${n}`, kind: "marker" });
+  }
+
+  function load() {
+    return attempt(async () => take(await api.get(path)));
+  }
+
+  function create(marker) {
+    return attempt(async () => take([...markers, await api.post(path, marker)]));
+  }
+
+  function save({ id, t, end, kind }, text) {
+    return attempt(async () => {
+      const kept = await api.put(`${path}/${id}`, { t, end, kind, text });
+      take(markers.map((one) => (one.id === id ? kept : one)));
+    });
+  }
+
+  function remove({ id }) {
+    return attempt(async () => {
+      await api.delete(`${path}/${id}`);
+      take(markers.filter((one) => one.id !== id));
+    });
+  }
+
+  async function attempt(act) {
+    said.hidden = true;
+    try {
+      await act();
+      return true;
+    } catch (error) {
+      said.textContent = reason(error);
+      said.hidden = false;
+      return false;
+    }
+  }
+
+  function take(given) {
+    markers = [...given].sort((one, other) => one.t - other.t);
+    list.show(markers);
+    changed(markers);
+  }
+
+  return { element, load, quick, moved };
+}
+
+export function laneOfMarkers(markers, row) {
+  return markers.map(({ id, t, end, text, kind }) => ({
+    id: `marker-${id}`,
+    t,
+    row,
+    start: t,
+    end,
+    text,
+    mark: noteSign(kind),
+    level: "plain",
+    title: `${kind}, ${secondsText(t)}: ${text}`,
+  }));
+}

@@ -1,0 +1,118 @@
+/**
+ * One recording: its file, which signal is which channel, how good the data are, what was said of it.
+ * Exports  showRecording(element, context).
+ */
+
+import { h } from "../lib/dom.js";
+import { createMappingSection } from "./mapping/section.js";
+import { createQualityStrip } from "./quality_strip.js";
+import { createSignalList, recordingFacts } from "./facts.js";
+import { previewTiles } from "../charts/recorded/preview_tiles.js";
+import { createScoreForm } from "./scoring/form.js";
+import { createScoringList } from "./scoring/list.js";
+import { lively } from "../lib/view_life.js";
+import { button, confirmed, link, pageOf } from "../lib/view_states.js";
+import { loadCatalog } from "../lib/words.js";
+
+const ROW_BINS = 120; // of the small plots
+const CHART_BINS = 1600; // where manoeuvres are looked for too
+
+export function showRecording(element, { id, api, navigate }) {
+  let next = false; // the mapping was just confirmed: go on with what comes next
+  return lively(element, { title: "Recording", text: "Opening the recording", build });
+
+  async function build({ keep, again }) {
+    const [catalog, recording, scorings, monitors, all] = await Promise.all([
+      loadCatalog(api),
+      api.get(`/recordings/${id}`),
+      api.get(`/recordings/${id}/scorings`),
+      api.get("/monitors"),
+      api.get("/recordings"),
+    ]);
+    const ready = recording.mapping_state === "confirmed" && !recording.problem;
+    const known = [...new Set(all.map((one) => one.aircraft).filter(Boolean))].sort();
+    const quality = createQualityStrip();
+    quality.show(recording.quality, null);
+    const used = new Set(scorings.map(({ monitor }) => monitor));
+    const form = ready
+      ? keep(createScoreForm({ api, catalog, recording, monitors, used, scored }))
+      : null;
+    const mapping = keep(
+      createMappingSection({
+        api,
+        catalog,
+        recording,
+        known,
+        bins: ready ? CHART_BINS : ROW_BINS,
+        previewed,
+        confirmed: () => {
+          next = true;
+          again();
+        },
+      }),
+    );
+    const list = h("div", { class: "scorings" });
+    fill(scorings);
+    if (form && next) requestAnimationFrame(() => form.begin());
+    next = false;
+    const actions = [
+      link("All recordings", "#/recordings"),
+      button("Delete", () => remove(recording), { class: "button button-danger" }),
+    ];
+    return pageOf(
+      recording.name,
+      actions,
+      recordingFacts(recording, catalog),
+      list,
+      mapping.element,
+      quality.element,
+      form?.element ?? waiting(),
+      createSignalList({ api, recording }),
+    );
+
+    function previewed({ channels, quality: measured, problem }, edited) {
+      const range = previewTiles(channels);
+      quality.show(problem ? null : measured, range);
+      if (range) form?.show(channels);
+      if (edited) form?.hold();
+    }
+
+    async function scored(made, someFailed) {
+      if (made.length === 1 && !someFailed) navigate(`#/recordings/${id}?scoring=${made[0].id}`);
+      else if (!someFailed) again();
+      else fill(await api.get(`/recordings/${id}/scorings`));
+    }
+
+    function fill(found) {
+      const shown = createScoringList({
+        api,
+        recording,
+        scorings: found,
+        changed: again,
+        navigate,
+      });
+      list.replaceChildren(...(shown ? [shown] : []));
+    }
+  }
+
+  function remove({ name }) {
+    confirmed(
+      `Delete the recording “${name}”?`,
+      "The file, its scorings and its notes go with it, for good.",
+      "Delete it",
+      async () => {
+        await api.delete(`/recordings/${id}`);
+        navigate("#/recordings");
+      },
+    );
+  }
+}
+
+function waiting() {
+  return h(
+    "section",
+    { class: "state-empty" },
+    h("h2", {}, "Score it"),
+    h("p", {}, "Once the mapping is confirmed, any monitor can say what it would have said."),
+  );
+}

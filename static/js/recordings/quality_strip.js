@@ -1,0 +1,143 @@
+/**
+ * Where a recording is not as it should be: gaps, repeated, missing and frozen samples, in one picture.
+ *
+ * Exports
+ *   createQualityStrip() -> {element, show(quality | null, {start, end} | null)}
+ *     quality: as the server says it: {clocks: [{start, end}], spans: [{start, end, kind}],
+ *       sentences: [text]}, times in [s]; kind "gap", "missing:beta", ...
+ */
+
+import { h, svg } from "../lib/dom.js";
+import { durationText } from "./words.js";
+import { formatTime } from "../charts/time_axis.js";
+import { niceTicks } from "../charts/plot.js";
+
+const ALWAYS = {
+  gap: "gaps",
+  repeated: "repeated times",
+  missing: "missing values",
+  frozen: "frozen values",
+  implausible: "impossible values",
+};
+const OTHERS = { clock: "jumps of the clock", reordered: "rows out of order" };
+const WORDS = { missing: "missing", frozen: "frozen", implausible: "impossible" };
+const LEAST = 0.35; // % of the width that a span is drawn at least
+const LISTED = 8;
+
+export function createQualityStrip() {
+  const element = h("section", {
+    class: "panel stack-tight quality",
+    "aria-label": "Data quality",
+  });
+
+  function show(quality, range) {
+    const title = h("h2", { class: "panel-title" }, "Data quality");
+    if (!quality) {
+      element.replaceChildren(
+        title,
+        h("p", { class: "dim" }, "Known once the mapping can be applied."),
+      );
+      return;
+    }
+    const { spans } = quality;
+    const extent = range ?? extentOf(quality.clocks);
+    element.replaceChildren(
+      title,
+      extent
+        ? h(
+            "div",
+            { class: "quality-rows" },
+            kindsOf(spans).map((kind) => row(kind, spans, extent)),
+            axis(extent),
+          )
+        : "",
+      h(
+        "ul",
+        { class: "sentences" },
+        quality.sentences.map((words) => h("li", {}, words)),
+      ),
+    );
+  }
+
+  return { element, show };
+}
+
+function extentOf(clocks) {
+  if (!clocks.length) return null;
+  return {
+    start: Math.min(...clocks.map(({ start }) => start)),
+    end: Math.max(...clocks.map(({ end }) => end)),
+  };
+}
+
+/** Every kind there is, each channel's on its own, and the usual ones even where there is none. */
+function kindsOf(spans) {
+  const found = [...new Set(spans.map(({ kind }) => kind))];
+  const absent = Object.keys(ALWAYS).filter(
+    (kind) => !found.some((one) => one.split(":")[0] === kind),
+  );
+  const order = Object.keys(ALWAYS);
+  return [...found, ...absent].sort(
+    (a, b) => order.indexOf(a.split(":")[0]) - order.indexOf(b.split(":")[0]),
+  );
+}
+
+function row(kind, all, extent) {
+  const spans = all.filter((span) => span.kind === kind);
+  const total = spans.reduce((sum, { start, end }) => sum + end - start, 0);
+  const words = spans.length ? `${spans.length}, ${durationText(total)}` : "none";
+  const share = (t) => (100 * (t - extent.start)) / (extent.end - extent.start || 1);
+  const marks = spans.map(({ start, end }) => {
+    const width = Math.max(LEAST, share(end) - share(start));
+    return svg("rect", { x: Math.min(100 - width, share(start)), y: 0, width, height: 10 });
+  });
+  const listed = spans
+    .slice(0, LISTED)
+    .map(({ start, end }) => `${formatTime(start, 0.01)} to ${formatTime(end, 0.01)} s`);
+  const more = spans.length > LISTED ? `, and ${spans.length - LISTED} more` : "";
+  return h(
+    "div",
+    {
+      class: "quality-row",
+      "data-kind": kind,
+      "data-any": String(spans.length > 0),
+      title: listed.join(", ") + more,
+    },
+    h("span", { class: "quality-name" }, nameOf(kind)),
+    svg(
+      "svg",
+      {
+        class: "quality-track",
+        viewBox: "0 0 100 10",
+        preserveAspectRatio: "none",
+        "aria-hidden": true,
+      },
+      svg("rect", { class: "quality-ground", width: 100, height: 10 }),
+      marks,
+    ),
+    h("span", { class: "quality-words" }, words),
+    h("span", { class: "visually-hidden" }, listed.join(", ") + more),
+  );
+}
+
+function nameOf(kind) {
+  const [what, channel] = kind.split(":");
+  if (channel) return `${channel} ${WORDS[what] ?? what}`;
+  return ALWAYS[kind] ?? OTHERS[kind] ?? kind;
+}
+
+function axis({ start, end }) {
+  const ticks = niceTicks(start, end, 6).filter((t) => t < end - 0.04 * (end - start));
+  const at = (t) => `left: ${(100 * (t - start)) / (end - start)}%`;
+  return h(
+    "div",
+    { class: "quality-row quality-axis", "aria-hidden": true },
+    h("span", {}),
+    h(
+      "div",
+      { class: "quality-ticks" },
+      ticks.map((t) => h("span", { style: at(t) }, formatTime(t, (end - start) / 6))),
+    ),
+    h("span", { class: "dim" }, "t [s]"),
+  );
+}

@@ -1,0 +1,122 @@
+/**
+ * Score a recording: through which monitors, at which epsilons, from which trim, which manoeuvres.
+ *
+ * Exports
+ *   createScoreForm({api, catalog, recording, monitors, used, scored})
+ *       -> {element, show(channels), begin(), hold(), close()}
+ *     used: Set of ids of monitors that scored it before.   scored([scoring], someFailed)
+ *     show: of a preview, see manoeuvre_picker.js.   begin(): brings it into view
+ *     hold(): the mapping is being changed, so that nothing can be scored
+ */
+
+import { reason } from "../../lib/api.js";
+import { decimal } from "../../forms/decimals.js";
+import { h } from "../../lib/dom.js";
+import { createManoeuvrePicker } from "./manoeuvre_picker.js";
+import { createMonitorChoice } from "./monitor_choice.js";
+
+const TRIMS = [
+  ["lead_in", "mean of each manoeuvre's own lead-in"],
+  ["seconds", "mean of the seconds before its first input:"],
+  ["none", "nothing: the channels are deviations from trim already"],
+];
+
+export function createScoreForm({ api, catalog, recording, monitors, used, scored }) {
+  const choice = createMonitorChoice({ monitors, used, catalog, changed: () => picker.refresh() });
+  const picker = createManoeuvrePicker({ api, catalog, recording, monitor: () => choice.first() });
+  const seconds = h("input", {
+    type: "text",
+    inputmode: "decimal",
+    value: 2,
+    class: "narrow",
+    "aria-label": "seconds of trim",
+  });
+  const trims = TRIMS.map(([value, words]) =>
+    h(
+      "label",
+      { class: "radio" },
+      h("input", { type: "radio", name: "trim", value, checked: value === "lead_in" }),
+      words,
+      value === "seconds" ? h("span", { class: "field" }, seconds) : null,
+    ),
+  );
+  const said = h("p", { class: "error", role: "alert", hidden: true });
+  const progress = h("p", { role: "status", class: "dim" });
+  const go = h("button", { class: "button button-primary", type: "submit" }, "Score");
+  const element = h(
+    "form",
+    { class: "panel form score-form", novalidate: true, onsubmit: send, "aria-label": "Score" },
+    h("h2", { class: "panel-title" }, "Score"),
+    choice.element,
+    picker.element,
+    h(
+      "fieldset",
+      {},
+      h("legend", {}, "Trim subtracted"),
+      h("div", { class: "row", role: "radiogroup" }, trims),
+    ),
+    said,
+    h("div", { class: "row" }, go, progress),
+  );
+  picker.refresh();
+
+  async function send(event) {
+    event.preventDefault();
+    said.hidden = true;
+    const orders = choice.check();
+    if (orders === null || !picker.check() || !checkTrim()) return;
+    const order = { trim: trimOf(), manoeuvres: picker.read() };
+    const made = [];
+    const failures = [];
+    go.disabled = true;
+    for (const [k, { monitor, epsilon }] of orders.entries()) {
+      progress.textContent = `Scoring ${k + 1} of ${orders.length}: ${monitor.name} at ε ${epsilon}`;
+      try {
+        made.push(
+          await api.post(`/recordings/${recording.id}/scorings`, {
+            monitor: monitor.id,
+            epsilon,
+            ...order,
+          }),
+        );
+      } catch (error) {
+        failures.push(`${monitor.name} at ε ${epsilon}: ${reason(error)}`);
+        if (error.status === 0) break;
+      }
+    }
+    go.disabled = false;
+    progress.textContent = made.length ? `${made.length} scored.` : "";
+    said.textContent = failures.join(" ");
+    said.hidden = failures.length === 0;
+    if (made.length) scored(made, failures.length > 0);
+  }
+
+  function checkTrim() {
+    const trim = trimOf();
+    const fits = typeof trim !== "number" || trim > 0;
+    seconds.toggleAttribute("aria-invalid", !fits);
+    if (fits) return true;
+    said.textContent = `The trim is the mean of some seconds, a number above 0; “${seconds.value}” was given.`;
+    said.hidden = false;
+    seconds.focus();
+    return false;
+  }
+
+  function trimOf() {
+    const chosen = element.querySelector('[name="trim"]:checked').value;
+    if (chosen === "none") return null;
+    return chosen === "seconds" ? decimal(seconds.value) : "lead_in";
+  }
+
+  function begin() {
+    element.scrollIntoView({ block: "start" });
+    (element.querySelector("input:not(:disabled)") ?? go).focus({ preventScroll: true });
+  }
+
+  function hold() {
+    go.disabled = true;
+    progress.textContent = "The mapping was changed: confirm it first.";
+  }
+
+  return { element, show: picker.show, begin, hold, close: picker.close };
+}

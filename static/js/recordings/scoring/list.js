@@ -1,0 +1,175 @@
+/**
+ * What monitors said of a recording: one line a scoring, to open, compare or delete.
+ *
+ * Exports
+ *   createScoringList({api, recording, scorings, changed}) -> element | null
+ */
+
+import { h } from "../../lib/dom.js";
+import { earlierMapping } from "../mapping/changes.js";
+import { orderWords, outcomeChip, outcomeOf, outsideText } from "../words.js";
+import { riskText } from "../../fly/risk_gauge.js";
+import { button, confirmed } from "../../lib/view_states.js";
+import { figure, moment } from "../../lib/words.js";
+
+const MOST_CHIPS = 4;
+
+export function createScoringList({ api, recording, scorings, changed, navigate }) {
+  if (!scorings.length) return null;
+  const ticked = new Set();
+  const compare = button(
+    "Compare",
+    () => navigate(`#/recordings/${recording.id}?compare=${[...ticked].join(",")}`),
+    { disabled: true },
+  );
+  const heads = [
+    ["Compare"],
+    ["Monitor"],
+    ["ε", 1],
+    ["Manoeuvres"],
+    ["Peak risk", 1],
+    ["Scored"],
+    ["Report"],
+    [""],
+  ];
+  return h(
+    "section",
+    { class: "panel stack-tight", "aria-label": "Scorings" },
+    h(
+      "div",
+      { class: "row" },
+      h("h2", { class: "panel-title" }, "What the monitors said"),
+      h(
+        "span",
+        { class: "spread row" },
+        h(
+          "span",
+          { class: "hint" },
+          "tick two or more to compare, or one to lay another recording over it",
+        ),
+        compare,
+      ),
+    ),
+    h(
+      "div",
+      { class: "table-scroll" },
+      h(
+        "table",
+        { class: "table table-cards scoring-table" },
+        h(
+          "thead",
+          {},
+          h(
+            "tr",
+            {},
+            heads.map(([words, number]) =>
+              h("th", { scope: "col", class: number ? "number" : null }, words),
+            ),
+          ),
+        ),
+        h("tbody", {}, scorings.map(row)),
+      ),
+    ),
+  );
+
+  function row(scoring) {
+    const { id, monitor_name: name, epsilon, stretches, created } = scoring;
+    const words = `${name} at epsilon ${epsilon}`;
+    const tick = h("input", {
+      type: "checkbox",
+      class: "tick",
+      "aria-label": `compare ${words}`,
+      onchange: () => {
+        if (tick.checked) ticked.add(id);
+        else ticked.delete(id);
+        compare.disabled = ticked.size === 0;
+      },
+    });
+    const path = `/api/v1/recordings/${recording.id}/scorings/${id}`;
+    return h(
+      "tr",
+      {},
+      h("td", { "data-label": "Compare" }, tick),
+      h(
+        "th",
+        { scope: "row" },
+        h("a", { href: `#/recordings/${recording.id}?scoring=${id}` }, name),
+        h("span", { class: "hint hint-line" }, orderWords(scoring.order)),
+        earlierMapping(scoring, recording.mapping),
+      ),
+      h("td", { class: "number", "data-label": "ε" }, figure(epsilon)),
+      h("td", { "data-label": "Manoeuvres" }, outcomes(stretches), outsideChip(scoring)),
+      h("td", { class: "number", "data-label": "Peak risk" }, peakOf(scoring)),
+      h("td", { class: "dim nowrap", "data-label": "Scored" }, moment(created)),
+      h(
+        "td",
+        {},
+        h(
+          "a",
+          {
+            class: "button button-small",
+            href: `${path}/report`,
+            target: "_blank",
+            "aria-label": `Report of ${words}`,
+          },
+          "Report",
+        ),
+      ),
+      h(
+        "td",
+        {},
+        button("Delete", () => remove(scoring, words), {
+          class: "button button-small",
+          "aria-label": `Delete ${words}`,
+        }),
+      ),
+    );
+  }
+
+  function remove({ id }, words) {
+    confirmed(
+      `Delete the scoring by ${words}?`,
+      "The same order makes it again, bit for bit.",
+      "Delete it",
+      async () => {
+        await api.delete(`/recordings/${recording.id}/scorings/${id}`);
+        changed();
+      },
+    );
+  }
+}
+
+function peakOf({ stretches, epsilon }) {
+  const risks = stretches.map(({ peak_risk: risk }) => risk).filter((risk) => risk !== null);
+  if (risks.length) return riskText(Math.max(...risks), epsilon);
+  return stretches.length ? h("span", { class: "dim" }, "withdrawn") : "–";
+}
+
+function outsideChip(scoring) {
+  const title = outsideText(scoring);
+  return title
+    ? h("span", { class: "chip", "data-level": "caution", title }, "◆ LIMIT REACHED OUTSIDE")
+    : null;
+}
+
+/** A chip for each manoeuvre; of many, how often each outcome came. */
+function outcomes(stretches) {
+  if (!stretches.length) return h("span", { class: "dim" }, "none found");
+  if (stretches.length <= MOST_CHIPS) {
+    return h(
+      "span",
+      { class: "row outcome-chips" },
+      stretches.map(({ outcome }) => outcomeChip(outcome)),
+    );
+  }
+  const counts = new Map();
+  for (const { outcome } of stretches) counts.set(outcome, (counts.get(outcome) ?? 0) + 1);
+  return h(
+    "span",
+    { class: "row outcome-chips" },
+    [...counts].map(([outcome, n]) => {
+      const { word, level, mark } = outcomeOf(outcome);
+      return h("span", { class: "chip", "data-level": level }, `${mark} ${n} × ${word}`);
+    }),
+  );
+}

@@ -1,0 +1,197 @@
+/**
+ * Which stretches of a recording are scored: found by control activity, all of it, or marked by hand.
+ *
+ * Exports
+ *   createManoeuvrePicker({api, catalog, recording, monitor() -> id | null}) -> Picker
+ *     element, read() -> "found" | "whole" | [{start, end, name}], check() -> bool, close()
+ *     show(channels)    of a preview: what the chart draws
+ *     refresh()         another monitor may find others
+ */
+
+import { reason } from "../../lib/api.js";
+import { h } from "../../lib/dom.js";
+import { previewTiles } from "../../charts/recorded/preview_tiles.js";
+import { createRecordingChart } from "../../charts/recorded/recording_chart.js";
+import { createSpanTable } from "./interval_table.js";
+import { button } from "../../lib/view_states.js";
+
+const WAYS = [
+  ["found", "Found by control activity"],
+  ["whole", "The whole recording as one"],
+  ["marked", "Marked by hand"],
+];
+
+export function createManoeuvrePicker({ api, catalog, recording, monitor }) {
+  let way = "found";
+  let found = [];
+  let chart = null;
+  let drawn = null;
+  let turn = 0;
+  const host = h("div", { class: "picker-chart" });
+  const said = h("p", { class: "hint", role: "status" });
+  const spans = createSpanTable({ changed: () => lay() });
+  const mark = button(
+    "Mark by dragging",
+    () => press(mark.getAttribute("aria-pressed") !== "true"),
+    { "aria-pressed": "false" },
+  );
+  const byHand = h(
+    "div",
+    { class: "stack-tight", hidden: true },
+    h(
+      "div",
+      { class: "row" },
+      mark,
+      button("Add the stretch from A to B", addMarked),
+      button("Take those that were found", () => spans.set(found), { class: "button" }),
+    ),
+    spans.element,
+  );
+  const radios = WAYS.map(([value, words]) =>
+    h(
+      "label",
+      { class: "radio" },
+      h("input", {
+        type: "radio",
+        name: "manoeuvres",
+        value,
+        checked: value === way,
+        onchange: () => turnTo(value),
+      }),
+      words,
+    ),
+  );
+  const element = h(
+    "fieldset",
+    { class: "stack-tight" },
+    h("legend", {}, "Manoeuvres"),
+    h("div", { class: "row", role: "radiogroup" }, radios),
+    said,
+    host,
+    byHand,
+  );
+
+  function turnTo(value) {
+    way = value;
+    byHand.hidden = way !== "marked";
+    press(way === "marked");
+    lay();
+  }
+
+  function press(active) {
+    mark.setAttribute("aria-pressed", String(active));
+    mark.textContent = active ? "Dragging marks A to B" : "Mark by dragging";
+    chart?.setMarking(active);
+  }
+
+  async function refresh() {
+    const mine = ++turn;
+    const id = monitor();
+    if (id === null) return;
+    try {
+      const answer = await api.get(`/recordings/${recording.id}/manoeuvres?monitor=${id}`);
+      if (mine !== turn) return;
+      found = answer;
+      lay();
+    } catch (error) {
+      if (mine === turn) said.textContent = reason(error);
+    }
+  }
+
+  function show(channels) {
+    const tiles = previewTiles(channels);
+    const signature = JSON.stringify([
+      tiles?.start,
+      tiles?.end,
+      Object.keys(tiles?.channels ?? {}),
+    ]);
+    if (tiles === null) return;
+    if (chart && signature === drawn?.signature) {
+      drawn.tiles = tiles;
+      chart.reload();
+      return;
+    }
+    chart?.destroy();
+    drawn = { tiles, signature };
+    const known = catalog.channels.filter(({ key }) => key in tiles.channels);
+    host.replaceChildren();
+    if (!known.length) return;
+    const order = [...known].sort((a, b) => rank(a) - rank(b)).map(({ key }) => key);
+    chart = createRecordingChart(host, {
+      channels: known.map((channel) => ({ ...channel, limit: null })),
+      order,
+      sources: [
+        {
+          load: async () => drawn.tiles,
+          start: tiles.start,
+          end: tiles.end,
+          dt: tiles.step,
+          spans: null,
+        },
+      ],
+      label: "The recording, to find its manoeuvres",
+    });
+    press(way === "marked");
+    lay();
+  }
+
+  function addMarked() {
+    const { a, b } = chart?.window.marks ?? {};
+    if (!Number.isFinite(a) || !Number.isFinite(b) || a === b) {
+      said.textContent =
+        "Set the cursors A and B on the chart first: drag over the stretch, or press A and B.";
+      return;
+    }
+    spans.add({ start: Math.min(a, b), end: Math.max(a, b), name: "" });
+    chart.window.clearMarks();
+  }
+
+  function lay() {
+    const shown = way === "found" ? found : way === "whole" ? whole() : spans.read();
+    said.textContent = wordsOf(shown);
+    chart?.setEvents(shown.map(({ start }) => ({ t: start })));
+    chart?.setLane(
+      shown.map(({ start, end, name }, k) => ({
+        id: `span-${k}`,
+        row: 0,
+        start,
+        end,
+        text: name || `stretch ${k + 1}`,
+        level: "plain",
+        title: `${name || `stretch ${k + 1}`}, ${start.toFixed(2)} to ${end.toFixed(2)} s`,
+        quiet: true,
+      })),
+    );
+  }
+
+  function whole() {
+    return drawn
+      ? [{ start: drawn.tiles.start, end: drawn.tiles.end, name: "the whole recording" }]
+      : [];
+  }
+
+  function wordsOf(shown) {
+    if (way === "whole") return "One manoeuvre from the first sample to the last.";
+    if (way === "marked")
+      return "Drag over a manoeuvre in the chart, or set A and B by their keys, then add the stretch. It should begin in trim, a little before its first input.";
+    if (monitor() === null)
+      return "Choose a monitor: where its manoeuvre was flown is found from the surfaces.";
+    if (!shown.length)
+      return "None was found: aileron and rudder rest throughout. Mark one by hand, or take the whole recording.";
+    return `${shown.length} found where aileron or rudder move on purpose; each begins a little before its first input.`;
+  }
+
+  return {
+    element,
+    show,
+    refresh,
+    read: () => (way === "marked" ? spans.read() : way),
+    check: () => way !== "marked" || spans.check(),
+    close: () => chart?.destroy(),
+  };
+}
+
+/** The surfaces on top: they show where a manoeuvre begins. */
+function rank({ key }) {
+  return ["delta_r", "delta_a"].indexOf(key) === -1 ? 2 : ["delta_r", "delta_a"].indexOf(key);
+}

@@ -1,0 +1,117 @@
+/**
+ * Several monitors, each at one epsilon or at several.
+ *
+ * Exports
+ *   createMonitorChoice({monitors, used, catalog, changed}) -> {element, first() -> id | null, check()}
+ *     used: Set of ids, chosen from the start.   first: the one chosen first in the list.   check() -> [{monitor, epsilon}], or null where the
+ *     reason stands beside what is wrong
+ */
+
+import { decimals } from "../../forms/decimals.js";
+import { formatted, h } from "../../lib/dom.js";
+import { link } from "../../lib/view_states.js";
+import { aircraftName, figure, kindName, limitWords } from "../../lib/words.js";
+
+export function createMonitorChoice({ monitors, used, catalog, changed }) {
+  const said = h("p", { class: "error", role: "alert", hidden: true });
+  const rows = monitors.map((monitor) =>
+    rowOf(monitor, monitors.length === 1 || used.has(monitor.id)),
+  );
+  const none = h(
+    "div",
+    { class: "state-empty" },
+    h("h2", {}, "No monitor yet"),
+    h(
+      "p",
+      {},
+      "A recording is scored by a monitor that was trained for its aircraft and its manoeuvre.",
+    ),
+    link("Train a monitor", "#/monitors/new", true),
+  );
+  const element = h(
+    "fieldset",
+    { class: "stack-tight" },
+    h("legend", {}, "Monitors"),
+    rows.length
+      ? h(
+          "ul",
+          { class: "monitor-choice" },
+          rows.map((row) => row.element),
+        )
+      : none,
+    said,
+  );
+
+  function rowOf(monitor, checked) {
+    const { aircraft, maneuver, specification } = monitor.dataset_recipe;
+    const box = h("input", {
+      type: "checkbox",
+      id: `choose-${monitor.id}`,
+      checked,
+      onchange: () => turn(),
+    });
+    const epsilons = h("input", {
+      type: "text",
+      inputmode: "decimal",
+      class: "narrow",
+      value: monitor.epsilon,
+      disabled: !checked,
+      "aria-label": `epsilons of ${monitor.name}, separated by spaces`,
+      oninput: () => epsilons.removeAttribute("aria-invalid"),
+    });
+    const turn = () => {
+      epsilons.disabled = !box.checked;
+      said.hidden = true;
+      changed();
+    };
+    const limits = limitWords(catalog, specification);
+    return {
+      monitor,
+      box,
+      epsilons,
+      element: h(
+        "li",
+        {},
+        h("label", { class: "monitor-name", for: box.id }, box, h("span", {}, monitor.name)),
+        h(
+          "span",
+          { class: "hint monitor-about" },
+          `${aircraftName(catalog, aircraft)}, ${kindName(catalog, "maneuver", maneuver)}, `,
+          formatted(limits),
+          `; ${figure(monitor.lead)} s ahead, every ${figure(monitor.dt)} s`,
+        ),
+        h("span", { class: "field field-inline" }, h("span", {}, "ε"), epsilons),
+      ),
+    };
+  }
+
+  function check() {
+    const chosen = rows.filter(({ box }) => box.checked);
+    const orders = [];
+    let wrong = chosen.length ? "" : "Choose at least one monitor.";
+    for (const { monitor, epsilons } of chosen) {
+      const given = decimals(epsilons.value);
+      const bad = given.find((text) => !(Number(text) > 0 && Number(text) < 1));
+      const small = given.find((text) => Number(text) < monitor.smallest_epsilon * (1 - 1e-9));
+      if (!given.length || bad)
+        wrong = `${monitor.name}: an ε is a number between 0 and 1; ${given.length ? `“${epsilons.value.trim()}”` : "none"} was given.`;
+      else if (small)
+        wrong = `${monitor.name}: its ${monitor.n_unsafe} failures serve an ε of ${figure(monitor.smallest_epsilon)} or more; ${small} was given.`;
+      if (!given.length || bad || small) {
+        epsilons.setAttribute("aria-invalid", "true");
+        epsilons.focus();
+        break;
+      }
+      for (const text of new Set(given)) orders.push({ monitor, epsilon: Number(text) });
+    }
+    said.textContent = wrong;
+    said.hidden = wrong === "";
+    return wrong ? null : orders;
+  }
+
+  return {
+    element,
+    check,
+    first: () => rows.find(({ box }) => box.checked)?.monitor.id ?? null,
+  };
+}

@@ -1,0 +1,217 @@
+/**
+ * What a monitor said of a recording: strips, events, verdicts, notes; to replay, report and export.
+ * Exports  showScoring(element, context).
+ */
+
+import { reason } from "../../lib/api.js";
+import { formatted, h } from "../../lib/dom.js";
+import { createEventList } from "../../lib/event_list.js";
+import { createNotesPanel, laneOfMarkers } from "../notes_panel.js";
+import { createRecordingChart } from "../../charts/recorded/recording_chart.js";
+import { outcomeOf, outsideText, trimText } from "../words.js";
+import { eventsOf, laneOf, spansOf } from "./events.js";
+import { scoringFacts } from "./facts.js";
+import { scoringSource, stripOrder } from "./source.js";
+import { createVerdictTable } from "./verdict_table.js";
+import { lively } from "../../lib/view_life.js";
+import { button, empty, link, pageOf } from "../../lib/view_states.js";
+import { figure } from "../../lib/words.js";
+
+const WIDE = 4; // times a manoeuvre's length from which on its events cannot be told apart
+const EXPORTS = [
+  ["csv", "CSV"],
+  ["parquet", "Parquet"],
+  ["mat", "MAT"],
+];
+
+export function showScoring(element, { id, query, api, navigate }) {
+  const path = `/recordings/${id}/scorings/${query.get("scoring")}`;
+  return lively(element, { title: "Scored recording", text: "Opening the scoring", build });
+
+  async function build({ keep }) {
+    const [recording, scoring] = await Promise.all([api.get(`/recordings/${id}`), api.get(path)]);
+    const { stretches } = scoring;
+    const host = h("div", { class: "scored-chart" });
+    const events = eventsOf(scoring);
+    const list = h("section", { class: "event-panel", "aria-label": "Events" });
+    const log = createEventList(list, {
+      go: (t) => visit(events.find((event) => event.t === t) ?? { t }),
+      label: "Events in the order of their time",
+      most: Infinity,
+    });
+    for (const event of [...events].reverse()) log.add(event);
+    const verdicts = createVerdictTable(scoring, { show: visitStretch });
+    const chart = keepChart();
+    const notes = createNotesPanel({
+      api,
+      recording: id,
+      place,
+      go: (t) => visit({ t }),
+      changed: lay,
+    });
+    const stop = chart.window.subscribe(notes.moved);
+    keep({ close: stop });
+    host.addEventListener("keydown", (event) => {
+      if (
+        event.key.toLowerCase() === "m" &&
+        event.target === host &&
+        !event.ctrlKey &&
+        !event.metaKey
+      )
+        notes.quick();
+    });
+    notes.load();
+    chart.setEvents(events);
+    return pageOf(
+      recording.name,
+      actions(scoring),
+      summary(scoring),
+      h("div", { class: "scored" }, host, h("div", { class: "scored-side" }, list, notes.element)),
+      h(
+        "section",
+        { class: "panel stack-tight", "aria-label": "Verdicts" },
+        h(
+          "div",
+          { class: "row" },
+          h("h2", { class: "panel-title" }, "What came of each manoeuvre"),
+          h("span", { class: "dim" }, `values are ${trimText(scoring.order)}`),
+        ),
+        stretches.length
+          ? verdicts.element
+          : empty(
+              "No manoeuvre",
+              "Nothing was found to be scored: mark the manoeuvre by hand, or score the whole recording.",
+              link("Score it again", `#/recordings/${id}`, true),
+            ),
+      ),
+      scoringFacts(scoring),
+    );
+
+    function keepChart() {
+      const made = createRecordingChart(host, {
+        channels: scoring.channels,
+        order: stripOrder(scoring.channels),
+        sources: [{ ...scoringSource(api, scoring), spans: spansOf(scoring) }],
+        epsilon: scoring.epsilon,
+        label: `${recording.name} as ${scoring.monitor_name} assessed it`,
+        chosen: (item) =>
+          item.stretch === undefined ? visit({ t: item.t }) : visitStretch(item.stretch),
+        went: visit,
+      });
+      keep({ close: made.destroy });
+      return made;
+    }
+
+    function lay(markers) {
+      const more = laneOfMarkers(markers, 1);
+      chart.setLane([...laneOf(stretches), ...more]);
+      chart.setEvents([...events, ...markers.map(({ t }) => ({ t }))]);
+    }
+
+    /** The cursors' place: from A to B where both are set, else the pinned cursor. */
+    function place() {
+      const { a, b } = chart.window.marks;
+      if (Number.isFinite(a) && Number.isFinite(b) && a !== b)
+        return { t: Math.min(a, b), end: Math.max(a, b) };
+      const t = chart.window.pinned;
+      return Number.isFinite(t) ? { t, end: null } : null;
+    }
+
+    /** An event is shown within its manoeuvre, unless it can be seen where the window is. */
+    function visit({ t, stretch }) {
+      const view = chart.window.view();
+      const of = stretches[stretch] ?? stretches.find(({ start, end }) => t >= start && t <= end);
+      const seen = t >= view.start && t <= view.end;
+      const wide = of && view.end - view.start > WIDE * (of.end - of.start);
+      if (of && (wide || !seen)) visitStretch(stretches.indexOf(of));
+      chart.setCursor(t);
+    }
+
+    function visitStretch(k) {
+      const { start, end } = stretches[k];
+      const margin = 0.08 * (end - start);
+      chart.show(start - margin, end + margin);
+      verdicts.choose(k);
+    }
+  }
+
+  function actions(scoring) {
+    const base = `/api/v1${path}`;
+    const said = h("p", { class: "error", role: "alert", hidden: true });
+    const replay = button("Replay", fly, { class: "button button-primary" });
+    return [
+      replay,
+      h("a", { class: "button", href: `${base}/report`, target: "_blank" }, "Report"),
+      h(
+        "span",
+        { class: "exports", role: "group", "aria-label": "Export" },
+        h("span", { class: "dim" }, "Export"),
+        EXPORTS.map(([format, words]) =>
+          h(
+            "a",
+            { class: "button", href: `${base}/export?format=${format}`, download: true },
+            words,
+          ),
+        ),
+      ),
+      link("Compare", `#/recordings/${id}?compare=${scoring.id}`),
+      link("The recording", `#/recordings/${id}`),
+      said,
+    ];
+
+    async function fly() {
+      replay.disabled = true;
+      try {
+        const source = { kind: "recording", recording: id, scoring: scoring.id };
+        const { monitor, epsilon } = scoring;
+        const flight = await api.post("/flights", { source, monitor, epsilon });
+        navigate(`#/fly/${flight.id}`);
+      } catch (error) {
+        said.textContent = reason(error);
+        said.hidden = false;
+        replay.disabled = false;
+      }
+    }
+  }
+}
+
+function summary(scoring) {
+  const { monitor_name: name, monitor, epsilon, lead, stretches, order } = scoring;
+  const counts = new Map();
+  for (const { outcome } of stretches) counts.set(outcome, (counts.get(outcome) ?? 0) + 1);
+  const chips = [...counts].map(([outcome, n]) => {
+    const { word, level, mark, text } = outcomeOf(outcome);
+    return h(
+      "span",
+      { class: "chip", "data-level": level, title: text },
+      `${mark} ${n > 1 ? `${n} × ` : ""}${word}`,
+    );
+  });
+  const outside = outsideText(scoring);
+  return h(
+    "div",
+    { class: "row scored-summary" },
+    chips,
+    outside
+      ? h(
+          "span",
+          { class: "chip", "data-level": "caution", title: outside },
+          "◆ LIMIT REACHED OUTSIDE",
+        )
+      : null,
+    h(
+      "span",
+      {},
+      h("span", { class: "dim" }, "Monitor "),
+      h("a", { href: `#/monitors/${monitor}` }, name),
+    ),
+    h(
+      "span",
+      {},
+      h("span", { class: "dim" }, "alerts at risk above "),
+      formatted(`ε = ${figure(epsilon)}`),
+    ),
+    h("span", {}, h("span", { class: "dim" }, "promised lead "), `${figure(lead)} s`),
+    h("span", {}, h("span", { class: "dim" }, "channels are "), trimText(order)),
+  );
+}
