@@ -7,7 +7,6 @@
  */
 
 import { api } from "./lib/api.js";
-import { bindThemeButton } from "./theme.js";
 
 const VIEWS = {
   fly: { title: "Fly", load: () => import("./fly/index.js") },
@@ -15,6 +14,8 @@ const VIEWS = {
   monitors: { title: "Monitors", load: () => import("./monitors/index.js") },
   datasets: { title: "Datasets", load: () => import("./datasets/index.js") },
 };
+
+const THEME_KEY = "forewarn.theme";
 
 const page = document.querySelector("#page");
 let shown = { close: () => {} };
@@ -69,6 +70,39 @@ function failure(error) {
   text.textContent = `${error?.message ?? error}. Reload the page; if that does not help, restart the server.`;
   box.append(title, text);
   return box;
+}
+
+/** Dark for the control room, light for bright rooms and paper; remembered where the browser allows. */
+function bindThemeButton(button) {
+  let theme = storedTheme() === "light" ? "light" : "dark";
+  const show = () => {
+    document.documentElement.dataset.theme = theme;
+    button.textContent = `Theme: ${theme}`;
+    button.setAttribute("aria-pressed", String(theme === "light"));
+    button.setAttribute("aria-label", `Theme: ${theme}. Press to change.`);
+  };
+  button.addEventListener("click", () => {
+    theme = theme === "dark" ? "light" : "dark";
+    storeTheme(theme);
+    show();
+  });
+  show();
+}
+
+function storedTheme() {
+  try {
+    return localStorage.getItem(THEME_KEY);
+  } catch {
+    return null;
+  }
+}
+
+function storeTheme(theme) {
+  try {
+    localStorage.setItem(THEME_KEY, theme);
+  } catch {
+    // the choice then lasts as long as the page
+  }
 }
 
 document.querySelector("[data-skip]").addEventListener("click", (event) => {

@@ -1,10 +1,9 @@
 /** One dataset: what was simulated, how often it failed, its rollouts to look at and to replay. */
 
 import { formatted, h } from "../lib/dom.js";
-import { peakFigure, rolloutFigure } from "../charts/figures.js";
+import { peakFigure, rolloutFigure, sampleRollouts } from "./figures.js";
 import { rawRecipe, recipeTable } from "../forms/recipe_table.js";
 import { createRolloutViewer } from "./rollout_viewer.js";
-import { sampleRollouts } from "./rollouts.js";
 import { lively } from "../lib/view_life.js";
 import { button, confirmed, link, pageOf } from "../lib/view_states.js";
 import {

@@ -6,7 +6,7 @@
 
 import { reason } from "../lib/api.js";
 import { h } from "../lib/dom.js";
-import { methodsFigure } from "../charts/figures.js";
+import { methodsFigure } from "./figures.js";
 import { createFields } from "../forms/form.js";
 import { createJobProgress } from "../lib/job_progress.js";
 import { datasetChoice } from "../forms/planned_test.js";

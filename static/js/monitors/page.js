@@ -2,9 +2,9 @@
 
 import { formatted, h } from "../lib/dom.js";
 import { createEpsilonCost } from "./epsilon_cost.js";
-import { calibrationFigure, curvesFigure, leadFigure, rolloutFigure } from "../charts/figures.js";
+import { calibrationFigure, curvesFigure, leadFigure } from "./figures.js";
 import { rawRecipe, recipeTable } from "../forms/recipe_table.js";
-import { sampleRollouts } from "../datasets/rollouts.js";
+import { rolloutFigure, sampleRollouts } from "../datasets/figures.js";
 import { lively } from "../lib/view_life.js";
 import { button, confirmed, empty, link, pageOf } from "../lib/view_states.js";
 import {

@@ -6,11 +6,10 @@
  *     done([recording])   all that were on their way have ended, and these came in
  */
 
-import { reason } from "../lib/api.js";
+import { address, noAnswer, reason, refusal } from "../lib/api.js";
 import { h } from "../lib/dom.js";
 import { badRowsTable } from "./bad_rows.js";
 import { bytesText } from "./words.js";
-import { sendFile } from "./upload.js";
 import { button } from "../lib/view_states.js";
 
 const LONGEST_NAME = 200;
@@ -184,4 +183,35 @@ function withoutName(words, name) {
   const start = `${name}: `;
   if (!words.toLowerCase().startsWith(start.toLowerCase())) return words;
   return words.charAt(start.length).toUpperCase() + words.slice(start.length + 1);
+}
+
+/**
+ * Sends a file and tells how far it is; fetch cannot tell, XMLHttpRequest can.
+ *
+ * changed({sent, total, reading}) [bytes]; reading: all is sent and the server reads it.
+ * Returns {ended, cancel()}; ended: the answer, null once cancelled; rejects with an ApiError.
+ */
+function sendFile(path, file, changed) {
+  const request = new XMLHttpRequest();
+  const ended = new Promise((resolve, reject) => {
+    request.upload.addEventListener("progress", ({ loaded, total }) =>
+      changed({ sent: loaded, total, reading: false }),
+    );
+    request.upload.addEventListener("load", () =>
+      changed({ sent: file.size, total: file.size, reading: true }),
+    );
+    request.addEventListener("abort", () => resolve(null));
+    request.addEventListener("error", () => reject(noAnswer()));
+    request.addEventListener("load", () => {
+      const answer = request.response ?? {};
+      if (request.status >= 200 && request.status < 300) resolve(answer);
+      else reject(refusal(request.status, { title: request.statusText, ...answer }));
+    });
+  });
+  request.open("POST", address(path));
+  request.responseType = "json";
+  request.setRequestHeader("Accept", "application/json, application/problem+json");
+  request.setRequestHeader("Content-Type", "application/octet-stream");
+  request.send(file);
+  return { ended, cancel: () => request.abort() };
 }

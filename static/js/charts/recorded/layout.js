@@ -3,7 +3,7 @@
  *
  * Exports
  *   layOutRecording(host, strips, label) -> {rows, rowOf, axis, bar, lane, overview, fail(words, again)}
- *     rows, rowOf, axis, bar: as chart_layout.js has them.   lane: element.   overview: canvas
+ *     rows, rowOf, axis, bar: as the layout of every chart has them.   lane: element.   overview: canvas
  *     fail(words, again): shown until again() is asked for
  */
 

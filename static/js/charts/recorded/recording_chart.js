@@ -23,8 +23,7 @@
  */
 
 import { reason } from "../../lib/api.js";
-import { attachInput } from "../input.js";
-import { attachMarking } from "./drag_marking.js";
+import { attachInput, attachMarking } from "../input.js";
 import { addDrawer } from "../../lib/draw_loop.js";
 import { createEventLane } from "./event_lane.js";
 import { createOverviewBar } from "./overview_bar.js";

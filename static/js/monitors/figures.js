@@ -1,168 +1,19 @@
 /**
- * The figures of datasets and monitors. Each function returns a <figure> with its words and key.
+ * The figures of a monitor, and of a comparison of methods. Each function returns a <figure> with its words and key.
  *
  * Exports
- *   rolloutFigure({catalog, specification, rollouts, n_unsafe, n_safe})     coloured by outcome
- *   peakFigure(peaks, channel)               {limit, edges, unsafe, safe} of a dataset
  *   calibrationFigure(calibration) -> figure, figure.mark({epsilon, rank, threshold})
  *   curvesFigure(evaluation) -> figure, figure.mark({epsilon})     miss rate and power
  *   leadFigure(evaluation)                   time from the alert to the failure
  *   methodsFigure(methods, ranking, what)    what: "miss" or "power" of a study
  */
 
-import { h, svg } from "../lib/dom.js";
-import { createPlot } from "./plot.js";
-import { figure as number, percent } from "../lib/words.js";
+import { framed, keyOf, sample, SPARE, UNIT_SHARE } from "../charts/figure.js";
+import { createPlot } from "../charts/plot.js";
+import { svg } from "../lib/dom.js";
+import { figure as number } from "../lib/words.js";
 
-const UNIT_SHARE = {
-  domain: [0, 1],
-  format: (value) => percent(value, 0),
-  ticks: [0, 0.2, 0.4, 0.6, 0.8, 1],
-};
 const METHOD_MARKS = ["circle", "square", "triangle", "diamond", "plus"];
-const SPARE = 1.12;
-
-function framed(title, plot, key, words) {
-  const caption = h(
-    "figcaption",
-    {},
-    h("span", { class: "figure-title" }, title),
-    key,
-    words ? h("p", { class: "hint" }, words) : null,
-  );
-  return h("figure", { class: "figure-block" }, caption, plot);
-}
-
-function keyOf(...entries) {
-  return h(
-    "span",
-    { class: "figure-key" },
-    entries.map(([draw, words]) =>
-      h(
-        "span",
-        {},
-        svg("svg", { viewBox: "0 0 34 14", class: "key-mark", "aria-hidden": "true" }, draw),
-        words,
-      ),
-    ),
-  );
-}
-
-function sample(name, mark) {
-  const parts = [svg("path", { d: "M1 7H33", class: `plot-line ${name}` })];
-  const shapes = {
-    cross: "M13 3L21 11M13 11L21 3",
-    square: "M14 4h6v6h-6z",
-    circle: "M13.5 7a3.5 3.5 0 1 0 7 0a3.5 3.5 0 1 0 -7 0",
-    triangle: "M17 2.8L21 10.4H13z",
-    diamond: "M17 2.4L21.6 7L17 11.6L12.4 7z",
-    plus: "M12.5 7H21.5M17 2.5V11.5",
-  };
-  if (mark) parts.push(svg("path", { d: shapes[mark], class: `plot-mark ${name}` }));
-  return parts;
-}
-
-export function rolloutFigure({ catalog, specification, rollouts, n_unsafe, n_safe }) {
-  const limited = catalog.channels.filter(({ key }) => specification?.[key] != null);
-  const holder = h("div", {});
-  const choice = h(
-    "select",
-    { "aria-label": "channel", onchange: draw },
-    catalog.channels.map(({ key, symbol, label }) =>
-      h("option", { value: key }, `${symbol}, ${label}`),
-    ),
-  );
-  choice.value = (limited[0] ?? catalog.channels[0]).key;
-  const count = (outcome) => rollouts.filter((rollout) => rollout.outcome === outcome).length;
-  const key = keyOf(
-    [
-      sample("plot-unsafe", "cross"),
-      `unsafe: ${count("unsafe")} of ${n_unsafe}, each to its failure`,
-    ],
-    [sample("plot-safe"), `safe: ${count("safe")} of ${n_safe}`],
-    [sample("plot-limit"), "limit"],
-  );
-  draw();
-  return framed(
-    "Rollouts by outcome",
-    [h("div", { class: "field-inline figure-choice" }, choice), holder],
-    key,
-  );
-
-  function draw() {
-    const channel = catalog.channels.find((entry) => entry.key === choice.value);
-    const limit = specification?.[channel.key] ?? null;
-    const series = rollouts.map((rollout) => ({
-      ...rollout,
-      y: rollout.telemetry[channel.key],
-      t: rollout.telemetry.t,
-    }));
-    const top =
-      SPARE *
-      Math.max(
-        limit ?? 0,
-        1e-6,
-        ...series.map(({ y }) =>
-          y.reduce((most, value) => Math.max(most, Math.abs(value ?? 0)), 0),
-        ),
-      );
-    const end = Math.max(0.1, ...series.map(({ t }) => t.at(-1)));
-    const plot = createPlot({
-      x: { label: "time [s]", domain: [0, end] },
-      y: { label: `${channel.symbol} [${channel.unit}]`, domain: [-top, top] },
-      label: `${channel.label} of ${series.length} rollouts; the unsafe ones end with a cross at the failure`,
-    });
-    for (const outcome of ["safe", "unsafe"]) {
-      for (const { t, y } of series.filter((one) => one.outcome === outcome))
-        plot.line(
-          t.map((time, k) => [time, y[k]]),
-          `plot-${outcome}`,
-        );
-    }
-    plot.marks(
-      series.filter(({ outcome }) => outcome === "unsafe").map(({ t, y }) => [t.at(-1), y.at(-1)]),
-      "cross",
-      "plot-unsafe",
-    );
-    if (limit !== null) {
-      plot.horizontal(limit, "plot-limit", `limit ${number(limit)} ${channel.unit}`);
-      plot.horizontal(-limit, "plot-limit", "");
-    }
-    holder.replaceChildren(plot.svg);
-  }
-}
-
-export function peakFigure({ limit, edges, unsafe, safe }, channel) {
-  const highest = Math.max(1, ...unsafe.map((count, k) => count + safe[k]));
-  const plot = createPlot({
-    x: {
-      label: `peak |${channel.symbol}| / limit of ${number(limit)} ${channel.unit}`,
-      domain: [0, Math.max(edges.at(-1), 1.1)],
-    },
-    y: { label: "rollouts", domain: [0, SPARE * highest] },
-    label: `Rollouts by their peak ${channel.label}: ${unsafe.reduce((a, b) => a + b, 0)} unsafe, ${safe.reduce((a, b) => a + b, 0)} safe`,
-  });
-  safe.forEach((count, k) => {
-    if (count) plot.bar(edges[k], edges[k + 1], 0, count, "plot-safe-bar");
-    if (unsafe[k]) plot.bar(edges[k], edges[k + 1], count, count + unsafe[k], "plot-unsafe-bar");
-  });
-  plot.vertical(1, "plot-limit", "limit");
-  const key = keyOf(
-    [svg("rect", { x: 6, y: 2, width: 22, height: 11, class: "plot-safe-bar" }), "safe"],
-    [
-      svg("rect", {
-        x: 6,
-        y: 2,
-        width: 22,
-        height: 11,
-        class: "plot-unsafe-bar",
-        fill: plot.hatched,
-      }),
-      "unsafe (cut at the failure)",
-    ],
-  );
-  return framed(`Peak ${channel.label}`, plot.svg, key);
-}
 
 export function calibrationFigure({ alphas, n_unsafe, n_early }) {
   const finite = alphas.filter((alpha) => alpha !== null);

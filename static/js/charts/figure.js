@@ -1,0 +1,59 @@
+/**
+ * What every figure of datasets and monitors shares: a title with a key, and shares as an axis.
+ *
+ * Exports
+ *   framed(title, plot, key, words) -> <figure>
+ *   keyOf([mark, words], ...) -> element     a line each of what is drawn
+ *   sample(name, mark) -> [svg]              a line of a key: class name, mark "cross", "circle", ...
+ *   UNIT_SHARE   the axis of a share from 0 to 1.   SPARE   of an axis above its greatest value
+ */
+
+import { h, svg } from "../lib/dom.js";
+import { percent } from "../lib/words.js";
+
+export const UNIT_SHARE = {
+  domain: [0, 1],
+  format: (value) => percent(value, 0),
+  ticks: [0, 0.2, 0.4, 0.6, 0.8, 1],
+};
+export const SPARE = 1.12;
+
+export function framed(title, plot, key, words) {
+  const caption = h(
+    "figcaption",
+    {},
+    h("span", { class: "figure-title" }, title),
+    key,
+    words ? h("p", { class: "hint" }, words) : null,
+  );
+  return h("figure", { class: "figure-block" }, caption, plot);
+}
+
+export function keyOf(...entries) {
+  return h(
+    "span",
+    { class: "figure-key" },
+    entries.map(([draw, words]) =>
+      h(
+        "span",
+        {},
+        svg("svg", { viewBox: "0 0 34 14", class: "key-mark", "aria-hidden": "true" }, draw),
+        words,
+      ),
+    ),
+  );
+}
+
+export function sample(name, mark) {
+  const parts = [svg("path", { d: "M1 7H33", class: `plot-line ${name}` })];
+  const shapes = {
+    cross: "M13 3L21 11M13 11L21 3",
+    square: "M14 4h6v6h-6z",
+    circle: "M13.5 7a3.5 3.5 0 1 0 7 0a3.5 3.5 0 1 0 -7 0",
+    triangle: "M17 2.8L21 10.4H13z",
+    diamond: "M17 2.4L21.6 7L17 11.6L12.4 7z",
+    plus: "M12.5 7H21.5M17 2.5V11.5",
+  };
+  if (mark) parts.push(svg("path", { d: shapes[mark], class: `plot-mark ${name}` }));
+  return parts;
+}

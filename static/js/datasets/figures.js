@@ -1,0 +1,124 @@
+/**
+ * The figures of a dataset. Each function returns a <figure> with its words and key.
+ *
+ * Exports
+ *   rolloutFigure({catalog, specification, rollouts, n_unsafe, n_safe})     coloured by outcome
+ *   peakFigure(peaks, channel)               {limit, edges, unsafe, safe} of a dataset
+ *   sampleRollouts(api, id) -> Promise<[rollout]>     the first MOST of each outcome, to draw
+ */
+
+import { framed, keyOf, sample, SPARE } from "../charts/figure.js";
+import { createPlot } from "../charts/plot.js";
+import { h, svg } from "../lib/dom.js";
+import { figure as number } from "../lib/words.js";
+
+const MOST = 40;
+
+export function rolloutFigure({ catalog, specification, rollouts, n_unsafe, n_safe }) {
+  const limited = catalog.channels.filter(({ key }) => specification?.[key] != null);
+  const holder = h("div", {});
+  const choice = h(
+    "select",
+    { "aria-label": "channel", onchange: draw },
+    catalog.channels.map(({ key, symbol, label }) =>
+      h("option", { value: key }, `${symbol}, ${label}`),
+    ),
+  );
+  choice.value = (limited[0] ?? catalog.channels[0]).key;
+  const count = (outcome) => rollouts.filter((rollout) => rollout.outcome === outcome).length;
+  const key = keyOf(
+    [
+      sample("plot-unsafe", "cross"),
+      `unsafe: ${count("unsafe")} of ${n_unsafe}, each to its failure`,
+    ],
+    [sample("plot-safe"), `safe: ${count("safe")} of ${n_safe}`],
+    [sample("plot-limit"), "limit"],
+  );
+  draw();
+  return framed(
+    "Rollouts by outcome",
+    [h("div", { class: "field-inline figure-choice" }, choice), holder],
+    key,
+  );
+
+  function draw() {
+    const channel = catalog.channels.find((entry) => entry.key === choice.value);
+    const limit = specification?.[channel.key] ?? null;
+    const series = rollouts.map((rollout) => ({
+      ...rollout,
+      y: rollout.telemetry[channel.key],
+      t: rollout.telemetry.t,
+    }));
+    const top =
+      SPARE *
+      Math.max(
+        limit ?? 0,
+        1e-6,
+        ...series.map(({ y }) =>
+          y.reduce((most, value) => Math.max(most, Math.abs(value ?? 0)), 0),
+        ),
+      );
+    const end = Math.max(0.1, ...series.map(({ t }) => t.at(-1)));
+    const plot = createPlot({
+      x: { label: "time [s]", domain: [0, end] },
+      y: { label: `${channel.symbol} [${channel.unit}]`, domain: [-top, top] },
+      label: `${channel.label} of ${series.length} rollouts; the unsafe ones end with a cross at the failure`,
+    });
+    for (const outcome of ["safe", "unsafe"]) {
+      for (const { t, y } of series.filter((one) => one.outcome === outcome))
+        plot.line(
+          t.map((time, k) => [time, y[k]]),
+          `plot-${outcome}`,
+        );
+    }
+    plot.marks(
+      series.filter(({ outcome }) => outcome === "unsafe").map(({ t, y }) => [t.at(-1), y.at(-1)]),
+      "cross",
+      "plot-unsafe",
+    );
+    if (limit !== null) {
+      plot.horizontal(limit, "plot-limit", `limit ${number(limit)} ${channel.unit}`);
+      plot.horizontal(-limit, "plot-limit", "");
+    }
+    holder.replaceChildren(plot.svg);
+  }
+}
+
+export function peakFigure({ limit, edges, unsafe, safe }, channel) {
+  const highest = Math.max(1, ...unsafe.map((count, k) => count + safe[k]));
+  const plot = createPlot({
+    x: {
+      label: `peak |${channel.symbol}| / limit of ${number(limit)} ${channel.unit}`,
+      domain: [0, Math.max(edges.at(-1), 1.1)],
+    },
+    y: { label: "rollouts", domain: [0, SPARE * highest] },
+    label: `Rollouts by their peak ${channel.label}: ${unsafe.reduce((a, b) => a + b, 0)} unsafe, ${safe.reduce((a, b) => a + b, 0)} safe`,
+  });
+  safe.forEach((count, k) => {
+    if (count) plot.bar(edges[k], edges[k + 1], 0, count, "plot-safe-bar");
+    if (unsafe[k]) plot.bar(edges[k], edges[k + 1], count, count + unsafe[k], "plot-unsafe-bar");
+  });
+  plot.vertical(1, "plot-limit", "limit");
+  const key = keyOf(
+    [svg("rect", { x: 6, y: 2, width: 22, height: 11, class: "plot-safe-bar" }), "safe"],
+    [
+      svg("rect", {
+        x: 6,
+        y: 2,
+        width: 22,
+        height: 11,
+        class: "plot-unsafe-bar",
+        fill: plot.hatched,
+      }),
+      "unsafe (cut at the failure)",
+    ],
+  );
+  return framed(`Peak ${channel.label}`, plot.svg, key);
+}
+
+export async function sampleRollouts(api, id) {
+  const outcomes = ["unsafe", "safe"].map((outcome) =>
+    api.get(`/datasets/${id}/rollouts?outcome=${outcome}&count=${MOST}`),
+  );
+  return (await Promise.all(outcomes)).flat();
+}
