@@ -9,7 +9,7 @@
  */
 
 import { h, svg } from "../lib/dom.js";
-import { percent } from "../lib/words.js";
+import { percent } from "../lib/numbers.js";
 
 export const UNIT_SHARE = {
   domain: [0, 1],

@@ -7,7 +7,7 @@
  */
 
 import { h, svg } from "../lib/dom.js";
-import { figure } from "../lib/words.js";
+import { figure } from "../lib/numbers.js";
 
 const [WIDTH, HEIGHT, PAD] = [240, 44, 4];
 

@@ -16,7 +16,7 @@
  */
 
 import { piecesOf, svg } from "../lib/dom.js";
-import { figure } from "../lib/words.js";
+import { figure } from "../lib/numbers.js";
 
 const MARGIN = { left: 62, right: 16, top: 14, bottom: 48 };
 const SHAPES = {

@@ -8,12 +8,12 @@
  *   createReadout(element, strip) -> {show(reading)}   strip: {symbol, label, unit, limit, risk}
  *     reading: {value, state, alert, forecast, lead, a, b, cursor, exceeded: {value, t} | null}
  *   symbolNodes(symbol) -> Node[]     "N_y" as N with subscript y
- *   formatValue(value) -> string      three decimals and a true minus; a dash when missing
  *   shownState({state, reason}) -> string    "not_assessed" between the manoeuvres of a recording
  *   STATE_WORDS                       what each state is called on screen
  */
 
-import { formatTime } from "./time_axis.js";
+import { put } from "../lib/dom.js";
+import { formatTime, formatValue } from "../lib/numbers.js";
 
 export const STATE_WORDS = {
   ok: "OK",
@@ -96,17 +96,6 @@ export function symbolNodes(symbol) {
     nodes.push(sub);
   }
   return nodes;
-}
-
-export function formatValue(value) {
-  if (!Number.isFinite(value)) return "–";
-  const size = Math.abs(value);
-  const text = size.toFixed(size < 100 ? 3 : 1);
-  return value < 0 && Number(text) !== 0 ? `−${text}` : text;
-}
-
-function put(element, text) {
-  if (element.textContent !== text) element.textContent = text;
 }
 
 function child(parent, tag, className) {

@@ -3,11 +3,10 @@
  *
  * Exports
  *   timeTicks(start, end, width) -> {times, step}    round times about 90 px apart
- *   formatTime(t, step) -> string                    "12.50", "3:05" from two minutes on, "1:03:05"
- *                                                    from an hour on
  *   createTimeAxis(canvas) -> {draw(frame, ticks), resize(width, height, ratio), setPalette(palette)}
  */
 
+import { formatTime } from "../lib/numbers.js";
 import { GUTTER } from "./strip_frame.js";
 import { roundStep } from "./value_axis.js";
 
@@ -19,19 +18,6 @@ export function timeTicks(start, end, width) {
   const times = [];
   for (let k = Math.ceil(start / step); k * step <= end; k++) times.push(k * step);
   return { times, step };
-}
-
-export function formatTime(t, step) {
-  const sign = t < 0 ? "−" : "";
-  const size = Math.abs(t);
-  const places = step >= 1 ? 0 : Math.min(3, Math.ceil(-Math.log10(step)));
-  if (size < 120) return sign + size.toFixed(places);
-  const whole = size.toFixed(places);
-  const minutes = Math.floor(Number(whole) / 60);
-  const rest = (Number(whole) - 60 * minutes).toFixed(places);
-  const seconds = rest.padStart(places > 0 ? places + 3 : 2, "0");
-  if (minutes < 60) return `${sign}${minutes}:${seconds}`;
-  return `${sign}${Math.floor(minutes / 60)}:${String(minutes % 60).padStart(2, "0")}:${seconds}`;
 }
 
 export function createTimeAxis(canvas) {

@@ -10,7 +10,7 @@
 import { framed, keyOf, sample, SPARE } from "../charts/figure.js";
 import { createPlot } from "../charts/plot.js";
 import { h, svg } from "../lib/dom.js";
-import { figure as number } from "../lib/words.js";
+import { figure as number } from "../lib/numbers.js";
 
 const MOST = 40;
 

@@ -4,14 +4,15 @@
  * Exports  show(element, {id, query, api, navigate}) -> {close()}
  */
 
+import { createTestFields } from "../forms/planned_test.js";
 import { reason } from "../lib/api.js";
-import { showDataset } from "./page.js";
+import { aircraftName, kindName, limitWords, loadCatalog } from "../lib/catalog.js";
 import { formatted, h } from "../lib/dom.js";
 import { followInPlace, jobList } from "../lib/job_progress.js";
-import { createTestFields } from "../forms/planned_test.js";
-import { lively } from "../lib/view_life.js";
+import { loadingView } from "../lib/loading_view.js";
+import { moment, percent } from "../lib/numbers.js";
 import { empty, link, pageOf } from "../lib/view_states.js";
-import { aircraftName, kindName, limitWords, loadCatalog, moment, percent } from "../lib/words.js";
+import { showDataset } from "./page.js";
 
 export function show(element, context) {
   if (context.id === "new") return showSimulation(element, context);
@@ -19,7 +20,7 @@ export function show(element, context) {
 }
 
 function showDatasets(element, { api }) {
-  return lively(element, { title: "Datasets", text: "Looking up the datasets", build });
+  return loadingView(element, { title: "Datasets", text: "Looking up the datasets", build });
 
   async function build({ keep, again }) {
     const [catalog, datasets, jobs] = await Promise.all([
@@ -85,7 +86,7 @@ function table(datasets, catalog) {
 }
 
 function showSimulation(element, { api, navigate }) {
-  return lively(element, {
+  return loadingView(element, {
     title: "Simulate a dataset",
     text: "Looking up what can be simulated",
     build,

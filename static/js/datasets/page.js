@@ -1,23 +1,16 @@
 /** One dataset: what was simulated, how often it failed, its rollouts to look at and to replay. */
 
-import { formatted, h } from "../lib/dom.js";
-import { peakFigure, rolloutFigure, sampleRollouts } from "./figures.js";
 import { rawRecipe, recipeTable } from "../forms/recipe_table.js";
+import { aircraftName, kindName, limitWords, loadCatalog } from "../lib/catalog.js";
+import { formatted, h } from "../lib/dom.js";
+import { loadingView } from "../lib/loading_view.js";
+import { figure, moment, percent } from "../lib/numbers.js";
+import { askToConfirm, button, link, pageOf } from "../lib/view_states.js";
+import { peakFigure, rolloutFigure, sampleRollouts } from "./figures.js";
 import { createRolloutViewer } from "./rollout_viewer.js";
-import { lively } from "../lib/view_life.js";
-import { button, confirmed, link, pageOf } from "../lib/view_states.js";
-import {
-  aircraftName,
-  figure,
-  kindName,
-  limitWords,
-  loadCatalog,
-  moment,
-  percent,
-} from "../lib/words.js";
 
 export function showDataset(element, { id, api, navigate }) {
-  return lively(element, { title: "Dataset", text: "Opening the dataset", build });
+  return loadingView(element, { title: "Dataset", text: "Opening the dataset", build });
 
   async function build({ keep }) {
     const [catalog, dataset, monitors] = await Promise.all([
@@ -72,7 +65,7 @@ export function showDataset(element, { id, api, navigate }) {
   }
 
   function remove(dataset) {
-    confirmed(
+    askToConfirm(
       `Delete the dataset “${dataset.name}”?`,
       "Its rollouts go with it. The same recipe and seed simulate it again.",
       "Delete it",

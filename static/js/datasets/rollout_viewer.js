@@ -6,11 +6,11 @@
  *     monitors: those that can fly it, the best first
  */
 
+import { createStripChart } from "../charts/live/strip_chart.js";
 import { reason } from "../lib/api.js";
 import { formatted, h } from "../lib/dom.js";
-import { createStripChart } from "../charts/live/strip_chart.js";
+import { figure } from "../lib/numbers.js";
 import { button, link } from "../lib/view_states.js";
-import { figure } from "../lib/words.js";
 
 export function createRolloutViewer({ api, catalog, dataset, monitors, navigate }) {
   const counts = { unsafe: dataset.n_unsafe, safe: dataset.n_safe };

@@ -20,11 +20,10 @@
  *   close()              silence
  */
 
-import { reason } from "../lib/api.js";
-import { h } from "../lib/dom.js";
-import { put } from "../lib/panel_states.js";
 import { shownState } from "../charts/readout.js";
-import { riskText } from "./risk_gauge.js";
+import { reason } from "../lib/api.js";
+import { h, put } from "../lib/dom.js";
+import { riskText } from "../lib/numbers.js";
 
 export function guarantee({ epsilon, lead }) {
   const share = `${Number((100 * epsilon).toPrecision(3))} %`;

@@ -6,27 +6,26 @@
  *     over(reason)    the flight is not under way any more
  */
 
-import { createAlarmPanel } from "./alarm_panel.js";
-import { reason } from "../lib/api.js";
-import { createConnection } from "./connection.js";
-import { addDrawer } from "../lib/draw_loop.js";
-import { h } from "../lib/dom.js";
-import { createEventList } from "../lib/event_list.js";
-import { alertText, createFlightPanels, limitsOf, sourceText, windowOf } from "./panels.js";
-import { put, state as stateOf } from "../lib/panel_states.js";
+import { createStripChart } from "../charts/live/strip_chart.js";
+import { createTimeline } from "../charts/live/timeline.js";
 import { shownState } from "../charts/readout.js";
+import { reason } from "../lib/api.js";
+import { h, put } from "../lib/dom.js";
+import { addDrawer } from "../lib/draw_loop.js";
+import { createEventList } from "../lib/event_list.js";
+import { formatTime, riskText } from "../lib/numbers.js";
+import { askToConfirm, state as stateOf } from "../lib/view_states.js";
+import { createAlarmPanel } from "./alarm_panel.js";
+import { createConnection } from "./connection.js";
+import { alertText, createFlightPanels, limitsOf, sourceText, windowOf } from "./panels.js";
 import { createReplayNotes } from "./replay_notes.js";
-import { createRiskGauge, riskText } from "./risk_gauge.js";
+import { createRiskGauge } from "./risk_gauge.js";
 import { createSceneFrame } from "./scene_frame.js";
 import { bindShortcuts, createShortcutList } from "./shortcuts.js";
 import { createSourceHistory } from "./source_history.js";
 import { createStatusStrip } from "./status_strip.js";
-import { createStripChart } from "../charts/live/strip_chart.js";
-import { formatTime } from "../charts/time_axis.js";
-import { createTimeline } from "../charts/live/timeline.js";
 import { bindMuteButton, createTone } from "./tone.js";
 import { createTransportBar } from "./transport_bar.js";
-import { confirmed } from "../lib/view_states.js";
 
 const STATUS_EVERY = 200; // ms
 const HELD = 1500; // ms
@@ -50,7 +49,7 @@ export function showLiveFlight(element, { id, api, over }) {
   });
   const transport = createTransportBar(panels.transport, {
     act: (action, value) => api.post(`${path}/transport`, { action, value: value ?? null }),
-    end: () => confirmed("End this flight?", "Its record is kept, and it can be flown again.", "End flight", () => api.delete(path)),
+    end: () => askToConfirm("End this flight?", "Its record is kept, and it can be flown again.", "End flight", () => api.delete(path)),
   });
   const scene = createSceneFrame(panels.scene, id);
   let timeline = null; // these four come with hello

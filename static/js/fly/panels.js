@@ -9,9 +9,9 @@
  *   sourceText(source, name) -> string
  */
 
-import { h } from "../lib/dom.js";
 import { symbolNodes } from "../charts/readout.js";
-import { riskText } from "./risk_gauge.js";
+import { h } from "../lib/dom.js";
+import { riskText } from "../lib/numbers.js";
 
 const WIDEST = 60; // s
 const NARROWEST = 5; // s

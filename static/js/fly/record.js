@@ -6,15 +6,14 @@
  *     flight: as the server has it.   why: how it ended, if the page saw it
  */
 
+import { createStripChart } from "../charts/live/strip_chart.js";
 import { reason } from "../lib/api.js";
-import { h } from "../lib/dom.js";
-import { put, state } from "../lib/panel_states.js";
+import { h, put } from "../lib/dom.js";
 import { createEventList } from "../lib/event_list.js";
+import { askToConfirm, state } from "../lib/view_states.js";
 import { alertText, createFlightPanels, sourceText, windowOf } from "./panels.js";
 import { createRiskGauge } from "./risk_gauge.js";
 import { createStatusStrip } from "./status_strip.js";
-import { createStripChart } from "../charts/live/strip_chart.js";
-import { confirmed } from "../lib/view_states.js";
 
 const HOW = {
   ended: "was ended",
@@ -48,7 +47,7 @@ export function showFlightRecord(element, { flight, why, api, navigate }) {
     h("div", { class: "row" },
       h("button", { type: "button", class: "button button-primary", onclick: again }, "Fly it again"),
       h("a", { class: "button", href: "#/fly" }, "All flights"),
-      h("button", { type: "button", class: "button button-danger", onclick: () => confirmed("Delete this record?", "Its samples, assessments and alarms are gone for good.", "Delete the record", remove) }, "Delete the record"),
+      h("button", { type: "button", class: "button button-danger", onclick: () => askToConfirm("Delete this record?", "Its samples, assessments and alarms are gone for good.", "Delete the record", remove) }, "Delete the record"),
       failure),
   );
   const events = createEventList(panels.events, {

@@ -10,8 +10,7 @@
  */
 
 import { reason } from "../lib/api.js";
-import { h } from "../lib/dom.js";
-import { put } from "../lib/panel_states.js";
+import { h, put } from "../lib/dom.js";
 
 export function createReplayNotes({ api, source, now, found, fail }) {
   const path = `/recordings/${encodeURIComponent(source.recording)}`;

@@ -11,12 +11,11 @@
  *       ok, warming_up, stale, invalid (between manoeuvres: NOT ASSESSED), over (the flight has ended), or null for no data.
  *     timeline: the strips' clock; with it the gauge turns stale by itself when samples stop.
  *     scale "sqrt" | "linear": spacing of 0..1, as on the risk strip.
- *   riskText(p_value, epsilon) -> string    two or three digits; more where rounding would put the
- *       number on the wrong side of epsilon
  */
 
-import { addDrawer } from "../lib/draw_loop.js";
 import { shownState } from "../charts/readout.js";
+import { addDrawer } from "../lib/draw_loop.js";
+import { riskText } from "../lib/numbers.js";
 
 const NS = "http://www.w3.org/2000/svg";
 const CENTRE = { x: 170, y: 150 };
@@ -176,14 +175,6 @@ export function createRiskGauge(element, { timeline = null, scale = "sqrt" } = {
       element.replaceChildren();
     },
   };
-}
-
-export function riskText(risk, epsilon) {
-  for (let places = risk < 0.1 ? 3 : 2; places < 6; places++) {
-    const text = risk.toFixed(places);
-    if (!Number.isFinite(epsilon) || risk > epsilon === Number(text) > epsilon) return text;
-  }
-  return String(risk);
 }
 
 /** @param {Reading} reading */

@@ -10,7 +10,7 @@
  */
 
 import { h } from "../lib/dom.js";
-import { state } from "../lib/panel_states.js";
+import { state } from "../lib/view_states.js";
 
 const KEY = "forewarn.scene";
 

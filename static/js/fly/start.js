@@ -6,10 +6,10 @@
  *     query: monitor, dataset, outcome, rollout, seed fill the form in (#/fly?monitor=3f9a)
  */
 
-import { guarantee } from "./alarm_panel.js";
 import { reason } from "../lib/api.js";
-import { h } from "../lib/dom.js";
-import { put, state } from "../lib/panel_states.js";
+import { h, put } from "../lib/dom.js";
+import { state } from "../lib/view_states.js";
+import { guarantee } from "./alarm_panel.js";
 import { sourceText } from "./panels.js";
 
 const REFRESH = 3000; // ms

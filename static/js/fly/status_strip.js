@@ -9,9 +9,8 @@
  *     link: "connecting" | "open" | "lost" | "over"; patience: age that is cautioned of; live: false for a flight that is over
  */
 
-import { h } from "../lib/dom.js";
-import { put } from "../lib/panel_states.js";
 import { STATE_WORDS } from "../charts/readout.js";
+import { h, put } from "../lib/dom.js";
 
 const ITEMS = [
   ["state", "monitor says", "What the monitor says of the newest sample"],

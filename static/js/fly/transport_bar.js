@@ -15,8 +15,7 @@
  */
 
 import { reason } from "../lib/api.js";
-import { h } from "../lib/dom.js";
-import { put } from "../lib/panel_states.js";
+import { h, put } from "../lib/dom.js";
 
 const SPEEDS = [0.1, 0.2, 0.5, 1, 2, 5, 10];
 

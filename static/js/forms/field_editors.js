@@ -13,8 +13,9 @@
  *   focus()
  */
 
+import { labelOf, plainWords } from "../lib/catalog.js";
 import { formatted, h } from "../lib/dom.js";
-import { figure, labelOf, plainWords } from "../lib/words.js";
+import { figure } from "../lib/numbers.js";
 
 const DEGREES = { rad: "deg", "rad/s": "deg/s" };
 

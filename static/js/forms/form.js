@@ -17,10 +17,10 @@
  *   fields dispatch `change` and `input` events, which bubble
  */
 
+import { aircraftCondition, labelOf, plainWords } from "../lib/catalog.js";
 import { h } from "../lib/dom.js";
 import { editorOf } from "./field_editors.js";
 import { createModelInput } from "./model_input.js";
-import { aircraftCondition, labelOf, plainWords } from "../lib/words.js";
 
 export function createFields(schema, initial, { catalog, path, hidden = [], unfolded = [] }) {
   const editors = new Map();

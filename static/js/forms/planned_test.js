@@ -10,9 +10,10 @@
  *          failures() -> number of unsafe rollouts | null
  */
 
+import { aircraftName, kindName, limitWords } from "../lib/catalog.js";
 import { formatted, h } from "../lib/dom.js";
+import { figure } from "../lib/numbers.js";
 import { createFields } from "./form.js";
-import { aircraftName, figure, kindName, limitWords } from "../lib/words.js";
 
 const SIZE = "n_unsafe";
 

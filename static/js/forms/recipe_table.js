@@ -6,8 +6,9 @@
  *   rawRecipe(title, plain) -> <details>              the JSON, as the server takes it
  */
 
+import { aircraftCondition, labelOf } from "../lib/catalog.js";
 import { formatted, h } from "../lib/dom.js";
-import { aircraftCondition, figure, labelOf } from "../lib/words.js";
+import { figure } from "../lib/numbers.js";
 
 export function recipeTable(schema, plain, catalog) {
   return h(

@@ -4,6 +4,7 @@
  * Exports
  *   h(tag, attributes, ...children) -> HTMLElement      children: nodes, text, lists; null is left out
  *   svg(tag, attributes, ...children) -> SVGElement
+ *   put(element, text)           changes the text only where it differs
  *   formatted(words) -> Node     "|N_y| < 0.5 g" with y as a subscript
  *   piecesOf(words) -> [[text, index]]     the same, cut at each symbol
  *
@@ -52,4 +53,8 @@ export function piecesOf(words) {
     end = start + whole.length;
   }
   return end < words.length ? [...pieces, [words.slice(end), ""]] : pieces;
+}
+
+export function put(element, text) {
+  if (element.textContent !== text) element.textContent = text;
 }

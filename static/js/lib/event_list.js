@@ -8,9 +8,8 @@
  *     flies past it each time round) is counted, not repeated, and not even counted where `seen`
  */
 
-import { formatted, h } from "./dom.js";
-import { put } from "./panel_states.js";
-import { formatTime } from "../charts/time_axis.js";
+import { formatted, h, put } from "./dom.js";
+import { formatTime } from "./numbers.js";
 
 export function createEventList(element, { go, label = "Events, newest first", most = 300 }) {
   const title = h("h2", { class: "event-title" }, "Events");

@@ -13,8 +13,8 @@
 
 import { reason } from "./api.js";
 import { h } from "./dom.js";
+import { moment } from "./numbers.js";
 import { button } from "./view_states.js";
-import { moment } from "./words.js";
 
 const WORDS = {
   failed: "It failed",

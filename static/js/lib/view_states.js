@@ -3,9 +3,10 @@
  *
  * Exports
  *   loading(text), empty(title, text, ...actions), failure(error, again) -> element
+ *   state(kind, title, text, ...actions) -> section    of a panel; kind "empty" | "loading" | "error"
  *   pageOf(title, ...) -> element        a scrolling page with its heading
  *   link(text, hash, primary), button(text, pressed, attributes)
- *   confirmed(question, consequence, word, act) -> dialog, shown; act() may fail, which it tells
+ *   askToConfirm(question, consequence, word, act) -> dialog, shown; act() may fail, which it tells
  */
 
 import { reason } from "./api.js";
@@ -36,6 +37,12 @@ export function failure(error, again) {
   );
 }
 
+export function state(kind, title, text, ...actions) {
+  const role = kind === "error" ? "alert" : "status";
+  const row = actions.length > 0 ? h("div", { class: "row" }, actions) : null;
+  return h("section", { class: `state-${kind}`, role }, h("h2", {}, title), h("p", {}, text), row);
+}
+
 export function pageOf(title, actions, ...content) {
   const head = h(
     "header",
@@ -54,7 +61,7 @@ export function button(text, pressed, attributes = {}) {
   return h("button", { type: "button", class: "button", onclick: pressed, ...attributes }, text);
 }
 
-export function confirmed(question, consequence, word, act) {
+export function askToConfirm(question, consequence, word, act) {
   const said = h("p", { class: "error", role: "alert", hidden: true });
   const yes = button(word, perform, { class: "button button-danger" });
   const no = button("Keep it", () => dialog.close(), { autofocus: true });

@@ -4,21 +4,22 @@
  * Exports  showComparison(element, {query, api, navigate})     query: dataset, job (a past study)
  */
 
-import { reason } from "../lib/api.js";
-import { h } from "../lib/dom.js";
-import { methodsFigure } from "./figures.js";
 import { createFields } from "../forms/form.js";
-import { createJobProgress } from "../lib/job_progress.js";
 import { datasetChoice } from "../forms/planned_test.js";
-import { lively } from "../lib/view_life.js";
+import { reason } from "../lib/api.js";
+import { loadCatalog } from "../lib/catalog.js";
+import { h } from "../lib/dom.js";
+import { createJobProgress } from "../lib/job_progress.js";
+import { loadingView } from "../lib/loading_view.js";
+import { figure, interval, moment, percent } from "../lib/numbers.js";
 import { empty, link, pageOf } from "../lib/view_states.js";
-import { figure, interval, loadCatalog, moment, percent } from "../lib/words.js";
+import { methodsFigure } from "./figures.js";
 
 const TITLE = "Compare five methods";
 const SHOWN = [0.05, 0.1, 0.2, 0.3];
 
 export function showComparison(element, { query, api, navigate }) {
-  return lively(element, { title: TITLE, text: "Looking up datasets and past comparisons", build });
+  return loadingView(element, { title: TITLE, text: "Looking up datasets and past comparisons", build });
 
   async function build({ keep, again }) {
     const catalog = await loadCatalog(api);

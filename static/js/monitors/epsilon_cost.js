@@ -7,9 +7,9 @@
  *     changed({epsilon, rank, threshold})   now and at each move
  */
 
-import { neededFor, rank, scatter, threshold } from "./calibration_rule.js";
 import { h, svg } from "../lib/dom.js";
-import { figure, interval, percent } from "../lib/words.js";
+import { figure, interval, percent } from "../lib/numbers.js";
+import { neededFor, rank, scatter, threshold } from "./calibration_rule.js";
 
 const MEASURES = [
   {

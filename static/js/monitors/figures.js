@@ -11,7 +11,7 @@
 import { framed, keyOf, sample, SPARE, UNIT_SHARE } from "../charts/figure.js";
 import { createPlot } from "../charts/plot.js";
 import { svg } from "../lib/dom.js";
-import { figure as number } from "../lib/words.js";
+import { figure as number } from "../lib/numbers.js";
 
 const METHOD_MARKS = ["circle", "square", "triangle", "diamond", "plus"];
 

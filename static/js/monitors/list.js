@@ -1,14 +1,15 @@
 /** All monitors, those in training, and the way to a new one. Exports  showMonitors(element, context). */
 
 import { reason } from "../lib/api.js";
+import { aircraftName, kindName, loadCatalog } from "../lib/catalog.js";
 import { h } from "../lib/dom.js";
 import { jobList } from "../lib/job_progress.js";
-import { lively } from "../lib/view_life.js";
+import { loadingView } from "../lib/loading_view.js";
+import { figure, moment, percent } from "../lib/numbers.js";
 import { button, empty, link, pageOf } from "../lib/view_states.js";
-import { aircraftName, figure, kindName, loadCatalog, moment, percent } from "../lib/words.js";
 
 export function showMonitors(element, { api, navigate }) {
-  return lively(element, { title: "Monitors", text: "Looking up the monitors", build });
+  return loadingView(element, { title: "Monitors", text: "Looking up the monitors", build });
 
   async function build({ keep, again }) {
     const done = () => again();

@@ -1,24 +1,17 @@
 /** One monitor: what it promises, what fresh flights said, its figures and its file. Exports  showMonitor. */
 
+import { rolloutFigure, sampleRollouts } from "../datasets/figures.js";
+import { rawRecipe, recipeTable } from "../forms/recipe_table.js";
+import { aircraftName, kindName, limitWords, loadCatalog } from "../lib/catalog.js";
 import { formatted, h } from "../lib/dom.js";
+import { loadingView } from "../lib/loading_view.js";
+import { figure, moment, percent } from "../lib/numbers.js";
+import { askToConfirm, button, empty, link, pageOf } from "../lib/view_states.js";
 import { createEpsilonCost } from "./epsilon_cost.js";
 import { calibrationFigure, curvesFigure, leadFigure } from "./figures.js";
-import { rawRecipe, recipeTable } from "../forms/recipe_table.js";
-import { rolloutFigure, sampleRollouts } from "../datasets/figures.js";
-import { lively } from "../lib/view_life.js";
-import { button, confirmed, empty, link, pageOf } from "../lib/view_states.js";
-import {
-  aircraftName,
-  figure,
-  kindName,
-  limitWords,
-  loadCatalog,
-  moment,
-  percent,
-} from "../lib/words.js";
 
 export function showMonitor(element, { id, api, navigate }) {
-  return lively(element, { title: "Monitor", text: "Opening the monitor", build });
+  return loadingView(element, { title: "Monitor", text: "Opening the monitor", build });
 
   async function build() {
     const [catalog, monitor, calibration] = await Promise.all([
@@ -88,7 +81,7 @@ export function showMonitor(element, { id, api, navigate }) {
   }
 
   function remove(monitor) {
-    confirmed(
+    askToConfirm(
       `Delete the monitor “${monitor.name}”?`,
       "Its calibration and evaluation go with it. Download its file first if you may want it again. The dataset stays.",
       "Delete it",

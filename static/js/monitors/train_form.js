@@ -5,15 +5,16 @@
  *     query: dataset (train on that one), like (begin from that monitor's recipe)
  */
 
-import { reason } from "../lib/api.js";
-import { neededFor } from "./calibration_rule.js";
-import { h } from "../lib/dom.js";
 import { createFields } from "../forms/form.js";
-import { followInPlace } from "../lib/job_progress.js";
 import { datasetChoice } from "../forms/planned_test.js";
-import { lively } from "../lib/view_life.js";
+import { reason } from "../lib/api.js";
+import { loadCatalog } from "../lib/catalog.js";
+import { h } from "../lib/dom.js";
+import { followInPlace } from "../lib/job_progress.js";
+import { loadingView } from "../lib/loading_view.js";
+import { figure } from "../lib/numbers.js";
 import { link, pageOf } from "../lib/view_states.js";
-import { figure, loadCatalog } from "../lib/words.js";
+import { neededFor } from "./calibration_rule.js";
 
 const MAIN = ["t_early", "epsilon"];
 const TEST = {
@@ -25,7 +26,7 @@ const TEST = {
 };
 
 export function showTraining(element, { query, api, navigate }) {
-  return lively(element, {
+  return loadingView(element, {
     title: "Train a monitor",
     text: "Looking up what can be trained",
     build,

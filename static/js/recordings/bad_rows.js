@@ -7,7 +7,7 @@
  */
 
 import { h } from "../lib/dom.js";
-import { percent } from "../lib/words.js";
+import { percent } from "../lib/numbers.js";
 
 export function badRows({ n, share, rows }) {
   if (!n) return null;

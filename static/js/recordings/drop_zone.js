@@ -8,9 +8,9 @@
 
 import { address, noAnswer, reason, refusal } from "../lib/api.js";
 import { h } from "../lib/dom.js";
-import { badRowsTable } from "./bad_rows.js";
-import { bytesText } from "./words.js";
+import { bytesText } from "../lib/numbers.js";
 import { button } from "../lib/view_states.js";
+import { badRowsTable } from "./bad_rows.js";
 
 const LONGEST_NAME = 200;
 

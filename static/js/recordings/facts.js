@@ -6,15 +6,14 @@
  *   createSignalList({api, recording}) -> element     every signal, each with a plot when asked for
  */
 
-import { reason } from "../lib/api.js";
-import { badRows } from "./bad_rows.js";
-import { h } from "../lib/dom.js";
 import { createMiniPlot } from "../charts/mini_plot.js";
-import { nameParts } from "./mapping/signal_select.js";
-import { formatTitle } from "./list.js";
-import { bytesText, durationText } from "./words.js";
+import { reason } from "../lib/api.js";
+import { h } from "../lib/dom.js";
+import { bytesText, durationText, figure, moment } from "../lib/numbers.js";
 import { button } from "../lib/view_states.js";
-import { figure, moment } from "../lib/words.js";
+import { badRows } from "./bad_rows.js";
+import { formatTitle } from "./list.js";
+import { nameParts } from "./mapping/signal_select.js";
 
 const SHOWN = 100; // signals listed at first
 

@@ -1,14 +1,15 @@
 /** All recordings, and the place where new ones come in. Exports  showRecordings(element, context). */
 
+import { loadCatalog } from "../lib/catalog.js";
 import { h } from "../lib/dom.js";
+import { loadingView } from "../lib/loading_view.js";
+import { bytesText, durationText, moment } from "../lib/numbers.js";
+import { askToConfirm, button, empty, pageOf } from "../lib/view_states.js";
 import { createDropZone } from "./drop_zone.js";
-import { bytesText, durationText, MAPPING_STATES } from "./words.js";
-import { lively } from "../lib/view_life.js";
-import { button, confirmed, empty, pageOf } from "../lib/view_states.js";
-import { loadCatalog, moment } from "../lib/words.js";
+import { MAPPING_STATES } from "./words.js";
 
 export function showRecordings(element, { api, navigate }) {
-  return lively(element, { title: "Recordings", text: "Looking up the recordings", build });
+  return loadingView(element, { title: "Recordings", text: "Looking up the recordings", build });
 
   async function build({ keep }) {
     const [catalog, recordings] = await Promise.all([loadCatalog(api), api.get("/recordings")]);
@@ -35,7 +36,7 @@ export function showRecordings(element, { api, navigate }) {
 
     function remove({ id, name, n_scorings: scorings }) {
       const also = scorings ? `, its ${scorings} ${scorings === 1 ? "scoring" : "scorings"}` : "";
-      confirmed(
+      askToConfirm(
         `Delete the recording “${name}”?`,
         `The file${also} and its notes go with it, for good.`,
         "Delete it",

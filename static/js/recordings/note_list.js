@@ -8,7 +8,7 @@
  */
 
 import { h } from "../lib/dom.js";
-import { secondsText } from "./words.js";
+import { secondsText } from "../lib/numbers.js";
 import { button } from "../lib/view_states.js";
 
 const NONE = "None yet. They stay with the recording, and are in its report.";

@@ -10,11 +10,10 @@
  */
 
 import { reason } from "../lib/api.js";
-import { h } from "../lib/dom.js";
-import { createNoteList, noteSign } from "./note_list.js";
-import { put } from "../lib/panel_states.js";
-import { secondsText } from "./words.js";
+import { h, put } from "../lib/dom.js";
+import { secondsText } from "../lib/numbers.js";
 import { button } from "../lib/view_states.js";
+import { createNoteList, noteSign } from "./note_list.js";
 
 export function createNotesPanel({ api, recording, place, go, changed }) {
   const path = `/recordings/${recording}/markers`;

@@ -3,23 +3,23 @@
  * Exports  showRecording(element, context).
  */
 
+import { previewTiles } from "../charts/recorded/preview_tiles.js";
+import { loadCatalog } from "../lib/catalog.js";
 import { h } from "../lib/dom.js";
+import { loadingView } from "../lib/loading_view.js";
+import { askToConfirm, button, link, pageOf } from "../lib/view_states.js";
+import { createSignalList, recordingFacts } from "./facts.js";
 import { createMappingSection } from "./mapping/section.js";
 import { createQualityStrip } from "./quality_strip.js";
-import { createSignalList, recordingFacts } from "./facts.js";
-import { previewTiles } from "../charts/recorded/preview_tiles.js";
 import { createScoreForm } from "./scoring/form.js";
 import { createScoringList } from "./scoring/list.js";
-import { lively } from "../lib/view_life.js";
-import { button, confirmed, link, pageOf } from "../lib/view_states.js";
-import { loadCatalog } from "../lib/words.js";
 
 const ROW_BINS = 120; // of the small plots
 const CHART_BINS = 1600; // where manoeuvres are looked for too
 
 export function showRecording(element, { id, api, navigate }) {
   let next = false; // the mapping was just confirmed: go on with what comes next
-  return lively(element, { title: "Recording", text: "Opening the recording", build });
+  return loadingView(element, { title: "Recording", text: "Opening the recording", build });
 
   async function build({ keep, again }) {
     const [catalog, recording, scorings, monitors, all] = await Promise.all([
@@ -96,7 +96,7 @@ export function showRecording(element, { id, api, navigate }) {
   }
 
   function remove({ name }) {
-    confirmed(
+    askToConfirm(
       `Delete the recording “${name}”?`,
       "The file, its scorings and its notes go with it, for good.",
       "Delete it",

@@ -7,10 +7,9 @@
  *       sentences: [text]}, times in [s]; kind "gap", "missing:beta", ...
  */
 
-import { h, svg } from "../lib/dom.js";
-import { durationText } from "./words.js";
-import { formatTime } from "../charts/time_axis.js";
 import { niceTicks } from "../charts/plot.js";
+import { h, svg } from "../lib/dom.js";
+import { durationText, formatTime } from "../lib/numbers.js";
 
 const ALWAYS = {
   gap: "gaps",

@@ -2,9 +2,7 @@
  * What is said of recordings and scorings: sizes, times, and every outcome with a word and a sign.
  *
  * Exports
- *   bytesText(n), durationText(seconds), secondsText(t)
  *   MAPPING_STATES   key -> {word, level, text}
- *   OUTCOMES         key of a manoeuvre's verdict -> {word, level, mark, text}
  *   outcomeOf(key) -> {word, level, mark, text}, outcomeChip(key) -> element
  *   outsideText({outside, channels}) -> string    limits reached outside every manoeuvre; or nothing
  *   validityWords(stretch) -> {word, level, mark}
@@ -15,11 +13,7 @@
  */
 
 import { h } from "../lib/dom.js";
-import { formatValue } from "../charts/readout.js";
-import { figure } from "../lib/words.js";
-import { formatTime } from "../charts/time_axis.js";
-
-const UNITS = ["bytes", "kB", "MB", "GB", "TB"];
+import { figure, formatValue, secondsText } from "../lib/numbers.js";
 
 export const MAPPING_STATES = {
   proposed: { word: "check it", level: "caution", text: "proposed from names and values" },
@@ -27,7 +21,7 @@ export const MAPPING_STATES = {
   confirmed: { word: "confirmed", level: "ok", text: "" },
 };
 
-export const OUTCOMES = {
+const OUTCOMES = {
   timely_alert: {
     word: "TIMELY ALERT",
     level: "ok",
@@ -66,23 +60,6 @@ export const OUTCOMES = {
     text: "the monitor had no right to speak here",
   },
 };
-
-export function bytesText(n) {
-  const power = n > 0 ? Math.min(UNITS.length - 1, Math.floor(Math.log10(n) / 3)) : 0;
-  return `${power === 0 ? n : (n / 1000 ** power).toPrecision(3)} ${UNITS[power]}`;
-}
-
-export function durationText(seconds) {
-  if (!Number.isFinite(seconds)) return "–";
-  const whole = Math.round(seconds);
-  if (seconds < 120) return `${seconds.toFixed(1)} s`;
-  if (whole < 7200) return `${Math.floor(whole / 60)} min ${whole % 60} s`;
-  return `${Math.floor(whole / 3600)} h ${Math.floor((whole % 3600) / 60)} min`;
-}
-
-export function secondsText(t) {
-  return t === null || t === undefined ? "–" : `${formatTime(t, 0.01)} s`;
-}
 
 export function outcomeOf(key) {
   const word = String(key ?? "not said").replaceAll("_", " ").toUpperCase();

@@ -21,8 +21,8 @@
  * @property {number} epsilon @property {number} cursor @property {{a: number, b: number}} marks [s]
  */
 
-import { GAP } from "./ring_buffer.js";
 import { createStripFrame, GUTTER, SPARSE } from "../strip_frame.js";
+import { GAP } from "./ring_buffer.js";
 
 const OF_THE_RISK = new Set(["alert", "warming", "invalid", "unassessed"]); // words said once, on its strip
 const DASH = 9; // px of a dash and its space in a column-wise trace

@@ -32,17 +32,26 @@
  * a jump in seq (frames the server left out for display) joins the trace above a hatched bar.
  */
 
+import { addDrawer } from "../../lib/draw_loop.js";
+import { formatTime, formatValue } from "../../lib/numbers.js";
 import { attachInput } from "../input.js";
 import { layOut } from "../layout.js";
-import { addDrawer } from "../../lib/draw_loop.js";
 import { readPalette, watchTheme } from "../palette.js";
-import { createReadout, formatValue, shownState, STATE_WORDS } from "../readout.js";
-import { ALERT, createRingBuffer, GAP, INVALID, THINNED, UNASSESSED, WARMING_UP } from "./ring_buffer.js";
-import { createStripCanvas } from "./strip_canvas.js";
+import { createReadout, shownState, STATE_WORDS } from "../readout.js";
 import { GUTTER } from "../strip_frame.js";
-import { createTimeAxis, formatTime, timeTicks } from "../time_axis.js";
-import { createTimeline } from "./timeline.js";
+import { createTimeAxis, timeTicks } from "../time_axis.js";
 import { createRiskAxis, createValueAxis } from "../value_axis.js";
+import {
+  ALERT,
+  createRingBuffer,
+  GAP,
+  INVALID,
+  THINNED,
+  UNASSESSED,
+  WARMING_UP,
+} from "./ring_buffer.js";
+import { createStripCanvas } from "./strip_canvas.js";
+import { createTimeline } from "./timeline.js";
 import { createVisibleSamples } from "./visible_samples.js";
 
 const READOUT_EVERY = 200; // ms; faster digits cannot be read

@@ -7,9 +7,9 @@
  *     fail(words, again): shown until again() is asked for
  */
 
-import { layOut } from "../layout.js";
 import { h } from "../../lib/dom.js";
 import { button } from "../../lib/view_states.js";
+import { layOut } from "../layout.js";
 
 const BUTTONS = [
   ["back", "◀ Event", "Go to the event before (key P)"],

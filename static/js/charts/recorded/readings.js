@@ -6,11 +6,9 @@
  *     sets: [TileSet | null] as drawn.   spans: [[{start, end, withdrawn}] | null] of each source
  */
 
-import { h } from "../../lib/dom.js";
-import { put } from "../../lib/panel_states.js";
-import { formatValue, symbolNodes } from "../readout.js";
-import { durationText } from "../../recordings/words.js";
-import { formatTime } from "../time_axis.js";
+import { h, put } from "../../lib/dom.js";
+import { durationText, formatTime, formatValue } from "../../lib/numbers.js";
+import { symbolNodes } from "../readout.js";
 
 const NOTHING = { low: NaN, high: NaN };
 

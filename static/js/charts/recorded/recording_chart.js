@@ -23,20 +23,20 @@
  */
 
 import { reason } from "../../lib/api.js";
-import { attachInput, attachMarking } from "../input.js";
 import { addDrawer } from "../../lib/draw_loop.js";
-import { createEventLane } from "./event_lane.js";
-import { createOverviewBar } from "./overview_bar.js";
+import { attachInput, attachMarking } from "../input.js";
 import { readPalette, watchTheme } from "../palette.js";
-import { layOutRecording } from "./layout.js";
-import { createReadings } from "./readings.js";
 import { GUTTER } from "../strip_frame.js";
+import { createTimeAxis, timeTicks } from "../time_axis.js";
+import { createRiskAxis, createValueAxis } from "../value_axis.js";
+import { createEventLane } from "./event_lane.js";
+import { layOutRecording } from "./layout.js";
+import { createOverviewBar } from "./overview_bar.js";
+import { createReadings } from "./readings.js";
 import { bandsOf } from "./tile_bands.js";
 import { createTileStrip, pieceOf } from "./tile_strip.js";
 import { createTileCache } from "./tiles.js";
-import { createTimeAxis, timeTicks } from "../time_axis.js";
 import { createTimeWindow } from "./time_window.js";
-import { createRiskAxis, createValueAxis } from "../value_axis.js";
 
 const RISK = { key: "risk", symbol: "risk", unit: "", label: "higher is worse", limit: null };
 const DESCRIBED_EVERY = 1000; // ms

@@ -6,11 +6,11 @@
  *     query: compare=sid,rid:sid,...   a scoring of recording `id`, or of another
  */
 
-import { compareTable } from "./table.js";
+import { loadingView } from "../../lib/loading_view.js";
+import { link, pageOf } from "../../lib/view_states.js";
 import { createOverlay } from "./overlay.js";
 import { createScoringPicker } from "./scoring_picker.js";
-import { lively } from "../../lib/view_life.js";
-import { link, pageOf } from "../../lib/view_states.js";
+import { compareTable } from "./table.js";
 
 export function showComparedScorings(element, { id, query, api, navigate }) {
   const references = query
@@ -18,7 +18,7 @@ export function showComparedScorings(element, { id, query, api, navigate }) {
     .split(",")
     .filter(Boolean)
     .map((text) => referenceOf(text, id));
-  return lively(element, { title: "Compare", text: "Opening the scorings", build });
+  return loadingView(element, { title: "Compare", text: "Opening the scorings", build });
 
   async function build({ keep }) {
     const recordings = await api.get("/recordings");

@@ -5,12 +5,11 @@
  *   createOverlay({api, compared}) -> {element, close()}      compared: [{letter, recordingName, scoring}]
  */
 
-import { h } from "../../lib/dom.js";
 import { createRecordingChart } from "../../charts/recorded/recording_chart.js";
-import { secondsText } from "../words.js";
+import { h } from "../../lib/dom.js";
+import { figure, secondsText } from "../../lib/numbers.js";
 import { laneOf, spansOf } from "../scoring/events.js";
 import { scoringSource, stripOrder } from "../scoring/source.js";
-import { figure } from "../../lib/words.js";
 
 const OWN = "own"; // aligned by the recordings' own times
 const NAMES = ["under", "over"];

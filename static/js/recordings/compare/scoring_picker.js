@@ -8,8 +8,8 @@
 
 import { reason } from "../../lib/api.js";
 import { h } from "../../lib/dom.js";
+import { figure } from "../../lib/numbers.js";
 import { button } from "../../lib/view_states.js";
-import { figure } from "../../lib/words.js";
 
 export function createScoringPicker({ api, recordings, taken, add }) {
   const scored = recordings.filter(({ n_scorings: n }) => n > 0);

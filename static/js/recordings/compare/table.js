@@ -9,6 +9,8 @@
  */
 
 import { formatted, h } from "../../lib/dom.js";
+import { figure, riskText, secondsText } from "../../lib/numbers.js";
+import { button } from "../../lib/view_states.js";
 import { earlierMapping } from "../mapping/changes.js";
 import {
   firstAlertText,
@@ -16,12 +18,8 @@ import {
   leadText,
   outcomeChip,
   outsideText,
-  secondsText,
   validityWords,
 } from "../words.js";
-import { riskText } from "../../fly/risk_gauge.js";
-import { button } from "../../lib/view_states.js";
-import { figure } from "../../lib/words.js";
 
 export function compareTable(compared, { remove }) {
   const scorings = compared.map(({ scoring }) => scoring);

@@ -8,11 +8,11 @@
  *     element, key, read() -> source | null, show(tiles | null, [sentence that speaks against it])
  */
 
-import { confidence } from "./confidence.js";
-import { formatted, h } from "../../lib/dom.js";
 import { createMiniPlot } from "../../charts/mini_plot.js";
-import { createSignalSelect } from "./signal_select.js";
+import { formatted, h } from "../../lib/dom.js";
 import { button } from "../../lib/view_states.js";
+import { confidence } from "./confidence.js";
+import { createSignalSelect } from "./signal_select.js";
 
 const PLAIN = { signal: "", unit: "", sign: 1, offset: 0, derivation: "" };
 const NEVER_MEASURED = "not in this file";

@@ -11,9 +11,9 @@
 
 import { reason } from "../../lib/api.js";
 import { h } from "../../lib/dom.js";
-import { createMappingTable } from "./table.js";
-import { MAPPING_STATES } from "../words.js";
 import { button } from "../../lib/view_states.js";
+import { MAPPING_STATES } from "../words.js";
+import { createMappingTable } from "./table.js";
 
 const REST = 250; // ms that a correction must rest before it is tried
 

@@ -6,8 +6,8 @@
  *     times: of the mapping.   units: that times come in.   used: Set of group names
  */
 
-import { confidence } from "./confidence.js";
 import { h } from "../../lib/dom.js";
+import { confidence } from "./confidence.js";
 import { createSignalSelect } from "./signal_select.js";
 
 export function createTimeRows({ times, contents, guesses, units, changed }) {

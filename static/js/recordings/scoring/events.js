@@ -8,9 +8,8 @@
  *   laneOf(stretches, {row, offset, id}) -> [item]       for a chart's lane
  */
 
-import { outcomeOf, secondsText } from "../words.js";
-import { formatValue } from "../../charts/readout.js";
-import { riskText } from "../../fly/risk_gauge.js";
+import { formatValue, riskText, secondsText } from "../../lib/numbers.js";
+import { outcomeOf } from "../words.js";
 
 export function eventsOf({ stretches, outside, channels, epsilon }) {
   return [

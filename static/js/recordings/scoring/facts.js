@@ -1,7 +1,7 @@
 /** How a scoring was made: hashes, order, mapping, what was done to the data. Exports  scoringFacts(scoring). */
 
 import { h } from "../../lib/dom.js";
-import { figure, moment } from "../../lib/words.js";
+import { figure, moment } from "../../lib/numbers.js";
 
 const TRIMS = { lead_in: "mean of each manoeuvre's own lead-in", null: "nothing was subtracted" };
 const WAYS = { found: "found by control activity", whole: "the whole recording as one" };

@@ -9,8 +9,8 @@
  *     hold(): the mapping is being changed, so that nothing can be scored
  */
 
-import { reason } from "../../lib/api.js";
 import { decimal } from "../../forms/decimals.js";
+import { reason } from "../../lib/api.js";
 import { h } from "../../lib/dom.js";
 import { createManoeuvrePicker } from "./manoeuvre_picker.js";
 import { createMonitorChoice } from "./monitor_choice.js";

@@ -6,11 +6,10 @@
  */
 
 import { h } from "../../lib/dom.js";
+import { figure, moment, riskText } from "../../lib/numbers.js";
+import { askToConfirm, button } from "../../lib/view_states.js";
 import { earlierMapping } from "../mapping/changes.js";
 import { orderWords, outcomeChip, outcomeOf, outsideText } from "../words.js";
-import { riskText } from "../../fly/risk_gauge.js";
-import { button, confirmed } from "../../lib/view_states.js";
-import { figure, moment } from "../../lib/words.js";
 
 const MOST_CHIPS = 4;
 
@@ -127,7 +126,7 @@ export function createScoringList({ api, recording, scorings, changed, navigate 
   }
 
   function remove({ id }, words) {
-    confirmed(
+    askToConfirm(
       `Delete the scoring by ${words}?`,
       "The same order makes it again, bit for bit.",
       "Delete it",

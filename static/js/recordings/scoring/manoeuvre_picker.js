@@ -8,12 +8,12 @@
  *     refresh()         another monitor may find others
  */
 
-import { reason } from "../../lib/api.js";
-import { h } from "../../lib/dom.js";
 import { previewTiles } from "../../charts/recorded/preview_tiles.js";
 import { createRecordingChart } from "../../charts/recorded/recording_chart.js";
-import { createSpanTable } from "./interval_table.js";
+import { reason } from "../../lib/api.js";
+import { h } from "../../lib/dom.js";
 import { button } from "../../lib/view_states.js";
+import { createSpanTable } from "./interval_table.js";
 
 const WAYS = [
   ["found", "Found by control activity"],

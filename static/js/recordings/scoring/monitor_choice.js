@@ -8,9 +8,10 @@
  */
 
 import { decimals } from "../../forms/decimals.js";
+import { aircraftName, kindName, limitWords } from "../../lib/catalog.js";
 import { formatted, h } from "../../lib/dom.js";
+import { figure } from "../../lib/numbers.js";
 import { link } from "../../lib/view_states.js";
-import { aircraftName, figure, kindName, limitWords } from "../../lib/words.js";
 
 export function createMonitorChoice({ monitors, used, catalog, changed }) {
   const said = h("p", { class: "error", role: "alert", hidden: true });

@@ -3,19 +3,19 @@
  * Exports  showScoring(element, context).
  */
 
+import { createRecordingChart } from "../../charts/recorded/recording_chart.js";
 import { reason } from "../../lib/api.js";
 import { formatted, h } from "../../lib/dom.js";
 import { createEventList } from "../../lib/event_list.js";
+import { loadingView } from "../../lib/loading_view.js";
+import { figure } from "../../lib/numbers.js";
+import { button, empty, link, pageOf } from "../../lib/view_states.js";
 import { createNotesPanel, laneOfMarkers } from "../notes_panel.js";
-import { createRecordingChart } from "../../charts/recorded/recording_chart.js";
 import { outcomeOf, outsideText, trimText } from "../words.js";
 import { eventsOf, laneOf, spansOf } from "./events.js";
 import { scoringFacts } from "./facts.js";
 import { scoringSource, stripOrder } from "./source.js";
 import { createVerdictTable } from "./verdict_table.js";
-import { lively } from "../../lib/view_life.js";
-import { button, empty, link, pageOf } from "../../lib/view_states.js";
-import { figure } from "../../lib/words.js";
 
 const WIDE = 4; // times a manoeuvre's length from which on its events cannot be told apart
 const EXPORTS = [
@@ -26,7 +26,7 @@ const EXPORTS = [
 
 export function showScoring(element, { id, query, api, navigate }) {
   const path = `/recordings/${id}/scorings/${query.get("scoring")}`;
-  return lively(element, { title: "Scored recording", text: "Opening the scoring", build });
+  return loadingView(element, { title: "Scored recording", text: "Opening the scoring", build });
 
   async function build({ keep }) {
     const [recording, scoring] = await Promise.all([api.get(`/recordings/${id}`), api.get(path)]);

@@ -6,7 +6,7 @@
  */
 
 import { formatted, h } from "../../lib/dom.js";
-import { formatValue } from "../../charts/readout.js";
+import { figure, formatValue, riskText, secondsText } from "../../lib/numbers.js";
 import {
   firstAlertText,
   isWithdrawn,
@@ -14,11 +14,8 @@ import {
   outcomeChip,
   outcomeOf,
   outsideText,
-  secondsText,
   validityWords,
 } from "../words.js";
-import { riskText } from "../../fly/risk_gauge.js";
-import { figure } from "../../lib/words.js";
 
 const OPEN = 3; // manoeuvres up to which all reasons are shown at once
 const MANY = 8; // from which on they are sorted out by their outcome

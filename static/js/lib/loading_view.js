@@ -2,13 +2,13 @@
  * The life of a view that loads: shows loading, then what was built, or why not; forgets it when left.
  *
  * Exports
- *   lively(element, {title, text, build}) -> {close()}
+ *   loadingView(element, {title, text, build}) -> {close()}
  *     build(life) -> Promise<Node>     may use life.keep({close}) for what must end with the view
  */
 
 import { failure, loading, pageOf } from "./view_states.js";
 
-export function lively(element, { title, text, build }) {
+export function loadingView(element, { title, text, build }) {
   let open = true;
   let kept = [];
   const keep = (thing) => {

@@ -1,15 +1,15 @@
 /**
- * Numbers, dates and recipes in words.
+ * The server's catalog, and what it calls things.
  *
  * Exports
- *   percent(share, digits 1), interval([low, high]), figure(number, digits 3), moment(iso)
- *   bytesOfHex(digest)     a hash, short enough to compare by eye
  *   loadCatalog(api) -> Promise<catalog>     fetched once a page
  *   aircraftName(catalog, part), kindName(catalog, family, part), limitWords(catalog, specification)
  *   aircraftCondition(entry), plainWords(description)
  *   labelOf(key, schema, catalog) -> {text, symbol, unit}
  *       from the schema's title, unit and the catalog's channels: amplitude_deg -> amplitude, deg
  */
+
+import { figure } from "./numbers.js";
 
 const UNIT_SUFFIX = /_(deg_s|rad_s|deg|hz|s)$/;
 
@@ -21,25 +21,6 @@ export function loadCatalog(api) {
     throw error;
   });
   return catalog;
-}
-
-export function percent(share, digits = 1) {
-  return share === null || share === undefined ? "–" : `${(100 * share).toFixed(digits)} %`;
-}
-
-export function interval([low, high], digits = 1) {
-  return `${(100 * low).toFixed(digits)} to ${(100 * high).toFixed(digits)} %`;
-}
-
-export function figure(number, digits = 3) {
-  if (number === null || number === undefined) return "–";
-  return String(Number(number.toPrecision(digits))).replace("-", "−");
-}
-
-export function moment(iso) {
-  if (!iso) return "–";
-  const [date, time] = iso.split("T");
-  return `${date} ${time.slice(0, 5)} UTC`;
 }
 
 export function aircraftName(catalog, part) {

@@ -1,0 +1,78 @@
+/**
+ * Numbers, times and sizes as people read them.
+ *
+ * Exports
+ *   percent(share, digits 1), interval([low, high]), figure(number, digits 3), moment(iso)
+ *   formatValue(value) -> string     a reading: three decimals and a true minus; a dash when missing
+ *   formatTime(t, step) -> string    "12.50", "3:05" from two minutes on, "1:03:05" from an
+ *       hour on; as fine as `step` [s] needs
+ *   riskText(risk, epsilon) -> string     two or three digits; more where rounding would put
+ *       the risk on the wrong side of epsilon
+ *   secondsText(t), durationText(seconds), bytesText(n)
+ */
+
+const UNITS = ["bytes", "kB", "MB", "GB", "TB"];
+
+export function percent(share, digits = 1) {
+  return share === null || share === undefined ? "–" : `${(100 * share).toFixed(digits)} %`;
+}
+
+export function interval([low, high], digits = 1) {
+  return `${(100 * low).toFixed(digits)} to ${(100 * high).toFixed(digits)} %`;
+}
+
+export function figure(number, digits = 3) {
+  if (number === null || number === undefined) return "–";
+  return String(Number(number.toPrecision(digits))).replace("-", "−");
+}
+
+export function moment(iso) {
+  if (!iso) return "–";
+  const [date, time] = iso.split("T");
+  return `${date} ${time.slice(0, 5)} UTC`;
+}
+
+export function formatValue(value) {
+  if (!Number.isFinite(value)) return "–";
+  const size = Math.abs(value);
+  const text = size.toFixed(size < 100 ? 3 : 1);
+  return value < 0 && Number(text) !== 0 ? `−${text}` : text;
+}
+
+export function formatTime(t, step) {
+  const sign = t < 0 ? "−" : "";
+  const size = Math.abs(t);
+  const places = step >= 1 ? 0 : Math.min(3, Math.ceil(-Math.log10(step)));
+  if (size < 120) return sign + size.toFixed(places);
+  const whole = size.toFixed(places);
+  const minutes = Math.floor(Number(whole) / 60);
+  const rest = (Number(whole) - 60 * minutes).toFixed(places);
+  const seconds = rest.padStart(places > 0 ? places + 3 : 2, "0");
+  if (minutes < 60) return `${sign}${minutes}:${seconds}`;
+  return `${sign}${Math.floor(minutes / 60)}:${String(minutes % 60).padStart(2, "0")}:${seconds}`;
+}
+
+export function riskText(risk, epsilon) {
+  for (let places = risk < 0.1 ? 3 : 2; places < 6; places++) {
+    const text = risk.toFixed(places);
+    if (!Number.isFinite(epsilon) || risk > epsilon === Number(text) > epsilon) return text;
+  }
+  return String(risk);
+}
+
+export function secondsText(t) {
+  return t === null || t === undefined ? "–" : `${formatTime(t, 0.01)} s`;
+}
+
+export function durationText(seconds) {
+  if (!Number.isFinite(seconds)) return "–";
+  const whole = Math.round(seconds);
+  if (seconds < 120) return `${seconds.toFixed(1)} s`;
+  if (whole < 7200) return `${Math.floor(whole / 60)} min ${whole % 60} s`;
+  return `${Math.floor(whole / 3600)} h ${Math.floor((whole % 3600) / 60)} min`;
+}
+
+export function bytesText(n) {
+  const power = n > 0 ? Math.min(UNITS.length - 1, Math.floor(Math.log10(n) / 3)) : 0;
+  return `${power === 0 ? n : (n / 1000 ** power).toPrecision(3)} ${UNITS[power]}`;
+}
