@@ -50,7 +50,7 @@ def drawn(page: Page) -> None:
 
 def window(page: Page) -> tuple[float, float]:
     """What the strips show [s]."""
-    words = page.locator(".strip-span").inner_text()
+    words = page.locator(".strip-interval").inner_text()
     start, end = re.findall(r"([\d.]+)(?= to| \()", words)[:2]
     return float(start), float(end)
 
@@ -210,7 +210,7 @@ def test_a_wheel_zooms_where_the_pointer_is_and_a_drag_moves(scored: Page) -> No
     x, y = box["x"] + GUTTER + 0.5 * (box["width"] - GUTTER), box["y"] + 20
     scored.mouse.move(x, y)
     scored.mouse.wheel(0, -800)
-    wait_until(scored, "!document.querySelector('.strip-span').textContent.startsWith('0.0 to')")
+    wait_until(scored, "!document.querySelector('.strip-interval').textContent.startsWith('0.0 to')")
     start, end = window(scored)
     assert (start + end) / 2 == pytest.approx(15.05, abs=0.3)
     scored.mouse.down()

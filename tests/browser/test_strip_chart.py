@@ -578,7 +578,7 @@ def test_dragging_holds_the_window_and_a_double_click_goes_live(strips: Open) ->
     seen = run(page, "h.draw(1000); return h.timeline.view(1000)")
     assert not seen["live"]
     assert seen["end"] == pytest.approx(59.98 + 0.5 - 100 * 20 / plot_width(page), abs=0.3)
-    assert "s behind" in page.locator(".strip-span").inner_text()
+    assert "s behind" in page.locator(".strip-interval").inner_text()
     page.mouse.dblclick(box["x"] + 300, box["y"] + 30)
     assert run(page, "return h.timeline.view(1000).live")
 

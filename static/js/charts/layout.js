@@ -4,7 +4,7 @@
  * Exports
  *   layOut(host, strips, {label, help, buttons}) -> {rows, rowOf: [{canvas, readout}], axis, bar}
  *     buttons: [[name, text, title]] of the tool bar; by default a b clear out in live
- *     bar: {mode, span, values: elements; on(name, act)}
+ *     bar: {mode, interval, values: elements; on(name, act)}
  */
 
 import { KEYS_HELP } from "./input.js";
@@ -52,7 +52,7 @@ export function layOut(
 function toolBar(host, wanted) {
   const bar = add(host, "div", "strip-toolbar");
   const mode = add(bar, "span", "chip");
-  const span = add(bar, "span", "strip-span");
+  const interval = add(bar, "span", "strip-interval");
   const values = add(bar, "output", "strip-cursors");
   values.setAttribute("aria-live", "polite");
   const buttons = {};
@@ -63,7 +63,7 @@ function toolBar(host, wanted) {
     buttons[name].title = title;
     buttons[name].setAttribute("aria-label", title);
   }
-  return { mode, span, values, on: (name, act) => buttons[name].addEventListener("click", act) };
+  return { mode, interval, values, on: (name, act) => buttons[name].addEventListener("click", act) };
 }
 
 function add(parent, tag, className) {

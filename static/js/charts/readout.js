@@ -7,6 +7,7 @@
  * Exports
  *   createReadout(element, strip) -> {show(reading)}   strip: {symbol, label, unit, limit, risk}
  *     reading: {value, state, alert, forecast, lead, a, b, cursor, exceeded: {value, t} | null}
+ *   cursorsText({a, b}, cursor) -> string     their times [s], and the difference of A and B
  *   symbolNodes(symbol) -> Node[]     "N_y" as N with subscript y
  *   shownState({state, reason}) -> string    "not_assessed" between the manoeuvres of a recording
  *   STATE_WORDS                       what each state is called on screen
@@ -103,4 +104,15 @@ function child(parent, tag, className) {
   element.className = className;
   parent.append(element);
   return element;
+}
+
+export function cursorsText({ a, b }, cursor) {
+  const parts = [];
+  if (Number.isFinite(a)) parts.push(`A ${formatTime(a, 0.001)} s`);
+  if (Number.isFinite(b)) parts.push(`B ${formatTime(b, 0.001)} s`);
+  if (parts.length === 2) parts.push(`Δt ${formatValue(b - a)} s`);
+  if (parts.length === 0 && Number.isFinite(cursor)) {
+    parts.push(`cursor ${formatTime(cursor, 0.001)} s`);
+  }
+  return parts.join("   ");
 }

@@ -13,6 +13,7 @@
  *   begin(ticks, x, plot)       clears, draws the grid; the pen then stands at the plot's left edge
  *   word(text, x, middle, colour), upright(text, x, colour)     text on a plate
  *   triangle(x, up), line(x, colour, dash, thick)
+ *   cursors({x, cursor, marks})      the cursor, A and B
  *   thresholds(epsilon, plot), labels(epsilon)      limits or epsilon: in the plot, in the gutter
  */
 
@@ -41,6 +42,7 @@ export function createStripFrame(canvas, strip) {
     upright,
     triangle,
     line,
+    cursors,
     thresholds,
     labels,
   };
@@ -103,6 +105,12 @@ export function createStripFrame(canvas, strip) {
     pen.lineTo(x - 7, base);
     pen.lineTo(x + 7, base);
     pen.fill();
+  }
+
+  function cursors({ x, cursor, marks }) {
+    line(x(cursor), own.palette.cursor, [2, 2], 1);
+    line(x(marks.a), own.palette["mark-a"], [7, 3], 1.5);
+    line(x(marks.b), own.palette["mark-b"], [7, 3], 1.5);
   }
 
   function line(x, colour, dash, thick) {

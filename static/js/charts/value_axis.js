@@ -5,9 +5,9 @@
  * less than it shows for some seconds. Limits are always in view.
  *
  * Exports
- *   createValueAxis({limit, span, patience}) -> {fit(low, high, wall), low, high, step, moving, roomy}
+ *   createValueAxis({limit, span, narrowAfter}) -> {fit(low, high, wall), low, high, step, moving, roomy}
  *     limit: magnitude shown on both sides, or null.   span 0.02: least height shown, in the unit.
- *     patience 4000: [ms] that a wide range must have been too wide.   roomy: it is, and waits.
+ *     narrowAfter 4000: [ms] that a wide range must have been too wide.   roomy: it is, and waits.
  *     fit takes the least and greatest visible value (low > high: none) and the wall clock [ms].
  *   createRiskAxis(scale) -> the same for risk, 0..1, "sqrt" (small risks stay legible) or "linear"
  *   axisTicks(axis) -> number[]    roundStep(least) -> number, of 1, 2, 5, 10, ...
@@ -17,8 +17,8 @@
 const ROOMY = 0.45; // share of the range below which it is
 const EASE = 60; // [ms] time constant of the way to a new range
 
-/** @param {{limit?: number | null, span?: number, patience?: number}} options */
-export function createValueAxis({ limit = null, span = 0.02, patience = 4000 }) {
+/** @param {{limit?: number | null, span?: number, narrowAfter?: number}} options */
+export function createValueAxis({ limit = null, span = 0.02, narrowAfter = 4000 }) {
   let target = range(limit === null ? 0 : -limit, limit ?? 0);
   let roomySince = null;
   let last = NaN;
@@ -48,7 +48,7 @@ export function createValueAxis({ limit = null, span = 0.02, patience = 4000 }) 
         const roomy = tight.high - tight.low < ROOMY * (target.high - target.low);
         if (!roomy) roomySince = null;
         else if (roomySince === null) roomySince = wall;
-        else if (wall - roomySince > patience) {
+        else if (wall - roomySince > narrowAfter) {
           target = tight;
           roomySince = null;
         }

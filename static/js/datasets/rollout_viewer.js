@@ -7,6 +7,7 @@
  */
 
 import { createStripChart } from "../charts/live/strip_chart.js";
+import { limitedFirst } from "../charts/strips.js";
 import { reason } from "../lib/api.js";
 import { formatted, h } from "../lib/dom.js";
 import { figure } from "../lib/numbers.js";
@@ -115,13 +116,10 @@ export function createRolloutViewer({ api, catalog, dataset, monitors, navigate 
       ...channel,
       limit: dataset.recipe.specification?.[channel.key] ?? null,
     }));
-    const limited = channels.filter(({ limit }) => limit !== null);
-    const order = [...limited, ...channels.filter(({ limit }) => limit === null)].map(
-      ({ key }) => key,
-    );
+    const { limited, others } = limitedFirst(channels);
     chart = createStripChart(host, {
       channels,
-      order,
+      order: [...limited, ...others],
       forecasts: [],
       dt: dataset.dt,
       seconds: Math.max(t.at(-1), dataset.dt),

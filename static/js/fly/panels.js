@@ -5,7 +5,7 @@
  *   createFlightPanels(element) -> {status, strips, alarm, scene, lost, gauge, notice, events, transport: elements}
  *   windowOf({duration, lead}) -> s     width of the strips: a short flight fills them
  *   limitsOf(channels) -> Node[]        "|N_y| 0.5 g", of the limited channels
- *   alertText(alarm, epsilon) -> string
+ *   alertText(alarm, epsilon) -> string, exceedanceText({symbol, value}) -> string
  *   sourceText(source, name) -> string
  */
 
@@ -52,6 +52,10 @@ export function limitsOf(channels) {
 
 export function alertText({ p_value: risk }, epsilon) {
   return risk === null ? "alert" : `alert, risk ${riskText(risk, epsilon)}`;
+}
+
+export function exceedanceText({ symbol, value }) {
+  return `${symbol} exceeds its limit: ${value.toFixed(3)}`;
 }
 
 export function sourceText(source, name) {

@@ -11,7 +11,7 @@ import { reason } from "../lib/api.js";
 import { h, put } from "../lib/dom.js";
 import { createEventList } from "../lib/event_list.js";
 import { askToConfirm, state } from "../lib/view_states.js";
-import { alertText, createFlightPanels, sourceText, windowOf } from "./panels.js";
+import { alertText, createFlightPanels, exceedanceText, sourceText, windowOf } from "./panels.js";
 import { createRiskGauge } from "./risk_gauge.js";
 import { createStatusStrip } from "./status_strip.js";
 
@@ -30,7 +30,7 @@ export function showFlightRecord(element, { flight, why, api, navigate }) {
   const gauge = createRiskGauge(panels.gauge);
   const source = sourceText(flight.source, flight.name);
   const nothing = { age: NaN, latency: NaN, conflated: 0, lost: 0, utc: null };
-  const shown = { source, link: "over", patience: 1, playing: false, live: false, state: null, alert: false, figures: nothing };
+  const shown = { source, link: "over", staleAfter: 1, playing: false, live: false, state: null, alert: false, figures: nothing };
   let chart = null;
   let closed = false;
 
@@ -84,8 +84,8 @@ export function showFlightRecord(element, { flight, why, api, navigate }) {
     panels.strips.replaceChildren();
     chart = createStripChart(panels.strips, {
       channels, epsilon: flight.epsilon, lead, dt, seconds: windowOf({ duration: last - first, lead }),
-      onExceedance: ({ symbol, t, value }) =>
-        events.add({ t, text: `${symbol} reached its limit: ${value.toFixed(3)}`, level: "caution" }),
+      onExceedance: (exceedance) =>
+        events.add({ t: exceedance.t, text: exceedanceText(exceedance), level: "caution" }),
     });
     chart.setTransport({ playing: false, speed: 1 });
     chart.push(frames);

@@ -2,9 +2,9 @@
  * What is known of a replayed recording beside its samples: manoeuvres, limits reached, people's notes.
  *
  * Exports
- *   createReplayNotes({api, source, now, found, fail}) -> {element, times() -> [{t, level}], write(), close()}
+ *   createReplayNotes({api, source, now, add, fail}) -> {element, times() -> [{t, level}], write(), close()}
  *     source: {recording, scoring} of a flight's hello.   now() -> s, where the flight is
- *     found(event): {t, text, level}, for the event list, whenever one is known
+ *     add(event): {t, text, level}, for the event list, whenever one is known
  *     fail(error): what could not be read
  *     write(): opens the field for a note at this moment
  */
@@ -12,7 +12,7 @@
 import { reason } from "../lib/api.js";
 import { h, put } from "../lib/dom.js";
 
-export function createReplayNotes({ api, source, now, found, fail }) {
+export function createReplayNotes({ api, source, now, add: addEvent, fail }) {
   const path = `/recordings/${encodeURIComponent(source.recording)}`;
   const marks = [];
   let at = 0;
@@ -78,7 +78,7 @@ export function createReplayNotes({ api, source, now, found, fail }) {
 
   function add(event) {
     marks.push({ t: event.t, level: "caution" });
-    found({ level: "", ...event, seen: true });
+    addEvent({ level: "", ...event, seen: true });
   }
 
   function write() {

@@ -3,10 +3,10 @@
  *
  * Exports
  *   createStatusStrip(element) -> {update(status)}
- *     status: {source, monitor, validity, link, patience [s], playing, live, state, alert,
+ *     status: {source, monitor, validity, link, staleAfter, playing, live, state, alert,
  *              figures: {age [s], latency [ms], conflated, lost, utc: Date | null}}
  *     validity: "checked", or why not, said beside the monitor
- *     link: "connecting" | "open" | "lost" | "over"; patience: age that is cautioned of; live: false for a flight that is over
+ *     link: "connecting" | "open" | "lost" | "over"; staleAfter: age that is cautioned of [s]; live: false for a flight that is over
  */
 
 import { STATE_WORDS } from "../charts/readout.js";
@@ -42,7 +42,7 @@ export function createStatusStrip(element) {
     if (items[key].box.dataset.level !== level) items[key].box.dataset.level = level;
   }
 
-  function update({ source, monitor, validity = "checked", link, patience, playing, live, state, alert, figures }) {
+  function update({ source, monitor, validity = "checked", link, staleAfter, playing, live, state, alert, figures }) {
     const linked = live && link === "open";
     show("source", source);
     show("monitor", monitor);
@@ -53,7 +53,7 @@ export function createStatusStrip(element) {
     if (!live) show("age", "over", "off");
     else if (!Number.isFinite(figures.age)) show("age", "–", "off");
     else if (linked && !playing) show("age", "paused", "off");
-    else show("age", `${figures.age.toFixed(1)} s`, figures.age > patience ? "caution" : "");
+    else show("age", `${figures.age.toFixed(1)} s`, figures.age > staleAfter ? "caution" : "");
     const known = linked && Number.isFinite(figures.latency);
     show("latency", known ? `${Math.round(figures.latency)} ms` : "–", !known ? "off" : figures.latency > LATE ? "caution" : "");
     show("conflated", String(figures.conflated), figures.conflated > 0 ? "caution" : "");

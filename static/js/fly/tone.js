@@ -18,6 +18,7 @@
  *   subscribe(listener) -> unsubscribe
  */
 
+
 const KEY = "forewarn.muted";
 const PERIOD = 1.5; // s
 const BEEPS = [[0, 880], [0.22, 660], [0.44, 880], [0.66, 660]]; // start [s], pitch [Hz]

@@ -22,18 +22,18 @@
  */
 
 import { createStripFrame, GUTTER, SPARSE } from "../strip_frame.js";
-import { GAP } from "./ring_buffer.js";
+import { createForecast } from "./forecast.js";
+import { createTrace } from "./trace.js";
 
 const OF_THE_RISK = new Set(["alert", "warming", "invalid", "unassessed"]); // words said once, on its strip
-const DASH = 9; // px of a dash and its space in a column-wise trace
 
 export function createStripCanvas(canvas, strip) {
   const face = createStripFrame(canvas, strip);
   const { pen, y, word } = face;
   const out = new Float64Array(2);
   const axis = strip.axis;
-  let tops = new Float32Array(0);
-  let bottoms = tops;
+  const drawTrace = createTrace(face, strip.series);
+  const drawForecast = strip.forecast === null ? () => {} : createForecast(face, strip.forecast);
   let lastMark = -Infinity; // where the last mark stands, so that a crowd stays legible
 
   function draw(frame) {
@@ -48,10 +48,11 @@ export function createStripCanvas(canvas, strip) {
     lastMark = -Infinity;
     for (const band of frame.bands) drawWord(band); // under the trace, which no word may hide
     face.thresholds(frame.epsilon, frame.width);
-    if (strip.forecast !== null) drawForecast(frame);
+    drawForecast(frame);
     drawTraces(frame);
     if (strip.limit !== null) drawExceedances(frame);
-    drawCursors(frame);
+    face.line(frame.x(frame.now), face.palette.dim, [], 1);
+    face.cursors(frame);
     pen.restore();
     face.labels(frame.epsilon);
   }
@@ -120,7 +121,7 @@ export function createStripCanvas(canvas, strip) {
     }
   }
 
-  /** Grey where the monitor said nothing. */
+  /** Grey where the monitor assessed nothing. */
   function drawTraces(frame) {
     const silent = frame.bands.filter(({ kind }) => isSilent(kind));
     if (silent.length === 0) {
@@ -138,103 +139,6 @@ export function createStripCanvas(canvas, strip) {
     };
     within(face.palette.trace, true);
     within(face.palette.dim, false);
-  }
-
-  function drawTrace(frame, colour) {
-    pen.strokeStyle = pen.fillStyle = colour;
-    pen.lineWidth = 1.8;
-    pen.lineJoin = "bevel";
-    if (frame.visible.sparse) traceSamples(frame);
-    else traceColumns(frame);
-  }
-
-  function traceSamples({ ring, visible }) {
-    const { n, x, from, flags } = visible;
-    let drawing = false;
-    pen.beginPath();
-    for (let i = 0; i < n; i++) {
-      const value = ring.value(strip.series, from[i]);
-      if (Number.isNaN(value)) {
-        drawing = false;
-        continue;
-      }
-      const at = y(value);
-      if (!drawing || (flags[i] & GAP) !== 0) pen.moveTo(x[i] - 0.9, at); // a lone sample is a dot
-      pen.lineTo(x[i], at);
-      drawing = true;
-    }
-    pen.stroke();
-  }
-
-  /** The area between the columns' extremes, half a line wider: four times faster than a stroke. */
-  function traceColumns({ ring, visible }) {
-    const { n, x, from, to, flags } = visible;
-    if (tops.length < n) [tops, bottoms] = [new Float32Array(2 * n), new Float32Array(2 * n)];
-    let begin = -1; // first cell of the unbroken piece
-    let [above, below] = [0, 0]; // extremes of the cell before
-    for (let i = 0; i < n; i++) {
-      const known = ring.extent(strip.series, from[i], to[i], out);
-      if (begin >= 0 && (!known || (flags[i] & GAP) !== 0)) {
-        fillPiece(x, begin, i);
-        begin = -1;
-      }
-      if (!known) continue;
-      const [top, bottom] = [y(out[1]) - 0.9, y(out[0]) + 0.9];
-      tops[i] = begin >= 0 && below < top ? below - 1.8 : top; // reach the neighbour: a step stays thick
-      bottoms[i] = begin >= 0 && above > bottom ? above + 1.8 : bottom;
-      [above, below] = [top, bottom];
-      if (begin < 0) begin = i;
-    }
-    if (begin >= 0) fillPiece(x, begin, n);
-  }
-
-  function fillPiece(x, begin, end) {
-    pen.beginPath();
-    pen.moveTo(x[begin] - 0.5, tops[begin]);
-    for (let i = begin; i < end; i++) pen.lineTo(x[i], tops[i]);
-    pen.lineTo(x[end - 1] + 0.5, tops[end - 1]);
-    pen.lineTo(x[end - 1] + 0.5, bottoms[end - 1]);
-    for (let i = end - 1; i >= begin; i--) pen.lineTo(x[i], bottoms[i]);
-    pen.lineTo(x[begin] - 0.5, bottoms[begin]);
-    pen.fill();
-  }
-
-  /** The forecast made at t stands at t + lead: dashed, bold where it lies in the future. */
-  function drawForecast(frame) {
-    const { visible, step } = frame;
-    const shift = frame.lead / step;
-    const nowX = frame.x(frame.now);
-    pen.strokeStyle = face.palette.forecast;
-    pen.lineWidth = 1.4;
-    if (visible.sparse && visible.n > 1) pen.setLineDash([6, 4]);
-    stretch(frame, shift, -Infinity, nowX, !visible.sparse);
-    pen.lineWidth = 3;
-    pen.setLineDash(shift > 24 ? [7, 4] : [3, 2]);
-    stretch(frame, shift, nowX, Infinity, false);
-    pen.setLineDash([]);
-  }
-
-  /** Strokes the part of the forecast with left < x <= right; dashed by leaving out columns. */
-  function stretch({ ring, visible, first }, shift, left, right, skipping) {
-    const { n, x, from, to, flags } = visible;
-    let drawing = false;
-    pen.beginPath();
-    for (let i = 0; i < n; i++) {
-      const at = x[i] + shift;
-      if (at > right) break;
-      if (at <= left && !(i + 1 < n && x[i + 1] + shift > left)) continue;
-      const skip = skipping && (((Math.floor(x[i]) + first) % DASH) + DASH) % DASH >= 6;
-      if (skip || !ring.extent(strip.forecast, from[i], to[i], out)) {
-        drawing = false;
-        continue;
-      }
-      if ((flags[i] & GAP) !== 0) drawing = false;
-      const middle = y((out[0] + out[1]) / 2);
-      if (drawing) pen.lineTo(at, middle);
-      else pen.moveTo(at, middle);
-      drawing = true;
-    }
-    pen.stroke();
   }
 
   /** Fills the trace beyond a limit, and marks each exceedance at the edge: up or down. */
@@ -263,13 +167,6 @@ export function createStripCanvas(canvas, strip) {
         seen[side] = over[side];
       }
     }
-  }
-
-  function drawCursors(frame) {
-    face.line(frame.x(frame.now), face.palette.dim, [], 1);
-    face.line(frame.x(frame.cursor), face.palette.cursor, [2, 2], 1);
-    face.line(frame.x(frame.marks.a), face.palette["mark-a"], [7, 3], 1.5);
-    face.line(frame.x(frame.marks.b), face.palette["mark-b"], [7, 3], 1.5);
   }
 
   return { draw, resize: face.resize, setPalette: face.setPalette, axis };

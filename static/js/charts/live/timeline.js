@@ -8,7 +8,7 @@
  * Exports
  *   createTimeline({seconds, dt, lead, staleAfter}) -> Timeline
  *     seconds 60: default width of the live window [s].   dt 0.02: sample interval [s].
- *     lead 0: how far forecasts reach past now [s].   staleAfter 0.25: patience at speed 1 [s].
+ *     lead 0: how far forecasts reach past now [s].   staleAfter 0.25: age that is too great, at speed 1 [s].
  *
  * Timeline
  *   setFlight({dt, lead, staleAfter})     what a new flight says of itself
@@ -18,19 +18,17 @@
  *   playing                               whether the flight's clock runs
  *   now(wall) -> t | NaN                  flight time at the right edge; NaN before any sample
  *   age(wall) -> s | NaN                  wall seconds since the newest sample arrived
- *   patience                              age from which on it is too great [s], as the server counts
+ *   staleAfter                            age from which on it is too great [s], as the server counts
  *   stale(wall) -> boolean                whether it is, for a flight that plays
  *   reset()                               forget the flight: window live, no cursors
  *   view(wall) -> {start, end, now, live} what is visible [s]
  *   setWindow(start, end), pan(seconds, wall)   hold the window there
  *   zoom(factor, t, wall)                 t keeps its place; a live window stays live
  *   hold(wall), goLive()                  stop following; follow again at the default width
- *   setCursor(t | null), setHover(fraction | null)    pinned cursor; one under the pointer, 0..1
- *   cursorAt(view) -> t | NaN             the one under the pointer, else the pinned one
- *   setMark("a" | "b", t | null), clearMarks(), marks -> {a, b}    A/B cursors [s], NaN where unset
- *   subscribe(listener) -> unsubscribe    called after any change of window or cursors
- *   revision                              counts those changes
+ *   and all of Cursors, see ../cursors.js; its revision counts changes of the window too
  */
+
+import { createCursors } from "../cursors.js";
 
 const LONGEST = 3600;
 const SHORTEST = 0.25;
@@ -39,16 +37,13 @@ const INTERVALS = 3; // as played, that slow play is waited for
 export function createTimeline({ seconds = 60, dt = 0.02, lead = 0, staleAfter = 0.25 } = {}) {
   const flight = { dt, lead, staleAfter };
   const clock = { t: NaN, wall: NaN, newest: NaN, arrived: NaN, speed: 1, playing: true };
-  const marks = { a: NaN, b: NaN };
-  const listeners = new Set();
+  const cursors = createCursors();
+  const { changed } = cursors;
   let width = seconds;
   let held = null; // start of a held window [s]
-  let cursor = NaN;
-  let hover = NaN;
 
   const timeline = {
-    revision: 0,
-    marks,
+    __proto__: cursors,
     setFlight: (given) => {
       Object.assign(flight, given);
       changed();
@@ -63,15 +58,16 @@ export function createTimeline({ seconds = 60, dt = 0.02, lead = 0, staleAfter =
     },
     now,
     age: (wall) => (wall - clock.arrived) / 1000,
-    get patience() {
+    get staleAfter() {
       return Math.max(flight.staleAfter, (INTERVALS * flight.dt) / clock.speed);
     },
-    stale: (wall) => clock.playing && timeline.age(wall) > timeline.patience,
+    stale: (wall) => clock.playing && timeline.age(wall) > timeline.staleAfter,
     reset: () => {
       Object.assign(clock, { t: NaN, wall: NaN, newest: NaN, arrived: NaN });
       if (held !== null) width = seconds; // a live window keeps its zoom over a loop
-      [held, cursor] = [null, NaN];
-      timeline.clearMarks();
+      held = null;
+      cursors.setCursor(null);
+      cursors.clearMarks();
     },
     view,
     setWindow,
@@ -82,34 +78,7 @@ export function createTimeline({ seconds = 60, dt = 0.02, lead = 0, staleAfter =
       [held, width] = [null, seconds];
       changed();
     },
-    setCursor: (t) => {
-      cursor = t ?? NaN;
-      changed();
-    },
-    setHover: (fraction) => {
-      hover = fraction ?? NaN;
-      changed();
-    },
-    cursorAt: (seen) =>
-      Number.isNaN(hover) ? cursor : seen.start + hover * (seen.end - seen.start),
-    setMark: (name, t) => {
-      marks[name] = t ?? NaN;
-      changed();
-    },
-    clearMarks: () => {
-      [marks.a, marks.b] = [NaN, NaN];
-      changed();
-    },
-    subscribe: (listener) => {
-      listeners.add(listener);
-      return () => listeners.delete(listener);
-    },
   };
-
-  function changed() {
-    timeline.revision += 1;
-    for (const listener of listeners) listener(timeline);
-  }
 
   function now(wall) {
     if (!clock.playing) return clock.t;
@@ -119,9 +88,9 @@ export function createTimeline({ seconds = 60, dt = 0.02, lead = 0, staleAfter =
   /** Follow the earliest arrivals; fall back slowly when samples keep coming later. */
   function observe(t, wall) {
     const late = now(wall) - t;
-    const believable = late >= 0 && late <= timeline.patience * clock.speed;
+    const plausible = late >= 0 && late <= timeline.staleAfter * clock.speed;
     const passed = (Math.max(0, wall - clock.wall) / 1000) * clock.speed;
-    const edge = believable ? now(wall) - Math.min(0.02 * late, 0.1 * passed) : t;
+    const edge = plausible ? now(wall) - Math.min(0.02 * late, 0.1 * passed) : t;
     Object.assign(clock, { t: edge, wall, newest: t, arrived: wall });
   }
 

@@ -8,7 +8,7 @@
 
 import { h, put } from "../../lib/dom.js";
 import { durationText, formatTime, formatValue } from "../../lib/numbers.js";
-import { symbolNodes } from "../readout.js";
+import { cursorsText, symbolNodes } from "../readout.js";
 
 const NOTHING = { low: NaN, high: NaN };
 
@@ -46,18 +46,10 @@ export function createReadings(strips, { rowOf, bar }, { timeWindow, epsilon, sp
   }
 
   function showBar({ start, end }, cursor) {
-    const { a, b } = timeWindow.marks;
     const seconds = end - start;
     const length = seconds < 120 ? `${formatValue(seconds)} s` : durationText(seconds);
-    put(bar.span, `${formatTime(start, 0.1)} to ${formatTime(end, 0.1)} (${length})`);
-    const parts = [];
-    if (Number.isFinite(a)) parts.push(`A ${formatTime(a, 0.001)} s`);
-    if (Number.isFinite(b)) parts.push(`B ${formatTime(b, 0.001)} s`);
-    if (parts.length === 2) parts.push(`Δt ${formatValue(b - a)} s`);
-    if (parts.length === 0 && Number.isFinite(cursor)) {
-      parts.push(`cursor ${formatTime(cursor, 0.001)} s`);
-    }
-    put(bar.values, parts.join("   "));
+    put(bar.interval, `${formatTime(start, 0.1)} to ${formatTime(end, 0.1)} (${length})`);
+    put(bar.values, cursorsText(timeWindow.marks, cursor));
   }
 
   function describe(sets) {

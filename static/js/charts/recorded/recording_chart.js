@@ -27,8 +27,8 @@ import { addDrawer } from "../../lib/draw_loop.js";
 import { attachInput, attachMarking } from "../input.js";
 import { readPalette, watchTheme } from "../palette.js";
 import { GUTTER } from "../strip_frame.js";
+import { stripOf } from "../strips.js";
 import { createTimeAxis, timeTicks } from "../time_axis.js";
-import { createRiskAxis, createValueAxis } from "../value_axis.js";
 import { createEventLane } from "./event_lane.js";
 import { layOutRecording } from "./layout.js";
 import { createOverviewBar } from "./overview_bar.js";
@@ -38,9 +38,8 @@ import { createTileStrip, pieceOf } from "./tile_strip.js";
 import { createTileCache } from "./tiles.js";
 import { createTimeWindow } from "./time_window.js";
 
-const RISK = { key: "risk", symbol: "risk", unit: "", label: "higher is worse", limit: null };
 const DESCRIBED_EVERY = 1000; // ms
-const PATIENCE = 400; // ms until an axis that is too wide narrows
+const NARROW_AFTER = 400; // ms until an axis that is too wide narrows
 const EDGE = 0.03; // of the window: what lies nearer to its edge is brought inside
 
 export function createRecordingChart(host, options) {
@@ -51,7 +50,9 @@ export function createRecordingChart(host, options) {
   const spans = sources.map((source) => source.spans ?? null);
   const anySpans = spans.includes(null) ? null : spans.flat();
   const timeWindow = createTimeWindow({ start, end, least: Math.min(end - start, 20 * dt) });
-  const strips = options.order.map((key) => stripOf(key, options.channels));
+  const strips = options.order.map((key) =>
+    stripOf(key, options.channels, { narrowAfter: NARROW_AFTER }),
+  );
   const layout = layOutRecording(host, strips, options.label ?? "Recording");
   const { rows, rowOf, bar } = layout;
   const lane = createEventLane(layout.lane, { chosen: (item) => options.chosen?.(item) });
@@ -232,12 +233,4 @@ export function createRecordingChart(host, options) {
       host.replaceChildren();
     },
   };
-}
-
-function stripOf(key, channels) {
-  const risk = key === "risk";
-  const channel = risk ? RISK : channels.find((one) => one.key === key);
-  const limit = channel.limit ?? null;
-  const axis = risk ? createRiskAxis("sqrt") : createValueAxis({ limit, patience: PATIENCE });
-  return { ...channel, limit, risk, axis };
 }

@@ -41,9 +41,7 @@ export function createTileStrip(canvas, strip) {
       pen.fillStyle = face.palette.alert;
       drawBeyond(pen, y, pieces[0], strip.limit, face.triangle);
     }
-    face.line(frame.x(frame.cursor), face.palette.cursor, [2, 2], 1);
-    face.line(frame.x(frame.marks.a), face.palette["mark-a"], [7, 3], 1.5);
-    face.line(frame.x(frame.marks.b), face.palette["mark-b"], [7, 3], 1.5);
+    face.cursors(frame);
     pen.restore();
     face.labels(frame.epsilon);
   }

@@ -10,62 +10,28 @@
  * TimeWindow
  *   view() -> {start, end}, setWindow(start, end), showAll()
  *   pan(seconds), zoom(factor, t)         t keeps its place
- *   pinned -> t | NaN                     the cursor that stays
- *   setCursor(t | null), setHover(fraction | null), cursorAt(view) -> t | NaN
- *   setMark("a" | "b", t | null), clearMarks(), marks -> {a, b}    [s], NaN where unset
- *   subscribe(listener) -> unsubscribe, revision    of any change
+ *   and all of Cursors, see ../cursors.js; its revision counts changes of the window too
  *   hold(), goLive()                      as input calls them: nothing to hold; all is shown
  */
 
+import { createCursors } from "../cursors.js";
+
 export function createTimeWindow({ start, end, least = 0.25 }) {
-  const marks = { a: NaN, b: NaN };
-  const listeners = new Set();
+  const cursors = createCursors();
+  const { changed } = cursors;
   const longest = Math.max(end - start, least);
   let shown = { start, end: start + longest };
-  let cursor = NaN;
-  let hover = NaN;
 
   const own = {
-    revision: 0,
-    marks,
+    __proto__: cursors,
     view: () => shown,
-    get pinned() {
-      return cursor;
-    },
     setWindow,
     showAll: () => setWindow(start, start + longest),
     pan: (by) => setWindow(shown.start + by, shown.end + by),
     zoom,
     hold: () => {},
     goLive: () => own.showAll(),
-    setCursor: (t) => {
-      cursor = t ?? NaN;
-      changed();
-    },
-    setHover: (fraction) => {
-      hover = fraction ?? NaN;
-      changed();
-    },
-    cursorAt: (seen) =>
-      Number.isNaN(hover) ? cursor : seen.start + hover * (seen.end - seen.start),
-    setMark: (name, t) => {
-      marks[name] = t ?? NaN;
-      changed();
-    },
-    clearMarks: () => {
-      [marks.a, marks.b] = [NaN, NaN];
-      changed();
-    },
-    subscribe: (listener) => {
-      listeners.add(listener);
-      return () => listeners.delete(listener);
-    },
   };
-
-  function changed() {
-    own.revision += 1;
-    for (const listener of listeners) listener(own);
-  }
 
   function setWindow(from, to) {
     if (!(Number.isFinite(from) && to > from)) return;

@@ -6,6 +6,8 @@
  *   stripOrder(channels) -> [key]     limited channels on top, then the others, the risk below
  */
 
+import { limitedFirst } from "../../charts/strips.js";
+
 const MOST_BINS = 4000;
 
 export function scoringSource(api, { recording, id, start, end, dt }, offset = 0) {
@@ -21,7 +23,6 @@ export function scoringSource(api, { recording, id, start, end, dt }, offset = 0
 }
 
 export function stripOrder(channels) {
-  const limited = channels.filter(({ limit }) => limit !== null).map(({ key }) => key);
-  const others = channels.filter(({ limit }) => limit === null).map(({ key }) => key);
+  const { limited, others } = limitedFirst(channels);
   return [...limited, "risk", ...others];
 }

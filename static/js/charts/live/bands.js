@@ -1,0 +1,30 @@
+/**
+ * Where a flight's strips have gaps, alerts, and samples of which the monitor says nothing: bands.
+ *
+ * Exports
+ *   bandsOf(frame, {newest, staleFor}) -> [{x0, x1, kind, word}]     in px, for strip_canvas.js
+ *     newest: time of the newest sample [s], null before any.   staleFor: its age in words, or ""
+ */
+
+import { ALERT, INVALID, THINNED, UNASSESSED, WARMING_UP } from "./ring_buffer.js";
+
+export function bandsOf(frame, { newest, staleFor }) {
+  const { samplePx, visible } = frame;
+  const end = newest === null ? 0 : frame.x(newest) + samplePx;
+  const now = Math.max(end, frame.x(frame.now));
+  const named = (runs, kind, word) => runs.map((run) => ({ ...run, kind, word }));
+  const bands = [
+    ...named(visible.gaps(samplePx), "gap", "GAP"),
+    ...named(visible.runs(THINNED, samplePx, now), "thinned", ""),
+    ...named(visible.runs(WARMING_UP, samplePx, now), "warming", "WARMING UP"),
+    ...named(visible.runs(UNASSESSED, samplePx, now), "unassessed", "NOT ASSESSED"),
+    ...named(visible.runs(INVALID, samplePx, now), "invalid", "INVALID"),
+    ...named(visible.runs(ALERT, samplePx, now), "alert", "ALERT"),
+  ];
+  if (newest === null) bands.push({ x0: 0, x1: frame.width, kind: "stale", word: "NO DATA" });
+  else if (staleFor) {
+    const x1 = Math.max(now, end + 2);
+    bands.push({ x0: end, x1, kind: "stale", word: `STALE ${staleFor}` });
+  }
+  return bands;
+}

@@ -1,0 +1,92 @@
+/**
+ * A flight's frames on their way into the ring buffer: their flags, the newest state, and the
+ * exceedances, each latched until it is acknowledged.
+ *
+ * Exports
+ *   createIntake({ring, channels, strips, flight, onExceedance}) -> Intake
+ *     strips: [{key, symbol, series, forecast, limit}]   flight: {dt} [s]
+ *
+ * Intake
+ *   push(frames) -> how many were stored
+ *   status -> {state, alert}          of the newest frame, or as set by setStatus({state, alert})
+ *   exceedances -> Map of key -> {t, value}     the first exceedance and the peak since
+ *   clear()
+ */
+
+import { shownState } from "../readout.js";
+import { ALERT, GAP, INVALID, THINNED, UNASSESSED, WARMING_UP } from "./ring_buffer.js";
+
+const NO_DATA = { state: "none", alert: false };
+
+export function createIntake({ ring, channels, strips, flight, onExceedance }) {
+  const forecasting = strips.filter((strip) => strip.forecast !== null);
+  const row = new Float64Array(channels.length + 1 + forecasting.length);
+  const exceedances = new Map();
+  let status = NO_DATA;
+  let seq = null;
+
+  function push(frames) {
+    const before = ring.count();
+    for (const frame of frames) store(frame);
+    return ring.count() - before;
+  }
+
+  function store(frame) {
+    for (let k = 0; k < channels.length; k++) row[k] = number(frame.y[k]);
+    row[channels.length] = frame.state === "ok" ? number(frame.p_value) : NaN;
+    for (const { forecast, series, key } of forecasting) {
+      row[forecast] = number(frame.y_hat?.[series] ?? frame.y_hat?.[key]);
+    }
+    const stored = ring.push(frame.t, row, flagsOf(frame));
+    status = { state: shownState(frame), alert: frame.alert === true && frame.state === "ok" };
+    if (!stored) return;
+    seq = frame.seq ?? null;
+    for (const strip of strips) {
+      const value = row[strip.series];
+      if (strip.limit !== null && Math.abs(value) >= strip.limit) latch(strip, frame.t, value);
+    }
+  }
+
+  function flagsOf(frame) {
+    const n = ring.count();
+    const thinned = n > 0 && seq !== null && frame.seq != null && frame.seq > seq + 1;
+    const missing = n > 0 && !thinned && frame.t - ring.time(n - 1) > 1.5 * flight.dt;
+    const state = shownState(frame);
+    return (
+      (state === "invalid" ? INVALID : 0) |
+      (state === "not_assessed" ? UNASSESSED : 0) |
+      (frame.state === "warming_up" ? WARMING_UP : 0) |
+      (frame.alert === true && frame.state === "ok" ? ALERT : 0) |
+      (missing ? GAP : 0) |
+      (thinned ? THINNED : 0)
+    );
+  }
+
+  function latch({ key, symbol }, t, value) {
+    const latched = exceedances.get(key);
+    if (latched === undefined) onExceedance?.({ key, symbol, t, value });
+    if (latched === undefined || Math.abs(value) > Math.abs(latched.value)) {
+      exceedances.set(key, { t: latched?.t ?? t, value });
+    }
+  }
+
+  return {
+    push,
+    exceedances,
+    get status() {
+      return status;
+    },
+    setStatus: (given) => {
+      status = given;
+    },
+    clear: () => {
+      exceedances.clear();
+      status = NO_DATA;
+      seq = null;
+    },
+  };
+}
+
+function number(value) {
+  return typeof value === "number" ? value : NaN;
+}

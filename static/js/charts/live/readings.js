@@ -1,0 +1,95 @@
+/**
+ * What a flight's strips say in numbers and words: readouts, the tool bar, what a screen reader says.
+ *
+ * Exports
+ *   createReadings(strips, {rowOf, bar}, {ring, timeline, flight, intake}) -> Readings
+ *
+ * Readings
+ *   show(view, state)         state: "ok", "stale", "none", ... of the newest sample
+ *   describe(state, age)      age: of the newest sample, in words
+ *   valueAt(strip, t)         of the nearest sample; NaN where missing or in a gap
+ */
+
+import { put } from "../../lib/dom.js";
+import { formatValue } from "../../lib/numbers.js";
+import { createReadout, cursorsText, STATE_WORDS } from "../readout.js";
+
+export function createReadings(strips, { rowOf, bar }, { ring, timeline, flight, intake }) {
+  const readouts = strips.map((strip, k) => createReadout(rowOf[k].readout, strip));
+
+  function show(view, state) {
+    const last = ring.count() - 1;
+    const cursor = timeline.cursorAt(view);
+    const { a, b } = timeline.marks;
+    strips.forEach((strip, k) => {
+      readouts[k].show({
+        state,
+        alert: strip.risk && intake.status.alert,
+        value: last < 0 ? NaN : ring.value(strip.series, last),
+        forecast: last < 0 || strip.forecast === null ? NaN : ring.value(strip.forecast, last),
+        lead: flight.lead,
+        a: Number.isNaN(a) ? undefined : valueAt(strip, a),
+        b: Number.isNaN(b) ? undefined : valueAt(strip, b),
+        cursor: Number.isNaN(cursor) ? undefined : valueAt(strip, cursor),
+        exceeded: intake.exceedances.get(strip.key) ?? null,
+      });
+    });
+    showBar(view, state, cursor);
+  }
+
+  function showBar(view, state, cursor) {
+    const behind = view.now - (view.end - flight.lead);
+    const mode = modeOf(view, state);
+    put(bar.mode, mode === "none" ? "NO DATA" : mode.toUpperCase());
+    bar.mode.dataset.mode = mode;
+    const late = !view.live && behind > 0.05 ? `, ${behind.toFixed(1)} s behind` : "";
+    put(bar.interval, `${intervalText(view.end - view.start)}${late}`);
+    put(bar.values, cursorsText(timeline.marks, cursor));
+  }
+
+  /** What the window shows: green only while it follows data that arrive. */
+  function modeOf(view, state) {
+    if (ring.count() === 0) return "none";
+    if (!view.live) return "held";
+    if (state === "stale") return "stale";
+    return timeline.playing ? "live" : "paused";
+  }
+
+  function valueAt(strip, t) {
+    const i = ring.nearest(t);
+    if (i < 0 || Math.abs(ring.time(i) - t) > 1.5 * flight.dt) return NaN;
+    return ring.value(strip.series, i);
+  }
+
+  function describe(state, age) {
+    const last = ring.count() - 1;
+    strips.forEach((strip, k) => {
+      const withdrawn = strip.risk && (state === "invalid" || state === "not_assessed");
+      const known = last >= 0 && state !== "stale" && !withdrawn;
+      const value = known ? ring.value(strip.series, last) : NaN;
+      const words = { state, age, value, alert: strip.risk && intake.status.alert && known };
+      const text = description(strip, words, flight.epsilon, intake.exceedances.get(strip.key));
+      rowOf[k].canvas.setAttribute("aria-label", text);
+    });
+  }
+
+  return { show, describe, valueAt };
+}
+
+function description(strip, { state, age, value, alert }, epsilon, exceedance) {
+  const { risk, label, symbol, unit, limit } = strip;
+  const name = risk ? "risk, higher is worse" : `${label} ${symbol}`;
+  const reading = Number.isFinite(value) ? `${formatValue(value)} ${unit}`.trim() : "no value";
+  const word = (STATE_WORDS[state] ?? state).toLowerCase();
+  const parts = [`${name}: ${reading}`, state === "stale" ? `${word} for ${age}` : word];
+  if (alert) parts.push("alert");
+  if (risk && Number.isFinite(epsilon)) parts.push(`alerts above ${epsilon}`);
+  if (limit !== null) parts.push(`limit ±${limit} ${unit}`);
+  if (exceedance) parts.push(`limit exceeded at ${exceedance.t.toFixed(2)} s`);
+  return parts.join(", ");
+}
+
+function intervalText(seconds) {
+  if (seconds >= 120) return `${(seconds / 60).toFixed(1)} min`;
+  return `${seconds < 10 ? seconds.toFixed(2) : seconds.toFixed(0)} s`;
+}

@@ -1,0 +1,153 @@
+/**
+ * What the monitor says of a flight, sample by sample: on the strips, the gauge and the alarm line.
+ *
+ * Exports
+ *   createAssessmentDisplay(panels, {hello, history, alarm, events, onExceedance}) -> Display
+ *     history: a SeekHistory.   onExceedance({key, symbol, t, value, seen})    seen: it lies before a
+ *     point that was sought, and is not flown now
+ *
+ * Display
+ *   take(frames)               newest last; returns the newest that is shown, or null
+ *   restart(t) -> Promise<frames | null>    after a seek or a loop: draws what lies before t [s]
+ *   setAssessment({state, reason}, quiet)    changed without a sample
+ *   lose(), resume()           the connection; after it the newest sample counts as it did
+ *   refresh(wall)              takes an alert off the gauge that was held there long enough
+ *   now(wall) -> {state, alert, staleAfter}     as the status line shows it
+ *   t                          of the newest sample, or where the flight goes on from [s]
+ *   timeline, chart, close()
+ */
+
+import { createStripChart } from "../charts/live/strip_chart.js";
+import { createTimeline } from "../charts/live/timeline.js";
+import { shownState } from "../charts/readout.js";
+import { formatTime, riskText } from "../lib/numbers.js";
+import { windowOf } from "./panels.js";
+import { createRiskGauge } from "./risk_gauge.js";
+
+const HELD = 1500; // ms that an alert stays on the gauge
+const LOST = { state: "stale", reason: "connection lost" };
+const alerts = (frame) => frame.state === "ok" && frame.alert === true;
+
+export function createAssessmentDisplay(panels, { hello, history, alarm, events, onExceedance }) {
+  const { channels, epsilon, lead, dt } = hello;
+  const timeline = createTimeline({ seconds: windowOf(hello), staleAfter: hello.stale_after });
+  const gauge = createRiskGauge(panels.gauge, { timeline });
+  const chart = createStripChart(panels.strips, {
+    channels, epsilon, lead, dt, timeline, onExceedance: exceeds,
+  });
+  let assessment = { state: null, reason: "" };
+  let newest = null; // frame, without which there is nothing to trust
+  let heldAlert = null; // riskiest alert of late, and until when it stays on the gauge
+  let origin = 0; // where the flight goes on from, until a sample says more [s]
+  let seen = false; // what is pushed lies before a point that was sought
+
+  function take(frames) {
+    if (frames.length === 0) return null;
+    if (history.waits) {
+      const wall = performance.now();
+      if (history.keep(frames, wall)) timeline.heard(wall);
+      return null;
+    }
+    chart.push(frames);
+    newest = frames.at(-1);
+    for (const frame of frames) if (alerts(frame)) hold(frame);
+    show(newest);
+    return newest;
+  }
+
+  function show(frame) {
+    const { state, reason } = frame;
+    if (state !== assessment.state || reason !== assessment.reason) setAssessment({ state, reason });
+    const shown = state === "ok" && heldAlert !== null ? heldAlert.frame : frame;
+    const at = formatTime(shown.t, 0.01);
+    const note = shown === frame ? "" : `alert at ${at} s, now ${riskText(frame.p_value, epsilon)}`;
+    gauge.update({ ...shown, note, epsilon });
+    alarm.setAlert(alerts(frame));
+  }
+
+  /** An alert may last one sample, too short for an eye: it stays on the gauge for a while, with the present risk below it. */
+  function hold(frame) {
+    const isRiskier = heldAlert === null || frame.p_value >= heldAlert.frame.p_value;
+    heldAlert = { frame: isRiskier ? frame : heldAlert.frame, until: performance.now() + HELD };
+  }
+
+  /** What the monitor can say now; a word in place of a number where it can say nothing. */
+  function setAssessment({ state, reason }, quiet = false) {
+    const changed = shownState({ state, reason }) !== shownState(assessment);
+    assessment = { state, reason };
+    alarm.setState(assessment);
+    if (state !== "ok") withdraw();
+    if (!changed || quiet) return;
+    const why = reason ? `: ${reason}` : "";
+    const text = `monitor ${shownState(assessment).replace("_", " ")}${why}`;
+    events.add({ t: newest?.t ?? origin, text, level: state === "ok" ? "" : "caution" });
+  }
+
+  function withdraw() {
+    gauge.update({ ...assessment, p_value: null, epsilon });
+    chart.setState(assessment);
+    alarm.setAlert(false);
+  }
+
+  async function restart(t) {
+    newest = null;
+    origin = t;
+    const read = await history.readBefore(t);
+    if (read === null) return null;
+    chart.clear();
+    heldAlert = null;
+    seen = true;
+    if (read.before.length > 0) chart.push(read.before);
+    seen = false;
+    return take(read.frames);
+  }
+
+  function exceeds({ key, symbol, t, value }) {
+    const { limit } = channels.find((channel) => channel.key === key);
+    if (Math.abs(chart.values(t - dt)[key]) >= limit) return; // acknowledged while beyond it
+    onExceedance({ key, symbol, t, value, seen });
+  }
+
+  function lose() {
+    assessment = LOST;
+    alarm.setState(assessment);
+    withdraw();
+  }
+
+  function resume() {
+    if (newest === null || assessment.state !== newest.state) return;
+    chart.push(newest); // not a new sample: only its state, after the loss
+    show(newest);
+  }
+
+  return {
+    timeline,
+    chart,
+    take,
+    restart,
+    setAssessment,
+    lose,
+    resume,
+    get t() {
+      return newest?.t ?? null;
+    },
+    refresh: (wall) => {
+      if (heldAlert === null || wall <= heldAlert.until) return;
+      heldAlert = null;
+      if (newest !== null) show(newest);
+    },
+    now: (wall) => {
+      const stale = timeline.stale(wall);
+      return {
+        state: stale ? "stale" : shownState(assessment),
+        alert: !stale && (heldAlert !== null || newest?.alert === true),
+        staleAfter: timeline.staleAfter,
+      };
+    },
+    close: () => {
+      history.close();
+      gauge.destroy();
+      chart.destroy();
+    },
+  };
+}
