@@ -7,6 +7,7 @@
  */
 
 import { api } from "./lib/api.js";
+import { remember, remembered } from "./lib/storage.js";
 
 const VIEWS = {
   fly: { title: "Fly", load: () => import("./fly/index.js") },
@@ -74,7 +75,7 @@ function failure(error) {
 
 /** Dark for the control room, light for bright rooms and paper; remembered where the browser allows. */
 function bindThemeButton(button) {
-  let theme = storedTheme() === "light" ? "light" : "dark";
+  let theme = remembered(THEME_KEY) === "light" ? "light" : "dark";
   const show = () => {
     document.documentElement.dataset.theme = theme;
     button.textContent = `Theme: ${theme}`;
@@ -83,26 +84,10 @@ function bindThemeButton(button) {
   };
   button.addEventListener("click", () => {
     theme = theme === "dark" ? "light" : "dark";
-    storeTheme(theme);
+    remember(THEME_KEY, theme);
     show();
   });
   show();
-}
-
-function storedTheme() {
-  try {
-    return localStorage.getItem(THEME_KEY);
-  } catch {
-    return null;
-  }
-}
-
-function storeTheme(theme) {
-  try {
-    localStorage.setItem(THEME_KEY, theme);
-  } catch {
-    // the choice then lasts as long as the page
-  }
 }
 
 document.querySelector("[data-skip]").addEventListener("click", (event) => {

@@ -9,9 +9,10 @@ import { reason } from "../lib/api.js";
 import { aircraftName, kindName, limitWords, loadCatalog } from "../lib/catalog.js";
 import { formatted, h } from "../lib/dom.js";
 import { followInPlace, jobList } from "../lib/job_progress.js";
+import { tableHead } from "../lib/lists.js";
 import { loadingView } from "../lib/loading_view.js";
 import { moment, percent } from "../lib/numbers.js";
-import { empty, link, pageOf } from "../lib/view_states.js";
+import { empty, errorLine, link, pageOf } from "../lib/view_states.js";
 import { showDataset } from "./page.js";
 
 export function show(element, context) {
@@ -71,17 +72,10 @@ function table(datasets, catalog) {
       h("td", { class: "dim nowrap" }, moment(created)),
     ),
   );
-  const head = h(
-    "tr",
-    {},
-    heads.map(([words, isNumber]) =>
-      h("th", { scope: "col", class: isNumber ? "number" : null }, words),
-    ),
-  );
   return h(
     "div",
     { class: "table-scroll panel" },
-    h("table", { class: "table" }, h("thead", {}, head), h("tbody", {}, rows)),
+    h("table", { class: "table" }, tableHead(heads), h("tbody", {}, rows)),
   );
 }
 
@@ -101,7 +95,7 @@ function showSimulation(element, { api, navigate }) {
       maxlength: 200,
       placeholder: "optional",
     });
-    const said = h("p", { class: "error", role: "alert", hidden: true });
+    const failure = errorLine();
     const form = h(
       "form",
       { class: "form", novalidate: true, onsubmit: send, "aria-label": "Simulate a dataset" },
@@ -118,7 +112,7 @@ function showSimulation(element, { api, navigate }) {
         ),
         folded,
       ),
-      said,
+      failure.element,
       h(
         "div",
         { class: "row" },
@@ -131,7 +125,7 @@ function showSimulation(element, { api, navigate }) {
 
     async function send(event) {
       event.preventDefault();
-      said.hidden = true;
+      failure.show("");
       if (!fields.check()) return;
       try {
         const job = await api.post("/datasets", {
@@ -149,8 +143,7 @@ function showSimulation(element, { api, navigate }) {
         });
       } catch (error) {
         fields.point(error.message);
-        said.textContent = reason(error);
-        said.hidden = false;
+        failure.show(reason(error));
       }
     }
   }

@@ -3,6 +3,7 @@
 import { rawRecipe, recipeTable } from "../forms/recipe_table.js";
 import { aircraftName, kindName, limitWords, loadCatalog } from "../lib/catalog.js";
 import { formatted, h } from "../lib/dom.js";
+import { factList, recipeList } from "../lib/lists.js";
 import { loadingView } from "../lib/loading_view.js";
 import { figure, moment, percent } from "../lib/numbers.js";
 import { askToConfirm, button, link, pageOf } from "../lib/view_states.js";
@@ -103,18 +104,14 @@ function facts(dataset, users, catalog) {
     ],
     ["Used by", used],
   ];
-  return h(
-    "dl",
-    { class: "facts panel" },
-    entries.map(([name, value]) => h("div", {}, h("dt", {}, name), h("dd", {}, value))),
-  );
+  return factList(entries, "facts panel");
 }
 
 function details(dataset, catalog) {
   const known = Object.keys(dataset.recipe).length > 0;
   const origin = [
     ["Seed", dataset.seed ?? "not said"],
-    ["SHA-256", dataset.digest],
+    ["SHA-256", dataset.digest, true],
     ["Program", dataset.version],
     ["Created", moment(dataset.created)],
   ];
@@ -128,14 +125,7 @@ function details(dataset, catalog) {
       known
         ? recipeTable(catalog.recipes.dataset.schema, dataset.recipe, catalog)
         : h("p", {}, "It was not simulated here: its recipe is not known."),
-      h(
-        "dl",
-        { class: "recipe" },
-        origin.flatMap(([name, value]) => [
-          h("dt", {}, name),
-          h("dd", { class: name === "SHA-256" ? "hash" : null }, value),
-        ]),
-      ),
+      recipeList(origin),
     ),
     known ? rawRecipe("The same as JSON", dataset.recipe) : null,
   );

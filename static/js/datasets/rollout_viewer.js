@@ -11,7 +11,7 @@ import { limitedFirst } from "../charts/strips.js";
 import { reason } from "../lib/api.js";
 import { formatted, h } from "../lib/dom.js";
 import { figure } from "../lib/numbers.js";
-import { button, link } from "../lib/view_states.js";
+import { button, errorLine, link } from "../lib/view_states.js";
 
 export function createRolloutViewer({ api, catalog, dataset, monitors, navigate }) {
   const counts = { unsafe: dataset.n_unsafe, safe: dataset.n_safe };
@@ -33,7 +33,7 @@ export function createRolloutViewer({ api, catalog, dataset, monitors, navigate 
   const words = h("p", { class: "rollout-words", role: "status" });
   const strips = h("div", { class: "rollout-strips" });
   const theta = h("div", {});
-  const said = h("p", { class: "error", role: "alert", hidden: true });
+  const failure = errorLine();
   const monitor = h(
     "select",
     { id: "replay-monitor", "aria-label": "monitor that flies it" },
@@ -68,7 +68,7 @@ export function createRolloutViewer({ api, catalog, dataset, monitors, navigate 
       h("div", { class: "spread" }, replay),
     ),
     words,
-    said,
+    failure.element,
     strips,
     theta,
   );
@@ -90,15 +90,14 @@ export function createRolloutViewer({ api, catalog, dataset, monitors, navigate 
     const mine = ++turn;
     index.max = count - 1;
     index.value = chosen;
-    said.hidden = true;
+    failure.show("");
     try {
       const rollout = await api.get(
         `/datasets/${dataset.id}/rollouts/${outcome.value === "unsafe" ? chosen : dataset.n_unsafe + chosen}`,
       );
       if (mine === turn && !closed) draw(rollout);
     } catch (error) {
-      said.textContent = reason(error);
-      said.hidden = false;
+      failure.show(reason(error));
     }
   }
 

@@ -24,6 +24,7 @@ import { shownState } from "../charts/readout.js";
 import { reason } from "../lib/api.js";
 import { h, put } from "../lib/dom.js";
 import { riskText } from "../lib/numbers.js";
+import { errorLine } from "../lib/view_states.js";
 
 export function guarantee({ epsilon, lead }) {
   const share = `${Number((100 * epsilon).toPrecision(3))} %`;
@@ -42,8 +43,8 @@ export function createAlarmPanel(element, { tone, acknowledge }) {
   const quiet = h("strong", {}, "No alarm waits. ");
   const promise = h("span", {});
   const calm = h("p", { class: "alarm-calm" }, quiet, promise);
-  const failure = h("p", { class: "error", role: "alert", hidden: true });
-  element.append(banner, calm, failure);
+  const failure = errorLine();
+  element.append(banner, calm, failure.element);
   const alarms = new Map();
   let flight = { epsilon: NaN, lead: 0, limits: [] };
   let said = { state: null, reason: "" };
@@ -86,12 +87,11 @@ export function createAlarmPanel(element, { tone, acknowledge }) {
   }
 
   async function acknowledgeAll() {
-    failure.hidden = true;
+    failure.show("");
     try {
       for (const alarm of waiting()) take(await acknowledge(alarm));
     } catch (error) {
-      put(failure, `Not acknowledged. ${reason(error)}`);
-      failure.hidden = false;
+      failure.show(`Not acknowledged. ${reason(error)}`);
     }
   }
 

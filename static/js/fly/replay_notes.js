@@ -11,6 +11,7 @@
 
 import { reason } from "../lib/api.js";
 import { h, put } from "../lib/dom.js";
+import { errorLine } from "../lib/view_states.js";
 
 export function createReplayNotes({ api, source, now, add: addEvent, fail }) {
   const path = `/recordings/${encodeURIComponent(source.recording)}`;
@@ -25,7 +26,7 @@ export function createReplayNotes({ api, source, now, add: addEvent, fail }) {
     placeholder: "What happens here",
     required: true,
   });
-  const said = h("p", { class: "error", role: "alert", hidden: true });
+  const failure = errorLine();
   const form = h(
     "form",
     { class: "replay-note", hidden: true, onsubmit: keep },
@@ -37,7 +38,7 @@ export function createReplayNotes({ api, source, now, add: addEvent, fail }) {
       { type: "button", class: "button button-small", onclick: () => (form.hidden = true) },
       "Cancel",
     ),
-    said,
+    failure.element,
   );
   const open = h(
     "button",
@@ -84,7 +85,7 @@ export function createReplayNotes({ api, source, now, add: addEvent, fail }) {
   function write() {
     at = now();
     put(when, `${at.toFixed(2)} s`);
-    said.hidden = true;
+    failure.show("");
     form.hidden = false;
     text.focus();
   }
@@ -96,8 +97,7 @@ export function createReplayNotes({ api, source, now, add: addEvent, fail }) {
       text.value = "";
       form.hidden = true;
     } catch (error) {
-      put(said, reason(error));
-      said.hidden = false;
+      failure.show(reason(error));
     }
   }
 

@@ -10,6 +10,7 @@
  */
 
 import { h } from "../lib/dom.js";
+import { remember, remembered } from "../lib/storage.js";
 import { state } from "../lib/view_states.js";
 
 const KEY = "forewarn.scene";
@@ -25,7 +26,7 @@ export function createSceneFrame(element, flight) {
   element.setAttribute("aria-label", "Scene");
   let frame = null;
   const button = h("button", { type: "button", class: "button button-small scene-toggle", onclick: toggle });
-  if (read() === "hidden") hide();
+  if (remembered(KEY) === "hidden") hide();
   else open();
 
   function open() {
@@ -65,7 +66,7 @@ export function createSceneFrame(element, flight) {
 
   function toggle() {
     const hidden = frame !== null;
-    write(hidden ? "hidden" : "shown");
+    remember(KEY, hidden ? "hidden" : "shown");
     if (hidden) hide();
     else open();
   }
@@ -81,20 +82,4 @@ export function createSceneFrame(element, flight) {
       element.replaceChildren(...(text ? [state("empty", "No scene", text)] : []));
     },
   };
-}
-
-function read() {
-  try {
-    return localStorage.getItem(KEY);
-  } catch {
-    return null;
-  }
-}
-
-function write(choice) {
-  try {
-    localStorage.setItem(KEY, choice);
-  } catch {
-    // the choice then lasts as long as this flight is shown
-  }
 }

@@ -8,7 +8,7 @@
 
 import { reason } from "../lib/api.js";
 import { h, put } from "../lib/dom.js";
-import { state } from "../lib/view_states.js";
+import { errorLine, state } from "../lib/view_states.js";
 import { guarantee } from "./alarm_panel.js";
 import { sourceText } from "./panels.js";
 
@@ -100,7 +100,7 @@ function startForm({ monitors, datasets, query, api, navigate }) {
   const none = h("p", { class: "error" }, "No stored dataset has this monitor's sample interval: fly a fresh simulation, or make a dataset.");
   const simulated = h("div", { class: "stack" }, field("Seed", seed, h("p", { class: "hint" }, "The same seed is the same flight.")));
   const replayed = h("div", { class: "stack" }, field("Dataset", dataset), field("Rollout", rollout, range), none);
-  const failure = h("p", { class: "error", role: "alert", hidden: true });
+  const failure = errorLine();
   const go = h("button", { class: "button button-primary" }, "Start the flight");
   const chosen = () => monitors.find(({ id }) => id === monitor.value);
   let epsilonOf = "";
@@ -133,7 +133,7 @@ function startForm({ monitors, datasets, query, api, navigate }) {
 
   async function start(event) {
     event.preventDefault();
-    failure.hidden = true;
+    failure.show("");
     go.disabled = true;
     const source =
       kind.value === "replay"
@@ -143,8 +143,7 @@ function startForm({ monitors, datasets, query, api, navigate }) {
       const flight = await api.post("/flights", { source, monitor: monitor.value, epsilon: Number(epsilon.value) });
       navigate(`#/fly/${flight.id}`);
     } catch (error) {
-      put(failure, reason(error));
-      failure.hidden = false;
+      failure.show(reason(error));
       go.disabled = false;
     }
   }
@@ -160,7 +159,7 @@ function startForm({ monitors, datasets, query, api, navigate }) {
     replayed,
     field("ε, the accepted miss rate", epsilon, served),
     h("div", { class: "row" }, go),
-    failure,
+    failure.element,
   );
   adapt();
   return form;

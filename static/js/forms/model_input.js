@@ -6,7 +6,7 @@
  */
 
 import { h } from "../lib/dom.js";
-import { button } from "../lib/view_states.js";
+import { button, errorLine } from "../lib/view_states.js";
 
 const NEEDED = ["a", "b", "c", "d", "uncertainty"];
 const KNOWN = [...NEEDED, "states"];
@@ -27,7 +27,7 @@ export function createModelInput(use) {
     "aria-label": "own model as a file",
     onchange: read,
   });
-  const said = h("p", { class: "error", role: "alert", hidden: true });
+  const failure = errorLine();
   return h(
     "div",
     { class: "field model-input" },
@@ -43,7 +43,7 @@ export function createModelInput(use) {
       button("Use this model", apply, { class: "button button-small" }),
       file,
     ),
-    said,
+    failure.element,
   );
 
   async function read() {
@@ -56,8 +56,7 @@ export function createModelInput(use) {
     try {
       use(parse(text.value));
     } catch (error) {
-      said.textContent = error.message;
-      said.hidden = false;
+      failure.show(error.message);
       text.setAttribute("aria-invalid", "true");
     }
   }

@@ -14,7 +14,7 @@
 import { reason } from "./api.js";
 import { h } from "./dom.js";
 import { moment } from "./numbers.js";
-import { button } from "./view_states.js";
+import { button, errorLine } from "./view_states.js";
 
 const WORDS = {
   failed: "It failed",
@@ -39,14 +39,14 @@ export function createJobProgress({ api, job, title, done, back }) {
   const bar = h("progress", { class: "progress", "aria-label": "progress" });
   const message = h("p", { role: "status", class: "job-message" }, "waiting for its turn");
   const stop = button("Cancel", cancel);
-  const said = h("p", { class: "error", role: "alert", hidden: true });
+  const failure = errorLine();
   const element = h(
     "section",
     { class: "panel stack job", "data-job": job.id, "data-status": job.status },
     h("h2", { class: "panel-title" }, title),
     message,
     bar,
-    said,
+    failure.element,
     h("div", { class: "row" }, stop),
   );
   const watch = api.watchJob(job.id, changed);
@@ -86,8 +86,7 @@ export function createJobProgress({ api, job, title, done, back }) {
   function tell(words) {
     bar.hidden = true;
     message.hidden = true;
-    said.textContent = words.replace(/([.!?])\.$/, "$1");
-    said.hidden = false;
+    failure.show(words.replace(/([.!?])\.$/, "$1"));
     stop.replaceWith(button("Back", back, { class: "button button-primary" }));
   }
 }

@@ -6,6 +6,7 @@
  *   state(kind, title, text, ...actions) -> section    of a panel; kind "empty" | "loading" | "error"
  *   pageOf(title, ...) -> element        a scrolling page with its heading
  *   link(text, hash, primary), button(text, pressed, attributes)
+ *   errorLine() -> {element, show(words)}     hidden while there are no words
  *   askToConfirm(question, consequence, word, act) -> dialog, shown; act() may fail, which it tells
  */
 
@@ -61,8 +62,17 @@ export function button(text, pressed, attributes = {}) {
   return h("button", { type: "button", class: "button", onclick: pressed, ...attributes }, text);
 }
 
+export function errorLine() {
+  const element = h("p", { class: "error", role: "alert", hidden: true });
+  const show = (words) => {
+    element.textContent = words;
+    element.hidden = words === "";
+  };
+  return { element, show };
+}
+
 export function askToConfirm(question, consequence, word, act) {
-  const said = h("p", { class: "error", role: "alert", hidden: true });
+  const failure = errorLine();
   const yes = button(word, perform, { class: "button button-danger" });
   const no = button("Keep it", () => dialog.close(), { autofocus: true });
   const dialog = h(
@@ -70,7 +80,7 @@ export function askToConfirm(question, consequence, word, act) {
     { class: "dialog", "aria-labelledby": "dialog-title" },
     h("h2", { id: "dialog-title" }, question),
     h("p", {}, consequence),
-    said,
+    failure.element,
     h("div", { class: "row" }, yes, no),
   );
   dialog.addEventListener("close", () => dialog.remove());
@@ -84,8 +94,7 @@ export function askToConfirm(question, consequence, word, act) {
       await act();
       dialog.close();
     } catch (error) {
-      said.textContent = reason(error);
-      said.hidden = false;
+      failure.show(reason(error));
       yes.disabled = false;
       no.focus();
     }

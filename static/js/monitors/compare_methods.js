@@ -10,9 +10,10 @@ import { reason } from "../lib/api.js";
 import { loadCatalog } from "../lib/catalog.js";
 import { h } from "../lib/dom.js";
 import { createJobProgress } from "../lib/job_progress.js";
+import { tableHead } from "../lib/lists.js";
 import { loadingView } from "../lib/loading_view.js";
 import { figure, interval, moment, percent } from "../lib/numbers.js";
-import { empty, link, pageOf } from "../lib/view_states.js";
+import { empty, errorLine, link, pageOf } from "../lib/view_states.js";
 import { methodsFigure } from "./figures.js";
 
 const TITLE = "Compare five methods";
@@ -53,7 +54,7 @@ async function form({ catalog, api, query, navigate }) {
     chosen: query.get("dataset") ?? datasets[0]?.id,
   });
   const sizes = createFields(schema, usual, { catalog, path: "study", hidden: ["dataset"] });
-  const said = h("p", { class: "error", role: "alert", hidden: true });
+  const failure = errorLine();
   const go = h("button", { class: "button button-primary", type: "submit" }, "Compare");
   const asForm = h(
     "form",
@@ -67,7 +68,7 @@ async function form({ catalog, api, query, navigate }) {
       h("div", { class: "field-grid" }, ["n_monitors", "n_test"].map(sizes.element)),
       sizes.element("monitor"),
     ),
-    said,
+    failure.element,
     h(
       "div",
       { class: "row" },
@@ -90,8 +91,7 @@ async function form({ catalog, api, query, navigate }) {
       navigate(`#/monitors/compare?job=${job.id}`);
     } catch (error) {
       if (!source.point(error.message)) sizes.point(error.message);
-      said.textContent = reason(error);
-      said.hidden = false;
+      failure.show(reason(error));
       go.disabled = false;
     }
   }
@@ -151,14 +151,7 @@ function study({ result, request, id }) {
 function table(methods, ranking) {
   const { epsilon } = methods[ranking[0]];
   const columns = [...new Set(SHOWN.map((shown) => nearest(epsilon, shown)))];
-  const head = h(
-    "tr",
-    {},
-    h("th", { scope: "col" }, "Method"),
-    columns.map((k) =>
-      h("th", { scope: "col", class: "number" }, `miss / power at ε = ${figure(epsilon[k])}`),
-    ),
-  );
+  const heads = columns.map((k) => [`miss / power at ε = ${figure(epsilon[k])}`, true]);
   const rows = ranking.map((name) =>
     h(
       "tr",
@@ -178,7 +171,7 @@ function table(methods, ranking) {
         { class: "hint" },
         "Each with its 95 % interval, which allows for the scatter between monitors.",
       ),
-      h("thead", {}, head),
+      tableHead([["Method"], ...heads]),
       h("tbody", {}, rows),
     ),
   );

@@ -4,9 +4,10 @@ import { reason } from "../lib/api.js";
 import { aircraftName, kindName, loadCatalog } from "../lib/catalog.js";
 import { h } from "../lib/dom.js";
 import { jobList } from "../lib/job_progress.js";
+import { hiddenHead, tableHead } from "../lib/lists.js";
 import { loadingView } from "../lib/loading_view.js";
 import { figure, moment, percent } from "../lib/numbers.js";
-import { button, empty, link, pageOf } from "../lib/view_states.js";
+import { button, empty, errorLine, link, pageOf } from "../lib/view_states.js";
 
 export function showMonitors(element, { api, navigate }) {
   return loadingView(element, { title: "Monitors", text: "Looking up the monitors", build });
@@ -41,7 +42,7 @@ export function showMonitors(element, { api, navigate }) {
   }
 
   function uploader() {
-    const said = h("p", { class: "error", role: "alert", hidden: true });
+    const failure = errorLine();
     const input = h("input", {
       type: "file",
       accept: ".fwm",
@@ -55,7 +56,7 @@ export function showMonitors(element, { api, navigate }) {
       { class: "row" },
       button("Upload a monitor file", () => input.click()),
       input,
-      said,
+      failure.element,
     );
 
     async function upload() {
@@ -66,8 +67,7 @@ export function showMonitors(element, { api, navigate }) {
         const { id } = await api.upload(`/monitors?name=${encodeURIComponent(name)}`, file);
         navigate(`#/monitors/${id}`);
       } catch (error) {
-        said.textContent = reason(error);
-        said.hidden = false;
+        failure.show(reason(error));
         input.value = "";
       }
     }
@@ -84,6 +84,7 @@ function table(monitors, rates, catalog) {
     ["Lead [s]", 1],
     ["Unsafe rate", 1],
     ["Created"],
+    hiddenHead("Fly it"),
   ];
   const rows = monitors.map((monitor) => {
     const { aircraft, maneuver } = monitor.dataset_recipe;
@@ -113,17 +114,9 @@ function table(monitors, rates, catalog) {
       ),
     );
   });
-  const head = h(
-    "tr",
-    {},
-    heads.map(([words, isNumber]) =>
-      h("th", { scope: "col", class: isNumber ? "number" : null }, words),
-    ),
-    h("th", { scope: "col" }, h("span", { class: "visually-hidden" }, "Fly it")),
-  );
   return h(
     "div",
     { class: "table-scroll panel" },
-    h("table", { class: "table" }, h("thead", {}, head), h("tbody", {}, rows)),
+    h("table", { class: "table" }, tableHead(heads), h("tbody", {}, rows)),
   );
 }

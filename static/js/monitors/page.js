@@ -4,6 +4,7 @@ import { rolloutFigure, sampleRollouts } from "../datasets/figures.js";
 import { rawRecipe, recipeTable } from "../forms/recipe_table.js";
 import { aircraftName, kindName, limitWords, loadCatalog } from "../lib/catalog.js";
 import { formatted, h } from "../lib/dom.js";
+import { factList, recipeList } from "../lib/lists.js";
 import { loadingView } from "../lib/loading_view.js";
 import { figure, moment, percent } from "../lib/numbers.js";
 import { askToConfirm, button, empty, link, pageOf } from "../lib/view_states.js";
@@ -114,11 +115,7 @@ function facts({ monitor, dataset, evaluation, catalog }) {
     ["Unsafe rate", percent(dataset?.unsafe_rate ?? evaluation?.unsafe_rate)],
     ["Test flights", evaluation ? evaluation.n_test.toLocaleString("en") : "none"],
   ];
-  return h(
-    "dl",
-    { class: "facts panel" },
-    entries.map(([name, value]) => h("div", {}, h("dt", {}, name), h("dd", {}, value))),
-  );
+  return factList(entries, "facts panel");
 }
 
 function guarantee(monitor) {
@@ -169,8 +166,8 @@ function validity({ support }) {
 function details(monitor, catalog) {
   const { dataset, monitor: form } = catalog.recipes;
   const hashes = [
-    ["File, SHA-256", monitor.digest],
-    ["Dataset, SHA-256", monitor.dataset_digest],
+    ["File, SHA-256", monitor.digest, true],
+    ["Dataset, SHA-256", monitor.dataset_digest, true],
     ["Program", monitor.version],
     ["Seed", monitor.seed ?? "not said"],
     ["Created", moment(monitor.created)],
@@ -195,14 +192,7 @@ function details(monitor, catalog) {
         h("h3", {}, "Monitor"),
         recipeTable(form.schema, monitor.recipe, catalog),
         h("h3", {}, "Where it comes from"),
-        h(
-          "dl",
-          { class: "recipe" },
-          hashes.flatMap(([name, value]) => [
-            h("dt", {}, name),
-            h("dd", { class: /SHA/.test(name) ? "hash" : null }, value),
-          ]),
-        ),
+        recipeList(hashes),
       ),
       h(
         "div",

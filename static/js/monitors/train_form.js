@@ -13,7 +13,7 @@ import { h } from "../lib/dom.js";
 import { followInPlace } from "../lib/job_progress.js";
 import { loadingView } from "../lib/loading_view.js";
 import { figure } from "../lib/numbers.js";
-import { link, pageOf } from "../lib/view_states.js";
+import { errorLine, link, pageOf } from "../lib/view_states.js";
 import { neededFor } from "./calibration_rule.js";
 
 const MAIN = ["t_early", "epsilon"];
@@ -57,7 +57,7 @@ export function showTraining(element, { query, api, navigate }) {
       maxlength: 200,
       placeholder: "optional",
     });
-    const said = h("p", { class: "error", role: "alert", hidden: true });
+    const failure = errorLine();
     const served = h("p", { class: "hint served" });
     const go = h("button", { class: "button button-primary", type: "submit" }, "Train");
     const advanced = fields.keys.filter((key) => !MAIN.includes(key));
@@ -102,7 +102,7 @@ export function showTraining(element, { query, api, navigate }) {
           advanced.filter((key) => !families.includes(key)).map(fields.element),
         ),
       ),
-      said,
+      failure.element,
       h(
         "div",
         { class: "row form-end" },
@@ -134,7 +134,7 @@ export function showTraining(element, { query, api, navigate }) {
 
     async function send(event) {
       event.preventDefault();
-      said.hidden = true;
+      failure.show("");
       if (![source.check(), fields.check()].every(Boolean)) return;
       const body = { ...fields.read(), dataset: source.read() };
       if (name.value.trim()) body.name = name.value.trim();
@@ -154,9 +154,8 @@ export function showTraining(element, { query, api, navigate }) {
       } catch (error) {
         if (!source.point(error.message) && !fields.point(error.message))
           form.querySelector("[aria-invalid]")?.focus();
-        said.textContent = reason(error);
-        said.hidden = false;
-        said.scrollIntoView({ block: "nearest" });
+        failure.show(reason(error));
+        failure.element.scrollIntoView({ block: "nearest" });
       } finally {
         go.disabled = false;
       }

@@ -7,6 +7,7 @@
  */
 
 import { h } from "../lib/dom.js";
+import { tableHead } from "../lib/lists.js";
 import { percent } from "../lib/numbers.js";
 
 export function badRows({ n, share, rows }) {
@@ -39,15 +40,7 @@ export function badRowsTable(rows) {
     h(
       "table",
       { class: "table" },
-      h(
-        "thead",
-        {},
-        h(
-          "tr",
-          {},
-          head.map((words, k) => h("th", { scope: "col", class: k ? null : "number" }, words)),
-        ),
-      ),
+      tableHead(head.map((words, k) => [words, k === 0])),
       h(
         "tbody",
         {},

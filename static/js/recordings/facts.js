@@ -9,6 +9,7 @@
 import { createMiniPlot } from "../charts/mini_plot.js";
 import { reason } from "../lib/api.js";
 import { h } from "../lib/dom.js";
+import { factList, sentences, tableHead } from "../lib/lists.js";
 import { bytesText, durationText, figure, moment } from "../lib/numbers.js";
 import { button } from "../lib/view_states.js";
 import { badRows } from "./bad_rows.js";
@@ -44,20 +45,10 @@ export function recordingFacts(recording, catalog) {
   return h(
     "section",
     { class: "panel stack-tight", "aria-label": "File" },
-    h(
-      "dl",
-      { class: "facts" },
-      entries.map(([name, value]) => h("div", {}, h("dt", {}, name), h("dd", {}, value))),
-    ),
+    factList(entries),
     h("p", { class: "dim" }, "SHA-256 ", h("span", { class: "hash" }, recording.digest)),
     twin,
-    remarks.length
-      ? h(
-          "ul",
-          { class: "sentences" },
-          remarks.map((words) => h("li", {}, words)),
-        )
-      : null,
+    sentences(remarks),
     badRows(recording.bad_rows),
   );
 }
@@ -92,17 +83,7 @@ export function createSignalList({ api, recording }) {
       h(
         "table",
         { class: "table" },
-        h(
-          "thead",
-          {},
-          h(
-            "tr",
-            {},
-            heads.map((words, k) =>
-              h("th", { scope: "col", class: k > 1 && k < 7 ? "number" : null }, words),
-            ),
-          ),
-        ),
+        tableHead(heads.map((words, k) => [words, k > 1 && k < 7])),
         body,
       ),
     ),

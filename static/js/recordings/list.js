@@ -2,6 +2,7 @@
 
 import { loadCatalog } from "../lib/catalog.js";
 import { h } from "../lib/dom.js";
+import { hiddenHead, tableHead } from "../lib/lists.js";
 import { loadingView } from "../lib/loading_view.js";
 import { bytesText, durationText, moment } from "../lib/numbers.js";
 import { askToConfirm, button, empty, pageOf } from "../lib/view_states.js";
@@ -59,6 +60,7 @@ function table(recordings, catalog, remove) {
     ["Mapping"],
     ["Scorings", 1],
     ["Uploaded"],
+    hiddenHead("Delete it"),
   ];
   const rows = recordings.map((one) => {
     const { word, level, text } = MAPPING_STATES[one.mapping_state] ?? {};
@@ -91,21 +93,13 @@ function table(recordings, catalog, remove) {
       ),
     );
   });
-  const head = h(
-    "tr",
-    {},
-    heads.map(([words, isNumber]) =>
-      h("th", { scope: "col", class: isNumber ? "number" : null }, words),
-    ),
-    h("th", { scope: "col" }, h("span", { class: "visually-hidden" }, "Delete it")),
-  );
   return h(
     "div",
     { class: "table-scroll panel" },
     h(
       "table",
       { class: "table table-cards recording-table" },
-      h("thead", {}, head),
+      tableHead(heads),
       h("tbody", {}, rows),
     ),
   );

@@ -12,7 +12,7 @@
 import { reason } from "../lib/api.js";
 import { h, put } from "../lib/dom.js";
 import { secondsText } from "../lib/numbers.js";
-import { button } from "../lib/view_states.js";
+import { button, errorLine } from "../lib/view_states.js";
 import { createNoteList, noteSign } from "./note_list.js";
 
 export function createNotesPanel({ api, recording, place, go, changed }) {
@@ -31,7 +31,7 @@ export function createNotesPanel({ api, recording, place, go, changed }) {
     class: "button button-small",
     title: "A marker without words (key M on the strips)",
   });
-  const said = h("p", { class: "error", role: "alert", hidden: true });
+  const failure = errorLine();
   const element = h(
     "section",
     { class: "event-panel notes-panel", "aria-label": "Notes" },
@@ -42,26 +42,26 @@ export function createNotesPanel({ api, recording, place, go, changed }) {
       h("div", { class: "field" }, text),
       h("div", { class: "row" }, add, flag, where),
     ),
-    said,
+    failure.element,
     list.element,
   );
   moved();
 
   function moved() {
     const at = place();
-    put(where, at === null ? "click on the strips first: the note stands there" : words(at));
+    put(where, at === null ? "click on the strips first: the note stands there" : placeText(at));
     add.disabled = flag.disabled = at === null;
   }
 
-  function words({ t, end }) {
+  function placeText({ t, end }) {
     return end === null ? `at ${secondsText(t)}` : `${secondsText(t)} to ${secondsText(end)}`;
   }
 
   async function send(event) {
     event.preventDefault();
-    const said = text.value.trim();
-    if (!said) text.focus();
-    else if (await create({ ...place(), text: said, kind: "note" })) text.value = "";
+    const words = text.value.trim();
+    if (!words) text.focus();
+    else if (await create({ ...place(), text: words, kind: "note" })) text.value = "";
   }
 
   function quick() {
@@ -93,13 +93,12 @@ export function createNotesPanel({ api, recording, place, go, changed }) {
   }
 
   async function attempt(act) {
-    said.hidden = true;
+    failure.show("");
     try {
       await act();
       return true;
     } catch (error) {
-      said.textContent = reason(error);
-      said.hidden = false;
+      failure.show(reason(error));
       return false;
     }
   }

@@ -9,6 +9,7 @@
 
 import { niceTicks } from "../charts/plot.js";
 import { h, svg } from "../lib/dom.js";
+import { sentences } from "../lib/lists.js";
 import { durationText, formatTime } from "../lib/numbers.js";
 
 const ALWAYS = {
@@ -50,11 +51,7 @@ export function createQualityStrip() {
             axis(extent),
           )
         : "",
-      h(
-        "ul",
-        { class: "sentences" },
-        quality.sentences.map((words) => h("li", {}, words)),
-      ),
+      sentences(quality.sentences) ?? "",
     );
   }
 

@@ -9,7 +9,7 @@
 import { reason } from "../../lib/api.js";
 import { h } from "../../lib/dom.js";
 import { figure } from "../../lib/numbers.js";
-import { button } from "../../lib/view_states.js";
+import { button, errorLine } from "../../lib/view_states.js";
 
 export function createScoringPicker({ api, recordings, taken, add }) {
   const scored = recordings.filter(({ n_scorings: n }) => n > 0);
@@ -20,7 +20,7 @@ export function createScoringPicker({ api, recordings, taken, add }) {
   );
   const scoring = h("select", { id: "pick-scoring" });
   const go = button("Add it", () => add({ recording: recording.value, scoring: scoring.value }));
-  const said = h("p", { class: "error", role: "alert", hidden: true });
+  const failure = errorLine();
   if (taken.length) recording.value = taken[0].recording;
   fill();
   return {
@@ -36,13 +36,13 @@ export function createScoringPicker({ api, recordings, taken, add }) {
         h("div", { class: "field" }, scoring),
         go,
       ),
-      said,
+      failure.element,
     ),
   };
 
   async function fill() {
     go.disabled = true;
-    said.hidden = true;
+    failure.show("");
     scoring.replaceChildren();
     const id = recording.value;
     if (!id) return;
@@ -60,8 +60,7 @@ export function createScoringPicker({ api, recordings, taken, add }) {
       );
       go.disabled = left.length === 0;
     } catch (error) {
-      said.textContent = reason(error);
-      said.hidden = false;
+      failure.show(reason(error));
     }
   }
 }

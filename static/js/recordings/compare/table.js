@@ -9,6 +9,7 @@
  */
 
 import { formatted, h } from "../../lib/dom.js";
+import { recipeList } from "../../lib/lists.js";
 import { figure, riskText, secondsText } from "../../lib/numbers.js";
 import { button } from "../../lib/view_states.js";
 import { earlierMapping } from "../mapping/changes.js";
@@ -155,10 +156,6 @@ function cell(scoring, n) {
     "td",
     {},
     outcomeChip(outcome),
-    h(
-      "dl",
-      { class: "recipe compare-lines" },
-      lines.flatMap(([name, words]) => [h("dt", {}, name), h("dd", {}, words)]),
-    ),
+    recipeList(lines, "recipe compare-lines"),
   );
 }

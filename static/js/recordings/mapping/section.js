@@ -11,7 +11,7 @@
 
 import { reason } from "../../lib/api.js";
 import { h } from "../../lib/dom.js";
-import { button } from "../../lib/view_states.js";
+import { button, errorLine } from "../../lib/view_states.js";
 import { MAPPING_STATES } from "../words.js";
 import { createMappingTable } from "./table.js";
 
@@ -31,7 +31,7 @@ export function createMappingSection({
   let turn = 0;
   let closed = false;
   const table = createMappingTable({ catalog, recording, changed: later });
-  const problem = h("p", { class: "error", role: "alert", hidden: true });
+  const problem = errorLine();
   const aircraft = h("input", {
     type: "text",
     id: "map-aircraft",
@@ -60,7 +60,7 @@ export function createMappingSection({
       h("span", { class: "dim" }, summaryOf(recording, text, catalog)),
     ),
     table.element,
-    problem,
+    problem.element,
     h(
       "div",
       { class: "row map-end" },
@@ -110,8 +110,7 @@ export function createMappingSection({
   }
 
   function tell(words) {
-    problem.textContent = words ?? "";
-    problem.hidden = !words;
+    problem.show(words ?? "");
     confirm.disabled = Boolean(words);
   }
 

@@ -1,6 +1,7 @@
 /** How a scoring was made: hashes, order, mapping, what was done to the data. Exports  scoringFacts(scoring). */
 
 import { h } from "../../lib/dom.js";
+import { recipeList, sentences } from "../../lib/lists.js";
 import { figure, moment } from "../../lib/numbers.js";
 
 const TRIMS = { lead_in: "mean of each manoeuvre's own lead-in", null: "nothing was subtracted" };
@@ -20,16 +21,7 @@ export function scoringFacts(scoring) {
     `${label} ${symbol}`,
     sourceText(mapping.channels[key], unit),
   ]);
-  const list = (entries) =>
-    h(
-      "dl",
-      { class: "recipe" },
-      entries.flatMap(([name, value, hash]) => [
-        h("dt", {}, name),
-        h("dd", { class: hash ? "hash" : null }, value),
-      ]),
-    );
-  const sentences = [...notes, ...(quality?.sentences ?? [])];
+  const texts = [...notes, ...(quality?.sentences ?? [])];
   return h(
     "details",
     { class: "panel fold" },
@@ -41,21 +33,15 @@ export function scoringFacts(scoring) {
         "div",
         { class: "stack-tight" },
         h("h3", {}, "The same order makes the same samples"),
-        list(rows),
+        recipeList(rows),
         h("h3", {}, "Mapping"),
-        list(sources),
+        recipeList(sources),
       ),
       h(
         "div",
         { class: "stack-tight" },
         h("h3", {}, "What was done to the data"),
-        sentences.length
-          ? h(
-              "ul",
-              { class: "sentences" },
-              sentences.map((words) => h("li", {}, words)),
-            )
-          : h("p", { class: "dim" }, "Nothing."),
+        sentences(texts) ?? h("p", { class: "dim" }, "Nothing."),
       ),
     ),
   );

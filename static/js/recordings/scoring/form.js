@@ -12,6 +12,7 @@
 import { decimal } from "../../forms/decimals.js";
 import { reason } from "../../lib/api.js";
 import { h } from "../../lib/dom.js";
+import { errorLine } from "../../lib/view_states.js";
 import { createManoeuvrePicker } from "./manoeuvre_picker.js";
 import { createMonitorChoice } from "./monitor_choice.js";
 
@@ -40,7 +41,7 @@ export function createScoreForm({ api, catalog, recording, monitors, used, score
       value === "seconds" ? h("span", { class: "field" }, seconds) : null,
     ),
   );
-  const said = h("p", { class: "error", role: "alert", hidden: true });
+  const failure = errorLine();
   const progress = h("p", { role: "status", class: "dim" });
   const go = h("button", { class: "button button-primary", type: "submit" }, "Score");
   const element = h(
@@ -55,14 +56,14 @@ export function createScoreForm({ api, catalog, recording, monitors, used, score
       h("legend", {}, "Trim subtracted"),
       h("div", { class: "row", role: "radiogroup" }, trims),
     ),
-    said,
+    failure.element,
     h("div", { class: "row" }, go, progress),
   );
   picker.refresh();
 
   async function send(event) {
     event.preventDefault();
-    said.hidden = true;
+    failure.show("");
     const orders = choice.check();
     if (orders === null || !picker.check() || !checkTrim()) return;
     const order = { trim: trimOf(), manoeuvres: picker.read() };
@@ -86,8 +87,7 @@ export function createScoreForm({ api, catalog, recording, monitors, used, score
     }
     go.disabled = false;
     progress.textContent = made.length ? `${made.length} scored.` : "";
-    said.textContent = failures.join(" ");
-    said.hidden = failures.length === 0;
+    failure.show(failures.join(" "));
     if (made.length) scored(made, failures.length > 0);
   }
 
@@ -96,8 +96,7 @@ export function createScoreForm({ api, catalog, recording, monitors, used, score
     const fits = typeof trim !== "number" || trim > 0;
     seconds.toggleAttribute("aria-invalid", !fits);
     if (fits) return true;
-    said.textContent = `The trim is the mean of some seconds, a number above 0; “${seconds.value}” was given.`;
-    said.hidden = false;
+    failure.show(`The trim is the mean of some seconds, a number above 0; “${seconds.value}” was given.`);
     seconds.focus();
     return false;
   }

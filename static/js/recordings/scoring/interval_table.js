@@ -7,31 +7,22 @@
 
 import { decimal } from "../../forms/decimals.js";
 import { h } from "../../lib/dom.js";
-import { button } from "../../lib/view_states.js";
+import { hiddenHead, tableHead } from "../../lib/lists.js";
+import { button, errorLine } from "../../lib/view_states.js";
 
 export function createSpanTable({ changed }) {
   let spans = [];
   const body = h("tbody", {});
-  const said = h("p", { class: "error", role: "alert", hidden: true });
+  const failure = errorLine();
   const empty = h(
     "p",
     { class: "dim" },
     "None is marked yet: drag over a manoeuvre in the chart, then add the stretch.",
   );
-  const heads = ["Name", "From [s]", "To [s]"];
   const table = h(
     "table",
     { class: "table span-table-rows" },
-    h(
-      "thead",
-      {},
-      h(
-        "tr",
-        {},
-        heads.map((words) => h("th", { scope: "col" }, words)),
-        h("th", {}, h("span", { class: "visually-hidden" }, "Remove it")),
-      ),
-    ),
+    tableHead([["Name"], ["From [s]"], ["To [s]"], hiddenHead("Remove it")]),
     body,
   );
   const element = h(
@@ -39,7 +30,7 @@ export function createSpanTable({ changed }) {
     { class: "stack-tight" },
     empty,
     h("div", { class: "table-scroll" }, table),
-    said,
+    failure.element,
   );
   render();
 
@@ -48,7 +39,7 @@ export function createSpanTable({ changed }) {
     body.replaceChildren(...spans.map(row));
     empty.hidden = spans.length > 0;
     table.hidden = spans.length === 0;
-    said.hidden = true;
+    failure.show("");
     changed();
   }
 
@@ -114,8 +105,7 @@ export function createSpanTable({ changed }) {
   }
 
   function say(wrong) {
-    said.textContent = wrong;
-    said.hidden = wrong === "";
+    failure.show(wrong);
   }
 
   return {

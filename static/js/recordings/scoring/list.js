@@ -6,6 +6,7 @@
  */
 
 import { h } from "../../lib/dom.js";
+import { tableHead } from "../../lib/lists.js";
 import { figure, moment, riskText } from "../../lib/numbers.js";
 import { askToConfirm, button } from "../../lib/view_states.js";
 import { earlierMapping } from "../mapping/changes.js";
@@ -55,17 +56,7 @@ export function createScoringList({ api, recording, scorings, changed, navigate 
       h(
         "table",
         { class: "table table-cards scoring-table" },
-        h(
-          "thead",
-          {},
-          h(
-            "tr",
-            {},
-            heads.map(([words, number]) =>
-              h("th", { scope: "col", class: number ? "number" : null }, words),
-            ),
-          ),
-        ),
+        tableHead(heads),
         h("tbody", {}, scorings.map(row)),
       ),
     ),

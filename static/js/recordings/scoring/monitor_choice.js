@@ -11,10 +11,10 @@ import { decimals } from "../../forms/decimals.js";
 import { aircraftName, kindName, limitWords } from "../../lib/catalog.js";
 import { formatted, h } from "../../lib/dom.js";
 import { figure } from "../../lib/numbers.js";
-import { link } from "../../lib/view_states.js";
+import { errorLine, link } from "../../lib/view_states.js";
 
 export function createMonitorChoice({ monitors, used, catalog, changed }) {
-  const said = h("p", { class: "error", role: "alert", hidden: true });
+  const failure = errorLine();
   const rows = monitors.map((monitor) =>
     rowOf(monitor, monitors.length === 1 || used.has(monitor.id)),
   );
@@ -40,7 +40,7 @@ export function createMonitorChoice({ monitors, used, catalog, changed }) {
           rows.map((row) => row.element),
         )
       : none,
-    said,
+    failure.element,
   );
 
   function rowOf(monitor, checked) {
@@ -62,7 +62,7 @@ export function createMonitorChoice({ monitors, used, catalog, changed }) {
     });
     const turn = () => {
       epsilons.disabled = !box.checked;
-      said.hidden = true;
+      failure.show("");
       changed();
     };
     const limits = limitWords(catalog, specification);
@@ -105,8 +105,7 @@ export function createMonitorChoice({ monitors, used, catalog, changed }) {
       }
       for (const text of new Set(given)) orders.push({ monitor, epsilon: Number(text) });
     }
-    said.textContent = wrong;
-    said.hidden = wrong === "";
+    failure.show(wrong);
     return wrong ? null : orders;
   }
 

@@ -9,7 +9,7 @@ import { formatted, h } from "../../lib/dom.js";
 import { createEventList } from "../../lib/event_list.js";
 import { loadingView } from "../../lib/loading_view.js";
 import { figure } from "../../lib/numbers.js";
-import { button, empty, link, pageOf } from "../../lib/view_states.js";
+import { button, empty, errorLine, link, pageOf } from "../../lib/view_states.js";
 import { createNotesPanel, laneOfMarkers } from "../notes_panel.js";
 import { outcomeOf, outsideText, trimText } from "../words.js";
 import { eventsOf, laneOf, spansOf } from "./events.js";
@@ -137,7 +137,7 @@ export function showScoring(element, { id, query, api, navigate }) {
 
   function actions(scoring) {
     const base = `/api/v1${path}`;
-    const said = h("p", { class: "error", role: "alert", hidden: true });
+    const failure = errorLine();
     const replay = button("Replay", fly, { class: "button button-primary" });
     return [
       replay,
@@ -156,7 +156,7 @@ export function showScoring(element, { id, query, api, navigate }) {
       ),
       link("Compare", `#/recordings/${id}?compare=${scoring.id}`),
       link("The recording", `#/recordings/${id}`),
-      said,
+      failure.element,
     ];
 
     async function fly() {
@@ -167,8 +167,7 @@ export function showScoring(element, { id, query, api, navigate }) {
         const flight = await api.post("/flights", { source, monitor, epsilon });
         navigate(`#/fly/${flight.id}`);
       } catch (error) {
-        said.textContent = reason(error);
-        said.hidden = false;
+        failure.show(reason(error));
         replay.disabled = false;
       }
     }

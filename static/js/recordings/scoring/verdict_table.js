@@ -6,6 +6,7 @@
  */
 
 import { formatted, h } from "../../lib/dom.js";
+import { sentences, tableHead } from "../../lib/lists.js";
 import { figure, formatValue, riskText, secondsText } from "../../lib/numbers.js";
 import {
   firstAlertText,
@@ -32,13 +33,6 @@ const HEADS = [
 export function createVerdictTable(scoring, { show }) {
   const { stretches } = scoring;
   const bodies = stretches.map((stretch, k) => bodyOf(stretch, k));
-  const head = h(
-    "tr",
-    {},
-    HEADS.map(([words, number]) =>
-      h("th", { scope: "col", class: number ? "number" : null }, words),
-    ),
-  );
   const element = h(
     "div",
     { class: "stack-tight" },
@@ -47,7 +41,7 @@ export function createVerdictTable(scoring, { show }) {
     h(
       "div",
       { class: stretches.length > MANY ? "table-scroll verdict-many" : "table-scroll" },
-      h("table", { class: "table table-cards verdict-table" }, h("thead", {}, head), bodies),
+      h("table", { class: "table table-cards verdict-table" }, tableHead(HEADS), bodies),
     ),
   );
 
@@ -131,7 +125,7 @@ export function createVerdictTable(scoring, { show }) {
       "details",
       { open: stretches.length <= OPEN || validity.valid === false },
       h("summary", {}, promised ? h("strong", {}, "Guarantee: ") : null, stretch.guarantee),
-      reasonsOf(validity),
+      validity.reasons.length > 1 ? sentences(validity.reasons) : null, // a single one is in the guarantee
       h(
         "ul",
         { class: "checks" },
@@ -146,16 +140,6 @@ export function createVerdictTable(scoring, { show }) {
         ),
       ),
       (stretch.remarks ?? []).map((words) => h("p", { class: "hint" }, words)),
-    );
-  }
-
-  /** The sentence of the guarantee gives the first; where there are more, all of them. */
-  function reasonsOf({ reasons }) {
-    if (reasons.length < 2) return null;
-    return h(
-      "ul",
-      { class: "sentences" },
-      reasons.map((words) => h("li", {}, words)),
     );
   }
 
