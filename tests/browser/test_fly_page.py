@@ -98,7 +98,7 @@ class Fly:
 # Flying
 
 
-def test_a_flight_is_started_and_alerts_before_its_limit_is_crossed(fly: Fly) -> None:
+def test_a_flight_is_started_and_alerts_before_its_exceedance(fly: Fly) -> None:
     page = fly.page
     page.goto(f"{fly.site.http}/")
     page.get_by_label("Outcome").select_option("unsafe")
@@ -107,9 +107,9 @@ def test_a_flight_is_started_and_alerts_before_its_limit_is_crossed(fly: Fly) ->
     page.get_by_role("button", name="Start the flight").click()
     fly.connected()
     expect(page.get_by_text("risk (higher is worse)")).to_be_visible()
-    fly.event("reached its limit").wait_for()
+    fly.event("exceeds its limit").wait_for()
     expect(fly.banner).to_be_visible()
-    assert fly.event_time("alert, risk") <= fly.event_time("reached its limit") - 0.25
+    assert fly.event_time("alert, risk") <= fly.event_time("exceeds its limit") - 0.25
     for item in ("source", "monitor", "utc", "latency"):
         expect(fly.status(item)).not_to_have_text("–")
     expect(fly.status("lost")).to_have_text("0")

@@ -121,9 +121,9 @@ def test_a_test_that_never_fails_says_what_to_change(page: Page, site: Site) -> 
     field(page, "dataset.aircraft.kind").select_option("f4c_35k_m0p6")
     expect(field(page, "dataset.control_law.kind")).to_have_value("f4c_damper")
     page.get_by_role("button", name="Train", exact=True).click()
-    said = page.locator(".job .error")
-    expect(said).to_contain_text("It failed: 0 of", timeout=SLOW)
-    expect(said).to_contain_text("raise the amplitude")
+    error = page.locator(".job .error")
+    expect(error).to_contain_text("It failed: 0 of", timeout=SLOW)
+    expect(error).to_contain_text("raise the amplitude")
 
 
 def test_numbers_that_are_missing_are_said_beside_their_fields(page: Page, site: Site) -> None:
@@ -171,7 +171,7 @@ READ_BACK = """async ({schema, initial, catalog}) => {
 
 def members() -> list[tuple[str, str]]:
     families = catalog()["families"].items()
-    return [(family, kind) for family, found in families for kind in found["entries"]]
+    return [(family, kind) for family, members in families for kind in members["entries"]]
 
 
 def test_an_untouched_form_asks_for_the_defaults_of_every_recipe_and_member(
@@ -288,14 +288,14 @@ def test_an_unknown_monitor_is_an_error_that_can_be_tried_again(
 def test_rank_and_scatter_are_those_of_the_method(page: Page, site: Site) -> None:
     page.goto(f"{site.http}/#/monitors")
     cases = [(epsilon, n) for n in (9, 19, 50, 200, 5000) for epsilon in np.arange(1, 50) / 50]
-    found = page.evaluate(
+    rules = page.evaluate(
         """async (cases) => {
             const rule = await import("/js/monitors/calibration_rule.js");
             return cases.map(([epsilon, n]) => [rule.rank(epsilon, n), rule.scatter(epsilon, n)]);
         }""",
         [[float(epsilon), n] for epsilon, n in cases],
     )
-    for (epsilon, n), (k, bounds) in zip(cases, found, strict=True):
+    for (epsilon, n), (k, bounds) in zip(cases, rules, strict=True):
         assert k == rank(epsilon, n)
         if k <= n:
             expected = stats.beta.ppf([0.05, 0.95], n + 1 - k, k)

@@ -124,7 +124,7 @@ def test_a_correction_is_shown_in_the_data_at_once(page: Page, site: RecordedSit
     expect(page.get_by_label("sign of sideslip β: reversed")).to_have_attribute(
         "aria-pressed", "true"
     )
-    page.get_by_label("offset of sideslip β in rad").fill("1")
+    page.get_by_label("bias removed from sideslip β in rad").fill("1")
     expect(words).to_have_text(re.compile(r"^−1\.0\d* to −0\.9\d* rad$"))
     expect(row(page, "beta").locator(".map-verdict")).to_have_text("set by you")
 
@@ -133,15 +133,15 @@ def test_what_cannot_be_applied_is_said_and_cannot_be_confirmed(
     page: Page, site: RecordedSite
 ) -> None:
     page.goto(f"{site.http}/#/recordings/{site.upload()}")
-    said = page.locator(".mapping > .error")
+    error = page.locator(".mapping > .error")
     page.get_by_label("signal of roll rate p").select_option("derive:p_from_attitude")
     expect(row(page, "p").locator(".map-verdict")).to_contain_text("DERIVED")
     expect(row(page, "p").locator(".mini-words")).to_contain_text("rad/s")
     page.get_by_label("signal of bank angle φ").select_option("")
-    expect(said).to_contain_text("phi is not mapped")
+    expect(error).to_contain_text("phi is not mapped")
     expect(page.get_by_role("button", name="Confirm the mapping")).to_be_disabled()
     page.get_by_label("signal of bank angle φ").select_option("signal:Bank_deg")
-    expect(said).to_be_hidden()
+    expect(error).to_be_hidden()
     expect(page.get_by_role("button", name="Confirm the mapping")).to_be_enabled()
 
 
@@ -272,7 +272,7 @@ def test_a_manoeuvre_is_marked_by_dragging_and_scored(page: Page, site: Recorded
     page.goto(f"{site.http}/#/recordings/{recording}")
     page.get_by_label("Marked by hand").check()
     page.get_by_role("button", name="Score", exact=True).click()
-    expect(page.locator(".score-form .error:visible")).to_contain_text("Mark at least one stretch")
+    expect(page.locator(".score-form .error:visible")).to_contain_text("Mark at least one manoeuvre")
     strip = page.locator(".picker-chart .strip canvas").first
     strip.scroll_into_view_if_needed()
     box = strip.bounding_box()
@@ -282,10 +282,10 @@ def test_a_manoeuvre_is_marked_by_dragging_and_scored(page: Page, site: Recorded
     page.mouse.down()
     page.mouse.move(at[1], box["y"] + 12, steps=4)
     page.mouse.up()
-    page.get_by_role("button", name="Add the stretch from A to B").click()
-    start = page.get_by_label("start of stretch 1 in seconds")
+    page.get_by_role("button", name="Add the manoeuvre from A to B").click()
+    start = page.get_by_label("start of manoeuvre 1 in seconds")
     assert float(start.input_value()) == pytest.approx(0.4 * 30.1, abs=0.2)
-    page.get_by_label("name of stretch 1").fill("the hard one")
+    page.get_by_label("name of manoeuvre 1").fill("the hard one")
     page.get_by_role("button", name="Score", exact=True).click()
     page.wait_for_url("**?scoring=*")
     expect(page.locator(".verdict")).to_have_count(1)

@@ -86,13 +86,13 @@ def test_a_note_written_during_the_replay_stays_with_the_recording(
     replay.get_by_label("Note", exact=True).fill("pilot calls buffet")
     replay.get_by_role("button", name="Keep").click()
     expect(replay.locator(".event-list").get_by_text("pilot calls buffet")).to_be_visible()
-    kept = [
+    markers = [
         marker
         for recording in site.ask("GET", "/recordings")
         for marker in site.ask("GET", f"/recordings/{recording['id']}/markers")
         if marker["text"] == "pilot calls buffet"
     ]
-    assert [(m["t"], m["kind"]) for m in kept] == [(pytest.approx(START + 3.0, abs=2 * DT), "note")]
+    assert [(m["t"], m["kind"]) for m in markers] == [(pytest.approx(START + 3.0, abs=2 * DT), "note")]
 
 
 def test_strips_before_a_point_that_was_sought_are_the_recordings(replay: Page) -> None:

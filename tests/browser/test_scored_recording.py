@@ -78,7 +78,7 @@ def pixels(page: Page, key: str, colour: str, share: tuple[float, float] = (0, 1
 
 
 def shares(scoring: dict[str, Any], k: int) -> tuple[float, float]:
-    """Where a manoeuvre lies while the whole recording is shown."""
+    """Where a manoeuvre lies while the entire recording is shown."""
     stretch, length = scoring["stretches"][k], scoring["end"] - scoring["start"]
     return stretch["start"] / length, stretch["end"] / length
 
@@ -129,13 +129,13 @@ def test_every_verdict_has_a_word_and_says_what_is_promised(
     promised = f"{scoring['stretches'][1]['lead']:.2f} s, at least 0.25 s"
     expect(verdicts.nth(1)).to_contain_text(promised)
     expect(verdicts.nth(2)).to_contain_text("The guarantee is withdrawn")
-    for label in ("First alert", "Lead", "Peak risk"):
+    for label in ("First alert", "Warning lead time", "Peak risk"):
         expect(verdicts.nth(2).locator(f'[data-label="{label}"]')).to_have_text("withdrawn")
     expect(scored.locator(".scored-summary")).to_contain_text("channels are from trim")
     expect(verdicts.nth(2).locator('[data-ok="false"]')).to_contain_text("✕")
 
 
-def test_a_limit_reached_outside_every_manoeuvre_is_told(
+def test_an_exceedance_outside_every_manoeuvre_is_told(
     page: Page, site: RecordedSite, recording: str, scoring: dict[str, Any]
 ) -> None:
     path = f"/recordings/{recording}/scorings/{scoring['id']}"
@@ -146,10 +146,10 @@ def test_a_limit_reached_outside_every_manoeuvre_is_told(
     page.goto(f"{site.http}/#{path.replace('/scorings/', '?scoring=')}")
     drawn(page)
     line = page.locator(".outside-line")
-    expect(line).to_contain_text("reached its limit outside every manoeuvre: −0.210 g at 0.20 s")
+    expect(line).to_contain_text("exceeds its limit outside every manoeuvre: −0.210 g at 0.20 s")
     expect(page.locator(".event-list .event")).to_contain_text(["outside every manoeuvre"])
     expect(page.locator(".verdict .chip").first).to_have_text("◇ NOT ALL SEEN")
-    expect(page.locator('.verdict [data-label="Limit reached"]')).to_have_text("unknown")
+    expect(page.locator('.verdict [data-label="First exceedance"]')).to_have_text("not known")
     expect(page.locator('.verdict .chip[data-level="ok"]')).to_have_count(0)
     press(page, "n")
     assert "cursor 0." in page.locator(".strip-cursors").inner_text()
@@ -193,15 +193,15 @@ def test_the_light_theme_is_drawn_at_once(scored: Page) -> None:
 # Moving about
 
 
-def test_keys_zoom_move_and_show_the_whole(scored: Page) -> None:
-    whole = window(scored)
+def test_keys_zoom_move_and_show_the_entire_recording(scored: Page) -> None:
+    entire = window(scored)
     press(scored, "+", "+")
     start, end = window(scored)
-    assert end - start == pytest.approx((whole[1] - whole[0]) / 4, abs=0.2)
+    assert end - start == pytest.approx((entire[1] - entire[0]) / 4, abs=0.2)
     press(scored, "PageDown")
     assert window(scored)[0] > start
     press(scored, "l")
-    assert window(scored) == whole
+    assert window(scored) == entire
 
 
 def test_a_wheel_zooms_where_the_pointer_is_and_a_drag_moves(scored: Page) -> None:
@@ -241,7 +241,7 @@ def test_next_goes_from_event_to_event(scored: Page, scoring: dict[str, Any]) ->
     assert start <= begins[1] <= crossing["t"] <= end
     press(scored, "p")
     expect(cursor).to_contain_text(f"cursor {begins[1]:.3f} s")
-    scored.locator(".event", has_text="reached its limit").get_by_role("button").click()
+    scored.locator(".event", has_text="exceeds its limit").get_by_role("button").click()
     expect(cursor).to_contain_text(f"cursor {crossing['t']:.3f} s")
 
 
@@ -303,12 +303,12 @@ def test_notes_and_markers_are_set_changed_and_deleted(
     editor.fill("gust from the right")
     editor.press("Enter")
     expect(notes).to_contain_text(["marker 1", "gust from the right"])
-    kept = site.ask("GET", f"/recordings/{recording}/markers")
-    assert [(one["kind"], one["text"]) for one in kept] == [
+    markers = site.ask("GET", f"/recordings/{recording}/markers")
+    assert [(marker["kind"], marker["text"]) for marker in markers] == [
         ("marker", "marker 1"),
         ("note", "gust from the right"),
     ]
-    assert kept[1]["end"] > kept[1]["t"]
+    assert markers[1]["end"] > markers[1]["t"]
     for name in ("marker 1", "gust from the right"):
         scored.get_by_role("button", name=f"Delete: {name}").click()
     expect(notes).to_have_count(0)
@@ -370,13 +370,13 @@ def test_scorings_are_compared_and_laid_over_each_other(
 # The parts
 
 
-def test_stretches_of_one_recording_are_matched_by_time_and_of_others_by_order(
+def test_manoeuvres_of_one_recording_are_matched_by_time_and_of_others_by_order(
     scored: Page,
 ) -> None:
     rows = scored.evaluate("""async () => {
         const { rowsOf } = await import("/js/recordings/compare/table.js");
-        const scoring = (recording, ...spans) =>
-            ({ recording, stretches: spans.map(([start, end]) => ({ start, end })) });
+        const scoring = (recording, ...times) =>
+            ({ recording, manoeuvres: times.map(([start, end]) => ({ start, end })) });
         return rowsOf([
             scoring("a", [0, 10], [20, 30]),
             scoring("a", [21, 29], [40, 50]),
@@ -434,7 +434,7 @@ def test_the_coarsest_tiles_that_are_fine_enough_are_drawn(scored: Page) -> None
             steps.push(cache.best({ start, end }, 100).step);
         }
         const inside = cache.best({ start: 90, end: 190 }, 100);
-        steps.push(inside.step, inside.valueAt("x", 120.05).low === 0, cache.whole().start);
+        steps.push(inside.step, inside.valueAt("x", 120.05).low === 0, cache.entire().start);
         cache.close();
         return steps;
     }""")

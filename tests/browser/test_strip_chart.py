@@ -245,7 +245,7 @@ def test_between_manoeuvres_the_word_is_not_assessed_and_stands_once(strips: Ope
     assert page.locator("#gauge .gauge-word").text_content() == "INVALID"
 
 
-def test_zero_is_not_on_an_axis_that_does_not_reach_it(strips: Open) -> None:
+def test_zero_is_not_on_an_axis_that_does_not_include_it(strips: Open) -> None:
     words = run(
         strips(),
         """
@@ -272,7 +272,7 @@ def test_zero_is_not_on_an_axis_that_does_not_reach_it(strips: Open) -> None:
 
 
 def test_the_guarantee_is_said_only_while_it_stands(strips: Open) -> None:
-    said = run(
+    texts = run(
         strips(),
         """
         const element = document.createElement('div');
@@ -290,10 +290,10 @@ def test_the_guarantee_is_said_only_while_it_stands(strips: Open) -> None:
         });
         """,
     )
-    assert "at most 10 % get no alert" in said[0]
-    assert said[1].endswith("The guarantee is withdrawn: unlike training")
-    assert said[2].endswith("Nothing is promised between manoeuvres.")
-    assert said[3] == said[0]
+    assert "at most 10 % get no alert" in texts[0]
+    assert texts[1].endswith("The guarantee is withdrawn: unlike training")
+    assert texts[2].endswith("No guarantee between manoeuvres: nothing is assessed there.")
+    assert texts[3] == texts[0]
 
 
 # Words and numbers of a recording
@@ -376,7 +376,7 @@ def test_the_forecast_reaches_past_the_newest_sample_by_the_lead(strips: Open) -
     assert readout(page, "Ny", "detail").startswith("in 2.00 s")
 
 
-def test_reaching_a_limit_of_either_sign_is_latched_until_acknowledged(strips: Open) -> None:
+def test_an_exceedance_of_either_sign_is_latched_until_acknowledged(strips: Open) -> None:
     page = strips()
     for value in (0.5, -0.5):
         run(
@@ -456,7 +456,7 @@ def test_hours_of_samples_leave_memory_flat(strips: Open) -> None:
 # Axis and clock
 
 
-def test_the_value_axis_widens_at_once_and_narrows_only_after_patience(strips: Open) -> None:
+def test_the_value_axis_widens_at_once_and_narrows_only_after_a_while(strips: Open) -> None:
     ranges = run(
         strips(),
         """

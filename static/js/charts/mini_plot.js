@@ -48,10 +48,10 @@ export function createMiniPlot(name) {
   return { element, show };
 }
 
-/** One closed path for each unbroken stretch; at least a line thick. */
+/** One closed path for each unbroken segment; at least a line thick. */
 function areaOf({ t, low, high }, y) {
-  const span = t.at(-1) - t[0] || 1;
-  const x = (k) => ((t[k] - t[0]) / span) * WIDTH;
+  const length = t.at(-1) - t[0] || 1;
+  const x = (k) => ((t[k] - t[0]) / length) * WIDTH;
   const round = (value) => Math.round(10 * value) / 10;
   const pieces = [];
   let piece = [];
@@ -63,9 +63,9 @@ function areaOf({ t, low, high }, y) {
     }
   }
   return pieces
-    .map((found) => {
-      const upper = found.map((k) => `${round(x(k))} ${round(y(high[k]) - 0.8)}`);
-      const lower = found.map((k) => `${round(x(k))} ${round(y(low[k]) + 0.8)}`).reverse();
+    .map((segment) => {
+      const upper = segment.map((k) => `${round(x(k))} ${round(y(high[k]) - 0.8)}`);
+      const lower = segment.map((k) => `${round(x(k))} ${round(y(low[k]) + 0.8)}`).reverse();
       return `M${[...upper, ...lower].join("L")}Z`;
     })
     .join("");

@@ -87,21 +87,21 @@ export function createPlot({ x, y, label, width = 600, height = 310 }) {
 
   function across(vertical, value, name, words) {
     const line = path("", `plot-rule ${name}`);
-    const said = text(0, 0, "", "start", `plot-rule-text ${name}`);
-    notes.append(line, said);
+    const label = text(0, 0, "", "start", `plot-rule-text ${name}`);
+    notes.append(line, label);
     const move = (at, newWords = words) => {
-      said.textContent = newWords ?? "";
+      label.textContent = newWords ?? "";
       if (vertical) {
         const px = toX(at);
         line.setAttribute("d", `M${px} ${MARGIN.top}V${bottom}`);
         const left = px > width * 0.7;
-        place(said, px + (left ? -6 : 6), MARGIN.top + 10, left ? "end" : "start");
+        place(label, px + (left ? -6 : 6), MARGIN.top + 10, left ? "end" : "start");
       } else {
         line.setAttribute("d", `M${MARGIN.left} ${toY(at)}H${right}`);
         const below = toY(at) < MARGIN.top + 20;
         const early = name.includes("plot-level"); // a rising curve leaves room at the left
         const px = early ? MARGIN.left + 6 : right - 4;
-        place(said, px, toY(at) + (below ? 15 : -6), early ? "start" : "end");
+        place(label, px, toY(at) + (below ? 15 : -6), early ? "start" : "end");
       }
     };
     move(value);

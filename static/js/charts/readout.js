@@ -1,7 +1,7 @@
 /**
  * The column at the right of a strip: symbol, current value, state, forecast, cursor values.
  *
- * A measured value stands as long as data come in, dim where the monitor says nothing of it; the risk
+ * A measured value stands as long as data come in, dim where the monitor does not assess it; the risk
  * has a number only where it was assessed, else a word.
  *
  * Exports
@@ -28,7 +28,7 @@ export const STATE_WORDS = {
 
 const BETWEEN = "between manoeuvres"; // as the server calls it
 
-/** Nothing is withdrawn where nothing was to be said. */
+/** Nothing is withdrawn where nothing was to be assessed. */
 export function shownState({ state, reason }) {
   return state === "invalid" && reason === BETWEEN ? "not_assessed" : state;
 }

@@ -65,7 +65,7 @@ export function rolloutFigure({ catalog, specification, rollouts, n_unsafe, n_sa
       label: `${channel.label} of ${series.length} rollouts; the unsafe ones end with a cross at the failure`,
     });
     for (const outcome of ["safe", "unsafe"]) {
-      for (const { t, y } of series.filter((one) => one.outcome === outcome))
+      for (const { t, y } of series.filter((rollout) => rollout.outcome === outcome))
         plot.line(
           t.map((time, k) => [time, y[k]]),
           `plot-${outcome}`,

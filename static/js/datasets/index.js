@@ -52,7 +52,7 @@ function table(datasets, catalog) {
     ["Name"],
     ["Aircraft"],
     ["Manoeuvre"],
-    ["Safe while"],
+    ["Limit"],
     ["Unsafe", 1],
     ["Safe", 1],
     ["Unsafe rate", 1],

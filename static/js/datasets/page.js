@@ -27,7 +27,7 @@ export function showDataset(element, { id, api, navigate }) {
         api,
         catalog,
         dataset,
-        monitors: [...users, ...fitting.filter((one) => !users.includes(one))],
+        monitors: [...users, ...fitting.filter((monitor) => !users.includes(monitor))],
         navigate,
       }),
     );
@@ -58,7 +58,7 @@ export function showDataset(element, { id, api, navigate }) {
       h(
         "div",
         { class: "figures" },
-        figures.map((one) => h("section", { class: "panel" }, one)),
+        figures.map((block) => h("section", { class: "panel" }, block)),
       ),
       viewer.element,
       details(dataset, catalog),
@@ -89,14 +89,14 @@ function facts(dataset, users, catalog) {
   const entries = [
     ["Aircraft", aircraftName(catalog, aircraft)],
     ["Manoeuvre", kindName(catalog, "maneuver", maneuver)],
-    ["Safe while", formatted(limitWords(catalog, specification))],
+    ["Limit", formatted(limitWords(catalog, specification))],
     ["Unsafe rate", percent(dataset.unsafe_rate)],
     ["Unsafe rollouts", dataset.n_unsafe.toLocaleString("en")],
     [
       "Safe rollouts",
       dataset.n_safe === dataset.n_safe_met
         ? dataset.n_safe.toLocaleString("en")
-        : `${dataset.n_safe_met.toLocaleString("en")} met, ${dataset.n_safe.toLocaleString("en")} kept`,
+        : `${dataset.n_safe_met.toLocaleString("en")} met, ${dataset.n_safe.toLocaleString("en")} stored`,
     ],
     [
       "Length",
@@ -110,7 +110,7 @@ function facts(dataset, users, catalog) {
 function details(dataset, catalog) {
   const known = Object.keys(dataset.recipe).length > 0;
   const origin = [
-    ["Seed", dataset.seed ?? "not said"],
+    ["Seed", dataset.seed ?? "not recorded"],
     ["SHA-256", dataset.digest, true],
     ["Program", dataset.version],
     ["Created", moment(dataset.created)],

@@ -1,7 +1,7 @@
 /**
  * The alarm line: an alert stays, seen and heard, until someone acknowledges it.
  *
- * While no alarm is open it says what the guarantee says, or that it is withdrawn; its height is the same either way, so that
+ * While no alarm is open it says the guarantee, or that it is withdrawn; its height is the same either way, so that
  * the strips do not move at the very moment they are looked at.
  *
  * Exports
@@ -47,7 +47,7 @@ export function createAlarmPanel(element, { tone, acknowledge }) {
   element.append(banner, calm, failure.element);
   const alarms = new Map();
   let flight = { epsilon: NaN, lead: 0, limits: [] };
-  let said = { state: null, reason: "" };
+  let assessment = { state: null, reason: "" };
   let alert = false;
   let shown = "";
 
@@ -72,10 +72,10 @@ export function createAlarmPanel(element, { tone, acknowledge }) {
   }
 
   function promised() {
-    const state = shownState(said);
-    if (state === "not_assessed") return "Nothing is promised between manoeuvres.";
+    const state = shownState(assessment);
+    if (state === "not_assessed") return "No guarantee between manoeuvres: nothing is assessed there.";
     if (state !== "invalid") return guarantee(flight);
-    return `The guarantee is withdrawn: ${said.reason || "the monitor has no right to speak here"}`;
+    return `The guarantee is withdrawn: ${assessment.reason || "the monitor is not applicable here"}`;
   }
 
   function words({ t, p_value: risk }, count) {
@@ -110,7 +110,7 @@ export function createAlarmPanel(element, { tone, acknowledge }) {
       render();
     },
     setState: (now) => {
-      said = now;
+      assessment = now;
       render();
     },
     setLinked: (linked) => put(quiet, linked ? "No alarm waits. " : "▲ Not connected: new alarms are not known. "),

@@ -76,7 +76,7 @@ export function createConnection(flight, on, { Socket = WebSocket } = {}) {
   }
 
   /**
-   * A connection that says nothing is no connection, whatever the socket believes. But a page that
+   * A connection that says nothing is no connection, whatever the socket reports. But a page that
    * was held up itself looks twice, for it may not have heard yet what was said.
    */
   function listen() {

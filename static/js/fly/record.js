@@ -133,7 +133,7 @@ export function showFlightRecord(element, { flight, why, api, navigate }) {
   };
 }
 
-/** Stretches of rising time, between which the flight was sought or looped: the longest, the last of equals. */
+/** Passes of rising time, between which the flight was sought or looped: the longest, the last of equals. */
 function longestPass(frames) {
   let [longest, current, passes] = [[], [], 0];
   for (const frame of frames) {

@@ -1,5 +1,5 @@
 /**
- * What is known of a replayed recording beside its samples: manoeuvres, limits reached, people's notes.
+ * What is known of a replayed recording beside its samples: manoeuvres, exceedances, people's notes.
  *
  * Exports
  *   createReplayNotes({api, source, now, add, fail}) -> {element, times() -> [{t, level}], write(), close()}
@@ -12,6 +12,7 @@
 import { reason } from "../lib/api.js";
 import { h, put } from "../lib/dom.js";
 import { errorLine } from "../lib/view_states.js";
+import { readScoring } from "../recordings/scoring/source.js";
 
 export function createReplayNotes({ api, source, now, add: addEvent, fail }) {
   const path = `/recordings/${encodeURIComponent(source.recording)}`;
@@ -29,10 +30,10 @@ export function createReplayNotes({ api, source, now, add: addEvent, fail }) {
   const failure = errorLine();
   const form = h(
     "form",
-    { class: "replay-note", hidden: true, onsubmit: keep },
+    { class: "replay-note", hidden: true, onsubmit: save },
     when,
     text,
-    h("button", { class: "button button-small button-primary" }, "Keep"),
+    h("button", { class: "button button-small button-primary" }, "Save"),
     h(
       "button",
       { type: "button", class: "button button-small", onclick: () => (form.hidden = true) },
@@ -55,20 +56,20 @@ export function createReplayNotes({ api, source, now, add: addEvent, fail }) {
 
   async function load() {
     const [scoring, markers] = await Promise.all([
-      api.get(`${path}/scorings/${encodeURIComponent(source.scoring)}`),
+      readScoring(api, source.recording, source.scoring),
       api.get(`${path}/markers`),
     ]);
     if (closed) return;
-    for (const { name, start, crossing, alerts, validity } of scoring.stretches) {
+    for (const { name, start, exceedance, alerts, validity } of scoring.manoeuvres) {
       add({
         t: start,
         text:
           validity.valid === false
-            ? `${name} begins: invalid, ${validity.reasons[0] ?? "no right to speak"}`
+            ? `${name} begins: invalid, ${validity.reasons[0] ?? "not applicable"}`
             : `${name} begins`,
       });
       for (const [begin] of alerts) marks.push({ t: begin, level: "alert" });
-      if (crossing !== null) marks.push({ t: crossing.t, level: "caution" });
+      if (exceedance !== null) marks.push({ t: exceedance.t, level: "caution" });
     }
     markers.forEach(showMarker);
   }
@@ -90,7 +91,7 @@ export function createReplayNotes({ api, source, now, add: addEvent, fail }) {
     text.focus();
   }
 
-  async function keep(submitted) {
+  async function save(submitted) {
     submitted.preventDefault();
     try {
       showMarker(await api.post(`${path}/markers`, { t: at, text: text.value, kind: "note" }));

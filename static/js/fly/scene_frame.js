@@ -1,8 +1,8 @@
 /**
  * The three-dimensional scene of a flight, in a frame of its own at /scene/{flight}/.
  *
- * It is drawn by another client, which connects again only while its document has the focus; asked
- * to believe that it has, it does so at once. The scene can be hidden where the machine is weak.
+ * It is drawn by another client, which connects again only while its document has the focus; made
+ * to act as if it had, it does so at once. The scene can be hidden where the machine is weak.
  *
  * Exports
  *   createSceneFrame(element, flight) -> {wake(), close(text)}

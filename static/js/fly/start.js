@@ -88,13 +88,13 @@ function flightRow(flight, verb) {
 }
 
 function startForm({ monitors, datasets, query, api, navigate }) {
-  const monitor = select("monitor", monitors.map((one) => [one.id, `${one.name} (${one.lead} s ahead, ${one.n_unsafe} failures)`]), query.get("monitor"));
+  const monitor = select("monitor", monitors.map(({ id, name, lead, n_unsafe: n }) => [id, `${name} (${lead} s ahead, ${n} failures)`]), query.get("monitor"));
   const epsilon = h("input", { id: "epsilon", type: "number", step: "any", min: 0, max: 1 });
   const served = h("p", { class: "hint" });
   const kind = select("kind", [["simulated", "a fresh simulated flight"], ["replay", "replay of a stored rollout"]], query.get("dataset") ? "replay" : "simulated");
-  const outcome = select("outcome", [["unsafe", "breaks its limit"], ["safe", "stays within its limit"], ["any", "as it comes"]], query.get("outcome"));
+  const outcome = select("outcome", [["unsafe", "exceeds its limit"], ["safe", "stays within its limit"], ["any", "as it comes"]], query.get("outcome"));
   const seed = h("input", { id: "seed", type: "number", min: 0, step: 1, value: query.get("seed") ?? 1, required: true });
-  const dataset = select("dataset", datasets.map((one) => [one.id, `${one.name} (${one.n_unsafe} unsafe, ${one.n_safe} safe)`]), query.get("dataset"));
+  const dataset = select("dataset", datasets.map(({ id, name, n_unsafe: unsafe, n_safe: safe }) => [id, `${name} (${unsafe} unsafe, ${safe} safe)`]), query.get("dataset"));
   const rollout = h("input", { id: "rollout", type: "number", min: 0, step: 1, value: query.get("rollout") ?? 0, required: true });
   const range = h("p", { class: "hint" });
   const none = h("p", { class: "error" }, "No stored dataset has this monitor's sample interval: fly a fresh simulation, or make a dataset.");
@@ -111,7 +111,7 @@ function startForm({ monitors, datasets, query, api, navigate }) {
     epsilonOf = now.id;
     const least = Number(now.smallest_epsilon.toPrecision(3));
     const promise = epsilon.value >= now.smallest_epsilon ? guarantee({ epsilon: Number(epsilon.value), lead: now.lead }) : "";
-    put(served, `This monitor knows ${now.n_unsafe} failures and serves ${least} or more. ${promise}`);
+    put(served, `This monitor is calibrated on ${now.n_unsafe} failures, which serve an epsilon of ${least} or more. ${promise}`);
     const replay = kind.value === "replay";
     simulated.hidden = seed.disabled = replay;
     replayed.hidden = dataset.disabled = rollout.disabled = !replay;

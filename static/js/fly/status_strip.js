@@ -1,11 +1,11 @@
 /**
- * The line that says whether the display can be believed: what is shown, how old, how complete.
+ * The line that says how far the display can be trusted: what is shown, how old, how complete.
  *
  * Exports
  *   createStatusStrip(element) -> {update(status)}
  *     status: {source, monitor, validity, link, staleAfter, playing, live, state, alert,
  *              figures: {age [s], latency [ms], conflated, lost, utc: Date | null}}
- *     validity: "checked", or why not, said beside the monitor
+ *     validity: "checked", or why not, shown beside the monitor
  *     link: "connecting" | "open" | "lost" | "over"; staleAfter: age that is cautioned of [s]; live: false for a flight that is over
  */
 
@@ -13,7 +13,7 @@ import { STATE_WORDS } from "../charts/readout.js";
 import { h, put } from "../lib/dom.js";
 
 const ITEMS = [
-  ["state", "monitor says", "What the monitor says of the newest sample"],
+  ["state", "monitor state", "State of the monitor at the newest sample"],
   ["link", "link", "Connection to the server"],
   ["source", "source", "What is flown"],
   ["monitor", "monitor", "Which monitor assesses it; where its validity is calibrated, it says INVALID of a flight unlike those of training"],

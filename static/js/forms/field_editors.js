@@ -32,11 +32,11 @@ export function editorOf(key, schema, value, place) {
   return json(key, schema, value, place);
 }
 
-/** Label, control, hint and error of one parameter; `wrong()` says what is wrong, or "". */
+/** Label, control, hint and error of one parameter; `wrong()` is what is wrong, or "". */
 function field(key, schema, place, control, read, wrong = () => "") {
   const id = `field-${++fields}`;
   const { text, symbol, unit } = labelOf(key, schema, place.catalog);
-  const said = h("p", { class: "error", id: `${id}-error`, hidden: true });
+  const failure = h("p", { class: "error", id: `${id}-error`, hidden: true });
   const words = text === "" || !symbol ? firstSentence(schema.description) : ""; // a channel's label says it
   const hint = h("p", { class: "hint", id: `${id}-hint`, title: schema.description }, words);
   control.id = id;
@@ -49,10 +49,10 @@ function field(key, schema, place, control, read, wrong = () => "") {
     symbol ? [text ? " " : "", formatted(symbol)] : null,
     unit ? h("span", { class: "unit" }, ` [${unit}]`) : null,
   );
-  const element = h("div", { class: "field", "data-path": place.path }, label, control, hint, said);
+  const element = h("div", { class: "field", "data-path": place.path }, label, control, hint, failure);
   const say = (reason) => {
-    said.textContent = reason;
-    said.hidden = !reason;
+    failure.textContent = reason;
+    failure.hidden = !reason;
     if (reason) control.setAttribute("aria-invalid", "true");
     else control.removeAttribute("aria-invalid");
   };
@@ -93,12 +93,12 @@ function number(key, schema, value, place) {
   const parts = schema.anyOf ?? [schema];
   const kind = parts.find(({ type }) => type === "number" || type === "integer");
   const optional = parts.some(({ type }) => type === "null");
-  const whole = kind.type === "integer";
+  const isInteger = kind.type === "integer";
   const low = kind.minimum ?? schema.minimum;
   const high = kind.maximum ?? schema.maximum;
   const control = h("input", {
     type: "number",
-    step: whole ? 1 : "any",
+    step: isInteger ? 1 : "any",
     min: low,
     max: high,
     inputmode: "decimal",
@@ -110,7 +110,7 @@ function number(key, schema, value, place) {
     if (control.validity.badInput)
       return "This is no number: write digits, with a point for decimals.";
     if (read() === null) return optional ? "" : "A number is needed here.";
-    if (whole && !Number.isInteger(read())) return "A whole number is needed here.";
+    if (isInteger && !Number.isInteger(read())) return "A whole number is needed here.";
     if (low !== undefined && read() < low) return `It must be at least ${low}.`;
     if (high !== undefined && read() > high) return `It must be at most ${high}.`;
     return "";
@@ -182,7 +182,7 @@ function written(value) {
 
 function fits(value, schema) {
   if (schema.type === "array")
-    return Array.isArray(value) && value.every((one) => fits(one, schema.items ?? {}));
+    return Array.isArray(value) && value.every((item) => fits(item, schema.items ?? {}));
   if (schema.type === "number") return typeof value === "number";
   if (schema.type === "string") return typeof value === "string";
   return true;

@@ -58,15 +58,15 @@ export function createFields(schema, initial, { catalog, path, hidden = [], unfo
 /** Editors of an object's properties: {parts: Map key -> part, read()}. */
 function objectParts(schema, value, place, hidden = []) {
   const parts = new Map();
-  const untold = {};
+  const hiddenValues = {};
   for (const [key, property] of Object.entries(schema.properties)) {
     const given = key in value ? value[key] : property.default;
-    if (hidden.includes(key)) untold[key] = given;
+    if (hidden.includes(key)) hiddenValues[key] = given;
     else parts.set(key, part(key, property, given, { ...place, path: `${place.path}.${key}` }));
   }
   const read = () => ({
-    ...untold,
-    ...Object.fromEntries([...parts].map(([key, one]) => [key, one.read()])),
+    ...hiddenValues,
+    ...Object.fromEntries([...parts].map(([key, editor]) => [key, editor.read()])),
   });
   return { parts, read };
 }
@@ -181,7 +181,7 @@ function sorted(parts, entries) {
       )
     : null;
   return {
-    own: fields.filter((one) => !many.includes(one)).map(([, { element }]) => element),
+    own: fields.filter((field) => !many.includes(field)).map(([, { element }]) => element),
     shared,
     folds,
   };

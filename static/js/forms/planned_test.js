@@ -145,8 +145,8 @@ export function datasetChoice({ catalog, datasets, chosen, initial }) {
     const { aircraft, maneuver, specification } = dataset.recipe;
     const test = `${aircraftName(catalog, aircraft)}, ${kindName(catalog, "maneuver", maneuver)}`;
     const limits = limitWords(catalog, specification);
-    const found = `${dataset.n_unsafe} unsafe and ${dataset.n_safe_met} safe rollouts`;
-    const text = `${test}, safe while ${limits}; ${found}, a sample each ${figure(dataset.dt)} s.`;
+    const counts = `${dataset.n_unsafe} unsafe and ${dataset.n_safe_met} safe rollouts`;
+    const text = `${test}, limit ${limits}; ${counts}, a sample each ${figure(dataset.dt)} s.`;
     words.replaceChildren(formatted(text));
   }
 }

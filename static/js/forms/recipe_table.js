@@ -27,13 +27,13 @@ function row(key, property, value, catalog) {
   if (family) {
     const entry = family.entries[value.kind];
     const { kind, ...parameters } = value;
-    const name = Object.fromEntries(Object.entries(parameters).filter(([, one]) => one !== kind));
+    const name = Object.fromEntries(Object.entries(parameters).filter(([, parameter]) => parameter !== kind));
     const inner =
       entry && Object.keys(name).length ? recipeTable(entry.schema, name, catalog) : null;
     return [h("dt", {}, family.label), h("dd", {}, nameOf(entry, property) ?? kind, inner)];
   }
   if (property.properties) {
-    const told = Object.entries(value ?? {}).filter(([, one]) => one !== null && one !== 0);
+    const told = Object.entries(value ?? {}).filter(([, parameter]) => parameter !== null && parameter !== 0);
     return [
       term,
       h("dd", {}, told.length ? recipeTable(property, Object.fromEntries(told), catalog) : "none"),
@@ -53,7 +53,7 @@ function words(value) {
   if (Array.isArray(value)) return JSON.stringify(value).replaceAll(",", ", ");
   if (typeof value === "object")
     return Object.entries(value)
-      .map(([name, one]) => `${name} ${figure(one)}`)
+      .map(([name, part]) => `${name} ${figure(part)}`)
       .join(", ");
   return String(value).replaceAll("_", " ");
 }

@@ -26,11 +26,11 @@ export function loadCatalog(api) {
 export function aircraftName(catalog, part) {
   const entry = catalog.families.aircraft.entries[part?.kind];
   // an aircraft's description begins with its name: "F-104A, Mach 0.8, sea level, ...; source"
-  return entry ? entry.description.split(/[,;]/)[0] : (part?.kind ?? "not said");
+  return entry ? entry.description.split(/[,;]/)[0] : (part?.kind ?? "not recorded");
 }
 
 export function kindName(catalog, family, part) {
-  return catalog.families[family].entries[part?.kind]?.label ?? part?.kind ?? "not said";
+  return catalog.families[family].entries[part?.kind]?.label ?? part?.kind ?? "not recorded";
 }
 
 export function limitWords(catalog, specification) {
@@ -38,7 +38,7 @@ export function limitWords(catalog, specification) {
   const words = limited.map(
     ({ key, symbol, unit }) => `|${symbol}| < ${figure(specification[key])} ${unit}`,
   );
-  return words.join(", ") || "not said";
+  return words.join(", ") || "not recorded";
 }
 
 export function plainWords(description) {

@@ -47,10 +47,10 @@ export function formatted(words) {
 export function piecesOf(words) {
   const pieces = [];
   let end = 0;
-  for (const { 0: whole, 1: base, 2: index, index: start } of words.matchAll(SYMBOL)) {
+  for (const { 0: match, 1: base, 2: index, index: start } of words.matchAll(SYMBOL)) {
     if (start > end) pieces.push([words.slice(end, start), ""]);
     pieces.push([base, index]);
-    end = start + whole.length;
+    end = start + match.length;
   }
   return end < words.length ? [...pieces, [words.slice(end), ""]] : pieces;
 }

@@ -1,5 +1,5 @@
 /**
- * What happened, newest first: alerts, limits reached, changes of state, acknowledgements.
+ * What happened, newest first: alerts, exceedances, changes of state, acknowledgements.
  *
  * Exports
  *   createEventList(element, {go, label, most}) -> {add(event), times(level) -> [t], clear()}
@@ -14,7 +14,7 @@ import { formatTime } from "./numbers.js";
 export function createEventList(element, { go, label = "Events, newest first", most = 300 }) {
   const title = h("h2", { class: "event-title" }, "Events");
   const list = h("ol", { class: "event-list", "aria-live": "off", "aria-label": label });
-  const empty = h("p", { class: "dim" }, "Alerts, limits reached and changes of state are listed here; choose one to go there.");
+  const empty = h("p", { class: "dim" }, "Alerts, exceedances and changes of state are listed here; choose one to go there.");
   element.append(title, empty, list);
   const known = new Map();
 

@@ -10,15 +10,15 @@ import { failure, loading, pageOf } from "./view_states.js";
 
 export function loadingView(element, { title, text, build }) {
   let open = true;
-  let kept = [];
+  let closing = [];
   const keep = (thing) => {
-    if (open) kept.push(thing);
+    if (open) closing.push(thing);
     else thing.close();
     return thing;
   };
   const release = () => {
-    kept.forEach((thing) => thing.close());
-    kept = [];
+    closing.forEach((thing) => thing.close());
+    closing = [];
   };
   load();
   return {

@@ -44,9 +44,9 @@ export function formatTime(t, step) {
   const size = Math.abs(t);
   const places = step >= 1 ? 0 : Math.min(3, Math.ceil(-Math.log10(step)));
   if (size < 120) return sign + size.toFixed(places);
-  const whole = size.toFixed(places);
-  const minutes = Math.floor(Number(whole) / 60);
-  const rest = (Number(whole) - 60 * minutes).toFixed(places);
+  const total = size.toFixed(places);
+  const minutes = Math.floor(Number(total) / 60);
+  const rest = (Number(total) - 60 * minutes).toFixed(places);
   const seconds = rest.padStart(places > 0 ? places + 3 : 2, "0");
   if (minutes < 60) return `${sign}${minutes}:${seconds}`;
   return `${sign}${Math.floor(minutes / 60)}:${String(minutes % 60).padStart(2, "0")}:${seconds}`;
@@ -66,10 +66,10 @@ export function secondsText(t) {
 
 export function durationText(seconds) {
   if (!Number.isFinite(seconds)) return "–";
-  const whole = Math.round(seconds);
+  const total = Math.round(seconds);
   if (seconds < 120) return `${seconds.toFixed(1)} s`;
-  if (whole < 7200) return `${Math.floor(whole / 60)} min ${whole % 60} s`;
-  return `${Math.floor(whole / 3600)} h ${Math.floor((whole % 3600) / 60)} min`;
+  if (total < 7200) return `${Math.floor(total / 60)} min ${total % 60} s`;
+  return `${Math.floor(total / 3600)} h ${Math.floor((total % 3600) / 60)} min`;
 }
 
 export function bytesText(n) {

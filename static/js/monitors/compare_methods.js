@@ -124,7 +124,7 @@ function study({ result, request, id }) {
   const { methods, ranking, recipe } = result;
   const words =
     `${recipe.n_monitors} monitors of each method, each calibrated on ${recipe.dataset.n_unsafe} failures and flown on ${recipe.n_test} fresh flights; ` +
-    `${percent(result.unsafe_rate)} of flights unsafe; lead ${figure(result.lead_s)} s; ${request.monitor.calibration} calibration, ${request.monitor.scaling.replaceAll("_", " ")} units. Best mean power first. The ranking belongs to this aircraft and manoeuvre.`;
+    `${percent(result.unsafe_rate)} of flights unsafe; warning lead time ${figure(result.lead_s)} s; ${request.monitor.calibration} calibration, ${request.monitor.scaling.replaceAll("_", " ")} units. Largest mean share of safe flights without a false alarm (power) first. The ranking belongs to this aircraft and manoeuvre.`;
   const files = Object.entries(result.figures).map(([name, address]) =>
     h("li", {}, h("a", { href: address, download: name }, name)),
   );
@@ -151,7 +151,7 @@ function study({ result, request, id }) {
 function table(methods, ranking) {
   const { epsilon } = methods[ranking[0]];
   const columns = [...new Set(SHOWN.map((shown) => nearest(epsilon, shown)))];
-  const heads = columns.map((k) => [`miss / power at ε = ${figure(epsilon[k])}`, true]);
+  const heads = columns.map((k) => [`missed / no false alarm at ε = ${figure(epsilon[k])}`, true]);
   const rows = ranking.map((name) =>
     h(
       "tr",
@@ -169,7 +169,7 @@ function table(methods, ranking) {
       h(
         "caption",
         { class: "hint" },
-        "Each with its 95 % interval, which allows for the scatter between monitors.",
+        "Missed: share of failing flights without a timely alert. No false alarm: share of safe flights without an alert (power). Each with its 95 % interval, which allows for the scatter between monitors.",
       ),
       tableHead([["Method"], ...heads]),
       h("tbody", {}, rows),

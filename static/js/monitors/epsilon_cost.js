@@ -1,5 +1,5 @@
 /**
- * What an epsilon costs: a slider over the evaluated ones, with what fresh flights said at each.
+ * What an epsilon costs: a slider over the evaluated ones, with what was measured on fresh flights at each.
  *
  * Exports
  *   createEpsilonCost({monitor, calibration, evaluation, changed}) -> {element, epsilon}
@@ -18,7 +18,12 @@ const MEASURES = [
     rate: "miss_rate",
     words: "of failing flights have no timely alert",
   },
-  { name: "Power", key: "power", rate: "power", words: "of safe flights go without an alert" },
+  {
+    name: "Safe flights without a false alarm (power)",
+    key: "power",
+    rate: "power",
+    words: "of safe flights have no alert",
+  },
   {
     name: "P(fail | alert)",
     key: "fail",

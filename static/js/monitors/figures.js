@@ -3,7 +3,7 @@
  *
  * Exports
  *   calibrationFigure(calibration) -> figure, figure.mark({epsilon, rank, threshold})
- *   curvesFigure(evaluation) -> figure, figure.mark({epsilon})     miss rate and power
+ *   curvesFigure(evaluation) -> figure, figure.mark({epsilon})     miss rate and safe flights without a false alarm
  *   leadFigure(evaluation)                   time from the alert to the failure
  *   methodsFigure(methods, ranking, what)    what: "miss" or "power" of a study
  */
@@ -81,7 +81,7 @@ export function curvesFigure({ curves, n_unsafe, n_safe }) {
       ticks: [0, 0.2, 0.4, 0.6, 0.8, 1],
     },
     y: { label: "share of flights", ...UNIT_SHARE },
-    label: `Miss rate and power of ${n_unsafe} failing and ${n_safe} safe fresh flights against epsilon, with 95 % intervals`,
+    label: `Miss rate and share without a false alarm (power) of ${n_unsafe} failing and ${n_safe} safe fresh flights against epsilon, with 95 % intervals`,
   });
   plot.line(
     [
@@ -112,12 +112,12 @@ export function curvesFigure({ curves, n_unsafe, n_safe }) {
   }
   const at = plot.vertical(epsilon[0] ?? 0, "plot-epsilon", "");
   const key = keyOf(
-    [sample("plot-power", "circle"), "power: safe flights without an alert"],
+    [sample("plot-power", "circle"), "safe flights without a false alarm (power)"],
     [sample("plot-miss", "square"), "miss rate: failures without a timely alert"],
     [sample("plot-promise"), "promise: miss = epsilon"],
   );
   const block = framed(
-    "Miss rate and power",
+    "Miss rate, and safe flights without a false alarm (power)",
     plot.svg,
     key,
     `Measured on ${n_unsafe} failing and ${n_safe} safe fresh flights; bands are 95 % intervals.`,
@@ -131,7 +131,7 @@ export function leadFigure({ leads, lead, epsilon, n_unsafe }) {
   const plot = createPlot({
     x: { label: "time from the first alert to the failure [s]", domain: [0, edges.at(-1)] },
     y: { label: "failing flights", domain: [0, SPARE * Math.max(1, ...counts)] },
-    label: `Lead times of ${n_unsafe} failing flights: median ${number(median)} s, ${n_timely} at least ${number(lead)} s, ${n_without} without an alert`,
+    label: `Warning lead times of ${n_unsafe} failing flights: median ${number(median)} s, ${n_timely} at least ${number(lead)} s, ${n_without} without an alert`,
   });
   counts.forEach((count, k) => {
     const late = edges[k + 1] <= lead + 1e-9;
@@ -158,7 +158,7 @@ export function leadFigure({ leads, lead, epsilon, n_unsafe }) {
       ? "No failing flight had an alert."
       : `Median ${number(median)} s, 5–95 % ${number(p05)} to ${number(p95)} s.`;
   return framed(
-    `Lead times at ε = ${number(epsilon)}`,
+    `Warning lead times at ε = ${number(epsilon)}`,
     plot.svg,
     key,
     `${middle} ${n_timely} of ${n_unsafe} failing flights were warned in time, ${n_without} had no alert at all.`,
@@ -166,7 +166,7 @@ export function leadFigure({ leads, lead, epsilon, n_unsafe }) {
 }
 
 export function methodsFigure(methods, ranking, what) {
-  const name = what === "miss" ? "Miss rate" : "Power";
+  const name = what === "miss" ? "Miss rate" : "Safe flights without a false alarm (power)";
   const plot = createPlot({
     x: {
       label: "epsilon, the accepted miss rate",

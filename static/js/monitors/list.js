@@ -81,7 +81,7 @@ function table(monitors, rates, catalog) {
     ["Manoeuvre"],
     ["Failures N", 1],
     ["epsilon", 1],
-    ["Lead [s]", 1],
+    ["Warning lead time [s]", 1],
     ["Unsafe rate", 1],
     ["Created"],
     hiddenHead("Fly it"),

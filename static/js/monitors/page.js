@@ -1,4 +1,4 @@
-/** One monitor: what it promises, what fresh flights said, its figures and its file. Exports  showMonitor. */
+/** One monitor: what it promises, how it did on fresh flights, its figures and its file. Exports  showMonitor. */
 
 import { rolloutFigure, sampleRollouts } from "../datasets/figures.js";
 import { rawRecipe, recipeTable } from "../forms/recipe_table.js";
@@ -31,7 +31,7 @@ export function showMonitor(element, { id, api, navigate }) {
       monitor,
       calibration,
       evaluation,
-      changed: (rule) => [curve, curves].forEach((one) => one?.mark(rule)),
+      changed: (rule) => [curve, curves].forEach((drawn) => drawn?.mark(rule)),
     });
     const fly = button("Fly it", () => navigate(`#/fly?monitor=${id}&epsilon=${cost.epsilon}`), {
       class: "button button-primary",
@@ -61,7 +61,7 @@ export function showMonitor(element, { id, api, navigate }) {
       curves ??
         empty(
           "Not flown yet",
-          "This monitor came as a file, or was trained without test flights. Train one like it with n_test above 0 to see its miss rate and power.",
+          "This monitor came as a file, or was trained without test flights. Train one like it with n_test above 0 to see its miss rate and its share of safe flights without a false alarm.",
         ),
       curve,
       evaluation && leadFigure(evaluation),
@@ -74,7 +74,7 @@ export function showMonitor(element, { id, api, navigate }) {
       h(
         "div",
         { class: "figures" },
-        figures.filter(Boolean).map((one) => h("section", { class: "panel" }, one)),
+        figures.filter(Boolean).map((block) => h("section", { class: "panel" }, block)),
       ),
       guarantee(monitor),
       details(monitor, catalog),
@@ -108,8 +108,8 @@ function facts({ monitor, dataset, evaluation, catalog }) {
   const entries = [
     ["Aircraft", aircraftName(catalog, aircraft)],
     ["Manoeuvre", kindName(catalog, "maneuver", maneuver)],
-    ["Safe while", formatted(limitWords(catalog, specification))],
-    ["Lead", `${figure(monitor.lead)} s`],
+    ["Limit", formatted(limitWords(catalog, specification))],
+    ["Warning lead time", `${figure(monitor.lead)} s`],
     ["Calibrated on", `${monitor.n_unsafe} failures`],
     ["Smallest epsilon", figure(monitor.smallest_epsilon)],
     ["Unsafe rate", percent(dataset?.unsafe_rate ?? evaluation?.unsafe_rate)],
@@ -142,7 +142,7 @@ function guarantee(monitor) {
       h(
         "li",
         {},
-        `timely means at least ${figure(monitor.lead)} s before the limit is reached; an alert after that does not count.`,
+        `timely means at least ${figure(monitor.lead)} s before the first exceedance; an alert after that does not count.`,
       ),
       h(
         "li",
@@ -157,10 +157,10 @@ function guarantee(monitor) {
 
 function validity({ support }) {
   if (!support)
-    return "validity is not calibrated: whether a recorded flight is like those it was trained on cannot be said. Train the monitor again to have it so.";
+    return "validity is not calibrated: whether a recorded flight is like those it was trained on is not known. Train the monitor again to have it so.";
   const { n_safe, n_unsafe, level } = support;
   const flights = `${n_safe.toLocaleString("en")} safe and ${n_unsafe.toLocaleString("en")} failing fresh flights`;
-  return `validity: each recorded manoeuvre is called valid or invalid as a whole. Invalid withdraws the guarantee; of flights drawn like the simulated ones, safe or failing, at most ${percent(level)} are called so. Calibrated on ${flights}.`;
+  return `validity: each recorded manoeuvre is either applicable or INVALID. INVALID withdraws the guarantee; of flights drawn like the simulated ones, safe or failing, at most ${percent(level)} are called so. Calibrated on ${flights}.`;
 }
 
 function details(monitor, catalog) {
@@ -169,7 +169,7 @@ function details(monitor, catalog) {
     ["File, SHA-256", monitor.digest, true],
     ["Dataset, SHA-256", monitor.dataset_digest, true],
     ["Program", monitor.version],
-    ["Seed", monitor.seed ?? "not said"],
+    ["Seed", monitor.seed ?? "not recorded"],
     ["Created", moment(monitor.created)],
     [
       "Dataset",

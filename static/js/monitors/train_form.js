@@ -22,7 +22,7 @@ const TEST = {
   minimum: 0,
   maximum: 100000,
   default: 2000,
-  description: "fresh flights that measure miss rate and power; 0 for none.",
+  description: "fresh flights that measure the miss rate and the share of safe flights without a false alarm; 0 for none.",
 };
 
 export function showTraining(element, { query, api, navigate }) {
@@ -76,7 +76,7 @@ export function showTraining(element, { query, api, navigate }) {
       h(
         "fieldset",
         { class: "panel" },
-        h("legend", {}, "2  How early, how sure"),
+        h("legend", {}, "2  Warning lead time and miss rate"),
         h(
           "div",
           { class: "field-grid" },

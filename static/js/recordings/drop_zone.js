@@ -151,7 +151,7 @@ export function createDropZone({ aircraft, formats, done }) {
       send(file);
     };
     row.dataset.status = "refused";
-    const found = error.problem?.bad_rows ?? [];
+    const badRows = error.problem?.bad_rows ?? [];
     const parts = [
       h("span", { class: "upload-name" }, file.name),
       h(
@@ -164,7 +164,7 @@ export function createDropZone({ aircraft, formats, done }) {
         }),
       ),
       h("p", { class: "error", role: "alert" }, withoutName(reason(error), file.name)),
-      found.length ? badRowsTable(found) : null,
+      badRows.length ? badRowsTable(badRows) : null,
     ];
     row.replaceChildren(...parts.filter(Boolean));
   }

@@ -22,14 +22,14 @@ export function recordingFacts(recording, catalog) {
   const { contents } = recording;
   const rows = contents.groups.reduce((sum, group) => sum + group.n_rows, 0);
   const entries = [
-    ["Aircraft", recording.aircraft ?? "not said"],
+    ["Aircraft", recording.aircraft ?? "not recorded"],
     ["Format", formatTitle(catalog, recording.format)],
     ["Size", bytesText(recording.size)],
     ["Length", durationText(recording.duration ?? NaN)],
     ["Samples", rows.toLocaleString("en")],
     ["Rate", ratesOf(contents.groups)],
     ["Signals", contents.signals.length.toLocaleString("en")],
-    ["Begins", contents.start ? moment(contents.start) : "not said"],
+    ["Begins", contents.start ? moment(contents.start) : "not recorded"],
     ["Uploaded", moment(recording.created)],
   ];
   const twin = recording.same_as

@@ -1,6 +1,6 @@
 /**
  * The Recordings page: the list and the place to drop a file; #/recordings/{id} is one recording,
- * ?scoring={sid} what a monitor said of it, ?compare={sid},{rid}:{sid} several of those side by side.
+ * ?scoring={sid} one scoring of it, ?compare={sid},{rid}:{sid} several of those side by side.
  *
  * Exports  show(element, {id, query, api, navigate}) -> {close()}
  */

@@ -15,7 +15,7 @@ export function showRecordings(element, { api, navigate }) {
   async function build({ keep }) {
     const [catalog, recordings] = await Promise.all([loadCatalog(api), api.get("/recordings")]);
     const formats = catalog.telemetry.formats;
-    const aircraft = [...new Set(recordings.map((one) => one.aircraft).filter(Boolean))].sort();
+    const aircraft = [...new Set(recordings.map(({ aircraft }) => aircraft).filter(Boolean))].sort();
     const list = h("div", {}, listOf(recordings));
     const zone = keep(
       createDropZone({ aircraft, formats: formats.map(formatWords), done: arrived }),
@@ -31,7 +31,7 @@ export function showRecordings(element, { api, navigate }) {
       if (all.length) return table(all, catalog, remove);
       return empty(
         "No recording yet",
-        "A recording is a file of telemetry from any recorder. Drop one above: its signals are found by name and by value, you check them, and any monitor then says what it would have said.",
+        "A recording is a file of telemetry from any recorder. Drop one above: its signals are mapped by name and by value, you check the mapping, and any monitor can then assess it.",
       );
     }
 
@@ -62,33 +62,33 @@ function table(recordings, catalog, remove) {
     ["Uploaded"],
     hiddenHead("Delete it"),
   ];
-  const rows = recordings.map((one) => {
-    const { word, level, text } = MAPPING_STATES[one.mapping_state] ?? {};
+  const rows = recordings.map((recording) => {
+    const { word, level, text } = MAPPING_STATES[recording.mapping_state] ?? {};
     return h(
       "tr",
       {},
-      h("th", { scope: "row" }, h("a", { href: `#/recordings/${one.id}` }, one.name)),
+      h("th", { scope: "row" }, h("a", { href: `#/recordings/${recording.id}` }, recording.name)),
       h(
         "td",
         { class: "nowrap", "data-label": "Aircraft" },
-        one.aircraft ?? h("span", { class: "dim" }, "not said"),
+        recording.aircraft ?? h("span", { class: "dim" }, "not recorded"),
       ),
-      h("td", { class: "number", "data-label": "Length" }, durationText(one.duration)),
-      h("td", { "data-label": "Format" }, formatTitle(catalog, one.format)),
-      h("td", { class: "number", "data-label": "Size" }, bytesText(one.size)),
+      h("td", { class: "number", "data-label": "Length" }, durationText(recording.duration)),
+      h("td", { "data-label": "Format" }, formatTitle(catalog, recording.format)),
+      h("td", { class: "number", "data-label": "Size" }, bytesText(recording.size)),
       h(
         "td",
         { "data-label": "Mapping" },
         h("span", { class: "chip", "data-level": level, title: text }, word),
       ),
-      h("td", { class: "number", "data-label": "Scorings" }, one.n_scorings),
-      h("td", { class: "dim", "data-label": "Uploaded" }, moment(one.created)),
+      h("td", { class: "number", "data-label": "Scorings" }, recording.n_scorings),
+      h("td", { class: "dim", "data-label": "Uploaded" }, moment(recording.created)),
       h(
         "td",
         {},
-        button("Delete", () => remove(one), {
+        button("Delete", () => remove(recording), {
           class: "button button-small",
-          "aria-label": `Delete ${one.name}`,
+          "aria-label": `Delete ${recording.name}`,
         }),
       ),
     );
@@ -106,7 +106,7 @@ function table(recordings, catalog, remove) {
 }
 
 export function formatTitle(catalog, key) {
-  return catalog.telemetry.formats.find((one) => one.key === key)?.title ?? key;
+  return catalog.telemetry.formats.find((format) => format.key === key)?.title ?? key;
 }
 
 function formatWords({ title, installed, experimental }) {

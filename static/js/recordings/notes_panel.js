@@ -80,15 +80,15 @@ export function createNotesPanel({ api, recording, place, go, changed }) {
 
   function save({ id, t, end, kind }, text) {
     return attempt(async () => {
-      const kept = await api.put(`${path}/${id}`, { t, end, kind, text });
-      take(markers.map((one) => (one.id === id ? kept : one)));
+      const saved = await api.put(`${path}/${id}`, { t, end, kind, text });
+      take(markers.map((marker) => (marker.id === id ? saved : marker)));
     });
   }
 
   function remove({ id }) {
     return attempt(async () => {
       await api.delete(`${path}/${id}`);
-      take(markers.filter((one) => one.id !== id));
+      take(markers.filter((marker) => marker.id !== id));
     });
   }
 
@@ -104,7 +104,7 @@ export function createNotesPanel({ api, recording, place, go, changed }) {
   }
 
   function take(given) {
-    markers = [...given].sort((one, other) => one.t - other.t);
+    markers = [...given].sort((a, b) => a.t - b.t);
     list.show(markers);
     changed(markers);
   }

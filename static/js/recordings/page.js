@@ -1,5 +1,5 @@
 /**
- * One recording: its file, which signal is which channel, how good the data are, what was said of it.
+ * One recording: its file, which signal is which channel, how good the data are, what monitors assessed of it.
  * Exports  showRecording(element, context).
  */
 
@@ -13,6 +13,7 @@ import { createMappingSection } from "./mapping/section.js";
 import { createQualityStrip } from "./quality_strip.js";
 import { createScoreForm } from "./scoring/form.js";
 import { createScoringList } from "./scoring/list.js";
+import { readScorings } from "./scoring/source.js";
 
 const ROW_BINS = 120; // of the small plots
 const CHART_BINS = 1600; // where manoeuvres are looked for too
@@ -25,12 +26,12 @@ export function showRecording(element, { id, api, navigate }) {
     const [catalog, recording, scorings, monitors, all] = await Promise.all([
       loadCatalog(api),
       api.get(`/recordings/${id}`),
-      api.get(`/recordings/${id}/scorings`),
+      readScorings(api, id),
       api.get("/monitors"),
       api.get("/recordings"),
     ]);
     const ready = recording.mapping_state === "confirmed" && !recording.problem;
-    const known = [...new Set(all.map((one) => one.aircraft).filter(Boolean))].sort();
+    const known = [...new Set(all.map(({ aircraft }) => aircraft).filter(Boolean))].sort();
     const quality = createQualityStrip();
     quality.show(recording.quality, null);
     const used = new Set(scorings.map(({ monitor }) => monitor));
@@ -80,18 +81,18 @@ export function showRecording(element, { id, api, navigate }) {
     async function scored(made, someFailed) {
       if (made.length === 1 && !someFailed) navigate(`#/recordings/${id}?scoring=${made[0].id}`);
       else if (!someFailed) again();
-      else fill(await api.get(`/recordings/${id}/scorings`));
+      else fill(await readScorings(api, id));
     }
 
-    function fill(found) {
-      const shown = createScoringList({
+    function fill(shown) {
+      const table = createScoringList({
         api,
         recording,
-        scorings: found,
+        scorings: shown,
         changed: again,
         navigate,
       });
-      list.replaceChildren(...(shown ? [shown] : []));
+      list.replaceChildren(...(table ? [table] : []));
     }
   }
 
@@ -113,6 +114,6 @@ function waiting() {
     "section",
     { class: "state-empty" },
     h("h2", {}, "Score it"),
-    h("p", {}, "Once the mapping is confirmed, any monitor can say what it would have said."),
+    h("p", {}, "Once the mapping is confirmed, any monitor can assess it."),
   );
 }

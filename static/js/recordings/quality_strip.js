@@ -3,7 +3,7 @@
  *
  * Exports
  *   createQualityStrip() -> {element, show(quality | null, {start, end} | null)}
- *     quality: as the server says it: {clocks: [{start, end}], spans: [{start, end, kind}],
+ *     quality: as the server has it: {clocks: [{start, end}], spans: [{start, end, kind}],
  *       sentences: [text]}, times in [s]; kind "gap", "missing:beta", ...
  */
 
@@ -17,11 +17,11 @@ const ALWAYS = {
   repeated: "repeated times",
   missing: "missing values",
   frozen: "frozen values",
-  implausible: "impossible values",
+  implausible: "implausible values",
 };
 const OTHERS = { clock: "jumps of the clock", reordered: "rows out of order" };
-const WORDS = { missing: "missing", frozen: "frozen", implausible: "impossible" };
-const LEAST = 0.35; // % of the width that a span is drawn at least
+const WORDS = { missing: "missing", frozen: "frozen", implausible: "implausible" };
+const LEAST = 0.35; // % of the width that an interval is drawn at least
 const LISTED = 8;
 
 export function createQualityStrip() {
@@ -39,7 +39,7 @@ export function createQualityStrip() {
       );
       return;
     }
-    const { spans } = quality;
+    const { spans: intervals } = quality; // as the server calls them
     const extent = range ?? extentOf(quality.clocks);
     element.replaceChildren(
       title,
@@ -47,7 +47,7 @@ export function createQualityStrip() {
         ? h(
             "div",
             { class: "quality-rows" },
-            kindsOf(spans).map((kind) => row(kind, spans, extent)),
+            kindsOf(intervals).map((kind) => row(kind, intervals, extent)),
             axis(extent),
           )
         : "",
@@ -67,36 +67,36 @@ function extentOf(clocks) {
 }
 
 /** Every kind there is, each channel's on its own, and the usual ones even where there is none. */
-function kindsOf(spans) {
-  const found = [...new Set(spans.map(({ kind }) => kind))];
+function kindsOf(intervals) {
+  const present = [...new Set(intervals.map(({ kind }) => kind))];
   const absent = Object.keys(ALWAYS).filter(
-    (kind) => !found.some((one) => one.split(":")[0] === kind),
+    (kind) => !present.some((channelKind) => channelKind.split(":")[0] === kind),
   );
   const order = Object.keys(ALWAYS);
-  return [...found, ...absent].sort(
+  return [...present, ...absent].sort(
     (a, b) => order.indexOf(a.split(":")[0]) - order.indexOf(b.split(":")[0]),
   );
 }
 
 function row(kind, all, extent) {
-  const spans = all.filter((span) => span.kind === kind);
-  const total = spans.reduce((sum, { start, end }) => sum + end - start, 0);
-  const words = spans.length ? `${spans.length}, ${durationText(total)}` : "none";
+  const intervals = all.filter((interval) => interval.kind === kind);
+  const total = intervals.reduce((sum, { start, end }) => sum + end - start, 0);
+  const words = intervals.length ? `${intervals.length}, ${durationText(total)}` : "none";
   const share = (t) => (100 * (t - extent.start)) / (extent.end - extent.start || 1);
-  const marks = spans.map(({ start, end }) => {
+  const marks = intervals.map(({ start, end }) => {
     const width = Math.max(LEAST, share(end) - share(start));
     return svg("rect", { x: Math.min(100 - width, share(start)), y: 0, width, height: 10 });
   });
-  const listed = spans
+  const listed = intervals
     .slice(0, LISTED)
     .map(({ start, end }) => `${formatTime(start, 0.01)} to ${formatTime(end, 0.01)} s`);
-  const more = spans.length > LISTED ? `, and ${spans.length - LISTED} more` : "";
+  const more = intervals.length > LISTED ? `, and ${intervals.length - LISTED} more` : "";
   return h(
     "div",
     {
       class: "quality-row",
       "data-kind": kind,
-      "data-any": String(spans.length > 0),
+      "data-any": String(intervals.length > 0),
       title: listed.join(", ") + more,
     },
     h("span", { class: "quality-name" }, nameOf(kind)),
@@ -108,7 +108,7 @@ function row(kind, all, extent) {
         preserveAspectRatio: "none",
         "aria-hidden": true,
       },
-      svg("rect", { class: "quality-ground", width: 100, height: 10 }),
+      svg("rect", { class: "quality-track-base", width: 100, height: 10 }),
       marks,
     ),
     h("span", { class: "quality-words" }, words),

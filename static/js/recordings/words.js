@@ -1,19 +1,20 @@
 /**
- * What is said of recordings and scorings: sizes, times, and every outcome with a word and a sign.
+ * How recordings and scorings are described: every outcome with a word and a sign.
  *
  * Exports
  *   MAPPING_STATES   key -> {word, level, text}
  *   outcomeOf(key) -> {word, level, mark, text}, outcomeChip(key) -> element
- *   outsideText({outside, channels}) -> string    limits reached outside every manoeuvre; or nothing
- *   validityWords(stretch) -> {word, level, mark}
- *   orderWords(order) -> string             which manoeuvres, from which trim
- *   trimText(order) -> string               what the channels are measured from
- *   isWithdrawn(stretch), firstAlertText(stretch)
- *   leadText(stretch, lead) -> string       lead reached against the promised one
+ *   outsideText({outsideExceedances, channels}) -> string    those outside every manoeuvre, or ""
+ *   validityWords(manoeuvre) -> {word, level, mark}
+ *   requestWords(request) -> string             which manoeuvres, from which trim
+ *   trimText(request) -> string               what the channels are measured from
+ *   isWithdrawn(manoeuvre), firstAlertText(manoeuvre)
+ *   leadText(manoeuvre, promised) -> string     warning lead time against the promised one
  */
 
 import { h } from "../lib/dom.js";
 import { figure, formatValue, secondsText } from "../lib/numbers.js";
+import { TRIM_SEGMENT } from "./scoring/source.js";
 
 export const MAPPING_STATES = {
   proposed: { word: "check it", level: "caution", text: "proposed from names and values" },
@@ -26,43 +27,43 @@ const OUTCOMES = {
     word: "TIMELY ALERT",
     level: "ok",
     mark: "✓",
-    text: "warned in time before the limit was reached",
+    text: "alert at least the warning lead time before the first exceedance",
   },
   late_alert: {
     word: "LATE ALERT",
     level: "alert",
     mark: "▲",
-    text: "the limit was reached sooner after the alert than promised",
+    text: "alert less than the warning lead time before the first exceedance",
   },
   missed: {
     word: "MISSED",
     level: "alert",
     mark: "▲",
-    text: "the limit was reached and no alert came before it",
+    text: "an exceedance with no alert before it",
   },
   false_alert: {
     word: "FALSE ALERT",
     level: "caution",
     mark: "◆",
-    text: "an alert, and no limit was reached",
+    text: "an alert, and no exceedance",
   },
-  quiet: { word: "QUIET", level: "ok", mark: "✓", text: "no alert, and no limit was reached" },
+  quiet: { word: "QUIET", level: "ok", mark: "✓", text: "no alert, and no exceedance" },
   unseen: {
     word: "NOT ALL SEEN",
     level: "caution",
     mark: "◇",
-    text: "part of it was not seen: whether a limit was reached is not known",
+    text: "part of it was not recorded: whether a limit was exceeded is not known",
   },
   invalid: {
     word: "INVALID",
     level: "off",
     mark: "✕",
-    text: "the monitor had no right to speak here",
+    text: "the monitor was not applicable here",
   },
 };
 
 export function outcomeOf(key) {
-  const word = String(key ?? "not said").replaceAll("_", " ").toUpperCase();
+  const word = String(key ?? "not recorded").replaceAll("_", " ").toUpperCase();
   return OUTCOMES[key] ?? { word, level: "caution", mark: "◆", text: "" };
 }
 
@@ -71,31 +72,31 @@ export function outcomeChip(key) {
   return h("span", { class: "chip", "data-level": level, title: text }, `${mark} ${word}`);
 }
 
-export function outsideText({ outside, channels }) {
-  if (!outside?.length) return "";
-  const parts = outside.map(({ t, channel, value }) => {
+export function outsideText({ outsideExceedances, channels }) {
+  if (!outsideExceedances.length) return "";
+  const parts = outsideExceedances.map(({ t, channel, value }) => {
     const { symbol, unit } = channels.find(({ key }) => key === channel) ?? {
       symbol: channel,
       unit: "",
     };
-    return `${symbol} reached its limit outside every manoeuvre: ${formatValue(value)} ${unit} at ${secondsText(t)}`;
+    return `${symbol} exceeds its limit outside every manoeuvre: ${formatValue(value)} ${unit} at ${secondsText(t)}`;
   });
   return `${parts.join("; ")}.`;
 }
 
 export function validityWords({ validity: { valid }, outcome }) {
   if (valid === true && outcome === "unseen")
-    return { word: "valid where seen", level: "caution", mark: "◇" };
-  if (valid === true) return { word: "valid", level: "ok", mark: "✓" };
+    return { word: "applicable where recorded", level: "caution", mark: "◇" };
+  if (valid === true) return { word: "applicable", level: "ok", mark: "✓" };
   if (valid === false) return { word: "INVALID", level: "off", mark: "✕" };
   return { word: "not known", level: "caution", mark: "◆" };
 }
 
-export function orderWords({ trim, manoeuvres }) {
+export function requestWords({ trim, manoeuvres }) {
   const way =
-    { found: "manoeuvres found", whole: "the whole recording" }[manoeuvres] ??
+    { found: "manoeuvres detected", whole: "the whole recording" }[manoeuvres] ??
     `${manoeuvres.length} marked by hand`;
-  if (trim === "lead_in") return way;
+  if (trim === TRIM_SEGMENT) return way;
   return `${way}, ${trim === null ? "no trim subtracted" : `trim of ${trim} s`}`;
 }
 
@@ -107,17 +108,17 @@ export function isWithdrawn({ validity, outcome }) {
   return validity.valid === false || outcome === "invalid";
 }
 
-export function firstAlertText(stretch) {
-  if (isWithdrawn(stretch)) return "withdrawn";
-  return stretch.alerts.length ? secondsText(stretch.alerts[0][0]) : "none";
+export function firstAlertText(manoeuvre) {
+  if (isWithdrawn(manoeuvre)) return "withdrawn";
+  return manoeuvre.alerts.length ? secondsText(manoeuvre.alerts[0][0]) : "none";
 }
 
-export function leadText(stretch, promised) {
-  if (isWithdrawn(stretch)) return "withdrawn";
-  const { crossing, lead, alerts } = stretch;
-  if (!crossing) return "–";
+export function leadText(manoeuvre, promised) {
+  if (isWithdrawn(manoeuvre)) return "withdrawn";
+  const { exceedance, warningLead: lead, alerts } = manoeuvre;
+  if (!exceedance) return "–";
   if (lead === null || lead === undefined)
-    return alerts.length ? "none before the limit" : "no alert";
+    return alerts.length ? "none before it" : "no alert";
   const enough = lead >= promised - 1e-9;
   return `${lead.toFixed(2)} s, ${enough ? "at least" : "short of"} ${figure(promised)} s`;
 }

@@ -3,7 +3,7 @@
  *
  * All series share one time axis. Samples are numbered from 0 as they arrive; the oldest are
  * overwritten. Over the samples lies a pyramid of minima and maxima (blocks of 8, 64, 512 and
- * 4096), so the extent of any stretch costs about the same whether it holds ten samples or all.
+ * 4096), so the extent of any interval costs about the same whether it holds ten samples or all.
  * Everything is allocated once: 4 bytes a value, 9 a sample, and 29 % more for the pyramid.
  *
  * Exports
@@ -124,10 +124,10 @@ export function createRingBuffer({ series, capacity = 180_000 }) {
 
   function after(t, from = first()) {
     let low = from;
-    let reach = 1;
-    while (low + reach < count && time(low + reach) < t) reach *= 2; // near ones are found fast
-    let high = Math.min(count, low + reach);
-    if (reach > 1) low += reach / 2;
+    let jump = 1;
+    while (low + jump < count && time(low + jump) < t) jump *= 2; // near ones are found fast
+    let high = Math.min(count, low + jump);
+    if (jump > 1) low += jump / 2;
     while (low < high) {
       const middle = (low + high) >>> 1;
       if (time(middle) < t) low = middle + 1;

@@ -7,7 +7,7 @@
  * @typedef {object} Strip  what a strip shows
  * @property {number} series  of the ring buffer
  * @property {number | null} forecast  series of the forecast, or null
- * @property {number | null} limit  magnitude that must not be reached, or null
+ * @property {number | null} limit  magnitude not to be exceeded, or null
  * @property {object} axis  value axis
  * @property {boolean} risk  whether this is the risk strip
  *
@@ -25,7 +25,7 @@ import { createStripFrame, GUTTER, SPARSE } from "../strip_frame.js";
 import { createForecast } from "./forecast.js";
 import { createTrace } from "./trace.js";
 
-const OF_THE_RISK = new Set(["alert", "warming", "invalid", "unassessed"]); // words said once, on its strip
+const OF_THE_RISK = new Set(["alert", "warming", "invalid", "unassessed"]); // words that stand once, on its strip
 
 export function createStripCanvas(canvas, strip) {
   const face = createStripFrame(canvas, strip);
@@ -86,7 +86,7 @@ export function createStripCanvas(canvas, strip) {
   function drawBand({ x0, x1, kind }) {
     if ((kind === "alert" || kind === "warming") && !strip.risk) {
       if (kind !== "alert" || strip.limit === null) return;
-      pen.fillStyle = face.palette.alert; // on limited channels a bar: compare the alert with the crossing
+      pen.fillStyle = face.palette.alert; // on limited channels a bar: compare the alert with the exceedance
       pen.fillRect(x0, 0, x1 - x0, 4);
       return;
     }
@@ -152,8 +152,8 @@ export function createStripCanvas(canvas, strip) {
     const seen = [false, false];
     const marked = [-Infinity, -Infinity];
     for (let i = 0; i < n; i++) {
-      const found = ring.extent(strip.series, from[i], to[i], out);
-      const over = [found && out[1] >= limit, found && out[0] <= -limit];
+      const known = ring.extent(strip.series, from[i], to[i], out);
+      const over = [known && out[1] >= limit, known && out[0] <= -limit];
       for (const side of [0, 1]) {
         if (over[side]) {
           const edge = y(side === 0 ? limit : -limit);

@@ -12,7 +12,7 @@
  *   forecasts    keys whose forecast is drawn; default: the limited channels
  *   riskScale "sqrt" | "linear"     spacing of 0..1; sqrt keeps small risks apart
  *   timeline     one to share with other charts
- *   onExceedance({key, symbol, t, value})    a channel has reached its limit (once, until acknowledged)
+ *   onExceedance({key, symbol, t, value})    a channel exceeds its limit (once, until acknowledged)
  *   autostart true                  false: nothing is drawn until update() is called
  *
  * StripChart

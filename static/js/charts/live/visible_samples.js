@@ -10,34 +10,34 @@
  *       [s] a pixel; `before` columns left of the edge are scanned too (for forecasts)
  *     n; x, from, to, flags (typed arrays, n used): place [px], samples from..to-1, flags or-ed
  *     sparse   whether cells are single samples
- *     runs(flag, samplePx, now) -> [{x0, x1}]    stretches of cells that bear the flag
- *     gaps(samplePx) -> [{x0, x1}]               stretches where samples are missing
+ *     runs(flag, samplePx, now) -> [{x0, x1}]    runs of cells that bear the flag
+ *     gaps(samplePx) -> [{x0, x1}]               where samples are missing
  */
 
 import { GAP } from "./ring_buffer.js";
 
-const ROOM = 1; // samples a pixel up to which every sample is drawn
+const DENSITY = 1; // samples a pixel up to which every sample is drawn
 
 export function createVisibleSamples() {
   const visible = { n: 0, sparse: true, scan, runs, gaps };
-  let room = 0;
+  let capacity = 0;
   let anyFlags = 0;
 
   function reserve(cells) {
-    if (cells <= room) return;
-    room = Math.ceil(cells * 1.25);
-    visible.x = new Float32Array(room);
-    visible.from = new Int32Array(room);
-    visible.to = new Int32Array(room);
-    visible.flags = new Uint8Array(room);
+    if (cells <= capacity) return;
+    capacity = Math.ceil(cells * 1.25);
+    visible.x = new Float32Array(capacity);
+    visible.from = new Int32Array(capacity);
+    visible.to = new Int32Array(capacity);
+    visible.flags = new Uint8Array(capacity);
   }
 
   function scan(ring, start, step, columns, before) {
-    reserve(Math.ceil(ROOM * (columns + before)) + 8);
+    reserve(Math.ceil(DENSITY * (columns + before)) + 8);
     const from = Math.max(ring.first(), ring.after(start - before * step) - 1);
     const to = Math.min(ring.count(), ring.after(start + columns * step, from) + 1);
     visible.n = 0;
-    visible.sparse = to - from <= ROOM * (columns + before);
+    visible.sparse = to - from <= DENSITY * (columns + before);
     anyFlags = ring.flags(from, to);
     if (visible.sparse) {
       for (let i = from; i < to; i++) add(ring, (ring.time(i) - start) / step, i, i + 1);
@@ -67,8 +67,8 @@ export function createVisibleSamples() {
   }
 
   function runs(flag, samplePx, now) {
-    const found = [];
-    if ((anyFlags & flag) === 0) return found;
+    const intervals = [];
+    if ((anyFlags & flag) === 0) return intervals;
     for (let i = 0; i < visible.n; i++) {
       if ((visible.flags[i] & flag) === 0) continue;
       const x0 = visible.x[i];
@@ -77,20 +77,20 @@ export function createVisibleSamples() {
         i += 1;
         x1 = endOf(i, samplePx);
       }
-      found.push({ x0, x1: Math.max(x0 + 2, Math.min(x1, Math.max(now, x0))) });
+      intervals.push({ x0, x1: Math.max(x0 + 2, Math.min(x1, Math.max(now, x0))) });
     }
-    return found;
+    return intervals;
   }
 
   function gaps(samplePx) {
-    const found = [];
-    if ((anyFlags & GAP) === 0) return found;
+    const intervals = [];
+    if ((anyFlags & GAP) === 0) return intervals;
     for (let i = 1; i < visible.n; i++) {
       if ((visible.flags[i] & GAP) === 0) continue;
       const x0 = visible.x[i - 1] + (visible.sparse ? samplePx : 0.5);
-      found.push({ x0, x1: Math.max(x0 + 2, visible.x[i]) });
+      intervals.push({ x0, x1: Math.max(x0 + 2, visible.x[i]) });
     }
-    return found;
+    return intervals;
   }
 
   return visible;

@@ -55,16 +55,16 @@ export function createEventLane(element, { chosen }) {
   function place({ start, end }) {
     const share = (t) => (100 * (t - start)) / (end - start);
     const thin = (100 * THIN) / Math.max(1, plot.clientWidth);
-    for (const { item, element: one } of parts) {
+    for (const { item, element: part } of parts) {
       const [from, to] = [share(item.start), share(item.end ?? item.start)];
-      one.hidden = to < 0 || from > 100;
-      if (one.hidden) continue;
+      part.hidden = to < 0 || from > 100;
+      if (part.hidden) continue;
       const left = Math.max(0, from);
-      one.style.left = `${left}%`;
-      one.style.width = item.end === null ? "" : `${Math.min(100, to) - left}%`;
-      one.toggleAttribute("data-thin", item.end !== null && to - from < thin);
-      one.toggleAttribute("data-cut-left", from < -0.01);
-      one.toggleAttribute("data-cut-right", to > 100.01);
+      part.style.left = `${left}%`;
+      part.style.width = item.end === null ? "" : `${Math.min(100, to) - left}%`;
+      part.toggleAttribute("data-thin", item.end !== null && to - from < thin);
+      part.toggleAttribute("data-cut-left", from < -0.01);
+      part.toggleAttribute("data-cut-right", to > 100.01);
     }
   }
 

@@ -19,12 +19,12 @@ const BUTTONS = [
   ["clear", "Clear", "Clear the cursors A and B (key C)"],
   ["out", "−", "Show more time (key minus)"],
   ["in", "+", "Show less time (key plus)"],
-  ["live", "Whole", "Show the whole recording (key L, or double click)"],
+  ["live", "All", "Show the entire recording (key L, or double click)"],
 ];
 const HELP =
   "Left and right arrows move the cursor, with Shift ten times as far; Home and End go to the window's " +
   "start and the recording's end; N and P go to the next event and the one before; A and B set cursors, " +
-  "C clears them; plus and minus zoom, Page Up and Page Down move the window, L shows the whole " +
+  "C clears them; plus and minus zoom, Page Up and Page Down move the window, L shows the entire " +
   "recording, Escape removes the cursor.";
 
 export function layOutRecording(host, strips, label) {

@@ -1,10 +1,10 @@
 /**
- * The whole recording in one low bar: its risk, its manoeuvres, and the stretch that is shown.
+ * The whole recording in one low bar: its risk, its manoeuvres, and the interval that is shown.
  *
  * Exports
  *   createOverviewBar(canvas, {timeWindow, start, end, key}) -> {draw(frame), resize(...), setPalette(p)}
  *     key: the series drawn, "risk" or a channel's
- *     frame: {set: TileSet | null, spans, epsilon, view, marks}
+ *     frame: {set: TileSet | null, manoeuvres, epsilon, view, marks}
  *
  * Press or drag to move the window there. It is for the pointer: keys on the strips do the same.
  */
@@ -34,7 +34,7 @@ export function createOverviewBar(canvas, { timeWindow, start, end, key }) {
     timeWindow.setWindow(t - (to - from) / 2, t + (to - from) / 2);
   }
 
-  function draw({ set, spans, epsilon, view }) {
+  function draw({ set, manoeuvres, epsilon, view }) {
     pen.setTransform(size.ratio, 0, 0, size.ratio, 0, 0);
     pen.fillStyle = palette.panel;
     pen.fillRect(0, 0, size.width, size.height);
@@ -47,9 +47,9 @@ export function createOverviewBar(canvas, { timeWindow, start, end, key }) {
     pen.fillStyle = palette.grid;
     pen.fillRect(0, 0, width(), size.height);
     if (set) drawSeries(set, epsilon);
-    for (const span of spans) {
+    for (const manoeuvre of manoeuvres) {
       pen.fillStyle = palette.text;
-      const [x0, x1] = [x(span.start), x(span.end)];
+      const [x0, x1] = [x(manoeuvre.start), x(manoeuvre.end)];
       pen.fillRect(x0, size.height - 3, Math.max(2, x1 - x0), 3);
     }
     drawWindow(view);

@@ -2,8 +2,8 @@
  * What a recording's chart says in numbers and words: readouts, the tool bar, what a screen reader says.
  *
  * Exports
- *   createReadings(strips, {rowOf, bar}, {timeWindow, epsilon, spans}) -> {show(sets), describe(sets)}
- *     sets: [TileSet | null] as drawn.   spans: [[{start, end, withdrawn}] | null] of each source
+ *   createReadings(strips, {rowOf, bar}, {timeWindow, epsilon, manoeuvres}) -> {show(sets), describe(sets)}
+ *     sets: [TileSet | null] as drawn.   manoeuvres: [[{start, end, withdrawn}] | null] of each source
  */
 
 import { h, put } from "../../lib/dom.js";
@@ -12,7 +12,7 @@ import { cursorsText, symbolNodes } from "../readout.js";
 
 const NOTHING = { low: NaN, high: NaN };
 
-export function createReadings(strips, { rowOf, bar }, { timeWindow, epsilon, spans }) {
+export function createReadings(strips, { rowOf, bar }, { timeWindow, epsilon, manoeuvres }) {
   const readouts = strips.map((strip, k) => createTileReadout(rowOf[k].readout, strip));
 
   function show(sets) {
@@ -31,18 +31,18 @@ export function createReadings(strips, { rowOf, bar }, { timeWindow, epsilon, sp
         at: pinned ? "cursor" : "view",
         a: mark(key, a),
         b: mark(key, b),
-        words: pinned && risk ? saidAt(cursor, values[0]) : "",
+        words: pinned && risk ? riskWordAt(cursor, values[0]) : "",
       });
     });
     showBar(view, cursor);
   }
 
   /** Why the risk strip has no number here. */
-  function saidAt(t, { low }) {
-    if (Number.isFinite(low) || spans[0] === null) return "";
-    const span = spans[0].find((one) => t >= one.start && t <= one.end);
-    if (!span) return "not assessed";
-    return span.withdrawn ? "INVALID" : "";
+  function riskWordAt(t, { low }) {
+    if (Number.isFinite(low) || manoeuvres[0] === null) return "";
+    const manoeuvre = manoeuvres[0].find(({ start, end }) => t >= start && t <= end);
+    if (!manoeuvre) return "not assessed";
+    return manoeuvre.withdrawn ? "INVALID" : "";
   }
 
   function showBar({ start, end }, cursor) {
@@ -54,7 +54,7 @@ export function createReadings(strips, { rowOf, bar }, { timeWindow, epsilon, sp
 
   function describe(sets) {
     const view = timeWindow.view();
-    const withdrawn = spans[0]?.some((span) => span.withdrawn);
+    const withdrawn = manoeuvres[0]?.some((manoeuvre) => manoeuvre.withdrawn);
     strips.forEach(({ key, risk, label, symbol, unit, limit }, n) => {
       const range = rangeText(sets[0]?.rangeOf(key, view) ?? NOTHING);
       const name = risk ? "risk, higher is worse" : `${label} ${symbol}`;

@@ -6,9 +6,9 @@
  *
  * options
  *   channels    [{key, symbol, unit, label, limit | null}]      order    keys from top to bottom
- *   sources     one or two: [{load(start, end, bins) -> Promise<tiles>, start, end, dt, offset, spans}]
+ *   sources     one or two: [{load(start, end, bins) -> Promise<tiles>, start, end, dt, offset, manoeuvres}]
  *               start, end: in the chart's time, which is the recording's own less `offset` [s];
- *               spans: [{start, end, withdrawn}] of its manoeuvres in the chart's time, or null
+ *               manoeuvres: [{start, end, withdrawn}] of its manoeuvres in the chart's time, or null
  *   epsilon     of the risk strip, which is there where it is in `order`
  *   label       what a screen reader calls it
  *   chosen(item)      a manoeuvre or marker of the lane was pressed
@@ -47,8 +47,8 @@ export function createRecordingChart(host, options) {
   const start = Math.min(...sources.map((source) => source.start));
   const end = Math.max(...sources.map((source) => source.end));
   const dt = Math.min(...sources.map((source) => source.dt));
-  const spans = sources.map((source) => source.spans ?? null);
-  const anySpans = spans.includes(null) ? null : spans.flat();
+  const manoeuvres = sources.map((source) => source.manoeuvres ?? null);
+  const anyManoeuvres = manoeuvres.includes(null) ? null : manoeuvres.flat();
   const timeWindow = createTimeWindow({ start, end, least: Math.min(end - start, 20 * dt) });
   const strips = options.order.map((key) =>
     stripOf(key, options.channels, { narrowAfter: NARROW_AFTER }),
@@ -56,7 +56,7 @@ export function createRecordingChart(host, options) {
   const layout = layOutRecording(host, strips, options.label ?? "Recording");
   const { rows, rowOf, bar } = layout;
   const lane = createEventLane(layout.lane, { chosen: (item) => options.chosen?.(item) });
-  const readings = createReadings(strips, layout, { timeWindow, epsilon, spans });
+  const readings = createReadings(strips, layout, { timeWindow, epsilon, manoeuvres });
   const canvases = strips.map((strip, k) => createTileStrip(rowOf[k].canvas, strip));
   const timeAxis = createTimeAxis(layout.axis);
   const overview = createOverviewBar(layout.overview, {
@@ -72,7 +72,7 @@ export function createRecordingChart(host, options) {
       failed: (error) => layout.fail(reason(error), readAgain),
     }),
   );
-  const drawn = { revision: -1, look: -1, described: -1e9, said: -1 };
+  const drawn = { revision: -1, look: -1, described: -1e9, news: -1 };
   let events = [];
   let look = 0; // counts what changes the look: tiles, size, theme, manoeuvres
   let plot = 1;
@@ -121,21 +121,21 @@ export function createRecordingChart(host, options) {
       readings.show(sets);
     }
     const now = drawn.revision + drawn.look; // both only grow
-    if (now === drawn.said || wall - drawn.described < DESCRIBED_EVERY) return;
-    Object.assign(drawn, { said: now, described: wall });
+    if (now === drawn.news || wall - drawn.described < DESCRIBED_EVERY) return;
+    Object.assign(drawn, { news: now, described: wall });
     readings.describe(sets);
   }
 
   function draw(view, sets, wall) {
     const step = (view.end - view.start) / plot;
     const x = (t) => (t - view.start) / step;
-    const traces = sets.map((set, k) => pieceOf({ set, spans: spans[k] }, { view, x, step }));
+    const traces = sets.map((set, k) => pieceOf({ set, manoeuvres: manoeuvres[k] }, { view, x, step }));
     const ticks = timeTicks(view.start, view.end, plot);
     const frame = {
       traces,
       x,
       width: plot,
-      bands: bandsOf(traces[0], spans[0], x, anySpans),
+      bands: bandsOf(traces[0], manoeuvres[0], x, anyManoeuvres),
       ticks: ticks.times,
       epsilon,
       cursor: timeWindow.cursorAt(view),
@@ -144,7 +144,7 @@ export function createRecordingChart(host, options) {
     };
     for (const canvas of canvases) canvas.draw(frame);
     timeAxis.draw(frame, ticks);
-    overview.draw({ set: caches[0].whole(), spans: spans[0] ?? [], epsilon, view });
+    overview.draw({ set: caches[0].entire(), manoeuvres: manoeuvres[0] ?? [], epsilon, view });
     lane.place(view);
   }
 
@@ -213,7 +213,7 @@ export function createRecordingChart(host, options) {
       measured = false; // a row more leaves the strips less room
     },
     setEvents: (given) => {
-      events = [...given].sort((one, other) => one.t - other.t);
+      events = [...given].sort((a, b) => a.t - b.t);
     },
     go,
     show: (from, to) => timeWindow.setWindow(from, to),

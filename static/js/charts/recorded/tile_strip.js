@@ -1,15 +1,15 @@
 /**
- * Draws one strip of a recording from its tiles: what was measured, or the risk that was said of it.
+ * Draws one strip of a recording from its tiles: what was measured, or the risk.
  *
- * Between manoeuvres a trace is faint, as nothing is said there. Withdrawn risk is grey, on grey, with
+ * Between manoeuvres a trace is faint, as nothing is assessed there. Withdrawn risk is grey, on grey, with
  * the word INVALID; a second recording laid over the first is dashed and of another colour.
  *
  * Exports
  *   createTileStrip(canvas, strip) -> {draw(frame), resize(width, height, ratio), setPalette(p)}
  *     strip: {key, axis, limit, risk}
  *     frame: {traces: [Piece | null], x, width, bands, ticks, epsilon, cursor, marks, wall}
- *   pieceOf({set, spans}, {view, x, step}) -> Piece | null    the bins of a set in the window, once
- *     for all strips; spans: [{start, end}] of its manoeuvres, or null where all counts
+ *   pieceOf({set, manoeuvres}, {view, x, step}) -> Piece | null    the bins of a set in the window, once
+ *     for all strips; manoeuvres: [{start, end}] of its manoeuvres, or null where all counts
  */
 
 import { createStripFrame } from "../strip_frame.js";
@@ -65,15 +65,15 @@ export function createTileStrip(canvas, strip) {
       return;
     }
     pen.strokeStyle = pen.fillStyle = colour;
-    if (piece.spans === null || k > 0) {
+    if (piece.manoeuvres === null || k > 0) {
       drawTiles(pen, y, { ...piece, dashed });
       return;
     }
-    clipped(piece.spans, frame, false, () => {
+    clipped(piece.manoeuvres, frame, false, () => {
       pen.globalAlpha = FAINT;
       drawTiles(pen, y, piece);
     });
-    clipped(piece.spans, frame, true, () => drawTiles(pen, y, piece));
+    clipped(piece.manoeuvres, frame, true, () => drawTiles(pen, y, piece));
   }
 
   function drawRisk(piece, frame, colour, dashed) {
@@ -92,12 +92,12 @@ export function createTileStrip(canvas, strip) {
     pen.restore();
   }
 
-  /** Draws inside of the spans only, or only outside of them. */
-  function clipped(spans, { x, width }, inside, act) {
+  /** Draws inside of the manoeuvres only, or only outside of them. */
+  function clipped(manoeuvres, { x, width }, inside, act) {
     pen.save();
     pen.beginPath();
     if (!inside) pen.rect(0, 0, width, face.height);
-    for (const { start, end } of spans) {
+    for (const { start, end } of manoeuvres) {
       const [x0, x1] = [Math.max(-2, x(start)), Math.min(width + 2, x(end))];
       if (x1 > x0) pen.rect(x0, 0, x1 - x0, face.height);
     }
@@ -109,7 +109,7 @@ export function createTileStrip(canvas, strip) {
   function drawBand({ x0, x1, kind }) {
     if (kind === "alert" && !strip.risk) {
       if (strip.limit === null) return;
-      pen.fillStyle = face.palette.alert; // a bar: compare the alert with the crossing below it
+      pen.fillStyle = face.palette.alert; // a bar: compare the alert with the exceedance below it
       pen.fillRect(x0, 0, x1 - x0, 4);
       return;
     }
@@ -139,21 +139,21 @@ export function createTileStrip(canvas, strip) {
 }
 
 /** With one more at either side, where the trace comes from and goes to. */
-export function pieceOf({ set, spans }, { view, x, step }) {
+export function pieceOf({ set, manoeuvres }, { view, x, step }) {
   if (set === null || set.n === 0) return null;
   const first = Math.floor((view.start - set.x0[0]) / set.step) - 1;
   const last = Math.ceil((view.end - set.x0[0]) / set.step) + 2;
   const [from, to] = [Math.max(0, first), Math.min(set.n, last)];
   if (to <= from) return null;
   const wide = Math.max(1.5, set.step / step + 0.5);
-  const cut = cutsOf(set, spans, from, to);
-  return { set, spans, x: set.at.map(x), from, to, wide, cut, dense: set.step / step < DENSE };
+  const cut = cutsOf(set, manoeuvres, from, to);
+  return { set, manoeuvres, x: set.at.map(x), from, to, wide, cut, dense: set.step / step < DENSE };
 }
 
 /** Whether the trace breaks before a bin: each manoeuvre is drawn from a trim of its own. */
-function cutsOf(set, spans, from, to) {
+function cutsOf(set, manoeuvres, from, to) {
   const cut = new Uint8Array(set.n);
-  for (const { start, end } of spans ?? []) {
+  for (const { start, end } of manoeuvres ?? []) {
     for (const edge of [start - 1e-9, end + 1e-9]) {
       let [low, high] = [from, to];
       while (low < high) {

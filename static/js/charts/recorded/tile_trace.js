@@ -4,9 +4,9 @@
  * Exports
  *   drawTiles(pen, y, {x, low, high, from, to, cut, dense, dashed})
  *     y(value) -> px; x: (n,) px of each bin; from, to: bins to draw; cut: (n,) whether the trace breaks
- *     before a bin; dense: bins are about a pixel wide; dashed: leaves out every third stretch, to be told apart without colour
+ *     before a bin; dense: bins are about a pixel wide; dashed: leaves out every third piece, to be told apart without colour
  *   drawBeyond(pen, y, {x, low, high, from, to, wide}, limit, mark)
- *     fills what lies beyond +-limit; mark(x, up) is called where a stretch of it begins
+ *     fills what lies beyond +-limit; mark(x, up) is called where a run of it begins
  */
 
 import { SPARSE } from "../strip_frame.js";

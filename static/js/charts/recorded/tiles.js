@@ -134,7 +134,7 @@ export function createTileCache({ load, start, end, dt, offset = 0, arrived, fai
   return {
     want,
     best,
-    whole: () => sets[0] ?? null,
+    entire: () => sets[0] ?? null,
     clear: () => {
       sets = [];
       asked = null;

@@ -1,5 +1,5 @@
 /**
- * The stretch of a recording that its chart shows, and the cursors in it.
+ * The interval of a recording that its chart shows, and the cursors in it.
  *
  * All of a recording is there from the start, so nothing runs by the clock: the window stays within
  * the recording, and the calls are those of a flight's timeline, as far as input needs them.

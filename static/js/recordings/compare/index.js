@@ -8,6 +8,7 @@
 
 import { loadingView } from "../../lib/loading_view.js";
 import { link, pageOf } from "../../lib/view_states.js";
+import { readScoring } from "../scoring/source.js";
 import { createOverlay } from "./overlay.js";
 import { createScoringPicker } from "./scoring_picker.js";
 import { compareTable } from "./table.js";
@@ -22,12 +23,12 @@ export function showComparedScorings(element, { id, query, api, navigate }) {
 
   async function build({ keep }) {
     const recordings = await api.get("/recordings");
-    const names = new Map(recordings.map((one) => [one.id, one.name]));
+    const names = new Map(recordings.map((recording) => [recording.id, recording.name]));
     const compared = await Promise.all(
       references.map(async ({ recording, scoring }, k) => {
         const [{ mapping }, scored] = await Promise.all([
           api.get(`/recordings/${recording}`),
-          api.get(`/recordings/${recording}/scorings/${scoring}`),
+          readScoring(api, recording, scoring),
         ]);
         return {
           letter: String.fromCharCode(65 + k),

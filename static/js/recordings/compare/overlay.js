@@ -8,7 +8,7 @@
 import { createRecordingChart } from "../../charts/recorded/recording_chart.js";
 import { h } from "../../lib/dom.js";
 import { figure, secondsText } from "../../lib/numbers.js";
-import { laneOf, spansOf } from "../scoring/events.js";
+import { laneOf, manoeuvresOf } from "../scoring/events.js";
 import { scoringSource, stripOrder } from "../scoring/source.js";
 
 const OWN = "own"; // aligned by the recordings' own times
@@ -25,7 +25,7 @@ export function createOverlay({ api, compared }) {
     h(
       "h2",
       { class: "panel-title" },
-      compared.length > 1 ? "One over the other" : "On its own: add another to lay over it",
+      compared.length > 1 ? "Overlay" : "Overlay: add another scoring to compare",
     ),
     h(
       "div",
@@ -56,11 +56,11 @@ export function createOverlay({ api, compared }) {
       const { scoring } = compared[Number(which.value)];
       from.replaceChildren(
         h("option", { value: OWN }, "the recording's own time"),
-        ...scoring.stretches.map(({ name, start }, n) =>
+        ...scoring.manoeuvres.map(({ name, start }, n) =>
           h("option", { value: String(n) }, `${name}, at ${secondsText(start)}`),
         ),
       );
-      from.value = oneRecording() || !scoring.stretches.length ? OWN : "0";
+      from.value = oneRecording() || !scoring.manoeuvres.length ? OWN : "0";
       if (redraw) draw();
     };
     turn(false);
@@ -73,11 +73,11 @@ export function createOverlay({ api, compared }) {
         h("div", { class: "field" }, from),
       ),
       chosen: () => compared[Number(which.value)],
-      stretch: () =>
+      manoeuvre: () =>
         from.value === OWN
           ? null
-          : compared[Number(which.value)].scoring.stretches[Number(from.value)],
-      offset: (scoring) => (from.value === OWN ? 0 : scoring.stretches[Number(from.value)].start),
+          : compared[Number(which.value)].scoring.manoeuvres[Number(from.value)],
+      offset: (scoring) => (from.value === OWN ? 0 : scoring.manoeuvres[Number(from.value)].start),
     };
   }
 
@@ -88,8 +88,8 @@ export function createOverlay({ api, compared }) {
   function draw() {
     chart?.destroy();
     const shown = sides.map((side) => {
-      const one = side.chosen();
-      return { ...one, offset: side.offset(one.scoring) };
+      const compared = side.chosen();
+      return { ...compared, offset: side.offset(compared.scoring) };
     });
     const [{ scoring: below }] = shown;
     chart = createRecordingChart(host, {
@@ -98,7 +98,7 @@ export function createOverlay({ api, compared }) {
       epsilon: below.epsilon,
       sources: shown.map(({ scoring, offset }) => ({
         ...scoringSource(api, scoring, offset),
-        spans: spansOf(scoring, offset),
+        manoeuvres: manoeuvresOf(scoring, offset),
       })),
       label: "Scorings laid over each other",
       chosen: ({ start, end }) =>
@@ -106,15 +106,15 @@ export function createOverlay({ api, compared }) {
     });
     chart.setLane(
       shown.flatMap(({ letter, scoring, offset }, k) =>
-        laneOf(scoring.stretches, { row: k, offset, id: letter }).map((item) => ({
+        laneOf(scoring.manoeuvres, { row: k, offset, id: letter }).map((item) => ({
           ...item,
           text: `${letter} ${item.text}`,
           title: `${letter}, ${item.title}`,
         })),
       ),
     );
-    chart.setEvents(below.stretches.map(({ start }) => ({ t: start - shown[0].offset })));
-    const aligned = sides.map((side) => side.stretch()).filter(Boolean);
+    chart.setEvents(below.manoeuvres.map(({ start }) => ({ t: start - shown[0].offset })));
+    const aligned = sides.map((side) => side.manoeuvre()).filter(Boolean);
     if (aligned.length) {
       const longest = Math.max(...aligned.map(({ start, end }) => end - start));
       chart.show(-0.1 * longest, 1.1 * longest);

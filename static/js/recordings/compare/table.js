@@ -4,8 +4,8 @@
  * Exports
  *   compareTable(compared, {remove(k) | null}) -> element
  *     compared: [{letter, recordingName, scoring, mapping}]   mapping: the recording's present one
- *   rowsOf(scorings) -> [[number of a stretch | -1 for each scoring]]
- *       stretches of one recording are matched by their times, those of others by their order
+ *   rowsOf(scorings) -> [[number of a manoeuvre | -1 for each scoring]]
+ *       manoeuvres of one recording are matched by their times, those of others by their order
  */
 
 import { formatted, h } from "../../lib/dom.js";
@@ -46,7 +46,7 @@ export function compareTable(compared, { remove }) {
           h(
             "span",
             { class: "hint hint-line" },
-            `${several ? `${recordingName}, ` : ""}lead ${figure(scoring.lead)} s`,
+            `${several ? `${recordingName}, ` : ""}warning lead time ${figure(scoring.lead)} s`,
           ),
           earlierMapping(scoring, mapping),
           outside(scoring),
@@ -84,11 +84,11 @@ export function compareTable(compared, { remove }) {
 
 export function rowsOf(scorings) {
   const rows = [];
-  scorings.forEach(({ recording, stretches }, k) => {
-    stretches.forEach((stretch, number) => {
+  scorings.forEach(({ recording, manoeuvres }, k) => {
+    manoeuvres.forEach((manoeuvre, number) => {
       const fits = (row) =>
         row[k] === -1 &&
-        row.some((n, other) => n >= 0 && same(scorings[other], n, recording, stretch, number));
+        row.some((n, other) => n >= 0 && same(scorings[other], n, recording, manoeuvre, number));
       let row = rows.find(fits);
       if (row === undefined) {
         row = new Array(scorings.length).fill(-1);
@@ -105,22 +105,22 @@ function outside(scoring) {
   return words ? h("span", { class: "hint hint-line outside-line" }, "◆ ", formatted(words)) : null;
 }
 
-function peakText(stretch, epsilon) {
-  if (isWithdrawn(stretch)) return "withdrawn";
-  const { peak_risk: risk } = stretch;
+function peakText(manoeuvre, epsilon) {
+  if (isWithdrawn(manoeuvre)) return "withdrawn";
+  const { peak_risk: risk } = manoeuvre;
   return risk === null ? "–" : riskText(risk, epsilon);
 }
 
-function same(other, n, recording, stretch, number) {
+function same(other, n, recording, manoeuvre, number) {
   if (other.recording !== recording) return n === number;
-  const { start, end } = other.stretches[n];
-  const overlap = Math.min(end, stretch.end) - Math.max(start, stretch.start);
-  return overlap > 0.5 * Math.min(end - start, stretch.end - stretch.start);
+  const { start, end } = other.manoeuvres[n];
+  const overlap = Math.min(end, manoeuvre.end) - Math.max(start, manoeuvre.start);
+  return overlap > 0.5 * Math.min(end - start, manoeuvre.end - manoeuvre.start);
 }
 
 function rowElement(row, scorings) {
   const first = row.findIndex((n) => n >= 0);
-  const { name, start, end } = scorings[first].stretches[row[first]];
+  const { name, start, end } = scorings[first].manoeuvres[row[first]];
   const differ = new Set(scorings.map(({ recording }) => recording)).size > 1;
   return h(
     "tr",
@@ -139,18 +139,18 @@ function rowElement(row, scorings) {
 
 function cell(scoring, n) {
   if (n < 0) return h("td", { class: "dim" }, "not scored");
-  const stretch = scoring.stretches[n];
-  const { outcome, validity } = stretch;
-  const { word } = validityWords(stretch);
+  const manoeuvre = scoring.manoeuvres[n];
+  const { outcome, validity } = manoeuvre;
+  const { word } = validityWords(manoeuvre);
   const p =
     validity.p_value === null || validity.p_value === undefined
       ? ""
       : `, p = ${figure(validity.p_value, 2)}`;
   const lines = [
-    ["lead", leadText(stretch, scoring.lead)],
-    ["first alert", firstAlertText(stretch)],
-    ["peak risk", peakText(stretch, scoring.epsilon)],
-    ["right to speak", `${word}${p}`],
+    ["warning lead time", leadText(manoeuvre, scoring.lead)],
+    ["first alert", firstAlertText(manoeuvre)],
+    ["peak risk", peakText(manoeuvre, scoring.epsilon)],
+    ["applicability", `${word}${p}`],
   ];
   return h(
     "td",

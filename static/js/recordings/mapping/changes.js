@@ -13,7 +13,7 @@ const PLAIN = { signal: "", unit: "", sign: 1, offset: 0, derivation: "" };
 export function earlierMapping({ mapping, channels }, now) {
   const changed = changedChannels(mapping, now);
   if (!changed.length) return null;
-  const names = changed.map((key) => channels.find((one) => one.key === key)?.label ?? key);
+  const names = changed.map((key) => channels.find((channel) => channel.key === key)?.label ?? key);
   const title = `The recording's mapping was changed since, in ${names.join(", ")}. Score it again to compare.`;
   return h("span", { class: "chip", "data-level": "caution", title }, "◆ earlier mapping");
 }

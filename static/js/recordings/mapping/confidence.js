@@ -1,5 +1,5 @@
 /**
- * How sure the program is of a proposal: a bar, a word, and the reasons when they are asked for.
+ * The confidence of a proposal: a bar, a word, and the reasons when they are asked for.
  *
  * Exports
  *   confidence({confidence 0..1, reasons}) -> element     the word: sure, likely, or check

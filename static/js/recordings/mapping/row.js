@@ -1,11 +1,11 @@
 /**
- * One channel of a mapping: which signal it is, in which unit, with what sign and offset.
+ * One channel of a mapping: which signal it is, in which unit, with what sign, and which bias is removed.
  *
  * Exports
  *   createMappingRow({target, source, contents, guess, likely, derivable, state, changed}) -> MappingRow
  *     target: of the catalog.   source: as the mapping has it, or null.   state: of the whole mapping
  *   MappingRow
- *     element, key, read() -> source | null, show(tiles | null, [sentence that speaks against it])
+ *     element, key, read() -> source | null, show(tiles | null, [warning])
  */
 
 import { createMiniPlot } from "../../charts/mini_plot.js";
@@ -51,11 +51,11 @@ export function createMappingRow({
   const offset = h("input", {
     type: "number",
     step: "any",
-    "aria-label": `offset of ${name} in ${unit}`,
+    "aria-label": `bias removed from ${name} in ${unit}`,
     oninput: () => Number.isFinite(offset.valueAsNumber) && edit({ offset: offset.valueAsNumber }),
   });
   const verdict = h("div", { class: "map-verdict" });
-  const against = h("ul", { class: "map-doubts", role: "status" });
+  const warningList = h("ul", { class: "map-warnings", role: "status" });
   const cell = (part, words, ...content) =>
     h(
       "div",
@@ -75,8 +75,8 @@ export function createMappingRow({
     cell("signal", "signal", signal),
     cell("unit", "unit", units),
     cell("sign", "sign", sign),
-    cell("offset", `offset [${unit}]`, offset),
-    cell("confidence", "", verdict, against),
+    cell("offset", `bias removed [${unit}]`, offset),
+    cell("confidence", "", verdict, warningList),
     cell("plot", "", plot.element),
   );
   render();
@@ -86,8 +86,8 @@ export function createMappingRow({
     else if (value.startsWith("derive:")) now = { ...PLAIN, derivation: value.slice(7) };
     else {
       const named = value.slice(7);
-      const { unit: said } = contents.signals.find((one) => one.name === named) ?? {};
-      now = { ...PLAIN, signal: named, unit: said || now?.unit || target.units[0] };
+      const { unit: recorded } = contents.signals.find((signal) => signal.name === named) ?? {};
+      now = { ...PLAIN, signal: named, unit: recorded || now?.unit || target.units[0] };
     }
     signal.value = value;
     edit({});
@@ -104,7 +104,7 @@ export function createMappingRow({
     const measured = now !== null && now.signal !== "";
     const given = measured ? now.unit : unit;
     const offered = [...new Set([...target.units, given].filter(Boolean))];
-    units.replaceChildren(...offered.map((one) => h("option", { value: one }, one)));
+    units.replaceChildren(...offered.map((name) => h("option", { value: name }, name)));
     units.value = given;
     units.disabled = !measured;
     sign.disabled = offset.disabled = now === null;
@@ -124,7 +124,7 @@ export function createMappingRow({
     if (now === null) return missingWords();
     if (now.derivation) {
       const { title = now.derivation, needs = [] } =
-        derivable.find((one) => one.key === now.derivation) ?? {};
+        derivable.find(({ key }) => key === now.derivation) ?? {};
       const from = needs.length ? ` (needs ${needs.join(", ")})` : "";
       return [chip("◆ DERIVED", "caution"), h("span", { class: "hint" }, `${title}${from}`)];
     }
@@ -137,8 +137,8 @@ export function createMappingRow({
     const why = guess?.reasons.length
       ? h("span", { class: "hint" }, guess.reasons.join("; "))
       : null;
-    const offers = derivable.map((one) =>
-      button(`Derive it: ${one.title}`, () => choose(`derive:${one.key}`), {
+    const offers = derivable.map((derivation) =>
+      button(`Derive it: ${derivation.title}`, () => choose(`derive:${derivation.key}`), {
         class: "button button-small",
       }),
     );
@@ -152,11 +152,11 @@ export function createMappingRow({
     key,
     element,
     read: () => now,
-    show(tiles, doubts = []) {
+    show(tiles, warnings = []) {
       plot.show(now === null ? null : (tiles ?? { min: NaN }));
-      const words = doubts.map((one) => h("li", {}, chip("◆ CHECK", "caution"), ` ${one}`));
-      against.replaceChildren(...words);
-      against.hidden = words.length === 0;
+      const items = warnings.map((text) => h("li", {}, chip("◆ CHECK", "caution"), ` ${text}`));
+      warningList.replaceChildren(...items);
+      warningList.hidden = items.length === 0;
     },
   };
 }

@@ -101,7 +101,8 @@ export function createMappingSection({
     try {
       const answer = await api.post(`${path}/preview`, { mapping, bins });
       if (mine !== turn || closed) return;
-      table.show(answer.channels, answer.doubts);
+      const { channels, doubts: warnings } = answer;
+      table.show(channels, warnings);
       tell(answer.problem);
       previewed(answer, edited);
     } catch (error) {

@@ -2,9 +2,9 @@
  * Which signal of a file is which channel: proposed, corrected with a preview of the data beside it.
  *
  * Exports
- *   createMappingTable({catalog, recording, changed}) -> {element, read() -> mapping, show(channels, doubts)}
+ *   createMappingTable({catalog, recording, changed}) -> {element, read() -> mapping, show(channels, warnings)}
  *     changed(mapping)   after each correction.   channels: {key: tiles} of a preview.
- *     doubts: {key: [sentence]}
+ *     warnings: {key: [sentence]}
  */
 
 import { h } from "../../lib/dom.js";
@@ -16,9 +16,9 @@ const HEADS = [
   ["signal", "Signal in the file"],
   ["unit", "Unit"],
   ["sign", "Sign"],
-  ["offset", "Less an offset"],
-  ["confidence", "How sure"],
-  ["plot", "The data, so mapped"],
+  ["offset", "Bias removed"],
+  ["confidence", "Confidence"],
+  ["plot", "Mapped data"],
 ];
 
 export function createMappingTable({ catalog, recording, changed }) {
@@ -110,8 +110,8 @@ export function createMappingTable({ catalog, recording, changed }) {
     changed(read());
   }
 
-  function show(channels, doubts = {}) {
-    for (const row of rows) row.show(channels[row.key], doubts[row.key]);
+  function show(channels, warnings = {}) {
+    for (const row of rows) row.show(channels[row.key], warnings[row.key]);
     const groups = rows
       .map((row) => row.read()?.signal)
       .filter(Boolean)
@@ -120,7 +120,7 @@ export function createMappingTable({ catalog, recording, changed }) {
   }
 
   function groupOf(name) {
-    const signal = contents.signals.find((one) => one.name === name);
+    const signal = contents.signals.find((candidate) => candidate.name === name);
     return contents.groups[signal?.group ?? 0]?.name;
   }
 

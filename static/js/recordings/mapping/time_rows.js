@@ -45,8 +45,8 @@ export function createTimeRows({ times, contents, guesses, units, changed }) {
           change();
         },
       },
-      [...new Set([...units, now[group]?.unit].filter(Boolean))].map((one) =>
-        h("option", { value: one }, one),
+      [...new Set([...units, now[group]?.unit].filter(Boolean))].map((name) =>
+        h("option", { value: name }, name),
       ),
     );
     unit.value = now[group]?.unit ?? "s";

@@ -2,44 +2,46 @@
  * What happened in a scored recording, in the order of its time.
  *
  * Exports
- *   eventsOf(scoring) -> [{t, text, level, stretch}]     stretch: its number;
+ *   eventsOf(scoring) -> [{t, text, level, manoeuvre}]     manoeuvre: its number;
  *       none outside of every manoeuvre
- *   spansOf(scoring, offset) -> [{start, end, withdrawn}]    as a chart takes them
- *   laneOf(stretches, {row, offset, id}) -> [item]       for a chart's lane
+ *   manoeuvresOf(scoring, offset) -> [{start, end, withdrawn}]    as a chart takes them
+ *   laneOf(manoeuvres, {row, offset, id}) -> [item]       for a chart's lane
  */
 
 import { formatValue, riskText, secondsText } from "../../lib/numbers.js";
 import { outcomeOf } from "../words.js";
 
-export function eventsOf({ stretches, outside, channels, epsilon }) {
+export function eventsOf({ manoeuvres, outsideExceedances, channels, epsilon }) {
   return [
-    ...stretches.flatMap((stretch, k) => ofStretch(stretch, k, channels, epsilon)),
-    ...(outside ?? []).map((crossing) => ofLimit(crossing, channels, " outside every manoeuvre")),
+    ...manoeuvres.flatMap((manoeuvre, k) => ofManoeuvre(manoeuvre, k, channels, epsilon)),
+    ...outsideExceedances.map((exceedance) =>
+      ofExceedance(exceedance, channels, " outside every manoeuvre"),
+    ),
   ].sort((a, b) => a.t - b.t);
 }
 
-function ofLimit({ t, channel, value }, channels, where = "") {
+function ofExceedance({ t, channel, value }, channels, where = "") {
   const { symbol, unit } = channels.find(({ key }) => key === channel) ?? {
     symbol: channel,
     unit: "",
   };
   const words = `${formatValue(value)} ${unit}`.trim();
-  return { t, text: `${symbol} reached its limit${where}: ${words}`, level: "caution" };
+  return { t, text: `${symbol} exceeds its limit${where}: ${words}`, level: "caution" };
 }
 
-function ofStretch(
-  { name, start, alerts, crossing, peak_t: t, peak_risk: risk, validity },
-  stretch,
+function ofManoeuvre(
+  { name, start, alerts, exceedance, peak_t: t, peak_risk: risk, validity },
+  manoeuvre,
   channels,
   epsilon,
 ) {
-  const events = [{ t: start, text: `${name} begins`, level: "", stretch }];
+  const events = [{ t: start, text: `${name} begins`, level: "", manoeuvre }];
   if (validity.valid === false) {
     events.push({
       t: start,
       text: `${name} is INVALID: the risk is withdrawn`,
       level: "caution",
-      stretch,
+      manoeuvre,
     });
   }
   for (const [from, to] of alerts) {
@@ -47,37 +49,37 @@ function ofStretch(
       t: from,
       text: to > from ? `alert, until ${secondsText(to)}` : "alert, a single sample",
       level: "alert",
-      stretch,
+      manoeuvre,
     });
   }
-  if (crossing) {
-    events.push({ ...ofLimit(crossing, channels), stretch });
+  if (exceedance) {
+    events.push({ ...ofExceedance(exceedance, channels), manoeuvre });
   }
   if (validity.valid !== false && Number.isFinite(t) && t > start) {
     events.push({
       t,
       text: `peak risk of ${name}: ${riskText(risk, epsilon)}`,
       level: "",
-      stretch,
+      manoeuvre,
     });
   }
   return events;
 }
 
-export function spansOf({ stretches }, offset = 0) {
-  return stretches.map(({ start, end, validity }) => ({
+export function manoeuvresOf({ manoeuvres }, offset = 0) {
+  return manoeuvres.map(({ start, end, validity }) => ({
     start: start - offset,
     end: end - offset,
     withdrawn: validity.valid === false,
   }));
 }
 
-export function laneOf(stretches, { row = 0, offset = 0, id = "stretch" } = {}) {
-  return stretches.map(({ name, start, end, outcome }, k) => {
+export function laneOf(manoeuvres, { row = 0, offset = 0, id = "manoeuvre" } = {}) {
+  return manoeuvres.map(({ name, start, end, outcome }, k) => {
     const { word, level, mark, text } = outcomeOf(outcome);
     return {
       id: `${id}-${k}`,
-      stretch: k,
+      manoeuvre: k,
       row,
       start: start - offset,
       end: end - offset,

@@ -1,21 +1,22 @@
-/** How a scoring was made: hashes, order, mapping, what was done to the data. Exports  scoringFacts(scoring). */
+/** How a scoring was made: hashes, request, mapping, what was done to the data. Exports  scoringFacts(scoring). */
 
 import { h } from "../../lib/dom.js";
 import { recipeList, sentences } from "../../lib/lists.js";
 import { figure, moment } from "../../lib/numbers.js";
+import { TRIM_SEGMENT } from "./source.js";
 
-const TRIMS = { lead_in: "mean of each manoeuvre's own lead-in", null: "nothing was subtracted" };
-const WAYS = { found: "found by control activity", whole: "the whole recording as one" };
+const TRIMS = { [TRIM_SEGMENT]: "mean of each manoeuvre's own trim segment", null: "nothing was subtracted" };
+const WAYS = { found: "detected from control activity", whole: "the entire recording as one" };
 
 export function scoringFacts(scoring) {
-  const { order, quality, notes, mapping, channels } = scoring;
+  const { request, quality, notes, mapping, channels } = scoring;
   const rows = [
     ["Samples, SHA-256", scoring.digest, 1],
     ["Monitor, SHA-256", scoring.monitor_digest, 1],
     ["Scored", moment(scoring.created)],
     ["Samples", `${scoring.n_samples.toLocaleString("en")}, every ${figure(scoring.dt)} s`],
-    ["Trim", TRIMS[order.trim] ?? `mean of ${order.trim} s before the first input`],
-    ["Manoeuvres", WAYS[order.manoeuvres] ?? `${order.manoeuvres.length} marked by hand`],
+    ["Trim", TRIMS[request.trim] ?? `mean of ${request.trim} s before the first input`],
+    ["Manoeuvres", WAYS[request.manoeuvres] ?? `${request.manoeuvres.length} marked by hand`],
   ];
   const sources = channels.map(({ key, symbol, label, unit }) => [
     `${label} ${symbol}`,
@@ -32,7 +33,7 @@ export function scoringFacts(scoring) {
       h(
         "div",
         { class: "stack-tight" },
-        h("h3", {}, "The same order makes the same samples"),
+        h("h3", {}, "The same request makes the same samples"),
         recipeList(rows),
         h("h3", {}, "Mapping"),
         recipeList(sources),
@@ -48,9 +49,9 @@ export function scoringFacts(scoring) {
 }
 
 function sourceText(source, unit) {
-  if (!source) return "absent";
+  if (!source) return "not recorded";
   if (source.derivation) return `derived (${source.derivation.replaceAll("_", " ")})`;
   const sign = source.sign === -1 ? "−" : "";
-  const offset = source.offset ? `, less ${source.offset} ${unit}` : "";
-  return `${sign}${source.signal} in ${source.unit}${offset}`;
+  const bias = source.offset ? `, bias of ${source.offset} ${unit} removed` : "";
+  return `${sign}${source.signal} in ${source.unit}${bias}`;
 }

@@ -15,9 +15,10 @@ import { h } from "../../lib/dom.js";
 import { errorLine } from "../../lib/view_states.js";
 import { createManoeuvrePicker } from "./manoeuvre_picker.js";
 import { createMonitorChoice } from "./monitor_choice.js";
+import { TRIM_SEGMENT } from "./source.js";
 
 const TRIMS = [
-  ["lead_in", "mean of each manoeuvre's own lead-in"],
+  [TRIM_SEGMENT, "mean of each manoeuvre's own trim segment"],
   ["seconds", "mean of the seconds before its first input:"],
   ["none", "nothing: the channels are deviations from trim already"],
 ];
@@ -36,7 +37,7 @@ export function createScoreForm({ api, catalog, recording, monitors, used, score
     h(
       "label",
       { class: "radio" },
-      h("input", { type: "radio", name: "trim", value, checked: value === "lead_in" }),
+      h("input", { type: "radio", name: "trim", value, checked: value === TRIM_SEGMENT }),
       words,
       value === "seconds" ? h("span", { class: "field" }, seconds) : null,
     ),
@@ -64,20 +65,20 @@ export function createScoreForm({ api, catalog, recording, monitors, used, score
   async function send(event) {
     event.preventDefault();
     failure.show("");
-    const orders = choice.check();
-    if (orders === null || !picker.check() || !checkTrim()) return;
-    const order = { trim: trimOf(), manoeuvres: picker.read() };
+    const requests = choice.check();
+    if (requests === null || !picker.check() || !checkTrim()) return;
+    const recipe = { trim: trimOf(), manoeuvres: picker.read() };
     const made = [];
     const failures = [];
     go.disabled = true;
-    for (const [k, { monitor, epsilon }] of orders.entries()) {
-      progress.textContent = `Scoring ${k + 1} of ${orders.length}: ${monitor.name} at ε ${epsilon}`;
+    for (const [k, { monitor, epsilon }] of requests.entries()) {
+      progress.textContent = `Scoring ${k + 1} of ${requests.length}: ${monitor.name} at ε ${epsilon}`;
       try {
         made.push(
           await api.post(`/recordings/${recording.id}/scorings`, {
             monitor: monitor.id,
             epsilon,
-            ...order,
+            ...recipe,
           }),
         );
       } catch (error) {
@@ -104,7 +105,7 @@ export function createScoreForm({ api, catalog, recording, monitors, used, score
   function trimOf() {
     const chosen = element.querySelector('[name="trim"]:checked').value;
     if (chosen === "none") return null;
-    return chosen === "seconds" ? decimal(seconds.value) : "lead_in";
+    return chosen === "seconds" ? decimal(seconds.value) : TRIM_SEGMENT;
   }
 
   function begin() {

@@ -1,5 +1,5 @@
 /**
- * What monitors said of a recording: one line a scoring, to open, compare or delete.
+ * The scorings of a recording, one a line, to open, compare or delete.
  *
  * Exports
  *   createScoringList({api, recording, scorings, changed}) -> element | null
@@ -10,7 +10,7 @@ import { tableHead } from "../../lib/lists.js";
 import { figure, moment, riskText } from "../../lib/numbers.js";
 import { askToConfirm, button } from "../../lib/view_states.js";
 import { earlierMapping } from "../mapping/changes.js";
-import { orderWords, outcomeChip, outcomeOf, outsideText } from "../words.js";
+import { outcomeChip, outcomeOf, outsideText, requestWords } from "../words.js";
 
 const MOST_CHIPS = 4;
 
@@ -38,7 +38,7 @@ export function createScoringList({ api, recording, scorings, changed, navigate 
     h(
       "div",
       { class: "row" },
-      h("h2", { class: "panel-title" }, "What the monitors said"),
+      h("h2", { class: "panel-title" }, "Scorings"),
       h(
         "span",
         { class: "spread row" },
@@ -63,7 +63,7 @@ export function createScoringList({ api, recording, scorings, changed, navigate 
   );
 
   function row(scoring) {
-    const { id, monitor_name: name, epsilon, stretches, created } = scoring;
+    const { id, monitor_name: name, epsilon, manoeuvres, created } = scoring;
     const words = `${name} at epsilon ${epsilon}`;
     const tick = h("input", {
       type: "checkbox",
@@ -84,11 +84,11 @@ export function createScoringList({ api, recording, scorings, changed, navigate 
         "th",
         { scope: "row" },
         h("a", { href: `#/recordings/${recording.id}?scoring=${id}` }, name),
-        h("span", { class: "hint hint-line" }, orderWords(scoring.order)),
+        h("span", { class: "hint hint-line" }, requestWords(scoring.request)),
         earlierMapping(scoring, recording.mapping),
       ),
       h("td", { class: "number", "data-label": "ε" }, figure(epsilon)),
-      h("td", { "data-label": "Manoeuvres" }, outcomes(stretches), outsideChip(scoring)),
+      h("td", { "data-label": "Manoeuvres" }, outcomes(manoeuvres), outsideChip(scoring)),
       h("td", { class: "number", "data-label": "Peak risk" }, peakOf(scoring)),
       h("td", { class: "dim nowrap", "data-label": "Scored" }, moment(created)),
       h(
@@ -119,7 +119,7 @@ export function createScoringList({ api, recording, scorings, changed, navigate 
   function remove({ id }, words) {
     askToConfirm(
       `Delete the scoring by ${words}?`,
-      "The same order makes it again, bit for bit.",
+      "The same request makes it again, bit for bit.",
       "Delete it",
       async () => {
         await api.delete(`/recordings/${recording.id}/scorings/${id}`);
@@ -129,31 +129,31 @@ export function createScoringList({ api, recording, scorings, changed, navigate 
   }
 }
 
-function peakOf({ stretches, epsilon }) {
-  const risks = stretches.map(({ peak_risk: risk }) => risk).filter((risk) => risk !== null);
+function peakOf({ manoeuvres, epsilon }) {
+  const risks = manoeuvres.map(({ peak_risk: risk }) => risk).filter((risk) => risk !== null);
   if (risks.length) return riskText(Math.max(...risks), epsilon);
-  return stretches.length ? h("span", { class: "dim" }, "withdrawn") : "–";
+  return manoeuvres.length ? h("span", { class: "dim" }, "withdrawn") : "–";
 }
 
 function outsideChip(scoring) {
   const title = outsideText(scoring);
   return title
-    ? h("span", { class: "chip", "data-level": "caution", title }, "◆ LIMIT REACHED OUTSIDE")
+    ? h("span", { class: "chip", "data-level": "caution", title }, "◆ EXCEEDANCE OUTSIDE")
     : null;
 }
 
 /** A chip for each manoeuvre; of many, how often each outcome came. */
-function outcomes(stretches) {
-  if (!stretches.length) return h("span", { class: "dim" }, "none found");
-  if (stretches.length <= MOST_CHIPS) {
+function outcomes(manoeuvres) {
+  if (!manoeuvres.length) return h("span", { class: "dim" }, "none detected");
+  if (manoeuvres.length <= MOST_CHIPS) {
     return h(
       "span",
       { class: "row outcome-chips" },
-      stretches.map(({ outcome }) => outcomeChip(outcome)),
+      manoeuvres.map(({ outcome }) => outcomeChip(outcome)),
     );
   }
   const counts = new Map();
-  for (const { outcome } of stretches) counts.set(outcome, (counts.get(outcome) ?? 0) + 1);
+  for (const { outcome } of manoeuvres) counts.set(outcome, (counts.get(outcome) ?? 0) + 1);
   return h(
     "span",
     { class: "row outcome-chips" },

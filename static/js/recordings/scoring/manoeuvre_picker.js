@@ -1,11 +1,11 @@
 /**
- * Which stretches of a recording are scored: found by control activity, all of it, or marked by hand.
+ * Which manoeuvres of a recording are scored: detected, the entire recording as one, or marked by hand.
  *
  * Exports
  *   createManoeuvrePicker({api, catalog, recording, monitor() -> id | null}) -> Picker
  *     element, read() -> "found" | "whole" | [{start, end, name}], check() -> bool, close()
  *     show(channels)    of a preview: what the chart draws
- *     refresh()         another monitor may find others
+ *     refresh()         another monitor may detect others
  */
 
 import { previewTiles } from "../../charts/recorded/preview_tiles.js";
@@ -13,23 +13,23 @@ import { createRecordingChart } from "../../charts/recorded/recording_chart.js";
 import { reason } from "../../lib/api.js";
 import { h } from "../../lib/dom.js";
 import { button } from "../../lib/view_states.js";
-import { createSpanTable } from "./interval_table.js";
+import { createManoeuvreTable } from "./manoeuvre_table.js";
 
 const WAYS = [
-  ["found", "Found by control activity"],
-  ["whole", "The whole recording as one"],
+  ["found", "Detected from control activity"],
+  ["whole", "The entire recording as one"],
   ["marked", "Marked by hand"],
 ];
 
 export function createManoeuvrePicker({ api, catalog, recording, monitor }) {
   let way = "found";
-  let found = [];
+  let detected = [];
   let chart = null;
   let drawn = null;
   let turn = 0;
   const host = h("div", { class: "picker-chart" });
-  const said = h("p", { class: "hint", role: "status" });
-  const spans = createSpanTable({ changed: () => lay() });
+  const hint = h("p", { class: "hint", role: "status" });
+  const marked = createManoeuvreTable({ changed: () => lay() });
   const mark = button(
     "Mark by dragging",
     () => press(mark.getAttribute("aria-pressed") !== "true"),
@@ -42,10 +42,10 @@ export function createManoeuvrePicker({ api, catalog, recording, monitor }) {
       "div",
       { class: "row" },
       mark,
-      button("Add the stretch from A to B", addMarked),
-      button("Take those that were found", () => spans.set(found), { class: "button" }),
+      button("Add the manoeuvre from A to B", addMarked),
+      button("Take the detected ones", () => marked.set(detected), { class: "button" }),
     ),
-    spans.element,
+    marked.element,
   );
   const radios = WAYS.map(([value, words]) =>
     h(
@@ -66,7 +66,7 @@ export function createManoeuvrePicker({ api, catalog, recording, monitor }) {
     { class: "stack-tight" },
     h("legend", {}, "Manoeuvres"),
     h("div", { class: "row", role: "radiogroup" }, radios),
-    said,
+    hint,
     host,
     byHand,
   );
@@ -91,10 +91,10 @@ export function createManoeuvrePicker({ api, catalog, recording, monitor }) {
     try {
       const answer = await api.get(`/recordings/${recording.id}/manoeuvres?monitor=${id}`);
       if (mine !== turn) return;
-      found = answer;
+      detected = answer;
       lay();
     } catch (error) {
-      if (mine === turn) said.textContent = reason(error);
+      if (mine === turn) hint.textContent = reason(error);
     }
   }
 
@@ -126,7 +126,7 @@ export function createManoeuvrePicker({ api, catalog, recording, monitor }) {
           start: tiles.start,
           end: tiles.end,
           dt: tiles.step,
-          spans: null,
+          manoeuvres: null,
         },
       ],
       label: "The recording, to find its manoeuvres",
@@ -138,55 +138,55 @@ export function createManoeuvrePicker({ api, catalog, recording, monitor }) {
   function addMarked() {
     const { a, b } = chart?.window.marks ?? {};
     if (!Number.isFinite(a) || !Number.isFinite(b) || a === b) {
-      said.textContent =
-        "Set the cursors A and B on the chart first: drag over the stretch, or press A and B.";
+      hint.textContent =
+        "Set the cursors A and B on the chart first: drag over the manoeuvre, or press A and B.";
       return;
     }
-    spans.add({ start: Math.min(a, b), end: Math.max(a, b), name: "" });
+    marked.add({ start: Math.min(a, b), end: Math.max(a, b), name: "" });
     chart.window.clearMarks();
   }
 
   function lay() {
-    const shown = way === "found" ? found : way === "whole" ? whole() : spans.read();
-    said.textContent = wordsOf(shown);
+    const shown = way === "found" ? detected : way === "whole" ? entire() : marked.read();
+    hint.textContent = wordsOf(shown);
     chart?.setEvents(shown.map(({ start }) => ({ t: start })));
     chart?.setLane(
       shown.map(({ start, end, name }, k) => ({
-        id: `span-${k}`,
+        id: `marked-${k}`,
         row: 0,
         start,
         end,
-        text: name || `stretch ${k + 1}`,
+        text: name || `manoeuvre ${k + 1}`,
         level: "plain",
-        title: `${name || `stretch ${k + 1}`}, ${start.toFixed(2)} to ${end.toFixed(2)} s`,
+        title: `${name || `manoeuvre ${k + 1}`}, ${start.toFixed(2)} to ${end.toFixed(2)} s`,
         quiet: true,
       })),
     );
   }
 
-  function whole() {
+  function entire() {
     return drawn
-      ? [{ start: drawn.tiles.start, end: drawn.tiles.end, name: "the whole recording" }]
+      ? [{ start: drawn.tiles.start, end: drawn.tiles.end, name: "the entire recording" }]
       : [];
   }
 
   function wordsOf(shown) {
     if (way === "whole") return "One manoeuvre from the first sample to the last.";
     if (way === "marked")
-      return "Drag over a manoeuvre in the chart, or set A and B by their keys, then add the stretch. It should begin in trim, a little before its first input.";
+      return "Drag over a manoeuvre in the chart, or set A and B by their keys, then add it. It should begin in trim, a little before its first input.";
     if (monitor() === null)
-      return "Choose a monitor: where its manoeuvre was flown is found from the surfaces.";
+      return "Choose a monitor: where its manoeuvre was flown is detected from the surfaces.";
     if (!shown.length)
-      return "None was found: aileron and rudder rest throughout. Mark one by hand, or take the whole recording.";
-    return `${shown.length} found where aileron or rudder move on purpose; each begins a little before its first input.`;
+      return "None was detected: aileron and rudder rest throughout. Mark one by hand, or take the entire recording.";
+    return `${shown.length} detected where aileron or rudder move on purpose; each begins a little before its first input.`;
   }
 
   return {
     element,
     show,
     refresh,
-    read: () => (way === "marked" ? spans.read() : way),
-    check: () => way !== "marked" || spans.check(),
+    read: () => (way === "marked" ? marked.read() : way),
+    check: () => way !== "marked" || marked.check(),
     close: () => chart?.destroy(),
   };
 }

@@ -88,7 +88,7 @@ export function createMonitorChoice({ monitors, used, catalog, changed }) {
 
   function check() {
     const chosen = rows.filter(({ box }) => box.checked);
-    const orders = [];
+    const requests = [];
     let wrong = chosen.length ? "" : "Choose at least one monitor.";
     for (const { monitor, epsilons } of chosen) {
       const given = decimals(epsilons.value);
@@ -103,10 +103,10 @@ export function createMonitorChoice({ monitors, used, catalog, changed }) {
         epsilons.focus();
         break;
       }
-      for (const text of new Set(given)) orders.push({ monitor, epsilon: Number(text) });
+      for (const text of new Set(given)) requests.push({ monitor, epsilon: Number(text) });
     }
     failure.show(wrong);
-    return wrong ? null : orders;
+    return wrong ? null : requests;
   }
 
   return {

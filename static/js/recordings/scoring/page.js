@@ -1,5 +1,5 @@
 /**
- * What a monitor said of a recording: strips, events, verdicts, notes; to replay, report and export.
+ * What a monitor assessed of a recording: strips, events, verdicts, notes; to replay, report and export.
  * Exports  showScoring(element, context).
  */
 
@@ -12,9 +12,9 @@ import { figure } from "../../lib/numbers.js";
 import { button, empty, errorLine, link, pageOf } from "../../lib/view_states.js";
 import { createNotesPanel, laneOfMarkers } from "../notes_panel.js";
 import { outcomeOf, outsideText, trimText } from "../words.js";
-import { eventsOf, laneOf, spansOf } from "./events.js";
+import { eventsOf, laneOf, manoeuvresOf } from "./events.js";
 import { scoringFacts } from "./facts.js";
-import { scoringSource, stripOrder } from "./source.js";
+import { readScoring, scoringSource, stripOrder } from "./source.js";
 import { createVerdictTable } from "./verdict_table.js";
 
 const WIDE = 4; // times a manoeuvre's length from which on its events cannot be told apart
@@ -29,8 +29,11 @@ export function showScoring(element, { id, query, api, navigate }) {
   return loadingView(element, { title: "Scored recording", text: "Opening the scoring", build });
 
   async function build({ keep }) {
-    const [recording, scoring] = await Promise.all([api.get(`/recordings/${id}`), api.get(path)]);
-    const { stretches } = scoring;
+    const [recording, scoring] = await Promise.all([
+      api.get(`/recordings/${id}`),
+      readScoring(api, id, query.get("scoring")),
+    ]);
+    const { manoeuvres } = scoring;
     const host = h("div", { class: "scored-chart" });
     const events = eventsOf(scoring);
     const list = h("section", { class: "event-panel", "aria-label": "Events" });
@@ -40,7 +43,7 @@ export function showScoring(element, { id, query, api, navigate }) {
       most: Infinity,
     });
     for (const event of [...events].reverse()) log.add(event);
-    const verdicts = createVerdictTable(scoring, { show: visitStretch });
+    const verdicts = createVerdictTable(scoring, { show: visitManoeuvre });
     const chart = keepChart();
     const notes = createNotesPanel({
       api,
@@ -73,14 +76,14 @@ export function showScoring(element, { id, query, api, navigate }) {
         h(
           "div",
           { class: "row" },
-          h("h2", { class: "panel-title" }, "What came of each manoeuvre"),
-          h("span", { class: "dim" }, `values are ${trimText(scoring.order)}`),
+          h("h2", { class: "panel-title" }, "Outcome of each manoeuvre"),
+          h("span", { class: "dim" }, `values are ${trimText(scoring.request)}`),
         ),
-        stretches.length
+        manoeuvres.length
           ? verdicts.element
           : empty(
               "No manoeuvre",
-              "Nothing was found to be scored: mark the manoeuvre by hand, or score the whole recording.",
+              "Nothing was detected to be scored: mark the manoeuvre by hand, or score the whole recording.",
               link("Score it again", `#/recordings/${id}`, true),
             ),
       ),
@@ -91,11 +94,11 @@ export function showScoring(element, { id, query, api, navigate }) {
       const made = createRecordingChart(host, {
         channels: scoring.channels,
         order: stripOrder(scoring.channels),
-        sources: [{ ...scoringSource(api, scoring), spans: spansOf(scoring) }],
+        sources: [{ ...scoringSource(api, scoring), manoeuvres: manoeuvresOf(scoring) }],
         epsilon: scoring.epsilon,
         label: `${recording.name} as ${scoring.monitor_name} assessed it`,
         chosen: (item) =>
-          item.stretch === undefined ? visit({ t: item.t }) : visitStretch(item.stretch),
+          item.manoeuvre === undefined ? visit({ t: item.t }) : visitManoeuvre(item.manoeuvre),
         went: visit,
       });
       keep({ close: made.destroy });
@@ -104,7 +107,7 @@ export function showScoring(element, { id, query, api, navigate }) {
 
     function lay(markers) {
       const more = laneOfMarkers(markers, 1);
-      chart.setLane([...laneOf(stretches), ...more]);
+      chart.setLane([...laneOf(manoeuvres), ...more]);
       chart.setEvents([...events, ...markers.map(({ t }) => ({ t }))]);
     }
 
@@ -118,17 +121,18 @@ export function showScoring(element, { id, query, api, navigate }) {
     }
 
     /** An event is shown within its manoeuvre, unless it can be seen where the window is. */
-    function visit({ t, stretch }) {
+    function visit({ t, manoeuvre: number }) {
       const view = chart.window.view();
-      const of = stretches[stretch] ?? stretches.find(({ start, end }) => t >= start && t <= end);
+      const manoeuvre = manoeuvres[number] ?? manoeuvres.find(({ start, end }) => t >= start && t <= end);
       const seen = t >= view.start && t <= view.end;
-      const wide = of && view.end - view.start > WIDE * (of.end - of.start);
-      if (of && (wide || !seen)) visitStretch(stretches.indexOf(of));
+      const wide =
+        manoeuvre && view.end - view.start > WIDE * (manoeuvre.end - manoeuvre.start);
+      if (manoeuvre && (wide || !seen)) visitManoeuvre(manoeuvres.indexOf(manoeuvre));
       chart.setCursor(t);
     }
 
-    function visitStretch(k) {
-      const { start, end } = stretches[k];
+    function visitManoeuvre(k) {
+      const { start, end } = manoeuvres[k];
       const margin = 0.08 * (end - start);
       chart.show(start - margin, end + margin);
       verdicts.choose(k);
@@ -175,9 +179,9 @@ export function showScoring(element, { id, query, api, navigate }) {
 }
 
 function summary(scoring) {
-  const { monitor_name: name, monitor, epsilon, lead, stretches, order } = scoring;
+  const { monitor_name: name, monitor, epsilon, lead, manoeuvres, request } = scoring;
   const counts = new Map();
-  for (const { outcome } of stretches) counts.set(outcome, (counts.get(outcome) ?? 0) + 1);
+  for (const { outcome } of manoeuvres) counts.set(outcome, (counts.get(outcome) ?? 0) + 1);
   const chips = [...counts].map(([outcome, n]) => {
     const { word, level, mark, text } = outcomeOf(outcome);
     return h(
@@ -195,7 +199,7 @@ function summary(scoring) {
       ? h(
           "span",
           { class: "chip", "data-level": "caution", title: outside },
-          "◆ LIMIT REACHED OUTSIDE",
+          "◆ EXCEEDANCE OUTSIDE",
         )
       : null,
     h(
@@ -210,7 +214,7 @@ function summary(scoring) {
       h("span", { class: "dim" }, "alerts at risk above "),
       formatted(`ε = ${figure(epsilon)}`),
     ),
-    h("span", {}, h("span", { class: "dim" }, "promised lead "), `${figure(lead)} s`),
-    h("span", {}, h("span", { class: "dim" }, "channels are "), trimText(order)),
+    h("span", {}, h("span", { class: "dim" }, "warning lead time "), `${figure(lead)} s`),
+    h("span", {}, h("span", { class: "dim" }, "channels are "), trimText(request)),
   );
 }

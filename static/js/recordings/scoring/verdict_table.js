@@ -1,5 +1,5 @@
 /**
- * What came of each manoeuvre: outcome, lead against the promise, and whether the monitor had any right to speak.
+ * Outcome of each manoeuvre, its warning lead time against the promised one, and whether the monitor was applicable.
  *
  * Exports
  *   createVerdictTable(scoring, {show}) -> {element, choose(k)}     show(k): a manoeuvre was pressed
@@ -25,35 +25,35 @@ const HEADS = [
   ["Outcome"],
   ["Peak risk", 1],
   ["First alert", 1],
-  ["Limit reached", 1],
-  ["Lead"],
-  ["Right to speak"],
+  ["First exceedance", 1],
+  ["Warning lead time"],
+  ["Applicability"],
 ];
 
 export function createVerdictTable(scoring, { show }) {
-  const { stretches } = scoring;
-  const bodies = stretches.map((stretch, k) => bodyOf(stretch, k));
+  const { manoeuvres } = scoring;
+  const bodies = manoeuvres.map(bodyOf);
   const element = h(
     "div",
     { class: "stack-tight" },
     outsideLine(scoring),
-    stretches.length > MANY ? filter() : null,
+    manoeuvres.length > MANY ? filter() : null,
     h(
       "div",
-      { class: stretches.length > MANY ? "table-scroll verdict-many" : "table-scroll" },
+      { class: manoeuvres.length > MANY ? "table-scroll verdict-many" : "table-scroll" },
       h("table", { class: "table table-cards verdict-table" }, tableHead(HEADS), bodies),
     ),
   );
 
   /** Which of many manoeuvres are shown, by their outcome. */
   function filter() {
-    const found = [...new Set(stretches.map(({ outcome }) => outcome))];
-    const count = (key) => stretches.filter(({ outcome }) => outcome === key).length;
+    const outcomes = [...new Set(manoeuvres.map(({ outcome }) => outcome))];
+    const count = (key) => manoeuvres.filter(({ outcome }) => outcome === key).length;
     const select = h(
       "select",
-      { id: "verdict-filter", onchange: () => keep(select.value) },
-      h("option", { value: "" }, `all ${stretches.length}`),
-      found.map((key) =>
+      { id: "verdict-filter", onchange: () => showOutcome(select.value) },
+      h("option", { value: "" }, `all ${manoeuvres.length}`),
+      outcomes.map((key) =>
         h("option", { value: key }, `${outcomeOf(key).word.toLowerCase()} (${count(key)})`),
       ),
     );
@@ -65,11 +65,11 @@ export function createVerdictTable(scoring, { show }) {
     );
   }
 
-  function keep(outcome) {
-    bodies.forEach((body, k) => (body.hidden = outcome !== "" && stretches[k].outcome !== outcome));
+  function showOutcome(outcome) {
+    bodies.forEach((body, k) => (body.hidden = outcome !== "" && manoeuvres[k].outcome !== outcome));
   }
 
-  function bodyOf(stretch, k) {
+  function bodyOf(manoeuvre, k) {
     const {
       name,
       start,
@@ -77,11 +77,11 @@ export function createVerdictTable(scoring, { show }) {
       outcome,
       peak_risk: risk,
       peak_t: peak,
-      crossing,
+      exceedance,
       validity,
-    } = stretch;
-    const { word, level, mark } = validityWords(stretch);
-    const withdrawn = isWithdrawn(stretch);
+    } = manoeuvre;
+    const { word, level, mark } = validityWords(manoeuvre);
+    const withdrawn = isWithdrawn(manoeuvre);
     return h(
       "tbody",
       { class: "verdict", "data-outcome": outcome },
@@ -96,16 +96,16 @@ export function createVerdictTable(scoring, { show }) {
         ),
         cell(1, outcomeChip(outcome)),
         cell(2, riskWords(risk, peak, withdrawn, scoring.epsilon)),
-        cell(3, firstAlertText(stretch)),
-        cell(4, crossing ? crossingWords(crossing, scoring.channels) : neverCrossed(outcome)),
-        cell(5, leadText(stretch, scoring.lead)),
+        cell(3, firstAlertText(manoeuvre)),
+        cell(4, exceedance ? exceedanceWords(exceedance, scoring.channels) : noExceedance(outcome)),
+        cell(5, leadText(manoeuvre, scoring.lead)),
         cell(
           6,
           h("span", { class: "chip", "data-level": level }, `${mark} ${word}`),
           pWords(validity),
         ),
       ),
-      h("tr", { class: "verdict-why" }, h("td", { colspan: HEADS.length }, why(stretch))),
+      h("tr", { class: "verdict-why" }, h("td", { colspan: HEADS.length }, why(manoeuvre))),
     );
   }
 
@@ -118,13 +118,13 @@ export function createVerdictTable(scoring, { show }) {
     );
   }
 
-  function why(stretch) {
-    const { validity } = stretch;
-    const promised = validity.valid && stretch.outcome !== "unseen";
+  function why(manoeuvre) {
+    const { validity } = manoeuvre;
+    const isGuaranteed = validity.valid && manoeuvre.outcome !== "unseen";
     return h(
       "details",
-      { open: stretches.length <= OPEN || validity.valid === false },
-      h("summary", {}, promised ? h("strong", {}, "Guarantee: ") : null, stretch.guarantee),
+      { open: manoeuvres.length <= OPEN || validity.valid === false },
+      h("summary", {}, isGuaranteed ? h("strong", {}, "Guarantee: ") : null, manoeuvre.guarantee),
       validity.reasons.length > 1 ? sentences(validity.reasons) : null, // a single one is in the guarantee
       h(
         "ul",
@@ -139,7 +139,7 @@ export function createVerdictTable(scoring, { show }) {
           ),
         ),
       ),
-      (stretch.remarks ?? []).map((words) => h("p", { class: "hint" }, words)),
+      (manoeuvre.remarks ?? []).map((words) => h("p", { class: "hint" }, words)),
     );
   }
 
@@ -156,8 +156,8 @@ function riskWords(risk, t, withdrawn, epsilon) {
   return `${riskText(risk, epsilon)} at ${secondsText(t)}`;
 }
 
-function neverCrossed(outcome) {
-  return outcome === "unseen" ? "unknown" : "no";
+function noExceedance(outcome) {
+  return outcome === "unseen" ? "not known" : "none";
 }
 
 /** What happened where nothing was assessed must not be lost. */
@@ -166,7 +166,7 @@ function outsideLine(scoring) {
   return words ? h("p", { class: "outside-line", role: "note" }, "◆ ", formatted(words)) : null;
 }
 
-function crossingWords({ t, channel, value }, channels) {
+function exceedanceWords({ t, channel, value }, channels) {
   const { symbol, unit } = channels.find(({ key }) => key === channel) ?? {
     symbol: channel,
     unit: "",

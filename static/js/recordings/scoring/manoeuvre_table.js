@@ -1,8 +1,8 @@
 /**
- * Stretches marked by hand, to be corrected by their numbers.
+ * Manoeuvres marked by hand, to be corrected by their numbers.
  *
  * Exports
- *   createSpanTable({changed}) -> {element, add(span), set(spans), read() -> [{start, end, name}], check()}
+ *   createManoeuvreTable({changed}) -> {element, add(manoeuvre), set(manoeuvres), read() -> [{start, end, name}], check()}
  */
 
 import { decimal } from "../../forms/decimals.js";
@@ -10,18 +10,18 @@ import { h } from "../../lib/dom.js";
 import { hiddenHead, tableHead } from "../../lib/lists.js";
 import { button, errorLine } from "../../lib/view_states.js";
 
-export function createSpanTable({ changed }) {
-  let spans = [];
+export function createManoeuvreTable({ changed }) {
+  let manoeuvres = [];
   const body = h("tbody", {});
   const failure = errorLine();
   const empty = h(
     "p",
     { class: "dim" },
-    "None is marked yet: drag over a manoeuvre in the chart, then add the stretch.",
+    "None is marked yet: drag over a manoeuvre in the chart, then add it.",
   );
   const table = h(
     "table",
-    { class: "table span-table-rows" },
+    { class: "table manoeuvre-rows" },
     tableHead([["Name"], ["From [s]"], ["To [s]"], hiddenHead("Remove it")]),
     body,
   );
@@ -35,42 +35,42 @@ export function createSpanTable({ changed }) {
   render();
 
   function render() {
-    spans.sort((a, b) => a.start - b.start);
-    body.replaceChildren(...spans.map(row));
-    empty.hidden = spans.length > 0;
-    table.hidden = spans.length === 0;
+    manoeuvres.sort((a, b) => a.start - b.start);
+    body.replaceChildren(...manoeuvres.map(row));
+    empty.hidden = manoeuvres.length > 0;
+    table.hidden = manoeuvres.length === 0;
     failure.show("");
     changed();
   }
 
-  function row(span, k) {
+  function row(manoeuvre, k) {
     const number = (key, words) =>
       h("input", {
         type: "text",
         inputmode: "decimal",
-        value: Number(span[key].toFixed(3)),
-        "aria-label": `${words} of stretch ${k + 1} in seconds`,
+        value: Number(manoeuvre[key].toFixed(3)),
+        "aria-label": `${words} of manoeuvre ${k + 1} in seconds`,
         onchange: (event) => {
           const { value } = event.target;
           const given = decimal(value);
-          if (Number.isFinite(given)) span[key] = given;
+          if (Number.isFinite(given)) manoeuvre[key] = given;
           render();
           if (!Number.isFinite(given)) say(`The ${words} is a number of seconds; “${value}” was given.`);
         },
       });
     const name = h("input", {
       type: "text",
-      value: span.name,
+      value: manoeuvre.name,
       maxlength: 200,
-      placeholder: `stretch ${k + 1}`,
-      "aria-label": `name of stretch ${k + 1}`,
+      placeholder: `manoeuvre ${k + 1}`,
+      "aria-label": `name of manoeuvre ${k + 1}`,
       onchange: (event) => {
-        span.name = event.target.value.trim();
+        manoeuvre.name = event.target.value.trim();
         changed();
       },
     });
     const remove = () => {
-      spans = spans.filter((one) => one !== span);
+      manoeuvres = manoeuvres.filter((other) => other !== manoeuvre);
       render();
     };
     const cell = (content) => h("td", {}, h("div", { class: "field" }, content));
@@ -85,7 +85,7 @@ export function createSpanTable({ changed }) {
         {},
         button("Remove", remove, {
           class: "button button-small",
-          "aria-label": `Remove stretch ${k + 1}`,
+          "aria-label": `Remove manoeuvre ${k + 1}`,
         }),
       ),
     );
@@ -93,12 +93,12 @@ export function createSpanTable({ changed }) {
 
   function check() {
     const wrong =
-      spans.length === 0
-        ? "Mark at least one stretch, or choose another way."
-        : spans.some(({ start, end }) => end <= start)
-          ? "A stretch must end after it begins."
-          : spans.some(({ start }, k) => k > 0 && start < spans[k - 1].end)
-            ? "Two stretches overlap: end the first before the second begins."
+      manoeuvres.length === 0
+        ? "Mark at least one manoeuvre, or choose another way."
+        : manoeuvres.some(({ start, end }) => end <= start)
+          ? "A manoeuvre must end after it begins."
+          : manoeuvres.some(({ start }, k) => k > 0 && start < manoeuvres[k - 1].end)
+            ? "Two manoeuvres overlap: end the first before the second begins."
             : "";
     say(wrong);
     return wrong === "";
@@ -111,14 +111,14 @@ export function createSpanTable({ changed }) {
   return {
     element,
     check,
-    add: (span) => {
-      spans.push({ ...span });
+    add: (manoeuvre) => {
+      manoeuvres.push({ ...manoeuvre });
       render();
     },
     set: (given) => {
-      spans = given.map((span) => ({ ...span }));
+      manoeuvres = given.map((manoeuvre) => ({ ...manoeuvre }));
       render();
     },
-    read: () => spans.map(({ start, end, name }) => ({ start, end, ...(name && { name }) })),
+    read: () => manoeuvres.map(({ start, end, name }) => ({ start, end, ...(name && { name }) })),
   };
 }
