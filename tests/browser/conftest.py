@@ -5,7 +5,8 @@ from collections.abc import Iterator
 import pytest
 from playwright.sync_api import Browser, Page
 
-from tests.browser.chromium import file_server, open_chromium, watch_errors
+from tests.browser.chromium import file_server, open_chromium, wait_until, watch_errors
+from tests.browser.strips import Open
 
 
 @pytest.fixture(scope="session")
@@ -37,3 +38,15 @@ def page(browser: Browser, allowed_errors: list[str]) -> Iterator[Page]:
     context.close()
     unexpected = [e for e in errors if not any(part in e for part in allowed_errors)]
     assert unexpected == []
+
+
+@pytest.fixture
+def strips(page: Page, origin: str) -> Open:
+    """Open the strips with a query; feed and draw through `harness`."""
+
+    def opened(query: str = "seconds=20") -> Page:
+        page.goto(f"{origin}/browser/strip_harness.html?{query}")
+        wait_until(page, "window.harness")
+        return page
+
+    return opened

@@ -92,7 +92,9 @@ def test_a_note_written_during_the_replay_stays_with_the_recording(
         for marker in site.ask("GET", f"/recordings/{recording['id']}/markers")
         if marker["text"] == "pilot calls buffet"
     ]
-    assert [(m["t"], m["kind"]) for m in markers] == [(pytest.approx(START + 3.0, abs=2 * DT), "note")]
+    assert [(m["t"], m["kind"]) for m in markers] == [
+        (pytest.approx(START + 3.0, abs=2 * DT), "note")
+    ]
 
 
 def test_strips_before_a_point_that_was_sought_are_the_recordings(replay: Page) -> None:

@@ -1,7 +1,6 @@
 """Recordings in a real Chromium: a file comes in, is mapped, is scored."""
 
 import re
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -11,7 +10,6 @@ from tests.browser.recorded_site import (
     BAD_LINE,
     OUTCOMES,
     RecordedSite,
-    open_recorded_site,
     recorded_file,
 )
 from tests.browser.site import open_site
@@ -20,12 +18,6 @@ WORDS = {"quiet": "QUIET", "timely_alert": "TIMELY ALERT", "invalid": "INVALID"}
 LONG_NAME = f"{'a very long name of a recording ' * 6}.csv"
 SLOW = 30_000
 """[ms] Reading starts a process of its own."""
-
-
-@pytest.fixture(scope="module")
-def site(tmp_path_factory: pytest.TempPathFactory) -> Iterator[RecordedSite]:
-    with open_recorded_site(tmp_path_factory.mktemp("recordings")) as site:
-        yield site
 
 
 @pytest.fixture(scope="module")
@@ -272,7 +264,9 @@ def test_a_manoeuvre_is_marked_by_dragging_and_scored(page: Page, site: Recorded
     page.goto(f"{site.http}/#/recordings/{recording}")
     page.get_by_label("Marked by hand").check()
     page.get_by_role("button", name="Score", exact=True).click()
-    expect(page.locator(".score-form .error:visible")).to_contain_text("Mark at least one manoeuvre")
+    expect(page.locator(".score-form .error:visible")).to_contain_text(
+        "Mark at least one manoeuvre"
+    )
     strip = page.locator(".picker-chart .strip canvas").first
     strip.scroll_into_view_if_needed()
     box = strip.bounding_box()

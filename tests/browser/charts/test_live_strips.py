@@ -1,0 +1,262 @@
+"""What the live strips draw of a flight, fed by hand and drawn at a given clock."""
+
+import re
+
+import pytest
+from playwright.sync_api import Browser, expect
+
+from tests.browser.chromium import wait_until
+from tests.browser.strips import GUTTER, Open, plot_width, readout, run
+
+
+def test_the_trace_ends_at_the_newest_sample_and_not_beyond(strips: Open) -> None:
+    page = strips("seconds=20&lead=2")
+    left, right = run(
+        page, "h.feed(0, 10, 1000); h.draw(1000); return h.pixels('p', 'trace').slice(1)"
+    )
+    step = 20 / plot_width(page)
+    assert right - GUTTER == pytest.approx(plot_width(page) - 2 / step, abs=3)
+    assert left - GUTTER == pytest.approx(plot_width(page) - 12 / step, abs=3)
+
+
+def test_the_strips_move_on_when_samples_stop(strips: Open) -> None:
+    page = strips()
+    fresh = run(page, "h.feed(0, 15, 1000); h.draw(1000); return h.pixels('p', 'trace')[2]")
+    assert readout(page, "p") != ""
+    late = run(page, "h.draw(6000); return h.pixels('p', 'trace')[2]")
+    assert fresh - late == pytest.approx(5 * plot_width(page) / 20, abs=2)
+
+
+def test_stale_data_shows_a_growing_hatch_the_word_and_no_number(strips: Open) -> None:
+    page = strips()
+    run(page, "h.feed(0, 15, 1000); h.draw(1000)")
+    grey = [
+        run(page, f"h.draw({wall}); return h.pixels('p', 'stale')[0]")
+        for wall in (1200, 4000, 7000)
+    ]
+    assert grey[1] > grey[0] + 200
+    assert grey[2] > 1.7 * grey[1]
+    for key in ("Ny", "p", "risk"):
+        assert readout(page, key) == ""
+        assert readout(page, key, "state") == "STALE"
+    assert page.locator(".strip-toolbar .chip").inner_text() == "STALE"
+
+
+def test_a_paused_flight_is_not_stale(strips: Open) -> None:
+    page = strips()
+    run(page, "h.feed(0, 15, 1000); h.chart.setTransport({ playing: false }, 1000); h.draw(60000)")
+    assert re.fullmatch(r"−?\d+\.\d{3}", readout(page, "p"))
+    assert page.locator(".strip-toolbar .chip").inner_text() == "PAUSED"
+    run(page, "h.chart.setTransport({ playing: true }, 60000); h.draw(60100)")
+    assert readout(page, "p") != ""
+    run(page, "h.draw(65000)")
+    assert readout(page, "p", "state") == "STALE"
+
+
+def test_missing_samples_leave_a_gap_in_the_trace(strips: Open) -> None:
+    page = strips("seconds=20&lead=0")
+    whole, broken, inside = run(
+        page,
+        """
+        h.feed(0, 20, 1000, { growth: 0 }); h.draw(1000);
+        const whole = h.pixels('p', 'trace')[0];
+        h.chart.clear();
+        h.feed(0, 8, 1000, { growth: 0 }); h.feed(12, 20, 1000, { growth: 0 }); h.draw(1000);
+        return [whole, h.pixels('p', 'trace')[0], String(h.chart.values(10).p)];
+        """,
+    )
+    assert broken < 0.9 * whole
+    assert inside == "NaN"
+
+
+def test_missing_values_break_the_trace_of_their_channel_only(strips: Open) -> None:
+    page = strips("seconds=20&lead=0")
+    p, r = run(
+        page,
+        """
+        const frames = [];
+        for (let k = 0; k < 1000; k++) frames.push(h.frame(k / 50, { growth: 0 }));
+        h.chart.push(frames, 1000); h.draw(1000);
+        const before = ['p', 'r'].map((key) => h.pixels(key, 'trace')[0]);
+        h.chart.clear();
+        const missing = [null, NaN, undefined];
+        frames.slice(300, 700).forEach((frame, k) => { frame.y[1] = missing[k % 3]; });
+        h.chart.push(frames, 1000); h.draw(1000);
+        return ['p', 'r'].map((key, i) => h.pixels(key, 'trace')[0] / before[i]);
+        """,
+    )
+    assert p < 0.8
+    assert r == pytest.approx(1, abs=0.02)
+
+
+def test_invalid_samples_stand_in_a_grey_band_with_the_word(strips: Open) -> None:
+    page = strips()
+    ground = "return h.pixels('p', 'panel', 2)[0]"
+    before = run(page, "h.feed(0, 15, 1000); h.feed(15, 18, 1000); h.draw(1000);" + ground)
+    run(page, "h.chart.clear(); h.feed(0, 15, 1000); h.feed(15, 18, 1000, { state: 'invalid' })")
+    covered = run(page, "h.draw(1001);" + ground)
+    assert before - covered > 0.8 * 3 / 20 * before
+    assert readout(page, "risk", "state") == "INVALID"
+    assert readout(page, "risk") == ""
+
+
+def test_a_measured_value_stands_where_only_the_risk_is_withdrawn(strips: Open) -> None:
+    page = strips()
+    colour = "getComputedStyle(document.querySelector('[data-key=p] .readout-value')).color"
+    run(page, "h.feed(0, 15, 1000); h.draw(1000)")
+    white = page.evaluate(colour)
+    run(page, "h.chart.clear(); h.feed(0, 15, 1000, { state: 'invalid' }); h.draw(1200)")
+    assert page.evaluate(colour) != white
+    assert re.fullmatch(r"−?\d\.\d{3}", readout(page, "Ny"))
+    expect(page.locator('.strip[data-key="Ny"] .readout-state')).to_be_hidden()
+    run(
+        page,
+        """
+        const frame = h.frame(15, { state: 'invalid' });
+        frame.y[1] = null;
+        h.chart.push(frame, 1200);
+        h.draw(1400);
+        """,
+    )
+    assert readout(page, "p") == "–"
+    assert re.fullmatch(r"−?\d\.\d{3}", readout(page, "r"))
+
+
+def test_between_manoeuvres_the_word_is_not_assessed_and_stands_once(strips: Open) -> None:
+    page = strips()
+    words = run(
+        page,
+        """
+        const words = [];
+        const write = CanvasRenderingContext2D.prototype.fillText;
+        CanvasRenderingContext2D.prototype.fillText = function (text, ...at) {
+          words.push(text);
+          return write.call(this, text, ...at);
+        };
+        h.feed(0, 15, 1000, { state: 'invalid', reason: 'between manoeuvres' });
+        h.draw(1000);
+        return words;
+        """,
+    )
+    assert words.count("NOT ASSESSED") == 1
+    assert "INVALID" not in words
+    assert readout(page, "risk", "state") == "NOT ASSESSED"
+    assert page.locator("#gauge .gauge-word").text_content() == "NOT ASSESSED"
+    run(page, "h.feed(15, 15.2, 1000, { state: 'invalid', reason: 'unlike training' })")
+    run(page, "h.draw(1200)")
+    assert readout(page, "risk", "state") == "INVALID"
+    assert page.locator("#gauge .gauge-word").text_content() == "INVALID"
+
+
+def test_zero_is_not_on_an_axis_that_does_not_include_it(strips: Open) -> None:
+    words = run(
+        strips(),
+        """
+        const words = [];
+        const write = CanvasRenderingContext2D.prototype.fillText;
+        CanvasRenderingContext2D.prototype.fillText = function (text, ...at) {
+          if (this.canvas.closest('[data-key="beta"]')) words.push(text);
+          return write.call(this, text, ...at);
+        };
+        for (let k = 0; k < 900; k++) {
+          const frame = h.frame(k / 50);
+          frame.y[0] -= 1.5;
+          h.chart.push(frame, 1000);
+        }
+        for (const wall of [1000, 2000, 7000, 8000]) {
+          words.length = 0;
+          h.draw(wall);
+        }
+        return words;
+        """,
+    )
+    assert any(word.startswith("−1.") for word in words)
+    assert "0" not in words
+
+
+def test_the_trace_of_invalid_samples_is_grey(strips: Open) -> None:
+    page = strips("seconds=20&lead=0")
+    rightmost = "h.draw(1000); return h.pixels('p', 'trace')[2]"
+    valid = run(page, "h.feed(0, 12, 1000); h.feed(12, 18, 1000);" + rightmost)
+    run(page, "h.chart.clear(); h.feed(0, 12, 1000); h.feed(12, 18, 1000, { state: 'invalid' })")
+    assert run(page, rightmost) < valid - 0.2 * plot_width(page)
+    assert run(page, "return h.pixels('p', 'dim', 60)[2]") > valid - 3
+
+
+def test_frames_left_out_for_display_are_not_a_gap(strips: Open) -> None:
+    page = strips("seconds=20&lead=0")
+    thinned, gaps = run(
+        page,
+        """
+        const frames = [];
+        for (let k = 0; k < 1000; k += 10) frames.push({ ...h.frame(k / 50), seq: k });
+        h.chart.push(frames, 1000); h.draw(1000);
+        const joined = h.pixels('p', 'trace')[0];
+        h.chart.clear();
+        h.chart.push(frames.map((frame, k) => ({ ...frame, seq: k })), 1000); h.draw(1000);
+        return [joined, h.pixels('p', 'trace')[0]];
+        """,
+    )
+    assert thinned > 3 * gaps
+
+
+def test_the_forecast_reaches_past_the_newest_sample_by_the_lead(strips: Open) -> None:
+    page = strips("seconds=20&lead=2")
+    right = run(page, "h.feed(0, 10, 1000); h.draw(1000); return h.pixels('Ny', 'forecast', 60)[2]")
+    now = run(page, "return h.pixels('Ny', 'trace')[2]")
+    assert right - now == pytest.approx(2 * plot_width(page) / 20, abs=8)
+    assert readout(page, "Ny", "detail").startswith("in 2.00 s")
+
+
+def test_an_exceedance_of_either_sign_is_latched_until_acknowledged(strips: Open) -> None:
+    page = strips()
+    for value in (0.5, -0.5):
+        run(
+            page,
+            f"""
+            h.chart.clear();
+            for (let k = 0; k < 100; k++) {{
+              const frame = h.frame(k / 50);
+              frame.y[3] = k === 40 ? {value} : 0.99 * {value};
+              h.chart.push(frame, 1000);
+            }}
+            h.draw(1000);
+            """,
+        )
+        assert run(page, "return h.chart.exceedances()") == [
+            {"key": "Ny", "t": 0.8, "value": value}
+        ]
+        assert readout(page, "Ny", "badge") == "LIMIT"
+        assert readout(page, "Ny", "latch")[0] == ("▲" if value > 0 else "▼")
+        assert run(page, "return h.pixels('Ny', 'alert')[0]") > 20
+    run(page, "h.chart.acknowledge(); h.draw(1300)")
+    assert run(page, "return h.chart.exceedances()") == []
+    assert not page.locator('.strip[data-key="Ny"] .readout-latch').is_visible()
+
+
+def test_alerts_are_hatched_on_the_risk_strip_and_named(strips: Open) -> None:
+    page = strips()
+    calm = run(page, "h.feed(0, 1, 1000); h.draw(1000); return h.pixels('risk', 'alert', 90)[0]")
+    run(page, "h.feed(1, 19.2, 1000, { growth: 0.5 }); h.draw(1000)")
+    assert run(page, "return h.pixels('risk', 'alert', 90)[0]") > calm + 300
+    assert readout(page, "risk", "badge") == "ALERT"
+
+
+def test_the_picture_is_sharp_on_a_dense_screen_and_follows_the_window(
+    browser: Browser, origin: str
+) -> None:
+    context = browser.new_context(viewport={"width": 1280, "height": 720}, device_scale_factor=2)
+    page = context.new_page()
+    page.goto(f"{origin}/browser/strip_harness.html")
+    wait_until(page, "window.harness")
+    run(page, "h.feed(0, 10, 1000); h.draw(1000)")
+    shape = "const c = document.querySelector('.strip canvas'); return [c.width, c.clientWidth]"
+    device, css = run(page, shape)
+    assert device == pytest.approx(2 * css, abs=2)
+    page.set_viewport_size({"width": 900, "height": 720})
+    wait_until(page, f"document.querySelector('.strip canvas').clientWidth < {css}")
+    page.evaluate("new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)))")
+    run(page, "h.draw(1100)")
+    device, css = run(page, shape)
+    assert device == pytest.approx(2 * css, abs=2)
+    context.close()

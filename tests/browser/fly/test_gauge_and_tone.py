@@ -1,0 +1,141 @@
+"""The gauge, the alarm line and the tone, fed by hand."""
+
+from typing import Any
+
+import pytest
+from playwright.sync_api import expect
+
+from tests.browser.chromium import wait_until
+from tests.browser.strips import Open, run
+
+
+def test_the_guarantee_is_shown_only_while_it_stands(strips: Open) -> None:
+    texts = run(
+        strips(),
+        """
+        const element = document.createElement('div');
+        const tone = { start() {}, stop() {} };
+        const panel = h.createAlarmPanel(element, { tone, acknowledge: null });
+        panel.describe({ epsilon: 0.1, lead: 0.5, limits: [] });
+        return [
+          { state: 'ok', reason: '' },
+          { state: 'invalid', reason: 'unlike training' },
+          { state: 'invalid', reason: 'between manoeuvres' },
+          { state: 'ok', reason: '' },
+        ].map((now) => {
+          panel.setState(now);
+          return element.querySelector('.alarm-calm').textContent;
+        });
+        """,
+    )
+    assert "at most 10 % get no alert" in texts[0]
+    assert texts[1].endswith("The guarantee is withdrawn: unlike training")
+    assert texts[2].endswith("No guarantee between manoeuvres: nothing is assessed there.")
+    assert texts[3] == texts[0]
+
+
+@pytest.mark.parametrize(
+    ("reading", "word"),
+    [
+        ({"state": "ok", "p_value": 0.034, "epsilon": 0.1, "alert": False}, "OK"),
+        ({"state": "ok", "p_value": 0.34, "epsilon": 0.1, "alert": True}, "ALERT"),
+        ({"state": "warming_up", "p_value": None, "epsilon": 0.1, "alert": None}, "WARMING UP"),
+        ({"state": "stale", "p_value": None, "epsilon": 0.1, "alert": None}, "STALE"),
+        ({"state": "invalid", "p_value": None, "epsilon": 0.1, "alert": None}, "INVALID"),
+        ({"state": "ok", "p_value": None, "epsilon": 0.1, "alert": None}, "INVALID"),
+        ({"state": None, "epsilon": None}, "NO DATA"),
+    ],
+)
+def test_the_gauge_has_a_word_and_a_number_only_where_assessed(
+    strips: Open, reading: dict[str, Any], word: str
+) -> None:
+    page = strips()
+    page.evaluate("(reading) => harness.gauge.update(reading)", reading)
+    gauge = page.locator("#gauge")
+    assert gauge.locator(".gauge-word").text_content() == word
+    assessed = word in ("OK", "ALERT")
+    number = gauge.locator(".gauge-number").text_content()
+    assert number == (str(reading["p_value"]) if assessed else "")
+    dial = gauge.locator("svg")
+    assert dial.get_attribute("role") == ("meter" if assessed else "img")
+    assert dial.get_attribute("aria-valuenow") == (number if assessed else None)
+    hatched = gauge.locator('path[stroke$="-grey)"]').get_attribute("visibility")
+    assert hatched == ("hidden" if assessed else "visible")
+    expect(gauge.get_by_text("risk (higher is worse)")).to_be_visible()
+
+
+def test_every_state_of_the_gauge_has_its_own_shape(strips: Open) -> None:
+    page = strips()
+    shapes = run(
+        page,
+        """
+        return ['ok', 'alert', 'warming_up', 'stale', 'invalid', null].map((state) => {
+          const alert = state === 'alert';
+          h.gauge.update({ state: alert ? 'ok' : state, alert, p_value: 0.3, epsilon: 0.1 });
+          return document.querySelector('.gauge-shape').getAttribute('d');
+        });
+        """,
+    )
+    assert len(set(shapes)) == 6
+
+
+@pytest.mark.parametrize(
+    ("risk", "epsilon", "text"),
+    [
+        (0.0341, 0.1, "0.034"),
+        (0.341, 0.1, "0.34"),
+        (0.1004, 0.1, "0.1004"),
+        (0.0996, 0.1, "0.100"),
+        (0.0504, 0.05, "0.0504"),
+    ],
+)
+def test_rounding_never_puts_the_risk_on_the_wrong_side_of_epsilon(
+    strips: Open, risk: float, epsilon: float, text: str
+) -> None:
+    shown = strips().evaluate("([r, e]) => harness.riskText(r, e)", [risk, epsilon])
+    assert shown == text
+    assert (float(shown) > epsilon) == (risk > epsilon)
+
+
+def test_the_gauge_drops_its_number_by_itself_when_samples_stop(strips: Open) -> None:
+    page = strips("auto&seconds=20")
+    run(page, "h.feed(0, 1, performance.now() - 9000)")
+    wait_until(page, "document.querySelector('.gauge-word').textContent === 'STALE'")
+    assert page.locator(".gauge-number").text_content() == ""
+    assert run(page, "return h.loopStats().turns") > 0
+
+
+def test_the_tone_is_blocked_until_the_page_is_touched_and_says_so(strips: Open) -> None:
+    page = strips()
+    mute = page.locator("#mute")
+    assert "blocked" in mute.inner_text()
+    mute.click()
+    expect(mute).to_have_text("Sound on")
+    mute.click()
+    expect(mute).to_have_text("Muted")
+    assert mute.get_attribute("aria-pressed") == "true"
+    page.reload()
+    expect(page.locator("#mute")).to_have_text("Muted")
+
+
+def test_the_alert_sounds_again_and_again_until_stopped_unless_muted(strips: Open) -> None:
+    loudest = """
+        const render = async (muted) => {
+          let context;
+          const Context = class extends OfflineAudioContext {
+            constructor() { super(1, 4 * 22050, 22050); context = this; }
+          };
+          const tone = h.createTone({ storage: null, Context });
+          tone.setMuted(muted);
+          tone.start();
+          const samples = (await context.startRendering()).getChannelData(0);
+          const second = (k) => Math.max(...samples.subarray(k * 22050, (k + 1) * 22050));
+          return [second(0), second(3), tone.sounding, (tone.stop(), tone.sounding)];
+        };
+        return Promise.all([render(false), render(true)]);
+    """
+    heard, muted = run(strips(), loudest)
+    assert heard[0] > 0.3
+    assert heard[1] > 0.3
+    assert heard[2:] == [True, False]
+    assert muted[:2] == [0, 0]

@@ -1,0 +1,38 @@
+"""A server with a recording, and a scoring of it: what these tests share."""
+
+from collections.abc import Iterator
+from typing import Any
+
+import pytest
+from playwright.sync_api import Page
+
+from tests.browser.recorded_site import OUTCOMES, RecordedSite, open_recorded_site
+from tests.browser.recordings.scored_chart import drawn
+
+
+@pytest.fixture(scope="module")
+def site(tmp_path_factory: pytest.TempPathFactory) -> Iterator[RecordedSite]:
+    with open_recorded_site(tmp_path_factory.mktemp("scored")) as site:
+        yield site
+
+
+@pytest.fixture(scope="module")
+def recording(site: RecordedSite) -> str:
+    made = site.upload()
+    site.confirm(made)
+    return made
+
+
+@pytest.fixture(scope="module")
+def scoring(site: RecordedSite, recording: str) -> dict[str, Any]:
+    made = site.score(recording, epsilon=0.1)
+    assert [stretch["outcome"] for stretch in made["stretches"]] == OUTCOMES
+    return made
+
+
+@pytest.fixture
+def scored(page: Page, site: RecordedSite, recording: str, scoring: dict[str, Any]) -> Page:
+    """The scored recording's page, drawn."""
+    page.goto(f"{site.http}/#/recordings/{recording}?scoring={scoring['id']}")
+    drawn(page)
+    return page

@@ -1,0 +1,165 @@
+"""A scored recording: verdicts, notes, what leads out of the page, comparisons."""
+
+import re
+from typing import Any
+
+from playwright.sync_api import Page, expect
+
+from tests.browser.recorded_site import RecordedSite
+from tests.browser.recordings.scored_chart import drawn, pixels, press
+
+SCENE = ["'unsafe-eval' is not an allowed source", "THREE.Clock", "GPU stall due to ReadPixels"]
+
+
+def test_every_verdict_has_a_word_and_says_what_is_promised(
+    scored: Page, scoring: dict[str, Any]
+) -> None:
+    words = ["✓ QUIET", "✓ TIMELY ALERT", "✕ INVALID"]
+    expect(scored.locator(".scored-summary .chip")).to_have_text(words)
+    lane = scored.locator(".lane-item")
+    expect(lane).to_have_count(3)
+    for k, word in enumerate(("QUIET", "TIMELY ALERT", "INVALID")):
+        expect(lane.nth(k)).to_have_attribute("title", re.compile(f"^manoeuvre {k + 1}: {word}"))
+    verdicts = scored.locator(".verdict")
+    for k, stretch in enumerate(scoring["stretches"]):
+        expect(verdicts.nth(k)).to_contain_text(stretch["guarantee"])
+        checks = verdicts.nth(k).locator(".checks li")
+        expect(checks).to_have_count(len(stretch["validity"]["checks"]))
+    promised = f"{scoring['stretches'][1]['lead']:.2f} s, at least 0.25 s"
+    expect(verdicts.nth(1)).to_contain_text(promised)
+    expect(verdicts.nth(2)).to_contain_text("The guarantee is withdrawn")
+    for label in ("First alert", "Warning lead time", "Peak risk"):
+        expect(verdicts.nth(2).locator(f'[data-label="{label}"]')).to_have_text("withdrawn")
+    expect(scored.locator(".scored-summary")).to_contain_text("channels are from trim")
+    expect(verdicts.nth(2).locator('[data-ok="false"]')).to_contain_text("✕")
+
+
+def test_an_exceedance_outside_every_manoeuvre_is_told(
+    page: Page, site: RecordedSite, recording: str, scoring: dict[str, Any]
+) -> None:
+    path = f"/recordings/{recording}/scorings/{scoring['id']}"
+    crossing = {"t": 0.2, "channel": "Ny", "value": -0.21}
+    stretches = [{**scoring["stretches"][0], "outcome": "unseen"}]
+    told = {**scoring, "outside": [crossing], "stretches": stretches}
+    page.route(f"**/api/v1{path}", lambda route: route.fulfill(json=told))
+    page.goto(f"{site.http}/#{path.replace('/scorings/', '?scoring=')}")
+    drawn(page)
+    line = page.locator(".outside-line")
+    expect(line).to_contain_text("exceeds its limit outside every manoeuvre: −0.210 g at 0.20 s")
+    expect(page.locator(".event-list .event")).to_contain_text(["outside every manoeuvre"])
+    expect(page.locator(".verdict .chip").first).to_have_text("◇ NOT ALL SEEN")
+    expect(page.locator('.verdict [data-label="First exceedance"]')).to_have_text("not known")
+    expect(page.locator('.verdict .chip[data-level="ok"]')).to_have_count(0)
+    press(page, "n")
+    assert "cursor 0." in page.locator(".strip-cursors").inner_text()
+
+
+def test_a_scoring_by_an_earlier_mapping_is_marked(
+    page: Page, site: RecordedSite, scoring: dict[str, Any]
+) -> None:
+    other = site.upload("turned.csv")
+    site.confirm(other)
+    made = site.score(other, epsilon=0.1)
+    mapping = site.ask("GET", f"/recordings/{other}")["mapping"]
+    mapping["channels"]["beta"]["sign"] *= -1
+    body = {"mapping": mapping, "remember": False}
+    site.ask("PUT", f"/recordings/{other}/mapping", json=body)
+    page.goto(f"{site.http}/#/recordings/{other}")
+    chip = page.locator(".chip", has_text="earlier mapping")
+    expect(chip).to_have_attribute("title", re.compile("in sideslip"))
+    both = f"{made['id']},{scoring['recording']}:{scoring['id']}"
+    page.goto(f"{site.http}/#/recordings/{other}?compare={both}")
+    expect(page.locator(".compare-table thead")).to_contain_text("earlier mapping")
+    expect(chip).to_have_count(1)
+
+
+def test_notes_and_markers_are_set_changed_and_deleted(
+    scored: Page, site: RecordedSite, recording: str
+) -> None:
+    expect(scored.get_by_role("button", name="Add the note")).to_be_disabled()
+    press(scored, "n", "m")
+    notes = scored.locator(".note")
+    expect(notes).to_contain_text(["marker 1"])
+    text = scored.get_by_role("textbox", name="text of the note")
+    press(scored, "a", "n", "b")
+    text.fill("gust from the left")
+    scored.get_by_role("button", name="Add the note").click()
+    expect(notes).to_have_count(2)
+    expect(scored.locator(".lane-item", has_text="gust")).to_be_visible()
+    scored.get_by_role("button", name="Edit: gust from the left").click()
+    editor = notes.locator("input")
+    editor.fill("gust from the right")
+    editor.press("Enter")
+    expect(notes).to_contain_text(["marker 1", "gust from the right"])
+    markers = site.ask("GET", f"/recordings/{recording}/markers")
+    assert [(marker["kind"], marker["text"]) for marker in markers] == [
+        ("marker", "marker 1"),
+        ("note", "gust from the right"),
+    ]
+    assert markers[1]["end"] > markers[1]["t"]
+    for name in ("marker 1", "gust from the right"):
+        scored.get_by_role("button", name=f"Delete: {name}").click()
+    expect(notes).to_have_count(0)
+
+
+def test_report_and_exports_are_links_that_work(scored: Page, site: RecordedSite) -> None:
+    links = {
+        name: scored.get_by_role("link", name=name, exact=True).get_attribute("href")
+        for name in ("Report", "CSV", "Parquet", "MAT")
+    }
+    for name, address in links.items():
+        answer = scored.request.get(f"{site.http}{address}")
+        assert answer.ok, name
+        assert len(answer.body()) > 1000
+
+
+def test_replay_flies_the_recording(
+    scored: Page, recording: str, site: RecordedSite, allowed_errors: list[str]
+) -> None:
+    allowed_errors += SCENE
+    scored.evaluate("localStorage.setItem('forewarn.scene', 'hidden')")
+    scored.get_by_role("button", name="Replay").click()
+    scored.locator('[data-flight="open"]').wait_for()
+    flights = site.ask("GET", "/flights")
+    assert flights[0]["source"]["recording"] == recording
+    site.ask("DELETE", f"/flights/{flights[0]['id']}")
+
+
+def test_scorings_are_compared_and_laid_over_each_other(
+    page: Page, site: RecordedSite, recording: str, scoring: dict[str, Any]
+) -> None:
+    other = site.upload("second recorder.csv")
+    site.confirm(other)
+    theirs = site.score(other, epsilon=0.3)
+    page.goto(f"{site.http}/#/recordings/{recording}?compare={scoring['id']}")
+    expect(page.locator(".compare-table thead th")).to_have_count(2)
+    page.get_by_label("Add a scoring of").select_option(other)
+    expect(page.get_by_role("button", name="Add it")).to_be_enabled()
+    page.get_by_role("button", name="Add it").click()
+    page.wait_for_url(f"**compare={scoring['id']},{other}:{theirs['id']}")
+    expect(page.locator(".compare-table thead th")).to_have_count(3)
+    expect(page.locator(".compare-table tbody tr")).to_have_count(3)
+    drawn(page)
+    expect(page.locator(".overlay-key")).to_contain_text("t = 0 at")
+    assert pixels(page, "Ny", "trace") > 100
+    assert pixels(page, "Ny", "forecast") > 100
+    page.get_by_label("moment that over begins at").select_option("1")
+    expect(page.locator(".lane-item", has_text="B manoeuvre 2")).to_be_visible()
+    page.get_by_role("button", name="Leave B out").click()
+    expect(page.locator(".compare-table thead th")).to_have_count(2)
+
+
+def test_manoeuvres_of_one_recording_are_matched_by_time_and_of_others_by_order(
+    scored: Page,
+) -> None:
+    rows = scored.evaluate("""async () => {
+        const { rowsOf } = await import("/js/recordings/compare/table.js");
+        const scoring = (recording, ...times) =>
+            ({ recording, manoeuvres: times.map(([start, end]) => ({ start, end })) });
+        return rowsOf([
+            scoring("a", [0, 10], [20, 30]),
+            scoring("a", [21, 29], [40, 50]),
+            scoring("b", [100, 110]),
+        ]);
+    }""")
+    assert rows == [[0, -1, 0], [1, 0, -1], [-1, 1, -1]]

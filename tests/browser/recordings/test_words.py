@@ -1,0 +1,48 @@
+"""How outcomes, typed numbers and changed mappings are put in words."""
+
+import pytest
+
+from tests.browser.strips import Open, run
+
+
+def test_an_outcome_that_is_not_known_is_never_green(strips: Open) -> None:
+    page = strips()
+    unseen = run(page, "return h.outcomeOf('unseen')")
+    assert (unseen["mark"], unseen["word"], unseen["level"]) == ("◇", "NOT ALL SEEN", "caution")
+    other = run(page, "return h.outcomeOf('seen_by_half')")
+    assert (other["word"], other["level"]) == ("SEEN BY HALF", "caution")
+    right = "return h.validityWords({ validity: { valid: true }, outcome: 'unseen' }).level"
+    assert run(page, right) == "caution"
+
+
+@pytest.mark.parametrize(
+    ("text", "numbers"),
+    [
+        ("0,05", ["0.05"]),
+        ("0.05 0,1; .2", ["0.05", "0.1", ".2"]),
+        ("0.1,0.2, 0.3", ["0.1", "0.2", "0.3"]),
+        ("", []),
+    ],
+)
+def test_a_comma_is_a_decimal_mark(strips: Open, text: str, numbers: list[str]) -> None:
+    page = strips()
+    assert page.evaluate("(text) => harness.decimals(text)", text) == numbers
+    assert page.evaluate("() => [harness.decimal('-1,5'), harness.decimal('−2')]") == [-1.5, -2]
+    assert page.evaluate("() => String(harness.decimal('1,5 s'))") == "NaN"
+
+
+def test_a_mapping_that_was_changed_names_what_differs(strips: Open) -> None:
+    changed = run(
+        strips(),
+        """
+        const source = { signal: 'a', unit: 'rad', sign: 1, offset: 0, derivation: '' };
+        const mapping = (channels, t = 's') => ({ channels, times: { all: { signal: t } } });
+        const now = mapping({ p: source, r: source });
+        return [
+          h.changedChannels(mapping({ r: { unit: 'rad', signal: 'a' }, p: source }), now),
+          h.changedChannels(mapping({ p: { ...source, sign: -1 } }), now),
+          h.changedChannels(mapping({ p: source, r: source }, 'clock'), now),
+        ];
+        """,
+    )
+    assert changed == [[], ["p", "r"], ["time"]]

@@ -1,0 +1,78 @@
+"""The style sheet: contrast, paper, small screens."""
+
+import pytest
+from playwright.sync_api import Page
+
+from tests.browser.chromium import wait_until
+from tests.browser.strips import Open, run
+
+TEXTS = ["text", "dim", "link", "ok", "caution", "alert", "limit", "epsilon", "trace", "forecast"]
+PAIRS = [(text, ground) for text in TEXTS for ground in ("page", "panel")] + [
+    ("text", "raised"), ("dim", "raised"), ("on-alert", "alert-fill"),
+    ("on-primary", "primary-fill"),
+    ("panel", "mark-a"), ("panel", "mark-b"), ("panel", "cursor"),
+]  # fmt: skip
+
+
+def luminance(colour: str) -> float:
+    parts = [int(colour[k : k + 2], 16) / 255 for k in (1, 3, 5)]
+    linear = [c / 12.92 if c <= 0.04045 else ((c + 0.055) / 1.055) ** 2.4 for c in parts]
+    return sum(weight * c for weight, c in zip((0.2126, 0.7152, 0.0722), linear, strict=True))
+
+
+def contrast(first: str, second: str) -> float:
+    low, high = sorted((luminance(first), luminance(second)))
+    return (high + 0.05) / (low + 0.05)
+
+
+def tokens(page: Page) -> dict[str, str]:
+    names = {name for pair in PAIRS for name in pair} | {"control-line", "stale", "band", "grid"}
+    return page.evaluate(
+        """(names) => Object.fromEntries(names.map((name) => [name,
+             getComputedStyle(document.documentElement).getPropertyValue('--' + name).trim()]))""",
+        sorted(names),
+    )
+
+
+@pytest.mark.parametrize("theme", ["dark", "light"])
+def test_text_contrast_meets_aa(strips: Open, theme: str) -> None:
+    colours = tokens(strips(f"theme={theme}"))
+    weak = {
+        f"{text} on {ground}": round(contrast(colours[text], colours[ground]), 2)
+        for text, ground in PAIRS
+        if contrast(colours[text], colours[ground]) < 4.5
+    }
+    assert weak == {}
+    assert contrast(colours["control-line"], colours["panel"]) >= 3
+
+
+def test_paper_gets_the_light_theme_on_page_and_canvas(strips: Open) -> None:
+    page = strips()
+    run(page, "h.feed(0, 15, 1000); h.draw(1000)")
+    dark = tokens(page)
+    page.emulate_media(media="print")
+    printed = tokens(page)
+    wait_until(page, "harness.pixels('p', 'panel', 2)[0] > 10000")
+    page.emulate_media(media="screen")
+    page.evaluate("document.documentElement.dataset.theme = 'light'")
+    assert tokens(page) == printed
+    assert printed["panel"] == "#ffffff" != dark["panel"]
+
+
+def test_nothing_overflows_on_a_small_screen_or_a_tablet(strips: Open) -> None:
+    page = strips()
+    run(page, "h.feed(0, 30, 1000, { growth: 0.5 }); h.chart.setMark('a', 25); h.draw(1000)")
+    page.evaluate("document.querySelector('#alarm').hidden = false")
+    overflow = """(({ scrollWidth, scrollHeight }) =>
+        [innerWidth, innerHeight, scrollWidth, scrollHeight])(document.documentElement)"""
+    width, height, scroll_width, scroll_height = page.evaluate(overflow)
+    assert scroll_width <= width
+    assert scroll_height <= height
+    clipped = """[...document.querySelectorAll('.readout')]
+        .filter((e) => e.scrollWidth > e.clientWidth || e.scrollHeight > e.clientHeight)
+        .map((e) => e.parentElement.dataset.key)"""
+    assert page.evaluate(clipped) == []
+    page.set_viewport_size({"width": 820, "height": 1180})
+    width, _, scroll_width, _ = page.evaluate(overflow)
+    assert scroll_width <= width
+    assert page.evaluate(clipped) == []
