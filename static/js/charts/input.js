@@ -2,15 +2,17 @@
  * Mouse, touch and keyboard on the strips, turned into calls of the timeline.
  *
  * Exports
- *   attachInput(host, plots, timeline, chart)
- *     host: the focusable element.   plots: the element whose box holds the plots.
- *     chart: {view() -> View, plotLeft() -> px, plotWidth() -> px, dt() -> s, newest() -> t, wall() -> ms}
+ *   attachControls(host, {rows, bar}, timeline, chart)
+ *     host: the focusable element.   rows: the element whose box holds the plots.   bar: the tool bar
+ *     chart: {view() -> View, plotWidth() -> px, dt() -> s, newest() -> t, wall() -> ms}
  *   attachMarking(plots, timeWindow, {left() -> px, width() -> px}) -> {set(active)}
  *     while active a drag sets the cursors A and B in place of moving the window
  *   KEYS_HELP  what the keys do, in one sentence
  *
  * Wheel zooms, drag pans, two fingers do both, a click pins the cursor, a double click goes live.
  */
+
+import { GUTTER } from "./strip_frame.js";
 
 export const KEYS_HELP =
   "Left and right arrows move the cursor, with Shift ten times as far; Home and End go to the window's " +
@@ -19,7 +21,7 @@ export const KEYS_HELP =
 
 const CLICK = 4; // px that a click may wander
 
-export function attachInput(host, plots, timeline, chart) {
+function attachInput(host, plots, timeline, chart) {
   const pointers = new Map();
   let travelled = 0;
 
@@ -197,4 +199,14 @@ export function attachMarking(plots, timeWindow, { left, width }) {
       plots.toggleAttribute("data-marking", wanted);
     },
   };
+}
+
+export function attachControls(host, { rows, bar }, timeline, chart) {
+  const input = attachInput(host, rows, timeline, { plotLeft: () => GUTTER, ...chart });
+  bar.on("a", () => input.mark("a"));
+  bar.on("b", () => input.mark("b"));
+  bar.on("clear", () => timeline.clearMarks());
+  bar.on("in", () => input.zoom(0.5));
+  bar.on("out", () => input.zoom(2));
+  bar.on("live", () => timeline.goLive());
 }

@@ -37,7 +37,7 @@ export function createConnection(flight, on, { Socket = WebSocket } = {}) {
   const counts = { conflated: 0, before: 0, lost: 0 };
   let socket = null;
   let seen = -1; // newest seq taken
-  let greeted = false;
+  let knowsFlight = false;
   let newest = null; // {sent, latency} of the newest live frame
   let backlog = -1; // head at hello: frames up to it come late on purpose
   let heard = 0;
@@ -65,7 +65,7 @@ export function createConnection(flight, on, { Socket = WebSocket } = {}) {
       take(JSON.parse(event.data));
     });
     mine.addEventListener("close", (event) => {
-      if (socket === mine) gone(event.code);
+      if (socket === mine) onClose(event.code);
     });
     listenLater(2 * LISTEN);
   }
@@ -84,14 +84,14 @@ export function createConnection(flight, on, { Socket = WebSocket } = {}) {
     heldUp = !heldUp && now - listenAt > LISTEN;
     if (!heldUp && now - heard > SILENCE) {
       const silent = socket;
-      gone(0);
+      onClose(0);
       silent.close();
       return;
     }
     listenLater(LISTEN);
   }
 
-  function gone(code) {
+  function onClose(code) {
     clearTimeout(timer);
     socket = null;
     if (closed || connection.link === "over") return;
@@ -113,8 +113,8 @@ export function createConnection(flight, on, { Socket = WebSocket } = {}) {
 
   const takers = {
     hello: (message) => {
-      const again = greeted;
-      [greeted, backlog, connection.attempt] = [true, message.head, 0];
+      const again = knowsFlight;
+      [knowsFlight, backlog, connection.attempt] = [true, message.head, 0];
       counts.before += counts.conflated;
       counts.conflated = 0;
       clock.setUtc(message.server_time);

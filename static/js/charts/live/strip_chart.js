@@ -33,7 +33,7 @@
  */
 
 import { addDrawer } from "../../lib/draw_loop.js";
-import { attachInput } from "../input.js";
+import { attachControls } from "../input.js";
 import { layOut } from "../layout.js";
 import { readPalette, watchTheme } from "../palette.js";
 import { shownState } from "../readout.js";
@@ -63,7 +63,7 @@ export function createStripChart(host, options) {
   const intake = createIntake({ ring, channels, strips, flight, onExceedance });
   const visible = createVisibleSamples();
   const layout = layOut(host, strips);
-  const { rows, rowOf, axis, bar } = layout;
+  const { rowOf, axis } = layout;
   const canvases = strips.map((strip, k) => createStripCanvas(rowOf[k].canvas, strip));
   const readings = createReadings(strips, layout, { ring, timeline, flight, intake });
   const timeAxis = createTimeAxis(axis);
@@ -158,20 +158,13 @@ export function createStripChart(host, options) {
     Object.assign(drawn, { column: frame.first, count: ring.count(), look, stale, revision });
   }
 
-  const input = attachInput(host, rows, timeline, {
+  attachControls(host, layout, timeline, {
     view: () => timeline.view(wall),
-    plotLeft: () => GUTTER,
     plotWidth: () => plot,
     dt: () => flight.dt,
     newest,
     wall: () => wall,
   });
-  bar.on("a", () => input.mark("a"));
-  bar.on("b", () => input.mark("b"));
-  bar.on("clear", () => timeline.clearMarks());
-  bar.on("in", () => input.zoom(0.5));
-  bar.on("out", () => input.zoom(2));
-  bar.on("live", () => timeline.goLive());
 
   const resizing = new ResizeObserver(() => {
     measured = false;

@@ -24,7 +24,7 @@
 
 import { reason } from "../../lib/api.js";
 import { addDrawer } from "../../lib/draw_loop.js";
-import { attachInput, attachMarking } from "../input.js";
+import { attachControls, attachMarking } from "../input.js";
 import { readPalette, watchTheme } from "../palette.js";
 import { GUTTER } from "../strip_frame.js";
 import { stripOf } from "../strips.js";
@@ -54,7 +54,7 @@ export function createRecordingChart(host, options) {
     stripOf(key, options.channels, { narrowAfter: NARROW_AFTER }),
   );
   const layout = layOutRecording(host, strips, options.label ?? "Recording");
-  const { rows, rowOf, bar } = layout;
+  const { rowOf } = layout;
   const lane = createEventLane(layout.lane, { chosen: (item) => options.chosen?.(item) });
   const readings = createReadings(strips, layout, { timeWindow, epsilon, manoeuvres });
   const canvases = strips.map((strip, k) => createTileStrip(rowOf[k].canvas, strip));
@@ -99,10 +99,10 @@ export function createRecordingChart(host, options) {
     fit(overview, layout.overview);
     plot = Math.max(16, Math.floor(widths[0]) - GUTTER);
     measured = widths[0] > 0;
-    if (measured) dress(); // only what is on the page has colours
+    if (measured) setPalette(); // only what is on the page has colours
   }
 
-  function dress() {
+  function setPalette() {
     const palette = readPalette(host);
     for (const part of [...canvases, timeAxis, overview]) part.setPalette(palette);
     changed();
@@ -168,40 +168,22 @@ export function createRecordingChart(host, options) {
     }
   }
 
-  const input = attachInput(host, rows, timeWindow, {
+  attachControls(host, layout, timeWindow, {
     view: () => timeWindow.view(),
-    plotLeft: () => GUTTER,
     plotWidth: () => plot,
     dt: () => dt,
     newest: () => end,
     wall: () => 0,
   });
-  const marking = attachMarking(rows, timeWindow, { left: () => GUTTER, width: () => plot });
-  const acts = {
-    a: () => input.mark("a"),
-    b: () => input.mark("b"),
-    clear: () => timeWindow.clearMarks(),
-    in: () => input.zoom(0.5),
-    out: () => input.zoom(2),
-    live: () => timeWindow.showAll(),
-    next: () => go(1),
-    back: () => go(-1),
-  };
-  for (const [name, act] of Object.entries(acts)) bar.on(name, act);
-  host.addEventListener("keydown", (event) => {
-    if (event.ctrlKey || event.metaKey || event.altKey || event.target !== host) return;
-    const direction = { n: 1, p: -1 }[event.key.toLowerCase()];
-    if (direction === undefined) return;
-    event.preventDefault();
-    go(direction);
-  });
+  bindSteps(host, layout.bar, go);
+  const marking = attachMarking(layout.rows, timeWindow, { left: () => GUTTER, width: () => plot });
   const resizing = new ResizeObserver(() => {
     measured = false;
     update();
   });
   resizing.observe(host);
   const unwatch = watchTheme(host, () => {
-    dress();
+    setPalette();
     update(); // paper does not wait for a frame
   });
   const stop = addDrawer(update);
@@ -233,4 +215,17 @@ export function createRecordingChart(host, options) {
       host.replaceChildren();
     },
   };
+}
+
+/** From event to event, by the tool bar and the keys N and P. */
+function bindSteps(host, bar, go) {
+  bar.on("next", () => go(1));
+  bar.on("back", () => go(-1));
+  host.addEventListener("keydown", (event) => {
+    if (event.ctrlKey || event.metaKey || event.altKey || event.target !== host) return;
+    const direction = { n: 1, p: -1 }[event.key.toLowerCase()];
+    if (direction === undefined) return;
+    event.preventDefault();
+    go(direction);
+  });
 }

@@ -24,10 +24,8 @@ const WAYS = [
 export function createManoeuvrePicker({ api, catalog, recording, monitor }) {
   let way = "found";
   let detected = [];
-  let chart = null;
-  let drawn = null;
   let turn = 0;
-  const host = h("div", { class: "picker-chart" });
+  const chart = createPreviewChart(catalog);
   const hint = h("p", { class: "hint", role: "status" });
   const marked = createManoeuvreTable({ changed: () => lay() });
   const mark = button(
@@ -67,7 +65,7 @@ export function createManoeuvrePicker({ api, catalog, recording, monitor }) {
     h("legend", {}, "Manoeuvres"),
     h("div", { class: "row", role: "radiogroup" }, radios),
     hint,
-    host,
+    chart.element,
     byHand,
   );
 
@@ -81,7 +79,7 @@ export function createManoeuvrePicker({ api, catalog, recording, monitor }) {
   function press(active) {
     mark.setAttribute("aria-pressed", String(active));
     mark.textContent = active ? "Dragging marks A to B" : "Mark by dragging";
-    chart?.setMarking(active);
+    chart.setMarking(active);
   }
 
   async function refresh() {
@@ -98,76 +96,26 @@ export function createManoeuvrePicker({ api, catalog, recording, monitor }) {
     }
   }
 
-  function show(channels) {
-    const tiles = previewTiles(channels);
-    const signature = JSON.stringify([
-      tiles?.start,
-      tiles?.end,
-      Object.keys(tiles?.channels ?? {}),
-    ]);
-    if (tiles === null) return;
-    if (chart && signature === drawn?.signature) {
-      drawn.tiles = tiles;
-      chart.reload();
-      return;
-    }
-    chart?.destroy();
-    drawn = { tiles, signature };
-    const known = catalog.channels.filter(({ key }) => key in tiles.channels);
-    host.replaceChildren();
-    if (!known.length) return;
-    const order = [...known].sort((a, b) => rank(a) - rank(b)).map(({ key }) => key);
-    chart = createRecordingChart(host, {
-      channels: known.map((channel) => ({ ...channel, limit: null })),
-      order,
-      sources: [
-        {
-          load: async () => drawn.tiles,
-          start: tiles.start,
-          end: tiles.end,
-          dt: tiles.step,
-          manoeuvres: null,
-        },
-      ],
-      label: "The recording, to find its manoeuvres",
-    });
-    press(way === "marked");
-    lay();
-  }
-
   function addMarked() {
-    const { a, b } = chart?.window.marks ?? {};
+    const { a, b } = chart.marks();
     if (!Number.isFinite(a) || !Number.isFinite(b) || a === b) {
       hint.textContent =
         "Set the cursors A and B on the chart first: drag over the manoeuvre, or press A and B.";
       return;
     }
     marked.add({ start: Math.min(a, b), end: Math.max(a, b), name: "" });
-    chart.window.clearMarks();
+    chart.clearMarks();
   }
 
   function lay() {
     const shown = way === "found" ? detected : way === "whole" ? entire() : marked.read();
     hint.textContent = wordsOf(shown);
-    chart?.setEvents(shown.map(({ start }) => ({ t: start })));
-    chart?.setLane(
-      shown.map(({ start, end, name }, k) => ({
-        id: `marked-${k}`,
-        row: 0,
-        start,
-        end,
-        text: name || `manoeuvre ${k + 1}`,
-        level: "plain",
-        title: `${name || `manoeuvre ${k + 1}`}, ${start.toFixed(2)} to ${end.toFixed(2)} s`,
-        quiet: true,
-      })),
-    );
+    chart.lay(shown);
   }
 
   function entire() {
-    return drawn
-      ? [{ start: drawn.tiles.start, end: drawn.tiles.end, name: "the entire recording" }]
-      : [];
+    const extent = chart.extent();
+    return extent ? [{ ...extent, name: "the entire recording" }] : [];
   }
 
   function wordsOf(shown) {
@@ -183,12 +131,75 @@ export function createManoeuvrePicker({ api, catalog, recording, monitor }) {
 
   return {
     element,
-    show,
+    show: (channels) => {
+      chart.show(channels);
+      lay();
+    },
     refresh,
     read: () => (way === "marked" ? marked.read() : way),
     check: () => way !== "marked" || marked.check(),
+    close: chart.close,
+  };
+}
+
+/** The recording before it is scored, to find and mark its manoeuvres in. */
+function createPreviewChart(catalog) {
+  const element = h("div", { class: "picker-chart" });
+  let chart = null;
+  let tiles = null;
+  let signature = "";
+  let isMarking = false;
+
+  function show(channels) {
+    const preview = previewTiles(channels);
+    if (preview === null) return;
+    const before = signature;
+    tiles = preview;
+    signature = JSON.stringify([tiles.start, tiles.end, Object.keys(tiles.channels)]);
+    if (chart && signature === before) chart.reload();
+    else draw();
+  }
+
+  function draw() {
+    chart?.destroy();
+    chart = null;
+    element.replaceChildren();
+    const { start, end, step: dt, channels } = tiles;
+    const known = catalog.channels.filter(({ key }) => key in channels);
+    if (!known.length) return;
+    chart = createRecordingChart(element, {
+      channels: known.map((channel) => ({ ...channel, limit: null })),
+      order: [...known].sort((a, b) => rank(a) - rank(b)).map(({ key }) => key),
+      sources: [{ load: async () => tiles, start, end, dt, manoeuvres: null }],
+      label: "The recording, to find its manoeuvres",
+    });
+    chart.setMarking(isMarking);
+  }
+
+  function lay(manoeuvres) {
+    chart?.setEvents(manoeuvres.map(({ start }) => ({ t: start })));
+    chart?.setLane(manoeuvres.map(laneItem));
+  }
+
+  return {
+    element,
+    show,
+    lay,
+    extent: () => tiles && { start: tiles.start, end: tiles.end },
+    marks: () => chart?.window.marks ?? {},
+    clearMarks: () => chart.window.clearMarks(),
+    setMarking: (active) => {
+      isMarking = active;
+      chart?.setMarking(active);
+    },
     close: () => chart?.destroy(),
   };
+}
+
+function laneItem({ start, end, name }, k) {
+  const text = name || `manoeuvre ${k + 1}`;
+  const title = `${text}, ${start.toFixed(2)} to ${end.toFixed(2)} s`;
+  return { id: `marked-${k}`, row: 0, start, end, text, level: "plain", title, quiet: true };
 }
 
 /** The surfaces on top: they show where a manoeuvre begins. */

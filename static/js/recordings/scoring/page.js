@@ -25,7 +25,6 @@ const EXPORTS = [
 ];
 
 export function showScoring(element, { id, query, api, navigate }) {
-  const path = `/recordings/${id}/scorings/${query.get("scoring")}`;
   return loadingView(element, { title: "Scored recording", text: "Opening the scoring", build });
 
   async function build({ keep }) {
@@ -67,7 +66,7 @@ export function showScoring(element, { id, query, api, navigate }) {
     chart.setEvents(events);
     return pageOf(
       recording.name,
-      actions(scoring),
+      actions({ api, navigate }, scoring),
       summary(scoring),
       h("div", { class: "scored" }, host, h("div", { class: "scored-side" }, list, notes.element)),
       h(
@@ -138,42 +137,43 @@ export function showScoring(element, { id, query, api, navigate }) {
       verdicts.choose(k);
     }
   }
+}
 
-  function actions(scoring) {
-    const base = `/api/v1${path}`;
-    const failure = errorLine();
-    const replay = button("Replay", fly, { class: "button button-primary" });
-    return [
-      replay,
-      h("a", { class: "button", href: `${base}/report`, target: "_blank" }, "Report"),
-      h(
-        "span",
-        { class: "exports", role: "group", "aria-label": "Export" },
-        h("span", { class: "dim" }, "Export"),
-        EXPORTS.map(([format, words]) =>
-          h(
-            "a",
-            { class: "button", href: `${base}/export?format=${format}`, download: true },
-            words,
-          ),
+function actions({ api, navigate }, scoring) {
+  const { id: number, recording: id } = scoring;
+  const base = `/api/v1/recordings/${id}/scorings/${number}`;
+  const failure = errorLine();
+  const replay = button("Replay", fly, { class: "button button-primary" });
+  return [
+    replay,
+    h("a", { class: "button", href: `${base}/report`, target: "_blank" }, "Report"),
+    h(
+      "span",
+      { class: "exports", role: "group", "aria-label": "Export" },
+      h("span", { class: "dim" }, "Export"),
+      EXPORTS.map(([format, words]) =>
+        h(
+          "a",
+          { class: "button", href: `${base}/export?format=${format}`, download: true },
+          words,
         ),
       ),
-      link("Compare", `#/recordings/${id}?compare=${scoring.id}`),
-      link("The recording", `#/recordings/${id}`),
-      failure.element,
-    ];
+    ),
+    link("Compare", `#/recordings/${id}?compare=${scoring.id}`),
+    link("The recording", `#/recordings/${id}`),
+    failure.element,
+  ];
 
-    async function fly() {
-      replay.disabled = true;
-      try {
-        const source = { kind: "recording", recording: id, scoring: scoring.id };
-        const { monitor, epsilon } = scoring;
-        const flight = await api.post("/flights", { source, monitor, epsilon });
-        navigate(`#/fly/${flight.id}`);
-      } catch (error) {
-        failure.show(reason(error));
-        replay.disabled = false;
-      }
+  async function fly() {
+    replay.disabled = true;
+    try {
+      const source = { kind: "recording", recording: id, scoring: scoring.id };
+      const { monitor, epsilon } = scoring;
+      const flight = await api.post("/flights", { source, monitor, epsilon });
+      navigate(`#/fly/${flight.id}`);
+    } catch (error) {
+      failure.show(reason(error));
+      replay.disabled = false;
     }
   }
 }

@@ -105,41 +105,7 @@ export function createVerdictTable(scoring, { show }) {
           pWords(validity),
         ),
       ),
-      h("tr", { class: "verdict-why" }, h("td", { colspan: HEADS.length }, why(manoeuvre))),
-    );
-  }
-
-  function cell(k, ...content) {
-    const [label, number] = HEADS[k];
-    return h(
-      "td",
-      { class: number ? "number" : null, "data-label": label },
-      h("span", {}, content),
-    );
-  }
-
-  function why(manoeuvre) {
-    const { validity } = manoeuvre;
-    const isGuaranteed = validity.valid && manoeuvre.outcome !== "unseen";
-    return h(
-      "details",
-      { open: manoeuvres.length <= OPEN || validity.valid === false },
-      h("summary", {}, isGuaranteed ? h("strong", {}, "Guarantee: ") : null, manoeuvre.guarantee),
-      validity.reasons.length > 1 ? sentences(validity.reasons) : null, // a single one is in the guarantee
-      h(
-        "ul",
-        { class: "checks" },
-        validity.checks.map(({ name, ok, text }) =>
-          h(
-            "li",
-            { "data-ok": String(ok) },
-            h("span", { class: "check-mark" }, ok === true ? "✓ " : ok === false ? "✕ " : "◆ "),
-            h("strong", {}, `${name}: `),
-            formatted(text),
-          ),
-        ),
-      ),
-      (manoeuvre.remarks ?? []).map((words) => h("p", { class: "hint" }, words)),
+      h("tr", { class: "verdict-why" }, h("td", { colspan: HEADS.length }, why(manoeuvre, manoeuvres.length <= OPEN))),
     );
   }
 
@@ -148,6 +114,40 @@ export function createVerdictTable(scoring, { show }) {
   }
 
   return { element, choose };
+}
+
+function cell(k, ...content) {
+  const [label, number] = HEADS[k];
+  return h(
+    "td",
+    { class: number ? "number" : null, "data-label": label },
+    h("span", {}, content),
+  );
+}
+
+function why(manoeuvre, isShort) {
+  const { validity } = manoeuvre;
+  const isGuaranteed = validity.valid && manoeuvre.outcome !== "unseen";
+  return h(
+    "details",
+    { open: isShort || validity.valid === false },
+    h("summary", {}, isGuaranteed ? h("strong", {}, "Guarantee: ") : null, manoeuvre.guarantee),
+    validity.reasons.length > 1 ? sentences(validity.reasons) : null, // a single one is in the guarantee
+    h(
+      "ul",
+      { class: "checks" },
+      validity.checks.map(({ name, ok, text }) =>
+        h(
+          "li",
+          { "data-ok": String(ok) },
+          h("span", { class: "check-mark" }, ok === true ? "✓ " : ok === false ? "✕ " : "◆ "),
+          h("strong", {}, `${name}: `),
+          formatted(text),
+        ),
+      ),
+    ),
+    (manoeuvre.remarks ?? []).map((words) => h("p", { class: "hint" }, words)),
+  );
 }
 
 function riskWords(risk, t, withdrawn, epsilon) {
