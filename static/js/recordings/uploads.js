@@ -1,0 +1,141 @@
+/**
+ * Files on their way to the server, each with its progress, and why one was refused.
+ *
+ * Exports
+ *   createUploads({aircraft() -> name | "", done}) -> {element, send(files), close()}
+ *     done([recording], othersFailed)   all that were on their way have ended, and these came in
+ */
+
+import { address, noAnswer, reason, refusal } from "../lib/api.js";
+import { h } from "../lib/dom.js";
+import { bytesText } from "../lib/numbers.js";
+import { button } from "../lib/view_states.js";
+import { badRowsTable } from "./bad_rows.js";
+
+const LONGEST_NAME = 200;
+
+export function createUploads({ aircraft, done }) {
+  const rows = h("ul", { class: "uploads" });
+  const sending = new Set();
+  let came = [];
+
+  async function send(file) {
+    const bar = h("progress", {
+      class: "progress",
+      max: 1,
+      value: 0,
+      "aria-label": `sending ${file.name}`,
+    });
+    const words = h("span", { class: "upload-words", role: "status" }, "begins");
+    const stop = button("Cancel", () => upload.cancel(), {
+      class: "button button-small",
+      "aria-label": `Cancel ${file.name}`,
+    });
+    const row = h(
+      "li",
+      { class: "upload", "data-status": "sending" },
+      h("span", { class: "upload-name" }, file.name),
+      words,
+      stop,
+      bar,
+    );
+    rows.append(row);
+    const craft = aircraft();
+    const query = new URLSearchParams({
+      name: file.name.slice(-LONGEST_NAME),
+      ...(craft && { aircraft: craft }),
+    });
+    const upload = sendFile(`/recordings?${query}`, file, ({ sent, total, reading }) => {
+      bar.value = total ? sent / total : 0;
+      if (reading) bar.removeAttribute("value");
+      words.textContent = reading
+        ? "sent; the server reads it"
+        : `${bytesText(sent)} of ${bytesText(total)}`;
+    });
+    sending.add(upload);
+    try {
+      const recording = await upload.ended;
+      if (recording) came.push(recording);
+      row.remove();
+    } catch (error) {
+      refuse(row, file, error);
+    }
+    sending.delete(upload);
+    if (sending.size === 0 && came.length) {
+      const finished = came;
+      came = [];
+      done(finished, rows.children.length > 0);
+    }
+  }
+
+  function refuse(row, file, error) {
+    const retry = error.status === 0 || error.status >= 500;
+    const again = () => {
+      row.remove();
+      send(file);
+    };
+    row.dataset.status = "refused";
+    const badRows = error.problem?.bad_rows ?? [];
+    const parts = [
+      h("span", { class: "upload-name" }, file.name),
+      h(
+        "span",
+        { class: "row" },
+        retry ? button("Try again", again, { class: "button button-small" }) : null,
+        button("Dismiss", () => row.remove(), {
+          class: "button button-small",
+          "aria-label": `Dismiss ${file.name}`,
+        }),
+      ),
+      h("p", { class: "error", role: "alert" }, withoutName(reason(error), file.name)),
+      badRows.length ? badRowsTable(badRows) : null,
+    ];
+    row.replaceChildren(...parts.filter(Boolean));
+  }
+
+  return {
+    element: rows,
+    send: (files) => files.forEach(send),
+    close: () => {
+      for (const upload of sending) upload.cancel();
+    },
+  };
+}
+
+/** The server's sentence, which begins with the name that stands above it already. */
+function withoutName(words, name) {
+  const start = `${name}: `;
+  if (!words.toLowerCase().startsWith(start.toLowerCase())) return words;
+  return words.charAt(start.length).toUpperCase() + words.slice(start.length + 1);
+}
+
+/**
+ * Sends a file and tells how far it is; fetch cannot tell, XMLHttpRequest can.
+ *
+ * changed({sent, total, reading}) [bytes]; reading: all is sent and the server reads it.
+ * Returns {ended, cancel()}; ended: the answer, null once cancelled; rejects with an ApiError.
+ */
+function sendFile(path, file, changed) {
+  const request = new XMLHttpRequest();
+  const ended = new Promise((resolve, reject) => {
+    request.upload.addEventListener("progress", ({ loaded, total }) =>
+      changed({ sent: loaded, total, reading: false }),
+    );
+    request.upload.addEventListener("load", () =>
+      changed({ sent: file.size, total: file.size, reading: true }),
+    );
+    request.addEventListener("abort", () => resolve(null));
+    request.addEventListener("error", () => reject(noAnswer()));
+    request.addEventListener("load", () => {
+      const answer = request.response ?? {};
+      if (request.status >= 200 && request.status < 300) resolve(answer);
+      else reject(refusal(request.status, { title: request.statusText, ...answer }));
+    });
+  });
+  request.open("POST", address(path));
+  request.responseType = "json";
+  request.setRequestHeader("Accept", "application/json, application/problem+json");
+  request.setRequestHeader("Content-Type", "application/octet-stream");
+  request.send(file);
+  return { ended, cancel: () => request.abort() };
+}
