@@ -63,7 +63,12 @@ function toolBar(host, wanted) {
     buttons[name].title = title;
     buttons[name].setAttribute("aria-label", title);
   }
-  return { mode, interval, values, on: (name, act) => buttons[name].addEventListener("click", act) };
+  return {
+    mode,
+    interval,
+    values,
+    on: (name, act) => buttons[name].addEventListener("click", act),
+  };
 }
 
 function add(parent, tag, className) {

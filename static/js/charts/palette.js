@@ -9,14 +9,27 @@
  */
 
 const TOKENS = [
-  "panel", "text", "dim", "grid", "trace", "forecast", "limit", "alert", "epsilon", "band", "cursor",
-  "mark-a", "mark-b", "stale",
+  "panel",
+  "text",
+  "dim",
+  "grid",
+  "trace",
+  "forecast",
+  "limit",
+  "alert",
+  "epsilon",
+  "band",
+  "cursor",
+  "mark-a",
+  "mark-b",
+  "stale",
 ];
 
 export function readPalette(element) {
   const style = getComputedStyle(element);
   const palette = { font: style.fontFamily };
-  for (const token of TOKENS) palette[token] = style.getPropertyValue(`--${token}`).trim() || "#888";
+  for (const token of TOKENS)
+    palette[token] = style.getPropertyValue(`--${token}`).trim() || "#888";
   return palette;
 }
 

@@ -71,7 +71,9 @@ export function createReadout(element, { symbol, label, unit, limit, risk }) {
 }
 
 function isAssessed({ state, value }) {
-  return state === "ok" || ((state === "warming_up" || state === "paused") && Number.isFinite(value));
+  return (
+    state === "ok" || ((state === "warming_up" || state === "paused") && Number.isFinite(value))
+  );
 }
 
 function details({ a, b, cursor, forecast, lead, state }) {

@@ -165,7 +165,9 @@ export function createStripFrame(canvas, strip) {
     const isZero = (value) => Math.abs(value) < axis.step / 2;
     const ticks = axisTicks(axis);
     if (ticks.some(isZero)) label(0, "0", own.palette.dim);
-    for (const value of ticks.filter((value) => !isZero(value)).sort((a, b) => Math.abs(b) - Math.abs(a)))
+    for (const value of ticks
+      .filter((value) => !isZero(value))
+      .sort((a, b) => Math.abs(b) - Math.abs(a)))
       label(value, round(value, axis.step), own.palette.dim);
   }
 

@@ -22,12 +22,21 @@ export function createValueAxis({ limit = null, leastHeight = 0.02, narrowAfter 
   let target = range(limit === null ? 0 : -limit, limit ?? 0);
   let roomySince = null;
   let last = NaN;
-  const axis = { low: target.low, high: target.high, step: target.step, moving: false, roomy: false, fit, share };
+  const axis = {
+    low: target.low,
+    high: target.high,
+    step: target.step,
+    moving: false,
+    roomy: false,
+    fit,
+    share,
+  };
 
   function range(low, high) {
     const margin = limit === null ? 0 : 1.15 * limit;
     if (limit !== null) [low, high] = [Math.min(low, -margin), Math.max(high, margin)];
-    if (high - low < leastHeight) [low, high] = [(low + high - leastHeight) / 2, (low + high + leastHeight) / 2];
+    if (high - low < leastHeight)
+      [low, high] = [(low + high - leastHeight) / 2, (low + high + leastHeight) / 2];
     const step = roundStep((high - low) / 3);
     return {
       low: low === -margin && limit !== null ? low : Math.floor(low / step + 1e-6) * step,
@@ -40,7 +49,10 @@ export function createValueAxis({ limit = null, leastHeight = 0.02, narrowAfter 
     if (low <= high) {
       const margin = 0.05 * (high - low);
       if (low < target.low || high > target.high) {
-        const wider = range(Math.min(low - margin, target.low), Math.max(high + margin, target.high));
+        const wider = range(
+          Math.min(low - margin, target.low),
+          Math.max(high + margin, target.high),
+        );
         target = wider;
         roomySince = null;
       } else {

@@ -33,7 +33,12 @@ export function createAssessmentDisplay(panels, { hello, history, alarm, events,
   const timeline = createTimeline({ seconds: windowOf(hello), staleAfter: hello.stale_after });
   const gauge = createRiskGauge(panels.gauge, { timeline });
   const chart = createStripChart(panels.strips, {
-    channels, epsilon, lead, dt, timeline, onExceedance: exceeds,
+    channels,
+    epsilon,
+    lead,
+    dt,
+    timeline,
+    onExceedance: exceeds,
   });
   let assessment = { state: null, reason: "" };
   let newest = null; // frame, without which there is nothing to trust
@@ -57,7 +62,8 @@ export function createAssessmentDisplay(panels, { hello, history, alarm, events,
 
   function show(frame) {
     const { state, reason } = frame;
-    if (state !== assessment.state || reason !== assessment.reason) setAssessment({ state, reason });
+    if (state !== assessment.state || reason !== assessment.reason)
+      setAssessment({ state, reason });
     const shown = state === "ok" && heldAlert !== null ? heldAlert.frame : frame;
     const at = formatTime(shown.t, 0.01);
     const note = shown === frame ? "" : `alert at ${at} s, now ${riskText(frame.p_value, epsilon)}`;

@@ -49,7 +49,14 @@ function field(key, schema, place, control, read, wrong = () => "") {
     symbol ? [text ? " " : "", formatted(symbol)] : null,
     unit ? h("span", { class: "unit" }, ` [${unit}]`) : null,
   );
-  const element = h("div", { class: "field", "data-path": place.path }, label, control, hint, failure);
+  const element = h(
+    "div",
+    { class: "field", "data-path": place.path },
+    label,
+    control,
+    hint,
+    failure,
+  );
   const say = (reason) => {
     failure.textContent = reason;
     failure.hidden = !reason;

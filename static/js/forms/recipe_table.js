@@ -27,13 +27,17 @@ function row(key, property, value, catalog) {
   if (family) {
     const entry = family.entries[value.kind];
     const { kind, ...parameters } = value;
-    const name = Object.fromEntries(Object.entries(parameters).filter(([, parameter]) => parameter !== kind));
+    const name = Object.fromEntries(
+      Object.entries(parameters).filter(([, parameter]) => parameter !== kind),
+    );
     const inner =
       entry && Object.keys(name).length ? recipeTable(entry.schema, name, catalog) : null;
     return [h("dt", {}, family.label), h("dd", {}, nameOf(entry, property) ?? kind, inner)];
   }
   if (property.properties) {
-    const told = Object.entries(value ?? {}).filter(([, parameter]) => parameter !== null && parameter !== 0);
+    const told = Object.entries(value ?? {}).filter(
+      ([, parameter]) => parameter !== null && parameter !== 0,
+    );
     return [
       term,
       h("dd", {}, told.length ? recipeTable(property, Object.fromEntries(told), catalog) : "none"),

@@ -18,7 +18,8 @@
 const BASE = "/api/v1";
 const JSON_TYPE = "application/json";
 const ENDED = ["done", "failed", "cancelled", "interrupted"];
-const NO_ANSWER = "The server does not answer. Check that `forewarn serve` is running, then try again.";
+const NO_ANSWER =
+  "The server does not answer. Check that `forewarn serve` is running, then try again.";
 
 export class ApiError extends Error {
   /** @param {string} message @param {number} status @param {Record<string, any>} problem */
@@ -62,7 +63,11 @@ export function refusal(status, problem) {
   if (status === 401) {
     return new ApiError("This server asks for its token. Open /login and enter it.", 401, problem);
   }
-  return new ApiError(sentence(problem.detail || problem.title || "no reason given"), status, problem);
+  return new ApiError(
+    sentence(problem.detail || problem.title || "no reason given"),
+    status,
+    problem,
+  );
 }
 
 function sentence(text) {
@@ -87,14 +92,11 @@ function watchJob(id, changed = () => {}) {
     });
     source.addEventListener("error", () => {
       if (source.readyState !== EventSource.CLOSED) return; // it connects again by itself
-      api.get(`/jobs/${id}`).then(
-        (job) => {
-          changed(job);
-          if (ENDED.includes(job.status)) resolve(job);
-          else reject(noAnswer());
-        },
-        reject,
-      );
+      api.get(`/jobs/${id}`).then((job) => {
+        changed(job);
+        if (ENDED.includes(job.status)) resolve(job);
+        else reject(noAnswer());
+      }, reject);
     });
   });
   return { ended, close: () => source.close() };

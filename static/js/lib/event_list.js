@@ -14,7 +14,11 @@ import { formatTime } from "./numbers.js";
 export function createEventList(element, { go, label = "Events, newest first", most = 300 }) {
   const title = h("h2", { class: "event-title" }, "Events");
   const list = h("ol", { class: "event-list", "aria-live": "off", "aria-label": label });
-  const empty = h("p", { class: "dim" }, "Alerts, exceedances and changes of state are listed here; choose one to go there.");
+  const empty = h(
+    "p",
+    { class: "dim" },
+    "Alerts, exceedances and changes of state are listed here; choose one to go there.",
+  );
   element.append(title, empty, list);
   const known = new Map();
 
@@ -37,7 +41,16 @@ export function createEventList(element, { go, label = "Events, newest first", m
     const body =
       t === null
         ? h("div", { class: "event-body" }, ...parts)
-        : h("button", { type: "button", class: "event-body", title: `Go to ${formatTime(t, 0.01)} s`, onclick: () => go(t) }, ...parts);
+        : h(
+            "button",
+            {
+              type: "button",
+              class: "event-body",
+              title: `Go to ${formatTime(t, 0.01)} s`,
+              onclick: () => go(t),
+            },
+            ...parts,
+          );
     const item = h("li", { class: "event", "data-level": level }, body);
     known.set(key, { item, count, times: 1, t, level });
     list.prepend(item);
@@ -51,7 +64,10 @@ export function createEventList(element, { go, label = "Events, newest first", m
 
   return {
     add,
-    times: (level) => [...known.values()].filter((event) => event.level === level && event.t !== null).map(({ t }) => t),
+    times: (level) =>
+      [...known.values()]
+        .filter((event) => event.level === level && event.t !== null)
+        .map(({ t }) => t),
     clear: () => {
       known.clear();
       list.replaceChildren();

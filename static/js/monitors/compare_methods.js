@@ -20,7 +20,11 @@ const TITLE = "Compare five methods";
 const SHOWN = [0.05, 0.1, 0.2, 0.3];
 
 export function showComparison(element, { query, api, navigate }) {
-  return loadingView(element, { title: TITLE, text: "Looking up datasets and past comparisons", build });
+  return loadingView(element, {
+    title: TITLE,
+    text: "Looking up datasets and past comparisons",
+    build,
+  });
 
   async function build({ keep, again }) {
     const catalog = await loadCatalog(api);

@@ -22,7 +22,8 @@ const TEST = {
   minimum: 0,
   maximum: 100000,
   default: 2000,
-  description: "fresh flights that measure the miss rate and the share of safe flights without a false alarm; 0 for none.",
+  description:
+    "fresh flights that measure the miss rate and the share of safe flights without a false alarm; 0 for none.",
 };
 
 export function showTraining(element, { query, api, navigate }) {

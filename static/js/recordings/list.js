@@ -15,7 +15,9 @@ export function showRecordings(element, { api, navigate }) {
   async function build({ keep }) {
     const [catalog, recordings] = await Promise.all([loadCatalog(api), api.get("/recordings")]);
     const formats = catalog.telemetry.formats;
-    const aircraft = [...new Set(recordings.map(({ aircraft }) => aircraft).filter(Boolean))].sort();
+    const aircraft = [
+      ...new Set(recordings.map(({ aircraft }) => aircraft).filter(Boolean)),
+    ].sort();
     const list = h("div", {}, listOf(recordings));
     const zone = keep(
       createDropZone({ aircraft, formats: formats.map(formatWords), done: arrived }),

@@ -63,7 +63,9 @@ const OUTCOMES = {
 };
 
 export function outcomeOf(key) {
-  const word = String(key ?? "not recorded").replaceAll("_", " ").toUpperCase();
+  const word = String(key ?? "not recorded")
+    .replaceAll("_", " ")
+    .toUpperCase();
   return OUTCOMES[key] ?? { word, level: "caution", mark: "◆", text: "" };
 }
 
@@ -117,8 +119,7 @@ export function leadText(manoeuvre, promised) {
   if (isWithdrawn(manoeuvre)) return "withdrawn";
   const { exceedance, warningLead: lead, alerts } = manoeuvre;
   if (!exceedance) return "–";
-  if (lead === null || lead === undefined)
-    return alerts.length ? "none before it" : "no alert";
+  if (lead === null || lead === undefined) return alerts.length ? "none before it" : "no alert";
   const enough = lead >= promised - 1e-9;
   return `${lead.toFixed(2)} s, ${enough ? "at least" : "short of"} ${figure(promised)} s`;
 }

@@ -129,7 +129,9 @@ export function createRecordingChart(host, options) {
   function draw(view, sets, wall) {
     const step = (view.end - view.start) / plot;
     const x = (t) => (t - view.start) / step;
-    const traces = sets.map((set, k) => pieceOf({ set, manoeuvres: manoeuvres[k] }, { view, x, step }));
+    const traces = sets.map((set, k) =>
+      pieceOf({ set, manoeuvres: manoeuvres[k] }, { view, x, step }),
+    );
     const ticks = timeTicks(view.start, view.end, plot);
     const frame = {
       traces,

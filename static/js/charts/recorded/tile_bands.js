@@ -20,7 +20,9 @@ export function bandsOf(piece, manoeuvres, x, all = manoeuvres) {
       ({ start, end }) => set.x0[i] >= start - 1e-9 && set.x0[i] + set.step <= end + set.step / 2,
     );
   const withdrawn = (i) =>
-    manoeuvres?.some(({ start, end, withdrawn: all }) => all && set.x0[i] >= start && set.x0[i] <= end);
+    manoeuvres?.some(
+      ({ start, end, withdrawn: all }) => all && set.x0[i] >= start && set.x0[i] <= end,
+    );
   const named = (kind, word, holds) => runs(piece, holds, x).map((run) => ({ ...run, kind, word }));
   return [
     ...between(all, x),
@@ -41,7 +43,11 @@ export function bandsOf(piece, manoeuvres, x, all = manoeuvres) {
 /** What lies before, between and after the manoeuvres. */
 function between(manoeuvres, x) {
   if (manoeuvres === null) return [];
-  const edges = [-Infinity, ...joined(manoeuvres).flatMap(({ start, end }) => [start, end]), Infinity];
+  const edges = [
+    -Infinity,
+    ...joined(manoeuvres).flatMap(({ start, end }) => [start, end]),
+    Infinity,
+  ];
   const intervals = [];
   for (let k = 0; k < edges.length; k += 2) {
     if (edges[k + 1] <= edges[k]) continue;

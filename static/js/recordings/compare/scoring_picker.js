@@ -49,12 +49,18 @@ export function createScoringPicker({ api, recordings, taken, add }) {
     try {
       const all = await api.get(`/recordings/${id}/scorings`);
       if (recording.value !== id) return;
-      const known = new Set(taken.filter((pair) => pair.recording === id).map((pair) => pair.scoring));
+      const known = new Set(
+        taken.filter((pair) => pair.recording === id).map((pair) => pair.scoring),
+      );
       const left = all.filter((scored) => !known.has(scored.id));
       scoring.replaceChildren(
         ...(left.length
           ? left.map((scored) =>
-              h("option", { value: scored.id }, `${scored.monitor_name} at ε ${figure(scored.epsilon)}`),
+              h(
+                "option",
+                { value: scored.id },
+                `${scored.monitor_name} at ε ${figure(scored.epsilon)}`,
+              ),
             )
           : [h("option", { value: "" }, "all are here already")]),
       );

@@ -152,10 +152,5 @@ function cell(scoring, n) {
     ["peak risk", peakText(manoeuvre, scoring.epsilon)],
     ["applicability", `${word}${p}`],
   ];
-  return h(
-    "td",
-    {},
-    outcomeChip(outcome),
-    recipeList(lines, "recipe compare-lines"),
-  );
+  return h("td", {}, outcomeChip(outcome), recipeList(lines, "recipe compare-lines"));
 }

@@ -20,7 +20,11 @@ export function earlierMapping({ mapping, channels }, now) {
 
 export function changedChannels(before, now) {
   if (!before || !now) return [];
-  const changed = differing(before.channels, now.channels, (source) => source && { ...PLAIN, ...source });
+  const changed = differing(
+    before.channels,
+    now.channels,
+    (source) => source && { ...PLAIN, ...source },
+  );
   const clocks = differing(before.times, now.times, (source) => source);
   return clocks.length ? [...changed, "time"] : changed;
 }

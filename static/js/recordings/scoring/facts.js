@@ -5,7 +5,10 @@ import { recipeList, sentences } from "../../lib/lists.js";
 import { figure, moment } from "../../lib/numbers.js";
 import { TRIM_SEGMENT } from "./source.js";
 
-const TRIMS = { [TRIM_SEGMENT]: "mean of each manoeuvre's own trim segment", null: "nothing was subtracted" };
+const TRIMS = {
+  [TRIM_SEGMENT]: "mean of each manoeuvre's own trim segment",
+  null: "nothing was subtracted",
+};
 const WAYS = { found: "detected from control activity", whole: "the entire recording as one" };
 
 export function scoringFacts(scoring) {

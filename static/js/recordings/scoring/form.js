@@ -97,7 +97,9 @@ export function createScoreForm({ api, catalog, recording, monitors, used, score
     const fits = typeof trim !== "number" || trim > 0;
     seconds.toggleAttribute("aria-invalid", !fits);
     if (fits) return true;
-    failure.show(`The trim is the mean of some seconds, a number above 0; “${seconds.value}” was given.`);
+    failure.show(
+      `The trim is the mean of some seconds, a number above 0; “${seconds.value}” was given.`,
+    );
     seconds.focus();
     return false;
   }

@@ -55,7 +55,8 @@ export function createManoeuvreTable({ changed }) {
           const given = decimal(value);
           if (Number.isFinite(given)) manoeuvre[key] = given;
           render();
-          if (!Number.isFinite(given)) say(`The ${words} is a number of seconds; “${value}” was given.`);
+          if (!Number.isFinite(given))
+            say(`The ${words} is a number of seconds; “${value}” was given.`);
         },
       });
     const name = h("input", {

@@ -122,10 +122,10 @@ export function showScoring(element, { id, query, api, navigate }) {
     /** An event is shown within its manoeuvre, unless it can be seen where the window is. */
     function visit({ t, manoeuvre: number }) {
       const view = chart.window.view();
-      const manoeuvre = manoeuvres[number] ?? manoeuvres.find(({ start, end }) => t >= start && t <= end);
+      const manoeuvre =
+        manoeuvres[number] ?? manoeuvres.find(({ start, end }) => t >= start && t <= end);
       const seen = t >= view.start && t <= view.end;
-      const wide =
-        manoeuvre && view.end - view.start > WIDE * (manoeuvre.end - manoeuvre.start);
+      const wide = manoeuvre && view.end - view.start > WIDE * (manoeuvre.end - manoeuvre.start);
       if (manoeuvre && (wide || !seen)) visitManoeuvre(manoeuvres.indexOf(manoeuvre));
       chart.setCursor(t);
     }
@@ -152,11 +152,7 @@ function actions({ api, navigate }, scoring) {
       { class: "exports", role: "group", "aria-label": "Export" },
       h("span", { class: "dim" }, "Export"),
       EXPORTS.map(([format, words]) =>
-        h(
-          "a",
-          { class: "button", href: `${base}/export?format=${format}`, download: true },
-          words,
-        ),
+        h("a", { class: "button", href: `${base}/export?format=${format}`, download: true }, words),
       ),
     ),
     link("Compare", `#/recordings/${id}?compare=${scoring.id}`),

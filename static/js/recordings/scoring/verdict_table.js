@@ -66,7 +66,9 @@ export function createVerdictTable(scoring, { show }) {
   }
 
   function showOutcome(outcome) {
-    bodies.forEach((body, k) => (body.hidden = outcome !== "" && manoeuvres[k].outcome !== outcome));
+    bodies.forEach(
+      (body, k) => (body.hidden = outcome !== "" && manoeuvres[k].outcome !== outcome),
+    );
   }
 
   function bodyOf(manoeuvre, k) {
@@ -105,7 +107,11 @@ export function createVerdictTable(scoring, { show }) {
           pWords(validity),
         ),
       ),
-      h("tr", { class: "verdict-why" }, h("td", { colspan: HEADS.length }, why(manoeuvre, manoeuvres.length <= OPEN))),
+      h(
+        "tr",
+        { class: "verdict-why" },
+        h("td", { colspan: HEADS.length }, why(manoeuvre, manoeuvres.length <= OPEN)),
+      ),
     );
   }
 
@@ -118,11 +124,7 @@ export function createVerdictTable(scoring, { show }) {
 
 function cell(k, ...content) {
   const [label, number] = HEADS[k];
-  return h(
-    "td",
-    { class: number ? "number" : null, "data-label": label },
-    h("span", {}, content),
-  );
+  return h("td", { class: number ? "number" : null, "data-label": label }, h("span", {}, content));
 }
 
 function why(manoeuvre, isShort) {
