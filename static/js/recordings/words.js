@@ -103,7 +103,7 @@ export function requestWords({ trim, manoeuvres }) {
 }
 
 export function trimText({ trim }) {
-  return trim === null ? "as given, no trim subtracted" : "from trim";
+  return trim === null ? "as given, no trim subtracted" : "deviations from trim";
 }
 
 export function isWithdrawn({ validity, outcome }) {

@@ -74,7 +74,7 @@ def test_a_file_is_uploaded_mapped_and_scored(page: Page, site: RecordedSite, fi
     expect(mapping.locator("summary .chip").first).to_have_text("check it")
     expect(page.get_by_label("signal of sideslip β")).to_have_value("signal:AOSS_deg")
     expect(page.get_by_label("unit of sideslip β")).to_have_value("deg")
-    expect(row(page, "beta").locator(".confidence-word")).to_have_text(re.compile("sure|likely"))
+    expect(row(page, "beta").locator(".confidence-word")).to_have_text(re.compile("high|medium"))
     row(page, "beta").locator("summary").click()
     expect(row(page, "beta").locator(".reasons li").first).to_be_visible()
     page.get_by_role("button", name="Confirm the mapping").click()

@@ -145,7 +145,7 @@ function cell(scoring, n) {
   const p =
     validity.p_value === null || validity.p_value === undefined
       ? ""
-      : `, p = ${figure(validity.p_value, 2)}`;
+      : `, p-value ${figure(validity.p_value, 2)}`;
   const lines = [
     ["warning lead time", leadText(manoeuvre, scoring.lead)],
     ["first alert", firstAlertText(manoeuvre)],

@@ -2,15 +2,15 @@
  * The confidence of a proposal: a bar, a word, and the reasons when they are asked for.
  *
  * Exports
- *   confidence({confidence 0..1, reasons}) -> element     the word: sure, likely, or check
+ *   confidence({confidence 0..1, reasons}) -> element     the word: high, medium, or low
  */
 
 import { h } from "../../lib/dom.js";
 
 const WORDS = [
-  [0.9, "sure", "ok"],
-  [0.6, "likely", "off"],
-  [0, "check", "caution"],
+  [0.9, "high", "ok"],
+  [0.6, "medium", "off"],
+  [0, "low: check", "caution"],
 ];
 
 export function confidence({ confidence: share, reasons }) {

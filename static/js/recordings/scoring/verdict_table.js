@@ -177,5 +177,5 @@ function exceedanceWords({ t, channel, value }, channels) {
 }
 
 function pWords({ p_value: p }) {
-  return p === null || p === undefined ? null : h("span", { class: "dim" }, ` p = ${figure(p, 2)}`);
+  return p === null || p === undefined ? null : h("span", { class: "dim" }, ` p-value ${figure(p, 2)}`);
 }
