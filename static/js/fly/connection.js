@@ -77,7 +77,7 @@ export function createConnection(flight, on, { Socket = WebSocket } = {}) {
 
   /**
    * A connection that says nothing is no connection, whatever the socket reports. But a page that
-   * was held up itself looks twice, for it may not have heard yet what was said.
+   * was held up itself looks twice, for it may not have heard yet what was sent.
    */
   function listen() {
     const now = performance.now();

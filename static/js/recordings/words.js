@@ -96,7 +96,7 @@ export function validityWords({ validity: { valid }, outcome }) {
 
 export function requestWords({ trim, manoeuvres }) {
   const way =
-    { found: "manoeuvres detected", whole: "the whole recording" }[manoeuvres] ??
+    { found: "manoeuvres detected", whole: "the entire recording" }[manoeuvres] ??
     `${manoeuvres.length} marked by hand`;
   if (trim === TRIM_SEGMENT) return way;
   return `${way}, ${trim === null ? "no trim subtracted" : `trim of ${trim} s`}`;

@@ -7,7 +7,7 @@
  *       its times; dt [s] is the samples' interval
  *     want(view, pixels)    fetches what is missing for this window, once it rests
  *     best(view, pixels) -> TileSet | null    the coarsest that is fine enough, else the finest
- *     whole() -> TileSet | null, clear(), close()
+ *     entire() -> TileSet | null, clear(), close()
  *     after failed(error) nothing is fetched until retry()
  *
  * TileSet

@@ -82,7 +82,7 @@ export function showScoring(element, { id, query, api, navigate }) {
           ? verdicts.element
           : empty(
               "No manoeuvre",
-              "Nothing was detected to be scored: mark the manoeuvre by hand, or score the whole recording.",
+              "Nothing was detected to be scored: mark the manoeuvre by hand, or score the entire recording.",
               link("Score it again", `#/recordings/${id}`, true),
             ),
       ),
