@@ -39,127 +39,156 @@ export function showTraining(element, { query, api, navigate }) {
       api.get("/datasets"),
       query.get("like") ? api.get(`/monitors/${query.get("like")}`) : null,
     ]);
-    const { schema } = catalog.recipes.monitor;
-    const withTest = { ...schema, properties: { ...schema.properties, n_test: TEST } };
-    const fields = createFields(
-      withTest,
-      { ...catalog.recipes.monitor.default, ...like?.recipe },
-      { catalog, path: "monitor" },
-    );
-    const source = datasetChoice({
+    const form = createTrainForm({
       catalog,
       datasets,
+      like,
       chosen: query.get("dataset"),
-      initial: like?.dataset_recipe,
+      onsubmit: send,
     });
-    const name = h("input", {
-      type: "text",
-      id: "monitor-name",
-      maxlength: 200,
-      placeholder: "optional",
-    });
-    const failure = errorLine();
-    const served = h("p", { class: "hint served" });
-    const go = h("button", { class: "button button-primary", type: "submit" }, "Train");
-    const advanced = fields.keys.filter((key) => !MAIN.includes(key));
-    const families = advanced.filter((key) => schema.properties[key]?.["x-family"]);
-    const form = h(
-      "form",
-      {
-        class: "form",
-        novalidate: true,
-        onsubmit: send,
-        oninput: tell,
-        onchange: tell,
-        "aria-label": "Train a monitor",
-      },
-      source.element,
-      h(
-        "fieldset",
-        { class: "panel" },
-        h("legend", {}, "2  Warning lead time and miss rate"),
-        h(
-          "div",
-          { class: "field-grid" },
-          MAIN.map(fields.element),
-          source.size,
-          h(
-            "div",
-            { class: "field" },
-            h("label", { for: "monitor-name" }, "name of the monitor"),
-            name,
-          ),
-        ),
-        served,
-      ),
-      h(
-        "details",
-        { class: "panel fold" },
-        h("summary", {}, "Predictor, score, calibration, test flights"),
-        h("div", { class: "columns" }, families.map(fields.element)),
-        h(
-          "div",
-          { class: "field-grid" },
-          advanced.filter((key) => !families.includes(key)).map(fields.element),
-        ),
-      ),
-      failure.element,
-      h(
-        "div",
-        { class: "row form-end" },
-        go,
-        link("Not now", "#/monitors"),
-        h(
-          "span",
-          { class: "hint" },
-          "It simulates, trains, and flies the test flights; you can leave meanwhile.",
-        ),
-      ),
-    );
-    const stage = h("div", { class: "stack" }, form);
-    tell();
+    const stage = h("div", { class: "stack" }, form.element);
     return pageOf("Train a monitor", [], stage);
-
-    function tell() {
-      const { epsilon } = fields.read();
-      const n = source.failures();
-      const enough = n !== null && epsilon > 0 && n >= neededFor(epsilon);
-      served.textContent =
-        !(epsilon > 0 && epsilon < 1) || n === null
-          ? ""
-          : enough
-            ? `${n} failures serve an epsilon of ${figure(1 / (n + 1))} or more.`
-            : `An epsilon of ${figure(epsilon)} needs at least ${neededFor(epsilon)} unsafe rollouts; ${n} are asked for: raise one of them.`;
-      served.classList.toggle("error", !enough && served.textContent !== "");
-    }
 
     async function send(event) {
       event.preventDefault();
-      failure.show("");
-      if (![source.check(), fields.check()].every(Boolean)) return;
-      const body = { ...fields.read(), dataset: source.read() };
-      if (name.value.trim()) body.name = name.value.trim();
-      go.disabled = true;
+      form.refuse("");
+      if (!form.check()) return;
+      form.setUsable(false);
       try {
-        const job = await api.post("/monitors", body);
+        const job = await api.post("/monitors", form.read());
         followInPlace({
-          form,
+          form: form.element,
           stage,
           keep,
-          focus: go,
+          focus: form.go,
           api,
           job,
           title: `Training “${job.request.name}”`,
           done: ({ monitor }) => navigate(`#/monitors/${monitor}`),
         });
       } catch (error) {
-        if (!source.point(error.message) && !fields.point(error.message))
-          form.querySelector("[aria-invalid]")?.focus();
-        failure.show(reason(error));
-        failure.element.scrollIntoView({ block: "nearest" });
+        form.point(error.message);
+        form.refuse(reason(error));
       } finally {
-        go.disabled = false;
+        form.setUsable(true);
       }
     }
   }
+}
+
+/** like: a monitor to begin from, or null.   chosen: id of the dataset to begin with, or null. */
+function createTrainForm({ catalog, datasets, like, chosen, onsubmit }) {
+  const { schema } = catalog.recipes.monitor;
+  const withTest = { ...schema, properties: { ...schema.properties, n_test: TEST } };
+  const fields = createFields(
+    withTest,
+    { ...catalog.recipes.monitor.default, ...like?.recipe },
+    { catalog, path: "monitor" },
+  );
+  const source = datasetChoice({
+    catalog,
+    datasets,
+    chosen,
+    initial: like?.dataset_recipe,
+  });
+  const name = h("input", {
+    type: "text",
+    id: "monitor-name",
+    maxlength: 200,
+    placeholder: "optional",
+  });
+  const failure = errorLine();
+  const served = h("p", { class: "hint served" });
+  const go = h("button", { class: "button button-primary", type: "submit" }, "Train");
+  const advanced = fields.keys.filter((key) => !MAIN.includes(key));
+  const families = advanced.filter((key) => schema.properties[key]?.["x-family"]);
+  const element = h(
+    "form",
+    {
+      class: "form",
+      novalidate: true,
+      onsubmit,
+      oninput: tell,
+      onchange: tell,
+      "aria-label": "Train a monitor",
+    },
+    source.element,
+    h(
+      "fieldset",
+      { class: "panel" },
+      h("legend", {}, "2  Warning lead time and miss rate"),
+      h(
+        "div",
+        { class: "field-grid" },
+        MAIN.map(fields.element),
+        source.size,
+        h(
+          "div",
+          { class: "field" },
+          h("label", { for: "monitor-name" }, "name of the monitor"),
+          name,
+        ),
+      ),
+      served,
+    ),
+    h(
+      "details",
+      { class: "panel fold" },
+      h("summary", {}, "Predictor, score, calibration, test flights"),
+      h("div", { class: "columns" }, families.map(fields.element)),
+      h(
+        "div",
+        { class: "field-grid" },
+        advanced.filter((key) => !families.includes(key)).map(fields.element),
+      ),
+    ),
+    failure.element,
+    h(
+      "div",
+      { class: "row form-end" },
+      go,
+      link("Not now", "#/monitors"),
+      h(
+        "span",
+        { class: "hint" },
+        "It simulates, trains, and flies the test flights; you can leave meanwhile.",
+      ),
+    ),
+  );
+  tell();
+
+  function tell() {
+    const { epsilon } = fields.read();
+    const n = source.failures();
+    const enough = n !== null && epsilon > 0 && n >= neededFor(epsilon);
+    served.textContent =
+      !(epsilon > 0 && epsilon < 1) || n === null
+        ? ""
+        : enough
+          ? `${n} failures serve an epsilon of ${figure(1 / (n + 1))} or more.`
+          : `An epsilon of ${figure(epsilon)} needs at least ${neededFor(epsilon)} unsafe rollouts; ${n} are asked for: raise one of them.`;
+    served.classList.toggle("error", !enough && served.textContent !== "");
+  }
+
+  return {
+    element,
+    go,
+    check: () => [source.check(), fields.check()].every(Boolean),
+    read: () => ({
+      ...fields.read(),
+      dataset: source.read(),
+      ...(name.value.trim() && { name: name.value.trim() }),
+    }),
+    point: (message) => {
+      if (!source.point(message) && !fields.point(message))
+        element.querySelector("[aria-invalid]")?.focus();
+    },
+    refuse: (words) => {
+      failure.show(words);
+      failure.element.scrollIntoView({ block: "nearest" });
+    },
+    setUsable: (usable) => {
+      go.disabled = !usable;
+    },
+  };
 }
