@@ -84,7 +84,7 @@ def test_a_note_written_during_the_replay_stays_with_the_recording(
     )
     replay.keyboard.press("t")
     replay.get_by_label("Note", exact=True).fill("pilot calls buffet")
-    replay.get_by_role("button", name="Keep").click()
+    replay.get_by_role("button", name="Save").click()
     expect(replay.locator(".event-list").get_by_text("pilot calls buffet")).to_be_visible()
     markers = [
         marker
