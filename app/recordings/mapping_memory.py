@@ -1,4 +1,4 @@
-"""Mappings kept for an aircraft from one recording to the next, on the page and without it."""
+"""Mappings remembered for an aircraft from one recording to the next, for page and command."""
 
 from dataclasses import dataclass
 
@@ -17,13 +17,13 @@ class MappingMemory:
     aircraft: str
 
     def recall(self, contents: Contents) -> Mapping | None:
-        """The mapping last kept for this aircraft, best of one for these very signals."""
+        """The mapping last remembered for this aircraft, best of one for these very signals."""
         store = open_store(self.settings.url, recover=False)
         try:
-            kept = store.mappings.find(self.aircraft, signature(contents))
+            remembered = store.mappings.find(self.aircraft, signature(contents))
         finally:
             store.close()
-        return None if kept is None else Mapping.from_plain(kept.mapping)
+        return None if remembered is None else Mapping.from_plain(remembered.mapping)
 
     def keep(self, contents: Contents, mapping: Mapping) -> None:
         """Use this mapping for the next recording of the aircraft."""

@@ -121,7 +121,7 @@ def spelled(unit: str) -> str:
 
 
 def choices(target: str) -> list[str]:
-    """Return the units that a quantity kept in `target` is commonly recorded in, target first."""
+    """Return the units that a quantity in `target` is commonly recorded in, target first."""
     return list(CHOICES.get(target, (target,)))
 
 
@@ -165,7 +165,7 @@ def _factor(unit: str, target: str) -> float:
         converted = registry.Quantity(1.0, _expression(parts)).to(_expression(ours))
     except DimensionalityError:
         raise TelemetryError(
-            f"{unit!r} is not a unit of this quantity, which is kept in {target}: give one of "
+            f"{unit!r} is not a unit of this quantity, which is in {target}: give one of "
             f"{', '.join(choices(target))}"
         ) from None
     return float(converted.magnitude)

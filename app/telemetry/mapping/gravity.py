@@ -5,7 +5,7 @@ from math import radians
 
 import numpy as np
 
-from app.telemetry.mapping.motion import Effect, Motion
+from app.telemetry.mapping.motion import Motion, PartialEffect
 from app.telemetry.traces import Trace
 
 IN_FULL = (0.7, 1.3)
@@ -40,7 +40,7 @@ class Bias:
     like_gravity: bool = False
 
 
-def gravity_effect(moves: Motion) -> Effect | None:
+def gravity_effect(moves: Motion) -> PartialEffect | None:
     """How the lateral acceleration follows sin(phi) cos(theta), where it does so in full.
 
     Specific force, which an accelerometer measures, does not know the bank of a coordinated turn;

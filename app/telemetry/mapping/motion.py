@@ -33,7 +33,7 @@ FEWEST = 60
 
 
 @dataclass(frozen=True)
-class Effect:
+class PartialEffect:
     """Of one cause on a response, beside all others.
 
     slope: response per cause.   share: of what the others leave unexplained, from 0 to 1.
@@ -61,7 +61,7 @@ class Motion:
         (values,) = self._centred([self.values[key]])
         return float(values.std()) if len(values) else 0.0
 
-    def effects(self, response: Array, causes: dict[str, Array]) -> dict[str, Effect]:
+    def effects(self, response: Array, causes: dict[str, Array]) -> dict[str, PartialEffect]:
         """Least squares of a response on its causes, all from their means in each window.
 
         {} where there are too few rows. A cause that does not move is left out.
@@ -85,7 +85,7 @@ class Motion:
             explained = slopes[i] ** 2 / inverse[i, i] if inverse[i, i] > 0.0 else 0.0
             total = explained + unexplained
             share = float(explained / total) if total > 0.0 else 0.0
-            effects[names[k]] = Effect(float(slopes[i] / scales[k]), share)
+            effects[names[k]] = PartialEffect(float(slopes[i] / scales[k]), share)
         return effects
 
     def _centred(self, columns: list[Array]) -> list[Array]:

@@ -12,7 +12,7 @@ attitude where it was recorded, else to the rates as they are.
 from dataclasses import dataclass
 from math import radians
 
-from app.telemetry.mapping.motion import Effect, Motion
+from app.telemetry.mapping.motion import Motion, PartialEffect
 from core.simulation.attitude import SurfaceSigns
 from core.types import Array
 
@@ -158,7 +158,9 @@ def _surface(
     return _against(effect, expected, words, {"delta_r": "rudder", "delta_a": "aileron"}[key])
 
 
-def _against(effect: Effect, expected: int, words: tuple[str, str], name: str) -> SignEvidence:
+def _against(
+    effect: PartialEffect, expected: int, words: tuple[str, str], name: str
+) -> SignEvidence:
     does, axis = words
     goes, should = (("right" if sign > 0 else "left") for sign in (effect.slope, expected))
     how = f"{effect.slope:+.2g} rad/s^2 of {axis} acceleration per rad{_explains(effect)}"
@@ -171,7 +173,7 @@ def _against(effect: Effect, expected: int, words: tuple[str, str], name: str) -
     )
 
 
-def _explains(effect: Effect) -> str:
+def _explains(effect: PartialEffect) -> str:
     return f", which explains {effect.share:.0%} of what the other channels do not"
 
 

@@ -103,7 +103,7 @@ def test_a_unit_has_its_published_size(text, target, expected):
 )
 def test_a_unit_of_another_kind_is_refused(text, target):
     assert not fits(text, target)
-    with pytest.raises(TelemetryError, match=f"kept in {target}: give one of {target}"):
+    with pytest.raises(TelemetryError, match=f"which is in {target}: give one of {target}"):
         factor(text, target)
 
 

@@ -97,7 +97,7 @@ WRONG = {
     "no unit": (mapping(beta=ChannelSource("b")), r"unit of beta \(b\): '' is not a known unit"),
     "another unit": (
         mapping(beta=ChannelSource("b", "deg/s")),
-        r"unit of beta \(b\): 'deg/s' is not a unit of this quantity, which is kept in rad",
+        r"unit of beta \(b\): 'deg/s' is not a unit of this quantity, which is in rad",
     ),
     "no time": (
         mapping({}, beta=ChannelSource("b", "rad")),
