@@ -54,6 +54,12 @@ const OUTCOMES = {
     mark: "◇",
     text: "part of it was not recorded: whether a limit was exceeded is not known",
   },
+  unknown: {
+    word: "UNKNOWN",
+    level: "caution",
+    mark: "◆",
+    text: "which limits the monitor was trained for is not known",
+  },
   invalid: {
     word: "INVALID",
     level: "off",
@@ -106,8 +112,9 @@ export function trimText({ trim }) {
   return trim === null ? "as given, no trim subtracted" : "deviations from trim";
 }
 
-export function isWithdrawn({ validity, outcome }) {
-  return validity.valid === false || outcome === "invalid";
+/** Whether nothing is said of it at all; an alert that came before the withdrawal stands. */
+export function isWithdrawn({ outcome }) {
+  return outcome === "invalid";
 }
 
 export function firstAlertText(manoeuvre) {

@@ -129,7 +129,7 @@ function cell(k, ...content) {
 
 function why(manoeuvre, isShort) {
   const { validity } = manoeuvre;
-  const isGuaranteed = validity.valid && manoeuvre.outcome !== "unseen";
+  const isGuaranteed = validity.valid && !["unseen", "unknown"].includes(manoeuvre.outcome);
   return h(
     "details",
     { open: isShort || validity.valid === false },
@@ -159,6 +159,7 @@ function riskWords(risk, t, withdrawn, epsilon) {
 }
 
 function noExceedance(outcome) {
+  if (outcome === "unknown") return "unknown";
   return outcome === "unseen" ? "not known" : "none";
 }
 
