@@ -12,7 +12,7 @@ from app.recipes import to_plain
 from app.report import facts, figures
 from app.report.envelope import Array
 from app.report.subject import PROPOSED, ReportSubject
-from app.scoring.plan import plan_of
+from app.scoring.plan import limits_of
 from core import __version__
 from core.channels import CHANNELS, Channel
 
@@ -36,7 +36,7 @@ TEMPLATES = Environment(
 def report(subject: ReportSubject) -> str:
     """Return the report as HTML that needs no other file."""
     monitor, scoring, recording = subject.monitor, subject.scoring, subject.recording
-    limits = plan_of(monitor).limits
+    limits = limits_of(monitor)
     stretches, epsilon = scoring["manoeuvres"], scoring["epsilon"]
     outside = scoring["outside"]
     drawn = facts.drawn(stretches)

@@ -84,9 +84,12 @@ def plan_of(monitor: Monitor) -> Plan:
     parts = {
         part: getattr(from_plain(DatasetRecipe(), plain), part) for part, plain in given.items()
     }
-    if monitor.limits is None:
-        return Plan(monitor.dt, np.full(N_CHANNELS, np.inf), limits_known=False, **parts)
-    return Plan(monitor.dt, monitor.limits, **parts)
+    return Plan(monitor.dt, limits_of(monitor), limits_known=monitor.limits is not None, **parts)
+
+
+def limits_of(monitor: Monitor) -> Array:
+    """(6,) magnitudes that must not be reached; infinite where there is none, or none is known."""
+    return np.full(N_CHANNELS, np.inf) if monitor.limits is None else monitor.limits
 
 
 def first_direction(deviation: Array) -> int:
