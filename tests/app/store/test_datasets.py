@@ -19,6 +19,7 @@ from app.store.tables import (
     datasets,
 )
 from core.dataset import Dataset
+from core.specification import Limits
 from tests.support.stored import count, make_parts_small
 
 
@@ -153,8 +154,7 @@ def test_a_dataset_that_fails_half_way_leaves_nothing(
 
 
 def test_peaks_count_every_rollout_against_its_limit(dataset: Dataset) -> None:
-    limits = {"Ny": 0.4, "p": 0.3, "beta": None}
-    histograms = peak_histograms(replace(dataset, recipe={"specification": limits}))
+    histograms = peak_histograms(replace(dataset, specification=Limits(Ny=0.4, p=0.3)))
     assert [peaks.channel for peaks in histograms] == ["p", "Ny"]
     for peaks, channel in zip(histograms, (1, 3), strict=True):
         edges = np.array(peaks.edges)
@@ -178,7 +178,8 @@ def test_a_diverged_rollout_counts_in_the_last_bin(dataset: Dataset) -> None:
 
 
 def test_a_specification_without_limits_has_no_peaks(dataset: Dataset) -> None:
-    assert peak_histograms(replace(dataset, recipe={"specification": {"kind": "label"}})) == ()
+    for specification in ("a label", None):
+        assert peak_histograms(replace(dataset, specification=specification)) == ()
 
 
 def test_python_objects_are_neither_stored_nor_read() -> None:

@@ -25,6 +25,7 @@ from app.store.store import NotFound, StoreError, open_store
 from app.store.tables import jobs, metadata
 from core.dataset import Dataset
 from core.monitor import train
+from core.specification import specification_to_plain
 from tests.support.places import ROOT
 from tests.support.store_writer import add_a_job, open_by_migrations, remaining, start
 from tests.support.stored import append, assert_says_its_number, keep_recording, move, scoring
@@ -100,6 +101,8 @@ def test_every_revision_goes_up_down_and_up(path: Path, revision: str) -> None:
 
 
 def test_what_an_older_schema_knows_survives_down_and_up(path: Path, dataset: Dataset) -> None:
+    plain = specification_to_plain(dataset.specification)
+    dataset = replace(dataset, recipe={"specification": plain})
     monitor = replace(train(dataset), evaluation={"misses": 3})
     store = open_store(path)
     dataset_info = store.datasets.add(dataset, "d")
