@@ -79,9 +79,11 @@ def wrong_columns(columns: Columns) -> str:
 
 
 def _most_memory() -> int:
-    """The most that this process has used so far [MiB]; 0 where the system does not say."""
-    try:
-        import resource
-    except ImportError:
-        return 0
-    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss // 1024
+    """The most that this process has used so far [MiB]; 0 where the system does not say.
+
+    ru_maxrss is no measure of it: a program inherits there what the process that started it used.
+    """
+    status = Path("/proc/self/status")
+    lines = status.read_text().splitlines() if status.exists() else []
+    peaks = [int(line.split()[1]) // 1024 for line in lines if line.startswith("VmHWM:")]
+    return max(peaks, default=0)
