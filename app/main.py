@@ -9,6 +9,7 @@ from typing import Any
 
 from fastapi import FastAPI
 from fastapi.responses import HTMLResponse, Response
+from fastapi.routing import iter_route_contexts
 from fastapi.staticfiles import StaticFiles
 
 from app.flights.flights import Flights
@@ -93,7 +94,17 @@ def create_app(settings: Settings | None = None) -> FastAPI:
     _serve_docs(app)
     if STATIC.is_dir():
         app.frontend("/", directory=STATIC, fallback=None)
+    _build_routes(app)
     return app
+
+
+def _build_routes(app: FastAPI) -> None:
+    """Build what FastAPI would build at the first request, when other threads are at work.
+
+    It hides pydantic's warnings meanwhile, and that holds for all threads: not safe among them.
+    """
+    for _ in iter_route_contexts(app.routes):
+        pass
 
 
 @asynccontextmanager
