@@ -32,7 +32,7 @@ UNKNOWN = np.full(N_CHANNELS, np.nan)
 CODES = {state: code for code, state in enumerate(STATES)}
 
 
-class Recorded(NamedTuple):
+class RecordedSample(NamedTuple):
     """A sample as it waits for the store."""
 
     seq: int
@@ -45,7 +45,7 @@ class Recorder:
 
     def __init__(self, store: Store, flight_id: str, clock: Clock) -> None:
         self._store, self._flight_id, self._clock = store, flight_id, clock
-        self._samples: list[Recorded] = []
+        self._samples: list[RecordedSample] = []
         self._notes: list[Callable[[], None]] = []
         self._store_ids: dict[str, str] = {}
         self._writing = asyncio.Lock()
@@ -55,7 +55,7 @@ class Recorder:
 
     def add(self, seq: int, y: Array, said: Assessment) -> None:
         """Take a sample; it is written with the next batch."""
-        self._samples.append(Recorded(seq, y, said))
+        self._samples.append(RecordedSample(seq, y, said))
         if len(self._samples) > MOST_WAITING:
             del self._samples[:BATCH]
             self.lost += BATCH
@@ -71,7 +71,7 @@ class Recorder:
         self._notes.append(partial(self._write_acknowledgement, alarm.id, alarm.by or ""))
         self._schedule()
 
-    def waiting(self, first: int, last: int) -> list[Recorded]:
+    def waiting(self, first: int, last: int) -> list[RecordedSample]:
         """Return samples first..last that are not in the store yet."""
         return [sample for sample in self._samples if first <= sample.seq <= last]
 
@@ -131,7 +131,7 @@ class Recorder:
                 LOG.exception("flight %s: the store has no place for this", self._flight_id)
             self._notes.remove(note)
 
-    def _write(self, batch: list[Recorded]) -> None:
+    def _write(self, batch: list[RecordedSample]) -> None:
         said = [sample.said for sample in batch]
         self._store.flights.append(
             self._flight_id,

@@ -41,7 +41,7 @@ class Task:
     total: int = 0
     message: str = "waiting"
     stop: threading.Event = field(default_factory=threading.Event)
-    watchers: set["Watcher"] = field(default_factory=set)
+    watchers: set["JobWatcher"] = field(default_factory=set)
     ended: bool = False
     next_save: float = 0.0
 
@@ -57,7 +57,7 @@ Work = Callable[[Task], dict[str, Any]]
 """What a job does, in a worker thread; what it returns is the job's result."""
 
 
-class Watcher:
+class JobWatcher:
     """Wakes one watcher on its own event loop; calls of `wake` between two waits count as one."""
 
     def __init__(self) -> None:
@@ -138,7 +138,7 @@ class Jobs:
 
     async def watch(self, job_id: str, patience: float) -> AsyncIterator[JobInfo | None]:
         """Yield the job as it is, then at each change, to its end; None after `patience` [s]."""
-        watcher = Watcher()
+        watcher = JobWatcher()
         task = self._live.get(job_id)
         if task is not None:
             task.watchers.add(watcher)

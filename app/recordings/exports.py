@@ -27,7 +27,7 @@ MAT_TITLE_BYTES = 116
 
 
 @dataclass(frozen=True, eq=False)
-class Column:
+class ExportColumn:
     """One column of an export. unit: "" for what has none.   values: (n,)."""
 
     name: str
@@ -46,7 +46,7 @@ class ExportFormat:
 
     ending: str
     media_type: str
-    pack: Callable[[list[Column], Mapping[str, Any]], bytes]
+    pack: Callable[[list[ExportColumn], Mapping[str, Any]], bytes]
 
 
 def export(samples: npt.NDArray, about: Mapping[str, Any], form: str) -> bytes:
@@ -57,37 +57,37 @@ def export(samples: npt.NDArray, about: Mapping[str, Any], form: str) -> bytes:
     return EXPORTS[form].pack(columns(samples), about)
 
 
-def columns(samples: npt.NDArray) -> list[Column]:
+def columns(samples: npt.NDArray) -> list[ExportColumn]:
     """The columns of stored samples in their order; attitude only where there is any."""
     units = {channel.key: channel.unit for channel in CHANNELS}
     states = np.array([state.value for state in STATES])
     measured = [
-        Column(key, unit, samples["y"][:, c]) for c, (key, unit) in enumerate(units.items())
+        ExportColumn(key, unit, samples["y"][:, c]) for c, (key, unit) in enumerate(units.items())
     ]
     predicted = [
-        Column(f"predicted_{key}", unit, samples["y_hat"][:, c])
+        ExportColumn(f"predicted_{key}", unit, samples["y_hat"][:, c])
         for c, (key, unit) in enumerate(units.items())
     ]
     attitude = [
-        Column(angle, "rad", samples["attitude"][:, c])
+        ExportColumn(angle, "rad", samples["attitude"][:, c])
         for c, angle in enumerate(ANGLES)
         if np.isfinite(samples["attitude"][:, c]).any()
     ]
     return [
-        Column("t", "s", samples["t"]),
+        ExportColumn("t", "s", samples["t"]),
         *measured,
-        Column("state", "", states[samples["state"]]),
-        Column("p_value", "", samples["p_value"]),
-        Column("alert", "", samples["alert"]),
-        Column("stretch", "", samples["stretch"].astype(np.int32)),
-        Column("in_manoeuvre", "", samples["stretch"] >= 0),
-        Column("withdrawn_p_value", "", samples["withdrawn"]),
+        ExportColumn("state", "", states[samples["state"]]),
+        ExportColumn("p_value", "", samples["p_value"]),
+        ExportColumn("alert", "", samples["alert"]),
+        ExportColumn("stretch", "", samples["stretch"].astype(np.int32)),
+        ExportColumn("in_manoeuvre", "", samples["stretch"] >= 0),
+        ExportColumn("withdrawn_p_value", "", samples["withdrawn"]),
         *predicted,
         *attitude,
     ]
 
 
-def _table(given: list[Column], names: list[str]) -> "pa.Table":
+def _table(given: list[ExportColumn], names: list[str]) -> "pa.Table":
     """An Arrow table in which a missing value is null, not a number that is none."""
     import pyarrow as pa
 
@@ -98,7 +98,7 @@ def _table(given: list[Column], names: list[str]) -> "pa.Table":
     return pa.table(arrays, names=names)
 
 
-def _csv(given: list[Column], about: Mapping[str, Any]) -> bytes:
+def _csv(given: list[ExportColumn], about: Mapping[str, Any]) -> bytes:
     from pyarrow.csv import WriteOptions, write_csv
 
     file = io.BytesIO()
@@ -107,7 +107,7 @@ def _csv(given: list[Column], about: Mapping[str, Any]) -> bytes:
     return file.getvalue()
 
 
-def _parquet(given: list[Column], about: Mapping[str, Any]) -> bytes:
+def _parquet(given: list[ExportColumn], about: Mapping[str, Any]) -> bytes:
     import pyarrow as pa
     from pyarrow.parquet import write_table
 
@@ -122,7 +122,7 @@ def _parquet(given: list[Column], about: Mapping[str, Any]) -> bytes:
     return file.getvalue()
 
 
-def _mat(given: list[Column], about: Mapping[str, Any]) -> bytes:
+def _mat(given: list[ExportColumn], about: Mapping[str, Any]) -> bytes:
     from scipy.io import savemat
 
     file = io.BytesIO()

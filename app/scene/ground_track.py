@@ -25,7 +25,7 @@ TIPS: Array = np.array([(-3.2, -3.2), (-SPAN / 2, SPAN / 2), (0.0, 0.0)])
 """Left and right wing tip, body axes [m]; (3, 2)."""
 
 
-class Track:
+class GroundTrack:
     """The flight path so far.
 
     heading: what the camera follows [rad].   place: north and east [m].

@@ -12,7 +12,7 @@ import numpy as np
 import viser
 
 from app.scene.aircraft_mesh import Colour, Part, aircraft
-from app.scene.ground_track import TRAIL_POINTS, Track
+from app.scene.ground_track import TRAIL_POINTS, GroundTrack
 from app.scene.quaternion import body_to_earth, product, turn
 from app.scene.shapes import arrow, circle, compass, slip_scale, torus, tube
 from core.monitor.assessment import State
@@ -58,7 +58,7 @@ class Shown(NamedTuple):
     paused: bool = False
 
 
-class Words(NamedTuple):
+class Caption(NamedTuple):
     """What a scene says: ALERT, STALE, ...; the risk as text, where there is one; and why."""
 
     word: str
@@ -66,13 +66,13 @@ class Words(NamedTuple):
     detail: str
 
 
-def words(shown: Shown) -> Words:
+def caption(shown: Shown) -> Caption:
     """A number only where the sample could be assessed, a word wherever it is not calm."""
     if shown.state is not State.OK or shown.p_value is None:
         word = "INVALID" if shown.state is State.OK else shown.state.replace("_", " ").upper()
-        return Words(word, "", shown.reason or "no risk can be given")
+        return Caption(word, "", shown.reason or "no risk can be given")
     word = " ".join(["ALERT"] * shown.alert + ["PAUSED"] * shown.paused)
-    return Words(
+    return Caption(
         word, f"RISK {as_text(shown.p_value, shown.epsilon)}", f"alert above {shown.epsilon:.3g}"
     )
 
@@ -87,7 +87,7 @@ def as_text(p_value: float, epsilon: float) -> str:
     return text
 
 
-def readout(said: Words, colour: Colour) -> str:
+def readout(said: Caption, colour: Colour) -> str:
     """The words as HTML for viser's panel; `detail` may come from outside and is escaped."""
     tint = f"rgb{colour}"
     style = f"background:{tint};color:#0b0f14;padding:0 8px;margin:0 -8px 2px;border-radius:4px"
@@ -126,7 +126,7 @@ class Picture:
 
     def __init__(self, server: viser.ViserServer, signs: SurfaceSigns, alpha0: float) -> None:
         self._server, self._signs, self._alpha0 = server, signs, alpha0
-        self._track = Track()
+        self._track = GroundTrack()
         self._sent: dict[tuple[int, str], Any] = {}
         with server.atomic():
             _stage(server)
@@ -313,7 +313,7 @@ class Picture:
         beside = (0.0, -2.2 * COLUMN_RADIUS, at[2])
         self._set(self._epsilon, text=f"ε {shown.epsilon:.3g}", position=beside)
         self._paint_ring(colour)
-        said = words(shown)
+        said = caption(shown)
         self._set(self._headline, text=f"{said.word} {said.risk}".strip())
         self._set(self._readout, content=readout(said, colour))
 

@@ -10,8 +10,8 @@ from app.store.tables import alarms, new_id, now
 
 
 @dataclass(frozen=True)
-class Alarm(Entry):
-    """A latched alert."""
+class StoredAlarm(Entry):
+    """A latched alert as it is stored."""
 
     id: str
     flight_id: str
@@ -45,18 +45,18 @@ class AlarmRepository(Repository):
             connection.execute(insert(alarms).values(**row, number=number, raised=now()))
         return alarm_id
 
-    def acknowledge(self, alarm_id: str, by: str) -> Alarm:
+    def acknowledge(self, alarm_id: str, by: str) -> StoredAlarm:
         """Note who has seen an alarm; the first one stays. NotFound."""
         waiting = (alarms.c.id == alarm_id) & alarms.c.acknowledged.is_(None)
-        query = select(*columns(alarms, Alarm)).where(alarms.c.id == alarm_id)
+        query = select(*columns(alarms, StoredAlarm)).where(alarms.c.id == alarm_id)
         with self._writing() as connection:
             connection.execute(update(alarms).where(waiting).values(acknowledged=now(), by=by))
-            return Alarm(**fetch(connection, query, "alarm", alarm_id)._mapping)
+            return StoredAlarm(**fetch(connection, query, "alarm", alarm_id)._mapping)
 
-    def of(self, flight_id: str) -> list[Alarm]:
+    def of(self, flight_id: str) -> list[StoredAlarm]:
         """Alarms of a flight in the order they were raised. NotFound."""
-        query = select(*columns(alarms, Alarm)).where(alarms.c.flight_id == flight_id)
+        query = select(*columns(alarms, StoredAlarm)).where(alarms.c.flight_id == flight_id)
         with self._reading() as connection:
             fetch_flight(connection, flight_id)
             rows = connection.execute(query.order_by(alarms.c.number))
-            return [Alarm(**row._mapping) for row in rows]
+            return [StoredAlarm(**row._mapping) for row in rows]

@@ -43,7 +43,7 @@ class Surfaces(NamedTuple):
     position_limit: float
 
 
-class Steps(NamedTuple):
+class TimeSteps(NamedTuple):
     """How time is cut. step: [s] between two output samples, of which a command lasts `substeps`.
 
     parts: Runge-Kutta steps of each.   half_fade: what half of one leaves of a lag; 0 without lag.
@@ -188,7 +188,7 @@ def _follow_commands(w, at, nx, n_samples, surfaces, steps, which, target):
 def roll_out_limited(plants, law, surfaces, pilot, steps, work, iwork, out, first, last):
     """Simulate rollouts first..last-1 into `out`; returns the first block that cannot be, or -1.
 
-    surfaces, steps: Surfaces and Steps.
+    surfaces, steps: Surfaces and TimeSteps.
     work: `limited_work` numbers, aligned; iwork: LIMITED_IWORK integers.
     """
     n_rollouts, nx = plants[0].shape[:2]

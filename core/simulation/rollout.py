@@ -11,8 +11,8 @@ from core.kernels.lanes import WIDTH, aligned
 from core.kernels.response import GROUPS, LINEAR_IWORK, Hold, linear_work, roll_out_linear
 from core.kernels.saturation import (
     LIMITED_IWORK,
-    Steps,
     Surfaces,
+    TimeSteps,
     limited_work,
     roll_out_limited,
 )
@@ -142,13 +142,13 @@ def _surfaces(actuator: Actuator) -> Surfaces:
 
 def _runge_kutta(
     step: float, actuator: Actuator, controller: Controller, lag_s: float, substeps: int
-) -> Steps:
+) -> TimeSteps:
     """Cut each output step into parts that follow the fastest of actuators and law."""
     law_poles = np.abs(np.linalg.eigvals(controller.a)) if len(controller.a) else np.zeros(1)
     fastest = max(actuator.bandwidth_rad_s, law_poles.max())
     parts = ceil(step / min(LONGEST_STEP, 0.2 / fastest) - 1e-9)
     half_fade = exp(-0.5 * step / parts / lag_s) if lag_s > 0 else 0.0
-    return Steps(step, substeps, parts, half_fade)
+    return TimeSteps(step, substeps, parts, half_fade)
 
 
 def _what_failed(plants: Plants, first: int, step: float) -> str:

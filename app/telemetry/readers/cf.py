@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from app.telemetry.readers.sources import Column, is_time_name
+from app.telemetry.readers.signal_tables import Column, is_time_name
 from core.types import Array
 
 SECONDS = {

@@ -10,7 +10,7 @@ from app.telemetry.readers.chapter10.decoding import DECODERS, OTHER_KINDS, Deco
 from app.telemetry.readers.chapter10.packets import TICKS, Packet, packets, ticks_between
 from app.telemetry.readers.chapter10.series import Sampled
 from app.telemetry.readers.library_errors import library_errors
-from app.telemetry.readers.sources import Source, listed, write_sources
+from app.telemetry.readers.signal_tables import SignalTable, listed, write_tables
 from app.telemetry.recording import TelemetryError
 
 TITLE = "Chapter 10"
@@ -30,14 +30,14 @@ def read(path: Path, writer: ColumnWriter) -> Contents:
         opened = Opened()
         for packet in packets(path):
             opened.take(packet)
-        sources, ignored = opened.sources(), opened.ignored()
-        if not sources:
+        tables, ignored = opened.tables(), opened.ignored()
+        if not tables:
             kinds = f" ({'; '.join(ignored)})" if ignored else ""
             raise TelemetryError(
                 f"no channel of the Chapter 10 file can be decoded without a description of the "
                 f"aircraft{kinds}: export the decoded parameters as a table"
             )
-        write_sources(path, sources, writer, ignored)
+        write_tables(path, tables, writer, ignored)
         return writer.finish(
             "ch10", start=opened.start(), ignored=listed(ignored), notes=tuple(opened.notes())
         )
@@ -73,12 +73,12 @@ class Opened:
         except Exception:  # the library's, of any kind
             left_out["damaged packets"] += 1
 
-    def sources(self) -> list[Source]:
+    def tables(self) -> list[SignalTable]:
         """Return the series by their names; analog samples of one packet have no known rate."""
         by_name = sorted(self.decoded.series.items())
         untimed = [s for _, s in by_name if isinstance(s, Sampled) and len(s.times) < 2]
         self.decoded.left_out.update(["analog channels of one packet"] * len(untimed))
-        return [series.source(name) for name, series in by_name if series not in untimed]
+        return [series.table(name) for name, series in by_name if series not in untimed]
 
     def ignored(self) -> list[str]:
         """Say what was left out and how often."""

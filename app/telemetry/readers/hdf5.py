@@ -4,7 +4,7 @@ from pathlib import Path
 
 from app.telemetry.contents import ColumnWriter, Contents
 from app.telemetry.readers.library_errors import library_errors
-from app.telemetry.readers.sources import listed, write_sources
+from app.telemetry.readers.signal_tables import listed, write_tables
 
 TITLE = "HDF5"
 
@@ -24,5 +24,5 @@ def read(path: Path, writer: ColumnWriter) -> Contents:
                     return other.read_open(file, writer)
             ignored: list[str] = []
             contents = arrays(datasets(file, ignored), ignored)
-            write_sources(path, contents.sources(), writer, ignored)
+            write_tables(path, contents.all_tables(), writer, ignored)
             return writer.finish("hdf5", ignored=listed(ignored))

@@ -15,8 +15,8 @@ import numpy as np
 from app.telemetry.contents import ColumnWriter, Contents
 from app.telemetry.readers.library_errors import library_errors, too_deep
 from app.telemetry.readers.matlab_structures import SIGNALS, as_signals
-from app.telemetry.readers.matrices import Matrix, matrix, to_sources
-from app.telemetry.readers.sources import Column, listed, write_sources
+from app.telemetry.readers.matrices import Matrix, matrix, to_tables
+from app.telemetry.readers.signal_tables import Column, listed, write_tables
 from app.telemetry.recording import TelemetryError
 
 TITLE = "MATLAB"
@@ -46,8 +46,8 @@ def read(path: Path, writer: ColumnWriter) -> Contents:
         if version == 2:
             return _read_hdf5(path, writer)
         loaded = _load(path, min(MOST_MEMORY, writer.most_bytes))
-        sources = to_sources(as_signals(loaded.arrays, loaded.texts))
-        write_sources(path, sources, writer, loaded.ignored, ".")
+        tables = to_tables(as_signals(loaded.arrays, loaded.texts))
+        write_tables(path, tables, writer, loaded.ignored, ".")
         return writer.finish("matlab5", ignored=listed(loaded.ignored))
 
 

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 
 from app.telemetry.readers.matrices import Matrix
-from app.telemetry.readers.sources import Column, is_time_name
+from app.telemetry.readers.signal_tables import Column, is_time_name
 
 VALUE_NAMES = ("data", "values", "value")
 UNIT_NAMES = ("unit", "units")

@@ -7,7 +7,14 @@ from typing import Any
 
 import numpy.typing as npt
 
-from app.telemetry.readers.sources import BLOCK, MOST_COLUMNS, Clock, Column, Pieces, Source
+from app.telemetry.readers.signal_tables import (
+    BLOCK,
+    MOST_COLUMNS,
+    Clock,
+    Column,
+    Pieces,
+    SignalTable,
+)
 
 Index = tuple[slice | int, ...]
 Take = Callable[[Any], npt.NDArray[Any]]
@@ -73,25 +80,25 @@ def matrix(
     )
 
 
-def to_sources(matrices: Collection[Matrix]) -> list[Source]:
+def to_tables(matrices: Collection[Matrix]) -> list[SignalTable]:
     """Make columns of matrices: the times among them tell rows from columns."""
     times = [m for m in matrices if m.is_time]
     clocks = {m.clocks[0] for m in times} - {None}
     lengths = {m.shape[0] for m in times}
-    return [_to_source(m, _samples_axis(m, clocks, lengths)) for m in matrices]
+    return [_to_table(m, _samples_axis(m, clocks, lengths)) for m in matrices]
 
 
-def _to_source(matrix: Matrix, axis: int) -> Source:
+def _to_table(matrix: Matrix, axis: int) -> SignalTable:
     column, columns = matrix.column, (matrix.column,)
     if not matrix.shape:
-        return Source(matrix.within, columns, 1, lambda: iter(()))
+        return SignalTable(matrix.within, columns, 1, lambda: iter(()))
     if len(matrix.shape) == 2:
         columns = tuple(
             Column(f"{column.name}[{k}]", column.unit, column.description)
             for k in range(matrix.shape[1 - axis])
         )
     pieces = partial(_pieces, matrix, axis)
-    return Source(matrix.within, columns, matrix.shape[axis], pieces, matrix.clocks[axis])
+    return SignalTable(matrix.within, columns, matrix.shape[axis], pieces, matrix.clocks[axis])
 
 
 def _samples_axis(matrix: Matrix, clocks: Collection[Clock], lengths: Collection[int]) -> int:

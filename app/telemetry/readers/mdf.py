@@ -17,7 +17,7 @@ import numpy.typing as npt
 
 from app.telemetry.contents import ColumnWriter, Contents
 from app.telemetry.readers.library_errors import library_errors
-from app.telemetry.readers.sources import Column, Pieces, Source, listed, write_sources
+from app.telemetry.readers.signal_tables import Column, Pieces, SignalTable, listed, write_tables
 from core.types import Flags
 
 TITLE = "MDF"
@@ -41,7 +41,7 @@ INVALIDATION = 2
 
 
 @dataclass(frozen=True, eq=False)
-class Channel:
+class MdfChannel:
     """A channel that is read. index: in its group.   conversion: None where values are raw."""
 
     index: int
@@ -72,12 +72,12 @@ def read(path: Path, writer: ColumnWriter) -> Contents:
         ):
             mdf.configure(read_fragment_size=FRAGMENT)
             ignored: list[str] = []
-            write_sources(path, list(_sources(mdf, ignored)), writer, ignored)
+            write_tables(path, list(_sources(mdf, ignored)), writer, ignored)
             start = mdf.header.start_time.isoformat()
         return writer.finish("mdf4", start=start, ignored=listed(ignored))
 
 
-def _sources(mdf: Any, ignored: list[str]) -> Iterator[Source]:
+def _sources(mdf: Any, ignored: list[str]) -> Iterator[SignalTable]:
     """The channel groups; those that share the master of another are of its clock."""
     names = _group_names(mdf)
     count = Counter(c.name for group in mdf.groups for c in group.channels)
@@ -88,7 +88,7 @@ def _sources(mdf: Any, ignored: list[str]) -> Iterator[Source]:
             name = raw.name if count[raw.name] == 1 else f"{names[number]}/{raw.name}"
             composed = bool(group.channel_dependencies[index])
             result = _channel(index, raw, group.channel_group, name, composed, newer)
-            if isinstance(result, Channel):
+            if isinstance(result, MdfChannel):
                 chosen.append(result)
             else:
                 ignored.append(result)
@@ -100,7 +100,7 @@ def _sources(mdf: Any, ignored: list[str]) -> Iterator[Source]:
             _check_record(group)
         pieces = partial(_pieces, mdf, number, chosen, n_rows)
         columns = tuple(channel.column for channel in chosen)
-        yield Source((names[number],), columns, n_rows, pieces, (names[master],))
+        yield SignalTable((names[number],), columns, n_rows, pieces, (names[master],))
 
 
 def _check_record(group: Any) -> None:
@@ -110,7 +110,7 @@ def _check_record(group: Any) -> None:
         raise ValueError("it ends within its data")
 
 
-def _pieces(mdf: Any, group: int, channels: list[Channel], n_rows: int) -> Pieces:
+def _pieces(mdf: Any, group: int, channels: list[MdfChannel], n_rows: int) -> Pieces:
     """Read the records of a group by fragments, every channel from each."""
     left = n_rows
     for fragment in mdf._mdf._load_data(mdf.groups[group]):
@@ -145,7 +145,7 @@ def _group_names(mdf: Any) -> list[str]:
 
 def _channel(
     index: int, channel: Any, group: Any, name: str, composed: bool, newer: bool
-) -> Channel | str:
+) -> MdfChannel | str:
     """Look at a channel of the library's, or say why it is no signal.
 
     group: its channel group.   composed: it is made of other channels.   newer: of MDF 4.
@@ -177,7 +177,7 @@ def _channel(
     safe = rule in (SAFE_4 if newer else SAFE_3)
     comment = "" if _is_xml(channel.comment) else str(channel.comment or "")
     column = Column(name, str(unit).strip() or ("s" if time else ""), comment[:200], time)
-    return Channel(index, column, conversion if safe else None)
+    return MdfChannel(index, column, conversion if safe else None)
 
 
 def _is_xml(comment: Any) -> bool:

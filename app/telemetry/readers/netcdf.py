@@ -7,8 +7,8 @@ from typing import Any
 from app.telemetry.contents import ColumnWriter, Contents
 from app.telemetry.readers.cf import Conventions
 from app.telemetry.readers.library_errors import library_errors
-from app.telemetry.readers.matrices import Matrix, matrix, to_sources
-from app.telemetry.readers.sources import listed, write_sources
+from app.telemetry.readers.matrices import Matrix, matrix, to_tables
+from app.telemetry.readers.signal_tables import listed, write_tables
 
 TITLE = "NetCDF"
 CLASSIC = b"CDF"
@@ -58,7 +58,7 @@ def _read_classic(path: Path, writer: ColumnWriter) -> Contents:
                 matrices.append(made)
             else:
                 ignored.append(made)
-        write_sources(path, to_sources(matrices), writer, ignored)
+        write_tables(path, to_tables(matrices), writer, ignored)
     start = conventions.start.iso if conventions.start else ""
     return writer.finish("netcdf", start=start, ignored=listed(ignored))
 

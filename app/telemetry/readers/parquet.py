@@ -12,14 +12,14 @@ import pyarrow as pa
 
 from app.telemetry.contents import ColumnWriter, Contents
 from app.telemetry.readers.library_errors import library_errors
-from app.telemetry.readers.sources import (
+from app.telemetry.readers.signal_tables import (
     BLOCK,
     Column,
     Pieces,
-    Source,
+    SignalTable,
     is_time_name,
     listed,
-    write_sources,
+    write_tables,
 )  # fmt: skip
 from core.types import Array
 
@@ -45,8 +45,8 @@ def read(path: Path, writer: ColumnWriter) -> Contents:
                         yield number, moments.numbers(batch.column(name))
 
             columns = _columns(schema, names)
-            write_sources(
-                path, [Source((), columns, file.metadata.num_rows, pieces)], writer, ignored
+            write_tables(
+                path, [SignalTable((), columns, file.metadata.num_rows, pieces)], writer, ignored
             )
             return writer.finish("parquet", start=moments.start, ignored=listed(ignored))
 

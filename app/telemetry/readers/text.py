@@ -11,7 +11,7 @@ from app.telemetry.readers.text_tables.blocks import blocks, pieces, without_lin
 from app.telemetry.readers.text_tables.layout import Layout, find_layout
 from app.telemetry.readers.text_tables.parser import BlockParser, Rows, finite
 from app.telemetry.readers.text_tables.rows import BadRows, RowReader
-from app.telemetry.readers.text_tables.times import Array, Clock, times_of
+from app.telemetry.readers.text_tables.times import Array, ElapsedTime, times_of
 
 HEAD_BYTES = 2**18
 PIECE_BYTES = 2**16
@@ -53,7 +53,9 @@ class _Table:
     def __init__(self, layout: Layout, writer: ColumnWriter) -> None:
         self._columns, self._notes, self._writer = layout.columns, layout.notes, writer
         self._wanted = [i for i, column in enumerate(layout.columns) if column.kind != "text"]
-        self._clocks = {i: Clock(c.form, c.example) for i, c in enumerate(layout.columns) if c.form}
+        self._clocks = {
+            i: ElapsedTime(c.form, c.example) for i, c in enumerate(layout.columns) if c.form
+        }
         self._parser = BlockParser(layout)
         self.bad = BadRows(writer.bad_share)
         unfilled = {i for i in self._wanted if not layout.columns[i].example}

@@ -8,7 +8,14 @@ from typing import Any
 
 from app.telemetry.contents import MOST_SIGNALS, ColumnWriter, Contents
 from app.telemetry.readers.library_errors import library_errors, too_deep
-from app.telemetry.readers.sources import BLOCK, Column, Pieces, Source, listed, write_sources
+from app.telemetry.readers.signal_tables import (
+    BLOCK,
+    Column,
+    Pieces,
+    SignalTable,
+    listed,
+    write_tables,
+)
 from app.telemetry.recording import TelemetryError
 
 TITLE = "ULog"
@@ -35,8 +42,8 @@ def read(path: Path, writer: ColumnWriter) -> Contents:
         with path.open("rb") as file:
             log = ULog(file)
         ignored: list[str] = []
-        sources = [_topic(data, log.data_list, ignored) for data in log.data_list]
-        write_sources(path, _smallest(sources, ignored), writer, ignored)
+        tables = [_topic(data, log.data_list, ignored) for data in log.data_list]
+        write_tables(path, _smallest(tables, ignored), writer, ignored)
         return writer.finish("ulog", ignored=listed(ignored), notes=_notes(log))
 
 
@@ -77,7 +84,7 @@ def _check_fields(formats: Formats, name: str) -> None:
                 )
 
 
-def _topic(data: Any, every: list[Any], ignored: list[str]) -> Source:
+def _topic(data: Any, every: list[Any], ignored: list[str]) -> SignalTable:
     """The numeric fields of a topic, those of long arrays and texts left out."""
     alone = data.multi_id == 0 and sum(other.name == data.name for other in every) == 1
     group = data.name if alone else f"{data.name}_{data.multi_id}"
@@ -98,19 +105,19 @@ def _topic(data: Any, every: list[Any], ignored: list[str]) -> Source:
         Column(f"{group}/{name}", "s" if name == TIME else "", time=name == TIME) for name in names
     )
     n_rows = len(next(iter(data.data.values())))
-    return Source((group,), columns, n_rows, partial(_pieces, data.data, names))
+    return SignalTable((group,), columns, n_rows, partial(_pieces, data.data, names))
 
 
-def _smallest(sources: list[Source], ignored: list[str]) -> list[Source]:
+def _smallest(tables: list[SignalTable], ignored: list[str]) -> list[SignalTable]:
     """The topics with the fewest fields, where all have more than can be read."""
     chosen, n_signals = [], 0
-    for source in sorted(sources, key=lambda source: len(source.columns)):
-        n_signals += len(source.columns)
+    for table in sorted(tables, key=lambda table: len(table.columns)):
+        n_signals += len(table.columns)
         if n_signals <= MOST_SIGNALS:
-            chosen.append(source)
+            chosen.append(table)
         else:
-            ignored.append(f"{source.within[0]}: one of too many fields in the file")
-    return [source for source in sources if source in chosen]
+            ignored.append(f"{table.within[0]}: one of too many fields in the file")
+    return [table for table in tables if table in chosen]
 
 
 def _pieces(fields: Mapping[str, Any], names: list[str]) -> Pieces:

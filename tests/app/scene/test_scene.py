@@ -27,7 +27,7 @@ from websockets.sync.client import connect
 from app.routes.scene import CONTENT_SECURITY_POLICY, same_origin
 from app.scene import server as scene_server
 from app.scene.aircraft_mesh import aircraft
-from app.scene.ground_track import TRAIL_POINTS, Track
+from app.scene.ground_track import TRAIL_POINTS, GroundTrack
 from app.scene.picture import (
     ALERT,
     CALM,
@@ -36,9 +36,9 @@ from app.scene.picture import (
     WIDEST,
     Shown,
     as_text,
+    caption,
     readout,
     tone,
-    words,
 )
 from app.scene.quaternion import body_to_earth, matrix, turn
 from app.scene.scene import Scene, Scenes, TooManyScenes
@@ -494,27 +494,27 @@ class TestShow:
 
 class TestWhatIsSaid:
     def test_the_risk_says_which_way_is_worse(self):
-        assert words(OK) == ("", "RISK 0.12", "alert above 0.2")
-        said = readout(words(OK), CALM)
+        assert caption(OK) == ("", "RISK 0.12", "alert above 0.2")
+        said = readout(caption(OK), CALM)
         assert "RISK 0.12" in said
         assert "(higher is worse)" in said
         assert f"drawn ×{EXAGGERATION:g}" in said
 
     def test_an_alert_is_a_word_and_a_colour(self):
         alert = OK._replace(p_value=0.5, alert=True)
-        assert words(alert).word == "ALERT"
+        assert caption(alert).word == "ALERT"
         assert (tone(alert), tone(OK)) == (ALERT, CALM)
 
     @pytest.mark.parametrize("state", SILENT)
     def test_a_state_without_a_risk_is_a_word_in_grey_and_never_a_number(self, state):
         shown = OK._replace(state=state, reason="a gap")  # whatever else was filled in
-        assert words(shown) == (state.replace("_", " ").upper(), "", "a gap")
+        assert caption(shown) == (state.replace("_", " ").upper(), "", "a gap")
         assert tone(shown) == GREY
-        assert "RISK" not in readout(words(shown), GREY)
+        assert "RISK" not in readout(caption(shown), GREY)
 
     def test_a_reason_from_outside_cannot_write_the_page(self):
         said = readout(
-            words(OK._replace(state=State.STALE, reason="<img src=x>" + "a" * 999)), GREY
+            caption(OK._replace(state=State.STALE, reason="<img src=x>" + "a" * 999)), GREY
         )
         assert "<img" not in said
         assert "&lt;img" in said
@@ -651,8 +651,8 @@ class TestThePicture:
 
 
 class TestTheTrack:
-    def fly(self, n: int, psi_rate: float = 0.0, beta: float = 0.0) -> Track:
-        track = Track()
+    def fly(self, n: int, psi_rate: float = 0.0, beta: float = 0.0) -> GroundTrack:
+        track = GroundTrack()
         for k in range(n):
             track.advance(0.05 * k, Attitude(0.0, 0.0, psi_rate * 0.05 * k), beta, CALM)
         return track

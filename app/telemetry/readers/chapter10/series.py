@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from app.telemetry.readers.chapter10.packets import TICKS
-from app.telemetry.readers.sources import Column, Pieces, Source
+from app.telemetry.readers.signal_tables import Column, Pieces, SignalTable
 from core.types import Array
 
 MOST_WORDS = 32
@@ -22,7 +22,7 @@ class Series(ABC):
     """Samples of one origin, with the time of each in ticks after the first of the file."""
 
     @abstractmethod
-    def source(self, name: str) -> Source:
+    def table(self, name: str) -> SignalTable:
         """Return the samples as columns."""
 
 
@@ -40,7 +40,7 @@ class Words(Series):
         self.counts.append(len(words) // 2)
         self.words.frombytes(np.frombuffer(words.ljust(2 * MOST_WORDS, b"\0"), "<i2").tobytes())
 
-    def source(self, name: str) -> Source:
+    def table(self, name: str) -> SignalTable:
         """Return a column a word, NaN where a message has fewer."""
         counts = np.asarray(self.counts)
         width = int(counts.max())
@@ -52,7 +52,7 @@ class Words(Series):
             for k in range(width):
                 yield k + 1, np.where(k < counts, table[:, k], np.nan)
 
-        return Source((name,), _columns(name, labels), len(counts), pieces)
+        return SignalTable((name,), _columns(name, labels), len(counts), pieces)
 
 
 @dataclass(eq=False)
@@ -68,7 +68,7 @@ class Values(Series):
         self.times.append(time)
         self.values.extend(values)
 
-    def source(self, name: str) -> Source:
+    def table(self, name: str) -> SignalTable:
         """Return a column a value."""
         labels = [f"{name}/{label}" for label in self.labels]
 
@@ -76,7 +76,7 @@ class Values(Series):
             yield 0, np.asarray(self.times) / TICKS
             yield from enumerate(np.asarray(self.values).reshape(-1, len(labels)).T, start=1)
 
-        return Source((name,), _columns(name, labels), len(self.times), pieces)
+        return SignalTable((name,), _columns(name, labels), len(self.times), pieces)
 
 
 @dataclass(eq=False)
@@ -92,7 +92,7 @@ class Sampled(Series):
         self.times.append(time)
         self.blocks.append(block)
 
-    def source(self, name: str) -> Source:
+    def table(self, name: str) -> SignalTable:
         """Return a column a subchannel."""
         labels = [f"{name}/analog {k + 1}" for k in range(self.width)]
 
@@ -102,7 +102,7 @@ class Sampled(Series):
                 yield from enumerate(block.T, start=1)
 
         n_rows = sum(map(len, self.blocks))
-        return Source((name,), _columns(name, labels), n_rows, pieces)
+        return SignalTable((name,), _columns(name, labels), n_rows, pieces)
 
     def _times(self) -> Iterator[Array]:
         """Ticks of the samples: spread evenly up to the next packet, unless there is a gap."""

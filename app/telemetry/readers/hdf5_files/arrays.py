@@ -20,8 +20,8 @@ from app.telemetry.readers.hdf5_files.walk import (
     text,
     unreadable,
 )
-from app.telemetry.readers.matrices import Matrix, matrix, to_sources
-from app.telemetry.readers.sources import Clock, Column, Source, is_time_name
+from app.telemetry.readers.matrices import Matrix, matrix, to_tables
+from app.telemetry.readers.signal_tables import Clock, Column, SignalTable, is_time_name
 
 MOST_SCALES = 16
 """Of one dimension; a damaged file says billions, which the library walks one by one."""
@@ -36,11 +36,11 @@ class Arrays:
     """The arrays of numbers of a file by their paths, and its tables."""
 
     matrices: dict[Path, Matrix] = field(default_factory=dict)
-    tables: list[Source] = field(default_factory=list)
+    tables: list[SignalTable] = field(default_factory=list)
 
-    def sources(self) -> list[Source]:
+    def all_tables(self) -> list[SignalTable]:
         """Return all as columns."""
-        return [*to_sources(self.matrices.values()), *self.tables]
+        return [*to_tables(self.matrices.values()), *self.tables]
 
 
 def plain(name: str, dataset: h5py.Dataset) -> tuple[Column, Unpack | None]:

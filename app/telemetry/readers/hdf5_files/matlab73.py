@@ -18,8 +18,8 @@ from app.telemetry.readers.hdf5_files.walk import (
     unreadable,
 )
 from app.telemetry.readers.matlab_structures import SIGNALS, as_signals
-from app.telemetry.readers.matrices import to_sources
-from app.telemetry.readers.sources import listed, write_sources
+from app.telemetry.readers.matrices import to_tables
+from app.telemetry.readers.signal_tables import listed, write_tables
 
 MARK = b"MATLAB"
 MOST_TEXT = 4096
@@ -55,8 +55,8 @@ def read_open(file: h5py.File, writer: ColumnWriter) -> Contents:
             numbers.append((path, dataset))
     contents = arrays(numbers, ignored, separator=".", reverse=True)
     signals = as_signals(contents.matrices, texts)
-    write_sources(
-        FilePath(file.filename), [*to_sources(signals), *contents.tables], writer, ignored, "."
+    write_tables(
+        FilePath(file.filename), [*to_tables(signals), *contents.tables], writer, ignored, "."
     )
     return writer.finish("hdf5", ignored=listed(ignored))
 

@@ -9,7 +9,7 @@ from app.telemetry.contents import ColumnWriter, Contents
 from app.telemetry.readers.cf import Conventions
 from app.telemetry.readers.hdf5_files.arrays import Unpack, arrays
 from app.telemetry.readers.hdf5_files.walk import attribute, datasets, text
-from app.telemetry.readers.sources import Column, listed, write_sources
+from app.telemetry.readers.signal_tables import Column, listed, write_tables
 
 
 def wrote(file: h5py.File) -> bool:
@@ -30,6 +30,6 @@ def read_open(file: h5py.File, writer: ColumnWriter) -> Contents:
         return conventions.variable(name, value_of, dataset.dtype)
 
     contents = arrays(datasets(file, ignored), ignored, describe)
-    write_sources(Path(file.filename), contents.sources(), writer, ignored)
+    write_tables(Path(file.filename), contents.all_tables(), writer, ignored)
     start = conventions.start.iso if conventions.start else ""
     return writer.finish("netcdf", start=start, ignored=listed(ignored))

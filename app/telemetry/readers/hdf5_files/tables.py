@@ -9,7 +9,7 @@ import h5py
 import numpy as np
 
 from app.telemetry.readers.hdf5_files.walk import Path, attribute, not_numeric, text
-from app.telemetry.readers.sources import BLOCK, Column, Pieces, Source, is_time_name
+from app.telemetry.readers.signal_tables import BLOCK, Column, Pieces, SignalTable, is_time_name
 
 MOST_NESTING = 8
 """Of compound types in one another."""
@@ -17,7 +17,7 @@ MOST_NESTING = 8
 Keys = tuple[Any, ...]
 
 
-def table(path: Path, name: str, dataset: h5py.Dataset, ignored: list[str]) -> Source | str:
+def table(path: Path, name: str, dataset: h5py.Dataset, ignored: list[str]) -> SignalTable | str:
     """Make columns of a table's fields, or say why there are none; units from its attribute."""
     if dataset.ndim != 1:
         return f"{name}: a table of {dataset.ndim} dimensions"
@@ -32,7 +32,7 @@ def table(path: Path, name: str, dataset: h5py.Dataset, ignored: list[str]) -> S
         for label, keys in fields
     )
     pieces = partial(_rows, dataset, [keys for _, keys in fields])
-    return Source(path, columns, len(dataset), pieces)
+    return SignalTable(path, columns, len(dataset), pieces)
 
 
 def _fields(

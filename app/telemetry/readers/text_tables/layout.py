@@ -15,7 +15,7 @@ SAMPLE_LINES = 500
 
 
 @dataclass(frozen=True)
-class Column:
+class TextColumn:
     """A column of the table. kind: "number", "time" or "text".   example: one of its cells.
 
     form: of its times.   coarse: its times are repeated from row to row.
@@ -40,7 +40,7 @@ class Layout:
 
     delimiter: str
     decimal: str
-    columns: tuple[Column, ...]
+    columns: tuple[TextColumn, ...]
     first_line: int
     notes: tuple[str, ...] = ()
 
@@ -71,7 +71,7 @@ def find_layout(head: str) -> Layout:
         for i in range(width)
     ]
     if width > 1 and not any(header.names[width - 1 :]) and not columns[-1].example:
-        columns[-1] = Column(names[-1], "", "text")
+        columns[-1] = TextColumn(names[-1], "", "text")
     notes = ["Its numbers have a decimal comma."] if lines.decimal == "," else []
     if not header.names:
         notes.append(
@@ -89,10 +89,10 @@ def _most_common(kinds: Sequence[str]) -> str:
     return max(("number", "time", "text"), key=lambda kind: counts[kind])
 
 
-def _column(name: str, unit: str, kind: str, i: int, rows: Sequence[Line]) -> Column:
+def _column(name: str, unit: str, kind: str, i: int, rows: Sequence[Line]) -> TextColumn:
     of_kind = [row.cells[i] for row in rows if row.kinds[i] == kind]
     example = of_kind[0][:40] if of_kind else ""
     if kind != "time":
-        return Column(name, unit, kind, example)
+        return TextColumn(name, unit, kind, example)
     coarse = len(set(of_kind)) < 0.9 * len(of_kind)
-    return Column(name, "s", kind, example, form_of(of_kind), coarse)
+    return TextColumn(name, "s", kind, example, form_of(of_kind), coarse)

@@ -6,7 +6,7 @@ from math import nan
 
 from app.telemetry.contents import MOST_LISTED, BadRow
 from app.telemetry.readers.text_tables.cells import BLANKS, MISSING, cells, comment, number
-from app.telemetry.readers.text_tables.layout import Column, Layout
+from app.telemetry.readers.text_tables.layout import Layout, TextColumn
 from app.telemetry.recording import TelemetryError
 
 Value = float | str | None
@@ -140,7 +140,7 @@ class BadCellError(ValueError):
     """Why a row cannot be read."""
 
 
-def _time(column: Column, cell: str) -> str | None:
+def _time(column: TextColumn, cell: str) -> str | None:
     if cell in MISSING:
         return None
     assert column.form
@@ -149,7 +149,7 @@ def _time(column: Column, cell: str) -> str | None:
     return cell
 
 
-def _not_a(what: str, column: Column, cell: str) -> str:
+def _not_a(what: str, column: TextColumn, cell: str) -> str:
     if "\ufffd" in cell or "\0" in cell:
         return f"bytes that are no text in column {column.name}"
     return f"{cell[:40]!a} in column {column.name} is no {what}"

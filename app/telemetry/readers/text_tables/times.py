@@ -84,7 +84,7 @@ def _integers(texts: pa.ChunkedArray, known: npt.NDArray) -> Nanoseconds:
 
 
 @dataclass
-class Clock:
+class ElapsedTime:
     """Seconds since the first time of a column, block after block.
 
     A form that repeats itself is taken to go on: a jump of more than half its period is a turn.

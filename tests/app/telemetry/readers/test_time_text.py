@@ -11,13 +11,13 @@ from hypothesis import strategies as st
 from app.telemetry.contents import ColumnWriter, open_columns
 from app.telemetry.readers.text import read
 from app.telemetry.readers.text_tables.time_forms import form_of, is_time
-from app.telemetry.readers.text_tables.times import Clock, times_of
+from app.telemetry.readers.text_tables.times import ElapsedTime, times_of
 
 T0 = datetime(2026, 3, 1, 12, 34, 56, 789000)
 
 
 def seconds(texts):
-    clock = Clock(form_of(texts), texts[0])
+    clock = ElapsedTime(form_of(texts), texts[0])
     column = pa.chunked_array([pa.array(texts, pa.string())])
     return clock.seconds(times_of(column, clock.form)), clock
 
@@ -101,7 +101,7 @@ def test_a_clock_goes_on_where_it_begins_again(before, after):
 
 
 def test_midnight_is_passed_within_and_between_blocks_and_counted():
-    clock = Clock(form_of(["00:00:00"]))
+    clock = ElapsedTime(form_of(["00:00:00"]))
     times = [datetime(2026, 1, 1, tzinfo=UTC) + timedelta(hours=5 * k) for k in range(15)]
     found = []
     for block in (times[:4], times[4:5], [], times[5:]):
@@ -120,7 +120,7 @@ def test_samples_out_of_order_about_midnight_are_not_days_apart():
 @pytest.mark.parametrize("first", [None, "2026-05-03T12:34:56"])
 def test_a_missing_time_is_nan(first):
     times = [first, "2026-05-03T12:34:57", None, "2026-05-03T12:34:59"]
-    clock = Clock(form_of([time for time in times if time]))
+    clock = ElapsedTime(form_of([time for time in times if time]))
     for zone in ("", "Z"):
         texts = pa.array([time and time + zone for time in times], pa.string())
         found = clock.seconds(times_of(pa.chunked_array([texts]), clock.form))

@@ -1,6 +1,6 @@
 """From what a file declares to the folder of columns: groups that share their times, then numbers.
 
-A reader first collects Sources, which know their lengths and have read nothing; so a file that
+A reader first collects tables, which know their lengths and have not been read; so a file that
 declares more than may be read is refused before any of it is.
 """
 
@@ -29,7 +29,7 @@ TIME_NAMES = frozenset(
 Clock = tuple[str, ...] | None
 Pieces = Iterator[tuple[int, npt.ArrayLike]]
 Place = tuple[tuple[str, ...], int]
-"""Where a source lies and how long it is; those of one place are a group."""
+"""Where a table lies and how long it is; those of one place are a group."""
 
 
 @dataclass(frozen=True)
@@ -43,7 +43,7 @@ class Column:
 
 
 @dataclass(frozen=True, eq=False)
-class Source:
+class SignalTable:
     """Columns of equal length that are read together.
 
     within: the groups or structures they lie in, outermost first.
@@ -64,71 +64,71 @@ def is_time_name(name: str) -> bool:
     return re.split(r"[\[({<]", name)[0].strip().lower() in TIME_NAMES
 
 
-def write_sources(
+def write_tables(
     path: Path,
-    sources: Sequence[Source],
+    tables: Sequence[SignalTable],
     writer: ColumnWriter,
     ignored: list[str],
     separator: str = "/",
 ) -> None:
-    """Write the sources of a file as groups of signals.
+    """Write the tables of a file as groups of signals.
 
     The single values among them are added to `ignored`. TelemetryError where nothing is left, or
     where the file declares too much.
     """
     ignored += [
-        f"{column.name}: {'one value' if source.n_rows else 'no value'}"
-        for source in sources
-        if source.n_rows < 2
-        for column in source.columns
+        f"{column.name}: {'one value' if table.n_rows else 'no value'}"
+        for table in tables
+        if table.n_rows < 2
+        for column in table.columns
     ]
-    series = [source for source in sources if source.n_rows > 1]
-    if not any(source.columns for source in series):
+    series = [table for table in tables if table.n_rows > 1]
+    if not any(table.columns for table in series):
         raise TelemetryError(nothing(ignored))
     _check_size(path, series, writer)
     timed = {(s.within, s.n_rows) for s in series if s.clock is None and any(map(_time, s.columns))}
-    groups: dict[Place, list[Source]] = {}
-    for source in series:
-        groups.setdefault(_place(source, timed), []).append(source)
+    groups: dict[Place, list[SignalTable]] = {}
+    for table in series:
+        groups.setdefault(_place(table, timed), []).append(table)
     added = [
-        (source, numbers)
+        (table, numbers)
         for name, members in zip(_names(list(groups), separator), groups.values(), strict=True)
-        for source, numbers in _added(writer, name, members)
+        for table, numbers in _added(writer, name, members)
     ]
-    for source, numbers in added:
-        for column, values in source.pieces():
+    for table, numbers in added:
+        for column, values in table.pieces():
             writer.append(numbers[column], values)
 
 
 def _added(
-    writer: ColumnWriter, name: str, members: list[Source]
-) -> list[tuple[Source, list[int]]]:
+    writer: ColumnWriter, name: str, members: list[SignalTable]
+) -> list[tuple[SignalTable, list[int]]]:
     """Begin a group and its signals; the first time among them is its time."""
     group = writer.add_group(name)
-    time = next((c for source in members for c in source.columns if c.time), None)
+    time = next((c for table in members for c in table.columns if c.time), None)
     return [
         (
-            source,
+            table,
             [
                 writer.add_signal(
                     group, c.name, c.unit or unit_in(c.name), c.description, time=c is time
                 )
-                for c in source.columns
+                for c in table.columns
             ],
         )
-        for source in members
+        for table in members
     ]
 
 
-def _check_size(path: Path, series: Sequence[Source], writer: ColumnWriter) -> None:
+def _check_size(path: Path, series: Sequence[SignalTable], writer: ColumnWriter) -> None:
     """TelemetryError where a file declares more signals or numbers than may be written."""
-    n_signals = sum(len(source.columns) for source in series)
+    n_signals = sum(len(table.columns) for table in series)
     if n_signals > MOST_SIGNALS:
         raise TelemetryError(
             f"the file has {n_signals} signals, more than {MOST_SIGNALS}: export the ones of this "
             "test"
         )
-    n_bytes = 8 * sum(len(source.columns) * source.n_rows for source in series)
+    n_bytes = 8 * sum(len(table.columns) * table.n_rows for table in series)
     most = min(writer.most_bytes, max(MOST_UNFOLDING * path.stat().st_size, ALWAYS))
     if n_bytes > most:
         raise TelemetryError(
@@ -157,14 +157,14 @@ def _time(column: Column) -> bool:
     return column.time
 
 
-def _place(source: Source, timed: set[Place]) -> Place:
-    """Where a source belongs: its clock, else the nearest place outwards with a time as long."""
-    if source.clock is not None:
-        return source.clock, source.n_rows
-    for depth in range(len(source.within), -1, -1):
-        if (source.within[:depth], source.n_rows) in timed:
-            return source.within[:depth], source.n_rows
-    return source.within, source.n_rows
+def _place(table: SignalTable, timed: set[Place]) -> Place:
+    """Where a table belongs: its clock, else the nearest place outwards with a time as long."""
+    if table.clock is not None:
+        return table.clock, table.n_rows
+    for depth in range(len(table.within), -1, -1):
+        if (table.within[:depth], table.n_rows) in timed:
+            return table.within[:depth], table.n_rows
+    return table.within, table.n_rows
 
 
 def _names(places: list[Place], separator: str) -> list[str]:
