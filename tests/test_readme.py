@@ -39,7 +39,7 @@ def test_commands_of_the_readme_run(tmp_path: Path, monkeypatch: pytest.MonkeyPa
     for command in commands:
         arguments = shlex.split(command)
         assert main([*arguments, *SMALL.get(arguments[0], [])]) == 0, command
-    assert (tmp_path / "flight-scored" / "scored.png").exists()
+    assert (tmp_path / "flight-scored" / "scored.svg").exists()
     assert (tmp_path / "flight-report.html").exists()
 
 

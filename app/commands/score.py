@@ -32,6 +32,7 @@ def add(parser: argparse.ArgumentParser) -> None:
     """Add the command's options."""
     add_scoring_options(parser)
     parser.add_argument("-o", "--out", type=Path, help="directory written, FILE's name if absent")
+    parser.add_argument("--png", action="store_true", help="write the figure as PNG too")
     parser.epilog = SETTINGS
 
 
@@ -39,21 +40,23 @@ def run(options: argparse.Namespace) -> int:
     """Score the file; 1 where nothing could be assessed."""
     out = check_directory(options.out or Path(f"{options.file.stem}-scored"))
     request, memory = request_of(options)
-    report = write_scores(request, out, memory)
+    report = write_scores(request, out, memory, options.png)
     print(report.text)
     return 0 if report.assessed else 1
 
 
-def write_scores(request: ScoreRequest, out: Path, memory: MappingMemory | None = None) -> Report:
+def write_scores(
+    request: ScoreRequest, out: Path, memory: MappingMemory | None = None, with_png: bool = False
+) -> Report:
     """Score a file; write tables, figures and the mapping into a directory.
 
-    memory: as for `score_file`.   Nothing is written before everything is scored.
+    memory: as for `score_file`.   Nothing is written before everything is scored and drawn.
     """
     found = score_file(request, memory)
     text = json.dumps(found.mapping.to_plain(), indent=2, ensure_ascii=False)
     files = {MAPPING: f"{text}\n".encode()}
     for one in found.scored:
-        files |= _files(request.file.name, one)
+        files |= _files(request.file.name, one, with_png)
     for name, content in files.items():
         (out / name).parent.mkdir(parents=True, exist_ok=True)
         write_whole(out / name, content)
@@ -75,22 +78,25 @@ def is_assessed(one: Scored) -> bool:
     return bool((np.isfinite(samples["p_value"]) | np.isfinite(samples["withdrawn"])).any())
 
 
-def _files(file: str, one: Scored) -> dict[str, bytes]:
+def _files(file: str, one: Scored, with_png: bool) -> dict[str, bytes]:
     """Table and figure, by their place in the directory of results."""
-    from app.report import study_figures as figures
-    from app.report.flight_figure import whole_flight
+    from app.report.score_figure import FlownManeuver, png, score_figure
 
     scored, monitor = one.recording, one.monitor
-    figure = whole_flight(
+    drawing = score_figure(
         scored.samples,
-        [stretch.to_plain() for stretch in scored.stretches],
+        [
+            FlownManeuver(one.name, one.start, one.end, one.crossing and one.crossing.t)
+            for one in scored.stretches
+        ],
         plan_of(monitor).limits,
         scored.epsilon,
         monitor.lead,
         " ".join(["scored:", file, one.label]).strip(),
     )
-    files = {"assessments.csv": export(scored.samples, {}, "csv")}
-    files |= figures.render(figure, "scored")
+    files = {"assessments.csv": export(scored.samples, {}, "csv"), "scored.svg": drawing.svg}
+    if with_png:
+        files["scored.png"] = png(drawing)
     return {str(Path(one.label) / name): content for name, content in files.items()}
 
 

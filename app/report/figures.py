@@ -47,7 +47,7 @@ def overview(
         strip.fill("manoeuvre", spans)
         strip.line("measured", t, samples["y"][:, c])
         strip.levels("limit", _limits(limits[c]))
-    _risk(chart.strip(TALL, "risk"), samples, epsilon, spans)
+    risk_strip(chart, TALL, samples, epsilon, spans)
     chart.name([(stretch["start"], stretch["name"]) for stretch in stretches])
     return chart.svg("The limited channels and the risk over the whole recording")
 
@@ -61,24 +61,12 @@ def manoeuvre(
     chart = StripChart(float(t[0]), float(t[-1]))
     crossing = [stretch["crossing"]["t"]] if stretch["crossing"] else []
     late = [reached - lead for reached in crossing]
-    chart.explain(
-        [
-            ("measured", "measured, from trim"),
-            ("forecast", f"predicted {lead:g} s ahead"),
-            ("limit", "limit"),
-            *([("reached", "limit reached"), ("late", "last timely alert")] if crossing else []),
-        ]
-    )
+    explain_traces(chart, lead, bool(crossing))
     for c in range(len(CHANNELS)):
-        strip, y, y_hat = chart.strip(LOW, _label(c)), part["y"][:, c], part["y_hat"][:, c]
-        strip.show(y, y_hat[t + lead <= t[-1]], *_limits(limits[c]))
-        strip.line("forecast", t + lead, y_hat)
-        strip.line("measured", t, y)
-        strip.levels("limit", _limits(limits[c]))
+        strip = channel_strip(chart, LOW, c, part, limits[c], lead)
         strip.moments("reached", crossing)
         strip.moments("late", late)
-    risk = chart.strip(LOW, "risk")
-    _risk(risk, part, epsilon)
+    risk = risk_strip(chart, LOW, part, epsilon)
     risk.moments("reached", crossing)
     risk.moments("late", late)
     return chart.svg(f"Channels, forecasts, limits and risk of {stretch['name']}")
@@ -105,10 +93,47 @@ def faults(quality: Plain | None) -> Markup | None:
     )
 
 
-def _risk(
-    strip: Strip, samples: npt.NDArray, epsilon: float, spans: Sequence[tuple[float, float]] = ()
-) -> None:
+def explain_traces(chart: StripChart, lead: float, exceeds: bool) -> None:
+    """Say above the strips what their lines are. exceeds: whether moments of one are marked."""
+    chart.explain(
+        [
+            ("measured", "measured, from trim"),
+            ("forecast", f"predicted {lead:g} s ahead"),
+            ("limit", "limit"),
+            *([("reached", "limit exceeded"), ("late", "last timely alert")] if exceeds else []),
+        ]
+    )
+
+
+def channel_strip(
+    chart: StripChart,
+    height: float,
+    c: int,
+    samples: npt.NDArray,
+    limit: float,
+    lead: float,
+    spans: Sequence[tuple[float, float]] = (),
+) -> Strip:
+    """One channel: measured, forecast where it comes to lie, and limits, over shaded spans."""
+    t, y, y_hat = samples["t"], samples["y"][:, c], samples["y_hat"][:, c]
+    strip = chart.strip(height, _label(c))
+    strip.show(y, y_hat[t + lead <= t[-1]], *_limits(limit))
+    strip.fill("manoeuvre", spans)
+    strip.line("forecast", t + lead, y_hat)
+    strip.line("measured", t, y)
+    strip.levels("limit", _limits(limit))
+    return strip
+
+
+def risk_strip(
+    chart: StripChart,
+    height: float,
+    samples: npt.NDArray,
+    epsilon: float,
+    spans: Sequence[tuple[float, float]] = (),
+) -> Strip:
     """The risk, grey where it was withdrawn, hatched where a manoeuvre goes without."""
+    strip = chart.strip(height, "risk")
     t = samples["t"]
     strip.show([0.0, 1.0])
     alerts = runs(samples["alert"])
@@ -121,6 +146,7 @@ def _risk(
     strip.line("measured", t, samples["p_value"])
     begins = [begin for begin, _ in alerts]
     strip.marks("mark", t[begins], samples["p_value"][begins])
+    return strip
 
 
 def _limits(limit: float) -> list[float]:

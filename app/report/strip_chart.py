@@ -107,14 +107,17 @@ class Strip:
 
 
 class StripChart:
-    """Strips, one below the other. start, end: of the time axis [s].   left: of the strips [px]."""
+    """Strips, one below the other.
 
-    def __init__(self, start: float, end: float, left: float = LEFT) -> None:
+    start, end: of the time axis [s].   left, top: beside and above the strips [px].
+    """
+
+    def __init__(self, start: float, end: float, left: float = LEFT, top: float = TOP) -> None:
         self.start, self.end = start, end if end > start else start + 1.0
-        self.left = left
+        self.left, self.top = left, top
         self._strips: list[Strip] = []
         self._words: list[str] = []
-        self._bottom = TOP
+        self._bottom = top
 
     def x(self, t: Array) -> Array:
         """Where times lie in the chart [px]."""
@@ -148,22 +151,30 @@ class StripChart:
         for number, (x, (_, name)) in enumerate(zip(at, names, strict=False), 1):
             text = name if fit else str(number)
             if x >= free:
-                self._words.append(_text(x + 1, TOP - 4, text, more=' class="named"'))
+                self._words.append(_text(x + 1, self.top - 4, text, more=' class="named"'))
                 free = x + LETTER * (len(text) + 1)
 
     def svg(self, title: str) -> Markup:
         """The chart as an element. title: for those who do not see it."""
-        height = self._bottom - BETWEEN + BOTTOM
+        return Markup(
+            f'<svg class="chart" viewBox="0 0 {WIDTH:g} {self.height:.0f}" role="img" '
+            f'aria-label="{escape(title)}">{self.content()}</svg>'
+        )
+
+    @property
+    def height(self) -> float:
+        """Of the whole chart [px]."""
+        return self._bottom - BETWEEN + BOTTOM
+
+    def content(self) -> str:
+        """All that is drawn, without the element around it."""
         marked = list(ticks(self.start, self.end, 8))
         places = self.x(np.array([t for t, _ in marked])).tolist()
         times = list(zip(places, (text for _, text in marked), strict=True))
-        axis = [_text(x, height - 18, text, "middle") for x, text in times]
-        axis.append(_text((self.left + WIDTH - RIGHT) / 2, height - 4, "t [s]", "middle"))
+        axis = [_text(x, self.height - 18, text, "middle") for x, text in times]
+        axis.append(_text((self.left + WIDTH - RIGHT) / 2, self.height - 4, "t [s]", "middle"))
         strips = [part for strip in self._strips for part in strip.svg(times)]
-        return Markup(
-            f'<svg class="chart" viewBox="0 0 {WIDTH:g} {height:.0f}" role="img" '
-            f'aria-label="{escape(title)}">{"".join(strips + axis + self._words)}</svg>'
-        )
+        return "".join(strips + axis + self._words)
 
 
 def ticks(low: float, high: float, n: int) -> Iterator[tuple[float, str]]:

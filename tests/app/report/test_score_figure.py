@@ -1,0 +1,61 @@
+"""The figure of a scored recording stands alone and is drawn as PNG by what is there."""
+
+from pathlib import Path
+from shutil import which
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+
+from app.report.score_figure import Drawing, FlownManeuver, NoPngError, png, score_figure
+from core.channels import CHANNELS
+from tests.support.oscillator import DT
+from tests.support.samples import SAMPLE_LIKE
+
+LIMITS = np.array([np.inf, np.inf, np.inf, 0.5, np.inf, np.inf])
+LEAD = 0.25
+
+
+@pytest.fixture(scope="module")
+def drawing() -> Drawing:
+    samples = np.zeros(400, SAMPLE_LIKE)
+    samples["t"] = DT * np.arange(400)
+    samples["y"] = 0.1 * np.sin(samples["t"])[:, None]
+    samples["y_hat"] = samples["y"]
+    samples["withdrawn"] = np.nan
+    doublet = FlownManeuver("<doublet> & more", 2.0, 6.0, 4.0)
+    return score_figure(samples, [doublet], LIMITS, 0.1, LEAD, "scored: <flight>.csv")
+
+
+def test_it_is_a_file_of_its_own(drawing: Drawing) -> None:
+    svg = ElementTree.fromstring(drawing.svg)
+    assert svg.tag == "{http://www.w3.org/2000/svg}svg"
+    assert b".chart .limit" in drawing.svg
+    assert b'id="hatch"' in drawing.svg
+    assert b"http" not in drawing.svg.replace(b"http://www.w3.org/2000/svg", b"")
+
+
+def test_every_channel_and_each_moment_is_drawn(drawing: Drawing) -> None:
+    svg = ElementTree.fromstring(drawing.svg)
+    kinds = [part.get("class") for part in svg.iter()]
+    strips = len(CHANNELS) + 1
+    assert kinds.count("frame") == kinds.count("manoeuvre") == strips
+    words = "".join(svg.itertext())
+    for text in ("scored: <flight>.csv", "limit exceeded", "predicted 0.25 s ahead", "1"):
+        assert text in words
+    assert len({part.get("d") for part in svg.iter() if part.get("class") == "limit"}) == 2
+
+
+@pytest.mark.skipif(which("chromium") is None, reason="chromium is not on this machine")
+def test_a_png_is_drawn_by_what_is_there(drawing: Drawing, monkeypatch: pytest.MonkeyPatch) -> None:
+    content = png(drawing)
+    assert content.startswith(b"\x89PNG\r\n\x1a\n")
+    assert int.from_bytes(content[16:20]) == drawing.width
+
+
+def test_a_machine_without_such_a_program_is_told(
+    drawing: Drawing, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setenv("PATH", str(tmp_path))
+    with pytest.raises(NoPngError, match="rsvg-convert, inkscape, chromium"):
+        png(drawing)
