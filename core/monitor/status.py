@@ -1,0 +1,89 @@
+"""The headline of a flight: the worst that is true of it, decided here and nowhere else.
+
+Levels are those of 14 CFR 25.1322: a warning asks for action now, a caution for attention now.
+"""
+
+from enum import StrEnum
+from typing import NamedTuple
+
+
+class Status(StrEnum):
+    """What a headline can say, the worst first."""
+
+    EXCEEDING = "exceeding"
+    ALARM = "alarm"
+    RISK = "risk"
+    STALE = "stale"
+    INVALID = "invalid"
+    WARMING_UP = "warming_up"
+    NOT_CALIBRATED = "not_calibrated"
+    EXCEEDED = "exceeded"
+    OK = "ok"
+
+
+class Level(StrEnum):
+    """How urgent something is: red is for warnings, amber for cautions."""
+
+    WARNING = "warning"
+    CAUTION = "caution"
+    ADVISORY = "advisory"
+    NONE = "none"
+
+
+class Facts(NamedTuple):
+    """What is known of a flight at a moment.
+
+    exceeds: its newest sample reaches a limit.   alarm: one waits for its acknowledgement.
+    alert: the newest risk lies above the alert level.   stale: no sample comes, or no new one.
+    invalid: the monitor is not applicable.   warming_up: its history is not full yet.
+    calibrated: whether its validity is.   has_exceeded: an earlier sample reached a limit.
+    """
+
+    exceeds: bool = False
+    alarm: bool = False
+    alert: bool = False
+    stale: bool = False
+    invalid: bool = False
+    warming_up: bool = False
+    calibrated: bool = True
+    has_exceeded: bool = False
+
+
+class Headline(NamedTuple):
+    """The worst that is true, its level, and what stands beside it: stale and invalid."""
+
+    status: Status
+    level: Level
+    beside: tuple[Status, ...] = ()
+
+
+LEVELS = {
+    Status.EXCEEDING: Level.WARNING,
+    Status.ALARM: Level.WARNING,
+    Status.RISK: Level.WARNING,
+    Status.STALE: Level.CAUTION,
+    Status.INVALID: Level.CAUTION,
+    Status.WARMING_UP: Level.ADVISORY,
+    Status.NOT_CALIBRATED: Level.ADVISORY,
+    Status.EXCEEDED: Level.CAUTION,
+    Status.OK: Level.NONE,
+}
+
+
+def headline(facts: Facts) -> Headline:
+    """The worst that is true. What a stale sample shows is past: it is never "now"."""
+    fresh = not facts.stale
+    holds = {
+        Status.EXCEEDING: facts.exceeds and fresh,
+        Status.ALARM: facts.alarm,
+        Status.RISK: facts.alert and fresh,
+        Status.STALE: facts.stale,
+        Status.INVALID: facts.invalid,
+        Status.WARMING_UP: facts.warming_up,
+        Status.NOT_CALIBRATED: not facts.calibrated,
+        Status.EXCEEDED: facts.exceeds or facts.has_exceeded,
+        Status.OK: True,
+    }
+    worst = next(status for status in Status if holds[status])
+    always = (status for status in (Status.STALE, Status.INVALID) if holds[status])
+    return Headline(worst, LEVELS[worst], tuple(status for status in always if status != worst))

@@ -1,0 +1,68 @@
+"""The headline of a flight: the worst that is true, for every combination of facts."""
+
+from itertools import product
+
+import pytest
+
+from core.monitor.status import LEVELS, Facts, Headline, Level, Status, headline
+
+EVERY = [Facts(*values) for values in product((False, True), repeat=len(Facts._fields))]
+WORST_FIRST = (
+    "exceeding",
+    "alarm",
+    "risk",
+    "stale",
+    "invalid",
+    "warming_up",
+    "not_calibrated",
+    "exceeded",
+    "ok",
+)
+
+
+def true_of(facts: Facts) -> set[str]:
+    """Words that may be said of these facts, each by its own definition."""
+    said = {"ok"}
+    said |= {"exceeding"} if facts.exceeds and not facts.stale else set()
+    said |= {"alarm"} if facts.alarm else set()
+    said |= {"risk"} if facts.alert and not facts.stale else set()
+    said |= {"stale"} if facts.stale else set()
+    said |= {"invalid"} if facts.invalid else set()
+    said |= {"warming_up"} if facts.warming_up else set()
+    said |= set() if facts.calibrated else {"not_calibrated"}
+    said |= {"exceeded"} if facts.exceeds or facts.has_exceeded else set()
+    return said
+
+
+def test_the_order_is_the_contract_s() -> None:
+    assert tuple(Status) == WORST_FIRST
+
+
+@pytest.mark.parametrize("facts", EVERY)
+def test_the_headline_is_the_worst_that_is_true(facts: Facts) -> None:
+    said = true_of(facts)
+    assert headline(facts).status == next(word for word in WORST_FIRST if word in said)
+
+
+@pytest.mark.parametrize("facts", EVERY)
+def test_stale_and_invalid_stand_in_the_headline_or_beside_it(facts: Facts) -> None:
+    worst = headline(facts)
+    shown = {worst.status, *worst.beside}
+    assert (Status.STALE in shown, Status.INVALID in shown) == (facts.stale, facts.invalid)
+    assert worst.status not in worst.beside
+
+
+@pytest.mark.parametrize("facts", [facts for facts in EVERY if facts.stale])
+def test_a_stale_sample_is_never_now(facts: Facts) -> None:
+    assert headline(facts).status not in (Status.EXCEEDING, Status.RISK)
+
+
+@pytest.mark.parametrize("facts", [facts for facts in EVERY if facts.exceeds or facts.has_exceeded])
+def test_a_flight_that_exceeded_is_never_ok(facts: Facts) -> None:
+    assert headline(facts).status is not Status.OK
+
+
+def test_red_is_for_warnings_that_ask_for_action_now() -> None:
+    warnings = {status for status, level in LEVELS.items() if level is Level.WARNING}
+    assert warnings == {Status.EXCEEDING, Status.ALARM, Status.RISK}
+    assert headline(Facts()) == Headline(Status.OK, Level.NONE)
