@@ -1,6 +1,6 @@
 """What goes over a flight's WebSocket: JSON objects told apart by `type`.
 
-Down: hello, frames, state, alarm, transport, reset, heartbeat, end. Up: credit, resume.
+Down: hello, frames, state, status, alarm, transport, reset, heartbeat, end. Up: credit, resume.
 Times `t` are the flight's own [s]; `seq` numbers the samples flown, one up a sample, whatever the
 transport does; `sent` and the heartbeat's `server_time` are the server's.
 """
@@ -14,6 +14,7 @@ from app import json_codec
 from core.channels import CHANNELS
 from core.monitor import Assessment
 from core.monitor.assessment import State
+from core.monitor.status import Level, Status
 from core.specification import Limits, Specification
 
 Outputs = Annotated[list[float | None], Field(min_length=6, max_length=6)]
@@ -39,6 +40,18 @@ class ChannelLimit(Message):
     limit: float | None = Field(description="unsafe from this magnitude on, in `unit`")
 
 
+class Exceedance(Message):
+    """A sample that reaches a limit; SI units, N_y in g."""
+
+    channel: str = Field(description="key of the one furthest beyond its limit")
+    value: float
+    limit: float
+    judged: Literal["from_trim", "recorded", "both"] = Field(
+        description="which value reaches it: `from_trim`, as the monitor and every verdict take "
+        "it, as `recorded`, or both, as where nothing is subtracted"
+    )
+
+
 class Alarm(Message):
     """A latched alert: it stays until someone acknowledges it."""
 
@@ -47,6 +60,13 @@ class Alarm(Message):
     seq: int = Field(description="sample that raised it")
     t: float = Field(description="[s]")
     p_value: float | None
+    kind: Literal["risk", "limit"] = Field(
+        default="risk", description="a predicted exceedance, or a measured one"
+    )
+    level: Level = Field(
+        default=Level.WARNING, description="14 CFR 25.1322: `warning` asks for action now"
+    )
+    exceedance: Exceedance | None = Field(default=None, description="of kind `limit`")
     raised: str = Field(description="UTC, ISO 8601")
     acknowledged: str | None = Field(default=None, description="UTC, ISO 8601")
     by: str | None = None
@@ -112,6 +132,9 @@ class Hello(Message):
     transport: TransportState
     state: State
     reason: str
+    status: Status
+    level: Level
+    beside: list[Status]
     head: int = Field(description="newest seq; -1 before the first sample")
     alarms: list[Alarm] = Field(description="all that are open, and the last acknowledged ones")
     credit: int = Field(
@@ -137,6 +160,18 @@ class StateChange(Message):
     type: Literal["state"] = "state"
     state: State
     reason: str
+
+
+class StatusChange(Message):
+    """The headline changed: the worst that is true of the flight now.
+
+    beside: `stale` and `invalid` where they are true and not the headline.
+    """
+
+    type: Literal["status"] = "status"
+    status: Status
+    level: Level
+    beside: list[Status]
 
 
 class AlarmRaised(Message):

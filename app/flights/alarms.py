@@ -1,22 +1,60 @@
-"""Alarms: alerts latched until someone acknowledges them.
+"""Alarms: alerts and exceedances, latched until someone acknowledges them.
 
-An alert is raised as an alarm at its onset, the first sample above epsilon, once. It ends at an
-assessed sample not above epsilon, or where the flight restarts (seek, loop); a sample that could
-not be assessed ends nothing. The next onset is an alarm of its own, except while an alarm waits for
-its acknowledgement and
-- it is the last one and the alert had ended for less than REJOIN_S: a flicker is one alarm, or
+A risk above the alert level is an alarm, and so is a measured exceedance, from the channels alone:
+it asks nobody whether the monitor is applicable. Each kind is raised at its onset, once. A risk
+ends at an assessed sample that does not alert; a sample that could not be assessed ends nothing. An
+exceedance ends at a sample within the limits. Both end where the flight restarts (seek, loop). The
+next onset is an alarm of its own, except while one of its kind waits for its acknowledgement and
+- it is the last one and had ended for less than REJOIN_S: a flicker is one alarm, or
 - the sample is the very one that raised it: a loop does not ring again each time round.
 An acknowledged alarm is over: every onset after it rings.
 """
 
 from collections.abc import Callable
+from typing import Literal
 
-from app.messages import Alarm
+from app.messages import Alarm, Exceedance
 from core.monitor import Assessment, State
 
 REJOIN_S = 1.0
 CLOSED_KEPT = 50
 """Acknowledged alarms that a flight keeps at hand; the store has all."""
+Kind = Literal["risk", "limit"]
+
+
+class Onsets:
+    """Where one condition began: which of its onsets is an alarm of its own."""
+
+    def __init__(self) -> None:
+        self._active = False
+        self._last_t: float | None = None
+        self._latest = ""
+        self._indices: dict[str, int] = {}
+
+    def restart(self) -> None:
+        """The next sample does not follow the last one."""
+        self._active, self._last_t = False, None
+
+    def begins(self, index: int, t: float, active: bool) -> bool:
+        """Take a sample; whether it is an onset that rings."""
+        began = active and not self._active
+        rings = began and not self._joins(index, t)
+        self._active = active
+        if active:
+            self._last_t = t
+        return rings
+
+    def latch(self, alarm_id: str, index: int) -> None:
+        """Note the alarm that an onset raised."""
+        self._latest, self._indices[alarm_id] = alarm_id, index
+
+    def release(self, alarm_id: str) -> None:
+        """The alarm was acknowledged."""
+        self._indices.pop(alarm_id, None)
+
+    def _joins(self, index: int, t: float) -> bool:
+        last = self._last_t if self._latest in self._indices else None
+        return index in self._indices.values() or (last is not None and t - last < REJOIN_S)
 
 
 class Alarms:
@@ -26,10 +64,7 @@ class Alarms:
         self._open: dict[str, Alarm] = {}
         self._closed: list[Alarm] = []
         self._number = 0
-        self._alert = False
-        self._last_alert_t: float | None = None
-        self._latest = ""
-        self._onsets: dict[str, int] = {}
+        self._onsets: dict[Kind, Onsets] = {"risk": Onsets(), "limit": Onsets()}
 
     @property
     def at_hand(self) -> list[Alarm]:
@@ -43,41 +78,54 @@ class Alarms:
 
     def restart(self) -> None:
         """The next sample does not follow the last one."""
-        self._alert, self._last_alert_t = False, None
+        for onsets in self._onsets.values():
+            onsets.restart()
 
     def update(
-        self, seq: int, index: int, said: Assessment, utc: Callable[[], str]
-    ) -> Alarm | None:
-        """Take an assessed sample; return the alarm that it raises.
+        self,
+        seq: int,
+        index: int,
+        said: Assessment,
+        exceedance: Exceedance | None,
+        utc: Callable[[], str],
+    ) -> list[Alarm]:
+        """Take a sample; return the alarms that it raises, an exceedance first.
 
         index: the sample's number in its source, which a loop meets again.
-        utc: gives the present date and time.
+        exceedance: of this sample.   utc: gives the present date and time.
         """
-        if said.state is not State.OK:
-            return None
-        began = bool(said.alert) and not self._alert
-        self._alert = bool(said.alert)
-        alarm = None
-        if began and not self._joins(index, said.t):
-            self._number += 1
-            alarm = Alarm(
-                id=str(self._number),
-                number=self._number,
-                seq=seq,
-                t=said.t,
-                p_value=said.p_value,
-                raised=utc(),
-            )
-            self._open[alarm.id] = alarm
-            self._latest = alarm.id
-            self._onsets[alarm.id] = index
-        if said.alert:
-            self._last_alert_t = said.t
-        return alarm
+        active: dict[Kind, bool] = {"limit": exceedance is not None}
+        if said.state is State.OK:
+            active["risk"] = bool(said.alert)
+        began = [kind for kind in active if self._begins(kind, index, said.t, active[kind])]
+        return [self._raise(kind, seq, index, said, exceedance, utc()) for kind in began]
 
-    def _joins(self, index: int, t: float) -> bool:
-        last = self._last_alert_t if self._latest in self._open else None
-        return index in self._onsets.values() or (last is not None and t - last < REJOIN_S)
+    def _begins(self, kind: Kind, index: int, t: float, active: bool) -> bool:
+        return self._onsets[kind].begins(index, t, active)
+
+    def _raise(
+        self,
+        kind: Kind,
+        seq: int,
+        index: int,
+        said: Assessment,
+        exceedance: Exceedance | None,
+        utc: str,
+    ) -> Alarm:
+        self._number += 1
+        alarm = Alarm(
+            id=str(self._number),
+            number=self._number,
+            seq=seq,
+            t=said.t,
+            p_value=said.p_value,
+            kind=kind,
+            exceedance=exceedance if kind == "limit" else None,
+            raised=utc,
+        )
+        self._open[alarm.id] = alarm
+        self._onsets[kind].latch(alarm.id, index)
+        return alarm
 
     def acknowledge(self, alarm_id: str, by: str, utc: str) -> tuple[Alarm, bool]:
         """Acknowledge; the first one stays. Returns the alarm and whether this was the first.
@@ -85,10 +133,10 @@ class Alarms:
         KeyError for an alarm that is not at hand.
         """
         alarm = self._open.pop(alarm_id, None)
-        self._onsets.pop(alarm_id, None)
         if alarm is None:
             closed = {alarm.id: alarm for alarm in self._closed}
             return closed[alarm_id], False
+        self._onsets[alarm.kind].release(alarm_id)
         alarm = alarm.model_copy(update={"acknowledged": utc, "by": by})
         self._closed = [*self._closed, alarm][-CLOSED_KEPT:]
         return alarm, True

@@ -17,9 +17,11 @@ from app.messages import (
     Alarm,
     AlarmRaised,
     End,
+    Exceedance,
     Heartbeat,
     Hello,
     StateChange,
+    StatusChange,
     TransportState,
     encode_frame,
     limited_channels,
@@ -27,6 +29,7 @@ from app.messages import (
 )
 from core.channels import KEYS
 from core.monitor import Assessment, Monitor, State
+from core.monitor.status import Facts, Headline, headline
 from core.types import Array
 
 if TYPE_CHECKING:
@@ -73,7 +76,7 @@ class Flight(ABC):
     """
 
     dt: float
-    is_checked: bool
+    is_checked: bool = False
     theta: dict[str, float] | None = None
     duration: float | None = None
     fail_t: float | None = None
@@ -91,11 +94,15 @@ class Flight(ABC):
         self.is_over = False
         self.t = 0.0
         self.state, self.reason = State.WARMING_UP, "no sample has come yet"
+        self._said: Assessment | None = None
+        self._exceeds = False
+        self._exceeded_t: float | None = None
         self._on_over = on_over
         self._recent = RecentFrames()
         self._watchers: set[Watcher] = set()
         self._timers: dict[str, Timer] = {}
-        self._pose: tuple[Angles, Array, float | None, bool | None] | None = None
+        self._pose: tuple[Angles, Array] | None = None
+        self._headline = self.headline
 
     @property
     @abstractmethod
@@ -125,6 +132,26 @@ class Flight(ABC):
         return self._recent.head
 
     @property
+    def facts(self) -> Facts:
+        """What its headline is decided from."""
+        said, exceeded = self._said, (self._exceeded_t, self.fail_t)
+        return Facts(
+            exceeds=self._exceeds,
+            alarm=self.alarms.n_open > 0,
+            alert=said is not None and bool(said.alert),
+            stale=self.state is State.STALE,
+            invalid=said is not None and said.state is State.INVALID,
+            warming_up=self.state is State.WARMING_UP,
+            calibrated=self.is_checked,
+            has_exceeded=any(t is not None and t < self.t for t in exceeded),
+        )
+
+    @property
+    def headline(self) -> Headline:
+        """The worst that is true of it now."""
+        return headline(self.facts)
+
+    @property
     def n_watchers(self) -> int:
         """Connections that watch."""
         return len(self._watchers)
@@ -150,6 +177,7 @@ class Flight(ABC):
         if is_first:
             self.recorder.add_acknowledgement(alarm)
             self._tell(AlarmRaised(alarm=alarm).encode())
+            self._show()
         return alarm
 
     async def stop(self, reason: str) -> None:
@@ -178,6 +206,7 @@ class Flight(ABC):
             transport=self.transport,
             state=self.state,
             reason=self.reason,
+            **_plain(self.headline),
             head=self.head,
             alarms=self.alarms.at_hand,
             credit=CREDIT,
@@ -185,17 +214,28 @@ class Flight(ABC):
 
     # --- flying -------------------------------------------------------------------------------
 
-    def _fly(self, y: Array, said: Assessment, due: float, index: int, attitude: Angles) -> None:
-        """One sample: recorded, checked for an alarm, encoded. `_show` follows once a burst."""
+    def _fly(
+        self,
+        y: Array,
+        said: Assessment,
+        exceedance: Exceedance | None,
+        due: float,
+        index: int,
+        attitude: Angles,
+    ) -> None:
+        """One sample: recorded, checked for alarms, encoded. `_show` follows once a burst."""
         seq = self.head + 1
         self.recorder.add(seq, y, said)
         self._set_state(said.state, said.reason)
         self._recent.append(encode_frame(plain_frame(seq, y, said, round(due * 1e3, 3))))
-        alarm = self.alarms.update(seq, index, said, self.clock.utc)
-        if alarm is not None:
+        for alarm in self.alarms.update(seq, index, said, exceedance, self.clock.utc):
             self.recorder.add_alarm(alarm)
             self._tell(AlarmRaised(alarm=alarm).encode())
-        self.t, self._pose = said.t, (attitude, y, said.p_value, said.alert)
+        self.t, self._said, self._pose = said.t, said, (attitude, y)
+        self._exceeds = exceedance is not None
+        if self._exceeds:
+            earlier = self._exceeded_t
+            self._exceeded_t = said.t if earlier is None else min(earlier, said.t)
 
     def _restart(self, t: float) -> None:
         """The next sample, at t [s], does not follow the last one."""
@@ -206,11 +246,14 @@ class Flight(ABC):
 
     def _show(self) -> None:
         """Let watchers and scene have what is new."""
+        if self.headline != self._headline:
+            self._headline = self.headline
+            self._tell(StatusChange(**_plain(self._headline)).encode())
         for watcher in self._watchers:
             watcher.wake()
-        if self.scene is None or self._pose is None:
+        if self.scene is None or self._pose is None or self._said is None:
             return
-        attitude, y, p_value, alert = self._pose
+        (attitude, y), p_value, alert = self._pose, self._said.p_value, self._said.alert
         if self.state is State.STALE:
             p_value = alert = None
         angles = float(y[BETA]), float(y[DELTA_A]), float(y[DELTA_R])
@@ -279,3 +322,7 @@ class Flight(ABC):
         """Report the exception at hand; the flight is over."""
         LOG.exception("flight %s failed", self.id)
         self._end("failed", "the flight failed; the server's log says why")
+
+
+def _plain(headline: Headline) -> dict[str, Any]:
+    return headline._asdict() | {"beside": list(headline.beside)}

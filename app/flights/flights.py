@@ -14,7 +14,7 @@ from app.flights.live import LiveSource
 from app.flights.playback import Script
 from app.flights.recorder import Recorder
 from app.flights.sources import Opening, Source, aircraft_of, trim_angles
-from app.messages import Alarm, plain_frame
+from app.messages import Alarm, Exceedance, plain_frame
 from app.recordings.scored import ScoredRecordings
 from app.store.flights import FlightInfo
 from app.store.store import NotFound, Store
@@ -137,6 +137,9 @@ class Flights:
                 seq=one.seq,
                 t=one.t,
                 p_value=one.p_value,
+                kind=one.kind,
+                level=one.level,
+                exceedance=one.exceedance and Exceedance(**one.exceedance),
                 raised=one.raised,
                 acknowledged=one.acknowledged,
                 by=one.by,

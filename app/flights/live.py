@@ -4,6 +4,7 @@ import asyncio
 from collections.abc import AsyncIterator
 from typing import Any, NamedTuple, Protocol
 
+from app.flights.exceedance import exceedance
 from app.flights.flight import LEVEL, Flight, FlightPlan, patience
 from app.flights.transport import NotPossible
 from app.messages import TransportState
@@ -96,7 +97,8 @@ class LiveFlight(Flight):
             async for t, y, attitude in self._source:
                 self._came = self.clock.now()
                 said = stream.update(t, y)
-                self._fly(y, said, self._came, self.head + 1, attitude or LEVEL)
+                exceeded = exceedance(self.plan.monitor.limits, y, y)
+                self._fly(y, said, exceeded, self._came, self.head + 1, attitude or LEVEL)
                 self._show()
         except Exception:
             self._fail()

@@ -7,7 +7,9 @@ from abc import ABC, abstractmethod
 
 import numpy as np
 
+from app.flights.exceedance import exceedance
 from app.flights.track import Track
+from app.messages import Exceedance
 from core.monitor import Assessment, Monitor
 from core.types import Array
 
@@ -49,6 +51,14 @@ class Script(ABC):
     @abstractmethod
     def next_alert(self, k: int) -> int | None:
         """First sample after k at which an alert begins."""
+
+    def recorded(self, k: int) -> Array:
+        """Sample k before its trim was subtracted, (6,); as it is where nothing was."""
+        return self.y(k)
+
+    def exceedance(self, k: int, limits: Array | None) -> Exceedance | None:
+        """What limit sample k reaches. limits: (6,), None where they are not known."""
+        return exceedance(limits, self.y(k), self.recorded(k))
 
 
 class AssessedTrack(Script):

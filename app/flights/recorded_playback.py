@@ -47,10 +47,19 @@ class RecordedScript(Script):
         self._onsets = np.searchsorted(self.t, np.sort(np.array(begins, float)) - 0.5 * dt)
         self._display = DisplayAttitude(theta0)
         self._displayed = -1
+        known = [s.get("trim") or () for s in stretches]
+        trims = [[value or 0.0 for value in trim] or [0.0] * len(KEYS) for trim in known]
+        self._trims = np.array([*trims, [0.0] * len(KEYS)])
+        self._starts = np.array([s.get("first", 0) for s in stretches])
 
     def y(self, k: int) -> Array:
         """Sample k as it was assessed, from trim, (6,)."""
         return self._samples["y"][k]
+
+    def recorded(self, k: int) -> Array:
+        """Sample k, trim included, (6,); between manoeuvres y is from the trim of the one before."""
+        before = int(np.searchsorted(self._starts, k, "right")) - 1
+        return self._samples["y"][k] + self._trims[max(before, 0)]
 
     def attitude(self, k: int) -> Angles:
         """As recorded; an angle that was not is integrated from the rates."""

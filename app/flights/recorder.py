@@ -146,7 +146,10 @@ class Recorder:
         )
 
     def _write_alarm(self, alarm: Alarm) -> None:
-        stored = self._store.alarms.add(self._flight_id, alarm.seq, alarm.t, alarm.p_value)
+        exceedance = alarm.exceedance and alarm.exceedance.model_dump()
+        stored = self._store.alarms.add(
+            self._flight_id, alarm.seq, alarm.t, alarm.p_value, alarm.kind, alarm.level, exceedance
+        )
         self._store_ids[alarm.id] = stored
 
     def _write_acknowledgement(self, alarm_id: str, by: str) -> None:

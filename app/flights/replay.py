@@ -116,7 +116,8 @@ class TrackFlight(Flight):
         script, k = self._script, due.sample
         if due.restarts:
             self._restart(float(script.t[k]))
-        self._fly(script.y(k), script.said(k), due.due, k, script.attitude(k))
+        exceeded = script.exceedance(k, self.plan.monitor.limits)
+        self._fly(script.y(k), script.said(k), exceeded, due.due, k, script.attitude(k))
 
     def _next_alert(self) -> int:
         """Sample at which the next alert begins."""

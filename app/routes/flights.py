@@ -14,6 +14,7 @@ from starlette.status import (
 )
 from starlette.websockets import WebSocketDisconnect
 
+from app.flights.ended import Record, Verdict, records
 from app.flights.flight import Flight
 from app.flights.flights import FlightOrder, Flights, TooManyFlights, flight_name
 from app.flights.sources import SourceRequest
@@ -25,6 +26,7 @@ from app.recipes import RecipeError
 from app.routes.dependencies import json_from
 from app.store.flights import FlightInfo
 from core.monitor import State
+from core.monitor.status import Facts, Level, Status, headline
 
 router = APIRouter(prefix="/api/v1/flights", tags=["flights"])
 MOST_FRAMES = 10_000
@@ -73,7 +75,19 @@ class FlightStatus(BaseModel):
 
     id: str
     name: str
-    status: str = Field(description="`running`, `ended`, `failed` or `interrupted`")
+    progress: str = Field(description="`running`, `ended`, `failed` or `interrupted`")
+    status: Status = Field(
+        description="headline, the worst that is true of it: exceeding now, alarm unacknowledged, "
+        "risk above the alert level, stale, invalid, warming up, validity not calibrated, limit "
+        "exceeded earlier, ok"
+    )
+    level: Level = Field(description="of the headline, as in 14 CFR 25.1322")
+    beside: list[Status] = Field(
+        description="`stale` and `invalid` where they are true and not the headline"
+    )
+    verdict: Verdict | None = Field(
+        default=None, description="of a flight that is over and exceeded its limit"
+    )
     source: dict[str, Any]
     monitor: str = Field(description="id")
     epsilon: float
@@ -145,14 +159,16 @@ async def start_flight(
 async def list_flights(flights: FlightsDep) -> list[FlightStatus]:
     """All flights, newest first, under way or ended."""
     stored = await asyncio.to_thread(flights.store.flights.all)
-    return [_status(info, flights.get(info.id)) for info in stored]
+    over = await asyncio.to_thread(records, flights.store, stored)
+    return [_status(info, flights.get(info.id), over.get(info.id)) for info in stored]
 
 
 @router.get("/{flight_id}", responses=problem_responses(404, 422))
 async def read_flight(flight_id: str, flights: FlightsDep) -> FlightStatus:
     """One flight."""
     info = await asyncio.to_thread(flights.store.flights.info, flight_id)
-    return _status(info, flights.get(flight_id))
+    over = await asyncio.to_thread(records, flights.store, [info])
+    return _status(info, flights.get(flight_id), over.get(flight_id))
 
 
 @router.delete("/{flight_id}", status_code=204, responses=problem_responses(404, 422))
@@ -297,12 +313,14 @@ async def _frames_response(
     return await json_from(lambda: content)
 
 
-def _status(info: FlightInfo, flight: Flight | None) -> FlightStatus:
+def _status(info: FlightInfo, flight: Flight | None, record: Record | None) -> FlightStatus:
     source = {key: value for key, value in info.source.items() if key != "name"}
     status = FlightStatus(
         id=info.id,
         name=flight_name(info),
-        status=info.status,
+        progress=info.status,
+        **_plain(flight, record),
+        verdict=record.verdict if record else None,
         source=source,
         monitor=info.monitor_id,
         epsilon=info.epsilon,
@@ -323,3 +341,12 @@ def _status(info: FlightInfo, flight: Flight | None) -> FlightStatus:
             "open_alarms": flight.alarms.n_open,
         }
     )
+
+
+def _plain(flight: Flight | None, record: Record | None) -> dict[str, Any]:
+    """The headline; of a flight that is neither under way nor over yet, that it is stale."""
+    if flight is not None:
+        said = flight.headline
+    else:
+        said = record.headline if record else headline(Facts(stale=True))
+    return said._asdict() | {"beside": list(said.beside)}

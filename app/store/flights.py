@@ -1,6 +1,6 @@
 """Stored flights: what they are, and their assessments in chunks of samples."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -147,6 +147,18 @@ class FlightRepository(Repository):
             reasons=tuple(reasons[wanted]),
             **{name: np.ascontiguousarray(samples[name][wanted]) for name in SAMPLE.names or ()},
         )
+
+    def last_states(self, flight_ids: Iterable[str]) -> dict[str, int]:
+        """Code of the state of the newest stored sample of each flight that has one."""
+        chunk, wanted = assessment_chunks.c, set(flight_ids)
+        newest = select(chunk.flight_id, func.max(chunk.last_seq).label("head"))
+        head = newest.group_by(chunk.flight_id).subquery()
+        query = select(chunk.flight_id, chunk.content).join(
+            head, (head.c.flight_id == chunk.flight_id) & (head.c.head == chunk.last_seq)
+        )
+        with self._reading() as connection:
+            rows = [row for row in connection.execute(query) if row.flight_id in wanted]
+        return {row.flight_id: int(from_blob(row.content)["state"][-1]) for row in rows}
 
     def recover(self) -> None:
         """Note as interrupted what nobody flies any more: the process that flew it died."""

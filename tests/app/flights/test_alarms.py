@@ -27,9 +27,8 @@ class Script:
                 word == "1" if ok else None,
                 State.OK if ok else State.INVALID,
             )
-            alarm = self.alarms.update(self.seq, sample, said, lambda: "now")
-            if alarm is not None:
-                raised.append(alarm.seq)
+            alarms = self.alarms.update(self.seq, sample, said, None, lambda: "now")
+            raised += [alarm.seq for alarm in alarms]
         return raised
 
 

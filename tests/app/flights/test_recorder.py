@@ -102,7 +102,7 @@ def test_what_the_store_refuses_is_tried_again_and_not_lost(
 
     asyncio.run(record())
     assert [(chunk[1], len(chunk[2])) for chunk in store.chunks] == [(0, 15)]
-    assert store.notes == [("f", 3, 0.15, 0.5)]
+    assert store.notes == [("f", 3, 0.15, 0.5, "risk", "warning", None)]
     assert "tried again" in caplog.text
 
 

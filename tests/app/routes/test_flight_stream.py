@@ -78,7 +78,7 @@ def frames_of(messages: list[dict[str, Any]]) -> list[dict[str, Any]]:
 
 def test_a_flight_is_started_listed_read_and_ended(server: Server) -> None:
     flight = server.start(name="first")
-    assert (flight["name"], flight["status"], flight["monitor"]) == (
+    assert (flight["name"], flight["progress"], flight["monitor"]) == (
         "first",
         "running",
         server.monitor_id,
@@ -93,7 +93,7 @@ def test_a_flight_is_started_listed_read_and_ended(server: Server) -> None:
     assert server.client.get(f"{URL}/{flight['id']}").json()["head"] == 20
     assert server.client.delete(f"{URL}/{flight['id']}").status_code == 204
     ended = server.client.get(f"{URL}/{flight['id']}").json()
-    assert (ended["status"], ended["head"], ended["transport"]) == ("ended", 20, None)
+    assert (ended["progress"], ended["head"], ended["transport"]) == ("ended", 20, None)
     assert server.client.delete(f"{URL}/{flight['id']}").status_code == 204
     problem(server.client.get(f"{URL}/{flight['id']}"), 404)
     problem(server.client.delete(f"{URL}/{flight['id']}"), 404)
@@ -123,7 +123,8 @@ def test_hello_then_every_frame_with_the_scores_of_the_batch(server: Server) -> 
     recorded = server.client.get(f"{URL}/{flight['id']}/assessments?first=2").json()
     assert recorded["frames"] == [{**frame, "sent": None} for frame in shown]
     assert (recorded["first"], recorded["next"]) == (2, None)
-    assert len([m for m in messages if m["type"] == "alarm"]) == 1
+    raised = [message["alarm"]["kind"] for message in messages if message["type"] == "alarm"]
+    assert raised == ["risk", "limit"]
 
 
 def test_a_recipe_with_a_seed_of_many_bits_can_be_watched(server: Server) -> None:

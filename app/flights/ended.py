@@ -1,0 +1,71 @@
+"""What can be said of flights that are over: their headline and their verdict, from the record."""
+
+from collections.abc import Iterable, Sequence
+
+from pydantic import BaseModel, Field
+
+from app.store.alarms import StoredAlarm
+from app.store.flights import FlightInfo
+from app.store.store import Store
+from core.monitor import State
+from core.monitor.assessment import STATES
+from core.monitor.status import Facts, Headline, headline
+
+RUNNING = "running"
+
+
+class Verdict(BaseModel):
+    """What a flight that exceeded its limit came to, judged from trim, as its monitor judges."""
+
+    exceeded_t: float = Field(description="[s] of the first exceedance")
+    lead: float | None = Field(
+        description="[s] from the last alarm of a risk ahead of it; null where there was none"
+    )
+    text: str = Field(description="for people")
+
+
+class Record(BaseModel):
+    """Headline and verdict of a flight that is over; no verdict where no limit was exceeded."""
+
+    headline: Headline
+    verdict: Verdict | None
+
+
+def records(store: Store, flights: Iterable[FlightInfo]) -> dict[str, Record]:
+    """The records of those flights that are over, by id."""
+    over = [info for info in flights if info.status != RUNNING]
+    if not over:
+        return {}
+    alarms = store.alarms.of_flights(info.id for info in over)
+    states = store.flights.last_states(info.id for info in over)
+    calibrated = {info.id: info.support is not None for info in store.monitors.all()}
+    return {
+        info.id: Record(
+            headline=headline(
+                Facts(
+                    alarm=any(alarm.acknowledged is None for alarm in alarms.get(info.id, ())),
+                    invalid=STATES[states.get(info.id, 0)] is State.INVALID,
+                    calibrated=calibrated.get(info.monitor_id, False),
+                    has_exceeded=any(one.kind == "limit" for one in alarms.get(info.id, ())),
+                )
+            ),
+            verdict=verdict(alarms.get(info.id, ())),
+        )
+        for info in over
+    }
+
+
+def verdict(alarms: Sequence[StoredAlarm]) -> Verdict | None:
+    """Whether a limit was exceeded, and how long before it the last alarm of a risk was."""
+    times = [alarm.t for alarm in alarms if _exceeds_from_trim(alarm)]
+    if not times:
+        return None
+    first = min(times)
+    ahead = [alarm.t for alarm in alarms if alarm.kind == "risk" and alarm.t <= first]
+    lead = first - max(ahead) if ahead else None
+    warned = "no warning" if lead is None else f"warned {lead:.2f} s before"
+    return Verdict(exceeded_t=first, lead=lead, text=f"LIMIT EXCEEDED, {warned}")
+
+
+def _exceeds_from_trim(alarm: StoredAlarm) -> bool:
+    return alarm.exceedance is not None and alarm.exceedance["judged"] != "recorded"

@@ -1,0 +1,32 @@
+"""Measured exceedances: judged from the channels alone, whatever the monitor says of them."""
+
+import numpy as np
+
+from app.messages import Exceedance
+from core.channels import KEYS
+from core.monitor.validity import exceeds
+from core.types import Array
+
+
+def exceedance(limits: Array | None, y: Array, recorded: Array) -> Exceedance | None:
+    """What limit a sample reaches: from trim, as recorded, or both; None where it keeps them all.
+
+    limits: (6,), None where they are not known.   y: (6,) from trim.   recorded: (6,), trim
+    included. Of several channels the one furthest beyond its limit is named.
+    """
+    if limits is None:
+        return None
+    if exceeds(limits, y):
+        judged = "both" if exceeds(limits, recorded) else "from_trim"
+        return _named(limits, y, judged)
+    return _named(limits, recorded, "recorded") if exceeds(limits, recorded) else None
+
+
+def _named(limits: Array, y: Array, judged: str) -> Exceedance:
+    worst = int(np.nan_to_num(np.abs(y) / limits, posinf=0.0).argmax())
+    return Exceedance(
+        channel=KEYS[worst],
+        value=float(y[worst]),
+        limit=float(limits[worst]),
+        judged=judged,
+    )
