@@ -1,7 +1,7 @@
 """Keep of each alarm its kind, its level, and the exceedance that raised it.
 
-Why: a measured exceedance is an alarm of its own. Every alarm before was a risk above its threshold,
-which asked for action: a warning.
+Why: a measured exceedance is an alarm of its own. Every alarm before was of a risk above its
+threshold, which asked for action: a warning.
 """
 
 import sqlalchemy as sa

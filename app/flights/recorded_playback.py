@@ -57,7 +57,7 @@ class RecordedScript(Script):
         return self._samples["y"][k]
 
     def recorded(self, k: int) -> Array:
-        """Sample k, trim included, (6,); between manoeuvres y is from the trim of the one before."""
+        """Sample k, trim included, (6,): between manoeuvres, that of the one before."""
         before = int(np.searchsorted(self._starts, k, "right")) - 1
         return self._samples["y"][k] + self._trims[max(before, 0)]
 

@@ -30,7 +30,7 @@ export function show(element, context) {
     try {
       const flight = await api.get(`/flights/${encodeURIComponent(id)}`);
       if (closed) return;
-      if (flight.status === "running") replace(showLiveFlight, { over: open });
+      if (flight.progress === "running") replace(showLiveFlight, { over: open });
       else replace(showFlightRecord, { flight, why });
     } catch (error) {
       if (!closed) fail(error, why);

@@ -43,7 +43,7 @@ export function showFlightRecord(element, { flight, why, api, navigate }) {
   panels.notice.hidden = false;
   const failure = h("span", { class: "error", role: "alert", hidden: true });
   panels.notice.append(
-    h("p", {}, h("strong", {}, `This flight ${HOW[flight.status] ?? "is over"}${why.includes("server") ? ": the server stopped" : ""}. `), "Its record is shown."),
+    h("p", {}, h("strong", {}, `This flight ${HOW[flight.progress] ?? "is over"}${why.includes("server") ? ": the server stopped" : ""}. `), "Its record is shown."),
     h("div", { class: "row" },
       h("button", { type: "button", class: "button button-primary", onclick: again }, "Fly it again"),
       h("a", { class: "button", href: "#/fly" }, "All flights"),

@@ -39,7 +39,7 @@ export function showFlightStart(element, { query, api, navigate }) {
   async function refresh() {
     const all = await api.get("/flights");
     if (closed) return;
-    const signature = JSON.stringify(all.map(({ id, status, open_alarms: open }) => [id, status, open]));
+    const signature = JSON.stringify(all.map(({ id, progress, status, open_alarms: open }) => [id, progress, status, open]));
     if (flights.dataset.signature !== signature) {
       flights.dataset.signature = signature;
       flights.replaceChildren(...flightLists(all));
@@ -62,8 +62,8 @@ function noMonitor() {
 }
 
 function flightLists(all) {
-  const running = all.filter(({ status }) => status === "running");
-  const over = all.filter(({ status }) => status !== "running").slice(0, 30);
+  const running = all.filter(({ progress }) => progress === "running");
+  const over = all.filter(({ progress }) => progress !== "running").slice(0, 30);
   const rows = [h("h2", {}, "Under way")];
   if (running.length === 0) rows.push(h("p", { class: "dim" }, "No flight is under way."));
   rows.push(h("ul", { class: "flight-list" }, ...running.map((flight) => flightRow(flight, "Watch"))));
@@ -75,9 +75,9 @@ function flightLists(all) {
 
 function flightRow(flight, verb) {
   const open = flight.open_alarms ?? 0;
-  const words = open > 0 ? `▲ ${open} alarm${open > 1 ? "s" : ""}` : flight.status;
+  const words = open > 0 ? `▲ ${open} alarm${open > 1 ? "s" : ""}` : flight.progress;
   const source = sourceText(flight.source, flight.name);
-  const level = open > 0 ? "alert" : flight.status === "running" ? "ok" : "off";
+  const level = open > 0 ? "alert" : flight.progress === "running" ? "ok" : "off";
   return h(
     "li",
     { class: "flight-row" },

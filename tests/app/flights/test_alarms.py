@@ -3,6 +3,7 @@
 import pytest
 
 from app.flights.alarms import CLOSED_KEPT, REJOIN_S, Alarms
+from app.messages import Exceedance
 from core.monitor import Assessment, State
 
 DT = 0.1
@@ -30,6 +31,19 @@ class Script:
             alarms = self.alarms.update(self.seq, sample, said, None, lambda: "now")
             raised += [alarm.seq for alarm in alarms]
         return raised
+
+
+OVER = Exceedance(channel="Ny", value=0.529, limit=0.5, judged="both")
+
+
+def exceed(alarms: Alarms, script: str, state: State = State.INVALID) -> list[tuple[int, str]]:
+    """Fly samples of an invalid flight beyond a limit (1) or within (0); seq and kind raised."""
+    raised = []
+    for seq, word in enumerate(script):
+        said = Assessment(seq * DT, None, None, state)
+        over = OVER if word == "1" else None
+        raised += [(a.seq, a.kind) for a in alarms.update(seq, seq, said, over, lambda: "now")]
+    return raised
 
 
 CALM = "0" * (round(REJOIN_S / DT) + 1)
@@ -110,3 +124,28 @@ def test_open_alarms_are_all_at_hand_and_acknowledged_ones_bounded() -> None:
     numbers = [alarm.number for alarm in script.alarms.at_hand]
     assert numbers == [1, 2, 3, *range(CLOSED_KEPT + 1, 2 * CLOSED_KEPT + 1)]
     assert [alarm.id for alarm in script.alarms.at_hand] == [str(n) for n in numbers]
+
+
+@pytest.mark.parametrize("state", [State.INVALID, State.WARMING_UP, State.STALE])
+def test_an_exceedance_is_an_alarm_whatever_the_monitor_can_say(state: State) -> None:
+    alarms = Alarms()
+    assert exceed(alarms, "0011100", state) == [(2, "limit")]
+    (alarm,) = alarms.at_hand
+    assert (alarm.level, alarm.exceedance, alarm.p_value) == ("warning", OVER, None)
+
+
+def test_an_exceedance_follows_the_rules_of_latching_on_its_own() -> None:
+    alarms = Alarms()
+    assert exceed(alarms, f"101{CALM}1") == [(0, "limit"), (3 + len(CALM), "limit")]
+    alarms.acknowledge("1", "FTE", "now")
+    alarms.acknowledge("2", "FTE", "now")
+    alarms.restart()
+    assert exceed(alarms, "1") == [(0, "limit")]
+
+
+def test_risk_and_exceedance_at_one_sample_are_two_alarms() -> None:
+    alarms = Alarms()
+    said = Assessment(0.0, 0.5, True, State.OK)
+    raised = alarms.update(0, 0, said, OVER, lambda: "now")
+    assert [(alarm.id, alarm.kind) for alarm in raised] == [("1", "limit"), ("2", "risk")]
+    assert alarms.n_open == 2

@@ -195,8 +195,32 @@ def test_an_alarm_is_acknowledged_over_rest_and_told_to_all(server: Server) -> N
     again = server.client.post(f"{alarms}/{raised['id']}/acknowledge")
     assert again.json() == told.json()
     assert server.client.get(alarms).json()[0] == told.json()
-    assert server.client.get(f"{URL}/{flight['id']}").json()["open_alarms"] == 0
+    assert server.client.get(f"{URL}/{flight['id']}").json()["open_alarms"] == 1
     problem(server.client.post(f"{alarms}/99/acknowledge"), 404)
+
+
+def test_the_headline_is_told_by_list_flight_and_stream_and_the_verdict_at_the_end(
+    server: Server,
+) -> None:
+    flight = server.start()["id"]
+    with server.watch(flight) as socket:
+        server.advance(6.5)
+        until(socket, lambda m: m["type"] == "status" and m["status"] == "exceeding")
+        assert server.client.get(URL).json()[0]["status"] == "alarm"
+        for alarm in server.client.get(f"{URL}/{flight}/alarms").json():
+            server.client.post(f"{URL}/{flight}/alarms/{alarm['id']}/acknowledge")
+        until(socket, lambda m: m["type"] == "status" and m["status"] == "not_calibrated")
+    server.client.delete(f"{URL}/{flight}")
+    (ended,) = server.client.get(URL).json()
+    assert (ended["progress"], ended["status"]) == ("ended", "not_calibrated")
+    assert ended["verdict"]["text"] == "LIMIT EXCEEDED, warned 0.40 s before"
+    assert server.client.get(f"{URL}/{flight}").json() == ended
+    stored = server.client.get(f"{URL}/{flight}/alarms").json()
+    assert [(alarm["kind"], alarm["level"]) for alarm in stored] == [
+        ("risk", "warning"),
+        ("limit", "warning"),
+    ]
+    assert stored[1]["exceedance"]["channel"] == "Ny"
 
 
 def test_transport_is_steered_and_told_to_all(server: Server) -> None:

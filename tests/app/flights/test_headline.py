@@ -1,0 +1,185 @@
+"""The headline of a flight, the alarms of its channels, and what is said of it once it is over."""
+
+import asyncio
+
+import numpy as np
+import pytest
+
+from app.flights.ended import verdict
+from app.flights.exceedance import exceedance
+from app.flights.recorded_playback import RecordedScript
+from app.messages import Exceedance
+from app.store.alarms import StoredAlarm
+from core.monitor import State
+from core.monitor.status import Level
+from tests.app.flights.test_live import Live, Sample
+from tests.support.flying import Flown, exact_monitor, failing_flight
+from tests.support.oscillator import DT, N_SAMPLES, NY, Array
+from tests.support.samples import SAMPLE_LIKE
+
+LIMITS = np.array([np.inf, np.inf, np.inf, 0.5, np.inf, np.inf])
+
+
+def ny(value: float) -> Array:
+    y = np.zeros(6)
+    y[NY] = value
+    return y
+
+
+def kinds(flown: Flown | Live) -> list[str]:
+    return [message["alarm"]["kind"] for message in flown.seen.of("alarm")]
+
+
+def statuses(flown: Flown | Live) -> list[str]:
+    return [message["status"] for message in flown.seen.of("status")]
+
+
+# --- the channels alone --------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("from_trim", "recorded", "judged", "value"),
+    [
+        (0.529, 0.1, "from_trim", 0.529),
+        (0.1, -0.529, "recorded", -0.529),
+        (0.529, 0.6, "both", 0.529),
+        (-0.5, 0.1, "from_trim", -0.5),
+    ],
+)
+def test_either_value_beyond_the_limit_counts_and_it_says_which(
+    from_trim: float, recorded: float, judged: str, value: float
+) -> None:
+    over = exceedance(LIMITS, ny(from_trim), ny(recorded))
+    assert over == Exceedance(channel="Ny", value=value, limit=0.5, judged=judged)
+
+
+@pytest.mark.parametrize("value", [0.4999, np.nan])
+def test_a_value_within_the_limit_or_missing_is_no_exceedance(value: float) -> None:
+    assert exceedance(LIMITS, ny(value), ny(value)) is None
+    assert exceedance(None, ny(9.0), ny(9.0)) is None
+
+
+def test_a_recording_is_judged_with_its_trim_too() -> None:
+    samples = np.zeros(4, SAMPLE_LIKE)
+    samples["t"], samples["y"][:, NY] = DT * np.arange(4), [0.1, 0.3, 0.1, 0.3]
+    manoeuvre = {
+        "alerts": [],
+        "exceedance": None,
+        "crossing": None,
+        "validity": {"valid": True, "reasons": []},
+    }
+    trims = [[None, 0.0, 0.0, 0.1, 0.0, 0.0], [None, 0.0, 0.0, 0.3, 0.0, 0.0]]
+    stretches = [manoeuvre | {"first": 2 * k, "trim": trim} for k, trim in enumerate(trims)]
+    script = RecordedScript(samples, stretches, DT, forecasts=False)
+    found = [script.exceedance(k, LIMITS) for k in range(4)]
+    assert found[:3] == [None, None, None]
+    assert found[3] == Exceedance(channel="Ny", value=0.6, limit=0.5, judged="recorded")
+
+
+# --- under way -----------------------------------------------------------------------------------
+
+
+def test_paused_beyond_the_limit_it_is_exceeding_until_within_then_exceeded() -> None:
+    y = np.zeros((N_SAMPLES, 6))
+    y[20:25, NY] = 0.529
+    flown = Flown(exact_monitor(), y, epsilon=0.99).start()
+    flown.flight.act("pause")
+    flown.flight.act("seek", 22 * DT)
+    flown.seen.take()
+    assert (flown.flight.headline.status, flown.flight.headline.level) == ("exceeding", "warning")
+    assert kinds(flown) == ["limit"]
+    flown.flight.acknowledge("1", "FTE")
+    assert flown.flight.headline.status == "exceeding"
+    flown.flight.act("seek", 40 * DT)
+    flown.seen.take()
+    assert flown.flight.headline.status == "not_calibrated"
+    flown.flight.is_checked = True
+    assert flown.flight.headline.status == "exceeded"
+    flown.flight.act("seek", 10 * DT)
+    assert flown.flight.headline.status == "ok"
+    assert statuses(flown)[-2:] == ["exceeding", "not_calibrated"]
+
+
+def test_an_alarm_stays_the_headline_until_it_is_acknowledged() -> None:
+    flown = Flown(exact_monitor(), failing_flight()).start()
+    flown.flight.act("next_alert")
+    flown.flight.act("pause")
+    flown.flight.act("seek", 0.0)
+    flown.seen.take()
+    assert flown.flight.headline.status == "alarm"
+    assert statuses(flown)[-1] == "alarm"
+    flown.flight.acknowledge("1", "FTE")
+    flown.seen.take()
+    assert flown.flight.headline.status == statuses(flown)[-1] == "not_calibrated"
+
+
+def test_a_live_flight_that_stops_is_stale_not_exceeding_and_keeps_its_alarm() -> None:
+    async def fly() -> None:
+        live = Live(exact_monitor())
+        await live.give(*(Sample(k * DT, ny(0.0)) for k in range(5)), Sample(5 * DT, ny(0.529)))
+        assert live.flight.headline.status == "exceeding"
+        live.advance(5.0)
+        assert live.flight.headline.status == "alarm"
+        assert live.flight.headline.beside == ("stale",)
+        live.flight.acknowledge("1", "FTE")
+        assert live.flight.headline.status == "stale"
+        assert live.flight.state is State.STALE
+        live.seen.take()
+        assert statuses(live)[-3:] == ["exceeding", "alarm", "stale"]
+        assert kinds(live) == ["limit", "limit"]
+        await live.flight.stop("done")
+
+    asyncio.run(fly())
+
+
+def test_hello_says_the_headline() -> None:
+    flown = Flown(exact_monitor(), np.full((N_SAMPLES, 6), 0.529)).start()
+    hello = flown.seen.of("hello")[0]
+    assert (hello["status"], hello["level"], hello["beside"]) == ("warming_up", "advisory", [])
+    assert statuses(flown) == ["exceeding"]
+
+
+# --- over ----------------------------------------------------------------------------------------
+
+
+def stored(kind: str, t: float, judged: str = "both") -> StoredAlarm:
+    over = {"channel": "Ny", "value": 0.529, "limit": 0.5, "judged": judged}
+    return StoredAlarm(
+        id="a",
+        flight_id="f",
+        number=1,
+        seq=0,
+        t=t,
+        p_value=None,
+        kind=kind,  # pyright: ignore[reportArgumentType]
+        level=Level.WARNING,
+        exceedance=over if kind == "limit" else None,
+        raised="then",
+        acknowledged=None,
+        by=None,
+    )
+
+
+@pytest.mark.parametrize(
+    ("alarms", "text"),
+    [
+        ([stored("risk", 1.0), stored("limit", 1.31)], "LIMIT EXCEEDED, warned 0.31 s before"),
+        ([stored("limit", 1.31)], "LIMIT EXCEEDED, no warning"),
+        ([stored("limit", 1.31), stored("risk", 1.5)], "LIMIT EXCEEDED, no warning"),
+        (
+            [stored("risk", 0.1), stored("risk", 1.0), stored("limit", 2.0), stored("limit", 1.5)],
+            "LIMIT EXCEEDED, warned 0.50 s before",
+        ),
+    ],
+)
+def test_the_verdict_of_a_flight_that_exceeded_says_how_it_was_warned(
+    alarms: list[StoredAlarm], text: str
+) -> None:
+    found = verdict(alarms)
+    assert found is not None
+    assert found.text == text
+
+
+def test_the_verdict_is_the_monitor_s_own_from_trim() -> None:
+    assert verdict([stored("limit", 1.0, "recorded"), stored("risk", 0.5)]) is None
+    assert verdict([]) is None
