@@ -50,5 +50,5 @@ def _source(source: ChannelSource, target_unit: str) -> str:
     if source.derivation:
         return f"derived: {source.derivation}"
     sign = "-" if source.sign < 0 else ""
-    bias = f", bias removed: {source.offset:g} {target_unit}" if source.offset else ""
+    bias = f", bias removed: {source.bias:g} {target_unit}" if source.bias else ""
     return f"{sign}{source.signal} [{source.unit or 'unit not given'}]{bias}"

@@ -48,14 +48,14 @@ def run(options: argparse.Namespace) -> int:
     out = check_file(options.out or Path(f"{options.file.stem}-report.html"))
     request, memory = request_of(options)
     exports = tuple(dict.fromkeys(filter(None, options.export.split(","))))
-    order = ReportOrder(out, exports, options.n_test, options.aircraft)
-    written = write_reports(request, order, memory)
+    wanted = ReportRequest(out, exports, options.n_test, options.aircraft)
+    written = write_reports(request, wanted, memory)
     print(written.text)
     return 0 if written.assessed else 1
 
 
 @dataclass(frozen=True)
-class ReportOrder:
+class ReportRequest:
     """What is to be written of a scored file.
 
     out: the report; of several, a label goes before its ending.   exports: keys of EXPORTS.
@@ -93,21 +93,21 @@ class ReportOrder:
 
 
 def write_reports(
-    request: ScoreRequest, order: ReportOrder, memory: MappingMemory | None = None
+    request: ScoreRequest, wanted: ReportRequest, memory: MappingMemory | None = None
 ) -> Report:
     """Score a file and report it, each monitor at each epsilon in a file of its own.
 
     memory: as for `score_file`.   Nothing is written before everything is made.
     """
-    order.check(request)
+    wanted.check(request)
     found = score_file(request, memory)
     files: dict[Path, bytes] = {}
-    evaluate = partial(evaluation, n_test=order.n_test)
-    for one, subject in file_subjects(request, found, order.aircraft, evaluate):
+    evaluate = partial(evaluation, n_test=wanted.n_test)
+    for one, subject in file_subjects(request, found, wanted.aircraft, evaluate):
         notes = about(subject.recording, subject.scoring)
-        exported = [export(subject.samples, notes, form) for form in order.exports]
+        exported = [export(subject.samples, notes, form) for form in wanted.exports]
         content = [report(subject).encode(), *exported]
-        files |= zip(order.places(one.label), content, strict=True)
+        files |= zip(wanted.places(one.label), content, strict=True)
     for path, content in files.items():
         write_whole(path, content)
     written = f"written: {', '.join(map(str, files))}"

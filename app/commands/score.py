@@ -14,7 +14,7 @@ from app.commands.scoring_options import SETTINGS, add_scoring_options, request_
 from app.recordings.exports import export
 from app.recordings.mapping_memory import MappingMemory
 from app.recordings.scored_file import Scored, ScoredFile, ScoreRequest, score_file
-from app.scoring.plan import plan_of
+from app.scoring.planned_test import planned_test
 from app.scoring.verdict import verdict
 from core.whole_file import write_whole
 
@@ -86,10 +86,10 @@ def _files(file: str, one: Scored, with_png: bool) -> dict[str, bytes]:
     drawing = score_figure(
         scored.samples,
         [
-            FlownManeuver(one.name, one.start, one.end, one.crossing and one.crossing.t)
-            for one in scored.stretches
+            FlownManeuver(one.name, one.start, one.end, one.exceedance and one.exceedance.t)
+            for one in scored.manoeuvres
         ],
-        plan_of(monitor).limits,
+        planned_test(monitor).limits,
         scored.epsilon,
         monitor.lead,
         " ".join(["scored:", file, one.label]).strip(),

@@ -6,10 +6,10 @@ from pathlib import Path
 from app.commands.mapping_lines import read_mapping
 from app.recordings.mapping_memory import MappingMemory
 from app.recordings.scored_file import ScoreRequest
-from app.scoring.order import ScoringOrder, Span
+from app.scoring.recipe import Interval, ScoringRecipe
 from app.settings import read_settings
 
-LEAD_IN, NO_TRIM = "lead-in", "none"
+TRIM_SEGMENT, NO_TRIM = "trim-segment", "none"
 SETTINGS = "Settings of the data directory, for --aircraft, come from FOREWARN_*."
 
 
@@ -35,8 +35,8 @@ def add_scoring_options(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--trim",
-        default=LEAD_IN,
-        metavar="SECONDS|lead-in|none",
+        default=TRIM_SEGMENT,
+        metavar="SECONDS|trim-segment|none",
         help="what each manoeuvre is measured from: the mean of so much before its first input",
     )
     parser.add_argument(
@@ -54,7 +54,7 @@ def request_of(options: argparse.Namespace) -> tuple[ScoreRequest, MappingMemory
         monitors=tuple(options.monitors),
         file=options.file,
         epsilons=epsilons or (None,),
-        order=_order(options),
+        recipe=_recipe(options),
         mapping=None if options.mapping is None else read_mapping(options.mapping),
     )
     return request, MappingMemory(read_settings(), options.aircraft) if options.aircraft else None
@@ -67,28 +67,28 @@ def _epsilon(text: str) -> float:
         raise ValueError(f"--epsilon {text!r}: write a miss rate between 0 and 1") from None
 
 
-def _order(options: argparse.Namespace) -> ScoringOrder:
-    words = {LEAD_IN: "lead_in", NO_TRIM: None}
+def _recipe(options: argparse.Namespace) -> ScoringRecipe:
+    words = {TRIM_SEGMENT: "trim_segment", NO_TRIM: None}
     trim = words[options.trim] if options.trim in words else _seconds("--trim", options.trim)
     marked = options.manoeuvres
     if marked not in ("found", "whole"):
-        marked = tuple(map(_span, marked.split(",")))
-    return ScoringOrder(trim=trim, manoeuvres=marked)
+        marked = tuple(map(_interval, marked.split(",")))
+    return ScoringRecipe(trim=trim, manoeuvres=marked)
 
 
-def _span(text: str) -> Span:
+def _interval(text: str) -> Interval:
     start, colon, end = text.partition(":")
     if not colon:
         raise ValueError(
             f"--manoeuvres {text!r}: write found, whole, or START:END in seconds, several with "
             "commas between"
         )
-    return Span(_seconds("--manoeuvres", start), _seconds("--manoeuvres", end))
+    return Interval(_seconds("--manoeuvres", start), _seconds("--manoeuvres", end))
 
 
 def _seconds(option: str, text: str) -> float:
     try:
         return float(text)
     except ValueError:
-        words = {"--trim": f", {LEAD_IN} or {NO_TRIM}"}.get(option, "")
+        words = {"--trim": f", {TRIM_SEGMENT} or {NO_TRIM}"}.get(option, "")
         raise ValueError(f"{option} {text!r}: write a number of seconds{words}") from None

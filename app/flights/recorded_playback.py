@@ -23,34 +23,34 @@ RUN_UP_S = 2 * WASH_OUT_S
 
 
 class RecordedScript(Script):
-    """Stored samples and the stretches they were scored in.
+    """Stored samples and the manoeuvres they were scored in.
 
-    samples: as app.scoring stores them, mapped.   stretches: plain, see app.scoring.
+    samples: as app.scoring stores them, mapped.   manoeuvres: plain, see app.scoring.
     forecasts: whether the monitor makes forecasts.   theta0: pitch at trim [rad], for the display.
     """
 
     def __init__(
         self,
         samples: npt.NDArray,
-        stretches: Sequence[Mapping[str, Any]],
+        manoeuvres: Sequence[Mapping[str, Any]],
         dt: float,
         *,
         forecasts: bool,
         theta0: float = 0.0,
     ) -> None:
         self.t, self.dt = np.ascontiguousarray(samples["t"]), dt
-        crossings = [s["crossing"]["t"] for s in stretches if s["crossing"] is not None]
-        self.fail_t = min(crossings, default=None)
-        self.is_checked = all(s["validity"]["valid"] is not None for s in stretches)
-        self._samples, self._stretches, self._forecasts = samples, stretches, forecasts
-        begins = [begin for stretch in stretches for begin, _ in stretch["alerts"]]
+        exceedances = [s["exceedance"]["t"] for s in manoeuvres if s["exceedance"] is not None]
+        self.fail_t = min(exceedances, default=None)
+        self.is_checked = all(s["validity"]["valid"] is not None for s in manoeuvres)
+        self._samples, self._manoeuvres, self._forecasts = samples, manoeuvres, forecasts
+        begins = [begin for manoeuvre in manoeuvres for begin, _ in manoeuvre["alerts"]]
         self._onsets = np.searchsorted(self.t, np.sort(np.array(begins, float)) - 0.5 * dt)
         self._display = DisplayAttitude(theta0)
         self._displayed = -1
-        known = [s.get("trim") or () for s in stretches]
+        known = [s.get("trim") or () for s in manoeuvres]
         trims = [[value or 0.0 for value in trim] or [0.0] * len(KEYS) for trim in known]
         self._trims = np.array([*trims, [0.0] * len(KEYS)])
-        self._starts = np.array([s.get("first", 0) for s in stretches])
+        self._starts = np.array([s.get("first", 0) for s in manoeuvres])
 
     def y(self, k: int) -> Array:
         """Sample k as it was assessed, from trim, (6,)."""
@@ -76,7 +76,7 @@ class RecordedScript(Script):
         sample = self._samples[k]
         t, code = float(sample["t"]), int(sample["state"])
         if (state := STATES[code]) is not State.OK:
-            why = reason(code, t, int(sample["stretch"]), self._stretches)
+            why = reason(code, t, int(sample["manoeuvre"]), self._manoeuvres)
             return Assessment(t, None, None, state, why)
         y_hat = sample["y_hat"] if self._forecasts else None
         return Assessment(t, float(sample["p_value"]), bool(sample["alert"]), state, y_hat=y_hat)

@@ -33,7 +33,7 @@ def described(recordings: Recordings, recording_id: str) -> dict[str, Any]:
         "contents": _contents(contents, mapped),
         "bad_rows": _bad_rows(contents),
         "mapping": mapped.mapping,
-        **{key: mapped.proposal[key] for key in ("guesses", "alternatives", "derivable")},
+        **{key: mapped.proposal[key] for key in ("rationales", "alternatives", "derivable")},
         "missing": [key for key in KEYS if key not in mapped.mapping["channels"]],
         "quality": mapped.quality,
         "problem": mapped.problem,
@@ -52,7 +52,7 @@ def preview(
             "channels": channel_bands(applied, bins),
             "quality": plain_quality(mapped.repaired.quality) if mapped.repaired else None,
             "problem": mapped.problem,
-            "doubts": find_warnings(columns, mapping, mapped.applied),
+            "warnings": find_warnings(columns, mapping, mapped.applied),
         }
 
 

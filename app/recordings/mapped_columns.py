@@ -31,7 +31,7 @@ def propose_mapping(
     proposal = propose(columns, before, aircraft=remembered.aircraft if remembered else "")
     unchanged = before is not None and before.channels.items() <= proposal.mapping.channels.items()
     described = {
-        "guesses": proposal.rationales,
+        "rationales": proposal.rationales,
         "alternatives": proposal.alternatives,
         "derivable": {
             key: [_way(DERIVATIONS[name]) for name in names]

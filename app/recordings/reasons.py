@@ -10,16 +10,16 @@ from core.monitor.validity import in_words
 BETWEEN = "between manoeuvres"
 
 
-def reason(code: int, t: float, stretch: int, stretches: Sequence[Mapping[str, Any]]) -> str:
+def reason(code: int, t: float, manoeuvre: int, manoeuvres: Sequence[Mapping[str, Any]]) -> str:
     """The reason of a sample; empty where its state needs none.
 
-    code, t, stretch: as stored, see app.scoring.   stretches: plain, as stored with them; those
+    code, t, manoeuvre: as stored, see app.scoring.   manoeuvres: plain, as stored with them; those
     of earlier versions were withdrawn as a whole.
     """
     if STATES[code] is not State.INVALID:
         return REASONS[code]
-    if stretch < 0:
+    if manoeuvre < 0:
         return BETWEEN
-    validity, begin = stretches[stretch]["validity"], stretches[stretch].get("withdrawn_t", t)
+    validity, begin = manoeuvres[manoeuvre]["validity"], manoeuvres[manoeuvre].get("withdrawn_t", t)
     is_withdrawn = validity["valid"] is False and begin is not None and t >= begin
     return (in_words(validity["reasons"]) if is_withdrawn else "") or REASONS[code]

@@ -8,6 +8,7 @@ import numpy.typing as npt
 
 from app.recordings.files import spacious
 from app.recordings.tiles import make_tiles
+from app.scoring import SAMPLE
 from app.store.database import StoreError
 from core.whole_file import whole_file
 
@@ -30,8 +31,11 @@ def keep(folder: Path, scoring_id: str, samples: Samples) -> None:
 
 
 def open_samples(folder: Path, scoring_id: str) -> Samples:
-    """The samples of a scoring, mapped, read-only. StoreError where they are damaged."""
-    return _mapped(folder / f"{scoring_id}.{WHOLE}")
+    """The samples of a scoring, mapped, read-only. StoreError where they are damaged.
+
+    Version 0.1.0 named a field otherwise; what lies in it is the same, bit for bit.
+    """
+    return _mapped(folder / f"{scoring_id}.{WHOLE}").view(SAMPLE)
 
 
 def open_tiles(folder: Path, scoring_id: str) -> Samples:

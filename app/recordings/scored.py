@@ -1,7 +1,7 @@
 """Scored recordings: a recording through a monitor, kept with all that decided the samples.
 
 The samples of a scoring lie in the recording's folder; the row beside them is stored last. The same
-order leads to the same samples, so one that was carried out before is answered by what was kept.
+request leads to the same samples, so one that was carried out before is answered by what was kept.
 """
 
 import hashlib
@@ -15,7 +15,7 @@ from app.recordings.mapped_columns import plain, plain_quality
 from app.recordings.recordings import Recordings
 from app.recordings.samples import Samples, digest, keep, open_samples, open_tiles, remove
 from app.recordings.tiles import TILE, Window, window
-from app.scoring import ScoredRecording, ScoringOrder, score
+from app.scoring import ScoredRecording, ScoringRecipe, score
 from app.store.monitors import MonitorInfo
 from app.store.recordings import MappedColumns, RecordingInfo
 from app.store.scorings import ScoringInfo
@@ -34,7 +34,7 @@ class Ingredients:
     mapped: MappedColumns
     monitor: Monitor
     info: MonitorInfo
-    order: ScoringOrder
+    recipe: ScoringRecipe
 
     @property
     def digest(self) -> str:
@@ -44,7 +44,7 @@ class Ingredients:
             self.mapped.mapping,
             self.info.id,
             self.info.digest,
-            self.order.to_plain(),
+            self.recipe.to_plain(),
             __version__,
         ]
         return hashlib.sha256(json.dumps(parts, sort_keys=True).encode()).hexdigest()
@@ -58,7 +58,7 @@ class ScoredRecordings:
         self.store, self.files = recordings.store, recordings.files
 
     async def score(
-        self, recording_id: str, monitor_id: str, order: ScoringOrder
+        self, recording_id: str, monitor_id: str, recipe: ScoringRecipe
     ) -> tuple[ScoringInfo, bool]:
         """Score a recording; return what is kept, and whether it was made now.
 
@@ -66,7 +66,7 @@ class ScoredRecordings:
         NoSpace; Busy.
         """
         work = self.recordings.workers.run
-        return await work(self._score, recording_id, monitor_id, order)
+        return await work(self._score, recording_id, monitor_id, recipe)
 
     def samples(self, info: ScoringInfo) -> Samples:
         """The samples of a scoring, mapped. NotFound; StoreError."""
@@ -93,14 +93,14 @@ class ScoredRecordings:
         remove(self.files.scorings(recording_id), scoring_id)
 
     def _score(
-        self, recording_id: str, monitor_id: str, order: ScoringOrder
+        self, recording_id: str, monitor_id: str, recipe: ScoringRecipe
     ) -> tuple[ScoringInfo, bool]:
-        of = self._ingredients(recording_id, monitor_id, order)
+        of = self._ingredients(recording_id, monitor_id, recipe)
         if kept := self.store.scorings.find(recording_id, of.digest):
             return kept, False
         mapping = Mapping.from_plain(of.mapped.mapping)
         recorded = self.recordings.mapped(recording_id, mapping).scorable()
-        scored = score(of.monitor, recorded, of.order)
+        scored = score(of.monitor, recorded, of.recipe)
         folder, scoring_id = self.files.scorings(recording_id), new_id()
         self.files.require(2 * scored.samples.nbytes)
         hashed = threads().submit(digest, scored.samples)
@@ -115,14 +115,16 @@ class ScoredRecordings:
             remove(folder, scoring_id)
         return kept, kept.id == scoring_id
 
-    def _ingredients(self, recording_id: str, monitor_id: str, order: ScoringOrder) -> Ingredients:
+    def _ingredients(
+        self, recording_id: str, monitor_id: str, recipe: ScoringRecipe
+    ) -> Ingredients:
         monitor = self.store.monitors.get(monitor_id)
         return Ingredients(
             self.store.recordings.info(recording_id),
             self.store.recordings.mapped_columns(recording_id),
             monitor,
             self.store.monitors.info(monitor_id),
-            replace(order, epsilon=monitor.check_epsilon(order.epsilon)),
+            replace(recipe, epsilon=monitor.check_epsilon(recipe.epsilon)),
         )
 
 
@@ -144,13 +146,13 @@ def _entry(
         epsilon=scored.epsilon,
         lead=of.monitor.lead,
         dt=scored.dt,
-        request=of.order.to_plain(),
+        request=of.recipe.to_plain(),
         mapping=of.mapped.mapping,
         n_samples=len(t),
         start=float(t[0]),
         end=float(t[-1]),
         notes=list(scored.notes),
         quality=plain_quality(scored.quality),
-        manoeuvres=[plain(stretch.to_plain()) for stretch in scored.stretches],
-        outside=[asdict(crossing) for crossing in scored.outside],
+        manoeuvres=[plain(manoeuvre.to_plain()) for manoeuvre in scored.manoeuvres],
+        outside_exceedances=[asdict(exceedance) for exceedance in scored.outside_exceedances],
     )

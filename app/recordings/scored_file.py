@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import NamedTuple
 
 from app.recordings.mapping_memory import MappingMemory
-from app.scoring import MissingChannels, ScoredRecording, ScoringOrder, score_at_each
-from app.scoring.plan import plan_of
+from app.scoring import MissingChannels, ScoredRecording, ScoringRecipe, score_at_each
+from app.scoring.planned_test import planned_test
 from app.telemetry.contents import Columns, Contents, open_columns
 from app.telemetry.mapping.applying import apply_mapping
 from app.telemetry.mapping.mapping import Mapping
@@ -33,7 +33,7 @@ class ScoreRequest:
     file: Path
     epsilons: tuple[float | None, ...] = (None,)
     mapping: Mapping | None = None
-    order: ScoringOrder = ScoringOrder()  # noqa: RUF009
+    recipe: ScoringRecipe = ScoringRecipe()  # noqa: RUF009
 
 
 class Scored(NamedTuple):
@@ -83,7 +83,7 @@ def score_file(request: ScoreRequest, memory: MappingMemory | None = None) -> Sc
 
 def _proposed(columns: Columns, monitor: Monitor, memory: MappingMemory | None) -> Proposal:
     """What the signals most likely are, surfaces with the signs of the monitor's aircraft."""
-    aircraft = plan_of(monitor).aircraft
+    aircraft = planned_test(monitor).aircraft
     return propose(
         columns,
         memory.recall(columns.contents) if memory else None,
@@ -117,7 +117,7 @@ def _score(
 ) -> Iterator[Scored]:
     label = iter(labels(request))
     for path, monitor in zip(request.monitors, monitors, strict=True):
-        for scored in score_at_each(monitor, recorded, request.order, request.epsilons):
+        for scored in score_at_each(monitor, recorded, request.recipe, request.epsilons):
             yield Scored(next(label), path, monitor, scored)
 
 

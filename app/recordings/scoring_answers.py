@@ -17,15 +17,12 @@ from core.monitor.assessment import STATES
 from core.specification import specification_from_plain
 
 OF_ITS_OWN = ("recording_id", "monitor_id", "specification", "request_digest")
-ON_THE_WIRE = {"request": "order", "manoeuvres": "stretches"}
-"""Fields whose keys in JSON are others."""
 
 
 def answer(info: ScoringInfo) -> dict[str, Any]:
     """A scoring without its samples."""
     specification = specification_from_plain(info.specification)
-    fields = asdict(info).items()
-    plain = {ON_THE_WIRE.get(key, key): value for key, value in fields if key not in OF_ITS_OWN}
+    plain = {key: value for key, value in asdict(info).items() if key not in OF_ITS_OWN}
     return plain | {
         "recording": info.recording_id,
         "monitor": info.monitor_id,
@@ -33,11 +30,13 @@ def answer(info: ScoringInfo) -> dict[str, Any]:
     }
 
 
-def found_spans(recordings: Recordings, recording_id: str, monitor_id: str) -> list[dict[str, Any]]:
+def manoeuvres_found(
+    recordings: Recordings, recording_id: str, monitor_id: str
+) -> list[dict[str, Any]]:
     """Manoeuvres that scoring by a monitor would find. NotFound; TelemetryError."""
     monitor = recordings.store.monitors.get(monitor_id)
     recorded = recordings.mapped(recording_id).scorable()
-    return [span._asdict() for span in manoeuvres_in(monitor, recorded)]
+    return [interval._asdict() for interval in manoeuvres_in(monitor, recorded)]
 
 
 def frames(info: ScoringInfo, samples: Samples, first: int) -> list[dict[str, Any]]:
@@ -47,7 +46,7 @@ def frames(info: ScoringInfo, samples: Samples, first: int) -> list[dict[str, An
     forecast = known & np.isfinite(y_hat).all(axis=1)
     rows = zip(
         *(samples[name].tolist() for name in ("t", "p_value", "alert", "state", "withdrawn")),
-        samples["stretch"].tolist(),
+        samples["manoeuvre"].tolist(),
         strict=True,
     )
     return [
@@ -58,13 +57,13 @@ def frames(info: ScoringInfo, samples: Samples, first: int) -> list[dict[str, An
             "p_value": p_value,
             "alert": alert if known[i] else None,
             "state": STATES[state].value,
-            "reason": reason(state, t, stretch, info.manoeuvres),
+            "reason": reason(state, t, manoeuvre, info.manoeuvres),
             "y_hat": y_hat[i] if forecast[i] else None,
             "sent": None,
             "withdrawn": withdrawn,
-            "stretch": stretch,
+            "manoeuvre": manoeuvre,
         }
-        for i, (t, p_value, alert, state, withdrawn, stretch) in enumerate(rows)
+        for i, (t, p_value, alert, state, withdrawn, manoeuvre) in enumerate(rows)
     ]
 
 

@@ -51,7 +51,7 @@ OF_SAMPLE = {"low": "y", "high": "y", "risk_low": "p_value", "risk_high": "p_val
 
 @dataclass(frozen=True, eq=False)
 class Window:
-    """Bins of a stretch of samples. first: sample of the first bin.   width: samples a bin.
+    """Bins of a manoeuvre of samples. first: sample of the first bin.   width: samples a bin.
 
     The last bin is shorter only where the samples end.
     """

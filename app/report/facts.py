@@ -38,37 +38,37 @@ MOST_DRAWN = 100
 MOST_NOTES = 40
 
 
-def headline(stretches: Sequence[Plain], outside: Sequence[Plain] = ()) -> tuple[str, str]:
+def headline(manoeuvres: Sequence[Plain], outside: Sequence[Plain] = ()) -> tuple[str, str]:
     """Level and words of the whole flight; the worst that happened comes first.
 
-    outside: limits reached in none of the stretches.
+    outside: limits reached in none of the manoeuvres.
     """
-    level, words = _of_manoeuvres(stretches)
+    level, words = _of_manoeuvres(manoeuvres)
     if not outside:
         return level, words
     level = "caution" if level == "good" else level
-    if any(stretch["crossing"] for stretch in stretches):
+    if any(manoeuvre["exceedance"] for manoeuvre in manoeuvres):
         return level, f"{words}; one was also reached outside every manoeuvre"
     words = words.replace("No limit was reached", "No limit was reached in a manoeuvre")
     return level, f"{words}; a limit was reached outside every manoeuvre"
 
 
-def _of_manoeuvres(stretches: Sequence[Plain]) -> tuple[str, str]:
-    n = counts(stretches)
+def _of_manoeuvres(manoeuvres: Sequence[Plain]) -> tuple[str, str]:
+    n = counts(manoeuvres)
     if n["unknown"]:
         return "caution", "Unknown: the monitor does not say which limits it was trained for"
-    unjudged = [s for s in stretches if s["outcome"] == "invalid"]
-    reached = any(s["crossing"] for s in unjudged)
+    unjudged = [s for s in manoeuvres if s["outcome"] == "invalid"]
+    reached = any(s["exceedance"] for s in unjudged)
     if n["missed"] or n["late_alert"]:
         return "bad", "A limit was reached without an alert in time"
     if reached:
         return "bad", "A limit was reached where the monitor had no right to speak"
-    unseen = [s for s in stretches if s["outcome"] == "unseen"]
-    if any(s["crossing"] for s in unseen):
+    unseen = [s for s in manoeuvres if s["outcome"] == "unseen"]
+    if any(s["exceedance"] for s in unseen):
         return "bad", "A limit was reached where samples are missing: nothing can be said of alerts"
-    if len(unjudged) == len(stretches):
+    if len(unjudged) == len(manoeuvres):
         return "invalid", "No verdict: the monitor had no right to speak"
-    doubtful = bool(unjudged) or any(s["validity"]["valid"] is None for s in stretches)
+    doubtful = bool(unjudged) or any(s["validity"]["valid"] is None for s in manoeuvres)
     if unseen:
         return "caution", "Samples are missing: whether a limit was reached is not wholly known"
     level = "caution" if n["false_alert"] or doubtful else "good"
@@ -79,51 +79,55 @@ def _of_manoeuvres(stretches: Sequence[Plain]) -> tuple[str, str]:
     return level, "No limit was reached, and there was no alert"
 
 
-def counts(stretches: Sequence[Plain]) -> dict[str, int]:
+def counts(manoeuvres: Sequence[Plain]) -> dict[str, int]:
     """How many manoeuvres came to each outcome."""
-    return {name: sum(s["outcome"] == name for s in stretches) for name in OUTCOMES}
+    return {name: sum(s["outcome"] == name for s in manoeuvres) for name in OUTCOMES}
 
 
-def worst(stretches: Sequence[Plain]) -> list[tuple[str, str]]:
+def worst(manoeuvres: Sequence[Plain]) -> list[tuple[str, str]]:
     """Names of the manoeuvres in which a limit was, or may have been, reached unwarned; and why."""
     found = []
-    for stretch in stretches:
-        outcome = stretch["outcome"]
+    for manoeuvre in manoeuvres:
+        outcome = manoeuvre["outcome"]
         if outcome in ("missed", "late_alert"):
-            found.append((stretch["name"], OUTCOMES[outcome][1]))
-        elif outcome == "invalid" and stretch["crossing"]:
-            found.append((stretch["name"], "limit reached, no verdict"))
+            found.append((manoeuvre["name"], OUTCOMES[outcome][1]))
+        elif outcome == "invalid" and manoeuvre["exceedance"]:
+            found.append((manoeuvre["name"], "limit reached, no verdict"))
         elif outcome == "unseen":
-            found.append((stretch["name"], "not all seen"))
+            found.append((manoeuvre["name"], "not all seen"))
     return found
 
 
-def alerts(stretches: Sequence[Plain]) -> list[dict[str, Any]]:
+def alerts(manoeuvres: Sequence[Plain]) -> list[dict[str, Any]]:
     """Every alert: times, whether the first of its manoeuvre, whether that reached a limit.
 
     lead: what it left before the limit [s], None where that was not reached after it.
     """
     rows = []
-    for number, stretch in enumerate(stretches, 1):
-        crossing = stretch["crossing"]
-        for begin, end in stretch["alerts"]:
+    for number, manoeuvre in enumerate(manoeuvres, 1):
+        exceedance = manoeuvre["exceedance"]
+        for begin, end in manoeuvre["alerts"]:
             rows.append(
                 {
                     "number": number,
-                    "name": stretch["name"],
+                    "name": manoeuvre["name"],
                     "start": begin,
                     "end": end,
-                    "first": begin == stretch["alerts"][0][0],
-                    "reached": crossing is not None,
-                    "lead": crossing["t"] - begin if crossing and crossing["t"] >= begin else None,
+                    "first": begin == manoeuvre["alerts"][0][0],
+                    "reached": exceedance is not None,
+                    "lead": exceedance["t"] - begin
+                    if exceedance and exceedance["t"] >= begin
+                    else None,
                 }
             )
     return rows
 
 
-def drawn(stretches: Sequence[Plain]) -> set[int]:
+def drawn(manoeuvres: Sequence[Plain]) -> set[int]:
     """Positions of the manoeuvres that are drawn: all, or the most telling ones."""
-    order = sorted(range(len(stretches)), key=lambda k: (TELLING.index(stretches[k]["outcome"]), k))
+    order = sorted(
+        range(len(manoeuvres)), key=lambda k: (TELLING.index(manoeuvres[k]["outcome"]), k)
+    )
     return set(order[:MOST_DRAWN])
 
 
@@ -158,20 +162,20 @@ def _count(counts: Plain, key: str, at: int | None = None) -> int:
     return values if at is None or values == 0 else values[at]
 
 
-def mapping_rows(mapping: Plain, guesses: Mapping[str, Plain]) -> list[dict[str, Any]]:
+def mapping_rows(mapping: Plain, rationales: Mapping[str, Plain]) -> list[dict[str, Any]]:
     """One row a channel and a clock with what it was read from, None where it is missing."""
     channels = mapping["channels"]
     rows = []
     for key in (*KEYS, *(key for key in TARGETS if key in channels and key not in KEYS)):
-        source, guess = channels.get(key), guesses.get(key, {})
+        source, rationale = channels.get(key), rationales.get(key, {})
         way = source["derivation"] if source else ""
         rows.append(
             {
                 "target": TARGETS[key],
                 "source": source,
                 "derived": DERIVATIONS[way].title if way in DERIVATIONS else way,
-                "confidence": guess.get("confidence") if source else None,
-                "reasons": list(guess.get("reasons", ())),
+                "confidence": rationale.get("confidence") if source else None,
+                "reasons": list(rationale.get("reasons", ())),
             }
         )
     return rows

@@ -26,7 +26,7 @@ FAULTS = {
     "frozen": "frozen",
     "implausible": "impossible",
 }
-"""Words for the kinds of spans, in the order of their strips."""
+"""Words for the kinds of faults, in the order of their strips."""
 MOST_FAULTS = 20
 WORDS = 110.0
 """Width of the words beside them [px]."""
@@ -35,41 +35,41 @@ LEAST = 1.5
 
 
 def overview(
-    samples: npt.NDArray, stretches: Sequence[Plain], limits: Array, epsilon: float
+    samples: npt.NDArray, manoeuvres: Sequence[Plain], limits: Array, epsilon: float
 ) -> Markup:
     """Limited channels and risk of the whole recording, its manoeuvres named or numbered."""
     t = samples["t"]
     chart = StripChart(float(t[0]), float(t[-1]))
-    spans = [(stretch["start"], stretch["end"]) for stretch in stretches]
+    intervals = [(manoeuvre["start"], manoeuvre["end"]) for manoeuvre in manoeuvres]
     for c in np.flatnonzero(np.isfinite(limits)).tolist() or [3]:
         strip = chart.strip(TALL, _label(c))
         strip.show(samples["y"][:, c], *_limits(limits[c]))
-        strip.fill("manoeuvre", spans)
+        strip.fill("manoeuvre", intervals)
         strip.line("measured", t, samples["y"][:, c])
         strip.levels("limit", _limits(limits[c]))
-    risk_strip(chart, TALL, samples, epsilon, spans)
-    chart.name([(stretch["start"], stretch["name"]) for stretch in stretches])
+    risk_strip(chart, TALL, samples, epsilon, intervals)
+    chart.name([(manoeuvre["start"], manoeuvre["name"]) for manoeuvre in manoeuvres])
     return chart.svg("The limited channels and the risk over the whole recording")
 
 
 def manoeuvre(
-    samples: npt.NDArray, stretch: Plain, limits: Array, epsilon: float, lead: float
+    samples: npt.NDArray, manoeuvre: Plain, limits: Array, epsilon: float, lead: float
 ) -> Markup:
     """Every channel of one manoeuvre with forecasts and limits, and the risk below."""
-    part = samples[stretch["first"] : stretch["last"] + 1]
+    part = samples[manoeuvre["first"] : manoeuvre["last"] + 1]
     t = part["t"]
     chart = StripChart(float(t[0]), float(t[-1]))
-    crossing = [stretch["crossing"]["t"]] if stretch["crossing"] else []
-    late = [reached - lead for reached in crossing]
-    explain_traces(chart, lead, bool(crossing))
+    exceedance = [manoeuvre["exceedance"]["t"]] if manoeuvre["exceedance"] else []
+    late = [reached - lead for reached in exceedance]
+    explain_traces(chart, lead, bool(exceedance))
     for c in range(len(CHANNELS)):
         strip = channel_strip(chart, LOW, c, part, limits[c], lead)
-        strip.moments("reached", crossing)
+        strip.moments("reached", exceedance)
         strip.moments("late", late)
     risk = risk_strip(chart, LOW, part, epsilon)
-    risk.moments("reached", crossing)
+    risk.moments("reached", exceedance)
     risk.moments("late", late)
-    return chart.svg(f"Channels, forecasts, limits and risk of {stretch['name']}")
+    return chart.svg(f"Channels, forecasts, limits and risk of {manoeuvre['name']}")
 
 
 def faults(quality: Plain | None) -> Markup | None:
@@ -77,17 +77,17 @@ def faults(quality: Plain | None) -> Markup | None:
 
     quality: plain, as of app.telemetry.timing.quality.
     """
-    if not quality or not quality["spans"] or not quality["clocks"]:
+    if not quality or not quality["faults"] or not quality["clocks"]:
         return None
     start = min(clock["start"] for clock in quality["clocks"])
     end = max(clock["end"] for clock in quality["clocks"])
     chart = StripChart(start, end, WORDS)
-    kinds = groupby(sorted(quality["spans"], key=_order), lambda span: str(span["kind"]))
-    for _, (kind, spans) in zip(range(MOST_FAULTS), kinds, strict=False):
+    kinds = groupby(sorted(quality["faults"], key=_order), lambda fault: str(fault["kind"]))
+    for _, (kind, recorded) in zip(range(MOST_FAULTS), kinds, strict=False):
         what, _, channel = kind.partition(":")
         words = FAULTS.get(what, what)
         strip = chart.strip(LOWEST, f"{channel} {words}" if channel else words)
-        strip.fill("fault", [(span["start"], span["end"]) for span in spans], LEAST)
+        strip.fill("fault", [(fault["start"], fault["end"]) for fault in recorded], LEAST)
     return chart.svg(
         "Where the recording has gaps, repeated, missing, frozen or impossible samples"
     )
@@ -112,13 +112,13 @@ def channel_strip(
     samples: npt.NDArray,
     limit: float,
     lead: float,
-    spans: Sequence[tuple[float, float]] = (),
+    intervals: Sequence[tuple[float, float]] = (),
 ) -> Strip:
-    """One channel: measured, forecast where it comes to lie, and limits, over shaded spans."""
+    """One channel: measured, forecast where it comes to lie, and limits, over shaded intervals."""
     t, y, y_hat = samples["t"], samples["y"][:, c], samples["y_hat"][:, c]
     strip = chart.strip(height, _label(c))
     strip.show(y, y_hat[t + lead <= t[-1]], *_limits(limit))
-    strip.fill("manoeuvre", spans)
+    strip.fill("manoeuvre", intervals)
     strip.line("forecast", t + lead, y_hat)
     strip.line("measured", t, y)
     strip.levels("limit", _limits(limit))
@@ -130,15 +130,15 @@ def risk_strip(
     height: float,
     samples: npt.NDArray,
     epsilon: float,
-    spans: Sequence[tuple[float, float]] = (),
+    intervals: Sequence[tuple[float, float]] = (),
 ) -> Strip:
     """The risk, grey where it was withdrawn, hatched where a manoeuvre goes without."""
     strip = chart.strip(height, "risk")
     t = samples["t"]
     strip.show([0.0, 1.0])
     alerts = runs(samples["alert"])
-    silent = runs((samples["state"] == INVALID) & (samples["stretch"] >= 0))
-    strip.fill("manoeuvre", spans)
+    silent = runs((samples["state"] == INVALID) & (samples["manoeuvre"] >= 0))
+    strip.fill("manoeuvre", intervals)
     strip.fill("silent", [(t[begin], t[end]) for begin, end in silent])
     strip.fill("alert", [(t[begin], t[end]) for begin, end in alerts])
     strip.levels("epsilon", [epsilon])
@@ -158,6 +158,6 @@ def _label(c: int) -> str:
     return f"{CHANNELS[c].symbol} [{CHANNELS[c].unit}]"
 
 
-def _order(span: Plain) -> tuple[int, str, float]:
-    what, known = span["kind"].partition(":")[0], list(FAULTS)
-    return known.index(what) if what in known else len(known), span["kind"], span["start"]
+def _order(fault: Plain) -> tuple[int, str, float]:
+    what, known = fault["kind"].partition(":")[0], list(FAULTS)
+    return known.index(what) if what in known else len(known), fault["kind"], fault["start"]

@@ -52,7 +52,7 @@ def file_subjects(
                 evaluation=evaluations[one.path],
                 samples=one.recording.samples,
                 mapped=PROPOSED if found.proposal else GIVEN,
-                guesses={key: asdict(rationale) for key, rationale in rationales.items()},
+                rationales={key: asdict(rationale) for key, rationale in rationales.items()},
             ),
         )
 
@@ -74,8 +74,8 @@ def _scoring(one: Scored, mapping: Mapping) -> dict[str, Any]:
         "end": float(t[-1]),
         "notes": list(scored.notes),
         "quality": plain_quality(scored.quality),
-        "manoeuvres": [plain(stretch.to_plain()) for stretch in scored.stretches],
-        "outside": [asdict(crossing) for crossing in scored.outside],
+        "manoeuvres": [plain(manoeuvre.to_plain()) for manoeuvre in scored.manoeuvres],
+        "outside_exceedances": [asdict(exceedance) for exceedance in scored.outside_exceedances],
         "digest": digest(scored.samples),
     }
 

@@ -12,7 +12,7 @@ from app.recipes import to_plain
 from app.report import facts, figures
 from app.report.envelope import Array
 from app.report.subject import PROPOSED, ReportSubject
-from app.scoring.plan import limits_of
+from app.scoring.planned_test import limits_of
 from core import __version__
 from core.channels import CHANNELS, Channel
 
@@ -37,16 +37,16 @@ def report(subject: ReportSubject) -> str:
     """Return the report as HTML that needs no other file."""
     monitor, scoring, recording = subject.monitor, subject.scoring, subject.recording
     limits = limits_of(monitor)
-    stretches, epsilon = scoring["manoeuvres"], scoring["epsilon"]
-    outside = scoring["outside"]
-    drawn = facts.drawn(stretches)
-    valid = [stretch["validity"]["valid"] for stretch in stretches]
+    manoeuvres, epsilon = scoring["manoeuvres"], scoring["epsilon"]
+    outside = scoring["outside_exceedances"]
+    drawn = facts.drawn(manoeuvres)
+    valid = [manoeuvre["validity"]["valid"] for manoeuvre in manoeuvres]
     quality = scoring["quality"]
     sentences = quality["sentences"] if quality else []
     return TEMPLATES.get_template("report.html").render(
         recording=recording,
         scoring=scoring,
-        stretches=stretches,
+        manoeuvres=manoeuvres,
         markers=subject.markers,
         monitor={
             "name": subject.monitor_name,
@@ -66,40 +66,44 @@ def report(subject: ReportSubject) -> str:
             for channel, limit in zip(CHANNELS, limits, strict=True)
             if limit < float("inf")
         ],
-        headline=facts.headline(stretches, outside),
+        headline=facts.headline(manoeuvres, outside),
         outside=outside,
         most_outside=MOST_OUTSIDE,
         proposed=subject.mapped == PROPOSED,
         tested=subject.evaluation is not None,
-        worst=facts.worst(stretches),
-        counts=facts.counts(stretches),
+        worst=facts.worst(manoeuvres),
+        counts=facts.counts(manoeuvres),
         promised=sum(one is True for one in valid),
         withdrawn=sum(one is False for one in valid),
         unchecked=sum(one is None for one in valid),
         outcomes=facts.OUTCOMES,
-        alerts=facts.alerts(stretches),
-        mapping=facts.mapping_rows(scoring["mapping"], subject.guesses),
+        alerts=facts.alerts(manoeuvres),
+        mapping=facts.mapping_rows(scoring["mapping"], subject.rationales),
         mapped=subject.mapped,
-        guesses=bool(subject.guesses),
+        rationales=bool(subject.rationales),
         sure=SURE,
         sentences=facts.notes(sentences),
         notes=facts.notes(
             recording["ignored"], recording["notes"], scoring["notes"], apart_from=sentences
         ),
         faults=figures.faults(quality),
-        overview=figures.overview(subject.samples, stretches, limits, epsilon),
+        overview=figures.overview(subject.samples, manoeuvres, limits, epsilon),
         sections=[
-            (number + 1, stretch, _figure(subject, stretch, limits) if number in drawn else None)
-            for number, stretch in enumerate(stretches)
+            (
+                number + 1,
+                manoeuvre,
+                _figure(subject, manoeuvre, limits) if number in drawn else None,
+            )
+            for number, manoeuvre in enumerate(manoeuvres)
         ],
         version=__version__,
         channels={channel.key: channel for channel in CHANNELS},
     )
 
 
-def _figure(subject: ReportSubject, stretch: Mapping[str, Any], limits: Array) -> Markup:
+def _figure(subject: ReportSubject, manoeuvre: Mapping[str, Any], limits: Array) -> Markup:
     epsilon, lead = subject.scoring["epsilon"], subject.monitor.lead
-    return figures.manoeuvre(subject.samples, stretch, limits, epsilon, lead)
+    return figures.manoeuvre(subject.samples, manoeuvre, limits, epsilon, lead)
 
 
 def _symbol(symbol: str) -> Markup:

@@ -22,7 +22,7 @@ def stored_subject(scored: ScoredRecordings, recording_id: str, scoring_id: str)
     recording = store.recordings.info(recording_id)
     monitor = store.monitors.get(info.monitor_id)
     contents = scored.recordings.columns(recording_id).contents
-    mapped, guesses = _mapped(info, store.recordings.mapped_columns(recording_id))
+    mapped, rationales = _mapped(info, store.recordings.mapped_columns(recording_id))
     return ReportSubject(
         recording=asdict(recording) | of_contents(contents),
         scoring=asdict(info),
@@ -32,7 +32,7 @@ def stored_subject(scored: ScoredRecordings, recording_id: str, scoring_id: str)
         evaluation=monitor.evaluation,
         samples=scored.samples(info),
         mapped=mapped,
-        guesses=guesses,
+        rationales=rationales,
         markers=[asdict(marker) for marker in store.markers.of(recording_id)],
     )
 
@@ -42,4 +42,4 @@ def _mapped(info: ScoringInfo, now: MappedColumns) -> tuple[str, dict[str, Any]]
     if info.mapping != now.mapping:
         return "another one is in use now", {}
     proposed = now.mapping_state == "proposed"
-    return MAPPED[now.mapping_state], now.proposal.get("guesses", {}) if proposed else {}
+    return MAPPED[now.mapping_state], now.proposal.get("rationales", {}) if proposed else {}

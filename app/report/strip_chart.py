@@ -21,7 +21,7 @@ TURNED = 30.0
 """Height from which a strip's label is turned to stand beside its ticks [px]."""
 MARGIN = 0.06
 """Of what a strip shows, left free above and below."""
-Spans = Iterable[tuple[float, float]]
+Intervals = Iterable[tuple[float, float]]
 """From, to [s]."""
 
 
@@ -64,9 +64,9 @@ class Strip:
         at = self.chart.x(np.array([*times], np.float64)).tolist()
         self._draw(kind, [f"M{x:.1f} {self.top:.1f}v{self.height:.1f}" for x in at])
 
-    def fill(self, kind: str, spans: Spans, least: float = 0.0) -> None:
-        """The whole height over spans of time. least: width of each at least [px]."""
-        sides = self.chart.x(np.array([*spans], np.float64).reshape(-1, 2)).tolist()
+    def fill(self, kind: str, intervals: Intervals, least: float = 0.0) -> None:
+        """The whole height over intervals of time. least: width of each at least [px]."""
+        sides = self.chart.x(np.array([*intervals], np.float64).reshape(-1, 2)).tolist()
         boxes = [
             f"M{left:.1f} {self.top:.1f}H{max(right, left + least):.1f}"
             f"v{self.height:.1f}H{left:.1f}z"

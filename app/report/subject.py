@@ -21,7 +21,7 @@ class ReportSubject:
     scoring: as of app.store.scorings.ScoringInfo, its mapping and manoeuvres plain.
     evaluation: what fresh flights said of the monitor, None if it was not tested.
     samples: as stored.   mapped: who chose the mapping, in words; "" where it is not known.
-    guesses: confidence and reasons of a mapping that was proposed, by key of TARGETS.
+    rationales: confidence and reasons of a mapping that was proposed, by key of TARGETS.
     markers: of the user: t, end, kind, text.
     """
 
@@ -33,7 +33,7 @@ class ReportSubject:
     evaluation: Mapping[str, Any] | None
     samples: npt.NDArray
     mapped: str = ""
-    guesses: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+    rationales: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
     markers: Sequence[Mapping[str, Any]] = field(default=())
 
 

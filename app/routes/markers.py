@@ -1,4 +1,4 @@
-"""Markers: what people note at a moment or a stretch of a recording."""
+"""Markers: what people note at a moment or a manoeuvre of a recording."""
 
 import asyncio
 
@@ -22,13 +22,13 @@ class MarkerText(BaseModel):
     )
 
     t: Number = Field(description="[s]")
-    end: Number | None = Field(default=None, description="[s] of a stretch; null: a moment")
+    end: Number | None = Field(default=None, description="[s] of a manoeuvre; null: a moment")
     text: str = Field(min_length=1, max_length=2000)
     kind: MarkerKind = "marker"
 
     @model_validator(mode="after")
     def check_order(self) -> "MarkerText":
-        """Refuse a stretch that ends before it begins."""
+        """Refuse a manoeuvre that ends before it begins."""
         if self.end is not None and self.end < self.t:
             raise ValueError(f"the end {self.end:g} s lies before {self.t:g} s: give a later one")
         return self

@@ -75,7 +75,7 @@ class BadRows(BaseModel):
 
 
 class ChannelSource(BaseModel):
-    """Where a channel comes from: value = sign * (signal in the target's unit) - offset.
+    """Where a channel comes from: value = sign * (signal in the target's unit) - bias.
 
     Either `signal` with its `unit`, or `derivation`.
     """
@@ -85,7 +85,7 @@ class ChannelSource(BaseModel):
     signal: str = ""
     unit: str = ""
     sign: Literal[1, -1] = 1
-    offset: Number = Field(default=0.0, description="in the target's unit")
+    bias: Number = Field(default=0.0, description="in the target's unit")
     derivation: str = Field(default="", description="key of a derivation in the catalog")
 
 
@@ -113,7 +113,7 @@ class Mapping(BaseModel):
     )
 
 
-class Guess(BaseModel):
+class Rationale(BaseModel):
     """How sure a proposal is."""
 
     confidence: float = Field(ge=0, le=1)
@@ -135,7 +135,7 @@ class Recording(ListedRecording):
     contents: FileContents
     bad_rows: BadRows
     mapping: Mapping
-    guesses: dict[str, Guess] = Field(description="by channel, and `t:` with a group's name")
+    rationales: dict[str, Rationale] = Field(description="by channel, and `t:` with a group's name")
     alternatives: dict[str, list[str]] = Field(description="other signals that a channel may be")
     derivable: dict[str, list[Derivable]] = Field(description="by channel")
     missing: list[str] = Field(description="channels that nothing is mapped to")
@@ -143,7 +143,7 @@ class Recording(ListedRecording):
     problem: str | None = Field(description="why the mapping cannot be applied")
 
 
-class MappingOrder(BaseModel):
+class MappingRequest(BaseModel):
     """A mapping to use from now on."""
 
     model_config = ConfigDict(extra="forbid")
@@ -157,7 +157,7 @@ class MappingOrder(BaseModel):
     )
 
 
-class PreviewOrder(BaseModel):
+class PreviewRequest(BaseModel):
     """A mapping to try."""
 
     model_config = ConfigDict(extra="forbid")
@@ -183,7 +183,7 @@ class Preview(BaseModel):
     channels: dict[str, Bands]
     quality: dict[str, Any] | None
     problem: str | None
-    doubts: dict[str, list[str]] = Field(
+    warnings: dict[str, list[str]] = Field(
         description="by channel: what speaks against it; it can be confirmed all the same"
     )
 
@@ -199,8 +199,8 @@ class SignalPreview(BaseModel):
     high: list[float | None]
 
 
-class Span(BaseModel):
-    """A stretch of a recording."""
+class Interval(BaseModel):
+    """A manoeuvre of a recording."""
 
     model_config = ConfigDict(extra="forbid", from_attributes=True)
 

@@ -18,9 +18,9 @@ from app.routes.dependencies import (
 )
 from app.routes.recording_models import (
     ListedRecording,
-    MappingOrder,
+    MappingRequest,
     Preview,
-    PreviewOrder,
+    PreviewRequest,
     Recording,
     SignalPreview,
 )
@@ -112,15 +112,17 @@ async def delete_recording(recording_id: str, recordings: RecordingsDep) -> None
 @router.put(
     "/{recording_id}/mapping", response_model=Recording, responses=problem_responses(404, 422)
 )
-async def confirm_mapping(recording_id: str, order: MappingOrder, recordings: RecordingsDep):
+async def confirm_mapping(recording_id: str, request: MappingRequest, recordings: RecordingsDep):
     """Say which signal is which channel; it is proposed for the next recording of the aircraft.
 
     Scorings made before keep the mapping that they were made with. 422 where it cannot be applied.
     """
 
     def confirm() -> dict[str, Any]:
-        mapping = Mapping.from_plain(order.mapping.model_dump())
-        recordings.confirm_mapping(recording_id, mapping, order.aircraft, remember=order.remember)
+        mapping = Mapping.from_plain(request.mapping.model_dump())
+        recordings.confirm_mapping(
+            recording_id, mapping, request.aircraft, remember=request.remember
+        )
         return described(recordings, recording_id)
 
     return await json_from(confirm)
@@ -129,15 +131,15 @@ async def confirm_mapping(recording_id: str, order: MappingOrder, recordings: Re
 @router.post(
     "/{recording_id}/preview", response_model=Preview, responses=problem_responses(404, 422)
 )
-async def preview_mapping(recording_id: str, order: PreviewOrder, recordings: RecordingsDep):
+async def preview_mapping(recording_id: str, request: PreviewRequest, recordings: RecordingsDep):
     """What comes of a mapping: each channel in a few bins, and its quality; nothing is kept.
 
     `problem` says why it cannot be applied; there are no channels then.
     """
 
     def answer() -> dict[str, Any]:
-        mapping = Mapping.from_plain(order.mapping.model_dump())
-        return preview(recordings, recording_id, mapping, order.bins)
+        mapping = Mapping.from_plain(request.mapping.model_dump())
+        return preview(recordings, recording_id, mapping, request.bins)
 
     return await json_from(answer)
 

@@ -8,17 +8,18 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from app.messages import ChannelLimit, Frame
 from app.problems import Problem, problem_responses
-from app.recordings.scoring_answers import answer, found_spans, frames, tiled
+from app.recordings.scoring_answers import answer, frames, manoeuvres_found, tiled
 from app.routes.dependencies import RecordingsDep, ScoredDep, json_from, json_response
-from app.routes.recording_models import Mapping, Number, Span
-from app.scoring import ScoringOrder
-from app.scoring import Span as MarkedSpan
+from app.routes.recording_models import Interval, Mapping, Number
+from app.scoring import Interval as MarkedInterval
+from app.scoring import ScoringRecipe
 from app.store.scorings import ScoringInfo
 
 router = APIRouter(prefix="/api/v1/recordings/{recording_id}", tags=["recordings"])
+Seconds = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 MOST_FRAMES = 10_000
 MOST_BINS = 10_000
-MOST_SPANS = 1000
+MOST_MARKED = 1000
 
 
 class ScoringRequest(BaseModel):
@@ -42,14 +43,14 @@ class ScoringRequest(BaseModel):
     epsilon: Annotated[float, Field(gt=0, lt=1)] | None = Field(
         default=None, description="accepted miss rate; the monitor's own if absent"
     )
-    trim: Annotated[float, Field(gt=0, allow_inf_nan=False)] | Literal["lead_in"] | None = Field(
-        default="lead_in",
-        description="what is subtracted from each manoeuvre: the mean of its lead-in, or of so "
-        "many seconds before its first input; null subtracts nothing",
+    trim: Seconds | Literal["trim_segment"] | None = Field(
+        default="trim_segment",
+        description="what is subtracted from each manoeuvre: the mean of its trim segment, or of "
+        "so many seconds before its first input; null subtracts nothing",
     )
     manoeuvres: (
         Literal["found", "whole"]
-        | Annotated[list[Span], Field(min_length=1, max_length=MOST_SPANS)]
+        | Annotated[list[Interval], Field(min_length=1, max_length=MOST_MARKED)]
     ) = Field(
         default="found",
         description="those found by control activity, the whole recording as one, or these",
@@ -69,8 +70,8 @@ class Scoring(BaseModel):
     dt: float = Field(description="[s]")
     created: str = Field(description="UTC, ISO 8601")
     version: str = Field(description="program that scored it")
-    digest: str = Field(description="SHA-256 of the samples: the same order gives the same")
-    order: dict[str, Any] = Field(description="epsilon, trim and manoeuvres as asked for")
+    digest: str = Field(description="SHA-256 of the samples: the same request gives the same")
+    request: dict[str, Any] = Field(description="epsilon, trim and manoeuvres as asked for")
     mapping: Mapping = Field(description="that was used")
     channels: list[ChannelLimit]
     n_samples: int
@@ -78,10 +79,10 @@ class Scoring(BaseModel):
     end: float = Field(description="[s]")
     notes: list[str] = Field(description="what was assumed and done, oldest first")
     quality: dict[str, Any] | None = Field(description="of the recorded times and channels")
-    stretches: list[dict[str, Any]] = Field(
-        description="one manoeuvre each, with its trim, validity, alerts, crossing and outcome"
+    manoeuvres: list[dict[str, Any]] = Field(
+        description="one manoeuvre each, with its trim, validity, alerts, exceedance and outcome"
     )
-    outside: list[dict[str, Any]] = Field(
+    outside_exceedances: list[dict[str, Any]] = Field(
         description="limits reached outside every manoeuvre: t [s], channel and value of the first "
         "recorded sample of each time, from the trim of the manoeuvre before"
     )
@@ -91,7 +92,7 @@ class ScoredFrame(Frame):
     """A frame of a scoring. withdrawn: risk of a sample that the monitor had no right to say."""
 
     withdrawn: float | None
-    stretch: int = Field(description="number of its stretch; -1: between manoeuvres")
+    manoeuvre: int = Field(description="number of its manoeuvre; -1: between manoeuvres")
 
 
 class ScoredFrames(BaseModel):
@@ -116,7 +117,7 @@ class Highs(BaseModel):
 
 
 class Tiles(BaseModel):
-    """A stretch of a scoring in bins of equal length, exact in their extremes.
+    """A manoeuvre of a scoring in bins of equal length, exact in their extremes.
 
     The bins begin where tiles do: a little before what was asked for, and end a little after it.
     """
@@ -135,14 +136,16 @@ class Tiles(BaseModel):
     alert: list[bool]
 
 
-@router.get("/manoeuvres", response_model=list[Span], responses=problem_responses(404, 422, 429))
+@router.get(
+    "/manoeuvres", response_model=list[Interval], responses=problem_responses(404, 422, 429)
+)
 async def find_manoeuvres(
     recording_id: str,
     monitor: Annotated[str, Query(description="id: its planned input says what to look for")],
     recordings: RecordingsDep,
 ):
     """Manoeuvres that control activity shows, as a scoring by this monitor would find them."""
-    found = await recordings.workers.run(found_spans, recordings, recording_id, monitor)
+    found = await recordings.workers.run(manoeuvres_found, recordings, recording_id, monitor)
     return json_response(found)
 
 
@@ -151,30 +154,34 @@ async def find_manoeuvres(
     status_code=201,
     response_model=Scoring,
     responses=problem_responses(404, 422, 429, 507)
-    | {200: {"model": Scoring, "description": "the same order was carried out before"}},
+    | {200: {"model": Scoring, "description": "the same request was carried out before"}},
 )
-async def score_recording(recording_id: str, asked: ScoringRequest, scored: ScoredDep) -> Response:
+async def score_recording(
+    recording_id: str, request: ScoringRequest, scored: ScoredDep
+) -> Response:
     """Score a recording by a monitor, at once; stored with the monitor's digest and the mapping.
 
-    The same order of the same file, mapping and monitor gives the same samples bit for bit: it is
+    The same request of the same file, mapping and monitor gives the same samples bit for bit: it is
     answered by what is stored, with 200.
     """
-    marked = asked.manoeuvres
-    spans = (
+    marked = request.manoeuvres
+    intervals = (
         marked
         if isinstance(marked, str)
-        else tuple(MarkedSpan(span.start, span.end, span.name) for span in marked)
+        else tuple(
+            MarkedInterval(interval.start, interval.end, interval.name) for interval in marked
+        )
     )
-    epsilon = await asyncio.to_thread(_epsilon, scored, asked)
-    order = ScoringOrder(epsilon, asked.trim, spans)
-    info, made = await scored.score(recording_id, asked.monitor, order)
+    epsilon = await asyncio.to_thread(_epsilon, scored, request)
+    recipe = ScoringRecipe(epsilon, request.trim, intervals)
+    info, made = await scored.score(recording_id, request.monitor, recipe)
     location = {"Location": f"/api/v1/recordings/{recording_id}/scorings/{info.id}"}
     return json_response(answer(info), 201 if made else 200, location)
 
 
-def _epsilon(scored: ScoredDep, asked: ScoringRequest) -> float:
+def _epsilon(scored: ScoredDep, request: ScoringRequest) -> float:
     try:
-        return scored.store.monitors.get(asked.monitor).check_epsilon(asked.epsilon)
+        return scored.store.monitors.get(request.monitor).check_epsilon(request.epsilon)
     except ValueError as error:
         raise Problem(422, str(error), "urn:forewarn:epsilon") from None
 
@@ -241,7 +248,7 @@ async def read_tiles(
     end: Annotated[Number | None, Query(description="[s]; the scoring's if absent")] = None,
     bins: Annotated[int, Query(ge=1, le=MOST_BINS, description="at most so many")] = 1000,
 ):
-    """Any stretch of a scoring in bins, from tiles that were made once: quick at any length."""
+    """Any manoeuvre of a scoring in bins, from tiles that were made once: quick at any length."""
 
     def read() -> dict[str, Any]:
         info: ScoringInfo = scored.store.scorings.info(recording_id, scoring_id)

@@ -3,19 +3,19 @@
 `score` is the way in; what it returns is one table of samples and a verdict a manoeuvre.
 """
 
-from app.scoring.order import ScoringOrder, Span
 from app.scoring.ready import MissingChannels
+from app.scoring.recipe import Interval, ScoringRecipe
 from app.scoring.score import manoeuvres_in, score, score_at_each
-from app.scoring.scored import BETWEEN, SAMPLE, ScoredRecording, ScoredStretch
+from app.scoring.scored import BETWEEN, SAMPLE, ScoredManoeuvre, ScoredRecording
 
 __all__ = [
     "BETWEEN",
     "SAMPLE",
+    "Interval",
     "MissingChannels",
+    "ScoredManoeuvre",
     "ScoredRecording",
-    "ScoredStretch",
-    "ScoringOrder",
-    "Span",
+    "ScoringRecipe",
     "manoeuvres_in",
     "score",
     "score_at_each",

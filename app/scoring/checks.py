@@ -1,11 +1,11 @@
-"""The right to speak: whether a stretch is a flight of the kind that its monitor knows."""
+"""The right to speak: whether a segment is a flight of the kind that its monitor knows."""
 
 from collections.abc import Iterator
 
 import numpy as np
 
-from app.scoring.flown import Flown
-from app.scoring.plan import SURFACE_NAMES, SURFACES, first_direction
+from app.scoring.assessed_segment import AssessedSegment
+from app.scoring.planned_test import SURFACE_NAMES, SURFACES, first_direction
 from app.scoring.scored import Check
 from app.scoring.seen import unassessed
 from app.telemetry.resampling.resampling import RATE_RATIO
@@ -32,7 +32,7 @@ LONGER = 2.0
 """Times as long as simulated: not one manoeuvre of this kind any more."""
 
 
-def rate(flown: Flown) -> Check:
+def rate(flown: AssessedSegment) -> Check:
     """Whether the needed channels were recorded fast enough, and how much could be assessed."""
     t, dt = flown.said.t, flown.monitor.dt
     steps = {}
@@ -57,7 +57,7 @@ def rate(flown: Flown) -> Check:
     return Check("rate", fast_enough if n_assessed else False, f"{rates}; {text}")
 
 
-def assessed(flown: Flown) -> Check:
+def assessed(flown: AssessedSegment) -> Check:
     """Whether enough could be assessed, up to the first sample past a limit."""
     lost = unassessed(flown.said)[: flown.end + 1]
     n_lost, n = int(lost.sum()), len(lost)
@@ -67,7 +67,7 @@ def assessed(flown: Flown) -> Check:
     return Check("coverage", None, f"{text}: at most {1.0 - ASSESSED_SHARE:.0%} may")
 
 
-def channels(flown: Flown) -> Check:
+def channels(flown: AssessedSegment) -> Check:
     """Whether every needed channel is there, and which were not measured themselves."""
     there = np.isfinite(flown.y).any(axis=0)
     if lost := [KEYS[c] for c in np.flatnonzero(flown.needed & ~there)]:
@@ -80,7 +80,7 @@ def channels(flown: Flown) -> Check:
     return Check("channels", True, "; ".join(["all that are needed", *remarks]))
 
 
-def units(flown: Flown) -> Check:
+def units(flown: AssessedSegment) -> Check:
     """Whether the values are of the size of training's, by orders: the support judges finely."""
     reach = flown.monitor.training_max_abs
     ratio = np.divide(flown.largest, reach, out=np.zeros_like(reach), where=reach > 0.0)
@@ -99,9 +99,9 @@ def units(flown: Flown) -> Check:
     return Check("units", False, f"{text}: check its unit and the manoeuvre{hint}")
 
 
-def flight_condition(flown: Flown) -> Check:
+def flight_condition(flown: AssessedSegment) -> Check:
     """Whether the aircraft flew as fast as the model."""
-    name, part = "flight condition", slice(flown.stretch.first, flown.stretch.last + 1)
+    name, part = "flight condition", slice(flown.segment.first, flown.segment.last + 1)
     condition = {key: values[part] for key, values in flown.recording.condition.items()}
     means = {key: v[np.isfinite(v)].mean() for key, v in condition.items() if np.isfinite(v).any()}
     height = f"; altitude {means['h']:.0f} m, not judged" if "h" in means else ""
@@ -115,7 +115,7 @@ def flight_condition(flown: Flown) -> Check:
     return Check(name, bool(abs(off) <= SPEED_SHARE), text)
 
 
-def manoeuvre(flown: Flown) -> Iterator[Check]:
+def manoeuvre(flown: AssessedSegment) -> Iterator[Check]:
     """Whether it was the planned manoeuvre: the surface, its direction, the length."""
     plan = flown.plan
     if plan.duration is None:
@@ -133,7 +133,7 @@ def manoeuvre(flown: Flown) -> Iterator[Check]:
         yield Check("length", True, text)
 
 
-def _surfaces(flown: Flown) -> tuple[bool | None, str]:
+def _surfaces(flown: AssessedSegment) -> tuple[bool | None, str]:
     amplitudes, texts, oks = flown.plan.amplitudes, [], []
     for column, (c, name) in enumerate(zip(SURFACES, SURFACE_NAMES, strict=True)):
         moved, planned = flown.largest[c], amplitudes[column]
@@ -165,15 +165,15 @@ def _surfaces(flown: Flown) -> tuple[bool | None, str]:
     return ok, "; ".join(texts)
 
 
-def trim(flown: Flown) -> Check:
+def trim(flown: AssessedSegment) -> Check:
     """Whether the aircraft rested before the first input."""
-    stretch = flown.stretch
-    if stretch.rest is None:
+    segment = flown.segment
+    if segment.rest is None:
         return Check("trim", None, "taken as it is: nothing was subtracted")
-    length = (stretch.rest.stop - stretch.rest.start) * flown.monitor.dt
-    when = "of the first" if stretch.onset is None else "before the first input, of"
+    length = (segment.rest.stop - segment.rest.start) * flown.monitor.dt
+    when = "of the first" if segment.onset is None else "before the first input, of"
     text = f"mean {when} {length:.2f} s"
-    rest = flown.recording.y[stretch.rest, :N_RESPONSES]
+    rest = flown.recording.y[segment.rest, :N_RESPONSES]
     known = np.isfinite(rest)
     spread = rest.max(0, initial=-np.inf, where=known) - rest.min(0, initial=np.inf, where=known)
     largest = np.maximum(TRIM_SHARE * flown.monitor.training_max_abs[:N_RESPONSES], RESTS)

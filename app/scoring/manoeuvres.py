@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.ndimage import maximum_filter1d, median_filter, minimum_filter1d, uniform_filter1d
 
-from app.scoring.plan import Plan
+from app.scoring.planned_test import PlannedTest
 from core.types import Array
 
 WINDOW = 1.0
@@ -46,7 +46,7 @@ class Activity(NamedTuple):
     end: int
 
 
-def find(surfaces: Array, plan: Plan) -> tuple[Activity, ...]:
+def find(surfaces: Array, plan: PlannedTest) -> tuple[Activity, ...]:
     """Inputs in a recording, in order; those that belong to one manoeuvre are one.
 
     surfaces: (n, 2) aileron and rudder [rad], a sample each plan.dt, NaN where unknown.
@@ -84,7 +84,7 @@ def _motion(u: Array, window: int) -> Array:
     return most - minimum_filter1d(u, window, axis=0, mode="nearest")
 
 
-def _input_sizes(motion: Array, plan: Plan) -> Array:
+def _input_sizes(motion: Array, plan: PlannedTest) -> Array:
     """(2,) what counts as a whole input of each surface [rad]."""
     if plan.amplitudes.any():
         return np.where(plan.amplitudes > 0.0, plan.amplitudes, OTHER * plan.amplitudes.max())
@@ -104,7 +104,7 @@ def _threshold(motion: Array, size: float, dt: float) -> Array:
 
 
 def _activities(
-    u: Array, motion: Array, threshold: Array, window: int, plan: Plan
+    u: Array, motion: Array, threshold: Array, window: int, plan: PlannedTest
 ) -> Iterator[Activity]:
     """Join runs of motion to inputs: between two of them the surfaces rest in trim.
 

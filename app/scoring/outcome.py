@@ -1,4 +1,4 @@
-"""What came of a manoeuvre: the first crossing of a limit, and whether an alert was in time."""
+"""What came of a manoeuvre: the first exceedance of a limit, and whether an alert was in time."""
 
 from dataclasses import dataclass
 from typing import Literal, NamedTuple
@@ -20,7 +20,7 @@ SAME_TIME = 1e-6
 
 
 @dataclass(frozen=True)
-class Crossing:
+class Exceedance:
     """The first recorded sample that reaches a limit. t: [s].   value: from trim, in its unit."""
 
     t: float
@@ -52,7 +52,7 @@ class Limited(NamedTuple):
     lost: seconds of which one has no sample.   holes: of each limited channel.
     """
 
-    crossing: Crossing | None
+    exceedance: Exceedance | None
     peaks: tuple[Peak, ...]
     lost: float
     holes: tuple[Hole, ...] = ()
@@ -63,7 +63,7 @@ def against_limits(traces: Traces, limits: Array, trim: Array, start: float, end
 
     traces: repaired.   limits, trim: (6,).   start, end: [s], both included.
     """
-    crossings: list[Crossing] = []
+    exceedances: list[Exceedance] = []
     peaks: list[Peak] = []
     holes: list[Hole] = []
     for c in np.flatnonzero(np.isfinite(limits)):
@@ -74,11 +74,11 @@ def against_limits(traces: Traces, limits: Array, trim: Array, start: float, end
         value = recorded - trim[c]
         over = np.flatnonzero(np.abs(value) >= limits[c])
         if len(over):
-            crossings.append(Crossing(float(t[over[0]]), key, float(value[over[0]])))
+            exceedances.append(Exceedance(float(t[over[0]]), key, float(value[over[0]])))
         largest, as_recorded = (float(np.abs(one).max(initial=0.0)) for one in (value, recorded))
         peaks.append(Peak(key, largest, float(limits[c]), as_recorded))
         holes += _holes(key, t, start, end)
-    first = min(crossings, key=lambda crossing: crossing.t, default=None)
+    first = min(exceedances, key=lambda exceedance: exceedance.t, default=None)
     each = [sum(hole.lost for hole in holes if hole.channel == key) for key, *_ in peaks]
     return Limited(first, tuple(peaks), max(each, default=0.0), tuple(holes))
 
@@ -103,15 +103,15 @@ def runs(t: Array, alert: Flags) -> Alerts:
 
 
 def outcome(
-    alerts: Alerts, crossing: Crossing | None, promised: float
+    alerts: Alerts, exceedance: Exceedance | None, promised: float
 ) -> tuple[Outcome, float | None]:
-    """What a stretch came to, and the lead from the first alert to the crossing [s].
+    """What a manoeuvre came to, and the lead from the first alert to the exceedance [s].
 
-    promised: lead in effect [s]. A crossing without an alert before it is a miss.
+    promised: lead in effect [s]. A exceedance without an alert before it is a miss.
     """
-    if crossing is None:
+    if exceedance is None:
         return ("false_alert" if alerts else "quiet"), None
-    if not alerts or alerts[0][0] > crossing.t + SAME_TIME:
+    if not alerts or alerts[0][0] > exceedance.t + SAME_TIME:
         return "missed", None
-    lead = crossing.t - alerts[0][0]
+    lead = exceedance.t - alerts[0][0]
     return ("timely_alert" if lead >= promised - SAME_TIME else "late_alert"), lead

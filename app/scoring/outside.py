@@ -1,10 +1,10 @@
-"""Limits reached outside every stretch: no monitor spoke there, but nobody should overlook them."""
+"""Exceedances outside every manoeuvre: not assessed, and still not to be overlooked."""
 
 from collections.abc import Sequence
 
 import numpy as np
 
-from app.scoring.outcome import SAME_TIME, Crossing
+from app.scoring.outcome import SAME_TIME, Exceedance
 from app.telemetry.traces import Traces
 from core.channels import CHANNELS
 from core.types import Array
@@ -16,15 +16,15 @@ MOST_OUTSIDE = 1000
 
 
 def outside(
-    traces: Traces, limits: Array, spans: Sequence[tuple[float, float]], trims: Sequence[Array]
-) -> tuple[Crossing, ...]:
-    """The first recorded sample of each exceedance that begins in none of the stretches.
+    traces: Traces, limits: Array, intervals: Sequence[tuple[float, float]], trims: Sequence[Array]
+) -> tuple[Exceedance, ...]:
+    """The first recorded sample of each exceedance that begins in none of the manoeuvres.
 
-    traces: repaired.   limits: (6,).   spans: start and end of each stretch, in order [s].
+    traces: repaired.   limits: (6,).   intervals: start and end of each manoeuvre, in order [s].
     trims: (6,) of each; between two, the one before counts, ahead of the first, its own.
-    One that began in a stretch and goes on after it is that stretch's.
+    One that began in a manoeuvre and goes on after it is that manoeuvre's.
     """
-    starts, ends = np.array(spans, np.float64).T
+    starts, ends = np.array(intervals, np.float64).T
     subtracted = np.nan_to_num(np.array(trims))
     found = []
     for c in np.flatnonzero(np.isfinite(limits)):
@@ -37,11 +37,11 @@ def outside(
         begins = over[np.diff(t[over], prepend=-np.inf) > APART]
         of = number[begins]
         inside = (t[begins] >= starts[of] - SAME_TIME) & (t[begins] <= ends[of] + SAME_TIME)
-        found += [Crossing(float(t[i]), key, float(value[i])) for i in begins[~inside]]
-    return tuple(sorted(found, key=lambda crossing: crossing.t))
+        found += [Exceedance(float(t[i]), key, float(value[i])) for i in begins[~inside]]
+    return tuple(sorted(found, key=lambda exceedance: exceedance.t))
 
 
-def outside_note(found: Sequence[Crossing]) -> tuple[str, ...]:
+def outside_note(found: Sequence[Exceedance]) -> tuple[str, ...]:
     """What a person should know of them; nothing where there are none."""
     if not found:
         return ()

@@ -4,7 +4,7 @@ from collections.abc import Collection
 from dataclasses import dataclass
 from typing import Self
 
-from app.scoring.plan import Plan, needed_channels, plan_of
+from app.scoring.planned_test import PlannedTest, needed_channels, planned_test
 from app.telemetry.mapping.derivations import DERIVATIONS
 from app.telemetry.recording import Recording, TelemetryError
 from app.telemetry.resampling.resampling import on_grid
@@ -44,7 +44,7 @@ class Ready:
     """
 
     monitor: Monitor
-    plan: Plan
+    plan: PlannedTest
     traces: Traces
     quality: Quality
     recording: Recording
@@ -55,7 +55,7 @@ class Ready:
     def of(cls, monitor: Monitor, repaired: RepairedTraces) -> Self:
         """MissingChannels; TelemetryError where one is too slow."""
         traces, quality = repaired.traces, repaired.quality
-        plan = plan_of(monitor)
+        plan = planned_test(monitor)
         needed = needed_channels(monitor, plan.limits)
         recorded = [c.key for c in quality.channels if c.missing < 1.0 or c.implausible]
         absent = [key for key in KEYS if key not in recorded]

@@ -7,11 +7,11 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from app.scoring.outcome import Crossing, Outcome
+from app.scoring.outcome import Exceedance, Outcome
 from app.telemetry.timing.quality import Quality
 
 BETWEEN = -1
-"""Stretch of a sample that lies in none: between manoeuvres."""
+"""Segment of a sample that lies in none: between manoeuvres."""
 SAMPLE = np.dtype(
     [
         ("t", "<f8"),
@@ -20,7 +20,7 @@ SAMPLE = np.dtype(
         ("withdrawn", "<f8"),
         ("alert", "?"),
         ("state", "u1"),
-        ("stretch", "<i2"),
+        ("manoeuvre", "<i2"),
         ("y_hat", "<f8", 6),
         ("attitude", "<f8", 3),
     ]
@@ -30,14 +30,14 @@ SAMPLE = np.dtype(
 t: [s].   y: from trim, as assessed; NaN where it was not recorded; between manoeuvres, from the
 trim of the one before.   p_value: NaN unless state is `ok`.   withdrawn: the p-value of a sample
 whose monitor had no right to speak, NaN elsewhere.   alert: false unless state is `ok`.
-state: code into core.monitor.assessment.STATES.   stretch: number of its stretch, or BETWEEN.
+state: code into core.monitor.assessment.STATES.   manoeuvre: number of its manoeuvre, or BETWEEN.
 y_hat: forecast, NaN where there is none.   attitude: phi, theta, psi [rad], NaN where not recorded.
 """
 OBSERVATIONS = "observations within training"
 """Name of the check that only calibration can make."""
 BLOCK = 4096
 """Rows that a processor's cache holds."""
-MOST_STRETCHES = int(np.iinfo(np.int16).max)
+MOST_MANOEUVRES = int(np.iinfo(np.int16).max)
 
 
 @dataclass(frozen=True)
@@ -51,7 +51,7 @@ class Check:
 
 @dataclass(frozen=True)
 class Validity:
-    """Whether the monitor had any right to speak of a stretch.
+    """Whether the monitor had any right to speak of a manoeuvre.
 
     valid: False where a check failed; None where its validity is not calibrated or was not to be
     judged, or too few samples could be assessed; and then nothing is promised either.
@@ -69,15 +69,15 @@ class Validity:
 
 
 @dataclass(frozen=True)
-class ScoredStretch:
+class ScoredManoeuvre:
     """One manoeuvre and what came of it.
 
     start, end: [s].   first, last: numbers of its samples, both included.
     trim: what was subtracted of each channel, in order; None where it is unknown.
     peak_risk, peak_t: largest p-value and its time [s]; None where nothing was assessed.
     alerts: first and last time of each run of alerts [s].
-    crossing: the first recorded sample that reaches a limit.
-    lead: from the first alert to the crossing [s]; None where one of them is missing.
+    exceedance: the first recorded sample that reaches a limit.
+    lead: from the first alert to the exceedance [s]; None where one of them is missing.
     withdrawn_t: first sample of which nothing is said any more [s]; None where there is none.
     remarks: what limits the verdict.   guarantee: what is promised, or that nothing is.
     """
@@ -94,7 +94,7 @@ class ScoredStretch:
     peak_risk: float | None = None
     peak_t: float | None = None
     alerts: tuple[tuple[float, float], ...] = ()
-    crossing: Crossing | None = None
+    exceedance: Exceedance | None = None
     lead: float | None = None
     withdrawn_t: float | None = None
     remarks: tuple[str, ...] = ()
@@ -114,16 +114,16 @@ class ScoredRecording:
 
     samples: (n,) of SAMPLE, one each dt [s].   notes: what was assumed and done, oldest first.
     quality: of the recorded times and channels.
-    outside: first recorded sample of each time that a limit was reached outside every stretch.
+    outside_exceedances: those that begin in no manoeuvre, by their first recorded sample.
     """
 
     samples: npt.NDArray[np.void]
-    stretches: tuple[ScoredStretch, ...]
+    manoeuvres: tuple[ScoredManoeuvre, ...]
     dt: float
     epsilon: float
     quality: Quality
     notes: tuple[str, ...] = field(default=())
-    outside: tuple[Crossing, ...] = ()
+    outside_exceedances: tuple[Exceedance, ...] = ()
 
 
 def packed(fields: Mapping[str, npt.NDArray[Any]]) -> npt.NDArray[np.void]:

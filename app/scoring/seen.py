@@ -1,4 +1,4 @@
-"""What was not seen: whether enough was recorded and assessed to say what came of a stretch.
+"""What was not seen: whether enough was recorded and assessed to say what came of a manoeuvre.
 
 A limit may be reached, and an alert come, where nothing was recorded. So a hole of more than a few
 samples, or many small ones, take the verdict away; a lone lost sample does not.
@@ -6,7 +6,7 @@ samples, or many small ones, take the verdict away; a lone lost sample does not.
 
 import numpy as np
 
-from app.scoring.outcome import SAME_TIME, Alerts, Crossing, Hole, Limited
+from app.scoring.outcome import SAME_TIME, Alerts, Exceedance, Hole, Limited
 from core.monitor import Assessments
 from core.monitor.assessment import STATES, State
 from core.types import Flags
@@ -28,7 +28,7 @@ def unassessed(said: Assessments) -> Flags:
 def not_seen(limited: Limited, said: Assessments, alerts: Alerts, dt: float) -> str:
     """Why it is not known that no limit was reached, or that there was no alert; "" if it is.
 
-    limited: of a stretch in which no crossing was seen.   dt: of the monitor [s].
+    limited: of a manoeuvre in which no exceedance was seen.   dt: of the monitor [s].
     """
     length = float(said.t[-1] - said.t[0])
     longest = max(limited.holes, key=lambda hole: hole.lost, default=None)
@@ -52,18 +52,18 @@ def not_seen(limited: Limited, said: Assessments, alerts: Alerts, dt: float) -> 
 
 
 def could_not_warn(
-    limited: Limited, crossing: Crossing, said: Assessments, alerts: Alerts, promised: float
+    limited: Limited, exceedance: Exceedance, said: Assessments, alerts: Alerts, promised: float
 ) -> str:
-    """Why nothing can be said of the alert before a crossing; "" if something can.
+    """Why nothing can be said of the alert before a exceedance; "" if something can.
 
-    Either a hole ends at the crossing, and the time of the limit decides whether an alert was
+    Either a hole ends at the exceedance, and the time of the limit decides whether an alert was
     timely; or no sample was assessed in the last chance: as long as the lead, and a lead before.
     promised: lead [s].
     """
-    alert = alerts[0][0] if alerts and alerts[0][0] <= crossing.t + SAME_TIME else None
+    alert = alerts[0][0] if alerts and alerts[0][0] <= exceedance.t + SAME_TIME else None
     dt = float(said.t[1] - said.t[0])
     for hole in limited.holes:
-        ends_at_it = hole.channel == crossing.channel and hole.end == crossing.t
+        ends_at_it = hole.channel == exceedance.channel and hole.end == exceedance.t
         is_sure = alert is not None and (
             alert + promised <= hole.start + SAME_TIME or alert + promised > hole.end + SAME_TIME
         )
@@ -73,7 +73,7 @@ def could_not_warn(
                 f"{what}: no sample from {hole.start:.2f} to {hole.end:.2f} s; the limit was "
                 "reached between these"
             )
-    last = crossing.t - promised + SAME_TIME
+    last = exceedance.t - promised + SAME_TIME
     if alert is not None and alert <= last:
         return ""
     chance = (said.t >= last - promised - 2 * SAME_TIME) & (said.t <= last)
@@ -82,7 +82,7 @@ def could_not_warn(
     begin, end = said.t[chance][[0, -1]]
     return (
         f"could not warn: no sample could be assessed from {begin:.2f} to {end:.2f} s, the last "
-        f"in which an alert would have been timely; the limit was reached at {crossing.t:.2f} s"
+        f"in which an alert would have been timely; the limit was reached at {exceedance.t:.2f} s"
     )
 
 

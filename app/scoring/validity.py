@@ -1,17 +1,17 @@
-"""Validity of a stretch: every condition of the guarantee, one verdict."""
+"""Validity of a manoeuvre: every condition of the guarantee, one verdict."""
 
 import numpy as np
 
+from app.scoring.assessed_segment import AssessedSegment
 from app.scoring.checks import assessed, channels, flight_condition, manoeuvre, rate, trim, units
-from app.scoring.flown import Flown
-from app.scoring.plan import read_channels
+from app.scoring.planned_test import read_channels
 from app.scoring.scored import OBSERVATIONS, Check, Validity
 from core.channels import KEYS
 from core.monitor.validity import ValidityVerdict
 
 
-def validity(flown: Flown) -> Validity:
-    """Every check of a stretch; one that fails takes the right to speak."""
+def validity(flown: AssessedSegment) -> Validity:
+    """Every check of a manoeuvre; one that fails takes the right to speak."""
     found = support(flown)
     coverage = assessed(flown)
     checks = (
@@ -39,7 +39,7 @@ def validity(flown: Flown) -> Validity:
     )
 
 
-def support(flown: Flown) -> ValidityVerdict:
+def support(flown: AssessedSegment) -> ValidityVerdict:
     """Whether the observations lie within those of training, by conformal rank."""
     monitor, absent = flown.monitor, ~np.isfinite(flown.y).any(axis=0)
     if missing := [KEYS[c] for c in np.flatnonzero(absent & read_channels(monitor))]:

@@ -2,8 +2,8 @@
 
 from collections.abc import Iterator
 
-from app.scoring.outcome import Crossing
-from app.scoring.scored import OBSERVATIONS, ScoredRecording, ScoredStretch
+from app.scoring.outcome import Exceedance
+from app.scoring.scored import OBSERVATIONS, ScoredManoeuvre, ScoredRecording
 from core.channels import CHANNELS, KEYS
 from core.monitor import Monitor
 
@@ -18,61 +18,64 @@ OUTCOMES = {
     "unknown": "unknown: the monitor does not say which limits it was trained for",
 }
 MOST_TOLD = 20
-"""Exceedances outside of the stretches."""
+"""Exceedances outside of the manoeuvres."""
 NOTHING = "no sample could be assessed: see the state column of assessments.csv"
 
 
 def verdict(monitor: Monitor, scored: ScoredRecording) -> list[str]:
-    """Everything that is said of each stretch, in the order of their times."""
-    told = [line for stretch in scored.stretches for line in _lines(monitor, scored, stretch)]
+    """Everything that is said of each manoeuvre, in the order of their times."""
+    told = [line for manoeuvre in scored.manoeuvres for line in _lines(monitor, scored, manoeuvre)]
     outside = [
-        f"outside every manoeuvre: {_reached(crossing)}" for crossing in scored.outside[:MOST_TOLD]
+        f"outside every manoeuvre: {_reached(exceedance)}"
+        for exceedance in scored.outside_exceedances[:MOST_TOLD]
     ]
-    if (more := len(scored.outside) - MOST_TOLD) > 0:
+    if (more := len(scored.outside_exceedances) - MOST_TOLD) > 0:
         outside.append(f"outside every manoeuvre: and {more} more")
     return told + outside
 
 
-def _lines(monitor: Monitor, scored: ScoredRecording, stretch: ScoredStretch) -> Iterator[str]:
-    times = f"{stretch.start:.2f} to {stretch.end:.2f} s"
-    yield f"{stretch.name}, {times}: {OUTCOMES[stretch.outcome]}"
-    if stretch.peak_risk is not None:
-        yield from _risk(monitor, scored.epsilon, stretch, stretch.peak_risk)
-    elif stretch.withdrawn_t is None:
+def _lines(monitor: Monitor, scored: ScoredRecording, manoeuvre: ScoredManoeuvre) -> Iterator[str]:
+    times = f"{manoeuvre.start:.2f} to {manoeuvre.end:.2f} s"
+    yield f"{manoeuvre.name}, {times}: {OUTCOMES[manoeuvre.outcome]}"
+    if manoeuvre.peak_risk is not None:
+        yield from _risk(monitor, scored.epsilon, manoeuvre, manoeuvre.peak_risk)
+    elif manoeuvre.withdrawn_t is None:
         yield f"  {NOTHING}"
     else:
         yield "  first alert   withdrawn"
-    if stretch.withdrawn_t is not None:
-        yield f"  withdrawn     from {stretch.withdrawn_t:.2f} s on: nothing is said any more"
-    yield f"  first crossing {_crossing(stretch)}"
-    if stretch.outcome == "unknown":
+    if manoeuvre.withdrawn_t is not None:
+        yield f"  withdrawn     from {manoeuvre.withdrawn_t:.2f} s on: nothing is said any more"
+    yield f"  first exceedance {_exceedance(manoeuvre)}"
+    if manoeuvre.outcome == "unknown":
         yield "  lead          unknown"
-    elif stretch.outcome == "invalid":
+    elif manoeuvre.outcome == "invalid":
         yield "  lead          withdrawn"
-    elif stretch.peak_risk is not None and stretch.crossing is not None:
-        yield f"  lead          {_lead(monitor, stretch)}"
+    elif manoeuvre.peak_risk is not None and manoeuvre.exceedance is not None:
+        yield f"  lead          {_lead(monitor, manoeuvre)}"
     moved = ", ".join(
         f"{channel.key} {value:.4g} {channel.unit}"
-        for channel, value in zip(CHANNELS, stretch.trim, strict=True)
+        for channel, value in zip(CHANNELS, manoeuvre.trim, strict=True)
         if value is not None
     )
-    if any(stretch.trim):
+    if any(manoeuvre.trim):
         yield f"  trim          {moved}"
-    for remark in stretch.remarks:
+    for remark in manoeuvre.remarks:
         yield f"  {remark}"
-    for check in stretch.validity.checks:
+    for check in manoeuvre.validity.checks:
         if check.ok is not True:
             yield f"  {'in doubt' if check.ok is None else 'OUTSIDE':13} {check.name}: {check.text}"
         elif check.name == OBSERVATIONS:
             yield f"  validity      {check.text}"
-    yield f"  {stretch.guarantee}"
+    yield f"  {manoeuvre.guarantee}"
 
 
-def _risk(monitor: Monitor, epsilon: float, stretch: ScoredStretch, peak: float) -> Iterator[str]:
+def _risk(
+    monitor: Monitor, epsilon: float, manoeuvre: ScoredManoeuvre, peak: float
+) -> Iterator[str]:
     least = peak <= monitor.smallest_epsilon
-    when = ", never above its least" if least else f" at {stretch.peak_t:.2f} s"
+    when = ", never above its least" if least else f" at {manoeuvre.peak_t:.2f} s"
     yield f"  peak risk     {peak:.3f}{when}"
-    alerts = stretch.alerts
+    alerts = manoeuvre.alerts
     if not alerts:
         yield f"  first alert   none (risk above epsilon {epsilon:g})"
         return
@@ -82,24 +85,24 @@ def _risk(monitor: Monitor, epsilon: float, stretch: ScoredStretch, peak: float)
         yield f"  alerts        {len(alerts)}, the last one {begin:.2f} to {end:.2f} s"
 
 
-def _crossing(stretch: ScoredStretch) -> str:
-    crossing = stretch.crossing
-    if stretch.outcome == "unknown":
+def _exceedance(manoeuvre: ScoredManoeuvre) -> str:
+    exceedance = manoeuvre.exceedance
+    if manoeuvre.outcome == "unknown":
         return "unknown"
-    if crossing is None:
+    if exceedance is None:
         return "none in what was recorded"
-    return _reached(crossing)
+    return _reached(exceedance)
 
 
-def _reached(crossing: Crossing) -> str:
-    unit = CHANNELS[KEYS.index(crossing.channel)].unit
-    return f"at {crossing.t:.2f} s ({crossing.channel} {crossing.value:.3g} {unit})"
+def _reached(exceedance: Exceedance) -> str:
+    unit = CHANNELS[KEYS.index(exceedance.channel)].unit
+    return f"at {exceedance.t:.2f} s ({exceedance.channel} {exceedance.value:.3g} {unit})"
 
 
-def _lead(monitor: Monitor, stretch: ScoredStretch) -> str:
-    if stretch.outcome == "unseen":
+def _lead(monitor: Monitor, manoeuvre: ScoredManoeuvre) -> str:
+    if manoeuvre.outcome == "unseen":
         return "not known"
-    if stretch.lead is None:
-        return "none: the monitor was silent before the crossing (a miss)"
-    timely = "at least" if stretch.outcome == "timely_alert" else "short of"
-    return f"{stretch.lead:.2f} s from the first alert, {timely} the promised {monitor.lead:g} s"
+    if manoeuvre.lead is None:
+        return "none: the monitor was silent before the exceedance (a miss)"
+    timely = "at least" if manoeuvre.outcome == "timely_alert" else "short of"
+    return f"{manoeuvre.lead:.2f} s from the first alert, {timely} the promised {monitor.lead:g} s"

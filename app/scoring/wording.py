@@ -1,17 +1,17 @@
-"""What a person should know of a scored stretch, in sentences that do not flatter."""
+"""What a person should know of a scored segment, in sentences that do not flatter."""
 
 import numpy as np
 
 from app.scoring.outcome import SAME_TIME, Limited
-from app.scoring.plan import Plan
+from app.scoring.planned_test import PlannedTest
 from app.scoring.scored import Validity
-from app.scoring.stretches import Stretch
+from app.scoring.segments import Segment
 from core.monitor import Assessments, Monitor
 from core.monitor.assessment import STATES, State
 
 
 def guarantee(monitor: Monitor, validity: Validity, epsilon: float) -> str:
-    """What is promised of a stretch: the guarantee where the monitor had a right to speak."""
+    """What is promised of a segment: the guarantee where the monitor had a right to speak."""
     if validity.valid is not True:
         first, *more = validity.reasons
         others = f" (and {len(more)} more)" if more else ""
@@ -29,7 +29,7 @@ def guarantee(monitor: Monitor, validity: Validity, epsilon: float) -> str:
 
 
 def withdrawn(said: Assessments, limited: Limited, epsilon: float) -> str:
-    """What the monitor would have said of a stretch that it had no right to speak of."""
+    """What the monitor would have said of a segment that it had no right to speak of."""
     without, p_value = "without the withdrawal", said.p_value
     if np.isnan(p_value).all():
         return f"{without} there would be no risk either: no sample could be assessed"
@@ -40,23 +40,25 @@ def withdrawn(said: Assessments, limited: Limited, epsilon: float) -> str:
             f"{without} the risk would have stayed at or below epsilon {epsilon:.4g}, at most "
             f"{p_value[peak]:.3f} at {said.t[peak]:.2f} s"
         )
-    t, crossing = float(said.t[over[0]]), limited.crossing
+    t, exceedance = float(said.t[over[0]]), limited.exceedance
     when = f"{without} the risk would have exceeded epsilon {epsilon:.4g} at {t:.2f} s"
-    if crossing is None:
+    if exceedance is None:
         return when
-    ahead = crossing.t - t
+    ahead = exceedance.t - t
     return f"{when}, {abs(ahead):.2f} s {'before' if ahead >= -SAME_TIME else 'after'} the limit"
 
 
-def remarks(plan: Plan, stretch: Stretch, limited: Limited, said: Assessments) -> tuple[str, ...]:
-    """What limits the verdict on a stretch."""
+def remarks(
+    plan: PlannedTest, segment: Segment, limited: Limited, said: Assessments
+) -> tuple[str, ...]:
+    """What limits the verdict on a segment."""
     lines = []
     if not plan.limits_known:
         lines.append(
             "which limits the monitor was trained for is not known: exceedance, miss and warning "
             "lead time are unknown"
         )
-    elif limited.crossing is None:
+    elif limited.exceedance is None:
         peaks = ", ".join(
             f"|{peak.channel}| {peak.largest:.3g} of {peak.limit:.3g} from trim"
             for peak in limited.peaks
@@ -73,16 +75,17 @@ def remarks(plan: Plan, stretch: Stretch, limited: Limited, said: Assessments) -
     if not (said.state == STATES.index(State.OK)).all():
         counts = [f"{np.sum(said.state == code)} {state}" for code, state in enumerate(STATES)]
         lines.append(f"samples: {', '.join(counts)}")
-    if stretch.asked is not None and stretch.rest is not None:
-        used = (stretch.rest.stop - stretch.rest.start) * plan.dt
+    if segment.asked is not None and segment.rest is not None:
+        used = (segment.rest.stop - segment.rest.start) * plan.dt
         lines.append(
-            f"trim from {stretch.asked:g} s before the first input was asked for: {used:.2f} s are "
+            f"trim from {segment.asked:g} s before the first input was asked for: {used:.2f} s are "
             "there and were used"
         )
-    lead_in = round(plan.lead_in / plan.dt)
-    if stretch.onset is not None and stretch.onset - stretch.first < lead_in:
-        rested = (stretch.onset - stretch.first) * plan.dt
+    n_trim = round(plan.trim_segment_s / plan.dt)
+    if segment.onset is not None and segment.onset - segment.first < n_trim:
+        rested = (segment.onset - segment.first) * plan.dt
         lines.append(
-            f"it begins {rested:.2f} s before the first input, {plan.lead_in:g} s are planned"
+            f"it begins {rested:.2f} s before the first input, "
+            f"{plan.trim_segment_s:g} s are planned"
         )
     return tuple(lines)

@@ -52,10 +52,10 @@ class ScoringInfo(Entry):
     quality: dict[str, Any] | None
     """of the recorded times and channels"""
     manoeuvres: list[dict[str, Any]]
-    """each with its trim, validity, alerts, crossing and outcome"""
-    outside: list[dict[str, Any]]
-    """limits reached outside every manoeuvre: t [s], channel and value of the first recorded sample
-    of each time, from the trim of the manoeuvre before"""
+    """each with its trim, validity, alerts, exceedance and outcome"""
+    outside_exceedances: list[dict[str, Any]]
+    """those that begin in no manoeuvre: t [s], channel and value of the first recorded sample, from
+    the trim of the manoeuvre before"""
 
 
 class ScoringRepository(Repository):

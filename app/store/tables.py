@@ -280,7 +280,7 @@ scorings = Table(
     _plain("notes"),
     _plain("quality", nullable=True),
     _plain("manoeuvres"),
-    _plain("outside"),
+    _plain("outside_exceedances"),
     UniqueConstraint("recording_id", "request_digest"),
 )
 

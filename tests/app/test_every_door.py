@@ -12,7 +12,7 @@ from starlette.testclient import TestClient
 from app.flights.playback import AssessedTrack
 from app.flights.track import Track
 from app.recordings.scored_file import ScoreRequest, score_file
-from app.scoring import ScoringOrder
+from app.scoring import ScoringRecipe
 from core.monitor import Assessment, Monitor, State
 from core.monitor.assessment import STATES
 from tests.app.flights.test_withdrawal import checked, quiet_flight, strange
@@ -139,13 +139,13 @@ def test_a_scored_recording_tells_the_same(
     with gaps is brought onto a grid first, so its samples are not those that a stream was given."""
     t, y = FLIGHTS[flight]()
     trained = replace(monitor(), dataset_recipe={})
-    order = ScoringOrder(EPSILON, trim=None, manoeuvres="whole")
+    recipe = ScoringRecipe(EPSILON, trim=None, manoeuvres="whole")
     expected = by_batch(trained, t, y, client)
-    assert lines_of(score(trained, recorded(y, DT), order).samples) == expected
+    assert lines_of(score(trained, recorded(y, DT), recipe).samples) == expected
     trained.save(tmp_path / "monitor.fwm")
     (tmp_path / "flight.csv").write_bytes(csv_of(y))
     request = ScoreRequest(
-        (tmp_path / "monitor.fwm",), tmp_path / "flight.csv", order=order, epsilons=(EPSILON,)
+        (tmp_path / "monitor.fwm",), tmp_path / "flight.csv", recipe=recipe, epsilons=(EPSILON,)
     )
     (scored,) = score_file(request).scored
     assert lines_of(scored.recording.samples) == expected

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from app.jobs.training import train_and_test
-from app.scoring import ScoredRecording, ScoringOrder
+from app.scoring import ScoredRecording, ScoringRecipe
 from app.scoring import score as score_repaired
 from app.telemetry.timing.repair import repair
 from app.telemetry.traces import Trace, Traces
@@ -63,9 +63,9 @@ def recorded(y: np.ndarray, dt: float = TEST.dt, start: float = 0.0, **more: flo
     return Traces({key: Trace(t, column, source=key) for key, column in values.items()})
 
 
-def score(monitor: Monitor, traces: Traces, order: ScoringOrder | None = None) -> ScoredRecording:
+def score(monitor: Monitor, traces: Traces, recipe: ScoringRecipe | None = None) -> ScoredRecording:
     """Score channels as they were recorded."""
-    return score_repaired(monitor, repair(traces), order)
+    return score_repaired(monitor, repair(traces), recipe)
 
 
 def record_file(name: str) -> Path:

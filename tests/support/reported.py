@@ -15,8 +15,8 @@ LENGTH = 100
 OBSERVATIONS = "observations within training"
 
 
-def stretch(number: int, outcome: str, **more: Any) -> dict[str, Any]:
-    """A plain scored stretch."""
+def manoeuvre(number: int, outcome: str, **more: Any) -> dict[str, Any]:
+    """A plain scored manoeuvre."""
     first, valid = LENGTH * number, outcome != "invalid"
     return {
         "name": f"manoeuvre {number + 1}",
@@ -28,7 +28,7 @@ def stretch(number: int, outcome: str, **more: Any) -> dict[str, Any]:
         "peak_risk": 0.31,
         "peak_t": (first + 40) * DT,
         "alerts": [],
-        "crossing": None,
+        "exceedance": None,
         "lead": None,
         "outcome": outcome,
         "guarantee": f"P(no alert) is small in {number}" if valid else "It is withdrawn: bent",
@@ -48,21 +48,21 @@ def stretch(number: int, outcome: str, **more: Any) -> dict[str, Any]:
     } | more
 
 
-def crossing(number: int, after: float = 2.0, value: float = -0.53) -> dict[str, Any]:
-    """A limit reached so long after the start of a stretch [s]."""
+def exceedance(number: int, after: float = 2.0, value: float = -0.53) -> dict[str, Any]:
+    """A limit reached so long after the start of a manoeuvre [s]."""
     return {"t": LENGTH * number * DT + after, "channel": "Ny", "value": value}
 
 
-def subject_of(monitor: Monitor, stretches: Sequence[dict[str, Any]]) -> ReportSubject:
-    """A recording of these stretches and a little more; the invalid ones are withdrawn."""
-    n = LENGTH * (len(stretches) + 1)
+def subject_of(monitor: Monitor, manoeuvres: Sequence[dict[str, Any]]) -> ReportSubject:
+    """A recording of these manoeuvres and a little more; the invalid ones are withdrawn."""
+    n = LENGTH * (len(manoeuvres) + 1)
     samples = np.zeros(n, SAMPLE_LIKE)
     samples["t"] = DT * np.arange(n)
     samples["y"] = 0.1 * np.sin(samples["t"])[:, None]
-    samples["p_value"], samples["withdrawn"], samples["stretch"] = 0.05, np.nan, -1
-    for number, one in enumerate(stretches):
+    samples["p_value"], samples["withdrawn"], samples["manoeuvre"] = 0.05, np.nan, -1
+    for number, one in enumerate(manoeuvres):
         part = samples[one["first"] : one["last"] + 1]
-        part["stretch"] = number
+        part["manoeuvre"] = number
         if one["outcome"] == "invalid":
             part["p_value"], part["withdrawn"], part["state"] = np.nan, 0.7, 3
         for begin, end in one["alerts"]:
@@ -78,12 +78,12 @@ def subject_of(monitor: Monitor, stretches: Sequence[dict[str, Any]]) -> ReportS
             "created": "2030-01-01T10:20:30.000000Z", "version": "0", "epsilon": 0.1, "dt": DT,
             "lead": monitor.lead, "n_samples": n, "start": 0.0, "end": n * DT,
             "notes": ["resampled", "beta: 3 gaps."], "digest": "cd" * 32,
-            "monitor_name": "oscillator", "monitor_digest": "ef" * 32, "manoeuvres": stretches,
-            "outside": [],
+            "monitor_name": "oscillator", "monitor_digest": "ef" * 32, "manoeuvres": manoeuvres,
+            "outside_exceedances": [],
             "quality": {
                 "sentences": ["beta: 3 gaps."],
                 "clocks": [{"start": 0.0, "end": n * DT}],
-                "spans": [
+                "faults": [
                     {"start": 1.0, "end": 1.5, "kind": "missing:Ny"},
                     {"start": 3.0, "end": 3.2, "kind": "gap"},
                 ],
@@ -91,9 +91,9 @@ def subject_of(monitor: Monitor, stretches: Sequence[dict[str, Any]]) -> ReportS
             "mapping": {
                 "times": {"": {"signal": "clock", "unit": "ms"}},
                 "channels": {
-                    "beta": {"signal": "AOSS", "unit": "deg", "sign": -1, "offset": 0.0,
+                    "beta": {"signal": "AOSS", "unit": "deg", "sign": -1, "bias": 0.0,
                              "derivation": ""},
-                    "Ny": {"signal": "", "unit": "", "sign": 1, "offset": 0.02,
+                    "Ny": {"signal": "", "unit": "", "sign": 1, "bias": 0.02,
                            "derivation": "Ny_without_gravity"},
                 },
             },
@@ -104,6 +104,6 @@ def subject_of(monitor: Monitor, stretches: Sequence[dict[str, Any]]) -> ReportS
         evaluation=None,
         samples=samples,
         mapped="proposed by the program, not looked over",
-        guesses={"beta": {"confidence": 0.61, "reasons": ["its sign is turned"]}},
+        rationales={"beta": {"confidence": 0.61, "reasons": ["its sign is turned"]}},
         markers=[{"t": 3.0, "end": None, "kind": "note", "text": "gust <here>"}],
     )  # fmt: skip

@@ -10,7 +10,7 @@ SAMPLE_LIKE = np.dtype(
         ("withdrawn", "f8"),
         ("alert", "?"),
         ("state", "u1"),
-        ("stretch", "i2"),
+        ("manoeuvre", "i2"),
         ("y_hat", "f8", 6),
         ("attitude", "f8", 3),
     ]

@@ -25,7 +25,7 @@ from core.monitor import Monitor
 MAPPED = MappedColumns(
     mapping={"channels": {"Ny": {"signal": "ay"}}, "times": {}},
     mapping_state="proposed",
-    proposal={"guesses": {}},
+    proposal={"rationales": {}},
     quality={"groups": []},
     problem=None,
     duration=12.5,
@@ -117,5 +117,5 @@ def scoring(store: Store, recording: str, monitor: str, request: str = "o") -> S
         notes=["one"],
         quality=None,
         manoeuvres=[{"name": "whole", "validity": {"valid": True}}],
-        outside=[{"t": 3.5, "channel": "Ny", "value": 0.6}],
+        outside_exceedances=[{"t": 3.5, "channel": "Ny", "value": 0.6}],
     )

@@ -175,7 +175,7 @@ def _finite(values: Array) -> Array:
 def _signed(values: Array, source: ChannelSource) -> Array:
     if source.sign < 0:
         values = -values
-    return values - source.offset if source.offset else values
+    return values - source.bias if source.bias else values
 
 
 def _notes(mapping: Mapping, channels: dict[str, Trace]) -> list[str]:
@@ -188,9 +188,9 @@ def _notes(mapping: Mapping, channels: dict[str, Trace]) -> list[str]:
     ]
     reversed_ = [key for key, source in sources.items() if source.sign < 0]
     shifted = [
-        f"{key} {source.offset:.4g} {TARGETS[key].unit}"
+        f"{key} {source.bias:.4g} {TARGETS[key].unit}"
         for key, source in sources.items()
-        if source.offset
+        if source.bias
     ]
     derived = [
         f"{key} ({channels[key].source.removeprefix('derived: ')})"

@@ -7,20 +7,23 @@ from typing import Any, Self
 from app.telemetry.recording import TelemetryError
 from app.telemetry.targets import TARGETS
 
+EARLIER_NAMES = {"offset": "bias"}
+"""Of fields in mapping files that version 0.1.0 wrote."""
+
 
 @dataclass(frozen=True)
 class ChannelSource:
     """Where a channel comes from: a signal of the file, or a derivation from other channels.
 
-    value = sign * (signal in the target's unit, or what was derived) - offset.
-    unit: of the signal's values, as app.telemetry.units reads it.   offset: in the target's unit.
+    value = sign * (signal in the target's unit, or what was derived) - bias.
+    unit: of the signal's values, as app.telemetry.units reads it.   bias: in the target's unit.
     derivation: key of DERIVATIONS; signal and unit are then empty.
     """
 
     signal: str = ""
     unit: str = ""
     sign: int = 1
-    offset: float = 0.0
+    bias: float = 0.0
     derivation: str = ""
 
 
@@ -66,8 +69,8 @@ class Mapping:
 
 def _entry(kind: type, key: str, plain: Any) -> Any:
     try:
-        entry = kind(**plain)
-    except TypeError:
+        entry = kind(**{EARLIER_NAMES.get(name, name): value for name, value in plain.items()})
+    except (AttributeError, TypeError):
         raise TelemetryError(
             f"the mapping of {key!r} is not of the fields of {kind.__name__}: "
             f"{', '.join(kind.__dataclass_fields__)}"
@@ -82,8 +85,8 @@ def _entry(kind: type, key: str, plain: Any) -> Any:
     if isinstance(entry, ChannelSource):
         if entry.sign not in (1, -1):
             raise TelemetryError(f"sign of the mapping of {key!r} is {entry.sign}: give 1 or -1")
-        if not abs(entry.offset) < float("inf"):
-            raise TelemetryError(f"offset of the mapping of {key!r} is not finite: give a number")
+        if not abs(entry.bias) < float("inf"):
+            raise TelemetryError(f"bias of the mapping of {key!r} is not finite: give a number")
         if bool(entry.signal) == bool(entry.derivation):
             raise TelemetryError(
                 f"the mapping of {key!r} needs either a signal or a derivation: give one of them"

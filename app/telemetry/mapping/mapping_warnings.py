@@ -40,7 +40,7 @@ def find_warnings(columns: Columns, mapping: Mapping, applied: Traces | None) ->
     if applied is not None:
         channels = {key: plausible(key, trace) for key, trace in applied.channels.items()}
         for key in KEYS:
-            if key in channels and (source := mapping.channels[key]).offset:
+            if key in channels and (source := mapping.channels[key]).bias:
                 warnings[key] += _off_centre(key, source, channels[key])
         moves = motion(replace(applied, channels=channels))
         if moves is not None:
@@ -89,7 +89,7 @@ def _off_centre(key: str, source: ChannelSource, trace: Trace) -> list[str]:
     if extent.empty:
         return []
     after = extent.middle
-    before = after + source.offset
+    before = after + source.bias
     if abs(after) <= abs(before) or abs(after) <= 0.5 * (extent.highest - extent.lowest):
         return []
     unit = TARGETS[key].unit

@@ -158,5 +158,5 @@ def _remove_bias(builder: ProposalBuilder) -> None:
     except TelemetryError:
         return
     if bias := quiet_bias(trace):
-        builder.change("Ny", offset=bias.value)
+        builder.change("Ny", bias=bias.value)
         builder.comment("Ny", f"removed a {bias.text}", 0.4 if bias.like_gravity else 0.85)

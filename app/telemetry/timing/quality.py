@@ -179,12 +179,12 @@ class ChannelQuality:
 class Quality:
     """Everything about the times and values of a recording, as plain data.
 
-    spans: the faults to mark on a strip, in the order of kind and time.
+    faults: to mark on a strip, in the order of kind and time.
     """
 
     clocks: tuple[ClockQuality, ...]
     channels: tuple[ChannelQuality, ...]
-    spans: tuple[Fault, ...] = ()
+    faults: tuple[Fault, ...] = ()
 
     def sentences(self) -> list[str]:
         """All of it for a report."""

@@ -3,7 +3,7 @@
  *
  * Exports
  *   createQualityStrip() -> {element, show(quality | null, {start, end} | null)}
- *     quality: as the server has it: {clocks: [{start, end}], spans: [{start, end, kind}],
+ *     quality: as the server has it: {clocks: [{start, end}], faults: [{start, end, kind}],
  *       sentences: [text]}, times in [s]; kind "gap", "missing:beta", ...
  */
 
@@ -39,7 +39,7 @@ export function createQualityStrip() {
       );
       return;
     }
-    const { spans: intervals } = quality; // as the server calls them
+    const { faults } = quality;
     const extent = range ?? extentOf(quality.clocks);
     element.replaceChildren(
       title,
@@ -47,7 +47,7 @@ export function createQualityStrip() {
         ? h(
             "div",
             { class: "quality-rows" },
-            kindsOf(intervals).map((kind) => row(kind, intervals, extent)),
+            kindsOf(faults).map((kind) => row(kind, faults, extent)),
             axis(extent),
           )
         : "",
@@ -67,8 +67,8 @@ function extentOf(clocks) {
 }
 
 /** Every kind there is, each channel's on its own, and the usual ones even where there is none. */
-function kindsOf(intervals) {
-  const present = [...new Set(intervals.map(({ kind }) => kind))];
+function kindsOf(faults) {
+  const present = [...new Set(faults.map(({ kind }) => kind))];
   const absent = Object.keys(ALWAYS).filter(
     (kind) => !present.some((channelKind) => channelKind.split(":")[0] === kind),
   );
@@ -79,24 +79,24 @@ function kindsOf(intervals) {
 }
 
 function row(kind, all, extent) {
-  const intervals = all.filter((interval) => interval.kind === kind);
-  const total = intervals.reduce((sum, { start, end }) => sum + end - start, 0);
-  const words = intervals.length ? `${intervals.length}, ${durationText(total)}` : "none";
+  const faults = all.filter((fault) => fault.kind === kind);
+  const total = faults.reduce((sum, { start, end }) => sum + end - start, 0);
+  const words = faults.length ? `${faults.length}, ${durationText(total)}` : "none";
   const share = (t) => (100 * (t - extent.start)) / (extent.end - extent.start || 1);
-  const marks = intervals.map(({ start, end }) => {
+  const marks = faults.map(({ start, end }) => {
     const width = Math.max(LEAST, share(end) - share(start));
     return svg("rect", { x: Math.min(100 - width, share(start)), y: 0, width, height: 10 });
   });
-  const listed = intervals
+  const listed = faults
     .slice(0, LISTED)
     .map(({ start, end }) => `${formatTime(start, 0.01)} to ${formatTime(end, 0.01)} s`);
-  const more = intervals.length > LISTED ? `, and ${intervals.length - LISTED} more` : "";
+  const more = faults.length > LISTED ? `, and ${faults.length - LISTED} more` : "";
   return h(
     "div",
     {
       class: "quality-row",
       "data-kind": kind,
-      "data-any": String(intervals.length > 0),
+      "data-any": String(faults.length > 0),
       title: listed.join(", ") + more,
     },
     h("span", { class: "quality-name" }, nameOf(kind)),

@@ -4,7 +4,7 @@
  * Exports
  *   MAPPING_STATES   key -> {word, level, text}
  *   outcomeOf(key) -> {word, level, mark, text}, outcomeChip(key) -> element
- *   outsideText({outsideExceedances, channels}) -> string    those outside every manoeuvre, or ""
+ *   outsideText({outside_exceedances, channels}) -> string    those outside every manoeuvre, or ""
  *   validityWords(manoeuvre) -> {word, level, mark}
  *   requestWords(request) -> string             which manoeuvres, from which trim
  *   trimText(request) -> string               what the channels are measured from
@@ -80,9 +80,9 @@ export function outcomeChip(key) {
   return h("span", { class: "chip", "data-level": level, title: text }, `${mark} ${word}`);
 }
 
-export function outsideText({ outsideExceedances, channels }) {
-  if (!outsideExceedances.length) return "";
-  const parts = outsideExceedances.map(({ t, channel, value }) => {
+export function outsideText({ outside_exceedances: outside, channels }) {
+  if (!outside.length) return "";
+  const parts = outside.map(({ t, channel, value }) => {
     const { symbol, unit } = channels.find(({ key }) => key === channel) ?? {
       symbol: channel,
       unit: "",
@@ -124,7 +124,7 @@ export function firstAlertText(manoeuvre) {
 
 export function leadText(manoeuvre, promised) {
   if (isWithdrawn(manoeuvre)) return "withdrawn";
-  const { exceedance, warningLead: lead, alerts } = manoeuvre;
+  const { exceedance, lead, alerts } = manoeuvre;
   if (!exceedance) return "–";
   if (lead === null || lead === undefined) return alerts.length ? "none before it" : "no alert";
   const enough = lead >= promised - 1e-9;

@@ -233,7 +233,9 @@ def test_units_taken_for_others_are_called_outside_training(attas_monitor: Path,
     assert "The guarantee is withdrawn" in report
 
 
-def test_crossing_is_doubted_where_the_limited_channel_is_missing(attas_monitor, tmp_path, capsys):
+def test_an_exceedance_is_not_known_where_the_limited_channel_is_missing(
+    attas_monitor, tmp_path, capsys
+):
     text = record_file("attas_rud1").read_text().splitlines()
     names = text[0].split(",")
     rows = [line.split(",") for line in text[1:]]
@@ -260,14 +262,14 @@ def test_real_doublet_that_crosses_the_limit_is_warned_of(attas_monitor: Path, t
     assert "beta     beta_rad [rad]" in report
     assert "from 25 Hz to 20 Hz" in report
     assert "manoeuvre 1, 5.30 to 11.30 s: alert in time" in report
-    assert "first crossing at 8.76 s" in report
+    assert "first exceedance at 8.76 s" in report
     assert "at least the promised 0.25 s" in report
     assert "Of flights like the simulated ones" in report
     assert "limit exceeded" in (out / "scored.svg").read_text()
     assert not (out / "scored.png").exists()
     rows = read_table(out)
-    assert {row["state"] for row in rows if row["stretch"] == "0"} == {"ok"}
-    assert {row["state"] for row in rows if row["stretch"] == "-1"} == {"invalid"}
+    assert {row["state"] for row in rows if row["manoeuvre"] == "0"} == {"ok"}
+    assert {row["state"] for row in rows if row["manoeuvre"] == "-1"} == {"invalid"}
     first = next(float(row["t_s"]) for row in rows if row["alert"] == "true")
     assert f"first alert   at {first:.2f} s" in report
 
@@ -325,7 +327,7 @@ def test_mapping_given_for_an_aircraft_is_used_for_its_next_file(
     base = ["score", str(attas_monitor), str(record_file("attas_rud1")), "--aircraft", "D-ADAM"]
     assert main([*base, "-o", str(tmp_path / "out")]) == 0
     mapping = json.loads((tmp_path / "out" / "mapping.json").read_text())
-    mapping["channels"]["Ny"]["offset"] = 0.125
+    mapping["channels"]["Ny"]["bias"] = 0.125
     (tmp_path / "mine.json").write_text(json.dumps(mapping))
     given = ["--mapping", str(tmp_path / "mine.json"), "-o", str(tmp_path / "given")]
     assert main([*base, *given]) == 0
@@ -355,8 +357,8 @@ def test_manoeuvres_are_scored_between_the_times_given(attas_monitor: Path, tmp_
     arguments = [str(attas_monitor), str(record_file("attas_rud1")), "-o", str(tmp_path / "out")]
     assert main(["score", *arguments, "--manoeuvres", "5:11,20:26"]) == 0
     report = capsys.readouterr().out
-    assert "stretch 1, 5.00 to 11.00 s" in report
-    assert "stretch 2, 20.00 to 26.00 s" in report
+    assert "manoeuvre 1, 5.00 to 11.00 s" in report
+    assert "manoeuvre 2, 20.00 to 26.00 s" in report
     out = ["--manoeuvres", "20:40", "-o", str(tmp_path / "no")]
     assert main(["score", *arguments[:2], *out]) == 1
     assert "20 to 40 s is not inside the recording" in capsys.readouterr().err

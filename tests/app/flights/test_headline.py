@@ -65,12 +65,11 @@ def test_a_recording_is_judged_with_its_trim_too() -> None:
     manoeuvre = {
         "alerts": [],
         "exceedance": None,
-        "crossing": None,
         "validity": {"valid": True, "reasons": []},
     }
     trims = [[None, 0.0, 0.0, 0.1, 0.0, 0.0], [None, 0.0, 0.0, 0.3, 0.0, 0.0]]
-    stretches = [manoeuvre | {"first": 2 * k, "trim": trim} for k, trim in enumerate(trims)]
-    script = RecordedScript(samples, stretches, DT, forecasts=False)
+    manoeuvres = [manoeuvre | {"first": 2 * k, "trim": trim} for k, trim in enumerate(trims)]
+    script = RecordedScript(samples, manoeuvres, DT, forecasts=False)
     found = [script.exceedance(k, LIMITS) for k in range(4)]
     assert found[:3] == [None, None, None]
     assert found[3] == Exceedance(channel="Ny", value=0.6, limit=0.5, judged="recorded")

@@ -51,7 +51,7 @@ class Airfield:
         answer = client.post(f"{self.path}/scorings", json={"monitor": self.monitor})
         assert answer.status_code == 201, answer.text
         self.scoring = answer.json()
-        assert [one["outcome"] for one in self.scoring["stretches"]] == OUTCOMES
+        assert [one["outcome"] for one in self.scoring["manoeuvres"]] == OUTCOMES
 
     @property
     def path(self) -> str:
@@ -111,7 +111,7 @@ def flight(field: Airfield) -> Iterator[str]:
 
 
 def same(frame: dict[str, Any], kept: dict[str, Any]) -> bool:
-    """Whether a frame of the flight says what is kept of a sample; it knows no stretch."""
+    """Whether a frame of the flight says what is kept of a sample; it knows no manoeuvre."""
     keys = ("t", "y", "p_value", "alert", "state", "reason", "y_hat")
     return [frame[key] for key in keys] == [kept[key] for key in keys]
 
@@ -126,7 +126,7 @@ def test_it_begins_at_its_own_first_time(field: Airfield, flight: str):
     assert transport["position"] == pytest.approx(START)
     assert transport["duration"] == pytest.approx(field.scoring["end"] - field.scoring["start"])
     assert transport["n_samples"] == field.scoring["n_samples"]
-    assert status["fail_t"] == field.scoring["stretches"][1]["crossing"]["t"]
+    assert status["fail_t"] == field.scoring["manoeuvres"][1]["exceedance"]["t"]
 
 
 def test_what_is_flown_is_what_was_scored(field: Airfield, flight: str):
@@ -146,7 +146,7 @@ def test_what_is_flown_is_what_was_scored(field: Airfield, flight: str):
 
 
 def test_the_next_alert_is_that_of_the_scoring(field: Airfield, flight: str):
-    begins = [begin for s in field.scoring["stretches"] for begin, _ in s["alerts"]]
+    begins = [begin for s in field.scoring["manoeuvres"] for begin, _ in s["alerts"]]
     assert begins
     for begin in begins:
         assert field.steer(flight, "next_alert")["position"] == pytest.approx(begin)
@@ -167,7 +167,7 @@ def test_seeking_outside_stays_within(field: Airfield, flight: str):
 
 
 def test_an_invalid_manoeuvre_says_why_it_says_nothing(field: Airfield, flight: str):
-    invalid = field.scoring["stretches"][2]
+    invalid = field.scoring["manoeuvres"][2]
     field.steer(flight, "pause")
     field.steer(flight, "seek", invalid["start"] + 1.0)
     frame = field.client.get(f"{URL}/{flight}/assessments").json()["frames"][-1]

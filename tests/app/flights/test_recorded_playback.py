@@ -29,8 +29,8 @@ def samples() -> npt.NDArray:
     samples["y"] = 0.1 * rng.standard_normal((N, 6))
     samples["y_hat"] = 0.1 * rng.standard_normal((N, 6))
     samples["p_value"], samples["withdrawn"] = rng.uniform(size=N), np.nan
-    samples["stretch"] = [0] * 80 + [-1] * 20 + [1] * 80 + [-1] * 20
-    samples["state"][samples["stretch"] != 0] = INVALID
+    samples["manoeuvre"] = [0] * 80 + [-1] * 20 + [1] * 80 + [-1] * 20
+    samples["state"][samples["manoeuvre"] != 0] = INVALID
     samples["state"][0] = WARMING_UP
     samples["p_value"][samples["state"] != 0] = np.nan
     samples["alert"][[30, 31, 60]] = True
@@ -38,22 +38,22 @@ def samples() -> npt.NDArray:
     return samples
 
 
-STRETCHES: list[dict[str, Any]] = [
+MANOEUVRES: list[dict[str, Any]] = [
     {
         "alerts": [[3359.5, 3359.55], [3361.0, 3361.0]],
-        "crossing": {"t": 3360.02, "channel": "Ny", "value": 0.6},
+        "exceedance": {"t": 3360.02, "channel": "Ny", "value": 0.6},
         "validity": {"valid": True, "reasons": []},
     },
     {
         "alerts": [],
-        "crossing": None,
+        "exceedance": None,
         "validity": {"valid": False, "reasons": ["p was off by 9 sigma", "too fast"]},
     },
 ]
 
 
 def script(samples: npt.NDArray) -> RecordedScript:
-    return RecordedScript(samples, STRETCHES, DT, forecasts=True)
+    return RecordedScript(samples, MANOEUVRES, DT, forecasts=True)
 
 
 def test_each_sample_is_said_as_it_was_scored(samples: npt.NDArray) -> None:
@@ -77,10 +77,10 @@ def test_it_says_why_it_says_nothing(samples: npt.NDArray) -> None:
     assert played.said(120).reason == "p was off by 9 sigma; too fast"
 
 
-def test_it_is_checked_where_every_stretch_has_a_verdict(samples: npt.NDArray) -> None:
+def test_it_is_checked_where_every_manoeuvre_has_a_verdict(samples: npt.NDArray) -> None:
     assert script(samples).is_checked
-    unknown = {**STRETCHES[0], "validity": {"valid": None, "reasons": ["not calibrated"]}}
-    assert not RecordedScript(samples, [unknown, STRETCHES[1]], DT, forecasts=True).is_checked
+    unknown = {**MANOEUVRES[0], "validity": {"valid": None, "reasons": ["not calibrated"]}}
+    assert not RecordedScript(samples, [unknown, MANOEUVRES[1]], DT, forecasts=True).is_checked
 
 
 def test_alerts_are_found_one_after_the_other(samples: npt.NDArray) -> None:

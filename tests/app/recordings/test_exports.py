@@ -24,7 +24,7 @@ def samples() -> npt.NDArray:
     dtype = np.dtype(
         [
             ("t", "f8"), ("y", "f8", 6), ("p_value", "f8"), ("withdrawn", "f8"), ("alert", "?"),
-            ("state", "u1"), ("stretch", "i2"), ("y_hat", "f8", 6), ("attitude", "f8", 3),
+            ("state", "u1"), ("manoeuvre", "i2"), ("y_hat", "f8", 6), ("attitude", "f8", 3),
         ]
     )  # fmt: skip
     samples = np.zeros(N, dtype)
@@ -33,7 +33,7 @@ def samples() -> npt.NDArray:
         samples[name] = rng.standard_normal(samples[name].shape)
     samples["state"] = np.arange(N) % len(STATES)
     samples["alert"] = np.arange(N) % 3 == 0
-    samples["stretch"] = np.arange(N) // 20 - 1
+    samples["manoeuvre"] = np.arange(N) // 20 - 1
     samples["p_value"][samples["state"] != 0] = np.nan
     samples["y"][7] = np.nan
     samples["attitude"][:, 2] = np.nan
@@ -50,7 +50,7 @@ def test_csv_names_carry_units_and_numbers_come_back_bit_for_bit(samples: npt.ND
     np.testing.assert_array_equal(table["p_value"], samples["p_value"])
     assert table["state"].tolist() == [STATES[code].value for code in samples["state"]]
     assert "psi_rad" not in table
-    assert table["in_manoeuvre"].tolist() == (samples["stretch"] >= 0).tolist()
+    assert table["in_manoeuvre"].tolist() == (samples["manoeuvre"] >= 0).tolist()
     assert b"nan" not in export(samples, ABOUT, "csv").lower()
 
 

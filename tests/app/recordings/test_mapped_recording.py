@@ -8,7 +8,7 @@ import pytest
 from app.recordings import mapped_recording
 from app.recordings.mapped_recording import MappedRecording, RecentMappings
 from app.recordings.scored_file import ScoreRequest, score_file
-from app.scoring import ScoringOrder
+from app.scoring import ScoringRecipe
 from app.telemetry.mapping import applying
 from app.telemetry.mapping.mapping import ChannelSource, Mapping, TimeSource
 from app.telemetry.recording import TelemetryError
@@ -67,8 +67,8 @@ def test_a_preview_its_confirmation_and_every_scoring_share_one_repair(
             found = client.get(f"{path}/manoeuvres", params={"monitor": stored})
             assert found.status_code == 200, found.text
             for epsilon in (0.2, 0.4):
-                order = {"monitor": stored, "epsilon": epsilon, "trim": None}
-                answer = client.post(f"{path}/scorings", json=order | {"manoeuvres": "whole"})
+                recipe = {"monitor": stored, "epsilon": epsilon, "trim": None}
+                answer = client.post(f"{path}/scorings", json=recipe | {"manoeuvres": "whole"})
                 assert answer.status_code == 201, answer.text
             # what the upload proposed is in memory already
             assert len(repairs) == len(applications) == (0 if sign == 1 else 1)
@@ -80,8 +80,8 @@ def test_a_file_is_repaired_once_for_all_monitors_and_miss_rates(
     file, path = tmp_path / "flight.csv", tmp_path / "oscillator.forewarn"
     file.write_bytes(csv_of(np.concatenate(flights)))
     monitor.save(path)
-    order = ScoringOrder(trim=None, manoeuvres="whole")
-    scored = score_file(ScoreRequest((path, path), file, (0.2, 0.4), order=order)).scored
+    recipe = ScoringRecipe(trim=None, manoeuvres="whole")
+    scored = score_file(ScoreRequest((path, path), file, (0.2, 0.4), recipe=recipe)).scored
     assert len(scored) == 4
     assert len(repairs) == 1
 

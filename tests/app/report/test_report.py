@@ -11,11 +11,11 @@ from app.report.page import report
 from app.report.subject import ReportSubject
 from core.dataset import Dataset
 from core.monitor import Monitor, MonitorRecipe, train
-from tests.support.reported import crossing, stretch, subject_of
+from tests.support.reported import exceedance, manoeuvre, subject_of
 
-WARNED = stretch(0, "timely_alert", crossing=crossing(0), lead=0.5, alerts=[[1.5, 1.6]])
-MISSED = stretch(1, "missed", crossing=crossing(1))
-QUIET, INVALID = stretch(2, "quiet"), stretch(3, "invalid")
+WARNED = manoeuvre(0, "timely_alert", exceedance=exceedance(0), lead=0.5, alerts=[[1.5, 1.6]])
+MISSED = manoeuvre(1, "missed", exceedance=exceedance(1))
+QUIET, INVALID = manoeuvre(2, "quiet"), manoeuvre(3, "invalid")
 
 
 @pytest.fixture(scope="module")
@@ -50,7 +50,7 @@ def test_its_pictures_are_whole(subject: ReportSubject) -> None:
 
 
 def test_words_of_the_file_and_the_crew_are_text(monitor: Monitor) -> None:
-    html = report(subject_of(monitor, [stretch(0, "quiet", name="<u>doublet</u>")]))
+    html = report(subject_of(monitor, [manoeuvre(0, "quiet", name="<u>doublet</u>")]))
     assert "&lt;b&gt;flight&lt;/b&gt; &amp; more.csv" in html
     assert "gust &lt;here&gt;" in html
     assert "&lt;i&gt;comment&lt;/i&gt;" in html
@@ -72,8 +72,8 @@ def test_every_outcome_and_hash_is_said(subject: ReportSubject) -> None:
 def test_each_manoeuvre_says_its_guarantee_remarks_and_checks(subject: ReportSubject) -> None:
     sections = sections_of(report(subject))
     assert len(sections) == 4
-    stretches = subject.scoring["manoeuvres"]
-    for number, (section, one) in enumerate(zip(sections, stretches, strict=True)):
+    manoeuvres = subject.scoring["manoeuvres"]
+    for number, (section, one) in enumerate(zip(sections, manoeuvres, strict=True)):
         assert one["guarantee"] in section
         assert f"it begins late, {number}" in section
         for check in one["validity"]["checks"]:
@@ -92,7 +92,7 @@ def test_where_the_channels_come_from_and_how_sure_that_is(subject: ReportSubjec
     assert "line 7: 12 cells" in html
     assert "proposed by the program, not looked over" in html
     assert html.count("beta: 3 gaps.") == 1
-    assert "Certainty" not in report(replace(subject, guesses={}))
+    assert "Certainty" not in report(replace(subject, rationales={}))
 
 
 def test_what_is_not_known_of_the_data_is_not_praised(subject: ReportSubject) -> None:
@@ -102,14 +102,14 @@ def test_what_is_not_known_of_the_data_is_not_praised(subject: ReportSubject) ->
 
 
 def test_a_report_of_invalid_manoeuvres_alone_promises_nothing(monitor: Monitor) -> None:
-    html = report(subject_of(monitor, [stretch(0, "invalid"), stretch(1, "invalid")]))
+    html = report(subject_of(monitor, [manoeuvre(0, "invalid"), manoeuvre(1, "invalid")]))
     assert "The guarantee is withdrawn for this recording" in html
     assert "P(no timely alert" not in html
     assert "No limit was reached" not in html
 
 
 def test_what_was_not_checked_is_promised_nothing(monitor: Monitor) -> None:
-    unknown = stretch(0, "quiet")
+    unknown = manoeuvre(0, "quiet")
     unknown["validity"] = unknown["validity"] | {"valid": None, "p_value": None}
     html = report(subject_of(monitor, [unknown]))
     assert "Nothing is promised for this recording" in html
@@ -118,25 +118,25 @@ def test_what_was_not_checked_is_promised_nothing(monitor: Monitor) -> None:
 
 
 @pytest.mark.parametrize(
-    ("stretches", "level", "words"),
+    ("manoeuvres", "level", "words"),
     [
         ([WARNED, QUIET], "good", "warned of in time"),
         ([QUIET], "good", "No limit was reached, and there was no alert"),
         ([WARNED, INVALID], "caution", "warned of in time"),
-        ([WARNED, stretch(3, "invalid", crossing=crossing(3))], "bad", "no right to speak"),
+        ([WARNED, manoeuvre(3, "invalid", exceedance=exceedance(3))], "bad", "no right to speak"),
         ([INVALID], "invalid", "No verdict"),
-        ([stretch(0, "false_alert")], "caution", "but there was an alert"),
+        ([manoeuvre(0, "false_alert")], "caution", "but there was an alert"),
         ([WARNED, MISSED, INVALID], "bad", "without an alert in time"),
     ],
 )
-def test_the_headline_is_the_worst_that_happened(stretches, level: str, words: str) -> None:
-    found = headline(stretches)
+def test_the_headline_is_the_worst_that_happened(manoeuvres, level: str, words: str) -> None:
+    found = headline(manoeuvres)
     assert found[0] == level
     assert words in found[1]
 
 
 def test_an_alert_after_the_limit_has_no_lead() -> None:
-    crossed = stretch(0, "late_alert", crossing=crossing(0), alerts=[[1.9, 2.0], [3.0, 4.0]])
+    crossed = manoeuvre(0, "late_alert", exceedance=exceedance(0), alerts=[[1.9, 2.0], [3.0, 4.0]])
     rows = alerts([crossed])
     assert [row["lead"] for row in rows] == [pytest.approx(0.1), None]
     assert [row["first"] for row in rows] == [True, False]
@@ -154,7 +154,7 @@ def test_of_very_many_manoeuvres_the_telling_ones_are_drawn(
 
 def test_thirty_manoeuvres_make_a_file_of_sane_size(monitor: Monitor) -> None:
     outcomes = ["quiet", "timely_alert", "invalid"] * 10
-    html = report(subject_of(monitor, [stretch(k, name) for k, name in enumerate(outcomes)]))
+    html = report(subject_of(monitor, [manoeuvre(k, name) for k, name in enumerate(outcomes)]))
     assert len(html.encode()) < 1_000_000
     assert html.count("<section>") == 30
     assert html.count('<td class="name">manoeuvre ') == 30
@@ -187,25 +187,27 @@ REACHED = {"t": 20.3, "channel": "Ny", "value": 0.48}
 
 
 @pytest.mark.parametrize(
-    ("stretches", "outside", "level", "words"),
+    ("manoeuvres", "outside", "level", "words"),
     [
-        ([stretch(0, "unseen")], [], "caution", "not wholly known"),
-        ([stretch(0, "unseen", crossing=crossing(0))], [], "bad", "samples are missing"),
-        ([WARNED, stretch(2, "unseen")], [], "caution", "not wholly known"),
+        ([manoeuvre(0, "unseen")], [], "caution", "not wholly known"),
+        ([manoeuvre(0, "unseen", exceedance=exceedance(0))], [], "bad", "samples are missing"),
+        ([WARNED, manoeuvre(2, "unseen")], [], "caution", "not wholly known"),
         ([QUIET], [REACHED], "caution", "in a manoeuvre, .* a limit was reached outside every"),
         ([WARNED], [REACHED], "caution", "also reached outside every manoeuvre"),
         ([MISSED], [REACHED], "bad", "without an alert in time; one was also reached outside"),
     ],
 )
-def test_what_nobody_saw_or_judged_is_never_green(stretches, outside, level, words) -> None:
-    found = headline(stretches, outside)
+def test_what_nobody_saw_or_judged_is_never_green(manoeuvres, outside, level, words) -> None:
+    found = headline(manoeuvres, outside)
     assert found[0] == level
     assert re.search(words, found[1])
 
 
 def test_limits_reached_outside_the_manoeuvres_have_rows(monitor: Monitor) -> None:
-    subject = subject_of(monitor, [stretch(0, "quiet")])
-    html = report(replace(subject, scoring={**subject.scoring, "outside": [REACHED] * 30}))
+    subject = subject_of(monitor, [manoeuvre(0, "quiet")])
+    html = report(
+        replace(subject, scoring={**subject.scoring, "outside_exceedances": [REACHED] * 30})
+    )
     assert html.count('<strong class="caution">outside every manoeuvre</strong>') == 20
     assert "and 10 more times outside every manoeuvre" in html
 

@@ -109,19 +109,19 @@ def test_spans_are_drawn_with_a_width_that_can_be_seen(chart: StripChart):
 
 
 def test_faults_have_a_strip_a_kind_in_a_fixed_order():
-    spans = [
+    intervals = [
         {"start": 5.0, "end": 6.0, "kind": "missing:Ny"},
         {"start": 1.0, "end": 2.0, "kind": "frozen:p"},
         {"start": 4.0, "end": 4.5, "kind": "gap"},
         {"start": 7.0, "end": 7.5, "kind": "gap"},
         {"start": 7.0, "end": 7.5, "kind": "unheard of"},
     ]
-    picture = faults({"spans": spans, "clocks": [{"start": 0.0, "end": 10.0}]})
+    picture = faults({"faults": intervals, "clocks": [{"start": 0.0, "end": 10.0}]})
     assert picture is not None
     text = ["".join(one.itertext()) for one in ElementTree.fromstring(picture).iter("text")]
     labels = [one for one in text if not re.match(r"[\d.]+$|t \[s\]", one)]
     assert labels == ["gaps", "Ny missing", "p frozen", "unheard of"]
-    assert faults({"spans": [], "clocks": []}) is None
+    assert faults({"faults": [], "clocks": []}) is None
     assert faults(None) is None
 
 

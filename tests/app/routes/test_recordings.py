@@ -69,7 +69,7 @@ def test_a_file_becomes_a_recording(client, data_dir, file, flights):
     assert lateral["max"] == flights[0][:, 3].max()
     assert lateral["mean"] == pytest.approx(flights[0][:, 3].mean())
     assert (lateral["n"], lateral["missing"]) == (61, 0)
-    assert 0 < recording["guesses"]["Ny"]["confidence"] <= 1
+    assert 0 < recording["rationales"]["Ny"]["confidence"] <= 1
     stored = data_dir / "recordings" / recording["id"]
     assert (stored / "file").read_bytes() == file
     listed = client.get(RECORDINGS).json()[0]
@@ -233,11 +233,11 @@ def test_a_mapping_is_tried_without_being_kept(client, kept, flights):
     seen = client.post(f"{path}/preview", json={"mapping": mapping}).json()
     assert "no such" in seen["problem"]
     assert seen["quality"] is None
-    assert "Ny" not in seen["doubts"]
+    assert "Ny" not in seen["warnings"]
     twice = mapping["channels"]["p"] | {"unit": "deg/s"}
     mapping["channels"] |= {"p": twice, "r": twice}
     seen = client.post(f"{path}/preview", json={"mapping": mapping}).json()
-    assert seen["doubts"]["p"] == [
+    assert seen["warnings"]["p"] == [
         "p_radps is mapped to yaw rate too",
         "its name gives p_radps in rad/s, not in deg/s",
     ]
@@ -266,7 +266,7 @@ def test_a_confirmed_mapping_is_remembered_for_the_aircraft(client, flights):
                 "signal": next(name for name in names if name.startswith(signal)),
                 "unit": units.get(key, "rad"),
                 "sign": -1 if key == "r" else 1,
-                "offset": 0.1 if key == "Ny" else 0.0,
+                "bias": 0.1 if key == "Ny" else 0.0,
             }
             for key, signal in signals.items()
         },
@@ -277,7 +277,7 @@ def test_a_confirmed_mapping_is_remembered_for_the_aircraft(client, flights):
     assert confirmed["mapping_state"] == "confirmed"
     assert confirmed["missing"] == []
     assert confirmed["quality"]
-    assert confirmed["mapping"]["channels"]["Ny"]["offset"] == 0.1
+    assert confirmed["mapping"]["channels"]["Ny"]["bias"] == 0.1
     next_one = csv_of(flights[2], head="t_s,a,b,c,d,e,f")
     again = uploaded(client, next_one, aircraft="D-IFSA")
     assert again["mapping_state"] == "remembered"

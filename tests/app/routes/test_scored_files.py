@@ -92,8 +92,8 @@ def test_the_report_stands_alone_under_a_policy_that_lets_nothing_in(scored: Sco
     for key in ("digest", "monitor_digest"):
         assert scored.scoring[key] in html
     assert scored.recording["digest"] in html
-    for stretch in scored.scoring["stretches"]:
-        assert stretch["guarantee"].replace("'", "&#39;") in html
+    for manoeuvre in scored.scoring["manoeuvres"]:
+        assert manoeuvre["guarantee"].replace("'", "&#39;") in html
 
 
 def test_the_report_is_kept_under_the_recordings_name(scored: Scored):
@@ -133,7 +133,7 @@ def test_csv_is_the_samples_with_units_in_their_names(scored: Scored):
     risk = [np.nan if frame["p_value"] is None else frame["p_value"] for frame in frames]
     np.testing.assert_array_equal(table["p_value"], risk)
     assert table["state"].tolist() == [frame["state"] for frame in frames]
-    assert table["stretch"].tolist() == [frame["stretch"] for frame in frames]
+    assert table["manoeuvre"].tolist() == [frame["manoeuvre"] for frame in frames]
 
 
 @pytest.mark.parametrize("form", ["parquet", "mat"])

@@ -69,11 +69,11 @@ def test_a_recording_is_scored_and_the_scoring_kept(client, recording, monitor, 
     assert scoring["monitor_digest"] == info["digest"]
     assert (scoring["monitor_name"], scoring["epsilon"]) == ("oscillator", 0.2)
     assert scoring["mapping"] == recording["mapping"]
-    assert scoring["order"] == {"epsilon": 0.2} | WHOLE
+    assert scoring["request"] == {"epsilon": 0.2} | WHOLE
     assert scoring["n_samples"] == len(flight)
     assert (scoring["dt"], scoring["lead"]) == (DT, info["lead"])
     assert scoring["channels"][3]["limit"] == 0.5
-    assert len(scoring["stretches"]) == 1
+    assert len(scoring["manoeuvres"]) == 1
     assert scoring["quality"]["sentences"]
 
 
@@ -83,13 +83,13 @@ def test_limits_reached_outside_the_marked_manoeuvres_are_kept(client, monitor, 
     kept = uploaded(client, csv_of(loud))
     span = [{"start": 0.0, "end": 100 * DT, "name": "first"}]
     scoring = scored(client, kept, monitor, trim=None, manoeuvres=span)
-    last = scoring["outside"][-1]
+    last = scoring["outside_exceedances"][-1]
     assert last["channel"] == "Ny"
     assert last["t"] <= (len(loud) - 46) * DT + 1e-9
-    assert all(one["t"] > 100 * DT for one in scoring["outside"])
+    assert all(one["t"] > 100 * DT for one in scoring["outside_exceedances"])
     assert any("outside every manoeuvre" in note for note in scoring["notes"])
     path = f"{RECORDINGS}/{kept['id']}/scorings/{scoring['id']}"
-    assert client.get(path).json()["outside"] == scoring["outside"]
+    assert client.get(path).json()["outside_exceedances"] == scoring["outside_exceedances"]
     assert "outside every manoeuvre" in client.get(f"{path}/report").text
     client.delete(f"{RECORDINGS}/{kept['id']}")
 
@@ -155,14 +155,14 @@ def test_frames_are_the_samples_that_were_kept(client, data_dir, recording, moni
     for frame, sample in zip(got["frames"], samples, strict=True):
         assert frame["t"] == sample["t"]
         assert frame["y"] == sample["y"].tolist()
-        assert frame["stretch"] == sample["stretch"]
+        assert frame["manoeuvre"] == sample["manoeuvre"]
         known = np.isfinite(sample["p_value"])
         assert frame["p_value"] == (sample["p_value"] if known else None)
         assert frame["alert"] == (sample["alert"] if known else None)
         assert (frame["state"] == "ok") == known
     assert got["frames"][0]["state"] == "invalid"
     assert got["frames"][0]["reason"] == "between manoeuvres"
-    assert scoring["stretches"][0]["start"] == pytest.approx(3.05)
+    assert scoring["manoeuvres"][0]["start"] == pytest.approx(3.05)
     part = client.get(f"{path}?first=5&last=7").json()
     assert part == {"first": 5, "next": None, "frames": got["frames"][5:8]}
     assert client.get(f"{path}?first=99999").json() == {"first": 99999, "next": None, "frames": []}
@@ -273,12 +273,12 @@ def test_a_deleted_scoring_leaves_nothing(client, data_dir, recording, monitor):
 
 
 def test_manoeuvres_are_those_that_a_scoring_finds(client, recording, monitor):
-    scoring = scored(client, recording, monitor, trim="lead_in", manoeuvres="found")
+    scoring = scored(client, recording, monitor, trim="trim_segment", manoeuvres="found")
     path = f"{RECORDINGS}/{recording['id']}/manoeuvres"
-    spans = client.get(path, params={"monitor": monitor}).json()
+    detected = client.get(path, params={"monitor": monitor}).json()
     keys = ("start", "end", "name")
-    if spans:
-        assert [{key: s[key] for key in keys} for s in scoring["stretches"]] == spans
+    if detected:
+        assert [{key: s[key] for key in keys} for s in scoring["manoeuvres"]] == detected
     assert problem(client.get(path, params={"monitor": "nothing"}), 404)
 
 

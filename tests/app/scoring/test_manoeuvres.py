@@ -7,15 +7,15 @@ import pytest
 from scipy.signal import lfilter
 
 from app.scoring.manoeuvres import find
-from app.scoring.plan import Plan
+from app.scoring.planned_test import PlannedTest
 from core.simulation.maneuver import MANEUVERS, Doublet, Maneuver
 from core.specification import Limits
 from tests.support.attas import DOUBLET, record
 
 DT = 0.05
 LIMITS = Limits().magnitudes
-PLAN = Plan(DT, LIMITS, DOUBLET)
-NO_PLAN = Plan(DT, LIMITS)
+PLAN = PlannedTest(DT, LIMITS, DOUBLET)
+NO_PLAN = PlannedTest(DT, LIMITS)
 AMPLITUDE = np.radians(3.7)
 
 
@@ -42,14 +42,16 @@ def turbulence(n: int, rms: float, time: float, rng: np.random.Generator) -> np.
     return np.asarray(lfilter([1.0], [1.0, -keep], white, axis=0))
 
 
-def onsets(surfaces: np.ndarray, plan: Plan = PLAN) -> list[float]:
+def onsets(surfaces: np.ndarray, plan: PlannedTest = PLAN) -> list[float]:
     return [activity.onset * plan.dt for activity in find(surfaces, plan)]
 
 
 @pytest.mark.parametrize("rms_deg", [0.0, 0.05, 0.2])
 @pytest.mark.parametrize("time", [0.1, 0.5, 2.0])
 @pytest.mark.parametrize("plan", [PLAN, NO_PLAN], ids=["planned", "unplanned"])
-def test_an_hour_yields_its_doublets_and_nothing_else(rms_deg: float, time: float, plan: Plan):
+def test_an_hour_yields_its_doublets_and_nothing_else(
+    rms_deg: float, time: float, plan: PlannedTest
+):
     rng, n = np.random.default_rng(3), 72_000
     at = np.sort(rng.choice(np.arange(30, 3500, 15), 12, replace=False)).astype(float)
     drift = np.radians(0.5) * np.arange(n)[:, None] * DT / 60.0
@@ -61,7 +63,7 @@ def test_an_hour_yields_its_doublets_and_nothing_else(rms_deg: float, time: floa
 
 
 @pytest.mark.parametrize("plan", [PLAN, NO_PLAN], ids=["planned", "unplanned"])
-def test_a_cruise_has_no_manoeuvre(plan: Plan):
+def test_a_cruise_has_no_manoeuvre(plan: PlannedTest):
     rng, n = np.random.default_rng(4), 72_000
     surfaces = turbulence(n, np.radians(0.1), 0.5, rng)
     surfaces += np.radians(3.0) * np.sin(2.0 * np.pi * np.arange(n)[:, None] * DT / 1800.0)
@@ -78,7 +80,7 @@ def test_quiet_surfaces_and_unknown_ones_have_no_manoeuvre():
 @pytest.mark.parametrize("name", sorted(MANEUVERS))
 def test_every_planned_manoeuvre_is_found_whole(name: str):
     maneuver = replace(MANEUVERS[name], lead_in_s=2.0, duration_s=30.0)
-    plan = Plan(DT, LIMITS, maneuver)
+    plan = PlannedTest(DT, LIMITS, maneuver)
     surfaces = lagged(plan.commands)
     (activity,) = find(np.vstack([surfaces, np.repeat(surfaces[-1:], 400, axis=0)]), plan)
     assert activity.onset * DT == pytest.approx(2.0, abs=0.1)
@@ -92,7 +94,7 @@ def test_inputs_of_one_manoeuvre_are_joined_also_where_the_surface_rests_between
     maneuver = replace(
         maneuver, **table, delta_r_deg=(5.0, 0.0, 5.0, 0.0), interpolation="hold", duration_s=12.0
     )
-    plan = Plan(DT, LIMITS, maneuver)
+    plan = PlannedTest(DT, LIMITS, maneuver)
     assert len(find(lagged(plan.commands), plan)) == 1
     assert len(find(lagged(plan.commands), PLAN)) == 2
 
@@ -147,6 +149,6 @@ def test_real_records_hold_one_manoeuvre_each(name: str, onset: float):
     channels = record(name).channels
     surfaces = np.column_stack([channels["delta_a"].values, channels["delta_r"].values])
     t = channels["delta_r"].t
-    plan = Plan(float(np.median(np.diff(t))), LIMITS, Doublet(amplitude_deg=-3.7))
+    plan = PlannedTest(float(np.median(np.diff(t))), LIMITS, Doublet(amplitude_deg=-3.7))
     (found,) = find(surfaces, plan)
     assert found.onset * plan.dt == pytest.approx(onset, abs=0.25)

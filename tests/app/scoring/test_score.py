@@ -6,9 +6,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from app.scoring import BETWEEN, SAMPLE, ScoringOrder, Span, manoeuvres_in, score_at_each
-from app.scoring.outcome import Crossing, against_limits, outcome
-from app.scoring.plan import needed_channels, plan_of
+from app.scoring import BETWEEN, SAMPLE, Interval, ScoringRecipe, manoeuvres_in, score_at_each
+from app.scoring.outcome import Exceedance, against_limits, outcome
+from app.scoring.planned_test import needed_channels, planned_test
 from app.telemetry.recording import TelemetryError
 from app.telemetry.timing.repair import repair
 from app.telemetry.traces import Trace, Traces
@@ -21,7 +21,7 @@ from core.monitor.score import SCORES
 from tests.support.attas import TEST, fly, record, recorded, score, trained
 
 INVALID = STATES.index(State.INVALID)
-UNTOUCHED = ScoringOrder(trim=None, manoeuvres="whole")
+UNTOUCHED = ScoringRecipe(trim=None, manoeuvres="whole")
 NY = KEYS.index("Ny")
 
 
@@ -34,19 +34,19 @@ def planned(n: int, seed: int) -> np.ndarray:
 def calm(attas: Monitor) -> np.ndarray:
     """A flight of 3 s of rest and one doublet, whose right to speak is beyond doubt."""
     for y in fly(20, 5).y:
-        if score(attas, recorded(y)).stretches[0].validity.valid:
+        if score(attas, recorded(y)).manoeuvres[0].validity.valid:
             return y
     raise AssertionError("no valid flight among 20")
 
 
-def the_only_stretch(monitor: Monitor, traces: Traces, order: ScoringOrder | None = None):
-    (stretch,) = score(monitor, traces, order).stretches
-    return stretch
+def the_only_manoeuvre(monitor: Monitor, traces: Traces, recipe: ScoringRecipe | None = None):
+    (manoeuvre,) = score(monitor, traces, recipe).manoeuvres
+    return manoeuvre
 
 
-def failed(monitor: Monitor, traces: Traces, order: ScoringOrder | None = None) -> dict[str, str]:
-    """What each failed check of the only stretch says."""
-    checks = the_only_stretch(monitor, traces, order).validity.checks
+def failed(monitor: Monitor, traces: Traces, recipe: ScoringRecipe | None = None) -> dict[str, str]:
+    """What each failed check of the only manoeuvre says."""
+    checks = the_only_manoeuvre(monitor, traces, recipe).validity.checks
     return {check.name: check.text for check in checks if check.ok is False}
 
 
@@ -65,31 +65,33 @@ def test_each_manoeuvre_is_a_flight_of_its_own(attas: Monitor):
     rest = np.tile(flights[0, :1], (200, 1))
     together = np.vstack([part for y in flights for part in (y, rest)])
     scored = score(attas, recorded(together))
-    assert len(scored.stretches) == 3
-    assert [stretch.name for stretch in scored.stretches] == [f"manoeuvre {k}" for k in (1, 2, 3)]
-    for number, (stretch, y) in enumerate(zip(scored.stretches, flights, strict=True)):
-        alone = the_only_stretch(attas, recorded(y))
+    assert len(scored.manoeuvres) == 3
+    assert [manoeuvre.name for manoeuvre in scored.manoeuvres] == [
+        f"manoeuvre {k}" for k in (1, 2, 3)
+    ]
+    for number, (manoeuvre, y) in enumerate(zip(scored.manoeuvres, flights, strict=True)):
+        alone = the_only_manoeuvre(attas, recorded(y))
         shift = number * (len(y) + len(rest))
-        assert (stretch.first - shift, stretch.outcome) == (alone.first, alone.outcome)
-        assert stretch.peak_risk == alone.peak_risk
-        part = scored.samples[stretch.first : stretch.last + 1]
-        assert (part["stretch"] == number).all()
+        assert (manoeuvre.first - shift, manoeuvre.outcome) == (alone.first, alone.outcome)
+        assert manoeuvre.peak_risk == alone.peak_risk
+        part = scored.samples[manoeuvre.first : manoeuvre.last + 1]
+        assert (part["manoeuvre"] == number).all()
 
 
 def test_a_found_manoeuvre_begins_with_the_planned_lead_in_and_lasts_as_planned(attas: Monitor):
     for y in fly(10, 3).y:
-        stretch = the_only_stretch(attas, recorded(y, start=3358.0))
+        manoeuvre = the_only_manoeuvre(attas, recorded(y, start=3358.0))
         moved = np.flatnonzero(np.abs(y[:, 5]) > 5 * TEST.noise.delta_r)[0]
-        assert stretch.first == pytest.approx(moved - 1 - 0.5 / attas.dt, abs=2)
-        assert stretch.end - stretch.start == pytest.approx(TEST.maneuver.duration_s, abs=1e-6)
+        assert manoeuvre.first == pytest.approx(moved - 1 - 0.5 / attas.dt, abs=2)
+        assert manoeuvre.end - manoeuvre.start == pytest.approx(TEST.maneuver.duration_s, abs=1e-6)
         assert manoeuvres_in(attas, repair(recorded(y, start=3358.0))) == (
-            Span(stretch.start, stretch.end, "manoeuvre 1"),
+            Interval(manoeuvre.start, manoeuvre.end, "manoeuvre 1"),
         )
 
 
 def test_between_manoeuvres_nothing_is_said(attas: Monitor, calm: np.ndarray):
     scored = score(attas, recorded(calm))
-    between = scored.samples[scored.samples["stretch"] == BETWEEN]
+    between = scored.samples[scored.samples["manoeuvre"] == BETWEEN]
     assert len(between) == len(calm) - 121
     assert (between["state"] == INVALID).all()
     assert np.isnan(between["p_value"]).all()
@@ -97,76 +99,79 @@ def test_between_manoeuvres_nothing_is_said(attas: Monitor, calm: np.ndarray):
     assert not between["alert"].any()
 
 
-def test_trim_is_the_mean_of_the_manoeuvres_own_lead_in(attas: Monitor, calm: np.ndarray):
+def test_trim_is_the_mean_of_the_manoeuvres_own_trim_segment(attas: Monitor, calm: np.ndarray):
     offset = np.array([0.02, -0.01, 0.005, 0.03, -0.02, 0.04])
     plain, moved = (score(attas, recorded(y)) for y in (calm, calm + offset))
-    (stretch,), (other,) = plain.stretches, moved.stretches
-    rest = calm[stretch.first : stretch.first + 10]
-    assert stretch.trim == pytest.approx(rest.mean(axis=0))
-    assert np.array(other.trim) - stretch.trim == pytest.approx(offset)
+    (manoeuvre,), (other,) = plain.manoeuvres, moved.manoeuvres
+    rest = calm[manoeuvre.first : manoeuvre.first + 10]
+    assert manoeuvre.trim == pytest.approx(rest.mean(axis=0))
+    assert np.array(other.trim) - manoeuvre.trim == pytest.approx(offset)
     np.testing.assert_allclose(moved.samples["y"], plain.samples["y"], atol=1e-12)
-    assert other.outcome == stretch.outcome
+    assert other.outcome == manoeuvre.outcome
 
 
 def test_trim_of_seconds_is_the_mean_of_the_last_ones_before_the_input(attas: Monitor, calm):
-    stretch = the_only_stretch(attas, recorded(calm), ScoringOrder(trim=2.0))
-    onset = stretch.first + 10
-    assert stretch.trim == pytest.approx(calm[onset - 40 : onset].mean(axis=0))
-    whole = the_only_stretch(attas, recorded(calm), ScoringOrder(trim=2.0, manoeuvres="whole"))
+    manoeuvre = the_only_manoeuvre(attas, recorded(calm), ScoringRecipe(trim=2.0))
+    onset = manoeuvre.first + 10
+    assert manoeuvre.trim == pytest.approx(calm[onset - 40 : onset].mean(axis=0))
+    whole = the_only_manoeuvre(attas, recorded(calm), ScoringRecipe(trim=2.0, manoeuvres="whole"))
     assert whole.trim == pytest.approx(calm[:40].mean(axis=0))
 
 
 def test_a_recording_without_input_is_scored_as_one(attas: Monitor, calm: np.ndarray):
     scored = score(attas, recorded(calm[:60]))
-    assert [s.name for s in scored.stretches] == ["whole recording"]
+    assert [s.name for s in scored.manoeuvres] == ["whole recording"]
     assert any("No control input was found" in note for note in scored.notes)
     assert manoeuvres_in(attas, repair(recorded(calm[:60]))) == ()
 
 
-def test_marked_stretches_are_scored_between_their_times(attas: Monitor, calm: np.ndarray):
-    order = ScoringOrder(manoeuvres=(Span(8.5, 9.5, "tail"), Span(2.5, 8.5)))
-    first, tail = score(attas, recorded(calm), order).stretches
-    assert (first.name, first.first, first.last) == ("stretch 1", 50, 170)
+def test_marked_manoeuvres_are_scored_between_their_times(attas: Monitor, calm: np.ndarray):
+    recipe = ScoringRecipe(manoeuvres=(Interval(8.5, 9.5, "tail"), Interval(2.5, 8.5)))
+    first, tail = score(attas, recorded(calm), recipe).manoeuvres
+    assert (first.name, first.first, first.last) == ("manoeuvre 1", 50, 170)
     assert (tail.name, tail.first, tail.last) == ("tail", 170, 190)
 
 
 @pytest.mark.parametrize(
-    ("spans", "message"),
+    ("intervals", "message"),
     [
-        ((Span(-2.0, 3.0),), "-2 to 3 s is not inside the recording, which lasts from 0 to 10 s"),
-        ((Span(4.0, 30.0),), "4 to 30 s is not inside"),
-        ((Span(1.0, 4.0), Span(3.0, 5.0)), "1 to 4 s and 3 to 5 s overlap"),
-        ((Span(4.0, 4.0),), "has no length"),
-        ((Span(4.0, float("nan")),), "has no length"),
-        ((Span(4.001, 4.002),), "fewer than two samples"),
-        ((), "no stretch was marked"),
+        (
+            (Interval(-2.0, 3.0),),
+            "-2 to 3 s is not inside the recording, which lasts from 0 to 10 s",
+        ),
+        ((Interval(4.0, 30.0),), "4 to 30 s is not inside"),
+        ((Interval(1.0, 4.0), Interval(3.0, 5.0)), "1 to 4 s and 3 to 5 s overlap"),
+        ((Interval(4.0, 4.0),), "has no length"),
+        ((Interval(4.0, float("nan")),), "has no length"),
+        ((Interval(4.001, 4.002),), "fewer than two samples"),
+        ((), "no manoeuvre was marked"),
     ],
 )
-def test_stretches_that_cannot_be_are_refused(attas: Monitor, calm, spans, message: str):
+def test_manoeuvres_that_cannot_be_are_refused(attas: Monitor, calm, intervals, message: str):
     with pytest.raises(TelemetryError, match=message):
-        score(attas, recorded(calm), ScoringOrder(manoeuvres=spans))
+        score(attas, recorded(calm), ScoringRecipe(manoeuvres=intervals))
 
 
 @pytest.mark.parametrize(
-    ("order", "message"),
+    ("recipe", "message"),
     [
         ({"trim": 0.0}, "give a length above zero"),
-        ({"trim": "lead-in"}, "trim is 'lead-in'; give lead_in"),
+        ({"trim": "lead-in"}, "trim is 'lead-in'; give trim_segment"),
         ({"manoeuvres": "some"}, "give found or whole"),
     ],
 )
-def test_orders_that_mean_nothing_are_refused(order: dict, message: str):
+def test_orders_that_mean_nothing_are_refused(recipe: dict, message: str):
     with pytest.raises(TelemetryError, match=message):
-        ScoringOrder(**order)
+        ScoringRecipe(**recipe)
 
 
-def test_a_trim_stretch_longer_than_what_is_marked_is_refused(attas: Monitor, calm: np.ndarray):
+def test_a_trim_manoeuvre_longer_than_what_is_marked_is_refused(attas: Monitor, calm: np.ndarray):
     with pytest.raises(TelemetryError, match=r"20 s was asked of 10 s \(whole recording\)"):
-        score(attas, recorded(calm), ScoringOrder(trim=20.0, manoeuvres="whole"))
+        score(attas, recorded(calm), ScoringRecipe(trim=20.0, manoeuvres="whole"))
 
 
 @pytest.mark.parametrize(
-    ("alerts", "crossing", "expected"),
+    ("alerts", "exceedance", "expected"),
     [
         (((1.0, 1.1),), None, ("false_alert", None)),
         ((), None, ("quiet", None)),
@@ -178,67 +183,67 @@ def test_a_trim_stretch_longer_than_what_is_marked_is_refused(attas: Monitor, ca
         (((3.0, 3.2),), 3.0, ("late_alert", 0.0)),
     ],
 )
-def test_an_alert_is_timely_that_comes_the_promised_lead_before(alerts, crossing, expected):
-    limit = None if crossing is None else Crossing(crossing, "Ny", 0.21)
+def test_an_alert_is_timely_that_comes_the_promised_lead_before(alerts, exceedance, expected):
+    limit = None if exceedance is None else Exceedance(exceedance, "Ny", 0.21)
     what, lead = outcome(alerts, limit, 0.25)
     assert (what, lead) == (expected[0], pytest.approx(expected[1]))
 
 
-def test_a_crossing_between_the_monitors_samples_counts():
+def test_an_exceedance_between_the_monitors_samples_counts():
     t = np.arange(0.0, 10.0, 0.01)
     values = np.where(np.arange(len(t)) == 502, -0.25, 0.01)
     traces = Traces({"Ny": Trace(t, values)})
     limits = np.array([np.inf, np.inf, np.inf, 0.2, np.inf, np.inf])
     found = against_limits(traces, limits, np.full(6, 0.01), 2.0, 8.0)
-    assert found.crossing == Crossing(float(t[502]), "Ny", -0.25 - 0.01)
+    assert found.exceedance == Exceedance(float(t[502]), "Ny", -0.25 - 0.01)
     assert found.lost == 0.0
     later = against_limits(traces, limits, np.full(6, 0.01), 6.0, 8.0)
-    assert later.crossing is None
+    assert later.exceedance is None
     assert later.peaks[0][:3] == ("Ny", pytest.approx(0.0), 0.2)
 
 
 def test_what_a_limited_channel_lost_is_said(attas: Monitor, calm: np.ndarray):
     holed = calm.copy()
     holed[100:125, NY] = np.nan
-    stretch = the_only_stretch(attas, recorded(holed))
-    assert any("1.25 s of the limited channels are missing" in line for line in stretch.remarks)
-    assert any("25 invalid" in line for line in stretch.remarks)
+    manoeuvre = the_only_manoeuvre(attas, recorded(holed))
+    assert any("1.25 s of the limited channels are missing" in line for line in manoeuvre.remarks)
+    assert any("25 invalid" in line for line in manoeuvre.remarks)
 
 
 def test_outcomes_of_flights_follow_the_limit_and_the_alert(attas: Monitor):
     flights = fly(40, 6)
     found = []
     for y, fail in zip(flights.y, flights.fail_index, strict=True):
-        stretch = the_only_stretch(attas, recorded(y))
-        found.append(stretch.outcome)
-        if stretch.outcome == "invalid":
+        manoeuvre = the_only_manoeuvre(attas, recorded(y))
+        found.append(manoeuvre.outcome)
+        if manoeuvre.outcome == "invalid":
             continue
         # sensor noise: the record can reach the limit where the aircraft did not, and before
-        near = np.abs(y[stretch.first : stretch.last, NY]).max() > 0.19
-        assert (stretch.crossing is not None) <= near
-        assert (fail < stretch.last) <= near
-        assert (stretch.lead is not None) == (stretch.outcome in ("timely_alert", "late_alert"))
-        assert bool(stretch.alerts) == (stretch.outcome not in ("quiet", "missed"))
+        near = np.abs(y[manoeuvre.first : manoeuvre.last, NY]).max() > 0.19
+        assert (manoeuvre.exceedance is not None) <= near
+        assert (fail < manoeuvre.last) <= near
+        assert (manoeuvre.lead is not None) == (manoeuvre.outcome in ("timely_alert", "late_alert"))
+        assert bool(manoeuvre.alerts) == (manoeuvre.outcome not in ("quiet", "missed"))
     assert {"timely_alert", "quiet"} <= set(found)
 
 
-def test_a_stretch_without_the_right_to_speak_is_withdrawn_as_a_whole(attas: Monitor, calm):
+def test_a_manoeuvre_without_the_right_to_speak_is_withdrawn_as_a_whole(attas: Monitor, calm):
     scored = score(attas, recorded(calm, V=180.0))
-    (stretch,) = scored.stretches
-    part = scored.samples[stretch.first : stretch.last + 1]
-    valid = score(attas, recorded(calm, V=131.0)).samples[stretch.first : stretch.last + 1]
-    assert stretch.validity.valid is False
-    assert (stretch.outcome, stretch.peak_risk, stretch.alerts) == ("invalid", None, ())
+    (manoeuvre,) = scored.manoeuvres
+    part = scored.samples[manoeuvre.first : manoeuvre.last + 1]
+    valid = score(attas, recorded(calm, V=131.0)).samples[manoeuvre.first : manoeuvre.last + 1]
+    assert manoeuvre.validity.valid is False
+    assert (manoeuvre.outcome, manoeuvre.peak_risk, manoeuvre.alerts) == ("invalid", None, ())
     assert (part["state"] == INVALID).all()
     assert np.isnan(part["p_value"]).all()
     assert not part["alert"].any()
     np.testing.assert_array_equal(part["withdrawn"], valid["p_value"])
-    assert stretch.guarantee.startswith("The guarantee is withdrawn: 180.0 m/s, +37.4% from")
+    assert manoeuvre.guarantee.startswith("The guarantee is withdrawn: 180.0 m/s, +37.4% from")
 
 
-def test_a_valid_stretch_carries_the_guarantee_and_its_numbers(attas: Monitor, calm: np.ndarray):
-    stretch = the_only_stretch(attas, recorded(calm, V=128.0, h=4800.0))
-    validity = stretch.validity
+def test_a_valid_manoeuvre_carries_the_guarantee_and_its_numbers(attas: Monitor, calm: np.ndarray):
+    manoeuvre = the_only_manoeuvre(attas, recorded(calm, V=128.0, h=4800.0))
+    validity = manoeuvre.validity
     assert validity.valid is True
     assert all(check.ok is not False for check in validity.checks)
     assert validity.p_value is not None
@@ -248,9 +253,9 @@ def test_a_valid_stretch_carries_the_guarantee_and_its_numbers(attas: Monitor, c
         "128.0 m/s, -2.3% from the model's 131.0 m/s; altitude 4800 m" in text["flight condition"]
     )
     assert "20 Hz" in text["rate"]
-    assert "at most 0.1 of them" in stretch.guarantee
-    assert "0.25 s" in stretch.guarantee
-    unknown = the_only_stretch(attas, recorded(calm)).guarantee
+    assert "at most 0.1 of them" in manoeuvre.guarantee
+    assert "0.25 s" in manoeuvre.guarantee
+    unknown = the_only_manoeuvre(attas, recorded(calm)).guarantee
     assert "not wholly known: no airspeed is recorded." in unknown
 
 
@@ -279,12 +284,12 @@ def swinging(y: np.ndarray) -> np.ndarray:
     return motion
 
 
-def test_a_stretch_longer_than_the_manoeuvre_is_not_covered(attas: Monitor, calm: np.ndarray):
+def test_a_manoeuvre_longer_than_the_manoeuvre_is_not_covered(attas: Monitor, calm: np.ndarray):
     long = np.vstack([calm, np.tile(calm[-1:], (100, 1))])
-    whole = ScoringOrder(manoeuvres="whole")
+    whole = ScoringRecipe(manoeuvres="whole")
     assert "mark the manoeuvre alone" in failed(attas, recorded(long), whole)["length"]
-    a_little = ScoringOrder(manoeuvres=(Span(2.0, 9.0),))
-    checks = the_only_stretch(attas, recorded(long), a_little).validity.checks
+    a_little = ScoringRecipe(manoeuvres=(Interval(2.0, 9.0),))
+    checks = the_only_manoeuvre(attas, recorded(long), a_little).validity.checks
     (length,) = (check for check in checks if check.name == "length")
     assert length.ok is None
     assert "what comes later is not covered" in length.text
@@ -300,9 +305,9 @@ def test_observations_unlike_training_take_the_right_to_speak(attas: Monitor, ca
 def test_fresh_flights_keep_their_right_to_speak(attas: Monitor):
     """Of failing and of safe flights alike, at most the stated level lose it (3 sigma)."""
     flights = fly(150, 7)
-    stretches = [the_only_stretch(attas, recorded(y)) for y in flights.y]
-    wrong = np.array([stretch.validity.valid is False for stretch in stretches])
-    failing = flights.fail_index <= np.array([stretch.last for stretch in stretches])
+    manoeuvres = [the_only_manoeuvre(attas, recorded(y)) for y in flights.y]
+    wrong = np.array([manoeuvre.validity.valid is False for manoeuvre in manoeuvres])
+    failing = flights.fail_index <= np.array([manoeuvre.last for manoeuvre in manoeuvres])
     assert attas.support is not None
     level = attas.support.level
     for kind in (failing, ~failing):
@@ -327,12 +332,12 @@ def test_finding_and_trimming_cost_no_alert_in_time(attas: Monitor):
 
 
 def test_without_calibration_validity_is_not_known_and_nothing_is_promised(attas, calm):
-    stretch = the_only_stretch(replace(attas, support=None), recorded(calm))
-    assert stretch.validity.valid is None
-    assert stretch.validity.checks[-1].ok is None
-    assert "not calibrated" in stretch.guarantee
-    assert stretch.guarantee.startswith("Nothing is promised")
-    assert stretch.peak_risk is not None
+    manoeuvre = the_only_manoeuvre(replace(attas, support=None), recorded(calm))
+    assert manoeuvre.validity.valid is None
+    assert manoeuvre.validity.checks[-1].ok is None
+    assert "not calibrated" in manoeuvre.guarantee
+    assert manoeuvre.guarantee.startswith("Nothing is promised")
+    assert manoeuvre.peak_risk is not None
 
 
 def test_a_needed_channel_that_is_missing_is_named_with_what_derives_it(attas: Monitor, calm):
@@ -349,7 +354,10 @@ def test_a_needed_channel_that_is_missing_is_named_with_what_derives_it(attas: M
 def test_a_channel_that_the_monitor_does_not_read_may_be_missing(calm: np.ndarray):
     silent = replace(TEST, noise=replace(TEST.noise, delta_a=0.0), n_unsafe=40)
     monitor = trained(silent)
-    assert needed_channels(monitor, plan_of(monitor).limits).tolist() == [True] * 4 + [False, True]
+    assert needed_channels(monitor, planned_test(monitor).limits).tolist() == [True] * 4 + [
+        False,
+        True,
+    ]
     still = calm * [1, 1, 1, 1, 0, 1]
     whole = score(monitor, recorded(still))
     traces = recorded(still)
@@ -358,11 +366,11 @@ def test_a_channel_that_the_monitor_does_not_read_may_be_missing(calm: np.ndarra
     assert any("does not read it: delta_a" in note for note in part.notes)
     np.testing.assert_array_equal(part.samples["p_value"], whole.samples["p_value"])
     assert np.isnan(part.samples["y"][:, KEYS.index("delta_a")]).all()
-    assert part.stretches[0].trim[KEYS.index("delta_a")] is None
+    assert part.manoeuvres[0].trim[KEYS.index("delta_a")] is None
 
 
 def test_several_epsilons_differ_in_their_alerts_alone(attas: Monitor, calm: np.ndarray):
-    loose, strict = score_at_each(attas, repair(recorded(calm)), ScoringOrder(), (0.5, 0.05))
+    loose, strict = score_at_each(attas, repair(recorded(calm)), ScoringRecipe(), (0.5, 0.05))
     assert (loose.epsilon, strict.epsilon) == (0.5, 0.05)
     for name in SAMPLE.names or ():
         if name != "alert":
@@ -370,16 +378,16 @@ def test_several_epsilons_differ_in_their_alerts_alone(attas: Monitor, calm: np.
     for scored in (loose, strict):
         p_value = scored.samples["p_value"]
         assert (scored.samples["alert"] == (p_value > scored.epsilon)).all()
-        alone = score(attas, recorded(calm), ScoringOrder(epsilon=scored.epsilon))
+        alone = score(attas, recorded(calm), ScoringRecipe(epsilon=scored.epsilon))
         assert alone.samples.tobytes() == scored.samples.tobytes()
     with pytest.raises(ValueError, match="needs at least 999"):
-        score(attas, recorded(calm), ScoringOrder(epsilon=0.001))
+        score(attas, recorded(calm), ScoringRecipe(epsilon=0.001))
 
 
 def test_the_same_order_gives_the_same_bytes(attas: Monitor, calm: np.ndarray):
     first, second = (score(attas, recorded(calm, V=131.0)) for _ in range(2))
     assert first.samples.tobytes() == second.samples.tobytes()
-    plain = [[s.to_plain() for s in scored.stretches] for scored in (first, second)]
+    plain = [[s.to_plain() for s in scored.manoeuvres] for scored in (first, second)]
     assert plain[0] == plain[1]
     assert json.loads(json.dumps(plain[0], allow_nan=False)) == plain[0]
 
@@ -392,12 +400,12 @@ def test_attitude_is_kept_as_it_was_recorded(attas: Monitor, calm: np.ndarray):
 
 def test_the_real_doublet_is_valid_and_warned_of_in_time(attas: Monitor):
     traces = record("attas_rud1")
-    stretch = the_only_stretch(attas, traces)
-    assert stretch.validity.valid is True
-    assert stretch.outcome == "timely_alert"
-    assert stretch.crossing is not None
-    assert (stretch.crossing.channel, stretch.crossing.t) == ("Ny", pytest.approx(8.76))
-    assert stretch.start == pytest.approx(5.3, abs=0.3)
+    manoeuvre = the_only_manoeuvre(attas, traces)
+    assert manoeuvre.validity.valid is True
+    assert manoeuvre.outcome == "timely_alert"
+    assert manoeuvre.exceedance is not None
+    assert (manoeuvre.exceedance.channel, manoeuvre.exceedance.t) == ("Ny", pytest.approx(8.76))
+    assert manoeuvre.start == pytest.approx(5.3, abs=0.3)
 
 
 def test_another_manoeuvre_of_the_same_aircraft_is_invalid_and_says_why(attas: Monitor):
@@ -434,11 +442,11 @@ def test_a_monitor_that_reads_less_scores_it_and_knows_another_aircraft(of_ny_al
         for key in ("delta_a", "delta_r")
     }
     scored = score(of_ny_alone, Traces(traces.channels | reversed_))
-    (stretch,) = scored.stretches
+    (manoeuvre,) = scored.manoeuvres
     assert any("does not read it: beta" in note for note in scored.notes)
-    text = {check.name: check for check in stretch.validity.checks}
+    text = {check.name: check for check in manoeuvre.validity.checks}
     assert text["flight condition"].ok is False
     assert "from the model's 131.0 m/s" in text["flight condition"].text
     assert text["observations within training"].ok is None
-    part = scored.samples[stretch.first : stretch.last + 1]
+    part = scored.samples[manoeuvre.first : manoeuvre.last + 1]
     assert np.isfinite(part["withdrawn"]).all()

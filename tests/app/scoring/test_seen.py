@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from app.report.facts import headline
-from app.scoring import ScoredStretch, ScoringOrder
-from app.scoring.outcome import Crossing, Hole, Limited
+from app.scoring import ScoredManoeuvre, ScoringRecipe
+from app.scoring.outcome import Exceedance, Hole, Limited
 from app.scoring.outside import APART, MOST_OUTSIDE, outside, outside_note
 from app.scoring.seen import could_not_warn
 from app.scoring.verdict import verdict
@@ -25,15 +25,15 @@ NY = KEYS.index("Ny")
 def calm(attas: Monitor) -> np.ndarray:
     """A flight of 3 s of rest and one doublet that is valid and reaches no limit."""
     for y in fly(40, 5).y:
-        (stretch,) = score(attas, recorded(y)).stretches
-        if stretch.validity.valid and stretch.outcome == "quiet":
+        (manoeuvre,) = score(attas, recorded(y)).manoeuvres
+        if manoeuvre.validity.valid and manoeuvre.outcome == "quiet":
             return y
     raise AssertionError("no quiet flight among 40")
 
 
-def only(monitor: Monitor, traces: Traces, order: ScoringOrder | None = None) -> ScoredStretch:
-    (stretch,) = score(monitor, traces, order).stretches
-    return stretch
+def only(monitor: Monitor, traces: Traces, recipe: ScoringRecipe | None = None) -> ScoredManoeuvre:
+    (manoeuvre,) = score(monitor, traces, recipe).manoeuvres
+    return manoeuvre
 
 
 def without(y: np.ndarray, start: int, stop: int, column: int) -> np.ndarray:
@@ -44,19 +44,19 @@ def without(y: np.ndarray, start: int, stop: int, column: int) -> np.ndarray:
 
 @pytest.mark.parametrize("column", [NY, 0])
 def test_a_manoeuvre_half_unseen_is_not_quiet(attas: Monitor, calm: np.ndarray, column: int):
-    stretch = only(attas, recorded(without(calm, 100, 150, column)))
-    assert stretch.outcome == "unseen"
-    assert stretch.validity.valid is None
-    assert "samples are missing or could not be assessed: at most 10% may" in stretch.guarantee
-    assert stretch.guarantee.startswith("Nothing is promised")
-    assert any(line.startswith("not all was seen: no sample ") for line in stretch.remarks)
-    assert headline([stretch.to_plain()])[0] == "caution"
+    manoeuvre = only(attas, recorded(without(calm, 100, 150, column)))
+    assert manoeuvre.outcome == "unseen"
+    assert manoeuvre.validity.valid is None
+    assert "samples are missing or could not be assessed: at most 10% may" in manoeuvre.guarantee
+    assert manoeuvre.guarantee.startswith("Nothing is promised")
+    assert any(line.startswith("not all was seen: no sample ") for line in manoeuvre.remarks)
+    assert headline([manoeuvre.to_plain()])[0] == "caution"
 
 
 def test_a_lone_lost_sample_takes_nothing_away(attas: Monitor, calm: np.ndarray):
-    stretch = only(attas, recorded(without(calm, 100, 101, NY)))
-    assert stretch.outcome == "quiet"
-    assert stretch.validity.valid
+    manoeuvre = only(attas, recorded(without(calm, 100, 101, NY)))
+    assert manoeuvre.outcome == "quiet"
+    assert manoeuvre.validity.valid
 
 
 @pytest.mark.parametrize("way", ["cut", "nan"])
@@ -70,10 +70,10 @@ def test_the_real_doublet_without_its_exceedance_is_unseen(attas: Monitor, way: 
             channels[key] = replace(trace, values=np.where(hole, np.nan, trace.values))
         else:
             channels[key] = trace
-    stretch = only(attas, Traces(channels))
-    assert stretch.outcome == "unseen"
-    assert stretch.validity.valid is not True
-    assert any("no sample of Ny from 7.96 to 10.40 s" in line for line in stretch.remarks)
+    manoeuvre = only(attas, Traces(channels))
+    assert manoeuvre.outcome == "unseen"
+    assert manoeuvre.validity.valid is not True
+    assert any("no sample of Ny from 7.96 to 10.40 s" in line for line in manoeuvre.remarks)
 
 
 def assessed(*lost: int) -> Assessments:
@@ -98,10 +98,10 @@ def assessed(*lost: int) -> Assessments:
     ],
 )
 def test_a_gap_before_the_limit_is_not_charged_to_the_monitor(hole, lost, alerts, text: str):
-    crossing = Crossing(9.0, "Ny", 0.21)
+    exceedance = Exceedance(9.0, "Ny", 0.21)
     holes = () if hole is None else (Hole("Ny", hole[0], hole[1], hole[1] - hole[0] - 0.02),)
-    limited = Limited(crossing, (), 0.0, holes)
-    found = could_not_warn(limited, crossing, assessed(*lost), alerts, 0.25)
+    limited = Limited(exceedance, (), 0.0, holes)
+    found = could_not_warn(limited, exceedance, assessed(*lost), alerts, 0.25)
     assert found.startswith(text)
     assert bool(found) == bool(text)
 
@@ -109,29 +109,33 @@ def test_a_gap_before_the_limit_is_not_charged_to_the_monitor(hole, lost, alerts
 def test_a_silence_over_a_gap_that_ends_past_the_limit_is_unseen(attas: Monitor, calm):
     y = calm.copy()
     y[120:140, NY], y[140:143, NY] = np.nan, 0.5
-    stretch = only(attas, recorded(y), ScoringOrder(epsilon=0.9))
-    assert stretch.crossing is not None
-    if stretch.validity.valid is not False:
-        assert stretch.outcome == "unseen"
-        assert any("the limit was reached between" in line for line in stretch.remarks)
+    manoeuvre = only(attas, recorded(y), ScoringRecipe(epsilon=0.9))
+    assert manoeuvre.exceedance is not None
+    if manoeuvre.validity.valid is not False:
+        assert manoeuvre.outcome == "unseen"
+        assert any("the limit was reached between" in line for line in manoeuvre.remarks)
 
 
-def test_limits_reached_outside_every_stretch_are_told(attas: Monitor, calm: np.ndarray):
+def test_limits_reached_outside_every_manoeuvre_are_told(attas: Monitor, calm: np.ndarray):
     y = np.vstack([calm, np.tile(calm[-1:], (200, 1))])
     y[-100:-96, NY], y[-40:-36, NY] = 0.48, -0.4
     scored = score(attas, recorded(y))
     dt = attas.dt
-    assert [c.t for c in scored.outside] == pytest.approx([(len(y) - k) * dt for k in (100, 40)])
-    assert {c.channel for c in scored.outside} == {"Ny"}
-    assert scored.outside[0].value == pytest.approx(0.48 - (scored.stretches[0].trim[NY] or 0.0))
+    assert [c.t for c in scored.outside_exceedances] == pytest.approx(
+        [(len(y) - k) * dt for k in (100, 40)]
+    )
+    assert {c.channel for c in scored.outside_exceedances} == {"Ny"}
+    assert scored.outside_exceedances[0].value == pytest.approx(
+        0.48 - (scored.manoeuvres[0].trim[NY] or 0.0)
+    )
     assert any("outside every manoeuvre" in note and "2 times" in note for note in scored.notes)
     assert any(line.startswith("outside every manoeuvre") for line in verdict(attas, scored))
-    assert score(attas, recorded(y), ScoringOrder(manoeuvres="whole")).outside == ()
-    assert score(attas, recorded(calm)).outside == ()
+    assert score(attas, recorded(y), ScoringRecipe(manoeuvres="whole")).outside_exceedances == ()
+    assert score(attas, recorded(calm)).outside_exceedances == ()
     assert outside_note(()) == ()
 
 
-def test_an_exceedance_that_began_in_a_stretch_is_that_stretchs():
+def test_an_exceedance_that_began_in_a_manoeuvre_is_that_manoeuvres():
     t = np.arange(0.0, 100.0, 0.1)
     value = np.where((t > 9.5) & (t < 12.0), 0.5, 0.0)
     value[[500, 505, 700]] = 0.6
@@ -143,17 +147,17 @@ def test_an_exceedance_that_began_in_a_stretch_is_that_stretchs():
     assert MOST_OUTSIDE >= 1
 
 
-def test_a_withdrawn_stretch_says_so_of_its_alert_and_lead(attas: Monitor, calm: np.ndarray):
+def test_a_withdrawn_manoeuvre_says_so_of_its_alert_and_lead(attas: Monitor, calm: np.ndarray):
     lines = verdict(attas, score(attas, recorded(calm, V=180.0)))
     assert "  first alert   withdrawn" in lines
     assert "  lead          withdrawn" in lines
 
 
 def test_a_trim_longer_than_what_is_there_says_what_was_used(attas: Monitor, calm: np.ndarray):
-    stretch = only(attas, recorded(calm), ScoringOrder(trim=100.0))
-    (line,) = (line for line in stretch.remarks if line.startswith("trim from 100 s"))
+    manoeuvre = only(attas, recorded(calm), ScoringRecipe(trim=100.0))
+    (line,) = (line for line in manoeuvre.remarks if line.startswith("trim from 100 s"))
     assert line.endswith("3.00 s are there and were used") or "2.9" in line
-    short = only(attas, recorded(calm), ScoringOrder(trim=1.0))
+    short = only(attas, recorded(calm), ScoringRecipe(trim=1.0))
     assert not any(line.startswith("trim from") for line in short.remarks)
 
 
@@ -171,6 +175,6 @@ def test_a_sensor_slower_than_its_recorder_counts_at_its_own_rate(
 def test_a_limit_that_only_the_trim_takes_away_is_named(attas: Monitor, calm: np.ndarray) -> None:
     skidding = calm.copy()
     skidding[:, NY] += np.sign(calm[:, NY][np.abs(calm[:, NY]).argmax()]) * 0.2
-    stretch = only(attas, recorded(skidding))
-    assert stretch.crossing is None
-    assert any("as recorded, trim included, reaches" in line for line in stretch.remarks)
+    manoeuvre = only(attas, recorded(skidding))
+    assert manoeuvre.exceedance is None
+    assert any("as recorded, trim included, reaches" in line for line in manoeuvre.remarks)

@@ -26,7 +26,7 @@ def recording(site: RecordedSite) -> str:
 @pytest.fixture(scope="module")
 def scoring(site: RecordedSite, recording: str) -> dict[str, Any]:
     made = site.score(recording, epsilon=0.1)
-    assert [stretch["outcome"] for stretch in made["stretches"]] == OUTCOMES
+    assert [manoeuvre["outcome"] for manoeuvre in made["manoeuvres"]] == OUTCOMES
     return made
 
 

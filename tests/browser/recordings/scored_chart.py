@@ -44,8 +44,8 @@ def pixels(page: Page, key: str, colour: str, share: tuple[float, float] = (0, 1
 
 def shares(scoring: dict[str, Any], k: int) -> tuple[float, float]:
     """Where a manoeuvre lies while the entire recording is shown."""
-    stretch, length = scoring["stretches"][k], scoring["end"] - scoring["start"]
-    return stretch["start"] / length, stretch["end"] / length
+    manoeuvre, length = scoring["manoeuvres"][k], scoring["end"] - scoring["start"]
+    return manoeuvre["start"] / length, manoeuvre["end"] / length
 
 
 def press(page: Page, *keys: str) -> None:

@@ -85,25 +85,25 @@ def seconds_of_tiles(request: Request) -> float:
 
 
 def test_next_goes_from_event_to_event(scored: Page, scoring: dict[str, Any]) -> None:
-    begins = [stretch["start"] for stretch in scoring["stretches"]]
-    alert, crossing = (scoring["stretches"][1][key] for key in ("alerts", "crossing"))
+    begins = [manoeuvre["start"] for manoeuvre in scoring["manoeuvres"]]
+    alert, exceedance = (scoring["manoeuvres"][1][key] for key in ("alerts", "exceedance"))
     cursor = scored.locator(".strip-cursors")
     for t in (begins[0], begins[1], alert[0][0]):
         press(scored, "n")
         expect(cursor).to_contain_text(f"cursor {t:.3f} s")
     start, end = window(scored)
-    assert start <= begins[1] <= crossing["t"] <= end
+    assert start <= begins[1] <= exceedance["t"] <= end
     press(scored, "p")
     expect(cursor).to_contain_text(f"cursor {begins[1]:.3f} s")
     scored.locator(".event", has_text="exceeds its limit").get_by_role("button").click()
-    expect(cursor).to_contain_text(f"cursor {crossing['t']:.3f} s")
+    expect(cursor).to_contain_text(f"cursor {exceedance['t']:.3f} s")
 
 
 def test_the_cursor_reads_the_values_there(
     scored: Page, site: RecordedSite, recording: str, scoring: dict[str, Any]
 ) -> None:
     press(scored, "n", "n", "n")
-    at = round(scoring["stretches"][1]["alerts"][0][0] / scoring["dt"])
+    at = round(scoring["manoeuvres"][1]["alerts"][0][0] / scoring["dt"])
     path = f"/recordings/{recording}/scorings/{scoring['id']}/assessments"
     frame = site.ask("GET", f"{path}?first={at}&last={at}")["frames"][0]
     for key, value in (("Ny", frame["y"][3]), ("risk", frame["p_value"])):

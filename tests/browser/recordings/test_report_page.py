@@ -9,7 +9,7 @@ from playwright.sync_api import Page
 from app.report.page import report
 from core.dataset import Dataset
 from core.monitor import MonitorRecipe, train
-from tests.support.reported import crossing, stretch, subject_of
+from tests.support.reported import exceedance, manoeuvre, subject_of
 
 PAPER = {"width": 688, "height": 1000}
 """[px] A4 within the margins."""
@@ -22,12 +22,12 @@ def thirty() -> list[dict[str, Any]]:
     made = []
     for k in range(30):
         outcome, more = OUTCOMES[k % len(OUTCOMES)], {}
-        start = stretch(k, outcome)["start"]
+        start = manoeuvre(k, outcome)["start"]
         if outcome in ("timely_alert", "late_alert", "missed"):
-            more["crossing"] = crossing(k)
+            more["exceedance"] = exceedance(k)
         if "alert" in outcome:
             more["alerts"] = [[start + 1.5, start + 1.6]]
-        made.append(stretch(k, outcome, **more))
+        made.append(manoeuvre(k, outcome, **more))
     made[3]["name"] = LONG
     return made
 

@@ -21,11 +21,11 @@ def test_every_verdict_has_a_word_and_says_what_is_promised(
     for k, word in enumerate(("QUIET", "TIMELY ALERT", "INVALID")):
         expect(lane.nth(k)).to_have_attribute("title", re.compile(f"^manoeuvre {k + 1}: {word}"))
     verdicts = scored.locator(".verdict")
-    for k, stretch in enumerate(scoring["stretches"]):
-        expect(verdicts.nth(k)).to_contain_text(stretch["guarantee"])
+    for k, manoeuvre in enumerate(scoring["manoeuvres"]):
+        expect(verdicts.nth(k)).to_contain_text(manoeuvre["guarantee"])
         checks = verdicts.nth(k).locator(".checks li")
-        expect(checks).to_have_count(len(stretch["validity"]["checks"]))
-    promised = f"{scoring['stretches'][1]['lead']:.2f} s, at least 0.25 s"
+        expect(checks).to_have_count(len(manoeuvre["validity"]["checks"]))
+    promised = f"{scoring['manoeuvres'][1]['lead']:.2f} s, at least 0.25 s"
     expect(verdicts.nth(1)).to_contain_text(promised)
     expect(verdicts.nth(2)).to_contain_text("The guarantee is withdrawn")
     for label in ("First alert", "Warning lead time", "Peak risk"):
@@ -38,9 +38,9 @@ def test_an_exceedance_outside_every_manoeuvre_is_told(
     page: Page, site: RecordedSite, recording: str, scoring: dict[str, Any]
 ) -> None:
     path = f"/recordings/{recording}/scorings/{scoring['id']}"
-    crossing = {"t": 0.2, "channel": "Ny", "value": -0.21}
-    stretches = [{**scoring["stretches"][0], "outcome": "unseen"}]
-    told = {**scoring, "outside": [crossing], "stretches": stretches}
+    exceedance = {"t": 0.2, "channel": "Ny", "value": -0.21}
+    manoeuvres = [{**scoring["manoeuvres"][0], "outcome": "unseen"}]
+    told = {**scoring, "outside_exceedances": [exceedance], "manoeuvres": manoeuvres}
     page.route(f"**/api/v1{path}", lambda route: route.fulfill(json=told))
     page.goto(f"{site.http}/#{path.replace('/scorings/', '?scoring=')}")
     drawn(page)

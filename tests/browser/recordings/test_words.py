@@ -35,7 +35,7 @@ def test_a_mapping_that_was_changed_names_what_differs(strips: Open) -> None:
     changed = run(
         strips(),
         """
-        const source = { signal: 'a', unit: 'rad', sign: 1, offset: 0, derivation: '' };
+        const source = { signal: 'a', unit: 'rad', sign: 1, bias: 0, derivation: '' };
         const mapping = (channels, t = 's') => ({ channels, times: { all: { signal: t } } });
         const now = mapping({ p: source, r: source });
         return [

@@ -8,7 +8,7 @@
 
 import { h } from "../../lib/dom.js";
 
-const PLAIN = { signal: "", unit: "", sign: 1, offset: 0, derivation: "" };
+const PLAIN = { signal: "", unit: "", sign: 1, bias: 0, derivation: "" };
 
 export function earlierMapping({ mapping, channels }, now) {
   const changed = changedChannels(mapping, now);

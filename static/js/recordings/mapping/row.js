@@ -2,7 +2,7 @@
  * One channel of a mapping: which signal it is, in which unit, with what sign, and which bias is removed.
  *
  * Exports
- *   createMappingRow({target, source, contents, guess, likely, derivable, state, changed}) -> MappingRow
+ *   createMappingRow({target, source, contents, rationale, likely, derivable, state, changed}) -> MappingRow
  *     target: of the catalog.   source: as the mapping has it, or null.   state: of the whole mapping
  *   MappingRow
  *     element, key, read() -> source | null, show(tiles | null, [warning])
@@ -14,14 +14,14 @@ import { button } from "../../lib/view_states.js";
 import { confidence } from "./confidence.js";
 import { createSignalSelect } from "./signal_select.js";
 
-const PLAIN = { signal: "", unit: "", sign: 1, offset: 0, derivation: "" };
+const PLAIN = { signal: "", unit: "", sign: 1, bias: 0, derivation: "" };
 const NEVER_MEASURED = "not in this file";
 
 export function createMappingRow({
   target,
   source,
   contents,
-  guess,
+  rationale,
   likely,
   derivable,
   state,
@@ -48,11 +48,11 @@ export function createMappingRow({
     onchange: () => edit({ unit: units.value }),
   });
   const sign = button("", () => edit({ sign: -now.sign }), { class: "button button-small sign" });
-  const offset = h("input", {
+  const bias = h("input", {
     type: "number",
     step: "any",
     "aria-label": `bias removed from ${name} in ${unit}`,
-    oninput: () => Number.isFinite(offset.valueAsNumber) && edit({ offset: offset.valueAsNumber }),
+    oninput: () => Number.isFinite(bias.valueAsNumber) && edit({ bias: bias.valueAsNumber }),
   });
   const verdict = h("div", { class: "map-verdict" });
   const warningList = h("ul", { class: "map-warnings", role: "status" });
@@ -75,7 +75,7 @@ export function createMappingRow({
     cell("signal", "signal", signal),
     cell("unit", "unit", units),
     cell("sign", "sign", sign),
-    cell("offset", `bias removed [${unit}]`, offset),
+    cell("bias", `bias removed [${unit}]`, bias),
     cell("confidence", "", verdict, warningList),
     cell("plot", "", plot.element),
   );
@@ -107,7 +107,7 @@ export function createMappingRow({
     units.replaceChildren(...offered.map((name) => h("option", { value: name }, name)));
     units.value = given;
     units.disabled = !measured;
-    sign.disabled = offset.disabled = now === null;
+    sign.disabled = bias.disabled = now === null;
     const reversed = now?.sign === -1;
     sign.textContent = reversed ? "−" : "+";
     sign.setAttribute("aria-pressed", String(reversed));
@@ -115,7 +115,7 @@ export function createMappingRow({
       "aria-label",
       `sign of ${name}: ${reversed ? "reversed" : "as recorded"}. Press to change.`,
     );
-    if (document.activeElement !== offset) offset.value = now?.offset ?? "";
+    if (document.activeElement !== bias) bias.value = now?.bias ?? "";
     element.dataset.source = now === null ? "none" : now.derivation ? "derived" : "measured";
     verdict.replaceChildren(...verdictOf());
   }
@@ -130,12 +130,12 @@ export function createMappingRow({
     }
     if (edited) return [h("span", { class: "dim" }, "set by you")];
     if (state === "confirmed") return [chip("✓ confirmed", "ok")];
-    return guess ? [confidence(guess)] : [];
+    return rationale ? [confidence(rationale)] : [];
   }
 
   function missingWords() {
-    const why = guess?.reasons.length
-      ? h("span", { class: "hint" }, guess.reasons.join("; "))
+    const why = rationale?.reasons.length
+      ? h("span", { class: "hint" }, rationale.reasons.join("; "))
       : null;
     const offers = derivable.map((derivation) =>
       button(`Derive it: ${derivation.title}`, () => choose(`derive:${derivation.key}`), {

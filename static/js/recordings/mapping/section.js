@@ -101,7 +101,7 @@ export function createMappingSection({
     try {
       const answer = await api.post(`${path}/preview`, { mapping, bins });
       if (mine !== turn || closed) return;
-      const { channels, doubts: warnings } = answer;
+      const { channels, warnings } = answer;
       table.show(channels, warnings);
       tell(answer.problem);
       previewed(answer, edited);

@@ -16,18 +16,18 @@ const HEADS = [
   ["signal", "Signal in the file"],
   ["unit", "Unit"],
   ["sign", "Sign"],
-  ["offset", "Bias removed"],
+  ["bias", "Bias removed"],
   ["confidence", "Confidence"],
   ["plot", "Mapped data"],
 ];
 
 export function createMappingTable({ catalog, recording, changed }) {
-  const { mapping, contents, guesses, alternatives, derivable } = recording;
+  const { mapping, contents, rationales, alternatives, derivable } = recording;
   const measured = new Set(catalog.channels.map(({ key }) => key));
   const time = createTimeRows({
     times: mapping.times,
     contents,
-    guesses,
+    rationales,
     units: catalog.telemetry.time_units,
     changed: tell,
   });
@@ -36,7 +36,7 @@ export function createMappingTable({ catalog, recording, changed }) {
       target,
       source: mapping.channels[target.key] ?? null,
       contents,
-      guess: guesses[target.key],
+      rationale: rationales[target.key],
       likely: alternatives[target.key] ?? [],
       derivable: derivable[target.key] ?? [],
       state: recording.mapping_state,

@@ -2,7 +2,7 @@
  * Which signal is the time: one row for each group of signals that a mapping uses.
  *
  * Exports
- *   createTimeRows({times, contents, guesses, units, changed}) -> {element, read(), show(used)}
+ *   createTimeRows({times, contents, rationales, units, changed}) -> {element, read(), show(used)}
  *     times: of the mapping.   units: that times come in.   used: Set of group names
  */
 
@@ -10,7 +10,7 @@ import { h } from "../../lib/dom.js";
 import { confidence } from "./confidence.js";
 import { createSignalSelect } from "./signal_select.js";
 
-export function createTimeRows({ times, contents, guesses, units, changed }) {
+export function createTimeRows({ times, contents, rationales, units, changed }) {
   const now = structuredClone(times);
   const edited = new Set();
   const rows = new Map(contents.groups.map((group, number) => [group.name, rowOf(group, number)]));
@@ -19,7 +19,7 @@ export function createTimeRows({ times, contents, guesses, units, changed }) {
   function rowOf({ name: group, n_rows: n, rate }, number) {
     const ofGroup = contents.signals.filter((signal) => signal.group === number);
     const words = group ? `time of ${group}` : "time";
-    const guess = guesses[`t:${group}`];
+    const rationale = rationales[`t:${group}`];
     const verdict = h("div", { class: "map-verdict" });
     const select = createSignalSelect({
       id: `map-time-${number}`,
@@ -52,7 +52,7 @@ export function createTimeRows({ times, contents, guesses, units, changed }) {
     unit.value = now[group]?.unit ?? "s";
     const say = () => {
       if (edited.has(group)) verdict.replaceChildren(h("span", { class: "dim" }, "set by you"));
-      else if (guess) verdict.replaceChildren(confidence(guess));
+      else if (rationale) verdict.replaceChildren(confidence(rationale));
     };
     const change = () => {
       edited.add(group);

@@ -11,10 +11,10 @@
 import { formatValue, riskText, secondsText } from "../../lib/numbers.js";
 import { outcomeOf } from "../words.js";
 
-export function eventsOf({ manoeuvres, outsideExceedances, channels, epsilon }) {
+export function eventsOf({ manoeuvres, outside_exceedances: outside, channels, epsilon }) {
   return [
     ...manoeuvres.flatMap((manoeuvre, k) => ofManoeuvre(manoeuvre, k, channels, epsilon)),
-    ...outsideExceedances.map((exceedance) =>
+    ...outside.map((exceedance) =>
       ofExceedance(exceedance, channels, " outside every manoeuvre"),
     ),
   ].sort((a, b) => a.t - b.t);

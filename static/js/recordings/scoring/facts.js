@@ -55,6 +55,6 @@ function sourceText(source, unit) {
   if (!source) return "not recorded";
   if (source.derivation) return `derived (${source.derivation.replaceAll("_", " ")})`;
   const sign = source.sign === -1 ? "−" : "";
-  const bias = source.offset ? `, bias of ${source.offset} ${unit} removed` : "";
+  const bias = source.bias ? `, bias of ${source.bias} ${unit} removed` : "";
   return `${sign}${source.signal} in ${source.unit}${bias}`;
 }

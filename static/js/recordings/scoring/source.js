@@ -1,11 +1,12 @@
 /**
- * A scoring as the server has it, and as the page and its charts take it.
+ * Scorings of a recording, and their samples as charts load them.
  *
  * Exports
  *   readScoring(api, recording, id) -> Promise<Scoring>, readScorings(api, recording) -> Promise<[Scoring]>
- *     what a monitor assessed of a recording, in the page's words: {request: {trim, manoeuvres},
- *     manoeuvres: [{name, start, end, outcome, alerts, exceedance, warningLead, ...}],
- *     outsideExceedances: [exceedance], ...}     exceedance: {t, channel, value} | null
+ *     what a monitor assessed of a recording: {request: {trim, manoeuvres},
+ *     manoeuvres: [{name, start, end, outcome, alerts, exceedance, lead, ...}],
+ *     outside_exceedances: [exceedance], ...}     exceedance: {t, channel, value} | null
+ *     lead: warning lead time [s] | null
  *   TRIM_SEGMENT              the trim that is the mean of a manoeuvre's trim segment
  *   scoringSource(api, scoring, offset) -> {load, start, end, dt, offset}
  *   stripOrder(channels) -> [key]     limited channels on top, then the others, the risk below
@@ -13,26 +14,16 @@
 
 import { limitedFirst } from "../../charts/strips.js";
 
-export const TRIM_SEGMENT = "lead_in";
+export const TRIM_SEGMENT = "trim_segment";
 const MOST_BINS = 4000;
 
-export async function readScoring(api, recording, id) {
+export function readScoring(api, recording, id) {
   const path = `/recordings/${encodeURIComponent(recording)}/scorings/${encodeURIComponent(id)}`;
-  return scoringOf(await api.get(path));
+  return api.get(path);
 }
 
-export async function readScorings(api, recording) {
-  return (await api.get(`/recordings/${encodeURIComponent(recording)}/scorings`)).map(scoringOf);
-}
-
-/** The one place that knows what the server calls the parts of a scoring. */
-function scoringOf({ stretches, outside, order, ...scoring }) {
-  const manoeuvres = stretches.map(({ crossing, lead, ...manoeuvre }) => ({
-    ...manoeuvre,
-    exceedance: crossing,
-    warningLead: lead,
-  }));
-  return { ...scoring, manoeuvres, outsideExceedances: outside ?? [], request: order };
+export function readScorings(api, recording) {
+  return api.get(`/recordings/${encodeURIComponent(recording)}/scorings`);
 }
 
 export function scoringSource(api, { recording, id, start, end, dt }, offset = 0) {

@@ -28,13 +28,20 @@ def table(n=50, **signals):
     st.floats(-1.0, 1.0),
     st.lists(st.floats(-20.0, 20.0), min_size=2, max_size=6),
 )
-def test_a_value_is_sign_times_converted_less_offset(tmp_path_factory, sign, offset, numbers):
+def test_a_value_is_sign_times_converted_less_bias(tmp_path_factory, sign, bias, numbers):
     columns = columns_of(tmp_path_factory.mktemp("a"), {"t": range(len(numbers)), "b": numbers})
-    source = ChannelSource("b", "deg", sign, offset)
+    source = ChannelSource("b", "deg", sign, bias)
     trace = apply_mapping(columns, mapping(beta=source)).channels["beta"]
-    np.testing.assert_array_equal(trace.values, sign * (np.array(numbers) * (np.pi / 180)) - offset)
+    np.testing.assert_array_equal(trace.values, sign * (np.array(numbers) * (np.pi / 180)) - bias)
     np.testing.assert_array_equal(trace.t, np.arange(len(numbers)))
     assert (trace.source, trace.derived, trace.group) == ("b", False, "")
+
+
+def test_a_mapping_file_of_version_0_1_0_is_read():
+    now = mapping(beta=ChannelSource("b", "deg", -1, 0.25))
+    earlier = now.to_plain()
+    earlier["channels"]["beta"]["offset"] = earlier["channels"]["beta"].pop("bias")
+    assert Mapping.from_plain(earlier) == now
 
 
 def test_what_needs_no_conversion_stays_in_the_file(tmp_path):
@@ -73,7 +80,7 @@ def test_the_notes_say_what_was_done(tmp_path):
     columns = columns_of(tmp_path, table(b=np.ones(50), d=np.ones(50), v=np.ones(50)))
     mapped = mapping(
         beta=ChannelSource(derivation="beta_from_velocity"),
-        delta_r=ChannelSource("d", "deg", sign=-1, offset=0.25),
+        delta_r=ChannelSource("d", "deg", sign=-1, bias=0.25),
         v=ChannelSource("v", "m/s"),
         V=ChannelSource("b", "kt"),
     )

@@ -257,7 +257,7 @@ def test_what_could_be_derived_is_offered_beside_what_was_measured(tmp_path):
 def confirmed():
     return Mapping(
         {
-            "beta": ChannelSource("left_vane", "deg", sign=-1, offset=0.01),
+            "beta": ChannelSource("left_vane", "deg", sign=-1, bias=0.01),
             "delta_r": ChannelSource("dr_rad", "rad", sign=-1),
             "Ny": ChannelSource(derivation="Ny_without_gravity"),
             "Ay": ChannelSource("inertial", "m/s^2"),

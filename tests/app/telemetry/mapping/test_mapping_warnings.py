@@ -55,15 +55,15 @@ def test_a_sign_against_the_motion_is_warned_of(key, columns, right):
 
 
 def test_a_bias_away_from_zero_is_warned_of(columns, right):
-    (text,) = warnings_about(columns, changed(right, "beta", offset=1.5))["beta"]
+    (text,) = warnings_about(columns, changed(right, "beta", bias=1.5))["beta"]
     assert text.endswith("rad to -1.5 rad, away from zero")
     centred = np.mean(columns.values("beta"))
-    assert warnings_about(columns, changed(right, "beta", offset=float(centred))) == {}
+    assert warnings_about(columns, changed(right, "beta", bias=float(centred))) == {}
 
 
 def test_a_bias_of_an_accelerometer_is_warned_of(columns, right):
     assert "constant bias" in " ".join(
-        warnings_about(columns, changed(right, "Ny", offset=1.0))["Ny"]
+        warnings_about(columns, changed(right, "Ny", bias=1.0))["Ny"]
     )
 
 

@@ -134,7 +134,7 @@ def test_noise_alone_proves_nothing(seed):
     assert find_signs(moves) == {}
 
 
-def test_of_a_long_recording_the_lively_stretch_is_looked_at():
+def test_of_a_long_recording_the_lively_manoeuvre_is_looked_at():
     short = flight(dt=0.05)
     n = int(3 * LONG / 0.05)
     rng = np.random.default_rng(1)
@@ -180,14 +180,14 @@ def test_what_an_accelerometer_measures_is_left_as_it_is(model, tmp_path):
 
 def test_an_offset_in_the_quiet_first_seconds_is_proposed_with_its_reason(tmp_path):
     columns, proposal = proposed(tmp_path, flight() | {"Ny": flight()["Ny"] + 0.08})
-    offset = proposal.mapping.channels["Ny"].offset
-    assert offset == pytest.approx(0.08, abs=0.001)
+    bias = proposal.mapping.channels["Ny"].bias
+    assert bias == pytest.approx(0.08, abs=0.001)
     assert proposal.rationales["Ny"].reasons[-1] == (
         "removed a constant bias: its first 2 s have a mean of 0.0799 g and a standard deviation "
         "of 0.0022 g"
     )
     made = apply_mapping(columns, proposal.mapping).channels["Ny"]
-    np.testing.assert_allclose(made.values, flight()["Ny"] + 0.08 - offset)
+    np.testing.assert_allclose(made.values, flight()["Ny"] + 0.08 - bias)
 
 
 def test_a_bias_as_large_as_gravity_is_suspect(tmp_path):
@@ -205,7 +205,7 @@ def test_a_side_force_in_trim_or_in_motion_is_no_offset(start, tmp_path):
     else:
         channels = {key: x[180:] for key, x in channels.items()}
     _, proposal = proposed(tmp_path, channels)
-    assert proposal.mapping.channels["Ny"].offset == 0.0
+    assert proposal.mapping.channels["Ny"].bias == 0.0
 
 
 @pytest.mark.parametrize("alike", [1, -1])

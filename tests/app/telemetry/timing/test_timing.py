@@ -47,7 +47,7 @@ def repaired(t: np.ndarray, x: Array = ROW, **more: Trace) -> tuple[Trace, Quali
 
 
 def kinds(quality: Quality) -> set[str]:
-    return {span.kind for span in quality.spans}
+    return {fault.kind for fault in quality.faults}
 
 
 def test_good_times_stay_the_same_array():
@@ -58,7 +58,7 @@ def test_good_times_stay_the_same_array():
     assert (clock.channels, clock.n_rows, clock.start, clock.end) == (("h", "theta"), N, 0.0, 19.99)
     assert clock.rate == pytest.approx(100.0)
     assert clock.jitter < 1e-9
-    assert quality.spans == ()
+    assert quality.faults == ()
     assert quality.sentences() == ["h, theta: 2000 rows at 100 Hz, from 0 to 19.99 s."]
 
 
@@ -103,7 +103,11 @@ def test_rows_written_twice_count_once():
     made, quality = repaired(T[index], ROW[index])
     np.testing.assert_array_equal(made.values, ROW)
     assert (quality.clocks[0].repeated, quality.clocks[0].conflicting) == (4, 0)
-    assert [span.start for span in quality.spans if span.kind == "repeated"] == [0.05, 7.0, 19.99]
+    assert [fault.start for fault in quality.faults if fault.kind == "repeated"] == [
+        0.05,
+        7.0,
+        19.99,
+    ]
 
 
 def test_a_packet_sent_again_later_counts_once():
@@ -170,8 +174,8 @@ def test_a_leap_second_leaves_a_gap_and_says_so():
     t[1000:] -= 0.5
     made, quality = repaired(t)
     np.testing.assert_array_equal(made.values, np.delete(ROW, np.s_[950:1050]))
-    assert Fault(9.5, 9.99, "clock") in quality.spans
-    assert any(s.kind == "gap" and s.start < 9.5 and s.end > 9.99 for s in quality.spans)
+    assert Fault(9.5, 9.99, "clock") in quality.faults
+    assert any(s.kind == "gap" and s.start < 9.5 and s.end > 9.99 for s in quality.faults)
     assert (
         "the clock jumps from 9.99 s to 9.5 s; 100 rows with an ambiguous time removed"
         in (quality.sentences()[1])
@@ -278,7 +282,7 @@ def test_gaps_are_found_with_their_place_and_length():
     clock = quality.clocks[0]
     assert (clock.n_gaps, clock.longest_gap_at) == (2, 2.99)
     assert (clock.gap_time, clock.longest_gap) == (pytest.approx(0.53), pytest.approx(0.51))
-    assert quality.spans == (Fault(2.99, 3.5, "gap"), Fault(11.99, 12.01, "gap"))
+    assert quality.faults == (Fault(2.99, 3.5, "gap"), Fault(11.99, 12.01, "gap"))
     assert "2 gaps, 0.53 s in total, the longest 0.51 s at 2.99 s" in quality.sentences()[1]
 
 
@@ -298,10 +302,10 @@ def test_missing_values_are_placed_and_blanks_of_a_slow_channel_are_its_rate():
     _, quality = repaired(T, x, phi=Trace(T, slow), psi=Trace(T, np.full(N, np.nan)))
     altitude, _, phi, psi = quality.channels
     assert (altitude.missing, altitude.longest_missing) == (21 / N, pytest.approx(0.21))
-    assert Fault(4.99, 5.2, "missing:h") in quality.spans
+    assert Fault(4.99, 5.2, "missing:h") in quality.faults
     assert (phi.rate, phi.longest_missing) == (pytest.approx(10.0), pytest.approx(0.09))
     assert psi.missing == 1.0
-    assert Fault(0.0, 19.99, "missing:psi") in quality.spans
+    assert Fault(0.0, 19.99, "missing:psi") in quality.faults
     assert "psi has no value." in quality.sentences()
 
 
@@ -317,7 +321,7 @@ def test_a_sensor_that_froze_is_told_from_one_that_is_slow_coarse_or_dead():
     assert [c.frozen for c in (phi, psi, v, h)] == [0.0] * 4
     assert [c.held for c in quality.channels] == [1, 1, 10, 1, 1]
     assert [c.constant for c in quality.channels] == [False, False, False, True, False]
-    assert quality.spans == (Fault(8.0, 13.99, "frozen:beta"),)
+    assert quality.faults == (Fault(8.0, 13.99, "frozen:beta"),)
     said = " ".join(quality.sentences())
     assert "beta is constant to the last bit for 5.99 s from 8 s on" in said
     assert "psi repeats each value 10 times, so it was measured at 10 Hz" in said
@@ -329,7 +333,7 @@ def test_a_strip_stays_drawable_whatever_the_recording():
     x = 2.0 * t
     x[::7] = np.nan
     _, quality = repaired(t, x)
-    assert len(quality.spans) <= 2 * MOST_FAULTS
+    assert len(quality.faults) <= 2 * MOST_FAULTS
     assert kinds(quality) == {"missing:h", "missing:theta"}
 
 
@@ -349,7 +353,7 @@ def test_implausible_values_are_missing_and_named():
     assert [c.implausible for c in quality.channels] == [0, 20, 1]
     assert (quality.channels[2].largest, quality.channels[2].largest_at) == (-9e99, 10.0)
     assert quality.channels[1].longest_missing == pytest.approx(0.21)
-    assert Fault(10.0, 10.0, "implausible:Ny") in quality.spans
+    assert Fault(10.0, 10.0, "implausible:Ny") in quality.faults
     assert {"implausible:p", "missing:p"} <= kinds(quality)
     said = (
         "Ny exceeds 30 g, the most that is plausible, in 1 row (up to -9e+99 g, at 10 s), taken as "

@@ -17,7 +17,7 @@ from core.types import Array, Flags
 SURFACES = (KEYS.index("delta_a"), KEYS.index("delta_r"))
 """Where aileron and rudder stand in y, in the order of the pilot's commands."""
 SURFACE_NAMES = ("aileron", "rudder")
-LEAD_IN = 0.5
+TRIM_SEGMENT_S = 0.5
 """[s] where a monitor does not say its own."""
 ROUNDING = 1e-9
 """Of the largest weight: a channel that never moved in training has one of rounding errors."""
@@ -26,7 +26,7 @@ MAIN_INPUT = 0.5
 
 
 @dataclass(frozen=True, eq=False)
-class Plan:
+class PlannedTest:
     """The planned test as far as a monitor knows it.
 
     limits: (6,) magnitudes that must not be reached, infinite where there is none.
@@ -46,9 +46,9 @@ class Plan:
         return self.maneuver.duration_s if self.maneuver else None
 
     @property
-    def lead_in(self) -> float:
+    def trim_segment_s(self) -> float:
         """Trim before the first input [s]."""
-        return self.maneuver.lead_in_s if self.maneuver else LEAD_IN
+        return self.maneuver.lead_in_s if self.maneuver else TRIM_SEGMENT_S
 
     @property
     def speed(self) -> float | None:
@@ -77,14 +77,16 @@ class Plan:
         return float(moved[-1] - moved[0] + 1) * self.dt if len(moved) else 0.0
 
 
-def plan_of(monitor: Monitor) -> Plan:
+def planned_test(monitor: Monitor) -> PlannedTest:
     """The test that a monitor was trained for, as far as it says."""
     recipe: dict[str, Any] = monitor.dataset_recipe
     given = {part: {part: recipe[part]} for part in ("maneuver", "aircraft") if part in recipe}
     parts = {
         part: getattr(from_plain(DatasetRecipe(), plain), part) for part, plain in given.items()
     }
-    return Plan(monitor.dt, limits_of(monitor), limits_known=monitor.limits is not None, **parts)
+    return PlannedTest(
+        monitor.dt, limits_of(monitor), limits_known=monitor.limits is not None, **parts
+    )
 
 
 def limits_of(monitor: Monitor) -> Array:

@@ -1,4 +1,4 @@
-"""A stretch of a recording as it was assessed, with all that says whether it should have been."""
+"""A segment of a recording as it was assessed, with all that says whether it should have been."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -6,8 +6,8 @@ from functools import cached_property
 
 import numpy as np
 
-from app.scoring.plan import Plan
-from app.scoring.stretches import Stretch
+from app.scoring.planned_test import PlannedTest
+from app.scoring.segments import Segment
 from app.telemetry.recording import Recording
 from app.telemetry.traces import Traces
 from core.monitor import Assessments, Monitor
@@ -15,8 +15,8 @@ from core.types import Array, Flags
 
 
 @dataclass(frozen=True, eq=False)
-class Flown:
-    """A stretch flown through a monitor.
+class AssessedSegment:
+    """A segment flown through a monitor.
 
     traces: repaired.   y: (n, 6) from trim, NaN where not recorded.   assessed: (n, 6) the same, 0
     in channels that the monitor does not read.   needed: (6,) channels.   end: last sample that
@@ -25,10 +25,10 @@ class Flown:
     """
 
     monitor: Monitor
-    plan: Plan
+    plan: PlannedTest
     traces: Traces
     recording: Recording
-    stretch: Stretch
+    segment: Segment
     needed: Flags
     y: Array
     assessed: Array

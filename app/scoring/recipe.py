@@ -1,0 +1,94 @@
+"""How a recording is scored: at which miss rate, from which trim, which manoeuvres."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from math import inf, isfinite
+from typing import Any, Literal, NamedTuple, get_args
+
+from app.telemetry.recording import TelemetryError
+
+Manoeuvres = Literal["found", "whole"]
+TRIM_SEGMENT = "trim_segment"
+
+
+class Interval(NamedTuple):
+    """A manoeuvre marked by hand. start, end: [s] of the recording's own time."""
+
+    start: float
+    end: float
+    name: str = ""
+
+
+@dataclass(frozen=True)
+class ScoringRecipe:
+    """How a recording is to be scored.
+
+    epsilon: accepted miss rate, the monitor's unless given.
+    trim: what is subtracted from each manoeuvre, channel by channel: the mean of its own trim
+        segment, or of so many seconds before the first input (of one marked by hand: its first
+        ones); None leaves the channels as they are. Linear models, and so monitors, fly about trim.
+    manoeuvres: those found by control activity, the whole recording as one, or intervals by hand.
+    Raises TelemetryError for numbers that are not finite, intervals without length and overlaps.
+    """
+
+    epsilon: float | None = None
+    trim: float | Literal["trim_segment"] | None = TRIM_SEGMENT
+    manoeuvres: Manoeuvres | tuple[Interval, ...] = "found"
+
+    def __post_init__(self) -> None:
+        if isinstance(self.trim, str):
+            _check_word("trim", self.trim, (TRIM_SEGMENT,))
+        elif self.trim is not None and not 0.0 < self.trim < inf:
+            raise TelemetryError(
+                f"a trim segment of {self.trim:g} s was asked for; give a length above zero"
+            )
+        if isinstance(self.manoeuvres, str):
+            _check_word("manoeuvres", self.manoeuvres, get_args(Manoeuvres))
+            return
+        object.__setattr__(self, "manoeuvres", _ordered(self.manoeuvres))
+
+    def to_plain(self) -> dict[str, Any]:
+        """Return JSON's types."""
+        marked = self.manoeuvres
+        return {
+            "epsilon": self.epsilon,
+            "trim": self.trim,
+            "manoeuvres": marked
+            if isinstance(marked, str)
+            else [{"start": s.start, "end": s.end, "name": s.name} for s in marked],
+        }
+
+
+def _check_word(name: str, word: str, known: tuple[str, ...]) -> None:
+    if word not in known:
+        raise TelemetryError(f"{name} is {word!r}; give {' or '.join(known)}, or numbers")
+
+
+def _ordered(intervals: Sequence[Interval]) -> tuple[Interval, ...]:
+    """Intervals by their starts, each with a name."""
+    if not intervals:
+        raise TelemetryError("no manoeuvre was marked; mark one at least, or let them be detected")
+    for interval in intervals:
+        if not (
+            isfinite(interval.start) and isfinite(interval.end) and interval.start < interval.end
+        ):
+            raise TelemetryError(
+                f"the manoeuvre {in_words(interval)} has no length; give an end after its start"
+            )
+    ordered = sorted(intervals)
+    for before, after in pairwise(ordered):
+        if after.start < before.end:
+            raise TelemetryError(
+                f"the manoeuvres {in_words(before)} and {in_words(after)} overlap; end the "
+                "first before the second begins"
+            )
+    return tuple(
+        interval._replace(name=interval.name or f"manoeuvre {number}")
+        for number, interval in enumerate(ordered, 1)
+    )
+
+
+def in_words(interval: Interval) -> str:
+    """The interval in words."""
+    return f"{interval.start:.10g} to {interval.end:.10g} s"

@@ -1,0 +1,143 @@
+"""The segments of a recording that are scored, each with the rest that its trim is taken from."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from app.scoring.manoeuvres import Activity, find
+from app.scoring.planned_test import SURFACES, PlannedTest
+from app.scoring.recipe import Interval, ScoringRecipe, in_words
+from app.scoring.scored import MOST_MANOEUVRES
+from app.telemetry.recording import Recording, TelemetryError
+
+ON_GRID = 1e-6
+"""Of a step: times so close to a sample are the sample's."""
+AFTERWARDS = 3.0
+"""[s] that a manoeuvre of unknown length goes on after the last input."""
+
+
+class Segment(NamedTuple):
+    """Samples first..last of a recording, both included, scored as a flight of their own.
+
+    onset: sample from which a surface moves; None where it was not looked for.
+    rest: samples before it, of which trim is the mean; None where nothing is subtracted.
+    asked: length of the rest [s] where it was asked for and is not there; else None.
+    """
+
+    name: str
+    first: int
+    last: int
+    onset: int | None = None
+    rest: slice | None = None
+    asked: float | None = None
+
+
+def segments(
+    recording: Recording, plan: PlannedTest, recipe: ScoringRecipe
+) -> tuple[tuple[Segment, ...], tuple[str, ...]]:
+    """The segments that an recipe asks for, and notes on how they were found.
+
+    recording: on the grid of plan.dt.   TelemetryError for intervals that are not in the recording.
+    """
+    if isinstance(recipe.manoeuvres, tuple):
+        _check_number(len(recipe.manoeuvres))
+        return tuple(
+            _marked(recording, plan, recipe, interval) for interval in recipe.manoeuvres
+        ), ()
+    whole = Interval(float(recording.t[0]), float(recording.t[-1]), "whole recording")
+    if recipe.manoeuvres == "whole":
+        return (_marked(recording, plan, recipe, whole),), ()
+    found, notes = _found(recording, plan, recipe)
+    return found or (_marked(recording, plan, recipe, whole),), notes
+
+
+def _found(
+    recording: Recording, plan: PlannedTest, recipe: ScoringRecipe
+) -> tuple[tuple[Segment, ...], tuple[str, ...]]:
+    surfaces = recording.y[:, SURFACES]
+    if np.isnan(surfaces).all():
+        note = "Neither surface is recorded, so no manoeuvre can be found"
+        return (), (f"{note}: the whole recording is scored as one.",)
+    inputs = find(surfaces, plan)
+    if not inputs:
+        return (), ("No control input was found: the whole recording is scored as one.",)
+    _check_number(len(inputs))
+    n, n_trim = len(recording.t), round(plan.trim_segment_s / plan.dt)
+    ends = [_length(activity, plan) for activity in inputs]
+    starts = [max(0, activity.onset - n_trim) for activity in inputs]
+    result, notes = [], [f"Manoeuvres found by control activity: {len(inputs)}."]
+    before = 0
+    for number, (activity, start, length) in enumerate(zip(inputs, starts, ends, strict=True)):
+        following = starts[number + 1] if number + 1 < len(inputs) else n
+        start = max(start, before)
+        last = min(activity.onset - n_trim + length, following, n) - 1
+        rest = _rest(activity.onset, start, before, plan, recipe)
+        asked = _lacking(rest, plan, recipe)
+        name = f"manoeuvre {number + 1}"
+        result.append(Segment(name, start, last, activity.onset, rest, asked))
+        before = last + 1
+    return tuple(result), tuple(notes)
+
+
+def _check_number(n: int) -> None:
+    if n > MOST_MANOEUVRES:
+        raise TelemetryError(
+            f"{n} segments are more than the {MOST_MANOEUVRES} that a scoring holds: split the "
+            "recording, or mark fewer by hand"
+        )
+
+
+def _length(activity: Activity, plan: PlannedTest) -> int:
+    """Samples of a found manoeuvre from the planned start on."""
+    if plan.duration is not None:
+        return round(plan.duration / plan.dt) + 1
+    moving = activity.end - activity.onset + 1
+    return moving + round((plan.trim_segment_s + AFTERWARDS) / plan.dt)
+
+
+def _rest(
+    onset: int, start: int, before: int, plan: PlannedTest, recipe: ScoringRecipe
+) -> slice | None:
+    """The trim segment, or so many seconds before the first input, as far as they are there."""
+    if recipe.trim is None:
+        return None
+    if isinstance(recipe.trim, float | int):
+        start = max(before, onset - round(recipe.trim / plan.dt))
+    return slice(max(0, min(start, onset - 1)), max(onset, 1))
+
+
+def _lacking(rest: slice | None, plan: PlannedTest, recipe: ScoringRecipe) -> float | None:
+    """The seconds that were asked for, where fewer are there."""
+    if rest is None or not isinstance(recipe.trim, float | int):
+        return None
+    return recipe.trim if rest.stop - rest.start < round(recipe.trim / plan.dt) else None
+
+
+def _marked(
+    recording: Recording, plan: PlannedTest, recipe: ScoringRecipe, interval: Interval
+) -> Segment:
+    """A segment from the first to the last sample within an interval; its rest is its beginning."""
+    t, dt = recording.t, plan.dt
+    if interval.start < t[0] - 0.5 * dt or interval.end > t[-1] + 0.5 * dt:
+        raise TelemetryError(
+            f"the manoeuvre {in_words(interval)} is not inside the recording, which lasts from "
+            f"{t[0]:.10g} to {t[-1]:.10g} s; give times within it"
+        )
+    near = ON_GRID * dt
+    first, stop = np.searchsorted(t, (interval.start - near, interval.end + near)).tolist()
+    if stop - first < 2:
+        raise TelemetryError(
+            f"the manoeuvre {in_words(interval)} holds fewer than two samples of the monitor's "
+            f"{dt:g} s; give a longer one"
+        )
+    rest = None
+    if recipe.trim is not None:
+        seconds = plan.trim_segment_s if isinstance(recipe.trim, str) else recipe.trim
+        length = (stop - first - 1) * dt
+        if seconds > length + near and seconds == recipe.trim:
+            raise TelemetryError(
+                f"a trim segment of {seconds:g} s was asked of {length:.4g} s ({interval.name}); "
+                "give a shorter one"
+            )
+        rest = slice(first, min(first + max(1, round(seconds / dt)), stop))
+    return Segment(interval.name, first, stop - 1, None, rest)
