@@ -7,6 +7,7 @@ import re
 from copy import deepcopy
 from dataclasses import asdict, fields, is_dataclass
 from functools import cache
+from importlib.metadata import PackageNotFoundError, requires, version
 from inspect import cleandoc
 from types import GenericAlias
 from typing import Any
@@ -15,7 +16,10 @@ from pydantic import ConfigDict, TypeAdapter
 
 from app.jobs.requests import LARGEST_N_TEST, N_TEST
 from app.recipes import family_of, to_plain
-from app.telemetry_catalog import telemetry_catalog
+from app.telemetry.formats import FORMATS
+from app.telemetry.mapping.derivations import DERIVATIONS
+from app.telemetry.targets import TARGETS
+from app.telemetry.units import choices
 from core import __version__
 from core.channels import CHANNELS
 from core.collection import DatasetRecipe
@@ -62,7 +66,7 @@ def catalog() -> dict[str, Any]:
             name: {"schema": schema_of(recipe), "default": to_plain(recipe)}
             for name, recipe in RECIPES.items()
         },
-        "telemetry": telemetry_catalog(),
+        "telemetry": _telemetry(),
     }
 
 
@@ -74,6 +78,43 @@ def _entry(kind: str, member: Any) -> dict[str, Any]:
         "schema": schema_of(member),
         "default": {key: value for key, value in to_plain(member).items() if key != "kind"},
     }
+
+
+def _telemetry() -> dict[str, Any]:
+    """Formats, targets with their units, units of time, and derivations, as plain data."""
+    return {
+        "formats": [
+            {
+                "key": known.key,
+                "title": known.title,
+                "endings": list(known.endings),
+                "extra": known.extra or None,
+                "installed": is_installed(known.extra),
+                "experimental": known.experimental,
+            }
+            for known in FORMATS.values()
+        ],
+        "targets": [
+            asdict(target) | {"units": choices(target.unit)} for target in TARGETS.values()
+        ],
+        "time_units": choices("s"),
+        "derivations": [
+            {"key": way.key, "target": way.target, "title": way.title, "needs": list(way.needs)}
+            for way in DERIVATIONS.values()
+        ],
+    }
+
+
+def is_installed(extra: str) -> bool:
+    """Whether the packages of an extra of this program are there; those of "" always are."""
+    names = re.compile(rf"([\w.-]+).*\bextra == ['\"]{extra}['\"]")
+    try:
+        for requirement in requires("forewarn") or () if extra else ():
+            if found := names.match(requirement):
+                version(found[1])
+    except PackageNotFoundError:
+        return False
+    return True
 
 
 def schema_of(member: Any) -> dict[str, Any]:

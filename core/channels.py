@@ -7,7 +7,7 @@ from core.kernels import N_CHANNELS
 
 @dataclass(frozen=True)
 class Channel:
-    """One measured quantity as control rooms name, draw and label it."""
+    """One quantity as control rooms name, draw and label it. unit: SI, or g."""
 
     key: str
     symbol: str

@@ -1,26 +1,20 @@
 """What the program knows: families of parts with the schema of their parameters."""
 
-from typing import Any
+from dataclasses import dataclass
+from typing import Annotated, Any
 
 from fastapi import APIRouter
 from pydantic import BaseModel, Field
 
 from app.catalog import catalog
 from app.routes.dependencies import json_response
+from app.routes.recording_models import Derivable
+from core.channels import Channel
 
 router = APIRouter(prefix="/api/v1", tags=["catalog"])
 
 
-class Channel(BaseModel):
-    """One channel of the telemetry."""
-
-    key: str = Field(examples=["Ny"])
-    symbol: str = Field(examples=["N_y"])
-    unit: str = Field(description="SI unit, or g", examples=["g"])
-    label: str = Field(examples=["lateral acceleration"])
-
-
-class Entry(BaseModel):
+class Member(BaseModel):
     """A member of a family."""
 
     kind: str = Field(description="what `kind` says in a recipe", examples=["rudder_doublet"])
@@ -30,12 +24,12 @@ class Entry(BaseModel):
     default: dict[str, Any] = Field(description="the parameters as they are unless said otherwise")
 
 
-class Family(BaseModel):
+class ListedFamily(BaseModel):
     """Interchangeable parts, by kind."""
 
     label: str
     description: str
-    entries: dict[str, Entry]
+    entries: dict[str, Member]
 
 
 class RecipeForm(BaseModel):
@@ -45,7 +39,7 @@ class RecipeForm(BaseModel):
     default: dict[str, Any]
 
 
-class Format(BaseModel):
+class ListedFormat(BaseModel):
     """A format that recordings are read from."""
 
     key: str
@@ -56,28 +50,26 @@ class Format(BaseModel):
     experimental: bool = Field(description="not proven on files of many recorders")
 
 
+@dataclass(frozen=True)
 class Target(Channel):
     """What a signal of a recording can be: a channel, or what one is made of."""
 
-    units: list[str] = Field(description="common ones, its own first")
+    units: Annotated[list[str], Field(description="common ones, its own first")]
 
 
-class Derivation(BaseModel):
-    """A way to make a channel out of others."""
+class ListedDerivation(Derivable):
+    """A way to make a channel, the target, out of others."""
 
-    key: str
     target: str
-    title: str
-    needs: list[str]
 
 
 class Telemetry(BaseModel):
     """What recordings can be read from, and what their signals can be."""
 
-    formats: list[Format]
+    formats: list[ListedFormat]
     targets: list[Target]
     time_units: list[str] = Field(description="common ones, seconds first")
-    derivations: list[Derivation]
+    derivations: list[ListedDerivation]
 
 
 class Catalog(BaseModel):
@@ -85,7 +77,7 @@ class Catalog(BaseModel):
 
     version: str
     channels: list[Channel]
-    families: dict[str, Family]
+    families: dict[str, ListedFamily]
     recipes: dict[str, RecipeForm]
     telemetry: Telemetry
 

@@ -29,6 +29,7 @@ from app.store.jobs import JobInfo
 from app.store.monitors import MonitorInfo
 from app.store.store import Store
 from core.channels import KEYS
+from core.monitor.assessment import Exemplar
 
 router = APIRouter(prefix="/api/v1/monitors", tags=["monitors"])
 MONITOR_FILE = "application/octet-stream"
@@ -58,16 +59,7 @@ class ForecastByChannel(BaseModel):
     delta_r: float = Field(description="[rad]")
 
 
-class Exemplar(BaseModel):
-    """The simulated rollout that an assessment resembles."""
-
-    rollout: int
-    t: float = Field(description="[s]")
-    distance: float = Field(description="in the monitor's scaled units")
-    theta: dict[str, float]
-
-
-class Assessment(BaseModel):
+class AssessedSample(BaseModel):
     """What the monitor says of one sample."""
 
     t: float = Field(description="[s]")
@@ -81,12 +73,12 @@ class Assessment(BaseModel):
     nearest_safe: Exemplar | None
 
 
-class Scored(BaseModel):
+class AssessedTelemetry(BaseModel):
     """Assessments of a telemetry, one a sample."""
 
     epsilon: float = Field(description="miss rate that alerts were decided at")
     lead: float = Field(description="promised lead [s]")
-    assessments: list[Assessment]
+    assessments: list[AssessedSample]
 
 
 _ORDER = body_of(
@@ -211,7 +203,7 @@ async def read_monitor_file(monitor_id: str, store: StoreDep) -> Response:
 
 @router.post(
     "/{monitor_id}/score",
-    response_model=Scored,
+    response_model=AssessedTelemetry,
     responses=problem_responses(404, 413, 415, 422),
     openapi_extra=body_of(
         TelemetryBody.model_json_schema(),

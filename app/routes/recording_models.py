@@ -1,29 +1,16 @@
 """What is said of a recording: what it holds, what that is taken for, how good it is."""
 
-from typing import Annotated, Any, Literal
+from dataclasses import dataclass
+from typing import Annotated, Any
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from app.store.recordings import MappingState
+from app.store.recordings import RecordingInfo
+from app.telemetry.contents import BadRow
+from app.telemetry.mapping.mapping import Mapping
+from app.telemetry.mapping.proposal_builder import Rationale
 
 Number = Annotated[float, Field(allow_inf_nan=False)]
-
-
-class ListedRecording(BaseModel):
-    """A recording as it is listed."""
-
-    model_config = ConfigDict(from_attributes=True)
-
-    id: str
-    name: str = Field(examples=["flight_12.csv"])
-    created: str = Field(description="UTC, ISO 8601")
-    size: int = Field(description="of the file [bytes]")
-    digest: str = Field(description="SHA-256 of the file")
-    format: str = Field(description="key of a format in the catalog", examples=["csv"])
-    aircraft: str | None = Field(examples=["PH-LAB"])
-    duration: float | None = Field(description="[s]; null where the mapping cannot be applied")
-    mapping_state: MappingState
-    n_scorings: int
 
 
 class SignalGroup(BaseModel):
@@ -58,66 +45,12 @@ class FileContents(BaseModel):
     start: str = Field(description="time zero in ISO 8601, empty where the file does not say")
 
 
-class BadRow(BaseModel):
-    """A row that was left out."""
-
-    line: int
-    reason: str
-    text: str
-
-
-class BadRows(BaseModel):
+class BadRowSummary(BaseModel):
     """Rows that could not be read; the first ones are listed."""
 
     n: int
     share: float
     rows: list[BadRow]
-
-
-class ChannelSource(BaseModel):
-    """Where a channel comes from: value = sign * (signal in the target's unit) - bias.
-
-    Either `signal` with its `unit`, or `derivation`.
-    """
-
-    model_config = ConfigDict(extra="forbid")
-
-    signal: str = ""
-    unit: str = ""
-    sign: Literal[1, -1] = 1
-    bias: Number = Field(default=0.0, description="in the target's unit")
-    derivation: str = Field(default="", description="key of a derivation in the catalog")
-
-
-class TimeSource(BaseModel):
-    """The signal that is the time of a group."""
-
-    model_config = ConfigDict(extra="forbid")
-
-    signal: str
-    unit: str = "s"
-
-
-class Mapping(BaseModel):
-    """Which signal is which channel; channels by key of the catalog's targets."""
-
-    model_config = ConfigDict(extra="forbid")
-
-    channels: dict[str, ChannelSource] = Field(
-        default_factory=dict, examples=[{"Ny": {"signal": "ay", "unit": "g", "sign": -1}}]
-    )
-    times: dict[str, TimeSource] = Field(
-        default_factory=dict,
-        description="by name of group; a group without one is not used",
-        examples=[{"": {"signal": "t", "unit": "s"}}],
-    )
-
-
-class Rationale(BaseModel):
-    """How sure a proposal is."""
-
-    confidence: float = Field(ge=0, le=1)
-    reasons: list[str]
 
 
 class Derivable(BaseModel):
@@ -128,19 +61,27 @@ class Derivable(BaseModel):
     needs: list[str]
 
 
-class Recording(ListedRecording):
-    """A recording with its contents and mapping."""
+@dataclass(frozen=True)
+class RecordingDetails(RecordingInfo):
+    """A recording as it is listed, with its contents and mapping."""
 
-    same_as: str | None = Field(description="id of an earlier upload of the same bytes")
+    same_as: str | None
+    """id of an earlier upload of the same bytes"""
     contents: FileContents
-    bad_rows: BadRows
+    bad_rows: BadRowSummary
     mapping: Mapping
-    rationales: dict[str, Rationale] = Field(description="by channel, and `t:` with a group's name")
-    alternatives: dict[str, list[str]] = Field(description="other signals that a channel may be")
-    derivable: dict[str, list[Derivable]] = Field(description="by channel")
-    missing: list[str] = Field(description="channels that nothing is mapped to")
-    quality: dict[str, Any] | None = Field(description="of the times and channels as mapped")
-    problem: str | None = Field(description="why the mapping cannot be applied")
+    rationales: dict[str, Rationale]
+    """by channel, and `t:` with a group's name"""
+    alternatives: dict[str, list[str]]
+    """other signals that a channel may be"""
+    derivable: dict[str, list[Derivable]]
+    """by channel"""
+    missing: list[str]
+    """channels that nothing is mapped to"""
+    quality: dict[str, Any] | None
+    """of the times and channels as mapped"""
+    problem: str | None
+    """why the mapping cannot be applied"""
 
 
 class MappingRequest(BaseModel):
@@ -199,7 +140,7 @@ class SignalPreview(BaseModel):
     high: list[float | None]
 
 
-class Interval(BaseModel):
+class ManoeuvreInterval(BaseModel):
     """A manoeuvre of a recording."""
 
     model_config = ConfigDict(extra="forbid", from_attributes=True)

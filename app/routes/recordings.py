@@ -17,13 +17,13 @@ from app.routes.dependencies import (
     json_response,
 )
 from app.routes.recording_models import (
-    ListedRecording,
     MappingRequest,
     Preview,
     PreviewRequest,
-    Recording,
+    RecordingDetails,
     SignalPreview,
 )
+from app.store.recordings import RecordingInfo
 from app.telemetry.mapping.mapping import Mapping
 
 router = APIRouter(prefix="/api/v1/recordings", tags=["recordings"])
@@ -41,7 +41,7 @@ UPLOAD: dict[str, Any] = {
 @router.post(
     "",
     status_code=201,
-    response_model=Recording,
+    response_model=RecordingDetails,
     responses=problem_responses(408, 413, 415, 422, 429, 507)
     | {
         201: {
@@ -91,13 +91,12 @@ async def upload_recording(
 
 
 @router.get("")
-async def list_recordings(recordings: RecordingsDep) -> list[ListedRecording]:
+async def list_recordings(recordings: RecordingsDep) -> list[RecordingInfo]:
     """All recordings, newest first."""
-    infos = await asyncio.to_thread(recordings.store.recordings.all)
-    return [ListedRecording.model_validate(info) for info in infos]
+    return await asyncio.to_thread(recordings.store.recordings.all)
 
 
-@router.get("/{recording_id}", response_model=Recording, responses=problem_responses(404))
+@router.get("/{recording_id}", response_model=RecordingDetails, responses=problem_responses(404))
 async def read_recording(recording_id: str, recordings: RecordingsDep):
     """One recording: what it holds, and what its signals are taken for."""
     return await json_from(described, recordings, recording_id)
@@ -110,7 +109,9 @@ async def delete_recording(recording_id: str, recordings: RecordingsDep) -> None
 
 
 @router.put(
-    "/{recording_id}/mapping", response_model=Recording, responses=problem_responses(404, 422)
+    "/{recording_id}/mapping",
+    response_model=RecordingDetails,
+    responses=problem_responses(404, 422),
 )
 async def confirm_mapping(recording_id: str, request: MappingRequest, recordings: RecordingsDep):
     """Say which signal is which channel; it is proposed for the next recording of the aircraft.
@@ -119,7 +120,7 @@ async def confirm_mapping(recording_id: str, request: MappingRequest, recordings
     """
 
     def confirm() -> dict[str, Any]:
-        mapping = Mapping.from_plain(request.mapping.model_dump())
+        mapping = Mapping.from_plain(request.mapping.to_plain())
         recordings.confirm_mapping(
             recording_id, mapping, request.aircraft, remember=request.remember
         )
@@ -138,7 +139,7 @@ async def preview_mapping(recording_id: str, request: PreviewRequest, recordings
     """
 
     def answer() -> dict[str, Any]:
-        mapping = Mapping.from_plain(request.mapping.model_dump())
+        mapping = Mapping.from_plain(request.mapping.to_plain())
         return preview(recordings, recording_id, mapping, request.bins)
 
     return await json_from(answer)

@@ -10,10 +10,10 @@ from app.messages import ChannelLimit, Frame
 from app.problems import Problem, problem_responses
 from app.recordings.scoring_answers import answer, frames, manoeuvres_found, tiled
 from app.routes.dependencies import RecordingsDep, ScoredDep, json_from, json_response
-from app.routes.recording_models import Interval, Mapping, Number
-from app.scoring import Interval as MarkedInterval
-from app.scoring import ScoringRecipe
+from app.routes.recording_models import ManoeuvreInterval, Number
+from app.scoring import Interval, ScoringRecipe
 from app.store.scorings import ScoringInfo
+from app.telemetry.mapping.mapping import Mapping
 
 router = APIRouter(prefix="/api/v1/recordings/{recording_id}", tags=["recordings"])
 Seconds = Annotated[float, Field(gt=0, allow_inf_nan=False)]
@@ -50,7 +50,7 @@ class ScoringRequest(BaseModel):
     )
     manoeuvres: (
         Literal["found", "whole"]
-        | Annotated[list[Interval], Field(min_length=1, max_length=MOST_MARKED)]
+        | Annotated[list[ManoeuvreInterval], Field(min_length=1, max_length=MOST_MARKED)]
     ) = Field(
         default="found",
         description="those found by control activity, the whole recording as one, or these",
@@ -137,7 +137,9 @@ class Tiles(BaseModel):
 
 
 @router.get(
-    "/manoeuvres", response_model=list[Interval], responses=problem_responses(404, 422, 429)
+    "/manoeuvres",
+    response_model=list[ManoeuvreInterval],
+    responses=problem_responses(404, 422, 429),
 )
 async def find_manoeuvres(
     recording_id: str,
@@ -168,9 +170,7 @@ async def score_recording(
     intervals = (
         marked
         if isinstance(marked, str)
-        else tuple(
-            MarkedInterval(interval.start, interval.end, interval.name) for interval in marked
-        )
+        else tuple(Interval(interval.start, interval.end, interval.name) for interval in marked)
     )
     epsilon = await asyncio.to_thread(_epsilon, scored, request)
     recipe = ScoringRecipe(epsilon, request.trim, intervals)

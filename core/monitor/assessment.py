@@ -1,6 +1,6 @@
 """What a monitor says of one sample, and the states in which it says nothing."""
 
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from enum import StrEnum
 from typing import Any, NamedTuple
 
@@ -37,17 +37,20 @@ REASONS = (
 )
 
 
-class Exemplar(NamedTuple):
-    """The simulated rollout behind an assessment: the "why".
+@dataclass(frozen=True, slots=True)
+class Exemplar:
+    """The simulated rollout that an assessment resembles: the "why"."""
 
-    rollout: index into the dataset's unsafe or safe rollouts.   t: time in it [s].
-    distance: from the assessed point, in the monitor's scaled units.   theta: its parameters.
-    """
+    __pydantic_config__ = {"use_attribute_docstrings": True}  # noqa: RUF012
 
     rollout: int
+    """index into the dataset's unsafe or safe rollouts"""
     t: float
+    """time in it [s]"""
     distance: float
+    """from the assessed point, in the monitor's scaled units"""
     theta: dict[str, float]
+    """its parameters"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,8 +84,8 @@ class Assessment:
             if self.y_hat is None
             else dict(zip(KEYS, self.y_hat.tolist(), strict=True)),
             "score": self.score,
-            "nearest_unsafe": self.nearest_unsafe and self.nearest_unsafe._asdict(),
-            "nearest_safe": self.nearest_safe and self.nearest_safe._asdict(),
+            "nearest_unsafe": self.nearest_unsafe and asdict(self.nearest_unsafe),
+            "nearest_safe": self.nearest_safe and asdict(self.nearest_safe),
         }
 
 

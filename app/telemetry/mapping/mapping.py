@@ -2,13 +2,17 @@
 
 from collections.abc import Mapping as AnyMapping
 from dataclasses import asdict, dataclass, field
-from typing import Any, Self
+from typing import Any, Literal, Self
+
+from pydantic import ConfigDict
 
 from app.telemetry.recording import TelemetryError
 from app.telemetry.targets import TARGETS
 
 EARLIER_NAMES = {"offset": "bias"}
 """Of fields in mapping files that version 0.1.0 wrote."""
+STRICT = ConfigDict(extra="forbid", use_attribute_docstrings=True)
+"""How a request is read into the classes below."""
 
 
 @dataclass(frozen=True)
@@ -16,20 +20,25 @@ class ChannelSource:
     """Where a channel comes from: a signal of the file, or a derivation from other channels.
 
     value = sign * (signal in the target's unit, or what was derived) - bias.
-    unit: of the signal's values, as app.telemetry.units reads it.   bias: in the target's unit.
-    derivation: key of DERIVATIONS; signal and unit are then empty.
     """
+
+    __pydantic_config__ = STRICT
 
     signal: str = ""
     unit: str = ""
-    sign: int = 1
+    """of the signal's values, as it is written: deg/s, kt ..."""
+    sign: Literal[1, -1] = 1
     bias: float = 0.0
+    """in the target's unit"""
     derivation: str = ""
+    """key of a derivation in the catalog; signal and unit are then empty"""
 
 
 @dataclass(frozen=True)
 class TimeSource:
     """The signal that is the time of a group, and its unit."""
+
+    __pydantic_config__ = STRICT
 
     signal: str
     unit: str = "s"
@@ -37,10 +46,14 @@ class TimeSource:
 
 @dataclass(frozen=True)
 class Mapping:
-    """channels: by key of TARGETS.   times: by name of group; a group without one is not used."""
+    """Which signal is which channel."""
+
+    __pydantic_config__ = STRICT
 
     channels: dict[str, ChannelSource] = field(default_factory=dict)
+    """by key of TARGETS, the targets in the catalog"""
     times: dict[str, TimeSource] = field(default_factory=dict)
+    """by name of group; a group without one is not used"""
 
     def to_plain(self) -> dict[str, Any]:
         """Return JSON's types."""
@@ -75,8 +88,8 @@ def _entry(kind: type, key: str, plain: Any) -> Any:
             f"the mapping of {key!r} is not of the fields of {kind.__name__}: "
             f"{', '.join(kind.__dataclass_fields__)}"
         ) from None
-    for name, form in kind.__annotations__.items():
-        value = getattr(entry, name)
+    for name, written in kind.__annotations__.items():
+        form, value = int if name == "sign" else written, getattr(entry, name)
         good = isinstance(value, (int, float) if form is float else form)
         if not good or isinstance(value, bool):
             raise TelemetryError(

@@ -61,7 +61,7 @@ def assert_stream_equals_batch(monitor: Monitor, t: Array, y: Array) -> Assessme
             if exemplar:
                 rollout, sample = where[point].tolist()
                 theta = getattr(monitor, f"theta_{of}")[rollout]
-                assert exemplar[:2] == (rollout, sample * DT)
+                assert (exemplar.rollout, exemplar.t) == (rollout, sample * DT)
                 assert list(exemplar.theta.values()) == theta.tolist()
     return batch
 
