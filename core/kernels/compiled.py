@@ -2,16 +2,21 @@
 
 import hashlib
 import os
+import shutil
 import threading
+import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from functools import cache
 from pathlib import Path
 from typing import Any
 
 import numba
 from numba.core import config, event
+
+KEPT_S = 24 * 3600.0
+"""Compiled kernels that were used so recently stay [s]."""
 
 
 @cache
@@ -26,11 +31,34 @@ def cache_directory(sources: Path = Path(__file__).parent) -> str:
     return str(Path(home) / "forewarn" / f"kernels-{digest.hexdigest()[:16]}")
 
 
+@cache
+def _own_cache() -> str:
+    """The cache directory, noted as used now; those that no program uses any more are gone."""
+    directory = Path(cache_directory())
+    with suppress(OSError):  # a home that cannot be written: numba then finds another place
+        directory.mkdir(parents=True, exist_ok=True)
+        os.utime(directory)
+        prune(directory)
+    return str(directory)
+
+
+def prune(directory: Path) -> None:
+    """Remove the caches beside this one, but for the last used and all that were used in a day.
+
+    A process that runs stores what it compiles: its folder may not go while it is at work.
+    """
+    others = [(other.stat().st_mtime, other) for other in directory.parent.glob("kernels-*")]
+    unused = sorted(other for other in others if other[1] != directory)[:-1]
+    for used, other in unused:
+        if used < time.time() - KEPT_S:
+            shutil.rmtree(other, ignore_errors=True)
+
+
 def jit(function: Callable[..., Any]) -> Any:
     """Compile a kernel once a machine, without the GIL; IEEE arithmetic, so that bits repeat."""
     settings: Any = config
     given = settings.CACHE_DIR
-    settings.CACHE_DIR = given or cache_directory()
+    settings.CACHE_DIR = given or _own_cache()
     try:
         return numba.njit(cache=True, nogil=True)(function)
     finally:

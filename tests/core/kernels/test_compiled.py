@@ -1,11 +1,15 @@
 import ast
+import os
 import shutil
+import subprocess
+import sys
+import time
 from pathlib import Path
 
 import pytest
 
 import core
-from core.kernels.compiled import cache_directory
+from core.kernels.compiled import KEPT_S, cache_directory, prune
 
 CORE = Path(core.__file__).parent
 KERNELS = CORE / "kernels"
@@ -36,6 +40,49 @@ def test_only_an_edit_of_a_kernel_moves_the_compiled_kernels(sources: Path, file
 def test_the_compiled_kernels_lie_where_their_own_sources_say() -> None:
     cache_directory.cache_clear()
     assert cache_directory() == cache_directory(KERNELS)
+
+
+def test_the_present_kernels_the_last_used_others_and_those_of_today_are_kept(
+    tmp_path: Path,
+) -> None:
+    days = {"present": 9, "last": 2, "older": 3, "oldest": 4}
+    for name, ago in days.items():
+        folder = tmp_path / f"kernels-{name}"
+        (folder / "inner").mkdir(parents=True)
+        used = time.time() - ago * KEPT_S
+        os.utime(folder, (used, used))
+    (tmp_path / "settings").mkdir()
+    prune(tmp_path / "kernels-present")
+    assert {path.name for path in tmp_path.iterdir()} == {
+        "kernels-present",
+        "kernels-last",
+        "settings",
+    }
+    for name in ("used", "used-too"):
+        (tmp_path / f"kernels-{name}").mkdir()
+    prune(tmp_path / "kernels-present")
+    assert {path.name for path in tmp_path.glob("*used*")} == {"kernels-used", "kernels-used-too"}
+    assert not (tmp_path / "kernels-last").exists()
+
+
+def test_a_home_that_cannot_be_written_stops_no_process(tmp_path: Path) -> None:
+    (tmp_path / "forewarn").write_text("a file where the folder would be")
+    import_kernels(tmp_path)
+
+
+def import_kernels(cache_home: Path) -> None:
+    """In a process of its own."""
+    environment = {**os.environ, "XDG_CACHE_HOME": str(cache_home), "NUMBA_CACHE_DIR": ""}
+    code = "import core.kernels.exceedance"
+    subprocess.run([sys.executable, "-c", code], check=True, env=environment)
+
+
+def test_a_process_notes_that_its_kernels_are_used(tmp_path: Path) -> None:
+    folder = tmp_path / "forewarn" / Path(cache_directory()).name
+    folder.mkdir(parents=True)
+    os.utime(folder, (0, 0))
+    import_kernels(tmp_path)
+    assert folder.stat().st_mtime > time.time() - KEPT_S
 
 
 @pytest.mark.parametrize("file", files(KERNELS), ids=str)
