@@ -13,8 +13,8 @@ from app.scoring.planned_test import planned_test
 from app.telemetry.contents import Columns, Contents, open_columns
 from app.telemetry.mapping.applying import apply_mapping
 from app.telemetry.mapping.mapping import Mapping
+from app.telemetry.mapping.motion.signs import CONVENTION
 from app.telemetry.mapping.proposal import Proposal, propose
-from app.telemetry.mapping.signs import CONVENTION
 from app.telemetry.reading import read_file
 from app.telemetry.recording import TelemetryError
 from app.telemetry.timing.repair import RepairedTraces, repair

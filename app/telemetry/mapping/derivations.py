@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from app.telemetry.mapping.slopes import HALF_WINDOW_S, slopes, unwrapped, values_at
+from app.telemetry.mapping.motion.slopes import HALF_WINDOW_S, slopes, unwrapped, values_at
 from app.telemetry.targets import TARGETS
 from app.telemetry.traces import Trace
 from core.types import Array

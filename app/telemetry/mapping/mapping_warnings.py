@@ -11,11 +11,11 @@ import numpy as np
 from app.telemetry.contents import Columns
 from app.telemetry.mapping.applying import ANY_NUMBERS
 from app.telemetry.mapping.extent import extent_of
-from app.telemetry.mapping.gravity import gravity_effect, quiet_bias
 from app.telemetry.mapping.mapping import ChannelSource, Mapping
-from app.telemetry.mapping.motion import Motion, motion
-from app.telemetry.mapping.names import name_matches
-from app.telemetry.mapping.signs import ANGLE_OF, find_signs
+from app.telemetry.mapping.motion.gravity import gravity_effect, quiet_bias
+from app.telemetry.mapping.motion.motion import Motion, motion
+from app.telemetry.mapping.motion.signs import ANGLE_OF, find_signs
+from app.telemetry.mapping.naming.names import name_matches
 from app.telemetry.plausibility import plausible
 from app.telemetry.targets import TARGETS
 from app.telemetry.traces import Trace, Traces

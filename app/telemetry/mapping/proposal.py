@@ -15,11 +15,11 @@ from app.telemetry.mapping.derivations import DERIVATIONS, ways
 from app.telemetry.mapping.group_times import dead_time, find_time
 from app.telemetry.mapping.inferred_units import infer_units
 from app.telemetry.mapping.mapping import ChannelSource, Mapping
-from app.telemetry.mapping.motion_checks import check_against_motion
-from app.telemetry.mapping.names import name_matches
+from app.telemetry.mapping.motion.motion_checks import check_against_motion
+from app.telemetry.mapping.motion.signs import CONVENTION
+from app.telemetry.mapping.naming.names import name_matches
 from app.telemetry.mapping.proposal_builder import ProposalBuilder, Rationale
 from app.telemetry.mapping.remembering import recall
-from app.telemetry.mapping.signs import CONVENTION
 from app.telemetry.targets import TARGETS
 from core.channels import KEYS
 from core.simulation.attitude import SurfaceSigns

@@ -4,7 +4,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from app.telemetry.mapping.derivations import DERIVATIONS, derive, ways
-from app.telemetry.mapping.slopes import HALF_WINDOW_S, slopes, values_at
+from app.telemetry.mapping.motion.slopes import HALF_WINDOW_S, slopes, values_at
 from app.telemetry.targets import TARGETS
 from app.telemetry.traces import Trace
 from core.channels import KEYS

@@ -3,8 +3,8 @@
 from dataclasses import dataclass
 from functools import cache
 
-from app.telemetry.mapping.spelling import Spelling, spellings
-from app.telemetry.mapping.vocabulary import (
+from app.telemetry.mapping.naming.spelling import Spelling, spellings
+from app.telemetry.mapping.naming.vocabulary import (
     IMPLIED,
     MEANINGS,
     NEUTRAL,

@@ -5,7 +5,7 @@ from math import radians
 
 import numpy as np
 
-from app.telemetry.mapping.motion import Motion, PartialEffect
+from app.telemetry.mapping.motion.motion import Motion, PartialEffect
 from app.telemetry.traces import Trace
 
 IN_FULL = (0.7, 1.3)

@@ -12,7 +12,7 @@ attitude where it was recorded, else to the rates as they are.
 from dataclasses import dataclass
 from math import radians
 
-from app.telemetry.mapping.motion import Motion, PartialEffect
+from app.telemetry.mapping.motion.motion import Motion, PartialEffect
 from core.simulation.attitude import SurfaceSigns
 from core.types import Array
 

@@ -5,11 +5,11 @@ from dataclasses import replace
 import numpy as np
 
 from app.telemetry.mapping.applying import apply_mapping, part_of
-from app.telemetry.mapping.gravity import gravity_effect, quiet_bias
 from app.telemetry.mapping.mapping import ChannelSource
-from app.telemetry.mapping.motion import Motion, motion
+from app.telemetry.mapping.motion.gravity import gravity_effect, quiet_bias
+from app.telemetry.mapping.motion.motion import Motion, motion
+from app.telemetry.mapping.motion.signs import ANGLE_OF, MIX_UP, SignEvidence, find_signs
 from app.telemetry.mapping.proposal_builder import ProposalBuilder
-from app.telemetry.mapping.signs import ANGLE_OF, MIX_UP, SignEvidence, find_signs
 from app.telemetry.plausibility import plausible
 from app.telemetry.recording import TelemetryError
 from app.telemetry.traces import Traces

@@ -11,7 +11,7 @@ from functools import cached_property
 import numpy as np
 
 from app.telemetry.mapping.extent import extent_of
-from app.telemetry.mapping.slopes import values_at
+from app.telemetry.mapping.motion.slopes import values_at
 from app.telemetry.traces import Trace, Traces
 from core.types import Array, Indices
 

@@ -1,0 +1,1 @@
+"""What the motion of the aircraft says of a mapping: units, signs, gravity and bias."""
