@@ -115,6 +115,7 @@ async def _lifespan(app: FastAPI) -> AsyncIterator[None]:
         await asyncio.to_thread(settings.data_dir.mkdir, parents=True, exist_ok=True)
         store = app.state.store = await asyncio.to_thread(open_store, settings.url)
         parts.callback(store.close)
+        app.state.look = None
         kept = app.state.recordings = Recordings(store, settings.data_dir / "recordings")
         await parts.enter_async_context(kept)
         app.state.scored = ScoredRecordings(kept)
@@ -127,6 +128,8 @@ async def _lifespan(app: FastAPI) -> AsyncIterator[None]:
         )
         await parts.enter_async_context(aloft)
         metrics.gauge("flights", "flights under way", lambda: len(aloft.under_way()))
+        metrics.gauge("samples_unwritten", "samples that wait", lambda: aloft.unwritten)
+        metrics.gauge("samples_lost", "samples that were not recorded", lambda: aloft.lost)
         metrics.gauge("uploads", "recordings on their way in", lambda: kept.under_way)
         scoring = kept.workers
         metrics.gauge("scorings", "recordings being scored", lambda: scoring.n_under_way)

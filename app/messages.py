@@ -70,6 +70,9 @@ class Alarm(Message):
     raised: str = Field(description="UTC, ISO 8601")
     acknowledged: str | None = Field(default=None, description="UTC, ISO 8601")
     by: str | None = None
+    stored: bool = Field(
+        default=False, description="false while the store has not taken it: it would not survive"
+    )
 
 
 class TransportState(Message):
@@ -200,6 +203,8 @@ class Heartbeat(Message):
     """Each second: the server lives.
 
     lost: samples of the flight that could not be recorded.
+    unwritten: samples that wait for the store; a few always do.
+    problem: why the store takes nothing at present, empty while it does.
     conflated: samples left out for this watcher so far, waiting ones included.
     """
 
@@ -207,6 +212,8 @@ class Heartbeat(Message):
     server_time: str
     sent: float = Field(description="monotonic milliseconds of the server")
     lost: int
+    unwritten: int
+    problem: str
     conflated: int
 
 

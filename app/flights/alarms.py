@@ -76,6 +76,12 @@ class Alarms:
         """Alarms that nobody acknowledged."""
         return len(self._open)
 
+    def note_stored(self, alarm_id: str) -> None:
+        """The store holds this alarm."""
+        if alarm_id in self._open:
+            stored = {"stored": True}
+            self._open[alarm_id] = self._open[alarm_id].model_copy(update=stored)
+
     def restart(self) -> None:
         """The next sample does not follow the last one."""
         for onsets in self._onsets.values():

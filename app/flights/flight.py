@@ -7,6 +7,7 @@ import logging
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from app.flights.alarms import Alarms
@@ -171,19 +172,17 @@ class Flight(ABC):
         """The watcher is gone."""
         self._watchers.discard(watcher)
 
-    def acknowledge(self, alarm_id: str, by: str) -> Alarm:
-        """Acknowledge an alarm and tell everyone; KeyError if it is not at hand."""
-        alarm, is_first = self.alarms.acknowledge(alarm_id, by, self.clock.utc())
+    def acknowledge(self, alarm_id: str, by: str, utc: str) -> Alarm:
+        """Take an acknowledgement that is stored and tell everyone; KeyError if not at hand."""
+        alarm, is_first = self.alarms.acknowledge(alarm_id, by, utc)
         if is_first:
-            self.recorder.add_acknowledgement(alarm)
             self._tell(AlarmRaised(alarm=alarm).encode())
             self._show()
         return alarm
 
     async def stop(self, reason: str) -> None:
-        """End the flight: the watchers are told, the record is completed."""
+        """End the flight: it takes no further sample, the watchers are told."""
         self._halt(reason)
-        await self.recorder.close()
 
     def _hello(self) -> str:
         plan, monitor = self.plan, self.plan.monitor
@@ -229,13 +228,20 @@ class Flight(ABC):
         self._set_state(said.state, said.reason)
         self._recent.append(encode_frame(plain_frame(seq, y, said, round(due * 1e3, 3))))
         for alarm in self.alarms.update(seq, index, said, exceedance, self.clock.utc):
-            self.recorder.add_alarm(alarm)
-            self._tell(AlarmRaised(alarm=alarm).encode())
+            self.recorder.add_alarm(alarm, partial(self._announce, alarm.id))
         self.t, self._said, self._pose = said.t, said, (attitude, y)
         self._exceeds = exceedance is not None
         if self._exceeds:
             earlier = self._exceeded_t
             self._exceeded_t = said.t if earlier is None else min(earlier, said.t)
+
+    def _announce(self, alarm_id: str, is_stored: bool) -> None:
+        """Tell everyone of an alarm."""
+        if is_stored:
+            self.alarms.note_stored(alarm_id)
+        for alarm in self.alarms.at_hand:
+            if alarm.id == alarm_id:
+                self._tell(AlarmRaised(alarm=alarm).encode())
 
     def _restart(self, t: float) -> None:
         """The next sample, at t [s], does not follow the last one."""
@@ -283,10 +289,18 @@ class Flight(ABC):
 
     def _beat(self) -> None:
         """Send a heartbeat each second."""
-        utc, sent, lost = self.clock.utc(), round(self.clock.now() * 1e3, 3), self.recorder.lost
+        recorder = self.recorder
+        beat = Heartbeat(
+            server_time=self.clock.utc(),
+            sent=round(self.clock.now() * 1e3, 3),
+            lost=recorder.lost,
+            unwritten=recorder.unwritten,
+            problem=recorder.problem,
+            conflated=0,
+        )
 
         def heartbeat(conflated: int) -> str:
-            return Heartbeat(server_time=utc, sent=sent, lost=lost, conflated=conflated).encode()
+            return beat.model_copy(update={"conflated": conflated}).encode()
 
         for watcher in self._watchers:
             watcher.beat(heartbeat)
@@ -308,6 +322,7 @@ class Flight(ABC):
         if self.is_over:
             return
         self.is_over = True
+        self.recorder.say_alarms()
         for name in list(self._timers):
             self._stop_timer(name)
         for watcher in self._watchers:

@@ -3,21 +3,24 @@
 import asyncio
 import logging
 from collections.abc import Callable
-from dataclasses import dataclass
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 
-from app.flights.clock import Clock, MonotonicClock
+from app.flights.clock import Clock, MonotonicClock, Timer
 from app.flights.flight import Flight, FlightPlan, patience
 from app.flights.live import LiveSource
 from app.flights.playback import Script
-from app.flights.recorder import Recorder
+from app.flights.recorder import INTERVAL_S, Recorder
 from app.flights.sources import Opening, Source, aircraft_of, trim_angles
 from app.messages import Alarm, Exceedance, plain_frame
 from app.recordings.scored import ScoredRecordings
-from app.store.flights import FlightInfo
-from app.store.store import NotFound, Store
+from app.store.alarms import StoredAlarm
+from app.store.flights import FlightInfo, UnderWay
+from app.store.store import NotFound, Store, StoreError
 from core.monitor import Assessment, Monitor, State
 from core.monitor.assessment import STATES
 from core.simulation.attitude import SurfaceSigns, surface_signs
@@ -27,6 +30,9 @@ if TYPE_CHECKING:
 
 LOG = logging.getLogger("forewarn")
 STOPPING = "the server is stopping"
+RECORDING_THREADS = 2
+"""One may wait for the disk while the other stores an alarm."""
+MOST_DIGITS = 12
 
 
 class TooManyFlights(RuntimeError):
@@ -47,6 +53,16 @@ class FlightOrder:
     name: str | None = None
 
 
+@dataclass
+class _Ending:
+    """A flight that is being ended: with which word, and how far that got."""
+
+    status: str
+    has_stopped: bool = False
+    lock: asyncio.Lock = field(default_factory=asyncio.Lock)
+    timer: Timer | None = None
+
+
 class Flights:
     """The flights of a server; a context, at whose end every flight is stopped and recorded."""
 
@@ -64,6 +80,9 @@ class Flights:
         self._starting = 0
         self._closing = False
         self._stopping: set[asyncio.Task[None]] = set()
+        self._endings: dict[str, _Ending] = {}
+        self._recording = ThreadPoolExecutor(RECORDING_THREADS, "recorder")
+        self._lost_before = 0
 
     async def __aenter__(self) -> Self:
         return self
@@ -72,10 +91,36 @@ class Flights:
         await self.close()
 
     async def close(self) -> None:
-        """Stop every flight; none starts any more."""
+        """Stop every flight; none starts any more. What the store refuses to the last is lost."""
         self._closing = True
-        await asyncio.gather(*(self.stop(flight, "ended", STOPPING) for flight in [*self._flights]))
+        await asyncio.gather(*(self._close(flight) for flight in [*self._flights]))
         await asyncio.gather(*self._stopping)
+        await asyncio.to_thread(self._recording.shutdown)
+
+    async def _close(self, flight_id: str) -> None:
+        try:
+            await self.stop(flight_id, "ended", STOPPING)
+        except Exception:
+            LOG.exception("flight %s ended, but its record is not complete", flight_id)
+            if flight := self._flights.pop(flight_id, None):
+                flight.recorder.give_up()
+
+    @property
+    def unwritten(self) -> int:
+        """Samples of flights under way that wait for the store."""
+        return sum(flight.recorder.unwritten for flight in self._flights.values())
+
+    @property
+    def lost(self) -> int:
+        """Samples that could not be recorded since the server started."""
+        under_way = sum(flight.recorder.lost for flight in self._flights.values())
+        return self._lost_before + under_way
+
+    @property
+    def problem(self) -> str:
+        """Why a flight is not recorded at present; empty where all are."""
+        problems = (flight.recorder.problem for flight in self._flights.values())
+        return next(filter(None, problems), "")
 
     def under_way(self) -> list[Flight]:
         """Flights under way, newest last."""
@@ -88,7 +133,7 @@ class Flights:
     def flying(self, flight_id: str) -> Flight:
         """Return a flight under way; NotFound."""
         flight = self.get(flight_id)
-        if flight is None:
+        if flight is None or flight.is_over:
             raise NotFound(f"no flight {flight_id!r} is under way: it ended, or never was")
         return flight
 
@@ -113,59 +158,77 @@ class Flights:
     async def stop(
         self, flight_id: str, status: str = "ended", reason: str = "the flight was ended"
     ) -> None:
-        """Stop a flight and complete its record; nothing for one that is not under way."""
-        flight = self._flights.pop(flight_id, None)
+        """Stop a flight and complete its record; nothing for one that is not under way.
+
+        StoreError where the store does not take it: the flight is over, and what waits is written,
+        without being asked again, as soon as it can be.
+        """
+        flight = self.get(flight_id)
         if flight is None:
             return
-        await flight.stop(reason)
-        if self._scenes is not None:
-            await asyncio.to_thread(self._scenes.close, flight_id)
-        try:
-            await asyncio.to_thread(self.store.flights.end, flight_id, status)
-        except Exception:
-            LOG.exception("flight %s ended, but the store could not note it", flight_id)
+        ending = self._endings.setdefault(flight_id, _Ending(status))
+        async with ending.lock:
+            if flight_id not in self._endings:
+                return
+            if not ending.has_stopped:
+                await flight.stop(reason)
+                if self._scenes is not None:
+                    await asyncio.to_thread(self._scenes.close, flight_id)
+                ending.has_stopped = True
+            try:
+                await flight.recorder.complete(ending.status)
+            except StoreError:
+                self._stop_later(flight_id, ending)
+                raise
+            self._lost_before += flight.recorder.lost
+            del self._flights[flight_id], self._endings[flight_id]
+
+    def _stop_later(self, flight_id: str, ending: "_Ending") -> None:
+        """Try again to complete the record of a flight that is over."""
+
+        def again() -> None:
+            ending.timer = None
+            self._when_over(flight_id)(ending.status, "")
+
+        if ending.timer is None and not self._closing:
+            ending.timer = self._clock.call_at(self._clock.now() + INTERVAL_S, again)
+
+    async def delete(self, flight_id: str) -> None:
+        """Delete the record of a flight that is over. UnderWay; NotFound; StoreError."""
+        flight = self.get(flight_id)
+        if flight is not None and flight.is_over:
+            raise UnderWay(
+                f"flight {flight_id} is over, but its record is not complete: "
+                f"{flight.recorder.unwritten} samples wait for the store"
+            )
+        await asyncio.to_thread(self.store.flights.delete, flight_id)
 
     async def alarms(self, flight_id: str) -> list[Alarm]:
         """All alarms of a flight, under way or ended, in the order raised; NotFound."""
         flight = self.get(flight_id)
         at_hand = flight.alarms.at_hand if flight else []
         stored = await asyncio.to_thread(self.store.alarms.of, flight_id)
-        alarms = {
-            one.number: Alarm(
-                id=str(one.number),
-                number=one.number,
-                seq=one.seq,
-                t=one.t,
-                p_value=one.p_value,
-                kind=one.kind,
-                level=one.level,
-                exceedance=one.exceedance and Exceedance(**one.exceedance),
-                raised=one.raised,
-                acknowledged=one.acknowledged,
-                by=one.by,
-            )
-            for one in stored
-        } | {alarm.number: alarm for alarm in at_hand}
+        alarms = {one.number: _alarm(one) for one in stored}
+        alarms |= {alarm.number: alarm for alarm in at_hand}
         return [alarms[number] for number in sorted(alarms)]
 
     async def acknowledge(self, flight_id: str, alarm_id: str, by: str) -> Alarm:
-        """Acknowledge an alarm of a flight, under way or ended; the first one stays. NotFound."""
+        """Acknowledge an alarm of a flight, under way or ended, once that is stored.
+
+        The first acknowledgement stays. NotFound; StoreError: it is not acknowledged.
+        """
         flight = self.get(flight_id)
         if flight is not None:
-            try:
-                alarm = flight.acknowledge(alarm_id, by)
-            except KeyError:
-                pass
-            else:
-                await flight.recorder.flush()
-                return alarm
-        for stored in await asyncio.to_thread(self.store.alarms.of, flight_id):
-            if str(stored.number) == alarm_id:
-                await asyncio.to_thread(self.store.alarms.acknowledge, stored.id, by)
-        for alarm in await self.alarms(flight_id):
-            if alarm.id == alarm_id:
-                return alarm
-        raise NotFound(f"flight {flight_id} has no alarm {alarm_id}")
+            await flight.recorder.store_alarms()
+        if not (alarm_id.isascii() and alarm_id.isdigit()) or len(alarm_id) > MOST_DIGITS:
+            raise NotFound(f"flight {flight_id} has no alarm {alarm_id}")
+        stored = await asyncio.get_running_loop().run_in_executor(
+            self._recording, self.store.alarms.acknowledge_number, flight_id, int(alarm_id), by
+        )
+        if flight is not None:
+            with suppress(KeyError):
+                flight.acknowledge(alarm_id, stored.by or by, stored.acknowledged or "")
+        return _alarm(stored)
 
     async def frames(self, flight_id: str, first: int, last: int) -> list[dict[str, Any]]:
         """Frames first..last of what was flown, as streamed; NotFound."""
@@ -211,7 +274,7 @@ class Flights:
     ) -> Flight:
         try:
             scene = await asyncio.to_thread(self._open_scene, plan, patience(source.dt))
-            recorder = Recorder(self.store, plan.id, self._clock)
+            recorder = Recorder(self.store, plan.id, self._clock, self._recording)
             when_over = self._when_over(plan.id)
             flight = make(plan, source, recorder, self._clock, when_over, scene)
             self._flights[plan.id] = flight
@@ -226,9 +289,15 @@ class Flights:
 
     def _when_over(self, flight_id: str) -> Callable[[str, str], None]:
         def stop(status: str, reason: str) -> None:
-            task = asyncio.get_running_loop().create_task(self.stop(flight_id, status, reason))
+            task = asyncio.get_running_loop().create_task(try_to_stop(status, reason))
             self._stopping.add(task)
             task.add_done_callback(self._stopping.discard)
+
+        async def try_to_stop(status: str, reason: str) -> None:
+            try:
+                await self.stop(flight_id, status, reason)
+            except StoreError as error:
+                LOG.warning("%s", error)
 
         return stop
 
@@ -261,6 +330,24 @@ class Flights:
             )
             frames.append(plain_frame(int(stored.seq[i]), stored.y[i], said, None))
         return frames
+
+
+def _alarm(stored: StoredAlarm) -> Alarm:
+    """An alarm of the store as it is sent."""
+    return Alarm(
+        id=str(stored.number),
+        number=stored.number,
+        seq=stored.seq,
+        t=stored.t,
+        p_value=stored.p_value,
+        kind=stored.kind,
+        level=stored.level,
+        exceedance=stored.exceedance and Exceedance(**stored.exceedance),
+        raised=stored.raised,
+        acknowledged=stored.acknowledged,
+        by=stored.by,
+        stored=True,
+    )
 
 
 def flight_name(info: FlightInfo) -> str:

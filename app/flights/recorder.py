@@ -1,21 +1,23 @@
-"""The recorder: every sample, alarm and acknowledgement of a flight into the store, off the loop.
+"""The recorder: every sample and alarm of a flight into the store, off the loop.
 
-Writes are batched each INTERVAL_S, in order, one at a time. What the store refuses waits and is
-tried again; only when MOST_WAITING samples wait are the oldest lost, and counted. A process that
-dies loses the last INTERVAL_S at most.
+An alarm is stored at once, and announced when it is; samples are written in batches each
+INTERVAL_S, in order, one at a time. What the store refuses waits and is tried again; only when
+MOST_WAITING samples wait are the oldest lost, and counted. A process that dies loses the samples of
+the last INTERVAL_S at most, and no alarm that was announced as stored.
 """
 
 import asyncio
 import logging
+from collections import deque
 from collections.abc import Callable
-from functools import partial
-from typing import NamedTuple
+from concurrent.futures import Executor
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from app.flights.clock import Clock, Timer
 from app.messages import Alarm
-from app.store.store import NotFound, Store
+from app.store.store import NotFound, Store, StoreError
 from core.channels import N_CHANNELS
 from core.monitor import Assessment
 from core.monitor.assessment import STATES
@@ -23,11 +25,11 @@ from core.types import Array
 
 LOG = logging.getLogger("forewarn")
 INTERVAL_S = 2.0
+ANNOUNCED_S = 0.25
+"""An alarm that a slow disk has not taken by then is announced all the same, as not stored yet."""
 BATCH = 10_000
 """Most samples in one write."""
 MOST_WAITING = 200_000
-LAST_TRIES = 3
-"""Writes tried at the end of a flight before what is left is given up."""
 UNKNOWN = np.full(N_CHANNELS, np.nan)
 CODES = {state: code for code, state in enumerate(STATES)}
 
@@ -40,18 +42,52 @@ class RecordedSample(NamedTuple):
     said: Assessment
 
 
-class Recorder:
-    """Records one flight."""
+class Raised:
+    """An alarm as it waits for the store.
 
-    def __init__(self, store: Store, flight_id: str, clock: Clock) -> None:
+    announce: called with whether it is stored; once more when it is, if it was not by then.
+    """
+
+    def __init__(self, alarm: Alarm, announce: Callable[[bool], object]) -> None:
+        self.alarm, self.announce, self.is_announced = alarm, announce, False
+
+    def say(self) -> None:
+        """Announce it though it is not stored, once."""
+        if not self.is_announced:
+            self.is_announced = True
+            self.announce(False)
+
+    def stored(self) -> None:
+        """Announce it: it is stored."""
+        self.is_announced = True
+        self.announce(True)
+
+
+class Recorder:
+    """Records one flight.
+
+    threads: where it writes, so that no other work of the server keeps an alarm waiting.
+    problem: why the store took nothing the last time, empty while it does.
+    """
+
+    def __init__(
+        self, store: Store, flight_id: str, clock: Clock, threads: Executor | None = None
+    ) -> None:
         self._store, self._flight_id, self._clock = store, flight_id, clock
+        self._threads = threads
         self._samples: list[RecordedSample] = []
-        self._notes: list[Callable[[], None]] = []
-        self._store_ids: dict[str, str] = {}
-        self._writing = asyncio.Lock()
+        self._raised: deque[Raised] = deque()
+        self._writing, self._storing_alarms = asyncio.Lock(), asyncio.Lock()
         self._timer: Timer | None = None
         self._task: asyncio.Task[bool] | None = None
+        self._alarms_task: asyncio.Task[None] | None = None
         self.lost = 0
+        self.problem = ""
+
+    @property
+    def unwritten(self) -> int:
+        """Samples that wait for the store."""
+        return len(self._samples)
 
     def add(self, seq: int, y: Array, said: Assessment) -> None:
         """Take a sample; it is written with the next batch."""
@@ -61,45 +97,85 @@ class Recorder:
             self.lost += BATCH
         self._schedule()
 
-    def add_alarm(self, alarm: Alarm) -> None:
-        """Take an alarm."""
-        self._notes.append(partial(self._write_alarm, alarm))
-        self._schedule()
+    def add_alarm(self, alarm: Alarm, announce: Callable[[bool], object]) -> None:
+        """Store an alarm and then announce it, see Raised.
 
-    def add_acknowledgement(self, alarm: Alarm) -> None:
-        """Take the acknowledgement of an alarm that was taken before."""
-        self._notes.append(partial(self._write_acknowledgement, alarm.id, alarm.by or ""))
-        self._schedule()
+        Where the store refuses it, or takes longer than ANNOUNCED_S, it is announced nevertheless:
+        nobody goes unwarned for a full disk.
+        """
+        raised = Raised(alarm, announce)
+        self._raised.append(raised)
+        self._store_alarms_soon(raised)
+
+    def say_alarms(self) -> None:
+        """Announce now what waits to be stored: soon nobody will listen."""
+        for raised in self._raised:
+            raised.say()
 
     def waiting(self, first: int, last: int) -> list[RecordedSample]:
         """Return samples first..last that are not in the store yet."""
         return [sample for sample in self._samples if first <= sample.seq <= last]
 
+    async def store_alarms(self) -> None:
+        """Store every alarm that waits. StoreError."""
+        async with self._storing_alarms:
+            while self._raised:
+                raised = self._raised[0]
+                await self._run(self._write_alarm, raised.alarm)
+                self._raised.popleft()
+                raised.stored()
+
     async def flush(self) -> bool:
         """Write all that waits now; whether the store took it."""
-        async with self._writing:
-            try:
-                while self._samples or self._notes:
-                    await self._write_some()
-            except Exception:
-                LOG.exception("flight %s could not be recorded: tried again soon", self._flight_id)
-                return False
+        try:
+            await self._flush()
+        except Exception as error:
+            if not self.problem:
+                LOG.exception("flight %s is not recorded: tried again", self._flight_id)
+            self.problem = str(error) or type(error).__name__
+            self.say_alarms()
+            return False
+        if self.problem:
+            text = "flight %s is recorded again: %d samples were lost"
+            LOG.warning(text, self._flight_id, self.lost)
+            self.problem = ""
         return True
 
-    async def close(self) -> None:
-        """Write all that is left; samples that the store refuses are lost and counted."""
-        if self._timer:
-            self._timer.cancel()
-        for _ in range(LAST_TRIES):
-            if await self.flush():
-                return
-        self.lost += len(self._samples)
-        LOG.error("flight %s: %d samples were lost", self._flight_id, len(self._samples))
-        self._samples, self._notes = [], []
+    async def complete(self, status: str) -> None:
+        """Write all that is left and how the flight ended. StoreError: it can be tried again."""
+        if not await self.flush():
+            raise StoreError(
+                f"{self.unwritten} samples of flight {self._flight_id} wait for the store, which "
+                f"takes none ({self.problem}); they are written as soon as it does"
+            )
+        self._stop_timer()
+        await self._run(self._store.flights.end, self._flight_id, status)
+
+    def give_up(self) -> None:
+        """Count as lost what the store refused to the last."""
+        self._stop_timer()
+        self.lost += self.unwritten
+        LOG.error(
+            "flight %s: %d samples and %d alarms were lost",
+            self._flight_id,
+            self.unwritten,
+            len(self._raised),
+        )
+        self._samples, self._raised = [], deque()
+
+    async def _flush(self) -> None:
+        async with self._writing:
+            await self.store_alarms()
+            while self._samples:
+                await self._write_some()
 
     def _schedule(self) -> None:
         if self._timer is None:
             self._timer = self._clock.call_at(self._clock.now() + INTERVAL_S, self._due)
+
+    def _stop_timer(self) -> None:
+        if self._timer:
+            self._timer.cancel()
 
     def _due(self) -> None:
         self._timer = None
@@ -114,22 +190,32 @@ class Recorder:
             self._schedule()
         return taken
 
+    def _store_alarms_soon(self, raised: Raised) -> None:
+        loop = asyncio.get_running_loop()
+        loop.call_later(ANNOUNCED_S, raised.say)
+        if self._alarms_task is None or self._alarms_task.done():
+            self._alarms_task = loop.create_task(self._try_alarms())
+
+    async def _try_alarms(self) -> None:
+        try:
+            await self.store_alarms()
+        except Exception as error:
+            LOG.warning("an alarm of flight %s is not stored: %s", self._flight_id, error)
+            self.say_alarms()
+            self._schedule()
+
     async def _write_some(self) -> None:
-        batch, notes = self._samples[:BATCH], self._notes[:]
-        if batch:
-            try:
-                await asyncio.to_thread(self._write, batch)
-            except (NotFound, ValueError):
-                LOG.exception("flight %s: the store has no place for this", self._flight_id)
-                self.lost += len(batch)
-            written = batch[-1].seq
-            self._samples = [sample for sample in self._samples if sample.seq > written]
-        for note in notes:
-            try:
-                await asyncio.to_thread(note)
-            except NotFound:
-                LOG.exception("flight %s: the store has no place for this", self._flight_id)
-            self._notes.remove(note)
+        batch = self._samples[:BATCH]
+        try:
+            await self._run(self._write, batch)
+        except (NotFound, ValueError):
+            LOG.exception("flight %s: the store has no place for this", self._flight_id)
+            self.lost += len(batch)
+        written = batch[-1].seq
+        self._samples = [sample for sample in self._samples if sample.seq > written]
+
+    async def _run(self, work: Callable[..., object], *arguments: Any) -> None:
+        await asyncio.get_running_loop().run_in_executor(self._threads, work, *arguments)
 
     def _write(self, batch: list[RecordedSample]) -> None:
         said = [sample.said for sample in batch]
@@ -147,11 +233,16 @@ class Recorder:
 
     def _write_alarm(self, alarm: Alarm) -> None:
         exceedance = alarm.exceedance and alarm.exceedance.model_dump()
-        stored = self._store.alarms.add(
-            self._flight_id, alarm.seq, alarm.t, alarm.p_value, alarm.kind, alarm.level, exceedance
-        )
-        self._store_ids[alarm.id] = stored
-
-    def _write_acknowledgement(self, alarm_id: str, by: str) -> None:
-        if alarm_id in self._store_ids:
-            self._store.alarms.acknowledge(self._store_ids[alarm_id], by)
+        about = alarm.kind, alarm.level, exceedance
+        try:
+            self._store.alarms.add(
+                self._flight_id,
+                alarm.seq,
+                alarm.t,
+                alarm.p_value,
+                *about,
+                number=alarm.number,
+                raised=alarm.raised,
+            )
+        except NotFound:
+            LOG.exception("flight %s: the store has no place for this", self._flight_id)

@@ -24,7 +24,7 @@ from app.messages import Alarm, Credit, End, Frame, MessageError, TransportState
 from app.problems import Problem, problem_responses
 from app.recipes import RecipeError
 from app.routes.dependencies import json_from
-from app.store.flights import FlightInfo
+from app.store.flights import FlightInfo, UnderWay
 from core.monitor import State
 from core.monitor.status import Facts, Level, Status, headline
 
@@ -75,7 +75,10 @@ class FlightStatus(BaseModel):
 
     id: str
     name: str
-    progress: str = Field(description="`running`, `ended`, `failed` or `interrupted`")
+    progress: str = Field(
+        description="`running`, `ended`, `failed` or `interrupted`; `ending`: it is over, and its "
+        "record waits for the store"
+    )
     status: Status = Field(
         description="headline, the worst that is true of it: exceeding now, alarm unacknowledged, "
         "risk above the alert level, stale, invalid, warming up, validity not calibrated, limit "
@@ -104,6 +107,8 @@ class FlightStatus(BaseModel):
     transport: TransportState | None = None
     watchers: int | None = None
     open_alarms: int | None = None
+    lost: int = Field(default=0, description="samples that could not be recorded")
+    unwritten: int | None = Field(default=None, description="samples that wait for the store")
 
 
 class TransportRequest(BaseModel):
@@ -171,13 +176,24 @@ async def read_flight(flight_id: str, flights: FlightsDep) -> FlightStatus:
     return _status(info, flights.get(flight_id), over.get(flight_id))
 
 
-@router.delete("/{flight_id}", status_code=204, responses=problem_responses(404, 422))
-async def end_flight(flight_id: str, flights: FlightsDep) -> None:
-    """End a flight under way, and keep its record; delete the record of one that has ended."""
-    if flights.get(flight_id) is not None:
-        await flights.stop(flight_id)
-    else:
-        await asyncio.to_thread(flights.store.flights.delete, flight_id)
+@router.post("/{flight_id}/end", responses=problem_responses(404, 422, 503))
+async def end_flight(flight_id: str, flights: FlightsDep) -> FlightStatus:
+    """End a flight under way and keep its record; one that is over stays as it ended.
+
+    503 where the record could not be completed: the flight is over, and what waits is written as
+    soon as the store takes it.
+    """
+    await flights.stop(flight_id)
+    return await read_flight(flight_id, flights)
+
+
+@router.delete("/{flight_id}", status_code=204, responses=problem_responses(404, 409, 422, 503))
+async def delete_flight(flight_id: str, flights: FlightsDep) -> None:
+    """Delete the record of a flight that is over; 409 while it is under way."""
+    try:
+        await flights.delete(flight_id)
+    except UnderWay as error:
+        raise Problem(409, str(error), "urn:forewarn:under-way") from error
 
 
 @router.post("/{flight_id}/transport", responses=problem_responses(404, 409, 422))
@@ -231,11 +247,16 @@ async def list_alarms(flight_id: str, flights: FlightsDep) -> list[Alarm]:
     return await flights.alarms(flight_id)
 
 
-@router.post("/{flight_id}/alarms/{alarm_id}/acknowledge", responses=problem_responses(404, 422))
+@router.post(
+    "/{flight_id}/alarms/{alarm_id}/acknowledge", responses=problem_responses(404, 422, 503)
+)
 async def acknowledge(
     flight_id: str, alarm_id: str, flights: FlightsDep, who: Acknowledgement | None = None
 ) -> Alarm:
-    """Acknowledge an alarm; of several acknowledgements the first one stays."""
+    """Acknowledge an alarm; of several acknowledgements the first one stays.
+
+    It is stored before it is answered; 503 says that it is not, and the alarm stays open.
+    """
     return await flights.acknowledge(flight_id, alarm_id, (who or Acknowledgement()).by)
 
 
@@ -327,6 +348,7 @@ def _status(info: FlightInfo, flight: Flight | None, record: Record | None) -> F
         created=info.created,
         ended=info.ended,
         head=-1 if info.head is None else info.head,
+        lost=info.lost,
     )
     if flight is None:
         return status
@@ -339,6 +361,9 @@ def _status(info: FlightInfo, flight: Flight | None, record: Record | None) -> F
             "transport": flight.transport,
             "watchers": flight.n_watchers,
             "open_alarms": flight.alarms.n_open,
+            "progress": "ending" if flight.is_over else info.status,
+            "lost": flight.recorder.lost,
+            "unwritten": flight.recorder.unwritten,
         }
     )
 

@@ -4,13 +4,17 @@ import asyncio
 
 from fastapi import APIRouter, Request, Response
 from pydantic import BaseModel, Field
+from starlette.datastructures import State
 
+from app.flights.flights import Flights
 from app.metrics import CONTENT_TYPE
 from app.problems import Problem, problem_responses
-from app.routes.dependencies import StoreDep
+from app.store.store import Store
 from core import __version__
 
 router = APIRouter(tags=["health"])
+ANSWER_S = 2.0
+"""A store that takes longer to answer is not ready."""
 
 
 class Health(BaseModel):
@@ -20,10 +24,12 @@ class Health(BaseModel):
 
 
 class Readiness(BaseModel):
-    """The server can work: its store answers."""
+    """The server can work: its store answers and takes what is to be kept."""
 
     status: str = Field("ready", examples=["ready"])
     version: str = Field(examples=[__version__])
+    unwritten: int = Field(description="samples of flights that wait for the store; a few do")
+    lost: int = Field(description="samples that could not be recorded since the server started")
 
 
 @router.get("/healthz")
@@ -33,13 +39,40 @@ async def health() -> Health:
 
 
 @router.get("/readyz", responses=problem_responses(503))
-async def readiness(store: StoreDep) -> Readiness:
-    """Whether the store can be read."""
+async def readiness(request: Request) -> Readiness:
+    """Whether the store can be read, can be written, and every flight is recorded."""
+    state = request.app.state
+    flights: Flights = state.flights
+    told = {"unwritten": flights.unwritten, "lost": flights.lost}
     try:
-        await asyncio.to_thread(store.jobs.all)
-    except Exception as error:
-        raise Problem(503, "the store cannot be read", "urn:forewarn:store") from error
-    return Readiness(status="ready", version=__version__)
+        detail = await asyncio.wait_for(asyncio.shield(_look(state)), ANSWER_S)
+    except TimeoutError:
+        detail = f"the store has not answered for {ANSWER_S:g} s: see what holds its disk"
+    if not detail and flights.problem:
+        detail = f"{flights.unwritten} samples of flights wait for the store"
+    if detail:
+        raise Problem(503, detail, "urn:forewarn:store", **told)
+    return Readiness(status="ready", version=__version__, **told)
+
+
+def _look(state: State) -> "asyncio.Future[str]":
+    """The look at the store that is under way, or a new one: a store that hangs is asked once."""
+    if state.look is None or state.look.done():
+        state.look = asyncio.ensure_future(asyncio.to_thread(_fault_of, state.store))
+    return state.look
+
+
+def _fault_of(store: Store) -> str:
+    """What is wrong with the store, empty where nothing is."""
+    try:
+        store.jobs.all()
+    except Exception:
+        return "the store cannot be read; the log says why"
+    try:
+        store.touch()
+    except Exception:
+        return "the store cannot be written: see that its disk has space and allows writing"
+    return ""
 
 
 @router.get(

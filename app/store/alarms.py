@@ -5,10 +5,10 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any, Literal
 
-from sqlalchemy import func, insert, select, update
+from sqlalchemy import ColumnElement, func, insert, select, update
 
 from app.store.flights import fetch_flight
-from app.store.repository import Entry, Repository, columns, fetch
+from app.store.repository import Entry, NotFound, Repository, columns, fetch
 from app.store.tables import alarms, new_id, now
 from core.monitor.status import Level
 
@@ -55,11 +55,16 @@ class AlarmRepository(Repository):
         kind: AlarmKind = "risk",
         level: Level = Level.WARNING,
         exceedance: dict[str, Any] | None = None,
+        number: int | None = None,
+        raised: str | None = None,
     ) -> str:
-        """Store an alarm of a flight, raised now; return its id. NotFound."""
+        """Store an alarm of a flight; return its id. NotFound.
+
+        number: in its flight, the next one if absent; one that is stored already stays as it is.
+        raised: UTC in ISO 8601, now if absent.
+        """
         alarm_id = new_id()
-        last = select(func.max(alarms.c.number)).where(alarms.c.flight_id == flight_id)
-        row = {
+        row: dict[str, Any] = {
             "id": alarm_id,
             "flight_id": flight_id,
             "seq": seq,
@@ -71,9 +76,25 @@ class AlarmRepository(Repository):
         }
         with self._writing() as connection:
             fetch_flight(connection, flight_id)
-            number = (connection.execute(last).scalar() or 0) + 1
-            connection.execute(insert(alarms).values(**row, number=number, raised=now()))
+            if number is None:
+                last = select(func.max(alarms.c.number)).where(alarms.c.flight_id == flight_id)
+                number = (connection.execute(last).scalar() or 0) + 1
+            same = select(alarms.c.id).where(_numbered(flight_id, number))
+            if (stored := connection.execute(same).scalar_one_or_none()) is not None:
+                return stored
+            row |= {"number": number, "raised": raised or now()}
+            connection.execute(insert(alarms).values(**row))
         return alarm_id
+
+    def acknowledge_number(self, flight_id: str, number: int, by: str) -> StoredAlarm:
+        """Note who has seen the alarm of this number in its flight; the first stays. NotFound."""
+        query = select(alarms.c.id).where(_numbered(flight_id, number))
+        with self._reading() as connection:
+            fetch_flight(connection, flight_id)
+            alarm_id = connection.execute(query).scalar_one_or_none()
+        if alarm_id is None:
+            raise NotFound(f"flight {flight_id} has no alarm {number}")
+        return self.acknowledge(alarm_id, by)
 
     def acknowledge(self, alarm_id: str, by: str) -> StoredAlarm:
         """Note who has seen an alarm; the first one stays. NotFound."""
@@ -100,3 +121,7 @@ class AlarmRepository(Repository):
                 if row.flight_id in wanted:
                     found[row.flight_id].append(StoredAlarm(**row._mapping))
         return dict(found)
+
+
+def _numbered(flight_id: str, number: int) -> ColumnElement[bool]:
+    return (alarms.c.flight_id == flight_id) & (alarms.c.number == number)

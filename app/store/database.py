@@ -157,6 +157,14 @@ def writing(engine: Engine) -> Iterator[Connection]:
         yield connection
 
 
+def touch(engine: Engine) -> None:
+    """Write a page, and change nothing. StoreError where the database takes no writes."""
+    with writing(engine) as connection:
+        if is_sqlite(engine.url):
+            number = connection.exec_driver_sql("PRAGMA user_version").scalar_one()
+            connection.exec_driver_sql(f"PRAGMA user_version = {int(number)}")
+
+
 def damage(engine: Engine) -> list[str]:
     """Look through the whole database; one line for each thing that is wrong with it."""
     with reading(engine) as connection:

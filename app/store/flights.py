@@ -17,6 +17,10 @@ CHUNK = 1000
 """Most samples in one blob."""
 
 
+class UnderWay(RuntimeError):
+    """A flight whose record is not complete yet."""
+
+
 @dataclass(frozen=True)
 class FlightInfo(Entry):
     """A run of a source through a monitor."""
@@ -34,6 +38,8 @@ class FlightInfo(Entry):
     """UTC, ISO 8601"""
     head: int | None
     """newest sample number stored; null before the first"""
+    lost: int
+    """samples before that one that were never stored"""
 
 
 class FlightRepository(Repository):
@@ -70,9 +76,10 @@ class FlightRepository(Repository):
             return [FlightInfo(**row._mapping) for row in connection.execute(query)]
 
     def delete(self, flight_id: str) -> None:
-        """Delete a flight with its assessments and alarms. NotFound."""
+        """Delete a flight that is over, its assessments and alarms. NotFound; UnderWay."""
         with self._writing() as connection:
-            fetch_flight(connection, flight_id)
+            if fetch_flight(connection, flight_id).status == "running":
+                raise UnderWay(f"flight {flight_id} is under way: end it, then delete its record")
             connection.execute(delete(flights).where(flights.c.id == flight_id))
 
     def append(
@@ -186,10 +193,9 @@ def fetch_flight(connection: Connection, flight_id: str) -> FlightInfo:
 
 def _flights() -> Select:
     chunk = assessment_chunks.c
-    head = (
-        select(func.max(chunk.last_seq))
-        .where(chunk.flight_id == flights.c.id)
-        .scalar_subquery()
-        .label("head")
-    )
-    return select(*columns(flights, FlightInfo), head)
+    of_flight = chunk.flight_id == flights.c.id
+    head = select(func.max(chunk.last_seq)).where(of_flight).scalar_subquery()
+    n_stored = func.sum(chunk.last_seq - chunk.first_seq + 1)
+    n_lost = func.max(chunk.last_seq) + 1 - n_stored
+    lost = select(func.coalesce(n_lost, 0)).where(of_flight).scalar_subquery()
+    return select(*columns(flights, FlightInfo), head.label("head"), lost.label("lost"))

@@ -10,7 +10,7 @@ from threading import Lock
 from sqlalchemy import Engine
 
 from app.store.alarms import AlarmRepository
-from app.store.database import StoreError, address, damage, make_engine
+from app.store.database import StoreError, address, damage, make_engine, touch
 from app.store.datasets import DatasetRepository
 from app.store.flights import FlightRepository
 from app.store.jobs import JobRepository
@@ -52,6 +52,10 @@ class Store:
     def revision(self) -> str:
         """Revision of the schema."""
         return str(current_revision(self.engine.url))
+
+    def touch(self) -> None:
+        """See that the database takes writes; StoreError."""
+        touch(self.engine)
 
     def damage(self) -> list[str]:
         """Look through the whole database; one line for each thing that is wrong with it."""

@@ -13,7 +13,7 @@ import numpy as np
 from app.flights.clock import Clock
 from app.flights.flight import FlightPlan
 from app.flights.playback import AssessedTrack
-from app.flights.recorder import Recorder
+from app.flights.recorder import Raised, Recorder
 from app.flights.replay import TrackFlight
 from app.flights.track import Track, times
 from app.flights.watcher import Watcher
@@ -139,17 +139,22 @@ class NoStore:
         self.failures = 0
 
     def append(self, *chunk: Any) -> None:
+        self._fail()
+        self.chunks.append(chunk)
+
+    def add(self, *alarm: Any, **more: Any) -> str:
+        self._fail()
+        self.notes.append((*alarm, *more.values()))
+        return f"stored {len(self.notes)}"
+
+    def end(self, *how: Any) -> None:
+        self._fail()
+        self.notes.append(how)
+
+    def _fail(self) -> None:
         if self.failures:
             self.failures -= 1
             raise OSError("the disk is full")
-        self.chunks.append(chunk)
-
-    def add(self, *alarm: Any) -> str:
-        self.notes.append(alarm)
-        return f"stored {len(self.notes)}"
-
-    def acknowledge(self, *acknowledgement: Any) -> None:
-        self.notes.append(acknowledgement)
 
 
 def as_store(stand_in: NoStore) -> Any:
@@ -165,6 +170,9 @@ class SilentRecorder(Recorder):
 
     def _schedule(self) -> None:
         pass
+
+    def _store_alarms_soon(self, raised: Raised) -> None:
+        raised.stored()
 
 
 class Flown:

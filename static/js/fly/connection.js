@@ -15,11 +15,12 @@
  *
  * Connection
  *   link, attempt, retryIn(wall) -> s     where it is; while lost, which attempt comes next and when
- *   figures(wall) -> {age, latency, conflated, lost, utc}
+ *   figures(wall) -> {age, latency, conflated, lost, unwritten, problem, utc}
  *     age      s since the newest sample was due at the server; NaN before any
  *     latency  ms from due to here, above the quickest message of the last minute plus half a
  *              round trip; NaN before any
  *     conflated, lost   samples left out for this display, samples the server could not record
+ *     unwritten, problem   samples that wait for the server's disk, and why it takes none at present
  *     utc      the server's date and time as a Date, or null
  *   close()
  */
@@ -34,7 +35,7 @@ export function createConnection(flight, on, { Socket = WebSocket } = {}) {
   const scheme = location.protocol === "https:" ? "wss" : "ws";
   const address = `${scheme}://${location.host}/api/v1/flights/${encodeURIComponent(flight)}/stream`;
   const clock = createServerClock();
-  const counts = { conflated: 0, before: 0, lost: 0 };
+  const counts = { conflated: 0, before: 0, lost: 0, unwritten: 0, problem: "" };
   let socket = null;
   let seen = -1; // newest seq taken
   let knowsFlight = false;
@@ -143,7 +144,7 @@ export function createConnection(flight, on, { Socket = WebSocket } = {}) {
     heartbeat: (message) => {
       clock.observe(message.sent);
       clock.setUtc(message.server_time);
-      Object.assign(counts, { lost: message.lost, conflated: message.conflated });
+      Object.assign(counts, { lost: message.lost, unwritten: message.unwritten, problem: message.problem, conflated: message.conflated });
       on.heartbeat?.(message);
     },
     state: (message) => on.state?.(message),
@@ -170,6 +171,8 @@ export function createConnection(flight, on, { Socket = WebSocket } = {}) {
       latency: newest === null ? NaN : newest.latency,
       conflated: counts.before + counts.conflated,
       lost: counts.lost,
+      unwritten: counts.unwritten,
+      problem: counts.problem,
       utc: clock.utc(),
     };
   }

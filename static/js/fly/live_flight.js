@@ -37,7 +37,7 @@ export function showLiveFlight(element, { id, api, over }) {
   });
   const transport = createTransportBar(panels.transport, {
     act: (action, value) => api.post(`${path}/transport`, { action, value: value ?? null }),
-    end: () => askToConfirm("End this flight?", "Its record is kept, and it can be flown again.", "End flight", () => api.delete(path)),
+    end: () => askToConfirm("End this flight?", "Its record is kept, and it can be flown again.", "End flight", () => api.post(`${path}/end`, {})),
   });
   const scene = createSceneFrame(panels.scene, id);
   const keys = { ...transport.keys, k: alarm.acknowledgeAll, t: () => notes?.write() };
@@ -48,6 +48,7 @@ export function showLiveFlight(element, { id, api, over }) {
   let notes = null; // of a replayed recording
   let playback = { playing: true, speed: 1 }; // as the transport has it
   let refreshed = 0;
+  let recorded = true; // by the last heartbeat
 
   element.dataset.flight = "connecting";
   panels.strips.append(stateOf("loading", "Connecting to the flight", "The strips begin with its first sample."));
@@ -58,6 +59,7 @@ export function showLiveFlight(element, { id, api, over }) {
     state: (assessment) => display.setAssessment(assessment),
     alarm: onAlarm,
     transport: onTransport,
+    heartbeat: onHeartbeat,
     reset: async ({ t }) => onFrames([], await display.restart(t)),
     link: onLink,
     over,
@@ -99,6 +101,13 @@ export function showLiveFlight(element, { id, api, over }) {
       display.chart.acknowledge();
     }
     markEvents();
+  }
+
+  function onHeartbeat({ problem, lost }) {
+    if ((problem === "") === recorded) return;
+    recorded = problem === "";
+    const text = recorded ? `recorded again; samples lost: ${lost}` : `not recorded: ${problem}`;
+    events.add({ t: display?.t ?? null, text, level: recorded ? "caution" : "alert" });
   }
 
   function onExceedance({ seen, ...exceedance }) {

@@ -29,7 +29,7 @@ export function showFlightRecord(element, { flight, why, api, navigate }) {
   const status = createStatusStrip(panels.status);
   const gauge = createRiskGauge(panels.gauge);
   const source = sourceText(flight.source, flight.name);
-  const nothing = { age: NaN, latency: NaN, conflated: 0, lost: 0, utc: null };
+  const nothing = { age: NaN, latency: NaN, conflated: 0, lost: flight.lost, unwritten: 0, problem: "", utc: null };
   const shown = { source, link: "over", staleAfter: 1, playing: false, live: false, state: null, alert: false, figures: nothing };
   let chart = null;
   let closed = false;

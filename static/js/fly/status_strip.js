@@ -4,7 +4,7 @@
  * Exports
  *   createStatusStrip(element) -> {update(status)}
  *     status: {source, monitor, validity, link, staleAfter, playing, live, state, alert,
- *              figures: {age [s], latency [ms], conflated, lost, utc: Date | null}}
+ *              figures: {age [s], latency [ms], conflated, lost, unwritten, problem, utc: Date | null}}
  *     validity: "checked", or why not, shown beside the monitor
  *     link: "connecting" | "open" | "lost" | "over"; staleAfter: age that is cautioned of [s]; live: false for a flight that is over
  */
@@ -21,7 +21,7 @@ const ITEMS = [
   ["age", "data age", "Time since the newest sample was due"],
   ["latency", "latency", "Newest sample: from the server's clock to this page"],
   ["conflated", "left out", "Samples left out of this display because it was slow; all were assessed and recorded"],
-  ["lost", "lost", "Samples that the server could not record"],
+  ["record", "record", "Whether the server stores what is flown; samples that wait for its disk, and those it lost"],
 ];
 const LATE = 300; // ms
 const MARKS = { ok: "✓ ", alert: "▲ ", caution: "◆ ", off: "" };
@@ -57,7 +57,7 @@ export function createStatusStrip(element) {
     const known = linked && Number.isFinite(figures.latency);
     show("latency", known ? `${Math.round(figures.latency)} ms` : "–", !known ? "off" : figures.latency > LATE ? "caution" : "");
     show("conflated", String(figures.conflated), figures.conflated > 0 ? "caution" : "");
-    show("lost", String(figures.lost), figures.lost > 0 ? "alert" : "");
+    show("record", ...recordOf(figures));
   }
 
   return { update };
@@ -67,6 +67,12 @@ function stateOf(linked, state, alert) {
   if (!linked) return ["NOT LIVE", "off"];
   if (state === "ok") return alert ? [`${MARKS.alert}ALERT`, "alert"] : [`${MARKS.ok}OK`, "ok"];
   return [`${MARKS.caution}${STATE_WORDS[state] ?? STATE_WORDS.none}`, "caution"];
+}
+
+function recordOf({ lost, unwritten, problem }) {
+  const gone = lost > 0 ? `, ${lost} samples lost` : "";
+  if (problem !== "") return [`${MARKS.alert}NOT RECORDED, ${unwritten} samples wait${gone}`, "alert"];
+  return lost > 0 ? [`${MARKS.alert}${lost} samples lost`, "alert"] : ["all", ""];
 }
 
 function linkOf(live, link) {

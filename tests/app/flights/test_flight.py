@@ -228,9 +228,9 @@ def test_an_alert_raises_one_alarm_at_its_onset(exact: Monitor, failing: Array) 
     where = flown.seen.messages.index(message)
     before = [f["seq"] for m in flown.seen.messages[:where] for f in m.get("frames", [])]
     assert max(before) < onset
-    told = flown.flight.acknowledge(alarm["id"], "FTE")
+    told = flown.flight.acknowledge(alarm["id"], "FTE", flown.clock.utc())
     assert (told.by, told.acknowledged) == ("FTE", flown.clock.utc())
-    flown.flight.acknowledge(alarm["id"], "pilot")
+    flown.flight.acknowledge(alarm["id"], "pilot", "later")
     flown.seen.take()
     assert [m["alarm"]["by"] for m in flown.seen.of("alarm")] == [None, "FTE"]
     late = Seen(flown.flight.watch())

@@ -11,9 +11,11 @@ import msgspec
 import pytest
 
 from app.flights.flights import FlightOrder, Flights, TooManyFlights
+from app.flights.recorder import INTERVAL_S
 from app.flights.sources import Simulated
 from app.flights.track import SourceError
-from app.store.store import NotFound, Store, open_store
+from app.store.flights import UnderWay
+from app.store.store import NotFound, Store, StoreError, open_store
 from core.collection import DatasetRecipe, collect
 from core.monitor import Monitor, MonitorRecipe, train
 from core.simulation.attitude import SurfaceSigns
@@ -195,6 +197,82 @@ def test_an_alarm_nobody_saw_can_be_acknowledged_after_the_flight(run: Callable)
         await hangar.flights.stop(flight.id)
         told = await hangar.flights.acknowledge(flight.id, "1", "FTE")
         assert told.by == hangar.store.alarms.of(flight.id)[0].by == "FTE"
+
+    run(test)
+
+
+def refuse(*what: Any) -> None:
+    raise StoreError("the disk is full")
+
+
+def test_an_acknowledgement_that_is_not_stored_is_not_made(
+    run: Callable, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    async def test(hangar: Hangar) -> None:
+        flight = await hangar.flights.start(hangar.order())
+        for _ in range(130):
+            hangar.clock.advance(0.05)
+        with monkeypatch.context() as full:
+            full.setattr(hangar.store.alarms, "acknowledge", refuse)
+            with pytest.raises(StoreError, match="full"):
+                await hangar.flights.acknowledge(flight.id, "1", "FTE")
+        assert flight.alarms.n_open == 1
+        assert hangar.store.alarms.of(flight.id)[0].by is None
+        told = await hangar.flights.acknowledge(flight.id, "1", "FTE")
+        assert (told.by, told.stored, flight.alarms.n_open) == ("FTE", True, 0)
+
+    run(test)
+
+
+def test_a_flight_is_ending_until_its_record_is_complete(
+    run: Callable, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    async def test(hangar: Hangar) -> None:
+        flights = hangar.flights
+        flight = await flights.start(hangar.order())
+        hangar.clock.advance(1.0)
+        with monkeypatch.context() as full:
+            full.setattr(hangar.store.flights, "append", refuse)
+            for _ in range(2):
+                with pytest.raises(StoreError, match="21 samples of flight"):
+                    await flights.stop(flight.id)
+            assert flight.is_over
+            assert (flights.unwritten, flights.problem) == (21, "the disk is full")
+            assert hangar.store.flights.info(flight.id).status == "running"
+            with pytest.raises(UnderWay, match="its record is not complete: 21 samples"):
+                await flights.delete(flight.id)
+        hangar.clock.advance(INTERVAL_S)
+        await asyncio.gather(*flights._stopping)
+        assert flights.get(flight.id) is None
+        assert hangar.store.flights.info(flight.id).status == "ended"
+        assert len(hangar.store.flights.assessments(flight.id)) == 21
+
+    run(test)
+
+
+def test_samples_that_were_lost_are_told_of_the_record(run: Callable) -> None:
+    async def test(hangar: Hangar) -> None:
+        flight = await hangar.flights.start(hangar.order())
+        hangar.clock.advance(1.0)
+        await flight.recorder.flush()
+        hangar.clock.advance(1.0)
+        del flight.recorder._samples[:5]
+        await hangar.flights.stop(flight.id)
+        info = hangar.store.flights.info(flight.id)
+        assert (info.head, info.lost) == (40, 5)
+
+    run(test)
+
+
+def test_a_flight_that_is_ended_twice_at_once_is_ended_once(run: Callable) -> None:
+    async def test(hangar: Hangar) -> None:
+        flight = await hangar.flights.start(hangar.order())
+        hangar.clock.advance(1.0)
+        await asyncio.gather(*(hangar.flights.stop(flight.id) for _ in range(5)))
+        assert hangar.flights.get(flight.id) is None
+        assert len(hangar.store.flights.assessments(flight.id)) == 21
+        with pytest.raises(NotFound):
+            hangar.flights.flying(flight.id)
 
     run(test)
 

@@ -1,6 +1,7 @@
 """The recorder: everything into the store, whatever the store does meanwhile."""
 
 import asyncio
+import threading
 from pathlib import Path
 
 import numpy as np
@@ -9,7 +10,7 @@ import pytest
 from app.flights import recorder as module
 from app.flights.recorder import INTERVAL_S, Recorder
 from app.messages import Alarm
-from app.store.store import open_store
+from app.store.store import StoreError, open_store
 from core.dataset import Dataset
 from core.monitor import train
 from core.monitor.assessment import Assessment, State
@@ -50,7 +51,7 @@ def test_every_sample_reaches_the_store_bit_for_bit(
             recorder.add(k, y[k], one)
         await recorder.flush()
         fill(recorder, 2500, first=len(y))
-        await recorder.close()
+        await recorder.complete("ended")
 
     asyncio.run(record())
     stored = open_store(tmp_path / "store.db").flights.assessments(flight_id)
@@ -90,20 +91,72 @@ def test_what_the_store_refuses_is_tried_again_and_not_lost(
     async def record() -> None:
         recorder = Recorder(as_store(store), "f", clock)
         fill(recorder, 10)
-        recorder.add_alarm(alarm(1))
         assert not await recorder.flush()
         assert [sample.seq for sample in recorder.waiting(4, 6)] == [4, 5, 6]
+        assert (recorder.unwritten, recorder.problem) == (10, "the disk is full")
         fill(recorder, 5, first=10)
         clock.advance(INTERVAL_S)
         assert await asyncio.gather(*under_way(recorder)) == [False]
         clock.advance(INTERVAL_S)
         assert await asyncio.gather(*under_way(recorder)) == [True]
-        assert recorder.lost == 0
+        assert (recorder.lost, recorder.unwritten, recorder.problem) == (0, 0, "")
 
     asyncio.run(record())
     assert [(chunk[1], len(chunk[2])) for chunk in store.chunks] == [(0, 15)]
-    assert store.notes == [("f", 3, 0.15, 0.5, "risk", "warning", None)]
     assert "tried again" in caplog.text
+    assert "recorded again" in caplog.text
+
+
+def test_an_alarm_is_announced_once_it_is_stored() -> None:
+    store, order = NoStore(), []
+
+    async def record() -> None:
+        recorder = Recorder(as_store(store), "f", ScriptedClock())
+        for number in (1, 2):
+            recorder.add_alarm(
+                alarm(number), lambda stored: order.append((stored, len(store.notes)))
+            )
+        assert order == []
+        await recorder.store_alarms()
+
+    asyncio.run(record())
+    assert [note[-2] for note in store.notes] == [1, 2]
+    assert order == [(True, 1), (True, 2)]
+
+
+def test_an_alarm_that_the_store_refuses_is_announced_as_not_stored_and_stored_later() -> None:
+    store, clock = NoStore(), ScriptedClock()
+    store.failures = 1
+
+    async def record() -> list[bool]:
+        said: list[bool] = []
+        recorder = Recorder(as_store(store), "f", clock)
+        recorder.add_alarm(alarm(1), said.append)
+        assert recorder._alarms_task is not None
+        await recorder._alarms_task
+        assert (said, store.notes) == ([False], [])
+        clock.advance(INTERVAL_S)
+        await asyncio.gather(*under_way(recorder))
+        return said
+
+    assert asyncio.run(record()) == [False, True]
+    assert store.notes == [("f", 3, 0.15, 0.5, "risk", "warning", None, 1, "now")]
+
+
+def test_a_disk_that_hangs_keeps_nobody_unwarned(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(module, "ANNOUNCED_S", 0.0)
+    store, free = NoStore(), threading.Event()
+    monkeypatch.setattr(store, "add", lambda *alarm, **more: free.wait())
+
+    async def record() -> None:
+        said: asyncio.Queue[bool] = asyncio.Queue()
+        recorder = Recorder(as_store(store), "f", ScriptedClock())
+        recorder.add_alarm(alarm(1), said.put_nowait)
+        assert await said.get() is False
+        free.set()
+        assert await said.get() is True
+
+    asyncio.run(record())
 
 
 def test_only_a_store_that_refuses_for_long_loses_the_oldest_and_counts_them(
@@ -117,27 +170,40 @@ def test_only_a_store_that_refuses_for_long_loses_the_oldest_and_counts_them(
     assert recorder.waiting(0, 1000)[0].seq == 60
 
 
-def test_the_end_gives_up_at_last_and_counts_what_was_lost() -> None:
+def test_a_flight_whose_record_is_refused_is_not_completed_until_it_is_taken() -> None:
     store = NoStore()
-    store.failures = 10
+    store.failures = 2
     recorder = SilentRecorder(ScriptedClock(), store)
     fill(recorder, 7)
-    asyncio.run(recorder.close())
-    assert recorder.lost == 7
+    with pytest.raises(StoreError, match=r"7 samples of flight f wait .* \(the disk is full\)"):
+        asyncio.run(recorder.complete("ended"))
+    assert recorder.unwritten == 7
+
+    async def refused_then_taken() -> None:
+        again = SilentRecorder(ScriptedClock(), store)
+        fill(again, 7)
+        with pytest.raises(StoreError):
+            await again.complete("ended")
+        await again.complete("ended")
+        assert (again.unwritten, again.lost) == (0, 0)
+
+    asyncio.run(refused_then_taken())
+    assert store.notes == [("f", "ended")]
 
 
-def test_an_acknowledgement_reaches_the_alarm_in_the_store(
-    dataset: Dataset, tmp_path: Path
-) -> None:
+def test_what_the_store_refuses_to_the_last_is_counted_as_lost() -> None:
+    recorder = SilentRecorder(ScriptedClock())
+    fill(recorder, 7)
+    recorder.give_up()
+    assert (recorder.lost, recorder.unwritten) == (7, 0)
+
+
+def test_an_alarm_taken_twice_is_stored_once(dataset: Dataset, tmp_path: Path) -> None:
     store, monitor_id = store_with(train(dataset), tmp_path)
     flight_id = store.flights.add({}, monitor_id, 0.3)
-    recorder = SilentRecorder(ScriptedClock(), store)
-    recorder._flight_id = flight_id
-    for number in (1, 2):
-        recorder.add_alarm(alarm(number))
-    recorder.add_acknowledgement(alarm(2, by="FTE"))
-    asyncio.run(recorder.close())
-    first, second = store.alarms.of(flight_id)
-    assert (first.number, first.by, first.acknowledged) == (1, None, None)
-    assert (second.number, second.seq, second.by) == (2, 3, "FTE")
-    assert second.acknowledged is not None
+    first = store.alarms.add(flight_id, 3, 0.15, 0.5, number=1, raised="2030-01-01T00:00:00Z")
+    assert (
+        store.alarms.add(flight_id, 3, 0.15, 0.5, number=1, raised="2030-01-01T00:00:00Z") == first
+    )
+    (stored,) = store.alarms.of(flight_id)
+    assert (stored.number, stored.raised) == (1, "2030-01-01T00:00:00Z")

@@ -91,9 +91,12 @@ def test_a_flight_is_started_listed_read_and_ended(server: Server) -> None:
     assert [one["id"] for one in server.client.get(URL).json()] == [flight["id"]]
     server.advance(1.0)
     assert server.client.get(f"{URL}/{flight['id']}").json()["head"] == 20
-    assert server.client.delete(f"{URL}/{flight['id']}").status_code == 204
-    ended = server.client.get(f"{URL}/{flight['id']}").json()
-    assert (ended["progress"], ended["head"], ended["transport"]) == ("ended", 20, None)
+    assert "under way" in problem(server.client.delete(f"{URL}/{flight['id']}"), 409)
+    assert server.client.get(f"{URL}/{flight['id']}").json()["progress"] == "running"
+    for _ in range(2):
+        ended = server.client.post(f"{URL}/{flight['id']}/end").json()
+        assert (ended["progress"], ended["head"], ended["transport"]) == ("ended", 20, None)
+    assert ended == server.client.get(f"{URL}/{flight['id']}").json()
     assert server.client.delete(f"{URL}/{flight['id']}").status_code == 204
     problem(server.client.get(f"{URL}/{flight['id']}"), 404)
     problem(server.client.delete(f"{URL}/{flight['id']}"), 404)
@@ -254,7 +257,7 @@ def test_an_action_that_cannot_be_now_is_a_conflict(server: Server) -> None:
     flight = server.start()["id"]
     server.steer(flight, "seek", 5.9)
     assert "no alert begins after" in problem(server.steer(flight, "next_alert"), 409)
-    server.client.delete(f"{URL}/{flight}")
+    server.client.post(f"{URL}/{flight}/end")
     assert "is under way" in problem(server.steer(flight, "play"), 404)
 
 
@@ -342,7 +345,7 @@ def test_the_end_of_a_flight_ends_its_streams(server: Server) -> None:
     flight = server.start()
     with server.watch(flight["id"]) as socket:
         server.advance(0.5)
-        server.client.delete(f"{URL}/{flight['id']}")
+        server.client.post(f"{URL}/{flight['id']}/end")
         messages = until(socket, lambda m: m["type"] == "end")
         assert frames_of(messages)[-1]["seq"] == 10
         with pytest.raises(WebSocketDisconnect) as closed:

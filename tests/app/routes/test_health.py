@@ -1,7 +1,10 @@
 import re
+import threading
 
 import pytest
 
+from app.routes import health
+from app.store.store import StoreError
 from core import __version__
 from tests.support.api import api, problem, store_of
 
@@ -14,7 +17,8 @@ def client(tmp_path):
 
 def test_the_server_is_alive_and_ready(client):
     assert client.get("/healthz").json() == {"status": "ok"}
-    assert client.get("/readyz").json() == {"status": "ready", "version": __version__}
+    ready = {"status": "ready", "version": __version__, "unwritten": 0, "lost": 0}
+    assert client.get("/readyz").json() == ready
 
 
 def test_a_server_without_its_store_is_alive_but_not_ready(client, monkeypatch):
@@ -24,6 +28,31 @@ def test_a_server_without_its_store_is_alive_but_not_ready(client, monkeypatch):
     monkeypatch.setattr(store_of(client).jobs, "all", broken)
     assert "disk gone" not in problem(client.get("/readyz"), 503)
     assert client.get("/healthz").status_code == 200
+
+
+def test_a_store_that_takes_no_writes_is_not_ready(client, monkeypatch):
+    def full():
+        raise StoreError("the disk is full")
+
+    with monkeypatch.context() as broken:
+        broken.setattr(store_of(client), "touch", full)
+        assert "cannot be written" in problem(client.get("/readyz"), 503)
+    assert client.get("/readyz").status_code == 200
+
+
+def test_a_store_that_hangs_is_not_ready_and_is_asked_once(client, monkeypatch):
+    free, asked = threading.Event(), []
+
+    def hang():
+        asked.append(1)
+        free.wait()
+
+    monkeypatch.setattr(health, "ANSWER_S", 0.05)
+    monkeypatch.setattr(store_of(client), "touch", hang)
+    for _ in range(3):
+        assert "has not answered" in problem(client.get("/readyz"), 503)
+    free.set()
+    assert len(asked) == 1
 
 
 def test_requests_are_counted_by_route(client):
@@ -36,6 +65,8 @@ def test_requests_are_counted_by_route(client):
     assert "nowhere" not in text
     assert "forewarn_jobs_running 0.0" in text
     assert "forewarn_flights 0.0" in text
+    assert "forewarn_samples_unwritten 0.0" in text
+    assert "forewarn_samples_lost 0.0" in text
     assert "process_resident_memory_bytes" in text
 
 

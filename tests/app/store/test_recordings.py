@@ -152,6 +152,7 @@ def test_a_monitor_that_scored_a_recording_stays(store: Store, trained: Monitor)
         ("scoring of flight.csv", stored.id),
     )
     store.scorings.delete("a", stored.id)
+    store.flights.end(flight)
     store.flights.delete(flight)
     store.monitors.delete(monitor)
 

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from app.store.database import address
+from app.store.flights import UnderWay
 from app.store.monitors import MonitorInfo
 from app.store.store import InUse, NotFound, Store, StoreError, open_store
 from app.store.tables import (
@@ -47,6 +48,9 @@ def test_a_monitor_that_flew_stays_and_names_its_flights(store: Store, trained: 
     monitor_id = store.flights.info(flight).monitor_id
     with pytest.raises(InUse, match=f"monitor m is used by running flight .{flight}."):
         store.monitors.delete(monitor_id)
+    with pytest.raises(UnderWay, match="under way: end it"):
+        store.flights.delete(flight)
+    store.flights.end(flight)
     store.flights.delete(flight)
     store.monitors.delete(monitor_id)
     left = [count(store, table) for name, table in metadata.tables.items()]

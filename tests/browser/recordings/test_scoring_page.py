@@ -122,7 +122,7 @@ def test_replay_flies_the_recording(
     scored.locator('[data-flight="open"]').wait_for()
     flights = site.ask("GET", "/flights")
     assert flights[0]["source"]["recording"] == recording
-    site.ask("DELETE", f"/flights/{flights[0]['id']}")
+    site.ask("POST", f"/flights/{flights[0]['id']}/end")
 
 
 def test_scorings_are_compared_and_laid_over_each_other(
