@@ -213,7 +213,7 @@ def test_the_headline_is_told_by_list_flight_and_stream_and_the_verdict_at_the_e
         for alarm in server.client.get(f"{URL}/{flight}/alarms").json():
             server.client.post(f"{URL}/{flight}/alarms/{alarm['id']}/acknowledge")
         until(socket, lambda m: m["type"] == "status" and m["status"] == "not_calibrated")
-    server.client.delete(f"{URL}/{flight}")
+    server.client.post(f"{URL}/{flight}/end")
     (ended,) = server.client.get(URL).json()
     assert (ended["progress"], ended["status"]) == ("ended", "not_calibrated")
     assert ended["verdict"]["text"] == "LIMIT EXCEEDED, warned 0.40 s before"
