@@ -1,7 +1,9 @@
 """Telemetry as JSON, one array a channel, and its assessments as JSON."""
 
+from collections.abc import Sequence
 from typing import Any
 
+import msgspec
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
@@ -66,9 +68,26 @@ def _array(key: str, values: Any) -> np.ndarray:
         raise TelemetryError(f"{key} has a number too large for a float") from None
 
 
+Forecast = msgspec.defstruct("Forecast", [(key, float) for key in KEYS], gc=False)
+
+
+class Sample(msgspec.Struct, gc=False):
+    """An Assessment without exemplars in wire form, quick to make and to encode."""
+
+    t: float
+    p_value: float | None
+    alert: bool | None
+    state: str
+    reason: str
+    y_hat: Any
+    score: float | None
+    nearest_unsafe: None = None
+    nearest_safe: None = None
+
+
 def assessed(
     monitor: Monitor, recording: Recording, epsilon: float, *, why: bool
-) -> list[dict[str, Any]]:
+) -> Sequence[Sample | dict[str, Any]]:
     """Return the assessment of each sample in wire form; `why` adds the exemplars."""
     if why:
         stream = monitor.stream(epsilon)
@@ -76,5 +95,6 @@ def assessed(
             stream.update(t, y).as_dict()
             for t, y in zip(recording.t.tolist(), recording.y, strict=True)
         ]
-    assessments = monitor.assess(recording.t, recording.y, epsilon)
-    return [assessments[k].as_dict() for k in range(len(assessments))]
+    columns = monitor.assess(recording.t, recording.y, epsilon).columns()
+    columns["y_hat"] = [y and Forecast(*y) for y in columns["y_hat"]]
+    return [Sample(*row) for row in zip(*columns.values(), strict=True)]

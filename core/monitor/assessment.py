@@ -136,6 +136,27 @@ class Assessments:
         p_value, alert, score = (float(self.p_value[k]), bool(self.alert[k]), float(self.score[k]))
         return Assessment(t, p_value, alert, state, reason, y_hat, score)
 
+    def columns(self) -> dict[str, list[Any]]:
+        """Return what `as_dict` says of each sample but exemplars, a list a field.
+
+        y_hat: lists (6,).
+        """
+        reasons = list(map(REASONS.__getitem__, self.state.tolist()))
+        if self.withdrawal is not None:
+            first, reason = self.withdrawal
+            reasons[first:] = [reason] * (len(self) - first)
+        known = self.state == code_of(State.OK)
+        forecast = known & np.isfinite(self.y_hat).all(axis=1)
+        return {
+            "t": self.t.tolist(),
+            "p_value": _where(known, self.p_value),
+            "alert": _where(known, self.alert),
+            "state": [STATES[code].value for code in self.state.tolist()],
+            "reason": reasons,
+            "y_hat": _where(forecast, self.y_hat),
+            "score": _where(known, self.score),
+        }
+
     def withdrawn_from(self, lost: Withdrawal | None) -> "Assessments":
         """Return them with nothing said from a sample on."""
         if lost is None:
@@ -145,6 +166,10 @@ class Assessments:
         for name, nothing in _NOTHING.items():
             arrays[name][after] = nothing
         return replace(self, **arrays, withdrawal=lost)
+
+
+def _where(known: Flags, values: Array | Flags) -> list[Any]:
+    return [v if k else None for k, v in zip(known.tolist(), values.tolist(), strict=True)]
 
 
 _NOTHING = {

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from core.dataset import Dataset
 from core.monitor import Assessments, Monitor, MonitorRecipe, State, train
-from core.monitor.assessment import REASONS, STATES
+from core.monitor.assessment import REASONS, STATES, Withdrawal
 from core.monitor.predictor import PREDICTORS
 from core.monitor.score import SCORES
 from tests.support import oscillator
@@ -92,6 +92,21 @@ def test_stream_equals_batch_on_whole_flights(streamed: Monitor, flights: Array)
         batch = assert_stream_equals_batch(streamed, TIMES, y)
         assert (batch.state == 0).all()
         assert (batch.p_value == streamed.p_values(y)).all()
+
+
+def test_columns_say_what_each_sample_says(streamed: Monitor, flights: Array) -> None:
+    y, t = flights[0].copy(), TIMES.copy()
+    y[7, 2], t[20] = np.nan, t[19]
+    whole = streamed.assess(t, y)
+    exemplars = {"nearest_unsafe", "nearest_safe"}
+    for batch in (whole, whole.withdrawn_from(Withdrawal(30, "outside training"))):
+        columns = batch.columns()
+        for k in range(len(batch)):
+            said = batch[k].as_dict()
+            said["y_hat"] = said["y_hat"] and [*said["y_hat"].values()]
+            assert {key: said[key] for key in said.keys() - exemplars} == {
+                key: values[k] for key, values in columns.items()
+            }
 
 
 def states(monitor: Monitor, t: list[float], y: Array | None = None) -> str:
