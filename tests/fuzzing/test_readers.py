@@ -50,15 +50,15 @@ SAMPLE = Extent(
     2,
 )
 CAMPAIGN = Extent(
-    {
+    dict.fromkeys(FORMATS, 1000) | {
         "csv": 1300, "parquet": 1500, "matlab5": 1700, "hdf5": 1700, "netcdf": 1500, "ulog": 1100,
         "mdf4": 1100, "ch10": 400,
     },
-    {
+    dict.fromkeys(FORMATS, 30) | {
         "csv": 60, "parquet": 50, "matlab5": 50, "hdf5": 50, "netcdf": 50, "ulog": 30, "mdf4": 5,
         "ch10": 15,
     },
-    {
+    dict.fromkeys(FORMATS, 10) | {
         "csv": 30, "parquet": 14, "matlab5": 14, "hdf5": 14, "netcdf": 12, "ulog": 10, "mdf4": 2,
         "ch10": 6,
     },
