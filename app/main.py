@@ -115,6 +115,7 @@ async def _lifespan(app: FastAPI) -> AsyncIterator[None]:
         await asyncio.to_thread(settings.data_dir.mkdir, parents=True, exist_ok=True)
         store = app.state.store = await asyncio.to_thread(open_store, settings.url)
         parts.callback(store.close)
+        await asyncio.to_thread(store.reserve.make)
         app.state.look = None
         kept = app.state.recordings = Recordings(store, settings.data_dir / "recordings")
         await parts.enter_async_context(kept)

@@ -64,7 +64,10 @@ class Recordings:
         self._uploads: set[asyncio.Task[Any]] = set()
 
     async def __aenter__(self) -> Self:
-        await to_its_end(self._recover)
+        try:
+            await to_its_end(self._recover)
+        except (StoreError, OSError) as error:
+            LOG.warning("what a server that died left of recordings stays for now: %s", error)
         return self
 
     async def __aexit__(self, *error: object) -> None:

@@ -19,6 +19,7 @@ WRITES = "writes"
 
 SQLITE_HEADER = b"SQLite format 3\0"
 BUSY_TIMEOUT_MS = 30_000
+CHECKPOINT_TIMEOUT_MS = 200
 LARGEST_IDLE_LOG = 64 * 2**20
 """Bytes that the write-ahead log keeps on disk once its content is in the database."""
 
@@ -155,6 +156,22 @@ def writing(engine: Engine) -> Iterator[Connection]:
         connection.begin(),
     ):
         yield connection
+
+
+def checkpoint(engine: Engine) -> None:
+    """Bring the write-ahead log into SQLite's database and give its space back, if nobody reads."""
+    if not is_sqlite(engine.url):
+        return
+    with _explained(engine), engine.connect() as connection:
+        raw = connection.connection.driver_connection
+        assert isinstance(raw, sqlite3.Connection)
+        raw.execute(f"PRAGMA busy_timeout = {CHECKPOINT_TIMEOUT_MS}")
+        try:
+            raw.execute("PRAGMA wal_checkpoint(TRUNCATE)")
+        except sqlite3.Error as error:
+            raise StoreError(f"the write-ahead log stays as it is ({error})") from error
+        finally:
+            raw.execute(f"PRAGMA busy_timeout = {BUSY_TIMEOUT_MS}")
 
 
 def touch(engine: Engine) -> None:

@@ -171,7 +171,7 @@ class DatasetRepository(Repository):
     def delete(self, dataset_id: str) -> None:
         """Delete a dataset. NotFound; InUse where monitors were trained on it."""
         users = select(monitors.c.name, monitors.c.id).where(monitors.c.dataset_id == dataset_id)
-        with self._writing() as connection:
+        with self._deleting() as connection:
             name = _row(connection, dataset_id).name
             if using := connection.execute(users.order_by(monitors.c.created)).all():
                 raise InUse(f"dataset {name}", [(row.name, row.id) for row in using])
@@ -179,7 +179,7 @@ class DatasetRepository(Repository):
 
     def recover(self) -> None:
         """Delete what a process that died left half stored."""
-        with self._writing() as connection:
+        with self._deleting() as connection:
             connection.execute(delete(datasets).where(~datasets.c.complete))
 
 

@@ -77,7 +77,7 @@ class FlightRepository(Repository):
 
     def delete(self, flight_id: str) -> None:
         """Delete a flight that is over, its assessments and alarms. NotFound; UnderWay."""
-        with self._writing() as connection:
+        with self._deleting() as connection:
             if fetch_flight(connection, flight_id).status == "running":
                 raise UnderWay(f"flight {flight_id} is under way: end it, then delete its record")
             connection.execute(delete(flights).where(flights.c.id == flight_id))
@@ -171,7 +171,7 @@ class FlightRepository(Repository):
         """Note as interrupted what nobody flies any more: the process that flew it died."""
         running = flights.c.status == "running"
         interrupted = {"status": "interrupted", "ended": now()}
-        with self._writing() as connection:
+        with self._deleting() as connection:
             connection.execute(update(flights).where(running).values(**interrupted))
 
 

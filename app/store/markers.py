@@ -56,7 +56,7 @@ class MarkerRepository(Repository):
 
     def delete(self, recording_id: str, marker_id: str) -> None:
         """Delete a remark. NotFound."""
-        with self._writing() as connection:
+        with self._deleting() as connection:
             _marker(connection, recording_id, marker_id)
             connection.execute(delete(markers).where(markers.c.id == marker_id))
 

@@ -11,7 +11,7 @@ from sqlalchemy import Connection, Engine, Row, delete, select
 
 from app.recipes import to_plain
 from app.store.database import StoreError
-from app.store.repository import Entry, InUse, Repository, columns, complete, fetch
+from app.store.repository import Entry, InUse, Repository, Writer, columns, complete, fetch
 from app.store.tables import (
     datasets,
     flights,
@@ -91,7 +91,7 @@ class MonitorInfo(Entry):
 class MonitorRepository(Repository):
     """Monitors by id."""
 
-    def __init__(self, engine: Engine, writer: Lock) -> None:
+    def __init__(self, engine: Engine, writer: Writer) -> None:
         super().__init__(engine, writer)
         self._ready: OrderedDict[str, Monitor] = OrderedDict()
         self._ready_lock = Lock()
@@ -212,7 +212,7 @@ class MonitorRepository(Repository):
 
     def delete(self, monitor_id: str) -> None:
         """Delete a monitor. NotFound; InUse where flights or scorings are of it."""
-        with self._writing() as connection:
+        with self._deleting() as connection:
             name = _row(connection, monitor_id).name
             if users := _users(connection, monitor_id):
                 raise InUse(f"monitor {name}", users)
@@ -222,7 +222,7 @@ class MonitorRepository(Repository):
 
     def recover(self) -> None:
         """Delete what a process that died left half stored."""
-        with self._writing() as connection:
+        with self._deleting() as connection:
             connection.execute(delete(monitors).where(~monitors.c.complete))
 
 

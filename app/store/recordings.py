@@ -132,7 +132,7 @@ class RecordingRepository(Repository):
 
     def withdraw(self, recording_id: str) -> None:
         """Let a recording be seen no more: its folder is about to go. NotFound; InUse if flown."""
-        with self._writing() as connection:
+        with self._deleting() as connection:
             name = fetch_recording(connection, recording_id).name
             if users := replays_of(connection, "recording", recording_id):
                 raise InUse(f"recording {name}", users)
@@ -143,7 +143,7 @@ class RecordingRepository(Repository):
     def purge(self, recording_id: str) -> None:
         """Delete the row of a recording that has no folder any more."""
         this = (recordings.c.id == recording_id) & ~recordings.c.complete
-        with self._writing() as connection:
+        with self._deleting() as connection:
             connection.execute(delete(recordings).where(this))
 
     def incomplete(self) -> list[str]:

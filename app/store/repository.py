@@ -1,15 +1,16 @@
 """What the repositories of the store share: one engine, short transactions, rows by id."""
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import fields
-from threading import Lock
+from threading import RLock
 from typing import Any
 
 from pydantic import ConfigDict
 from sqlalchemy import Connection, Engine, Row, Select, Table, delete, insert, update
 
 from app.store.database import reading, writing
+from app.store.reserve import Reserve
 
 TRANSACTION_BYTES = 4 * 2**20
 
@@ -34,13 +35,38 @@ class Entry:
     __pydantic_config__ = ConfigDict(use_attribute_docstrings=True)
 
 
+class Writer:
+    """What those that write to one database share: their turns, and space to delete.
+
+    unfinished: what must be written before anything else, since the disk was full when it was due.
+    """
+
+    def __init__(self, reserve: Reserve) -> None:
+        self.reserve = reserve
+        self.unfinished: Callable[[], None] | None = None
+        self._lock = RLock()
+
+    @contextmanager
+    def turn(self) -> Iterator[None]:
+        """One writer at a time. StoreError where what is unfinished still cannot be written."""
+        with self._lock:
+            if (work := self.unfinished) is not None:
+                self.unfinished = None
+                try:
+                    work()
+                except BaseException:
+                    self.unfinished = work
+                    raise
+            yield
+
+
 class Repository:
     """The rows of one table family, reached through an engine from any thread.
 
-    writer: the lock that all repositories of an engine share.
+    writer: what all repositories of an engine share.
     """
 
-    def __init__(self, engine: Engine, writer: Lock) -> None:
+    def __init__(self, engine: Engine, writer: Writer) -> None:
         self._engine = engine
         self._writer = writer
 
@@ -50,7 +76,17 @@ class Repository:
     @contextmanager
     def _writing(self) -> Iterator[Connection]:
         """One writer at a time: SQLite lets others wait by polling, unfairly."""
-        with self._writer, writing(self._engine) as connection:
+        with self._writer.turn(), writing(self._engine) as connection:
+            yield connection
+
+    @contextmanager
+    def _deleting(self) -> Iterator[Connection]:
+        """As _writing, with the space that is held for deletions."""
+        with (
+            self._writer.turn(),
+            self._writer.reserve.freed(self._engine),
+            writing(self._engine) as connection,
+        ):
             yield connection
 
     def _add_in_parts(

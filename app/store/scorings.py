@@ -103,7 +103,7 @@ class ScoringRepository(Repository):
 
     def delete(self, recording_id: str, scoring_id: str) -> None:
         """Delete a scoring. NotFound; InUse while it is flown."""
-        with self._writing() as connection:
+        with self._deleting() as connection:
             info = _scoring(connection, recording_id, scoring_id)
             if users := replays_of(connection, "scoring", scoring_id):
                 raise InUse(f"the scoring by {info.monitor_name}", users)

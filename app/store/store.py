@@ -4,8 +4,8 @@ Every method is synchronous and may be called from any thread; a coroutine calls
 `asyncio.to_thread`. Only this package knows both rows and core objects.
 """
 
+import logging
 from pathlib import Path
-from threading import Lock
 
 from sqlalchemy import Engine
 
@@ -18,10 +18,12 @@ from app.store.mappings import MappingRepository
 from app.store.markers import MarkerRepository
 from app.store.monitors import MonitorRepository
 from app.store.recordings import RecordingRepository
-from app.store.repository import InUse, NotFound
+from app.store.repository import InUse, NotFound, Writer
+from app.store.reserve import Reserve
 from app.store.schema import bring_up_to_date, current_revision
 from app.store.scorings import ScoringRepository
 
+LOG = logging.getLogger("forewarn")
 __all__ = ["InUse", "NotFound", "Store", "StoreError", "open_store"]
 
 
@@ -29,7 +31,9 @@ class Store:
     """One database and its repositories, one for each family of tables; see `open_store`."""
 
     def __init__(self, engine: Engine) -> None:
-        shared = engine, Lock()
+        self.reserve = Reserve(engine.url)
+        self._writer = Writer(self.reserve)
+        shared = engine, self._writer
         self.engine = engine
         self.datasets = DatasetRepository(*shared)
         self.monitors = MonitorRepository(*shared)
@@ -44,8 +48,16 @@ class Store:
     def recover(self) -> None:
         """Clear up after a process that died: interrupted work, half-stored content.
 
+        Where the disk takes no writes this is done before the first one that it takes.
         Recordings, whose content lies in folders, are cleared up by `app.recordings.files`.
         """
+        try:
+            self._recover()
+        except StoreError as error:
+            LOG.warning("the store can only be read for now: %s", error)
+            self._writer.unfinished = self._recover
+
+    def _recover(self) -> None:
         for repository in (self.jobs, self.flights, self.monitors, self.datasets):
             repository.recover()
 
@@ -74,6 +86,8 @@ def open_store(url_or_path: str | Path, *, recover: bool = True) -> Store:
     StoreError where it cannot be used; a database of a newer program is left untouched.
     """
     url = address(url_or_path)
+    if recover:
+        Reserve(url).free()
     bring_up_to_date(url)
     store = Store(make_engine(url))
     if recover:
