@@ -71,7 +71,7 @@ def _array(key: str, values: Any) -> np.ndarray:
 Forecast = msgspec.defstruct("Forecast", [(key, float) for key in KEYS], gc=False)
 
 
-class Sample(msgspec.Struct, gc=False):
+class AssessedRow(msgspec.Struct, gc=False):
     """An Assessment without exemplars in wire form, quick to make and to encode."""
 
     t: float
@@ -87,7 +87,7 @@ class Sample(msgspec.Struct, gc=False):
 
 def assessed(
     monitor: Monitor, recording: Recording, epsilon: float, *, why: bool
-) -> Sequence[Sample | dict[str, Any]]:
+) -> Sequence[AssessedRow | dict[str, Any]]:
     """Return the assessment of each sample in wire form; `why` adds the exemplars."""
     if why:
         stream = monitor.stream(epsilon)
@@ -97,4 +97,4 @@ def assessed(
         ]
     columns = monitor.assess(recording.t, recording.y, epsilon).columns()
     columns["y_hat"] = [y and Forecast(*y) for y in columns["y_hat"]]
-    return [Sample(*row) for row in zip(*columns.values(), strict=True)]
+    return [AssessedRow(*row) for row in zip(*columns.values(), strict=True)]

@@ -41,8 +41,8 @@ class Grid:
 
 
 @dataclass(frozen=True, eq=False)
-class Segment:
-    """Samples begin to end (exclusive) and the rows first to last (exclusive) within them.
+class GapFreeRun:
+    """Samples begin to end (exclusive) without a gap; the rows first to last (exclusive) in them.
 
     index: where each sample belongs on an even clock of `step` [s]; None where it is uneven.
     """
@@ -69,7 +69,7 @@ class ResamplingPlan:
     limit: float
     gaps: Array
     bridged: int
-    segments: tuple[Segment, ...]
+    segments: tuple[GapFreeRun, ...]
 
     @property
     def even(self) -> bool:
@@ -97,7 +97,7 @@ def resampling_plan(t: Array, grid: Grid) -> ResamplingPlan:
         first, last = grid.within(t[begin], t[end - 1])
         if first < last:
             usual, index = _even_clock(t[begin:end], steps[begin : end - 1], step, grid.tolerance)
-            segments.append(Segment(int(begin), int(end), first, last, usual, index))
+            segments.append(GapFreeRun(int(begin), int(end), first, last, usual, index))
         bridged += int(np.rint(steps[begin : end - 1] / step - 1.0).clip(0.0).sum())
     return ResamplingPlan(t, grid, step, limit, steps[breaks], bridged, tuple(segments))
 
@@ -119,7 +119,7 @@ def _even_clock(
     return usual, index
 
 
-def _even_rows(s: Segment, t: Array, x: Array, grid: Grid) -> Array:
+def _even_rows(s: GapFreeRun, t: Array, x: Array, grid: Grid) -> Array:
     """Filtered to the slower of the two rates; a sample where the grid is not the slower one."""
     assert s.index is not None
     n = int(s.index[-1]) + 1
@@ -140,7 +140,7 @@ def _even_rows(s: Segment, t: Array, x: Array, grid: Grid) -> Array:
     return rows
 
 
-def _uneven_rows(s: Segment, t: Array, x: Array, grid: Grid) -> Array:
+def _uneven_rows(s: GapFreeRun, t: Array, x: Array, grid: Grid) -> Array:
     """Cubics between the samples; going down onto a finer grid first, which is then filtered."""
     if len(t) == 1:
         return np.full(s.last - s.first, x[0])
