@@ -4,6 +4,7 @@
  * Exports
  *   framed(title, plot, key, words) -> <figure>
  *   keyOf([mark, words], ...) -> element     a line each of what is drawn
+ *   barKey(plot, safe, unsafe) -> element   the key of stacked bars: a line of words for each
  *   sample(name, mark) -> [svg]              a line of a key: class name, mark "cross", "circle", ...
  *   UNIT_SHARE   the axis of a share from 0 to 1.   SPARE   of an axis above its greatest value
  */
@@ -41,6 +42,15 @@ export function keyOf(...entries) {
         words,
       ),
     ),
+  );
+}
+
+export function barKey(plot, safe, unsafe) {
+  const bar = (name, fill) =>
+    svg("rect", { x: 6, y: 2, width: 22, height: 11, class: name, ...fill });
+  return keyOf(
+    [bar("plot-safe-bar"), safe],
+    [bar("plot-unsafe-bar", { fill: plot.hatched }), unsafe],
   );
 }
 

@@ -7,7 +7,7 @@
  *   sampleRollouts(api, id) -> Promise<[rollout]>     the first MOST of each outcome, to draw
  */
 
-import { framed, keyOf, sample, SPARE } from "../charts/figure.js";
+import { barKey, framed, keyOf, sample, SPARE } from "../charts/figure.js";
 import { createPlot } from "../charts/plot.js";
 import { h, svg } from "../lib/dom.js";
 import { figure as number } from "../lib/numbers.js";
@@ -99,20 +99,7 @@ export function peakFigure({ limit, edges, unsafe, safe }, channel) {
     if (unsafe[k]) plot.bar(edges[k], edges[k + 1], count, count + unsafe[k], "plot-unsafe-bar");
   });
   plot.vertical(1, "plot-limit", "limit");
-  const key = keyOf(
-    [svg("rect", { x: 6, y: 2, width: 22, height: 11, class: "plot-safe-bar" }), "safe"],
-    [
-      svg("rect", {
-        x: 6,
-        y: 2,
-        width: 22,
-        height: 11,
-        class: "plot-unsafe-bar",
-        fill: plot.hatched,
-      }),
-      "unsafe (cut at the failure)",
-    ],
-  );
+  const key = barKey(plot, "safe", "unsafe (cut at the failure)");
   return framed(`Peak ${channel.label}`, plot.svg, key);
 }
 

@@ -8,7 +8,7 @@
  *   methodsFigure(methods, ranking, what)    what: "miss" or "power" of a study
  */
 
-import { framed, keyOf, sample, SPARE, UNIT_SHARE } from "../charts/figure.js";
+import { barKey, framed, keyOf, sample, SPARE, UNIT_SHARE } from "../charts/figure.js";
 import { createPlot } from "../charts/plot.js";
 import { svg } from "../lib/dom.js";
 import { figure as number } from "../lib/numbers.js";
@@ -139,20 +139,7 @@ export function leadFigure({ leads, lead, epsilon, n_unsafe }) {
       plot.bar(edges[k], edges[k + 1], 0, count, late ? "plot-unsafe-bar" : "plot-safe-bar");
   });
   plot.vertical(lead, "plot-limit", `promised ${number(lead)} s`);
-  const key = keyOf(
-    [svg("rect", { x: 6, y: 2, width: 22, height: 11, class: "plot-safe-bar" }), "in time"],
-    [
-      svg("rect", {
-        x: 6,
-        y: 2,
-        width: 22,
-        height: 11,
-        class: "plot-unsafe-bar",
-        fill: plot.hatched,
-      }),
-      "too late",
-    ],
-  );
+  const key = barKey(plot, "in time", "too late");
   const middle =
     median === null
       ? "No failing flight had an alert."
