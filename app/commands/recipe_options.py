@@ -29,7 +29,7 @@ SHARED: tuple[tuple[str, str, Any, Any, str], ...] = (
     ("--n-obs", "dataset.n_obs", int, None, "observations kept of each safe rollout"),
     ("--max-rollouts", "dataset.max_rollouts", int, None, "budget of a collection"),
     ("--seed", "dataset.seed", int, None, "seed of every random draw"),
-    ("--t-early", "monitor.t_early", float, None, "wished lead of an alert [s]"),
+    ("--t-early", "monitor.t_early", float, None, "required warning lead time [s]"),
     ("--n-delay", "monitor.n_delay", int, None, "past outputs in an observation"),
     ("--calibration", "monitor.calibration", str, ("trajectory", "pointwise"), "calibrated rule"),
     ("--p-value", "monitor.p_value", str, ("simple", "exact"), "conformal p-value"),
@@ -85,6 +85,12 @@ def add_recipe_options(parser: argparse.ArgumentParser, *, method: bool) -> None
     group.add_argument(
         "--print-recipe", action="store_true", help="print the whole recipe as JSON and stop"
     )
+
+
+def add_number(parser: argparse.ArgumentParser, option: str, text: str) -> None:
+    """Add a number of the recipe's own, beside its dataset and monitor: --n-test sets n_test."""
+    name = option.removeprefix("--").replace("-", "_")
+    parser.add_argument(option, type=int, dest=f".{name}", metavar="NUMBER", help=text)
 
 
 def plain_recipe(options: argparse.Namespace) -> dict[str, Any]:

@@ -5,7 +5,7 @@ from pathlib import Path
 
 from app.commands.destinations import check_directory
 from app.commands.progress import progress_bar
-from app.commands.recipe_options import add_recipe_options, plain_recipe, print_recipe
+from app.commands.recipe_options import add_number, add_recipe_options, plain_recipe, print_recipe
 from app.recipes import from_plain
 from app.report.study import write_study
 from core.study import StudyRecipe, study
@@ -14,12 +14,8 @@ from core.study import StudyRecipe, study
 def add(parser: argparse.ArgumentParser) -> None:
     """Add the command's options."""
     add_recipe_options(parser, method=False)
-    parser.add_argument(
-        "--n-monitors", type=int, dest=".n_monitors", metavar="NUMBER", help="monitors a method"
-    )
-    parser.add_argument(
-        "--n-test", type=int, dest=".n_test", metavar="NUMBER", help="fresh test flights a monitor"
-    )
+    add_number(parser, "--n-monitors", "monitors a method")
+    add_number(parser, "--n-test", "fresh test flights a monitor")
     parser.add_argument("-o", "--out", type=Path, default=Path("study"), help="directory written")
 
 

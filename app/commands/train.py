@@ -8,7 +8,7 @@ import numpy as np
 
 from app.commands.destinations import check_file
 from app.commands.progress import progress_bar
-from app.commands.recipe_options import add_recipe_options, plain_recipe, print_recipe
+from app.commands.recipe_options import add_number, add_recipe_options, plain_recipe, print_recipe
 from app.jobs.requests import N_TEST
 from app.jobs.training import FlownTest, Training, simulate, train_and_test
 from app.recipes import from_plain
@@ -35,9 +35,7 @@ class TrainingRecipe:
 def add(parser: argparse.ArgumentParser) -> None:
     """Add the command's options."""
     add_recipe_options(parser, method=True)
-    parser.add_argument(
-        "--n-test", type=int, dest=".n_test", metavar="NUMBER", help="fresh test flights"
-    )
+    add_number(parser, "--n-test", "fresh test flights")
     parser.add_argument("-o", "--out", type=Path, default=Path("monitor.fwm"), help="file written")
 
 
@@ -87,16 +85,16 @@ def _validity_line(training: Training) -> str:
 
 
 def _test_lines(test: FlownTest, lead: float) -> list[str]:
-    found = test.at_epsilon
-    caught = int(found.caught[0])
-    silent = found.n_safe - found.false_alerts[0]
+    counts = test.at_epsilon
+    caught = int(counts.caught[0])
+    silent = counts.n_safe - counts.false_alerts[0]
     return [
-        f"fresh flights: {found.n_unsafe} failed, {found.n_safe} did not; at epsilon "
+        f"fresh flights: {counts.n_unsafe} failed, {counts.n_safe} did not; at epsilon "
         f"{test.epsilon:g}:",
-        _share("missed", found.misses[0], found.n_unsafe, "of failing flights"),
-        *_withdrawn_line(int(found.withdrawn[0]), found.n_unsafe),
-        _share("no alert", silent, found.n_safe, "of safe flights"),
-        _share("P(fail | alert)", caught, caught + found.false_alerts[0], "of alerts"),
+        _share("missed", counts.misses[0], counts.n_unsafe, "of failing flights"),
+        *_withdrawn_line(int(counts.withdrawn[0]), counts.n_unsafe),
+        _share("no alert", silent, counts.n_safe, "of safe flights"),
+        _share("P(fail | alert)", caught, caught + counts.false_alerts[0], "of alerts"),
         _lead_line(test.leads, lead),
     ]
 
@@ -115,12 +113,12 @@ def _share(what: str, count: int, total: int, of: str) -> str:
     return f"  {what:16} {count / total:6.1%} [{low:.1%}, {high:.1%}] {of}"
 
 
-def _lead_line(lead: np.ndarray, wished: float) -> str:
+def _lead_line(lead: np.ndarray, required: float) -> str:
     warned = lead[np.isfinite(lead)]
     if not len(warned):
-        return "  lead             no failing flight had an alert"
+        return "  warning lead     no failing flight had an alert"
     low, middle, high = np.quantile(warned, [0.05, 0.5, 0.95])
     return (
-        f"  lead             median {middle:.2f} s, 5-95 % {low:.2f} to {high:.2f} s; "
-        f"{np.mean(lead >= wished - 1e-9):.0%} at least {wished:g} s"
+        f"  warning lead     median {middle:.2f} s, 5-95 % {low:.2f} to {high:.2f} s; "
+        f"{np.mean(lead >= required - 1e-9):.0%} at least {required:g} s"
     )
