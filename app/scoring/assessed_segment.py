@@ -1,4 +1,4 @@
-"""A segment of a recording as it was assessed, with all that says whether it should have been."""
+"""A segment of a recording as it was assessed, with all that its validity is judged by."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -16,25 +16,29 @@ from core.types import Array, Flags
 
 @dataclass(frozen=True, eq=False)
 class AssessedSegment:
-    """A segment flown through a monitor.
+    """A segment of a recording as a monitor assessed it.
 
-    traces: repaired.   y: (n, 6) from trim, NaN where not recorded.   assessed: (n, 6) the same, 0
-    in channels that the monitor does not read.   needed: (6,) channels.   end: last sample that
-    counts, the first one past a limit if there is one.   held: rows for which each value of a
-    channel is repeated, by a recorder that is faster than its sensor.
+    traces: repaired.   y: (n, 6) from trim, NaN where not recorded.   y_read: (n, 6) the same, 0 in
+    channels that the monitor does not read.   needed: (6,) channels.   repeats: rows for which each
+    value of a channel is repeated, by a recorder that is faster than its sensor.
     """
 
     monitor: Monitor
-    plan: PlannedTest
+    planned: PlannedTest
     traces: Traces
     recording: Recording
     segment: Segment
     needed: Flags
     y: Array
-    assessed: Array
-    said: Assessments
-    end: int
-    held: Mapping[str, int]
+    y_read: Array
+    assessments: Assessments
+    repeats: Mapping[str, int]
+
+    @cached_property
+    def n_counted(self) -> int:
+        """Samples up to the first that exceeds a limit, all where none does: those judged."""
+        last = self.monitor.last_counted(self.y_read)
+        return len(self.y) if last is None else last + 1
 
     @cached_property
     def largest(self) -> Array:

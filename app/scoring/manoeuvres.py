@@ -1,4 +1,4 @@
-"""Manoeuvres found by control activity: where the crew moved aileron or rudder on purpose.
+"""Manoeuvres detected by control activity: where the crew moved aileron or rudder on purpose.
 
 Surfaces never rest altogether: trim drifts, sensors are noisy, a damper answers turbulence. So a
 surface is active where it moves within WINDOW by more than a share of the planned input, and by
@@ -46,26 +46,26 @@ class Activity(NamedTuple):
     end: int
 
 
-def find(surfaces: Array, plan: PlannedTest) -> tuple[Activity, ...]:
+def detect(surfaces: Array, planned: PlannedTest) -> tuple[Activity, ...]:
     """Inputs in a recording, in order; those that belong to one manoeuvre are one.
 
-    surfaces: (n, 2) aileron and rudder [rad], a sample each plan.dt, NaN where unknown.
+    surfaces: (n, 2) aileron and rudder [rad], a sample each planned.dt, NaN where unknown.
     """
-    window = max(3, round(WINDOW / plan.dt) | 1)
+    window = max(3, round(WINDOW / planned.dt) | 1)
     known = [column for column in range(2) if np.isfinite(surfaces[:, column]).any()]
     if not known:
         return ()
     u = np.column_stack([_despiked(surfaces[:, column]) for column in known])
     u = np.pad(u, ((window, 0), (0, 0)), mode="edge")  # before the first sample it rests
-    smooth = uniform_filter1d(u, round(SMOOTH / plan.dt) | 1, axis=0, mode="nearest")
+    smooth = uniform_filter1d(u, round(SMOOTH / planned.dt) | 1, axis=0, mode="nearest")
     motion = _motion(np.asarray(smooth), window)
-    largest = _input_sizes(motion, plan)[known]
+    largest = _input_sizes(motion, planned)[known]
     threshold = np.column_stack(
-        [_threshold(motion[:, i], size, plan.dt) for i, size in enumerate(largest)]
+        [_threshold(motion[:, i], size, planned.dt) for i, size in enumerate(largest)]
     )
     return tuple(
         Activity(max(0, onset - window), max(0, end - window))
-        for onset, end in _activities(u, motion, threshold, window, plan)
+        for onset, end in _activities(u, motion, threshold, window, planned)
     )
 
 
@@ -84,10 +84,12 @@ def _motion(u: Array, window: int) -> Array:
     return most - minimum_filter1d(u, window, axis=0, mode="nearest")
 
 
-def _input_sizes(motion: Array, plan: PlannedTest) -> Array:
+def _input_sizes(motion: Array, planned: PlannedTest) -> Array:
     """(2,) what counts as a whole input of each surface [rad]."""
-    if plan.amplitudes.any():
-        return np.where(plan.amplitudes > 0.0, plan.amplitudes, OTHER * plan.amplitudes.max())
+    if planned.amplitudes.any():
+        return np.where(
+            planned.amplitudes > 0.0, planned.amplitudes, OTHER * planned.amplitudes.max()
+        )
     return np.full(2, 0.5 * motion.max())
 
 
@@ -104,9 +106,9 @@ def _threshold(motion: Array, size: float, dt: float) -> Array:
 
 
 def _activities(
-    u: Array, motion: Array, threshold: Array, window: int, plan: PlannedTest
+    u: Array, motion: Array, threshold: Array, window: int, planned: PlannedTest
 ) -> Iterator[Activity]:
-    """Join runs of motion to inputs: between two of them the surfaces rest in trim.
+    """Join moves of motion to inputs: between two of them the surfaces rest in trim.
 
     A run holds the samples around which a window has motion. So a surface passes the threshold half
     a window after a run begins, and comes to rest half a window before the run ends.
@@ -114,30 +116,30 @@ def _activities(
     least = BEGINNING * threshold
     moving = (motion > least).any(axis=1).view(np.int8)
     inputs = np.concatenate([[0], np.cumsum((motion > threshold).any(axis=1))])
-    runs = np.flatnonzero(np.diff(moving, prepend=0, append=0)).reshape(-1, 2)
-    passed = np.minimum(runs[:, 0] + window // 2, len(u) - 1)
-    ended = np.maximum(runs[:, 1] - window // 2, passed + 1)
-    ended[runs[:, 1] == len(u)] = len(u)
-    rested, settled = round(RESTED / plan.dt), round(SETTLED / plan.dt)
-    planned = round(plan.inputs_last / plan.dt)
-    found, is_input, trim = Activity(-1, -1), False, np.empty(u.shape[1])
+    moves = np.flatnonzero(np.diff(moving, prepend=0, append=0)).reshape(-1, 2)
+    passed = np.minimum(moves[:, 0] + window // 2, len(u) - 1)
+    ended = np.maximum(moves[:, 1] - window // 2, passed + 1)
+    ended[moves[:, 1] == len(u)] = len(u)
+    rested, settled = round(RESTED / planned.dt), round(SETTLED / planned.dt)
+    n_inputs = round(planned.inputs_last / planned.dt)
+    activity, is_input, trim = Activity(-1, -1), False, np.empty(u.shape[1])
     for begins, stops in zip(passed.tolist(), ended.tolist(), strict=True):
         level = np.median(u[max(0, begins - window) : begins], axis=0)
         onset = _departure(u, level, least[begins], begins, window)
-        if found.onset >= 0:
-            rest = np.median(u[found.end : found.end + window], axis=0)
-            back = (np.abs(rest - trim) <= least[found.end]).all()
-            apart = onset - found.end >= (rested if back else settled)
-            if not apart or (is_input and onset < found.onset + planned):
-                found = Activity(found.onset, stops - 1)
+        if activity.onset >= 0:
+            rest = np.median(u[activity.end : activity.end + window], axis=0)
+            back = (np.abs(rest - trim) <= least[activity.end]).all()
+            apart = onset - activity.end >= (rested if back else settled)
+            if not apart or (is_input and onset < activity.onset + n_inputs):
+                activity = Activity(activity.onset, stops - 1)
                 is_input |= bool(inputs[stops] > inputs[begins])
                 continue
             if is_input:
-                yield found
-        found, trim = Activity(onset, stops - 1), level
+                yield activity
+        activity, trim = Activity(onset, stops - 1), level
         is_input = bool(inputs[stops] > inputs[onset])
     if is_input:
-        yield found
+        yield activity
 
 
 def _departure(u: Array, trim: Array, threshold: Array, begins: int, window: int) -> int:

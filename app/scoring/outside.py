@@ -26,7 +26,7 @@ def outside(
     """
     starts, ends = np.array(intervals, np.float64).T
     subtracted = np.nan_to_num(np.array(trims))
-    found = []
+    exceedances = []
     for c in np.flatnonzero(np.isfinite(limits)):
         key, trace = CHANNELS[c].key, traces.channels[CHANNELS[c].key]
         known = np.isfinite(trace.values)
@@ -37,18 +37,18 @@ def outside(
         begins = over[np.diff(t[over], prepend=-np.inf) > APART]
         of = number[begins]
         inside = (t[begins] >= starts[of] - SAME_TIME) & (t[begins] <= ends[of] + SAME_TIME)
-        found += [Exceedance(float(t[i]), key, float(value[i])) for i in begins[~inside]]
-    return tuple(sorted(found, key=lambda exceedance: exceedance.t))
+        exceedances += [Exceedance(float(t[i]), key, float(value[i])) for i in begins[~inside]]
+    return tuple(sorted(exceedances, key=lambda exceedance: exceedance.t))
 
 
-def outside_note(found: Sequence[Exceedance]) -> tuple[str, ...]:
+def outside_note(exceedances: Sequence[Exceedance]) -> tuple[str, ...]:
     """What a person should know of them; nothing where there are none."""
-    if not found:
+    if not exceedances:
         return ()
-    first = found[0]
+    first = exceedances[0]
     unit = next(channel.unit for channel in CHANNELS if channel.key == first.channel)
-    times = "once" if len(found) == 1 else f"{len(found)} times, first"
+    times = "once" if len(exceedances) == 1 else f"{len(exceedances)} times, first"
     return (
-        f"A limit was reached outside every manoeuvre, where nothing was assessed: {times} "
+        f"A limit was exceeded outside every manoeuvre, where nothing was assessed: {times} "
         f"{first.channel} {first.value:.3g} {unit} at {first.t:.2f} s.",
     )

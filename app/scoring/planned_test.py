@@ -29,7 +29,7 @@ MAIN_INPUT = 0.5
 class PlannedTest:
     """The planned test as far as a monitor knows it.
 
-    limits: (6,) magnitudes that must not be reached, infinite where there is none.
+    limits: (6,) magnitudes that must not be exceeded, infinite where there is none.
     limits_known: whether the monitor says which limits it was trained for.
     maneuver, aircraft: None where the monitor does not come from a recipe.
     """
@@ -90,7 +90,7 @@ def planned_test(monitor: Monitor) -> PlannedTest:
 
 
 def limits_of(monitor: Monitor) -> Array:
-    """(6,) magnitudes that must not be reached; infinite where there is none, or none is known."""
+    """(6,) magnitudes that must not be exceeded; infinite where there is none, or none is known."""
     return np.full(N_CHANNELS, np.inf) if monitor.limits is None else monitor.limits
 
 

@@ -44,7 +44,7 @@ class Ready:
     """
 
     monitor: Monitor
-    plan: PlannedTest
+    planned: PlannedTest
     traces: Traces
     quality: Quality
     recording: Recording
@@ -55,8 +55,8 @@ class Ready:
     def of(cls, monitor: Monitor, repaired: RepairedTraces) -> Self:
         """MissingChannels; TelemetryError where one is too slow."""
         traces, quality = repaired.traces, repaired.quality
-        plan = planned_test(monitor)
-        needed = needed_channels(monitor, plan.limits)
+        planned = planned_test(monitor)
+        needed = needed_channels(monitor, planned.limits)
         recorded = [c.key for c in quality.channels if c.missing < 1.0 or c.implausible]
         absent = [key for key in KEYS if key not in recorded]
         if lacking := [key for key in absent if needed[KEYS.index(key)]]:
@@ -66,4 +66,4 @@ class Ready:
         notes = list(recording.notes)
         if absent:
             notes.append(f"Not recorded, and the monitor does not read it: {', '.join(absent)}.")
-        return cls(monitor, plan, traces, quality, recording, needed, tuple(notes))
+        return cls(monitor, planned, traces, quality, recording, needed, tuple(notes))

@@ -8,13 +8,12 @@ import numpy as np
 import numpy.typing as npt
 
 from app.scoring.assessed_segment import AssessedSegment
-from app.scoring.outcome import SAME_TIME, Exceedance, Limited, against_limits, outcome, runs
+from app.scoring.outcome import Exceedance, Limited, against_limits, outcome, runs
 from app.scoring.outside import MOST_OUTSIDE, outside, outside_note
 from app.scoring.ready import Ready
 from app.scoring.recipe import Interval, ScoringRecipe
 from app.scoring.scored import (
     BETWEEN,
-    OBSERVATIONS,
     ScoredManoeuvre,
     ScoredRecording,
     Validity,
@@ -55,87 +54,87 @@ def score_at_each(
     """Score once at each miss rate, for the price of one: only alerts depend on it."""
     checked = [monitor.check_epsilon(epsilon) for epsilon in epsilons]
     flight = Ready.of(monitor, recorded)
-    planned, notes = segments(flight.recording, flight.plan, recipe)
-    judged = [_judge(flight, segment) for segment in planned]
-    reached = _outside(flight, judged)
-    notes = (*flight.notes, *notes, *outside_note(reached))
-    return tuple(_scored(flight, judged, epsilon, notes, reached) for epsilon in checked)
+    chosen, notes = segments(flight.recording, flight.planned, recipe)
+    judged = [_judge(flight, segment) for segment in chosen]
+    exceedances = _outside(flight, judged)
+    notes = (*flight.notes, *notes, *outside_note(exceedances))
+    return tuple(_scored(flight, judged, epsilon, notes, exceedances) for epsilon in checked)
 
 
 def manoeuvres_in(monitor: Monitor, recorded: RepairedTraces) -> tuple[Interval, ...]:
-    """The manoeuvres that scoring would find; none where there are none."""
+    """The manoeuvres that scoring would detect; none where there are none."""
     flight = Ready.of(monitor, recorded)
-    found, _ = segments(flight.recording, flight.plan, ScoringRecipe())
+    detected, _ = segments(flight.recording, flight.planned, ScoringRecipe())
     t = flight.recording.t
     return tuple(
-        Interval(float(t[one.first]), float(t[one.last]), one.name)
-        for one in found
-        if one.onset is not None
+        Interval(float(t[segment.first]), float(t[segment.last]), segment.name)
+        for segment in detected
+        if segment.onset is not None
     )
 
 
 @dataclass(frozen=True, eq=False)
-class _Judged:
+class JudgedSegment:
     """A segment with everything that does not depend on epsilon.
 
-    said: of all its samples.   withdrawn: sample from which on nothing is said; None for none.
+    assessments: of all its samples.   withdrawn: first sample of which nothing is said; None where
+    there is none.
     """
 
     segment: Segment
     trim: Array
     y: Array
-    said: Assessments
+    assessments: Assessments
     limited: Limited
     validity: Validity
     withdrawn: int | None
 
+    @property
+    def first(self) -> int:
+        """Its first sample in the recording."""
+        return self.segment.first
 
-def _judge(flight: Ready, segment: Segment) -> _Judged:
+    @property
+    def stop(self) -> int:
+        """The sample after its last one in the recording."""
+        return self.segment.last + 1
+
+    @property
+    def n_assessed(self) -> int:
+        """Samples from the first on of which something is said."""
+        return self.stop - self.first if self.withdrawn is None else self.withdrawn
+
+
+def _judge(flight: Ready, segment: Segment) -> JudgedSegment:
     """Assess a segment as a flight of its own, then ask whether that was right."""
     part = slice(segment.first, segment.last + 1)
     t, recorded = flight.recording.t[part], flight.recording.y
     trim = np.zeros(len(KEYS)) if segment.rest is None else _mean(recorded[segment.rest])
     y = recorded[part] - trim
-    assessed = np.where(flight.needed, y, 0.0) if not flight.needed.all() else y
-    said = flight.monitor.assess(t, assessed, withdraw=False)
-    limited = against_limits(flight.traces, flight.plan.limits, trim, float(t[0]), float(t[-1]))
-    end = len(t) - 1
-    if limited.exceedance is not None:
-        end = min(end, int(np.searchsorted(t, limited.exceedance.t - SAME_TIME)))
-    flown = AssessedSegment(
+    y_read = np.where(flight.needed, y, 0.0) if not flight.needed.all() else y
+    assessments = flight.monitor.assess(t, y_read, withdraw=False)
+    limits = flight.planned.limits
+    limited = against_limits(flight.traces, limits, trim, float(t[0]), float(t[-1]))
+    assessed = AssessedSegment(
         flight.monitor,
-        flight.plan,
+        flight.planned,
         flight.traces,
         flight.recording,
         segment,
         flight.needed,
         y,
-        assessed,
-        said,
-        end,
+        y_read,
+        assessments,
         {channel.key: channel.held for channel in flight.quality.channels},
     )
-    verdict = validity(flown)
-    return _Judged(segment, trim, y, said, limited, verdict, _withdrawn(flown, verdict))
+    verdict, withdrawn = validity(assessed)
+    return JudgedSegment(segment, trim, y, assessments, limited, verdict, withdrawn)
 
 
-def _withdrawn(flown: AssessedSegment, verdict: Validity) -> int | None:
-    """First sample of which nothing is said: as of a stream; the first of all for a failed check.
-
-    A check knows more than a stream does: the airspeed, say, or which manoeuvre was flown.
-    """
-    if any(check.ok is False for check in verdict.checks if check.name != OBSERVATIONS):
-        return 0
-    if verdict.valid is not False:
-        return None
-    lost = flown.monitor.withdrawal(flown.said.t, flown.assessed, flown.said)
-    return None if lost is None else lost.first
-
-
-def _outside(flight: Ready, judged: list[_Judged]) -> tuple[Exceedance, ...]:
+def _outside(flight: Ready, judged: list[JudgedSegment]) -> tuple[Exceedance, ...]:
     t = flight.recording.t
-    intervals = [(float(t[one.segment.first]), float(t[one.segment.last])) for one in judged]
-    return outside(flight.traces, flight.plan.limits, intervals, [one.trim for one in judged])
+    intervals = [(float(t[each.first]), float(t[each.stop - 1])) for each in judged]
+    return outside(flight.traces, flight.planned.limits, intervals, [each.trim for each in judged])
 
 
 def _mean(rest: Array) -> Array:
@@ -148,43 +147,47 @@ def _mean(rest: Array) -> Array:
 
 def _scored(
     flight: Ready,
-    judged: list[_Judged],
+    judged: list[JudgedSegment],
     epsilon: float,
     notes: tuple[str, ...],
-    reached: tuple[Exceedance, ...],
+    exceedances: tuple[Exceedance, ...],
 ) -> ScoredRecording:
     fields = _between(flight.recording, judged)
-    for number, one in enumerate(judged):
-        part = slice(one.segment.first, one.segment.last + 1)
-        fields["y"][part], fields["y_hat"][part] = one.y, one.said.y_hat
-        fields["manoeuvre"][part] = number
-        last = one.segment.last + 1 if one.withdrawn is None else one.segment.first + one.withdrawn
-        said, lost = slice(one.segment.first, last), slice(last, one.segment.last + 1)
-        n_said = last - one.segment.first
-        fields["withdrawn"][lost] = one.said.p_value[n_said:]
-        fields["y_hat"][lost] = np.nan
-        fields["state"][said], fields["p_value"][said] = (
-            one.said.state[:n_said],
-            one.said.p_value[:n_said],
-        )
-        fields["alert"][said] = one.said.p_value[:n_said] > epsilon
+    for number, segment in enumerate(judged):
+        _fill(fields, number, segment, epsilon)
     samples = packed(fields)
-    scored = [
-        _verdict(flight, one, samples[one.segment.first : one.segment.last + 1], epsilon)
-        for one in judged
+    manoeuvres = [
+        _verdict(flight, segment, samples[segment.first : segment.stop], epsilon)
+        for segment in judged
     ]
     return ScoredRecording(
         samples,
-        tuple(scored),
+        tuple(manoeuvres),
         flight.monitor.dt,
         epsilon,
         flight.quality,
         notes,
-        reached[:MOST_OUTSIDE],
+        exceedances[:MOST_OUTSIDE],
     )
 
 
-def _between(recording: Recording, judged: list[_Judged]) -> dict[str, npt.NDArray[Any]]:
+def _fill(
+    fields: dict[str, npt.NDArray[Any]], number: int, judged: JudgedSegment, epsilon: float
+) -> None:
+    """Put the assessments of a segment in their place: those that stand, and those withdrawn."""
+    n, assessments = judged.n_assessed, judged.assessments
+    every = slice(judged.first, judged.stop)
+    kept, withdrawn = slice(judged.first, judged.first + n), slice(judged.first + n, judged.stop)
+    fields["manoeuvre"][every] = number
+    fields["y"][every], fields["y_hat"][every] = judged.y, assessments.y_hat
+    fields["y_hat"][withdrawn] = np.nan
+    fields["withdrawn"][withdrawn] = assessments.p_value[n:]
+    fields["state"][kept] = assessments.state[:n]
+    fields["p_value"][kept] = assessments.p_value[:n]
+    fields["alert"][kept] = assessments.p_value[:n] > epsilon
+
+
+def _between(recording: Recording, judged: list[JudgedSegment]) -> dict[str, npt.NDArray[Any]]:
     """The fields of SAMPLE where nothing is said yet.
 
     Channels are from the trim of the segment before; ahead of the first, from its own.
@@ -192,9 +195,9 @@ def _between(recording: Recording, judged: list[_Judged]) -> dict[str, npt.NDArr
     n, unknown = len(recording.t), np.full(len(recording.t), np.nan)
     attitude = [recording.attitude.get(key, unknown) for key in ATTITUDE]
     y = np.empty((n, len(KEYS)))
-    starts = [0, *(one.segment.last + 1 for one in judged), n]
-    for one, begin, end in zip((judged[0], *judged), starts, starts[1:], strict=False):
-        np.subtract(recording.y[begin:end], np.nan_to_num(one.trim), out=y[begin:end])
+    starts = [0, *(segment.stop for segment in judged), n]
+    for segment, begin, end in zip((judged[0], *judged), starts, starts[1:], strict=False):
+        np.subtract(recording.y[begin:end], np.nan_to_num(segment.trim), out=y[begin:end])
     return {
         "t": recording.t,
         "y": y,
@@ -209,44 +212,47 @@ def _between(recording: Recording, judged: list[_Judged]) -> dict[str, npt.NDArr
 
 
 def _verdict(
-    flight: Ready, one: _Judged, part: npt.NDArray[np.void], epsilon: float
+    flight: Ready, judged: JudgedSegment, part: npt.NDArray[np.void], epsilon: float
 ) -> ScoredManoeuvre:
     known = np.isfinite(part["p_value"])
     peak = int(np.nanargmax(part["p_value"])) if known.any() else None
     alerts = runs(part["t"], part["alert"])
-    exceedance, promised = one.limited.exceedance, flight.monitor.lead
-    what, lead = outcome(alerts, exceedance, promised)
-    is_withdrawn = one.withdrawn is not None
-    if not flight.plan.limits_known:
-        what, lead = "unknown", None
+    limited, promised = judged.limited, flight.monitor.lead
+    result, lead = outcome(alerts, limited.exceedance, promised)
+    is_withdrawn = judged.withdrawn is not None
+    if not flight.planned.limits_known:
+        result, lead = "unknown", None
     elif is_withdrawn and not alerts:
-        what, lead = "invalid", None
-    first = [withdrawn(one.said, one.limited, epsilon)] if is_withdrawn else []
+        result, lead = "invalid", None
+    first = [withdrawn(judged.assessments, limited, epsilon)] if is_withdrawn else []
     why = ""
-    if not flight.plan.limits_known:
+    if not flight.planned.limits_known:
         pass
-    elif exceedance is None:
-        why = not_seen(one.limited, one.said, alerts, flight.monitor.dt)
+    elif limited.exceedance is None:
+        why = not_seen(limited, judged.assessments, alerts, flight.monitor.dt)
     elif not is_withdrawn:
-        why = could_not_warn(one.limited, exceedance, one.said, alerts, promised)
+        why = could_not_warn(limited, limited.exceedance, judged.assessments, alerts, promised)
     if why:
-        what, lead = "unseen", None
+        result, lead = "unseen", None
         first.append(why)
     return ScoredManoeuvre(
-        name=one.segment.name,
+        name=judged.segment.name,
         start=float(part["t"][0]),
         end=float(part["t"][-1]),
-        first=one.segment.first,
-        last=one.segment.last,
-        trim=tuple(None if np.isnan(value) else float(value) for value in one.trim),
-        validity=one.validity,
-        outcome="invalid" if peak is None else what,
-        guarantee=guarantee(flight.monitor, one.validity, epsilon),
+        first=judged.segment.first,
+        last=judged.segment.last,
+        trim=tuple(None if np.isnan(value) else float(value) for value in judged.trim),
+        validity=judged.validity,
+        outcome="invalid" if peak is None else result,
+        guarantee=guarantee(flight.monitor, judged.validity, epsilon),
         peak_risk=None if peak is None else float(part["p_value"][peak]),
         peak_t=None if peak is None else float(part["t"][peak]),
         alerts=alerts,
-        exceedance=exceedance,
+        exceedance=limited.exceedance,
         lead=lead,
-        withdrawn_t=None if one.withdrawn is None else float(part["t"][one.withdrawn]),
-        remarks=(*first, *remarks(flight.plan, one.segment, one.limited, one.said)),
+        withdrawn_t=None if judged.withdrawn is None else float(part["t"][judged.withdrawn]),
+        remarks=(
+            *first,
+            *remarks(flight.planned, judged.segment, limited, judged.assessments),
+        ),
     )

@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from app.scoring.manoeuvres import Activity, find
+from app.scoring.manoeuvres import Activity, detect
 from app.scoring.planned_test import SURFACES, PlannedTest
 from app.scoring.recipe import Interval, ScoringRecipe, in_words
 from app.scoring.scored import MOST_MANOEUVRES
@@ -33,46 +33,46 @@ class Segment(NamedTuple):
 
 
 def segments(
-    recording: Recording, plan: PlannedTest, recipe: ScoringRecipe
+    recording: Recording, planned: PlannedTest, recipe: ScoringRecipe
 ) -> tuple[tuple[Segment, ...], tuple[str, ...]]:
-    """The segments that an recipe asks for, and notes on how they were found.
+    """The segments that a recipe asks for, and notes on how they were detected.
 
-    recording: on the grid of plan.dt.   TelemetryError for intervals that are not in the recording.
+    recording: on the grid of planned.dt.   TelemetryError for intervals outside of it.
     """
     if isinstance(recipe.manoeuvres, tuple):
         _check_number(len(recipe.manoeuvres))
         return tuple(
-            _marked(recording, plan, recipe, interval) for interval in recipe.manoeuvres
+            _marked(recording, planned, recipe, interval) for interval in recipe.manoeuvres
         ), ()
-    whole = Interval(float(recording.t[0]), float(recording.t[-1]), "whole recording")
+    entire = Interval(float(recording.t[0]), float(recording.t[-1]), "entire recording")
     if recipe.manoeuvres == "whole":
-        return (_marked(recording, plan, recipe, whole),), ()
-    found, notes = _found(recording, plan, recipe)
-    return found or (_marked(recording, plan, recipe, whole),), notes
+        return (_marked(recording, planned, recipe, entire),), ()
+    detected, notes = _detected(recording, planned, recipe)
+    return detected or (_marked(recording, planned, recipe, entire),), notes
 
 
-def _found(
-    recording: Recording, plan: PlannedTest, recipe: ScoringRecipe
+def _detected(
+    recording: Recording, planned: PlannedTest, recipe: ScoringRecipe
 ) -> tuple[tuple[Segment, ...], tuple[str, ...]]:
     surfaces = recording.y[:, SURFACES]
     if np.isnan(surfaces).all():
-        note = "Neither surface is recorded, so no manoeuvre can be found"
-        return (), (f"{note}: the whole recording is scored as one.",)
-    inputs = find(surfaces, plan)
+        note = "Neither surface is recorded, so no manoeuvre can be detected"
+        return (), (f"{note}: the entire recording is scored as one.",)
+    inputs = detect(surfaces, planned)
     if not inputs:
-        return (), ("No control input was found: the whole recording is scored as one.",)
+        return (), ("No control input was detected: the entire recording is scored as one.",)
     _check_number(len(inputs))
-    n, n_trim = len(recording.t), round(plan.trim_segment_s / plan.dt)
-    ends = [_length(activity, plan) for activity in inputs]
+    n, n_trim = len(recording.t), round(planned.trim_segment_s / planned.dt)
+    ends = [_length(activity, planned) for activity in inputs]
     starts = [max(0, activity.onset - n_trim) for activity in inputs]
-    result, notes = [], [f"Manoeuvres found by control activity: {len(inputs)}."]
+    result, notes = [], [f"Manoeuvres detected by control activity: {len(inputs)}."]
     before = 0
     for number, (activity, start, length) in enumerate(zip(inputs, starts, ends, strict=True)):
         following = starts[number + 1] if number + 1 < len(inputs) else n
         start = max(start, before)
         last = min(activity.onset - n_trim + length, following, n) - 1
-        rest = _rest(activity.onset, start, before, plan, recipe)
-        asked = _lacking(rest, plan, recipe)
+        rest = _rest(activity.onset, start, before, planned, recipe)
+        asked = _lacking(rest, planned, recipe)
         name = f"manoeuvre {number + 1}"
         result.append(Segment(name, start, last, activity.onset, rest, asked))
         before = last + 1
@@ -82,42 +82,42 @@ def _found(
 def _check_number(n: int) -> None:
     if n > MOST_MANOEUVRES:
         raise TelemetryError(
-            f"{n} segments are more than the {MOST_MANOEUVRES} that a scoring holds: split the "
+            f"{n} manoeuvres are more than the {MOST_MANOEUVRES} that a scoring holds: split the "
             "recording, or mark fewer by hand"
         )
 
 
-def _length(activity: Activity, plan: PlannedTest) -> int:
-    """Samples of a found manoeuvre from the planned start on."""
-    if plan.duration is not None:
-        return round(plan.duration / plan.dt) + 1
+def _length(activity: Activity, planned: PlannedTest) -> int:
+    """Samples of a detected manoeuvre from the planned start on."""
+    if planned.duration is not None:
+        return round(planned.duration / planned.dt) + 1
     moving = activity.end - activity.onset + 1
-    return moving + round((plan.trim_segment_s + AFTERWARDS) / plan.dt)
+    return moving + round((planned.trim_segment_s + AFTERWARDS) / planned.dt)
 
 
 def _rest(
-    onset: int, start: int, before: int, plan: PlannedTest, recipe: ScoringRecipe
+    onset: int, start: int, before: int, planned: PlannedTest, recipe: ScoringRecipe
 ) -> slice | None:
     """The trim segment, or so many seconds before the first input, as far as they are there."""
     if recipe.trim is None:
         return None
     if isinstance(recipe.trim, float | int):
-        start = max(before, onset - round(recipe.trim / plan.dt))
+        start = max(before, onset - round(recipe.trim / planned.dt))
     return slice(max(0, min(start, onset - 1)), max(onset, 1))
 
 
-def _lacking(rest: slice | None, plan: PlannedTest, recipe: ScoringRecipe) -> float | None:
+def _lacking(rest: slice | None, planned: PlannedTest, recipe: ScoringRecipe) -> float | None:
     """The seconds that were asked for, where fewer are there."""
     if rest is None or not isinstance(recipe.trim, float | int):
         return None
-    return recipe.trim if rest.stop - rest.start < round(recipe.trim / plan.dt) else None
+    return recipe.trim if rest.stop - rest.start < round(recipe.trim / planned.dt) else None
 
 
 def _marked(
-    recording: Recording, plan: PlannedTest, recipe: ScoringRecipe, interval: Interval
+    recording: Recording, planned: PlannedTest, recipe: ScoringRecipe, interval: Interval
 ) -> Segment:
     """A segment from the first to the last sample within an interval; its rest is its beginning."""
-    t, dt = recording.t, plan.dt
+    t, dt = recording.t, planned.dt
     if interval.start < t[0] - 0.5 * dt or interval.end > t[-1] + 0.5 * dt:
         raise TelemetryError(
             f"the manoeuvre {in_words(interval)} is not inside the recording, which lasts from "
@@ -132,7 +132,7 @@ def _marked(
         )
     rest = None
     if recipe.trim is not None:
-        seconds = plan.trim_segment_s if isinstance(recipe.trim, str) else recipe.trim
+        seconds = planned.trim_segment_s if isinstance(recipe.trim, str) else recipe.trim
         length = (stop - first - 1) * dt
         if seconds > length + near and seconds == recipe.trim:
             raise TelemetryError(

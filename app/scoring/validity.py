@@ -3,56 +3,62 @@
 import numpy as np
 
 from app.scoring.assessed_segment import AssessedSegment
-from app.scoring.checks import assessed, channels, flight_condition, manoeuvre, rate, trim, units
+from app.scoring.checks import channels, coverage, flight_condition, manoeuvre, rate, trim, units
 from app.scoring.planned_test import read_channels
 from app.scoring.scored import OBSERVATIONS, Check, Validity
 from core.channels import KEYS
 from core.monitor.validity import ValidityVerdict
 
 
-def validity(flown: AssessedSegment) -> Validity:
-    """Every check of a manoeuvre; one that fails takes the right to speak."""
-    found = support(flown)
-    coverage = assessed(flown)
+def validity(assessed: AssessedSegment) -> tuple[Validity, int | None]:
+    """Every check of a manoeuvre, and the first sample of which nothing is said.
+
+    That is the sample at which a stream withdraws; the first of all where another check fails,
+    which knows more than a stream does: the airspeed, say, or which manoeuvre was flown. None
+    where all is said.
+    """
+    verdict, first = support(assessed)
+    enough = coverage(assessed)
     checks = (
-        rate(flown),
-        coverage,
-        channels(flown),
-        flight_condition(flown),
-        *manoeuvre(flown),
-        units(flown),
-        trim(flown),
-        Check(OBSERVATIONS, found.valid, _support_text(found)),
+        rate(assessed),
+        enough,
+        channels(assessed),
+        flight_condition(assessed),
+        *manoeuvre(assessed),
+        units(assessed),
+        trim(assessed),
+        Check(OBSERVATIONS, verdict.valid, _support_text(verdict)),
     )
     failed = tuple(check.text for check in checks[:-1] if check.ok is False)
-    valid = False if failed else found.valid
-    lacking = () if coverage.ok or failed else (coverage.text,)
+    valid = False if failed else verdict.valid
+    lacking = () if enough.ok or failed else (enough.text,)
     if lacking and valid:
-        valid = None  # what was said stands, but a flight half unseen is none of the simulated
-    return Validity(
+        valid = None  # the assessments stand, but a flight half unseen is none of the simulated
+    result = Validity(
         valid=valid,
-        p_value=found.p_value,
-        residual_p=found.residual_p,
-        distance_p=found.distance_p,
-        reasons=failed + lacking + found.reasons,
+        p_value=verdict.p_value,
+        residual_p=verdict.residual_p,
+        distance_p=verdict.distance_p,
+        reasons=failed + lacking + verdict.reasons,
         checks=checks,
     )
+    return result, 0 if failed else first
 
 
-def support(flown: AssessedSegment) -> ValidityVerdict:
-    """Whether the observations lie within those of training, by conformal rank."""
-    monitor, absent = flown.monitor, ~np.isfinite(flown.y).any(axis=0)
+def support(assessed: AssessedSegment) -> tuple[ValidityVerdict, int | None]:
+    """Whether the observations lie within those of training, by conformal rank; and up to where."""
+    monitor, absent = assessed.monitor, ~np.isfinite(assessed.y).any(axis=0)
     if missing := [KEYS[c] for c in np.flatnonzero(absent & read_channels(monitor))]:
-        return ValidityVerdict(
-            None, reasons=(f"not judged: that needs {', '.join(missing)}, which is not recorded",)
-        )
-    return monitor.judge(flown.said.t, flown.assessed, flown.said, end=flown.end)
+        reason = f"not judged: that needs {', '.join(missing)}, which is not recorded"
+        return ValidityVerdict(None, reasons=(reason,)), None
+    assessments = assessed.assessments
+    return monitor.judge_and_withdraw(assessments.t, assessed.y_read, assessments)
 
 
-def _support_text(found: ValidityVerdict) -> str:
-    if found.p_value is None or found.level is None:
-        return "; ".join(found.reasons)
-    numbers = f"p = {found.p_value:.3g}, outside from {found.level:g} down"
-    parts = {"residual": found.residual_p, "distance": found.distance_p}
+def _support_text(verdict: ValidityVerdict) -> str:
+    if verdict.p_value is None or verdict.level is None:
+        return "; ".join(verdict.reasons)
+    numbers = f"p = {verdict.p_value:.3g}, outside training at p ≤ {verdict.level:g}"
+    parts = {"residual": verdict.residual_p, "distance": verdict.distance_p}
     each = ", ".join(f"{name} {p:.3g}" for name, p in parts.items() if p is not None)
-    return f"{numbers} ({each})" + "".join(f"; {reason}" for reason in found.reasons)
+    return f"{numbers} ({each})" + "".join(f"; {reason}" for reason in verdict.reasons)

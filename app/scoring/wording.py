@@ -11,7 +11,7 @@ from core.monitor.assessment import STATES, State
 
 
 def guarantee(monitor: Monitor, validity: Validity, epsilon: float) -> str:
-    """What is promised of a segment: the guarantee where the monitor had a right to speak."""
+    """What is promised of a segment: the guarantee where the monitor is applicable."""
     if validity.valid is not True:
         first, *more = validity.reasons
         others = f" (and {len(more)} more)" if more else ""
@@ -21,16 +21,16 @@ def guarantee(monitor: Monitor, validity: Validity, epsilon: float) -> str:
     open_ = [check.text for check in validity.checks if check.ok is None]
     proviso = f" Whether it applies here is not wholly known: {'; '.join(open_)}." if open_ else ""
     return (
-        "Of flights like the simulated ones that break a limit, the monitor stays silent until "
-        f"less than {monitor.lead:g} s before in at most {epsilon:.4g} of them, on average over "
-        f"calibration sets; by their observations, at most {level:.4g} of such flights are called "
-        f"invalid.{proviso}"
+        "Of flights like the simulated ones that exceed a limit, at most a share "
+        f"{epsilon:.4g} has no alert {monitor.lead:g} s or more before, on average over "
+        f"calibration sets; at most a share {level:.4g} of such flights is called invalid for its "
+        f"observations.{proviso}"
     )
 
 
-def withdrawn(said: Assessments, limited: Limited, epsilon: float) -> str:
-    """What the monitor would have said of a segment that it had no right to speak of."""
-    without, p_value = "without the withdrawal", said.p_value
+def withdrawn(assessments: Assessments, limited: Limited, epsilon: float) -> str:
+    """What the monitor would have assessments of a segment to which it is not applicable."""
+    without, p_value = "without the withdrawal", assessments.p_value
     if np.isnan(p_value).all():
         return f"{without} there would be no risk either: no sample could be assessed"
     over = np.flatnonzero(p_value > epsilon)
@@ -38,9 +38,9 @@ def withdrawn(said: Assessments, limited: Limited, epsilon: float) -> str:
         peak = int(np.nanargmax(p_value))
         return (
             f"{without} the risk would have stayed at or below epsilon {epsilon:.4g}, at most "
-            f"{p_value[peak]:.3f} at {said.t[peak]:.2f} s"
+            f"{p_value[peak]:.3f} at {assessments.t[peak]:.2f} s"
         )
-    t, exceedance = float(said.t[over[0]]), limited.exceedance
+    t, exceedance = float(assessments.t[over[0]]), limited.exceedance
     when = f"{without} the risk would have exceeded epsilon {epsilon:.4g} at {t:.2f} s"
     if exceedance is None:
         return when
@@ -49,11 +49,11 @@ def withdrawn(said: Assessments, limited: Limited, epsilon: float) -> str:
 
 
 def remarks(
-    plan: PlannedTest, segment: Segment, limited: Limited, said: Assessments
+    planned: PlannedTest, segment: Segment, limited: Limited, assessments: Assessments
 ) -> tuple[str, ...]:
     """What limits the verdict on a segment."""
     lines = []
-    if not plan.limits_known:
+    if not planned.limits_known:
         lines.append(
             "which limits the monitor was trained for is not known: exceedance, miss and warning "
             "lead time are unknown"
@@ -63,29 +63,31 @@ def remarks(
             f"|{peak.channel}| {peak.largest:.3g} of {peak.limit:.3g} from trim"
             for peak in limited.peaks
         )
-        lines.append(f"no limit was reached in what was recorded of it: {peaks}")
+        lines.append(f"no limit was exceeded in what was recorded of it: {peaks}")
     lines += [
-        f"|{peak.channel}| as recorded, trim included, reaches {peak.recorded:.3g}, beyond the "
+        f"|{peak.channel}| as recorded, trim included, is {peak.recorded:.3g}, beyond the "
         f"limit of {peak.limit:.3g}: decide whether its trim is an error of the sensor or flown"
         for peak in limited.peaks
         if peak.largest < peak.limit <= peak.recorded
     ]
     if limited.lost > 0.0:
         lines.append(f"{limited.lost:.2f} s of the limited channels are missing")
-    if not (said.state == STATES.index(State.OK)).all():
-        counts = [f"{np.sum(said.state == code)} {state}" for code, state in enumerate(STATES)]
+    if not (assessments.state == STATES.index(State.OK)).all():
+        counts = [
+            f"{np.sum(assessments.state == code)} {state}" for code, state in enumerate(STATES)
+        ]
         lines.append(f"samples: {', '.join(counts)}")
     if segment.asked is not None and segment.rest is not None:
-        used = (segment.rest.stop - segment.rest.start) * plan.dt
+        used = (segment.rest.stop - segment.rest.start) * planned.dt
         lines.append(
             f"trim from {segment.asked:g} s before the first input was asked for: {used:.2f} s are "
             "there and were used"
         )
-    n_trim = round(plan.trim_segment_s / plan.dt)
+    n_trim = round(planned.trim_segment_s / planned.dt)
     if segment.onset is not None and segment.onset - segment.first < n_trim:
-        rested = (segment.onset - segment.first) * plan.dt
+        rested = (segment.onset - segment.first) * planned.dt
         lines.append(
             f"it begins {rested:.2f} s before the first input, "
-            f"{plan.trim_segment_s:g} s are planned"
+            f"{planned.trim_segment_s:g} s are planned"
         )
     return tuple(lines)

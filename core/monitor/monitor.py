@@ -34,6 +34,7 @@ from core.monitor.validity import (
     exceeds,
     in_words,
     judge,
+    judge_and_withdraw,
     withdrawal,
 )
 from core.recipe import to_plain
@@ -195,9 +196,27 @@ class Monitor:
         """
         if self.validity_basis is None:
             return None
+        return withdrawal(self.validity_basis, t, y, assessments, self.last_counted(y))
+
+    def last_counted(self, y: Array) -> int | None:
+        """The first sample that exceeds a limit, after which nothing is judged; None for none.
+
+        y: (n, 6).
+        """
         beyond = None if self.limits is None else exceeds(self.limits, y)
-        end = int(beyond.argmax()) if beyond is not None and beyond.any() else None
-        return withdrawal(self.validity_basis, t, y, assessments, end)
+        return int(beyond.argmax()) if beyond is not None and beyond.any() else None
+
+    def judge_and_withdraw(
+        self, t: Array, y: Array, assessments: Assessments
+    ) -> tuple[ValidityVerdict, int | None]:
+        """The verdict on a whole manoeuvre, and the first sample of which nothing may be said.
+
+        It counts up to its first exceedance.   assessments: of these samples, not withdrawn.
+        """
+        if self.validity_basis is None:
+            return ValidityVerdict(None, reasons=(NOT_CALIBRATED,)), None
+        end = self.last_counted(y)
+        return judge_and_withdraw(self.validity_basis, t, y, assessments, end)
 
     def judge(
         self,

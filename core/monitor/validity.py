@@ -76,9 +76,35 @@ def judge(
     a limit, if one does, as failing flights are calibrated up to there.
     """
     deviation, _ = deviation_of(basis, t, y, assessments, end)
+    return _verdict(basis, deviation, level, _outlier(deviation, assessments))
+
+
+def judge_and_withdraw(
+    basis: ValidityBasis,
+    t: Array,
+    y: Array,
+    assessments: Assessments,
+    end: int | None = None,
+) -> tuple[ValidityVerdict, int | None]:
+    """The verdict on a whole manoeuvre, and the first sample of which nothing may be said.
+
+    Arguments as of `judge`.   The second is None where there is no such sample.
+    """
+    deviation, largest = deviation_of(basis, t, y, assessments, end)
+    verdict = _verdict(basis, deviation, None, _outlier(deviation, assessments))
+    return verdict, _first_outside(basis, largest)
+
+
+def _outlier(deviation: Deviation, assessments: Assessments) -> Array | None:
+    """The forecast at the largest distance; None where there is none."""
     at = int(deviation.peaks[AT, DISTANCE])
-    outlier = assessments.y_hat[at] if at >= 0 else None
-    return _verdict(basis, deviation, level, outlier)
+    return assessments.y_hat[at] if at >= 0 else None
+
+
+def _first_outside(basis: ValidityBasis, largest: Array) -> int | None:
+    """First sample at which a statistic lies beyond its bound. largest: (n, 2)."""
+    beyond = (largest > basis.support.bounds()).any(axis=1)
+    return int(beyond.argmax()) if beyond.any() else None
 
 
 def deviation_of(
@@ -115,10 +141,8 @@ def withdrawal(
     Arguments as of `judge`. It is the sample at which `RunningValidity` becomes invalid.
     """
     _, largest = deviation_of(basis, t, y, assessments, end)
-    beyond = (largest > basis.support.bounds()).any(axis=1)
-    if not beyond.any():
+    if (first := _first_outside(basis, largest)) is None:
         return None
-    first = int(beyond.argmax())
     return Withdrawal(first, in_words(judge(basis, t, y, assessments, end=first).reasons))
 
 

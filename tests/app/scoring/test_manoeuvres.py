@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from app.scoring.manoeuvres import find
+from app.scoring.manoeuvres import detect
 from app.scoring.planned_test import PlannedTest
 from core.simulation.maneuver import MANEUVERS, Doublet, Maneuver
 from core.specification import Limits
@@ -43,7 +43,7 @@ def turbulence(n: int, rms: float, time: float, rng: np.random.Generator) -> np.
 
 
 def onsets(surfaces: np.ndarray, plan: PlannedTest = PLAN) -> list[float]:
-    return [activity.onset * plan.dt for activity in find(surfaces, plan)]
+    return [activity.onset * plan.dt for activity in detect(surfaces, plan)]
 
 
 @pytest.mark.parametrize("rms_deg", [0.0, 0.05, 0.2])
@@ -82,7 +82,7 @@ def test_every_planned_manoeuvre_is_found_whole(name: str):
     maneuver = replace(MANEUVERS[name], lead_in_s=2.0, duration_s=30.0)
     plan = PlannedTest(DT, LIMITS, maneuver)
     surfaces = lagged(plan.commands)
-    (activity,) = find(np.vstack([surfaces, np.repeat(surfaces[-1:], 400, axis=0)]), plan)
+    (activity,) = detect(np.vstack([surfaces, np.repeat(surfaces[-1:], 400, axis=0)]), plan)
     assert activity.onset * DT == pytest.approx(2.0, abs=0.1)
     last_input = 1 + np.flatnonzero(np.diff(plan.commands, axis=0).any(axis=1))[-1]
     assert activity.end * DT == pytest.approx(last_input * DT, abs=0.5)
@@ -95,8 +95,8 @@ def test_inputs_of_one_manoeuvre_are_joined_also_where_the_surface_rests_between
         maneuver, **table, delta_r_deg=(5.0, 0.0, 5.0, 0.0), interpolation="hold", duration_s=12.0
     )
     plan = PlannedTest(DT, LIMITS, maneuver)
-    assert len(find(lagged(plan.commands), plan)) == 1
-    assert len(find(lagged(plan.commands), PLAN)) == 2
+    assert len(detect(lagged(plan.commands), plan)) == 1
+    assert len(detect(lagged(plan.commands), PLAN)) == 2
 
 
 def test_manoeuvres_that_follow_closely_stay_apart():
@@ -127,7 +127,7 @@ def test_sign_and_trim_of_a_surface_do_not_matter(change: str):
     rng = np.random.default_rng(5)
     surfaces = doublets(6000, np.array([60.0, 200.0])) + 3e-4 * rng.standard_normal((6000, 2))
     other = -surfaces if change == "sign" else surfaces + np.array([0.03, -0.1])
-    assert find(other, PLAN) == find(surfaces, PLAN)
+    assert detect(other, PLAN) == detect(surfaces, PLAN)
 
 
 def test_times_do_not_depend_on_the_rate():
@@ -150,5 +150,5 @@ def test_real_records_hold_one_manoeuvre_each(name: str, onset: float):
     surfaces = np.column_stack([channels["delta_a"].values, channels["delta_r"].values])
     t = channels["delta_r"].t
     plan = PlannedTest(float(np.median(np.diff(t))), LIMITS, Doublet(amplitude_deg=-3.7))
-    (found,) = find(surfaces, plan)
+    (found,) = detect(surfaces, plan)
     assert found.onset * plan.dt == pytest.approx(onset, abs=0.25)

@@ -1,4 +1,4 @@
-"""A recording is scored manoeuvre by manoeuvre, and only where the monitor has a right to speak."""
+"""A recording is scored manoeuvre by manoeuvre, and only where the monitor is applicable."""
 
 import json
 from dataclasses import replace
@@ -15,6 +15,7 @@ from app.telemetry.traces import Trace, Traces
 from core.channels import KEYS
 from core.collection import Simulator
 from core.monitor import Monitor, MonitorRecipe
+from core.monitor import validity as core_validity
 from core.monitor.assessment import STATES, State
 from core.monitor.predictor import PREDICTORS
 from core.monitor.score import SCORES
@@ -32,7 +33,7 @@ def planned(n: int, seed: int) -> np.ndarray:
 
 @pytest.fixture(scope="module")
 def calm(attas: Monitor) -> np.ndarray:
-    """A flight of 3 s of rest and one doublet, whose right to speak is beyond doubt."""
+    """A flight of 3 s of rest and one doublet, to which the monitor is applicable."""
     for y in fly(20, 5).y:
         if score(attas, recorded(y)).manoeuvres[0].validity.valid:
             return y
@@ -120,8 +121,8 @@ def test_trim_of_seconds_is_the_mean_of_the_last_ones_before_the_input(attas: Mo
 
 def test_a_recording_without_input_is_scored_as_one(attas: Monitor, calm: np.ndarray):
     scored = score(attas, recorded(calm[:60]))
-    assert [s.name for s in scored.manoeuvres] == ["whole recording"]
-    assert any("No control input was found" in note for note in scored.notes)
+    assert [s.name for s in scored.manoeuvres] == ["entire recording"]
+    assert any("No control input was detected" in note for note in scored.notes)
     assert manoeuvres_in(attas, repair(recorded(calm[:60]))) == ()
 
 
@@ -166,7 +167,7 @@ def test_orders_that_mean_nothing_are_refused(recipe: dict, message: str):
 
 
 def test_a_trim_manoeuvre_longer_than_what_is_marked_is_refused(attas: Monitor, calm: np.ndarray):
-    with pytest.raises(TelemetryError, match=r"20 s was asked of 10 s \(whole recording\)"):
+    with pytest.raises(TelemetryError, match=r"20 s was asked of 10 s \(entire recording\)"):
         score(attas, recorded(calm), ScoringRecipe(trim=20.0, manoeuvres="whole"))
 
 
@@ -227,7 +228,7 @@ def test_outcomes_of_flights_follow_the_limit_and_the_alert(attas: Monitor):
     assert {"timely_alert", "quiet"} <= set(found)
 
 
-def test_a_manoeuvre_without_the_right_to_speak_is_withdrawn_as_a_whole(attas: Monitor, calm):
+def test_a_manoeuvre_the_monitor_is_not_applicable_to_is_withdrawn_as_a_whole(attas: Monitor, calm):
     scored = score(attas, recorded(calm, V=180.0))
     (manoeuvre,) = scored.manoeuvres
     part = scored.samples[manoeuvre.first : manoeuvre.last + 1]
@@ -253,7 +254,7 @@ def test_a_valid_manoeuvre_carries_the_guarantee_and_its_numbers(attas: Monitor,
         "128.0 m/s, -2.3% from the model's 131.0 m/s; altitude 4800 m" in text["flight condition"]
     )
     assert "20 Hz" in text["rate"]
-    assert "at most 0.1 of them" in manoeuvre.guarantee
+    assert "at most a share 0.1 has no alert" in manoeuvre.guarantee
     assert "0.25 s" in manoeuvre.guarantee
     unknown = the_only_manoeuvre(attas, recorded(calm)).guarantee
     assert "not wholly known: no airspeed is recorded." in unknown
@@ -273,7 +274,9 @@ def test_a_valid_manoeuvre_carries_the_guarantee_and_its_numbers(attas: Monitor,
         ("trim", "does not begin at rest", lambda y: y + swinging(y)),
     ],
 )
-def test_what_was_not_planned_takes_the_right_to_speak(attas: Monitor, calm, check, text, change):
+def test_the_monitor_is_not_applicable_to_what_was_not_planned(
+    attas: Monitor, calm, check, text, change
+):
     assert text in failed(attas, recorded(change(calm)))[check]
 
 
@@ -295,14 +298,35 @@ def test_a_manoeuvre_longer_than_the_manoeuvre_is_not_covered(attas: Monitor, ca
     assert "what comes later is not covered" in length.text
 
 
-def test_observations_unlike_training_take_the_right_to_speak(attas: Monitor, calm: np.ndarray):
+def test_the_monitor_is_not_applicable_to_observations_unlike_training(
+    attas: Monitor, calm: np.ndarray
+):
     gust = calm.copy()
     gust[100:110, 0] += 0.05
     said = failed(attas, recorded(gust))
     assert "beta was off its forecast" in said["observations within training"]
 
 
-def test_fresh_flights_keep_their_right_to_speak(attas: Monitor):
+def test_an_invalid_manoeuvre_is_followed_once_and_withdrawn_as_a_stream_is(
+    attas: Monitor, calm: np.ndarray, monkeypatch: pytest.MonkeyPatch
+):
+    gust = calm.copy()
+    gust[100:110, 0] += 0.05
+    followed = []
+    follow = core_validity.follow
+    monkeypatch.setattr(
+        core_validity, "follow", lambda *given: (followed.append(1), follow(*given))[1]
+    )
+    (manoeuvre,) = (scored := score(attas, recorded(gust))).manoeuvres
+    assert len(followed) == 1
+    part = slice(manoeuvre.first, manoeuvre.last + 1)
+    t, y = scored.samples["t"][part], scored.samples["y"][part]
+    withdrawal = attas.assess(t, y).withdrawal
+    assert withdrawal is not None
+    assert manoeuvre.withdrawn_t == t[withdrawal.first]
+
+
+def test_the_monitor_is_applicable_to_fresh_flights(attas: Monitor):
     """Of failing and of safe flights alike, at most the stated level lose it (3 sigma)."""
     flights = fly(150, 7)
     manoeuvres = [the_only_manoeuvre(attas, recorded(y)) for y in flights.y]

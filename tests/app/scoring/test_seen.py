@@ -23,7 +23,7 @@ NY = KEYS.index("Ny")
 
 @pytest.fixture(scope="module")
 def calm(attas: Monitor) -> np.ndarray:
-    """A flight of 3 s of rest and one doublet that is valid and reaches no limit."""
+    """A flight of 3 s of rest and one doublet that is valid and exceeds no limit."""
     for y in fly(40, 5).y:
         (manoeuvre,) = score(attas, recorded(y)).manoeuvres
         if manoeuvre.validity.valid and manoeuvre.outcome == "quiet":
@@ -113,10 +113,10 @@ def test_a_silence_over_a_gap_that_ends_past_the_limit_is_unseen(attas: Monitor,
     assert manoeuvre.exceedance is not None
     if manoeuvre.validity.valid is not False:
         assert manoeuvre.outcome == "unseen"
-        assert any("the limit was reached between" in line for line in manoeuvre.remarks)
+        assert any("the limit was exceeded between" in line for line in manoeuvre.remarks)
 
 
-def test_limits_reached_outside_every_manoeuvre_are_told(attas: Monitor, calm: np.ndarray):
+def test_limits_exceeded_outside_every_manoeuvre_are_told(attas: Monitor, calm: np.ndarray):
     y = np.vstack([calm, np.tile(calm[-1:], (200, 1))])
     y[-100:-96, NY], y[-40:-36, NY] = 0.48, -0.4
     scored = score(attas, recorded(y))
@@ -150,7 +150,7 @@ def test_an_exceedance_that_began_in_a_manoeuvre_is_that_manoeuvres():
 def test_a_withdrawn_manoeuvre_says_so_of_its_alert_and_lead(attas: Monitor, calm: np.ndarray):
     lines = verdict(attas, score(attas, recorded(calm, V=180.0)))
     assert "  first alert   withdrawn" in lines
-    assert "  lead          withdrawn" in lines
+    assert "  warning lead  withdrawn" in lines
 
 
 def test_a_trim_longer_than_what_is_there_says_what_was_used(attas: Monitor, calm: np.ndarray):
@@ -177,4 +177,4 @@ def test_a_limit_that_only_the_trim_takes_away_is_named(attas: Monitor, calm: np
     skidding[:, NY] += np.sign(calm[:, NY][np.abs(calm[:, NY]).argmax()]) * 0.2
     manoeuvre = only(attas, recorded(skidding))
     assert manoeuvre.exceedance is None
-    assert any("as recorded, trim included, reaches" in line for line in manoeuvre.remarks)
+    assert any("as recorded, trim included, is" in line for line in manoeuvre.remarks)

@@ -1,4 +1,4 @@
-"""Sentences about a manoeuvre: what a monitor without the right to speak would have said."""
+"""Sentences about a manoeuvre: what a monitor that is not applicable would have said."""
 
 from dataclasses import fields
 from typing import Any

@@ -281,6 +281,22 @@ def test_running_says_what_the_batch_says_of_every_part(
         assert before
 
 
+def test_verdict_and_withdrawal_are_those_of_a_manoeuvre_that_ends_with_its_exceedance(
+    monitor: Monitor,
+) -> None:
+    for seed, exceeds in ((1, False), (2, False), (2, True)):
+        t, y = rough_flight(seed)
+        y[44 if exceeds else 30 :, NY] += 2.0
+        assessments = untouched(monitor, t, y)
+        verdict, first = monitor.judge_and_withdraw(t, y, assessments)
+        end = monitor.last_counted(y)
+        assert end is not None
+        assert repr(verdict) == repr(monitor.judge(t, y, assessments, end=end))
+        withdrawal = monitor.withdrawal(t, y, assessments)
+        assert first == (withdrawal and withdrawal.first)
+        assert (first is None) == (verdict.valid is not False)
+
+
 def test_reasons_name_channel_size_and_time(monitor: Monitor, flights: Array) -> None:
     y, support = flights[3].copy(), support_of(monitor)
     y[-1, NY] += 0.6
