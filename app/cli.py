@@ -45,7 +45,7 @@ def _parser(arguments: Sequence[str]) -> argparse.ArgumentParser:
     """A parser that knows every command by name, and the one that is named in full."""
     parser = argparse.ArgumentParser(
         prog="forewarn",
-        description="Warns a stated time before a flight-test manoeuvre breaks a limit.",
+        description="Warns a stated time before a flight-test manoeuvre exceeds a limit.",
     )
     parser.add_argument("--version", action="version", version=f"forewarn {__version__}")
     commands = parser.add_subparsers(required=True, metavar="COMMAND")

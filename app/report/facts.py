@@ -15,8 +15,8 @@ OUTCOMES = {
     "timely_alert": ("▲", "alert in time", "good"),
     "late_alert": ("▲", "alert too late", "bad"),
     "missed": ("✕", "missed: no alert before the limit", "bad"),
-    "false_alert": ("△", "alert, limit not reached", "caution"),
-    "quiet": ("●", "no alert, limit not reached", "good"),
+    "false_alert": ("△", "alert, no limit exceeded", "caution"),
+    "quiet": ("●", "no alert, no limit exceeded", "good"),
     "unseen": ("◌", "not all seen: nothing can be said", "caution"),
     "invalid": ("▨", "invalid, no verdict", "invalid"),
     "unknown": ("?", "unknown: the monitor's limits are not known", "caution"),
@@ -41,16 +41,16 @@ MOST_NOTES = 40
 def headline(manoeuvres: Sequence[Plain], outside: Sequence[Plain] = ()) -> tuple[str, str]:
     """Level and words of the whole flight; the worst that happened comes first.
 
-    outside: limits reached in none of the manoeuvres.
+    outside: exceedances in none of the manoeuvres.
     """
     level, words = _of_manoeuvres(manoeuvres)
     if not outside:
         return level, words
     level = "caution" if level == "good" else level
     if any(manoeuvre["exceedance"] for manoeuvre in manoeuvres):
-        return level, f"{words}; one was also reached outside every manoeuvre"
-    words = words.replace("No limit was reached", "No limit was reached in a manoeuvre")
-    return level, f"{words}; a limit was reached outside every manoeuvre"
+        return level, f"{words}; one was also exceeded outside every manoeuvre"
+    words = words.replace("No limit was exceeded", "No limit was exceeded in a manoeuvre")
+    return level, f"{words}; a limit was exceeded outside every manoeuvre"
 
 
 def _of_manoeuvres(manoeuvres: Sequence[Plain]) -> tuple[str, str]:
@@ -58,25 +58,28 @@ def _of_manoeuvres(manoeuvres: Sequence[Plain]) -> tuple[str, str]:
     if n["unknown"]:
         return "caution", "Unknown: the monitor does not say which limits it was trained for"
     unjudged = [s for s in manoeuvres if s["outcome"] == "invalid"]
-    reached = any(s["exceedance"] for s in unjudged)
+    unassessed = any(s["exceedance"] for s in unjudged)
     if n["missed"] or n["late_alert"]:
-        return "bad", "A limit was reached without an alert in time"
-    if reached:
-        return "bad", "A limit was reached where the monitor had no right to speak"
+        return "bad", "A limit was exceeded without an alert in time"
+    if unassessed:
+        return "bad", "A limit was exceeded where the monitor is not applicable"
     unseen = [s for s in manoeuvres if s["outcome"] == "unseen"]
     if any(s["exceedance"] for s in unseen):
-        return "bad", "A limit was reached where samples are missing: nothing can be said of alerts"
+        return (
+            "bad",
+            "A limit was exceeded where samples are missing: nothing can be said of alerts",
+        )
     if len(unjudged) == len(manoeuvres):
-        return "invalid", "No verdict: the monitor had no right to speak"
-    doubtful = bool(unjudged) or any(s["validity"]["valid"] is None for s in manoeuvres)
+        return "invalid", "No verdict: the monitor is not applicable"
+    unchecked = bool(unjudged) or any(s["validity"]["valid"] is None for s in manoeuvres)
     if unseen:
-        return "caution", "Samples are missing: whether a limit was reached is not wholly known"
-    level = "caution" if n["false_alert"] or doubtful else "good"
+        return "caution", "Samples are missing: whether a limit was exceeded is not wholly known"
+    level = "caution" if n["false_alert"] or unchecked else "good"
     if n["timely_alert"]:
-        return level, "Every limit that was reached was warned of in time"
+        return level, "Every exceedance was warned of in time"
     if n["false_alert"]:
-        return level, "No limit was reached, but there was an alert"
-    return level, "No limit was reached, and there was no alert"
+        return level, "No limit was exceeded, but there was an alert"
+    return level, "No limit was exceeded, and there was no alert"
 
 
 def counts(manoeuvres: Sequence[Plain]) -> dict[str, int]:
@@ -85,23 +88,23 @@ def counts(manoeuvres: Sequence[Plain]) -> dict[str, int]:
 
 
 def worst(manoeuvres: Sequence[Plain]) -> list[tuple[str, str]]:
-    """Names of the manoeuvres in which a limit was, or may have been, reached unwarned; and why."""
+    """Names of the manoeuvres in which a limit was exceeded unwarned, or may have been; and why."""
     found = []
     for manoeuvre in manoeuvres:
         outcome = manoeuvre["outcome"]
         if outcome in ("missed", "late_alert"):
             found.append((manoeuvre["name"], OUTCOMES[outcome][1]))
         elif outcome == "invalid" and manoeuvre["exceedance"]:
-            found.append((manoeuvre["name"], "limit reached, no verdict"))
+            found.append((manoeuvre["name"], "limit exceeded, no verdict"))
         elif outcome == "unseen":
             found.append((manoeuvre["name"], "not all seen"))
     return found
 
 
 def alerts(manoeuvres: Sequence[Plain]) -> list[dict[str, Any]]:
-    """Every alert: times, whether the first of its manoeuvre, whether that reached a limit.
+    """Every alert: times, whether the first of its manoeuvre, whether that exceeded a limit.
 
-    lead: what it left before the limit [s], None where that was not reached after it.
+    lead: what it left before the limit [s], None where that was not exceeded after it.
     """
     rows = []
     for number, manoeuvre in enumerate(manoeuvres, 1):
@@ -114,7 +117,7 @@ def alerts(manoeuvres: Sequence[Plain]) -> list[dict[str, Any]]:
                     "start": begin,
                     "end": end,
                     "first": begin == manoeuvre["alerts"][0][0],
-                    "reached": exceedance is not None,
+                    "exceeds": exceedance is not None,
                     "lead": exceedance["t"] - begin
                     if exceedance and exceedance["t"] >= begin
                     else None,

@@ -1,4 +1,4 @@
-"""Figures of the report: the whole recording, each manoeuvre, and faults of the data."""
+"""Figures of the report: the entire recording, each manoeuvre, and faults of the data."""
 
 from collections.abc import Mapping, Sequence
 from itertools import groupby
@@ -24,7 +24,7 @@ FAULTS = {
     "reordered": "out of order",
     "missing": "missing",
     "frozen": "frozen",
-    "implausible": "impossible",
+    "implausible": "implausible",
 }
 """Words for the kinds of faults, in the order of their strips."""
 MOST_FAULTS = 20
@@ -37,7 +37,7 @@ LEAST = 1.5
 def overview(
     samples: npt.NDArray, manoeuvres: Sequence[Plain], limits: Array, epsilon: float
 ) -> Markup:
-    """Limited channels and risk of the whole recording, its manoeuvres named or numbered."""
+    """Limited channels and risk of the entire recording, its manoeuvres named or numbered."""
     t = samples["t"]
     chart = StripChart(float(t[0]), float(t[-1]))
     intervals = [(manoeuvre["start"], manoeuvre["end"]) for manoeuvre in manoeuvres]
@@ -49,7 +49,7 @@ def overview(
         strip.levels("limit", _limits(limits[c]))
     risk_strip(chart, TALL, samples, epsilon, intervals)
     chart.name([(manoeuvre["start"], manoeuvre["name"]) for manoeuvre in manoeuvres])
-    return chart.svg("The limited channels and the risk over the whole recording")
+    return chart.svg("The limited channels and the risk over the entire recording")
 
 
 def manoeuvre(
@@ -89,7 +89,7 @@ def faults(quality: Plain | None) -> Markup | None:
         strip = chart.strip(LOWEST, f"{channel} {words}" if channel else words)
         strip.fill("fault", [(fault["start"], fault["end"]) for fault in recorded], LEAST)
     return chart.svg(
-        "Where the recording has gaps, repeated, missing, frozen or impossible samples"
+        "Where the recording has gaps, repeated, missing, frozen or implausible samples"
     )
 
 

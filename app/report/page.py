@@ -16,10 +16,10 @@ from app.scoring.planned_test import limits_of
 from core import __version__
 from core.channels import CHANNELS, Channel
 
-SURE = 0.9
+CONFIDENT = 0.9
 """Confidence from which a proposal goes without its reasons."""
 MOST_OUTSIDE = 20
-"""Rows of limits reached outside every manoeuvre."""
+"""Rows of exceedances outside every manoeuvre."""
 MOST_LETTERS = 48
 """Of a manoeuvre's name in a table."""
 GLUE = "\N{NO-BREAK SPACE}"
@@ -73,15 +73,15 @@ def report(subject: ReportSubject) -> str:
         tested=subject.evaluation is not None,
         worst=facts.worst(manoeuvres),
         counts=facts.counts(manoeuvres),
-        promised=sum(one is True for one in valid),
-        withdrawn=sum(one is False for one in valid),
-        unchecked=sum(one is None for one in valid),
+        promised=sum(each is True for each in valid),
+        withdrawn=sum(each is False for each in valid),
+        unchecked=sum(each is None for each in valid),
         outcomes=facts.OUTCOMES,
         alerts=facts.alerts(manoeuvres),
         mapping=facts.mapping_rows(scoring["mapping"], subject.rationales),
         mapped=subject.mapped,
         rationales=bool(subject.rationales),
-        sure=SURE,
+        confident=CONFIDENT,
         sentences=facts.notes(sentences),
         notes=facts.notes(
             recording["ignored"], recording["notes"], scoring["notes"], apart_from=sentences

@@ -38,7 +38,7 @@ def stored_subject(scored: ScoredRecordings, recording_id: str, scoring_id: str)
 
 
 def _mapped(info: ScoringInfo, now: MappedColumns) -> tuple[str, dict[str, Any]]:
-    """Who chose the mapping that was scored with, and how sure the program was of its own."""
+    """Who chose the mapping that was scored with, and the confidence of the program in its own."""
     if info.mapping != now.mapping:
         return "another one is in use now", {}
     proposed = now.mapping_state == "proposed"

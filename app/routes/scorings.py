@@ -53,7 +53,7 @@ class ScoringRequest(BaseModel):
         | Annotated[list[ManoeuvreInterval], Field(min_length=1, max_length=MOST_MARKED)]
     ) = Field(
         default="found",
-        description="those found by control activity, the whole recording as one, or these",
+        description="those detected by control activity, the entire recording as one, or these",
     )
 
 
@@ -83,13 +83,13 @@ class Scoring(BaseModel):
         description="one manoeuvre each, with its trim, validity, alerts, exceedance and outcome"
     )
     outside_exceedances: list[dict[str, Any]] = Field(
-        description="limits reached outside every manoeuvre: t [s], channel and value of the first "
+        description="exceedances outside every manoeuvre: t [s], channel and value of the first "
         "recorded sample of each time, from the trim of the manoeuvre before"
     )
 
 
 class ScoredFrame(Frame):
-    """A frame of a scoring. withdrawn: risk of a sample that the monitor had no right to say."""
+    """A frame of a scoring. withdrawn: risk of a sample where the monitor was not applicable."""
 
     withdrawn: float | None
     manoeuvre: int = Field(description="number of its manoeuvre; -1: between manoeuvres")

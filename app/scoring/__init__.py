@@ -1,4 +1,4 @@
-"""Scoring recordings: manoeuvres, assessments, the right to speak, and a verdict on each.
+"""Scoring recordings: manoeuvres, assessments, whether the monitor applies, and a verdict on each.
 
 `score` is the way in; what it returns is one table of samples and a verdict a manoeuvre.
 """

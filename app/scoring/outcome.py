@@ -21,7 +21,7 @@ SAME_TIME = 1e-6
 
 @dataclass(frozen=True)
 class Exceedance:
-    """The first recorded sample that reaches a limit. t: [s].   value: from trim, in its unit."""
+    """The first recorded sample that exceeds a limit. t: [s].   value: from trim, in its unit."""
 
     t: float
     channel: str
@@ -75,7 +75,9 @@ def against_limits(traces: Traces, limits: Array, trim: Array, start: float, end
         over = np.flatnonzero(np.abs(value) >= limits[c])
         if len(over):
             exceedances.append(Exceedance(float(t[over[0]]), key, float(value[over[0]])))
-        largest, as_recorded = (float(np.abs(one).max(initial=0.0)) for one in (value, recorded))
+        largest, as_recorded = (
+            float(np.abs(values).max(initial=0.0)) for values in (value, recorded)
+        )
         peaks.append(Peak(key, largest, float(limits[c]), as_recorded))
         holes += _holes(key, t, start, end)
     first = min(exceedances, key=lambda exceedance: exceedance.t, default=None)

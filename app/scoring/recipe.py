@@ -28,7 +28,7 @@ class ScoringRecipe:
     trim: what is subtracted from each manoeuvre, channel by channel: the mean of its own trim
         segment, or of so many seconds before the first input (of one marked by hand: its first
         ones); None leaves the channels as they are. Linear models, and so monitors, fly about trim.
-    manoeuvres: those found by control activity, the whole recording as one, or intervals by hand.
+    manoeuvres: those detected by control activity, the entire recording as one, or some by hand.
     Raises TelemetryError for numbers that are not finite, intervals without length and overlaps.
     """
 

@@ -29,7 +29,7 @@ SAMPLE = np.dtype(
 
 t: [s].   y: from trim, as assessed; NaN where it was not recorded; between manoeuvres, from the
 trim of the one before.   p_value: NaN unless state is `ok`.   withdrawn: the p-value of a sample
-whose monitor had no right to speak, NaN elsewhere.   alert: false unless state is `ok`.
+where the monitor was not applicable, NaN elsewhere.   alert: false unless state is `ok`.
 state: code into core.monitor.assessment.STATES.   manoeuvre: number of its manoeuvre, or BETWEEN.
 y_hat: forecast, NaN where there is none.   attitude: phi, theta, psi [rad], NaN where not recorded.
 """
@@ -42,7 +42,7 @@ MOST_MANOEUVRES = int(np.iinfo(np.int16).max)
 
 @dataclass(frozen=True)
 class Check:
-    """One condition of the right to speak. ok: None where it is not known."""
+    """One condition of applicability. ok: None where it is not known."""
 
     name: str
     ok: bool | None
@@ -51,11 +51,11 @@ class Check:
 
 @dataclass(frozen=True)
 class Validity:
-    """Whether the monitor had any right to speak of a manoeuvre.
+    """Whether the monitor was applicable to a manoeuvre.
 
     valid: False where a check failed; None where its validity is not calibrated or was not to be
     judged, or too few samples could be assessed; and then nothing is promised either.
-    p_value: that a flight like the simulated ones strays so far, of the residual and the distance
+    p_value: that a flight like the simulated ones deviates so far, of the residual and the distance
     together; residual_p, distance_p: of each; None where there is none.
     reasons: why valid is not True.
     """
@@ -76,7 +76,7 @@ class ScoredManoeuvre:
     trim: what was subtracted of each channel, in order; None where it is unknown.
     peak_risk, peak_t: largest p-value and its time [s]; None where nothing was assessed.
     alerts: first and last time of each run of alerts [s].
-    exceedance: the first recorded sample that reaches a limit.
+    exceedance: the first recorded sample that exceeds a limit.
     lead: from the first alert to the exceedance [s]; None where one of them is missing.
     withdrawn_t: first sample of which nothing is said any more [s]; None where there is none.
     remarks: what limits the verdict.   guarantee: what is promised, or that nothing is.

@@ -1,4 +1,4 @@
-"""A scored recording as lines to print: each manoeuvre, and every doubt about it."""
+"""A scored recording as lines to print: each manoeuvre, and every check that it did not pass."""
 
 from collections.abc import Iterator
 
@@ -10,15 +10,15 @@ from core.monitor import Monitor
 OUTCOMES = {
     "timely_alert": "alert in time",
     "late_alert": "alert too late",
-    "missed": "missed: a limit was reached without an alert",
-    "false_alert": "alert, no limit reached",
-    "quiet": "no alert, no limit reached",
+    "missed": "missed: a limit was exceeded without an alert before",
+    "false_alert": "alert, no limit exceeded",
+    "quiet": "no alert, no limit exceeded",
     "unseen": "not all seen: nothing can be said",
     "invalid": "INVALID, no verdict",
     "unknown": "unknown: the monitor does not say which limits it was trained for",
 }
 MOST_TOLD = 20
-"""Exceedances outside of the manoeuvres."""
+"""Exceedances outside every manoeuvre."""
 NOTHING = "no sample could be assessed: see the state column of assessments.csv"
 
 
@@ -26,7 +26,7 @@ def verdict(monitor: Monitor, scored: ScoredRecording) -> list[str]:
     """Everything that is said of each manoeuvre, in the order of their times."""
     told = [line for manoeuvre in scored.manoeuvres for line in _lines(monitor, scored, manoeuvre)]
     outside = [
-        f"outside every manoeuvre: {_reached(exceedance)}"
+        f"outside every manoeuvre: {_place(exceedance)}"
         for exceedance in scored.outside_exceedances[:MOST_TOLD]
     ]
     if (more := len(scored.outside_exceedances) - MOST_TOLD) > 0:
@@ -45,13 +45,13 @@ def _lines(monitor: Monitor, scored: ScoredRecording, manoeuvre: ScoredManoeuvre
         yield "  first alert   withdrawn"
     if manoeuvre.withdrawn_t is not None:
         yield f"  withdrawn     from {manoeuvre.withdrawn_t:.2f} s on: nothing is said any more"
-    yield f"  first exceedance {_exceedance(manoeuvre)}"
+    yield f"  exceedance    {_exceedance(manoeuvre)}"
     if manoeuvre.outcome == "unknown":
-        yield "  lead          unknown"
+        yield "  warning lead  unknown"
     elif manoeuvre.outcome == "invalid":
-        yield "  lead          withdrawn"
+        yield "  warning lead  withdrawn"
     elif manoeuvre.peak_risk is not None and manoeuvre.exceedance is not None:
-        yield f"  lead          {_lead(monitor, manoeuvre)}"
+        yield f"  warning lead  {_lead(monitor, manoeuvre)}"
     moved = ", ".join(
         f"{channel.key} {value:.4g} {channel.unit}"
         for channel, value in zip(CHANNELS, manoeuvre.trim, strict=True)
@@ -63,7 +63,8 @@ def _lines(monitor: Monitor, scored: ScoredRecording, manoeuvre: ScoredManoeuvre
         yield f"  {remark}"
     for check in manoeuvre.validity.checks:
         if check.ok is not True:
-            yield f"  {'in doubt' if check.ok is None else 'OUTSIDE':13} {check.name}: {check.text}"
+            state = "not known" if check.ok is None else "OUTSIDE"
+            yield f"  {state:13} {check.name}: {check.text}"
         elif check.name == OBSERVATIONS:
             yield f"  validity      {check.text}"
     yield f"  {manoeuvre.guarantee}"
@@ -91,10 +92,10 @@ def _exceedance(manoeuvre: ScoredManoeuvre) -> str:
         return "unknown"
     if exceedance is None:
         return "none in what was recorded"
-    return _reached(exceedance)
+    return _place(exceedance)
 
 
-def _reached(exceedance: Exceedance) -> str:
+def _place(exceedance: Exceedance) -> str:
     unit = CHANNELS[KEYS.index(exceedance.channel)].unit
     return f"at {exceedance.t:.2f} s ({exceedance.channel} {exceedance.value:.3g} {unit})"
 
@@ -103,6 +104,6 @@ def _lead(monitor: Monitor, manoeuvre: ScoredManoeuvre) -> str:
     if manoeuvre.outcome == "unseen":
         return "not known"
     if manoeuvre.lead is None:
-        return "none: the monitor was silent before the exceedance (a miss)"
+        return "none: no alert before the exceedance (a miss)"
     timely = "at least" if manoeuvre.outcome == "timely_alert" else "short of"
     return f"{manoeuvre.lead:.2f} s from the first alert, {timely} the promised {monitor.lead:g} s"

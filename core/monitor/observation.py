@@ -8,7 +8,7 @@ from core.types import Array, Indices
 
 
 def lead_steps(t_early: float, dt: float) -> int:
-    """Whole samples h that cover the wished lead: h = ceil(t_early / dt), guarded against floats.
+    """Whole samples h that cover the required lead: h = ceil(t_early / dt), guarded against floats.
 
     t_early, dt [s]. The lead in effect is h * dt.
     """

@@ -17,7 +17,7 @@ class MonitorRecipe:
     """How to train a monitor. The defaults are the method with trajectory calibration."""
 
     t_early: float = 0.25
-    """wished lead [s]; the lead in effect is the next whole number of samples."""
+    """required warning lead time [s]; the one in effect is the next whole number of samples."""
     n_delay: int = 2
     """past outputs in an observation beside the newest one."""
     predictor: Predictor = PREDICTORS["linear"]

@@ -26,16 +26,16 @@ TIME_GUARD = 1e-9
 
 @dataclass(frozen=True, kw_only=True)
 class Maneuver(ABC):
-    """A trim lead-in, then inputs in segments; amplitudes in degrees of command, either sign.
+    """A trim segment, then inputs in segments; amplitudes in degrees of command, either sign.
 
     Raises ValueError for numbers that are not finite, for negative times, frequencies and jitters,
-    and for a lead-in that leaves nothing of the duration.
+    and for a trim segment that leaves nothing of the duration.
     """
 
     duration_s: float = 6.0
     """length of the rollout; inputs that last longer are cut."""
     lead_in_s: float = 0.5
-    """trim before the first input."""
+    """length of the trim segment, before the first input."""
     pedal_lag_s: float = 0.1
     """first-order lag of stick and pedals, applied by the rollout, not by `pilot`."""
     timing_jitter_s: float = 0.0
@@ -58,7 +58,7 @@ class Maneuver(ABC):
         if self.lead_in_s >= self.duration_s:
             raise ValueError(
                 f"lead_in_s={self.lead_in_s} leaves nothing of duration_s={self.duration_s}; "
-                "give a longer duration or a shorter lead-in"
+                "give a longer duration or a shorter trim segment"
             )
 
     @property
@@ -287,7 +287,7 @@ class FrequencySweep(OneSurface):
 
 @dataclass(frozen=True, kw_only=True)
 class Table(Maneuver):
-    """Commands at given times after the lead-in, held or joined by lines; the last one stays.
+    """Commands at given times after the trim segment, held or joined by lines; the last one stays.
 
     Trim before the first time. One segment: jitter of its duration stretches the whole table.
     Raises ValueError for no rows, columns of unequal length and times that do not increase.
@@ -316,7 +316,7 @@ class Table(Maneuver):
 
     @property
     def segments_s(self) -> tuple[float, ...]:
-        """From the end of the lead-in to the last row [s]."""
+        """From the end of the trim segment to the last row [s]."""
         return (self.t_s[-1],)
 
     def commands(self, elapsed: Array, segments: Array) -> Array:

@@ -25,7 +25,11 @@ def test_attribute_docstrings_describe_and_give_the_unit():
 def test_a_class_inherits_descriptions():
     own, inherited = descriptions(Table), descriptions(Maneuver)
     assert own["t_s"] == "increasing, from 0."
-    assert own["lead_in_s"] == inherited["lead_in_s"] == "trim before the first input."
+    assert (
+        own["lead_in_s"]
+        == inherited["lead_in_s"]
+        == "length of the trim segment, before the first input."
+    )
 
 
 def test_a_matrix_has_no_unit_of_its_own():

@@ -181,7 +181,7 @@ def test_users_own_matrices_and_manoeuvre_table_train_a_monitor(tmp_path: Path):
         (["train", "--score", "negative_magnitude", "--predictor", "pca"], "choose the predictor"),
         (["study", "--n-monitors", "0"], "n_monitors=0 was given"),
         (["score", "absent.fwm", "absent.csv"], "absent.fwm cannot be read"),
-        (["score", "m.fwm", "f.csv", "--trim", "long"], "'long': write a number of seconds, lead"),
+        (["score", "m.fwm", "f.csv", "--trim", "long"], "'long': write a number of seconds, trim"),
         (["score", "m.fwm", "f.csv", "--epsilon", "0.1,x"], "'x': write a miss rate between 0 and"),
         (["score", "m.fwm", "f.csv", "--manoeuvres", "all"], "'all': write found, whole, or START"),
         (["score", "m.fwm", "f.csv", "--manoeuvres", "1:a"], "'a': write a number of seconds"),
@@ -228,8 +228,8 @@ def test_units_taken_for_others_are_called_outside_training(attas_monitor: Path,
     arguments = ["score", str(attas_monitor), str(tmp_path / "units.csv")]
     assert main([*arguments, "-o", str(tmp_path / "out")]) == 0
     report = capsys.readouterr().out
-    assert "No control input was found" in report
-    assert re.search(r"OUTSIDE +units: beta reaches 0\.9\d+ rad, 1\d\S* times its", report)
+    assert "No control input was detected" in report
+    assert re.search(r"OUTSIDE +units: beta peaks at 0\.9\d+ rad, 1\d\S* times its", report)
     assert "The guarantee is withdrawn" in report
 
 
@@ -262,7 +262,7 @@ def test_real_doublet_that_crosses_the_limit_is_warned_of(attas_monitor: Path, t
     assert "beta     beta_rad [rad]" in report
     assert "from 25 Hz to 20 Hz" in report
     assert "manoeuvre 1, 5.30 to 11.30 s: alert in time" in report
-    assert "first exceedance at 8.76 s" in report
+    assert "exceedance    at 8.76 s" in report
     assert "at least the promised 0.25 s" in report
     assert "Of flights like the simulated ones" in report
     assert "limit exceeded" in (out / "scored.svg").read_text()

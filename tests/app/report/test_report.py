@@ -62,7 +62,7 @@ def test_every_outcome_and_hash_is_said(subject: ReportSubject) -> None:
     html = report(subject)
     for outcome in ("timely_alert", "missed", "quiet", "invalid"):
         assert OUTCOMES[outcome][1] in html
-    assert "A limit was reached without an alert in time" in html
+    assert "A limit was exceeded without an alert in time" in html
     assert "Look first at manoeuvre 2 (missed: no alert before the limit)" in html
     assert "It holds for 3 of the 4 manoeuvres" in html
     for digest in ("ab" * 32, "cd" * 32, "ef" * 32, subject.monitor.dataset_digest):
@@ -92,7 +92,7 @@ def test_where_the_channels_come_from_and_how_sure_that_is(subject: ReportSubjec
     assert "line 7: 12 cells" in html
     assert "proposed by the program, not looked over" in html
     assert html.count("beta: 3 gaps.") == 1
-    assert "Certainty" not in report(replace(subject, rationales={}))
+    assert "Confidence" not in report(replace(subject, rationales={}))
 
 
 def test_what_is_not_known_of_the_data_is_not_praised(subject: ReportSubject) -> None:
@@ -105,7 +105,7 @@ def test_a_report_of_invalid_manoeuvres_alone_promises_nothing(monitor: Monitor)
     html = report(subject_of(monitor, [manoeuvre(0, "invalid"), manoeuvre(1, "invalid")]))
     assert "The guarantee is withdrawn for this recording" in html
     assert "P(no timely alert" not in html
-    assert "No limit was reached" not in html
+    assert "No limit was exceeded" not in html
 
 
 def test_what_was_not_checked_is_promised_nothing(monitor: Monitor) -> None:
@@ -121,9 +121,9 @@ def test_what_was_not_checked_is_promised_nothing(monitor: Monitor) -> None:
     ("manoeuvres", "level", "words"),
     [
         ([WARNED, QUIET], "good", "warned of in time"),
-        ([QUIET], "good", "No limit was reached, and there was no alert"),
+        ([QUIET], "good", "No limit was exceeded, and there was no alert"),
         ([WARNED, INVALID], "caution", "warned of in time"),
-        ([WARNED, manoeuvre(3, "invalid", exceedance=exceedance(3))], "bad", "no right to speak"),
+        ([WARNED, manoeuvre(3, "invalid", exceedance=exceedance(3))], "bad", "is not applicable"),
         ([INVALID], "invalid", "No verdict"),
         ([manoeuvre(0, "false_alert")], "caution", "but there was an alert"),
         ([WARNED, MISSED, INVALID], "bad", "without an alert in time"),
@@ -192,9 +192,9 @@ REACHED = {"t": 20.3, "channel": "Ny", "value": 0.48}
         ([manoeuvre(0, "unseen")], [], "caution", "not wholly known"),
         ([manoeuvre(0, "unseen", exceedance=exceedance(0))], [], "bad", "samples are missing"),
         ([WARNED, manoeuvre(2, "unseen")], [], "caution", "not wholly known"),
-        ([QUIET], [REACHED], "caution", "in a manoeuvre, .* a limit was reached outside every"),
-        ([WARNED], [REACHED], "caution", "also reached outside every manoeuvre"),
-        ([MISSED], [REACHED], "bad", "without an alert in time; one was also reached outside"),
+        ([QUIET], [REACHED], "caution", "in a manoeuvre, .* a limit was exceeded outside every"),
+        ([WARNED], [REACHED], "caution", "also exceeded outside every manoeuvre"),
+        ([MISSED], [REACHED], "bad", "without an alert in time; one was also exceeded outside"),
     ],
 )
 def test_what_nobody_saw_or_judged_is_never_green(manoeuvres, outside, level, words) -> None:

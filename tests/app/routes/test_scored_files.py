@@ -109,11 +109,11 @@ def test_the_report_says_who_chose_the_mapping_and_what_was_noted(scored: Scored
         return scored.client.get(f"{scored.path}/report").text
 
     assert "proposed by the program, not looked over" in html()
-    assert "Certainty" in html()
+    assert "Confidence" in html()
     order = {"mapping": scored.recording["mapping"], "remember": False}
     assert scored.client.put(f"{path}/mapping", json=order).status_code == 200
     assert "confirmed by the user" in html()
-    assert "Certainty" not in html()
+    assert "Confidence" not in html()
     marker = {"t": 2.0, "end": 3.0, "kind": "note", "text": "gust & <rain>"}
     assert scored.client.post(f"{path}/markers", json=marker).status_code == 201
     assert "gust &amp; &lt;rain&gt;" in html()
