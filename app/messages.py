@@ -17,6 +17,7 @@ from core.monitor.assessment import State
 from core.monitor.status import Level, Status
 from core.specification import Limits, Specification
 
+Mode = Literal["live", "replay", "simulated"]
 Outputs = Annotated[list[float | None], Field(min_length=6, max_length=6)]
 
 
@@ -129,6 +130,7 @@ class Hello(Message):
     )
     monitor: dict[str, str]
     source: dict[str, Any]
+    mode: Mode = Field(description="whether its samples are measured now, replayed or simulated")
     theta: dict[str, float] | None
     fail_t: float | None = Field(description="[s] where the source is known to break a limit")
     duration: float | None

@@ -21,6 +21,7 @@ from app.messages import (
     Exceedance,
     Heartbeat,
     Hello,
+    Mode,
     StateChange,
     StatusChange,
     TransportState,
@@ -58,6 +59,7 @@ class FlightPlan:
     """What is flown and through what.
 
     source: as it was asked for, in plain data.   monitor_name: what people call the monitor.
+    mode: whether what is flown is live, replayed or simulated.
     """
 
     id: str
@@ -67,6 +69,7 @@ class FlightPlan:
     monitor_id: str
     monitor_name: str
     epsilon: float
+    mode: Mode = "live"
 
 
 class Flight(ABC):
@@ -199,6 +202,7 @@ class Flight(ABC):
             validity="checked" if self.is_checked else "not calibrated",
             monitor={"id": plan.monitor_id, "name": plan.monitor_name},
             source=plan.source,
+            mode=plan.mode,
             theta=self.theta,
             fail_t=self.fail_t,
             duration=self.duration,

@@ -15,7 +15,7 @@ from app.flights.flight import Flight, FlightPlan, patience
 from app.flights.live import LiveSource
 from app.flights.playback import Script
 from app.flights.recorder import INTERVAL_S, Recorder
-from app.flights.sources import Opening, Source, aircraft_of, trim_angles
+from app.flights.sources import Opening, Source, aircraft_of, mode_of, trim_angles
 from app.messages import Alarm, Exceedance, plain_frame
 from app.recordings.scored import ScoredRecordings
 from app.store.alarms import StoredAlarm
@@ -267,7 +267,9 @@ class Flights:
         info = await asyncio.to_thread(self.store.monitors.info, monitor_id)
         stored = {**source, "name": name}
         flight_id = await asyncio.to_thread(self.store.flights.add, stored, monitor_id, epsilon)
-        return FlightPlan(flight_id, name, source, monitor, monitor_id, info.name, epsilon)
+        return FlightPlan(
+            flight_id, name, source, monitor, monitor_id, info.name, epsilon, mode_of(source)
+        )
 
     async def _start(
         self, plan: FlightPlan, make: Callable[..., Flight], source: Script | LiveSource

@@ -17,6 +17,7 @@ from app.flights.playback import AssessedTrack, Script
 from app.flights.recorded_playback import RecordedScript
 from app.flights.replay import TrackFlight
 from app.flights.track import SourceError, Track, times
+from app.messages import Mode
 from app.recipes import from_plain
 from app.recordings.scored import ScoredRecordings
 from app.store.store import Store
@@ -47,6 +48,8 @@ class Source(BaseModel, ABC):
 
     flight: ClassVar[Callable[..., Flight]] = TrackFlight
     """How what it opens is flown."""
+    mode: ClassVar[Mode] = "live"
+    """What people must never take it for another of."""
 
     @abstractmethod
     def open(self, opening: Opening) -> tuple[Script | LiveSource, str]:
@@ -90,6 +93,7 @@ class Simulated(TrackSource):
     Where theta is given, its parameters are as said and the others nominal.
     """
 
+    mode = "simulated"
     kind: Literal["simulated"]
     dataset: str | None = Field(default=None, description="id of the dataset whose test is flown")
     recipe: dict[str, Any] | None = Field(
@@ -115,6 +119,7 @@ class Simulated(TrackSource):
 class Replay(TrackSource):
     """A stored rollout; an unsafe one goes on past its failure where it can be simulated again."""
 
+    mode = "replay"
     kind: Literal["replay"]
     dataset: str = Field(description="id")
     outcome: Literal["unsafe", "safe"]
@@ -139,6 +144,7 @@ class Replay(TrackSource):
 class Recorded(Source):
     """A recording as it was scored; monitor and epsilon are those of the scoring."""
 
+    mode = "replay"
     kind: Literal["recording"]
     recording: str = Field(description="id")
     scoring: str = Field(description="id of one of its scorings")
@@ -269,6 +275,13 @@ SOURCES: dict[str, type[Source]] = {
     "replay": Replay,
     "recording": Recorded,
 }
+
+
+def mode_of(source: dict[str, Any]) -> Mode:
+    """Where the samples of a flight come from. source: of it, in plain data."""
+    kind = SOURCES.get(source.get("kind", ""))
+    return "live" if kind is None else kind.mode
+
 
 if TYPE_CHECKING:
     SourceRequest = Source

@@ -17,10 +17,10 @@ from starlette.websockets import WebSocketDisconnect
 from app.flights.ended import Record, Verdict, records
 from app.flights.flight import Flight
 from app.flights.flights import FlightOrder, Flights, TooManyFlights, flight_name
-from app.flights.sources import SourceRequest
+from app.flights.sources import SourceRequest, mode_of
 from app.flights.transport import NotPossible, TransportError
 from app.flights.watcher import Watcher
-from app.messages import Alarm, Credit, End, Frame, MessageError, TransportState, decode
+from app.messages import Alarm, Credit, End, Frame, MessageError, Mode, TransportState, decode
 from app.problems import Problem, problem_responses
 from app.recipes import RecipeError
 from app.routes.dependencies import json_from
@@ -92,6 +92,7 @@ class FlightStatus(BaseModel):
         default=None, description="of a flight that is over and exceeded its limit"
     )
     source: dict[str, Any]
+    mode: Mode = Field(description="whether its samples are measured, replayed or simulated")
     monitor: str = Field(description="id")
     epsilon: float
     created: str = Field(description="UTC, ISO 8601")
@@ -343,6 +344,7 @@ def _status(info: FlightInfo, flight: Flight | None, record: Record | None) -> F
         **_plain(flight, record),
         verdict=record.verdict if record else None,
         source=source,
+        mode=mode_of(info.source),
         monitor=info.monitor_id,
         epsilon=info.epsilon,
         created=info.created,

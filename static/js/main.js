@@ -73,9 +73,12 @@ function failure(error) {
   return box;
 }
 
-/** Dark for the control room, light for bright rooms and paper; remembered where the browser allows. */
+/** As the machine's own until one is chosen, which is remembered where the browser allows. */
 function bindThemeButton(button) {
-  let theme = remembered(THEME_KEY) === "light" ? "light" : "dark";
+  const machine = matchMedia("(prefers-color-scheme: light)");
+  const ofMachine = () => (machine.matches ? "light" : "dark");
+  let chosen = ["light", "dark"].includes(remembered(THEME_KEY));
+  let theme = chosen ? remembered(THEME_KEY) : ofMachine();
   const show = () => {
     document.documentElement.dataset.theme = theme;
     button.textContent = `Theme: ${theme}`;
@@ -84,7 +87,13 @@ function bindThemeButton(button) {
   };
   button.addEventListener("click", () => {
     theme = theme === "dark" ? "light" : "dark";
+    chosen = true;
     remember(THEME_KEY, theme);
+    show();
+  });
+  machine.addEventListener("change", () => {
+    if (chosen) return;
+    theme = ofMachine();
     show();
   });
   show();

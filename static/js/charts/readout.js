@@ -9,7 +9,7 @@
  *     reading: {value, state, alert, forecast, lead, a, b, cursor, exceeded: {value, t} | null}
  *   cursorsText({a, b}, cursor) -> string     their times [s], and the difference of A and B
  *   symbolNodes(symbol) -> Node[]     "N_y" as N with subscript y
- *   shownState({state, reason}) -> string    "not_assessed" between the manoeuvres of a recording
+ *   shownState({state, reason}) -> string    "not_assessed" BETWEEN the manoeuvres of a recording
  *   STATE_WORDS                       what each state is called on screen
  */
 
@@ -26,7 +26,7 @@ export const STATE_WORDS = {
   none: "NO DATA",
 };
 
-const BETWEEN = "between manoeuvres"; // as the server calls it
+export const BETWEEN = "between manoeuvres"; // as the server calls it
 
 /** Nothing is withdrawn where nothing was to be assessed. */
 export function shownState({ state, reason }) {

@@ -10,21 +10,26 @@
  *   guarantee({epsilon, lead}) -> string
  *
  * AlarmPanel
- *   describe({epsilon, lead, limits})   limits: nodes, |N_y| 0.5 g; of the flight
+ *   describe({epsilon, lead, limits, channels})   limits: nodes, |N_y| 0.5 g; of the flight
  *   setState({state, reason})    of the newest assessment: whether the guarantee stands
  *   take(alarm)          raised or acknowledged
- *   setAlert(boolean)    whether the newest assessment alerts
+ *   setHeadline({status})   of the flight: what goes on after it was acknowledged
  *   setLinked(boolean)   false: nobody knows whether there are new alarms
  *   acknowledgeAll()     all open ones
  *   open()               how many wait
  *   close()              silence
  */
 
-import { shownState } from "../charts/readout.js";
+import { shownState, symbolNodes } from "../charts/readout.js";
 import { reason } from "../lib/api.js";
 import { h, put } from "../lib/dom.js";
-import { riskText } from "../lib/numbers.js";
+import { formatValue, riskText } from "../lib/numbers.js";
 import { errorLine } from "../lib/view_states.js";
+
+const GOES_ON = {
+  exceeding: "LIMIT EXCEEDED, it continues, acknowledged",
+  risk: "ALERT continues, acknowledged",
+};
 
 export function guarantee({ epsilon, lead }) {
   const share = `${Number((100 * epsilon).toPrecision(3))} %`;
@@ -46,9 +51,9 @@ export function createAlarmPanel(element, { tone, acknowledge }) {
   const failure = errorLine();
   element.append(banner, calm, failure.element);
   const alarms = new Map();
-  let flight = { epsilon: NaN, lead: 0, limits: [] };
+  let flight = { epsilon: NaN, lead: 0, limits: [], channels: [] };
   let assessment = { state: null, reason: "" };
-  let alert = false;
+  let status = "";
   let shown = "";
 
   const waiting = () => [...alarms.values()].filter((alarm) => alarm.acknowledged === null);
@@ -56,15 +61,15 @@ export function createAlarmPanel(element, { tone, acknowledge }) {
   function render() {
     put(promise, promised());
     const open = waiting();
-    const latest = open.at(-1);
-    const held = latest === undefined && alert;
+    const latest = open.findLast(({ kind }) => kind === "limit") ?? open.at(-1); // what is measured comes first
+    const held = latest === undefined && status in GOES_ON;
     element.dataset.open = String(open.length);
     banner.hidden = latest === undefined && !held;
     calm.hidden = !banner.hidden;
     banner.toggleAttribute("data-acknowledged", held);
     button.hidden = held;
     const now = latest === undefined ? "" : `${latest.number} of ${open.length}`;
-    if (latest === undefined) put(text, held ? "ALERT continues, acknowledged" : "");
+    if (latest === undefined) put(text, held ? GOES_ON[status] : "");
     else if (now !== shown) text.replaceChildren(...words(latest, open.length));
     shown = now;
     if (open.length > 0) tone.start();
@@ -78,12 +83,19 @@ export function createAlarmPanel(element, { tone, acknowledge }) {
     return `The guarantee is withdrawn: ${assessment.reason || "the monitor is not applicable here"}`;
   }
 
-  function words({ t, p_value: risk }, count) {
+  function words({ t, p_value: risk, kind, exceedance }, count) {
     const value = risk === null ? "" : ` ${riskText(risk, flight.epsilon)}`;
     const more = count > 1 ? `, ${count - 1} more` : "";
+    if (kind === "limit") return [`LIMIT EXCEEDED at ${t.toFixed(2)} s: `, ...measured(exceedance), more];
     const lead = Number(flight.lead.toFixed(3));
     const what = `ALERT at ${t.toFixed(2)} s: risk${value} > ε ${flight.epsilon}, warns ${lead} s before `;
     return [what, ...flight.limits.map((node) => node.cloneNode(true)), more];
+  }
+
+  function measured({ channel, value, limit, judged }) {
+    const { symbol, unit } = flight.channels.find(({ key }) => key === channel);
+    const which = judged === "recorded" ? " as recorded, trim included" : "";
+    return [...symbolNodes(symbol), ` ${formatValue(value)} ${unit}${which}, limit ${limit} ${unit}`];
   }
 
   async function acknowledgeAll() {
@@ -115,9 +127,9 @@ export function createAlarmPanel(element, { tone, acknowledge }) {
     },
     setLinked: (linked) => put(quiet, linked ? "No alarm waits. " : "▲ Not connected: new alarms are not known. "),
     take,
-    setAlert: (now) => {
-      if (now === alert) return;
-      alert = now;
+    setHeadline: (now) => {
+      if (now.status === status) return;
+      status = now.status;
       render();
     },
     acknowledgeAll,

@@ -10,9 +10,12 @@
  *   take(frames)               newest last; returns the newest that is shown, or null
  *   restart(t) -> Promise<frames | null>    after a seek or a loop: draws what lies before t [s]
  *   setAssessment({state, reason}, quiet)    changed without a sample
+ *   setHeadline({status, level, beside})     as the server decided it
+ *   setHeard(boolean)          whether the server is heard: false from the first missed heartbeat on
  *   lose(), resume()           the connection; after it the newest sample counts as it did
  *   refresh(wall)              takes an alert off the gauge that was held there long enough
- *   now(wall) -> {state, alert, staleAfter}     as the status line shows it
+ *   headline(wall) -> Headline     as every view shows it: stale where nothing comes any more
+ *   reason, staleAfter             of the present state; age that is too great [s]
  *   t                          of the newest sample, or where the flight goes on from [s]
  *   timeline, chart, close()
  */
@@ -21,6 +24,7 @@ import { createStripChart } from "../charts/live/strip_chart.js";
 import { createTimeline } from "../charts/live/timeline.js";
 import { shownState } from "../charts/readout.js";
 import { formatTime, riskText } from "../lib/numbers.js";
+import { headlineOf } from "./headline.js";
 import { windowOf } from "./panels.js";
 import { createRiskGauge } from "./risk_gauge.js";
 
@@ -30,8 +34,8 @@ const alerts = (frame) => frame.state === "ok" && frame.alert === true;
 
 export function createAssessmentDisplay(panels, { hello, history, alarm, events, onExceedance }) {
   const { channels, epsilon, lead, dt } = hello;
-  const timeline = createTimeline({ seconds: windowOf(hello), staleAfter: hello.stale_after });
-  const gauge = createRiskGauge(panels.gauge, { timeline });
+  const timeline = createTimeline({ seconds: windowOf(hello), staleAfter: hello.stale_after, start: hello.transport.start });
+  const gauge = createRiskGauge(panels.gauge, { timeline, headline: headlineNow });
   const chart = createStripChart(panels.strips, {
     channels,
     epsilon,
@@ -44,6 +48,8 @@ export function createAssessmentDisplay(panels, { hello, history, alarm, events,
   let newest = null; // frame, without which there is nothing to trust
   let heldAlert = null; // riskiest alert of late, and until when it stays on the gauge
   let origin = 0; // where the flight goes on from, until a sample says more [s]
+  let decided = hello; // the server's headline
+  let linked = true;
   let seen = false; // what is pushed lies before a point that was sought
 
   function take(frames) {
@@ -68,7 +74,10 @@ export function createAssessmentDisplay(panels, { hello, history, alarm, events,
     const at = formatTime(shown.t, 0.01);
     const note = shown === frame ? "" : `alert at ${at} s, now ${riskText(frame.p_value, epsilon)}`;
     gauge.update({ ...shown, note, epsilon });
-    alarm.setAlert(alerts(frame));
+  }
+
+  function headlineNow(wall) {
+    return headlineOf(decided, { stale: !linked || timeline.stale(wall), alarms: alarm.open() });
   }
 
   /** An alert may last one sample, too short for an eye: it stays on the gauge for a while, with the present risk below it. */
@@ -92,7 +101,6 @@ export function createAssessmentDisplay(panels, { hello, history, alarm, events,
   function withdraw() {
     gauge.update({ ...assessment, p_value: null, epsilon });
     chart.setState(assessment);
-    alarm.setAlert(false);
   }
 
   async function restart(t) {
@@ -115,12 +123,14 @@ export function createAssessmentDisplay(panels, { hello, history, alarm, events,
   }
 
   function lose() {
+    linked = false;
     assessment = LOST;
     alarm.setState(assessment);
     withdraw();
   }
 
   function resume() {
+    linked = true;
     if (newest === null || assessment.state !== newest.state) return;
     chart.push(newest); // not a new sample: only its state, after the loss
     show(newest);
@@ -132,8 +142,21 @@ export function createAssessmentDisplay(panels, { hello, history, alarm, events,
     take,
     restart,
     setAssessment,
+    setHeadline: (given) => {
+      decided = given;
+    },
+    setHeard: (heard) => {
+      linked = heard;
+    },
     lose,
     resume,
+    headline: headlineNow,
+    get reason() {
+      return assessment.reason;
+    },
+    get staleAfter() {
+      return timeline.staleAfter;
+    },
     get t() {
       return newest?.t ?? null;
     },
@@ -141,14 +164,6 @@ export function createAssessmentDisplay(panels, { hello, history, alarm, events,
       if (heldAlert === null || wall <= heldAlert.until) return;
       heldAlert = null;
       if (newest !== null) show(newest);
-    },
-    now: (wall) => {
-      const stale = timeline.stale(wall);
-      return {
-        state: stale ? "stale" : shownState(assessment),
-        alert: !stale && (heldAlert !== null || newest?.alert === true),
-        staleAfter: timeline.staleAfter,
-      };
     },
     close: () => {
       history.close();

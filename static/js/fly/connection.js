@@ -8,9 +8,9 @@
  *   createConnection(flight, on) -> Connection
  *     on.hello(hello, again)       again: the page already shows this flight
  *     on.frames(frames, message)   new samples, oldest first, each once
- *     on.state(message), on.alarm(alarm), on.transport(transport), on.heartbeat(message)
+ *     on.state(message), on.status(headline), on.alarm(alarm), on.transport(transport), on.heartbeat(message)
  *     on.reset({seq, t})           the next frame does not follow the last one: clear the strips
- *     on.link(link)                "connecting" | "open" | "lost" | "over"
+ *     on.link(link)                "connecting" | "open" | "silent" (a heartbeat is missed) | "lost" | "over"
  *     on.over(reason)              the flight is not under way any more; nothing follows
  *
  * Connection
@@ -25,8 +25,9 @@
  *   close()
  */
 
-const SILENCE = 3500; // ms without any message (the server beats each second) that mean loss
-const LISTEN = 500; // ms between looks at that
+const MISSED = 1600; // ms without any message, for the server beats each second: a heartbeat is missed
+const SILENCE = 3500; // ms without any message that mean loss
+const LISTEN = 250; // ms between looks at that
 const WAITS = [250, 500, 1000, 2000, 4000]; // ms before the next attempts
 const NO_SUCH_FLIGHT = 4404;
 const WINDOW = 30_000; // ms; the quickest message of this window and the one before counts
@@ -63,6 +64,7 @@ export function createConnection(flight, on, { Socket = WebSocket } = {}) {
     mine.addEventListener("message", (event) => {
       if (socket !== mine) return;
       heard = performance.now();
+      if (connection.link === "silent") setLink("open");
       take(JSON.parse(event.data));
     });
     mine.addEventListener("close", (event) => {
@@ -82,7 +84,8 @@ export function createConnection(flight, on, { Socket = WebSocket } = {}) {
    */
   function listen() {
     const now = performance.now();
-    heldUp = !heldUp && now - listenAt > LISTEN;
+    heldUp = !heldUp && now - listenAt > 2 * LISTEN;
+    if (!heldUp && connection.link === "open" && now - heard > MISSED) setLink("silent");
     if (!heldUp && now - heard > SILENCE) {
       const silent = socket;
       onClose(0);
@@ -148,6 +151,7 @@ export function createConnection(flight, on, { Socket = WebSocket } = {}) {
       on.heartbeat?.(message);
     },
     state: (message) => on.state?.(message),
+    status: (message) => on.status?.(message),
     alarm: (message) => on.alarm?.(message.alarm),
     transport: (message) => on.transport?.(message.transport),
     end: (message) => finish(message.reason),

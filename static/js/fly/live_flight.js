@@ -6,6 +6,7 @@
  *     over(reason)    the flight is not under way any more
  */
 
+import { BETWEEN } from "../charts/readout.js";
 import { reason } from "../lib/api.js";
 import { h, put } from "../lib/dom.js";
 import { addDrawer } from "../lib/draw_loop.js";
@@ -14,6 +15,7 @@ import { askToConfirm, state as stateOf } from "../lib/view_states.js";
 import { createAlarmPanel } from "./alarm_panel.js";
 import { createAssessmentDisplay } from "./assessment_display.js";
 import { createConnection } from "./connection.js";
+import { textOf } from "./headline.js";
 import { alertText, createFlightPanels, exceedanceText, limitsOf, sourceText } from "./panels.js";
 import { createReplayNotes } from "./replay_notes.js";
 import { createSceneFrame } from "./scene_frame.js";
@@ -24,6 +26,7 @@ import { bindMuteButton, createTone } from "./tone.js";
 import { createTransportBar } from "./transport_bar.js";
 
 const STATUS_EVERY = 200; // ms
+const CAUTIONS = ["stale", "invalid"];
 const tone = createTone(); // one for the page: a browser lets it sound once it was touched
 
 export function showLiveFlight(element, { id, api, over }) {
@@ -49,6 +52,7 @@ export function showLiveFlight(element, { id, api, over }) {
   let playback = { playing: true, speed: 1 }; // as the transport has it
   let refreshed = 0;
   let recorded = true; // by the last heartbeat
+  let cautioned = 0; // how many of the cautions are shown
 
   element.dataset.flight = "connecting";
   panels.strips.append(stateOf("loading", "Connecting to the flight", "The strips begin with its first sample."));
@@ -57,6 +61,7 @@ export function showLiveFlight(element, { id, api, over }) {
     hello: onHello,
     frames: (frames) => onFrames(frames, display.take(frames)),
     state: (assessment) => display.setAssessment(assessment),
+    status: onStatus,
     alarm: onAlarm,
     transport: onTransport,
     heartbeat: onHeartbeat,
@@ -73,19 +78,23 @@ export function showLiveFlight(element, { id, api, over }) {
       display = createAssessmentDisplay(panels, { hello, history, alarm, events, onExceedance });
       if (hello.source.kind === "recording") showNotes();
     }
-    alarm.describe({ epsilon, lead, limits: limitsOf(channels) });
+    alarm.describe({ epsilon, lead, limits: limitsOf(channels), channels });
     onTransport(hello.transport);
     display.setAssessment({ state, reason: why }, true);
     hello.alarms.forEach(onAlarm);
-    showTitle();
+    onStatus(hello);
     if (!again) return;
     events.add({ t: null, text: `connected again ${hello.server_time.slice(11, 19)} UTC` });
     scene.wake();
     display.resume();
   }
 
+  function onStatus(headline) {
+    display.setHeadline(headline);
+    refreshed = 0; // it does not wait
+  }
+
   function onFrames(frames, newest) {
-    if (frames.some(({ alert }) => alert)) refreshed = 0; // the status does not wait
     if (newest !== null) transport.moved(newest.t);
   }
 
@@ -94,8 +103,7 @@ export function showLiveFlight(element, { id, api, over }) {
     const fresh = !raised.has(number);
     raised.add(number);
     alarm.take(raisedAlarm);
-    showTitle();
-    if (fresh) events.add({ t, text: alertText(raisedAlarm, hello.epsilon), level: "alert" });
+    if (fresh) events.add({ t, text: alertText(raisedAlarm, hello.epsilon, hello.channels), level: "alert" });
     if (acknowledged) {
       events.add({ t, text: `acknowledged by ${by}` });
       display.chart.acknowledge();
@@ -107,11 +115,12 @@ export function showLiveFlight(element, { id, api, over }) {
     if ((problem === "") === recorded) return;
     recorded = problem === "";
     const text = recorded ? `recorded again; samples lost: ${lost}` : `not recorded: ${problem}`;
-    events.add({ t: display?.t ?? null, text, level: recorded ? "caution" : "alert" });
+    events.add({ t: display?.t ?? null, text, level: "caution" });
   }
 
-  function onExceedance({ seen, ...exceedance }) {
-    events.add({ t: exceedance.t, text: exceedanceText(exceedance), level: "caution", seen });
+  /** As the strips find it, also before a point that was sought; its alarm says the same. */
+  function onExceedance(exceedance) {
+    events.add({ t: exceedance.t, text: exceedanceText(exceedance), level: "alert", seen: true });
     markEvents();
   }
 
@@ -126,6 +135,7 @@ export function showLiveFlight(element, { id, api, over }) {
     transport.setUsable(link === "open");
     alarm.setLinked(link === "open");
     panels.lost.hidden = link !== "lost";
+    display?.setHeard(link === "open");
     if (link !== "lost" || display === null) return;
     display.lose();
     events.add({ t: display.t, text: "connection to the server lost", level: "caution" });
@@ -142,8 +152,16 @@ export function showLiveFlight(element, { id, api, over }) {
     panels.events.append(notes.element);
   }
 
-  function showTitle() {
-    document.title = `${alarm.open() > 0 ? "▲ ALERT – " : ""}${hello.name} – Forewarn`;
+  /** Alarm line, title and the tone of cautions follow the headline. */
+  function follow(headline, why) {
+    alarm.setHeadline(headline);
+    const words = headline.level === "none" ? "" : `${textOf(headline, why)} – `;
+    const title = `${words}${hello.name} – Forewarn`;
+    if (document.title !== title) document.title = title;
+    const shown = [headline.status, ...headline.beside].filter((one) => CAUTIONS.includes(one));
+    const cautions = why === BETWEEN ? 0 : shown.length;
+    if (cautions > cautioned && playback.playing) tone.caution();
+    cautioned = cautions;
   }
 
   function markEvents() {
@@ -162,14 +180,19 @@ export function showLiveFlight(element, { id, api, over }) {
     refreshed = wall;
     if (connection.link === "lost") put(panels.lost, lostText(connection.retryIn(wall)));
     display?.refresh(wall);
+    const headline = display?.headline(wall) ?? null;
+    if (headline !== null) follow(headline, display.reason);
     status.update({
+      mode: hello?.mode,
       source: hello === null ? "–" : sourceText(hello.source, hello.name),
       monitor: hello?.monitor.name ?? "–",
       validity: hello?.validity,
       link: connection.link,
       playing: playback.playing,
       live: true,
-      ...(display?.now(wall) ?? { state: null, alert: false, staleAfter: Infinity }),
+      headline,
+      reason: display?.reason,
+      staleAfter: display?.staleAfter ?? Infinity,
       figures: connection.figures(wall),
     });
   }

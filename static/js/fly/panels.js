@@ -5,7 +5,7 @@
  *   createFlightPanels(element) -> {status, strips, alarm, scene, lost, gauge, notice, events, transport: elements}
  *   windowOf({duration, lead}) -> s     width of the strips: a short flight fills them
  *   limitsOf(channels) -> Node[]        "|N_y| 0.5 g", of the limited channels
- *   alertText(alarm, epsilon) -> string, exceedanceText({symbol, value}) -> string
+ *   alertText(alarm, epsilon, channels) -> string, exceedanceText({symbol, value, judged}) -> string
  *   sourceText(source, name) -> string
  */
 
@@ -50,12 +50,16 @@ export function limitsOf(channels) {
   ]);
 }
 
-export function alertText({ p_value: risk }, epsilon) {
+export function alertText({ p_value: risk, exceedance }, epsilon, channels) {
+  if (exceedance) {
+    const { symbol } = channels.find(({ key }) => key === exceedance.channel);
+    return exceedanceText({ symbol, ...exceedance });
+  }
   return risk === null ? "alert" : `alert, risk ${riskText(risk, epsilon)}`;
 }
 
-export function exceedanceText({ symbol, value }) {
-  return `${symbol} exceeds its limit: ${value.toFixed(3)}`;
+export function exceedanceText({ symbol, value, judged }) {
+  return `${symbol} exceeds its limit: ${value.toFixed(3)}${judged === "recorded" ? " as recorded" : ""}`;
 }
 
 export function sourceText(source, name) {

@@ -11,6 +11,7 @@ import { reason } from "../lib/api.js";
 import { h, put } from "../lib/dom.js";
 import { createEventList } from "../lib/event_list.js";
 import { askToConfirm, state } from "../lib/view_states.js";
+import { LEVEL_OF, textOf } from "./headline.js";
 import { alertText, createFlightPanels, exceedanceText, sourceText, windowOf } from "./panels.js";
 import { createRiskGauge } from "./risk_gauge.js";
 import { createStatusStrip } from "./status_strip.js";
@@ -30,7 +31,7 @@ export function showFlightRecord(element, { flight, why, api, navigate }) {
   const gauge = createRiskGauge(panels.gauge);
   const source = sourceText(flight.source, flight.name);
   const nothing = { age: NaN, latency: NaN, conflated: 0, lost: flight.lost, unwritten: 0, problem: "", utc: null };
-  const shown = { source, link: "over", staleAfter: 1, playing: false, live: false, state: null, alert: false, figures: nothing };
+  const shown = { mode: flight.mode, source, link: "over", staleAfter: 1, playing: false, live: false, headline: null, figures: nothing };
   let chart = null;
   let closed = false;
 
@@ -42,14 +43,15 @@ export function showFlightRecord(element, { flight, why, api, navigate }) {
   panels.scene.append(state("empty", "Flight over", "The scene is shown while it flies."));
   panels.notice.hidden = false;
   const failure = h("span", { class: "error", role: "alert", hidden: true });
-  panels.notice.append(
+  panels.notice.append(...[
+    verdictLine(flight),
     h("p", {}, h("strong", {}, `This flight ${HOW[flight.progress] ?? "is over"}${why.includes("server") ? ": the server stopped" : ""}. `), "Its record is shown."),
     h("div", { class: "row" },
       h("button", { type: "button", class: "button button-primary", onclick: again }, "Fly it again"),
       h("a", { class: "button", href: "#/fly" }, "All flights"),
       h("button", { type: "button", class: "button button-danger", onclick: () => askToConfirm("Delete this record?", "Its samples, assessments and alarms are gone for good.", "Delete the record", remove) }, "Delete the record"),
       failure),
-  );
+  ].filter((part) => part !== null));
   const events = createEventList(panels.events, {
     go: (t) => {
       chart?.setWindow(t - 3, t + 3);
@@ -74,7 +76,7 @@ export function showFlightRecord(element, { flight, why, api, navigate }) {
     }
     draw(channels, monitor, longest, passes);
     for (const alarm of alarms) {
-      events.add({ t: alarm.t, text: alertText(alarm, flight.epsilon), level: "alert" });
+      events.add({ t: alarm.t, text: alertText(alarm, flight.epsilon, channels), level: "alert", seen: true });
       if (alarm.acknowledged) events.add({ t: alarm.t, text: `acknowledged by ${alarm.by}` });
     }
   }
@@ -85,7 +87,7 @@ export function showFlightRecord(element, { flight, why, api, navigate }) {
     chart = createStripChart(panels.strips, {
       channels, epsilon: flight.epsilon, lead, dt, seconds: windowOf({ duration: last - first, lead }),
       onExceedance: (exceedance) =>
-        events.add({ t: exceedance.t, text: exceedanceText(exceedance), level: "caution" }),
+        events.add({ t: exceedance.t, text: exceedanceText(exceedance), level: "alert", seen: true }),
     });
     chart.setTransport({ playing: false, speed: 1 });
     chart.push(frames);
@@ -131,6 +133,14 @@ export function showFlightRecord(element, { flight, why, api, navigate }) {
       delete element.dataset.flight;
     },
   };
+}
+
+/** What the flight came to: never calm where it exceeded its limit. */
+function verdictLine({ verdict, status, level, beside }) {
+  if (!verdict && level === "none") return null;
+  const words = verdict ? `◆ ${verdict.text}` : textOf({ status, level, beside });
+  const shown = verdict && level !== "warning" ? "caution" : LEVEL_OF[level];
+  return h("strong", { class: "chip verdict", "data-level": shown }, words);
 }
 
 /** Passes of rising time, between which the flight was sought or looped: the longest, the last of equals. */

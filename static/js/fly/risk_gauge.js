@@ -1,11 +1,13 @@
 /**
  * The large risk gauge: "risk (higher is worse)", its threshold, and what the monitor can say now.
  *
- * Every state has a word, a shape and a colour. There is a number only where the sample was assessed;
- * otherwise the dial is hatched grey and the word stands in the number's place.
+ * The word is the flight's headline, the worst that is true of it, with what stands beside it; each has
+ * a shape and a colour of its level. There is a number only where the sample was assessed; otherwise the
+ * dial is hatched grey and the word stands in the number's place.
  *
  * Exports
- *   createRiskGauge(element, {timeline, scale}) -> {update(reading), clear(), destroy()}
+ *   createRiskGauge(element, {timeline, scale, headline}) -> {update(reading), clear(), destroy()}
+ *     headline: (wall) -> Headline of the flight; that of the sample alone unless given
  *     reading: {p_value, epsilon, state, alert, reason, note}, any frame with its epsilon will do;
  *     note stands below the number; state
  *       ok, warming_up, stale, invalid (between manoeuvres: NOT ASSESSED), over (the flight has ended), or null for no data.
@@ -16,6 +18,7 @@
 import { shownState } from "../charts/readout.js";
 import { addDrawer } from "../lib/draw_loop.js";
 import { riskText } from "../lib/numbers.js";
+import { FACES, headlineOf, ofSample, wordOf } from "./headline.js";
 
 const NS = "http://www.w3.org/2000/svg";
 const CENTRE = { x: 170, y: 150 };
@@ -24,16 +27,7 @@ const FROM = -205; // degrees, clockwise from three o'clock
 const SWEEP = 230;
 const MARGIN = 30; // of the dial on either side, for epsilon's label
 
-const FACES = {
-  ok: { word: "OK", shape: "check" },
-  alert: { word: "ALERT", shape: "warning" },
-  warming_up: { word: "WARMING UP", shape: "hourglass" },
-  stale: { word: "STALE", shape: "clock" },
-  invalid: { word: "INVALID", shape: "cross" },
-  not_assessed: { word: "NOT ASSESSED", shape: "ring" },
-  over: { word: "OVER", shape: "dash" },
-  none: { word: "NO DATA", shape: "dash" },
-};
+const WITHOUT = { over: { word: "OVER", shape: "dash" }, none: { word: "NO DATA", shape: "dash" } };
 
 const SHAPES = {
   check: "M-13 0a13 13 0 1 0 26 0a13 13 0 1 0-26 0M-6 0l4.5 5l8-9.5",
@@ -43,6 +37,9 @@ const SHAPES = {
   cross: "M-10-10L10 10M10-10L-10 10",
   dash: "M-12 0H12",
   ring: "M-13 0a13 13 0 1 0 26 0a13 13 0 1 0-26 0M-6 0H6",
+  bell: "M-12 8H12M-9 8C-9-4-7-12 0-12S9-4 9 8M-2 12H2",
+  query: "M-13 0a13 13 0 1 0 26 0a13 13 0 1 0-26 0M-4-4a4 4 0 1 1 5 4v2M0 6v1",
+  flag: "M-8 13V-13L10-7L-8-1",
 };
 
 /**
@@ -54,14 +51,14 @@ const SHAPES = {
 
 let gauges = 0;
 
-export function createRiskGauge(element, { timeline = null, scale = "sqrt" } = {}) {
+export function createRiskGauge(element, { timeline = null, scale = "sqrt", headline = null } = {}) {
   const share = scale === "sqrt" ? Math.sqrt : (value) => value;
   const id = `risk-hatch-${++gauges}`;
   element.classList.add("risk-gauge");
   element.replaceChildren();
   const heading = html(element, "h2", "gauge-heading", "risk (higher is worse)");
   heading.id = `${id}-heading`;
-  const svg = make(element, "svg", { viewBox: `${-MARGIN} 0 ${340 + 2 * MARGIN} 228`, class: "gauge-dial" });
+  const svg = make(element, "svg", { viewBox: `${-MARGIN} 0 ${340 + 2 * MARGIN} 234`, class: "gauge-dial" });
   addHatches(svg, id);
   make(svg, "path", { d: arc(0, 1), class: "gauge-track" });
   const unassessed = make(svg, "path", { d: arc(0, 1), stroke: `url(#${id}-grey)`, class: "gauge-wide" });
@@ -79,6 +76,7 @@ export function createRiskGauge(element, { timeline = null, scale = "sqrt" } = {
   const face = make(svg, "g", { class: "gauge-face" });
   const shape = make(face, "path", { class: "gauge-shape" });
   const word = make(face, "text", { class: "gauge-word" });
+  const beside = html(element, "p", "gauge-beside", "");
   const reason = html(element, "p", "gauge-reason", "");
   const spoken = html(element, "p", "visually-hidden", "");
   spoken.setAttribute("role", "status");
@@ -92,15 +90,17 @@ export function createRiskGauge(element, { timeline = null, scale = "sqrt" } = {
   }
 
   function render(wall) {
-    const key = faceOf(reading, timeline, wall);
-    const assessed = key === "ok" || key === "alert";
+    const face = faceOf(wall);
+    const { key, assessed } = face;
     const { p_value: risk = null, epsilon = null } = reading;
     const digits = assessed ? riskText(risk, epsilon) : "";
-    const why = assessed ? (reading.note ?? "") : whyOf(key, reading, timeline, wall);
-    const now = `${key}|${digits}|${epsilon}|${why}`;
+    const why = assessed ? (reading.note ?? "") : whyOf(face, reading, timeline, wall);
+    const drawn = `${key} ${face.level} ${face.beside} ${assessed}`;
+    const now = `${drawn}|${digits}|${epsilon}|${why}|${reading.alert}`;
     if (now === shown) return;
-    if (now.split("|")[0] !== shown.split("|")[0]) drawFace(key, assessed);
+    if (drawn !== shown.split("|")[0]) drawFace(face);
     shown = now;
+    element.toggleAttribute("data-alert", assessed && reading.alert === true);
     number.textContent = digits;
     number.setAttribute("font-size", digits.length > 4 ? "58" : "74");
     reason.textContent = why;
@@ -111,25 +111,48 @@ export function createRiskGauge(element, { timeline = null, scale = "sqrt" } = {
       const tip = polar(at, RADIUS - 13);
       needle.setAttribute("transform", `translate(${tip.x} ${tip.y}) rotate(${angle(at) - 90})`);
     }
-    speak(key, assessed, digits, epsilon, why);
+    speak(face, digits, epsilon, why);
   }
 
-  function drawFace(key, assessed) {
+  /** What is shown: the word, its level, what stands beside it, and whether there is a number. */
+  function faceOf(wall) {
+    const { state, p_value: risk } = reading;
+    if (state == null || state === "over") {
+      const key = state ?? "none";
+      return { key, ...WITHOUT[key], level: "", beside: "", assessed: false };
+    }
+    const late = timeline !== null && timeline.stale(wall);
+    const said = headline?.(wall) ?? headlineOf(ofSample(reading), { stale: late, alarms: 0 });
+    const withdrawn = [said.status, ...said.beside].some((one) => one === "stale" || one === "invalid");
+    return {
+      key: said.status === "invalid" ? shownState({ state: "invalid", reason: reading.reason }) : said.status,
+      word: wordOf(said.status, reading.reason),
+      shape: FACES[said.status].shape,
+      level: said.level,
+      beside: said.beside.map((one) => wordOf(one, reading.reason)).join(" · "),
+      stale: said.status === "stale" || said.beside.includes("stale"),
+      assessed: !withdrawn && state === "ok" && Number.isFinite(risk),
+    };
+  }
+
+  function drawFace({ key, word: text, shape: sign, level, beside: also, assessed }) {
     element.dataset.state = key;
-    shape.setAttribute("d", SHAPES[FACES[key].shape]);
-    word.textContent = FACES[key].word;
-    const letters = FACES[key].word.length;
-    const size = assessed ? 26 : letters > 10 ? 23 : letters > 8 ? 32 : 40;
+    element.dataset.level = level;
+    shape.setAttribute("d", SHAPES[sign]);
+    word.textContent = text;
+    beside.textContent = also;
+    const letters = text.length;
+    const size = assessed ? (letters > 10 ? 20 : letters > 7 ? 27 : 30) : letters > 10 ? 23 : letters > 8 ? 32 : 40;
     word.setAttribute("font-size", String(size));
-    const half = (size * 0.66 * FACES[key].word.length + 40) / 2;
-    const y = assessed ? 206 : 160;
+    const half = (size * 0.66 * letters + 40) / 2;
+    const y = assessed ? 216 : 160;
     shape.setAttribute("transform", assessed ? `translate(${CENTRE.x - half + 14} ${y - 9})` : "translate(170 98) scale(1.7)");
     word.setAttribute("x", String(assessed ? CENTRE.x + 18 : CENTRE.x));
     word.setAttribute("y", String(y));
     show(bar, assessed);
     show(needle, assessed);
     show(unassessed, !assessed);
-    spoken.textContent = `risk ${FACES[key].word.toLowerCase()}`; // spoken when it changes, not at 50 Hz
+    spoken.textContent = `${text} ${also}`.trim().toLowerCase(); // spoken when it changes, not at 50 Hz
   }
 
   function drawThreshold(epsilon, assessed) {
@@ -149,15 +172,15 @@ export function createRiskGauge(element, { timeline = null, scale = "sqrt" } = {
     beyond.setAttribute("d", arc(at, 1));
   }
 
-  function speak(key, assessed, digits, epsilon, why) {
+  function speak({ word: said, assessed }, digits, epsilon, why) {
     const threshold = Number.isFinite(epsilon) ? `, alerts above ${epsilon}` : "";
     svg.setAttribute("role", assessed ? "meter" : "img"); // a meter must have a value
-    svg.setAttribute("aria-label", assessed ? "risk, higher is worse" : `risk not assessed: ${why || FACES[key].word}`);
+    svg.setAttribute("aria-label", assessed ? "risk, higher is worse" : `risk not assessed: ${why || said}`);
     const meter = {
       "aria-valuemin": "0",
       "aria-valuemax": "1",
       "aria-valuenow": digits,
-      "aria-valuetext": `${digits}, ${FACES[key].word.toLowerCase()}${threshold}`,
+      "aria-valuetext": `${digits}, ${said.toLowerCase()}${threshold}`,
     };
     for (const [name, value] of Object.entries(meter)) {
       if (assessed) svg.setAttribute(name, value);
@@ -178,19 +201,9 @@ export function createRiskGauge(element, { timeline = null, scale = "sqrt" } = {
 }
 
 /** @param {Reading} reading */
-function faceOf({ state: given, reason, alert, p_value: risk }, timeline, wall) {
-  const state = shownState({ state: given, reason });
-  if (state == null) return "none";
-  if (timeline !== null && timeline.stale(wall)) return "stale";
-  if (state !== "ok") return state in FACES ? state : "invalid";
-  if (!Number.isFinite(risk)) return "invalid";
-  return alert ? "alert" : "ok";
-}
-
-/** @param {string} key @param {Reading} reading */
-function whyOf(key, { reason, state }, timeline, wall) {
+function whyOf({ key, stale }, { reason, state }, timeline, wall) {
   if (key === "none") return "no sample has been assessed yet";
-  if (key === "stale" && timeline !== null && Number.isFinite(timeline.age(wall))) {
+  if (stale && timeline !== null && Number.isFinite(timeline.age(wall))) {
     return `last sample ${timeline.age(wall).toFixed(0)} s ago`;
   }
   return reason || (state === "ok" ? "the assessment has no p-value" : "");

@@ -10,6 +10,7 @@ import { reason } from "../lib/api.js";
 import { h, put } from "../lib/dom.js";
 import { errorLine, state } from "../lib/view_states.js";
 import { guarantee } from "./alarm_panel.js";
+import { LEVEL_OF, textOf } from "./headline.js";
 import { sourceText } from "./panels.js";
 
 const REFRESH = 3000; // ms
@@ -74,14 +75,15 @@ function flightLists(all) {
 }
 
 function flightRow(flight, verb) {
-  const open = flight.open_alarms ?? 0;
-  const words = open > 0 ? `▲ ${open} alarm${open > 1 ? "s" : ""}` : flight.progress;
   const source = sourceText(flight.source, flight.name);
-  const level = open > 0 ? "alert" : flight.progress === "running" ? "ok" : "off";
+  const isOver = flight.progress !== "running";
+  const level = isOver && flight.level === "none" ? "off" : LEVEL_OF[flight.level];
+  const words = flight.verdict ? `◆ ${flight.verdict.text}` : level === "off" ? flight.progress : textOf(flight);
   return h(
     "li",
     { class: "flight-row" },
-    h("span", { class: "chip", "data-level": level }, words),
+    h("span", { class: "chip mode", "data-mode": flight.mode }, flight.mode.toUpperCase()),
+    h("span", { class: "chip", "data-level": flight.verdict && level !== "alert" ? "caution" : level }, words),
     h("span", { class: "flight-name" }, source.startsWith(flight.name) ? source : `${flight.name} (${source})`, h("span", { class: "dim flight-detail" }, `ε ${flight.epsilon}, ${flight.created.slice(0, 16).replace("T", " ")} UTC`)),
     h("a", { class: "button button-small", href: `#/fly/${flight.id}`, "aria-label": `${verb}: ${flight.name}` }, verb),
   );

@@ -3,17 +3,19 @@
  *
  * Exports
  *   createStatusStrip(element) -> {update(status)}
- *     status: {source, monitor, validity, link, staleAfter, playing, live, state, alert,
+ *     status: {mode, source, monitor, validity, link, staleAfter, playing, live, headline, reason,
  *              figures: {age [s], latency [ms], conflated, lost, unwritten, problem, utc: Date | null}}
+ *     mode: "live", "replay" or "simulated"; only live data have an age and a latency
+ *     headline: of the flight, null before it is known or for a flight that is over
  *     validity: "checked", or why not, shown beside the monitor
- *     link: "connecting" | "open" | "lost" | "over"; staleAfter: age that is cautioned of [s]; live: false for a flight that is over
+ *     link: "connecting" | "open" | "silent" | "lost" | "over"; staleAfter: age that is cautioned of [s]; live: false for a flight that is over
  */
 
-import { STATE_WORDS } from "../charts/readout.js";
 import { h, put } from "../lib/dom.js";
+import { LEVEL_OF, textOf } from "./headline.js";
 
 const ITEMS = [
-  ["state", "monitor state", "State of the monitor at the newest sample"],
+  ["state", "status", "The worst that is true of this flight now; stale and invalid always stand beside it"],
   ["link", "link", "Connection to the server"],
   ["source", "source", "What is flown"],
   ["monitor", "monitor", "Which monitor assesses it; where its validity is calibrated, it says INVALID of a flight unlike those of training"],
@@ -24,7 +26,7 @@ const ITEMS = [
   ["record", "record", "Whether the server stores what is flown; samples that wait for its disk, and those it lost"],
 ];
 const LATE = 300; // ms
-const MARKS = { ok: "✓ ", alert: "▲ ", caution: "◆ ", off: "" };
+const MARKS = { ok: "✓ ", caution: "◆ " };
 
 export function createStatusStrip(element) {
   element.classList.add("status-strip");
@@ -42,12 +44,19 @@ export function createStatusStrip(element) {
     if (items[key].box.dataset.level !== level) items[key].box.dataset.level = level;
   }
 
-  function update({ source, monitor, validity = "checked", link, staleAfter, playing, live, state, alert, figures }) {
+  const mode = h("strong", { class: "mode", title: "Where the samples come from" });
+  element.prepend(mode);
+
+  function update({ mode: from, source, monitor, validity = "checked", link, staleAfter, playing, live, headline, reason, figures }) {
     const linked = live && link === "open";
+    put(mode, from === undefined ? "" : live ? from.toUpperCase() : "RECORD");
+    mode.dataset.mode = live ? (from ?? "") : "record";
+    for (const key of ["age", "latency"]) items[key].box.hidden = from !== "live";
     show("source", source);
     show("monitor", monitor);
     put(items.monitor.label, validity === "checked" ? "monitor" : `monitor, validity ${validity}`);
-    show("state", ...stateOf(linked, state, alert));
+    if (headline === null) show("state", live ? "–" : "NOT LIVE", "off");
+    else show("state", textOf(headline, reason), LEVEL_OF[headline.level]);
     show("link", ...linkOf(live, link));
     show("utc", figures.utc === null ? "–" : figures.utc.toISOString().slice(11, 19));
     if (!live) show("age", "over", "off");
@@ -63,21 +72,16 @@ export function createStatusStrip(element) {
   return { update };
 }
 
-function stateOf(linked, state, alert) {
-  if (!linked) return ["NOT LIVE", "off"];
-  if (state === "ok") return alert ? [`${MARKS.alert}ALERT`, "alert"] : [`${MARKS.ok}OK`, "ok"];
-  return [`${MARKS.caution}${STATE_WORDS[state] ?? STATE_WORDS.none}`, "caution"];
-}
-
 function recordOf({ lost, unwritten, problem }) {
   const gone = lost > 0 ? `, ${lost} samples lost` : "";
-  if (problem !== "") return [`${MARKS.alert}NOT RECORDED, ${unwritten} samples wait${gone}`, "alert"];
-  return lost > 0 ? [`${MARKS.alert}${lost} samples lost`, "alert"] : ["all", ""];
+  if (problem !== "") return [`${MARKS.caution}NOT RECORDED, ${unwritten} samples wait${gone}`, "caution"];
+  return lost > 0 ? [`${MARKS.caution}${lost} samples lost`, "caution"] : ["all", ""];
 }
 
 function linkOf(live, link) {
   if (!live || link === "over") return ["over", "off"];
   if (link === "open") return [`${MARKS.ok}open`, "ok"];
-  if (link === "lost") return [`${MARKS.alert}LOST`, "alert"];
+  if (link === "silent") return [`${MARKS.caution}NO HEARTBEAT`, "caution"];
+  if (link === "lost") return [`${MARKS.caution}LOST`, "caution"];
   return ["connecting", "caution"];
 }

@@ -1,5 +1,6 @@
 /**
- * The alert tone: heard until acknowledged, unless muted, and never silently unheard.
+ * The tones: a warning's is interrupted and heard until acknowledged, a caution's is steady and heard once.
+ * (Interrupted tones are noticed more often.) Either can be muted, and neither is silently unheard.
  *
  * A browser keeps sound blocked until the user has touched the page. That is a state of its own
  * (`blocked`), to be shown beside the mute: a crew must know that the alert would make no sound.
@@ -12,6 +13,7 @@
  * Tone
  *   start()       sound the alert, again and again, until stop()
  *   stop()        on acknowledgement
+ *   caution()     the steady tone, once; not while a warning sounds
  *   test()        one pattern, for the operator to hear; heard even when muted
  *   setMuted(boolean), unlock()    unlock must be called from a click or key
  *   muted, sounding, state -> "on" | "muted" | "blocked" | "unavailable"
@@ -23,6 +25,8 @@ const KEY = "forewarn.muted";
 const PERIOD = 1.5; // s
 const BEEPS = [[0, 880], [0.22, 660], [0.44, 880], [0.66, 660]]; // start [s], pitch [Hz]
 const LENGTH = 0.18; // s
+const STEADY = [[0, 440]]; // of a caution
+const STEADY_LENGTH = 1.2; // s
 const RAMP = 0.012; // s, against clicks
 const TEXTS = {
   on: "Sound on",
@@ -35,7 +39,8 @@ export function createTone({ storage = safeStorage(), Context = globalThis.Audio
   const listeners = new Set();
   let context = null;
   let volume = null;
-  let pattern = null;
+  let pattern = null; // of a warning
+  let steady = null; // of a caution
   let playing = null;
 
   const tone = {
@@ -48,6 +53,7 @@ export function createTone({ storage = safeStorage(), Context = globalThis.Audio
     },
     start,
     stop,
+    caution,
     test,
     setMuted,
     unlock,
@@ -68,7 +74,8 @@ export function createTone({ storage = safeStorage(), Context = globalThis.Audio
     volume = context.createGain();
     volume.gain.value = tone.muted ? 0 : 1;
     volume.connect(context.destination);
-    pattern = writePattern(context);
+    pattern = writePattern(context, BEEPS, LENGTH);
+    steady = writePattern(context, STEADY, STEADY_LENGTH);
     return true;
   }
 
@@ -80,7 +87,7 @@ export function createTone({ storage = safeStorage(), Context = globalThis.Audio
     if (tone.sounding) return;
     tone.sounding = true;
     if (prepare()) {
-      playing = play(volume, true);
+      playing = play(pattern, volume, true);
       unlock(); // works where the page was touched before
     }
     changed();
@@ -93,14 +100,20 @@ export function createTone({ storage = safeStorage(), Context = globalThis.Audio
     changed();
   }
 
-  function test() {
+  function caution() {
+    if (tone.sounding || !prepare()) return;
+    play(steady, volume, false);
     unlock();
-    if (context !== null) play(context.destination, false);
   }
 
-  function play(destination, loop) {
+  function test() {
+    unlock();
+    if (context !== null) play(pattern, context.destination, false);
+  }
+
+  function play(buffer, destination, loop) {
     const source = context.createBufferSource();
-    source.buffer = pattern;
+    source.buffer = buffer;
     source.loop = loop;
     source.connect(destination);
     source.start();
@@ -138,15 +151,15 @@ export function bindMuteButton(button, tone) {
   };
 }
 
-function writePattern(context) {
+function writePattern(context, beeps, length) {
   const rate = context.sampleRate;
   const buffer = context.createBuffer(1, Math.round(PERIOD * rate), rate);
   const samples = buffer.getChannelData(0);
-  for (const [start, pitch] of BEEPS) {
+  for (const [start, pitch] of beeps) {
     const begin = Math.round(start * rate);
-    for (let i = 0; i < LENGTH * rate; i++) {
+    for (let i = 0; i < length * rate; i++) {
       const t = i / rate;
-      const edge = Math.min(1, t / RAMP, (LENGTH - t) / RAMP);
+      const edge = Math.min(1, t / RAMP, (length - t) / RAMP);
       const wave = Math.sin(2 * Math.PI * pitch * t) + 0.35 * Math.sin(6 * Math.PI * pitch * t);
       samples[begin + i] = 0.45 * edge * wave; // the third harmonic carries through headsets and fans
     }

@@ -15,8 +15,11 @@ from tests.browser.site import Site, open_site
 
 RECIPE = DatasetRecipe(n_unsafe=40, n_obs=10, seed=3)
 EPSILON = 0.1
+CALM = "NOT CALIBRATED"
+"""What is said of a calm flight whose monitor's validity is not calibrated."""
 UNSAFE = {"kind": "simulated", "seed": 7, "outcome": "unsafe"}
 SAFE = {"kind": "simulated", "seed": 7, "outcome": "safe"}
+VISIBLE = ".status-value:visible, .transport .button:visible, .alarm-banner:visible"
 CUT_OFF = ["WebSocket connection to", "ERR_CONNECTION_REFUSED", "ERR_EMPTY_RESPONSE"]
 SCENE = [
     "'unsafe-eval' is not an allowed source",
@@ -91,6 +94,9 @@ class Fly:
     def gauge_says(self, word: str) -> None:
         expect(self.page.locator(".gauge-word")).to_have_text(word)
 
+    def number_is_shown(self) -> None:
+        wait_until(self.page, "document.querySelector('.gauge-number').textContent !== ''")
+
     def assert_no_number(self) -> None:
         assert self.page.locator(".gauge-number").text_content() == ""
 
@@ -110,7 +116,7 @@ def test_a_flight_is_started_and_alerts_before_its_exceedance(fly: Fly) -> None:
     fly.event("exceeds its limit").wait_for()
     expect(fly.banner).to_be_visible()
     assert fly.event_time("alert, risk") <= fly.event_time("exceeds its limit") - 0.25
-    for item in ("source", "monitor", "utc", "latency"):
+    for item in ("source", "monitor", "utc"):
         expect(fly.status(item)).not_to_have_text("–")
     expect(fly.status("record")).to_have_text("all")
 
@@ -118,13 +124,15 @@ def test_a_flight_is_started_and_alerts_before_its_exceedance(fly: Fly) -> None:
 def test_an_alarm_stays_seen_and_heard_until_it_is_acknowledged(fly: Fly) -> None:
     fly.watch(UNSAFE, ("pause", None), ("next_alert", None))
     expect(fly.banner).to_contain_text("ALERT at")
-    fly.gauge_says("ALERT")
-    expect(fly.status("state")).to_contain_text("ALERT")
+    fly.gauge_says("ALARM")
+    expect(fly.status("state")).to_have_text("▲ ALARM")
     fly.steer("seek", 0.0)
-    fly.gauge_says("OK")
+    fly.number_is_shown()
+    fly.gauge_says("ALARM")
     expect(fly.banner).to_contain_text("Acknowledge")
     fly.page.keyboard.press("k")
     expect(fly.banner).to_be_hidden()
+    fly.gauge_says(CALM)
     fly.event("acknowledged by operator").wait_for()
     alarms = fly.ask("GET", f"/flights/{fly.flight}/alarms")
     assert [alarm["by"] for alarm in alarms] == ["operator"] * len(alarms)
@@ -139,6 +147,66 @@ def test_the_tone_is_muted_by_a_key_and_says_so(fly: Fly) -> None:
     fly.page.keyboard.press("m")
     expect(mute).to_have_text("Muted")
     assert mute.get_attribute("data-sound") == "muted"
+
+
+def test_paused_beyond_the_limit_everything_shows_that_it_exceeds(fly: Fly) -> None:
+    fly.watch(UNSAFE, ("pause", None))
+    fail_t = fly.ask("GET", f"/flights/{fly.flight}")["fail_t"]
+    fly.steer("seek", fail_t)
+    fly.gauge_says("EXCEEDING")
+    fly.number_is_shown()
+    expect(fly.status("state")).to_have_text("▲ EXCEEDING")
+    expect(fly.page).to_have_title(re.compile("^▲ EXCEEDING – "))
+    expect(fly.banner).to_contain_text("LIMIT EXCEEDED at")
+    assert fly.ask("GET", f"/flights/{fly.flight}")["status"] == "exceeding"
+    fly.page.keyboard.press("k")
+    expect(fly.banner).to_contain_text("it continues, acknowledged")
+    fly.gauge_says("EXCEEDING")
+    fly.steer("seek", 0.0)
+    fly.gauge_says(CALM)
+    expect(fly.status("state")).to_have_text(CALM)
+
+
+def test_a_simulated_flight_says_so_and_has_no_age_or_latency(fly: Fly) -> None:
+    fly.watch(SAFE, ("pause", None))
+    expect(fly.page.locator(".status-strip .mode")).to_have_text("SIMULATED")
+    for item in ("age", "latency"):
+        expect(fly.status(item)).to_be_hidden()
+
+
+def test_the_strips_do_not_begin_before_the_flight(fly: Fly) -> None:
+    fly.watch(SAFE, ("pause", None), ("seek", 0.5))
+    fly.number_is_shown()
+    fly.page.locator(".strip-chart").focus()
+    fly.page.keyboard.press("Home")
+    expect(fly.page.locator(".strip-cursors")).to_contain_text("cursor 0.000 s")
+
+
+def test_the_record_of_a_flight_that_exceeded_says_how_it_was_warned(fly: Fly) -> None:
+    fly.watch(UNSAFE, ("pause", None), ("next_alert", None))
+    fail_t = fly.ask("GET", f"/flights/{fly.flight}")["fail_t"]
+    when = fly.event_time("alert, risk")
+    fly.steer("seek", fail_t)
+    fly.gauge_says("EXCEEDING")
+    fly.ask("DELETE", f"/flights/{fly.flight}")
+    said = f"LIMIT EXCEEDED, warned {fail_t - when:.2f} s before"
+    expect(fly.page.locator(".verdict")).to_contain_text(said)
+    fly.page.goto(f"{fly.site.http}/#/fly")
+    chip = fly.page.locator(".flight-row", has_text=said).first.locator(".chip").nth(1)
+    assert chip.get_attribute("data-level") in ("alert", "caution")
+
+
+def test_the_theme_is_the_machine_s_until_one_is_chosen(page: Page, site: Site) -> None:
+    theme = "document.documentElement.dataset.theme"
+    page.emulate_media(color_scheme="light")
+    page.goto(f"{site.http}/#/fly")
+    wait_until(page, f"{theme} === 'light'")
+    page.emulate_media(color_scheme="dark")
+    wait_until(page, f"{theme} === 'dark'")
+    page.locator("#theme").click()
+    wait_until(page, f"{theme} === 'light'")
+    page.reload()
+    wait_until(page, f"{theme} === 'light'")
 
 
 # Steering
@@ -171,7 +239,7 @@ def test_keys_play_step_and_jump_to_the_next_alert(fly: Fly) -> None:
     press(",")
     expect(fly.page.locator(".transport-time")).to_contain_text("0.05 /")
     press("n")
-    fly.gauge_says("ALERT")
+    fly.gauge_says("ALARM")
     press("]")
     expect(fly.page.get_by_label("Speed")).to_have_value("2")
     press("o")
@@ -189,11 +257,13 @@ def test_an_event_takes_the_flight_back_to_it(fly: Fly) -> None:
     alert = fly.event("alert, risk")
     alert.wait_for()
     when = fly.event_time("alert, risk")
+    fly.page.keyboard.press("k")
+    fly.gauge_says("ALERT")
     fly.page.keyboard.press("0")
-    fly.gauge_says("OK")
+    fly.gauge_says(CALM)
     alert.get_by_role("button").click()
     expect(fly.page.locator(".transport-time")).to_contain_text(f"{when:.2f} /")
-    fly.gauge_says("ALERT")
+    fly.gauge_says("ALARM")
 
 
 # Losing and finding the server
@@ -228,23 +298,24 @@ def test_a_cut_connection_is_stale_at_once_and_resumes(fly: Fly, paused: bool) -
 
     page.route_web_socket(re.compile("/stream$"), pass_on)
     fly.watch(SAFE, ("loop", True), ("speed", 0.5))
-    fly.gauge_says("OK")
+    fly.gauge_says(CALM)
     if paused:
         fly.page.keyboard.press(" ")
-        expect(fly.status("age")).to_have_text("paused")
+        expect(fly.page.locator(".strip-toolbar .chip")).to_have_text("PAUSED")
     cut = True
     routes[-1].close(code=1011)
     fly.gauge_says("STALE")
     fly.assert_no_number()
     expect(fly.status("link")).to_contain_text("LOST")
-    expect(fly.status("state")).to_contain_text("NOT LIVE")
+    expect(fly.status("state")).to_have_text("◆ STALE")
+    expect(page).to_have_title(re.compile("^◆ STALE – "))
     expect(page.locator('[data-action="play"]')).to_be_disabled()
     expect(page.get_by_text("Connection lost")).to_be_visible()
     expect(page.get_by_text("new alarms are not known")).to_be_visible()
     expect(page.locator('.strip[data-key="risk"] .readout-state')).to_have_text("STALE")
     cut = False
     fly.connected()
-    fly.gauge_says("OK")
+    fly.gauge_says(CALM)
     fly.event("connected again").wait_for()
     expect(page.locator('.strip[data-key="risk"] .readout-state')).to_have_text("")
     expect(page.get_by_text("Connection lost")).to_be_hidden()
@@ -256,7 +327,7 @@ def test_a_cut_connection_is_stale_at_once_and_resumes(fly: Fly, paused: bool) -
 def test_a_page_that_was_held_up_itself_does_not_cry_stale(fly: Fly) -> None:
     fly.watch(SAFE, ("loop", True), ("speed", 0.1))
     expect(fly.status("monitor").locator("..")).to_contain_text("validity not calibrated")
-    fly.gauge_says("OK")
+    fly.gauge_says(CALM)
     seen = fly.page.evaluate(
         """async () => {
           const seen = new Set();
@@ -271,7 +342,7 @@ def test_a_page_that_was_held_up_itself_does_not_cry_stale(fly: Fly) -> None:
         }"""
     )
     assert "STALE" not in seen
-    assert "OK" in seen
+    assert CALM in seen
     assert fly.page.locator(".event", has_text="connection to the server lost").count() == 0
 
 
@@ -283,7 +354,9 @@ def test_after_a_restart_of_the_server_the_record_is_shown_and_flown_again(
     wait_until(fly.page, "document.querySelector('.gauge-number').textContent !== ''")
     fly.steer("play")
     fly.site.stop()
-    fly.gauge_says("STALE")
+    fly.gauge_says("ALARM")
+    expect(fly.page.locator(".gauge-beside")).to_have_text("STALE")
+    expect(fly.status("state")).to_have_text("▲ ALARM · STALE")
     fly.assert_no_number()
     fly.site.start_again()
     notice = fly.page.locator(".notice")
@@ -337,7 +410,7 @@ def test_nothing_overflows(fly: Fly, width: int, height: int) -> None:
     )
     assert scroll_width <= width
     assert scroll_height <= height or width < 1000
-    for box in fly.page.locator(".status-value, .transport .button, .alarm-banner").all():
+    for box in fly.page.locator(VISIBLE).all():
         place = box.bounding_box()
         assert place is not None
         assert place["x"] + place["width"] <= width
@@ -361,6 +434,6 @@ def test_the_scene_has_no_panel_of_its_own_and_lets_keys_through(
 
 def test_an_alert_of_one_sample_stays_long_enough_to_be_seen(fly: Fly) -> None:
     fly.watch(UNSAFE, ("speed", 2))
-    fly.gauge_says("ALERT")
-    expect(fly.status("state")).to_have_text("▲ ALERT")
+    fly.gauge_says("ALARM")
+    expect(fly.status("state")).to_have_text("▲ ALARM")
     expect(fly.page.locator(".gauge-reason")).to_contain_text("alert at")

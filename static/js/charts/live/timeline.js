@@ -6,8 +6,9 @@
  * Flight time t is in seconds; wall times are `performance.now()` in milliseconds.
  *
  * Exports
- *   createTimeline({seconds, dt, lead, staleAfter}) -> Timeline
+ *   createTimeline({seconds, dt, lead, staleAfter, start}) -> Timeline
  *     seconds 60: default width of the live window [s].   dt 0.02: sample interval [s].
+ *     start: time of the first sample [s], which a live window does not begin before.
  *     lead 0: how far forecasts reach past now [s].   staleAfter 0.25: age that is too great, at speed 1 [s].
  *
  * Timeline
@@ -33,8 +34,9 @@ import { createCursors } from "../cursors.js";
 const LONGEST = 3600;
 const SHORTEST = 0.25;
 const INTERVALS = 3; // as played, that slow play is waited for
+const SILENT = 0.4; // of a live window, at most, that shows no samples: the last good ones stay in sight
 
-export function createTimeline({ seconds = 60, dt = 0.02, lead = 0, staleAfter = 0.25 } = {}) {
+export function createTimeline({ seconds = 60, dt = 0.02, lead = 0, staleAfter = 0.25, start = -Infinity } = {}) {
   const flight = { dt, lead, staleAfter };
   const clock = { t: NaN, wall: NaN, newest: NaN, arrived: NaN, speed: 1, playing: true };
   const cursors = createCursors();
@@ -105,7 +107,8 @@ export function createTimeline({ seconds = 60, dt = 0.02, lead = 0, staleAfter =
   function view(wall) {
     const edge = now(wall);
     if (held !== null) return { start: held, end: held + width, now: edge, live: false };
-    const end = (Number.isNaN(edge) ? 0 : edge) + flight.lead;
+    const last = Math.min(edge, clock.newest + SILENT * width);
+    const end = Math.max((Number.isNaN(edge) ? 0 : last) + flight.lead, start + width);
     return { start: end - width, end, now: edge, live: true };
   }
 

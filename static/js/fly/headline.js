@@ -1,0 +1,59 @@
+/**
+ * The headline of a flight: the worst that is true of it, as the server decided it.
+ *
+ * Only what the browser itself knows worse, that nothing comes any more, is added here, by the same order.
+ *
+ * Exports
+ *   FACES {status: {word, long, shape}}     what each is called; `shape` names the gauge's sign
+ *   headlineOf({status, level, beside}, {stale, alarms}) -> Headline
+ *     stale: the browser hears nothing new.   alarms: how many wait, as it knows
+ *   ofSample({state, alert}) -> Headline     of a sample alone, where nothing more is known
+ *   wordOf(status, reason) -> string         INVALID is called NOT ASSESSED between manoeuvres
+ *   textOf(headline, reason) -> string       "▲ ALARM · STALE"
+ *   LEVEL_OF {level: data-level}, MARKS {level: sign}
+ */
+
+import { shownState } from "../charts/readout.js";
+
+const WORST_FIRST = ["exceeding", "alarm", "risk", "stale", "invalid", "warming_up", "not_calibrated", "exceeded", "ok"];
+const NOW = ["exceeding", "risk"]; // what a stale sample cannot show
+const BESIDE = ["stale", "invalid"]; // always shown where they are true
+
+export const FACES = {
+  exceeding: { word: "EXCEEDING", long: "limit exceeded now", shape: "warning" },
+  alarm: { word: "ALARM", long: "alarm not acknowledged", shape: "bell" },
+  risk: { word: "ALERT", long: "risk above the alert level", shape: "warning" },
+  stale: { word: "STALE", long: "no new sample", shape: "clock" },
+  invalid: { word: "INVALID", long: "the monitor is not applicable", shape: "cross" },
+  not_assessed: { word: "NOT ASSESSED", long: "between manoeuvres", shape: "ring" },
+  warming_up: { word: "WARMING UP", long: "the history is not full yet", shape: "hourglass" },
+  not_calibrated: { word: "NOT CALIBRATED", long: "validity not calibrated", shape: "query" },
+  exceeded: { word: "EXCEEDED", long: "limit exceeded earlier", shape: "flag" },
+  ok: { word: "OK", long: "", shape: "check" },
+};
+export const LEVEL_OF = { warning: "alert", caution: "caution", advisory: "advisory", none: "ok" };
+export const MARKS = { warning: "▲ ", caution: "◆ ", advisory: "", none: "✓ " };
+const LEVELS = { exceeding: "warning", alarm: "warning", risk: "warning", stale: "caution", invalid: "caution" };
+
+export function headlineOf(server, { stale, alarms }) {
+  if (!stale) return server;
+  const said = [server.status, ...server.beside].filter((status) => !NOW.includes(status));
+  const holds = [...said, "stale", ...(alarms > 0 ? ["alarm"] : [])];
+  const status = WORST_FIRST.find((one) => holds.includes(one));
+  const beside = BESIDE.filter((one) => one !== status && holds.includes(one));
+  return { status, level: LEVELS[status], beside };
+}
+
+export function ofSample({ state, alert, p_value: risk }) {
+  const assessed = state !== "ok" || Number.isFinite(risk);
+  const status = !assessed || !(state in FACES) ? "invalid" : state === "ok" && alert ? "risk" : state;
+  return { status, level: LEVELS[status] ?? (status === "ok" ? "none" : "advisory"), beside: [] };
+}
+
+export function wordOf(status, reason = "") {
+  return FACES[status === "invalid" ? shownState({ state: status, reason }) : status].word;
+}
+
+export function textOf({ status, level, beside }, reason = "") {
+  return MARKS[level] + [status, ...beside].map((one) => wordOf(one, reason)).join(" · ");
+}
