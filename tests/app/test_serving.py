@@ -144,7 +144,7 @@ def test_the_demonstration_flies_and_keeps_its_monitor(tmp_path):
     arguments = ("demo", "--data-dir", str(tmp_path), "--port", "0", "--no-browser")
     with command(*arguments) as (_, address):
         flight = httpx2.get(f"{address}/api/v1/flights").json()[0]
-        assert flight["status"] == "running"
+        assert flight["progress"] == "running"
         assert flight["transport"]["loop"] is True
         assert flight["fail_t"] is not None
     store = open_store(Settings(data_dir=tmp_path).url)

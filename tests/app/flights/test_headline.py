@@ -87,7 +87,7 @@ def test_paused_beyond_the_limit_it_is_exceeding_until_within_then_exceeded() ->
     flown.seen.take()
     assert (flown.flight.headline.status, flown.flight.headline.level) == ("exceeding", "warning")
     assert kinds(flown) == ["limit"]
-    flown.flight.acknowledge("1", "FTE")
+    flown.flight.acknowledge("1", "FTE", "now")
     assert flown.flight.headline.status == "exceeding"
     flown.flight.act("seek", 40 * DT)
     flown.seen.take()
@@ -107,7 +107,7 @@ def test_an_alarm_stays_the_headline_until_it_is_acknowledged() -> None:
     flown.seen.take()
     assert flown.flight.headline.status == "alarm"
     assert statuses(flown)[-1] == "alarm"
-    flown.flight.acknowledge("1", "FTE")
+    flown.flight.acknowledge("1", "FTE", "now")
     flown.seen.take()
     assert flown.flight.headline.status == statuses(flown)[-1] == "not_calibrated"
 
@@ -120,7 +120,7 @@ def test_a_live_flight_that_stops_is_stale_not_exceeding_and_keeps_its_alarm() -
         live.advance(5.0)
         assert live.flight.headline.status == "alarm"
         assert live.flight.headline.beside == ("stale",)
-        live.flight.acknowledge("1", "FTE")
+        live.flight.acknowledge("1", "FTE", "now")
         assert live.flight.headline.status == "stale"
         assert live.flight.state is State.STALE
         live.seen.take()

@@ -188,7 +188,7 @@ def test_the_record_of_a_flight_that_exceeded_says_how_it_was_warned(fly: Fly) -
     when = fly.event_time("alert, risk")
     fly.steer("seek", fail_t)
     fly.gauge_says("EXCEEDING")
-    fly.ask("DELETE", f"/flights/{fly.flight}")
+    fly.ask("POST", f"/flights/{fly.flight}/end")
     said = f"LIMIT EXCEEDED, warned {fail_t - when:.2f} s before"
     expect(fly.page.locator(".verdict")).to_contain_text(said)
     fly.page.goto(f"{fly.site.http}/#/fly")
