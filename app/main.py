@@ -13,6 +13,7 @@ from fastapi.routing import iter_route_contexts
 from fastapi.staticfiles import StaticFiles
 
 from app.flights.flights import Flights
+from app.idempotency import Idempotent, describe_keys
 from app.jobs.jobs import Jobs
 from app.metrics import Measured, Metrics
 from app.problems import describe_problems, install_problems
@@ -59,7 +60,7 @@ class Application(FastAPI):
     def build_middleware_stack(self) -> Any:
         """FastAPI's layers, then what counts, then what lets in."""
         limited = BodyLimit(
-            super().build_middleware_stack(),
+            Idempotent(super().build_middleware_stack()),
             self.settings.max_body_bytes,
             {("POST", recordings.router.prefix): self.settings.max_upload_bytes},
         )
@@ -69,6 +70,7 @@ class Application(FastAPI):
         """The OpenAPI document, with the problem schema that the routes refer to."""
         if self.openapi_schema is None:
             describe_problems(super().openapi())
+            describe_keys(super().openapi())
         return super().openapi()
 
 

@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 from sqlalchemy import Connection, Select, delete, func, insert, select, update
 
+from app.store.answers import note_deleted, was_deleted
 from app.store.arrays import from_blob, to_blob
 from app.store.assessments import SAMPLE, StoredAssessments, pack, reasons_of, runs_of
 from app.store.repository import Entry, Repository, columns, complete, fetch
@@ -76,8 +77,14 @@ class FlightRepository(Repository):
             return [FlightInfo(**row._mapping) for row in connection.execute(query)]
 
     def delete(self, flight_id: str) -> None:
-        """Delete a flight that is over, its assessments and alarms. NotFound; UnderWay."""
+        """Delete a flight that is over, its assessments and alarms. NotFound; UnderWay.
+
+        One that was deleted within a day may be deleted again.
+        """
         with self._deleting() as connection:
+            if was_deleted(connection, "flights", flight_id):
+                return
+            note_deleted(connection, "flights", flight_id)
             if fetch_flight(connection, flight_id).status == "running":
                 raise UnderWay(f"flight {flight_id} is under way: end it, then delete its record")
             connection.execute(delete(flights).where(flights.c.id == flight_id))

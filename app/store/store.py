@@ -10,6 +10,7 @@ from pathlib import Path
 from sqlalchemy import Engine
 
 from app.store.alarms import AlarmRepository
+from app.store.answers import AnswerRepository
 from app.store.database import StoreError, address, damage, make_engine, touch
 from app.store.datasets import DatasetRepository
 from app.store.flights import FlightRepository
@@ -44,6 +45,7 @@ class Store:
         self.mappings = MappingRepository(*shared)
         self.scorings = ScoringRepository(*shared)
         self.markers = MarkerRepository(*shared)
+        self.answers = AnswerRepository(*shared)
 
     def recover(self) -> None:
         """Clear up after a process that died: interrupted work, half-stored content.

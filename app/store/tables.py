@@ -46,7 +46,12 @@ def new_id() -> str:
 
 def now() -> str:
     """Return the present time, UTC in ISO 8601, so that text order is time order."""
-    return datetime.now(UTC).isoformat(timespec="microseconds").replace("+00:00", "Z")
+    return time_text(datetime.now(UTC))
+
+
+def time_text(utc: datetime) -> str:
+    """Return a time as it is stored."""
+    return utc.isoformat(timespec="microseconds").replace("+00:00", "Z")
 
 
 class WholeNumber(TypeDecorator[int]):
@@ -294,4 +299,16 @@ markers = Table(
     Column("t", Float, nullable=False),
     Column("end", Float),
     Column("text", Text, nullable=False),
+)
+
+answers = Table(
+    "answers",
+    metadata,
+    Column("path", Text, primary_key=True),
+    Column("key", Text, primary_key=True),
+    Column("created", String(27), nullable=False, index=True),
+    Column("fingerprint", String(64), nullable=False),
+    Column("status", Integer),
+    _plain("headers", nullable=True),
+    Column("body", LargeBinary),
 )
