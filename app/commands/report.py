@@ -100,18 +100,20 @@ def write_reports(
     memory: as for `score_file`.   Nothing is written before everything is made.
     """
     wanted.check(request)
-    found = score_file(request, memory)
+    scored_file = score_file(request, memory)
     files: dict[Path, bytes] = {}
     evaluate = partial(evaluation, n_test=wanted.n_test)
-    for one, subject in file_subjects(request, found, wanted.aircraft, evaluate):
+    for scoring, subject in file_subjects(request, scored_file, wanted.aircraft, evaluate):
         notes = about(subject.recording, subject.scoring)
         exported = [export(subject.samples, notes, form) for form in wanted.exports]
         content = [report(subject).encode(), *exported]
-        files |= zip(wanted.places(one.label), content, strict=True)
+        files |= zip(wanted.places(scoring.label), content, strict=True)
     for path, content in files.items():
         write_whole(path, content)
     written = f"written: {', '.join(map(str, files))}"
-    return Report("\n".join([*lines(found), written]), any(map(is_assessed, found.scored)))
+    return Report(
+        "\n".join([*lines(scored_file), written]), any(map(is_assessed, scored_file.scored))
+    )
 
 
 def evaluation(monitor: Monitor, n_test: int) -> dict[str, Any] | None:

@@ -52,57 +52,59 @@ def write_scores(
 
     memory: as for `score_file`.   Nothing is written before everything is scored and drawn.
     """
-    found = score_file(request, memory)
-    text = json.dumps(found.mapping.to_plain(), indent=2, ensure_ascii=False)
+    scored_file = score_file(request, memory)
+    text = json.dumps(scored_file.mapping.to_plain(), indent=2, ensure_ascii=False)
     files = {MAPPING: f"{text}\n".encode()}
-    for one in found.scored:
-        files |= _files(request.file.name, one, with_png)
+    for scoring in scored_file.scored:
+        files |= _files(request.file.name, scoring, with_png)
     for name, content in files.items():
         (out / name).parent.mkdir(parents=True, exist_ok=True)
         write_whole(out / name, content)
     written = f"written: {', '.join(str(out / name) for name in files)}"
-    return Report("\n".join([*lines(found), written]), any(map(is_assessed, found.scored)))
+    return Report(
+        "\n".join([*lines(scored_file), written]), any(map(is_assessed, scored_file.scored))
+    )
 
 
-def lines(found: ScoredFile) -> Iterator[str]:
+def lines(scored_file: ScoredFile) -> Iterator[str]:
     """Everything that is known of a scored file, for a person to read."""
-    yield from contents_lines(found.contents)
-    yield from mapping_lines(found.mapping, found.proposal)
-    for one in found.scored:
-        yield from _lines(one, one is found.scored[0])
+    yield from contents_lines(scored_file.contents)
+    yield from mapping_lines(scored_file.mapping, scored_file.proposal)
+    for scoring in scored_file.scored:
+        yield from _lines(scoring, scoring is scored_file.scored[0])
 
 
-def is_assessed(one: Scored) -> bool:
+def is_assessed(scoring: Scored) -> bool:
     """Whether any sample of a scoring could be assessed."""
-    samples = one.recording.samples
+    samples = scoring.recording.samples
     return bool((np.isfinite(samples["p_value"]) | np.isfinite(samples["withdrawn"])).any())
 
 
-def _files(file: str, one: Scored, with_png: bool) -> dict[str, bytes]:
+def _files(file: str, scoring: Scored, with_png: bool) -> dict[str, bytes]:
     """Table and figure, by their place in the directory of results."""
     from app.report.score_figure import FlownManeuver, png, score_figure
 
-    scored, monitor = one.recording, one.monitor
+    scored, monitor = scoring.recording, scoring.monitor
     drawing = score_figure(
         scored.samples,
         [
-            FlownManeuver(one.name, one.start, one.end, one.exceedance and one.exceedance.t)
-            for one in scored.manoeuvres
+            FlownManeuver(m.name, m.start, m.end, m.exceedance and m.exceedance.t)
+            for m in scored.manoeuvres
         ],
         planned_test(monitor).limits,
         scored.epsilon,
         monitor.lead,
-        " ".join(["scored:", file, one.label]).strip(),
+        " ".join(["scored:", file, scoring.label]).strip(),
     )
     files = {"assessments.csv": export(scored.samples, {}, "csv"), "scored.svg": drawing.svg}
     if with_png:
         files["scored.png"] = png(drawing)
-    return {str(Path(one.label) / name): content for name, content in files.items()}
+    return {str(Path(scoring.label) / name): content for name, content in files.items()}
 
 
-def _lines(one: Scored, is_first: bool) -> Iterator[str]:
+def _lines(scoring: Scored, is_first: bool) -> Iterator[str]:
     if is_first:
-        yield from dict.fromkeys((*one.recording.quality.sentences(), *one.recording.notes))
-    if one.label:
-        yield f"== {one.label} =="
-    yield from verdict(one.monitor, one.recording)
+        yield from dict.fromkeys((*scoring.recording.quality.sentences(), *scoring.recording.notes))
+    if scoring.label:
+        yield f"== {scoring.label} =="
+    yield from verdict(scoring.monitor, scoring.recording)

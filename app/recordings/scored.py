@@ -96,8 +96,8 @@ class ScoredRecordings:
         self, recording_id: str, monitor_id: str, recipe: ScoringRecipe
     ) -> tuple[ScoringInfo, bool]:
         of = self._ingredients(recording_id, monitor_id, recipe)
-        if kept := self.store.scorings.find(recording_id, of.digest):
-            return kept, False
+        if stored := self.store.scorings.find(recording_id, of.digest):
+            return stored, False
         mapping = Mapping.from_plain(of.mapped.mapping)
         recorded = self.recordings.mapped(recording_id, mapping).scorable()
         scored = score(of.monitor, recorded, of.recipe)
@@ -107,13 +107,13 @@ class ScoredRecordings:
         try:
             with self.recordings.present(recording_id):
                 keep(folder, scoring_id, scored.samples)
-            kept = self.store.scorings.add(_entry(of, scored, scoring_id, hashed.result()))
+            stored = self.store.scorings.add(_entry(of, scored, scoring_id, hashed.result()))
         except BaseException:
             remove(folder, scoring_id)
             raise
-        if kept.id != scoring_id:
+        if stored.id != scoring_id:
             remove(folder, scoring_id)
-        return kept, kept.id == scoring_id
+        return stored, stored.id == scoring_id
 
     def _ingredients(
         self, recording_id: str, monitor_id: str, recipe: ScoringRecipe

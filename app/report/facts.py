@@ -89,16 +89,16 @@ def counts(manoeuvres: Sequence[Plain]) -> dict[str, int]:
 
 def worst(manoeuvres: Sequence[Plain]) -> list[tuple[str, str]]:
     """Names of the manoeuvres in which a limit was exceeded unwarned, or may have been; and why."""
-    found = []
+    named = []
     for manoeuvre in manoeuvres:
         outcome = manoeuvre["outcome"]
         if outcome in ("missed", "late_alert"):
-            found.append((manoeuvre["name"], OUTCOMES[outcome][1]))
+            named.append((manoeuvre["name"], OUTCOMES[outcome][1]))
         elif outcome == "invalid" and manoeuvre["exceedance"]:
-            found.append((manoeuvre["name"], "limit exceeded, no verdict"))
+            named.append((manoeuvre["name"], "limit exceeded, no verdict"))
         elif outcome == "unseen":
-            found.append((manoeuvre["name"], "not all seen"))
-    return found
+            named.append((manoeuvre["name"], "not all seen"))
+    return named
 
 
 def alerts(manoeuvres: Sequence[Plain]) -> list[dict[str, Any]]:
@@ -187,8 +187,8 @@ def mapping_rows(mapping: Plain, rationales: Mapping[str, Plain]) -> list[dict[s
 def notes(*given: Iterable[str], apart_from: Iterable[str] = ()) -> tuple[list[str], int]:
     """The notes, each once and the first MOST_NOTES of them, and how many more there are."""
     told = set(apart_from)
-    kept = [note for note in dict.fromkeys(chain(*given)) if note not in told]
-    return kept[:MOST_NOTES], max(len(kept) - MOST_NOTES, 0)
+    distinct = [note for note in dict.fromkeys(chain(*given)) if note not in told]
+    return distinct[:MOST_NOTES], max(len(distinct) - MOST_NOTES, 0)
 
 
 def _share(count: int, total: int) -> dict[str, Any] | None:

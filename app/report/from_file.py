@@ -20,7 +20,7 @@ GIVEN = "as given"
 
 def file_subjects(
     request: ScoreRequest,
-    found: ScoredFile,
+    scored_file: ScoredFile,
     aircraft: str | None,
     evaluate: Callable[[Monitor], dict[str, Any] | None],
 ) -> Iterator[tuple[Scored, ReportSubject]]:
@@ -33,14 +33,14 @@ def file_subjects(
         "digest": _digest(request.file),
         "size": request.file.stat().st_size,
         "aircraft": aircraft,
-        "format": found.contents.format,
-    } | of_contents(found.contents)
-    rationales = found.proposal.rationales if found.proposal else {}
+        "format": scored_file.contents.format,
+    } | of_contents(scored_file.contents)
+    rationales = scored_file.proposal.rationales if scored_file.proposal else {}
     evaluations: dict[Path, dict[str, Any] | None] = {}
-    for one in found.scored:
+    for one in scored_file.scored:
         if one.path not in evaluations:
             evaluations[one.path] = evaluate(one.monitor)
-        scoring = _scoring(one, found.mapping)
+        scoring = _scoring(one, scored_file.mapping)
         yield (
             one,
             ReportSubject(
@@ -51,7 +51,7 @@ def file_subjects(
                 monitor_digest=scoring["monitor_digest"],
                 evaluation=evaluations[one.path],
                 samples=one.recording.samples,
-                mapped=PROPOSED if found.proposal else GIVEN,
+                mapped=PROPOSED if scored_file.proposal else GIVEN,
                 rationales={key: asdict(rationale) for key, rationale in rationales.items()},
             ),
         )
