@@ -180,7 +180,8 @@ class Flight(ABC):
         alarm, is_first = self.alarms.acknowledge(alarm_id, by, utc)
         if is_first:
             self._tell(AlarmRaised(alarm=alarm).encode())
-            self._show()
+            self._tell_headline()
+            self._stage(lambda scene: scene.restate(self.facts))
         return alarm
 
     async def stop(self, reason: str) -> None:
@@ -256,9 +257,7 @@ class Flight(ABC):
 
     def _show(self) -> None:
         """Let watchers and scene have what is new."""
-        if self.headline != self._headline:
-            self._headline = self.headline
-            self._tell(StatusChange(**_plain(self._headline)).encode())
+        self._tell_headline()
         for watcher in self._watchers:
             watcher.wake()
         if self.scene is None or self._pose is None or self._said is None:
@@ -268,7 +267,12 @@ class Flight(ABC):
             p_value = alert = None
         angles = float(y[BETA]), float(y[DELTA_A]), float(y[DELTA_R])
         said = p_value, self.plan.epsilon, alert, self.state, self.reason
-        self._stage(lambda scene: scene.show(self.t, attitude, *angles, *said))
+        self._stage(lambda scene: scene.show(self.t, attitude, *angles, *said, facts=self.facts))
+
+    def _tell_headline(self) -> None:
+        if self.headline != self._headline:
+            self._headline = self.headline
+            self._tell(StatusChange(**_plain(self._headline)).encode())
 
     def _stage(self, act: "Callable[[Scene], object]") -> None:
         """Use the scene; the flight goes on without one that fails, which says stale by itself."""

@@ -16,10 +16,13 @@ from app.scene.ground_track import TRAIL_POINTS, GroundTrack
 from app.scene.quaternion import body_to_earth, product, turn
 from app.scene.shapes import arrow, circle, compass, slip_scale, torus, tube
 from core.monitor.assessment import State
+from core.monitor.status import Facts, Headline, Level, Status, headline
 from core.simulation.attitude import Attitude, SurfaceSigns
 
 CALM: Colour = (70, 200, 190)
 ALERT: Colour = (255, 40, 32)
+CAUTION: Colour = (255, 181, 46)
+ADVISORY: Colour = (124, 208, 255)
 GREY: Colour = (128, 132, 140)
 GHOST: Colour = (92, 95, 101)
 INK: Colour = (150, 165, 184)
@@ -42,6 +45,26 @@ LONGEST_DETAIL = 120
 TICKS = {"none": 0.0, "quarter": 0.25, "half": 0.5, "whole": 1.0}
 
 
+WORDS = {
+    Status.EXCEEDING: "EXCEEDING",
+    Status.ALARM: "ALARM",
+    Status.RISK: "ALERT",
+    Status.STALE: "STALE",
+    Status.INVALID: "INVALID",
+    Status.WARMING_UP: "WARMING UP",
+    Status.NOT_CALIBRATED: "NOT CALIBRATED",
+    Status.EXCEEDED: "EXCEEDED",
+    Status.OK: "",
+}
+COLOURS = {
+    Level.WARNING: ALERT,
+    Level.CAUTION: CAUTION,
+    Level.ADVISORY: ADVISORY,
+    Level.NONE: CALM,
+}
+"""Of the ring and the words: red is for warnings only."""
+
+
 class Shown(NamedTuple):
     """Everything that a picture depends on; see Scene.show."""
 
@@ -56,6 +79,21 @@ class Shown(NamedTuple):
     state: State
     reason: str
     paused: bool = False
+    facts: Facts | None = None
+
+    @property
+    def headline(self) -> Headline:
+        """The flight's; that of the sample alone where nothing more is known of the flight."""
+        return headline(self._sampled() if self.facts is None else self.facts)
+
+    def _sampled(self) -> Facts:
+        unknown = self.state is State.OK and self.p_value is None
+        return Facts(
+            alert=self.alert,
+            stale=self.state is State.STALE,
+            invalid=self.state is State.INVALID or unknown,
+            warming_up=self.state is State.WARMING_UP,
+        )
 
 
 class Caption(NamedTuple):
@@ -68,10 +106,11 @@ class Caption(NamedTuple):
 
 def caption(shown: Shown) -> Caption:
     """A number only where the sample could be assessed, a word wherever it is not calm."""
+    said = shown.headline
+    both = " · ".join(WORDS[status] for status in (said.status, *said.beside))
     if shown.state is not State.OK or shown.p_value is None:
-        word = "INVALID" if shown.state is State.OK else shown.state.replace("_", " ").upper()
-        return Caption(word, "", shown.reason or "no risk can be given")
-    word = " ".join(["ALERT"] * shown.alert + ["PAUSED"] * shown.paused)
+        return Caption(both, "", shown.reason or "no risk can be given")
+    word = f"{both}{' PAUSED' * shown.paused}".strip()
     return Caption(
         word, f"RISK {as_text(shown.p_value, shown.epsilon)}", f"alert above {shown.epsilon:.3g}"
     )
@@ -312,17 +351,18 @@ class Picture:
         self._set(self._threshold, position=at)
         beside = (0.0, -2.2 * COLUMN_RADIUS, at[2])
         self._set(self._epsilon, text=f"ε {shown.epsilon:.3g}", position=beside)
-        self._paint_ring(colour)
+        urgent = COLOURS[shown.headline.level]
+        self._paint_ring(urgent)
         said = caption(shown)
         self._set(self._headline, text=f"{said.word} {said.risk}".strip())
-        self._set(self._readout, content=readout(said, colour))
+        self._set(self._readout, content=readout(said, urgent))
 
     def _paint_ring(self, colour: Colour) -> None:
         key = id(self._ring), "colors"
         if self._sent.get(key) != colour:
             self._sent[key] = colour
             self._ring.colors = np.array(colour, np.uint8)
-            self._ring.thickness = 5.0 if colour == ALERT else 2.0
+            self._ring.thickness = 5.0 if colour in (ALERT, CAUTION) else 2.0
 
 
 def _drawn(angle: float) -> float:

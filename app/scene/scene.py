@@ -16,6 +16,7 @@ from typing import Self
 from app.scene.picture import Picture, Shown
 from app.scene.server import address, open_server
 from core.monitor.assessment import State
+from core.monitor.status import Facts
 from core.simulation.attitude import Attitude, SurfaceSigns
 
 PERIOD_S = 0.05
@@ -72,11 +73,13 @@ class Scene:
         alert: bool | None,
         state: State | str,
         reason: str = "",
+        facts: Facts | None = None,
     ) -> None:
         """Show this from the next drawing on; an earlier one that was not drawn yet is dropped.
 
         t: flight time [s].   attitude: phi, theta, psi [rad].   beta, delta_a, delta_r: [rad].
         p_value, alert: None unless state is `ok`; `ok` without a finite p-value shows as INVALID.
+        facts: what the flight's headline is decided from; of this sample alone unless given.
         Angles that are not finite keep the last pose.
         After `close` this does nothing. Costs a few microseconds and never waits.
         """
@@ -86,13 +89,19 @@ class Scene:
         with self._latest:
             if not all(map(isfinite, (t, *attitude, beta, delta_a, delta_r))):
                 pose = self._shown[:5]
-            self._shown = Shown(*pose, p_value, epsilon, bool(alert), State(state), reason)
+            said = p_value, epsilon, bool(alert), State(state), reason
+            self._shown = Shown(*pose, *said, facts=facts)
             self._came = self._clock()
 
     def wait(self, stale_after_s: float) -> None:
         """From now on wait so long for a sample before saying STALE [s]; the wait begins anew."""
         with self._latest:
             self._stale_after_s, self._came = stale_after_s, self._clock()
+
+    def restate(self, facts: Facts) -> None:
+        """The headline's facts have changed, without a sample."""
+        with self._latest:
+            self._shown = self._shown._replace(facts=facts)
 
     def hold(self) -> None:
         """The flight is paused: keep what is shown, and say PAUSED, not STALE, until a `show`."""
@@ -119,7 +128,9 @@ class Scene:
         if not late or shown.paused or shown.state is State.STALE:
             return shown
         reason = f"no sample for {patience:g} s"
-        return shown._replace(p_value=None, alert=False, state=State.STALE, reason=reason)
+        facts = shown.facts and shown.facts._replace(stale=True)
+        late = {"p_value": None, "alert": False, "state": State.STALE, "reason": reason}
+        return shown._replace(**late, facts=facts)
 
     @property
     def is_watched(self) -> bool:

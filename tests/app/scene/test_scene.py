@@ -29,8 +29,10 @@ from app.scene import server as scene_server
 from app.scene.aircraft_mesh import aircraft
 from app.scene.ground_track import TRAIL_POINTS, GroundTrack
 from app.scene.picture import (
+    ADVISORY,
     ALERT,
     CALM,
+    CAUTION,
     EXAGGERATION,
     GREY,
     WIDEST,
@@ -52,6 +54,7 @@ from app.scene.server import (
 )
 from app.scene.shapes import arrow, torus, tube
 from core.monitor.assessment import State
+from core.monitor.status import Facts
 from core.simulation.attitude import Attitude, SurfaceSigns
 from tests.support.scene_site import Site, scene_site, show
 
@@ -625,6 +628,32 @@ class TestThePicture:
         scene.draw()
         assert nodes(scene)._fill.color == ALERT
         assert tuple(nodes(scene)._ring.colors) == ALERT
+
+    @pytest.mark.parametrize(
+        ("facts", "text", "colour"),
+        [
+            (Facts(exceeds=True), "EXCEEDING RISK 0.04", ALERT),
+            (Facts(alarm=True), "ALARM RISK 0.04", ALERT),
+            (Facts(has_exceeded=True), "EXCEEDED RISK 0.04", CAUTION),
+            (Facts(calibrated=False), "NOT CALIBRATED RISK 0.04", ADVISORY),
+            (Facts(), "RISK 0.04", CALM),
+        ],
+    )
+    def test_ring_and_words_are_the_flight_s_headline(self, scene, facts, text, colour):
+        show(scene, facts=facts)
+        scene.draw()
+        assert nodes(scene)._headline.text == text
+        assert tuple(nodes(scene)._ring.colors) == colour
+
+    def test_an_alarm_does_not_hide_that_nothing_comes(self, scene, clock):
+        show(scene, facts=Facts(exceeds=True, alarm=True))
+        clock.now += 1000.0
+        scene.draw()
+        assert nodes(scene)._headline.text == "ALARM · STALE"
+        scene.restate(Facts(has_exceeded=True))
+        scene.draw()
+        assert nodes(scene)._headline.text == "STALE"
+        assert tuple(nodes(scene)._ring.colors) == CAUTION
 
     @pytest.mark.parametrize("state", ["stale", "invalid"])
     def test_lost_telemetry_turns_the_aircraft_grey(self, scene, state):
