@@ -132,7 +132,7 @@ class Hello(Message):
     source: dict[str, Any]
     mode: Mode = Field(description="whether its samples are measured now, replayed or simulated")
     theta: dict[str, float] | None
-    fail_t: float | None = Field(description="[s] where the source is known to break a limit")
+    fail_t: float | None = Field(description="[s] where the source is known to exceed a limit")
     duration: float | None
     transport: TransportState
     state: State

@@ -102,7 +102,7 @@ class FlightStatus(BaseModel):
         default=None, description="parameters of a simulated aircraft"
     )
     fail_t: float | None = Field(
-        default=None, description="[s] where the source breaks a limit, if known"
+        default=None, description="[s] where the source exceeds a limit, if known"
     )
     state: State | None = None
     transport: TransportState | None = None
