@@ -16,6 +16,7 @@ from app.recordings.mapping_memory import MappingMemory
 from app.recordings.scored_file import Scored, ScoredFile, ScoreRequest, score_file
 from app.scoring.planned_test import planned_test
 from app.scoring.verdict import verdict
+from core.certificate import warnings_of
 from core.whole_file import write_whole
 
 MAPPING = "mapping.json"
@@ -107,4 +108,6 @@ def _lines(scoring: Scored, is_first: bool) -> Iterator[str]:
         yield from dict.fromkeys((*scoring.recording.quality.sentences(), *scoring.recording.notes))
     if scoring.label:
         yield f"== {scoring.label} =="
+    for warning in warnings_of(scoring.monitor.evaluation, scoring.recording.epsilon):
+        yield f"WARNING: {warning}"
     yield from verdict(scoring.monitor, scoring.recording)

@@ -12,6 +12,7 @@ from app.commands.recipe_options import add_number, add_recipe_options, plain_re
 from app.jobs.requests import N_TEST
 from app.jobs.training import FlownTest, Training, simulate, train_and_test
 from app.recipes import from_plain
+from core.certificate import warnings_of
 from core.collection import DatasetRecipe
 from core.dataset import Dataset
 from core.evaluation import clopper_pearson
@@ -62,7 +63,9 @@ def report(training: Training) -> str:
         f"lead of {monitor.lead:g} s; smallest epsilon {monitor.smallest_epsilon:.3g}",
         _validity_line(training),
     ]
-    return "\n".join(lines + (_test_lines(test, monitor.lead) if test else []))
+    lines += _test_lines(test, monitor.lead) if test else []
+    warnings = warnings_of(monitor.evaluation, monitor.recipe.epsilon)
+    return "\n".join([*lines, *(f"WARNING: {warning}" for warning in warnings)])
 
 
 def _dataset_line(dataset: Dataset) -> str:

@@ -21,6 +21,7 @@ from app.recordings.scored import ScoredRecordings
 from app.store.alarms import StoredAlarm
 from app.store.flights import FlightInfo, UnderWay
 from app.store.store import NotFound, Store, StoreError
+from core.certificate import certificate
 from core.monitor import Assessment, Monitor, State
 from core.monitor.assessment import STATES
 from core.simulation.attitude import SurfaceSigns, surface_signs
@@ -29,6 +30,8 @@ if TYPE_CHECKING:
     from app.scene.scene import Scene, Scenes
 
 LOG = logging.getLogger("forewarn")
+NAME, ACCEPT_USELESS = "name", "accept_useless"
+"""Kept with the source of a stored flight."""
 STOPPING = "the server is stopping"
 RECORDING_THREADS = 2
 """One may wait for the disk while the other stores an alarm."""
@@ -43,14 +46,22 @@ class LimitsUnknown(ValueError):
     """A monitor whose limits are not known, as a flight's only monitor."""
 
 
+class UselessMonitor(ValueError):
+    """A monitor that alerts on nearly every safe flight, as a flight's only monitor."""
+
+
 @dataclass(frozen=True)
 class FlightOrder:
-    """A flight to start. epsilon: the monitor's unless given."""
+    """A flight to start. epsilon: the monitor's unless given.
+
+    accept_useless: fly it although nearly every safe flight alerts; kept with the flight.
+    """
 
     source: Source
     monitor_id: str
     epsilon: float | None = None
     name: str | None = None
+    accept_useless: bool = False
 
 
 @dataclass
@@ -141,16 +152,18 @@ class Flights:
         """Start a flight.
 
         TooManyFlights; SourceError and RecipeError for the source; ValueError for an epsilon that
-        the monitor cannot serve; NotFound.
+        the monitor cannot serve; LimitsUnknown and UselessMonitor; NotFound.
         """
         self._take_place()
         try:
             monitor = await asyncio.to_thread(self._monitor, order.monitor_id)
             epsilon = monitor.check_epsilon(order.epsilon)
+            if not order.accept_useless:
+                _check_use(monitor, epsilon)
             opening = Opening(self.store, self._scored, order.monitor_id, monitor, epsilon)
             script, name = await asyncio.to_thread(order.source.open, opening)
             source = order.source.model_dump(exclude_none=True)
-            plan = await self._plan(order.name or name, source, order.monitor_id, epsilon)
+            plan = await self._plan(order, order.name or name, source, epsilon)
             return await self._start(plan, order.source.flight, script)
         finally:
             self._starting -= 1
@@ -261,11 +274,12 @@ class Flights:
         return monitor
 
     async def _plan(
-        self, name: str, source: dict[str, Any], monitor_id: str, epsilon: float
+        self, order: FlightOrder, name: str, source: dict[str, Any], epsilon: float
     ) -> FlightPlan:
+        monitor_id = order.monitor_id
         monitor = await asyncio.to_thread(self.store.monitors.get, monitor_id)
         info = await asyncio.to_thread(self.store.monitors.info, monitor_id)
-        stored = {**source, "name": name}
+        stored = {**source, NAME: name, ACCEPT_USELESS: order.accept_useless}
         flight_id = await asyncio.to_thread(self.store.flights.add, stored, monitor_id, epsilon)
         return FlightPlan(
             flight_id, name, source, monitor, monitor_id, info.name, epsilon, mode_of(source)
@@ -352,6 +366,23 @@ def _alarm(stored: StoredAlarm) -> Alarm:
     )
 
 
+def _check_use(monitor: Monitor, epsilon: float) -> None:
+    """UselessMonitor for one whose alerts tell nothing; one that was not tested may be flown."""
+    tested = certificate(monitor.evaluation, epsilon)
+    if tested is not None and tested.is_useless:
+        raise UselessMonitor(f"{tested.warnings[-1]}. To fly it all the same, accept that it is")
+
+
 def flight_name(info: FlightInfo) -> str:
     """What people call a stored flight."""
-    return str(info.source.get("name", info.source.get("kind", "flight")))
+    return str(info.source.get(NAME, info.source.get("kind", "flight")))
+
+
+def source_of(info: FlightInfo) -> dict[str, Any]:
+    """The source of a stored flight as it was asked for."""
+    return {key: info.source[key] for key in info.source if key not in (NAME, ACCEPT_USELESS)}
+
+
+def accepts_useless(info: FlightInfo) -> bool:
+    """Whether a stored flight was started although its monitor is of no use."""
+    return bool(info.source.get(ACCEPT_USELESS, False))

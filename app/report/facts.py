@@ -7,7 +7,6 @@ from typing import Any
 from app.telemetry.mapping.derivations import DERIVATIONS
 from app.telemetry.targets import TARGETS
 from core.channels import KEYS
-from core.evaluation import clopper_pearson
 
 Plain = Mapping[str, Any]
 
@@ -134,37 +133,6 @@ def drawn(manoeuvres: Sequence[Plain]) -> set[int]:
     return set(order[:MOST_DRAWN])
 
 
-def certificate(evaluation: Plain | None, epsilon: float) -> dict[str, Any] | None:
-    """What fresh simulated flights said at this epsilon, or at the nearest one they were asked.
-
-    None where the monitor was not tested, or on no failing flight.
-    """
-    if evaluation is None or not evaluation["n_unsafe"]:
-        return None
-    curves = evaluation["curves"]
-    asked = [*curves["epsilon"], evaluation["epsilon"]]
-    nearest = min(range(len(asked)), key=lambda i: abs(asked[i] - epsilon))
-    at = evaluation["at_epsilon"]
-    row = {
-        key: _count(at, key) if nearest == len(asked) - 1 else _count(curves, key, nearest)
-        for key in ("misses", "false_alerts", "withdrawn")
-    }
-    n_unsafe, n_safe = evaluation["n_unsafe"], evaluation["n_safe"]
-    alerted = n_unsafe - row["misses"] - row["withdrawn"]
-    return {
-        "epsilon": asked[nearest],
-        "miss": _share(row["misses"], n_unsafe),
-        "power": _share(n_safe - row["false_alerts"], n_safe),
-        "fail_given_alert": _share(alerted, alerted + row["false_alerts"]),
-    }
-
-
-def _count(counts: Plain, key: str, at: int | None = None) -> int:
-    """A count of an evaluation; 0 for one that earlier versions did not make."""
-    values = counts.get(key, 0)
-    return values if at is None or values == 0 else values[at]
-
-
 def mapping_rows(mapping: Plain, rationales: Mapping[str, Plain]) -> list[dict[str, Any]]:
     """One row a channel and a clock with what it was read from, None where it is missing."""
     channels = mapping["channels"]
@@ -189,11 +157,3 @@ def notes(*given: Iterable[str], apart_from: Iterable[str] = ()) -> tuple[list[s
     told = set(apart_from)
     distinct = [note for note in dict.fromkeys(chain(*given)) if note not in told]
     return distinct[:MOST_NOTES], max(len(distinct) - MOST_NOTES, 0)
-
-
-def _share(count: int, total: int) -> dict[str, Any] | None:
-    if not total:
-        return None
-    low, high = clopper_pearson(count, total)
-    share = {"count": count, "total": total, "share": count / total}
-    return share | {"low": float(low), "high": float(high)}

@@ -14,6 +14,7 @@ from app.report.envelope import Array
 from app.report.subject import PROPOSED, ReportSubject
 from app.scoring.planned_test import limits_of
 from core import __version__
+from core.certificate import certificate
 from core.channels import CHANNELS, Channel
 
 CONFIDENT = 0.9
@@ -60,7 +61,7 @@ def report(subject: ReportSubject) -> str:
             "version": monitor.version,
             "dataset_digest": monitor.dataset_digest,
         },
-        certificate=facts.certificate(subject.evaluation, epsilon),
+        certificate=certificate(subject.evaluation, epsilon),
         limits=[
             {"channel": channel, "limit": float(limit)}
             for channel, limit in zip(CHANNELS, limits, strict=True)

@@ -16,7 +16,15 @@ from starlette.websockets import WebSocketDisconnect
 
 from app.flights.ended import Record, Verdict, records
 from app.flights.flight import Flight
-from app.flights.flights import FlightOrder, Flights, TooManyFlights, flight_name
+from app.flights.flights import (
+    FlightOrder,
+    Flights,
+    TooManyFlights,
+    UselessMonitor,
+    accepts_useless,
+    flight_name,
+    source_of,
+)
 from app.flights.sources import SourceRequest, mode_of
 from app.flights.transport import NotPossible, TransportError
 from app.flights.watcher import Watcher
@@ -68,6 +76,11 @@ class FlightRequest(BaseModel):
         default=None, gt=0, lt=1, description="accepted miss rate; the monitor's own if absent"
     )
     name: str | None = Field(default=None, min_length=1, max_length=200)
+    accept_useless: StrictBool = Field(
+        default=False,
+        description="fly a monitor although by its evaluation less than 20 % of safe flights pass "
+        "without an alert; kept with the flight",
+    )
 
 
 class FlightStatus(BaseModel):
@@ -95,6 +108,9 @@ class FlightStatus(BaseModel):
     mode: Mode = Field(description="whether its samples are measured, replayed or simulated")
     monitor: str = Field(description="id")
     epsilon: float
+    accept_useless: bool = Field(
+        description="whether it was accepted that its monitor alerts on nearly every safe flight"
+    )
     created: str = Field(description="UTC, ISO 8601")
     ended: str | None = Field(description="UTC, ISO 8601")
     head: int = Field(description="newest sample number; -1 before the first sample")
@@ -149,12 +165,16 @@ async def start_flight(
     """Start a flight; it plays at once, at its source's own rate."""
     try:
         flight = await flights.start(
-            FlightOrder(order.source, order.monitor, order.epsilon, order.name)
+            FlightOrder(
+                order.source, order.monitor, order.epsilon, order.name, order.accept_useless
+            )
         )
     except TooManyFlights as error:
         raise Problem(429, str(error), "urn:forewarn:too-many-flights") from error
     except RecipeError:
         raise
+    except UselessMonitor as error:
+        raise Problem(422, f"{error}: accept_useless", "urn:forewarn:useless-monitor") from error
     except ValueError as error:
         raise Problem(422, str(error), "urn:forewarn:source") from error
     response.headers["Location"] = f"{router.prefix}/{flight.id}"
@@ -336,17 +356,17 @@ async def _frames_response(
 
 
 def _status(info: FlightInfo, flight: Flight | None, record: Record | None) -> FlightStatus:
-    source = {key: value for key, value in info.source.items() if key != "name"}
     status = FlightStatus(
         id=info.id,
         name=flight_name(info),
         progress=info.status,
         **_plain(flight, record),
         verdict=record.verdict if record else None,
-        source=source,
+        source=source_of(info),
         mode=mode_of(info.source),
         monitor=info.monitor_id,
         epsilon=info.epsilon,
+        accept_useless=accepts_useless(info),
         created=info.created,
         ended=info.ended,
         head=-1 if info.head is None else info.head,

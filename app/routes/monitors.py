@@ -28,6 +28,7 @@ from app.routes.job_answers import ACCEPTED, accepted
 from app.store.jobs import JobInfo
 from app.store.monitors import MonitorInfo
 from app.store.store import Store
+from core.certificate import warnings_of
 from core.channels import KEYS
 from core.monitor.assessment import Exemplar
 
@@ -179,6 +180,7 @@ async def read_calibration(monitor_id: str, store: StoreDep):
 async def read_evaluation(monitor_id: str, store: StoreDep) -> dict[str, Any]:
     """What fresh flights said: miss rate, power and P(fail | alert) over epsilon, lead times.
 
+    `warnings` beside each count say where the promise is broken or the monitor is of no use.
     404 for a monitor that came as a file and was never flown here.
     """
     found = await asyncio.to_thread(store.monitors.evaluation, monitor_id)
@@ -186,6 +188,9 @@ async def read_evaluation(monitor_id: str, store: StoreDep) -> dict[str, Any]:
         raise Problem(
             404, "this monitor was not flown on fresh flights: train it here to have it so"
         )
+    curves = found["curves"]
+    curves["warnings"] = [warnings_of(found, epsilon) for epsilon in curves["epsilon"]]
+    found["at_epsilon"]["warnings"] = warnings_of(found, found["epsilon"])
     return found
 
 

@@ -22,13 +22,14 @@ from app.store.tables import (
     recordings,
     scorings,
 )
+from core.certificate import warnings_of
 from core.monitor import Monitor
 from core.monitor.loading import from_bytes
 from core.monitor.portable import MonitorFileError
 from core.specification import PlainSpecification, specification_to_plain
 
 PART_BYTES = 1024 * 1024
-SUPPORT = "support"
+SUPPORT, EVALUATION = "support", "evaluation"
 """Key of what a monitor's validity is calibrated on, beside its evaluation."""
 READY_MONITORS = 4
 """Monitors held in memory, search trees built."""
@@ -86,6 +87,8 @@ class MonitorInfo(Entry):
     support: SupportInfo | None
     """null where its validity is not calibrated: it cannot tell whether a flight is like those it
     was trained on"""
+    warnings: list[str]
+    """what its evaluation says against relying on it, at its epsilon; also that it has none"""
 
 
 class MonitorRepository(Repository):
@@ -142,9 +145,10 @@ class MonitorRepository(Repository):
             epsilon=monitor.recipe.epsilon,
             specification=specification_to_plain(monitor.specification),
             support=_support(monitor),
+            warnings=warnings_of(monitor.evaluation, monitor.recipe.epsilon),
         )
-        row = vars(info) | {"evaluation": _joined(monitor.evaluation, info.support)}
-        del row[SUPPORT]
+        row = vars(info) | {EVALUATION: _joined(monitor.evaluation, info.support)}
+        del row[SUPPORT], row["warnings"]
         self._add_in_parts(monitors, row, monitor_parts, _parts(info.id, content))
         return info
 
@@ -207,8 +211,7 @@ class MonitorRepository(Repository):
         """The evaluation of a monitor on fresh flights; None where there is none. NotFound."""
         query = select(monitors.c.evaluation).where(complete(monitors, monitor_id))
         with self._reading() as connection:
-            stored = fetch(connection, query, "monitor", monitor_id).evaluation or {}
-        return {key: value for key, value in stored.items() if key != SUPPORT} or None
+            return _evaluation(fetch(connection, query, "monitor", monitor_id).evaluation)
 
     def delete(self, monitor_id: str) -> None:
         """Delete a monitor. NotFound; InUse where flights or scorings are of it."""
@@ -226,7 +229,12 @@ class MonitorRepository(Repository):
             connection.execute(delete(monitors).where(~monitors.c.complete))
 
 
-_COLUMNS = [*columns(monitors, MonitorInfo), monitors.c.evaluation[SUPPORT].label(SUPPORT)]
+_COLUMNS = [*columns(monitors, MonitorInfo), monitors.c.evaluation]
+
+
+def _evaluation(stored: dict[str, Any] | None) -> dict[str, Any] | None:
+    """The evaluation in the column of that name."""
+    return {key: value for key, value in (stored or {}).items() if key != SUPPORT} or None
 
 
 def _support(monitor: Monitor) -> SupportInfo | None:
@@ -248,8 +256,13 @@ def _row(connection: Connection, monitor_id: str) -> Row:
 
 def _info(row: Row) -> MonitorInfo:
     values = dict(row._mapping)
-    support = values.pop(SUPPORT)
-    return MonitorInfo(**values, support=support and SupportInfo(**support))
+    stored = values.pop(EVALUATION)
+    support = (stored or {}).get(SUPPORT)
+    return MonitorInfo(
+        **values,
+        support=support and SupportInfo(**support),
+        warnings=warnings_of(_evaluation(stored), values["epsilon"]),
+    )
 
 
 def _users(connection: Connection, monitor_id: str) -> list[tuple[str, str]]:

@@ -42,6 +42,16 @@ def opened(path: Path) -> Iterator[Store]:
     store.close()
 
 
+EVALUATION = {
+    "epsilon": 0.1,
+    "n_unsafe": 100,
+    "n_safe": 200,
+    "at_epsilon": {"misses": 9, "false_alerts": 20, "withdrawn": 0},
+    "curves": {"epsilon": [0.05], "misses": [4], "false_alerts": [50], "withdrawn": [0]},
+}
+"""Of a monitor that keeps its promise, as it is stored."""
+
+
 def move(path: Path, revision: str, config: Config | None = None) -> None:
     """Migrate a database up or down to a revision."""
     config = config or configuration()

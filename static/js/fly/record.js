@@ -10,6 +10,7 @@ import { createStripChart } from "../charts/live/strip_chart.js";
 import { reason } from "../lib/api.js";
 import { h, put } from "../lib/dom.js";
 import { createEventList } from "../lib/event_list.js";
+import { startFlight } from "../lib/start_flight.js";
 import { askToConfirm, state } from "../lib/view_states.js";
 import { LEVEL_OF, textOf } from "./headline.js";
 import { alertText, createFlightPanels, exceedanceText, sourceText, windowOf } from "./panels.js";
@@ -108,8 +109,7 @@ export function showFlightRecord(element, { flight, why, api, navigate }) {
   async function again() {
     try {
       const { source: flown, monitor, epsilon, name } = flight;
-      const started = await api.post("/flights", { source: flown, monitor, epsilon, name });
-      navigate(`#/fly/${started.id}`);
+      await startFlight({ api, navigate }, { source: flown, monitor, epsilon, name });
     } catch (error) {
       fail(error);
     }

@@ -8,6 +8,8 @@
 
 import { reason } from "../lib/api.js";
 import { h, put } from "../lib/dom.js";
+import { warningLines } from "../lib/monitor_warnings.js";
+import { startFlight } from "../lib/start_flight.js";
 import { errorLine, state } from "../lib/view_states.js";
 import { guarantee } from "./alarm_panel.js";
 import { LEVEL_OF, textOf } from "./headline.js";
@@ -103,6 +105,7 @@ function startForm({ monitors, datasets, query, api, navigate }) {
   const simulated = h("div", { class: "stack" }, field("Seed", seed, h("p", { class: "hint" }, "The same seed is the same flight.")));
   const replayed = h("div", { class: "stack" }, field("Dataset", dataset), field("Rollout", rollout, range), none);
   const failure = errorLine();
+  const warnings = h("div");
   const go = h("button", { class: "button button-primary" }, "Start the flight");
   const chosen = () => monitors.find(({ id }) => id === monitor.value);
   let epsilonOf = "";
@@ -110,6 +113,7 @@ function startForm({ monitors, datasets, query, api, navigate }) {
   function adapt() {
     const now = chosen();
     if (epsilonOf !== now.id) epsilon.value = now.epsilon;
+    warnings.replaceChildren(...warningLines(now));
     epsilonOf = now.id;
     const least = Number(now.smallest_epsilon.toPrecision(3));
     const promise = epsilon.value >= now.smallest_epsilon ? guarantee({ epsilon: Number(epsilon.value), lead: now.lead }) : "";
@@ -142,8 +146,7 @@ function startForm({ monitors, datasets, query, api, navigate }) {
         ? { kind: "replay", dataset: dataset.value, outcome: outcome.value, rollout: Number(rollout.value) }
         : { kind: "simulated", seed: Number(seed.value), outcome: outcome.value };
     try {
-      const flight = await api.post("/flights", { source, monitor: monitor.value, epsilon: Number(epsilon.value) });
-      navigate(`#/fly/${flight.id}`);
+      await startFlight({ api, navigate }, { source, monitor: monitor.value, epsilon: Number(epsilon.value) });
     } catch (error) {
       failure.show(reason(error));
       go.disabled = false;
@@ -154,7 +157,7 @@ function startForm({ monitors, datasets, query, api, navigate }) {
     "form",
     { class: "panel form", novalidate: true, onsubmit: start, onchange: adapt, oninput: adapt, "aria-label": "Start a flight" },
     h("h1", {}, "Start a flight"),
-    field("Monitor", monitor),
+    field("Monitor", monitor, warnings),
     field("Source", kind, h("p", { class: "hint" }, "To replay a recording, open it on the ", h("a", { href: "#/recordings" }, "Recordings page"), ".")),
     field("Outcome", outcome),
     simulated,

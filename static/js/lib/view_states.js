@@ -71,10 +71,10 @@ export function errorLine() {
   return { element, show };
 }
 
-export function askToConfirm(question, consequence, word, act) {
+export function askToConfirm(question, consequence, word, act, stay = "Keep it") {
   const failure = errorLine();
   const yes = button(word, perform, { class: "button button-danger" });
-  const no = button("Keep it", () => dialog.close(), { autofocus: true });
+  const no = button(stay, () => dialog.close(), { autofocus: true });
   const dialog = h(
     "dialog",
     { class: "dialog", "aria-labelledby": "dialog-title" },

@@ -8,6 +8,7 @@
  */
 
 import { h, svg } from "../lib/dom.js";
+import { warningLines } from "../lib/monitor_warnings.js";
 import { figure, interval, percent } from "../lib/numbers.js";
 import { neededFor, rank, scatter, threshold } from "./calibration_rule.js";
 
@@ -48,6 +49,7 @@ export function createEpsilonCost({ monitor, calibration, evaluation, changed })
   const reading = h("output", { for: "epsilon", class: "epsilon-reading" });
   const rule = h("p", { class: "dim" });
   const rows = MEASURES.map(meter);
+  const warnings = h("div");
   const guarantee = h("p", { class: "guarantee-number" });
   const element = h(
     "section",
@@ -82,6 +84,7 @@ export function createEpsilonCost({ monitor, calibration, evaluation, changed })
           { class: "hint" },
           "This monitor was never flown on fresh flights here, so what an epsilon costs is not known. Train it here to know.",
         ),
+    warnings,
     guarantee,
     served(monitor),
   );
@@ -101,6 +104,7 @@ export function createEpsilonCost({ monitor, calibration, evaluation, changed })
       `Alert if risk > ${figure(epsilon)}, that is if the score is at most ${Number.isFinite(level) ? figure(level) : "anything"} (rank ${k} of ${monitor.n_unsafe}).` +
       (Number(slider.value) === own ? " This is the monitor's own epsilon." : "");
     for (const { show } of rows) show(point, epsilon);
+    warnings.replaceChildren(...warningLines({ warnings: point.warnings ?? [] }));
     const [low, high] = scatter(epsilon, monitor.n_unsafe);
     const range = `${percent(low, 0)} and ${percent(high, 0)} (5–95 %)`;
     guarantee.textContent =

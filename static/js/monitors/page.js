@@ -7,6 +7,7 @@ import { formatted, h } from "../lib/dom.js";
 import { factList, recipeList } from "../lib/lists.js";
 import { loadingView } from "../lib/loading_view.js";
 import { figure, moment, percent } from "../lib/numbers.js";
+import { warningLines } from "../lib/monitor_warnings.js";
 import { askToConfirm, button, empty, link, pageOf } from "../lib/view_states.js";
 import { createEpsilonCost } from "./epsilon_cost.js";
 import { calibrationFigure, curvesFigure, leadFigure } from "./figures.js";
@@ -69,6 +70,7 @@ export function showMonitor(element, { id, api, navigate }) {
     return pageOf(
       monitor.name,
       actions,
+      ...warningLines(monitor),
       facts({ monitor, dataset, evaluation, catalog }),
       cost.element,
       h(

@@ -6,7 +6,7 @@ from xml.etree import ElementTree
 
 import pytest
 
-from app.report.facts import MOST_NOTES, OUTCOMES, alerts, certificate, drawn, headline, notes
+from app.report.facts import MOST_NOTES, OUTCOMES, alerts, drawn, headline, notes
 from app.report.page import report
 from app.report.subject import ReportSubject
 from core.dataset import Dataset
@@ -164,23 +164,6 @@ def test_notes_are_told_once_and_not_without_end() -> None:
     assert notes(["a", "b"], ["a", "c"], apart_from=["b"]) == (["a", "c"], 0)
     told, more = notes([str(k) for k in range(100)])
     assert (len(told), more) == (MOST_NOTES, 100 - MOST_NOTES)
-
-
-def test_the_certificate_is_of_the_nearest_epsilon_that_was_tested() -> None:
-    evaluation = {
-        "epsilon": 0.1, "n_unsafe": 100, "n_safe": 200,
-        "at_epsilon": {"misses": 9, "false_alerts": 20},
-        "curves": {"epsilon": [0.05, 0.2], "misses": [4, 19], "false_alerts": [50, 10]},
-    }  # fmt: skip
-    found = certificate(evaluation, 0.06)
-    assert found is not None
-    assert (found["epsilon"], found["miss"]["count"]) == (0.05, 4)
-    assert found["fail_given_alert"]["total"] == 96 + 50
-    at = certificate(evaluation, 0.1)
-    assert at is not None
-    assert at["miss"]["low"] < 0.09 < at["miss"]["high"]
-    assert at["power"]["share"] == 0.9
-    assert certificate(None, 0.1) is None
 
 
 REACHED = {"t": 20.3, "channel": "Ny", "value": 0.48}

@@ -1,6 +1,7 @@
 """Flights over REST and WebSocket, in process and against a real server."""
 
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +16,7 @@ from app.messages import Hello
 from tests.app.flights.test_flights import RECIPE, monitor
 from tests.support.api import api, problem, store_of
 from tests.support.flying import ScriptedClock
+from tests.support.stored import EVALUATION
 
 URL = "/api/v1/flights"
 HEADERS = {"host": "127.0.0.1:8000", "origin": "http://127.0.0.1:8000"}
@@ -283,6 +285,24 @@ def test_a_flight_that_cannot_be_is_a_problem_that_says_why(
     body = {"source": {"kind": "simulated"}, "monitor": server.monitor_id} | change
     assert text in problem(server.client.post(URL, json=body), status)
     assert server.client.get(URL).json() == []
+
+
+def test_a_monitor_of_no_use_is_flown_only_where_that_is_accepted(server: Server) -> None:
+    counts = EVALUATION["at_epsilon"] | {"false_alerts": 195}
+    useless = replace(monitor(), evaluation=EVALUATION | {"epsilon": 0.3, "at_epsilon": counts})
+    monitor_id = store_of(server.client).monitors.add(useless, "cries wolf").id
+    body = {"source": {"kind": "simulated"}, "monitor": monitor_id}
+    refused = server.client.post(URL, json=body)
+    assert "of no use: only 2.5%" in problem(refused, 422)
+    assert refused.json()["type"] == "urn:forewarn:useless-monitor"
+    assert server.client.get(URL).json() == []
+    flown = server.start(monitor=monitor_id, accept_useless=True)
+    assert flown["accept_useless"] is True
+    server.client.post(f"{URL}/{flown['id']}/end")
+    assert server.client.get(f"{URL}/{flown['id']}").json()["accept_useless"] is True
+    warnings = server.client.get(f"/api/v1/monitors/{monitor_id}").json()["warnings"]
+    assert len(warnings) == 1
+    assert server.start()["accept_useless"] is False, "one that was not tested may be flown"
 
 
 def test_one_flight_too_many_is_refused(tmp_path: Path) -> None:

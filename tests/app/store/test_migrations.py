@@ -28,7 +28,14 @@ from core.monitor import train
 from core.specification import specification_to_plain
 from tests.support.places import ROOT
 from tests.support.store_writer import add_a_job, open_by_migrations, remaining, start
-from tests.support.stored import append, assert_says_its_number, keep_recording, move, scoring
+from tests.support.stored import (
+    EVALUATION,
+    append,
+    assert_says_its_number,
+    keep_recording,
+    move,
+    scoring,
+)
 
 REVISIONS = [
     script.revision for script in ScriptDirectory.from_config(configuration()).walk_revisions()
@@ -103,7 +110,7 @@ def test_every_revision_goes_up_down_and_up(path: Path, revision: str) -> None:
 def test_what_an_older_schema_knows_survives_down_and_up(path: Path, dataset: Dataset) -> None:
     plain = specification_to_plain(dataset.specification)
     dataset = replace(dataset, recipe={"specification": plain})
-    monitor = replace(train(dataset), evaluation={"misses": 3})
+    monitor = replace(train(dataset), evaluation=EVALUATION)
     store = open_store(path)
     dataset_info = store.datasets.add(dataset, "d")
     monitor_info = store.monitors.add(monitor, "m", dataset_info.id)
@@ -138,7 +145,7 @@ def test_what_an_older_schema_knows_survives_down_and_up(path: Path, dataset: Da
     assert store.datasets.get(dataset_info.id).digest() == dataset.digest()
     assert store.monitors.all() == [monitor_info]
     assert store.monitors.file(monitor_info.id) == monitor.to_bytes()
-    assert store.monitors.evaluation(monitor_info.id) == {"misses": 3}
+    assert store.monitors.evaluation(monitor_info.id) == EVALUATION
     flight = store.flights.add({}, monitor_info.id, 0.1)
     append(store, flight, 0, 10)
     assert_says_its_number(store.flights.assessments(flight), np.arange(10))

@@ -15,7 +15,7 @@ from core.dataset import Dataset
 from core.monitor import Monitor
 from core.monitor.portable import MonitorFileError
 from core.monitor.support import Support
-from tests.support.stored import count, make_parts_small
+from tests.support.stored import EVALUATION, count, make_parts_small
 
 
 @pytest.fixture
@@ -36,15 +36,15 @@ def test_a_monitor_comes_back_with_the_same_p_values(
 
 def test_a_monitor_says_what_it_is(store: Store, dataset: Dataset, trained: Monitor) -> None:
     dataset_id = store.datasets.add(dataset, "d").id
-    evaluated = replace(trained, evaluation={"miss_rate": [0.1, None]})
+    evaluated = replace(trained, evaluation=EVALUATION)
     added = store.monitors.add(evaluated, "m", dataset_id)
     assert store.monitors.info(added.id) == added
     assert store.monitors.all() == [added]
     assert added.dataset_id == dataset_id
     assert added.recipe["predictor"] == {"kind": "linear"}
     assert (added.lead, added.n_unsafe) == (trained.lead, trained.n_unsafe)
-    assert store.monitors.evaluation(added.id) == {"miss_rate": [0.1, None]}
-    assert store.monitors.get(added.id).evaluation == {"miss_rate": [0.1, None]}
+    assert store.monitors.evaluation(added.id) == EVALUATION
+    assert store.monitors.get(added.id).evaluation == EVALUATION
 
 
 def test_a_monitor_file_is_kept_as_it_is_and_finds_its_dataset(
@@ -69,14 +69,14 @@ def test_what_validity_is_calibrated_on_is_known_without_the_file(
     assert store.monitors.add(trained, "bare").support is None
     safe, unsafe = (np.sort(np.random.default_rng(n).random((n, 2)), axis=0) for n in (300, 200))
     support = Support(np.ones(6), safe, unsafe, dataset.unsafe.shape[1])
-    monitor = replace(trained, support=support, evaluation={"misses": 3})
+    monitor = replace(trained, support=support, evaluation=EVALUATION)
     expected = SupportInfo(n_safe=300, n_unsafe=200, level=0.02)
     added = store.monitors.add(monitor, "m")
     sent = store.monitors.add_file(monitor.to_bytes(), "sent")
     assert added.support == sent.support == store.monitors.info(sent.id).support == expected
     assert [info.support for info in store.monitors.all()] == [expected, expected, None]
-    assert store.monitors.evaluation(added.id) == {"misses": 3}
-    assert store.monitors.evaluation(sent.id) == {"misses": 3}
+    assert store.monitors.evaluation(added.id) == EVALUATION
+    assert store.monitors.evaluation(sent.id) == EVALUATION
     stored = store.monitors.get(added.id).support
     assert stored is not None
     assert stored.unsafe.tobytes() == support.unsafe.tobytes()

@@ -2,7 +2,7 @@
 
 import re
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import httpx2
@@ -252,6 +252,39 @@ def test_the_guarantee_is_in_words_and_the_monitor_can_be_flown(page: Page, site
     expect(page.locator("main")).to_contain_text(says)
     page.get_by_role("button", name="Fly it").click()
     expect(page).to_have_url(re.compile(rf"#/fly\?monitor={site.monitor}"))
+
+
+def test_a_monitor_of_no_use_says_so_and_is_flown_only_when_that_is_accepted(
+    page: Page, site: Site, allowed_errors: list[str]
+) -> None:
+    allowed_errors.append("422")
+    trained = site.store.monitors.get(site.monitor)
+    evaluation = site.get(f"/monitors/{site.monitor}/evaluation")
+    counts = evaluation["at_epsilon"] | {"false_alerts": evaluation["n_safe"]}
+    useless = replace(trained, evaluation=evaluation | {"at_epsilon": counts})
+    made = site.store.monitors.add(useless, "cries wolf").id
+    try:
+        page.goto(f"{site.http}/#/monitors")
+        expect(page.get_by_role("row", name="cries wolf")).to_contain_text("of no use: only 0.0%")
+        page.goto(f"{site.http}/#/monitors/{made}")
+        expect(page.locator(".monitor-warning").first).to_contain_text("of no use")
+        page.goto(f"{site.http}/#/fly?monitor={made}")
+        expect(page.locator(".monitor-warning")).to_contain_text("of no use")
+        page.get_by_role("button", name="Start the flight").click()
+        dialog = page.get_by_role("dialog")
+        expect(dialog).to_contain_text("an alert tells nothing")
+        dialog.get_by_role("button", name="Do not fly it").click()
+        assert site.get("/flights") == []
+        page.get_by_role("button", name="Start the flight").click()
+        dialog.get_by_role("button", name="Fly it all the same").click()
+        page.wait_for_url("**/#/fly/*")
+        (flight,) = site.get("/flights")
+        assert flight["accept_useless"] is True
+    finally:
+        for flight in site.get("/flights"):
+            httpx2.post(f"{site.http}/api/v1/flights/{flight['id']}/end").raise_for_status()
+            httpx2.delete(f"{site.http}/api/v1/flights/{flight['id']}").raise_for_status()
+        site.store.monitors.delete(made)
 
 
 def test_a_downloaded_monitor_is_uploaded_again_and_deleted(

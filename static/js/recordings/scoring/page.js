@@ -9,6 +9,7 @@ import { formatted, h } from "../../lib/dom.js";
 import { createEventList } from "../../lib/event_list.js";
 import { loadingView } from "../../lib/loading_view.js";
 import { figure } from "../../lib/numbers.js";
+import { startFlight } from "../../lib/start_flight.js";
 import { button, empty, errorLine, link, pageOf } from "../../lib/view_states.js";
 import { createNotesPanel, laneOfMarkers } from "../notes_panel.js";
 import { outcomeOf, outsideText, trimText } from "../words.js";
@@ -165,8 +166,7 @@ function actions({ api, navigate }, scoring) {
     try {
       const source = { kind: "recording", recording: id, scoring: scoring.id };
       const { monitor, epsilon } = scoring;
-      const flight = await api.post("/flights", { source, monitor, epsilon });
-      navigate(`#/fly/${flight.id}`);
+      await startFlight({ api, navigate }, { source, monitor, epsilon });
     } catch (error) {
       failure.show(reason(error));
       replay.disabled = false;

@@ -1,0 +1,120 @@
+"""The certificate of a monitor: what its own test flights say of its promise, and of its use."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from core.evaluation import clopper_pearson
+
+USELESS = 0.2
+"""A monitor is of no use that lets, with 97.5 % confidence, less of the safe flights pass."""
+
+
+UNTESTED = (
+    "the monitor was not tested on fresh flights: how often it misses, and how many safe flights "
+    "pass without an alert, is not known"
+)
+
+
+@dataclass(frozen=True)
+class Share:
+    """A share of flights with its Clopper-Pearson 95 % interval, low to high."""
+
+    count: int
+    total: int
+
+    @property
+    def share(self) -> float:
+        """count / total."""
+        return self.count / self.total
+
+    @property
+    def low(self) -> float:
+        """Lower end of the interval."""
+        return float(clopper_pearson(self.count, self.total)[0])
+
+    @property
+    def high(self) -> float:
+        """Upper end of the interval."""
+        return float(clopper_pearson(self.count, self.total)[1])
+
+    def __str__(self) -> str:
+        return f"{self.share:.1%} [{self.low:.1%}, {self.high:.1%}]"
+
+
+@dataclass(frozen=True)
+class Certificate:
+    """What fresh flights said at an epsilon that was tested; None where there was none to count.
+
+    missed: of the failing flights.   without_alert: of the safe flights ("power").
+    fail_given_alert: failing ones of those with an alert.
+    """
+
+    epsilon: float
+    missed: Share | None
+    without_alert: Share | None
+    fail_given_alert: Share | None
+
+    @property
+    def breaks_promise(self) -> bool:
+        """Whether more was missed than promised, by the whole interval."""
+        return self.missed is not None and self.missed.low > self.epsilon
+
+    @property
+    def is_useless(self) -> bool:
+        """Whether so few safe flights pass without an alert that an alert tells nothing."""
+        return self.without_alert is not None and self.without_alert.high < USELESS
+
+    @property
+    def warnings(self) -> list[str]:
+        """What a person must know before relying on the monitor; empty where all is well."""
+        found = []
+        if self.missed is not None and self.breaks_promise:
+            found.append(
+                f"the monitor is worse than its promise: it missed {self.missed} of failing "
+                f"flights, where at most {self.epsilon:.3g} was promised; calibrate it "
+                "on more failures, or promise with confidence"
+            )
+        if self.without_alert is not None and self.is_useless:
+            found.append(
+                f"the monitor is of no use: only {self.without_alert} of safe flights pass "
+                f"without an alert at epsilon {self.epsilon:.3g}, so that an alert tells "
+                "nothing; accept a larger epsilon, or train for a shorter lead or by another method"
+            )
+        return found
+
+
+def certificate(evaluation: Mapping[str, Any] | None, epsilon: float) -> Certificate | None:
+    """What the test flights said at this epsilon, or at the nearest one that they were asked.
+
+    evaluation: as plain data, as a monitor carries it; None: it was not tested.
+    """
+    if evaluation is None:
+        return None
+    curves = evaluation["curves"]
+    points = [evaluation["at_epsilon"] | {"epsilon": evaluation["epsilon"]}]
+    points += [
+        dict(zip(curves, values, strict=True)) for values in zip(*curves.values(), strict=True)
+    ]
+    at = min(points, key=lambda point: abs(point["epsilon"] - epsilon))
+    misses, false_alerts, withdrawn = (
+        int(at.get(key, 0)) for key in ("misses", "false_alerts", "withdrawn")
+    )  # versions before the count of those withdrawn had none
+    n_unsafe, n_safe = evaluation["n_unsafe"], evaluation["n_safe"]
+    caught = n_unsafe - misses - withdrawn
+    return Certificate(
+        at["epsilon"],
+        _share(misses, n_unsafe),
+        _share(n_safe - false_alerts, n_safe),
+        _share(caught, caught + false_alerts),
+    )
+
+
+def warnings_of(evaluation: Mapping[str, Any] | None, epsilon: float) -> list[str]:
+    """Sentences that stand wherever a monitor is told of; also that it was not tested."""
+    tested = certificate(evaluation, epsilon)
+    return [UNTESTED] if tested is None else tested.warnings
+
+
+def _share(count: int, total: int) -> Share | None:
+    return Share(count, total) if total else None

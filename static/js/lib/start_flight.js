@@ -1,0 +1,31 @@
+/**
+ * Starting a flight, and the question to answer first where its monitor is of no use.
+ *
+ * Exports
+ *   startFlight({api, navigate}, request) -> Promise    opens the flight's page; rejects with the
+ *       server's sentence, also while the question is open
+ */
+
+import { askToConfirm } from "./view_states.js";
+
+const USELESS = "urn:forewarn:useless-monitor";
+
+export async function startFlight({ api, navigate }, request) {
+  const start = async (order) => {
+    const flight = await api.post("/flights", order);
+    navigate(`#/fly/${flight.id}`);
+  };
+  try {
+    await start(request);
+  } catch (error) {
+    if (error.kind === USELESS)
+      askToConfirm(
+        "Fly a monitor that is of no use?",
+        error.message,
+        "Fly it all the same",
+        () => start({ ...request, accept_useless: true }),
+        "Do not fly it",
+      );
+    throw error;
+  }
+}

@@ -1,0 +1,70 @@
+"""What test flights say of a monitor's promise and use; sentences only where they are due."""
+
+from typing import Any
+
+import pytest
+
+from core.certificate import UNTESTED, certificate, warnings_of
+from core.evaluation import clopper_pearson
+
+
+def evaluation(misses: int, false_alerts: int, n: int = 500, **more: Any) -> dict[str, Any]:
+    """As a monitor carries it: 500 failing and 500 safe flights, tested at 0.1."""
+    counts = {"misses": misses, "false_alerts": false_alerts, "withdrawn": 0}
+    curves = {"epsilon": [0.05, 0.1, 0.2], "misses": [4, 0, 19], "false_alerts": [50, 0, 10]}
+    return {
+        "epsilon": 0.1, "n_unsafe": n, "n_safe": n, "at_epsilon": counts, "curves": curves,
+    } | more  # fmt: skip
+
+
+def test_a_monitor_that_was_not_tested_says_so() -> None:
+    assert certificate(None, 0.1) is None
+    assert warnings_of(None, 0.1) == [UNTESTED]
+
+
+def test_the_certificate_is_of_the_nearest_epsilon_that_was_tested() -> None:
+    found = certificate(evaluation(9, 20, n=100), 0.06)
+    assert found is not None
+    assert found.missed is not None
+    assert (found.epsilon, found.missed.count) == (0.05, 4)
+    assert found.fail_given_alert is not None
+    assert found.fail_given_alert.total == 96 + 50
+
+
+@pytest.mark.parametrize("misses", range(40, 80))
+def test_a_promise_is_broken_where_the_whole_interval_lies_above_it(misses: int) -> None:
+    found = certificate(evaluation(misses, 20), 0.1)
+    assert found is not None
+    is_above = clopper_pearson(misses, 500)[0] > 0.1
+    assert found.breaks_promise == is_above
+    assert any("worse than its promise" in text for text in found.warnings) == is_above
+
+
+@pytest.mark.parametrize("passed", range(60, 110))
+def test_a_monitor_is_useless_where_a_fifth_of_safe_flights_cannot_pass(passed: int) -> None:
+    found = certificate(evaluation(20, 500 - passed), 0.1)
+    assert found is not None
+    is_useless = clopper_pearson(passed, 500)[1] < 0.2
+    assert found.is_useless == is_useless
+    assert any("of no use" in text for text in found.warnings) == is_useless
+
+
+def test_sentences_give_share_interval_and_what_was_promised() -> None:
+    (text,) = warnings_of(evaluation(67, 20), 0.1)
+    assert "13.4% [10.5%, 16.7%]" in text
+    assert "at most 0.1 was promised" in text
+
+
+def test_counts_that_nobody_made_are_none() -> None:
+    found = certificate(evaluation(0, 0, n=0), 0.1)
+    assert found is not None
+    assert (found.missed, found.without_alert, found.fail_given_alert) == (None, None, None)
+    assert found.warnings == []
+
+
+def test_flights_that_were_withdrawn_are_neither_missed_nor_caught() -> None:
+    counts = {"misses": 10, "false_alerts": 30, "withdrawn": 40}
+    found = certificate(evaluation(0, 0, at_epsilon=counts), 0.1)
+    assert found is not None
+    assert found.fail_given_alert is not None
+    assert (found.fail_given_alert.count, found.fail_given_alert.total) == (450, 480)
