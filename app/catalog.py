@@ -25,6 +25,7 @@ from core.channels import CHANNELS
 from core.collection import DatasetRecipe
 from core.monitor import MonitorRecipe
 from core.recipe import FAMILIES, Family
+from core.simulation.aircraft import Aircraft
 from core.specification import SPECIFICATIONS, Limits
 from core.study import StudyRecipe
 
@@ -75,6 +76,7 @@ def _entry(kind: str, member: Any) -> dict[str, Any]:
         "kind": kind,
         "label": getattr(member, "title", None) or kind.replace("_", " "),
         "description": getattr(member, "description", None) or first_line(type(member)),
+        **({"aircraft_class": member.aircraft_class} if isinstance(member, Aircraft) else {}),
         "schema": schema_of(member),
         "default": {key: value for key, value in to_plain(member).items() if key != "kind"},
     }

@@ -267,7 +267,7 @@ class Flight(ABC):
             p_value = alert = None
         angles = float(y[BETA]), float(y[DELTA_A]), float(y[DELTA_R])
         said = p_value, self.plan.epsilon, alert, self.state, self.reason
-        self._stage(lambda scene: scene.show(self.t, attitude, *angles, *said, facts=self.facts))
+        self._stage(lambda scene: scene.show(self.t, attitude, *angles, *said, self.facts))
 
     def _tell_headline(self) -> None:
         if self.headline != self._headline:

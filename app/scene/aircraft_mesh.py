@@ -167,7 +167,8 @@ def _facing(skin: Skin, direction: npt.ArrayLike) -> Skin:
     )
 
 
-def _part(name: str, skin: Skin, colour: Colour) -> Part:
+def part(name: str, skin: Skin, colour: Colour) -> Part:
+    """A part that does not move."""
     vertices, faces = skin
     return Part(name, vertices.astype(np.float32), faces.astype(np.uint32), colour)
 
@@ -177,7 +178,7 @@ def _point(vector: Array) -> Point:
     return x, y, z
 
 
-def _hinged(
+def hinged(
     name: str,
     skin: Skin,
     inner: Array,
@@ -269,17 +270,17 @@ def aircraft() -> tuple[Part, ...]:
     rudder = FIN.panel((RUDDER_SPAN[0] + GAP, RUDDER_SPAN[1] - GAP), (RUDDER_CHORD, 1.0))
     hinge = [FIN.at(eta, RUDDER_CHORD) for eta in RUDDER_SPAN]
     return (
-        _part("fuselage", join(body(FUSELAGE), body(SPINE, 20)), HULL),
-        _part("canopy", body(CANOPY, 24), GLASS),
-        _part("intake", body(INTAKE, 28), HULL_DARK),
-        _part("nozzle", body(NOZZLE, 28), HULL_DARK),
-        _part("wings", join(wing, mirror(wing)), HULL_LIGHT),
-        _part("extensions", join(extension, mirror(extension)), HULL),
-        _part("tailplanes", join(tail, mirror(tail)), HULL_LIGHT),
-        _part("fin", _fin(), HULL_LIGHT),
-        _part("rails", join(rail, mirror(rail)), HULL_DARK),
-        _hinged("right_aileron", aileron, inner, outer),
+        part("fuselage", join(body(FUSELAGE), body(SPINE, 20)), HULL),
+        part("canopy", body(CANOPY, 24), GLASS),
+        part("intake", body(INTAKE, 28), HULL_DARK),
+        part("nozzle", body(NOZZLE, 28), HULL_DARK),
+        part("wings", join(wing, mirror(wing)), HULL_LIGHT),
+        part("extensions", join(extension, mirror(extension)), HULL),
+        part("tailplanes", join(tail, mirror(tail)), HULL_LIGHT),
+        part("fin", _fin(), HULL_LIGHT),
+        part("rails", join(rail, mirror(rail)), HULL_DARK),
+        hinged("right_aileron", aileron, inner, outer),
         # From tip to root, so that a positive turn is trailing edge down on this side too.
-        _hinged("left_aileron", mirror(aileron), outer * flipped, inner * flipped),
-        _hinged("rudder", rudder, hinge[0], hinge[1]),
+        hinged("left_aileron", mirror(aileron), outer * flipped, inner * flipped),
+        hinged("rudder", rudder, hinge[0], hinge[1]),
     )

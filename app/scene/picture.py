@@ -11,12 +11,14 @@ from typing import Any, NamedTuple
 import numpy as np
 import viser
 
-from app.scene.aircraft_mesh import Colour, Part, aircraft
+from app.scene.aircraft_mesh import Colour, Part
+from app.scene.airframes import AIRFRAMES
 from app.scene.ground_track import TRAIL_POINTS, GroundTrack
 from app.scene.quaternion import body_to_earth, product, turn
 from app.scene.shapes import arrow, circle, compass, slip_scale, torus, tube
 from core.monitor.assessment import State
 from core.monitor.status import Facts, Headline, Level, Status, headline
+from core.simulation.aircraft import AircraftClass
 from core.simulation.attitude import Attitude, SurfaceSigns
 
 CALM: Colour = (70, 200, 190)
@@ -39,7 +41,7 @@ WIDEST = pi / 4
 DOWN = (0.0, 0.0, 1.0)
 GROUND_BELOW, CELL, SECTION = 11.0, 10.0, 50.0
 RING_RADIUS = 8.8
-COLUMN_AT, COLUMN_HEIGHT, COLUMN_RADIUS = (-0.5, -13.0, 2.8), 7.0, 0.5
+COLUMN_AT, COLUMN_HEIGHT, COLUMN_RADIUS = (-0.5, -11.6, 2.8), 7.0, 0.5
 
 LONGEST_DETAIL = 120
 TICKS = {"none": 0.0, "quarter": 0.25, "half": 0.5, "whole": 1.0}
@@ -163,8 +165,15 @@ class Picture:
     Not safe against concurrent calls, nor after the server stopped: Scene sees to that.
     """
 
-    def __init__(self, server: viser.ViserServer, signs: SurfaceSigns, alpha0: float) -> None:
+    def __init__(
+        self,
+        server: viser.ViserServer,
+        signs: SurfaceSigns,
+        alpha0: float,
+        aircraft_class: AircraftClass = "fighter",
+    ) -> None:
         self._server, self._signs, self._alpha0 = server, signs, alpha0
+        self._class: AircraftClass = aircraft_class
         self._track = GroundTrack()
         self._sent: dict[tuple[int, str], Any] = {}
         with server.atomic():
@@ -229,7 +238,7 @@ class Picture:
         scene = self._server.scene
         self._aircraft = scene.add_frame("/chase/aircraft", show_axes=False)
         self._parts: dict[str, tuple[Part, Any]] = {}
-        for part in aircraft():
+        for part in AIRFRAMES[self._class]():
             node = scene.add_mesh_simple(
                 f"/chase/aircraft/{part.name}",
                 part.vertices,
@@ -305,9 +314,9 @@ class Picture:
         self._headline = scene.add_label(
             "/column/headline",
             "",
-            position=(0.0, 0.0, -COLUMN_HEIGHT - 0.5),
-            font_screen_scale=1.3,
-            anchor="bottom-center",
+            position=(0.0, -2.0 * COLUMN_RADIUS, -COLUMN_HEIGHT - 0.5),
+            font_screen_scale=1.1,
+            anchor="bottom-left",
         )
         self._readout = self._server.gui.add_html("")
 

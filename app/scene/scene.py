@@ -17,6 +17,7 @@ from app.scene.picture import Picture, Shown
 from app.scene.server import address, open_server
 from core.monitor.assessment import State
 from core.monitor.status import Facts
+from core.simulation.aircraft import AircraftClass
 from core.simulation.attitude import Attitude, SurfaceSigns
 
 PERIOD_S = 0.05
@@ -46,6 +47,7 @@ class Scene:
         signs: SurfaceSigns,
         alpha0: float,
         stale_after_s: float,
+        aircraft_class: AircraftClass = "fighter",
     ) -> None:
         self._clock, self._stale_after_s = clock, stale_after_s
         self._lock, self._latest = threading.RLock(), threading.Lock()
@@ -55,7 +57,7 @@ class Scene:
         self._closed = False
         self._server = open_server()
         try:
-            self._picture = Picture(self._server, signs, alpha0)
+            self._picture = Picture(self._server, signs, alpha0, aircraft_class)
         except BaseException:
             self._server.stop()
             raise
@@ -188,11 +190,12 @@ class Scenes:
         signs: SurfaceSigns = USUAL_SIGNS,
         alpha0: float = 0.0,
         stale_after_s: float | None = None,
+        aircraft_class: AircraftClass = "fighter",
     ) -> Scene:
         """Open the scene of a flight, or return the one that is open; blocks for some 30 ms.
 
         signs: which way the aircraft's surfaces act.   alpha0: angle of attack at trim [rad].
-        stale_after_s: as of `Scene.wait`.
+        stale_after_s: as of `Scene.wait`.   aircraft_class: what the aircraft looks like.
         Raises TooManyScenes at max_scenes, and RuntimeError after `stop`.
         """
         with self._lock:
@@ -205,7 +208,8 @@ class Scenes:
                     f"{self.max_scenes} flights show a scene already; end one of them, or raise "
                     "the number of flights"
                 )
-            scene = Scene(self._clock, signs, alpha0, stale_after_s or self._stale_after_s)
+            patience = stale_after_s or self._stale_after_s
+            scene = Scene(self._clock, signs, alpha0, patience, aircraft_class)
             self._scenes[flight] = scene
             if self._ticker is None:
                 self._ticker = threading.Thread(target=self._tick, name="scenes", daemon=True)

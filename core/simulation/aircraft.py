@@ -14,6 +14,7 @@ from core.simulation.published import (
     DERIVATIVES,
     MODELS,
     SIGMA_FRACTION,
+    AircraftClass,
     ModelName,
     PublishedModel,
 )
@@ -39,6 +40,11 @@ class Aircraft(ABC):
     @abstractmethod
     def description(self) -> str:
         """What aircraft this is and where its numbers come from, in one line."""
+
+    @property
+    @abstractmethod
+    def aircraft_class(self) -> AircraftClass:
+        """What it looks like."""
 
     @abstractmethod
     def uncertain_plant(self) -> UncertainPlant:
@@ -75,6 +81,11 @@ class PublishedAircraft(Aircraft):
     def model(self) -> PublishedModel:
         """The numbers and where they come from."""
         return MODELS[self.name]
+
+    @property
+    def aircraft_class(self) -> AircraftClass:
+        """As published."""
+        return self.model.aircraft_class
 
     @property
     def description(self) -> str:
@@ -221,6 +232,11 @@ class MatrixAircraft(Aircraft):
             uncertainty,
             tuple(system.state_labels),
         )
+
+    @property
+    def aircraft_class(self) -> AircraftClass:
+        """A fighter, since nobody says."""
+        return "fighter"
 
     @property
     def description(self) -> str:

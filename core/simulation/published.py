@@ -43,6 +43,10 @@ ModelName = Literal[
 ]
 
 
+AircraftClass = Literal["fighter", "transport", "light"]
+"""What an aircraft looks like, on the whole."""
+
+
 @dataclass(frozen=True)
 class PublishedModel:
     """Stability derivatives of one aircraft in one straight and level flight condition.
@@ -55,6 +59,7 @@ class PublishedModel:
     """
 
     title: str
+    aircraft_class: AircraftClass
     condition: str
     reference: str
     checked: str
@@ -74,6 +79,7 @@ class PublishedModel:
 MODELS: dict[ModelName, PublishedModel] = {
     "f16_sl_h0_v502": PublishedModel(
         title="F-16",
+        aircraft_class="fighter",
         condition="502 ft/s, sea level, 1 g, centre of gravity at 0.35 c, alpha 2.11 deg",
         reference="Stevens, Lewis and Johnson, Aircraft Control and Simulation, 3rd ed., "
         "Example 5.3-1 (data base of NASA TP-1538)",
@@ -89,6 +95,7 @@ MODELS: dict[ModelName, PublishedModel] = {
     ),
     "f104a_sl_m0p8": PublishedModel(
         title="F-104A",
+        aircraft_class="fighter",
         condition="Mach 0.8, sea level, theta 2 deg",
         reference="Cook, Flight Dynamics Principles, Assignment 3 (data of NASA CR-2144)",
         checked="transcribed; modes not checked against a published value",
@@ -102,6 +109,7 @@ MODELS: dict[ModelName, PublishedModel] = {
     ),
     "nt33a_fc1_pa": PublishedModel(
         title="NT-33A",
+        aircraft_class="light",
         condition="power approach, 228 ft/s, Mach 0.204, sea level, 11,800 lb, bare airframe",
         reference="Heffley and Jewell, NASA CR-2144 (1972), Tables II-1, II-2, II-7",
         checked="spiral, roll and Dutch roll agree with NASA CR-2144, Table II-8",
@@ -115,6 +123,7 @@ MODELS: dict[ModelName, PublishedModel] = {
     ),
     "f4c_35k_m0p6": PublishedModel(
         title="F-4C Phantom",
+        aircraft_class="fighter",
         condition="178 m/s, Mach 0.6, 35,000 ft, theta 9.4 deg, body axes",
         reference="Cook, Flight Dynamics Principles, Example 4.2 (from NASA CR-2144)",
         checked="magnitudes within 1 % of the published state matrix; the sign of L_r is not "
@@ -128,6 +137,7 @@ MODELS: dict[ModelName, PublishedModel] = {
     ),
     "dc8_15k_m0p44": PublishedModel(
         title="Douglas DC-8",
+        aircraft_class="transport",
         condition="468.2 ft/s, Mach 0.44, 15,000 ft, stability axes",
         reference="Cook, Flight Dynamics Principles, Example 7.1 (data of Teper, 1969)",
         checked="modes agree with the published characteristic polynomial; the numbers were "
@@ -142,6 +152,7 @@ MODELS: dict[ModelName, PublishedModel] = {
     ),
     "b747_40k_m0p8": PublishedModel(
         title="Boeing 747",
+        aircraft_class="transport",
         condition="235.9 m/s, Mach 0.8, 40,000 ft",
         reference="Heffley and Jewell, NASA CR-2144, as printed in MathWorks Control System "
         'Toolbox, "Yaw Damper Design for a 747 Jet Aircraft"',
@@ -158,6 +169,7 @@ MODELS: dict[ModelName, PublishedModel] = {
     ),
     "attas_id_16kft": PublishedModel(
         title="VFW-614 ATTAS",
+        aircraft_class="transport",
         condition="131 m/s, 15,770 ft, alpha 2.15 deg, theta 1.6 deg",
         reference="identified from the flight data of Jategaonkar, Flight Vehicle System "
         "Identification, 2nd ed., AIAA 2015",

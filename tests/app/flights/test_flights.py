@@ -327,6 +327,7 @@ def test_a_scene_is_opened_with_the_aircrafts_signs_and_closed_with_the_flight(
         assert isinstance(opened[1], SurfaceSigns)
         assert opened[2] == pytest.approx(0.037, abs=0.01)
         assert opened[3] == msgspec.json.decode(flight._hello())["stale_after"] == 0.25
+        assert opened[4] == "fighter"
         await hangar.flights.stop(flight.id)
         assert theatre.closed == [flight.id]
 

@@ -1,11 +1,15 @@
 import numpy as np
 import pytest
 
+from app.catalog import catalog
 from app.scene.aircraft_mesh import SPAN, Part, aircraft
+from app.scene.airframes import AIRFRAMES
 from app.scene.quaternion import matrix, turn
+from core.simulation.aircraft import AIRCRAFT
 
 PARTS = aircraft()
 BY_NAME = {part.name: part for part in PARTS}
+EVERY = [(kind, part) for kind, build in AIRFRAMES.items() for part in build()]
 TWINS = {"right_aileron": "left_aileron", "left_aileron": "right_aileron"}
 MOVING = ("right_aileron", "left_aileron", "rudder")
 
@@ -24,33 +28,35 @@ def mean_move(part: Part, angle: float) -> np.ndarray:
     return (turned(part, angle) - turned(part, 0.0)).mean(0)
 
 
-@pytest.mark.parametrize("part", PARTS, ids=lambda part: part.name)
+@pytest.mark.parametrize(
+    ("kind", "part"), EVERY, ids=[f"{kind}-{part.name}" for kind, part in EVERY]
+)
 class TestEveryPart:
-    def test_it_is_a_clean_mesh(self, part):
+    def test_it_is_a_clean_mesh(self, kind, part):
         assert np.isfinite(part.vertices).all()
         assert part.vertices.dtype == np.float32
         assert part.faces.dtype == np.uint32
         assert part.faces.max() < len(part.vertices)
         assert np.linalg.norm(part.axis) == pytest.approx(1.0)
 
-    def test_it_is_closed(self, part):
+    def test_it_is_closed(self, kind, part):
         a, b, c = corners(part).transpose(1, 0, 2)
         areas = np.cross(b - a, c - a) / 2
         assert np.abs(areas.sum(0)).max() < 1e-4 * np.linalg.norm(areas, axis=1).sum()
 
-    def test_it_faces_outwards(self, part):
+    def test_it_faces_outwards(self, kind, part):
         a, b, c = (corners(part) - part.vertices.mean(0)).transpose(1, 0, 2)
         assert (a * np.cross(b, c)).sum() / 6 > 0
 
-    def test_its_left_mirrors_its_right(self, part):
-        twin = BY_NAME[TWINS.get(part.name) or part.name]
+    def test_its_left_mirrors_its_right(self, kind, part):
+        twin = {p.name: p for p in AIRFRAMES[kind]()}[TWINS.get(part.name) or part.name]
         right = part.vertices.astype(float) + part.hinge
         left = (twin.vertices.astype(float) + twin.hinge) * (1.0, -1.0, 1.0)
         for a, b in ((right, left), (left, right)):
             distance = np.linalg.norm(a[:, None] - b[None], axis=2).min(1)
             assert distance.max() < 1e-4
 
-    def test_its_colour_leaves_red_to_the_alert(self, part):
+    def test_its_colour_leaves_red_to_the_alert(self, kind, part):
         red, green, blue = part.colour
         assert red <= green <= blue
 
@@ -94,3 +100,20 @@ def test_surfaces_sit_in_their_cut_outs():
         low, high = surface.min(0), surface.max(0)
         assert (around.min(0) <= low + 1e-3).all()
         assert (around.max(0) >= high - 1e-3).all()
+
+
+@pytest.mark.parametrize("kind", AIRFRAMES)
+def test_surfaces_of_every_class_turn_as_those_of_the_fighter(kind):
+    parts = {part.name: part for part in AIRFRAMES[kind]()}
+    assert {*MOVING, "fuselage", "wings", "fin", "tailplanes"} <= parts.keys()
+    for name, down in (("right_aileron", 2), ("left_aileron", 2), ("rudder", 1)):
+        assert mean_move(parts[name], 0.3)[down] > 0.03
+
+
+def test_the_classes_of_the_published_aircraft_are_theirs():
+    looks = {key: getattr(aircraft, "aircraft_class", None) for key, aircraft in AIRCRAFT.items()}
+    assert looks["attas_id_16kft"] == looks["b747_40k_m0p8"] == "transport"
+    assert looks["f16_sl_h0_v502"] == "fighter"
+    assert set(looks.values()) <= AIRFRAMES.keys()
+    entries = catalog()["families"]["aircraft"]["entries"]
+    assert {key: entry["aircraft_class"] for key, entry in entries.items()} == looks
