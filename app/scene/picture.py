@@ -314,7 +314,7 @@ class Picture:
         self._headline = scene.add_label(
             "/column/headline",
             "",
-            position=(0.0, -2.0 * COLUMN_RADIUS, -COLUMN_HEIGHT - 0.5),
+            position=(0.0, -2.0 * COLUMN_RADIUS, -COLUMN_HEIGHT - 1.4),
             font_screen_scale=1.1,
             anchor="bottom-left",
         )

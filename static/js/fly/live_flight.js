@@ -95,7 +95,9 @@ export function showLiveFlight(element, { id, api, over }) {
   }
 
   function onFrames(frames, newest) {
-    if (newest !== null) transport.moved(newest.t);
+    if (newest === null) return;
+    transport.moved(newest.t);
+    notes?.moved(newest.t);
   }
 
   function onAlarm(raisedAlarm) {
@@ -143,12 +145,8 @@ export function showLiveFlight(element, { id, api, over }) {
 
   function showNotes() {
     const { source } = hello;
-    const add = (event) => {
-      events.add(event);
-      markEvents();
-    };
     const fail = (error) => events.add({ t: null, text: `notes could not be read: ${reason(error)}`, level: "caution" });
-    notes = createReplayNotes({ api, source, now: () => display.t ?? playback.position, add, fail });
+    notes = createReplayNotes({ api, source, now: () => display.t ?? playback.position, add: events.add, marked: markEvents, fail });
     panels.events.append(notes.element);
   }
 

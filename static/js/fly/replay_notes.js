@@ -2,11 +2,13 @@
  * What is known of a replayed recording beside its samples: manoeuvres, exceedances, people's notes.
  *
  * Exports
- *   createReplayNotes({api, source, now, add, fail}) -> {element, times() -> [{t, level}], write(), close()}
+ *   createReplayNotes({api, source, now, add, marked, fail}) -> {element, times() -> [{t, level}], write(), close()}
  *     source: {recording, scoring} of a flight's hello.   now() -> s, where the flight is
- *     add(event): {t, text, level}, for the event list, whenever one is known
+ *     add(event): {t, text, level}, for the event list, once the replay has come to it
+ *     marked(): times() has changed; it has what is to come too
  *     fail(error): what could not be read
  *     write(): opens the field for a note at this moment
+ *     moved(t): the flight is at t [s]; what lies before it is listed, what is to come is not
  */
 
 import { reason } from "../lib/api.js";
@@ -14,9 +16,12 @@ import { h, put } from "../lib/dom.js";
 import { errorLine } from "../lib/view_states.js";
 import { readScoring } from "../recordings/scoring/source.js";
 
-export function createReplayNotes({ api, source, now, add: addEvent, fail }) {
+const SAME = 1e-6; // s
+
+export function createReplayNotes({ api, source, now, add: addEvent, marked, fail }) {
   const path = `/recordings/${encodeURIComponent(source.recording)}`;
   const marks = [];
+  let ahead = []; // events that the replay has not come to, by time
   let at = 0;
   let closed = false;
   const when = h("span", { class: "dim" });
@@ -80,7 +85,13 @@ export function createReplayNotes({ api, source, now, add: addEvent, fail }) {
 
   function add(event) {
     marks.push({ t: event.t, level: "caution" });
-    addEvent({ level: "", ...event, seen: true });
+    ahead = [...ahead, { level: "", ...event, seen: true }].sort((a, b) => a.t - b.t);
+    moved(now());
+    marked();
+  }
+
+  function moved(t) {
+    while (ahead.length > 0 && ahead[0].t <= t + SAME) addEvent(ahead.shift());
   }
 
   function write() {
@@ -106,6 +117,7 @@ export function createReplayNotes({ api, source, now, add: addEvent, fail }) {
     element,
     times: () => marks,
     write,
+    moved,
     close: () => {
       closed = true;
     },
