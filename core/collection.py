@@ -3,23 +3,17 @@
 from collections import deque
 from collections.abc import Callable, Iterator
 from concurrent.futures import Executor
-from dataclasses import dataclass, fields, replace
 from itertools import count
-from typing import NamedTuple
 
 import numpy as np
 from scipy import stats
 
-from core.channels import KEYS
+from core.amplitude import suggest_amplitude
 from core.dataset import Dataset
+from core.planned_test import DatasetRecipe, Rollouts, Simulator
 from core.recipe import to_plain
 from core.seeds import Branch, stream
-from core.simulation.aircraft import AIRCRAFT, Aircraft
-from core.simulation.control_law import CONTROL_LAWS, ControlLaw, check_usable
-from core.simulation.maneuver import MANEUVERS, Maneuver
-from core.simulation.rollout import roll_out
-from core.specification import SPECIFICATIONS, Limits
-from core.types import Array, Flags, Indices
+from core.types import Indices
 
 Progress = Callable[[int, int], object]
 
@@ -27,170 +21,12 @@ FIRST_CHUNK, LARGEST_CHUNK = 256, 4096
 CHUNK_STEPS = 2_000_000
 """Steps of all rollouts of a chunk: about 100 MB."""
 CERTAINTY = 1e-6
-MOST_SAMPLES = 20_000
-"""Steps of a rollout, so that a chunk of them stays within memory."""
 FRESH_BATCH, MOST_FRESH = 1_000, 20_000
 """Fresh flights of a batch, and in all unless asked for more."""
 
 
 class CollectionError(ValueError):
     """A collection that would not end, or that leaves too few safe rollouts."""
-
-
-@dataclass(frozen=True)
-class SensorNoise:
-    """White Gaussian noise on what the monitor sees, 1 sigma a channel in its SI unit.
-
-    It is not fed back; the specification judges the outputs without it.
-    """
-
-    beta: float = 0.0
-    p: float = 0.0
-    r: float = 0.0
-    Ny: float = 0.0
-    delta_a: float = 0.0
-    delta_r: float = 0.0
-
-    def __post_init__(self) -> None:
-        """Refuse a deviation that is negative or not a number."""
-        for field in fields(self):
-            if not 0 <= getattr(self, field.name) < np.inf:
-                raise ValueError(
-                    f"noise {field.name}={getattr(self, field.name)} was given: a standard "
-                    "deviation is a finite number, 0 or more"
-                )
-
-    def add_to(self, y: Array, rng: np.random.Generator) -> None:
-        """Add noise to y (n, n_samples, 6) in place, channel by channel."""
-        for c, key in enumerate(KEYS):
-            if deviation := getattr(self, key):
-                y[..., c] += deviation * rng.standard_normal(y.shape[:2])
-
-
-class Rollouts(NamedTuple):
-    """Labelled trajectories of one manoeuvre.
-
-    y: (n, n_samples, 6) measured outputs.   fail_index: (n,) first sample that exceeds a limit,
-    n_samples for a safe rollout.   theta: (n, n_parameters).
-    """
-
-    y: Array
-    fail_index: Indices
-    theta: Array
-
-    @property
-    def is_unsafe(self) -> Flags:
-        """(n,) whether the rollout exceeds a limit."""
-        return self.fail_index < self.y.shape[1]
-
-    def some(self, which: slice | Flags) -> "Rollouts":
-        """Return the rollouts of a slice or a mask."""
-        return Rollouts(self.y[which], self.fail_index[which], self.theta[which])
-
-
-@dataclass(frozen=True)
-class DatasetRecipe:
-    """The planned test and how much of it to simulate.
-
-    The default is an F-16 with yaw and roll damper on a rudder doublet that about a quarter of the
-    aircraft fail.
-    """
-
-    aircraft: Aircraft = AIRCRAFT["f16_sl_h0_v502"]
-    control_law: ControlLaw = CONTROL_LAWS["f16_damper"]
-    maneuver: Maneuver = replace(MANEUVERS["rudder_doublet"], amplitude_deg=9.5)  # noqa: RUF009
-    specification: Limits = SPECIFICATIONS["limits"]
-    noise: SensorNoise = SensorNoise()
-    dt: float = 0.05
-    """sample interval of the telemetry [s]."""
-    substeps: int = 1
-    """parts of dt after which limits are checked; a crossing between two samples then counts at the
-    later one."""
-    n_unsafe: int = 50
-    """unsafe rollouts to collect."""
-    n_obs: int = 50
-    """observation times kept of each safe rollout."""
-    seed: int = 0
-    """of every random draw; the same recipe makes the same dataset."""
-    max_rollouts: int = 1_000_000
-    """budget; a collection that cannot end within it stops early."""
-    max_safe: int = 50_000
-    """safe rollouts kept, the first ones; more are counted only."""
-
-    def __post_init__(self) -> None:
-        """Refuse sizes that make no dataset."""
-        if not 0 < self.dt < self.maneuver.duration_s:
-            raise ValueError(
-                f"dt={self.dt} s was given: it must be positive and shorter than the manoeuvre's "
-                f"{self.maneuver.duration_s:g} s"
-            )
-        n_samples = self.maneuver.n_samples(self.dt)
-        if n_samples * self.substeps > MOST_SAMPLES:
-            raise ValueError(
-                f"a rollout of {n_samples} samples in {self.substeps} substeps was asked for: at "
-                f"most {MOST_SAMPLES} steps fit, choose a larger dt or a shorter manoeuvre"
-            )
-        for name, lowest in {
-            "substeps": 1,
-            "n_unsafe": 2,
-            "n_obs": 1,
-            "seed": 0,
-            "max_rollouts": 1,
-            "max_safe": 1,
-        }.items():
-            if getattr(self, name) < lowest:
-                raise ValueError(
-                    f"{name}={getattr(self, name)} was given: it must be at least {lowest}"
-                )
-        if self.n_obs > n_samples:
-            raise ValueError(
-                f"n_obs={self.n_obs} was given: a rollout has {n_samples} samples, choose fewer "
-                "observation times or a smaller dt"
-            )
-
-
-class Simulator:
-    """The planned test made ready to roll out on random aircraft."""
-
-    def __init__(self, recipe: DatasetRecipe) -> None:
-        self.recipe = recipe
-        self.plant = recipe.aircraft.uncertain_plant()
-        self.controller = recipe.control_law.controller(self.plant)
-        check_usable(
-            self.plant,
-            self.controller,
-            recipe.control_law.actuator,
-            recipe.maneuver.duration_s,
-        )
-
-    def rollouts(self, n: int, rng: np.random.Generator) -> Rollouts:
-        """Roll out n aircraft drawn from D_theta."""
-        recipe = self.recipe
-        theta = self.plant.sample(n, rng)
-        y = roll_out(
-            self.plant.plants(theta),
-            self.controller,
-            recipe.control_law.actuator,
-            recipe.maneuver.pilot(recipe.dt, n, rng),
-            recipe.dt,
-            pedal_lag_s=recipe.maneuver.pedal_lag_s,
-            substeps=recipe.substeps,
-        )
-        first = recipe.specification.first_exceedance(y)
-        if recipe.substeps > 1:
-            first = -(-first // recipe.substeps)
-            y = np.ascontiguousarray(y[:, :: recipe.substeps])
-            first = np.minimum(first, y.shape[1])
-        recipe.noise.add_to(y, rng)
-        return Rollouts(y, first, theta)
-
-    def chunk(self, number: int) -> Rollouts:
-        """Roll out the chunk of this number of the recipe's seed, each with its own stream."""
-        recipe = self.recipe
-        steps = recipe.maneuver.n_samples(recipe.dt) * recipe.substeps
-        largest = max(FIRST_CHUNK, min(LARGEST_CHUNK, CHUNK_STEPS // steps))
-        size = min(FIRST_CHUNK << min(number, 30), largest)
-        return self.rollouts(size, stream(recipe.seed, Branch.ROLLOUTS, number))
 
 
 def collect(
@@ -239,8 +75,7 @@ def fresh(recipe: DatasetRecipe, most: int = MOST_FRESH) -> Iterator[Rollouts]:
     """
     simulator = Simulator(recipe)
     rng, made = stream(recipe.seed, Branch.VALIDITY), 0
-    steps = recipe.maneuver.n_samples(recipe.dt) * recipe.substeps
-    size = max(1, min(FRESH_BATCH, CHUNK_STEPS // steps))
+    size = max(1, min(FRESH_BATCH, CHUNK_STEPS // recipe.n_steps))
     while made < most:
         flights = simulator.rollouts(min(size, most - made), rng)
         made += len(flights.y)
@@ -255,16 +90,24 @@ def evaluation_flights(recipe: DatasetRecipe, n: int) -> Rollouts:
 def _chunks(simulator: Simulator, executor: Executor | None) -> Iterator[Rollouts]:
     """Chunks in order; with an executor, a few of them under way ahead of time."""
     if executor is None:
-        yield from map(simulator.chunk, count())
+        yield from (_chunk(simulator, number) for number in count())
         return
-    under_way = deque(executor.submit(simulator.chunk, number) for number in range(4))
+    under_way = deque(executor.submit(_chunk, simulator, number) for number in range(4))
     try:
         for number in count(4):
             yield under_way.popleft().result()
-            under_way.append(executor.submit(simulator.chunk, number))
+            under_way.append(executor.submit(_chunk, simulator, number))
     finally:
         for future in under_way:
             future.cancel()
+
+
+def _chunk(simulator: Simulator, number: int) -> Rollouts:
+    """Roll out the chunk of this number of the recipe's seed, each with its own stream."""
+    recipe = simulator.recipe
+    largest = max(FIRST_CHUNK, min(LARGEST_CHUNK, CHUNK_STEPS // recipe.n_steps))
+    size = min(FIRST_CHUNK << min(number, 30), largest)
+    return simulator.rollouts(size, stream(recipe.seed, Branch.ROLLOUTS, number))
 
 
 def _check_budget(recipe: DatasetRecipe, n_unsafe: int, n_made: int) -> None:
@@ -275,8 +118,16 @@ def _check_budget(recipe: DatasetRecipe, n_unsafe: int, n_made: int) -> None:
         f"{n_unsafe} of {n_made} rollouts were unsafe (rate about {n_unsafe / n_made:.2g}, surely "
         f"below {highest:.2g}): {recipe.n_unsafe} unsafe ones are out of reach within "
         f"{recipe.max_rollouts} rollouts; raise the amplitude, lower the limit or raise "
-        "max_rollouts"
+        f"max_rollouts. {_working_amplitude(recipe)}"
     )
+
+
+def _working_amplitude(recipe: DatasetRecipe) -> str:
+    """What a pilot run says of the amplitude, as the end of an error."""
+    try:
+        return f"{suggest_amplitude(recipe)}"
+    except ValueError as error:
+        return f"No amplitude was found: {error}"
 
 
 def _dataset(simulator: Simulator, parts: list[Rollouts], n_safe_met: int) -> Dataset:
@@ -286,7 +137,7 @@ def _dataset(simulator: Simulator, parts: list[Rollouts], n_safe_met: int) -> Da
     if n_safe_met == 0:
         raise CollectionError(
             f"all {recipe.n_unsafe} rollouts were unsafe and a monitor needs safe ones too: lower "
-            "the amplitude, raise the limit or raise n_unsafe"
+            f"the amplitude, raise the limit or raise n_unsafe. {_working_amplitude(recipe)}"
         )
     unsafe, fail_index = y[is_unsafe], fail_index[is_unsafe]
     unsafe[np.arange(y.shape[1]) > fail_index[:, None]] = np.nan

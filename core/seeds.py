@@ -17,6 +17,8 @@ class Branch(IntEnum):
     """Fresh flights that test a monitor."""
     VALIDITY = 3
     """Fresh flights that calibrate a monitor's validity; they neither train nor test one."""
+    PILOT_RUN = 4
+    """Rollouts that an amplitude is suggested from."""
 
 
 def stream(seed: int, branch: Branch, *below: int) -> np.random.Generator:

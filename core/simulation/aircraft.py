@@ -17,6 +17,7 @@ from core.simulation.published import (
     AircraftClass,
     ModelName,
     PublishedModel,
+    UsualTest,
 )
 from core.simulation.uncertain_plant import Effect, Plants, UncertainPlant, Uncertainty
 
@@ -28,6 +29,7 @@ Rows = tuple[tuple[float, ...], ...]
 MEASURED, SURFACES = KEYS[:4], KEYS[4:]
 NY = KEYS.index("Ny")
 
+OWN_MODEL_TEST = UsualTest("none", doublet_deg=5.4, limit_g=0.5)
 PUBLISHED_SCATTER = Uncertainty(dict(SIGMA_FRACTION))
 """The flight-to-flight scatter of identified derivatives, see core.simulation.published."""
 
@@ -45,6 +47,11 @@ class Aircraft(ABC):
     @abstractmethod
     def aircraft_class(self) -> AircraftClass:
         """What it looks like."""
+
+    @property
+    @abstractmethod
+    def usual_test(self) -> UsualTest:
+        """The test to begin with: law, rudder doublet and limit."""
 
     @abstractmethod
     def uncertain_plant(self) -> UncertainPlant:
@@ -92,6 +99,11 @@ class PublishedAircraft(Aircraft):
         """The aircraft, its flight condition, source and check, in one line."""
         model = self.model
         return f"{model.title}, {model.condition}; {model.reference}; {model.checked}"
+
+    @property
+    def usual_test(self) -> UsualTest:
+        """The model's."""
+        return self.model.usual_test
 
     def uncertain_plant(self) -> UncertainPlant:
         """The derivatives with their distribution, in the order of published.DERIVATIVES."""
@@ -242,6 +254,11 @@ class MatrixAircraft(Aircraft):
     def description(self) -> str:
         """The model's size; it has no other source than its user."""
         return f"own model with {len(self.a)} states"
+
+    @property
+    def usual_test(self) -> UsualTest:
+        """Without a law; the amplitude is that of the example, another model needs its own."""
+        return OWN_MODEL_TEST
 
     def uncertain_plant(self) -> UncertainPlant:
         """The uncertain entries as parameters, named as in the uncertainty."""

@@ -4,10 +4,10 @@ Commands are held over each step: the one at sample k is the value at t_k = k dt
 """
 
 from abc import ABC, abstractmethod
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from itertools import pairwise
 from math import inf, isfinite, log
-from typing import Literal, get_args
+from typing import Literal, Self, get_args
 
 import numpy as np
 
@@ -66,6 +66,15 @@ class Maneuver(ABC):
     def segments_s(self) -> tuple[float, ...]:
         """Planned duration of each segment [s]; inf for one that lasts to the end."""
 
+    @property
+    @abstractmethod
+    def peak_deg(self) -> float:
+        """Amplitude, or the largest command of a table, with its sign [deg]."""
+
+    @abstractmethod
+    def with_peak(self, peak_deg: float) -> Self:
+        """Return the same manoeuvre with this peak [deg], all commands in proportion."""
+
     @abstractmethod
     def commands(self, elapsed: Array, segments: Array) -> Array:
         """Commands [deg] (n, n_samples, 2) in a fresh array; trim where elapsed is negative.
@@ -120,6 +129,15 @@ class OneSurface(Maneuver, ABC):
     def __post_init__(self) -> None:
         super().__post_init__()
         _check_word("surface", self.surface, get_args(Surface))
+
+    @property
+    def peak_deg(self) -> float:
+        """The amplitude [deg]."""
+        return self.amplitude_deg
+
+    def with_peak(self, peak_deg: float) -> Self:
+        """Return the same manoeuvre with this amplitude [deg]."""
+        return replace(self, amplitude_deg=peak_deg)
 
     @abstractmethod
     def shape(self, elapsed: Array, segments: Array) -> Array:
@@ -318,6 +336,20 @@ class Table(Maneuver):
     def segments_s(self) -> tuple[float, ...]:
         """From the end of the trim segment to the last row [s]."""
         return (self.t_s[-1],)
+
+    @property
+    def peak_deg(self) -> float:
+        """The command that is farthest from trim [deg]."""
+        return max((*self.delta_a_deg, *self.delta_r_deg), key=abs)
+
+    def with_peak(self, peak_deg: float) -> Self:
+        """Return the table with both columns in proportion; ValueError where all is trim."""
+        if not self.peak_deg:
+            raise ValueError("the table stays at trim: give a command other than 0")
+        factor = peak_deg / self.peak_deg
+        columns = (self.delta_a_deg, self.delta_r_deg)
+        a, r = (tuple(factor * command for command in column) for column in columns)
+        return replace(self, delta_a_deg=a, delta_r_deg=r)
 
     def commands(self, elapsed: Array, segments: Array) -> Array:
         """The table at the planned time that each sample, stretched, stands for."""

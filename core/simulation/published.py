@@ -48,6 +48,19 @@ AircraftClass = Literal["fighter", "transport", "light"]
 
 
 @dataclass(frozen=True)
+class UsualTest:
+    """The test to begin with on an aircraft: a rudder doublet that about a quarter of it fails.
+
+    control_law: its name in CONTROL_LAWS.   doublet_deg: amplitude of the usual doublet [deg].
+    limit_g: limit of the lateral acceleration [g].
+    """
+
+    control_law: str
+    doublet_deg: float
+    limit_g: float
+
+
+@dataclass(frozen=True)
 class PublishedModel:
     """Stability derivatives of one aircraft in one straight and level flight condition.
 
@@ -56,6 +69,7 @@ class PublishedModel:
         of beta_dot [rad/s], p_dot [rad/s2], r_dot [rad/s2]; Y is divided by m V, so it is in 1/s.
     phi_to_beta, r_to_phi: g cos(theta0) / V [1/s] and tan(theta0) as the source rounded them, where
         its own V and theta0 do not give the printed digits.
+    usual_test: the test that recipes, forms and the command line begin with.
     """
 
     title: str
@@ -63,6 +77,7 @@ class PublishedModel:
     condition: str
     reference: str
     checked: str
+    usual_test: UsualTest
     speed: float
     alpha0: float
     theta0: float
@@ -84,6 +99,7 @@ MODELS: dict[ModelName, PublishedModel] = {
         reference="Stevens, Lewis and Johnson, Aircraft Control and Simulation, 3rd ed., "
         "Example 5.3-1 (data base of NASA TP-1538)",
         checked="rows of A and B reproduced to 3-4 digits by an independent linearisation",
+        usual_test=UsualTest("f16_damper", doublet_deg=9.5, limit_g=0.5),
         speed=502 * FOOT,
         alpha0=0.03691,
         theta0=0.03691,
@@ -99,6 +115,7 @@ MODELS: dict[ModelName, PublishedModel] = {
         condition="Mach 0.8, sea level, theta 2 deg",
         reference="Cook, Flight Dynamics Principles, Assignment 3 (data of NASA CR-2144)",
         checked="transcribed; modes not checked against a published value",
+        usual_test=UsualTest("f104a_damper", doublet_deg=3.9, limit_g=0.5),
         speed=893.152 * FOOT,
         alpha0=radians(2.0),
         theta0=radians(2.0),
@@ -113,6 +130,7 @@ MODELS: dict[ModelName, PublishedModel] = {
         condition="power approach, 228 ft/s, Mach 0.204, sea level, 11,800 lb, bare airframe",
         reference="Heffley and Jewell, NASA CR-2144 (1972), Tables II-1, II-2, II-7",
         checked="spiral, roll and Dutch roll agree with NASA CR-2144, Table II-8",
+        usual_test=UsualTest("nt33a_damper", doublet_deg=8.9, limit_g=0.1),
         speed=228 * FOOT,
         alpha0=radians(2.2),
         theta0=radians(2.2),
@@ -128,6 +146,7 @@ MODELS: dict[ModelName, PublishedModel] = {
         reference="Cook, Flight Dynamics Principles, Example 4.2 (from NASA CR-2144)",
         checked="magnitudes within 1 % of the published state matrix; the sign of L_r is not "
         "confirmed",
+        usual_test=UsualTest("f4c_damper", doublet_deg=9.2, limit_g=0.1),
         speed=178.0,
         alpha0=radians(9.4),
         theta0=radians(9.4),
@@ -142,6 +161,7 @@ MODELS: dict[ModelName, PublishedModel] = {
         reference="Cook, Flight Dynamics Principles, Example 7.1 (data of Teper, 1969)",
         checked="modes agree with the published characteristic polynomial; the numbers were "
         "recalled, not copied from the page",
+        usual_test=UsualTest("none", doublet_deg=5.0, limit_g=0.1),
         speed=468.2 * FOOT,
         alpha0=0.0,
         theta0=0.0,
@@ -157,6 +177,7 @@ MODELS: dict[ModelName, PublishedModel] = {
         reference="Heffley and Jewell, NASA CR-2144, as printed in MathWorks Control System "
         'Toolbox, "Yaw Damper Design for a 747 Jet Aircraft"',
         checked="poles agree with those published with the matrices",
+        usual_test=UsualTest("b747_yaw_damper_mathworks", doublet_deg=12.2, limit_g=0.1),
         speed=235.9,
         alpha0=0.0802,
         theta0=0.0802,
@@ -174,6 +195,7 @@ MODELS: dict[ModelName, PublishedModel] = {
         reference="identified from the flight data of Jategaonkar, Flight Vehicle System "
         "Identification, 2nd ed., AIAA 2015",
         checked="output error on two flight records; R2 0.97-0.998 on five channels",
+        usual_test=UsualTest("attas_damper", doublet_deg=6.4, limit_g=0.2),
         speed=131.0,
         alpha0=radians(2.15),
         theta0=radians(1.6),

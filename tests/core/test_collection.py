@@ -4,7 +4,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from core.collection import CollectionError, DatasetRecipe, SensorNoise, Simulator, collect
+from core.collection import CollectionError, DatasetRecipe, Simulator, collect
+from core.planned_test import SensorNoise
 from core.simulation.aircraft import AIRCRAFT, PublishedAircraft, Uncertainty
 from core.simulation.control_law import CONTROL_LAWS
 from core.simulation.maneuver import MANEUVERS

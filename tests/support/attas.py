@@ -12,8 +12,9 @@ from app.scoring import score as score_repaired
 from app.telemetry.timing.repair import repair
 from app.telemetry.traces import Trace, Traces
 from core.channels import KEYS
-from core.collection import DatasetRecipe, Rollouts, SensorNoise, Simulator, collect
+from core.collection import DatasetRecipe, Rollouts, Simulator, collect
 from core.monitor import Monitor, MonitorRecipe
+from core.planned_test import SensorNoise
 from core.simulation.aircraft import PublishedAircraft
 from core.simulation.control_law import CONTROL_LAWS
 from core.simulation.maneuver import Doublet

@@ -17,8 +17,9 @@ from app.flights.sources import (
 from app.flights.track import SourceError, Track, times
 from app.recipes import RecipeError, to_plain
 from app.store.store import NotFound, Store, open_store
-from core.collection import DatasetRecipe, SensorNoise, Simulator, collect
+from core.collection import DatasetRecipe, Simulator, collect
 from core.monitor import Monitor, MonitorRecipe, train
+from core.planned_test import SensorNoise
 
 RECIPE = DatasetRecipe(n_unsafe=4, n_obs=10, seed=3)
 NOISY = replace(RECIPE, noise=SensorNoise(p=0.01))

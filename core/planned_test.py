@@ -1,0 +1,183 @@
+"""The planned test: a manoeuvre on an uncertain aircraft, what unsafe means, its simulation."""
+
+from dataclasses import dataclass, fields
+from typing import NamedTuple
+
+import numpy as np
+
+from core.channels import KEYS
+from core.simulation.aircraft import AIRCRAFT, Aircraft
+from core.simulation.control_law import CONTROL_LAWS, ControlLaw, check_usable
+from core.simulation.maneuver import MANEUVERS, Maneuver
+from core.simulation.rollout import roll_out
+from core.specification import Limits
+from core.types import Array, Flags, Indices
+
+DEFAULT_AIRCRAFT = AIRCRAFT["f16_sl_h0_v502"]
+USUAL = DEFAULT_AIRCRAFT.usual_test
+MOST_SAMPLES = 20_000
+"""Steps of a rollout, so that a chunk of them stays within memory."""
+
+
+@dataclass(frozen=True)
+class SensorNoise:
+    """White Gaussian noise on what the monitor sees, 1 sigma a channel in its SI unit.
+
+    It is not fed back; the specification judges the outputs without it.
+    """
+
+    beta: float = 0.0
+    p: float = 0.0
+    r: float = 0.0
+    Ny: float = 0.0
+    delta_a: float = 0.0
+    delta_r: float = 0.0
+
+    def __post_init__(self) -> None:
+        """Refuse a deviation that is negative or not a number."""
+        for field in fields(self):
+            if not 0 <= getattr(self, field.name) < np.inf:
+                raise ValueError(
+                    f"noise {field.name}={getattr(self, field.name)} was given: a standard "
+                    "deviation is a finite number, 0 or more"
+                )
+
+    def add_to(self, y: Array, rng: np.random.Generator) -> None:
+        """Add noise to y (n, n_samples, 6) in place, channel by channel."""
+        for c, key in enumerate(KEYS):
+            if deviation := getattr(self, key):
+                y[..., c] += deviation * rng.standard_normal(y.shape[:2])
+
+
+class Rollouts(NamedTuple):
+    """Labelled trajectories of one manoeuvre.
+
+    y: (n, n_samples, 6) measured outputs.   fail_index: (n,) first sample that exceeds a limit,
+    n_samples for a safe rollout.   theta: (n, n_parameters).
+    """
+
+    y: Array
+    fail_index: Indices
+    theta: Array
+
+    @property
+    def is_unsafe(self) -> Flags:
+        """(n,) whether the rollout exceeds a limit."""
+        return self.fail_index < self.y.shape[1]
+
+    def some(self, which: slice | Flags) -> "Rollouts":
+        """Return the rollouts of a slice or a mask."""
+        return Rollouts(self.y[which], self.fail_index[which], self.theta[which])
+
+
+@dataclass(frozen=True)
+class DatasetRecipe:
+    """The planned test and how much of it to simulate.
+
+    The default is the usual test of an F-16: with yaw and roll damper, on a rudder doublet that
+    about a quarter of the aircraft fail.
+    """
+
+    aircraft: Aircraft = DEFAULT_AIRCRAFT
+    control_law: ControlLaw = CONTROL_LAWS[USUAL.control_law]
+    maneuver: Maneuver = MANEUVERS["rudder_doublet"].with_peak(USUAL.doublet_deg)  # noqa: RUF009
+    specification: Limits = Limits(Ny=USUAL.limit_g)  # noqa: RUF009
+    noise: SensorNoise = SensorNoise()
+    dt: float = 0.05
+    """sample interval of the telemetry [s]."""
+    substeps: int = 1
+    """parts of dt after which limits are checked; a crossing between two samples then counts at the
+    later one."""
+    n_unsafe: int = 50
+    """unsafe rollouts to collect."""
+    n_obs: int = 50
+    """observation times kept of each safe rollout."""
+    seed: int = 0
+    """of every random draw; the same recipe makes the same dataset."""
+    max_rollouts: int = 1_000_000
+    """budget; a collection that cannot end within it stops early."""
+    max_safe: int = 50_000
+    """safe rollouts kept, the first ones; more are counted only."""
+
+    def __post_init__(self) -> None:
+        """Refuse sizes that make no dataset."""
+        if not 0 < self.dt < self.maneuver.duration_s:
+            raise ValueError(
+                f"dt={self.dt} s was given: it must be positive and shorter than the manoeuvre's "
+                f"{self.maneuver.duration_s:g} s"
+            )
+        n_samples = self.maneuver.n_samples(self.dt)
+        if n_samples * self.substeps > MOST_SAMPLES:
+            raise ValueError(
+                f"a rollout of {n_samples} samples in {self.substeps} substeps was asked for: at "
+                f"most {MOST_SAMPLES} steps fit, choose a larger dt or a shorter manoeuvre"
+            )
+        for name, lowest in {
+            "substeps": 1,
+            "n_unsafe": 2,
+            "n_obs": 1,
+            "seed": 0,
+            "max_rollouts": 1,
+            "max_safe": 1,
+        }.items():
+            if getattr(self, name) < lowest:
+                raise ValueError(
+                    f"{name}={getattr(self, name)} was given: it must be at least {lowest}"
+                )
+        if self.n_obs > n_samples:
+            raise ValueError(
+                f"n_obs={self.n_obs} was given: a rollout has {n_samples} samples, choose fewer "
+                "observation times or a smaller dt"
+            )
+
+    @property
+    def n_steps(self) -> int:
+        """Steps that a rollout is computed in."""
+        return self.maneuver.n_samples(self.dt) * self.substeps
+
+    @classmethod
+    def usual(cls, aircraft: Aircraft) -> "DatasetRecipe":
+        """The test to begin with on this aircraft: about a quarter of the rollouts fail it."""
+        usual = aircraft.usual_test
+        return cls(
+            aircraft=aircraft,
+            control_law=CONTROL_LAWS[usual.control_law],
+            maneuver=MANEUVERS["rudder_doublet"].with_peak(usual.doublet_deg),
+            specification=Limits(Ny=usual.limit_g),
+        )
+
+
+class Simulator:
+    """The planned test made ready to roll out on random aircraft."""
+
+    def __init__(self, recipe: DatasetRecipe) -> None:
+        self.recipe = recipe
+        self.plant = recipe.aircraft.uncertain_plant()
+        self.controller = recipe.control_law.controller(self.plant)
+        check_usable(
+            self.plant,
+            self.controller,
+            recipe.control_law.actuator,
+            recipe.maneuver.duration_s,
+        )
+
+    def rollouts(self, n: int, rng: np.random.Generator) -> Rollouts:
+        """Roll out n aircraft drawn from D_theta."""
+        recipe = self.recipe
+        theta = self.plant.sample(n, rng)
+        y = roll_out(
+            self.plant.plants(theta),
+            self.controller,
+            recipe.control_law.actuator,
+            recipe.maneuver.pilot(recipe.dt, n, rng),
+            recipe.dt,
+            pedal_lag_s=recipe.maneuver.pedal_lag_s,
+            substeps=recipe.substeps,
+        )
+        first = recipe.specification.first_exceedance(y)
+        if recipe.substeps > 1:
+            first = -(-first // recipe.substeps)
+            y = np.ascontiguousarray(y[:, :: recipe.substeps])
+            first = np.minimum(first, y.shape[1])
+        recipe.noise.add_to(y, rng)
+        return Rollouts(y, first, theta)
