@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable, Sequence
 
+import numpy as np
 from pydantic import BaseModel, Field
 
 from app.store.alarms import StoredAlarm
@@ -12,6 +13,8 @@ from core.monitor.assessment import STATES
 from core.monitor.status import Facts, Headline, headline
 
 RUNNING = "running"
+BEFORE, JUMP = 20, 5.0
+"""Samples before an exceedance that must have been flown; steps that are no step of the flight."""
 
 
 class Verdict(BaseModel):
@@ -49,22 +52,42 @@ def records(store: Store, flights: Iterable[FlightInfo]) -> dict[str, Record]:
                     has_exceeded=any(one.kind == "limit" for one in alarms.get(info.id, ())),
                 )
             ),
-            verdict=verdict(alarms.get(info.id, ())),
+            verdict=_verdict(store, info, alarms.get(info.id, ())),
         )
         for info in over
     }
 
 
-def verdict(alarms: Sequence[StoredAlarm]) -> Verdict | None:
-    """Whether a limit was exceeded, and how long before it the last alarm of a risk was."""
-    times = [alarm.t for alarm in alarms if _exceeds_from_trim(alarm)]
-    if not times:
+def verdict(alarms: Sequence[StoredAlarm], jumped: bool = False) -> Verdict | None:
+    """Whether a limit was exceeded, and how long before it the last alarm of a risk was.
+
+    jumped: what came before the first exceedance was not flown, so nobody could have been warned.
+    """
+    first = first_exceedance(alarms)
+    if first is None:
         return None
-    first = min(times)
-    ahead = [alarm.t for alarm in alarms if alarm.kind == "risk" and alarm.t <= first]
-    lead = first - max(ahead) if ahead else None
-    warned = "no warning" if lead is None else f"warned {lead:.2f} s before"
-    return Verdict(exceeded_t=first, lead=lead, text=f"LIMIT EXCEEDED, {warned}")
+    ahead = [alarm.t for alarm in alarms if alarm.kind == "risk" and alarm.t <= first.t]
+    lead = first.t - max(ahead) if ahead else None
+    none = "what came before it was not flown" if jumped else "no warning"
+    warned = none if lead is None else f"warned {lead:.2f} s before"
+    return Verdict(exceeded_t=first.t, lead=lead, text=f"LIMIT EXCEEDED, {warned}")
+
+
+def first_exceedance(alarms: Sequence[StoredAlarm]) -> StoredAlarm | None:
+    """The alarm of the earliest exceedance from trim."""
+    return min(filter(_exceeds_from_trim, alarms), key=lambda alarm: alarm.t, default=None)
+
+
+def _verdict(store: Store, info: FlightInfo, alarms: Sequence[StoredAlarm]) -> Verdict | None:
+    first = first_exceedance(alarms)
+    return None if first is None else verdict(alarms, _jumped(store, info, first.seq))
+
+
+def _jumped(store: Store, info: FlightInfo, seq: int) -> bool:
+    """Whether the samples just before this one were not flown: a seek came between."""
+    dt = store.monitors.info(info.monitor_id).dt
+    steps = np.diff(store.flights.assessments(info.id, max(seq - BEFORE, 0), seq).t)
+    return bool(((steps <= 0.0) | (steps > JUMP * dt)).any())
 
 
 def _exceeds_from_trim(alarm: StoredAlarm) -> bool:

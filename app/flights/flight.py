@@ -140,14 +140,14 @@ class Flight(ABC):
         """What its headline is decided from."""
         said, exceeded = self._said, (self._exceeded_t, self.fail_t)
         return Facts(
-            exceeds=self._exceeds,
+            exceeds=self._exceeds and not self.is_over,
             alarm=self.alarms.n_open > 0,
-            alert=said is not None and bool(said.alert),
+            alert=said is not None and bool(said.alert) and not self.is_over,
             stale=self.state is State.STALE,
             invalid=said is not None and said.state is State.INVALID,
             warming_up=self.state is State.WARMING_UP,
             calibrated=self.is_checked,
-            has_exceeded=any(t is not None and t < self.t for t in exceeded),
+            has_exceeded=self._exceeds or any(t is not None and t < self.t for t in exceeded),
         )
 
     @property

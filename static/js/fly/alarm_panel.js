@@ -125,7 +125,7 @@ export function createAlarmPanel(element, { tone, acknowledge }) {
       assessment = now;
       render();
     },
-    setLinked: (linked) => put(quiet, linked ? "No alarm waits. " : "▲ Not connected: new alarms are not known. "),
+    setLinked: (linked) => put(quiet, linked ? "No alarm waits. " : "◆ Not connected: new alarms are not known. "),
     take,
     setHeadline: (now) => {
       if (now.status === status) return;

@@ -12,6 +12,8 @@ import { showFlightRecord } from "./record.js";
 import { showFlightStart } from "./start.js";
 
 const AGAIN = 1000; // ms between attempts to reach a server that does not answer
+const SOON = 300; // ms between looks at a flight whose record is being completed
+const LOOKS = 10; // before it is shown as far as it is there
 
 export function show(element, context) {
   const { id, api } = context;
@@ -19,6 +21,7 @@ export function show(element, context) {
   let part = { close: () => {} };
   let closed = false;
   let timer = 0;
+  let looks = 0;
 
   function replace(view, more) {
     part.close();
@@ -30,6 +33,10 @@ export function show(element, context) {
     try {
       const flight = await api.get(`/flights/${encodeURIComponent(id)}`);
       if (closed) return;
+      if (flight.progress === "ending" && looks++ < LOOKS) {
+        timer = setTimeout(open, SOON, why); // its record is being completed
+        return;
+      }
       if (flight.progress === "running") replace(showLiveFlight, { over: open });
       else replace(showFlightRecord, { flight, why });
     } catch (error) {

@@ -230,5 +230,5 @@ function bindControls(element, keys) {
 
 function lostText(seconds) {
   const when = seconds >= 1 ? `in ${seconds.toFixed(0)} s` : "now";
-  return `▲ Connection lost. Nothing shown is live. The page connects again by itself, next ${when}; if that goes on, check that the server runs.`;
+  return `◆ Connection lost. Nothing shown is live. The page connects again by itself, next ${when}; if that goes on, check that the server runs.`;
 }

@@ -182,3 +182,19 @@ def test_the_verdict_of_a_flight_that_exceeded_says_how_it_was_warned(
 def test_the_verdict_is_the_monitor_s_own_from_trim() -> None:
     assert verdict([stored("limit", 1.0, "recorded"), stored("risk", 0.5)]) is None
     assert verdict([]) is None
+
+
+def test_a_flight_that_was_sought_to_its_exceedance_is_not_said_to_have_had_no_warning() -> None:
+    found = verdict([stored("limit", 1.31)], jumped=True)
+    assert found is not None
+    assert found.text == "LIMIT EXCEEDED, what came before it was not flown"
+
+
+def test_what_a_flight_that_is_over_showed_last_is_not_now() -> None:
+    flown = Flown(exact_monitor(), np.full((N_SAMPLES, 6), 0.529)).start()
+    flown.flight.act("pause")
+    flown.flight.is_checked = True
+    flown.flight.acknowledge("1", "FTE", "now")
+    assert flown.flight.headline.status == "exceeding"
+    flown.flight._halt("done")
+    assert flown.flight.headline.status == "exceeded"

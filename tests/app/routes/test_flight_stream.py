@@ -205,6 +205,15 @@ def test_an_alarm_is_acknowledged_over_rest_and_told_to_all(server: Server) -> N
     problem(server.client.post(f"{alarms}/99/acknowledge"), 404)
 
 
+def test_the_verdict_of_a_flight_that_was_sought_to_its_exceedance(server: Server) -> None:
+    flight = server.start()
+    server.steer(flight["id"], "pause")
+    server.steer(flight["id"], "seek", flight["fail_t"])
+    server.client.post(f"{URL}/{flight['id']}/end")
+    verdict = server.client.get(f"{URL}/{flight['id']}").json()["verdict"]
+    assert verdict["text"] == "LIMIT EXCEEDED, what came before it was not flown"
+
+
 def test_the_headline_is_told_by_list_flight_and_stream_and_the_verdict_at_the_end(
     server: Server,
 ) -> None:
