@@ -11,7 +11,10 @@ with arrays beside it, are read as these sections.
 import hashlib
 import io
 import json
+import math
+import struct
 import zipfile
+import zlib
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -38,6 +41,20 @@ MONITOR_ARRAYS = (
 )
 SUPPORT_ARRAYS = ("sigma", "safe", "unsafe")
 SUPPORT_FIELDS = ("n_samples", "level")
+UNFOLDS_BY, UNFOLDS_TO = 8, 16 * 2**20
+"""A file's arrays may take so many times its size, or so many bytes if that is more. Those of
+trained monitors take less than twice its size."""
+COMPRESSIONS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
+LONGEST_TEXT = 4 * 2**20
+LONGEST_REASON = 300
+DEEPEST = 32
+"""Objects within one another in what a header says."""
+UNREADABLE = (
+    *(ValueError, KeyError, TypeError, AttributeError, ArithmeticError, EOFError),
+    *(OSError, RecursionError, NotImplementedError, RuntimeError),
+    *(zipfile.BadZipFile, zlib.error, struct.error),
+)
+"""What the libraries raise on an archive that no monitor's writer made."""
 EXACT_ARRAYS = ("points", "unsafe", "safe", "start", "alphas")
 
 
@@ -97,29 +114,95 @@ def unpack(blob: bytes, name: str) -> dict[str, Section]:
             "where it was trained"
         )
     try:
-        with np.load(io.BytesIO(body), allow_pickle=False) as archive:
-            arrays = {key: archive[key] for key in archive.files}
+        arrays = _inflate(body)
         if int(number) < FORMAT:
-            return _of_older_format(json.loads(arrays.pop("header").tobytes()), arrays)
-        index = json.loads(arrays.pop(INDEX).tobytes())
-        sections = [_section(entry, arrays) for entry in index]
-    except (ValueError, KeyError, TypeError, EOFError, zipfile.BadZipFile) as error:
+            return _of_older_format(_plain(arrays.pop("header")), arrays)
+        return _known([_section(entry, arrays) for entry in _plain(arrays.pop(INDEX))], name)
+    except MonitorFileError:
+        raise
+    except UNREADABLE as error:
         raise MonitorFileError(
-            f"{name} holds no monitor ({error}): choose a file written by `forewarn train`"
+            f"{name} holds no monitor ({in_short(error)}): choose a file written by "
+            "`forewarn train`"
         ) from error
-    return _known(sections, name)
+
+
+def _inflate(body: bytes) -> dict[str, npt.NDArray[Any]]:
+    """The arrays of an npz archive, whose sizes are looked at before any is inflated."""
+    with zipfile.ZipFile(io.BytesIO(body)) as archive:
+        members = archive.infolist()
+        most = max(UNFOLDS_TO, UNFOLDS_BY * len(body))
+        if (size := sum(member.file_size for member in members)) > most:
+            raise ValueError(f"its {len(body)} bytes unfold to {size}, {most} at most are read")
+        if any(member.compress_type not in COMPRESSIONS for member in members):
+            raise ValueError("it is compressed in a way that no monitor is")
+        if len({member.filename for member in members}) < len(members):
+            raise ValueError("it has two arrays of one name")
+        return {member.filename.removesuffix(".npy"): _array(archive, member) for member in members}
+
+
+def _array(archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> npt.NDArray[Any]:
+    """One array of numbers; ValueError where it declares another size than it has."""
+    with archive.open(member) as file:
+        version = np.lib.format.read_magic(file)
+        header = np.lib.format.read_array_header_1_0 if version == (1, 0) else None
+        if header is None:
+            raise ValueError(f"{member.filename} is of a kind that no monitor has")
+        shape, by_columns, dtype = header(file)
+        if dtype.kind not in "biuf":
+            raise ValueError(f"{member.filename} holds {dtype} instead of numbers")
+        if math.prod(shape) * dtype.itemsize != member.file_size - file.tell():
+            raise ValueError(f"{member.filename} has not the size that it declares, {shape}")
+        flat = np.frombuffer(file.read(), dtype)
+    return flat.reshape(shape, order="F" if by_columns else "C").copy(order="K")
+
+
+def _plain(text: npt.NDArray[Any]) -> Any:
+    """What an array of JSON says; ValueError where it is too long, or could not be sent on."""
+    if text.nbytes > LONGEST_TEXT:
+        raise ValueError(f"its header has {text.nbytes} bytes")
+    plain = json.loads(text.tobytes())
+    _check_plain(plain)
+    return plain
+
+
+def _check_plain(value: object, depth: int = 0) -> None:
+    """Refuse plain data that could not be stored or sent on: no number, no text, too deep."""
+    if depth > DEEPEST:
+        raise ValueError(f"its header nests deeper than {DEEPEST} levels")
+    if isinstance(value, float) and not math.isfinite(value):
+        raise ValueError(f"its header holds {value}, which is no number")
+    if isinstance(value, str):
+        value.encode()
+    if isinstance(value, Mapping):
+        value = [*value, *value.values()]
+    if isinstance(value, list):
+        for part in value:
+            _check_plain(part, depth + 1)
+
+
+def in_short(error: BaseException) -> str:
+    """What an error says, on one line of a length that can be read."""
+    text = " ".join(str(error).split())
+    return text if len(text) <= LONGEST_REASON else f"{text[: LONGEST_REASON - 3]}..."
 
 
 def _section(entry: Mapping[str, Any], arrays: Mapping[str, npt.NDArray[Any]]) -> Section:
     prefix = f"{entry['name']}/"
     own = {key.removeprefix(prefix): a for key, a in arrays.items() if key.startswith(prefix)}
-    return Section(**entry, arrays=own)
+    section = Section(**entry, arrays=own)
+    kinds = {"name": str, "version": int, "required": bool, "header": dict}
+    if wrong := [key for key, kind in kinds.items() if type(getattr(section, key)) is not kind]:
+        raise ValueError(f"a section's {wrong[0]} is {getattr(section, wrong[0])!r}")
+    return section
 
 
 def _known(sections: Iterable[Section], name: str) -> dict[str, Section]:
     """The sections that are known here; MonitorFileError for a required one that is not."""
     known = {}
     for section in sections:
+        if section.name in known:
+            raise ValueError(f"it has two sections {section.name!r}")
         if section.version <= VERSIONS.get(section.name, 0):
             known[section.name] = section
         elif section.required:

@@ -51,7 +51,7 @@ class Support:
         for name, array in (("safe", self.safe), ("unsafe", self.unsafe)):
             if array.dtype != np.float64 or array.shape != (len(array), 2) or not len(array):
                 raise ValueError(f"support {name} is {array.dtype} {array.shape}")
-            if np.isnan(array).any() or (np.diff(array, axis=0) < 0).any():
+            if np.isnan(array).any() or (array[1:] < array[:-1]).any():
                 raise ValueError(f"support {name} is not sorted")
         if self.sigma.dtype != np.float64 or self.sigma.shape != (N_CHANNELS,):
             raise ValueError(f"support sigma is {self.sigma.dtype} {self.sigma.shape}")

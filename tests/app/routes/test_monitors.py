@@ -1,4 +1,5 @@
 import hashlib
+import math
 
 import numpy as np
 import pytest
@@ -9,6 +10,7 @@ from core.channels import KEYS
 from core.collection import DatasetRecipe, evaluation_flights
 from core.monitor import MonitorRecipe, train
 from core.monitor.loading import from_bytes
+from core.monitor.portable import pack, unpack
 from tests.support.api import api, finished, problem, store_of
 
 DATASET = {"n_unsafe": 12, "n_obs": 20, "seed": 4}
@@ -191,3 +193,43 @@ def test_a_file_that_is_no_whole_monitor_is_refused(client, monitor, cut):
 @pytest.mark.parametrize("path", ["", "/calibration", "/evaluation", "/file"])
 def test_an_unknown_monitor_is_not_found(client, path):
     assert "nothing" in problem(client.get(f"/api/v1/monitors/nothing{path}"), 404)
+
+
+def with_header(content: bytes, **changes: object) -> bytes:
+    """The same monitor file with other values in its header, signed again."""
+    sections = unpack(content, "m")
+    monitor = sections["monitor"]
+    changed = monitor._replace(header={**monitor.header, **changes})
+    return pack({**sections, "monitor": changed}.values())
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"dt": math.nan},
+        {"dt": 0},
+        {"h": -3},
+        {"dataset_recipe": {"n_unsafe": math.inf}},
+        {"dataset_recipe": {"kind": "\ud800"}},
+        {"version": "0" * 10_000_000},
+    ],
+    ids=str,
+)
+def test_a_file_of_no_sense_is_refused(client, monitor, changes):
+    content = with_header(monitor.to_bytes(), **changes)
+    assert len(problem(upload(client, content), 422)) < 500
+
+
+@pytest.mark.parametrize("number", [2**63, 2**64, 10**400, -(10**400)])
+def test_a_number_of_any_size_is_said_again_or_refused(client, monitor, number):
+    content = with_header(monitor.to_bytes(), dataset_recipe={"seed": number})
+    answer = upload(client, content)
+    if answer.status_code != 201:
+        problem(answer, 422)
+    assert client.get("/api/v1/monitors").status_code == 200
+
+
+def upload(client, content):
+    """Send a portable monitor."""
+    headers = {"content-type": "application/octet-stream"}
+    return client.post("/api/v1/monitors", content=content, headers=headers)

@@ -22,6 +22,7 @@ from core.monitor.support import Support
 from core.recipe import from_plain, to_plain
 from core.specification import Limits, Specification
 from tests.support.oscillator import DT, THETA, Array
+from tests.support.stored import EVALUATION
 
 RECIPES = {
     "simple": MonitorRecipe(),
@@ -83,7 +84,7 @@ def test_a_support_comes_back_to_the_bit(dataset: Dataset, flights: Array, tmp_p
 def test_the_file_carries_what_is_known_and_nothing_else(dataset: Dataset, tmp_path: Path) -> None:
     """Limits and validity are sections that must be known, the evaluation one that may be."""
     bare = replace(train(dataset), specification=None)
-    known = replace(with_support(dataset), evaluation={"n_test": 3, "misses": [1, None]})
+    known = replace(with_support(dataset), evaluation=EVALUATION)
     for monitor, names in (
         (bare, ["monitor", "specification"]),
         (known, ["monitor", "specification", "validity", "evaluation"]),

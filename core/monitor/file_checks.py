@@ -1,0 +1,228 @@
+"""What a monitor's file must hold, field by field: kernels trust it without looking again.
+
+Every check raises ValueError with what is wrong in the words of the file.
+"""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import fields
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from core.channels import N_CHANNELS
+from core.kernels.p_value import Transduction
+from core.monitor.observation import lead_steps
+from core.monitor.predictor import Affine
+from core.monitor.recipe import MonitorRecipe
+from core.monitor.support import Support
+from core.recipe import RecipeError
+from core.types import Array
+
+MOST_LEAD = 100_000
+"""Samples of lead: as many forecasts are held for each flight."""
+MAY_BE_INFINITE = ("alphas", "training_max_abs")
+AT_EPSILON = ("misses", "false_alerts")
+
+
+def check_header(header: Mapping[str, Any], recipe: MonitorRecipe) -> None:
+    """Refuse a header whose numbers are no monitor's."""
+    dt, h = header["dt"], header["h"]
+    if not (_is_number(dt) and 0 < dt < math.inf):
+        raise ValueError(f"dt is {dt!r} instead of a positive number of seconds")
+    if not (_is_count(h) and 1 <= h <= MOST_LEAD):
+        raise ValueError(f"h is {h!r} instead of 1 to {MOST_LEAD} samples")
+    if h != lead_steps(recipe.t_early, dt):
+        raise ValueError(f"h is {h} where t_early={recipe.t_early} s is asked at dt={dt} s")
+    seed, names = header["seed"], header["theta_names"]
+    if not (seed is None or _is_count(seed, math.inf)):
+        raise ValueError(f"seed is {seed!r} instead of an integer of 0 or more")
+    if not (isinstance(names, list) and all(isinstance(name, str) for name in names)):
+        raise ValueError("theta_names is no list of names")
+    for key, kind in (("dataset_recipe", dict), ("dataset_digest", str), ("version", str)):
+        if not isinstance(header[key], kind):
+            raise ValueError(f"{key} is {header[key]!r:.40}")
+
+
+def recipe_of(default: Any, values: Mapping[str, Any], where: str) -> Any:
+    """Return another of the default's class, whose values are of the kinds of the default's."""
+    for field in fields(default):
+        usual, value = getattr(default, field.name), values[field.name]
+        if isinstance(usual, float) and _is_number(value):
+            continue
+        if type(value) is not type(usual) and not hasattr(usual, "__dataclass_fields__"):
+            raise RecipeError(f"{where}.{field.name} is {value!r:.40}")
+    return type(default)(**values)
+
+
+def check_arrays(
+    recipe: MonitorRecipe,
+    affine: Affine,
+    exact: Transduction,
+    header: Mapping[str, Any],
+    arrays: Mapping[str, npt.NDArray[Any]],
+) -> None:
+    """Refuse arrays that do not fit together, or hold what no training gives."""
+    _check_shapes(recipe, affine, exact, header, arrays)
+    scale, alphas = arrays["scale"], arrays["alphas"]
+    finite = affine._asdict() | {key: a for key, a in arrays.items() if key not in MAY_BE_INFINITE}
+    finite |= {"exact points": exact.points, "exact safe": exact.safe}
+    for name, array in finite.items():
+        if not np.isfinite(array).all():
+            raise ValueError(f"{name} holds what is no finite number")
+    if (scale <= 0).any():
+        raise ValueError(f"scale holds {scale.min()}: a channel's unit is positive")
+    if not (arrays["training_max_abs"] >= 0).all():
+        raise ValueError("training_max_abs holds what is no magnitude")
+    check_alphas(alphas, header["n_early"])
+    if recipe.score.channel < 0 and not (
+        len(arrays["safe_points"]) and len(arrays["unsafe_points"]) == len(alphas) - _early(alphas)
+    ):
+        raise ValueError("it has not the points of its failures and of its safe flights")
+    _check_exact(recipe, exact, alphas)
+
+
+def check_alphas(alphas: Array, n_early: object) -> None:
+    """Refuse calibration scores that are not sorted, and a count that is not theirs.
+
+    n_early: failures that came too early to be warned of, whose score is +inf.
+    """
+    if not len(alphas) or np.isnan(alphas).any() or alphas[0] == -math.inf:
+        raise ValueError("alphas holds no scores, or what is no number")
+    if (alphas[1:] < alphas[:-1]).any():
+        raise ValueError("alphas is not sorted")
+    if not (_is_count(n_early) and n_early == _early(alphas)):
+        raise ValueError(
+            f"n_early is {n_early!r} where {_early(alphas)} of {len(alphas)} failures came too "
+            "early to be warned of"
+        )
+
+
+def _check_exact(recipe: MonitorRecipe, exact: Transduction, alphas: Array) -> None:
+    wanted = recipe.p_value == "exact" and recipe.score.channel < 0
+    if wanted != bool(len(exact.start)):
+        raise ValueError(f"its p-value is {recipe.p_value}, its section transduction says not so")
+    if not wanted:
+        return
+    if type(exact.running) is not bool or not _is_count(exact.always):
+        raise ValueError(f"transduction has always={exact.always!r}, running={exact.running!r}")
+    if exact.running != (recipe.calibration == "trajectory"):
+        raise ValueError(f"exact running does not fit the calibration {recipe.calibration!r}")
+    own = np.sort(np.append(exact.alphas, np.full(min(exact.always, len(alphas)), math.inf)))
+    if not np.array_equal(own, alphas):
+        raise ValueError("exact alphas are not the alphas")
+    if np.isnan(exact.unsafe).any() or (exact.unsafe < 0).any() or (exact.safe < 0).any():
+        raise ValueError("exact unsafe or exact safe holds what is no squared distance")
+
+
+def _check_shapes(
+    recipe: MonitorRecipe,
+    affine: Affine,
+    exact: Transduction,
+    header: Mapping[str, Any],
+    arrays: Mapping[str, npt.NDArray[Any]],
+) -> None:
+    d, n_parameters = len(affine.offset), len(header["theta_names"])
+    if recipe.predictor.maps_to_outputs and d != N_CHANNELS:
+        raise ValueError(f"its points have {d} entries instead of {N_CHANNELS}")
+    n_failures, n_samples = len(exact.alphas), len(exact.points)
+    shapes = {
+        "matrix": (affine.matrix, (N_CHANNELS * (recipe.n_delay + 1), d)),
+        "offset": (affine.offset, (d,)),
+        "scale": (arrays["scale"], (N_CHANNELS,)),
+        "training_max_abs": (arrays["training_max_abs"], (N_CHANNELS,)),
+        "alphas": (arrays["alphas"], (len(arrays["alphas"]),)),
+        "exact points": (exact.points, (n_samples, d if n_samples else 1)),
+        "exact unsafe": (exact.unsafe, (n_samples,)),
+        "exact safe": (exact.safe, (n_samples,)),
+        "exact alphas": (exact.alphas, (n_failures,)),
+    }
+    counts = [("exact start", exact.start, n_samples)] if len(exact.start) else []
+    for side in ("unsafe", "safe"):
+        points, where = arrays[f"{side}_points"], arrays[f"{side}_where"]
+        theta = arrays[f"theta_{side}"]
+        shapes[f"{side} points"] = (points, (len(points), d))
+        shapes[f"theta {side}"] = (theta, (len(theta), n_parameters))
+        if where.shape != (len(points), 2):
+            raise ValueError(f"{side} where has shape {where.shape}")
+        counts.append((f"{side} where", where[:, 0], len(theta) - 1))
+        counts.append((f"{side} where", where[:, 1], 2**31 - 1))
+    for name, (array, shape) in shapes.items():
+        if array.dtype != np.float64 or array.shape != shape:
+            raise ValueError(f"{name} is {array.dtype} {array.shape} instead of float64 {shape}")
+    for name, array, most in counts:
+        if array.dtype != np.int64 or (len(array) and not 0 <= array.min() <= array.max() <= most):
+            raise ValueError(f"{name} holds numbers outside 0 to {most}")
+    if len(exact.start) and (
+        len(exact.start) != n_failures + 1
+        or (exact.start[0], exact.start[-1]) != (0, n_samples)
+        or (np.diff(exact.start) < 0).any()
+    ):
+        raise ValueError("exact start does not delimit the failures' histories")
+    if len(exact.points) and not len(exact.start):
+        raise ValueError("exact points belong to no failure")
+
+
+def check_specification(plain: object) -> None:
+    """Refuse limits that are no numbers by channel, and what is neither limits nor a label."""
+    if isinstance(plain, dict):
+        if wrong := [key for key, n in plain.items() if not (n is None or _is_number(n))]:
+            raise ValueError(f"the limit of {wrong[0]!r} is {plain[wrong[0]]!r}")
+    elif not (plain is None or isinstance(plain, str)):
+        raise ValueError(f"its specification is {plain!r}")
+
+
+def check_support(support: Support, forecasts: bool) -> None:
+    """Refuse a support that no fresh flights give. forecasts: whether the predictor makes any."""
+    support.check()
+    known = np.isfinite(support.sigma)
+    if forecasts != known.all() or forecasts != known.any() or (support.sigma <= 0).any():
+        raise ValueError("support sigma holds what is no deviation of its forecasts")
+    if not (_is_count(support.n_samples) and support.n_samples >= 1):
+        raise ValueError(f"support n_samples is {support.n_samples!r}")
+    if not _is_number(support.level):
+        raise ValueError(f"support level is {support.level!r}")
+
+
+def check_evaluation(evaluation: Mapping[str, Any]) -> None:
+    """Refuse an evaluation from which no certificate can be told."""
+    n_unsafe, n_safe = evaluation["n_unsafe"], evaluation["n_safe"]
+    if not (_is_count(n_unsafe) and _is_count(n_safe)):
+        raise ValueError(f"evaluation counts n_unsafe={n_unsafe!r} and n_safe={n_safe!r}")
+    at, curves = evaluation["at_epsilon"], evaluation["curves"]
+    if not (isinstance(at, dict) and isinstance(curves, dict)):
+        raise ValueError("evaluation has no counts by name")
+    if not all(isinstance(values, list) for values in curves.values()):
+        raise ValueError("evaluation curves are no lists")
+    if len({len(values) for values in curves.values()}) > 1:
+        raise ValueError("evaluation curves have unequal lengths")
+    _check_counts([evaluation["epsilon"]], {key: [count] for key, count in at.items()}, evaluation)
+    _check_counts(curves["epsilon"], curves, evaluation)
+
+
+def _check_counts(
+    epsilons: Sequence[Any], counts: Mapping[str, Sequence[Any]], evaluation: Mapping[str, Any]
+) -> None:
+    """Refuse counts at miss rates that are not of so many flights."""
+    if not all(_is_number(epsilon) and 0 < epsilon < 1 for epsilon in epsilons):
+        raise ValueError("evaluation epsilon is no miss rate")
+    n_unsafe, n_safe = evaluation["n_unsafe"], evaluation["n_safe"]
+    withdrawn = counts.get("withdrawn", [0] * len(epsilons))
+    for missed, wrong, left in zip(*(counts[key] for key in AT_EPSILON), withdrawn, strict=True):
+        if not all(_is_count(count) for count in (missed, wrong, left)):
+            raise ValueError("evaluation misses, false_alerts or withdrawn is no count")
+        if missed + left > n_unsafe or wrong > n_safe:
+            raise ValueError("evaluation counts more than its flights")
+
+
+def _early(alphas: Array) -> int:
+    return int(np.isposinf(alphas).sum())
+
+
+def _is_count(value: object, most: float = 2**53) -> bool:
+    return type(value) is int and 0 <= value <= most
+
+
+def _is_number(value: object) -> bool:
+    return type(value) in (int, float)
