@@ -138,6 +138,7 @@ async def _lifespan(app: FastAPI) -> AsyncIterator[None]:
         metrics.gauge("scorings", "recordings being scored", lambda: scoring.n_under_way)
         metrics.gauge("jobs_running", "jobs that a worker is at", lambda: work.n_running)
         metrics.gauge("jobs_waiting", "jobs that wait for a worker", lambda: work.n_waiting)
+        await asyncio.to_thread(store.forget_copies)
         yield
 
 

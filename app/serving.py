@@ -4,6 +4,7 @@ import asyncio
 import socket
 from collections.abc import Awaitable, Callable, Iterator
 from contextlib import contextmanager
+from pathlib import Path
 from typing import Any
 
 import uvicorn
@@ -13,6 +14,7 @@ from uvicorn.protocols.websockets.auto import AutoWebSocketsProtocol
 
 from app.main import create_app
 from app.settings import Settings, SettingsError
+from app.store.database import address, file_of
 from app.store.store import open_store
 
 SEND_BUFFER = 32_768
@@ -104,8 +106,8 @@ def serve(settings: Settings, opened: Callable[[FastAPI, str], Awaitable[None]])
     with alone(settings):
         open_store(settings.url).close()
         listening = listen(settings)
-        address = address_of(listening, settings)
-        server = Server(create_app(settings), lambda app: opened(app, address))
+        here = address_of(listening, settings)
+        server = Server(create_app(settings), lambda app: opened(app, here))
         try:
             with asyncio.Runner(loop_factory=_loop_factory()) as runner:
                 runner.run(server.serve(sockets=[listening]))
@@ -117,23 +119,35 @@ def serve(settings: Settings, opened: Callable[[FastAPI, str], Awaitable[None]])
 
 @contextmanager
 def alone(settings: Settings) -> Iterator[None]:
-    """Hold the data directory, made where it is missing, for this process alone.
+    """Hold the data directory and an SQLite database for this process alone.
 
-    SettingsError where another process serves it, or it cannot be written.
+    The directory is made where it is missing. SettingsError where another process serves either, or
+    they cannot be written.
     """
-    lock = FileLock(settings.data_dir / "forewarn.lock", timeout=0, mode=0o600)
+    database = file_of(address(settings.url))
+    with _locked(settings.data_dir, settings.data_dir / "forewarn.lock", "--data-dir"):
+        if database is None:
+            yield
+            return
+        lock = database.with_name(f"{database.name}.lock")
+        with _locked(database, lock, "--database-url"):
+            yield
+
+
+@contextmanager
+def _locked(what: Path, path: Path, option: str) -> Iterator[None]:
+    """Hold a lock file. what: that it is of.   option: chooses another."""
+    lock = FileLock(path, timeout=0, mode=0o600)
     try:
-        settings.data_dir.mkdir(parents=True, exist_ok=True)
+        path.parent.mkdir(parents=True, exist_ok=True)
         lock.acquire()
     except Timeout:
         raise SettingsError(
-            f"another forewarn serves {settings.data_dir}: stop it, or choose another with "
-            "--data-dir"
+            f"another forewarn serves {what}: stop it, or choose another with {option}"
         ) from None
     except OSError as error:
         raise SettingsError(
-            f"{settings.data_dir} cannot be written ({error.strerror}): choose another with "
-            "--data-dir"
+            f"{what} cannot be written ({error.strerror}): choose another with {option}"
         ) from error
     try:
         yield

@@ -2,6 +2,7 @@
 
     recordings/<id>/file            the uploaded file, byte for byte
                     columns/        what was read from it
+                    digests.json    SHA-256 of each file of the columns
                     scorings/       samples and tiles of each scoring
     recordings/incoming/<id>/       a recording that is on its way in, or out
 
@@ -9,17 +10,23 @@ A folder moves in and out in one step, so that what lies under `recordings/<id>`
 """
 
 import errno
+import json
 import logging
 import os
 import shutil
-from collections.abc import Collection, Iterable, Iterator
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from contextlib import contextmanager
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
-from app.store.database import StoreError
-from app.telemetry.contents import Columns, open_columns
+from app.recordings.verified import Verified, digest_of
+from app.store.database import Damaged
+from app.telemetry.contents import CONTENTS, Columns, open_columns
 
 LOG = logging.getLogger("forewarn")
+DIGESTS = "digests.json"
+REMEDY = "restore the data directory, or delete the recording and upload it again"
 SPARE_BYTES = 256 * 2**20
 """Left free on the disk for the database and the rest of the machine."""
 
@@ -34,6 +41,7 @@ class RecordingFiles:
     def __init__(self, root: Path) -> None:
         self.root = root
         self.incoming = root / "incoming"
+        self.verified = Verified()
 
     def begin(self, recording_id: str) -> Path:
         """Make the folder of a recording that is on its way in."""
@@ -46,6 +54,8 @@ class RecordingFiles:
         """Put a folder in its place, whole on the disk."""
         folder = self.incoming / recording_id
         (folder / "scorings").mkdir()
+        digests = {path.name: digest_of(path) for path in sorted((folder / "columns").iterdir())}
+        (folder / DIGESTS).write_text(json.dumps(digests), encoding="utf-8")
         for path in (*folder.rglob("*"), folder):
             _sync(path)
         folder.rename(self.root / recording_id)
@@ -74,15 +84,34 @@ class RecordingFiles:
         return self.root / recording_id / "scorings"
 
     def columns(self, recording_id: str) -> Columns:
-        """The columns of a recording. FileNotFoundError; StoreError where they are damaged."""
+        """The columns of a recording, each checked as it is read. FileNotFoundError; Damaged."""
         folder = self.root / recording_id / "columns"
         try:
-            return open_columns(folder)
+            digests = self._digests(recording_id)
+            check = partial(self._check_column, digests)
+            check(folder / CONTENTS)
+            return replace(open_columns(folder), check=check)
         except (ValueError, KeyError, TypeError) as error:
-            raise StoreError(
-                f"{folder} is damaged ({error}): restore the data directory, or delete the "
-                "recording and upload it again"
-            ) from error
+            raise Damaged(f"{folder} is damaged ({error}): {REMEDY}") from error
+
+    def check(self, recording_id: str, file_digest: str) -> None:
+        """Read a whole recording, but for its scorings. FileNotFoundError; Damaged."""
+        self.verified.check(self.file(recording_id), file_digest, REMEDY)
+        digests = self._digests(recording_id)
+        for name in digests:
+            self._check_column(digests, self.root / recording_id / "columns" / name)
+
+    def _digests(self, recording_id: str) -> dict[str, str]:
+        """Digests of the columns by file; none of a recording of an older program."""
+        try:
+            text = (self.root / recording_id / DIGESTS).read_text(encoding="utf-8")
+        except FileNotFoundError:
+            return {}
+        return dict(json.loads(text))
+
+    def _check_column(self, digests: Mapping[str, str], path: Path) -> None:
+        if digests:
+            self.verified.check(path, digests[path.name], REMEDY)
 
     def clear(self, recordings: Iterable[str], scorings: Collection[str]) -> None:
         """Remove what a server that died left half-way, in these recordings and on its way.

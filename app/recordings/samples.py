@@ -7,14 +7,16 @@ import numpy as np
 import numpy.typing as npt
 
 from app.recordings.files import spacious
-from app.recordings.tiles import make_tiles
+from app.recordings.tiles import TILE, make_tiles
+from app.recordings.verified import Verified
 from app.scoring import SAMPLE
-from app.store.database import StoreError
+from app.store.database import Damaged
 from core.whole_file import whole_file
 
 Samples = npt.NDArray[np.void]
 
 WHOLE, TILES = "npy", "tiles.npy"
+REMEDY = "delete this scoring and score the recording again"
 
 
 def digest(samples: Samples) -> str:
@@ -30,17 +32,31 @@ def keep(folder: Path, scoring_id: str, samples: Samples) -> None:
                 np.save(file, array, allow_pickle=False)
 
 
-def open_samples(folder: Path, scoring_id: str) -> Samples:
-    """The samples of a scoring, mapped, read-only. StoreError where they are damaged.
+def open_samples(folder: Path, scoring_id: str, expected: str, verified: Verified) -> Samples:
+    """The samples of a scoring, mapped, read-only. Damaged where they are not those stored.
 
-    Version 0.1.0 named a field otherwise; what lies in it is the same, bit for bit.
+    expected: their digest. Version 0.1.0 named a field otherwise; what lies in it is the same, bit
+    for bit.
     """
-    return _mapped(folder / f"{scoring_id}.{WHOLE}").view(SAMPLE)
+    path = folder / f"{scoring_id}.{WHOLE}"
+    verified.check(path, expected, REMEDY, lambda path: digest(_mapped(path, SAMPLE)))
+    return _mapped(path, SAMPLE)
 
 
-def open_tiles(folder: Path, scoring_id: str) -> Samples:
-    """The tiles of a scoring, as of app.recordings.tiles, mapped, read-only. StoreError."""
-    return _mapped(folder / f"{scoring_id}.{TILES}")
+def open_tiles(folder: Path, scoring_id: str, expected: str, verified: Verified) -> Samples:
+    """The tiles of a scoring, as of app.recordings.tiles, mapped, read-only. Damaged.
+
+    expected: digest of the samples, of which they are made.
+    """
+    path = folder / f"{scoring_id}.{TILES}"
+
+    def compare(path: Path) -> str:
+        samples = open_samples(folder, scoring_id, expected, verified)
+        same = digest(make_tiles(samples)) == digest(_mapped(path, TILE))
+        return expected if same else ""
+
+    verified.check(path, expected, REMEDY, compare)
+    return _mapped(path, TILE)
 
 
 def remove(folder: Path, scoring_id: str) -> None:
@@ -49,12 +65,10 @@ def remove(folder: Path, scoring_id: str) -> None:
         (folder / f"{scoring_id}.{kind}").unlink(missing_ok=True)
 
 
-def _mapped(path: Path) -> Samples:
+def _mapped(path: Path, dtype: np.dtype) -> Samples:
     try:
-        return np.asarray(np.load(path, mmap_mode="r", allow_pickle=False))
+        return np.asarray(np.load(path, mmap_mode="r", allow_pickle=False)).view(dtype)
     except FileNotFoundError:
         raise
-    except (OSError, ValueError, EOFError) as error:
-        raise StoreError(
-            f"{path} is damaged ({error}): delete this scoring and score the recording again"
-        ) from error
+    except (OSError, ValueError, TypeError, EOFError) as error:
+        raise Damaged(f"{path} is damaged ({error}): {REMEDY}") from error

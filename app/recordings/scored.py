@@ -71,7 +71,8 @@ class ScoredRecordings:
     def samples(self, info: ScoringInfo) -> Samples:
         """The samples of a scoring, mapped. NotFound; StoreError."""
         with self.recordings.present(info.recording_id):
-            return open_samples(self.files.scorings(info.recording_id), info.id)
+            folder = self.files.scorings(info.recording_id)
+            return open_samples(folder, info.id, info.digest, self.files.verified)
 
     def window(
         self, info: ScoringInfo, start: float, end: float, bins: int
@@ -79,7 +80,8 @@ class ScoredRecordings:
         """The samples, and those from start to end [s] in at most `bins` bins. NotFound."""
         with self.recordings.present(info.recording_id):
             folder = self.files.scorings(info.recording_id)
-            samples, tiles = open_samples(folder, info.id), open_tiles(folder, info.id)
+            about = folder, info.id, info.digest, self.files.verified
+            samples, tiles = open_samples(*about), open_tiles(*about)
         t = samples["t"]
         first = bisect_left(t, start)
         last = bisect_right(t, end) - 1

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Iterator
 import numpy as np
 import numpy.typing as npt
 
-from app.store.database import StoreError
+from app.store.database import Damaged
 
 BLOCK_BYTES = 256 * 1024
 
@@ -23,7 +23,7 @@ def from_blob(blob: bytes) -> npt.NDArray:
     try:
         return np.load(io.BytesIO(blob), allow_pickle=False)
     except (ValueError, EOFError) as error:
-        raise StoreError(
+        raise Damaged(
             f"a stored array is damaged ({error}): restore the database from a backup"
         ) from error
 
@@ -52,8 +52,8 @@ def from_blocks(blocks: Iterable[bytes], n_rows: int) -> npt.NDArray:
     return joined
 
 
-def _other_rows(n_rows: int) -> StoreError:
-    return StoreError(
+def _other_rows(n_rows: int) -> Damaged:
+    return Damaged(
         f"a stored array has other rows than the {n_rows} it was stored with: restore the "
         "database from a backup"
     )

@@ -3,9 +3,10 @@
 All SQL that only SQLite understands is in this file.
 """
 
+import os
 import sqlite3
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -26,6 +27,10 @@ LARGEST_IDLE_LOG = 64 * 2**20
 
 class StoreError(OSError):
     """A database that cannot be used, or content of it that is damaged."""
+
+
+class Damaged(StoreError):
+    """Stored content that is not what it was when it was stored."""
 
 
 def address(url_or_path: str | Path) -> URL:
@@ -55,6 +60,34 @@ def address(url_or_path: str | Path) -> URL:
 def is_sqlite(url: URL) -> bool:
     """Whether this is SQLite's: one file, one writer at a time."""
     return url.get_backend_name() == "sqlite"
+
+
+def file_of(url: URL) -> Path | None:
+    """The file of an SQLite database, by whichever way it is reached; None for another kind."""
+    return Path(str(url.database)).resolve() if is_sqlite(url) else None
+
+
+def copy_database(url: URL, copy: Path) -> None:
+    """Copy an SQLite database as it is at this moment, whole or not at all. StoreError."""
+    part = copy.with_name(f"{copy.name}.part")
+    try:
+        part.unlink(missing_ok=True)
+        with (
+            closing(sqlite3.connect(str(url.database))) as source,
+            closing(sqlite3.connect(part)) as target,
+        ):
+            source.backup(target)
+        part.chmod(0o600)
+        with part.open("rb") as file:
+            os.fsync(file.fileno())
+        part.replace(copy)
+    except (OSError, sqlite3.Error) as error:
+        with suppress(OSError):
+            part.unlink(missing_ok=True)
+        raise StoreError(
+            f"{url.database} is of an older program and cannot be copied before it is changed "
+            f"({error}): make space for a copy beside it; nothing was changed"
+        ) from error
 
 
 def make_engine(url: URL, *, foreign_keys: bool = True) -> Engine:

@@ -7,7 +7,7 @@ from typing import Any, Literal, NamedTuple
 from sqlalchemy import Connection, Row, delete, select
 
 from app.store.arrays import from_blob, from_blocks, to_blocks
-from app.store.database import StoreError
+from app.store.database import Damaged
 from app.store.peaks import PeakHistogram, peak_histograms
 from app.store.repository import Entry, InUse, NotFound, Repository, columns, complete, fetch
 from app.store.tables import dataset_blocks, datasets, monitors, new_id, now
@@ -140,7 +140,7 @@ class DatasetRepository(Repository):
             specification=specification_from_plain(info.specification),
         )
         if dataset.digest() != info.digest:
-            raise StoreError(
+            raise Damaged(
                 f"dataset {info.name} ({dataset_id}) is damaged, its digest does not match: "
                 "simulate it again from its recipe and seed"
             )

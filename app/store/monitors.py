@@ -10,7 +10,7 @@ from typing import Any
 from sqlalchemy import Connection, Engine, Row, delete, select
 
 from app.recipes import to_plain
-from app.store.database import StoreError
+from app.store.database import Damaged
 from app.store.repository import Entry, InUse, Repository, Writer, columns, complete, fetch
 from app.store.tables import (
     datasets,
@@ -183,7 +183,7 @@ class MonitorRepository(Repository):
         try:
             monitor = from_bytes(self.file(monitor_id), f"stored monitor {monitor_id}")
         except MonitorFileError as error:
-            raise StoreError(str(error)) from error
+            raise Damaged(str(error)) from error
         if monitor.evaluation is None:  # stored by a version whose files did not carry it
             monitor = replace(monitor, evaluation=self.evaluation(monitor_id))
         with self._ready_lock:
@@ -201,7 +201,7 @@ class MonitorRepository(Repository):
                 connection.execute(query.order_by(monitor_parts.c.part)).scalars().all()
             )
         if hashlib.sha256(content).hexdigest() != row.digest:
-            raise StoreError(
+            raise Damaged(
                 f"monitor {row.name} ({monitor_id}) is damaged, its digest does not match: train "
                 "it again, or add its file again"
             )

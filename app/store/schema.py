@@ -1,5 +1,6 @@
 """The database's schema, brought up to this program's by alembic; never down, never past it."""
 
+import glob
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -12,7 +13,9 @@ from sqlalchemy.exc import DBAPIError
 from app.store.database import (
     StoreError,
     broken_references,
+    copy_database,
     engine_to_look,
+    file_of,
     make_directory,
     make_engine,
     writing,
@@ -21,6 +24,10 @@ from app.store.database import (
 if TYPE_CHECKING:
     from alembic.config import Config
 
+COPY = ".before-"
+"""Between the name of a database and the revision that its copy has."""
+_COPIES: set[Path] = set()
+"""Made by this process, and so not yet followed by a good start."""
 VERSION_TABLE = "alembic_version"
 ONE_AT_A_TIME = Lock()
 """Alembic keeps the migration under way in global variables."""
@@ -96,12 +103,30 @@ def bring_up_to_date(url: URL) -> None:
         if not needs_upgrade(url):
             return
         config = configuration()
+        keep_copy(url)
         with migrating(url) as connection:
             config.attributes["connection"] = connection
             try:
                 command.upgrade(config, "head")
             except util.CommandError as error:
                 raise StoreError(f"the schema cannot be upgraded: {error}") from error
+
+
+def keep_copy(url: URL) -> None:
+    """Copy an older program's SQLite database beside it; nothing for a new one. StoreError."""
+    current, database = current_revision(url), file_of(url)
+    if current is not None and database is not None:
+        copy = database.with_name(f"{database.name}{COPY}{current}")
+        copy_database(url, copy)
+        _COPIES.add(copy)
+
+
+def forget_copies(url: URL) -> None:
+    """Remove copies that were made before this process started: it has started well."""
+    if (database := file_of(url)) is not None:
+        for copy in database.parent.glob(f"{glob.escape(database.name)}{COPY}*"):
+            if copy not in _COPIES:
+                copy.unlink(missing_ok=True)
 
 
 def needs_upgrade(url: URL) -> bool:

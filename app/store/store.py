@@ -11,7 +11,7 @@ from sqlalchemy import Engine
 
 from app.store.alarms import AlarmRepository
 from app.store.answers import AnswerRepository
-from app.store.database import StoreError, address, damage, make_engine, touch
+from app.store.database import Damaged, StoreError, address, damage, make_engine, touch
 from app.store.datasets import DatasetRepository
 from app.store.flights import FlightRepository
 from app.store.jobs import JobRepository
@@ -21,11 +21,11 @@ from app.store.monitors import MonitorRepository
 from app.store.recordings import RecordingRepository
 from app.store.repository import InUse, NotFound, Writer
 from app.store.reserve import Reserve
-from app.store.schema import bring_up_to_date, current_revision
+from app.store.schema import bring_up_to_date, current_revision, forget_copies
 from app.store.scorings import ScoringRepository
 
 LOG = logging.getLogger("forewarn")
-__all__ = ["InUse", "NotFound", "Store", "StoreError", "open_store"]
+__all__ = ["Damaged", "InUse", "NotFound", "Store", "StoreError", "open_store"]
 
 
 class Store:
@@ -74,6 +74,10 @@ class Store:
     def damage(self) -> list[str]:
         """Look through the whole database; one line for each thing that is wrong with it."""
         return damage(self.engine)
+
+    def forget_copies(self) -> None:
+        """The start was good: copies made before an earlier migration are not needed any more."""
+        forget_copies(self.engine.url)
 
     def close(self) -> None:
         """Close idle connections; the store may still be used and opens new ones."""

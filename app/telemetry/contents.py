@@ -5,6 +5,7 @@ than a block of rows is ever in memory, and what is read later is mapped, not lo
 """
 
 import json
+from collections.abc import Callable
 from dataclasses import asdict, dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -189,16 +190,23 @@ class ColumnWriter:
 
 @dataclass(frozen=True, eq=False)
 class Columns:
-    """The contents of a file with its numbers, which are mapped into memory as they are used."""
+    """The contents of a file with its numbers, which are mapped into memory as they are used.
+
+    check: called with the file of a signal before it is read; raises where it is damaged.
+    """
 
     folder: Path
     contents: Contents
+    check: Callable[[Path], None] | None = None
 
     def values(self, name: str) -> Array:
         """(n,) of a signal, in the unit of the file, read-only. KeyError if there is none."""
         if not self.contents.groups[self.signal(name).group].n_rows:
             return np.empty(0)
-        return np.memmap(self.folder / f"{self._numbers[name]}.f8", "<f8", mode="r")
+        path = self.folder / f"{self._numbers[name]}.f8"
+        if self.check is not None:
+            self.check(path)
+        return np.memmap(path, "<f8", mode="r")
 
     def signal(self, name: str) -> Signal:
         """Return a signal by its name; KeyError."""

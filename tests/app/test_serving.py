@@ -94,6 +94,22 @@ def test_a_second_server_of_the_same_data_is_refused(tmp_path):
         pass
 
 
+def test_a_second_server_of_the_same_database_is_refused(tmp_path):
+    (tmp_path / "link").symlink_to(tmp_path, target_is_directory=True)
+    one, other, apart = (
+        Settings(data_dir=tmp_path / name, database_url=f"sqlite:///{tmp_path}/{database}")
+        for name, database in (("a", "x.db"), ("b", "link/x.db"), ("c", "y.db"))
+    )
+    with (
+        alone(one),
+        pytest.raises(SettingsError, match=r"another forewarn serves .*x\.db: .*--database-url"),
+        alone(other),
+    ):
+        pass
+    with alone(one), alone(apart):
+        pass
+
+
 def test_a_refusal_is_one_line(tmp_path, capsys):
     assert main(["serve", "--data-dir", str(tmp_path), "--host", "0.0.0.0"]) == 1
     assert capsys.readouterr().err.count("\n") == 1

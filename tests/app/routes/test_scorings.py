@@ -10,6 +10,7 @@ from app.recordings import files as recording_files
 from app.recordings import scored as scored_recordings
 from app.recordings.recordings import Recordings
 from app.recordings.samples import open_samples
+from app.recordings.verified import Verified
 from core.monitor import MonitorRecipe, train
 from tests.support.api import api, problem, store_of
 from tests.support.oscillator import DT
@@ -151,7 +152,7 @@ def test_frames_are_the_samples_that_were_kept(client, data_dir, recording, moni
     got = client.get(path).json()
     assert (got["first"], got["next"], len(got["frames"])) == (0, None, len(flight))
     folder = data_dir / "recordings" / recording["id"] / "scorings"
-    samples = open_samples(folder, scoring["id"])
+    samples = open_samples(folder, scoring["id"], scoring["digest"], Verified())
     for frame, sample in zip(got["frames"], samples, strict=True):
         assert frame["t"] == sample["t"]
         assert frame["y"] == sample["y"].tolist()

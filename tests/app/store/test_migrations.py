@@ -26,6 +26,7 @@ from app.store.tables import jobs, metadata
 from core.dataset import Dataset
 from core.monitor import train
 from core.specification import specification_to_plain
+from tests.support.api import api
 from tests.support.places import ROOT
 from tests.support.store_writer import add_a_job, open_by_migrations, remaining, start
 from tests.support.stored import (
@@ -321,3 +322,30 @@ def test_the_command_alembic_finds_its_configuration(path: Path) -> None:
     assert "No new upgrade operations" in alembic("check")
     alembic("-x", f"url={path}", "downgrade", "0001")
     assert current_revision(address(path)) == "0001"
+
+
+def test_a_migration_keeps_a_copy_until_the_next_good_start(
+    path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    move(path, REVISIONS[2])
+    before = sorted(tables(path))
+    with api(path.parent, database_url=f"sqlite:///{path}"):
+        pass
+    copy = path.with_name(f"{path.name}.before-{REVISIONS[2]}")
+    assert current_revision(address(path)) == REVISIONS[-1]
+    assert current_revision(address(copy)) == REVISIONS[2]
+    assert sorted(tables(copy)) == before
+    monkeypatch.setattr(schema, "_COPIES", set())  # as another process has it
+    with api(path.parent, database_url=f"sqlite:///{path}"):
+        pass
+    assert not copy.exists()
+
+
+def test_a_database_that_cannot_be_copied_is_not_migrated(
+    path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    move(path, REVISIONS[2])
+    path.with_name(f"{path.name}.before-{REVISIONS[2]}.part").mkdir()
+    with pytest.raises(StoreError, match="make space for a copy"):
+        open_store(path)
+    assert current_revision(address(path)) == REVISIONS[2]

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from app.recordings.samples import digest, open_samples
+from app.recordings.verified import Verified
 from app.store.mappings import RememberedMapping
 from app.store.store import Store, open_store
 from core.monitor.assessment import STATES
@@ -130,7 +131,9 @@ def test_recording_scoring_and_markers_are_there(store: Store) -> None:
 
 def test_the_samples_of_a_scoring_are_those_of_its_digest(store: Store) -> None:
     (info,) = store.scorings.of(RECORDING)
-    samples = open_samples(WRITTEN / "data" / "recordings" / RECORDING / "scorings", info.id)
+    samples = open_samples(
+        WRITTEN / "data" / "recordings" / RECORDING / "scorings", info.id, info.digest, Verified()
+    )
     assert digest(samples) == info.digest
     assert (samples["manoeuvre"] == 0).all()
 

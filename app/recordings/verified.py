@@ -1,0 +1,41 @@
+"""Files against their digests: each is read through once, and again whenever it was touched."""
+
+import hashlib
+from collections.abc import Callable
+from pathlib import Path
+
+from app.store.database import Damaged
+
+Signature = tuple[int, int, int, int]
+
+
+def digest_of(path: Path) -> str:
+    """SHA-256 of a file."""
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+class Verified:
+    """Files that were found to be as they were stored."""
+
+    def __init__(self) -> None:
+        self._files: dict[Path, tuple[Signature, str]] = {}
+
+    def check(
+        self, path: Path, expected: str, remedy: str, digest: Callable[[Path], str] = digest_of
+    ) -> None:
+        """Compare a file with its digest. Damaged where it differs; FileNotFoundError.
+
+        remedy: what to do then.   digest: of what the file holds, in hexadecimal.
+        """
+        known = _signature(path), expected
+        if self._files.get(path) == known:
+            return
+        if digest(path) != expected:
+            raise Damaged(f"{path} is damaged, its digest does not match: {remedy}")
+        self._files[path] = known
+
+
+def _signature(path: Path) -> Signature:
+    status = path.stat()
+    return status.st_ino, status.st_size, status.st_mtime_ns, status.st_ctime_ns

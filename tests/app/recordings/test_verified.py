@@ -1,0 +1,82 @@
+"""What is stored is checked against its digest when it is read; a mismatch is an error."""
+
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+from sqlalchemy import update
+from starlette.testclient import TestClient
+
+from app.store.tables import monitor_parts
+from core.dataset import Dataset
+from core.monitor import train
+from tests.support.api import api, problem, store_of
+from tests.support.oscillator import Array
+from tests.support.recorded import RECORDINGS, csv_of, uploaded
+
+
+class Kept(NamedTuple):
+    client: TestClient
+    folder: Path
+    path: str
+    scoring: str
+    monitor: str
+
+
+@pytest.fixture
+def kept(tmp_path: Path, dataset: Dataset, flights: Array) -> Iterator[Kept]:
+    """A recording that was scored, at a server that has not read it since."""
+    with api(tmp_path) as client:
+        monitor = store_of(client).monitors.add(train(replace(dataset, recipe={})), "m").id
+        recording = uploaded(client, csv_of(flights[0]))["id"]
+        path = f"{RECORDINGS}/{recording}"
+        scoring = client.post(f"{path}/scorings", json={"monitor": monitor}).json()["id"]
+    with api(tmp_path) as client:
+        folder = tmp_path / "recordings" / recording
+        yield Kept(client, folder, path, f"{path}/scorings/{scoring}", monitor)
+
+
+def test_p_values_that_were_changed_are_neither_served_nor_reported(kept: Kept) -> None:
+    assert kept.client.get(f"{kept.scoring}/assessments").status_code == 200
+    (file,) = (f for f in kept.folder.glob("scorings/*.npy") if "tiles" not in f.name)
+    samples = np.load(file)
+    samples["p_value"] = 0.01
+    np.save(file, samples, allow_pickle=False)
+    for what in ("assessments", "tiles", "report"):
+        detail = problem(kept.client.get(f"{kept.scoring}/{what}"), 500)
+        assert "is damaged, its digest does not match: delete this scoring" in detail
+
+
+def test_tiles_that_were_changed_are_not_served(kept: Kept) -> None:
+    (file,) = kept.folder.glob("scorings/*.tiles.npy")
+    tiles = np.load(file)
+    tiles["risk_high"] = 0.01
+    np.save(file, tiles, allow_pickle=False)
+    assert "digest does not match" in problem(kept.client.get(f"{kept.scoring}/tiles"), 500)
+    assert kept.client.get(f"{kept.scoring}/assessments").status_code == 200
+
+
+@pytest.mark.parametrize("name", ["0.f8", "contents.json"])
+def test_columns_that_were_changed_are_not_read(kept: Kept, name: str) -> None:
+    file = kept.folder / "columns" / name
+    content = bytearray(file.read_bytes())
+    content[-3] ^= 1
+    file.write_bytes(content)
+    answer = kept.client.get(f"{kept.path}/signals/0/preview")
+    assert "upload it again" in problem(answer, 500)
+
+
+def test_a_monitor_whose_blob_was_changed_is_not_flown(kept: Kept) -> None:
+    store = store_of(kept.client)
+    with store.engine.begin() as connection:
+        connection.execute(update(monitor_parts).values(content=b"FWMON\0 something else"))
+    detail = problem(kept.client.get(f"/api/v1/monitors/{kept.monitor}/file"), 500)
+    assert "its digest does not match: train it again" in detail
+
+
+def test_a_recording_of_an_older_program_is_read_without_digests(kept: Kept) -> None:
+    (kept.folder / "digests.json").unlink()
+    assert kept.client.get(f"{kept.path}/signals/0/preview").status_code == 200
