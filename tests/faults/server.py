@@ -1,0 +1,49 @@
+"""A server in a process of its own, to be killed or starved; forked of one that has imported it."""
+
+import multiprocessing
+from collections.abc import Iterator
+from contextlib import contextmanager
+from multiprocessing.connection import Connection
+from multiprocessing.process import BaseProcess
+from pathlib import Path
+from typing import NamedTuple
+
+import httpx2
+
+from app.serving import serve
+from app.settings import Settings
+
+PATIENCE_S = 60
+PROCESSES = multiprocessing.get_context("forkserver")
+PROCESSES.set_forkserver_preload([__name__])
+
+
+class Running(NamedTuple):
+    """A server under way."""
+
+    process: BaseProcess
+    client: httpx2.Client
+
+
+def _serve(data_dir: Path, opened: Connection) -> None:
+    async def say(_: object, address: str) -> None:
+        opened.send(address)
+
+    serve(Settings(data_dir=data_dir, port=0, max_jobs=0), say)
+
+
+@contextmanager
+def running(data_dir: Path) -> Iterator[Running]:
+    """A server of this directory; killed at the end, if it still runs."""
+    receiver, sender = PROCESSES.Pipe(duplex=False)
+    process = PROCESSES.Process(target=_serve, args=(data_dir, sender))
+    process.start()
+    sender.close()
+    try:
+        assert receiver.poll(PATIENCE_S), "the server did not start"
+        address = receiver.recv()
+        with httpx2.Client(base_url=address, timeout=PATIENCE_S, trust_env=False) as client:
+            yield Running(process, client)
+    finally:
+        process.kill()
+        process.join()

@@ -1,0 +1,84 @@
+"""A server killed with -9 at any moment: no alarm that was shown as stored is missing."""
+
+import json
+import random
+import signal
+from pathlib import Path
+from typing import Any
+
+import pytest
+from websockets.sync.client import connect
+
+from app.settings import Settings
+from app.store.store import open_store
+from core.monitor import Monitor
+from tests.faults.conftest import keep_monitor
+from tests.faults.server import PATIENCE_S, running
+
+N_KILLS, N_LONG = 2, 60
+MOST_ALARMS = 4
+
+
+def alarms_until_killed(data_dir: Path, monitor: str, n_alarms: int) -> tuple[str, list[Any]]:
+    """Fly, acknowledge each alarm, kill at the n-th; what was shown as stored or acknowledged."""
+    shown = []
+    with running(data_dir) as (process, client):
+        source = {"kind": "simulated", "outcome": "unsafe", "seed": 1}
+        order = {"source": source, "monitor": monitor}
+        answer = client.post("/api/v1/flights", json=order)
+        assert answer.status_code == 201, answer.text
+        path = f"/api/v1/flights/{answer.json()['id']}"
+        url = str(client.base_url).rstrip("/").replace("http", "ws", 1) + f"{path}/stream"
+        with connect(url, proxy=None) as socket:
+            for action, value in (("loop", True), ("speed", 10)):
+                client.post(f"{path}/transport", json={"action": action, "value": value})
+            while len({alarm["number"] for alarm in shown}) < n_alarms:
+                message = json.loads(socket.recv(PATIENCE_S))
+                if message["type"] == "frames":
+                    socket.send('{"type":"credit","n":1}')
+                if message["type"] != "alarm" or not message["alarm"]["stored"]:
+                    continue
+                shown.append(message["alarm"])
+                if message["alarm"]["acknowledged"] is None and len(shown) < n_alarms:
+                    acknowledge = f"{path}/alarms/{message['alarm']['id']}/acknowledge"
+                    told = client.post(acknowledge, json={"by": "FTE"})
+                    assert told.status_code == 200, told.text
+                    shown.append(told.json())
+            process.kill()
+        process.join()
+        assert process.exitcode == -signal.SIGKILL
+    return answer.json()["id"], shown
+
+
+def assert_kept(data_dir: Path, flight: str, shown: list[Any]) -> None:
+    """Every alarm and acknowledgement that was shown is stored, and the store is sound."""
+    store = open_store(Settings(data_dir=data_dir).url)
+    try:
+        assert store.damage() == []
+        assert store.flights.info(flight).status == "interrupted"
+        stored = {alarm.number: alarm for alarm in store.alarms.of(flight)}
+        for alarm in shown:
+            kept = stored[alarm["number"]]
+            assert (kept.seq, kept.t, kept.kind) == (alarm["seq"], alarm["t"], alarm["kind"])
+            if alarm["acknowledged"]:
+                assert (kept.by, kept.acknowledged) == (alarm["by"], alarm["acknowledged"])
+    finally:
+        store.close()
+
+
+def kill_so_often(data_dir: Path, monitor: Monitor, n: int) -> None:
+    monitor_id, chance = keep_monitor(data_dir, monitor), random.Random(1)
+    for _ in range(n):
+        n_alarms = chance.randint(1, MOST_ALARMS)
+        assert_kept(data_dir, *alarms_until_killed(data_dir, monitor_id, n_alarms))
+
+
+def test_no_alarm_that_was_shown_is_missing_after_a_kill(tmp_path: Path, flyable: Monitor) -> None:
+    kill_so_often(tmp_path, flyable, N_KILLS)
+
+
+@pytest.mark.fuzz
+def test_no_alarm_that_was_shown_is_missing_after_many_kills(
+    tmp_path: Path, flyable: Monitor
+) -> None:
+    kill_so_often(tmp_path, flyable, N_LONG)
