@@ -21,6 +21,7 @@ from app.telemetry.mapping.derivations import DERIVATIONS
 from app.telemetry.targets import TARGETS
 from app.telemetry.units import choices
 from core import __version__
+from core.amplitude import WANTED_SHARE
 from core.channels import CHANNELS
 from core.collection import DatasetRecipe
 from core.monitor import MonitorRecipe
@@ -79,7 +80,14 @@ def _entry(kind: str, member: Any) -> dict[str, Any]:
         **({"aircraft_class": member.aircraft_class} if isinstance(member, Aircraft) else {}),
         "schema": schema_of(member),
         "default": {key: value for key, value in to_plain(member).items() if key != "kind"},
+        "usual_test": _usual_test(member) if isinstance(member, Aircraft) else None,
     }
+
+
+def _usual_test(aircraft: Aircraft) -> dict[str, Any]:
+    """The test to begin with on an aircraft, as parts of a dataset's recipe."""
+    recipe = to_plain(DatasetRecipe.usual(aircraft))
+    return {part: recipe[part] for part in ("control_law", "maneuver", "specification")}
 
 
 def _telemetry() -> dict[str, Any]:
@@ -206,6 +214,13 @@ def dataset_request_schema() -> dict[str, Any]:
     return schema | {"title": "Dataset to simulate"}
 
 
+def amplitude_request_schema() -> dict[str, Any]:
+    """JSON schema of the body that asks for an amplitude."""
+    schema = dataset_request_schema()
+    schema["properties"] |= {"share": _SHARE}
+    return schema | {"title": "Test whose amplitude is wanted"}
+
+
 def monitor_request_schema() -> dict[str, Any]:
     """JSON schema of the body that asks for a monitor."""
     schema = schema_of(RECIPES["monitor"])
@@ -226,6 +241,16 @@ _NAME = {
     "title": "name",
     "description": "what people call it; made from the recipe if absent",
     "anyOf": [{"type": "string", "minLength": 1, "maxLength": 200}, {"type": "null"}],
+}
+
+
+_SHARE = {
+    "title": "share",
+    "description": "share of the rollouts that is to exceed a limit",
+    "type": "number",
+    "exclusiveMinimum": 0,
+    "exclusiveMaximum": 1,
+    "default": WANTED_SHARE,
 }
 
 

@@ -2,16 +2,32 @@
 
 import json
 from collections.abc import Mapping
-from dataclasses import is_dataclass
+from dataclasses import is_dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from pydantic import TypeAdapter, ValidationError
 
 from core import recipe
+from core.amplitude import Suggestion, suggest_amplitude
+from core.planned_test import DatasetRecipe
 from core.recipe import RecipeError, family_of, to_plain
+from core.simulation.aircraft import AIRCRAFT, MatrixAircraft
 
-__all__ = ["RecipeError", "family_of", "from_plain", "read_plain", "set_path", "to_plain"]
+__all__ = [
+    "AUTO",
+    "RecipeError",
+    "dataset_recipe",
+    "family_of",
+    "from_plain",
+    "read_plain",
+    "set_path",
+    "to_plain",
+]
+
+DEFAULT_KIND: str = to_plain(DatasetRecipe())["aircraft"]["kind"]
+AUTO = "auto"
+"""What an amplitude may say for the one that a pilot run suggests."""
 
 
 def from_plain(default: Any, plain: Any, where: str = "recipe") -> Any:
@@ -31,6 +47,50 @@ def _checked(default: Any, values: Mapping[str, Any], where: str) -> Any:
         reason = first["msg"].removeprefix("Value error, ")
         given = "" if is_dataclass(default) and not first["loc"] else f" is {first['input']!r}"
         raise RecipeError(f"{place}{given}: {reason}") from error
+
+
+def dataset_recipe(plain: Any, where: str = "dataset") -> tuple[DatasetRecipe, Suggestion | None]:
+    """Read a dataset's recipe; where it says no law, doublet or limit, the aircraft's usual test.
+
+    An `amplitude_deg` of "auto", and that of an own model where none is said, is the one that a
+    pilot run suggests, which is returned too. RecipeError; AmplitudeError where there is none.
+    """
+    if not isinstance(plain, dict):
+        return from_plain(DatasetRecipe(), plain, where), None
+    maneuver = plain.get("maneuver", {})
+    is_said = isinstance(maneuver, dict) and not maneuver.keys().isdisjoint(
+        {"amplitude_deg", "t_s"}
+    )
+    is_auto = is_said and maneuver.get("amplitude_deg") == AUTO
+    if is_auto:
+        rest = {key: value for key, value in maneuver.items() if key != "amplitude_deg"}
+        plain = plain | {"maneuver": rest}
+    read = from_plain(DatasetRecipe(), _with_usual_test(plain), where)
+    if not is_auto and (is_said or not _is_own_model(plain)):
+        return read, None
+    suggestion = suggest_amplitude(read)
+    return replace(read, maneuver=read.maneuver.with_peak(suggestion.amplitude_deg)), suggestion
+
+
+def _is_own_model(plain: dict[str, Any]) -> bool:
+    """Whether matrices are given, of which no usual amplitude is known."""
+    aircraft = plain.get("aircraft")
+    return isinstance(aircraft, MatrixAircraft) or (isinstance(aircraft, dict) and "a" in aircraft)
+
+
+def _with_usual_test(plain: dict[str, Any]) -> dict[str, Any]:
+    """Add to a dataset's recipe what the usual test of its aircraft says, where it says nothing."""
+    aircraft = plain.get("aircraft", {"kind": DEFAULT_KIND})
+    kind = aircraft.get("kind", DEFAULT_KIND) if isinstance(aircraft, dict) else None
+    if not (isinstance(kind, str) and kind in AIRCRAFT):
+        return plain
+    usual = DatasetRecipe.usual(AIRCRAFT[kind])
+    filled = {"specification": usual.specification} | plain
+    for part in ("control_law", "maneuver"):
+        own, given = to_plain(getattr(usual, part)), plain.get(part, {})
+        if isinstance(given, dict) and given.get("kind", own["kind"]) == own["kind"]:
+            filled[part] = own | given
+    return filled
 
 
 def read_plain(path: Path) -> Any:

@@ -3,12 +3,13 @@
 import argparse
 import csv
 import json
+import sys
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from app.recipes import RecipeError, read_plain, set_path, to_plain
+from app.recipes import AUTO, RecipeError, dataset_recipe, read_plain, set_path, to_plain
 from core.channels import KEYS
 from core.monitor.predictor import PREDICTORS
 from core.monitor.score import SCORES
@@ -18,10 +19,22 @@ from core.simulation.maneuver import MANEUVERS
 
 ANGULAR = tuple(key for key in KEYS if key != "Ny")
 
+
+def number_or_auto(text: str) -> float | str:
+    """Return a number, or the word that asks for a suggestion."""
+    return text if text == AUTO else float(text)
+
+
 # option, path in the recipe, type, choices, help
 SHARED: tuple[tuple[str, str, Any, Any, str], ...] = (
     ("--states", "dataset.aircraft.n_states", int, (3, 4), "states of a published aircraft"),
-    ("--amplitude", "dataset.maneuver.amplitude_deg", float, None, "manoeuvre's amplitude [deg]"),
+    (
+        "--amplitude",
+        "dataset.maneuver.amplitude_deg",
+        number_or_auto,
+        None,
+        "manoeuvre's amplitude [deg]; auto: by a pilot run, so that a quarter exceeds a limit",
+    ),
     ("--duration", "dataset.maneuver.duration_s", float, None, "length of a rollout [s]"),
     ("--dt", "dataset.dt", float, None, "sample interval [s]"),
     ("--substeps", "dataset.substeps", int, None, "limit checks in each interval"),
@@ -55,7 +68,7 @@ def add_recipe_options(parser: argparse.ArgumentParser, *, method: bool) -> None
     group.add_argument(
         "--aircraft",
         metavar="NAME|FILE",
-        help=f"{', '.join(AIRCRAFT)}, or a JSON file of matrices; without --control-law: no law",
+        help=f"{', '.join(AIRCRAFT)}, or a JSON file of matrices; brings its law, doublet and limit",
     )
     group.add_argument("--control-law", metavar="NAME", help=", ".join(CONTROL_LAWS))
     group.add_argument(
@@ -94,7 +107,7 @@ def add_number(parser: argparse.ArgumentParser, option: str, text: str) -> None:
 
 
 def plain_recipe(options: argparse.Namespace) -> dict[str, Any]:
-    """Return what the options and the recipe file say, as plain data."""
+    """Return what the options and the recipe file say: a dataset's recipe, the rest plain data."""
     plain = read_plain(options.recipe) if options.recipe else {}
     if not isinstance(plain, dict):
         raise RecipeError(f"{options.recipe} holds no JSON object: begin it with {{")
@@ -106,8 +119,6 @@ def plain_recipe(options: argparse.Namespace) -> dict[str, Any]:
         set_path(plain, "dataset.aircraft", to_plain(model))
     elif options.aircraft is not None:
         set_path(plain, "dataset.aircraft.kind", options.aircraft)
-    if options.aircraft is not None and options.control_law is None:
-        plain["dataset"].setdefault("control_law", {"kind": "none"})
     if options.control_law is not None:
         set_path(plain, "dataset.control_law.kind", options.control_law)
     if options.maneuver is not None and options.maneuver.endswith(".csv"):
@@ -129,6 +140,9 @@ def plain_recipe(options: argparse.Namespace) -> dict[str, Any]:
         said = plain.get("dataset", {}).get(part, {})
         if isinstance(said, dict) and said.get("kind") == kind and field not in said:
             raise RecipeError(f"{part} {kind!r} is only an example of the form: {instead}")
+    plain["dataset"], suggestion = dataset_recipe(plain.get("dataset", {}), "recipe.dataset")
+    if suggestion:
+        print(f"forewarn: {suggestion}", file=sys.stderr)
     return plain
 
 

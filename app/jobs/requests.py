@@ -4,12 +4,14 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from app.jobs.training import recipe_of
-from app.recipes import RecipeError, from_plain, to_plain
+from app.recipes import RecipeError, dataset_recipe, from_plain, to_plain
 from app.store.store import Store
+from core.amplitude import WANTED_SHARE, Suggestion, suggest_amplitude
 from core.collection import LARGEST_CHUNK, DatasetRecipe, Simulator
 from core.dataset import Dataset
 from core.monitor import MonitorRecipe
 from core.monitor.calibration import check_epsilon
+from core.simulation.maneuver import Maneuver
 from core.study import StudyRecipe
 
 LONGEST_NAME = 200
@@ -56,6 +58,24 @@ def dataset_order(plain: dict[str, Any], max_bytes: int) -> DatasetOrder:
     name = _name(plain)
     recipe = _dataset_recipe(plain, max_bytes)
     return DatasetOrder(name or dataset_name(recipe), recipe)
+
+
+def amplitude_suggestion(plain: dict[str, Any], max_bytes: int) -> tuple[Suggestion, Maneuver]:
+    """Read a dataset's recipe with the `share` that is to fail; the suggestion, and it flown.
+
+    RecipeError says what would be right, also where no amplitude is.
+    """
+    plain = dict(plain)
+    share = plain.pop("share", WANTED_SHARE)
+    if isinstance(share, bool) or not isinstance(share, int | float):
+        raise RecipeError(f"share is {share!r:.80}: give a number between 0 and 1")
+    plain.pop("name", None)
+    recipe = _dataset_recipe(plain, max_bytes)
+    try:
+        suggestion = suggest_amplitude(recipe, share)
+    except ValueError as error:
+        raise RecipeError(str(error)) from None
+    return suggestion, recipe.maneuver.with_peak(suggestion.amplitude_deg)
 
 
 def monitor_order(plain: dict[str, Any], store: Store, max_bytes: int) -> MonitorOrder:
@@ -116,7 +136,12 @@ def check_size(recipe: DatasetRecipe, max_bytes: int) -> None:
 
 
 def _dataset_recipe(plain: Any, max_bytes: int) -> DatasetRecipe:
-    recipe = _recipe(DatasetRecipe(), plain, "dataset")
+    try:
+        recipe, _ = dataset_recipe(plain)
+    except OverflowError as error:
+        raise RecipeError(f"dataset has a number out of range: {error}") from None
+    except ValueError as error:
+        raise RecipeError(str(error)) from None
     check_size(recipe, max_bytes)
     try:
         recipe.maneuver.n_samples(recipe.dt)

@@ -22,6 +22,10 @@ class Member(BaseModel):
     description: str = Field(description="what it is and where its numbers come from")
     schema_: dict[str, Any] = Field(alias="schema", description="JSON schema of its parameters")
     default: dict[str, Any] = Field(description="the parameters as they are unless said otherwise")
+    usual_test: dict[str, Any] | None = Field(
+        default=None,
+        description="of an aircraft: law, manoeuvre and limits that a dataset's recipe begins with",
+    )
 
 
 class ListedFamily(BaseModel):

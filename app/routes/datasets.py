@@ -2,15 +2,16 @@
 
 import asyncio
 import io
+from dataclasses import asdict
 from typing import Annotated, Any, Literal
 
 import numpy as np
 from fastapi import APIRouter, Query, Response
 from pydantic import BaseModel, Field
 
-from app.catalog import dataset_request_schema
+from app.catalog import amplitude_request_schema, dataset_request_schema
 from app.jobs.kinds import dataset_work
-from app.jobs.requests import dataset_order
+from app.jobs.requests import amplitude_suggestion, dataset_order
 from app.problems import Problem, problem_responses
 from app.recipes import to_plain
 from app.routes.dependencies import (
@@ -21,6 +22,7 @@ from app.routes.dependencies import (
     body_of,
     file_of,
     json_from,
+    json_response,
 )
 from app.routes.job_answers import ACCEPTED, accepted
 from app.store.datasets import DatasetInfo
@@ -43,6 +45,15 @@ class Rollout(BaseModel):
     telemetry: dict[str, list[float | None]] = Field(
         description="t [s] and each channel [rad, rad/s, g]", examples=[{"t": [0.0], "Ny": [0.0]}]
     )
+
+
+class SuggestedAmplitude(BaseModel):
+    """An amplitude and what a pilot run found at it."""
+
+    amplitude_deg: float = Field(description="amplitude, of a table its peak [deg]")
+    share: float = Field(description="share of the pilot rollouts that exceeded a limit")
+    n_rollouts: int
+    maneuver: dict[str, Any] = Field(description="the manoeuvre with this amplitude, for a recipe")
 
 
 @router.post(
@@ -72,6 +83,28 @@ async def order_dataset(plain: PlainBody, store: StoreDep, jobs: JobsDep, settin
     order = await asyncio.to_thread(dataset_order, plain, settings.max_array_bytes)
     request = {"name": order.name} | to_plain(order.recipe)
     return await accepted(jobs, "dataset", request, dataset_work(order, store))
+
+
+@router.post(
+    "/amplitude",
+    response_model=SuggestedAmplitude,
+    responses=problem_responses(422),
+    openapi_extra=body_of(
+        amplitude_request_schema(),
+        {"aircraft": {"kind": "attas_id_16kft"}, "specification": {"Ny": 0.2}, "share": 0.25},
+    ),
+)
+async def read_suggested_amplitude(plain: PlainBody, settings: SettingsDep):
+    """Find by a short pilot run the amplitude at which a share of the rollouts exceeds a limit.
+
+    The body is that of a dataset; its own amplitude only lends the sign, and a table is scaled as
+    a whole. The same seed suggests the same amplitude. 422 says why where none does. In the recipe
+    of a dataset an `amplitude_deg` of `"auto"` stands for what this suggests.
+    """
+    suggestion, maneuver = await asyncio.to_thread(
+        amplitude_suggestion, plain, settings.max_array_bytes
+    )
+    return json_response(asdict(suggestion) | {"maneuver": to_plain(maneuver)})
 
 
 @router.get("")

@@ -150,6 +150,8 @@ class RateDamper(ControlLaw):
     kp: float = 0.1
     """aileron per roll rate [s]."""
     washout_rad_s: float = 1.0
+    made_for: str = ""
+    """aircraft that the gains were chosen for; a remark."""
 
     def controller(self, plant: UncertainPlant) -> Controller:
         """Return K(s), one state; ValueError where a surface does not move its rate."""
@@ -360,16 +362,18 @@ CONTROL_LAWS = family(
     {
         "none": NoFeedback(),
         "f16_sl_ofb": OutputFeedback(),
-        "f16_damper": RateDamper(kr=0.5, kp=0.1),
-        "f104a_damper": RateDamper(kr=0.3, kp=0.03),
-        "f4c_damper": RateDamper(kr=1.0, kp=0.1),
-        "attas_damper": RateDamper(kr=1.0, kp=0.1),
-        "nt33a_damper": RateDamper(kr=1.0, kp=0.1),
+        "f16_damper": RateDamper(kr=0.5, kp=0.1, made_for="F-16"),
+        "f104a_damper": RateDamper(kr=0.3, kp=0.03, made_for="F-104A"),
+        "f4c_damper": RateDamper(kr=1.0, kp=0.1, made_for="F-4C"),
+        "attas_damper": RateDamper(kr=1.0, kp=0.1, made_for="ATTAS"),
+        "nt33a_damper": RateDamper(kr=1.0, kp=0.1, made_for="NT-33A"),
         # MathWorks, Control System Toolbox, "Yaw Damper Design for a 747 Jet Aircraft"
-        "b747_yaw_damper_mathworks": RateDamper(kr=2.34, kp=0.0, washout_rad_s=0.2),
+        "b747_yaw_damper_mathworks": RateDamper(
+            kr=2.34, kp=0.0, washout_rad_s=0.2, made_for="Boeing 747"
+        ),
         # after Bryson; Franklin, Powell and Emami-Naeini's 747
         "b747_yaw_damper_bryson": RateDamper(
-            kr=2.0, kp=0.0, washout_rad_s=1.0 / 3.0, actuator=Actuator(10.0)
+            kr=2.0, kp=0.0, washout_rad_s=1.0 / 3.0, actuator=Actuator(10.0), made_for="Boeing 747"
         ),
         "state_space": StateSpaceLaw(),
     },

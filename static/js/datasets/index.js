@@ -88,7 +88,7 @@ function showSimulation(element, { api, navigate }) {
 
   async function build({ keep }) {
     const catalog = await loadCatalog(api);
-    const { fields, main, folded, size } = createTestFields({ catalog });
+    const { fields, main, folded, size } = createTestFields({ api, catalog });
     const name = h("input", {
       type: "text",
       id: "dataset-name",

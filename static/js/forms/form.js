@@ -13,7 +13,7 @@
  *   keys                  of all parameters, in the schema's order
  *   read() -> plain data, check() -> bool (shows reasons beside the fields, moves to the first)
  *   point(message)        shows the server's reason beside the field that it names, if it does
- *   kind(key, name)       chooses a family's member
+ *   put(key, value)       shows another value of a family's member or of an object
  *   fields dispatch `change` and `input` events, which bubble
  */
 
@@ -31,7 +31,7 @@ export function createFields(schema, initial, { catalog, path, hidden = [], unfo
     read: root.read,
     check,
     point,
-    kind: (key, name) => root.parts.get(key).choose(name),
+    put: (key, value) => root.parts.get(key).put(value),
   };
 
   function check() {
@@ -79,19 +79,21 @@ function part(key, schema, value, place) {
 
 /** An object within: folded, as most of its numbers are seldom changed; an open one is a fieldset. */
 function group(key, schema, value, place) {
-  const inner = objectParts(schema, value ?? {}, place);
   const { text } = labelOf(key, schema, place.catalog);
   const isOpen = place.unfolded?.includes(key);
-  const grid = h(
-    "div",
-    { class: "field-grid" },
-    [...inner.parts.values()].map(({ element }) => element),
-  );
+  const grid = h("div", { class: "field-grid" });
+  let inner;
+  put(value ?? {});
   const words = h("p", { class: "hint" }, plainWords(schema.description));
   const element = isOpen
     ? h("fieldset", { "data-path": place.path }, h("legend", {}, text), words, grid)
     : h("details", { class: "fold", "data-path": place.path }, h("summary", {}, text), words, grid);
-  return { element, read: inner.read };
+  return { element, read: () => inner.read(), put };
+
+  function put(values) {
+    inner = objectParts(schema, values, place);
+    grid.replaceChildren(...[...inner.parts.values()].map(({ element }) => element));
+  }
 }
 
 /** A family: its members by kind, and the parameters of the one chosen. */
@@ -121,10 +123,10 @@ function family(key, schema, value, place) {
   );
   let inner;
   turn(first, value);
-  return { element, read: () => ({ kind: select.value, ...inner.read() }), choose };
+  return { element, read: () => ({ kind: select.value, ...inner.read() }), put };
 
-  function choose(kind) {
-    if (kind in entries && select.value !== kind) turn(kind);
+  function put({ kind, ...given }) {
+    turn(kind, { ...entries[kind].default, ...given });
   }
 
   function turn(

@@ -2,22 +2,24 @@
  * The planned test of a form: a stored dataset, or the recipe of one to simulate.
  *
  * Exports
- *   createTestFields({catalog, initial}) -> {fields, main, folded, size}   parts of a dataset's recipe
- *   datasetChoice({catalog, datasets, chosen, initial, only}) -> Choice
+ *   createTestFields({api, catalog, initial}) -> {fields, main, folded, size}   parts of a dataset's recipe
+ *   datasetChoice({api, catalog, datasets, chosen, initial, only}) -> Choice
  *     chosen: id of the stored dataset to begin with
  *
  * Choice   element, size (the editor of n_unsafe), read() -> id | recipe, check(), point(message),
  *          failures() -> number of unsafe rollouts | null
  */
 
+import { reason } from "../lib/api.js";
 import { aircraftName, kindName, limitWords } from "../lib/catalog.js";
 import { formatted, h } from "../lib/dom.js";
-import { figure } from "../lib/numbers.js";
+import { figure, percent } from "../lib/numbers.js";
+import { button, errorLine } from "../lib/view_states.js";
 import { createFields } from "./form.js";
 
 const SIZE = "n_unsafe";
 
-export function createTestFields({ catalog, initial }) {
+export function createTestFields({ api, catalog, initial }) {
   const { schema, default: usual } = catalog.recipes.dataset;
   const fields = createFields(
     schema,
@@ -56,30 +58,50 @@ export function createTestFields({ catalog, initial }) {
     ),
     objects.map(fields.element),
   );
-  suggestLaw(fields, main, catalog);
+  beginWithUsualTest(fields, main, catalog);
+  main.append(amplitudeSuggestion(fields, api));
   return { fields, main, folded, size };
 }
 
-/** A new aircraft brings the law that was made for it, until a law is chosen by hand. */
-function suggestLaw(fields, element, catalog) {
-  let byHand = false;
+/** A new aircraft brings its law, manoeuvre and limits, but for those that were changed by hand. */
+function beginWithUsualTest(fields, element, catalog) {
+  const byHand = new Set();
   element.addEventListener("change", ({ target, isTrusted }) => {
-    if (target.name === "dataset.control_law.kind" && isTrusted) byHand = true;
-    if (target.name !== "dataset.aircraft.kind" || byHand) return;
-    const usual = catalog.recipes.dataset.default;
-    const family = target.value.split("_")[0];
-    const own = Object.keys(catalog.families.control_law.entries).find((kind) =>
-      kind.startsWith(`${family}_`),
-    );
-    fields.kind(
-      "control_law",
-      target.value === usual.aircraft.kind ? usual.control_law.kind : (own ?? "none"),
-    );
+    const part = target.name?.split(".")[1];
+    if (part !== "aircraft" && isTrusted) byHand.add(part);
+    if (target.name !== "dataset.aircraft.kind") return;
+    const usual = catalog.families.aircraft.entries[target.value].usual_test;
+    for (const [key, value] of Object.entries(usual)) if (!byHand.has(key)) fields.put(key, value);
   });
 }
 
-export function datasetChoice({ catalog, datasets, chosen, initial }) {
-  const { fields, main, folded, size } = createTestFields({ catalog, initial });
+/** A button that puts in the amplitude at which a quarter of the rollouts exceeds a limit. */
+function amplitudeSuggestion(fields, api) {
+  const words = h("span", { class: "hint", role: "status" });
+  const failure = errorLine();
+  const go = button("Suggest amplitude", suggest, { class: "button button-small" });
+  return h("div", { class: "field suggestion" }, h("div", { class: "row" }, go, words), failure.element);
+
+  async function suggest() {
+    failure.show("");
+    if (!fields.check()) return;
+    go.disabled = true;
+    words.textContent = "Flying a pilot run…";
+    try {
+      const found = await api.post("/datasets/amplitude", fields.read());
+      fields.put("maneuver", found.maneuver);
+      words.textContent = `${figure(found.amplitude_deg)} deg: ${percent(found.share, 0)} of ${found.n_rollouts} pilot rollouts exceed a limit`;
+    } catch (error) {
+      words.textContent = "";
+      failure.show(reason(error));
+    } finally {
+      go.disabled = false;
+    }
+  }
+}
+
+export function datasetChoice({ api, catalog, datasets, chosen, initial }) {
+  const { fields, main, folded, size } = createTestFields({ api, catalog, initial });
   const select = h(
     "select",
     { "aria-label": "stored dataset" },

@@ -53,6 +53,7 @@ async function form({ catalog, api, query, navigate }) {
   const [datasets, jobs] = await Promise.all([api.get("/datasets"), api.get("/jobs")]);
   const { schema, default: usual } = catalog.recipes.study;
   const source = datasetChoice({
+    api,
     catalog,
     datasets: datasets.filter(({ recipe }) => Object.keys(recipe).length),
     chosen: query.get("dataset") ?? datasets[0]?.id,

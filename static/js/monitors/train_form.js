@@ -40,6 +40,7 @@ export function showTraining(element, { query, api, navigate }) {
       query.get("like") ? api.get(`/monitors/${query.get("like")}`) : null,
     ]);
     const form = createTrainForm({
+      api,
       catalog,
       datasets,
       like,
@@ -77,7 +78,7 @@ export function showTraining(element, { query, api, navigate }) {
 }
 
 /** like: a monitor to begin from, or null.   chosen: id of the dataset to begin with, or null. */
-function createTrainForm({ catalog, datasets, like, chosen, onsubmit }) {
+function createTrainForm({ api, catalog, datasets, like, chosen, onsubmit }) {
   const { schema } = catalog.recipes.monitor;
   const withTest = { ...schema, properties: { ...schema.properties, n_test: TEST } };
   const fields = createFields(
@@ -86,6 +87,7 @@ function createTrainForm({ catalog, datasets, like, chosen, onsubmit }) {
     { catalog, path: "monitor" },
   );
   const source = datasetChoice({
+    api,
     catalog,
     datasets,
     chosen,

@@ -4,15 +4,18 @@ import re
 from contextlib import redirect_stdout
 from io import StringIO
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 from app.cli import COMMANDS, main
 from core.monitor import Monitor, load
+from core.planned_test import DatasetRecipe
 from core.recipe import to_plain
 from core.simulation.aircraft import AIRCRAFT
 from tests.support.attas import record_file
+from tests.support.places import ROOT
 
 FIRST_PNG_BYTES = b"\x89PNG\r\n\x1a\n"
 LEAST = ("--n-monitors", "1", "--n-test", "20")
@@ -162,6 +165,8 @@ def test_users_own_matrices_and_manoeuvre_table_train_a_monitor(tmp_path: Path):
         (["train", "--amplitude", "0.1"], "raise the amplitude"),
         (["train", "--amplitude", "80"], "lower the amplitude"),
         (["train", "--epsilon", "0.01"], "epsilon=0.01 needs at least 99 unsafe rollouts"),
+        (["train", "--amplitude", "0.1"], "At an amplitude of 9.5"),
+        (["train", "--limit", "Ny=90", "--amplitude", "auto"], "exceed a limit even at 45 deg"),
         (["train", "--limit", "Nz=1"], "there is no channel 'Nz'"),
         (["train", "--limit", "Ny"], "write it as CHANNEL=NUMBER"),
         (["train", "--limit", "Ny=-1"], "a limit is a positive, finite magnitude"),
@@ -212,9 +217,45 @@ def test_study_into_a_file_is_refused_before_the_work(tmp_path: Path, monkeypatc
     assert (tmp_path / "taken").read_text() == "mine"
 
 
-def test_an_aircraft_without_a_law_flies_without_one(capsys):
-    assert main(["train", "--aircraft", "attas_id_16kft", "--print-recipe"]) == 0
-    assert json.loads(capsys.readouterr().out)["dataset"]["control_law"]["kind"] == "none"
+def printed_recipe(capsys: pytest.CaptureFixture, *options: str) -> dict[str, Any]:
+    assert main(["train", *options, "--print-recipe"]) == 0
+    return json.loads(capsys.readouterr().out)["dataset"]
+
+
+@pytest.mark.parametrize("kind", [kind for kind in AIRCRAFT if kind != "matrices"])
+def test_every_aircraft_brings_its_usual_test(kind: str, tmp_path: Path, capsys):
+    recipe = printed_recipe(capsys, "--aircraft", kind)
+    assert recipe == to_plain(DatasetRecipe.usual(AIRCRAFT[kind]))
+    assert recipe["control_law"]["kind"] == AIRCRAFT[kind].usual_test.control_law
+    arguments = ["--aircraft", kind, "--n-unsafe", "20", "--n-test", "20"]
+    assert main(["train", *arguments, "-o", str(tmp_path / "m.fwm")]) == 0
+
+
+def test_what_an_option_says_goes_before_the_usual_test(capsys):
+    options = ["--aircraft", "attas_id_16kft", "--control-law", "none", "--amplitude", "3"]
+    recipe = printed_recipe(capsys, *options, "--limit", "Ny=0.3")
+    assert recipe["control_law"]["kind"] == "none"
+    assert recipe["maneuver"]["amplitude_deg"] == 3.0
+    assert recipe["specification"]["Ny"] == 0.3
+
+
+def test_the_model_of_the_readme_trains_with_the_defaults(tmp_path: Path, capsys):
+    readme = (ROOT / "README.md").read_text(encoding="utf-8")
+    (model,) = re.findall(r"```json\n(.*?)```", readme, re.DOTALL)
+    (tmp_path / "model.json").write_text(model)
+    arguments = ["--aircraft", str(tmp_path / "model.json"), "--n-test", "50"]
+    assert main(["train", *arguments, "-o", str(tmp_path / "m.fwm")]) == 0
+    assert "% of 400 pilot rollouts exceed a limit" in capsys.readouterr().err
+
+
+def test_an_amplitude_is_found_for_any_limit_and_for_a_table(tmp_path: Path, capsys):
+    recipe = printed_recipe(capsys, "--limit", "beta_deg=3", "--amplitude", "auto")
+    assert 2 < recipe["maneuver"]["amplitude_deg"] < 9
+    (tmp_path / "kick.csv").write_text("t_s,delta_r_deg\n0,1\n1,-1\n2,0\n")
+    table = ["--maneuver", str(tmp_path / "kick.csv"), "--amplitude", "auto"]
+    first, second, last = printed_recipe(capsys, *table)["maneuver"]["delta_r_deg"]
+    assert first == -second > 2
+    assert last == 0
 
 
 def test_study_of_another_limit_compares_that_channels_magnitude(tmp_path: Path, capsys):

@@ -1,14 +1,17 @@
 import io
+from dataclasses import asdict
 
 import numpy as np
 import pytest
 
 from app.recipes import from_plain
+from core.amplitude import suggest_amplitude
 from core.channels import KEYS
 from core.collection import DatasetRecipe, collect
 from core.monitor import train
 from tests.support.api import api, finished, problem, store_of
 
+LAW = {"control_law": {"kind": "attas_damper"}}
 RECIPE = {"n_unsafe": 5, "n_obs": 10, "seed": 3, "maneuver": {"amplitude_deg": 10.0}}
 
 
@@ -40,6 +43,34 @@ def test_a_collection_that_cannot_end_fails_with_the_reason(client):
     job = finished(client, client.post("/api/v1/datasets", json=recipe))
     assert job["status"] == "failed"
     assert "raise the amplitude" in job["error"]
+
+
+def test_an_amplitude_is_suggested_and_is_what_auto_stands_for(client):
+    test = {"aircraft": {"kind": "attas_id_16kft"}, "specification": {"Ny": 0.3}}
+    answer = client.post("/api/v1/datasets/amplitude", json=test | {"share": 0.25})
+    assert answer.status_code == 200
+    suggested = answer.json()
+    assert suggested == asdict(suggest_amplitude(from_plain(DatasetRecipe(), test | LAW))) | {
+        "maneuver": suggested["maneuver"]
+    }
+    assert suggested["maneuver"]["amplitude_deg"] == suggested["amplitude_deg"]
+    auto = test | {"n_unsafe": 5, "n_obs": 10, "maneuver": {"amplitude_deg": "auto"}}
+    job = finished(client, client.post("/api/v1/datasets", json=auto))
+    info = client.get(f"/api/v1/datasets/{job['result']['dataset']}").json()
+    assert info["recipe"]["maneuver"]["amplitude_deg"] == suggested["amplitude_deg"]
+
+
+@pytest.mark.parametrize(
+    ("test", "words"),
+    [
+        ({"specification": {"Ny": 90}}, "0 % of the rollouts exceed a limit even at 45 deg"),
+        ({"share": 2}, "give one between 0 and 1"),
+        ({"share": "half"}, "share is 'half'"),
+        ({"maneuver": {"kind": "loop"}}, "'loop' is unknown"),
+    ],
+)
+def test_where_no_amplitude_is_suggested_the_reason_is_said(client, test, words):
+    assert words in problem(client.post("/api/v1/datasets/amplitude", json=test), 422)
 
 
 @pytest.mark.parametrize(
