@@ -68,7 +68,7 @@ def add_recipe_options(parser: argparse.ArgumentParser, *, method: bool) -> None
     group.add_argument(
         "--aircraft",
         metavar="NAME|FILE",
-        help=f"{', '.join(AIRCRAFT)}, or a JSON file of matrices; brings its law, doublet and limit",
+        help=f"{', '.join(AIRCRAFT)}, or a JSON file of matrices; with its law, doublet, limit",
     )
     group.add_argument("--control-law", metavar="NAME", help=", ".join(CONTROL_LAWS))
     group.add_argument(
