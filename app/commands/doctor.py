@@ -22,6 +22,8 @@ from websockets.asyncio.client import connect
 from app.commands import serve
 from app.jobs.training import simulate
 from app.main import STATIC, create_app
+from app.recordings.files import REMEDY, RecordingFiles
+from app.recordings.samples import open_tiles
 from app.scene.server import SUBPROTOCOL
 from app.serving import Server, address_of, listen
 from app.settings import Settings, SettingsError
@@ -111,6 +113,7 @@ def examine(settings: Settings) -> Iterator[Finding]:
         ("dependencies", dependencies),
         ("data directory", data_directory),
         ("schema", schema),
+        ("recordings", recordings),
         ("port", port),
         ("offline assets", offline_assets),
         ("server", round_trip),
@@ -188,6 +191,32 @@ def schema(settings: Settings) -> str:
     finally:
         store.close()
     return f"{here}, the newest; the database is whole"
+
+
+def recordings(settings: Settings) -> str:
+    """Every file, column and scoring of every recording against its digest."""
+    url = make_url(settings.url)
+    if url.get_backend_name() == "sqlite" and not Path(url.database or "").exists():
+        return "none yet"
+    if needs_upgrade(url):
+        return "checked once the schema is the newest"
+    store, files = (
+        open_store(settings.url, recover=False),
+        RecordingFiles(settings.data_dir / "recordings"),
+    )
+    n_scorings = 0
+    try:
+        stored = store.recordings.all()
+        for recording in stored:
+            files.check(recording.id, recording.digest)
+            for scoring in store.scorings.of(recording.id):
+                open_tiles(files.scorings(recording.id), scoring.id, scoring.digest, files.verified)
+                n_scorings += 1
+    except FileNotFoundError as error:
+        raise Failed(f"{error.filename} is missing: {REMEDY}") from error
+    finally:
+        store.close()
+    return f"{len(stored)} recordings and {n_scorings} scorings are whole"
 
 
 def port(settings: Settings) -> str:
