@@ -144,8 +144,8 @@ class ColumnWriter:
         self._bytes += block.nbytes
         if self._bytes > self.most_bytes:
             raise TelemetryError(
-                f"the file unfolds to more than {self.most_bytes / 2**20:.0f} MiB of numbers: "
-                "export the time range and the signals of this test"
+                f"the file unfolds to more than {self.most_bytes / 2**20:.0f} MiB of numbers, the "
+                "most that one of its size may: export the time range and the signals of this test"
             )
         with (self.folder / f"{signal}.f8").open("ab") as file:
             file.write(block.data)

@@ -13,7 +13,7 @@ from app.telemetry.readers import isolation
 from app.telemetry.recording import TelemetryError
 
 log = logging.getLogger(__name__)
-GIB = 2**30
+MIB, GIB = 2**20, 2**30
 LONGEST_SENTENCE = 1000
 
 
@@ -21,12 +21,15 @@ LONGEST_SENTENCE = 1000
 class ReadLimits:
     """What the reading of one file may cost.
 
-    most_bytes: of numbers that it may unfold to.   memory: of the process that reads it [bytes].
+    most_bytes: of numbers that it may unfold to, at most `unfolds_by` times its size, or
+    `unfolds_to` where that is more.   memory: of the process that reads it [bytes].
     seconds: for a file of up to 1 GiB, and in proportion for a larger one [s].
     bad_share: of the rows of a table that may be bad and are left out.
     """
 
     most_bytes: int = 8 * GIB
+    unfolds_by: int = 64
+    unfolds_to: int = 64 * MIB
     seconds: float = 60.0
     memory: int = 2 * GIB
     bad_share: float = 0.01
@@ -95,7 +98,7 @@ def _order(
         "notes": notes,
         "seconds": limits.seconds * max(1.0, size / GIB),
         "memory": limits.memory,
-        "most_bytes": limits.most_bytes,
+        "most_bytes": min(limits.most_bytes, max(limits.unfolds_by * size, limits.unfolds_to)),
         "bad_share": limits.bad_share,
     }
 

@@ -37,7 +37,7 @@ def read(path: Path, writer: ColumnWriter) -> Contents:
                 f"no channel of the Chapter 10 file can be decoded without a description of the "
                 f"aircraft{kinds}: export the decoded parameters as a table"
             )
-        write_tables(path, tables, writer, ignored)
+        write_tables(tables, writer, ignored)
         return writer.finish(
             "ch10", start=opened.start(), ignored=listed(ignored), notes=tuple(opened.notes())
         )

@@ -24,5 +24,5 @@ def read(path: Path, writer: ColumnWriter) -> Contents:
                     return other.read_open(file, writer)
             ignored: list[str] = []
             contents = arrays(datasets(file, ignored), ignored)
-            write_tables(path, contents.all_tables(), writer, ignored)
+            write_tables(contents.all_tables(), writer, ignored)
             return writer.finish("hdf5", ignored=listed(ignored))

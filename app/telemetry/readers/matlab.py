@@ -47,7 +47,7 @@ def read(path: Path, writer: ColumnWriter) -> Contents:
             return _read_hdf5(path, writer)
         loaded = _load(path, min(MOST_MEMORY, writer.most_bytes))
         tables = to_tables(as_signals(loaded.arrays, loaded.texts))
-        write_tables(path, tables, writer, loaded.ignored, ".")
+        write_tables(tables, writer, loaded.ignored, ".")
         return writer.finish("matlab5", ignored=listed(loaded.ignored))
 
 

@@ -72,7 +72,7 @@ def read(path: Path, writer: ColumnWriter) -> Contents:
         ):
             mdf.configure(read_fragment_size=FRAGMENT)
             ignored: list[str] = []
-            write_tables(path, list(_sources(mdf, ignored)), writer, ignored)
+            write_tables(list(_sources(mdf, ignored)), writer, ignored)
             start = mdf.header.start_time.isoformat()
         return writer.finish("mdf4", start=start, ignored=listed(ignored))
 

@@ -58,7 +58,7 @@ def _read_classic(path: Path, writer: ColumnWriter) -> Contents:
                 matrices.append(made)
             else:
                 ignored.append(made)
-        write_tables(path, to_tables(matrices), writer, ignored)
+        write_tables(to_tables(matrices), writer, ignored)
     start = conventions.start.iso if conventions.start else ""
     return writer.finish("netcdf", start=start, ignored=listed(ignored))
 

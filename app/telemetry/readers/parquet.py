@@ -46,7 +46,7 @@ def read(path: Path, writer: ColumnWriter) -> Contents:
 
             columns = _columns(schema, names)
             write_tables(
-                path, [SignalTable((), columns, file.metadata.num_rows, pieces)], writer, ignored
+                [SignalTable((), columns, file.metadata.num_rows, pieces)], writer, ignored
             )
             return writer.finish("parquet", start=moments.start, ignored=listed(ignored))
 

@@ -7,7 +7,6 @@ declares more than may be read is refused before any of it is.
 import re
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy.typing as npt
 
@@ -19,9 +18,6 @@ BLOCK = 1 << 20
 """Numbers that are read at a time."""
 MOST_COLUMNS = 256
 """Of one matrix; a wider one is an image or a map, not a set of signals."""
-MOST_UNFOLDING = 200
-ALWAYS = 1 << 29
-"""A file may unfold to this many times its size, and to this much in any case [bytes]."""
 TIME_NAMES = frozenset(
     {"t", "t_s", "time", "time_s", "times", "timestamp", "timestamps", "tout", "seconds"}
 )
@@ -65,7 +61,6 @@ def is_time_name(name: str) -> bool:
 
 
 def write_tables(
-    path: Path,
     tables: Sequence[SignalTable],
     writer: ColumnWriter,
     ignored: list[str],
@@ -85,7 +80,7 @@ def write_tables(
     series = [table for table in tables if table.n_rows > 1]
     if not any(table.columns for table in series):
         raise TelemetryError(nothing(ignored))
-    _check_size(path, series, writer)
+    _check_size(series, writer)
     timed = {(s.within, s.n_rows) for s in series if s.clock is None and any(map(_time, s.columns))}
     groups: dict[Place, list[SignalTable]] = {}
     for table in series:
@@ -120,7 +115,7 @@ def _added(
     ]
 
 
-def _check_size(path: Path, series: Sequence[SignalTable], writer: ColumnWriter) -> None:
+def _check_size(series: Sequence[SignalTable], writer: ColumnWriter) -> None:
     """TelemetryError where a file declares more signals or numbers than may be written."""
     n_signals = sum(len(table.columns) for table in series)
     if n_signals > MOST_SIGNALS:
@@ -129,12 +124,11 @@ def _check_size(path: Path, series: Sequence[SignalTable], writer: ColumnWriter)
             "test"
         )
     n_bytes = 8 * sum(len(table.columns) * table.n_rows for table in series)
-    most = min(writer.most_bytes, max(MOST_UNFOLDING * path.stat().st_size, ALWAYS))
-    if n_bytes > most:
+    if n_bytes > writer.most_bytes:
         raise TelemetryError(
             f"the file declares {n_bytes / 2**20:.0f} MiB of numbers, more than the "
-            f"{most / 2**20:.0f} MiB that one of its size may unfold to: export the time range and "
-            "the signals of this test"
+            f"{writer.most_bytes / 2**20:.0f} MiB that one of its size may unfold to: export the "
+            "time range and the signals of this test"
         )
 
 

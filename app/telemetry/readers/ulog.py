@@ -43,7 +43,7 @@ def read(path: Path, writer: ColumnWriter) -> Contents:
             log = ULog(file)
         ignored: list[str] = []
         tables = [_topic(data, log.data_list, ignored) for data in log.data_list]
-        write_tables(path, _smallest(tables, ignored), writer, ignored)
+        write_tables(_smallest(tables, ignored), writer, ignored)
         return writer.finish("ulog", ignored=listed(ignored), notes=_notes(log))
 
 

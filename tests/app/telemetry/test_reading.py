@@ -7,8 +7,12 @@ import sys
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
+import h5py
 import numpy as np
+import pyarrow as pa
 import pytest
+from pyarrow import parquet
+from scipy.io import savemat
 
 from app.telemetry.contents import open_columns
 from app.telemetry.formats import FORMATS, PACKED, Format, format_of
@@ -353,3 +357,32 @@ def test_limits_reach_the_reader(write, tmp_path):
     assert read_file(bad, tmp_path / "columns", limits=limits).n_bad_rows == 29
     with pytest.raises(TelemetryError, match="unfolds to more"):
         read_file(bad, tmp_path / "more", limits=ReadLimits(most_bytes=100, bad_share=0.3))
+
+
+@pytest.mark.parametrize("kind", ["mat", "h5", "parquet"])
+def test_a_small_file_does_not_become_a_large_folder(kind, tmp_path):
+    """Twenty million zeros are under half a megabyte as a file and 160 MB of columns."""
+    path, zeros = tmp_path / f"zeros.{kind}", np.zeros(20_000_000)
+    if kind == "mat":
+        savemat(path, {"t": zeros}, do_compression=True)
+    elif kind == "h5":
+        with h5py.File(path, "w") as file:
+            file.create_dataset("t", data=zeros, chunks=(2**17,), compression="gzip")
+    else:
+        parquet.write_table(pa.table({"t": zeros}), path)
+    assert path.stat().st_size < 500_000
+    with pytest.raises(TelemetryError, match="more than the 64 MiB") as refused:
+        read_file(path, tmp_path / "columns")
+    assert str(refused.value).endswith("export the time range and the signals of this test")
+    assert not (tmp_path / "columns").exists()
+
+
+def test_what_a_file_may_unfold_to_grows_with_its_size(write, tmp_path):
+    table = write(TABLE)
+    for unfolds_by in (2, 4):
+        limits = ReadLimits(unfolds_by=unfolds_by, unfolds_to=0)
+        if unfolds_by == 2:
+            with pytest.raises(TelemetryError, match="unfolds to more"):
+                read_file(table, tmp_path / "columns", limits=limits)
+        else:
+            assert read_file(table, tmp_path / "columns", limits=limits).groups[0].n_rows == 3

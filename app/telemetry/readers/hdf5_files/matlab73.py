@@ -2,7 +2,6 @@
 
 import math
 from collections.abc import Iterator
-from pathlib import Path as FilePath
 
 import h5py
 import numpy as np
@@ -55,9 +54,7 @@ def read_open(file: h5py.File, writer: ColumnWriter) -> Contents:
             numbers.append((path, dataset))
     contents = arrays(numbers, ignored, separator=".", reverse=True)
     signals = as_signals(contents.matrices, texts)
-    write_tables(
-        FilePath(file.filename), [*to_tables(signals), *contents.tables], writer, ignored, "."
-    )
+    write_tables([*to_tables(signals), *contents.tables], writer, ignored, ".")
     return writer.finish("hdf5", ignored=listed(ignored))
 
 

@@ -1,6 +1,5 @@
 """NetCDF 4, which is HDF5 with dimension scales and the CF conventions."""
 
-from pathlib import Path
 from typing import Any
 
 import h5py
@@ -30,6 +29,6 @@ def read_open(file: h5py.File, writer: ColumnWriter) -> Contents:
         return conventions.variable(name, value_of, dataset.dtype)
 
     contents = arrays(datasets(file, ignored), ignored, describe)
-    write_tables(Path(file.filename), contents.all_tables(), writer, ignored)
+    write_tables(contents.all_tables(), writer, ignored)
     start = conventions.start.iso if conventions.start else ""
     return writer.finish("netcdf", start=start, ignored=listed(ignored))

@@ -182,18 +182,6 @@ def test_a_dataset_in_huge_pieces_is_left_out(made):
     assert "pieces of 512 MiB" in reasons(made(fill))["piece"]
 
 
-def test_a_file_that_unfolds_out_of_all_proportion_is_refused(made):
-    def fill(file):
-        file.create_dataset(
-            "zeros", shape=(2**27,), dtype="f8", chunks=(2**20,), compression="gzip"
-        )
-        for k in range(2):
-            file["zeros"][k << 20 : (k + 1) << 20] = 0
-
-    with pytest.raises(TelemetryError, match="1024 MiB of numbers, more than the 512 MiB"):
-        made(fill)
-
-
 def test_a_filter_that_is_not_installed_is_named(made, monkeypatch):
     monkeypatch.setattr("h5py.h5z.filter_avail", lambda code: code != h5py.h5z.FILTER_LZF)
 
