@@ -97,15 +97,21 @@ def address_of(listening: socket.socket, settings: Settings) -> str:
     return f"http://{host}:{listening.getsockname()[1]}"
 
 
-def serve(settings: Settings, opened: Callable[[FastAPI, str], Awaitable[None]]) -> None:
+def serve(
+    settings: Settings,
+    opened: Callable[[FastAPI, str], Awaitable[None]],
+    listening: socket.socket | None = None,
+) -> None:
     """Serve until interrupted; `opened` is called with the application and its address.
+
+    listening: the socket of `listen`, where it was taken before; it is closed in the end.
 
     SettingsError where the address or the data directory is taken, StoreError where the database
     cannot be used: said before anything listens.
     """
     with alone(settings):
         open_store(settings.url).close()
-        listening = listen(settings)
+        listening = listening or listen(settings)
         here = address_of(listening, settings)
         server = Server(create_app(settings), lambda app: opened(app, here))
         try:

@@ -2,12 +2,9 @@ import re
 import shlex
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from app.cli import main
-from core.channels import KEYS
-from core.collection import DatasetRecipe, Simulator
 from tests.support.places import ROOT
 
 README = (ROOT / "README.md").read_text(encoding="utf-8")
@@ -18,24 +15,12 @@ SMALL = {
 }
 
 
-def write_flight(path: Path) -> None:
-    """Write a simulated flight as the README names the columns."""
-    y = Simulator(DatasetRecipe()).rollouts(1, np.random.default_rng(0)).y[0]
-    y = np.vstack([np.zeros((100, len(KEYS))), y])
-    scale = np.degrees([1, 1, 1, 0, 1, 1])
-    scale[KEYS.index("Ny")] = 1
-    table = np.column_stack([np.arange(len(y)) * 0.05, y * scale])
-    head = "t_s,beta_deg,p_degps,r_degps,ay_g,da_deg,dr_deg"
-    np.savetxt(path, table, fmt="%.9g", delimiter=",", header=head, comments="")
-
-
 def test_commands_of_the_readme_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.chdir(tmp_path)
-    write_flight(tmp_path / "flight.csv")
     commands = re.findall(
-        r"^ {4,6}forewarn ((?:study|train|score|report) .*)$", README, re.MULTILINE
+        r"^ {4,6}forewarn ((?:study|train|sample-flight|score|report) .*)$", README, re.MULTILINE
     )
-    assert len(commands) == 6
+    assert len(commands) == 7
     for command in commands:
         arguments = shlex.split(command)
         assert main([*arguments, *SMALL.get(arguments[0], [])]) == 0, command

@@ -15,7 +15,7 @@ from app.commands.progress import progress_bar
 from app.jobs.requests import dataset_name
 from app.jobs.training import simulate, train_and_test
 from app.recipes import to_plain
-from app.serving import alone, serve
+from app.serving import alone, listen, serve
 from app.settings import Settings
 from app.store.database import StoreError
 from app.store.store import Store, open_store
@@ -46,13 +46,21 @@ def run(options: argparse.Namespace) -> int:
 
 
 def demonstrate(settings: Settings, say: Callable[[str], None], *, browser: bool) -> None:
-    """Prepare, serve, fly; returns when interrupted.   browser: open the page there."""
-    with alone(settings):
-        store = open_store(settings.url)
-        try:
-            monitor_id = prepare(store, say)
-        finally:
-            store.close()
+    """Prepare, serve, fly; returns when interrupted.   browser: open the page there.
+
+    SettingsError where the address is taken, before anything is trained.
+    """
+    listening = listen(settings)
+    try:
+        with alone(settings):
+            store = open_store(settings.url)
+            try:
+                monitor_id = prepare(store, say)
+            finally:
+                store.close()
+    except BaseException:
+        listening.close()
+        raise
 
     async def opened(app: FastAPI, address: str) -> None:
         flight = await fly(app, settings, monitor_id)
@@ -61,7 +69,7 @@ def demonstrate(settings: Settings, say: Callable[[str], None], *, browser: bool
         if browser and not await asyncio.to_thread(webbrowser.open, page):
             say("no browser could be opened: open the address yourself")
 
-    serve(settings, opened)
+    serve(settings, opened, listening)
 
 
 def prepare(store: Store, say: Callable[[str], None]) -> str:

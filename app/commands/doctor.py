@@ -9,7 +9,7 @@ import tempfile
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from importlib.metadata import PackageNotFoundError, version
 from importlib.util import find_spec
 from pathlib import Path
@@ -20,6 +20,7 @@ from sqlalchemy import make_url
 from websockets.asyncio.client import connect
 
 from app.commands import serve
+from app.commands.results import add_json, print_result
 from app.jobs.training import simulate
 from app.main import STATIC, create_app
 from app.recordings.files import REMEDY, RecordingFiles
@@ -95,15 +96,19 @@ class Finding:
 def add(parser: argparse.ArgumentParser) -> None:
     """Add the command's options: those of the server that it examines."""
     serve.add(parser)
+    add_json(parser)
 
 
 def run(options: argparse.Namespace) -> int:
-    """Print each check as it ends; 0 where all is well."""
-    well = True
+    """Print each check as it ends, or all as JSON; 0 where all is well."""
+    findings: list[Finding] = []
     for finding in examine(serve.settings_of(options)):
-        print(finding, flush=True)
-        well = well and finding.is_well
-    return 0 if well else 1
+        findings.append(finding)
+        if not options.json:
+            print(finding, flush=True)
+    if options.json:
+        print_result(options, "", {"findings": [asdict(finding) for finding in findings]})
+    return 0 if all(finding.is_well for finding in findings) else 1
 
 
 def examine(settings: Settings) -> Iterator[Finding]:

@@ -3,6 +3,7 @@
 import argparse
 import csv
 import json
+import re
 import sys
 from pathlib import Path
 from typing import Any
@@ -10,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from app.recipes import AUTO, RecipeError, dataset_recipe, read_plain, set_path, to_plain
-from core.channels import KEYS
+from core.channels import BY_KEY, KEYS
 from core.monitor.predictor import PREDICTORS
 from core.monitor.score import SCORES
 from core.simulation.aircraft import AIRCRAFT, MatrixAircraft
@@ -49,6 +50,8 @@ SHARED: tuple[tuple[str, str, Any, Any, str], ...] = (
     ("--scaling", "monitor.scaling", str, ("safe_std", "raw"), "units of distances"),
     ("--epsilon", "monitor.epsilon", float, None, "accepted miss rate"),
 )
+VALUE = re.compile(r"([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*([A-Za-z°/]*)")
+"""A number and the unit that may stand behind it."""
 # part of a dataset's recipe: kind whose defaults are an example, field that fills it, what to do
 EXAMPLES: dict[str, tuple[str, str, str]] = {
     "aircraft": ("matrices", "a", "give --aircraft FILE.json with your matrices"),
@@ -78,13 +81,13 @@ def add_recipe_options(parser: argparse.ArgumentParser, *, method: bool) -> None
         "--limit",
         action="append",
         metavar="CHANNEL=VALUE",
-        help="limit of a channel, such as Ny=0.5 [g] or beta_deg=8; replaces the default limit",
+        help="limit of a channel, such as Ny=0.5g or beta=7deg; replaces the default limit",
     )
     group.add_argument(
         "--noise",
         action="append",
         metavar="CHANNEL=SIGMA",
-        help="sensor noise, 1 sigma, such as Ny=0.005 [g] or p_deg=0.2 [deg/s]",
+        help="sensor noise, 1 sigma, such as Ny=0.005g or p=0.2deg/s",
     )
     for option, path, kind, choices, text in SHARED + (METHOD if method else ()):
         name = None if choices else "NUMBER"
@@ -177,17 +180,28 @@ def maneuver_table(path: Path) -> dict[str, Any]:
 
 
 def channel_value(assignment: str) -> tuple[str, float]:
-    """Return (channel key, value in SI) of `Ny=0.5` or `beta_deg=8`."""
-    name, _, number = assignment.partition("=")
+    """Return (channel key, value in SI) of `Ny=0.5`, `beta=7deg`, `p=20deg/s` or `beta_deg=8`."""
+    name, _, text = assignment.partition("=")
     key = name.removesuffix("_deg")
-    try:
-        value = float(number)
-    except ValueError:
-        raise RecipeError(f"{assignment!r}: write it as CHANNEL=NUMBER, such as Ny=0.5") from None
     if key not in KEYS or (name != key and key not in ANGULAR):
-        known = ", ".join([*KEYS, *(f"{key}_deg" for key in ANGULAR)])
-        raise RecipeError(f"{assignment!r}: there is no channel {name!r}; choose {known}")
-    return key, value if name == key else float(np.radians(value))
+        raise RecipeError(f"{assignment!r}: there is no channel {name!r}; choose {', '.join(KEYS)}")
+    written = VALUE.fullmatch(text.strip())
+    if written is None:
+        raise RecipeError(
+            f"{assignment!r}: write it as CHANNEL=NUMBER, such as Ny=0.5 or beta=7deg"
+        )
+    number, unit = float(written[1]), written[2]
+    if name != key and not unit:
+        return key, float(np.radians(number))
+    own = BY_KEY[key]
+    factors = {"": 1.0, own.unit: 1.0, own.display_unit: 1.0 / own.display_factor}
+    factors[own.display_unit.replace("deg", "°")] = 1.0 / own.display_factor
+    if unit not in factors or (name != key and unit):
+        raise RecipeError(
+            f"{assignment!r}: {name} takes no unit {unit!r}; write it like "
+            f"{key}=1{own.display_unit}"
+        )
+    return key, number * factors[unit]
 
 
 def _value(text: str) -> Any:

@@ -7,7 +7,8 @@ from pathlib import Path
 from typing import Any
 
 from app.commands.destinations import DestinationError, check_file
-from app.commands.score import Report, is_assessed, lines
+from app.commands.results import add_json, print_result
+from app.commands.score import Report, report_of
 from app.commands.scoring_options import SETTINGS, add_scoring_options, request_of
 from app.jobs.requests import N_TEST
 from app.jobs.training import fly_test
@@ -40,6 +41,7 @@ def add(parser: argparse.ArgumentParser) -> None:
         help=f"fresh simulated flights that certify the monitor, {N_TEST} if absent, 0 for none",
     )
     parser.add_argument("-o", "--out", type=Path, help="HTML file, FILE's name if absent")
+    add_json(parser)
     parser.epilog = f"Several monitors or epsilons make a report each. {SETTINGS}"
 
 
@@ -50,7 +52,7 @@ def run(options: argparse.Namespace) -> int:
     exports = tuple(dict.fromkeys(filter(None, options.export.split(","))))
     wanted = ReportRequest(out, exports, options.n_test, options.aircraft)
     written = write_reports(request, wanted, memory)
-    print(written.text)
+    print_result(options, written.text, written.plain)
     return 0 if written.assessed else 1
 
 
@@ -110,10 +112,7 @@ def write_reports(
         files |= zip(wanted.places(scoring.label), content, strict=True)
     for path, content in files.items():
         write_whole(path, content)
-    written = f"written: {', '.join(map(str, files))}"
-    return Report(
-        "\n".join([*lines(scored_file), written]), any(map(is_assessed, scored_file.scored))
-    )
+    return report_of(scored_file, list(files))
 
 
 def evaluation(monitor: Monitor, n_test: int) -> dict[str, Any] | None:

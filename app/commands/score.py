@@ -2,14 +2,16 @@
 
 import argparse
 import json
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from app.commands.destinations import check_directory
 from app.commands.mapping_lines import contents_lines, mapping_lines
+from app.commands.results import add_json, print_result
 from app.commands.scoring_options import SETTINGS, add_scoring_options, request_of
 from app.recordings.exports import export
 from app.recordings.mapping_memory import MappingMemory
@@ -23,10 +25,11 @@ MAPPING = "mapping.json"
 
 
 class Report(NamedTuple):
-    """What came of it. assessed: whether anything could be."""
+    """What came of it. assessed: whether anything could be.   plain: `text` as plain data."""
 
     text: str
     assessed: bool
+    plain: dict[str, Any]
 
 
 def add(parser: argparse.ArgumentParser) -> None:
@@ -34,6 +37,7 @@ def add(parser: argparse.ArgumentParser) -> None:
     add_scoring_options(parser)
     parser.add_argument("-o", "--out", type=Path, help="directory written, FILE's name if absent")
     parser.add_argument("--png", action="store_true", help="write the figure as PNG too")
+    add_json(parser)
     parser.epilog = SETTINGS
 
 
@@ -42,7 +46,7 @@ def run(options: argparse.Namespace) -> int:
     out = check_directory(options.out or Path(f"{options.file.stem}-scored"))
     request, memory = request_of(options)
     report = write_scores(request, out, memory, options.png)
-    print(report.text)
+    print_result(options, report.text, report.plain)
     return 0 if report.assessed else 1
 
 
@@ -61,10 +65,36 @@ def write_scores(
     for name, content in files.items():
         (out / name).parent.mkdir(parents=True, exist_ok=True)
         write_whole(out / name, content)
-    written = f"written: {', '.join(str(out / name) for name in files)}"
+    return report_of(scored_file, [out / name for name in files])
+
+
+def report_of(scored_file: ScoredFile, written: Sequence[Path]) -> Report:
+    """What is told of a scored file and of the files written of it."""
+    names = [str(path) for path in written]
     return Report(
-        "\n".join([*lines(scored_file), written]), any(map(is_assessed, scored_file.scored))
+        "\n".join([*lines(scored_file), f"written: {', '.join(names)}"]),
+        any(map(is_assessed, scored_file.scored)),
+        {
+            "mapping": scored_file.mapping.to_plain(),
+            "scorings": [_plain(scoring) for scoring in scored_file.scored],
+            "files": names,
+        },
     )
+
+
+def _plain(scoring: Scored) -> dict[str, Any]:
+    """A scoring without its samples; SI units, N_y in g."""
+    recording, monitor = scoring.recording, scoring.monitor
+    return {
+        "monitor": str(scoring.path),
+        "label": scoring.label,
+        "epsilon": recording.epsilon,
+        "assessed": is_assessed(scoring),
+        "manoeuvres": [manoeuvre.to_plain() for manoeuvre in recording.manoeuvres],
+        "outside_exceedances": [asdict(found) for found in recording.outside_exceedances],
+        "notes": [*recording.quality.sentences(), *recording.notes],
+        "warnings": list(warnings_of(monitor.evaluation, recording.epsilon)),
+    }
 
 
 def lines(scored_file: ScoredFile) -> Iterator[str]:

@@ -6,8 +6,9 @@ from pathlib import Path
 from app.commands.destinations import check_directory
 from app.commands.progress import progress_bar
 from app.commands.recipe_options import add_number, add_recipe_options, plain_recipe, print_recipe
+from app.commands.results import add_json, print_result
 from app.recipes import from_plain
-from app.report.study import write_study
+from app.report.study import summary, write_study
 from core.study import StudyRecipe, study
 
 
@@ -17,6 +18,7 @@ def add(parser: argparse.ArgumentParser) -> None:
     add_number(parser, "--n-monitors", "monitors a method")
     add_number(parser, "--n-test", "fresh test flights a monitor")
     parser.add_argument("-o", "--out", type=Path, default=Path("study"), help="directory written")
+    add_json(parser)
 
 
 def run(options: argparse.Namespace) -> int:
@@ -27,5 +29,5 @@ def run(options: argparse.Namespace) -> int:
     check_directory(options.out)
     with progress_bar("monitors") as progress:
         result = study(recipe, progress=progress)
-    print(write_study(result, options.out))
+    print_result(options, write_study(result, options.out), summary(result))
     return 0

@@ -3,12 +3,14 @@
 import argparse
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from app.commands.destinations import check_file
 from app.commands.progress import progress_bar
 from app.commands.recipe_options import add_number, add_recipe_options, plain_recipe, print_recipe
+from app.commands.results import add_json, print_result
 from app.jobs.requests import N_TEST
 from app.jobs.training import FlownTest, Training, simulate, train_and_test
 from app.recipes import from_plain
@@ -38,6 +40,7 @@ def add(parser: argparse.ArgumentParser) -> None:
     add_recipe_options(parser, method=True)
     add_number(parser, "--n-test", "fresh test flights")
     parser.add_argument("-o", "--out", type=Path, default=Path("monitor.fwm"), help="file written")
+    add_json(parser)
 
 
 def run(options: argparse.Namespace) -> int:
@@ -50,8 +53,29 @@ def run(options: argparse.Namespace) -> int:
         dataset = simulate(recipe.dataset, lambda _, done, total: progress(done, total))
     training = train_and_test(dataset, recipe.monitor, recipe.n_test, lambda *_: None)
     training.monitor.save(options.out)
-    print(f"{report(training)}\nwritten: {options.out}")
+    text = f"{report(training)}\nwritten: {options.out}"
+    print_result(options, text, summary(training) | {"file": str(options.out)})
     return 0
+
+
+def summary(training: Training) -> dict[str, Any]:
+    """Return what `report` says as plain data; times [s]."""
+    monitor, dataset = training.monitor, training.dataset
+    return {
+        "dataset": {
+            "n_unsafe": len(dataset.unsafe),
+            "n_safe_met": dataset.n_safe_met,
+            "unsafe_rate": dataset.unsafe_rate,
+            "recipe": dataset.recipe,
+        },
+        "n_early": monitor.n_early,
+        "lead": monitor.lead,
+        "epsilon": monitor.recipe.epsilon,
+        "smallest_epsilon": monitor.smallest_epsilon,
+        "validity": "calibrated" if monitor.support else training.not_calibrated,
+        "evaluation": monitor.evaluation,
+        "warnings": list(warnings_of(monitor.evaluation, monitor.recipe.epsilon)),
+    }
 
 
 def report(training: Training) -> str:

@@ -1,27 +1,27 @@
 """The quantities that a recording can hold: what a signal of a file can be mapped to."""
 
-from core.channels import CHANNELS, Channel
+from core.channels import CHANNELS, Channel, channel
 
 ATTITUDE_TARGETS = (
-    Channel("phi", "φ", "rad", "bank angle"),
-    Channel("theta", "θ", "rad", "pitch angle"),
-    Channel("psi", "ψ", "rad", "heading"),
+    channel("phi", "φ", "rad", "bank angle"),
+    channel("theta", "θ", "rad", "pitch angle"),
+    channel("psi", "ψ", "rad", "heading"),
 )
 CONDITION_TARGETS = (
-    Channel("V", "V", "m/s", "true airspeed"),
-    Channel("h", "h", "m", "altitude"),
+    channel("V", "V", "m/s", "true airspeed"),
+    channel("h", "h", "m", "altitude"),
 )
 INGREDIENTS = (
-    Channel("v", "v", "m/s", "lateral velocity"),
-    Channel("Ay", "a_y", "g", "lateral acceleration, gravity included"),
-    Channel("delta_a_left", "δ_a,l", "rad", "left aileron"),
-    Channel("delta_a_right", "δ_a,r", "rad", "right aileron"),
-    Channel("delta_r_left", "δ_r,l", "rad", "left rudder"),
-    Channel("delta_r_right", "δ_r,r", "rad", "right rudder"),
-    Channel("q0", "q_0", "1", "attitude quaternion, scalar part"),
-    Channel("q1", "q_1", "1", "attitude quaternion, forward part"),
-    Channel("q2", "q_2", "1", "attitude quaternion, right part"),
-    Channel("q3", "q_3", "1", "attitude quaternion, down part"),
+    channel("v", "v", "m/s", "lateral velocity"),
+    channel("Ay", "a_y", "g", "lateral acceleration, gravity included"),
+    channel("delta_a_left", "δ_a,l", "rad", "left aileron"),
+    channel("delta_a_right", "δ_a,r", "rad", "right aileron"),
+    channel("delta_r_left", "δ_r,l", "rad", "left rudder"),
+    channel("delta_r_right", "δ_r,r", "rad", "right rudder"),
+    channel("q0", "q_0", "1", "attitude quaternion, scalar part"),
+    channel("q1", "q_1", "1", "attitude quaternion, forward part"),
+    channel("q2", "q_2", "1", "attitude quaternion, right part"),
+    channel("q3", "q_3", "1", "attitude quaternion, down part"),
 )
 """Only used to derive other channels."""
 TARGETS: dict[str, Channel] = {

@@ -156,6 +156,14 @@ def test_a_watcher_has_a_small_buffer_and_a_download_a_large_one(tmp_path):
         assert buffer_after("/healthz HTTP/1.1") > 2 * watched
 
 
+def test_the_demonstration_finds_a_taken_port_before_it_trains(tmp_path, capsys):
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        port = str(taken.getsockname()[1])
+        assert main(["demo", "--data-dir", str(tmp_path / "data"), "--port", port]) == 1
+    assert "choose another port with --port" in capsys.readouterr().err
+    assert not (tmp_path / "data").exists()
+
+
 def test_the_demonstration_flies_and_keeps_its_monitor(tmp_path):
     arguments = ("demo", "--data-dir", str(tmp_path), "--port", "0", "--no-browser")
     with command(*arguments) as (_, address):

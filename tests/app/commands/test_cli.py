@@ -112,6 +112,56 @@ def test_help_names_every_command(capsys: pytest.CaptureFixture):
     assert set(COMMANDS) <= set(words)
 
 
+@pytest.mark.parametrize(
+    ("arguments", "line"),
+    [
+        (["trian"], "there is no command 'trian': did you mean train?"),
+        (["qq"], f"there is no command 'qq': choose {', '.join(COMMANDS)}"),
+        (["train", "--ampltude", "3"], "train takes no '--ampltude': did you mean --amplitude?"),
+        (["study", "--nmonitors=3"], "study takes no '--nmonitors=3': did you mean --n-monitors?"),
+    ],
+)
+def test_what_is_mistyped_is_told_the_right_word(arguments, line, capsys):
+    assert main(arguments) == 2
+    assert capsys.readouterr().err == f"forewarn: {line}\n"
+
+
+@pytest.mark.parametrize("outcome", ["unsafe", "safe"])
+def test_a_sample_flight_is_read_back_as_it_was_flown(outcome: str, tmp_path: Path, capsys):
+    path = tmp_path / "flight.csv"
+    assert main(["sample-flight", "--out", str(path), "--outcome", outcome, "--json"]) == 0
+    answer = json.loads(capsys.readouterr().out)
+    rows = np.genfromtxt(path, delimiter=",", names=True)
+    exceeds = np.abs(rows["ay_g"]) >= 0.5
+    assert exceeds.any() == (outcome == "unsafe")
+    if outcome == "unsafe":
+        assert answer["exceeds_at"] == pytest.approx(rows["t_s"][exceeds.argmax()])
+    assert (rows["beta_deg"][:100] == 0).all()
+    assert 5 < np.abs(rows["dr_deg"]).max() < 30
+
+
+def test_results_are_printed_as_json(tmp_path: Path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("FOREWARN_DATA_DIR", str(tmp_path / "data"))
+
+    def answer(*arguments: str) -> dict[str, Any]:
+        main([*arguments, "--json"])
+        return json.loads(capsys.readouterr().out)
+
+    trained = answer("train", "--n-test", "100", "--out", "m.fwm")
+    assert trained["evaluation"]["n_test"] == 100
+    assert trained["file"] == "m.fwm"
+    assert trained["dataset"]["n_unsafe"] == load(tmp_path / "m.fwm").n_unsafe
+    answer("sample-flight")
+    for command in ("score", "report"):
+        told = answer(command, "m.fwm", "flight.csv")
+        (manoeuvre,) = told["scorings"][0]["manoeuvres"]
+        assert manoeuvre["exceedance"]["channel"] == "Ny"
+        assert all(Path(name).exists() for name in told["files"])
+    study = answer(*small_study(tmp_path / "out", *LEAST))
+    assert study == json.loads((tmp_path / "out" / "study.json").read_text())
+
+
 def test_train_writes_a_monitor_that_knows_its_recipe(tmp_path: Path, capsys):
     path = tmp_path / "m.fwm"
     options = ["--n-unsafe", "60", "--t-early", "0.3", "--predictor", "identity", "--seed", "7"]
@@ -169,6 +219,8 @@ def test_users_own_matrices_and_manoeuvre_table_train_a_monitor(tmp_path: Path):
         (["train", "--limit", "Ny=90", "--amplitude", "auto"], "exceed a limit even at 45 deg"),
         (["train", "--limit", "Nz=1"], "there is no channel 'Nz'"),
         (["train", "--limit", "Ny"], "write it as CHANNEL=NUMBER"),
+        (["train", "--limit", "Ny=5deg"], "Ny takes no unit 'deg'; write it like Ny=1g"),
+        (["train", "--limit", "beta_deg=5deg"], "beta_deg takes no unit 'deg'"),
         (["train", "--limit", "Ny=-1"], "a limit is a positive, finite magnitude"),
         (["train", "--t-early", "0"], "the lead must be positive"),
         (["train", "--t-early", "9"], "the manoeuvre lasts 6 s"),
@@ -229,6 +281,23 @@ def test_every_aircraft_brings_its_usual_test(kind: str, tmp_path: Path, capsys)
     assert recipe["control_law"]["kind"] == AIRCRAFT[kind].usual_test.control_law
     arguments = ["--aircraft", kind, "--n-unsafe", "20", "--n-test", "20"]
     assert main(["train", *arguments, "-o", str(tmp_path / "m.fwm")]) == 0
+
+
+@pytest.mark.parametrize(
+    ("written", "key", "value"),
+    [
+        ("beta=7deg", "beta", np.radians(7)),
+        ("beta=7°", "beta", np.radians(7)),
+        ("beta_deg=7", "beta", np.radians(7)),
+        ("beta=0.1 rad", "beta", 0.1),
+        ("p=20deg/s", "p", np.radians(20)),
+        ("Ny=5e-1g", "Ny", 0.5),
+    ],
+)
+def test_a_limit_is_read_in_the_unit_it_is_written_in(written: str, key: str, value, capsys):
+    specification = printed_recipe(capsys, "--limit", written)["specification"]
+    assert specification[key] == pytest.approx(value)
+    assert [k for k, limit in specification.items() if limit is not None] == [key]
 
 
 def test_what_an_option_says_goes_before_the_usual_test(capsys):

@@ -1,3 +1,4 @@
+import json
 import socket
 
 import pytest
@@ -61,6 +62,13 @@ def test_the_command_succeeds_only_where_all_is_well(tmp_path, monkeypatch, caps
     monkeypatch.setattr(doctor, "round_trip", round_trip)
     assert main(["doctor", "--data-dir", str(tmp_path), "--port", "0"]) == code
     assert ("cannot fly" if fails else "flies") in capsys.readouterr().out
+
+
+def test_the_findings_are_printed_as_json(tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr(doctor, "round_trip", lambda _: "flies")
+    assert main(["doctor", "--data-dir", str(tmp_path), "--port", "0", "--json"]) == 0
+    findings = json.loads(capsys.readouterr().out)["findings"]
+    assert findings[-1] == {"what": "server", "is_well": True, "words": "flies"}
 
 
 def test_a_data_directory_that_cannot_be_written_fails(tmp_path):

@@ -1,0 +1,53 @@
+"""The command that writes a simulated flight as a recorder would: something to score at once."""
+
+import argparse
+from pathlib import Path
+
+import numpy as np
+
+from app.commands.destinations import check_file
+from app.commands.results import add_json, print_result
+from core.channels import KEYS
+from core.collection import DatasetRecipe, evaluation_flights
+from core.types import Array
+from core.whole_file import write_whole
+
+COLUMNS = ("t_s", "beta_deg", "p_degps", "r_degps", "ay_g", "da_deg", "dr_deg")
+TRIM_S = 5.0
+"""[s] Flown in trim before the manoeuvre."""
+FLIGHTS = 100
+"""Simulated, of which the first with the outcome asked for is written."""
+
+
+def add(parser: argparse.ArgumentParser) -> None:
+    """Add the command's options."""
+    parser.add_argument(
+        "-o", "--out", type=Path, default=Path("flight.csv"), help="CSV file written"
+    )
+    parser.add_argument("--seed", type=int, default=0, metavar="NUMBER", help="of the aircraft")
+    parser.add_argument("--outcome", choices=("unsafe", "safe"), default="unsafe")
+    add_json(parser)
+
+
+def run(options: argparse.Namespace) -> int:
+    """Write a flight of the usual test; it is the same for the same seed."""
+    out = check_file(options.out)
+    recipe = DatasetRecipe(seed=options.seed)
+    flights = evaluation_flights(recipe, FLIGHTS)
+    unsafe = options.outcome == "unsafe"
+    number = int(np.flatnonzero(flights.is_unsafe == unsafe)[0])
+    write_whole(out, table(flights.y[number], recipe.dt).encode())
+    exceeds_at = TRIM_S + float(flights.fail_index[number]) * recipe.dt if unsafe else None
+    words = f"exceeds its limit at {exceeds_at:g} s" if unsafe else "keeps its limit"
+    text = f"written: {out}, an F-16's rudder doublet that {words}"
+    print_result(options, text, {"file": str(out), "exceeds_at": exceeds_at})
+    return 0
+
+
+def table(y: Array, dt: float) -> str:
+    """A flight (n, 6) as CSV in degrees, deg/s and g, after TRIM_S in trim."""
+    y = np.vstack([np.zeros((round(TRIM_S / dt), len(KEYS))), y])
+    scale = np.array([1.0 if key == "Ny" else np.degrees(1.0) for key in KEYS])
+    rows = np.column_stack([np.arange(len(y)) * dt, y * scale])
+    lines = (",".join(f"{number:.9g}" for number in row) for row in rows)
+    return "\n".join([",".join(COLUMNS), *lines, ""])
