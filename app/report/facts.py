@@ -53,26 +53,43 @@ def headline(manoeuvres: Sequence[Plain], outside: Sequence[Plain] = ()) -> tupl
 
 
 def _of_manoeuvres(manoeuvres: Sequence[Plain]) -> tuple[str, str]:
+    """Of the valid ones, and how many are not."""
+    invalid = [s for s in manoeuvres if _is_invalid(s)]
+    level, words = _of_valid([s for s in manoeuvres if not _is_invalid(s)])
+    if level == "bad" or not invalid:
+        pass
+    elif any(s["exceedance"] for s in invalid):
+        level, words = "bad", "A limit was exceeded where the monitor is not applicable"
+    elif level == "good":
+        level = "caution"
+    n, total = len(invalid), len(manoeuvres)
+    if not n or n == total:
+        return level, words
+    of_all = f"{n} of the {total} manoeuvres {'is' if n == 1 else 'are'} not valid"
+    return level, f"{words}; {of_all}, this says nothing of {'it' if n == 1 else 'them'}"
+
+
+def _is_invalid(manoeuvre: Plain) -> bool:
+    return manoeuvre["validity"]["valid"] is False or manoeuvre["outcome"] == "invalid"
+
+
+def _of_valid(manoeuvres: Sequence[Plain]) -> tuple[str, str]:
+    if not manoeuvres:
+        return "invalid", "No verdict: the monitor is not applicable"
     n = counts(manoeuvres)
     if n["unknown"]:
         return "caution", "Unknown: the monitor does not say which limits it was trained for"
-    unjudged = [s for s in manoeuvres if s["outcome"] == "invalid"]
-    unassessed = any(s["exceedance"] for s in unjudged)
     if n["missed"] or n["late_alert"]:
         return "bad", "A limit was exceeded without an alert in time"
-    if unassessed:
-        return "bad", "A limit was exceeded where the monitor is not applicable"
     unseen = [s for s in manoeuvres if s["outcome"] == "unseen"]
     if any(s["exceedance"] for s in unseen):
         return (
             "bad",
             "A limit was exceeded where samples are missing: nothing can be said of alerts",
         )
-    if len(unjudged) == len(manoeuvres):
-        return "invalid", "No verdict: the monitor is not applicable"
-    unchecked = bool(unjudged) or any(s["validity"]["valid"] is None for s in manoeuvres)
     if unseen:
         return "caution", "Samples are missing: whether a limit was exceeded is not wholly known"
+    unchecked = any(s["validity"]["valid"] is None for s in manoeuvres)
     level = "caution" if n["false_alert"] or unchecked else "good"
     if n["timely_alert"]:
         return level, "Every exceedance was warned of in time"

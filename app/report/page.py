@@ -67,6 +67,7 @@ def report(subject: ReportSubject) -> str:
             for channel, limit in zip(CHANNELS, limits, strict=True)
             if limit < float("inf")
         ],
+        look_ahead=max((s.get("look_ahead", 0.0) for s in manoeuvres), default=0.0),
         headline=facts.headline(manoeuvres, outside),
         outside=outside,
         most_outside=MOST_OUTSIDE,

@@ -250,6 +250,7 @@ def _verdict(
         alerts=alerts,
         exceedance=limited.exceedance,
         lead=lead,
+        look_ahead=flight.recording.look_ahead,
         withdrawn_t=None if judged.withdrawn is None else float(part["t"][judged.withdrawn]),
         remarks=(
             *first,

@@ -78,6 +78,8 @@ class ScoredManoeuvre:
     alerts: first and last time of each run of alerts [s].
     exceedance: the first recorded sample that exceeds a limit.
     lead: from the first alert to the exceedance [s]; None where one of them is missing.
+    look_ahead: how far resampling let its samples look into the future [s]: in flight an alert
+    could come so much later; 0 where they are as recorded.
     withdrawn_t: first sample of which nothing is said any more [s]; None where there is none.
     remarks: what limits the verdict.   guarantee: what is promised, or that nothing is.
     """
@@ -96,6 +98,7 @@ class ScoredManoeuvre:
     alerts: tuple[tuple[float, float], ...] = ()
     exceedance: Exceedance | None = None
     lead: float | None = None
+    look_ahead: float = 0.0
     withdrawn_t: float | None = None
     remarks: tuple[str, ...] = ()
 

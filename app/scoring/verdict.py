@@ -106,4 +106,8 @@ def _lead(monitor: Monitor, manoeuvre: ScoredManoeuvre) -> str:
     if manoeuvre.lead is None:
         return "none: no alert before the exceedance (a miss)"
     timely = "at least" if manoeuvre.outcome == "timely_alert" else "short of"
-    return f"{manoeuvre.lead:.2f} s from the first alert, {timely} the promised {monitor.lead:g} s"
+    ahead = f"; resampling looks up to {manoeuvre.look_ahead:.2g} s ahead, a flight cannot"
+    return (
+        f"{manoeuvre.lead:.2f} s from the first alert, {timely} the promised {monitor.lead:g} s"
+        f"{ahead if manoeuvre.look_ahead else ''}"
+    )

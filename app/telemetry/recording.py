@@ -22,6 +22,7 @@ class Recording:
     columns: channel key -> what it was read or derived from.
     derived: keys of channels that were not measured but derived.
     notes: sentences on what was assumed and done, oldest first.
+    look_ahead: how far resampling let y look into the future [s]; 0 for samples as recorded.
     """
 
     t: Array
@@ -31,3 +32,4 @@ class Recording:
     columns: dict[str, str] = field(default_factory=dict)
     derived: frozenset[str] = frozenset()
     notes: tuple[str, ...] = ()
+    look_ahead: float = 0.0

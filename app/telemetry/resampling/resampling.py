@@ -63,11 +63,16 @@ def on_grid(traces: Traces, dt: float, needed: Collection[str] = KEYS) -> Record
         rows,
         recorded,
         (*traces.notes, *notes_on(grid, treatments)),
+        max((each.look_ahead(dt) for each in treatments if each.key in needed), default=0.0),
     )
 
 
 def _recording(
-    t: Array, rows: dict[str, Array], recorded: dict[str, Trace], notes: tuple[str, ...]
+    t: Array,
+    rows: dict[str, Array],
+    recorded: dict[str, Trace],
+    notes: tuple[str, ...],
+    look_ahead: float,
 ) -> Recording:
     """t: (n,) [s].   rows: (n,) by channel; NaN in y for a channel that is not there."""
     y = np.full((len(t), len(KEYS)), np.nan)
@@ -82,6 +87,7 @@ def _recording(
         columns={key: trace.source for key, trace in recorded.items()},
         derived=frozenset(key for key, trace in recorded.items() if trace.derived),
         notes=notes,
+        look_ahead=look_ahead,
     )
 
 

@@ -27,6 +27,21 @@ class Treatment:
     limit: float = 0.0
     bridged: int = 0
 
+    def look_ahead(self, dt: float) -> float:
+        """How far into the future a row may look [s]; 0 on the grid.   dt: of the grid [s]."""
+        if not self.step:
+            return 0.0
+        filtered = HALF_WIDTH * max(self.step, dt) if self.is_filtered(dt) else 0.0
+        return filtered + (0.0 if self.even else 2.0 * self.step)
+
+    def is_filtered(self, dt: float) -> bool:
+        """Whether it went through the low-pass filter, and not through local cubics alone."""
+        return self.even or self.is_reduced(dt)
+
+    def is_reduced(self, dt: float) -> bool:
+        """Whether the grid has fewer samples than it."""
+        return dt > self.step * (1.0 + 1e-3)
+
 
 def notes_on(grid: Grid, treatments: Iterable[Treatment]) -> list[str]:
     """A sentence for all channels treated alike; none for a channel on the grid as it was."""
@@ -45,15 +60,15 @@ def _rate(treatment: Treatment, grid: Grid) -> str:
     change = f"{{}}: resampled from {1.0 / step:.4g} Hz to {1.0 / dt:.4g} Hz"
     if treatment.slow:
         return f"{change}; recorded more slowly than the grid, so for display only."
-    down = dt > step * (1.0 + 1e-3)
     uneven = "" if treatment.even else ", from an uneven clock by local cubics"
-    if not (down or treatment.even):
-        return f"{change}{uneven}, which use samples up to {2.0 * step:.4g} s in the future."
+    ahead = treatment.look_ahead(dt)
+    if not treatment.is_filtered(dt):
+        return f"{change}{uneven}, which use samples up to {ahead:.4g} s in the future."
     slower = max(step, dt)
-    removed = f" and removes {STOP / slower:.3g} Hz and above" if down else ""
+    removed = f" and removes {STOP / slower:.3g} Hz and above" if treatment.is_reduced(dt) else ""
     return (
         f"{change}{uneven}, by a zero-phase low-pass filter that passes up to "
-        f"{PASS / slower:.3g} Hz{removed}; it uses samples up to {HALF_WIDTH * slower:.3g} s in "
+        f"{PASS / slower:.3g} Hz{removed}; it uses samples up to {ahead:.3g} s in "
         f"the future, and a step appears {slower:.3g} s early with 9 % of its height."
     )
 

@@ -128,5 +128,8 @@ export function leadText(manoeuvre, promised) {
   if (!exceedance) return "–";
   if (lead === null || lead === undefined) return alerts.length ? "none before it" : "no alert";
   const enough = lead >= promised - 1e-9;
-  return `${lead.toFixed(2)} s, ${enough ? "at least" : "short of"} ${figure(promised)} s`;
+  const ahead = manoeuvre.look_ahead
+    ? `; resampling looks up to ${figure(manoeuvre.look_ahead)} s ahead, a flight cannot`
+    : "";
+  return `${lead.toFixed(2)} s, ${enough ? "at least" : "short of"} ${figure(promised)} s${ahead}`;
 }

@@ -135,6 +135,23 @@ def test_the_headline_is_the_worst_that_happened(manoeuvres, level: str, words: 
     assert words in found[1]
 
 
+def test_the_headline_is_of_valid_manoeuvres_and_says_how_many_are_not() -> None:
+    warned = WARNED | {"validity": WARNED["validity"] | {"valid": False}}
+    level, words = headline([QUIET, warned])
+    assert (level, words[:40]) == ("bad", "A limit was exceeded where the monitor i")
+    level, words = headline([QUIET, INVALID, INVALID])
+    assert level == "caution"
+    assert words.startswith(
+        "No limit was exceeded, and there was no alert; 2 of the 3 manoeuvres are"
+    )
+
+
+def test_what_resampling_knew_of_the_future_stands_beside_the_lead(monitor: Monitor) -> None:
+    html = report(subject_of(monitor, [WARNED | {"look_ahead": 0.5}]))
+    assert "looks up to 0.5 s ahead: in flight an alert could come that much later" in html
+    assert "looks up to" not in report(subject_of(monitor, [WARNED]))
+
+
 def test_an_alert_after_the_limit_has_no_lead() -> None:
     crossed = manoeuvre(0, "late_alert", exceedance=exceedance(0), alerts=[[1.9, 2.0], [3.0, 4.0]])
     rows = alerts([crossed])

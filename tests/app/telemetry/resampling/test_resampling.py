@@ -224,6 +224,29 @@ def test_nothing_beyond_a_gap_or_the_reach_of_the_filter_matters(step):
         assert not touched[~(reach & same_side)].any()
 
 
+@pytest.mark.parametrize("jitter", [0.0, 0.1])
+@pytest.mark.parametrize("step", [0.01, 0.04, 0.05, 0.07])
+def test_what_a_row_knows_of_the_future_is_told(step, jitter):
+    rng = np.random.default_rng(5)
+    t = clock(step, 800, 0.003) + jitter * step * rng.uniform(-1, 1, 800)
+    x = rng.normal(size=len(t))
+    at = clock(0.05, 40, 0.013)
+    plain = on_grid(traces(t, x, p=Trace(at, 0 * at)), 0.05, ("beta",))
+    early = []
+    for changed in (300, 301, 302, 500):
+        other = x.copy()
+        other[changed] += 100.0
+        row = on_grid(traces(t, other, p=Trace(at, 0 * at)), 0.05, ("beta",))
+        early.append((t[changed] - plain.t[row.y[:, 0] != plain.y[:, 0]]).max())
+    assert plain.look_ahead == 0.0 or 0.5 * plain.look_ahead < max(early)
+    assert max(early) <= plain.look_ahead + 1e-6 + 1e-3 * step
+
+
+def test_samples_as_recorded_know_nothing_of_the_future():
+    t = clock(0.05, 50)
+    assert resampled(line(t), 0.05).look_ahead == 0.0
+
+
 def test_one_late_sample_is_no_gap_and_two_steps_are():
     t = clock(0.04, 50)
     late = t.copy()
