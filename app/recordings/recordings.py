@@ -23,6 +23,7 @@ from app.store.store import NotFound, Store, StoreError
 from app.store.tables import new_id
 from app.telemetry.contents import Columns, open_columns
 from app.telemetry.mapping.mapping import Mapping
+from app.telemetry.mapping.mapping_warnings import find_warnings
 from app.telemetry.reading import read_file, warm_up
 from app.telemetry.recording import TelemetryError
 
@@ -140,7 +141,12 @@ class Recordings:
         mapped = self.mapped(recording_id, mapping)
         mapped.scorable()
         before = self.store.recordings.mapped_columns(recording_id)
-        confirmed = replace(with_mapping(before, mapped), mapping_state="confirmed")
+        warnings = find_warnings(self.columns(recording_id), mapping, mapped.applied)
+        confirmed = replace(
+            with_mapping(before, mapped),
+            mapping_state="confirmed",
+            confirmed_over=warnings,
+        )
         self.store.recordings.confirm_mapping(recording_id, confirmed, aircraft)
         aircraft = self.store.recordings.info(recording_id).aircraft
         if remember and aircraft:

@@ -42,4 +42,8 @@ def _mapped(info: ScoringInfo, now: MappedColumns) -> tuple[str, dict[str, Any]]
     if info.mapping != now.mapping:
         return "another one is in use now", {}
     proposed = now.mapping_state == "proposed"
-    return MAPPED[now.mapping_state], now.proposal.get("rationales", {}) if proposed else {}
+    words = MAPPED[now.mapping_state]
+    if warnings := now.confirmed_over:
+        told = "; ".join(f"{key}: {text}" for key, texts in warnings.items() for text in texts)
+        words = f"{words} over a warning ({told})"
+    return words, now.proposal.get("rationales", {}) if proposed else {}

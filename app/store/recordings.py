@@ -33,6 +33,8 @@ class RecordingInfo(Entry):
     duration: float | None
     """of the mapped channels [s]; null where the mapping cannot be applied"""
     mapping_state: MappingState
+    confirmed_over: dict[str, list[str]] | None
+    """warnings by channel that its mapping was confirmed over; null where it is not known"""
     n_scorings: int
 
 
@@ -53,6 +55,8 @@ class MappedColumns(Entry):
     """of the mapped channels [s]; null where the mapping cannot be applied"""
     statistics: list[list[float | None]]
     """[n, missing, min, max, mean] of each signal, in the file's unit"""
+    confirmed_over: dict[str, list[str]] | None = None
+    """warnings by channel that the mapping was confirmed over; null where it is not known"""
 
 
 class RecordingRepository(Repository):

@@ -246,6 +246,7 @@ recordings = Table(
     Column("duration", Float),
     _plain("mapping"),
     Column("mapping_state", String(16), nullable=False),
+    _plain("confirmed_over", nullable=True),
     _plain("proposal"),
     _plain("quality", nullable=True),
     Column("problem", Text),

@@ -16,6 +16,7 @@ from app.store.store import open_store
 from core.monitor import MonitorRecipe, train
 from tests.support.api import api
 from tests.support.recorded import RECORDINGS, csv_of, uploaded
+from tests.support.stored import EVALUATION
 
 CHECKS = [
     checks.not_a_server_error,
@@ -37,9 +38,8 @@ def known(tmp_path_factory, dataset, flights):
     kept = Settings(data_dir=data_dir, allowed_hosts=("testserver",), max_jobs=0, max_flights=2)
     store = open_store(kept.url)
     dataset_id = store.datasets.add(dataset, "oscillator").id
-    evaluation = {"n_test": 0, "n_unsafe": 0, "n_safe": 0}
     monitor = train(replace(dataset, recipe={}), MonitorRecipe(epsilon=0.2))
-    evaluated = replace(monitor, evaluation=evaluation)
+    evaluated = replace(monitor, evaluation=EVALUATION)
     monitor_id = store.monitors.add(evaluated, "oscillator", dataset_id).id
     job_id = store.jobs.add("study", {})
     store.jobs.update(job_id, status="done", result={"figures": {"a.svg": "<svg/>"}})

@@ -7,7 +7,7 @@ import { loadingView } from "../lib/loading_view.js";
 import { bytesText, durationText, moment } from "../lib/numbers.js";
 import { askToConfirm, button, empty, pageOf } from "../lib/view_states.js";
 import { createDropZone } from "./drop_zone.js";
-import { MAPPING_STATES } from "./words.js";
+import { mappingState } from "./words.js";
 
 export function showRecordings(element, { api, navigate }) {
   return loadingView(element, { title: "Recordings", text: "Looking up the recordings", build });
@@ -65,7 +65,7 @@ function table(recordings, catalog, remove) {
     hiddenHead("Delete it"),
   ];
   const rows = recordings.map((recording) => {
-    const { word, level, text } = MAPPING_STATES[recording.mapping_state] ?? {};
+    const { word, level, text } = mappingState(recording);
     return h(
       "tr",
       {},

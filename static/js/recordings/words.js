@@ -2,7 +2,7 @@
  * How recordings and scorings are described: every outcome with a word and a sign.
  *
  * Exports
- *   MAPPING_STATES   key -> {word, level, text}
+ *   mappingState(recording) -> {word, level, text}
  *   outcomeOf(key) -> {word, level, mark, text}, outcomeChip(key) -> element
  *   outsideText({outside_exceedances, channels}) -> string    those outside every manoeuvre, or ""
  *   validityWords(manoeuvre) -> {word, level, mark}
@@ -16,11 +16,19 @@ import { h } from "../lib/dom.js";
 import { figure, formatValue, secondsText } from "../lib/numbers.js";
 import { TRIM_SEGMENT } from "./scoring/source.js";
 
-export const MAPPING_STATES = {
+const MAPPING_STATES = {
   proposed: { word: "check it", level: "caution", text: "proposed from names and values" },
   remembered: { word: "remembered", level: "caution", text: "as the last time; check it" },
   confirmed: { word: "confirmed", level: "ok", text: "" },
 };
+
+/** Word, level and text of a recording's mapping; one confirmed over a warning stays marked. */
+export function mappingState({ mapping_state: state, confirmed_over: over }) {
+  const channels = Object.keys(over ?? {});
+  if (!channels.length) return MAPPING_STATES[state] ?? {};
+  const text = `a warning was there for ${channels.join(", ")}`;
+  return { word: "confirmed over a warning", level: "caution", text };
+}
 
 const OUTCOMES = {
   timely_alert: {

@@ -253,6 +253,24 @@ def test_a_signal_is_shown_as_the_file_holds_it(client, kept, flights):
         assert "signals 0 to 6" in problem(client.get(f"{path}/{index}/preview"), 404)
 
 
+def test_a_mapping_confirmed_over_a_warning_stays_marked(client, flights):
+    made = uploaded(client, csv_of(flights[0]))
+    assert made["confirmed_over"] is None
+    path = f"{RECORDINGS}/{made['id']}"
+    mapping = made["mapping"]
+    confirmed = client.put(f"{path}/mapping", json={"mapping": mapping}).json()
+    assert (confirmed["mapping_state"], confirmed["confirmed_over"]) == ("confirmed", {})
+    channels = mapping["channels"]
+    changed = mapping | {"channels": channels | {"p": channels["p"] | {"unit": "deg/s"}}}
+    warnings = client.post(f"{path}/preview", json={"mapping": changed}).json()["warnings"]
+    assert warnings
+    client.put(f"{path}/mapping", json={"mapping": changed})
+    (listed,) = (each for each in client.get(RECORDINGS).json() if each["id"] == made["id"])
+    assert client.get(path).json()["confirmed_over"] == listed["confirmed_over"] == warnings
+    client.put(f"{path}/mapping", json={"mapping": mapping})
+    assert client.get(path).json()["confirmed_over"] == {}
+
+
 def test_a_confirmed_mapping_is_remembered_for_the_aircraft(client, flights):
     odd = csv_of(flights[1], head="t_s,a,b,c,d,e,f")
     first = uploaded(client, odd, aircraft="D-IFSA")

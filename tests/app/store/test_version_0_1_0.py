@@ -115,7 +115,7 @@ def test_every_sample_and_alarm_of_the_flight_is_there(store: Store) -> None:
 
 def test_recording_scoring_and_markers_are_there(store: Store) -> None:
     answer = ANSWERS[f"recordings/{RECORDING}"]
-    assert_answers(store.recordings.info(RECORDING), answer)
+    assert_answers(store.recordings.info(RECORDING), answer, "confirmed_over")
     assert store.recordings.mapped_columns(RECORDING).mapping == in_the_words_of_today(
         answer["mapping"]
     )

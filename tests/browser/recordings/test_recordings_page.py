@@ -121,6 +121,23 @@ def test_a_correction_is_shown_in_the_data_at_once(page: Page, site: RecordedSit
     expect(row(page, "beta").locator(".map-verdict")).to_have_text("set by you")
 
 
+def test_a_mapping_confirmed_over_a_warning_stays_marked(page: Page, site: RecordedSite) -> None:
+    made = site.upload()
+    page.goto(f"{site.http}/#/recordings/{made}")
+    page.get_by_label("sign of roll rate p: as recorded").click()
+    expect(row(page, "p").locator(".map-warnings")).to_contain_text("reversed")
+    page.get_by_role("button", name="Confirm the mapping").click()
+    chip = page.locator(".mapping summary .chip").first
+    expect(chip).to_have_text("confirmed over a warning")
+    expect(chip).to_have_attribute("data-level", "caution")
+    page.locator(".mapping > summary").click()
+    expect(row(page, "p").locator(".map-verdict")).to_contain_text("reversed")
+    page.goto(f"{site.http}/#/recordings")
+    listed = page.locator("tr", has=page.locator(f'a[href="#/recordings/{made}"]'))
+    expect(listed).to_contain_text("confirmed over a warning")
+    site.ask("DELETE", f"/recordings/{made}")
+
+
 def test_what_cannot_be_applied_is_said_and_cannot_be_confirmed(
     page: Page, site: RecordedSite
 ) -> None:

@@ -138,6 +138,9 @@ def test_scorings_are_compared_and_laid_over_each_other(
     page.get_by_role("button", name="Add it").click()
     page.wait_for_url(f"**compare={scoring['id']},{other}:{theirs['id']}")
     expect(page.locator(".compare-table thead th")).to_have_count(3)
+    for head in page.locator(".compare-head").all():
+        expect(head).to_contain_text("ATTAS")
+        expect(head).to_contain_text("doublet")
     expect(page.locator(".compare-table tbody tr")).to_have_count(3)
     drawn(page)
     expect(page.locator(".overlay-key")).to_contain_text("t = 0 at")

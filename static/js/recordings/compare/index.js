@@ -6,6 +6,7 @@
  *     query: compare=sid,rid:sid,...   a scoring of recording `id`, or of another
  */
 
+import { aircraftName, kindName, loadCatalog } from "../../lib/catalog.js";
 import { loadingView } from "../../lib/loading_view.js";
 import { link, pageOf } from "../../lib/view_states.js";
 import { readScoring } from "../scoring/source.js";
@@ -22,7 +23,15 @@ export function showComparedScorings(element, { id, query, api, navigate }) {
   return loadingView(element, { title: "Compare", text: "Opening the scorings", build });
 
   async function build({ keep }) {
-    const recordings = await api.get("/recordings");
+    const [catalog, recordings, monitors] = await Promise.all([
+      loadCatalog(api),
+      api.get("/recordings"),
+      api.get("/monitors"),
+    ]);
+    const planned = new Map(monitors.map(({ id, dataset_recipe: { aircraft, maneuver } }) => [
+      id,
+      `${aircraftName(catalog, aircraft)}, ${kindName(catalog, "maneuver", maneuver)}`,
+    ]));
     const names = new Map(recordings.map((recording) => [recording.id, recording.name]));
     const compared = await Promise.all(
       references.map(async ({ recording, scoring }, k) => {
@@ -33,6 +42,7 @@ export function showComparedScorings(element, { id, query, api, navigate }) {
         return {
           letter: String.fromCharCode(65 + k),
           recordingName: names.get(recording) ?? recording,
+          planned: planned.get(scored.monitor) ?? "planned test not recorded",
           scoring: scored,
           mapping,
         };

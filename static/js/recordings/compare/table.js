@@ -3,7 +3,7 @@
  *
  * Exports
  *   compareTable(compared, {remove(k) | null}) -> element
- *     compared: [{letter, recordingName, scoring, mapping}]   mapping: the recording's present one
+ *     compared: [{letter, recordingName, planned, scoring, mapping}]   mapping: the recording's present one
  *   rowsOf(scorings) -> [[number of a manoeuvre | -1 for each scoring]]
  *       manoeuvres of one recording are matched by their times, those of others by their order
  */
@@ -26,7 +26,7 @@ export function compareTable(compared, { remove }) {
   const scorings = compared.map(({ scoring }) => scoring);
   const rows = rowsOf(scorings);
   const several = new Set(scorings.map(({ recording }) => recording)).size > 1;
-  const heads = compared.map(({ letter, recordingName, scoring, mapping }, k) =>
+  const heads = compared.map(({ letter, recordingName, planned, scoring, mapping }, k) =>
     h(
       "th",
       { scope: "col" },
@@ -43,6 +43,7 @@ export function compareTable(compared, { remove }) {
             scoring.monitor_name,
           ),
           ` at ε ${figure(scoring.epsilon)}`,
+          h("span", { class: "hint hint-line" }, planned),
           h(
             "span",
             { class: "hint hint-line" },

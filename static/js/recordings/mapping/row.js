@@ -25,6 +25,7 @@ export function createMappingRow({
   likely,
   derivable,
   state,
+  over,
   needed,
   changed,
 }) {
@@ -129,6 +130,11 @@ export function createMappingRow({
       return [chip("◆ DERIVED", "caution"), h("span", { class: "hint" }, `${title}${from}`)];
     }
     if (edited) return [h("span", { class: "dim" }, "set by you")];
+    if (state === "confirmed" && over.length)
+      return [
+        chip("▲ confirmed over a warning", "caution"),
+        h("span", { class: "hint" }, over.join("; ")),
+      ];
     if (state === "confirmed") return [chip("✓ confirmed", "ok")];
     return rationale ? [confidence(rationale)] : [];
   }

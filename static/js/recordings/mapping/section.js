@@ -12,7 +12,7 @@
 import { reason } from "../../lib/api.js";
 import { h } from "../../lib/dom.js";
 import { button, errorLine } from "../../lib/view_states.js";
-import { MAPPING_STATES } from "../words.js";
+import { mappingState } from "../words.js";
 import { createMappingTable } from "./table.js";
 
 const REST = 250; // ms that a correction must rest before it is tried
@@ -47,7 +47,7 @@ export function createMappingSection({
   const confirm = button(again ? "Confirm the change" : "Confirm the mapping", put, {
     class: "button button-primary",
   });
-  const { word, level, text } = MAPPING_STATES[recording.mapping_state];
+  const { word, level, text } = mappingState(recording);
   let edited = false;
   const element = h(
     "details",

@@ -40,6 +40,7 @@ export function createMappingTable({ catalog, recording, changed }) {
       likely: alternatives[target.key] ?? [],
       derivable: derivable[target.key] ?? [],
       state: recording.mapping_state,
+      over: recording.confirmed_over?.[target.key] ?? [],
       needed: recording.missing.includes(target.key),
       changed: tell,
     }),
