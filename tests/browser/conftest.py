@@ -30,8 +30,8 @@ def allowed_errors() -> list[str]:
 
 @pytest.fixture
 def page(browser: Browser, allowed_errors: list[str]) -> Iterator[Page]:
-    """A fresh page of 1280 x 720; fails the test if its console holds an unexpected error."""
-    context = browser.new_context(viewport={"width": 1280, "height": 720})
+    """A fresh page of 1280 x 720, dark; fails the test if its console holds an unexpected error."""
+    context = browser.new_context(viewport={"width": 1280, "height": 720}, color_scheme="dark")
     page = context.new_page()
     errors = watch_errors(page)
     yield page
