@@ -9,6 +9,7 @@ from fastapi import FastAPI, Request
 from fastapi.exceptions import RequestValidationError
 from fastapi.responses import JSONResponse, Response
 from starlette.exceptions import HTTPException
+from starlette.requests import ClientDisconnect
 
 from app.recipes import RecipeError
 from app.recordings.files import NoSpace
@@ -119,6 +120,7 @@ def install_problems(app: FastAPI) -> None:
         Busy: (429, "busy"),
         NoSpace: (507, "space"),
         Stalled: (408, "stalled"),
+        ClientDisconnect: (408, "stalled"),  # which nobody hears any more
     }
     for error, (status, kind) in handlers.items():
         app.add_exception_handler(error, answer(status, kind))

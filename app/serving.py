@@ -4,6 +4,7 @@ import asyncio
 import socket
 from collections.abc import Awaitable, Callable, Iterator
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +13,7 @@ from fastapi import FastAPI
 from filelock import FileLock, Timeout
 from uvicorn.protocols.websockets.auto import AutoWebSocketsProtocol
 
+from app.bounded_http import BoundedHttp
 from app.main import create_app
 from app.settings import Settings, SettingsError
 from app.store.database import address, file_of
@@ -44,6 +46,8 @@ class Server(uvicorn.Server):
     """A server that says when it takes requests."""
 
     def __init__(self, app: FastAPI, opened: Opened | None = None) -> None:
+        settings: Settings = app.state.settings
+        http: Any = partial(BoundedHttp, settings)
         super().__init__(
             uvicorn.Config(
                 app,
@@ -51,6 +55,8 @@ class Server(uvicorn.Server):
                 log_level="warning",
                 server_header=False,
                 proxy_headers=False,
+                http=http,
+                timeout_keep_alive=settings.idle_seconds,  # pyright: ignore[reportArgumentType]
                 ws=Watching,
                 ws_max_size=LARGEST_MESSAGE,
                 ws_per_message_deflate=False,

@@ -14,8 +14,13 @@
 | max_body_bytes   | FOREWARN_MAX_BODY_BYTES   | 32 MiB                                           |
 | max_upload_bytes | FOREWARN_MAX_UPLOAD_BYTES | 4 GiB, of a recording                            |
 | max_array_bytes  | FOREWARN_MAX_ARRAY_BYTES  | 4 GiB, of the arrays that a job may make         |
+| max_header_bytes | FOREWARN_MAX_HEADER_BYTES | 64 KiB, of a request                             |
+| header_seconds   | FOREWARN_HEADER_SECONDS   | 10, until a header is whole                      |
+| body_seconds     | FOREWARN_BODY_SECONDS     | 30, that a body may come at less than 4096 B/s   |
+| idle_seconds     | FOREWARN_IDLE_SECONDS     | 5, between two requests of a connection          |
 """
 
+import math
 import os
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
@@ -58,6 +63,10 @@ class Settings:
     max_body_bytes: int = 32 * 2**20
     max_upload_bytes: int = 4 * 2**30
     max_array_bytes: int = 4 * 2**30
+    max_header_bytes: int = 64 * 2**10
+    header_seconds: float = 10.0
+    body_seconds: float = 30.0
+    idle_seconds: float = 5.0
 
     def __post_init__(self) -> None:
         if self.token is not None and len(self.token) < SHORTEST_TOKEN:
@@ -77,11 +86,14 @@ class Settings:
         for name in ("max_flights", "max_jobs", "max_queued_jobs"):
             if getattr(self, name) < 0:
                 raise SettingsError(f"{name}={getattr(self, name)} was given: it must be 0 or more")
-        for name in ("max_body_bytes", "max_upload_bytes", "max_array_bytes"):
+        for name in (each.name for each in fields(self) if each.name.endswith("_bytes")):
             if getattr(self, name) < 1024:
                 raise SettingsError(
                     f"{name}={getattr(self, name)} was given: it must be at least 1024 bytes"
                 )
+        for name in (each.name for each in fields(self) if each.name.endswith("_seconds")):
+            if not 0 < getattr(self, name) < math.inf:
+                raise SettingsError(f"{name}={getattr(self, name)} was given: it must be positive")
 
     @property
     def url(self) -> str:
@@ -131,4 +143,9 @@ def _parse(variable: str, name: str, text: str) -> Any:
             return int(text)
         except ValueError:
             raise SettingsError(f"{variable}={text!r} was given: it must be an integer") from None
+    if name.endswith("_seconds"):
+        try:
+            return float(text)
+        except ValueError:
+            raise SettingsError(f"{variable}={text!r} was given: it must be a number") from None
     return text

@@ -41,6 +41,10 @@ def test_an_address_of_this_machine_needs_none(host):
         ({"FOREWARN_TOKEN": "a token with é in it"}, "ASCII"),
         ({"FOREWARN_MAX_JOBS": "-1"}, "max_jobs=-1"),
         ({"FOREWARN_MAX_BODY_BYTES": "0"}, "max_body_bytes=0"),
+        ({"FOREWARN_MAX_HEADER_BYTES": "1"}, "max_header_bytes=1"),
+        ({"FOREWARN_HEADER_SECONDS": "0"}, "header_seconds=0"),
+        ({"FOREWARN_BODY_SECONDS": "nan"}, "body_seconds=nan"),
+        ({"FOREWARN_IDLE_SECONDS": "soon"}, "IDLE_SECONDS='soon' was given: it must be a number"),
     ],
 )
 def test_a_setting_that_cannot_be_used_says_so(environment, words):

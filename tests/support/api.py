@@ -27,9 +27,9 @@ def api(data_dir: Path, **settings: Any) -> Iterator[TestClient]:
 
 
 @contextmanager
-def served(data_dir: Path) -> Iterator[tuple[str, Server]]:
+def served(data_dir: Path, **limits: Any) -> Iterator[tuple[str, Server]]:
     """A server in a thread, on a socket; its address."""
-    settings = Settings(data_dir=data_dir, port=0)
+    settings = Settings(data_dir=data_dir, port=0, **limits)
     listening, started = listen(settings), threading.Event()
 
     async def opened(_: object) -> None:

@@ -1,0 +1,133 @@
+"""An HTTP connection that takes no more of the server than it may, before anybody is known.
+
+Bounded are the header's size and time, the time between requests, and how slowly a body comes.
+Time counts only while the server reads: one that is slow itself gives nobody up.
+"""
+
+import asyncio
+from typing import Any
+
+from uvicorn.protocols.http.httptools_impl import STATUS_LINE, HttpToolsProtocol
+
+from app.problems import Problem, problem_response
+from app.settings import Settings
+
+SLOWEST_BODY = 4096
+"""[bytes/s] A body that comes more slowly on the whole is given up."""
+
+
+class BoundedHttp(HttpToolsProtocol):
+    """A connection within the settings' `max_header_bytes`, `header_seconds`, `body_seconds`."""
+
+    def __init__(self, settings: Settings, **parts: Any) -> None:
+        super().__init__(**parts)
+        self.settings = settings
+        self._in_head = True
+        self._begun = False
+        self._plain = 0
+        """Bytes since the last that were of a body: of a header, a trailer, between requests."""
+        self._patience = settings.body_seconds
+        self._timer: asyncio.TimerHandle | None = None
+
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        """Begin to wait for the first header."""
+        super().connection_made(transport)  # pyright: ignore[reportArgumentType]
+        self._expect_head()
+
+    def connection_lost(self, exc: Exception | None) -> None:
+        """Wait for nothing more."""
+        self._stop_waiting()
+        super().connection_lost(exc)
+
+    def data_received(self, data: bytes) -> None:
+        """Parse what came, no more at once than a header may have."""
+        most = self.settings.max_header_bytes
+        while data and not self.transport.is_closing():
+            if (current := self.transport.get_protocol()) is not self:
+                return current.data_received(data)  # pyright: ignore
+            if self._plain >= most:
+                text = f"the header is too large: {most} bytes at most are read"
+                return self._refuse(431, text)
+            part, data = data[: most - self._plain], data[most - self._plain :]
+            self._parse(part)
+        return None
+
+    def _parse(self, data: bytes) -> None:
+        if self._in_head and self._timer is None:
+            self._expect_head()
+        self._begun = self._in_head
+        self._plain += len(data)
+        super().data_received(data)
+        if self.transport.is_closing() or self.transport.get_protocol() is not self:
+            self._stop_waiting()
+        elif self._in_head and self._begun and self._timer is None:
+            self._expect_head()
+        elif not self._in_head and self._timer is None:
+            self._expect_body()
+
+    def on_message_begin(self) -> None:
+        """A header begins."""
+        self._begun = True
+        super().on_message_begin()
+
+    def on_headers_complete(self) -> None:
+        """A body begins, of no bytes maybe."""
+        self._stop_waiting()
+        self._in_head, self._plain = False, 0
+        self._patience = self.settings.body_seconds
+        super().on_headers_complete()
+
+    def on_body(self, body: bytes) -> None:
+        """More came of the body."""
+        self._plain = 0
+        gained = self._patience + len(body) / SLOWEST_BODY
+        self._patience = min(gained, self.settings.body_seconds)
+        super().on_body(body)
+
+    def on_message_complete(self) -> None:
+        """The request is whole."""
+        self._stop_waiting()
+        self._in_head, self._begun, self._plain = True, False, 0
+        super().on_message_complete()
+
+    def handle_websocket_upgrade(self) -> None:
+        """Leave the connection to its WebSocket."""
+        self._stop_waiting()
+        super().handle_websocket_upgrade()
+
+    def _expect_head(self) -> None:
+        seconds = self.settings.header_seconds
+        text = f"the header did not come within {seconds:g} s: send the request again"
+        self._timer = self.loop.call_later(seconds, self._refuse, 408, text)
+
+    def _expect_body(self) -> None:
+        tick = min(1.0, self.settings.body_seconds / 4)
+        self._timer = self.loop.call_later(tick, self._look_at_body, tick)
+
+    def _look_at_body(self, passed: float) -> None:
+        if not self.flow.read_paused:
+            self._patience -= passed
+        if self._patience > 0:
+            return self._expect_body()
+        return self._refuse(
+            408,
+            f"the body came more slowly than {SLOWEST_BODY} bytes/s for "
+            f"{self.settings.body_seconds:g} s: send the request again",
+        )
+
+    def _stop_waiting(self) -> None:
+        if self._timer is not None:
+            self._timer.cancel()
+            self._timer = None
+
+    def _refuse(self, status: int, detail: str) -> None:
+        """Say why, where nothing else is being said, and close."""
+        self._stop_waiting()
+        if self.transport.is_closing():
+            return
+        if self.cycle is None or self.cycle.response_complete or not self.cycle.response_started:
+            response = problem_response(Problem(status, detail), {"Connection": "close"})
+            lines = [name + b": " + value + b"\r\n" for name, value in response.raw_headers]
+            content = STATUS_LINE[status], *lines, b"\r\n", bytes(response.body)
+            self.transport.write(b"".join(content))
+        self.transport.close()

@@ -1,0 +1,228 @@
+"""What strangers may take of the server: real sockets, a real server, limits of a fraction of a
+second."""
+
+import asyncio
+import json
+import socket
+import time
+from contextlib import contextmanager
+
+import httpx2
+import pytest
+from fastapi import WebSocket
+from fastapi.routing import APIRoute, APIWebSocketRoute
+from websockets.sync.client import connect
+
+from app.bounded_http import SLOWEST_BODY
+from app.recordings import upload as upload_module
+from tests.support.api import PATIENCE, served
+from tests.support.recorded import OCTETS, RECORDINGS, csv_of
+
+SOON = 0.2
+"""[s] The limit that a test is about; the others are too long to be met."""
+HOST = b"Host: 127.0.0.1\r\n"
+GET = b"GET /healthz HTTP/1.1\r\n" + HOST
+
+
+@contextmanager
+def connected(address):
+    host, port = address.removeprefix("http://").split(":")
+    with socket.create_connection((host, int(port)), PATIENCE) as connection:
+        yield connection
+
+
+def rest(connection):
+    """All that comes until the server closes; TimeoutError if it never does."""
+    content = b""
+    try:
+        while some := connection.recv(65536):
+            content += some
+    except ConnectionError:
+        pass
+    return content
+
+
+def refusal(connection, status):
+    """The problem document with which the server closes."""
+    head, _, body = rest(connection).rpartition(b"\r\n\r\n")
+    last = head[head.rfind(b"HTTP/1.1") :]
+    assert last.startswith(f"HTTP/1.1 {status} ".encode()), head
+    assert b"connection: close" in last.lower()
+    assert json.loads(body)["status"] == status
+    return json.loads(body)["detail"]
+
+
+@pytest.fixture(scope="module")
+def bounded(tmp_path_factory):
+    """A server whose headers are small."""
+    with served(tmp_path_factory.mktemp("data"), max_header_bytes=2048) as (address, _):
+        yield address
+
+
+def header_of(size):
+    """A request whose header has so many bytes."""
+    start = GET + b"Filler: "
+    return start + b"x" * (size - len(start) - 4) + b"\r\n\r\n"
+
+
+@pytest.mark.parametrize("step", [1, 100, 10_000])
+def test_a_header_of_the_most_bytes_is_read_and_no_larger_one(bounded, step):
+    for size in (2048, 2049, 100_000):
+        content = header_of(size)[:4096]
+        with connected(bounded) as connection:
+            connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+            for first in range(0, min(len(content), 2049), step):
+                connection.sendall(content[first : first + step])
+            if size == 2048:
+                assert connection.recv(65536).startswith(b"HTTP/1.1 200 ")
+            else:
+                assert "2048 bytes at most are read" in refusal(connection, 431)
+
+
+def test_header_lines_and_an_address_are_of_the_header(bounded):
+    for content in (GET + b"A: b\r\n" * 1000, b"GET /" + b"x" * 4000, b"\r\n" * 3000):
+        with connected(bounded) as connection:
+            connection.sendall(content[:2049])
+            refusal(connection, 431)
+
+
+def test_a_trailer_is_bounded_as_a_header_is(bounded):
+    post = b"POST /api/v1/datasets HTTP/1.1\r\n" + HOST + b"Transfer-Encoding: chunked\r\n\r\n"
+    for tail in (b"1\r\nx\r\n0\r\nFiller: ", b"1;"):
+        with connected(bounded) as connection:
+            connection.sendall(post + tail + b"x" * 4096)
+            refusal(connection, 431)
+
+
+def test_the_next_request_of_a_connection_has_a_header_of_its_own(bounded):
+    with connected(bounded) as connection:
+        for _ in range(5):
+            connection.sendall(header_of(2000))
+            assert connection.recv(65536).startswith(b"HTTP/1.1 200 ")
+        connection.sendall(header_of(1500) * 3)  # at once
+        answers = b""
+        while answers.count(b"HTTP/1.1 200 ") < 3:
+            answers += connection.recv(65536)
+        connection.sendall(header_of(4000)[:2049])
+        refusal(connection, 431)
+
+
+def test_a_body_of_any_size_is_no_header(bounded):
+    body = {"name": "x" * 1_000_000}
+    answer = httpx2.post(f"{bounded}/api/v1/datasets", json=body)
+    assert answer.status_code == 422
+    assert httpx2.post(f"{bounded}/api/v1/datasets", content=iter([b"[" * 9000] * 99)).is_error
+
+
+def test_half_open_connections_are_closed(tmp_path):
+    with served(tmp_path, header_seconds=SOON) as (address, _):
+        host, port = address.removeprefix("http://").split(":")
+        half = [socket.create_connection((host, int(port)), PATIENCE) for _ in range(100)]
+        for number, connection in enumerate(half):
+            connection.sendall((b"", GET, b"\r\n", b"G")[number % 4])
+        for connection in half:
+            assert f"within {SOON} s" in refusal(connection, 408)
+            connection.close()
+        assert httpx2.get(f"{address}/healthz").status_code == 200
+
+
+@pytest.mark.parametrize("drop", [b"x", b"A: b\r\n", b"\r\n"])
+def test_a_header_that_trickles_is_closed(tmp_path, drop):
+    with served(tmp_path, header_seconds=SOON) as (address, _), connected(address) as connection:
+        assert trickled(connection, GET if drop != b"\r\n" else b"", drop)
+
+
+@pytest.mark.parametrize("drop", [b"", b"\r\n", b"G"])
+def test_an_idle_connection_is_closed_whatever_trickles_between_requests(tmp_path, drop):
+    limits = {"idle_seconds": SOON, "header_seconds": SOON}
+    with served(tmp_path, **limits) as (address, _), connected(address) as connection:
+        connection.sendall(GET + b"\r\n")
+        assert connection.recv(65536).startswith(b"HTTP/1.1 200 ")
+        assert trickled(connection, b"", drop)
+
+
+def trickled(connection, start, drop):
+    """Send drops until the server closes; True where it did."""
+    connection.settimeout(SOON / 10)
+    until = time.monotonic() + PATIENCE
+    try:
+        connection.sendall(start)
+        while time.monotonic() < until:
+            connection.sendall(drop)
+            try:
+                if not connection.recv(65536):
+                    return True
+            except TimeoutError:
+                continue
+    except ConnectionError:
+        return True
+    return False
+
+
+POSTS = {
+    "upload": f"POST {RECORDINGS}?name=a.csv HTTP/1.1\r\nContent-Type: {OCTETS['content-type']}",
+    "json": "POST /api/v1/datasets HTTP/1.1\r\nContent-Type: application/json",
+    "unknown": "PUT /api/v1/nothing HTTP/1.1\r\nContent-Type: application/json",
+}
+
+
+@pytest.mark.parametrize("drop", [b"", b"x"])
+@pytest.mark.parametrize("post", POSTS)
+def test_a_body_that_stalls_or_trickles_is_given_up(tmp_path, caplog, post, drop):
+    start = POSTS[post].encode() + b"\r\n" + HOST + b"Content-Length: 1000000\r\n\r\n"
+    with served(tmp_path, body_seconds=SOON) as (address, server):
+        with connected(address) as connection:
+            assert trickled(connection, start, drop)
+        until = time.monotonic() + PATIENCE
+        while server.app.state.recordings.under_way:
+            assert time.monotonic() < until
+    assert not [record for record in caplog.records if record.levelname == "ERROR"]
+
+
+def test_a_body_that_is_given_up_is_told_why(tmp_path):
+    start = POSTS["json"].encode() + b"\r\n" + HOST + b"Content-Length: 9\r\n\r\nx"
+    with served(tmp_path, body_seconds=SOON) as (address, _), connected(address) as connection:
+        connection.sendall(start)
+        assert f"{SLOWEST_BODY} bytes/s for {SOON} s" in refusal(connection, 408)
+
+
+def test_a_server_that_is_slow_itself_gives_nobody_up(tmp_path, monkeypatch, flights):
+    """A disk that takes longer than a body may stall does not end the upload that waits for it."""
+    content, real = csv_of(flights[0]) * 300, upload_module.to_its_end
+    assert len(content) > 2 * upload_module.BLOCK_BYTES
+    waited = []
+
+    async def slow(*arguments):
+        if len(arguments) > 1 and not waited:
+            waited.append(await asyncio.sleep(4 * SOON))
+        return await real(*arguments)
+
+    monkeypatch.setattr(upload_module, "to_its_end", slow)
+    with served(tmp_path, body_seconds=SOON) as (address, _):
+        answer = httpx2.post(
+            f"{address}{RECORDINGS}", params={"name": "a.csv"}, content=content, headers=OCTETS,
+            timeout=PATIENCE,
+        )  # fmt: skip
+    assert waited
+    assert answer.status_code != 408
+
+
+def test_a_slow_answer_and_a_silent_websocket_are_not_bounded(tmp_path):
+    """Only what a stranger owes has a time: who is let in may wait, and be kept waiting."""
+    limits = {"header_seconds": SOON, "body_seconds": SOON, "idle_seconds": SOON}
+
+    async def slow():
+        await asyncio.sleep(3 * SOON)
+        return {}
+
+    async def silent(websocket: WebSocket):
+        await websocket.accept()
+        await websocket.send_text(await websocket.receive_text())
+
+    with served(tmp_path, **limits) as (address, server):
+        routes = server.app.router.routes
+        routes[:0] = [APIRoute("/slow", slow), APIWebSocketRoute("/silent", silent)]
+        with connect(address.replace("http", "ws") + "/silent") as watcher:
+            assert httpx2.get(f"{address}/slow", timeout=PATIENCE).status_code == 200
+            watcher.send("still here")
+            assert watcher.recv(PATIENCE) == "still here"
