@@ -88,7 +88,7 @@ async def order_dataset(plain: PlainBody, store: StoreDep, jobs: JobsDep, settin
 @router.post(
     "/amplitude",
     response_model=SuggestedAmplitude,
-    responses=problem_responses(422),
+    responses=problem_responses(415, 422),
     openapi_extra=body_of(
         amplitude_request_schema(),
         {"aircraft": {"kind": "attas_id_16kft"}, "specification": {"Ny": 0.2}, "share": 0.25},
