@@ -17,7 +17,7 @@ import { GUTTER } from "./strip_frame.js";
 export const KEYS_HELP =
   "Left and right arrows move the cursor, with Shift ten times as far; Home and End go to the window's " +
   "start and the newest sample; A and B set cursors, C clears them; plus and minus zoom, Page Up and " +
-  "Page Down move the window, L follows live data, Escape removes the cursor.";
+  "Page Down move the window, L follows the newest sample, Escape removes the cursor.";
 
 const CLICK = 4; // px that a click may wander
 

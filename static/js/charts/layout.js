@@ -15,7 +15,7 @@ const BUTTONS = [
   ["clear", "Clear", "Clear the cursors A and B (key C)"],
   ["out", "−", "Show more time (key minus)"],
   ["in", "+", "Show less time (key plus)"],
-  ["live", "Live", "Follow live data (key L, or double click)"],
+  ["live", "Newest", "Follow the newest sample (key L, or double click)"],
 ];
 
 let charts = 0;

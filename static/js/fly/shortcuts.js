@@ -23,7 +23,7 @@ const GROUPS = [
       ["← →", "move the cursor; with Shift ten times as far"], ["Home End", "cursor to the window's start, the newest sample"],
       ["A B", "set cursors A and B, their difference is shown"], ["C", "clear A and B"],
       ["+ −", "zoom (or the wheel)"], ["Page ↑ ↓", "move the window (or drag)"],
-      ["L", "follow live data (or double click)"], ["Esc", "remove the cursor"],
+      ["L", "follow the newest sample (or double click)"], ["Esc", "remove the cursor"],
     ],
   ],
   ["Page", [["?", "this list"]]],

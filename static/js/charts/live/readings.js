@@ -52,7 +52,7 @@ export function createReadings(strips, { rowOf, bar }, { ring, timeline, flight,
     if (ring.count() === 0) return "none";
     if (!view.live) return "held";
     if (state === "stale") return "stale";
-    return timeline.playing ? "live" : "paused";
+    return timeline.playing ? "following" : "paused";
   }
 
   function valueAt(strip, t) {
