@@ -170,6 +170,7 @@ def test_paused_beyond_the_limit_everything_shows_that_it_exceeds(fly: Fly) -> N
 def test_a_simulated_flight_says_so_and_has_no_age_or_latency(fly: Fly) -> None:
     fly.watch(SAFE, ("pause", None))
     expect(fly.page.locator(".status-strip .mode")).to_have_text("SIMULATED")
+    expect(fly.page.get_by_text("live", exact=True)).to_have_count(0)
     for item in ("age", "latency"):
         expect(fly.status(item)).to_be_hidden()
 
