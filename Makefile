@@ -14,7 +14,7 @@ test: $(READY) ## every test but the long campaign of damaged files; a file's te
 	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n 2 --dist loadfile
 
 fuzz: $(READY) ## ten thousand damaged files for the readers, and sixty kills of the server
-	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -m fuzz tests/fuzzing tests/faults
+	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n 2 --dist loadfile -m fuzz tests/fuzzing tests/faults
 
 lint: $(READY) ## style, formatting and the direction of imports
 	$(BIN)/ruff check
