@@ -38,6 +38,9 @@ class ChannelLimit(Message):
     symbol: str
     unit: str
     label: str
+    display_unit: str = Field(description="unit that people read")
+    display_factor: float = Field(description="times a value in `unit` is one in `display_unit`")
+    display_decimals: int = Field(description="digits behind the point that mean something there")
     limit: float | None = Field(description="unsafe from this magnitude on, in `unit`")
 
 
@@ -288,13 +291,4 @@ def encode_frames(seq: int, frames: list[str], conflated: int) -> str:
 def limited_channels(specification: Specification) -> list[ChannelLimit]:
     """The telemetry dictionary with the specification's limits, as far as it has any."""
     limits = asdict(specification) if isinstance(specification, Limits) else {}
-    return [
-        ChannelLimit(
-            key=channel.key,
-            symbol=channel.symbol,
-            unit=channel.unit,
-            label=channel.label,
-            limit=limits.get(channel.key),
-        )
-        for channel in CHANNELS
-    ]
+    return [ChannelLimit(**asdict(channel), limit=limits.get(channel.key)) for channel in CHANNELS]

@@ -8,6 +8,7 @@
 
 import { api } from "./lib/api.js";
 import { remember, remembered } from "./lib/storage.js";
+import { chooseSI, isSI } from "./lib/units.js";
 
 const VIEWS = {
   fly: { title: "Fly", load: () => import("./fly/index.js") },
@@ -99,10 +100,27 @@ function bindThemeButton(button) {
   show();
 }
 
+/** Degrees or SI; the view is drawn anew. */
+function bindUnitsButton(button) {
+  const show = () => {
+    const name = isSI() ? "SI" : "deg";
+    button.textContent = `Units: ${name}`;
+    button.setAttribute("aria-pressed", String(isSI()));
+    button.setAttribute("aria-label", `Units: ${name}. Press to change.`);
+  };
+  button.addEventListener("click", () => {
+    chooseSI(!isSI());
+    show();
+    open();
+  });
+  show();
+}
+
 document.querySelector("[data-skip]").addEventListener("click", (event) => {
   event.preventDefault();
   page.focus();
 });
+bindUnitsButton(document.querySelector("#units"));
 bindThemeButton(document.querySelector("#theme"));
 addEventListener("hashchange", open);
 open();

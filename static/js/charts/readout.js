@@ -15,6 +15,7 @@
 
 import { put } from "../lib/dom.js";
 import { formatTime, formatValue } from "../lib/numbers.js";
+import { reading, shownIn } from "../lib/units.js";
 
 export const STATE_WORDS = {
   ok: "OK",
@@ -33,14 +34,16 @@ export function shownState({ state, reason }) {
   return state === "invalid" && reason === BETWEEN ? "not_assessed" : state;
 }
 
-export function createReadout(element, { symbol, label, unit, limit, risk }) {
+export function createReadout(element, strip) {
+  const { symbol, label, limit, risk } = strip;
+  const read = (number) => reading(strip, number);
   element.classList.add("readout");
-  const reading = child(element, "div", "readout-reading");
-  child(reading, "span", "readout-symbol").append(...symbolNodes(symbol));
-  const value = child(reading, "span", "readout-value");
-  const units = child(reading, "span", "readout-unit");
-  units.textContent = unit;
-  const state = child(reading, "span", "readout-state");
+  const line = child(element, "div", "readout-reading");
+  child(line, "span", "readout-symbol").append(...symbolNodes(symbol));
+  const value = child(line, "span", "readout-value");
+  const units = child(line, "span", "readout-unit");
+  units.textContent = shownIn(strip).unit;
+  const state = child(line, "span", "readout-state");
   const title = child(element, "div", "readout-title");
   child(title, "span", "readout-label").textContent = label;
   const badge = child(title, "span", "readout-badge");
@@ -49,7 +52,7 @@ export function createReadout(element, { symbol, label, unit, limit, risk }) {
 
   function show(now) {
     const known = risk ? isAssessed(now) : now.state !== "stale" && now.state !== "none";
-    put(value, known ? formatValue(now.value) : "");
+    put(value, known ? read(now.value) : "");
     units.hidden = !known;
     put(state, known ? "" : (STATE_WORDS[now.state] ?? now.state));
     state.hidden = known;
@@ -62,9 +65,9 @@ export function createReadout(element, { symbol, label, unit, limit, risk }) {
     put(badge, latch.hidden ? "ALERT" : "LIMIT");
     if (now.exceeded !== null) {
       const { t, value: peak } = now.exceeded;
-      put(latch, `${peak < 0 ? "▼" : "▲"} ${formatTime(t, 0.01)} s, peak ${formatValue(peak)}`);
+      put(latch, `${peak < 0 ? "▼" : "▲"} ${formatTime(t, 0.01)} s, peak ${read(peak)}`);
     }
-    put(detail, details(now));
+    put(detail, details(now, read));
   }
 
   return { show };
@@ -76,15 +79,15 @@ function isAssessed({ state, value }) {
   );
 }
 
-function details({ a, b, cursor, forecast, lead, state }) {
+function details({ a, b, cursor, forecast, lead, state }, read) {
   const both = a !== undefined && b !== undefined;
   const parts = [];
-  if (a !== undefined) parts.push(`A ${formatValue(a)}`);
-  if (b !== undefined) parts.push(`B ${formatValue(b)}`);
-  if (both) parts.push(`Δ ${formatValue(b - a)}`);
-  if (parts.length === 0 && cursor !== undefined) parts.push(`cursor ${formatValue(cursor)}`);
+  if (a !== undefined) parts.push(`A ${read(a)}`);
+  if (b !== undefined) parts.push(`B ${read(b)}`);
+  if (both) parts.push(`Δ ${read(b - a)}`);
+  if (parts.length === 0 && cursor !== undefined) parts.push(`cursor ${read(cursor)}`);
   if (parts.length === 0 && Number.isFinite(forecast) && state === "ok") {
-    parts.push(`in ${lead.toFixed(2)} s ${formatValue(forecast)}`);
+    parts.push(`in ${lead.toFixed(2)} s ${read(forecast)}`);
   }
   return parts.join("  ");
 }

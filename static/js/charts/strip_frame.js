@@ -17,6 +17,7 @@
  *   thresholds(epsilon, plot), labels(epsilon)      limits or epsilon: in the plot, in the gutter
  */
 
+import { figure } from "../lib/numbers.js";
 import { hatch } from "./palette.js";
 import { axisTicks } from "./value_axis.js";
 
@@ -161,21 +162,21 @@ export function createStripFrame(canvas, strip) {
       for (const value of [0, 1, 0.5, 0.1]) label(value, String(value), own.palette.dim);
       return;
     }
-    for (const value of levels(epsilon)) label(value, signed(value), own.palette.limit, "700");
+    for (const value of levels(epsilon)) label(value, signed(value * axis.factor), own.palette.limit, "700");
     const isZero = (value) => Math.abs(value) < axis.step / 2;
     const ticks = axisTicks(axis);
     if (ticks.some(isZero)) label(0, "0", own.palette.dim);
     for (const value of ticks
       .filter((value) => !isZero(value))
       .sort((a, b) => Math.abs(b) - Math.abs(a)))
-      label(value, round(value, axis.step), own.palette.dim);
+      label(value, round(value * axis.factor, axis.step * axis.factor), own.palette.dim);
   }
 
   return own;
 }
 
 function signed(value) {
-  return `${value < 0 ? "−" : "+"}${Math.abs(value)}`;
+  return `${value < 0 ? "−" : "+"}${figure(Math.abs(value), 4)}`;
 }
 
 function round(value, step) {

@@ -7,6 +7,7 @@
  *   limitedFirst(channels) -> {limited: [key], others: [key]}
  */
 
+import { shownIn } from "../lib/units.js";
 import { createRiskAxis, createValueAxis } from "./value_axis.js";
 
 const RISK = { key: "risk", symbol: "risk", unit: "", label: "higher is worse", limit: null };
@@ -16,7 +17,7 @@ export function stripOf(key, channels, { riskScale = "sqrt", narrowAfter } = {})
   const channel = risk ? RISK : channels.find((candidate) => candidate.key === key);
   if (channel === undefined) throw new Error(`strip ${key} is not a channel of this flight`);
   const limit = channel.limit ?? null;
-  const axis = risk ? createRiskAxis(riskScale) : createValueAxis({ limit, narrowAfter });
+  const axis = risk ? createRiskAxis(riskScale) : createValueAxis({ limit, factor: shownIn(channel).factor, narrowAfter });
   return { ...channel, limit, risk, axis };
 }
 

@@ -5,8 +5,8 @@
  * less than it shows for some seconds. Limits are always in view.
  *
  * Exports
- *   createValueAxis({limit, leastHeight, narrowAfter}) -> {fit(low, high, wall), low, high, step, moving, roomy}
- *     limit: magnitude shown on both sides, or null.   leastHeight 0.02: least height shown, in the unit.
+ *   createValueAxis({limit, factor, leastHeight, narrowAfter}) -> {fit(low, high, wall), low, high, step, moving, roomy}
+ *     limit: magnitude shown on both sides, or null.   factor 1: that its numbers are shown with.   leastHeight 0.02: least height shown, in the unit.
  *     narrowAfter 4000: [ms] that a wide range must have been too wide.   roomy: it is, and waits.
  *     fit takes the least and greatest visible value (low > high: none) and the wall clock [ms].
  *   createRiskAxis(scale) -> the same for risk, 0..1, "sqrt" (small risks stay legible) or "linear"
@@ -17,8 +17,8 @@
 const ROOMY = 0.45; // share of the range below which it is
 const EASE = 60; // [ms] time constant of the way to a new range
 
-/** @param {{limit?: number | null, leastHeight?: number, narrowAfter?: number}} options */
-export function createValueAxis({ limit = null, leastHeight = 0.02, narrowAfter = 4000 }) {
+/** @param {{limit?: number | null, factor?: number, leastHeight?: number, narrowAfter?: number}} options */
+export function createValueAxis({ limit = null, factor = 1, leastHeight = 0.02, narrowAfter = 4000 }) {
   let target = range(limit === null ? 0 : -limit, limit ?? 0);
   let roomySince = null;
   let last = NaN;
@@ -26,6 +26,7 @@ export function createValueAxis({ limit = null, leastHeight = 0.02, narrowAfter 
     low: target.low,
     high: target.high,
     step: target.step,
+    factor,
     moving: false,
     roomy: false,
     fit,
@@ -37,7 +38,7 @@ export function createValueAxis({ limit = null, leastHeight = 0.02, narrowAfter 
     if (limit !== null) [low, high] = [Math.min(low, -margin), Math.max(high, margin)];
     if (high - low < leastHeight)
       [low, high] = [(low + high - leastHeight) / 2, (low + high + leastHeight) / 2];
-    const step = roundStep((high - low) / 3);
+    const step = roundStep((factor * (high - low)) / 3) / factor;
     return {
       low: low === -margin && limit !== null ? low : Math.floor(low / step + 1e-6) * step,
       high: high === margin && limit !== null ? high : Math.ceil(high / step - 1e-6) * step,

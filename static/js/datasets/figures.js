@@ -11,6 +11,7 @@ import { barKey, framed, keyOf, sample, SPARE } from "../charts/figure.js";
 import { createPlot } from "../charts/plot.js";
 import { h, svg } from "../lib/dom.js";
 import { figure as number } from "../lib/numbers.js";
+import { magnitudeIn, shownIn } from "../lib/units.js";
 
 const MOST = 40;
 
@@ -43,10 +44,12 @@ export function rolloutFigure({ catalog, specification, rollouts, n_unsafe, n_sa
 
   function draw() {
     const channel = catalog.channels.find((entry) => entry.key === choice.value);
-    const limit = specification?.[channel.key] ?? null;
+    const { unit, factor } = shownIn(channel);
+    const inUnit = (value) => (value === null ? null : value * factor);
+    const limit = inUnit(specification?.[channel.key] ?? null);
     const series = rollouts.map((rollout) => ({
       ...rollout,
-      y: rollout.telemetry[channel.key],
+      y: rollout.telemetry[channel.key].map(inUnit),
       t: rollout.telemetry.t,
     }));
     const top =
@@ -61,7 +64,7 @@ export function rolloutFigure({ catalog, specification, rollouts, n_unsafe, n_sa
     const end = Math.max(0.1, ...series.map(({ t }) => t.at(-1)));
     const plot = createPlot({
       x: { label: "time [s]", domain: [0, end] },
-      y: { label: `${channel.symbol} [${channel.unit}]`, domain: [-top, top] },
+      y: { label: `${channel.symbol} [${unit}]`, domain: [-top, top] },
       label: `${channel.label} of ${series.length} rollouts; the unsafe ones end with a cross at the failure`,
     });
     for (const outcome of ["safe", "unsafe"]) {
@@ -77,7 +80,7 @@ export function rolloutFigure({ catalog, specification, rollouts, n_unsafe, n_sa
       "plot-unsafe",
     );
     if (limit !== null) {
-      plot.horizontal(limit, "plot-limit", `limit ${number(limit)} ${channel.unit}`);
+      plot.horizontal(limit, "plot-limit", `limit ${number(limit)} ${unit}`);
       plot.horizontal(-limit, "plot-limit", "");
     }
     holder.replaceChildren(plot.svg);
@@ -88,7 +91,7 @@ export function peakFigure({ limit, edges, unsafe, safe }, channel) {
   const highest = Math.max(1, ...unsafe.map((count, k) => count + safe[k]));
   const plot = createPlot({
     x: {
-      label: `peak |${channel.symbol}| / limit of ${number(limit)} ${channel.unit}`,
+      label: `peak |${channel.symbol}| / limit of ${magnitudeIn(channel, limit)}`,
       domain: [0, Math.max(edges.at(-1), 1.1)],
     },
     y: { label: "rollouts", domain: [0, SPARE * highest] },

@@ -23,7 +23,8 @@
 import { shownState, symbolNodes } from "../charts/readout.js";
 import { reason } from "../lib/api.js";
 import { h, put } from "../lib/dom.js";
-import { formatValue, riskText } from "../lib/numbers.js";
+import { riskText } from "../lib/numbers.js";
+import { magnitudeIn, quantity } from "../lib/units.js";
 import { errorLine } from "../lib/view_states.js";
 
 const GOES_ON = {
@@ -93,9 +94,12 @@ export function createAlarmPanel(element, { tone, acknowledge }) {
   }
 
   function measured({ channel, value, limit, judged }) {
-    const { symbol, unit } = flight.channels.find(({ key }) => key === channel);
+    const measured = flight.channels.find(({ key }) => key === channel);
     const which = judged === "recorded" ? " as recorded, trim included" : "";
-    return [...symbolNodes(symbol), ` ${formatValue(value)} ${unit}${which}, limit ${limit} ${unit}`];
+    return [
+      ...symbolNodes(measured.symbol),
+      ` ${quantity(measured, value)}${which}, limit ${magnitudeIn(measured, limit)}`,
+    ];
   }
 
   async function acknowledgeAll() {

@@ -122,7 +122,7 @@ export function showLiveFlight(element, { id, api, over }) {
 
   /** As the strips find it, also before a point that was sought; its alarm says the same. */
   function onExceedance(exceedance) {
-    events.add({ t: exceedance.t, text: exceedanceText(exceedance), level: "alert", seen: true });
+    events.add({ t: exceedance.t, text: exceedanceText(exceedance, hello.channels), level: "alert", seen: true });
     markEvents();
   }
 

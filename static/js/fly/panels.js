@@ -5,13 +5,14 @@
  *   createFlightPanels(element) -> {status, strips, alarm, scene, lost, gauge, notice, events, transport: elements}
  *   windowOf({duration, lead}) -> s     width of the strips: a short flight fills them
  *   limitsOf(channels) -> Node[]        "|N_y| 0.5 g", of the limited channels
- *   alertText(alarm, epsilon, channels) -> string, exceedanceText({symbol, value, judged}) -> string
+ *   alertText(alarm, epsilon, channels) -> string, exceedanceText({key, value, judged}, channels) -> string
  *   sourceText(source, name) -> string
  */
 
 import { symbolNodes } from "../charts/readout.js";
 import { h } from "../lib/dom.js";
 import { riskText } from "../lib/numbers.js";
+import { magnitudeIn, quantity } from "../lib/units.js";
 
 const WIDEST = 60; // s
 const NARROWEST = 5; // s
@@ -43,23 +44,23 @@ export function windowOf({ duration, lead }) {
 
 export function limitsOf(channels) {
   const limited = channels.filter(({ limit }) => limit !== null);
-  return limited.flatMap(({ symbol, limit, unit }, k) => [
+  return limited.flatMap((channel, k) => [
     document.createTextNode(k > 0 ? " or |" : "|"),
-    ...symbolNodes(symbol),
-    document.createTextNode(`| ${limit} ${unit}`),
+    ...symbolNodes(channel.symbol),
+    document.createTextNode(`| ${magnitudeIn(channel, channel.limit)}`),
   ]);
 }
 
 export function alertText({ p_value: risk, exceedance }, epsilon, channels) {
   if (exceedance) {
-    const { symbol } = channels.find(({ key }) => key === exceedance.channel);
-    return exceedanceText({ symbol, ...exceedance });
+    return exceedanceText({ ...exceedance, key: exceedance.channel }, channels);
   }
   return risk === null ? "alert" : `alert, risk ${riskText(risk, epsilon)}`;
 }
 
-export function exceedanceText({ symbol, value, judged }) {
-  return `${symbol} exceeds its limit: ${value.toFixed(3)}${judged === "recorded" ? " as recorded" : ""}`;
+export function exceedanceText({ key, value, judged }, channels) {
+  const measured = channels.find((channel) => channel.key === key);
+  return `${measured.symbol} exceeds its limit: ${quantity(measured, value)}${judged === "recorded" ? " as recorded" : ""}`;
 }
 
 export function sourceText(source, name) {

@@ -88,7 +88,7 @@ export function showFlightRecord(element, { flight, why, api, navigate }) {
     chart = createStripChart(panels.strips, {
       channels, epsilon: flight.epsilon, lead, dt, seconds: windowOf({ duration: last - first, lead }),
       onExceedance: (exceedance) =>
-        events.add({ t: exceedance.t, text: exceedanceText(exceedance), level: "alert", seen: true }),
+        events.add({ t: exceedance.t, text: exceedanceText(exceedance, channels), level: "alert", seen: true }),
     });
     chart.setTransport({ playing: false, speed: 1 });
     chart.push(frames);

@@ -15,9 +15,7 @@
 
 import { labelOf, plainWords } from "../lib/catalog.js";
 import { formatted, h } from "../lib/dom.js";
-import { figure } from "../lib/numbers.js";
-
-const DEGREES = { rad: "deg", "rad/s": "deg/s" };
+import { shownIn } from "../lib/units.js";
 
 let fields = 0;
 
@@ -111,9 +109,15 @@ function number(key, schema, value, place) {
     inputmode: "decimal",
     placeholder: optional ? "none" : null,
   });
-  control.value = value ?? "";
-  const read = () => (control.value.trim() === "" ? null : Number(control.value));
-  const editor = field(key, schema, place, control, read, () => {
+  const channel = place.catalog.channels.find((known) => known.key === key);
+  const { factor } = channel && schema["x-unit"] === channel.unit ? shownIn(channel) : { factor: 1 };
+  const shown = value === null || value === undefined ? "" : toShown(value, factor);
+  control.value = shown;
+  const read = () => {
+    if (control.value.trim() === "") return null;
+    return control.value === shown ? value : Number(control.value) / factor; // no digit is lost
+  };
+  return field(key, schema, place, control, read, () => {
     if (control.validity.badInput)
       return "This is no number: write digits, with a point for decimals.";
     if (read() === null) return optional ? "" : "A number is needed here.";
@@ -122,20 +126,11 @@ function number(key, schema, value, place) {
     if (high !== undefined && read() > high) return `It must be at most ${high}.`;
     return "";
   });
-  const isChannel = place.catalog.channels.some((channel) => channel.key === key);
-  const degrees = isChannel ? DEGREES[schema["x-unit"]] : null;
-  if (degrees) {
-    const words = editor.hint.textContent;
-    const tell = () => {
-      const radians = read();
-      editor.hint.textContent = radians
-        ? `= ${figure((radians * 180) / Math.PI)} ${degrees}`
-        : words;
-    };
-    control.addEventListener("input", tell);
-    tell();
-  }
-  return editor;
+}
+
+/** As many digits as people write; a number in its own unit as it is. */
+function toShown(value, factor) {
+  return factor === 1 ? String(value) : String(Number((value * factor).toPrecision(6)));
 }
 
 function choice(key, schema, value, place) {

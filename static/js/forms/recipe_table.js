@@ -9,6 +9,7 @@
 import { aircraftCondition, labelOf } from "../lib/catalog.js";
 import { formatted, h } from "../lib/dom.js";
 import { figure } from "../lib/numbers.js";
+import { magnitudeIn } from "../lib/units.js";
 
 export function recipeTable(schema, plain, catalog) {
   return h(
@@ -43,6 +44,9 @@ function row(key, property, value, catalog) {
       h("dd", {}, told.length ? recipeTable(property, Object.fromEntries(told), catalog) : "none"),
     ];
   }
+  const channel = catalog.channels.find((known) => known.key === key);
+  if (channel && typeof value === "number")
+    return [term, h("dd", {}, magnitudeIn(channel, value))];
   return [term, h("dd", {}, words(value), unit && value !== null ? ` ${unit}` : "")];
 }
 

@@ -9,7 +9,7 @@
  *       from the schema's title, unit and the catalog's channels: amplitude_deg -> amplitude, deg
  */
 
-import { figure } from "./numbers.js";
+import { magnitudeIn, shownIn } from "./units.js";
 
 const UNIT_SUFFIX = /_(deg_s|rad_s|deg|hz|s)$/;
 
@@ -36,7 +36,7 @@ export function kindName(catalog, family, part) {
 export function limitWords(catalog, specification) {
   const limited = catalog.channels.filter(({ key }) => specification?.[key] != null);
   const words = limited.map(
-    ({ key, symbol, unit }) => `|${symbol}| < ${figure(specification[key])} ${unit}`,
+    (channel) => `|${channel.symbol}| < ${magnitudeIn(channel, specification[channel.key])}`,
   );
   return words.join(", ") || "not recorded";
 }
@@ -53,7 +53,8 @@ export function aircraftCondition(entry) {
 export function labelOf(key, schema, catalog) {
   const channel = catalog.channels.find((entry) => entry.key === key);
   const unit = schema["x-unit"] ?? "";
-  if (channel) return { text: channel.label, symbol: channel.symbol, unit };
+  if (channel)
+    return { text: channel.label, symbol: channel.symbol, unit: unit && shownIn(channel).unit };
   if (/^[nt]_[a-z]{3,}$/.test(key)) return { text: "", symbol: key, unit };
   const text = (unit ? key.replace(UNIT_SUFFIX, "") : key).replaceAll("_", " ");
   return { text, symbol: "", unit };

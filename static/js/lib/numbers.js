@@ -3,7 +3,7 @@
  *
  * Exports
  *   percent(share, digits 1), interval([low, high]), figure(number, digits 3), moment(iso)
- *   formatValue(value) -> string     a reading: three decimals and a true minus; a dash when missing
+ *   formatValue(value, decimals 3) -> string     a reading with a true minus; a dash when missing
  *   formatTime(t, step) -> string    "12.50", "3:05" from two minutes on, "1:03:05" from an
  *       hour on; as fine as `step` [s] needs
  *   riskText(risk, epsilon) -> string     two or three digits; more where rounding would put
@@ -32,10 +32,10 @@ export function moment(iso) {
   return `${date} ${time.slice(0, 5)} UTC`;
 }
 
-export function formatValue(value) {
+export function formatValue(value, decimals = 3) {
   if (!Number.isFinite(value)) return "–";
   const size = Math.abs(value);
-  const text = size.toFixed(size < 100 ? 3 : 1);
+  const text = size.toFixed(size < 100 ? decimals : Math.min(1, decimals));
   return value < 0 && Number(text) !== 0 ? `−${text}` : text;
 }
 

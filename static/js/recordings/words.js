@@ -13,7 +13,8 @@
  */
 
 import { h } from "../lib/dom.js";
-import { figure, formatValue, secondsText } from "../lib/numbers.js";
+import { figure, secondsText } from "../lib/numbers.js";
+import { quantity } from "../lib/units.js";
 import { TRIM_SEGMENT } from "./scoring/source.js";
 
 const MAPPING_STATES = {
@@ -91,11 +92,8 @@ export function outcomeChip(key) {
 export function outsideText({ outside_exceedances: outside, channels }) {
   if (!outside.length) return "";
   const parts = outside.map(({ t, channel, value }) => {
-    const { symbol, unit } = channels.find(({ key }) => key === channel) ?? {
-      symbol: channel,
-      unit: "",
-    };
-    return `${symbol} exceeds its limit outside every manoeuvre: ${formatValue(value)} ${unit} at ${secondsText(t)}`;
+    const measured = channels.find(({ key }) => key === channel) ?? { symbol: channel };
+    return `${measured.symbol} exceeds its limit outside every manoeuvre: ${quantity(measured, value)} at ${secondsText(t)}`;
   });
   return `${parts.join("; ")}.`;
 }

@@ -11,7 +11,7 @@
  */
 
 import { put } from "../../lib/dom.js";
-import { formatValue } from "../../lib/numbers.js";
+import { magnitudeIn, quantity } from "../../lib/units.js";
 import { createReadout, cursorsText, STATE_WORDS } from "../readout.js";
 
 export function createReadings(strips, { rowOf, bar }, { ring, timeline, flight, intake }) {
@@ -77,14 +77,14 @@ export function createReadings(strips, { rowOf, bar }, { ring, timeline, flight,
 }
 
 function description(strip, { state, age, value, alert }, epsilon, exceedance) {
-  const { risk, label, symbol, unit, limit } = strip;
+  const { risk, label, symbol, limit } = strip;
   const name = risk ? "risk, higher is worse" : `${label} ${symbol}`;
-  const reading = Number.isFinite(value) ? `${formatValue(value)} ${unit}`.trim() : "no value";
+  const reading = Number.isFinite(value) ? quantity(strip, value) : "no value";
   const word = (STATE_WORDS[state] ?? state).toLowerCase();
   const parts = [`${name}: ${reading}`, state === "stale" ? `${word} for ${age}` : word];
   if (alert) parts.push("alert");
   if (risk && Number.isFinite(epsilon)) parts.push(`alerts above ${epsilon}`);
-  if (limit !== null) parts.push(`limit ±${limit} ${unit}`);
+  if (limit !== null) parts.push(`limit ±${magnitudeIn(strip, limit)}`);
   if (exceedance) parts.push(`limit exceeded at ${exceedance.t.toFixed(2)} s`);
   return parts.join(", ");
 }

@@ -8,6 +8,7 @@
 
 import { h, put } from "../../lib/dom.js";
 import { durationText, formatTime, formatValue } from "../../lib/numbers.js";
+import { magnitudeIn, reading, shownIn } from "../../lib/units.js";
 import { cursorsText, symbolNodes } from "../readout.js";
 
 const NOTHING = { low: NaN, high: NaN };
@@ -55,13 +56,15 @@ export function createReadings(strips, { rowOf, bar }, { timeWindow, epsilon, ma
   function describe(sets) {
     const view = timeWindow.view();
     const withdrawn = manoeuvres[0]?.some((manoeuvre) => manoeuvre.withdrawn);
-    strips.forEach(({ key, risk, label, symbol, unit, limit }, n) => {
-      const range = rangeText(sets[0]?.rangeOf(key, view) ?? NOTHING);
+    strips.forEach((strip, n) => {
+      const { key, risk, label, symbol, limit } = strip;
+      const { unit } = shownIn(strip);
+      const range = rangeText(strip, sets[0]?.rangeOf(key, view) ?? NOTHING);
       const name = risk ? "risk, higher is worse" : `${label} ${symbol}`;
       const parts = [`${name}: ${range === "–" ? "no value in view" : `${range} ${unit} in view`}`];
       if (risk && Number.isFinite(epsilon)) parts.push(`alerts above ${epsilon}`);
       if (risk && withdrawn) parts.push("withdrawn where invalid");
-      if (limit !== null) parts.push(`limit ±${limit} ${unit}`);
+      if (limit !== null) parts.push(`limit ±${magnitudeIn(strip, limit)}`);
       rowOf[n].canvas.setAttribute("aria-label", parts.join(", "));
     });
   }
@@ -76,7 +79,8 @@ export function createReadings(strips, { rowOf, bar }, { timeWindow, epsilon, ma
  *   values: one for each recording laid over; a, b: {low, high} under the marks or null;
  *   words: stands in the value's place where there is none ("INVALID")
  */
-function createTileReadout(element, { symbol, label, unit }) {
+function createTileReadout(element, strip) {
+  const { symbol, label } = strip;
   element.classList.add("readout", "tile-readout");
   const value = h("span", { class: "tile-value" });
   const second = h("span", { class: "tile-value tile-second", hidden: true });
@@ -87,7 +91,7 @@ function createTileReadout(element, { symbol, label, unit }) {
       { class: "readout-reading" },
       h("span", { class: "readout-symbol" }, symbolNodes(symbol)),
       h("span", { class: "tile-values" }, value, second),
-      h("span", { class: "readout-unit" }, unit),
+      h("span", { class: "readout-unit" }, shownIn(strip).unit),
     ),
     h("div", { class: "readout-title" }, h("span", { class: "readout-label" }, label)),
     detail,
@@ -95,11 +99,11 @@ function createTileReadout(element, { symbol, label, unit }) {
 
   function show({ values, at, a, b, words }) {
     element.dataset.at = at;
-    say(value, words || rangeText(values[0]));
+    say(value, words || rangeText(strip, values[0]));
     value.toggleAttribute("data-words", Boolean(words));
     second.hidden = values.length < 2;
-    if (values.length > 1) say(second, rangeText(values[1]));
-    put(detail, details(a, b));
+    if (values.length > 1) say(second, rangeText(strip, values[1]));
+    put(detail, details(strip, a, b));
   }
 
   return { show };
@@ -111,19 +115,19 @@ function createTileReadout(element, { symbol, label, unit }) {
 }
 
 /** One number where the bin holds one, else its range. */
-function rangeText(range) {
+function rangeText(strip, range) {
   if (!range || !Number.isFinite(range.low)) return "–";
-  const [low, high] = [formatValue(range.low), formatValue(range.high)];
+  const [low, high] = [reading(strip, range.low), reading(strip, range.high)];
   return low === high ? low : `${low} … ${high}`;
 }
 
-function details(a, b) {
+function details(strip, a, b) {
   const parts = [];
-  if (a) parts.push(`A ${rangeText(a)}`);
-  if (b) parts.push(`B ${rangeText(b)}`);
+  if (a) parts.push(`A ${rangeText(strip, a)}`);
+  if (b) parts.push(`B ${rangeText(strip, b)}`);
   if (a && b) {
     const middle = ({ low, high }) => (low + high) / 2;
-    parts.push(`Δ ${formatValue(middle(b) - middle(a))}`);
+    parts.push(`Δ ${reading(strip, middle(b) - middle(a))}`);
   }
   return parts.join("  ");
 }

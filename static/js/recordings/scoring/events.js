@@ -8,7 +8,8 @@
  *   laneOf(manoeuvres, {row, offset, id}) -> [item]       for a chart's lane
  */
 
-import { formatValue, riskText, secondsText } from "../../lib/numbers.js";
+import { riskText, secondsText } from "../../lib/numbers.js";
+import { quantity } from "../../lib/units.js";
 import { outcomeOf } from "../words.js";
 
 export function eventsOf({ manoeuvres, outside_exceedances: outside, channels, epsilon }) {
@@ -21,12 +22,9 @@ export function eventsOf({ manoeuvres, outside_exceedances: outside, channels, e
 }
 
 function ofExceedance({ t, channel, value }, channels, where = "") {
-  const { symbol, unit } = channels.find(({ key }) => key === channel) ?? {
-    symbol: channel,
-    unit: "",
-  };
-  const words = `${formatValue(value)} ${unit}`.trim();
-  return { t, text: `${symbol} exceeds its limit${where}: ${words}`, level: "caution" };
+  const measured = channels.find(({ key }) => key === channel) ?? { symbol: channel };
+  const words = quantity(measured, value);
+  return { t, text: `${measured.symbol} exceeds its limit${where}: ${words}`, level: "caution" };
 }
 
 function ofManoeuvre(

@@ -7,7 +7,8 @@
 
 import { formatted, h } from "../../lib/dom.js";
 import { sentences, tableHead } from "../../lib/lists.js";
-import { figure, formatValue, riskText, secondsText } from "../../lib/numbers.js";
+import { figure, riskText, secondsText } from "../../lib/numbers.js";
+import { quantity } from "../../lib/units.js";
 import {
   firstAlertText,
   isWithdrawn,
@@ -170,11 +171,8 @@ function outsideLine(scoring) {
 }
 
 function exceedanceWords({ t, channel, value }, channels) {
-  const { symbol, unit } = channels.find(({ key }) => key === channel) ?? {
-    symbol: channel,
-    unit: "",
-  };
-  return h("span", {}, formatted(symbol), ` ${formatValue(value)} ${unit} at ${secondsText(t)}`);
+  const measured = channels.find(({ key }) => key === channel) ?? { symbol: channel };
+  return h("span", {}, formatted(measured.symbol), ` ${quantity(measured, value)} at ${secondsText(t)}`);
 }
 
 function pWords({ p_value: p }) {

@@ -1,0 +1,54 @@
+/**
+ * Units as people read them: degrees, deg/s and g, or SI where that is chosen. What is sent and
+ * received is always in a channel's own `unit`; this module alone converts.
+ *
+ * Exports
+ *   shownIn(channel) -> {unit, factor, decimals}     of a reading; factor times the value in `unit`
+ *     channel: as the server publishes it, {unit, display_unit, display_factor, display_decimals};
+ *     one without the latter is shown in its unit
+ *   reading(channel, value) -> string                a dash when missing
+ *   quantity(channel, value) -> string               a reading with its unit
+ *   magnitude(channel, value, digits 4) -> string    a limit: no digits that say nothing
+ *   magnitudeIn(channel, value) -> string            a limit with its unit
+ *   isSI(), chooseSI(flag)                           remembered
+ */
+
+import { figure, formatValue } from "./numbers.js";
+import { remember, remembered } from "./storage.js";
+
+const KEY = "forewarn.units";
+const SI_DECIMALS = 3;
+
+let si = remembered(KEY) === "SI";
+
+export function isSI() {
+  return si;
+}
+
+export function chooseSI(flag) {
+  si = flag;
+  remember(KEY, si ? "SI" : "degrees");
+}
+
+export function shownIn({ unit = "", display_unit, display_factor, display_decimals }) {
+  return si || display_factor === undefined
+    ? { unit, factor: 1, decimals: SI_DECIMALS }
+    : { unit: display_unit, factor: display_factor, decimals: display_decimals };
+}
+
+export function reading(channel, value) {
+  const { factor, decimals } = shownIn(channel);
+  return formatValue(value * factor, decimals);
+}
+
+export function quantity(channel, value) {
+  return `${reading(channel, value)} ${shownIn(channel).unit}`.trim();
+}
+
+export function magnitude(channel, value, digits = 4) {
+  return figure(value * shownIn(channel).factor, digits);
+}
+
+export function magnitudeIn(channel, value) {
+  return `${magnitude(channel, value)} ${shownIn(channel).unit}`.trim();
+}

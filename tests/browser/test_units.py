@@ -1,0 +1,58 @@
+"""Units as people read them, in a real Chromium, against the real server."""
+
+import re
+from collections.abc import Iterator
+
+import pytest
+from playwright.sync_api import Page, expect
+
+from core.channels import BY_KEY
+from tests.browser.site import open_site
+
+UNITS = """async ([channel, value]) => {
+    const { chooseSI, magnitudeIn, quantity } = await import("/js/lib/units.js");
+    const said = (si) => (chooseSI(si), [quantity(channel, value), magnitudeIn(channel, value)]);
+    return [said(false), said(true)];
+}"""
+
+
+@pytest.fixture(scope="module")
+def origin(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
+    with open_site(tmp_path_factory.mktemp("units")) as server:
+        yield server.http
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "degrees", "si"),
+    [
+        ("beta", 0.1221730476, ["7.00 deg", "7 deg"], ["0.122 rad", "0.1222 rad"]),
+        ("r", -0.2, ["−11.5 deg/s", "−11.46 deg/s"], ["−0.200 rad/s", "−0.2 rad/s"]),
+        ("Ny", 0.5, ["0.500 g", "0.5 g"], ["0.500 g", "0.5 g"]),
+    ],
+)
+def test_readings_and_limits_are_said_in_degrees_or_si(page, origin, key, value, degrees, si):
+    page.goto(origin)
+    channel = {**BY_KEY[key].__dict__}
+    assert page.evaluate(UNITS, [channel, value]) == [degrees, si]
+
+
+def test_the_form_takes_degrees_and_sends_radians_and_the_choice_is_remembered(
+    page: Page, origin: str
+) -> None:
+    page.goto(f"{origin}/#/monitors/new")
+    beta = page.locator('[name="dataset.specification.beta"]')
+    label = page.locator('[data-path="dataset.specification.beta"] label')
+    expect(label).to_contain_text("[deg]")
+    beta.fill("7")
+    page.get_by_role("button", name="Suggest amplitude")
+    with page.expect_request("**/datasets/amplitude") as sent:
+        page.get_by_role("button", name="Suggest amplitude").click()
+    assert sent.value.post_data_json["specification"]["beta"] == pytest.approx(0.12217304763960307)
+    expect(page.locator(".suggestion")).to_contain_text("pilot rollouts")
+    units = page.get_by_role("button", name=re.compile("^Units"))
+    expect(units).to_have_text("Units: deg")
+    units.click()
+    expect(label).to_contain_text("[rad]")
+    page.reload()
+    expect(units).to_have_text("Units: SI")
+    expect(label).to_contain_text("[rad]")
