@@ -34,6 +34,7 @@ from app.routes import (
 from app.routes.scene import scene_router
 from app.scene.scene import Scenes
 from app.security import BodyLimit, Guard
+from app.sessions import Sessions
 from app.settings import Settings
 from app.store.store import open_store
 from core import __version__
@@ -56,6 +57,7 @@ class Application(FastAPI):
 
     settings: Settings
     metrics: Metrics
+    sessions: Sessions | None
 
     def build_middleware_stack(self) -> Any:
         """FastAPI's layers, then what counts, then what lets in."""
@@ -64,7 +66,7 @@ class Application(FastAPI):
             self.settings.max_body_bytes,
             {("POST", recordings.router.prefix): self.settings.max_upload_bytes},
         )
-        return Guard(Measured(limited, self.metrics), self.settings)
+        return Guard(Measured(limited, self.metrics), self.settings, self.sessions)
 
     def openapi(self) -> dict[str, Any]:
         """The OpenAPI document, with the problem schema that the routes refer to."""
@@ -88,6 +90,8 @@ def create_app(settings: Settings | None = None) -> FastAPI:
     )
     app.settings = app.state.settings = settings
     app.metrics = app.state.metrics = Metrics()
+    token, seconds = settings.token, settings.session_seconds
+    app.sessions = app.state.sessions = Sessions(token, seconds) if token else None
     install_problems(app)
     kept = (datasets, monitors, recordings, scorings, scored_files, markers)
     for part in (catalog, *kept, jobs, flights, health):

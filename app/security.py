@@ -3,8 +3,8 @@
 One ASGI layer around everything, HTTP and WebSocket alike, so that no route can forget it.
 """
 
-import hashlib
-import hmac
+import math
+import re
 import socket
 from collections.abc import Awaitable, Callable, Mapping, MutableMapping
 from dataclasses import dataclass
@@ -17,6 +17,7 @@ from starlette.requests import HTTPConnection, Request
 from starlette.responses import HTMLResponse, RedirectResponse, Response
 
 from app.problems import Problem, problem_response
+from app.sessions import Sessions
 from app.settings import Settings
 
 Scope = MutableMapping[str, Any]
@@ -26,6 +27,9 @@ Send = Callable[[Message], Awaitable[None]]
 Application = Callable[[Scope, Receive, Send], Awaitable[None]]
 
 COOKIE = "forewarn"
+COOKIE_OF_PAGE = "forewarn-page"
+"""Tells the page that there is a session to end; it lets nobody in."""
+HOST = re.compile(r"(?:\[([0-9A-Fa-f:.]+)\]|([0-9A-Za-z._-]+))(?::[0-9]{0,5})?")
 OPEN_PATHS = ("/healthz", "/login")
 """Answered without a token: a probe learns nothing from them."""
 SAFE_METHODS = ("GET", "HEAD", "OPTIONS")
@@ -68,18 +72,22 @@ class Refusal(Exception):
     status: int
     reason: str
     kind: str
+    wait: int = 0
+    """[s] until it may be tried again, where that is the reason."""
 
 
 class Guard:
     """ASGI layer that checks Host, Origin and token, and adds the security headers."""
 
-    def __init__(self, app: Application, settings: Settings) -> None:
+    def __init__(
+        self, app: Application, settings: Settings, sessions: Sessions | None = None
+    ) -> None:
         self.app = app
         self.settings = settings
         own = () if settings.is_local else (socket.gethostname(),)
         names = ("localhost", settings.host, *own, *settings.allowed_hosts)
         self.hosts = {name.lower() for name in names}
-        self.cookie = cookie_value(settings.token) if settings.token else None
+        self.sessions = sessions
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Let a connection through, or answer it here."""
@@ -90,8 +98,11 @@ class Guard:
         try:
             self.check_host(connection.headers)
             self.check_origin(scope, connection.headers)
-            if self.settings.token and scope["path"] == "/login" and scope["type"] == "http":
-                return await self._login(scope, receive, send)
+            if self.sessions and scope["type"] == "http" and scope["path"] in ("/login", "/logout"):
+                answer = self._logout if scope["path"] == "/logout" else self._login
+                return await (await answer(Request(scope, receive), self.sessions))(
+                    scope, receive, send
+                )
             self.check_token(scope, connection)
         except Refusal as refusal:
             return await self._refuse(refusal, scope, receive, send)
@@ -129,19 +140,21 @@ class Guard:
 
     def check_token(self, scope: Scope, connection: HTTPConnection) -> None:
         """Refuse a connection without the token; by header, by cookie, by query on a WebSocket."""
-        token = self.settings.token
-        if token is None or scope["path"] in OPEN_PATHS:
+        if self.sessions is None or scope["path"] in OPEN_PATHS:
+            return
+        if self.sessions.is_open(connection.cookies.get(COOKIE, "")):
             return
         scheme, _, bearer = connection.headers.get("authorization", "").partition(" ")
-        if scheme.lower() == "bearer" and _equal(bearer.strip(), token):
-            return
-        if self.cookie and _equal(connection.cookies.get(COOKIE, ""), self.cookie):
-            return
-        if scope["type"] == "websocket" and _equal(connection.query_params.get("token", ""), token):
-            return
-        raise Refusal(
-            401, "the token is missing or wrong: send `Authorization: Bearer TOKEN`", "token"
-        )
+        given = bearer.strip() if scheme.lower() == "bearer" else ""
+        if scope["type"] == "websocket":
+            given = given or connection.query_params.get("token", "")
+        if given and (wait := _wait_of(self.sessions, connection)):
+            text = f"too many wrong tokens came from your address: try again in {wait} s"
+            raise Refusal(429, text, "token", wait)
+        if not given or not self.sessions.is_token(given, _address_of(connection)):
+            raise Refusal(
+                401, "the token is missing or wrong: send `Authorization: Bearer TOKEN`", "token"
+            )
 
     async def _refuse(self, refusal: Refusal, scope: Scope, receive: Receive, send: Send) -> None:
         if scope["type"] == "websocket":
@@ -149,36 +162,69 @@ class Guard:
             await send({"type": "websocket.close", "code": REFUSED, "reason": refusal.reason})
             return
         problem = Problem(refusal.status, refusal.reason, f"urn:forewarn:{refusal.kind}")
-        headers = {"WWW-Authenticate": "Bearer"} if refusal.status == 401 else None
+        headers = {"WWW-Authenticate": "Bearer"} if refusal.status == 401 else {}
+        if refusal.wait:
+            headers["Retry-After"] = str(refusal.wait)
         response = problem_response(problem, headers)
         wants_page = "text/html" in Headers(scope=scope).get("accept", "")
         if refusal.status == 401 and wants_page and scope["method"] == "GET":
             response = RedirectResponse("/login", 303)
         await response(scope, receive, send)
 
-    async def _login(self, scope: Scope, receive: Receive, send: Send) -> None:
-        request = Request(scope, receive)
-        given = request.query_params.get("token")
-        if scope["method"] == "POST":
-            given = await _posted_token(request)
-        await self._login_response(scope, given)(scope, receive, send)
-
-    def _login_response(self, scope: Scope, given: str | None) -> Response:
-        if scope["method"] not in ("GET", "HEAD", "POST"):
+    async def _login(self, request: Request, sessions: Sessions) -> Response:
+        """Let in by a link for one use or by the token that is posted; else ask for it."""
+        if request.method not in ("GET", "HEAD", "POST"):
             return problem_response(Problem(405, "GET or POST a token"), {"Allow": "GET, POST"})
-        if given is None:
-            return HTMLResponse(LOGIN_PAGE.format(said=""))
-        if not _equal(given, self.settings.token or ""):
-            return HTMLResponse(LOGIN_PAGE.format(said="That is not this server's token."), 401)
-        response = RedirectResponse("/", 303)
-        response.set_cookie(
-            COOKIE,
-            self.cookie or "",
-            httponly=True,
-            samesite="strict",
-            secure=scope["scheme"] == "https",
-        )
+        if request.method == "POST":
+            if wait := _wait_of(sessions, request):
+                text = f"Too many wrong tokens came from here: try again in {wait} s."
+                return _asking(text, 429, {"Retry-After": str(wait)})
+            given = await _posted_token(request)
+            if sessions.is_token(given, _address_of(request)):
+                return _entered(request, sessions)
+            return _asking("That is not this server's token.", 401)
+        if "token" in request.query_params:
+            return _asking("A token is not taken from an address: enter it here.", 400)
+        link = request.query_params.get("link")
+        if link is None or request.method == "HEAD":
+            return _asking()
+        if sessions.use_link(link):
+            return _entered(request, sessions)
+        return _asking("That link was used, or is too old: enter the token.", 401)
+
+    async def _logout(self, request: Request, sessions: Sessions) -> Response:
+        """End the session and ask for the token again."""
+        if request.method != "POST":
+            return problem_response(Problem(405, "POST to log out"), {"Allow": "POST"})
+        sessions.end(request.cookies.get(COOKIE, ""))
+        response = RedirectResponse("/login", 303)
+        for cookie in (COOKIE, COOKIE_OF_PAGE):
+            response.delete_cookie(cookie)
         return response
+
+
+def _asking(
+    said: str = "", status: int = 200, headers: Mapping[str, str] | None = None
+) -> Response:
+    """The page that asks for the token."""
+    return HTMLResponse(LOGIN_PAGE.format(said=said), status, headers)
+
+
+def _entered(request: Request, sessions: Sessions) -> Response:
+    """Begin a session; its cookies end with the browser."""
+    response, secure = RedirectResponse("/", 303), request.url.scheme == "https"
+    response.set_cookie(COOKIE, sessions.begin(), httponly=True, samesite="strict", secure=secure)
+    response.set_cookie(COOKIE_OF_PAGE, "1", samesite="strict", secure=secure)
+    return response
+
+
+def _wait_of(sessions: Sessions, connection: HTTPConnection) -> int:
+    """How long no token of this address is looked at, since too many were wrong [s]."""
+    return math.ceil(sessions.wait_of(_address_of(connection)))
+
+
+def _address_of(connection: HTTPConnection) -> str:
+    return connection.client.host if connection.client else ""
 
 
 class BodyLimit:
@@ -222,26 +268,15 @@ def _too_large(most: int) -> Problem:
     return Problem(413, text, "urn:forewarn:body", max_bytes=most)
 
 
-def cookie_value(token: str) -> str:
-    """What the cookie holds: it proves the token without being it."""
-    return hmac.new(token.encode(), b"forewarn cookie", hashlib.sha256).hexdigest()
-
-
 def policy_of(path: str) -> str:
     """Content security policy of a path."""
     return next(policy for start, policy in POLICIES if path.startswith(start))
 
 
-def _equal(given: str, expected: str) -> bool:
-    return hmac.compare_digest(given.encode(), expected.encode())
-
-
 def _host_name(host: str) -> str | None:
     """Name or address in a Host header, without port and brackets; None if it is not one."""
-    try:
-        return urlsplit(f"//{host}").hostname
-    except ValueError:
-        return None
+    match = HOST.fullmatch(host)
+    return match and (match[1] or match[2]).lower()
 
 
 def _is_address(name: str, settings: Settings) -> bool:

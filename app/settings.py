@@ -18,6 +18,7 @@
 | header_seconds   | FOREWARN_HEADER_SECONDS   | 10, until a header is whole                      |
 | body_seconds     | FOREWARN_BODY_SECONDS     | 30, that a body may come at less than 4096 B/s   |
 | idle_seconds     | FOREWARN_IDLE_SECONDS     | 5, between two requests of a connection          |
+| session_seconds  | FOREWARN_SESSION_SECONDS  | 12 h, that a login lasts from when it was used   |
 """
 
 import math
@@ -67,6 +68,7 @@ class Settings:
     header_seconds: float = 10.0
     body_seconds: float = 30.0
     idle_seconds: float = 5.0
+    session_seconds: float = 12 * 3600.0
 
     def __post_init__(self) -> None:
         if self.token is not None and len(self.token) < SHORTEST_TOKEN:

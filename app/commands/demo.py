@@ -66,6 +66,8 @@ def demonstrate(settings: Settings, say: Callable[[str], None], *, browser: bool
         flight = await fly(app, settings, monitor_id)
         page = f"{address}/#/fly/{flight}"
         say(f"flying at {page} (stop with Ctrl+C)")
+        serve_command.say_link(app, address)
+        page = serve_command.login_link(app, address) or page
         if browser and not await asyncio.to_thread(webbrowser.open, page):
             say("no browser could be opened: open the address yourself")
 

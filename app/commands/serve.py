@@ -3,7 +3,10 @@
 import argparse
 from pathlib import Path
 
+from fastapi import FastAPI
+
 from app import serving
+from app.sessions import LINK_SECONDS, Sessions
 from app.settings import Settings, read_settings
 
 
@@ -31,12 +34,25 @@ def say(text: str) -> None:
     print(f"forewarn: {text}", flush=True)
 
 
+def login_link(app: FastAPI, address: str) -> str | None:
+    """An address that logs in once; None where the server asks for no token."""
+    sessions: Sessions | None = app.state.sessions
+    return sessions and f"{address}/login?link={sessions.make_link()}"
+
+
+def say_link(app: FastAPI, address: str) -> None:
+    """Print the link that logs in, where there is one."""
+    if link := login_link(app, address):
+        say(f"log in once, within {LINK_SECONDS / 60:.0f} minutes: {link}")
+
+
 def run(options: argparse.Namespace) -> int:
     """Serve until it is interrupted."""
     settings = settings_of(options)
 
-    async def opened(app: object, address: str) -> None:
+    async def opened(app: FastAPI, address: str) -> None:
         say(f"serving {settings.data_dir} at {address} (stop with Ctrl+C)")
+        say_link(app, address)
 
     serving.serve(settings, opened)
     return 0

@@ -122,5 +122,6 @@ document.querySelector("[data-skip]").addEventListener("click", (event) => {
 });
 bindUnitsButton(document.querySelector("#units"));
 bindThemeButton(document.querySelector("#theme"));
+document.querySelector("#logout").hidden = !document.cookie.split("; ").includes("forewarn-page=1");
 addEventListener("hashchange", open);
 open();

@@ -3,7 +3,8 @@ import socket
 import pytest
 from starlette.websockets import WebSocketDisconnect
 
-from app.security import API_POLICY, COOKIE, PAGE_POLICY, REFUSED, cookie_value
+from app.security import API_POLICY, COOKIE, PAGE_POLICY, REFUSED
+from app.sessions import FREE_GUESSES
 from tests.support.api import ADDRESS, api, problem
 
 TOKEN = "a-token-of-a-good-length"
@@ -24,9 +25,11 @@ def guarded(tmp_path_factory):
 
 
 @pytest.fixture(autouse=True)
-def no_cookies_left(guarded):
+def nothing_left(guarded):
+    """Neither a session nor a wrong guess of the test before."""
     yield
     guarded.cookies.clear()
+    guarded.app.state.sessions.is_token(TOKEN, "testclient")
 
 
 def refusal(client, path=STREAM, **headers):
@@ -45,7 +48,27 @@ def test_this_machines_names_are_served(client, host):
 
 
 @pytest.mark.parametrize(
-    "host", ["evil.example", "evil.example:8000", "127.0.0.1.evil.example", "192.168.1.5", "", "["]
+    "host",
+    [
+        "evil.example",
+        "evil.example:8000",
+        "127.0.0.1.evil.example",
+        "192.168.1.5",
+        "",
+        "[",
+        "evil.example@127.0.0.1",
+        "127.0.0.1@evil.example",
+        "evil.example:x@127.0.0.1:8000",
+        "127.0.0.1/evil.example",
+        "127.0.0.1?evil",
+        "127.0.0.1#evil",
+        "[::1]evil.example",
+        "::1",
+        "127.0.0.1:8000:8000",
+        "127.0.0.1:port",
+        "127.0.0.1\\evil.example",
+        "127.0.0.1 evil",
+    ],
 )
 def test_a_rebound_name_is_refused(client, host):
     problem(client.get("/healthz", headers={"host": host}), 400)
@@ -103,7 +126,7 @@ def test_a_wrong_token_is_refused(guarded, given):
     header = {"Authorization": f"Bearer {given}".encode()}
     problem(guarded.get("/readyz", headers=header), 401)
     assert "token" in refusal(guarded, path=f"{STREAM}?token={given}")
-    assert guarded.get("/login", params={"token": given}, follow_redirects=False).status_code == 401
+    assert guarded.post("/login", data={"token": given}, follow_redirects=False).status_code == 401
     assert COOKIE not in guarded.cookies
 
 
@@ -118,25 +141,84 @@ def test_the_token_lets_in_by_query_on_a_websocket_only(guarded):
     problem(guarded.get(f"/readyz?token={TOKEN}"), 401)
 
 
-@pytest.mark.parametrize("way", ["get", "post"])
-def test_a_login_leaves_a_cookie_that_is_not_the_token(guarded, way):
-    if way == "get":
-        answer = guarded.get("/login", params={"token": TOKEN}, follow_redirects=False)
-    else:
-        answer = guarded.post("/login", data={"token": TOKEN}, follow_redirects=False)
+def logged_in(guarded):
+    """Log in; returns the answer, whose cookies the client now has."""
+    answer = guarded.post("/login", data={"token": TOKEN}, follow_redirects=False)
     assert (answer.status_code, answer.headers["location"]) == (303, "/")
-    cookie = answer.headers["set-cookie"]
+    return answer
+
+
+def test_a_login_leaves_a_cookie_that_is_not_the_token(guarded):
+    cookie, of_page = logged_in(guarded).headers.get_list("set-cookie")
     assert "HttpOnly" in cookie
     assert "SameSite=strict" in cookie
-    assert TOKEN not in cookie
+    assert TOKEN not in cookie + of_page
+    assert "HttpOnly" not in of_page
     assert guarded.get("/readyz").status_code == 200
     assert not refusal(guarded, cookie=cookie.partition(";")[0])
+    of_page = of_page.partition(";")[0]
+    assert "token" in refusal(guarded, cookie=of_page)
+
+
+def test_a_token_in_an_address_is_not_taken(guarded):
+    answer = guarded.get("/login", params={"token": TOKEN}, follow_redirects=False)
+    assert answer.status_code == 400
+    assert "not taken from an address" in answer.text
+    assert not answer.headers.get_list("set-cookie")
+
+
+def test_a_link_logs_in_once(guarded):
+    link = f"/login?link={guarded.app.state.sessions.make_link()}"
+    assert guarded.head(link).status_code == 200  # a preview of it uses nothing up
+    assert guarded.get(link, follow_redirects=False).status_code == 303
+    assert guarded.get("/readyz").status_code == 200
+    guarded.cookies.clear()
+    for again in (link, "/login?link=", "/login?link=another"):
+        assert "was used, or is too old" in guarded.get(again).text
+        assert COOKIE not in guarded.cookies
+
+
+def test_who_logs_out_is_out_with_every_copy_of_the_cookie(guarded):
+    logged_in(guarded)
+    kept = {"cookie": f"{COOKIE}={guarded.cookies[COOKIE]}"}
+    problem(guarded.get("/logout"), 405)
+    answer = guarded.post("/logout", follow_redirects=False)
+    assert (answer.status_code, answer.headers["location"]) == (303, "/login")
+    assert not guarded.cookies
+    problem(guarded.get("/readyz", headers=kept), 401)
+    assert "token" in refusal(guarded, **kept)
+
+
+def test_another_site_logs_nobody_out(guarded):
+    logged_in(guarded)
+    problem(guarded.post("/logout", headers={"sec-fetch-site": "cross-site"}), 403)
+    assert guarded.get("/readyz").status_code == 200
 
 
 def test_a_forged_cookie_is_refused(guarded):
-    for forged in (TOKEN, cookie_value("another-token-of-length"), "é"):
+    for forged in (TOKEN, "x" * 43, "", "é"):
         header = {"cookie": f"{COOKIE}={forged}".encode()}
         problem(guarded.get("/readyz", headers=header), 401)
+
+
+def test_wrong_tokens_slow_down_at_every_door(tmp_path, caplog):
+    with api(tmp_path, host="0.0.0.0", token=TOKEN) as client:
+        for number in range(FREE_GUESSES):
+            wrong = {"Authorization": f"Bearer wrong {number}"}
+            problem(client.get("/readyz", headers=wrong), 401)
+        right = {"Authorization": f"Bearer {TOKEN}"}
+        answer = client.get("/readyz", headers=right)
+        assert "try again in" in problem(answer, 429)
+        assert answer.headers["retry-after"] == "1"
+        answer = client.post("/login", data={"token": TOKEN}, follow_redirects=False)
+        assert (answer.status_code, answer.headers["retry-after"]) == (429, "1")
+        assert "try again in" in refusal(client, path=f"{STREAM}?token={TOKEN}")
+        link = f"/login?link={client.app.state.sessions.make_link()}"
+        assert client.get(link, follow_redirects=False).status_code == 303
+        assert client.get("/readyz").status_code == 200  # a session goes on
+    logged = [record.getMessage() for record in caplog.records if "wrong token" in record.message]
+    assert len(logged) == FREE_GUESSES
+    assert not any(TOKEN in text or "wrong 0" in text for text in logged)
 
 
 def test_a_browser_without_the_token_is_asked_for_it(guarded):

@@ -21,4 +21,17 @@ def test_the_token_lets_a_browser_in_and_another_does_not(
         page.get_by_label("Token of this Forewarn server").fill(TOKEN)
         page.get_by_role("button", name="Enter").click()
         expect(page.get_by_role("link", name="Monitors", exact=True)).to_be_visible()
+        page.wait_for_load_state("networkidle")  # a module cut off in its loading is an error
+        page.get_by_role("button", name="Log out").click()
+        expect(page.get_by_label("Token of this Forewarn server")).to_be_visible()
+        page.goto(site.http)
+        expect(page.get_by_label("Token of this Forewarn server")).to_be_visible()
+        page.goto("about:blank")
+
+
+def test_a_server_without_a_token_has_nothing_to_log_out_of(page: Page, tmp_path: Path) -> None:
+    with open_site(tmp_path) as site:
+        page.goto(site.http)
+        expect(page.get_by_role("link", name="Monitors", exact=True)).to_be_visible()
+        expect(page.get_by_role("button", name="Log out")).to_be_hidden()
         page.goto("about:blank")
