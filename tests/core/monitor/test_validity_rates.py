@@ -23,8 +23,8 @@ from core.types import Array
 
 NOISE = SensorNoise(beta=5e-4, p=4e-3, r=1e-3, Ny=4e-3, delta_a=3e-4, delta_r=3e-4)
 PLANTS = {
-    "f16": (PublishedAircraft("f16_sl_h0_v502", 3), "f16_damper", 9.5()),
-    "f104a": (PublishedAircraft("f104a_sl_m0p8", 3), "f104a_damper", 3.7()),
+    "f16": (PublishedAircraft("f16_sl_h0_v502", 3), "f16_damper", 9.5, SensorNoise()),
+    "f104a": (PublishedAircraft("f104a_sl_m0p8", 3), "f104a_damper", 3.7, SensorNoise()),
     "attas": (PublishedAircraft("attas_id_16kft", 4), "none", 9.6, NOISE),
 }
 N_CALIBRATE, N_FRESH, N_FITS = 1_000, 1_000, 12
