@@ -8,8 +8,10 @@ from typing import Any
 from fastapi import FastAPI, Request
 from fastapi.exceptions import RequestValidationError
 from fastapi.responses import JSONResponse, Response
+from fastapi.routing import iter_route_contexts
 from starlette.exceptions import HTTPException
 from starlette.requests import ClientDisconnect
+from starlette.routing import compile_path
 
 from app.recipes import RecipeError
 from app.recordings.files import NoSpace
@@ -142,8 +144,20 @@ async def _http(request: Request, error: Exception) -> Response:
         return problem_response(Problem(422, "the body is not JSON", "urn:forewarn:request"))
     if detail == HTTPStatus(error.status_code).phrase:
         detail = f"{detail}: {request.method} {request.url.path}"
-    problem = Problem(error.status_code, detail)
-    return problem_response(problem, dict(error.headers or {}))
+    headers = dict(error.headers or {})
+    if error.status_code == HTTPStatus.METHOD_NOT_ALLOWED:
+        headers["Allow"] = ", ".join(_allowed(request)) or headers.get("Allow", "")
+    return problem_response(Problem(error.status_code, detail), headers)
+
+
+def _allowed(request: Request) -> list[str]:
+    """Methods of every route at this path; the router's own answer names those of one of them."""
+    here = [
+        context.methods or ()
+        for context in iter_route_contexts(request.app.routes)
+        if context.path and compile_path(context.path)[0].match(request.url.path)
+    ]
+    return sorted({method for methods in here for method in methods})
 
 
 async def _validation(request: Request, error: Exception) -> Response:

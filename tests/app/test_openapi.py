@@ -1,3 +1,4 @@
+import re
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -125,3 +126,19 @@ def test_units_are_in_the_document(known):
     body = document["paths"]["/api/v1/monitors"]["post"]["requestBody"]["content"]
     assert body["application/json"]["schema"]["properties"]["t_early"]["x-unit"] == "s"
     assert catalog()["recipes"]["dataset"]["schema"]["properties"]["dt"]["x-unit"] == "s"
+
+
+def test_every_method_that_is_not_allowed_is_answered_by_those_that_are(session, known):
+    paths = create_app(known[0]).openapi()["paths"]
+    for path in paths:
+        address = re.sub(r"\{[^}]+\}", "0", path)
+        described = {
+            method.upper()
+            for template, item in paths.items()
+            if re.fullmatch(re.sub(r"\{[^}]+\}", "[^/]+", template), address)
+            for method in item
+        }
+        for method in {"GET", "POST", "PUT", "PATCH", "DELETE", "TRACE"} - described:
+            answer = session.request(method, address)
+            assert answer.status_code == 405, (method, path)
+            assert set(answer.headers["allow"].split(", ")) - {"HEAD"} == described, (method, path)
