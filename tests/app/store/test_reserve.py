@@ -53,7 +53,7 @@ def test_a_deletion_on_a_short_disk_frees_the_reserve_and_makes_it_again(
     assert seen == []
     short()
     with pytest.raises(NotFound):
-        store.flights.delete(flight)
+        store.flights.delete("0123456789ab")
     assert seen == [False]
     assert path.exists()
 
