@@ -18,6 +18,7 @@ from core.monitor.status import Level, Status
 from core.specification import Limits, Specification
 
 Mode = Literal["live", "replay", "simulated"]
+Judged = Literal["from_trim", "recorded", "both"]
 Outputs = Annotated[list[float | None], Field(min_length=6, max_length=6)]
 
 
@@ -50,7 +51,7 @@ class Exceedance(Message):
     channel: str = Field(description="key of the one furthest beyond its limit")
     value: float
     limit: float
-    judged: Literal["from_trim", "recorded", "both"] = Field(
+    judged: Judged = Field(
         description="which value reaches it: `from_trim`, as the monitor and every verdict take "
         "it, as `recorded`, or both, as where nothing is subtracted"
     )

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from app.messages import Exceedance
+from app.messages import Exceedance, Judged
 from core.channels import KEYS
 from core.monitor.validity import exceeds
 from core.types import Array
@@ -17,12 +17,12 @@ def exceedance(limits: Array | None, y: Array, recorded: Array) -> Exceedance | 
     if limits is None:
         return None
     if exceeds(limits, y):
-        judged = "both" if exceeds(limits, recorded) else "from_trim"
+        judged: Judged = "both" if exceeds(limits, recorded) else "from_trim"
         return _named(limits, y, judged)
     return _named(limits, recorded, "recorded") if exceeds(limits, recorded) else None
 
 
-def _named(limits: Array, y: Array, judged: str) -> Exceedance:
+def _named(limits: Array, y: Array, judged: Judged) -> Exceedance:
     worst = int(np.nan_to_num(np.abs(y) / limits, posinf=0.0).argmax())
     return Exceedance(
         channel=KEYS[worst],

@@ -360,7 +360,7 @@ def _alarm(stored: StoredAlarm) -> Alarm:
         p_value=stored.p_value,
         kind=stored.kind,
         level=stored.level,
-        exceedance=stored.exceedance and Exceedance(**stored.exceedance),
+        exceedance=Exceedance(**stored.exceedance) if stored.exceedance else None,
         raised=stored.raised,
         acknowledged=stored.acknowledged,
         by=stored.by,

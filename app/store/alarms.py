@@ -5,7 +5,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any, Literal
 
-from sqlalchemy import ColumnElement, func, insert, select, update
+from sqlalchemy import ColumnElement, Connection, func, insert, select, update
 
 from app.store.flights import fetch_flight
 from app.store.repository import Entry, NotFound, Repository, columns, fetch
@@ -76,13 +76,11 @@ class AlarmRepository(Repository):
         }
         with self._writing() as connection:
             fetch_flight(connection, flight_id)
-            if number is None:
-                last = select(func.max(alarms.c.number)).where(alarms.c.flight_id == flight_id)
-                number = (connection.execute(last).scalar() or 0) + 1
-            same = select(alarms.c.id).where(_numbered(flight_id, number))
+            own = _next_number(connection, flight_id) if number is None else number
+            same = select(alarms.c.id).where(_numbered(flight_id, own))
             if (stored := connection.execute(same).scalar_one_or_none()) is not None:
                 return stored
-            row |= {"number": number, "raised": raised or now()}
+            row |= {"number": own, "raised": raised or now()}
             connection.execute(insert(alarms).values(**row))
         return alarm_id
 
@@ -121,6 +119,11 @@ class AlarmRepository(Repository):
                 if row.flight_id in wanted:
                     found[row.flight_id].append(StoredAlarm(**row._mapping))
         return dict(found)
+
+
+def _next_number(connection: Connection, flight_id: str) -> int:
+    last = select(func.max(alarms.c.number)).where(alarms.c.flight_id == flight_id)
+    return (connection.execute(last).scalar() or 0) + 1
 
 
 def _numbered(flight_id: str, number: int) -> ColumnElement[bool]:

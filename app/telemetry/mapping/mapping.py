@@ -82,7 +82,8 @@ class Mapping:
 
 def _entry(kind: type, key: str, plain: Any) -> Any:
     try:
-        entry = kind(**{EARLIER_NAMES.get(name, name): value for name, value in plain.items()})
+        named = {str(name): value for name, value in plain.items()}
+        entry = kind(**{EARLIER_NAMES.get(name, name): value for name, value in named.items()})
     except (AttributeError, TypeError):
         raise TelemetryError(
             f"the mapping of {key!r} is not of the fields of {kind.__name__}: "

@@ -8,7 +8,7 @@ import pytest
 from app.flights.ended import verdict
 from app.flights.exceedance import exceedance
 from app.flights.recorded_playback import RecordedScript
-from app.messages import Exceedance
+from app.messages import Exceedance, Judged
 from app.store.alarms import StoredAlarm
 from core.monitor import State
 from core.monitor.status import Level
@@ -47,7 +47,7 @@ def statuses(flown: Flown | Live) -> list[str]:
     ],
 )
 def test_either_value_beyond_the_limit_counts_and_it_says_which(
-    from_trim: float, recorded: float, judged: str, value: float
+    from_trim: float, recorded: float, judged: Judged, value: float
 ) -> None:
     over = exceedance(LIMITS, ny(from_trim), ny(recorded))
     assert over == Exceedance(channel="Ny", value=value, limit=0.5, judged=judged)
@@ -141,7 +141,7 @@ def test_hello_says_the_headline() -> None:
 # --- over ----------------------------------------------------------------------------------------
 
 
-def stored(kind: str, t: float, judged: str = "both") -> StoredAlarm:
+def stored(kind: str, t: float, judged: Judged = "both") -> StoredAlarm:
     over = {"channel": "Ny", "value": 0.529, "limit": 0.5, "judged": judged}
     return StoredAlarm(
         id="a",

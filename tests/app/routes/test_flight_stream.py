@@ -95,9 +95,9 @@ def test_a_flight_is_started_listed_read_and_ended(server: Server) -> None:
     assert server.client.get(f"{URL}/{flight['id']}").json()["head"] == 20
     assert "under way" in problem(server.client.delete(f"{URL}/{flight['id']}"), 409)
     assert server.client.get(f"{URL}/{flight['id']}").json()["progress"] == "running"
-    for _ in range(2):
-        ended = server.client.post(f"{URL}/{flight['id']}/end").json()
-        assert (ended["progress"], ended["head"], ended["transport"]) == ("ended", 20, None)
+    ended, again = (server.client.post(f"{URL}/{flight['id']}/end").json() for _ in range(2))
+    assert (ended["progress"], ended["head"], ended["transport"]) == ("ended", 20, None)
+    assert ended == again
     assert ended == server.client.get(f"{URL}/{flight['id']}").json()
     for _ in range(2):
         assert server.client.delete(f"{URL}/{flight['id']}").status_code == 204
