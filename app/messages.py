@@ -45,14 +45,14 @@ class ChannelLimit(Message):
     limit: float | None = Field(description="unsafe from this magnitude on, in `unit`")
 
 
-class Exceedance(Message):
-    """A sample that reaches a limit; SI units, N_y in g."""
+class MeasuredExceedance(Message):
+    """A measured sample that exceeds a limit; SI units, N_y in g."""
 
     channel: str = Field(description="key of the one furthest beyond its limit")
     value: float
     limit: float
     judged: Judged = Field(
-        description="which value reaches it: `from_trim`, as the monitor and every verdict take "
+        description="which value exceeds it: `from_trim`, as the monitor and every verdict take "
         "it, as `recorded`, or both, as where nothing is subtracted"
     )
 
@@ -71,7 +71,7 @@ class Alarm(Message):
     level: Level = Field(
         default=Level.WARNING, description="14 CFR 25.1322: `warning` asks for action now"
     )
-    exceedance: Exceedance | None = Field(default=None, description="of kind `limit`")
+    exceedance: MeasuredExceedance | None = Field(default=None, description="of kind `limit`")
     raised: str = Field(description="UTC, ISO 8601")
     acknowledged: str | None = Field(default=None, description="UTC, ISO 8601")
     by: str | None = None

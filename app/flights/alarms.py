@@ -13,7 +13,7 @@ An acknowledged alarm is over: every onset after it rings.
 from collections.abc import Callable
 from typing import Literal
 
-from app.messages import Alarm, Exceedance
+from app.messages import Alarm, MeasuredExceedance
 from core.monitor import Assessment, State
 
 REJOIN_S = 1.0
@@ -92,7 +92,7 @@ class Alarms:
         seq: int,
         index: int,
         said: Assessment,
-        exceedance: Exceedance | None,
+        exceedance: MeasuredExceedance | None,
         utc: Callable[[], str],
     ) -> list[Alarm]:
         """Take a sample; return the alarms that it raises, an exceedance first.
@@ -115,7 +115,7 @@ class Alarms:
         seq: int,
         index: int,
         said: Assessment,
-        exceedance: Exceedance | None,
+        exceedance: MeasuredExceedance | None,
         utc: str,
     ) -> Alarm:
         self._number += 1

@@ -2,13 +2,13 @@
 
 import numpy as np
 
-from app.messages import Exceedance, Judged
+from app.messages import Judged, MeasuredExceedance
 from core.channels import KEYS
 from core.monitor.validity import exceeds
 from core.types import Array
 
 
-def exceedance(limits: Array | None, y: Array, recorded: Array) -> Exceedance | None:
+def exceedance(limits: Array | None, y: Array, recorded: Array) -> MeasuredExceedance | None:
     """What limit a sample reaches: from trim, as recorded, or both; None where it keeps them all.
 
     limits: (6,), None where they are not known.   y: (6,) from trim.   recorded: (6,), trim
@@ -22,9 +22,9 @@ def exceedance(limits: Array | None, y: Array, recorded: Array) -> Exceedance | 
     return _named(limits, recorded, "recorded") if exceeds(limits, recorded) else None
 
 
-def _named(limits: Array, y: Array, judged: Judged) -> Exceedance:
+def _named(limits: Array, y: Array, judged: Judged) -> MeasuredExceedance:
     worst = int(np.nan_to_num(np.abs(y) / limits, posinf=0.0).argmax())
-    return Exceedance(
+    return MeasuredExceedance(
         channel=KEYS[worst],
         value=float(y[worst]),
         limit=float(limits[worst]),

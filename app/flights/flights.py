@@ -16,7 +16,7 @@ from app.flights.live import LiveSource
 from app.flights.playback import Script
 from app.flights.recorder import INTERVAL_S, Recorder
 from app.flights.sources import Opening, Source, aircraft_of, mode_of, trim_angles
-from app.messages import Alarm, Exceedance, plain_frame
+from app.messages import Alarm, MeasuredExceedance, plain_frame
 from app.recordings.scored import ScoredRecordings
 from app.store.alarms import StoredAlarm
 from app.store.flights import FlightInfo, UnderWay
@@ -360,7 +360,7 @@ def _alarm(stored: StoredAlarm) -> Alarm:
         p_value=stored.p_value,
         kind=stored.kind,
         level=stored.level,
-        exceedance=Exceedance(**stored.exceedance) if stored.exceedance else None,
+        exceedance=MeasuredExceedance(**stored.exceedance) if stored.exceedance else None,
         raised=stored.raised,
         acknowledged=stored.acknowledged,
         by=stored.by,

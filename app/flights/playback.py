@@ -9,7 +9,7 @@ import numpy as np
 
 from app.flights.exceedance import exceedance
 from app.flights.track import Track
-from app.messages import Exceedance
+from app.messages import MeasuredExceedance
 from core.monitor import Assessment, Monitor
 from core.types import Array
 
@@ -56,7 +56,7 @@ class Script(ABC):
         """Sample k before its trim was subtracted, (6,); as it is where nothing was."""
         return self.y(k)
 
-    def exceedance(self, k: int, limits: Array | None) -> Exceedance | None:
+    def exceedance(self, k: int, limits: Array | None) -> MeasuredExceedance | None:
         """What limit sample k reaches. limits: (6,), None where they are not known."""
         return exceedance(limits, self.y(k), self.recorded(k))
 

@@ -20,7 +20,7 @@ SAME_TIME = 1e-6
 
 
 @dataclass(frozen=True)
-class Exceedance:
+class RecordedExceedance:
     """The first recorded sample that exceeds a limit. t: [s].   value: from trim, in its unit."""
 
     t: float
@@ -52,7 +52,7 @@ class Limited(NamedTuple):
     lost: seconds of which one has no sample.   holes: of each limited channel.
     """
 
-    exceedance: Exceedance | None
+    exceedance: RecordedExceedance | None
     peaks: tuple[Peak, ...]
     lost: float
     holes: tuple[Hole, ...] = ()
@@ -63,7 +63,7 @@ def against_limits(traces: Traces, limits: Array, trim: Array, start: float, end
 
     traces: repaired.   limits, trim: (6,).   start, end: [s], both included.
     """
-    exceedances: list[Exceedance] = []
+    exceedances: list[RecordedExceedance] = []
     peaks: list[Peak] = []
     holes: list[Hole] = []
     for c in np.flatnonzero(np.isfinite(limits)):
@@ -74,7 +74,7 @@ def against_limits(traces: Traces, limits: Array, trim: Array, start: float, end
         value = recorded - trim[c]
         over = np.flatnonzero(np.abs(value) >= limits[c])
         if len(over):
-            exceedances.append(Exceedance(float(t[over[0]]), key, float(value[over[0]])))
+            exceedances.append(RecordedExceedance(float(t[over[0]]), key, float(value[over[0]])))
         largest, as_recorded = (
             float(np.abs(values).max(initial=0.0)) for values in (value, recorded)
         )
@@ -105,7 +105,7 @@ def runs(t: Array, alert: Flags) -> Alerts:
 
 
 def outcome(
-    alerts: Alerts, exceedance: Exceedance | None, promised: float
+    alerts: Alerts, exceedance: RecordedExceedance | None, promised: float
 ) -> tuple[Outcome, float | None]:
     """What a manoeuvre came to, and the lead from the first alert to the exceedance [s].
 

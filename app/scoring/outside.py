@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from app.scoring.outcome import SAME_TIME, Exceedance
+from app.scoring.outcome import SAME_TIME, RecordedExceedance
 from app.telemetry.traces import Traces
 from core.channels import CHANNELS
 from core.types import Array
@@ -17,7 +17,7 @@ MOST_OUTSIDE = 1000
 
 def outside(
     traces: Traces, limits: Array, intervals: Sequence[tuple[float, float]], trims: Sequence[Array]
-) -> tuple[Exceedance, ...]:
+) -> tuple[RecordedExceedance, ...]:
     """The first recorded sample of each exceedance that begins in none of the manoeuvres.
 
     traces: repaired.   limits: (6,).   intervals: start and end of each manoeuvre, in order [s].
@@ -37,11 +37,13 @@ def outside(
         begins = over[np.diff(t[over], prepend=-np.inf) > APART]
         of = number[begins]
         inside = (t[begins] >= starts[of] - SAME_TIME) & (t[begins] <= ends[of] + SAME_TIME)
-        exceedances += [Exceedance(float(t[i]), key, float(value[i])) for i in begins[~inside]]
+        exceedances += [
+            RecordedExceedance(float(t[i]), key, float(value[i])) for i in begins[~inside]
+        ]
     return tuple(sorted(exceedances, key=lambda exceedance: exceedance.t))
 
 
-def outside_note(exceedances: Sequence[Exceedance]) -> tuple[str, ...]:
+def outside_note(exceedances: Sequence[RecordedExceedance]) -> tuple[str, ...]:
     """What a person should know of them; nothing where there are none."""
     if not exceedances:
         return ()

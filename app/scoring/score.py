@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from app.scoring.assessed_segment import AssessedSegment
-from app.scoring.outcome import Exceedance, Limited, against_limits, outcome, runs
+from app.scoring.outcome import Limited, RecordedExceedance, against_limits, outcome, runs
 from app.scoring.outside import MOST_OUTSIDE, outside, outside_note
 from app.scoring.ready import Ready
 from app.scoring.recipe import Interval, ScoringRecipe
@@ -131,7 +131,7 @@ def _judge(flight: Ready, segment: Segment) -> JudgedSegment:
     return JudgedSegment(segment, trim, y, assessments, limited, verdict, withdrawn)
 
 
-def _outside(flight: Ready, judged: list[JudgedSegment]) -> tuple[Exceedance, ...]:
+def _outside(flight: Ready, judged: list[JudgedSegment]) -> tuple[RecordedExceedance, ...]:
     t = flight.recording.t
     intervals = [(float(t[each.first]), float(t[each.stop - 1])) for each in judged]
     return outside(flight.traces, flight.planned.limits, intervals, [each.trim for each in judged])
@@ -150,7 +150,7 @@ def _scored(
     judged: list[JudgedSegment],
     epsilon: float,
     notes: tuple[str, ...],
-    exceedances: tuple[Exceedance, ...],
+    exceedances: tuple[RecordedExceedance, ...],
 ) -> ScoredRecording:
     fields = _between(flight.recording, judged)
     for number, segment in enumerate(judged):

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from app.scoring.outcome import Exceedance, Outcome
+from app.scoring.outcome import Outcome, RecordedExceedance
 from app.telemetry.timing.quality import Quality
 
 BETWEEN = -1
@@ -96,7 +96,7 @@ class ScoredManoeuvre:
     peak_risk: float | None = None
     peak_t: float | None = None
     alerts: tuple[tuple[float, float], ...] = ()
-    exceedance: Exceedance | None = None
+    exceedance: RecordedExceedance | None = None
     lead: float | None = None
     look_ahead: float = 0.0
     withdrawn_t: float | None = None
@@ -126,7 +126,7 @@ class ScoredRecording:
     epsilon: float
     quality: Quality
     notes: tuple[str, ...] = field(default=())
-    outside_exceedances: tuple[Exceedance, ...] = ()
+    outside_exceedances: tuple[RecordedExceedance, ...] = ()
 
 
 def packed(fields: Mapping[str, npt.NDArray[Any]]) -> npt.NDArray[np.void]:

@@ -6,7 +6,7 @@ samples, or many small ones, take the verdict away; a lone lost sample does not.
 
 import numpy as np
 
-from app.scoring.outcome import SAME_TIME, Alerts, Exceedance, Hole, Limited
+from app.scoring.outcome import SAME_TIME, Alerts, Hole, Limited, RecordedExceedance
 from core.monitor import Assessments
 from core.monitor.assessment import STATES, State
 from core.types import Flags
@@ -53,7 +53,7 @@ def not_seen(limited: Limited, assessments: Assessments, alerts: Alerts, dt: flo
 
 def could_not_warn(
     limited: Limited,
-    exceedance: Exceedance,
+    exceedance: RecordedExceedance,
     assessments: Assessments,
     alerts: Alerts,
     promised: float,

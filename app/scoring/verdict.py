@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator
 
-from app.scoring.outcome import Exceedance
+from app.scoring.outcome import RecordedExceedance
 from app.scoring.scored import OBSERVATIONS, ScoredManoeuvre, ScoredRecording
 from core.channels import CHANNELS, KEYS
 from core.monitor import Monitor
@@ -95,7 +95,7 @@ def _exceedance(manoeuvre: ScoredManoeuvre) -> str:
     return _place(exceedance)
 
 
-def _place(exceedance: Exceedance) -> str:
+def _place(exceedance: RecordedExceedance) -> str:
     unit = CHANNELS[KEYS.index(exceedance.channel)].unit
     return f"at {exceedance.t:.2f} s ({exceedance.channel} {exceedance.value:.3g} {unit})"
 

@@ -3,7 +3,7 @@
 import pytest
 
 from app.flights.alarms import CLOSED_KEPT, REJOIN_S, Alarms
-from app.messages import Exceedance
+from app.messages import MeasuredExceedance
 from core.monitor import Assessment, State
 
 DT = 0.1
@@ -33,7 +33,7 @@ class Script:
         return raised
 
 
-OVER = Exceedance(channel="Ny", value=0.529, limit=0.5, judged="both")
+OVER = MeasuredExceedance(channel="Ny", value=0.529, limit=0.5, judged="both")
 
 
 def exceed(alarms: Alarms, script: str, state: State = State.INVALID) -> list[tuple[int, str]]:

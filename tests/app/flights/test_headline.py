@@ -8,7 +8,7 @@ import pytest
 from app.flights.ended import verdict
 from app.flights.exceedance import exceedance
 from app.flights.recorded_playback import RecordedScript
-from app.messages import Exceedance, Judged
+from app.messages import Judged, MeasuredExceedance
 from app.store.alarms import StoredAlarm
 from core.monitor import State
 from core.monitor.status import Level
@@ -50,7 +50,7 @@ def test_either_value_beyond_the_limit_counts_and_it_says_which(
     from_trim: float, recorded: float, judged: Judged, value: float
 ) -> None:
     over = exceedance(LIMITS, ny(from_trim), ny(recorded))
-    assert over == Exceedance(channel="Ny", value=value, limit=0.5, judged=judged)
+    assert over == MeasuredExceedance(channel="Ny", value=value, limit=0.5, judged=judged)
 
 
 @pytest.mark.parametrize("value", [0.4999, np.nan])
@@ -72,7 +72,7 @@ def test_a_recording_is_judged_with_its_trim_too() -> None:
     script = RecordedScript(samples, manoeuvres, DT, forecasts=False)
     found = [script.exceedance(k, LIMITS) for k in range(4)]
     assert found[:3] == [None, None, None]
-    assert found[3] == Exceedance(channel="Ny", value=0.6, limit=0.5, judged="recorded")
+    assert found[3] == MeasuredExceedance(channel="Ny", value=0.6, limit=0.5, judged="recorded")
 
 
 # --- under way -----------------------------------------------------------------------------------

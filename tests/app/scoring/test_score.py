@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from app.scoring import BETWEEN, SAMPLE, Interval, ScoringRecipe, manoeuvres_in, score_at_each
-from app.scoring.outcome import Exceedance, against_limits, outcome
+from app.scoring.outcome import RecordedExceedance, against_limits, outcome
 from app.scoring.planned_test import needed_channels, planned_test
 from app.telemetry.recording import TelemetryError
 from app.telemetry.timing.repair import repair
@@ -185,7 +185,7 @@ def test_a_trim_manoeuvre_longer_than_what_is_marked_is_refused(attas: Monitor, 
     ],
 )
 def test_an_alert_is_timely_that_comes_the_promised_lead_before(alerts, exceedance, expected):
-    limit = None if exceedance is None else Exceedance(exceedance, "Ny", 0.21)
+    limit = None if exceedance is None else RecordedExceedance(exceedance, "Ny", 0.21)
     what, lead = outcome(alerts, limit, 0.25)
     assert (what, lead) == (expected[0], pytest.approx(expected[1]))
 
@@ -196,7 +196,7 @@ def test_an_exceedance_between_the_monitors_samples_counts():
     traces = Traces({"Ny": Trace(t, values)})
     limits = np.array([np.inf, np.inf, np.inf, 0.2, np.inf, np.inf])
     found = against_limits(traces, limits, np.full(6, 0.01), 2.0, 8.0)
-    assert found.exceedance == Exceedance(float(t[502]), "Ny", -0.25 - 0.01)
+    assert found.exceedance == RecordedExceedance(float(t[502]), "Ny", -0.25 - 0.01)
     assert found.lost == 0.0
     later = against_limits(traces, limits, np.full(6, 0.01), 6.0, 8.0)
     assert later.exceedance is None

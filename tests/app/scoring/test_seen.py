@@ -7,7 +7,7 @@ import pytest
 
 from app.report.facts import headline
 from app.scoring import ScoredManoeuvre, ScoringRecipe
-from app.scoring.outcome import Exceedance, Hole, Limited
+from app.scoring.outcome import Hole, Limited, RecordedExceedance
 from app.scoring.outside import APART, MOST_OUTSIDE, outside, outside_note
 from app.scoring.seen import could_not_warn
 from app.scoring.verdict import verdict
@@ -98,7 +98,7 @@ def assessed(*lost: int) -> Assessments:
     ],
 )
 def test_a_gap_before_the_limit_is_not_charged_to_the_monitor(hole, lost, alerts, text: str):
-    exceedance = Exceedance(9.0, "Ny", 0.21)
+    exceedance = RecordedExceedance(9.0, "Ny", 0.21)
     holes = () if hole is None else (Hole("Ny", hole[0], hole[1], hole[1] - hole[0] - 0.02),)
     limited = Limited(exceedance, (), 0.0, holes)
     found = could_not_warn(limited, exceedance, assessed(*lost), alerts, 0.25)

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from app.scoring.outcome import Exceedance, Limited, Peak
+from app.scoring.outcome import Limited, Peak, RecordedExceedance
 from app.scoring.wording import withdrawn
 from core.monitor import Assessments
 
@@ -22,7 +22,7 @@ def said(*p_values: float) -> Assessments:
 
 
 def reached(t: float) -> Limited:
-    return NONE._replace(exceedance=Exceedance(t, "Ny", 0.2))
+    return NONE._replace(exceedance=RecordedExceedance(t, "Ny", 0.2))
 
 
 @pytest.mark.parametrize(
