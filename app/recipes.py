@@ -39,6 +39,9 @@ def from_plain(default: Any, plain: Any, where: str = "recipe") -> Any:
 
 
 def _checked(default: Any, values: Mapping[str, Any], where: str) -> Any:
+    for key, value in values.items():
+        if type(getattr(default, key, None)) in (int, float) and isinstance(value, str | bool):
+            raise RecipeError(f"{where}.{key} is {value!r}: Input should be a valid number")
     try:
         return TypeAdapter(type(default)).validate_python(values)
     except ValidationError as error:

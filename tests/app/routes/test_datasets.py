@@ -159,3 +159,8 @@ def test_a_dataset_in_use_is_kept_and_says_whose(client, dataset):
 @pytest.mark.parametrize("path", ["", "/arrays", "/rollouts", "/rollouts/0"])
 def test_an_unknown_dataset_is_not_found(client, path):
     assert "nothing" in problem(client.get(f"/api/v1/datasets/nothing{path}"), 404)
+
+
+@pytest.mark.parametrize("order", [{"n_unsafe": "50"}, {"dt": "0.05"}, {"n_unsafe": True}])
+def test_a_number_in_quotes_is_refused(client, order):
+    assert "should be a valid number" in problem(client.post("/api/v1/datasets", json=order), 422)
