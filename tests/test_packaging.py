@@ -6,6 +6,7 @@ import subprocess
 import sys
 import tomllib
 from importlib.metadata import packages_distributions, version
+from pathlib import Path
 
 import pytest
 
@@ -76,3 +77,20 @@ def test_matplotlib_loads_only_where_a_figure_is_drawn():
     modules = ", ".join(["app.main", "app.cli", *(f"app.commands.{name}" for name in commands)])
     code = f"import sys, {modules}; sys.exit('matplotlib' in sys.modules)"
     subprocess.run([sys.executable, "-c", code], check=True, cwd=ROOT)
+
+
+@pytest.mark.parametrize(
+    ("target", "installs"), [("demo", "--editable ."), ("test", "--editable '.[dev]'")]
+)
+def test_make_installs_what_a_target_needs_and_says_so(target: str, installs: str, tmp_path: Path):
+    (tmp_path / "pyproject.toml").touch()
+    (tmp_path / "Makefile").write_bytes((ROOT / "Makefile").read_bytes())
+    dry = subprocess.run(["make", "-n", target], cwd=tmp_path, capture_output=True, check=True)
+    lines = dry.stdout.decode().splitlines()
+    (pip,) = (line for line in lines if "pip install" in line)
+    assert pip.endswith(installs)
+    assert lines[0].startswith("echo ")
+    (tmp_path / ".venv").mkdir()
+    (tmp_path / ".venv" / ".ready").touch()
+    again = subprocess.run(["make", "-n", target], cwd=tmp_path, capture_output=True, check=True)
+    assert b"pip" not in again.stdout
