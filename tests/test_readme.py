@@ -1,10 +1,15 @@
+import json
 import re
 import shlex
+import subprocess
 from pathlib import Path
 
 import pytest
 
 from app.cli import main
+from core.collection import DatasetRecipe, collect
+from core.monitor import MonitorRecipe, train
+from tests.support.api import served
 from tests.support.places import ROOT
 
 README = (ROOT / "README.md").read_text(encoding="utf-8")
@@ -26,6 +31,22 @@ def test_commands_of_the_readme_run(tmp_path: Path, monkeypatch: pytest.MonkeyPa
         assert main([*arguments, *SMALL.get(arguments[0], [])]) == 0, command
     assert (tmp_path / "flight-scored" / "scored.svg").exists()
     assert (tmp_path / "flight-report.html").exists()
+
+
+def test_files_are_sent_as_the_readme_says(tmp_path: Path):
+    assert main(["sample-flight", "--out", str(tmp_path / "flight.csv")]) == 0
+    train(collect(DatasetRecipe()), MonitorRecipe()).save(tmp_path / "monitor.fwm")
+    commands = re.findall(r"^    (curl .*)$", README, re.MULTILINE)
+    assert len(commands) == 3
+    with served(tmp_path / "data") as (address, _):
+        for command in commands:
+            words = shlex.split(command.replace("http://127.0.0.1:8000", address))
+            assert re.search(rf"{address}/api/v1/\w+", words[-1])
+            answer = subprocess.run(
+                [words[0], "--silent", "--fail", *words[1:]], cwd=tmp_path, stdout=subprocess.PIPE
+            )
+            assert answer.returncode == 0, command
+            assert json.loads(answer.stdout)["name"] in ("flight.csv", "monitor")
 
 
 def test_python_of_the_readme_runs(tmp_path: Path, monkeypatch, capsys: pytest.CaptureFixture):

@@ -1,6 +1,7 @@
 """Monitors: trained and calibrated; scoring telemetry at once."""
 
 import asyncio
+from pathlib import PurePath
 from typing import Annotated, Any, Literal
 
 from fastapi import APIRouter, Query, Request, Response
@@ -25,6 +26,7 @@ from app.routes.dependencies import (
     plain_body,
 )
 from app.routes.job_answers import ACCEPTED, accepted
+from app.routes.sent_files import CONTENT, OCTETS, sent_file
 from app.store.jobs import JobInfo
 from app.store.monitors import MonitorInfo
 from app.store.store import Store
@@ -33,7 +35,6 @@ from core.channels import KEYS
 from core.monitor.assessment import Exemplar
 
 router = APIRouter(prefix="/api/v1/monitors", tags=["monitors"])
-MONITOR_FILE = "application/octet-stream"
 
 
 class Calibration(BaseModel):
@@ -94,9 +95,7 @@ _ORDER = body_of(
         "epsilon": 0.1,
     },
 )
-_ORDER["requestBody"]["content"][MONITOR_FILE] = {
-    "schema": {"type": "string", "format": "binary", "description": "a portable monitor"}
-}
+_ORDER["requestBody"]["content"] |= CONTENT
 
 
 @router.post(
@@ -118,11 +117,17 @@ async def order_monitor(
     """Train a monitor on a stored dataset, or on one simulated first: JSON, answered by a job.
 
     It is then flown on `n_test` fresh flights: see its evaluation. `t_early` in seconds.
-    With application/octet-stream the body is a portable monitor, as `forewarn train` or
-    `GET /monitors/{id}/file` gives it: stored at once and answered by the monitor.
+    A body of another type, or a form (`curl -F file=@monitor.fwm`), is a portable monitor as
+    `forewarn train` or `GET /monitors/{id}/file` gives it: stored at once and answered by the
+    monitor.
     """
-    if content_type(request) == MONITOR_FILE:
-        return await _add_file(await request.body(), name or "uploaded monitor", store)
+    if content_type(request) != "application/json":
+        sent = await sent_file(request)
+        body = b"".join([chunk async for chunk in sent.content])
+        if body.lstrip()[:1] == b"{":
+            raise Problem(415, "the body looks like JSON: send it as application/json")
+        called = name or PurePath(sent.name).stem or "uploaded monitor"
+        return await _add_file(body, called[:200], store)
     plain = await plain_body(request)
     order = await asyncio.to_thread(monitor_order, plain, store, settings.max_array_bytes)
     asked = {
@@ -197,13 +202,13 @@ async def read_evaluation(monitor_id: str, store: StoreDep) -> dict[str, Any]:
 @router.get(
     "/{monitor_id}/file",
     response_class=Response,
-    responses=problem_responses(404) | file_of(MONITOR_FILE, "the portable monitor"),
+    responses=problem_responses(404) | file_of(OCTETS, "the portable monitor"),
 )
 async def read_monitor_file(monitor_id: str, store: StoreDep) -> Response:
     """The portable monitor, for `forewarn score` or another server."""
     body = await asyncio.to_thread(store.monitors.file, monitor_id)
     headers = {"Content-Disposition": f'attachment; filename="monitor-{monitor_id}.fwm"'}
-    return Response(body, 200, headers, MONITOR_FILE)
+    return Response(body, 200, headers, OCTETS)
 
 
 @router.post(

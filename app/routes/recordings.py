@@ -12,7 +12,6 @@ from app.recordings.recordings import Abandoned, Upload
 from app.recordings.upload import plain_name
 from app.routes.dependencies import (
     RecordingsDep,
-    content_type,
     json_from,
     json_response,
 )
@@ -23,19 +22,14 @@ from app.routes.recording_models import (
     RecordingDetails,
     SignalPreview,
 )
+from app.routes.sent_files import CONTENT, sent_file
 from app.store.recordings import RecordingInfo
 from app.telemetry.mapping.mapping import Mapping
 
 router = APIRouter(prefix="/api/v1/recordings", tags=["recordings"])
-FILE = "application/octet-stream"
-UPLOAD: dict[str, Any] = {
-    "requestBody": {
-        "required": True,
-        "content": {
-            FILE: {"schema": {"type": "string", "format": "binary", "description": "the file"}}
-        },
-    }
-}
+LONGEST_NAME = 255
+UNNAMED = "upload"
+"""What a file is called whose sender does not say."""
 
 
 @router.post(
@@ -49,36 +43,36 @@ UPLOAD: dict[str, Any] = {
             "headers": {"Location": {"description": "the recording", "schema": {"type": "string"}}},
         }
     },
-    openapi_extra=UPLOAD,
+    openapi_extra={"requestBody": {"required": True, "content": CONTENT}},
 )
 async def upload_recording(
     request: Request,
     recordings: RecordingsDep,
-    name: Annotated[str, Query(min_length=1, max_length=255, description="of the file")],
+    name: Annotated[
+        str | None,
+        Query(min_length=1, max_length=LONGEST_NAME, description="of the file; else the form's"),
+    ] = None,
     aircraft: Annotated[
         str | None,
         Query(min_length=1, max_length=200, description="its mapping is proposed, if one is kept"),
     ] = None,
 ):
-    """Upload a file of telemetry as the body itself, of any format in the catalog.
+    """Upload a file of telemetry in a form or as the body itself, of any format in the catalog.
 
-    It is read at once and a mapping of its signals is proposed: check it before you score.
+    `curl -F file=@flight.csv URL`, or `curl --data-binary @flight.csv 'URL?name=flight.csv'` with
+    any content type. It is read at once and a mapping of its signals is proposed: check it before
+    you score.
     """
-    if content_type(request) != FILE or "content-encoding" in request.headers:
-        kind = request.headers.get("content-encoding") or content_type(request) or "of no type"
-        raise Problem(
-            415,
-            f"the body is {kind}: send the file itself as {FILE}, for example with "
-            f"curl --data-binary @FILE -H 'Content-Type: {FILE}'",
-        )
-    if not (shown := plain_name(name)):
-        raise Problem(422, f"the name {name!r} names no file", "urn:forewarn:request")
+    sent = await sent_file(request)
+    given = name or sent.name[-LONGEST_NAME:] or UNNAMED
+    if not (shown := plain_name(given)):
+        raise Problem(422, f"the name {given!r} names no file", "urn:forewarn:request")
     length = request.headers.get("content-length", "")
     upload = Upload(
         shown,
         aircraft,
         int(length) if length.isdigit() else None,
-        request.stream(),
+        sent.content,
         request.is_disconnected,
     )
     try:

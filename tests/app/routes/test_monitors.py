@@ -181,6 +181,18 @@ def test_a_portable_monitor_goes_round(client, stored, monitor):
     assert from_bytes(file).alphas.tolist() == monitor.alphas.tolist()
 
 
+def test_a_portable_monitor_comes_in_a_form_or_under_any_type(client, monitor):
+    content = monitor.to_bytes()
+    sent = [
+        client.post("/api/v1/monitors", files={"file": ("my.fwm", content)}),
+        client.post("/api/v1/monitors", content=content, headers={"content-type": "text/plain"}),
+    ]
+    assert [answer.status_code for answer in sent] == [201, 201]
+    assert [answer.json()["name"] for answer in sent] == ["my", "uploaded monitor"]
+    recipe = client.post("/api/v1/monitors", content=b' {"t_early": 1}')
+    assert "send it as application/json" in problem(recipe, 415)
+
+
 @pytest.mark.parametrize("cut", [0, 10, 1000, -1])
 def test_a_file_that_is_no_whole_monitor_is_refused(client, monitor, cut):
     kind = {"content-type": "application/octet-stream"}

@@ -107,14 +107,52 @@ def test_what_names_no_file_is_refused(client, file, name, untouched):
     assert "name" in problem(upload(client, file, name=name), 422)
 
 
-@pytest.mark.parametrize(
-    "kind",
-    ["multipart/form-data; boundary=x", "text/csv", "application/x-www-form-urlencoded", None],
-)
-def test_another_content_type_is_told_how(client, file, kind, untouched):
+@pytest.mark.parametrize("kind", ["text/csv", "application/x-www-form-urlencoded", None])
+def test_the_file_itself_is_taken_under_any_content_type(client, file, kind):
     headers = {} if kind is None else {"content-type": kind}
-    answer = client.post(RECORDINGS, content=file, params={"name": "a.csv"}, headers=headers)
-    assert "curl --data-binary @FILE" in problem(answer, 415)
+    answer = client.post(RECORDINGS, content=file, headers=headers)
+    assert answer.status_code == 201
+    assert answer.json()["name"] == "upload"
+    assert answer.json()["digest"] == hashlib.sha256(file).hexdigest()
+    assert client.delete(f"{RECORDINGS}/{answer.json()['id']}").status_code == 204
+
+
+def form(content: bytes, name: str = "flight.csv", before: bytes = b"") -> bytes:
+    quoted = name.replace('"', chr(92) + '"')
+    head = f'Content-Disposition: form-data; name="file"; filename="{quoted}"'.encode()
+    field = b"--xx\r\n" + head + b"\r\nContent-Type: text/csv\r\n\r\n"
+    return before + field + content + b"\r\n--xx--\r\n"
+
+
+NOTE = b'--xx\r\nContent-Disposition: form-data; name="note"\r\n\r\nhello\r\n'
+IN_FORM = {"content-type": 'multipart/form-data; boundary="xx"'}
+
+
+@pytest.mark.parametrize("step", [1, 7, 1000, 10**9])
+@pytest.mark.parametrize("before", [b"", NOTE, b"preamble\r\n"])
+def test_a_file_in_a_form_is_taken_however_it_is_cut(client, file, step, before):
+    file = file[:3000].rpartition(b"\n")[0] if step == 1 else file
+    body = form(file, 'my "flight".csv', before)
+    pieces = (body[k : k + step] for k in range(0, len(body), step))
+    answer = client.post(RECORDINGS, content=pieces, headers=IN_FORM)
+    assert answer.status_code == 201, answer.text
+    assert answer.json()["name"] == 'my "flight".csv'
+    assert answer.json()["digest"] == hashlib.sha256(file).hexdigest()
+    assert client.delete(f"{RECORDINGS}/{answer.json()['id']}").status_code == 204
+
+
+@pytest.mark.parametrize(
+    ("body", "headers", "words"),
+    [
+        (form(b"t,p\n")[:-12], IN_FORM, "the form ends before its file does"),
+        (NOTE + b"--xx--\r\n", IN_FORM, "the form holds no file"),
+        (b"", IN_FORM, "the form ends"),
+        (b"--xx\r\n" + b"a" * 20_000, IN_FORM, "headers are too long"),
+        (form(b"t,p\n"), {"content-type": "multipart/form-data"}, "names no boundary"),
+    ],
+)
+def test_a_form_without_a_whole_file_is_refused(client, body, headers, words, untouched):
+    assert words in problem(client.post(RECORDINGS, content=body, headers=headers), 422)
 
 
 def test_a_packed_body_is_refused(client, file, untouched):
