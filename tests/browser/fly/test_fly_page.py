@@ -11,6 +11,7 @@ from playwright.sync_api import Page, WebSocketRoute, expect
 from core.collection import DatasetRecipe, collect
 from core.monitor import MonitorRecipe, train
 from tests.browser.chromium import wait_until
+from tests.browser.recordings.scored_chart import pixels
 from tests.browser.site import Site, open_site
 
 RECIPE = DatasetRecipe(n_unsafe=40, n_obs=10, seed=3)
@@ -325,6 +326,26 @@ def test_a_cut_connection_is_stale_at_once_and_resumes(fly: Fly, paused: bool) -
     assert paused or 1 in resets or first[1] == asked[1] + 1
 
 
+def test_a_server_that_falls_silent_is_no_open_link_and_the_last_samples_stay(fly: Fly) -> None:
+    silent = False
+
+    def pass_on(route: WebSocketRoute) -> None:
+        server = route.connect_to_server()
+        route.on_message(server.send)
+        server.on_message(lambda text: None if silent else route.send(text))
+
+    fly.page.route_web_socket(re.compile("/stream$"), pass_on)
+    fly.watch(SAFE, ("loop", True), ("speed", 0.5))
+    fly.gauge_says(CALM)
+    expect(fly.status("link")).to_contain_text("open")
+    wait_until(fly.page, "performance.now() > 3000")
+    silent = True
+    expect(fly.status("link")).not_to_contain_text("open")
+    fly.gauge_says("STALE")
+    fly.assert_no_number()
+    assert pixels(fly.page, "p", "trace") > 20
+
+
 def test_a_page_that_was_held_up_itself_does_not_cry_stale(fly: Fly) -> None:
     fly.watch(SAFE, ("loop", True), ("speed", 0.1))
     expect(fly.status("monitor").locator("..")).to_contain_text("validity not calibrated")
@@ -401,8 +422,9 @@ def test_a_refused_flight_says_what_is_needed(fly: Fly, allowed_errors: list[str
 # The look of it
 
 
-@pytest.mark.parametrize(("width", "height"), [(1280, 720), (820, 1180)])
+@pytest.mark.parametrize(("width", "height"), [(1280, 720), (820, 1180), (960, 540), (640, 360)])
 def test_nothing_overflows(fly: Fly, width: int, height: int) -> None:
+    """The last two are what 1920 x 1080 and 1280 x 720 leave at a zoom of 200 %."""
     fly.page.set_viewport_size({"width": width, "height": height})
     fly.watch(UNSAFE, ("pause", None), ("next_alert", None))
     expect(fly.banner).to_be_visible()
