@@ -1,6 +1,7 @@
 """What goes over a flight's WebSocket: JSON objects told apart by `type`.
 
-Down: hello, frames, state, status, alarm, transport, reset, heartbeat, end. Up: credit, resume.
+Down: hello, frames, state, status, alarm, transport, reset, heartbeat, waiting, end.
+Up: credit, resume.
 Times `t` are the flight's own [s]; `seq` numbers the samples flown, one up a sample, whatever the
 transport does; `sent` and the heartbeat's `server_time` are the server's.
 """
@@ -223,6 +224,17 @@ class Heartbeat(Message):
     conflated: int
 
 
+class Waiting(Message):
+    """Samples wait and no credit is left: said within a second, once until the client gives some.
+
+    Until then only the newest of the samples that come are kept for it.
+    """
+
+    type: Literal["waiting"] = "waiting"
+    behind: int = Field(description="samples that came since the last message of frames")
+    reason: str
+
+
 class End(Message):
     """Last message; the connection closes."""
 
@@ -245,6 +257,15 @@ class Resume(Message):
 
     type: Literal["resume"]
     seq: int = Field(ge=-1)
+
+
+DOWN: tuple[type[Message], ...] = (
+    Hello, Frames, StateChange, StatusChange, AlarmRaised, TransportChange, Reset, Heartbeat,
+    Waiting, End,
+)  # fmt: skip
+"""What the server sends on a flight's stream."""
+UP: tuple[type[Message], ...] = (Credit, Resume)
+"""What a client sends."""
 
 
 class MessageError(ValueError):

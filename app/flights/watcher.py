@@ -11,7 +11,7 @@ import asyncio
 from collections import deque
 from collections.abc import Callable
 
-from app.messages import Reset, encode_frames
+from app.messages import Reset, Waiting, encode_frames
 
 CREDIT = 16
 NEWEST = 16
@@ -22,6 +22,7 @@ KEPT = 3_600
 """Frames kept for those who reconnect: over a minute at 50 Hz."""
 FEW_WAITING = 4
 """A watcher that takes nothing is kept no frames of before a reset beyond this."""
+NO_CREDIT = 'no credit is left: send {"type": "credit", "n": 1} for each message of frames taken'
 MAX_WAITING = 256
 """Messages other than frames that may wait for one watcher."""
 
@@ -80,7 +81,7 @@ class Watcher:
         self._heartbeat: Callable[[int], str] | None = None
         self._conflated = 0
         self._wake = asyncio.Event()
-        self.credit = CREDIT
+        self.credit, self._is_told = CREDIT, False
         self.ended = False
         self.overrun = False
 
@@ -97,7 +98,7 @@ class Watcher:
 
     def grant(self, n: int) -> None:
         """The client took n messages of frames."""
-        self.credit = min(self.credit + n, CREDIT)
+        self.credit, self._is_told = min(self.credit + n, CREDIT), False
         self._wake.set()
 
     def resume(self, seq: int) -> None:
@@ -155,11 +156,22 @@ class Watcher:
         if self._waiting:
             return self._waiting.popleft()
         if self._heartbeat is not None:
+            if self._must_be_told:
+                return self._tell_of_credit()
             heartbeat, self._heartbeat = self._heartbeat, None
             return heartbeat(self.conflated)
         if self.credit and self._next <= self._recent.head:
             return self._frames()
         return None
+
+    @property
+    def _must_be_told(self) -> bool:
+        """Whether frames wait for a client that gives no credit and was not told why."""
+        return not (self.credit or self._is_told) and self._next <= self._recent.head
+
+    def _tell_of_credit(self) -> str:
+        self._is_told = True
+        return Waiting(behind=self._recent.head + 1 - self._next, reason=NO_CREDIT).encode()
 
     def _frames(self) -> str:
         """Spend a credit on the next frames; of those that came without one, on the newest."""

@@ -1,16 +1,23 @@
 """What the program knows: families of parts with the schema of their parameters."""
 
 from dataclasses import dataclass
+from functools import cache
 from typing import Annotated, Any
 
-from fastapi import APIRouter
+from fastapi import APIRouter, Response
 from pydantic import BaseModel, Field
+from pydantic.json_schema import models_json_schema
 
 from app.catalog import catalog
+from app.messages import DOWN, UP
 from app.routes.dependencies import json_response
 from app.routes.recording_models import Derivable
+from core import __version__
 from core.channels import Channel
 
+STREAMS: dict[int | str, dict[str, Any]] = {
+    200: {"content": {"application/json": {"schema": {"type": "object"}}}}
+}
 router = APIRouter(prefix="/api/v1", tags=["catalog"])
 
 
@@ -94,3 +101,50 @@ async def read_catalog():
     `_deg` says degrees.
     """
     return json_response(catalog(), headers={"Cache-Control": "no-cache"})
+
+
+@router.get("/asyncapi.json", response_class=Response, responses=STREAMS)
+async def describe_streams():
+    """The WebSocket streams as an AsyncAPI document: which messages are sent and taken."""
+    return json_response(_streams())
+
+
+@cache
+def _streams() -> dict[str, Any]:
+    """AsyncAPI 3.0 of what a flight's stream sends (down) and takes (up)."""
+    _, schemas = models_json_schema(
+        [(kind, "validation") for kind in DOWN + UP], ref_template="#/components/schemas/{model}"
+    )
+    names = {"send": [kind.__name__ for kind in DOWN], "receive": [kind.__name__ for kind in UP]}
+    channel = {
+        "address": "/api/v1/flights/{flight_id}/stream",
+        "description": "Text frames of JSON. A message of frames costs one credit: give it back.",
+        "parameters": {"flight_id": {"description": "a flight that is under way"}},
+        "messages": {
+            name: {"$ref": f"#/components/messages/{name}"}
+            for part in names.values()
+            for name in part
+        },
+    }
+    messages = {
+        name: {
+            "contentType": "application/json",
+            "payload": {"$ref": f"#/components/schemas/{name}"},
+        }
+        for part in names.values()
+        for name in part
+    }
+    return {
+        "asyncapi": "3.0.0",
+        "info": {"title": "Forewarn", "version": __version__},
+        "channels": {"flight": channel},
+        "operations": {
+            action: {
+                "action": action,
+                "channel": {"$ref": "#/channels/flight"},
+                "messages": [{"$ref": f"#/channels/flight/messages/{name}"} for name in part],
+            }
+            for action, part in names.items()
+        },
+        "components": {"messages": messages, "schemas": schemas["$defs"]},
+    }

@@ -97,7 +97,8 @@ def test_other_messages_need_no_credit_and_come_first() -> None:
     watcher.tell('{"type":"state"}')
     watcher.beat(lambda conflated: f'{{"type":"heartbeat","conflated":{conflated}}}')
     seen = Seen(watcher)
-    assert [message["type"] for message in seen.take()] == ["alarm", "state", "heartbeat"]
+    told = [message["type"] for message in seen.take()]
+    assert told == ["alarm", "state", "waiting", "heartbeat"]
     assert seen.messages[-1]["conflated"] == 40 - NEWEST
 
 
@@ -186,3 +187,22 @@ def test_end_comes_after_the_last_frames() -> None:
     watcher.end('{"type":"end"}')
     watcher.tell('{"type":"alarm"}')
     assert [message["type"] for message in Seen(watcher).take()] == ["frames", "end"]
+
+
+def test_a_client_that_gives_no_credit_is_told_with_the_next_heartbeat() -> None:
+    recent = RecentFrames()
+    watcher = Watcher(recent)
+    seen = Seen(watcher)
+
+    def beaten() -> list[str]:
+        watcher.beat(lambda _: '{"type":"heartbeat"}')
+        return [message["type"] for message in seen.take()]
+
+    for _ in range(CREDIT + 3):
+        append(recent, watcher)
+        while (text := watcher._take()) is not None:
+            assert "frames" in text
+    assert beaten() == ["waiting", "heartbeat"]
+    assert '"type": "credit"' in seen.messages[-2]["reason"]
+    assert seen.messages[-2]["behind"] == 3
+    assert beaten() == ["heartbeat"]

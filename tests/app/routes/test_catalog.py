@@ -77,3 +77,20 @@ def test_requests_have_the_recipe_in_them():
 
 def test_a_published_schema_holds_no_reference(published):
     assert "$ref" not in str(published["families"]) + str(published["recipes"])
+
+
+def test_the_stream_is_described_message_by_message(tmp_path):
+    with api(tmp_path) as client:
+        described = client.get("/api/v1/asyncapi.json").json()
+    schemas = described["components"]["schemas"]
+    assert {"Hello", "Frames", "Heartbeat", "Waiting", "Credit", "Resume"} <= schemas.keys()
+    for operation in described["operations"].values():
+        for message in operation["messages"]:
+            name = message["$ref"].rpartition("/")[2]
+            payload = described["components"]["messages"][name]["payload"]["$ref"]
+            assert payload == f"#/components/schemas/{name}"
+            assert name in schemas
+    whole = {"$ref": "#/components/schemas/Credit", "components": described["components"]}
+    jsonschema_rs.validate(whole, {"type": "credit", "n": 1})
+    with pytest.raises(jsonschema_rs.ValidationError):
+        jsonschema_rs.validate(whole, {"type": "credit", "n": 0})
