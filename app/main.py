@@ -14,6 +14,7 @@ from fastapi.staticfiles import StaticFiles
 
 from app.flights.flights import Flights
 from app.idempotency import Idempotent, describe_keys
+from app.integrity import Integrity
 from app.jobs.jobs import Jobs
 from app.metrics import Measured, Metrics
 from app.problems import describe_problems, install_problems
@@ -134,6 +135,11 @@ async def _lifespan(app: FastAPI) -> AsyncIterator[None]:
             store, scenes, settings.max_flights, scored=app.state.scored
         )
         await parts.enter_async_context(aloft)
+        integrity = app.state.integrity = Integrity(store, kept.files)
+        await asyncio.to_thread(integrity.look)
+        integrity.start()
+        parts.push_async_callback(asyncio.to_thread, integrity.stop)
+        metrics.gauge("damaged", "stored things found damaged", lambda: integrity.n_damaged)
         metrics.gauge("flights", "flights under way", lambda: len(aloft.under_way()))
         metrics.gauge("samples_unwritten", "samples that wait", lambda: aloft.unwritten)
         metrics.gauge("samples_lost", "samples that were not recorded", lambda: aloft.lost)

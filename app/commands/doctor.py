@@ -7,6 +7,7 @@ import platform
 import re
 import tempfile
 import threading
+from collections import Counter
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, replace
@@ -21,10 +22,10 @@ from websockets.asyncio.client import connect
 
 from app.commands import serve
 from app.commands.results import add_json, print_result
+from app.integrity import all_items
 from app.jobs.training import simulate
 from app.main import STATIC, create_app
-from app.recordings.files import REMEDY, RecordingFiles
-from app.recordings.samples import open_tiles
+from app.recordings.files import RecordingFiles
 from app.scene.server import SUBPROTOCOL
 from app.serving import Server, address_of, listen
 from app.settings import Settings, SettingsError
@@ -118,7 +119,7 @@ def examine(settings: Settings) -> Iterator[Finding]:
         ("dependencies", dependencies),
         ("data directory", data_directory),
         ("schema", schema),
-        ("recordings", recordings),
+        ("contents", contents),
         ("port", port),
         ("offline assets", offline_assets),
         ("server", round_trip),
@@ -198,8 +199,8 @@ def schema(settings: Settings) -> str:
     return f"{here}, the newest; the database is whole"
 
 
-def recordings(settings: Settings) -> str:
-    """Every file, column and scoring of every recording against its digest."""
+def contents(settings: Settings) -> str:
+    """Every monitor, dataset, file, column and scoring against its digest."""
     url = make_url(settings.url)
     if url.get_backend_name() == "sqlite" and not Path(url.database or "").exists():
         return "none yet"
@@ -209,19 +210,16 @@ def recordings(settings: Settings) -> str:
         open_store(settings.url, recover=False),
         RecordingFiles(settings.data_dir / "recordings"),
     )
-    n_scorings = 0
+    numbers = Counter[str]()
     try:
-        stored = store.recordings.all()
-        for recording in stored:
-            files.check(recording.id, recording.digest)
-            for scoring in store.scorings.of(recording.id):
-                open_tiles(files.scorings(recording.id), scoring.id, scoring.digest, files.verified)
-                n_scorings += 1
-    except FileNotFoundError as error:
-        raise Failed(f"{error.filename} is missing: {REMEDY}") from error
+        for item in all_items(store, files):
+            if (damage := item.damage()) is not None:
+                raise Failed(str(damage))
+            numbers[item.kind] += 1
     finally:
         store.close()
-    return f"{len(stored)} recordings and {n_scorings} scorings are whole"
+    kinds = ("monitor", "dataset", "recording", "scoring")
+    return ", ".join(f"{numbers[kind]} {kind}s" for kind in kinds) + " are whole"
 
 
 def port(settings: Settings) -> str:

@@ -14,7 +14,7 @@ import json
 import logging
 import os
 import shutil
-from collections.abc import Collection, Iterable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import replace
 from functools import partial
@@ -94,12 +94,21 @@ class RecordingFiles:
         except (ValueError, KeyError, TypeError) as error:
             raise Damaged(f"{folder} is damaged ({error}): {REMEDY}") from error
 
-    def check(self, recording_id: str, file_digest: str) -> None:
-        """Read a whole recording, but for its scorings. FileNotFoundError; Damaged."""
-        self.verified.check(self.file(recording_id), file_digest, REMEDY)
-        digests = self._digests(recording_id)
-        for name in digests:
-            self._check_column(digests, self.root / recording_id / "columns" / name)
+    def check(
+        self, recording_id: str, file_digest: str, digest: Callable[[Path], str] = digest_of
+    ) -> None:
+        """Read a whole recording, but for its scorings. FileNotFoundError; Damaged.
+
+        digest: of a file's content, in hexadecimal; it may take its time.
+        """
+        folder = self.root / recording_id / "columns"
+        self.verified.check(self.file(recording_id), file_digest, REMEDY, digest)
+        try:
+            digests = self._digests(recording_id)
+            for name in digests:
+                self._check_column(digests, folder / name, digest)
+        except (ValueError, TypeError) as error:
+            raise Damaged(f"{folder} is damaged ({error}): {REMEDY}") from error
 
     def _digests(self, recording_id: str) -> dict[str, str]:
         """Digests of the columns by file; none of a recording of an older program."""
@@ -109,9 +118,14 @@ class RecordingFiles:
             return {}
         return dict(json.loads(text))
 
-    def _check_column(self, digests: Mapping[str, str], path: Path) -> None:
+    def _check_column(
+        self,
+        digests: Mapping[str, str],
+        path: Path,
+        digest: Callable[[Path], str] = digest_of,
+    ) -> None:
         if digests:
-            self.verified.check(path, digests[path.name], REMEDY)
+            self.verified.check(path, digests[path.name], REMEDY, digest)
 
     def clear(self, recordings: Iterable[str], scorings: Collection[str]) -> None:
         """Remove what a server that died left half-way, in these recordings and on its way.

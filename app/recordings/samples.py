@@ -1,6 +1,7 @@
 """Samples of scorings as files: flat .npy arrays that are mapped, not loaded, with their tiles."""
 
 import hashlib
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -16,12 +17,18 @@ from core.whole_file import whole_file
 Samples = npt.NDArray[np.void]
 
 WHOLE, TILES = "npy", "tiles.npy"
+PIECE = 8192
+"""Samples that are hashed at a time."""
 REMEDY = "delete this scoring and score the recording again"
 
 
-def digest(samples: Samples) -> str:
-    """SHA-256 of samples, bit for bit."""
-    return hashlib.sha256(np.ascontiguousarray(samples).data).hexdigest()
+def digest(samples: Samples, rest: Callable[[], None] = lambda: None) -> str:
+    """SHA-256 of samples, bit for bit. rest: called between their pieces."""
+    found = hashlib.sha256()
+    for first in range(0, len(samples), PIECE):
+        found.update(np.ascontiguousarray(samples[first : first + PIECE]).data)
+        rest()
+    return found.hexdigest()
 
 
 def keep(folder: Path, scoring_id: str, samples: Samples) -> None:
@@ -32,14 +39,36 @@ def keep(folder: Path, scoring_id: str, samples: Samples) -> None:
                 np.save(file, array, allow_pickle=False)
 
 
-def open_samples(folder: Path, scoring_id: str, expected: str, verified: Verified) -> Samples:
+def check_samples(
+    folder: Path,
+    scoring_id: str,
+    expected: str,
+    verified: Verified,
+    rest: Callable[[], None] = lambda: None,
+) -> None:
+    """Read the samples and tiles of a scoring. FileNotFoundError; Damaged.
+
+    rest: called between pieces of the work.
+    """
+    open_samples(folder, scoring_id, expected, verified, rest)
+    open_tiles(folder, scoring_id, expected, verified)
+
+
+def open_samples(
+    folder: Path,
+    scoring_id: str,
+    expected: str,
+    verified: Verified,
+    rest: Callable[[], None] = lambda: None,
+) -> Samples:
     """The samples of a scoring, mapped, read-only. Damaged where they are not those stored.
 
-    expected: their digest. Version 0.1.0 named a field otherwise; what lies in it is the same, bit
-    for bit.
+    expected: their digest.   rest: called between pieces of reading them.
+
+    Version 0.1.0 named a field otherwise; what lies in it is the same, bit for bit.
     """
     path = folder / f"{scoring_id}.{WHOLE}"
-    verified.check(path, expected, REMEDY, lambda path: digest(_mapped(path, SAMPLE)))
+    verified.check(path, expected, REMEDY, lambda path: digest(_mapped(path, SAMPLE), rest))
     return _mapped(path, SAMPLE)
 
 

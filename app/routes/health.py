@@ -1,12 +1,15 @@
 """Whether the server is alive and ready, and what it measures of itself."""
 
 import asyncio
+from dataclasses import asdict
+from typing import Any
 
 from fastapi import APIRouter, Request, Response
 from pydantic import BaseModel, Field
-from starlette.datastructures import State
+from starlette.datastructures import State as AppState
 
 from app.flights.flights import Flights
+from app.integrity import Damage, Integrity, Kind, State
 from app.metrics import CONTENT_TYPE
 from app.problems import Problem, problem_responses
 from app.store.store import Store
@@ -15,6 +18,8 @@ from core import __version__
 router = APIRouter(tags=["health"])
 ANSWER_S = 2.0
 """A store that takes longer to answer is not ready."""
+MOST_DAMAGED = 20
+"""Damaged things that readiness names."""
 
 
 class Health(BaseModel):
@@ -30,6 +35,29 @@ class Readiness(BaseModel):
     version: str = Field(examples=[__version__])
     unwritten: int = Field(description="samples of flights that wait for the store; a few do")
     lost: int = Field(description="samples that could not be recorded since the server started")
+    damaged: list[str] = Field(
+        description="what is stored and was found damaged: it is not served; all else is"
+    )
+
+
+class DamagedItem(BaseModel):
+    """Something stored that is not as it was stored; it is not served."""
+
+    kind: Kind
+    id: str = Field(description="empty of the database itself")
+    name: str
+    detail: str = Field(description="what is wrong and what to do")
+
+
+class IntegrityReport(BaseModel):
+    """What is known of the integrity of what is stored."""
+
+    state: State = Field(
+        description="`begun`: looked at, for a moment; `checking` all of it in the background; "
+        "`checked`; `stopped` before its end"
+    )
+    checked: int = Field(description="monitors, datasets, recordings and scorings checked so far")
+    damaged: list[DamagedItem]
 
 
 @router.get("/healthz")
@@ -43,19 +71,36 @@ async def readiness(request: Request) -> Readiness:
     """Whether the store can be read, can be written, and every flight is recorded."""
     state = request.app.state
     flights: Flights = state.flights
-    told = {"unwritten": flights.unwritten, "lost": flights.lost}
+    told: dict[str, Any] = {"unwritten": flights.unwritten, "lost": flights.lost}
     try:
         detail = await asyncio.wait_for(asyncio.shield(_look(state)), ANSWER_S)
     except TimeoutError:
         detail = f"the store has not answered for {ANSWER_S:g} s: see what holds its disk"
     if not detail and flights.problem:
         detail = f"{flights.unwritten} samples of flights wait for the store"
+    damaged = await _damaged(state)
+    told["damaged"] = [str(damage) for damage in damaged[:MOST_DAMAGED]]
+    detail = next((str(damage) for damage in damaged if damage.kind == "database"), detail)
     if detail:
         raise Problem(503, detail, "urn:forewarn:store", **told)
     return Readiness(status="ready", version=__version__, **told)
 
 
-def _look(state: State) -> "asyncio.Future[str]":
+@router.get("/api/v1/integrity")
+async def integrity(request: Request) -> IntegrityReport:
+    """What of the data was found damaged: looked at when the server started, then checked whole."""
+    state = request.app.state
+    known: Integrity = state.integrity
+    items = [DamagedItem(**asdict(damage)) for damage in await _damaged(state)]
+    return IntegrityReport(state=known.state, checked=known.n_checked, damaged=items)
+
+
+async def _damaged(state: AppState) -> list[Damage]:
+    """What was found damaged and is still there."""
+    return await asyncio.to_thread(state.integrity.damaged) if state.integrity.n_damaged else []
+
+
+def _look(state: AppState) -> "asyncio.Future[str]":
     """The look at the store that is under way, or a new one: a store that hangs is asked once."""
     if state.look is None or state.look.done():
         state.look = asyncio.ensure_future(asyncio.to_thread(_fault_of, state.store))

@@ -5,13 +5,16 @@ All SQL that only SQLite understands is in this file.
 
 import os
 import sqlite3
-from collections.abc import Iterator
+import threading
+import time
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import closing, contextmanager, suppress
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 from pydantic_core import to_json
-from sqlalchemy import URL, Connection, Engine, create_engine, event, make_url, text
+from sqlalchemy import URL, Connection, Engine, create_engine, event, inspect, make_url, text
 from sqlalchemy.exc import ArgumentError, DBAPIError, IntegrityError, NoSuchModuleError
 from sqlalchemy.pool import NullPool
 
@@ -19,8 +22,11 @@ WRITES = "writes"
 """Execution option of a connection that is about to write."""
 
 SQLITE_HEADER = b"SQLite format 3\0"
+CORRUPT = (sqlite3.SQLITE_CORRUPT, sqlite3.SQLITE_CORRUPT_INDEX, sqlite3.SQLITE_NOTADB)
 BUSY_TIMEOUT_MS = 30_000
 CHECKPOINT_TIMEOUT_MS = 200
+WATCH_S = 0.05
+"""[s] Between two looks whether a check is to end."""
 LARGEST_IDLE_LOG = 64 * 2**20
 """Bytes that the write-ahead log keeps on disk once its content is in the database."""
 
@@ -31,6 +37,10 @@ class StoreError(OSError):
 
 class Damaged(StoreError):
     """Stored content that is not what it was when it was stored."""
+
+
+class Interrupted(Exception):
+    """A check that did not come to its end."""
 
 
 def address(url_or_path: str | Path) -> URL:
@@ -227,6 +237,85 @@ def damage(engine: Engine) -> list[str]:
         return [line for line in lines if line != "ok"] + broken_references(connection)
 
 
+def look_at_pages(engine: Engine, stopped: threading.Event, seconds: float) -> list[str]:
+    """Look at pages and rows, not at whether indices match them; one line for each thing wrong.
+
+    seconds: bound on its time [s].   Interrupted where it was stopped or took longer.
+    """
+    return _checked(engine, ["quick_check(20)"], stopped, lambda: None, seconds)
+
+
+def check_pages(engine: Engine, stopped: threading.Event, rest: Callable[[], None]) -> list[str]:
+    """As `damage`, table by table. rest: called between pieces.   Interrupted where stopped."""
+    tables = [f'integrity_check("{name}")' for name in table_names(engine)]
+    return _checked(engine, [*tables, "foreign_key_check"], stopped, rest)
+
+
+def table_names(engine: Engine) -> list[str]:
+    """Names of the tables; none where the schema cannot be read, as the check will say."""
+    try:
+        return inspect(engine).get_table_names()
+    except DBAPIError:
+        return []
+
+
+def _checked(
+    engine: Engine,
+    pragmas: Iterable[str],
+    stopped: threading.Event,
+    rest: Callable[[], None],
+    seconds: float | None = None,
+) -> list[str]:
+    """What pragmas say of an SQLite database, on a connection of its own that changes nothing."""
+    if not is_sqlite(engine.url):
+        return []
+    uri = f"{Path(str(engine.url.database)).resolve().as_uri()}?mode=ro"
+    connecting = partial(sqlite3.connect, uri, uri=True, timeout=BUSY_TIMEOUT_MS / 1000)
+    lines: list[str] = []
+    with (
+        closing(connecting(check_same_thread=False)) as connection,
+        _watched(connection, stopped, seconds),
+    ):
+        for pragma in pragmas:
+            lines += _lines_of(connection, pragma)
+            rest()
+    return lines
+
+
+def _lines_of(connection: sqlite3.Connection, pragma: str) -> list[str]:
+    try:
+        rows = connection.execute(f"PRAGMA {pragma}").fetchall()
+    except sqlite3.DatabaseError as error:
+        if error.sqlite_errorcode == sqlite3.SQLITE_INTERRUPT:
+            raise Interrupted("the check of the database was interrupted") from None
+        return [str(error)]
+    if pragma == "foreign_key_check":
+        return [f"row {row[1]} of {row[0]} refers to no row of {row[2]}" for row in rows]
+    return [" ".join(str(row[0]).split()) for row in rows if row[0] != "ok"]
+
+
+@contextmanager
+def _watched(
+    connection: sqlite3.Connection, stopped: threading.Event, seconds: float | None
+) -> Iterator[None]:
+    """Interrupt a connection once it is told to stop, or its time is over [s]."""
+    over = threading.Event()
+
+    def watch() -> None:
+        end = None if seconds is None else time.monotonic() + seconds
+        while not over.wait(WATCH_S):
+            if stopped.is_set() or (end is not None and time.monotonic() > end):
+                connection.interrupt()
+
+    watcher = threading.Thread(target=watch, name="integrity-watch", daemon=True)
+    watcher.start()
+    try:
+        yield
+    finally:
+        over.set()
+        watcher.join()
+
+
 def broken_references(connection: Connection) -> list[str]:
     """Rows that refer to what is not there, one line each."""
     if connection.dialect.name != "sqlite":
@@ -243,6 +332,11 @@ def _explained(engine: Engine) -> Iterator[None]:
         raise
     except DBAPIError as error:
         place = engine.url.render_as_string(hide_password=True)
+        if getattr(error.orig, "sqlite_errorcode", None) in CORRUPT:
+            raise Damaged(
+                f"the database {place} is damaged ({error.orig}): stop the server and restore a "
+                "backup of it"
+            ) from error
         raise StoreError(
             f"the database {place} failed ({error.orig}): see that its disk has space and allows "
             "writing, and that no other program holds it"

@@ -36,7 +36,23 @@ function decoded(text) {
   }
 }
 
+/** What the server found damaged among its data stands above every view. */
+async function showDamage() {
+  const element = document.querySelector("#damage");
+  try {
+    const { damaged } = await api.get("/integrity");
+    element.hidden = damaged.length === 0;
+    if (damaged.length === 0) return;
+    const [{ kind, name, detail }] = damaged;
+    const more = damaged.length > 1 ? ` And ${damaged.length - 1} more: GET /api/v1/integrity lists them.` : "";
+    element.textContent = `◆ Stored data are damaged and not served: ${kind} ${name}: ${detail}.${more}`;
+  } catch {
+    // what does not answer is told where it was asked for
+  }
+}
+
 async function open() {
+  showDamage();
   const [path, search] = location.hash.replace(/^#?\/?/, "").split("?");
   const [name = "", id = null] = path.split("/").map(decoded);
   const mine = ++turn;

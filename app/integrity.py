@@ -1,0 +1,226 @@
+"""Integrity: whether what is stored is what was stored.
+
+A quick look at the server's start, bounded in time: the database's pages, monitors, the contents of
+recordings. All of it in the background then: every page, digest and sample, slowly, so that flights
+do not notice. Damage is told, and what is damaged is not served: each reader checks for itself.
+"""
+
+import logging
+import threading
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from functools import partial
+from typing import Literal
+
+from app.recordings.files import RecordingFiles
+from app.recordings.samples import check_samples
+from app.recordings.verified import digest_of
+from app.store.database import Interrupted, check_pages, look_at_pages
+from app.store.scorings import ScoringInfo
+from app.store.store import NotFound, Store, StoreError
+
+LOG = logging.getLogger("forewarn")
+LOOK_S = 0.3
+"""[s] That the look at the start may take; what it does not come to, the background does."""
+BEGIN_AFTER_S = 5.0
+"""[s] After the start: the first pages come first."""
+PIECE_S = 0.01
+"""[s] Of work between two rests."""
+REST = 4.0
+"""Rest after a piece, in units of its time: a fifth of one processor is used."""
+Kind = Literal["database", "monitor", "dataset", "recording", "scoring"]
+State = Literal["begun", "checking", "checked", "stopped"]
+
+
+@dataclass(frozen=True)
+class Damage:
+    """Something that is not as it was stored. id: empty of the database itself."""
+
+    kind: Kind
+    id: str
+    name: str
+    detail: str
+
+    def __str__(self) -> str:
+        return f"{self.kind} {self.name}: {self.detail}" if self.id else self.detail
+
+
+@dataclass(frozen=True)
+class Item:
+    """Something that is stored; `check` raises StoreError or FileNotFoundError where damaged."""
+
+    kind: Kind
+    id: str
+    name: str
+    check: Callable[[], object]
+
+    def damage(self) -> Damage | None:
+        """What is wrong with it, None where nothing is or it was deleted meanwhile."""
+        try:
+            self.check()
+        except NotFound:
+            return None
+        except FileNotFoundError as error:
+            missing = f"{error.filename} is missing: restore the data directory, or delete it"
+            return Damage(self.kind, self.id, self.name, missing)
+        except StoreError as error:
+            return Damage(self.kind, self.id, self.name, str(error))
+        return None
+
+
+class Stopped(Exception):
+    """The server stops, and the check with it."""
+
+
+class Pace:
+    """Work in pieces, with a rest after each, until it is told to stop."""
+
+    def __init__(self) -> None:
+        self.stopped = threading.Event()
+        self._since = time.perf_counter()
+
+    def rest(self) -> None:
+        """Rest where a piece of work was done; Stopped."""
+        worked = time.perf_counter() - self._since
+        if worked >= PIECE_S:
+            self.stopped.wait(worked * REST)
+            self._since = time.perf_counter()
+        if self.stopped.is_set():
+            raise Stopped
+
+
+def small_items(store: Store, files: RecordingFiles) -> Iterator[Item]:
+    """What is checked in no time: monitors, and what the columns of recordings are."""
+    for monitor in store.monitors.all():
+        yield Item("monitor", monitor.id, monitor.name, partial(store.monitors.file, monitor.id))
+    for recording in store.recordings.all():
+        yield Item("recording", recording.id, recording.name, partial(files.columns, recording.id))
+
+
+def all_items(
+    store: Store, files: RecordingFiles, rest: Callable[[], None] = lambda: None
+) -> Iterator[Item]:
+    """Everything stored but the database's own pages. rest: called between pieces of the work."""
+    for monitor in store.monitors.all():
+        yield Item("monitor", monitor.id, monitor.name, partial(store.monitors.file, monitor.id))
+    for dataset in store.datasets.all():
+        yield Item("dataset", dataset.id, dataset.name, partial(store.datasets.get, dataset.id))
+    digest = partial(digest_of, rest=rest)
+    for recording in store.recordings.all():
+        check = partial(files.check, recording.id, recording.digest, digest)
+        yield Item("recording", recording.id, recording.name, check)
+        folder = files.scorings(recording.id)
+        for scoring in _scorings(store, recording.id):
+            check = partial(check_samples, folder, scoring.id, scoring.digest, files.verified, rest)
+            yield Item("scoring", scoring.id, f"of {recording.name}", check)
+
+
+def _scorings(store: Store, recording_id: str) -> list[ScoringInfo]:
+    try:
+        return store.scorings.of(recording_id)
+    except NotFound:
+        return []
+
+
+class Integrity:
+    """What is known of the integrity of a server's data; `stop` ends the background's check."""
+
+    def __init__(self, store: Store, files: RecordingFiles) -> None:
+        self.store, self.files = store, files
+        self.state: State = "begun"
+        self.n_checked = 0
+        self._pace = Pace()
+        self._found: dict[tuple[Kind, str, str], Damage] = {}
+        self._thread = threading.Thread(target=self._run, name="integrity", daemon=True)
+
+    @property
+    def n_damaged(self) -> int:
+        """Damaged things that were found."""
+        return len(self._found)
+
+    def damaged(self) -> list[Damage]:
+        """What was found damaged and was not deleted since."""
+        for key, damage in list(self._found.items()):
+            if not self._is_there(damage):
+                self._found.pop(key, None)
+        return list(self._found.values())
+
+    def look(self) -> None:
+        """Look at pages and at what is small, for LOOK_S at most."""
+        deadline = time.monotonic() + LOOK_S
+        try:
+            self._note_pages(look_at_pages(self.store.engine, self._pace.stopped, LOOK_S))
+            for item in small_items(self.store, self.files):
+                if time.monotonic() > deadline:
+                    break
+                self._take(item)
+        except (Interrupted, StoreError) as error:
+            LOG.info("the look at what is stored ended early: %s", error)
+
+    def start(self) -> None:
+        """Check everything in the background."""
+        self._thread.start()
+
+    def stop(self) -> None:
+        """End the check; it ends at its next rest."""
+        self._pace.stopped.set()
+        if self._thread.is_alive():
+            self._thread.join()
+
+    def check_all(self) -> None:
+        """Check every page and every item. Stopped; StoreError where nothing can be listed."""
+        pace = self._pace
+        self._note_pages(check_pages(self.store.engine, pace.stopped, pace.rest))
+        for item in all_items(self.store, self.files, pace.rest):
+            self._take(item)
+            pace.rest()
+
+    def _run(self) -> None:
+        if self._pace.stopped.wait(BEGIN_AFTER_S):
+            self.state = "stopped"
+            return
+        self.state = "checking"
+        try:
+            self.check_all()
+            self.state = "checked"
+        except (Stopped, Interrupted):
+            self.state = "stopped"
+        except Exception:
+            LOG.exception("what is stored could not be checked")
+            self.state = "stopped"
+
+    def _note_pages(self, lines: list[str]) -> None:
+        for line in lines:
+            detail = f"the database is damaged ({line}): restore a backup of it"
+            self._note(Damage("database", "", "", detail))
+
+    def _take(self, item: Item) -> None:
+        if (damage := item.damage()) is not None:
+            self._note(damage)
+        self.n_checked += 1
+
+    def _note(self, damage: Damage) -> None:
+        key = damage.kind, damage.id, "" if damage.id else damage.detail
+        if key not in self._found:
+            LOG.error("damaged: %s", damage)
+        self._found[key] = damage
+
+    def _is_there(self, damage: Damage) -> bool:
+        if damage.kind == "database":
+            return True
+        try:
+            match damage.kind:
+                case "monitor":
+                    self.store.monitors.info(damage.id)
+                case "dataset":
+                    self.store.datasets.info(damage.id)
+                case "recording":
+                    self.store.recordings.info(damage.id)
+                case "scoring":
+                    return damage.id in self.store.scorings.ids()
+        except NotFound:
+            return False
+        except StoreError:
+            return True
+        return True
