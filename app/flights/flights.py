@@ -15,7 +15,8 @@ from app.flights.flight import Flight, FlightPlan, patience
 from app.flights.live import LiveSource
 from app.flights.playback import Script
 from app.flights.recorder import INTERVAL_S, Recorder
-from app.flights.sources import Opening, Source, aircraft_of, mode_of, trim_angles
+from app.flights.request import FlightRequest
+from app.flights.sources import Opening, aircraft_of, mode_of, trim_angles
 from app.messages import Alarm, MeasuredExceedance, plain_frame
 from app.recordings.scored import ScoredRecordings
 from app.store.alarms import StoredAlarm
@@ -48,20 +49,6 @@ class LimitsUnknown(ValueError):
 
 class UselessMonitor(ValueError):
     """A monitor that alerts on nearly every safe flight, as a flight's only monitor."""
-
-
-@dataclass(frozen=True)
-class FlightOrder:
-    """A flight to start. epsilon: the monitor's unless given.
-
-    accept_useless: fly it although nearly every safe flight alerts; kept with the flight.
-    """
-
-    source: Source
-    monitor_id: str
-    epsilon: float | None = None
-    name: str | None = None
-    accept_useless: bool = False
 
 
 @dataclass
@@ -148,7 +135,7 @@ class Flights:
             raise NotFound(f"no flight {flight_id!r} is under way: it ended, or never was")
         return flight
 
-    async def start(self, order: FlightOrder) -> Flight:
+    async def start(self, request: FlightRequest) -> Flight:
         """Start a flight.
 
         TooManyFlights; SourceError and RecipeError for the source; ValueError for an epsilon that
@@ -156,15 +143,15 @@ class Flights:
         """
         self._take_place()
         try:
-            monitor = await asyncio.to_thread(self._monitor, order.monitor_id)
-            epsilon = monitor.check_epsilon(order.epsilon)
-            if not order.accept_useless:
+            monitor = await asyncio.to_thread(self._monitor, request.monitor)
+            epsilon = monitor.check_epsilon(request.epsilon)
+            if not request.accept_useless:
                 _check_use(monitor, epsilon)
-            opening = Opening(self.store, self._scored, order.monitor_id, monitor, epsilon)
-            script, name = await asyncio.to_thread(order.source.open, opening)
-            source = order.source.model_dump(exclude_none=True)
-            plan = await self._plan(order, order.name or name, source, epsilon)
-            return await self._start(plan, order.source.flight, script)
+            opening = Opening(self.store, self._scored, request.monitor, monitor, epsilon)
+            script, name = await asyncio.to_thread(request.source.open, opening)
+            source = request.source.model_dump(exclude_none=True)
+            plan = await self._plan(request, request.name or name, source, epsilon)
+            return await self._start(plan, request.source.flight, script)
         finally:
             self._starting -= 1
 
@@ -274,12 +261,12 @@ class Flights:
         return monitor
 
     async def _plan(
-        self, order: FlightOrder, name: str, source: dict[str, Any], epsilon: float
+        self, request: FlightRequest, name: str, source: dict[str, Any], epsilon: float
     ) -> FlightPlan:
-        monitor_id = order.monitor_id
+        monitor_id = request.monitor
         monitor = await asyncio.to_thread(self.store.monitors.get, monitor_id)
         info = await asyncio.to_thread(self.store.monitors.info, monitor_id)
-        stored = {**source, NAME: name, ACCEPT_USELESS: order.accept_useless}
+        stored = {**source, NAME: name, ACCEPT_USELESS: request.accept_useless}
         flight_id = await asyncio.to_thread(self.store.flights.add, stored, monitor_id, epsilon)
         return FlightPlan(
             flight_id, name, source, monitor, monitor_id, info.name, epsilon, mode_of(source)

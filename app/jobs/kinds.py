@@ -1,37 +1,37 @@
-"""The kinds of long work: what runs in a worker thread for an order, and what it leaves behind."""
+"""The kinds of long work: what runs in a worker thread for a request, and what it leaves behind."""
 
 from typing import Any
 
 from app.jobs.jobs import Task, Work
-from app.jobs.requests import DatasetOrder, MonitorOrder, dataset_name
+from app.jobs.requests import DatasetRequest, MonitorRequest, dataset_name
 from app.jobs.training import simulate, train_and_test
 from app.store.store import Store
 from core.study import StudyRecipe, study
 
 
-def dataset_work(order: DatasetOrder, store: Store) -> Work:
+def dataset_work(request: DatasetRequest, store: Store) -> Work:
     """Simulate and store a dataset; the result names it."""
 
     def work(task: Task) -> dict[str, Any]:
-        dataset = simulate(order.recipe, task.progress)
+        dataset = simulate(request.recipe, task.progress)
         task.progress("storing", task.done, task.total)
-        return {"dataset": store.datasets.add(dataset, order.name).id}
+        return {"dataset": store.datasets.add(dataset, request.name).id}
 
     return work
 
 
-def monitor_work(order: MonitorOrder, store: Store) -> Work:
+def monitor_work(request: MonitorRequest, store: Store) -> Work:
     """Simulate where asked, train, fly fresh flights, store; the result names what was made."""
 
     def work(task: Task) -> dict[str, Any]:
-        dataset_id, dataset = order.dataset.id, order.dataset.load(store)
+        dataset_id, dataset = request.dataset.id, request.dataset.load(store)
         if dataset is None:
-            assert order.dataset.recipe
-            dataset = simulate(order.dataset.recipe, task.progress)
-            dataset_id = store.datasets.add(dataset, dataset_name(order.dataset.recipe)).id
-        training = train_and_test(dataset, order.recipe, order.n_test, task.progress)
+            assert request.dataset.recipe
+            dataset = simulate(request.dataset.recipe, task.progress)
+            dataset_id = store.datasets.add(dataset, dataset_name(request.dataset.recipe)).id
+        training = train_and_test(dataset, request.recipe, request.n_test, task.progress)
         task.progress("storing", task.done, task.total)
-        info = store.monitors.add(training.monitor, order.name, dataset_id)
+        info = store.monitors.add(training.monitor, request.name, dataset_id)
         return {"monitor": info.id, "dataset": dataset_id}
 
     return work

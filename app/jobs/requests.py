@@ -1,4 +1,4 @@
-"""What an order for long work says: checked at once, so that only what can be met is queued."""
+"""What a request for long work says: checked at once, so that only what can be met is queued."""
 
 from dataclasses import dataclass, replace
 from typing import Any
@@ -23,7 +23,7 @@ N_CHANNELS_BYTES = 6 * 8
 
 
 @dataclass(frozen=True)
-class DatasetChoice:
+class RequestedDataset:
     """A stored dataset by id, or the recipe of one to simulate; one of them."""
 
     id: str | None
@@ -35,7 +35,7 @@ class DatasetChoice:
 
 
 @dataclass(frozen=True)
-class DatasetOrder:
+class DatasetRequest:
     """A dataset to simulate and what to call it."""
 
     name: str
@@ -43,21 +43,21 @@ class DatasetOrder:
 
 
 @dataclass(frozen=True)
-class MonitorOrder:
+class MonitorRequest:
     """A monitor to train, on what, and the fresh flights of its evaluation."""
 
     name: str
-    dataset: DatasetChoice
+    dataset: RequestedDataset
     recipe: MonitorRecipe
     n_test: int
 
 
-def dataset_order(plain: dict[str, Any], max_bytes: int) -> DatasetOrder:
+def dataset_request(plain: dict[str, Any], max_bytes: int) -> DatasetRequest:
     """Read the body that asks for a dataset; RecipeError says what would be right."""
     plain = dict(plain)
     name = _name(plain)
     recipe = _dataset_recipe(plain, max_bytes)
-    return DatasetOrder(name or dataset_name(recipe), recipe)
+    return DatasetRequest(name or dataset_name(recipe), recipe)
 
 
 def amplitude_suggestion(plain: dict[str, Any], max_bytes: int) -> tuple[Suggestion, Maneuver]:
@@ -78,37 +78,39 @@ def amplitude_suggestion(plain: dict[str, Any], max_bytes: int) -> tuple[Suggest
     return suggestion, recipe.maneuver.with_peak(suggestion.amplitude_deg)
 
 
-def monitor_order(plain: dict[str, Any], store: Store, max_bytes: int) -> MonitorOrder:
+def monitor_request(plain: dict[str, Any], store: Store, max_bytes: int) -> MonitorRequest:
     """Read the body that asks for a monitor; RecipeError says what would be right."""
     plain = dict(plain)
     name = _name(plain)
-    choice = _dataset_choice(plain, store, max_bytes)
+    requested = _requested_dataset(plain, store, max_bytes)
     n_test = _count(plain, "n_test", N_TEST, 0, LARGEST_N_TEST)
     recipe = _recipe(MonitorRecipe(), plain, "monitor")
-    if choice.recipe is not None:
-        n_unsafe = choice.recipe.n_unsafe
-        _check_test_size(choice.recipe, n_test, max_bytes)
+    if requested.recipe is not None:
+        n_unsafe = requested.recipe.n_unsafe
+        _check_test_size(requested.recipe, n_test, max_bytes)
     else:
-        assert choice.id
-        n_unsafe = store.datasets.info(choice.id).n_unsafe
+        assert requested.id
+        n_unsafe = store.datasets.info(requested.id).n_unsafe
     try:
         check_epsilon(recipe.epsilon, n_unsafe)
     except (ValueError, OverflowError) as error:
         raise RecipeError(str(error)) from None
-    return MonitorOrder(name or f"{recipe.t_early:g} s ahead", choice, recipe, n_test)
+    return MonitorRequest(name or f"{recipe.t_early:g} s ahead", requested, recipe, n_test)
 
 
-def study_order(plain: dict[str, Any], store: Store, max_bytes: int) -> StudyRecipe:
+def study_request(plain: dict[str, Any], store: Store, max_bytes: int) -> StudyRecipe:
     """Read the body that asks for the study; a stored dataset lends its recipe."""
     plain = dict(plain)
-    choice = _dataset_choice(plain, store, max_bytes)
-    dataset = choice.recipe
+    requested = _requested_dataset(plain, store, max_bytes)
+    dataset = requested.recipe
     if dataset is None:
-        stored = choice.load(store)
+        stored = requested.load(store)
         assert stored
         dataset = recipe_of(stored)
         if dataset is None:
-            raise RecipeError(f"dataset {choice.id} was not simulated here: give a recipe instead")
+            raise RecipeError(
+                f"dataset {requested.id} was not simulated here: give a recipe instead"
+            )
     default = StudyRecipe()
     n_test = _count(plain, "n_test", default.n_test, 1, LARGEST_N_TEST)
     n_monitors = _count(plain, "n_monitors", default.n_monitors, 1, LARGEST_N_MONITORS)
@@ -159,13 +161,13 @@ def _recipe(default: Any, plain: Any, where: str) -> Any:
         raise RecipeError(f"{where} has a number out of range: {error}") from None
 
 
-def _dataset_choice(plain: dict[str, Any], store: Store, max_bytes: int) -> DatasetChoice:
+def _requested_dataset(plain: dict[str, Any], store: Store, max_bytes: int) -> RequestedDataset:
     given = plain.pop("dataset", None)
     if isinstance(given, str):
         store.datasets.info(given)
-        return DatasetChoice(given, None)
+        return RequestedDataset(given, None)
     if isinstance(given, dict):
-        return DatasetChoice(None, _dataset_recipe(given, max_bytes))
+        return RequestedDataset(None, _dataset_recipe(given, max_bytes))
     raise RecipeError(
         f"dataset is {given!r}: give the id of a stored dataset, or an object, its recipe"
     )
@@ -198,6 +200,6 @@ def _check_test_size(recipe: DatasetRecipe, n_test: int, max_bytes: int) -> None
 
 
 def dataset_name(recipe: DatasetRecipe) -> str:
-    """What a dataset is called unless its order says."""
+    """What a dataset is called unless its request says."""
     plain = to_plain(recipe)
     return f"{plain['aircraft']['kind']}, {plain['maneuver']['kind']}, seed {recipe.seed}"

@@ -11,7 +11,7 @@ from pydantic import BaseModel, Field
 
 from app.catalog import amplitude_request_schema, dataset_request_schema
 from app.jobs.kinds import dataset_work
-from app.jobs.requests import amplitude_suggestion, dataset_order
+from app.jobs.requests import amplitude_suggestion, dataset_request
 from app.problems import Problem, problem_responses
 from app.recipes import to_plain
 from app.routes.dependencies import (
@@ -74,15 +74,15 @@ class SuggestedAmplitude(BaseModel):
         },
     ),
 )
-async def order_dataset(plain: PlainBody, store: StoreDep, jobs: JobsDep, settings: SettingsDep):
+async def simulate_dataset(plain: PlainBody, store: StoreDep, jobs: JobsDep, settings: SettingsDep):
     """Simulate a planned test until `n_unsafe` rollouts turned unsafe; a job.
 
     What is not said keeps the catalog's default. Angles in radians, N_y in g, names ending in
     `_deg` in degrees.
     """
-    order = await asyncio.to_thread(dataset_order, plain, settings.max_array_bytes)
-    request = {"name": order.name} | to_plain(order.recipe)
-    return await accepted(jobs, "dataset", request, dataset_work(order, store))
+    request = await asyncio.to_thread(dataset_request, plain, settings.max_array_bytes)
+    asked = {"name": request.name} | to_plain(request.recipe)
+    return await accepted(jobs, "dataset", asked, dataset_work(request, store))
 
 
 @router.post(

@@ -17,7 +17,6 @@ from starlette.websockets import WebSocketDisconnect
 from app.flights.ended import Record, Verdict, records
 from app.flights.flight import Flight
 from app.flights.flights import (
-    FlightOrder,
     Flights,
     TooManyFlights,
     UselessMonitor,
@@ -25,7 +24,8 @@ from app.flights.flights import (
     flight_name,
     source_of,
 )
-from app.flights.sources import SourceRequest, mode_of
+from app.flights.request import FlightRequest
+from app.flights.sources import mode_of
 from app.flights.transport import NotPossible, TransportError
 from app.flights.watcher import Watcher
 from app.messages import Alarm, Credit, End, Frame, MessageError, Mode, TransportState, decode
@@ -52,35 +52,6 @@ Last = Annotated[
     int | None,
     Query(ge=0, le=2**53, description=f"of the last one; at most {MOST_FRAMES} frames come"),
 ]
-
-
-class FlightRequest(BaseModel):
-    """A flight to start."""
-
-    model_config = ConfigDict(
-        extra="forbid",
-        json_schema_extra={
-            "examples": [
-                {
-                    "source": {"kind": "simulated", "seed": 1, "outcome": "unsafe"},
-                    "monitor": "0123456789ab",
-                    "epsilon": 0.1,
-                }
-            ]
-        },
-    )
-
-    source: SourceRequest
-    monitor: str = Field(description="id")
-    epsilon: float | None = Field(
-        default=None, gt=0, lt=1, description="accepted miss rate; the monitor's own if absent"
-    )
-    name: str | None = Field(default=None, min_length=1, max_length=200)
-    accept_useless: StrictBool = Field(
-        default=False,
-        description="fly a monitor although by its evaluation less than 20 % of safe flights pass "
-        "without an alert; kept with the flight",
-    )
 
 
 class FlightStatus(BaseModel):
@@ -160,15 +131,11 @@ class Acknowledgement(BaseModel):
 
 @router.post("", status_code=201, responses=problem_responses(404, 422, 429))
 async def start_flight(
-    order: FlightRequest, flights: FlightsDep, response: Response
+    request: FlightRequest, flights: FlightsDep, response: Response
 ) -> FlightStatus:
     """Start a flight; it plays at once, at its source's own rate."""
     try:
-        flight = await flights.start(
-            FlightOrder(
-                order.source, order.monitor, order.epsilon, order.name, order.accept_useless
-            )
-        )
+        flight = await flights.start(request)
     except TooManyFlights as error:
         raise Problem(429, str(error), "urn:forewarn:too-many-flights") from error
     except RecipeError:
@@ -218,11 +185,11 @@ async def delete_flight(flight_id: str, flights: FlightsDep) -> None:
 
 
 @router.post("/{flight_id}/transport", responses=problem_responses(404, 409, 422))
-async def steer(flight_id: str, order: TransportRequest, flights: FlightsDep) -> TransportState:
+async def steer(flight_id: str, request: TransportRequest, flights: FlightsDep) -> TransportState:
     """Steer a flight: play, pause, seek, step, speed, loop, next_alert. Returns where it is."""
     flight = flights.flying(flight_id)
     try:
-        flight.act(order.action, order.value)
+        flight.act(request.action, request.value)
     except NotPossible as error:
         raise Problem(409, str(error), "urn:forewarn:transport") from error
     except TransportError as error:

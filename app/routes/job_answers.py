@@ -1,4 +1,4 @@
-"""How jobs are sent; the answer to an order for long work: 202, and where its job is."""
+"""How jobs are sent; the answer to a request for long work: 202, and where its job is."""
 
 import asyncio
 from dataclasses import replace

@@ -13,7 +13,7 @@ from app import json_codec
 from app.catalog import study_request_schema
 from app.jobs.jobs import NotRunning
 from app.jobs.kinds import study_work
-from app.jobs.requests import study_order
+from app.jobs.requests import study_request
 from app.problems import Problem, problem_responses
 from app.recipes import to_plain
 from app.routes.dependencies import (
@@ -138,7 +138,7 @@ async def _events(job_id: str, jobs: JobsDep) -> AsyncIterator[bytes]:
         study_request_schema(), {"dataset": {"n_unsafe": 50}, "n_monitors": 10, "n_test": 500}
     ),
 )
-async def order_study(
+async def compare_methods(
     plain: PlainBody, request: Request, store: StoreDep, jobs: JobsDep, settings: SettingsDep
 ):
     """Compare the paper's five methods on one dataset's recipe; a job.
@@ -146,5 +146,5 @@ async def order_study(
     Its result holds miss rate and power over epsilon with 95 % intervals, a table, and links to
     the figures.
     """
-    recipe = await asyncio.to_thread(study_order, plain, store, settings.max_array_bytes)
+    recipe = await asyncio.to_thread(study_request, plain, store, settings.max_array_bytes)
     return await accepted(jobs, "study", to_plain(recipe), study_work(recipe))

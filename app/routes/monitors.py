@@ -9,7 +9,7 @@ from pydantic import BaseModel, Field
 
 from app.catalog import monitor_request_schema
 from app.jobs.kinds import monitor_work
-from app.jobs.requests import monitor_order
+from app.jobs.requests import monitor_request
 from app.json_telemetry import TelemetryBody, assessed, parse_telemetry
 from app.problems import Problem, problem_responses
 from app.recipes import to_plain
@@ -105,7 +105,7 @@ _ORDER["requestBody"]["content"] |= CONTENT
     responses=ACCEPTED | {201: {"model": MonitorInfo, "description": "the uploaded monitor"}},
     openapi_extra=_ORDER,
 )
-async def order_monitor(
+async def train_monitor(
     request: Request,
     store: StoreDep,
     jobs: JobsDep,
@@ -129,13 +129,13 @@ async def order_monitor(
         called = name or PurePath(sent.name).stem or "uploaded monitor"
         return await _add_file(body, called[:200], store)
     plain = await plain_body(request)
-    order = await asyncio.to_thread(monitor_order, plain, store, settings.max_array_bytes)
+    training = await asyncio.to_thread(monitor_request, plain, store, settings.max_array_bytes)
     asked = {
-        "name": order.name,
-        "dataset": order.dataset.id or to_plain(order.dataset.recipe),
-        "n_test": order.n_test,
-    } | to_plain(order.recipe)
-    return await accepted(jobs, "monitor", asked, monitor_work(order, store))
+        "name": training.name,
+        "dataset": training.dataset.id or to_plain(training.dataset.recipe),
+        "n_test": training.n_test,
+    } | to_plain(training.recipe)
+    return await accepted(jobs, "monitor", asked, monitor_work(training, store))
 
 
 async def _add_file(body: bytes, name: str, store: Store) -> Response:

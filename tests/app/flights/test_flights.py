@@ -2,7 +2,6 @@
 
 import asyncio
 from collections.abc import Callable, Coroutine
-from dataclasses import replace
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -10,8 +9,9 @@ from typing import Any
 import msgspec
 import pytest
 
-from app.flights.flights import FlightOrder, Flights, TooManyFlights
+from app.flights.flights import Flights, TooManyFlights
 from app.flights.recorder import INTERVAL_S
+from app.flights.request import FlightRequest
 from app.flights.sources import Simulated
 from app.flights.track import SourceError
 from app.store.flights import UnderWay
@@ -39,9 +39,9 @@ class Hangar:
         self.clock = ScriptedClock()
         self.flights = Flights(self.store, clock=self.clock, **choices)
 
-    def order(self, **choices: Any) -> FlightOrder:
+    def request(self, **choices: Any) -> FlightRequest:
         source = Simulated(kind="simulated", outcome="unsafe", seed=choices.pop("seed", 1))
-        return FlightOrder(source, self.monitor_id, **choices)
+        return FlightRequest(source=source, **({"monitor": self.monitor_id} | choices))
 
 
 @pytest.fixture
@@ -61,7 +61,7 @@ def run(tmp_path: Path) -> Callable[..., None]:
 
 def test_flights_fly_side_by_side_and_are_recorded_when_stopped(run: Callable) -> None:
     async def test(hangar: Hangar) -> None:
-        flights = [await hangar.flights.start(hangar.order(seed=seed)) for seed in range(3)]
+        flights = [await hangar.flights.start(hangar.request(seed=seed)) for seed in range(3)]
         for _ in range(70):
             hangar.clock.advance(0.05)
         flights[1].act("pause")
@@ -82,21 +82,21 @@ def test_the_end_of_the_server_stops_every_flight_and_completes_its_record(tmp_p
     async def main() -> None:
         hangar = Hangar(tmp_path)
         async with hangar.flights:
-            flight = await hangar.flights.start(hangar.order())
+            flight = await hangar.flights.start(hangar.request())
             seen = Seen(flight.watch())
             hangar.clock.advance(1.0)
         assert seen.take()[-1] == {"type": "end", "reason": "the server is stopping"}
         assert len(hangar.store.flights.assessments(flight.id)) == 21
         assert hangar.store.flights.info(flight.id).status == "ended"
         with pytest.raises(TooManyFlights, match="the server is stopping"):
-            await hangar.flights.start(hangar.order())
+            await hangar.flights.start(hangar.request())
 
     asyncio.run(main())
 
 
 def test_there_are_at_most_so_many_flights_even_when_started_at_once(run: Callable) -> None:
     async def test(hangar: Hangar) -> None:
-        starts = [hangar.flights.start(hangar.order(seed=seed)) for seed in range(4)]
+        starts = [hangar.flights.start(hangar.request(seed=seed)) for seed in range(4)]
         done = await asyncio.gather(*starts, return_exceptions=True)
         flights = hangar.flights.under_way()
         assert len(flights) == 2
@@ -104,7 +104,7 @@ def test_there_are_at_most_so_many_flights_even_when_started_at_once(run: Callab
         assert isinstance(first, TooManyFlights)
         assert "2 flights are under way" in str(second)
         await hangar.flights.stop(flights[0].id)
-        await hangar.flights.start(hangar.order())
+        await hangar.flights.start(hangar.request())
 
     run(test, max_flights=2)
 
@@ -112,21 +112,21 @@ def test_there_are_at_most_so_many_flights_even_when_started_at_once(run: Callab
 def test_a_flight_that_cannot_start_leaves_nothing_behind(run: Callable) -> None:
     async def test(hangar: Hangar) -> None:
         with pytest.raises(ValueError, match=r"epsilon=0\.01 needs at least"):
-            await hangar.flights.start(hangar.order(epsilon=0.01))
+            await hangar.flights.start(hangar.request(epsilon=0.01))
         with pytest.raises(NotFound):
-            await hangar.flights.start(replace(hangar.order(), monitor_id="none"))
+            await hangar.flights.start(hangar.request(monitor="none"))
         theta = Simulated(kind="simulated", theta={"C_n": 1.0})
         with pytest.raises(SourceError):
-            await hangar.flights.start(replace(hangar.order(), source=theta))
+            await hangar.flights.start(hangar.request().model_copy(update={"source": theta}))
         assert hangar.store.flights.all() == []
-        await hangar.flights.start(hangar.order())
+        await hangar.flights.start(hangar.request())
 
     run(test, max_flights=1)
 
 
 def test_frames_are_whole_before_and_after_they_reach_the_store(run: Callable) -> None:
     async def test(hangar: Hangar) -> None:
-        flight = await hangar.flights.start(hangar.order())
+        flight = await hangar.flights.start(hangar.request())
         hangar.clock.advance(1.0)
         await flight.recorder.flush()
         hangar.clock.advance(1.0)
@@ -150,7 +150,7 @@ def test_a_write_while_frames_are_read_repeats_none(
     run: Callable, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     async def test(hangar: Hangar) -> None:
-        flight = await hangar.flights.start(hangar.order())
+        flight = await hangar.flights.start(hangar.request())
         hangar.clock.advance(1.0)
         loop, read = asyncio.get_running_loop(), hangar.store.flights.assessments
 
@@ -168,7 +168,7 @@ def test_a_write_while_frames_are_read_repeats_none(
 def test_alarms_are_the_same_during_and_after_the_flight(run: Callable) -> None:
     async def test(hangar: Hangar) -> None:
         flights = hangar.flights
-        flight = await flights.start(hangar.order())
+        flight = await flights.start(hangar.request())
         for _ in range(130):
             hangar.clock.advance(0.05)
         (alarm,) = (await flights.alarms(flight.id))[:1]
@@ -191,7 +191,7 @@ def test_alarms_are_the_same_during_and_after_the_flight(run: Callable) -> None:
 
 def test_an_alarm_nobody_saw_can_be_acknowledged_after_the_flight(run: Callable) -> None:
     async def test(hangar: Hangar) -> None:
-        flight = await hangar.flights.start(hangar.order())
+        flight = await hangar.flights.start(hangar.request())
         for _ in range(130):
             hangar.clock.advance(0.05)
         await hangar.flights.stop(flight.id)
@@ -209,7 +209,7 @@ def test_an_acknowledgement_that_is_not_stored_is_not_made(
     run: Callable, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     async def test(hangar: Hangar) -> None:
-        flight = await hangar.flights.start(hangar.order())
+        flight = await hangar.flights.start(hangar.request())
         for _ in range(130):
             hangar.clock.advance(0.05)
         with monkeypatch.context() as full:
@@ -229,7 +229,7 @@ def test_a_flight_is_ending_until_its_record_is_complete(
 ) -> None:
     async def test(hangar: Hangar) -> None:
         flights = hangar.flights
-        flight = await flights.start(hangar.order())
+        flight = await flights.start(hangar.request())
         hangar.clock.advance(1.0)
         with monkeypatch.context() as full:
             full.setattr(hangar.store.flights, "append", refuse)
@@ -252,7 +252,7 @@ def test_a_flight_is_ending_until_its_record_is_complete(
 
 def test_samples_that_were_lost_are_told_of_the_record(run: Callable) -> None:
     async def test(hangar: Hangar) -> None:
-        flight = await hangar.flights.start(hangar.order())
+        flight = await hangar.flights.start(hangar.request())
         hangar.clock.advance(1.0)
         await flight.recorder.flush()
         hangar.clock.advance(1.0)
@@ -266,7 +266,7 @@ def test_samples_that_were_lost_are_told_of_the_record(run: Callable) -> None:
 
 def test_a_flight_that_is_ended_twice_at_once_is_ended_once(run: Callable) -> None:
     async def test(hangar: Hangar) -> None:
-        flight = await hangar.flights.start(hangar.order())
+        flight = await hangar.flights.start(hangar.request())
         hangar.clock.advance(1.0)
         await asyncio.gather(*(hangar.flights.stop(flight.id) for _ in range(5)))
         assert hangar.flights.get(flight.id) is None
@@ -281,7 +281,7 @@ def test_a_flight_that_fails_by_itself_is_stopped_and_noted(
     run: Callable, caplog: pytest.LogCaptureFixture
 ) -> None:
     async def test(hangar: Hangar) -> None:
-        flight = await hangar.flights.start(hangar.order())
+        flight = await hangar.flights.start(hangar.request())
         flight._script = None  # pyright: ignore
         hangar.clock.advance(1.0)
         await asyncio.gather(*hangar.flights._stopping)
@@ -321,7 +321,7 @@ def test_a_scene_is_opened_with_the_aircrafts_signs_and_closed_with_the_flight(
     theatre = Theatre()
 
     async def test(hangar: Hangar) -> None:
-        flight = await hangar.flights.start(hangar.order())
+        flight = await hangar.flights.start(hangar.request())
         (opened,) = theatre.opened
         assert opened[0] == flight.id
         assert isinstance(opened[1], SurfaceSigns)
@@ -338,7 +338,7 @@ def test_a_flight_flies_without_a_scene_where_there_can_be_none(
     run: Callable, caplog: pytest.LogCaptureFixture
 ) -> None:
     async def test(hangar: Hangar) -> None:
-        flight = await hangar.flights.start(hangar.order())
+        flight = await hangar.flights.start(hangar.request())
         assert flight.scene is None
         hangar.clock.advance(1.0)
         assert flight.head == 20

@@ -11,8 +11,8 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from app.flights.flights import FlightOrder
 from app.flights.playback import AssessedTrack
+from app.flights.request import FlightRequest
 from app.flights.sources import Simulated
 from app.flights.track import Track
 from app.jobs.training import train_and_test
@@ -276,7 +276,9 @@ def test_the_record_keeps_the_reason(tmp_path: Path) -> None:
         doubled = flown_as(PLANNED, amplitude_deg=2 * amplitude(PLANNED))
         source = Simulated(kind="simulated", recipe=to_plain(doubled))
         async with hangar.flights as flights:
-            flight = await flights.start(FlightOrder(source, monitor, EPSILON))
+            flight = await flights.start(
+                FlightRequest(source=source, monitor=monitor, epsilon=EPSILON)
+            )
             hangar.clock.advance(2.0)
             flown = await flights.frames(flight.id, 0, 1000)
             await flights.stop(flight.id)
