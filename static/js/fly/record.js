@@ -44,10 +44,13 @@ export function showFlightRecord(element, { flight, why, api, navigate }) {
   panels.scene.append(state("empty", "Flight over", "The scene is shown while it flies."));
   panels.notice.hidden = false;
   const failure = h("span", { class: "error", role: "alert", hidden: true });
+  const acknowledgeButton = h("button", { type: "button", class: "button", hidden: true, onclick: () => acknowledge().catch(fail) });
+  let waiting = [];
   panels.notice.append(...[
     verdictLine(flight),
     h("p", {}, h("strong", {}, `This flight ${HOW[flight.progress] ?? "is over"}${why.includes("server") ? ": the server stopped" : ""}. `), "Its record is shown."),
     h("div", { class: "row" },
+      acknowledgeButton,
       h("button", { type: "button", class: "button button-primary", onclick: again }, "Fly it again"),
       h("a", { class: "button", href: "#/fly" }, "All flights"),
       h("button", { type: "button", class: "button button-danger", onclick: () => askToConfirm("Delete this record?", "Its samples, assessments and alarms are gone for good.", "Delete the record", remove) }, "Delete the record"),
@@ -60,6 +63,7 @@ export function showFlightRecord(element, { flight, why, api, navigate }) {
     },
   });
   load().catch(fail);
+  offerToAcknowledge().catch(fail);
 
   async function load() {
     panels.strips.replaceChildren(state("loading", "Reading the record", ""));
@@ -78,8 +82,35 @@ export function showFlightRecord(element, { flight, why, api, navigate }) {
     draw(channels, monitor, longest, passes);
     for (const alarm of alarms) {
       events.add({ t: alarm.t, text: alertText(alarm, flight.epsilon, channels), level: "alert", seen: true });
-      if (alarm.acknowledged) events.add({ t: alarm.t, text: `acknowledged by ${alarm.by}` });
+      if (alarm.acknowledged) sayAcknowledged(alarm);
     }
+  }
+
+  function sayAcknowledged({ t, number, by }) {
+    events.add({ t, text: `alarm ${number} acknowledged by ${by}`, seen: true });
+  }
+
+  /** Alarms that nobody acknowledged while it flew can be acknowledged now; the headline changes with them. */
+  async function offerToAcknowledge() {
+    waiting = (await api.get(`${path}/alarms`)).filter((alarm) => alarm.acknowledged === null);
+    const count = waiting.length === 1 ? "1 alarm" : `${waiting.length} alarms`;
+    acknowledgeButton.hidden = waiting.length === 0;
+    put(acknowledgeButton, `Acknowledge ${count}`);
+  }
+
+  async function acknowledge() {
+    acknowledgeButton.disabled = true;
+    failure.hidden = true;
+    try {
+      for (const { id } of waiting) sayAcknowledged(await api.post(`${path}/alarms/${id}/acknowledge`));
+      const now = verdictLine(await api.get(path));
+      panels.notice.querySelector(".verdict")?.remove();
+      if (now !== null) panels.notice.prepend(now);
+    } catch (error) {
+      fail(error);
+    }
+    acknowledgeButton.disabled = false;
+    await offerToAcknowledge();
   }
 
   function draw(channels, { lead, dt }, frames, passes) {

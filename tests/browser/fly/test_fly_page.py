@@ -198,6 +198,23 @@ def test_the_record_of_a_flight_that_exceeded_says_how_it_was_warned(fly: Fly) -
     assert chip.get_attribute("data-level") in ("alert", "caution")
 
 
+def test_alarms_of_a_flight_that_is_over_are_acknowledged_on_its_record(fly: Fly) -> None:
+    fly.watch(UNSAFE, ("pause", None), ("next_alert", None))
+    fly.event("alert, risk").wait_for()
+    fly.ask("POST", f"/flights/{fly.flight}/end")
+    expect(fly.page.locator(".verdict")).to_contain_text("ALARM")
+    button = fly.page.get_by_role("button", name="Acknowledge 1 alarm")
+    button.click()
+    expect(button).to_be_hidden()
+    (alarm,) = fly.ask("GET", f"/flights/{fly.flight}/alarms")
+    assert alarm["acknowledged"]
+    fly.event("alarm 1 acknowledged by operator").wait_for()
+    assert "ALARM" not in fly.page.locator(".notice").inner_text()
+    fly.page.reload()
+    fly.event("alarm 1 acknowledged by operator").wait_for()
+    expect(button).to_be_hidden()
+
+
 def test_the_theme_is_the_machine_s_until_one_is_chosen(page: Page, site: Site) -> None:
     theme = "document.documentElement.dataset.theme"
     page.emulate_media(color_scheme="light")
