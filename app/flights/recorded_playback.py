@@ -10,7 +10,9 @@ import numpy as np
 import numpy.typing as npt
 
 from app.flights.playback import Angles, Script
+from app.messages import MeasuredExceedance
 from app.recordings.reasons import reason
+from app.scoring.outcome import SAME_TIME
 from core.channels import KEYS
 from core.monitor import Assessment, State
 from core.monitor.assessment import STATES
@@ -26,7 +28,8 @@ class RecordedScript(Script):
     """Stored samples and the manoeuvres they were scored in.
 
     samples: as app.scoring stores them, mapped.   manoeuvres: plain, see app.scoring.
-    forecasts: whether the monitor makes forecasts.   theta0: pitch at trim [rad], for the display.
+    forecasts: whether the monitor makes forecasts.   outside: recorded exceedances that begin in no
+    manoeuvre, plain.   theta0: pitch at trim [rad], for the display.
     """
 
     def __init__(
@@ -36,11 +39,13 @@ class RecordedScript(Script):
         dt: float,
         *,
         forecasts: bool,
+        outside: Sequence[Mapping[str, Any]] = (),
         theta0: float = 0.0,
     ) -> None:
         self.t, self.dt = np.ascontiguousarray(samples["t"]), dt
-        exceedances = [s["exceedance"]["t"] for s in manoeuvres if s["exceedance"] is not None]
-        self.fail_t = min(exceedances, default=None)
+        judged = [s["exceedance"] for s in manoeuvres if s["exceedance"] is not None]
+        self.fail_t = min((exceedance["t"] for exceedance in judged), default=None)
+        self._exceedances = {self._at(one["t"]): one for one in (*outside, *judged)}
         self.is_checked = all(s["validity"]["valid"] is not None for s in manoeuvres)
         self._samples, self._manoeuvres, self._forecasts = samples, manoeuvres, forecasts
         begins = [begin for manoeuvre in manoeuvres for begin, _ in manoeuvre["alerts"]]
@@ -60,6 +65,26 @@ class RecordedScript(Script):
         """Sample k, trim included, (6,): between manoeuvres, that of the one before."""
         before = int(np.searchsorted(self._starts, k, "right")) - 1
         return self._samples["y"][k] + self._trims[max(before, 0)]
+
+    def exceedance(self, k: int, limits: Array | None) -> MeasuredExceedance | None:
+        """What limit sample k reaches, or the recording between it and the sample before."""
+        of_sample = super().exceedance(k, limits)
+        between = self._exceedances.get(k)
+        if of_sample is not None or between is None or limits is None:
+            return of_sample
+        channel, value = between["channel"], between["value"]
+        limit = float(limits[KEYS.index(channel)])
+        as_recorded = value + float((self.recorded(k) - self.y(k))[KEYS.index(channel)])
+        return MeasuredExceedance(
+            channel=channel,
+            value=value,
+            limit=limit,
+            judged="both" if abs(as_recorded) >= limit else "from_trim",
+        )
+
+    def _at(self, t: float) -> int:
+        """The first sample at or after a time [s]; the last one where there is none."""
+        return min(int(np.searchsorted(self.t, t - SAME_TIME)), len(self.t) - 1)
 
     def attitude(self, k: int) -> Angles:
         """As recorded; an angle that was not is integrated from the rates."""

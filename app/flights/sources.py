@@ -165,6 +165,7 @@ class Recorded(Source):
             info.manoeuvres,
             info.dt,
             forecasts=monitor.recipe.predictor.forecasts,
+            outside=info.outside_exceedances,
             theta0=trim_angles(monitor.dataset_recipe)[1],
         )
         return script, store.recordings.info(self.recording).name

@@ -117,3 +117,38 @@ def test_a_recording_flies_with_the_transport_of_any_flight(samples: npt.NDArray
     assert frames[-1]["t"] == pytest.approx(3364.0)
     assert frames[-1]["reason"].startswith("p was off")
     assert [alarm["alarm"]["t"] for alarm in seen.of("alarm")] == [pytest.approx(3359.5)]
+
+
+def test_a_recorded_exceedance_between_two_samples_is_that_of_the_sample_after_it(
+    samples: npt.NDArray,
+) -> None:
+    samples["y"] = 0.0
+    limits = np.array([np.inf, np.inf, np.inf, 0.5, np.inf, np.inf])
+    outside = [{"t": 3367.5, "channel": "Ny", "value": -0.7}]
+    played = RecordedScript(samples, MANOEUVRES, DT, forecasts=True, outside=outside)
+    found = {k: over for k in range(N) if (over := played.exceedance(k, limits)) is not None}
+    assert {k: (over.channel, over.value) for k, over in found.items()} == {
+        41: ("Ny", 0.6),
+        190: ("Ny", -0.7),
+    }
+    assert samples["t"][40] < 3360.02 <= samples["t"][41]
+    assert {(over.limit, over.judged) for over in found.values()} == {(0.5, "both")}
+
+
+def test_a_replay_raises_the_alarm_of_an_exceedance_between_two_samples(
+    samples: npt.NDArray,
+) -> None:
+    samples["y"] = 0.0
+    clock = ScriptedClock()
+    flight = TrackFlight(
+        plan(exact_monitor()), script(samples), SilentRecorder(clock), clock, lambda *how: None
+    )
+    seen = Seen(flight.watch())
+    flight.start()
+    for _ in range(300):
+        clock.advance(0.01)
+        seen.take()
+    raised = [message["alarm"] for message in seen.of("alarm")]
+    (alarm,) = (alarm for alarm in raised if alarm["kind"] == "limit")
+    assert alarm["t"] == samples["t"][41]
+    assert alarm["exceedance"]["value"] == 0.6
