@@ -39,6 +39,11 @@ def keep(folder: Path, scoring_id: str, samples: Samples) -> None:
                 np.save(file, array, allow_pickle=False)
 
 
+def samples_file(folder: Path, scoring_id: str) -> Path:
+    """The file of a scoring's samples."""
+    return folder / f"{scoring_id}.{WHOLE}"
+
+
 def check_samples(
     folder: Path,
     scoring_id: str,
@@ -67,7 +72,7 @@ def open_samples(
 
     Version 0.1.0 named a field otherwise; what lies in it is the same, bit for bit.
     """
-    path = folder / f"{scoring_id}.{WHOLE}"
+    path = samples_file(folder, scoring_id)
     verified.check(path, expected, REMEDY, lambda path: digest(_mapped(path, SAMPLE), rest))
     return _mapped(path, SAMPLE)
 

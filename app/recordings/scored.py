@@ -13,7 +13,15 @@ import numpy as np
 
 from app.recordings.mapped_columns import plain, plain_quality
 from app.recordings.recordings import Recordings
-from app.recordings.samples import Samples, digest, keep, open_samples, open_tiles, remove
+from app.recordings.samples import (
+    Samples,
+    digest,
+    keep,
+    open_samples,
+    open_tiles,
+    remove,
+    samples_file,
+)
 from app.recordings.tiles import TILE, Window, window
 from app.scoring import ScoredRecording, ScoringRecipe, score
 from app.store.monitors import MonitorInfo
@@ -74,6 +82,11 @@ class ScoredRecordings:
             folder = self.files.scorings(info.recording_id)
             return open_samples(folder, info.id, info.digest, self.files.verified)
 
+    def verified(self, info: ScoringInfo) -> bool:
+        """Whether its samples were read in this process and are those stored: quick."""
+        path = samples_file(self.files.scorings(info.recording_id), info.id)
+        return self.files.verified.knows(path, info.digest)
+
     def window(
         self, info: ScoringInfo, start: float, end: float, bins: int
     ) -> tuple[Samples, Window]:
@@ -99,6 +112,7 @@ class ScoredRecordings:
     ) -> tuple[ScoringInfo, bool]:
         of = self._ingredients(recording_id, monitor_id, recipe)
         if stored := self.store.scorings.find(recording_id, of.digest):
+            self.samples(stored)
             return stored, False
         mapping = Mapping.from_plain(of.mapped.mapping)
         recorded = self.recordings.mapped(recording_id, mapping).scorable()

@@ -19,13 +19,14 @@ from core.specification import specification_from_plain
 OF_ITS_OWN = ("recording_id", "monitor_id", "specification", "request_digest")
 
 
-def answer(info: ScoringInfo) -> dict[str, Any]:
-    """A scoring without its samples."""
+def answer(info: ScoringInfo, *, verified: bool) -> dict[str, Any]:
+    """A scoring without its samples. verified: whether those were found to be as stored."""
     specification = specification_from_plain(info.specification)
     plain = {key: value for key, value in asdict(info).items() if key not in OF_ITS_OWN}
     return plain | {
         "recording": info.recording_id,
         "monitor": info.monitor_id,
+        "verified": verified,
         "channels": [channel.model_dump() for channel in limited_channels(specification)],
     }
 

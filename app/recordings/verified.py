@@ -40,6 +40,13 @@ class Verified:
             raise Damaged(f"{path} is damaged, its digest does not match: {remedy}")
         self._files[path] = known
 
+    def knows(self, path: Path, expected: str) -> bool:
+        """Whether a file was found to have this digest, and was not touched since: quick."""
+        try:
+            return self._files.get(path) == (_signature(path), expected)
+        except OSError:
+            return False
+
 
 def _signature(path: Path) -> Signature:
     status = path.stat()

@@ -71,6 +71,10 @@ class Scoring(BaseModel):
     created: str = Field(description="UTC, ISO 8601")
     version: str = Field(description="program that scored it")
     digest: str = Field(description="SHA-256 of the samples: the same request gives the same")
+    verified: bool = Field(
+        description="whether the stored samples were read and compared with that digest since the "
+        "server started; one scoring is answered only so, in a list it is false of those not read"
+    )
     request: dict[str, Any] = Field(description="epsilon, trim and manoeuvres as asked for")
     mapping: Mapping = Field(description="that was used")
     channels: list[ChannelLimit]
@@ -176,7 +180,7 @@ async def score_recording(
     recipe = ScoringRecipe(epsilon, request.trim, intervals)
     info, made = await scored.score(recording_id, request.monitor, recipe)
     location = {"Location": f"/api/v1/recordings/{recording_id}/scorings/{info.id}"}
-    return json_response(answer(info), 201 if made else 200, location)
+    return json_response(answer(info, verified=not made), 201 if made else 200, location)
 
 
 def _epsilon(scored: ScoredDep, request: ScoringRequest) -> float:
@@ -189,13 +193,24 @@ def _epsilon(scored: ScoredDep, request: ScoringRequest) -> float:
 @router.get("/scorings", response_model=list[Scoring], responses=problem_responses(404))
 async def list_scorings(recording_id: str, scored: ScoredDep):
     """All scorings of a recording, newest first."""
-    return await json_from(lambda: [answer(i) for i in scored.store.scorings.of(recording_id)])
+
+    def read() -> list[dict[str, Any]]:
+        stored = scored.store.scorings.of(recording_id)
+        return [answer(info, verified=scored.verified(info)) for info in stored]
+
+    return await json_from(read)
 
 
 @router.get("/scorings/{scoring_id}", response_model=Scoring, responses=problem_responses(404))
 async def read_scoring(recording_id: str, scoring_id: str, scored: ScoredDep):
-    """One scoring with a verdict on each manoeuvre."""
-    return await json_from(lambda: answer(scored.store.scorings.info(recording_id, scoring_id)))
+    """One scoring with a verdict on each manoeuvre; 500 where the samples behind it are damaged."""
+
+    def read() -> dict[str, Any]:
+        info = scored.store.scorings.info(recording_id, scoring_id)
+        scored.samples(info)
+        return answer(info, verified=True)
+
+    return await json_from(read)
 
 
 @router.delete("/scorings/{scoring_id}", status_code=204, responses=problem_responses(404, 409))

@@ -52,6 +52,25 @@ def test_p_values_that_were_changed_are_neither_served_nor_reported(kept: Kept) 
         assert "is damaged, its digest does not match: delete this scoring" in detail
 
 
+def test_a_verdict_is_shown_only_with_the_samples_that_it_was_made_of(kept: Kept) -> None:
+    scorings = kept.scoring.rpartition("/")[0]
+
+    def listed() -> list[bool]:
+        return [scoring["verified"] for scoring in kept.client.get(scorings).json()]
+
+    assert listed() == [False]
+    assert kept.client.get(kept.scoring).json()["verified"]
+    assert listed() == [True]
+    (file,) = (f for f in kept.folder.glob("scorings/*.npy") if "tiles" not in f.name)
+    samples = np.load(file)
+    samples["p_value"] = 0.01
+    np.save(file, samples, allow_pickle=False)
+    assert listed() == [False]
+    assert "is damaged" in problem(kept.client.get(kept.scoring), 500)
+    same = kept.client.post(scorings, json={"monitor": kept.monitor})
+    assert "is damaged" in problem(same, 500)
+
+
 def test_tiles_that_were_changed_are_not_served(kept: Kept) -> None:
     (file,) = kept.folder.glob("scorings/*.tiles.npy")
     tiles = np.load(file)
