@@ -72,8 +72,9 @@ class Scoring(BaseModel):
     version: str = Field(description="program that scored it")
     digest: str = Field(description="SHA-256 of the samples: the same request gives the same")
     verified: bool = Field(
-        description="whether the stored samples were read and compared with that digest since the "
-        "server started; one scoring is answered only so, in a list it is false of those not read"
+        description="whether the samples are known to match that digest: just made, or read and "
+        "compared since the server started; one scoring is answered only so, a list says false of "
+        "those not read yet"
     )
     request: dict[str, Any] = Field(description="epsilon, trim and manoeuvres as asked for")
     mapping: Mapping = Field(description="that was used")
@@ -180,7 +181,7 @@ async def score_recording(
     recipe = ScoringRecipe(epsilon, request.trim, intervals)
     info, made = await scored.score(recording_id, request.monitor, recipe)
     location = {"Location": f"/api/v1/recordings/{recording_id}/scorings/{info.id}"}
-    return json_response(answer(info, verified=not made), 201 if made else 200, location)
+    return json_response(answer(info, verified=True), 201 if made else 200, location)
 
 
 def _epsilon(scored: ScoredDep, request: ScoringRequest) -> float:
