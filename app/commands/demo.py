@@ -94,7 +94,7 @@ def prepare(store: Store, say: Callable[[str], None]) -> str:
 
 
 async def fly(app: FastAPI, settings: Settings, monitor_id: str) -> str:
-    """Start a flight of a fresh aircraft that will break its limit, over and over; its id."""
+    """Start a flight of a fresh aircraft that will exceed its limit, over and over; its id."""
     headers = {"Authorization": f"Bearer {settings.token}"} if settings.token else {}
     source = {"kind": "simulated", "outcome": "unsafe", "seed": SEED}
     base = "http://127.0.0.1"

@@ -84,7 +84,7 @@ def report(training: Training) -> str:
     lines = [
         _dataset_line(training.dataset),
         f"calibrated on {monitor.n_unsafe} failures, {monitor.n_early} of them earlier than the "
-        f"lead of {monitor.lead:g} s; smallest epsilon {monitor.smallest_epsilon:.3g}",
+        f"warning lead time of {monitor.lead:g} s; smallest epsilon {monitor.smallest_epsilon:.3g}",
         _validity_line(training),
     ]
     lines += _test_lines(test, monitor.lead) if test else []
@@ -135,17 +135,17 @@ def _withdrawn_line(withdrawn: int, n_unsafe: int) -> list[str]:
 
 def _share(what: str, count: int, total: int, of: str) -> str:
     if total == 0:
-        return f"  {what:16} none to count"
+        return f"  {what:18} none to count"
     low, high = clopper_pearson(count, total)
-    return f"  {what:16} {count / total:6.1%} [{low:.1%}, {high:.1%}] {of}"
+    return f"  {what:18} {count / total:6.1%} [{low:.1%}, {high:.1%}] {of}"
 
 
 def _lead_line(lead: np.ndarray, required: float) -> str:
     warned = lead[np.isfinite(lead)]
     if not len(warned):
-        return "  warning lead     no failing flight had an alert"
+        return "  warning lead time  no failing flight had an alert"
     low, middle, high = np.quantile(warned, [0.05, 0.5, 0.95])
     return (
-        f"  warning lead     median {middle:.2f} s, 5-95 % {low:.2f} to {high:.2f} s; "
+        f"  warning lead time  median {middle:.2f} s, 5-95 % {low:.2f} to {high:.2f} s; "
         f"{np.mean(lead >= required - 1e-9):.0%} at least {required:g} s"
     )

@@ -67,9 +67,10 @@ def table(result: StudyResult) -> str:
     lines = [
         f"{recipe.n_monitors} monitors of {recipe.dataset.n_unsafe} unsafe rollouts "
         f"({result.unsafe_rate:.0%} of flights unsafe), {recipe.n_test} fresh test flights each, "
-        f"{recipe.monitor.calibration} calibration, {recipe.monitor.scaling} units, lead "
-        f"{result.monitor.lead:g} s",
-        "miss / power, each with its 95 % interval; best mean power first",
+        f"{recipe.monitor.calibration} calibration, {recipe.monitor.scaling} units, "
+        f"warning lead time {result.monitor.lead:g} s",
+        "miss rate / share of safe flights without a false alarm (power), each with its 95 % "
+        "interval; best mean share first",
         "",
         f"{'method':27}" + "".join(f"{f'epsilon {epsilons[row]:.2f}':^36}" for row in rows),
     ]

@@ -58,7 +58,7 @@ def study_curves(result: "StudyResult") -> Figure:
         miss, power = figure.subplots(1, 2)
         for axes, quantity, label in (
             (miss, "miss", "miss rate: failing flights without a timely alert"),
-            (power, "power", "power: safe flights without an alert"),
+            (power, "power", "share of safe flights without a false alarm (power)"),
         ):
             for index, (name, method) in enumerate(result.methods.items()):
                 _curve(axes, name, method, quantity, index)
@@ -69,7 +69,7 @@ def study_curves(result: "StudyResult") -> Figure:
         figure.suptitle(
             f"{recipe.n_monitors} monitors of {recipe.dataset.n_unsafe} unsafe rollouts, "
             f"{recipe.n_test} test flights each; {recipe.monitor.calibration} calibration, "
-            f"lead {result.monitor.lead:g} s; bands: 95 % intervals"
+            f"warning lead time {result.monitor.lead:g} s; bands: 95 % intervals"
         )
     return figure
 

@@ -143,8 +143,8 @@ async def compare_methods(
 ):
     """Compare the paper's five methods on one dataset's recipe; a job.
 
-    Its result holds miss rate and power over epsilon with 95 % intervals, a table, and links to
-    the figures.
+    Its result holds miss rate and share of safe flights without a false alarm (power) over
+    epsilon with 95 % intervals, a table, and links to the figures.
     """
     recipe = await asyncio.to_thread(study_request, plain, store, settings.max_array_bytes)
     return await accepted(jobs, "study", to_plain(recipe), study_work(recipe))

@@ -79,7 +79,7 @@ class AssessedTelemetry(BaseModel):
     """Assessments of a telemetry, one a sample."""
 
     epsilon: float = Field(description="miss rate that alerts were decided at")
-    lead: float = Field(description="promised lead [s]")
+    lead: float = Field(description="promised warning lead time [s]")
     assessments: list[AssessedSample]
 
 
@@ -183,8 +183,9 @@ async def read_calibration(monitor_id: str, store: StoreDep):
 
 @router.get("/{monitor_id}/evaluation", responses=problem_responses(404))
 async def read_evaluation(monitor_id: str, store: StoreDep) -> dict[str, Any]:
-    """What fresh flights said: miss rate, power and P(fail | alert) over epsilon, lead times.
+    """What came of fresh flights over epsilon, and the warning lead times.
 
+    Miss rate, share of safe flights without a false alarm (power), and P(fail | alert);
     `warnings` beside each count say where the promise is broken or the monitor is of no use.
     404 for a monitor that came as a file and was never flown here.
     """
