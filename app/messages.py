@@ -285,17 +285,17 @@ def decode(text: str) -> Credit | Resume:
         raise MessageError("send credit with n, or resume with seq, as JSON") from error
 
 
-def plain_frame(seq: int, y: Any, said: Assessment, sent: float | None) -> dict[str, Any]:
+def plain_frame(seq: int, y: Any, assessment: Assessment, sent: float | None) -> dict[str, Any]:
     """Return a Frame as plain data; unchecked, since this is done for every sample."""
     return {
         "seq": seq,
-        "t": said.t,
+        "t": assessment.t,
         "y": y,
-        "p_value": said.p_value,
-        "alert": said.alert,
-        "state": said.state.value,
-        "reason": said.reason,
-        "y_hat": said.y_hat,
+        "p_value": assessment.p_value,
+        "alert": assessment.alert,
+        "state": assessment.state.value,
+        "reason": assessment.reason,
+        "y_hat": assessment.y_hat,
         "sent": sent,
     }
 

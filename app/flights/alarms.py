@@ -91,7 +91,7 @@ class Alarms:
         self,
         seq: int,
         index: int,
-        said: Assessment,
+        assessment: Assessment,
         exceedance: MeasuredExceedance | None,
         utc: Callable[[], str],
     ) -> list[Alarm]:
@@ -101,10 +101,10 @@ class Alarms:
         exceedance: of this sample.   utc: gives the present date and time.
         """
         active: dict[Kind, bool] = {"limit": exceedance is not None}
-        if said.state is State.OK:
-            active["risk"] = bool(said.alert)
-        began = [kind for kind in active if self._begins(kind, index, said.t, active[kind])]
-        return [self._raise(kind, seq, index, said, exceedance, utc()) for kind in began]
+        if assessment.state is State.OK:
+            active["risk"] = bool(assessment.alert)
+        began = [kind for kind in active if self._begins(kind, index, assessment.t, active[kind])]
+        return [self._raise(kind, seq, index, assessment, exceedance, utc()) for kind in began]
 
     def _begins(self, kind: Kind, index: int, t: float, active: bool) -> bool:
         return self._onsets[kind].begins(index, t, active)
@@ -114,7 +114,7 @@ class Alarms:
         kind: Kind,
         seq: int,
         index: int,
-        said: Assessment,
+        assessment: Assessment,
         exceedance: MeasuredExceedance | None,
         utc: str,
     ) -> Alarm:
@@ -123,8 +123,8 @@ class Alarms:
             id=str(self._number),
             number=self._number,
             seq=seq,
-            t=said.t,
-            p_value=said.p_value,
+            t=assessment.t,
+            p_value=assessment.p_value,
             kind=kind,
             exceedance=exceedance if kind == "limit" else None,
             raised=utc,

@@ -98,7 +98,7 @@ class Flight(ABC):
         self.is_over = False
         self.t = 0.0
         self.state, self.reason = State.WARMING_UP, "no sample has come yet"
-        self._said: Assessment | None = None
+        self._assessment: Assessment | None = None
         self._exceeds = False
         self._exceeded_t: float | None = None
         self._on_over = on_over
@@ -138,13 +138,13 @@ class Flight(ABC):
     @property
     def facts(self) -> Facts:
         """What its headline is decided from."""
-        said, exceeded = self._said, (self._exceeded_t, self.fail_t)
+        assessment, exceeded = self._assessment, (self._exceeded_t, self.fail_t)
         return Facts(
             exceeds=self._exceeds and not self.is_over,
             alarm=self.alarms.n_open > 0,
-            alert=said is not None and bool(said.alert) and not self.is_over,
+            alert=assessment is not None and bool(assessment.alert) and not self.is_over,
             stale=self.state is State.STALE,
-            invalid=said is not None and said.state is State.INVALID,
+            invalid=assessment is not None and assessment.state is State.INVALID,
             warming_up=self.state is State.WARMING_UP,
             calibrated=self.is_checked,
             has_exceeded=self._exceeds or any(t is not None and t < self.t for t in exceeded),
@@ -221,7 +221,7 @@ class Flight(ABC):
     def _fly(
         self,
         y: Array,
-        said: Assessment,
+        assessment: Assessment,
         exceedance: MeasuredExceedance | None,
         due: float,
         index: int,
@@ -229,16 +229,16 @@ class Flight(ABC):
     ) -> None:
         """One sample: recorded, checked for alarms, encoded. `_show` follows once a burst."""
         seq = self.head + 1
-        self.recorder.add(seq, y, said)
-        self._set_state(said.state, said.reason)
-        self._recent.append(encode_frame(plain_frame(seq, y, said, round(due * 1e3, 3))))
-        for alarm in self.alarms.update(seq, index, said, exceedance, self.clock.utc):
+        self.recorder.add(seq, y, assessment)
+        self._set_state(assessment.state, assessment.reason)
+        self._recent.append(encode_frame(plain_frame(seq, y, assessment, round(due * 1e3, 3))))
+        for alarm in self.alarms.update(seq, index, assessment, exceedance, self.clock.utc):
             self.recorder.add_alarm(alarm, partial(self._announce, alarm.id))
-        self.t, self._said, self._pose = said.t, said, (attitude, y)
+        self.t, self._assessment, self._pose = assessment.t, assessment, (attitude, y)
         self._exceeds = exceedance is not None
         if self._exceeds:
             earlier = self._exceeded_t
-            self._exceeded_t = said.t if earlier is None else min(earlier, said.t)
+            self._exceeded_t = assessment.t if earlier is None else min(earlier, assessment.t)
 
     def _announce(self, alarm_id: str, is_stored: bool) -> None:
         """Tell everyone of an alarm."""
@@ -260,14 +260,14 @@ class Flight(ABC):
         self._tell_headline()
         for watcher in self._watchers:
             watcher.wake()
-        if self.scene is None or self._pose is None or self._said is None:
+        if self.scene is None or self._pose is None or self._assessment is None:
             return
-        (attitude, y), p_value, alert = self._pose, self._said.p_value, self._said.alert
+        (attitude, y), p_value, alert = self._pose, self._assessment.p_value, self._assessment.alert
         if self.state is State.STALE:
             p_value = alert = None
         angles = float(y[BETA]), float(y[DELTA_A]), float(y[DELTA_R])
-        said = p_value, self.plan.epsilon, alert, self.state, self.reason
-        self._stage(lambda scene: scene.show(self.t, attitude, *angles, *said, self.facts))
+        risk = p_value, self.plan.epsilon, alert, self.state, self.reason
+        self._stage(lambda scene: scene.show(self.t, attitude, *angles, *risk, self.facts))
 
     def _tell_headline(self) -> None:
         if self.headline != self._headline:

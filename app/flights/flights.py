@@ -236,7 +236,9 @@ class Flights:
         waiting = flight.recorder.waiting(first, last) if flight else []
         stored = await asyncio.to_thread(self._stored_frames, flight_id, first, last)
         head = stored[-1]["seq"] if stored else -1
-        return stored + [plain_frame(seq, y, said, None) for seq, y, said in waiting if seq > head]
+        return stored + [
+            plain_frame(seq, y, assessment, None) for seq, y, assessment in waiting if seq > head
+        ]
 
     # --- starting -----------------------------------------------------------------------------
 
@@ -325,7 +327,7 @@ class Flights:
         for i, code in enumerate(stored.state.tolist()):
             ok = STATES[code] is State.OK
             y_hat = stored.y_hat[i] if ok and np.isfinite(stored.y_hat[i]).all() else None
-            said = Assessment(
+            assessment = Assessment(
                 float(stored.t[i]),
                 float(stored.p_value[i]) if ok else None,
                 bool(stored.alert[i]) if ok else None,
@@ -333,7 +335,7 @@ class Flights:
                 stored.reasons[i],
                 y_hat,
             )
-            frames.append(plain_frame(int(stored.seq[i]), stored.y[i], said, None))
+            frames.append(plain_frame(int(stored.seq[i]), stored.y[i], assessment, None))
         return frames
 
 

@@ -96,9 +96,9 @@ class LiveFlight(Flight):
         try:
             async for t, y, attitude in self._source:
                 self._came = self.clock.now()
-                said = stream.update(t, y)
+                assessment = stream.update(t, y)
                 exceeded = exceedance(self.plan.monitor.limits, y, y)
-                self._fly(y, said, exceeded, self._came, self.head + 1, attitude or LEVEL)
+                self._fly(y, assessment, exceeded, self._came, self.head + 1, attitude or LEVEL)
                 self._show()
         except Exception:
             self._fail()

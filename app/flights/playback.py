@@ -21,7 +21,7 @@ class Script(ABC):
     """A flight to play.
 
     t: (n,) rising [s].   dt: sample interval [s].   theta: parameters of a simulated aircraft.
-    fail_t: when it breaks a limit, if known [s].   is_checked: whether it was asked if the flight
+    fail_t: when it exceeds a limit, if known [s].   is_checked: whether it was asked if the flight
     is like those that its monitor was trained on.
     """
 
@@ -45,7 +45,7 @@ class Script(ABC):
         """Bank, pitch and heading at sample k [rad]."""
 
     @abstractmethod
-    def said(self, k: int) -> Assessment:
+    def assessment(self, k: int) -> Assessment:
         """What the monitor says of sample k."""
 
     @abstractmethod
@@ -81,7 +81,7 @@ class AssessedTrack(Script):
         phi, theta, psi = self._track.attitude[k].tolist()
         return phi, theta, psi
 
-    def said(self, k: int) -> Assessment:
+    def assessment(self, k: int) -> Assessment:
         """What the batch says of sample k."""
         return self._assessments[k]
 

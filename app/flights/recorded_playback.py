@@ -96,7 +96,7 @@ class RecordedScript(Script):
             phi, theta, psi = np.where(known, recorded, self._integrated(k)).tolist()
         return phi, theta, psi
 
-    def said(self, k: int) -> Assessment:
+    def assessment(self, k: int) -> Assessment:
         """What was said of sample k when the recording was scored."""
         sample = self._samples[k]
         t, code = float(sample["t"]), int(sample["state"])

@@ -39,7 +39,7 @@ class RecordedSample(NamedTuple):
 
     seq: int
     y: Array
-    said: Assessment
+    assessment: Assessment
 
 
 class Raised:
@@ -89,9 +89,9 @@ class Recorder:
         """Samples that wait for the store."""
         return len(self._samples)
 
-    def add(self, seq: int, y: Array, said: Assessment) -> None:
+    def add(self, seq: int, y: Array, assessment: Assessment) -> None:
         """Take a sample; it is written with the next batch."""
-        self._samples.append(RecordedSample(seq, y, said))
+        self._samples.append(RecordedSample(seq, y, assessment))
         if len(self._samples) > MOST_WAITING:
             del self._samples[:BATCH]
             self.lost += BATCH
@@ -218,17 +218,27 @@ class Recorder:
         await asyncio.get_running_loop().run_in_executor(self._threads, work, *arguments)
 
     def _write(self, batch: list[RecordedSample]) -> None:
-        said = [sample.said for sample in batch]
+        assessments = [sample.assessment for sample in batch]
         self._store.flights.append(
             self._flight_id,
             batch[0].seq,
-            np.array([one.t for one in said]),
+            np.array([assessment.t for assessment in assessments]),
             np.array([sample.y for sample in batch]),
-            np.array([np.nan if one.p_value is None else one.p_value for one in said]),
-            np.array([bool(one.alert) for one in said]),
-            np.array([CODES[one.state] for one in said], np.uint8),
-            np.array([UNKNOWN if one.y_hat is None else one.y_hat for one in said]),
-            [one.reason for one in said],
+            np.array(
+                [
+                    np.nan if assessment.p_value is None else assessment.p_value
+                    for assessment in assessments
+                ]
+            ),
+            np.array([bool(assessment.alert) for assessment in assessments]),
+            np.array([CODES[assessment.state] for assessment in assessments], np.uint8),
+            np.array(
+                [
+                    UNKNOWN if assessment.y_hat is None else assessment.y_hat
+                    for assessment in assessments
+                ]
+            ),
+            [assessment.reason for assessment in assessments],
         )
 
     def _write_alarm(self, alarm: Alarm) -> None:

@@ -62,7 +62,7 @@ class TrackFlight(Flight):
         """Samples first..last of the source, flown yet or not; `seq` is their number in it."""
         script = self._script
         span = range(max(first, 0), min(last + 1, len(script.t)))
-        return [plain_frame(k, script.y(k), script.said(k), None) for k in span]
+        return [plain_frame(k, script.y(k), script.assessment(k), None) for k in span]
 
     def _do(self, action: str, value: float | bool | None, now: float) -> None:
         transport = self._transport
@@ -117,7 +117,7 @@ class TrackFlight(Flight):
         if due.restarts:
             self._restart(float(script.t[k]))
         exceeded = script.exceedance(k, self.plan.monitor.limits)
-        self._fly(script.y(k), script.said(k), exceeded, due.due, k, script.attitude(k))
+        self._fly(script.y(k), script.assessment(k), exceeded, due.due, k, script.attitude(k))
 
     def _next_alert(self) -> int:
         """Sample at which the next alert begins."""

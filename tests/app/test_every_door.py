@@ -53,7 +53,7 @@ def by_batch(monitor: Monitor, t: Array, y: Array, _: TestClient) -> list[Told]:
 
 def by_flight(monitor: Monitor, t: Array, y: Array, _: TestClient) -> list[Told]:
     script = AssessedTrack(Track(t, y, DT), monitor, EPSILON)
-    return [of(script.said(k)) for k in range(len(t))]
+    return [of(script.assessment(k)) for k in range(len(t))]
 
 
 def by_rest(monitor: Monitor, t: Array, y: Array, client: TestClient, **query: bool) -> list[Told]:

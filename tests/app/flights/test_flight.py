@@ -100,7 +100,9 @@ def test_no_action_changes_a_score_or_loses_a_sample(
     assert seqs == list(range(flown.flight.head + 1))
     recorded = flown.recorder.waiting(0, 10**9)
     assert [sample.seq for sample in recorded] == seqs
-    assert [r.said.p_value for r in recorded] == [f["p_value"] for f in flown.seen.frames]
+    assert [sample.assessment.p_value for sample in recorded] == [
+        f["p_value"] for f in flown.seen.frames
+    ]
 
 
 def test_frames_that_do_not_follow_each_other_are_told_apart_by_a_reset(

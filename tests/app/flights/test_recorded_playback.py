@@ -59,7 +59,7 @@ def script(samples: npt.NDArray) -> RecordedScript:
 def test_each_sample_is_said_as_it_was_scored(samples: npt.NDArray) -> None:
     played = script(samples)
     for k in range(N):
-        said = played.said(k)
+        said = played.assessment(k)
         assert said.t == samples["t"][k]
         assert said.state is STATES[samples["state"][k]]
         if said.state is State.OK:
@@ -72,9 +72,9 @@ def test_each_sample_is_said_as_it_was_scored(samples: npt.NDArray) -> None:
 
 def test_it_says_why_it_says_nothing(samples: npt.NDArray) -> None:
     played = script(samples)
-    assert played.said(0).reason == REASONS[WARMING_UP]
-    assert played.said(90).reason == BETWEEN
-    assert played.said(120).reason == "p was off by 9 sigma; too fast"
+    assert played.assessment(0).reason == REASONS[WARMING_UP]
+    assert played.assessment(90).reason == BETWEEN
+    assert played.assessment(120).reason == "p was off by 9 sigma; too fast"
 
 
 def test_it_is_checked_where_every_manoeuvre_has_a_verdict(samples: npt.NDArray) -> None:
