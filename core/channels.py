@@ -23,6 +23,16 @@ class Channel:
     display_factor: float
     display_decimals: int
 
+    def read(self, value: float, digits: int = 3) -> str:
+        """`4.98 deg`: a value in `unit` as people read it, to so many significant digits."""
+        return f"{significant(value * self.display_factor, digits)} {self.display_unit}"
+
+
+def significant(value: float, digits: int = 3) -> str:
+    """A number to so many significant digits; one of more digits before the point as it is."""
+    text = f"{value:.{digits}g}"
+    return f"{value:.0f}" if "e+" in text else text
+
 
 DISPLAY: dict[str, tuple[str, float, int]] = {
     "rad": ("deg", degrees(1.0), 2),

@@ -42,11 +42,11 @@ def overview(
     chart = StripChart(float(t[0]), float(t[-1]))
     intervals = [(manoeuvre["start"], manoeuvre["end"]) for manoeuvre in manoeuvres]
     for c in np.flatnonzero(np.isfinite(limits)).tolist() or [3]:
-        strip = chart.strip(TALL, _label(c))
-        strip.show(samples["y"][:, c], *_limits(limits[c]))
+        strip, y = chart.strip(TALL, _label(c)), _shown(samples["y"], c)
+        strip.show(y, *_limits(c, limits[c]))
         strip.fill("manoeuvre", intervals)
-        strip.line("measured", t, samples["y"][:, c])
-        strip.levels("limit", _limits(limits[c]))
+        strip.line("measured", t, y)
+        strip.levels("limit", _limits(c, limits[c]))
     risk_strip(chart, TALL, samples, epsilon, intervals)
     chart.name([(manoeuvre["start"], manoeuvre["name"]) for manoeuvre in manoeuvres])
     return chart.svg("The limited channels and the risk over the entire recording")
@@ -115,13 +115,13 @@ def channel_strip(
     intervals: Sequence[tuple[float, float]] = (),
 ) -> Strip:
     """One channel: measured, forecast where it comes to lie, and limits, over shaded intervals."""
-    t, y, y_hat = samples["t"], samples["y"][:, c], samples["y_hat"][:, c]
+    t, y, y_hat = samples["t"], _shown(samples["y"], c), _shown(samples["y_hat"], c)
     strip = chart.strip(height, _label(c))
-    strip.show(y, y_hat[t + lead <= t[-1]], *_limits(limit))
+    strip.show(y, y_hat[t + lead <= t[-1]], *_limits(c, limit))
     strip.fill("manoeuvre", intervals)
     strip.line("forecast", t + lead, y_hat)
     strip.line("measured", t, y)
-    strip.levels("limit", _limits(limit))
+    strip.levels("limit", _limits(c, limit))
     return strip
 
 
@@ -149,13 +149,19 @@ def risk_strip(
     return strip
 
 
-def _limits(limit: float) -> list[float]:
-    """Both limits of a channel; none where there is none."""
-    return [float(limit), -float(limit)] if np.isfinite(limit) else []
+def _shown(y: Array, c: int) -> Array:
+    """(n,) a channel of (n, 6) in the unit that people read it in."""
+    return y[:, c] * CHANNELS[c].display_factor
+
+
+def _limits(c: int, limit: float) -> list[float]:
+    """Both limits of a channel in the unit that people read it in; none where there is none."""
+    shown = float(limit) * CHANNELS[c].display_factor
+    return [shown, -shown] if np.isfinite(shown) else []
 
 
 def _label(c: int) -> str:
-    return f"{CHANNELS[c].symbol} [{CHANNELS[c].unit}]"
+    return f"{CHANNELS[c].symbol} [{CHANNELS[c].display_unit}]"
 
 
 def _order(fault: Plain) -> tuple[int, str, float]:

@@ -1,7 +1,6 @@
 """The report: what was flown, what the monitor said, and what that is worth."""
 
 from collections.abc import Mapping, Sequence
-from math import degrees
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +14,7 @@ from app.report.subject import PROPOSED, ReportSubject
 from app.scoring.planned_test import limits_of
 from core import __version__
 from core.certificate import certificate
-from core.channels import CHANNELS, Channel
+from core.channels import CHANNELS, Channel, significant
 
 CONFIDENT = 0.9
 """Confidence from which a proposal goes without its reasons."""
@@ -114,12 +113,12 @@ def _symbol(symbol: str) -> Markup:
     return Markup("{}<sub>{}</sub>").format(base, index) if index else Markup(escape(base))
 
 
-def _with_degrees(value: float, unit: str) -> str:
-    """`0.0873 rad (5°)`: what is computed with, and what is read."""
-    text = f"{value:.4g}{GLUE}{unit}".strip()
-    if unit.startswith("rad"):
-        text += f" ({degrees(value):.3g}°{unit.removeprefix('rad')})"
-    return text.replace("-", "−")
+def _with_si(value: float, channel: Channel) -> str:
+    """`5 deg (0.0873 rad)`: what is read, and what is computed with."""
+    text = channel.read(value)
+    if channel.display_unit != channel.unit:
+        text = f"{text} ({significant(value)} {channel.unit})"
+    return text.replace(" ", GLUE).replace(f"{GLUE}(", " (").replace("-", "−")
 
 
 def _trimmed(trim: Sequence[float | None]) -> list[tuple[Channel, float]]:
@@ -138,8 +137,8 @@ TEMPLATES.filters |= {
     "seconds": lambda t: f"{t:.2f}{GLUE}s",
     "span": lambda begin, end: f"{begin:.2f} to {end:.2f}{GLUE}s",
     "percent": lambda share: f"{share:.1%}",
-    "significant": lambda number: f"{number:.3g}",
-    "quantity": _with_degrees,
+    "significant": significant,
+    "quantity": _with_si,
     "counted": _counted,
     "short": lambda name: name if len(name) <= MOST_LETTERS else f"{name[:MOST_LETTERS]}…",
     "trimmed": _trimmed,

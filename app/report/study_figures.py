@@ -100,7 +100,7 @@ def study_rollouts(result: "StudyResult", limits: Array) -> Figure:
                 continue
             t = np.arange(flights.y.shape[1]) * monitor.dt
             said = monitor.assess(t, flights.y[flight])
-            _strips(axes, monitor, flights.y[flight], said, limits, monitor.check_epsilon())
+            draw_flight(axes, monitor, flights.y[flight], said, limits, monitor.check_epsilon())
             axes[0].set_title(f"{title} (test flight {flight})")
             fail = flights.fail_index[flight]
             if fail < len(t):
@@ -111,29 +111,30 @@ def study_rollouts(result: "StudyResult", limits: Array) -> Figure:
     return figure
 
 
-def _strips(
+def draw_flight(
     axes: Any, monitor: Monitor, y: Array, said: Assessments, limits: Array, epsilon: float
 ) -> None:
     """Draw one strip a channel with the forecast at the time it is for, and the risk below."""
     for strip, channel, values, forecast, limit in zip(
         axes, CHANNELS, y.T, said.y_hat.T, limits, strict=False
     ):
-        strip.plot(said.t, values, color=MEASURED, lw=1.2, label="measured")
+        factor = channel.display_factor
+        strip.plot(said.t, factor * values, color=MEASURED, lw=1.2, label="measured")
         strip.plot(
             said.t + monitor.lead,
-            forecast,
+            factor * forecast,
             color=FORECAST,
             lw=1.0,
             ls=DASHES[1],
             label=f"predicted {monitor.lead:g} s ahead",
         )
         if np.isfinite(limit):
-            strip.axhline(limit, color=LIMIT, lw=1, label="limit")
-            strip.axhline(-limit, color=LIMIT, lw=1)
+            strip.axhline(factor * limit, color=LIMIT, lw=1, label="limit")
+            strip.axhline(-factor * limit, color=LIMIT, lw=1)
         strip.set_ylabel(
-            f"${channel.symbol}$ [{channel.unit}]"
+            f"${channel.symbol}$ [{channel.display_unit}]"
             if "_" in channel.symbol
-            else f"{channel.symbol} [{channel.unit}]"
+            else f"{channel.symbol} [{channel.display_unit}]"
         )
     risk = axes[-1]
     risk.step(said.t, said.p_value, where="post", color=MEASURED, lw=1.2)

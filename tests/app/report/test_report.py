@@ -49,6 +49,15 @@ def test_its_pictures_are_whole(subject: ReportSubject) -> None:
         assert "nan" not in picture
 
 
+def test_degrees_stand_before_what_was_computed_with(monitor: Monitor) -> None:
+    moved = manoeuvre(0, "missed", exceedance={"t": 2.1, "channel": "beta", "value": -0.08727})
+    html = report(subject_of(monitor, [moved | {"trim": [0.0, 0.1, 0.0, 0.0, 0.0, None]}]))
+    plain = html.replace("\N{NO-BREAK SPACE}", " ")
+    assert "−5 deg (−0.0873 rad)" in plain
+    assert "5.73 deg/s (0.1 rad/s)" in plain
+    assert "0.5 g (" not in plain
+
+
 def test_words_of_the_file_and_the_crew_are_text(monitor: Monitor) -> None:
     html = report(subject_of(monitor, [manoeuvre(0, "quiet", name="<u>doublet</u>")]))
     assert "&lt;b&gt;flight&lt;/b&gt; &amp; more.csv" in html

@@ -7,7 +7,9 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 
+from app.report.figures import channel_strip
 from app.report.score_figure import Drawing, FlownManeuver, NoPngError, png, score_figure
+from app.report.strip_chart import StripChart
 from core.channels import CHANNELS
 from tests.support.oscillator import DT
 from tests.support.samples import SAMPLE_LIKE
@@ -44,6 +46,21 @@ def test_every_channel_and_each_moment_is_drawn(drawing: Drawing) -> None:
     for text in ("scored: <flight>.csv", "limit exceeded", "predicted 0.25 s ahead", "1"):
         assert text in words
     assert len({part.get("d") for part in svg.iter() if part.get("class") == "limit"}) == 2
+
+
+@pytest.mark.parametrize("c", range(len(CHANNELS)))
+def test_a_strip_is_scaled_in_the_unit_that_its_label_says(c: int) -> None:
+    samples = np.zeros(3, SAMPLE_LIKE)
+    samples["t"] = range(3)
+    strip = channel_strip(StripChart(0.0, 2.0), 72.0, c, samples, np.radians(10.0), 0.25)
+    unit = {"rad": "deg", "rad/s": "deg/s", "g": "g"}[CHANNELS[c].unit]
+    assert strip.label == f"{CHANNELS[c].symbol} [{unit}]"
+    largest = 10.0 if unit != "g" else np.radians(10.0)
+    assert (strip.low, strip.high) == pytest.approx((-1.12 * largest, 1.12 * largest))
+    samples["y"] = samples["y_hat"] = np.radians(10.0) / 2
+    level = strip.y(np.array([largest / 2]))[0]
+    drawn = channel_strip(StripChart(0.0, 2.0), 72.0, c, samples, np.radians(10.0), 0.25)
+    assert f"{level:.1f}" in "".join(drawn.svg([])).split('class="measured"')[1]
 
 
 @pytest.mark.skipif(which("chromium") is None, reason="chromium is not on this machine")
