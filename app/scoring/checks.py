@@ -89,13 +89,13 @@ def units(assessed: AssessedSegment) -> Check:
         return Check("units", True, f"every channel within {LARGER:g} times its training")
     channel = CHANNELS[worst]
     text = (
-        f"{channel.key} peaks at {assessed.largest[worst]:.3g} {channel.unit}, {ratio[worst]:.3g} "
-        "times its largest in training"
+        f"{channel.key} peaks at {channel.read(assessed.largest[worst])}, {ratio[worst]:.3g} times "
+        "its largest in training"
     )
     if ratio[worst] <= FAR_LARGER:
         return Check("units", None, text)
     is_degrees = channel.unit.startswith("rad") and DEGREES <= ratio[worst] <= 2 * np.degrees(1.0)
-    hint = ", or is it in degrees?" if is_degrees else ""
+    hint = ", or were its degrees taken for radians?" if is_degrees else ""
     return Check("units", False, f"{text}: check its unit and the manoeuvre{hint}")
 
 
@@ -141,10 +141,10 @@ def _surfaces(assessed: AssessedSegment) -> tuple[bool | None, str]:
             oks.append(None)
             texts.append(f"{name} not recorded")
             continue
-        text = f"{name} moved by {np.degrees(moved):.2g}°"
+        text = f"{name} moved by {CHANNELS[c].read(moved, 2)}"
         oks.append(True)
         if planned > 0.0:
-            text += f", planned {np.degrees(planned):.2g}°"
+            text += f", planned {CHANNELS[c].read(planned, 2)}"
             flown_first = first_direction(assessed.y[:, c])
             planned_first = first_direction(assessed.planned.commands[:, column])
             if moved < FLOWN_SHARE * planned:
@@ -159,7 +159,8 @@ def _surfaces(assessed: AssessedSegment) -> tuple[bool | None, str]:
             oks[-1] = False
             text += ", which the planned manoeuvre leaves alone"
         elif moved > LARGER * assessed.monitor.training_max_abs[c]:
-            text += f", at most {np.degrees(assessed.monitor.training_max_abs[c]):.2g}° in training"
+            known = CHANNELS[c].read(assessed.monitor.training_max_abs[c], 2)
+            text += f", at most {known} in training"
         texts.append(text)
     ok = False if False in oks else None if None in oks else True
     return ok, "; ".join(texts)
@@ -179,7 +180,7 @@ def trim(assessed: AssessedSegment) -> Check:
     largest = np.maximum(TRIM_SHARE * assessed.monitor.training_max_abs[:N_RESPONSES], RESTS)
     share = np.where(assessed.needed[:N_RESPONSES], spread / largest, 0.0)
     worst = int(share.argmax())
-    moved = f"{CHANNELS[worst].key} moves by {spread[worst]:.2g} {CHANNELS[worst].unit} in it"
+    moved = f"{CHANNELS[worst].key} moves by {CHANNELS[worst].read(spread[worst], 2)} in it"
     if share[worst] > 1.0:
         return Check("trim", False, f"{text}, but {moved}: the flight does not begin at rest")
     return Check("trim", True, text)

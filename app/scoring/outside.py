@@ -6,7 +6,7 @@ import numpy as np
 
 from app.scoring.outcome import SAME_TIME, RecordedExceedance
 from app.telemetry.traces import Traces
-from core.channels import CHANNELS
+from core.channels import BY_KEY, CHANNELS
 from core.types import Array
 
 APART = 1.0
@@ -48,9 +48,9 @@ def outside_note(exceedances: Sequence[RecordedExceedance]) -> tuple[str, ...]:
     if not exceedances:
         return ()
     first = exceedances[0]
-    unit = next(channel.unit for channel in CHANNELS if channel.key == first.channel)
+    value = BY_KEY[first.channel].read(first.value)
     times = "once" if len(exceedances) == 1 else f"{len(exceedances)} times, first"
     return (
         f"A limit was exceeded outside every manoeuvre, where nothing was assessed: {times} "
-        f"{first.channel} {first.value:.3g} {unit} at {first.t:.2f} s.",
+        f"{first.channel} {value} at {first.t:.2f} s.",
     )

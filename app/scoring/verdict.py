@@ -4,7 +4,7 @@ from collections.abc import Iterator
 
 from app.scoring.outcome import RecordedExceedance
 from app.scoring.scored import OBSERVATIONS, ScoredManoeuvre, ScoredRecording
-from core.channels import CHANNELS, KEYS
+from core.channels import BY_KEY, CHANNELS
 from core.monitor import Monitor
 
 OUTCOMES = {
@@ -53,7 +53,7 @@ def _lines(monitor: Monitor, scored: ScoredRecording, manoeuvre: ScoredManoeuvre
     elif manoeuvre.peak_risk is not None and manoeuvre.exceedance is not None:
         yield f"  warning lead  {_lead(monitor, manoeuvre)}"
     moved = ", ".join(
-        f"{channel.key} {value:.4g} {channel.unit}"
+        f"{channel.key} {channel.read(value)}"
         for channel, value in zip(CHANNELS, manoeuvre.trim, strict=True)
         if value is not None
     )
@@ -96,8 +96,8 @@ def _exceedance(manoeuvre: ScoredManoeuvre) -> str:
 
 
 def _place(exceedance: RecordedExceedance) -> str:
-    unit = CHANNELS[KEYS.index(exceedance.channel)].unit
-    return f"at {exceedance.t:.2f} s ({exceedance.channel} {exceedance.value:.3g} {unit})"
+    value = BY_KEY[exceedance.channel].read(exceedance.value)
+    return f"at {exceedance.t:.2f} s ({exceedance.channel} {value})"
 
 
 def _lead(monitor: Monitor, manoeuvre: ScoredManoeuvre) -> str:

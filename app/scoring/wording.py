@@ -6,6 +6,7 @@ from app.scoring.outcome import SAME_TIME, Limited
 from app.scoring.planned_test import PlannedTest
 from app.scoring.scored import Validity
 from app.scoring.segments import Segment
+from core.channels import BY_KEY
 from core.monitor import Assessments, Monitor
 from core.monitor.assessment import STATES, State
 
@@ -60,13 +61,16 @@ def remarks(
         )
     elif limited.exceedance is None:
         peaks = ", ".join(
-            f"|{peak.channel}| {peak.largest:.3g} of {peak.limit:.3g} from trim"
+            f"|{peak.channel}| {BY_KEY[peak.channel].read(peak.largest)} of "
+            f"{BY_KEY[peak.channel].read(peak.limit)} from trim"
             for peak in limited.peaks
         )
         lines.append(f"no limit was exceeded in what was recorded of it: {peaks}")
     lines += [
-        f"|{peak.channel}| as recorded, trim included, is {peak.recorded:.3g}, beyond the "
-        f"limit of {peak.limit:.3g}: decide whether its trim is an error of the sensor or flown"
+        f"|{peak.channel}| as recorded, trim included, is "
+        f"{BY_KEY[peak.channel].read(peak.recorded)}, beyond the limit of "
+        f"{BY_KEY[peak.channel].read(peak.limit)}: decide whether its trim is an error of the "
+        "sensor or flown"
         for peak in limited.peaks
         if peak.largest < peak.limit <= peak.recorded
     ]

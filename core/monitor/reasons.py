@@ -49,11 +49,11 @@ def _off_forecast(
     channel, amount = CHANNELS[c], residual * basis.support.sigma[c]
     if basis.training_max_abs[c] == 0:
         return (
-            f"{channel.key} moved by {amount:.3g} {channel.unit} at {when:.2f} s; it never moved "
+            f"{channel.key} moved by {channel.read(amount)} at {when:.2f} s; it never moved "
             "in training"
         )
     return (
-        f"{channel.key} was off its forecast by {residual:.1f} sigma ({amount:.3g} {channel.unit}) "
+        f"{channel.key} was off its forecast by {residual:.1f} sigma ({channel.read(amount)}) "
         f"at {when:.2f} s; {share} {bound:.1f}"
     )
 

@@ -339,7 +339,7 @@ def test_units_taken_for_others_are_called_outside_training(attas_monitor: Path,
     assert main([*arguments, "-o", str(tmp_path / "out")]) == 0
     report = capsys.readouterr().out
     assert "No control input was detected" in report
-    assert re.search(r"OUTSIDE +units: beta peaks at 0\.9\d+ rad, 1\d\S* times its", report)
+    assert re.search(r"OUTSIDE +units: beta peaks at 5\d\.\d deg, 1\d\S* times its", report)
     assert "The guarantee is withdrawn" in report
 
 
@@ -390,7 +390,7 @@ def test_real_record_of_another_manoeuvre_is_no_verdict(attas_monitor: Path, tmp
     report = capsys.readouterr().out
     assert "INVALID, no verdict" in report
     assert "first alert   withdrawn" in report
-    assert "aileron moved by 14°, which the planned manoeuvre leaves alone" in report
+    assert "aileron moved by 14 deg, which the planned manoeuvre leaves alone" in report
     rows = read_table(tmp_path / "out")
     assert all(row["p_value"] == "" and row["alert"] == "false" for row in rows)
     assert sum(row["withdrawn_p_value"] != "" for row in rows) == 121

@@ -263,7 +263,11 @@ def test_a_valid_manoeuvre_carries_the_guarantee_and_its_numbers(attas: Monitor,
 @pytest.mark.parametrize(
     ("check", "text", "change"),
     [
-        ("units", "or is it in degrees?", lambda y: np.degrees(y) * [1, 1, 1, np.pi / 180, 1, 1]),
+        (
+            "units",
+            "its degrees taken for radians?",
+            lambda y: np.degrees(y) * [1, 1, 1, np.pi / 180, 1, 1],
+        ),
         ("manoeuvre", "went the other way first", lambda y: y * [1, 1, 1, 1, 1, -1]),
         ("manoeuvre", "it was hardly flown", lambda y: 0.2 * y),
         (
@@ -434,7 +438,7 @@ def test_the_real_doublet_is_valid_and_warned_of_in_time(attas: Monitor):
 
 def test_another_manoeuvre_of_the_same_aircraft_is_invalid_and_says_why(attas: Monitor):
     said = failed(attas, record("attas_ail1"))
-    assert "aileron moved by 14°, which the planned manoeuvre leaves alone" in said["manoeuvre"]
+    assert "aileron moved by 14 deg, which the planned manoeuvre leaves alone" in said["manoeuvre"]
     assert "delta_a was off its forecast" in said["observations within training"]
 
 

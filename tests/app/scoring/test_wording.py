@@ -1,13 +1,17 @@
 """Sentences about a manoeuvre: what a monitor that is not applicable would have said."""
 
 from dataclasses import fields
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 
 from app.scoring.outcome import Limited, Peak, RecordedExceedance
-from app.scoring.wording import withdrawn
+from app.scoring.outside import outside_note
+from app.scoring.scored import ScoredManoeuvre, Validity
+from app.scoring.verdict import verdict
+from app.scoring.wording import remarks, withdrawn
 from core.monitor import Assessments
 
 NONE = Limited(None, (Peak("Ny", 0.1, 0.2, 0.1),), 0.0)
@@ -43,3 +47,31 @@ def test_so_is_a_silence():
     words = withdrawn(said(np.nan, 0.05, 0.031), NONE, 0.1)
     assert words.endswith("stayed at or below epsilon 0.1, at most 0.050 at 8.10 s")
     assert "no sample could be assessed" in withdrawn(said(np.nan, np.nan), NONE, 0.1)
+
+
+SKID = RecordedExceedance(8.5, "beta", float(np.radians(-7.0)))
+
+
+def test_peaks_are_told_in_the_units_that_people_read():
+    within, beyond = np.radians([4.0, 6.0]).tolist()
+    limited = Limited(None, (Peak("beta", within, float(np.radians(5.0)), beyond),), 0.0)
+    planned: Any = SimpleNamespace(limits_known=True, trim_segment_s=1.0, dt=0.1)
+    segment: Any = SimpleNamespace(asked=None, rest=None, onset=None, first=0)
+    inside, as_recorded = remarks(planned, segment, limited, said(0.1))
+    assert inside.endswith("recorded of it: |beta| 4 deg of 5 deg from trim")
+    assert "is 6 deg, beyond the limit of 5 deg:" in as_recorded
+
+
+def test_exceedances_and_trim_are_told_in_the_units_that_people_read():
+    manoeuvre = ScoredManoeuvre(
+        "doublet", 8.0, 9.0, 0, 9, (None, float(np.radians(1.5)), 0.0, 0.0213, 0.0, 0.0),
+        Validity(True), "missed", "promised", peak_risk=0.2, peak_t=8.1, exceedance=SKID,
+    )  # fmt: skip
+    scored: Any = SimpleNamespace(manoeuvres=(manoeuvre,), outside_exceedances=(SKID,), epsilon=0.1)
+    monitor: Any = SimpleNamespace(smallest_epsilon=0.01, lead=0.25)
+    lines = verdict(monitor, scored)
+    assert "  exceedance    at 8.50 s (beta -7 deg)" in lines
+    assert any(line.startswith("  trim          p 1.5 deg/s, ") for line in lines)
+    assert any("Ny 0.0213 g" in line for line in lines)
+    assert lines[-1] == "outside every manoeuvre: at 8.50 s (beta -7 deg)"
+    assert outside_note((SKID,))[0].endswith("once beta -7 deg at 8.50 s.")

@@ -346,7 +346,7 @@ def test_a_channel_that_moves_now_and_never_did_is_named(dataset: Dataset, fligh
     y[25:, DELTA_A] = 0.1
     verdict = monitor.judge(TIMES, y, untouched(monitor, TIMES, y))
     assert (verdict.sample, verdict.channel) == (25, "delta_a")
-    assert verdict.reasons[0] == "delta_a moved by 0.1 rad at 1.25 s; it never moved in training"
+    assert verdict.reasons[0] == "delta_a moved by 5.73 deg at 1.25 s; it never moved in training"
     y[25:, DELTA_A] = 0.5e-3
     assert monitor.judge(TIMES, y, untouched(monitor, TIMES, y)).valid
 
