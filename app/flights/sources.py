@@ -44,7 +44,7 @@ class Opening(NamedTuple):
 class Source(BaseModel, ABC):
     """A source as it is asked for; its `kind` is its name in SOURCES."""
 
-    model_config = ConfigDict(extra="forbid")
+    model_config = ConfigDict(extra="forbid", strict=True)
 
     flight: ClassVar[Callable[..., Flight]] = TrackFlight
     """How what it opens is flown."""

@@ -103,7 +103,9 @@ class TransportRequest(BaseModel):
     """An action: seek to [s], step by samples (backwards if negative), speed 0.1 to 10, loop."""
 
     model_config = ConfigDict(
-        extra="forbid", json_schema_extra={"examples": [{"action": "seek", "value": 2.5}]}
+        extra="forbid",
+        strict=True,
+        json_schema_extra={"examples": [{"action": "seek", "value": 2.5}]},
     )
 
     action: Literal["play", "pause", "seek", "step", "speed", "loop", "next_alert"]
@@ -124,7 +126,7 @@ class FramesPart(BaseModel):
 class Acknowledgement(BaseModel):
     """Who has seen an alarm."""
 
-    model_config = ConfigDict(extra="forbid")
+    model_config = ConfigDict(extra="forbid", strict=True)
 
     by: str = Field(default="operator", min_length=1, max_length=200)
 

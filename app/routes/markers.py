@@ -18,7 +18,9 @@ class MarkerText(BaseModel):
     """A remark: what is said, and of when."""
 
     model_config = ConfigDict(
-        extra="forbid", json_schema_extra={"examples": [{"t": 12.5, "text": "gust"}]}
+        extra="forbid",
+        strict=True,
+        json_schema_extra={"examples": [{"t": 12.5, "text": "gust"}]},
     )
 
     t: Number = Field(description="[s]")

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from typing import Annotated, Any
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field, StrictBool, StrictInt
 
 from app.store.recordings import RecordingInfo
 from app.telemetry.contents import BadRow
@@ -91,7 +91,7 @@ class MappingRequest(BaseModel):
 
     mapping: Mapping
     aircraft: str | None = Field(default=None, min_length=1, max_length=200)
-    remember: bool = Field(
+    remember: StrictBool = Field(
         default=True,
         description="propose it for the next recording of this aircraft; without one named, "
         "nothing is remembered",
@@ -104,7 +104,7 @@ class PreviewRequest(BaseModel):
     model_config = ConfigDict(extra="forbid")
 
     mapping: Mapping
-    bins: int = Field(default=120, ge=2, le=4000, description="of each channel, at most")
+    bins: StrictInt = Field(default=120, ge=2, le=4000, description="of each channel, at most")
 
 
 class Bands(BaseModel):
@@ -143,7 +143,7 @@ class SignalPreview(BaseModel):
 class ManoeuvreInterval(BaseModel):
     """A manoeuvre of a recording."""
 
-    model_config = ConfigDict(extra="forbid", from_attributes=True)
+    model_config = ConfigDict(extra="forbid", strict=True, from_attributes=True)
 
     start: Number = Field(description="[s]")
     end: Number = Field(description="[s]")

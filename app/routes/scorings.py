@@ -27,6 +27,7 @@ class ScoringRequest(BaseModel):
 
     model_config = ConfigDict(
         extra="forbid",
+        strict=True,
         json_schema_extra={
             "examples": [
                 {"monitor": "0123456789ab", "epsilon": 0.1},

@@ -50,6 +50,7 @@ def known(tmp_path_factory, dataset, flights):
     with api(data_dir) as client:
         path = f"{RECORDINGS}/{uploaded(client, csv_of(flights[0]))['id']}"
         scoring = client.post(f"{path}/scorings", json={"monitor": monitor_id}).json()
+        assert "recording" in scoring, scoring
         marker = client.post(f"{path}/markers", json={"t": 1.0, "text": "gust"}).json()
     ids = {
         "dataset_id": dataset_id,
@@ -142,3 +143,37 @@ def test_every_method_that_is_not_allowed_is_answered_by_those_that_are(session,
             answer = session.request(method, address)
             assert answer.status_code == 405, (method, path)
             assert set(answer.headers["allow"].split(", ")) - {"HEAD"} == described, (method, path)
+
+
+NUMBERS = [
+    ("POST", "/flights", {"source": {"kind": "simulated", "seed": 1}, "epsilon": 0.2}),
+    ("POST", "/flights/{flight_id}/transport", {"action": "seek", "value": 2.5}),
+    ("POST", "/recordings/{recording_id}/scorings", {"epsilon": 0.2, "trim": 2.0}),
+    ("POST", "/recordings/{recording_id}/scorings", {"manoeuvres": [{"start": 0.1, "end": 1.5}]}),
+    ("POST", "/recordings/{recording_id}/markers", {"t": 1.0, "end": 2.0, "text": "gust"}),
+    ("POST", "/recordings/{recording_id}/preview", {"mapping": {}, "bins": 120}),
+    ("POST", "/monitors/{monitor_id}/score", {"t": [0.0], "beta": [0.0]}),
+    ("POST", "/datasets", {"n_unsafe": 50, "dt": 0.05}),
+    ("POST", "/datasets/amplitude", {"share": 0.25}),
+    ("POST", "/monitors", {"t_early": 0.25, "n_test": 0}),
+]
+
+
+def in_quotes(plain: Any) -> Any:
+    """The same with each number once a string: [body, ...]."""
+    if isinstance(plain, dict):
+        return [plain | {k: new} for k, value in plain.items() for new in in_quotes(value)]
+    if isinstance(plain, list):
+        return [[new] for value in plain for new in in_quotes(value)]
+    return [str(plain)] if isinstance(plain, (int, float)) else []
+
+
+@pytest.mark.parametrize(("method", "path", "body"), NUMBERS)
+def test_a_number_in_quotes_is_refused_everywhere(method, path, body, session, known):
+    address = "/api/v1" + path.format(**known[1])
+    wants_monitor = path == "/flights" or "scorings" in path
+    more = {"monitor": known[1]["monitor_id"]} if wants_monitor else {}
+    for changed in in_quotes(body):
+        told = session.request(method, address, json=changed | more)
+        assert told.status_code == 422, (changed, told.text)
+        assert "about:blank" not in told.json()["type"]

@@ -2,16 +2,16 @@
 
 from collections.abc import Mapping as AnyMapping
 from dataclasses import asdict, dataclass, field
-from typing import Any, Literal, Self
+from typing import Annotated, Any, Literal, Self, get_type_hints
 
-from pydantic import ConfigDict
+from pydantic import ConfigDict, Strict
 
 from app.telemetry.recording import TelemetryError
 from app.telemetry.targets import TARGETS
 
 EARLIER_NAMES = {"offset": "bias"}
 """Of fields in mapping files that version 0.1.0 wrote."""
-STRICT = ConfigDict(extra="forbid", use_attribute_docstrings=True)
+OF_REQUEST = ConfigDict(extra="forbid", use_attribute_docstrings=True)
 """How a request is read into the classes below."""
 
 
@@ -22,13 +22,13 @@ class ChannelSource:
     value = sign * (signal in the target's unit, or what was derived) - bias.
     """
 
-    __pydantic_config__ = STRICT
+    __pydantic_config__ = OF_REQUEST
 
     signal: str = ""
     unit: str = ""
     """of the signal's values, as it is written: deg/s, kt ..."""
     sign: Literal[1, -1] = 1
-    bias: float = 0.0
+    bias: Annotated[float, Strict()] = 0.0
     """in the target's unit"""
     derivation: str = ""
     """key of a derivation in the catalog; signal and unit are then empty"""
@@ -38,7 +38,7 @@ class ChannelSource:
 class TimeSource:
     """The signal that is the time of a group, and its unit."""
 
-    __pydantic_config__ = STRICT
+    __pydantic_config__ = OF_REQUEST
 
     signal: str
     unit: str = "s"
@@ -48,7 +48,7 @@ class TimeSource:
 class Mapping:
     """Which signal is which channel."""
 
-    __pydantic_config__ = STRICT
+    __pydantic_config__ = OF_REQUEST
 
     channels: dict[str, ChannelSource] = field(default_factory=dict)
     """by key of TARGETS, the targets in the catalog"""
@@ -89,7 +89,7 @@ def _entry(kind: type, key: str, plain: Any) -> Any:
             f"the mapping of {key!r} is not of the fields of {kind.__name__}: "
             f"{', '.join(kind.__dataclass_fields__)}"
         ) from None
-    for name, written in kind.__annotations__.items():
+    for name, written in get_type_hints(kind).items():
         form, value = int if name == "sign" else written, getattr(entry, name)
         good = isinstance(value, (int, float) if form is float else form)
         if not good or isinstance(value, bool):
