@@ -11,9 +11,9 @@ from core.channels import KEYS
 Plain = Mapping[str, Any]
 
 OUTCOMES = {
-    "timely_alert": ("▲", "alert in time", "good"),
-    "late_alert": ("▲", "alert too late", "bad"),
-    "missed": ("✕", "missed: no alert before the limit", "bad"),
+    "timely_alert": ("▲", "limit exceeded, warned in time", "caution"),
+    "late_alert": ("▲", "limit exceeded, warned too late", "bad"),
+    "missed": ("✕", "limit exceeded, no warning", "bad"),
     "false_alert": ("△", "alert, no limit exceeded", "caution"),
     "quiet": ("●", "no alert, no limit exceeded", "good"),
     "unseen": ("◌", "not all seen: nothing can be said", "caution"),
@@ -92,7 +92,7 @@ def _of_valid(manoeuvres: Sequence[Plain]) -> tuple[str, str]:
     unchecked = any(s["validity"]["valid"] is None for s in manoeuvres)
     level = "caution" if n["false_alert"] or unchecked else "good"
     if n["timely_alert"]:
-        return level, "Every exceedance was warned of in time"
+        return "caution", "A limit was exceeded; every exceedance was warned of in time"
     if n["false_alert"]:
         return level, "No limit was exceeded, but there was an alert"
     return level, "No limit was exceeded, and there was no alert"

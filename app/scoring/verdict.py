@@ -8,9 +8,9 @@ from core.channels import BY_KEY, CHANNELS
 from core.monitor import Monitor
 
 OUTCOMES = {
-    "timely_alert": "alert in time",
-    "late_alert": "alert too late",
-    "missed": "missed: a limit was exceeded without an alert before",
+    "timely_alert": "LIMIT EXCEEDED, warned in time",
+    "late_alert": "LIMIT EXCEEDED, warned too late",
+    "missed": "LIMIT EXCEEDED, no warning",
     "false_alert": "alert, no limit exceeded",
     "quiet": "no alert, no limit exceeded",
     "unseen": "not all seen: nothing can be said",
@@ -34,9 +34,19 @@ def verdict(monitor: Monitor, scored: ScoredRecording) -> list[str]:
     return told + outside
 
 
+def _outcome(manoeuvre: ScoredManoeuvre) -> str:
+    """What came of it; an exceedance is said first."""
+    words = OUTCOMES[manoeuvre.outcome]
+    if manoeuvre.outcome == "invalid" and manoeuvre.exceedance is not None:
+        return f"LIMIT EXCEEDED, {words}"
+    if manoeuvre.outcome in ("timely_alert", "late_alert") and manoeuvre.lead is not None:
+        return f"{words}, {manoeuvre.lead:.2f} s before"
+    return words
+
+
 def _lines(monitor: Monitor, scored: ScoredRecording, manoeuvre: ScoredManoeuvre) -> Iterator[str]:
     times = f"{manoeuvre.start:.2f} to {manoeuvre.end:.2f} s"
-    yield f"{manoeuvre.name}, {times}: {OUTCOMES[manoeuvre.outcome]}"
+    yield f"{manoeuvre.name}, {times}: {_outcome(manoeuvre)}"
     if manoeuvre.peak_risk is not None:
         yield from _risk(monitor, scored.epsilon, manoeuvre, manoeuvre.peak_risk)
     elif manoeuvre.withdrawn_t is None:

@@ -3,7 +3,8 @@
  *
  * Exports
  *   mappingState(recording) -> {word, level, text}
- *   outcomeOf(key) -> {word, level, mark, text}, outcomeChip(key) -> element
+ *   outcomeOf(key) -> {word, level, mark, text}, outcomeChip(manoeuvre) -> element
+ *   verdictOf(manoeuvre) -> as outcomeOf, with what was exceeded and how long before it was warned
  *   outsideText({outside_exceedances, channels}) -> string    those outside every manoeuvre, or ""
  *   validityWords(manoeuvre) -> {word, level, mark}
  *   requestWords(request) -> string             which manoeuvres, from which trim
@@ -33,19 +34,19 @@ export function mappingState({ mapping_state: state, confirmed_over: over }) {
 
 const OUTCOMES = {
   timely_alert: {
-    word: "TIMELY ALERT",
-    level: "ok",
-    mark: "✓",
+    word: "LIMIT EXCEEDED, warned in time",
+    level: "caution",
+    mark: "▲",
     text: "alert at least the warning lead time before the first exceedance",
   },
   late_alert: {
-    word: "LATE ALERT",
+    word: "LIMIT EXCEEDED, warned too late",
     level: "alert",
     mark: "▲",
     text: "alert less than the warning lead time before the first exceedance",
   },
   missed: {
-    word: "MISSED",
+    word: "LIMIT EXCEEDED, no warning",
     level: "alert",
     mark: "▲",
     text: "an exceedance with no alert before it",
@@ -84,9 +85,22 @@ export function outcomeOf(key) {
   return OUTCOMES[key] ?? { word, level: "caution", mark: "◆", text: "" };
 }
 
-export function outcomeChip(key) {
-  const { word, level, mark, text } = outcomeOf(key);
+/** What came of one manoeuvre; an exceedance is said first, and is never green. */
+export function outcomeChip(manoeuvre) {
+  const { word, level, mark, text } = verdictOf(manoeuvre);
   return h("span", { class: "chip", "data-level": level, title: text }, `${mark} ${word}`);
+}
+
+export function verdictOf({ outcome, exceedance, lead }) {
+  const said = outcomeOf(outcome);
+  if (!exceedance) return said;
+  if (outcome === "invalid")
+    return { ...said, word: "LIMIT EXCEEDED, INVALID", level: "alert", mark: "▲" };
+  if (outcome === "timely_alert")
+    return { ...said, word: `LIMIT EXCEEDED, warned ${lead.toFixed(2)} s before` };
+  if (outcome === "late_alert" && lead !== null)
+    return { ...said, word: `LIMIT EXCEEDED, warned ${lead.toFixed(2)} s before: too late` };
+  return said;
 }
 
 export function outsideText({ outside_exceedances: outside, channels }) {

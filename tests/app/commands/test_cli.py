@@ -102,7 +102,7 @@ def test_each_command_prints_its_options(name: str, capsys: pytest.CaptureFixtur
     with pytest.raises(SystemExit) as ended:
         main([name, "--help"])
     assert ended.value.code == 0
-    assert capsys.readouterr().out.startswith(f"usage: forewarn {name} [-h] [--")
+    assert capsys.readouterr().out.startswith(f"usage: forewarn {name} [-h] [-")
 
 
 def test_help_names_every_command(capsys: pytest.CaptureFixture):
@@ -371,7 +371,7 @@ def test_real_doublet_that_crosses_the_limit_is_warned_of(attas_monitor: Path, t
     report = capsys.readouterr().out
     assert "beta     beta_rad [rad]" in report
     assert "from 25 Hz to 20 Hz" in report
-    assert "manoeuvre 1, 5.30 to 11.30 s: alert in time" in report
+    assert "manoeuvre 1, 5.30 to 11.30 s: LIMIT EXCEEDED, warned in time, " in report
     assert "exceedance    at 8.76 s" in report
     assert "at least the promised 0.25 s" in report
     assert "Of flights like the simulated ones" in report

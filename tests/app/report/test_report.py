@@ -72,7 +72,7 @@ def test_every_outcome_and_hash_is_said(subject: ReportSubject) -> None:
     for outcome in ("timely_alert", "missed", "quiet", "invalid"):
         assert OUTCOMES[outcome][1] in html
     assert "A limit was exceeded without an alert in time" in html
-    assert "Look first at manoeuvre 2 (missed: no alert before the limit)" in html
+    assert "Look first at manoeuvre 2 (limit exceeded, no warning)" in html
     assert "It holds for 3 of the 4 manoeuvres" in html
     for digest in ("ab" * 32, "cd" * 32, "ef" * 32, subject.monitor.dataset_digest):
         assert digest in html
@@ -129,7 +129,11 @@ def test_what_was_not_checked_is_promised_nothing(monitor: Monitor) -> None:
 @pytest.mark.parametrize(
     ("manoeuvres", "level", "words"),
     [
-        ([WARNED, QUIET], "good", "warned of in time"),
+        (
+            [WARNED, QUIET],
+            "caution",
+            "A limit was exceeded; every exceedance was warned of in time",
+        ),
         ([QUIET], "good", "No limit was exceeded, and there was no alert"),
         ([WARNED, INVALID], "caution", "warned of in time"),
         ([WARNED, manoeuvre(3, "invalid", exceedance=exceedance(3))], "bad", "is not applicable"),

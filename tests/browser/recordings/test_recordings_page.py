@@ -14,7 +14,7 @@ from tests.browser.recorded_site import (
 )
 from tests.browser.site import open_site
 
-WORDS = {"quiet": "QUIET", "timely_alert": "TIMELY ALERT", "invalid": "INVALID"}
+WORDS = {"quiet": "QUIET", "timely_alert": "LIMIT EXCEEDED, warned", "invalid": "INVALID"}
 LONG_NAME = f"{'a very long name of a recording ' * 6}.csv"
 SLOW = 30_000
 """[ms] Reading starts a process of its own."""

@@ -141,7 +141,7 @@ function rowElement(row, scorings) {
 function cell(scoring, n) {
   if (n < 0) return h("td", { class: "dim" }, "not scored");
   const manoeuvre = scoring.manoeuvres[n];
-  const { outcome, validity } = manoeuvre;
+  const { validity } = manoeuvre;
   const { word } = validityWords(manoeuvre);
   const p =
     validity.p_value === null || validity.p_value === undefined
@@ -153,5 +153,5 @@ function cell(scoring, n) {
     ["peak risk", peakText(manoeuvre, scoring.epsilon)],
     ["applicability", `${word}${p}`],
   ];
-  return h("td", {}, outcomeChip(outcome), recipeList(lines, "recipe compare-lines"));
+  return h("td", {}, outcomeChip(manoeuvre), recipeList(lines, "recipe compare-lines"));
 }

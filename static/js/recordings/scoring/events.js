@@ -10,7 +10,7 @@
 
 import { riskText, secondsText } from "../../lib/numbers.js";
 import { quantity } from "../../lib/units.js";
-import { outcomeOf } from "../words.js";
+import { verdictOf } from "../words.js";
 
 export function eventsOf({ manoeuvres, outside_exceedances: outside, channels, epsilon }) {
   return [
@@ -73,8 +73,9 @@ export function manoeuvresOf({ manoeuvres }, offset = 0) {
 }
 
 export function laneOf(manoeuvres, { row = 0, offset = 0, id = "manoeuvre" } = {}) {
-  return manoeuvres.map(({ name, start, end, outcome }, k) => {
-    const { word, level, mark, text } = outcomeOf(outcome);
+  return manoeuvres.map((manoeuvre, k) => {
+    const { name, start, end } = manoeuvre;
+    const { word, level, mark, text } = verdictOf(manoeuvre);
     return {
       id: `${id}-${k}`,
       manoeuvre: k,

@@ -149,7 +149,7 @@ function outcomes(manoeuvres) {
     return h(
       "span",
       { class: "row outcome-chips" },
-      manoeuvres.map(({ outcome }) => outcomeChip(outcome)),
+      manoeuvres.map(outcomeChip),
     );
   }
   const counts = new Map();

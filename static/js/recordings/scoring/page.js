@@ -12,7 +12,7 @@ import { figure } from "../../lib/numbers.js";
 import { startFlight } from "../../lib/start_flight.js";
 import { button, empty, errorLine, link, pageOf } from "../../lib/view_states.js";
 import { createNotesPanel, laneOfMarkers } from "../notes_panel.js";
-import { outcomeOf, outsideText, trimText } from "../words.js";
+import { outsideText, trimText, verdictOf } from "../words.js";
 import { eventsOf, laneOf, manoeuvresOf } from "./events.js";
 import { scoringFacts } from "./facts.js";
 import { readScoring, scoringSource, stripOrder } from "./source.js";
@@ -176,10 +176,9 @@ function actions({ api, navigate }, scoring) {
 
 function summary(scoring) {
   const { monitor_name: name, monitor, epsilon, lead, manoeuvres, request } = scoring;
-  const counts = new Map();
-  for (const { outcome } of manoeuvres) counts.set(outcome, (counts.get(outcome) ?? 0) + 1);
-  const chips = [...counts].map(([outcome, n]) => {
-    const { word, level, mark, text } = outcomeOf(outcome);
+  const counts = Map.groupBy(manoeuvres, (manoeuvre) => verdictOf(manoeuvre).word);
+  const chips = [...counts.values()].map(({ length: n, 0: first }) => {
+    const { word, level, mark, text } = verdictOf(first);
     return h(
       "span",
       { class: "chip", "data-level": level, title: text },

@@ -97,7 +97,7 @@ export function createVerdictTable(scoring, { show }) {
           h("button", { type: "button", class: "link-button", onclick: () => show(k) }, name),
           h("span", { class: "hint hint-line" }, `${secondsText(start)} to ${secondsText(end)}`),
         ),
-        cell(1, outcomeChip(outcome)),
+        cell(1, outcomeChip(manoeuvre)),
         cell(2, riskWords(risk, peak, withdrawn, scoring.epsilon)),
         cell(3, firstAlertText(manoeuvre)),
         cell(4, exceedance ? exceedanceWords(exceedance, scoring.channels) : noExceedance(outcome)),
