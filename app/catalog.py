@@ -130,8 +130,8 @@ def is_installed(extra: str) -> bool:
 def schema_of(member: Any) -> dict[str, Any]:
     """JSON schema of a recipe's or a family member's parameters, `member` giving the defaults.
 
-    Every property has title, description, `x-unit` and default; no `$ref`. A property that is of a
-    family has `x-family` and takes a `kind` with that kind's parameters.
+    Every property has title (in the field's words), description, `x-unit` and default; no `$ref`. A
+    property that is of a family has `x-family` and takes a `kind` with that kind's parameters.
     """
     kind, properties = type(member), {}
     known = _definitions()[kind.__name__].get("properties", {})
@@ -139,7 +139,7 @@ def schema_of(member: Any) -> dict[str, Any]:
     for field in fields(member):
         value, words = getattr(member, field.name), described.get(field.name, "")
         entry = _property(known[field.name], value)
-        entry |= {"title": field.name, "default": to_plain(value)}
+        entry |= {"title": title_of(field.name, words), "default": to_plain(value)}
         entry["description"] = words or entry.get("description", "")
         if unit := unit_of(field.name, "" if isinstance(value, tuple) else words):
             entry["x-unit"] = unit
@@ -173,6 +173,15 @@ def descriptions(kind: type) -> dict[str, str]:
             if "description" in entry:
                 described[name] = " ".join(entry["description"].split())
     return described
+
+
+def title_of(name: str, description: str) -> str:
+    """What a form calls a parameter: its description up to the first colon, semicolon or point.
+
+    A part of a family has that family's label.
+    """
+    head = re.split(r"[:;.](?:\s|$)", description, maxsplit=1)[0]
+    return LABELS.get(name) or UNIT.sub("", head).strip() or name
 
 
 def unit_of(name: str, description: str) -> str:
@@ -245,7 +254,7 @@ _NAME = {
 
 
 _SHARE = {
-    "title": "share",
+    "title": "wanted share",
     "description": "share of the rollouts that is to exceed a limit",
     "type": "number",
     "exclusiveMinimum": 0,
@@ -264,8 +273,8 @@ def _dataset_choice() -> dict[str, Any]:
 
 def _n_test(default: int) -> dict[str, Any]:
     return {
-        "title": "n_test",
-        "description": "fresh flights of the evaluation",
+        "title": "fresh flights of the evaluation",
+        "description": "fresh flights of the evaluation; 0 for none",
         "type": "integer",
         "default": default,
         "minimum": 0,

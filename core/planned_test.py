@@ -83,21 +83,22 @@ class DatasetRecipe:
     maneuver: Maneuver = MANEUVERS["rudder_doublet"].with_peak(USUAL.doublet_deg)  # noqa: RUF009
     specification: Limits = Limits(Ny=USUAL.limit_g)  # noqa: RUF009
     noise: SensorNoise = SensorNoise()
+    """sensor noise: white and Gaussian on what the monitor sees, 1 sigma a channel."""
     dt: float = 0.05
     """sample interval of the telemetry [s]."""
     substeps: int = 1
-    """parts of dt after which limits are checked; a crossing between two samples then counts at the
-    later one."""
+    """substeps of a sample: parts of dt after which limits are checked; an exceedance between two
+    samples then counts at the later one."""
     n_unsafe: int = 50
     """unsafe rollouts to collect."""
     n_obs: int = 50
     """observation times kept of each safe rollout."""
     seed: int = 0
-    """of every random draw; the same recipe makes the same dataset."""
+    """seed of every random draw: the same recipe makes the same dataset."""
     max_rollouts: int = 1_000_000
-    """budget; a collection that cannot end within it stops early."""
+    """budget of rollouts: a collection that cannot end within it stops early."""
     max_safe: int = 50_000
-    """safe rollouts kept, the first ones; more are counted only."""
+    """safe rollouts kept: the first ones; more are counted only."""
 
     def __post_init__(self) -> None:
         """Refuse sizes that make no dataset."""

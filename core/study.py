@@ -48,11 +48,12 @@ class StudyRecipe:
     """Size of the experiment."""
 
     dataset: DatasetRecipe = DatasetRecipe()  # noqa: RUF009
-    """the planned test; its seed starts the whole study."""
+    """planned test: its seed starts the whole study."""
     monitor: MonitorRecipe = MonitorRecipe(calibration="pointwise", scaling="raw")  # noqa: RUF009
-    """every choice but predictor and score. The defaults are the paper's."""
+    """settings of the monitors: every choice but predictor and score. The defaults are the
+    paper's."""
     n_monitors: int = 10
-    """monitors of each method, each from a dataset of its own."""
+    """monitors of each method: each from a dataset of its own."""
     n_test: int = 500
     """fresh test flights of each monitor."""
 

@@ -84,7 +84,7 @@ class PrincipalComponents(Predictor):
     """Projection on the safe observations' leading principal components (the paper's "PCA")."""
 
     n_components: int = 6
-    """how many to keep."""
+    """principal components kept."""
 
     def fit(self, o: Array, y_ahead: Array) -> Affine:
         """Fit by singular vectors; each sign makes the largest entry positive."""

@@ -19,20 +19,20 @@ class MonitorRecipe:
     t_early: float = 0.25
     """required warning lead time [s]; the one in effect is the next whole number of samples."""
     n_delay: int = 2
-    """past outputs in an observation beside the newest one."""
+    """past outputs in an observation: beside the newest one."""
     predictor: Predictor = PREDICTORS["linear"]
     score: Score = SCORES["nearest_neighbor"]
     calibration: Calibration = "trajectory"
-    """`pointwise` at the one sample t_fail - h (paper), or `trajectory` over all samples up to it:
-    the rule that is flown, as valid and more powerful."""
+    """calibration rule: `pointwise` at the one sample t_fail - h (paper), or `trajectory` over all
+    samples up to it, the rule that is flown, as valid and more powerful."""
     p_value: PValue = "simple"
-    """`simple`, or the `exact` transductive one, never larger. With trajectory calibration the
-    exact one judges a flight by its riskiest moment so far, so it hardly falls again. Scores of a
-    magnitude look up no neighbours and have the simple one either way."""
+    """p-value rule: `simple`, or the `exact` transductive one, never larger. With trajectory
+    calibration the exact one judges a flight by its riskiest moment so far, so it hardly falls
+    again. Scores of a magnitude look up no neighbours and have the simple one either way."""
     scaling: Scaling = "safe_std"
-    """channels by their safe standard deviation, or `raw` units (paper)."""
+    """scaling of the channels: by their safe standard deviation, or `raw` units (paper)."""
     epsilon: float = 0.1
-    """share of failing flights on which silence is accepted."""
+    """accepted miss rate epsilon: share of failing flights on which silence is accepted."""
 
     def __post_init__(self) -> None:
         """Refuse what no dataset could make right."""

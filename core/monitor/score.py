@@ -50,6 +50,7 @@ class NegativeMagnitude(Score):
     """Minus the magnitude of one output channel (the paper's -|N_y|)."""
 
     key: Literal["beta", "p", "r", "Ny", "delta_a", "delta_r"] = "Ny"
+    """output channel."""
 
     @property
     def channel(self) -> int:

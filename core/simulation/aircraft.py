@@ -72,10 +72,12 @@ class PublishedAircraft(Aircraft):
     """
 
     name: ModelName
+    """published model."""
     n_states: Literal[3, 4] = 3
-    """4 with bank angle phi, or 3 as in the paper: without it the Dutch roll damps more than the
-    aircraft's where g/V is not small."""
+    """number of states: 4 with bank angle phi, or 3 as in the paper; without it the Dutch roll
+    damps more than the aircraft's where g/V is not small."""
     uncertainty: Uncertainty = PUBLISHED_SCATTER
+    """uncertainty of the derivatives: how far each scatters about its nominal value."""
 
     def __post_init__(self) -> None:
         if self.name not in MODELS:
@@ -159,21 +161,22 @@ class MatrixAircraft(Aircraft):
     """
 
     a: Rows
-    """inputs delta_a, delta_r [rad], any nx >= 1 with any states."""
+    """state matrix A: inputs delta_a, delta_r [rad], any nx >= 1 with any states."""
     b: Rows
-    """inputs delta_a, delta_r [rad], any nx >= 1 with any states."""
+    """input matrix B: inputs delta_a, delta_r [rad], any nx >= 1 with any states."""
     c: Rows
-    """outputs beta [rad], p, r [rad/s], Ny [g]; the surfaces themselves are appended. With 6 rows,
-    the last two must be the surfaces: zeros in c, identity in d."""
+    """output matrix C: outputs beta [rad], p, r [rad/s], Ny [g]; the surfaces themselves are
+    appended. With 6 rows, the last two must be the surfaces: zeros in c, identity in d."""
     d: Rows
-    """outputs beta [rad], p, r [rad/s], Ny [g]; the surfaces themselves are appended. With 6 rows,
-    the last two must be the surfaces: zeros in c, identity in d."""
+    """feedthrough matrix D: outputs beta [rad], p, r [rad/s], Ny [g]; the surfaces themselves are
+    appended. With 6 rows, the last two must be the surfaces: zeros in c, identity in d."""
     uncertainty: Uncertainty
-    """by entry, as {"A[0,0]": 0.1, "C[3,0]": 0.1} (row, column, from 0; not the surfaces' rows).
-    One number means every entry that is not 0, 1 or -1; kinematic ones such as cos(alpha0) are then
-    among them. Entries vary independently, also where beta_dot and N_y share a derivative."""
+    """uncertainty of the entries: by entry, as {"A[0,0]": 0.1, "C[3,0]": 0.1} (row, column, from 0;
+    not the surfaces' rows). One number means every entry that is not 0, 1 or -1; kinematic ones
+    such as cos(alpha0) are then among them. Entries vary independently, also where beta_dot and N_y
+    share a derivative."""
     states: tuple[str, ...] = ()
-    """names of x; x0, x1, ... if empty. A law that feeds back bank angle looks for "phi".
+    """names of the states: x0, x1, ... if empty. A law that feeds back bank angle looks for "phi".
     """
 
     def __post_init__(self) -> None:

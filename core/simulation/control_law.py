@@ -39,6 +39,7 @@ class Actuator:
     """
 
     bandwidth_rad_s: float = 20.2
+    """bandwidth of the actuators [rad/s]."""
     rate_limit_deg_s: float | None = None
     """largest surface rate [deg/s]; None: no limit."""
     position_limit_deg: float | None = None
@@ -71,6 +72,7 @@ class ControlLaw(ABC):
     """The recipe of a feedback law, with the actuators that it drives."""
 
     actuator: Actuator = Actuator()
+    """surface actuators: first order, both surfaces alike, with limits if any."""
 
     @abstractmethod
     def controller(self, plant: UncertainPlant) -> Controller:
@@ -124,10 +126,11 @@ class OutputFeedback(ControlLaw):
     """
 
     aileron: tuple[float, float, float, float] = (-0.56, -0.44, 0.11, -0.35)
-    """row of K: gains of r_w, p, beta and phi."""
+    """aileron gains: row of K, gains of r_w, p, beta and phi."""
     rudder: tuple[float, float, float, float] = (-1.19, -0.21, -0.44, 0.26)
-    """row of K: gains of r_w, p, beta and phi."""
+    """rudder gains: row of K, gains of r_w, p, beta and phi."""
     washout_rad_s: float = 1.0
+    """washout corner of the yaw rate: slower turns are not fed back [rad/s]."""
 
     def controller(self, plant: UncertainPlant) -> Controller:
         """Return K(s), one state."""
@@ -146,12 +149,13 @@ class RateDamper(ControlLaw):
     """
 
     kr: float = 0.5
-    """rudder per washed-out yaw rate [s]."""
+    """yaw damper gain k_r: rudder per washed-out yaw rate [s]."""
     kp: float = 0.1
-    """aileron per roll rate [s]."""
+    """roll damper gain k_p: aileron per roll rate [s]."""
     washout_rad_s: float = 1.0
+    """washout corner of the yaw rate: slower turns are not fed back [rad/s]."""
     made_for: str = ""
-    """aircraft that the gains were chosen for; a remark."""
+    """gains chosen for: the aircraft that they suit; a remark."""
 
     def controller(self, plant: UncertainPlant) -> Controller:
         """Return K(s), one state; ValueError where a surface does not move its rate."""
@@ -179,13 +183,17 @@ class StateSpaceLaw(ControlLaw):
     """
 
     inputs: tuple[str, ...] = ("r",)
-    """what is fed back, names of FEEDBACK."""
+    """channels fed back: of beta, p, r, Ny, delta_a, delta_r and phi."""
     outputs: tuple[str, ...] = ("delta_r",)
-    """names of SURFACES."""
+    """surfaces moved: delta_a, delta_r or both."""
     a: Rows = ((-1.0,),)
+    """state matrix A of the law."""
     b: Rows = ((1.0,),)
+    """input matrix B of the law."""
     c: Rows = ((0.5,),)
+    """output matrix C of the law."""
     d: Rows = ((-0.5,),)
+    """feedthrough matrix D of the law."""
 
     def __post_init__(self) -> None:
         _check_names("input", self.inputs, FEEDBACK)

@@ -35,15 +35,16 @@ class Maneuver(ABC):
     duration_s: float = 6.0
     """length of the rollout; inputs that last longer are cut."""
     lead_in_s: float = 0.5
-    """length of the trim segment, before the first input."""
+    """length of the trim segment: before the first input."""
     pedal_lag_s: float = 0.1
-    """first-order lag of stick and pedals, applied by the rollout, not by `pilot`."""
+    """lag of stick and pedals: first order, applied by the rollout, not by `pilot`."""
     timing_jitter_s: float = 0.0
-    """standard deviation of the normal scatter of the first input's start and, independently, of
-    every segment's duration; later segments shift along. A start before t = 0 is moved to 0, a
-    negative duration to 0; a segment planned to last 0 s stays out."""
+    """scatter of the timing: standard deviation, normal, of the first input's start and,
+    independently, of every segment's duration; later segments shift along. A start before t = 0 is
+    moved to 0, a negative duration to 0; a segment planned to last 0 s stays out."""
     amplitude_jitter: float = 0.0
-    """standard deviation of the one factor 1 + jitter on all commands of a rollout."""
+    """scatter of the amplitude: standard deviation of the one factor 1 + jitter on all commands of
+    a rollout."""
 
     def __post_init__(self) -> None:
         for entry in fields(self):
@@ -124,7 +125,9 @@ class OneSurface(Maneuver, ABC):
     """A manoeuvre flown with one control."""
 
     surface: Surface = "rudder"
+    """control surface."""
     amplitude_deg: float = 5.0
+    """amplitude of the command: either sign [deg]."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -174,6 +177,7 @@ class Doublet(Steps):
     """One way, then the other, equally long; the paper's is 1 s + 1 s of rudder from t = 0.5 s."""
 
     half_s: float = 1.0
+    """length of each half [s]."""
 
     @property
     def segments_s(self) -> tuple[float, ...]:
@@ -206,6 +210,7 @@ class Pulse(Steps):
     """One input, then back to trim."""
 
     width_s: float = 0.5
+    """length of the pulse [s]."""
 
     @property
     def segments_s(self) -> tuple[float, ...]:
@@ -223,6 +228,7 @@ class Multistep3211(Steps):
     """Inputs of alternating sign that last 3, 2, 1 and 1 units: a broad band for identification."""
 
     unit_s: float = 0.5
+    """length of one unit [s]."""
 
     @property
     def segments_s(self) -> tuple[float, ...]:
@@ -241,7 +247,9 @@ class BankToBank(Steps):
 
     surface: Surface = "aileron"
     roll_s: float = 1.0
+    """length of the roll in: the roll across takes twice as long [s]."""
     hold_s: float = 0.5
+    """length of each hold [s]."""
 
     @property
     def segments_s(self) -> tuple[float, ...]:
@@ -264,9 +272,13 @@ class FrequencySweep(OneSurface):
     """
 
     start_hz: float = 0.2
+    """first frequency [Hz]."""
     end_hz: float = 2.0
+    """last frequency [Hz]."""
     sweep_s: float = 5.0
+    """length of the sweep [s]."""
     spacing: Spacing = "log"
+    """change of the frequency: logarithmic or linear in time."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -312,12 +324,13 @@ class Table(Maneuver):
     """
 
     t_s: tuple[float, ...] = (0.0, 0.5, 1.5, 2.5, 3.0)
-    """increasing, from 0."""
+    """times after the trim segment: increasing, from 0."""
     delta_a_deg: tuple[float, ...] = (0.0, 2.0, -2.0, 2.0, 0.0)
-    """as many as t_s. Trim before the first time."""
+    """aileron commands: as many as t_s. Trim before the first time."""
     delta_r_deg: tuple[float, ...] = (0.0, 5.0, -5.0, 1.0, 0.0)
-    """as many as t_s. Trim before the first time."""
+    """rudder commands: as many as t_s. Trim before the first time."""
     interpolation: Interpolation = "linear"
+    """between the times: hold the command, or join it by lines."""
 
     def __post_init__(self) -> None:
         super().__post_init__()

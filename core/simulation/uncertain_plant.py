@@ -42,11 +42,15 @@ class Uncertainty:
     """
 
     spread: float | dict[str, float] = field(hash=False)
-    """one number for all parameters, or one by name; a parameter not named is certain. A standard
-    deviation where the distribution is normal (not truncated), a half width where it is uniform."""
+    """width of the uncertainty: one number for all parameters, or one by name; a parameter not
+    named is certain. A standard deviation where the distribution is normal (not truncated), a half
+    width where it is uniform."""
     distribution: Distribution = "normal"
+    """shape of the uncertainty: normal, its width a standard deviation, or uniform, a half
+    width."""
     unit: Unit = "fraction"
-    """the spread is a fraction of the nominal value, or absolute in the parameter's own unit."""
+    """unit of the width: the spread is a fraction of the nominal value, or absolute in the
+    parameter's own unit."""
 
     def __post_init__(self) -> None:
         for given, known in ((self.distribution, Distribution), (self.unit, Unit)):

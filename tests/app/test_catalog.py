@@ -2,11 +2,12 @@ from dataclasses import fields
 
 import pytest
 
-from app.catalog import descriptions, first_line, schema_of, unit_of
+from app.catalog import RECIPES, catalog, descriptions, first_line, schema_of, unit_of
 from core.collection import DatasetRecipe
 from core.recipe import FAMILIES
 from core.simulation.aircraft import AIRCRAFT
-from core.simulation.maneuver import Maneuver, Table
+from core.simulation.control_law import CONTROL_LAWS
+from core.simulation.maneuver import MANEUVERS, Maneuver, Table
 from core.specification import Limits
 
 
@@ -24,11 +25,11 @@ def test_attribute_docstrings_describe_and_give_the_unit():
 
 def test_a_class_inherits_descriptions():
     own, inherited = descriptions(Table), descriptions(Maneuver)
-    assert own["t_s"] == "increasing, from 0."
+    assert own["t_s"] == "times after the trim segment: increasing, from 0."
     assert (
         own["lead_in_s"]
         == inherited["lead_in_s"]
-        == "length of the trim segment, before the first input."
+        == "length of the trim segment: before the first input."
     )
 
 
@@ -92,3 +93,42 @@ def test_every_parameter_named_in_a_unit_has_it(member):
         ):
             if name.endswith(suffix):
                 assert unit(schema, name) == expected
+
+
+def _titles(schema, where):
+    """Path, key and title of every parameter, those of parameters within too."""
+    for key, entry in schema["properties"].items():
+        yield f"{where}.{key}", key, entry["title"]
+        if "properties" in entry and "x-family" not in entry:
+            yield from _titles(entry, f"{where}.{key}")
+
+
+SCHEMAS = {
+    f"{name}.{kind}": entry["schema"]
+    for name, family in catalog()["families"].items()
+    for kind, entry in family["entries"].items()
+} | {name: schema_of(recipe) for name, recipe in RECIPES.items()}
+
+
+@pytest.mark.parametrize("name", SCHEMAS)
+def test_every_parameter_is_called_by_the_fields_words_and_not_by_its_identifier(name):
+    called = list(_titles(SCHEMAS[name], name))
+    for path, key, title in called:
+        assert title != key, path
+        assert 3 < len(title) < 60, path
+        assert not set("[]:;`") & set(title), path
+
+
+@pytest.mark.parametrize(
+    ("member", "key", "title", "unit_"),
+    [
+        (next(iter(AIRCRAFT.values())), "n_states", "number of states", ""),
+        (CONTROL_LAWS["f16_damper"], "kr", "yaw damper gain k_r", "s"),
+        (CONTROL_LAWS["f16_damper"], "kp", "roll damper gain k_p", "s"),
+        (MANEUVERS["rudder_doublet"], "half_s", "length of each half", "s"),
+        (DatasetRecipe(), "maneuver", "Manoeuvre", ""),
+    ],
+)
+def test_a_title_is_the_head_of_a_description(member, key, title, unit_):
+    entry = schema_of(member)["properties"][key]
+    assert (entry["title"], entry.get("x-unit", "")) == (title, unit_)

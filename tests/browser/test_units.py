@@ -56,3 +56,21 @@ def test_the_form_takes_degrees_and_sends_radians_and_the_choice_is_remembered(
     page.reload()
     expect(units).to_have_text("Units: SI")
     expect(label).to_contain_text("[rad]")
+
+
+@pytest.mark.parametrize(
+    ("path", "label", "hint"),
+    [
+        ("control_law.kr", "yaw damper gain kr [s]", "Rudder per washed-out yaw rate"),
+        ("control_law.kp", "roll damper gain kp [s]", "Aileron per roll rate"),
+        ("aircraft.n_states", "number of states", "4 with bank angle phi, or 3 as in the paper"),
+        ("maneuver.half_s", "length of each half [s]", ""),
+    ],
+)
+def test_a_form_calls_its_fields_by_the_fields_words_with_units(
+    page: Page, origin: str, path: str, label: str, hint: str
+) -> None:
+    page.goto(f"{origin}/#/monitors/new")
+    field = page.locator(f'[data-path="dataset.{path}"]')
+    expect(field.locator("label")).to_have_text(label)
+    expect(field.locator(".hint")).to_have_text(hint)

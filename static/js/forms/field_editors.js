@@ -35,7 +35,7 @@ function field(key, schema, place, control, read, wrong = () => "") {
   const id = `field-${++fields}`;
   const { text, symbol, unit } = labelOf(key, schema, place.catalog);
   const failure = h("p", { class: "error", id: `${id}-error`, hidden: true });
-  const words = text === "" || !symbol ? firstSentence(schema.description) : ""; // a channel's label says it
+  const words = symbol ? "" : firstSentence(beyondTitle(schema)); // a channel's label says it
   const hint = h("p", { class: "hint", id: `${id}-hint`, title: schema.description }, words);
   control.id = id;
   control.name = place.path;
@@ -43,8 +43,8 @@ function field(key, schema, place, control, read, wrong = () => "") {
   const label = h(
     "label",
     { for: id },
-    text,
-    symbol ? [text ? " " : "", formatted(symbol)] : null,
+    formatted(text),
+    symbol ? [" ", formatted(symbol)] : null,
     unit ? h("span", { class: "unit" }, ` [${unit}]`) : null,
   );
   const element = h(
@@ -84,6 +84,12 @@ function field(key, schema, place, control, read, wrong = () => "") {
   control.addEventListener("change", () => editor.check());
   place.editors.set(place.path, editor);
   return editor;
+}
+
+/** What a description says beyond its title, with which it begins. */
+function beyondTitle({ title, description = "" }) {
+  if (!description.startsWith(title)) return description;
+  return description.slice(title.length).replace(/^(\s*\[[^\]]+\])?[:;.\s]*/, "");
 }
 
 function firstSentence(description = "") {

@@ -169,7 +169,8 @@ function sorted(parts, entries) {
     ([key]) => members.length > 1 && members.every(({ schema }) => key in schema.properties),
   );
   const many = common.length > 2 ? common : [];
-  const words = many.map(([key]) => key.replace(/_s$/, "").replaceAll("_", " ")).join(", ");
+  const titles = many.map(([key]) => members[0].schema.properties[key].title);
+  const words = titles.join(", ");
   const shared = many.length
     ? h(
         "details",

@@ -23,7 +23,7 @@ export function recipeTable(schema, plain, catalog) {
 
 function row(key, property, value, catalog) {
   const { text, symbol, unit } = labelOf(key, property, catalog);
-  const term = h("dt", {}, text, symbol ? [text ? " " : "", formatted(symbol)] : null);
+  const term = h("dt", {}, formatted(text), symbol ? [" ", formatted(symbol)] : null);
   const family = catalog.families[property["x-family"]];
   if (family) {
     const entry = family.entries[value.kind];

@@ -6,12 +6,10 @@
  *   aircraftName(catalog, part), kindName(catalog, family, part), limitWords(catalog, specification)
  *   aircraftCondition(entry), plainWords(description)
  *   labelOf(key, schema, catalog) -> {text, symbol, unit}
- *       from the schema's title, unit and the catalog's channels: amplitude_deg -> amplitude, deg
+ *       from the schema's title, unit and the catalog's channels: kr -> yaw damper gain k_r, s
  */
 
 import { magnitudeIn, shownIn } from "./units.js";
-
-const UNIT_SUFFIX = /_(deg_s|rad_s|deg|hz|s)$/;
 
 let catalog = null;
 
@@ -55,7 +53,5 @@ export function labelOf(key, schema, catalog) {
   const unit = schema["x-unit"] ?? "";
   if (channel)
     return { text: channel.label, symbol: channel.symbol, unit: unit && shownIn(channel).unit };
-  if (/^[nt]_[a-z]{3,}$/.test(key)) return { text: "", symbol: key, unit };
-  const text = (unit ? key.replace(UNIT_SUFFIX, "") : key).replaceAll("_", " ");
-  return { text, symbol: "", unit };
+  return { text: schema.title, symbol: "", unit };
 }

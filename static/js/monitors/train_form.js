@@ -18,12 +18,13 @@ import { neededFor } from "./calibration_rule.js";
 
 const MAIN = ["t_early", "epsilon"];
 const TEST = {
+  title: "fresh flights of the evaluation",
   type: "integer",
   minimum: 0,
   maximum: 100000,
   default: 2000,
   description:
-    "fresh flights that measure the miss rate and the share of safe flights without a false alarm; 0 for none.",
+    "measure the miss rate and the share of safe flights without a false alarm; 0 for none.",
 };
 
 export function showTraining(element, { query, api, navigate }) {

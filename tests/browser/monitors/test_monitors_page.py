@@ -171,7 +171,7 @@ def test_the_servers_refusal_is_shown_where_it_belongs(
     allowed_errors.append("422")
     page.goto(f"{site.http}/#/monitors/new")
     duration = field(page, "dataset.maneuver.duration_s")
-    page.locator("summary", has_text="lead in").click()
+    page.locator("summary", has_text="length of the trim segment").click()
     duration.fill("-1")
     page.get_by_role("button", name="Train", exact=True).click()
     expect(page.locator('form > [role="alert"]')).to_contain_text("-1")
@@ -411,7 +411,7 @@ def test_nothing_is_wider_than_the_page(page: Page, site: Site, width: int) -> N
     page.set_viewport_size({"width": width, "height": 720})
     for view, ready in (
         ("monitors", "table"),
-        ("monitors/new", "form"),
+        ("monitors/new", "main form"),
         (f"monitors/{site.monitor}", "#epsilon"),
         (f"datasets/{site.dataset}", ".strip canvas"),
     ):
