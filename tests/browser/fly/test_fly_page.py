@@ -449,6 +449,9 @@ def test_nothing_overflows(fly: Fly, width: int, height: int) -> None:
         "(({ scrollWidth, scrollHeight }) => [scrollWidth, scrollHeight])(document.documentElement)"
     )
     assert scroll_width <= width
+    banner = fly.banner.bounding_box()
+    assert banner is not None
+    assert banner["y"] + banner["height"] <= height
     assert scroll_height <= height or width < 1000
     for box in fly.page.locator(VISIBLE).all():
         place = box.bounding_box()
