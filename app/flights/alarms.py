@@ -103,7 +103,9 @@ class Alarms:
         active: dict[Kind, bool] = {"limit": exceedance is not None}
         if assessment.state is State.OK:
             active["risk"] = bool(assessment.alert)
-        began = [kind for kind in active if self._begins(kind, index, assessment.t, active[kind])]
+        began: list[Kind] = [
+            kind for kind in active if self._begins(kind, index, assessment.t, active[kind])
+        ]
         return [self._raise(kind, seq, index, assessment, exceedance, utc()) for kind in began]
 
     def _begins(self, kind: Kind, index: int, t: float, active: bool) -> bool:

@@ -1,4 +1,5 @@
 import socket
+from typing import Any
 
 import pytest
 from starlette.websockets import WebSocketDisconnect
@@ -213,7 +214,8 @@ def test_wrong_tokens_slow_down_at_every_door(tmp_path, caplog):
         answer = client.post("/login", data={"token": TOKEN}, follow_redirects=False)
         assert (answer.status_code, answer.headers["retry-after"]) == (429, "1")
         assert "try again in" in refusal(client, path=f"{STREAM}?token={TOKEN}")
-        link = f"/login?link={client.app.state.sessions.make_link()}"
+        app: Any = client.app
+        link = f"/login?link={app.state.sessions.make_link()}"
         assert client.get(link, follow_redirects=False).status_code == 303
         assert client.get("/readyz").status_code == 200  # a session goes on
     logged = [record.getMessage() for record in caplog.records if "wrong token" in record.message]

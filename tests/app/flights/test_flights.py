@@ -41,7 +41,8 @@ class Hangar:
 
     def request(self, **choices: Any) -> FlightRequest:
         source = Simulated(kind="simulated", outcome="unsafe", seed=choices.pop("seed", 1))
-        return FlightRequest(source=source, **({"monitor": self.monitor_id} | choices))
+        asked: dict[str, Any] = {"source": source, "monitor": self.monitor_id} | choices
+        return FlightRequest(**asked)
 
 
 @pytest.fixture

@@ -234,7 +234,7 @@ def assert_assesses(monitor: Monitor, y: np.ndarray) -> None:
     """What any monitor can do, it does."""
     n = monitor.n_unsafe
     with np.errstate(all="ignore"):
-        t = np.arange(len(y)) * monitor.dt
+        t = np.arange(len(y), dtype=np.float64) * monitor.dt
         found = monitor.assess(t, y, 0.5, withdraw=False)
         p = found.p_value[~np.isnan(found.p_value)]
         assert ((1 / (n + 1) <= p) & (p <= 1)).all()
