@@ -29,6 +29,8 @@ const STATUS_EVERY = 200; // ms
 const CAUTIONS = ["stale", "invalid"];
 const tone = createTone(); // one for the page: a browser lets it sound once it was touched
 
+const STALE = "◆ STALE. No new sample comes: the attitude that was shown here is not that of now.";
+
 export function showLiveFlight(element, { id, api, over }) {
   const path = `/flights/${encodeURIComponent(id)}`;
   const panels = createFlightPanels(element);
@@ -136,7 +138,6 @@ export function showLiveFlight(element, { id, api, over }) {
     element.dataset.flight = link;
     transport.setUsable(link === "open");
     alarm.setLinked(link === "open");
-    panels.lost.hidden = link !== "lost";
     display?.setHeard(link === "open");
     if (link !== "lost" || display === null) return;
     display.lose();
@@ -162,6 +163,14 @@ export function showLiveFlight(element, { id, api, over }) {
     cautioned = cautions;
   }
 
+  /** The scene knows nothing of a link that died: what it shows then must not pass for now. */
+  function coverScene(headline, wall) {
+    const lost = connection.link === "lost";
+    const stale = headline !== null && [headline.status, ...headline.beside].includes("stale");
+    panels.lost.hidden = !lost && !stale;
+    put(panels.lost, lost ? lostText(connection.retryIn(wall)) : STALE);
+  }
+
   function markEvents() {
     const alerts = events.times("alert").map((t) => ({ t, level: "alert" }));
     transport.mark([...alerts, ...(notes?.times() ?? [])]);
@@ -176,9 +185,9 @@ export function showLiveFlight(element, { id, api, over }) {
   function refresh(wall) {
     if (wall - refreshed < STATUS_EVERY) return;
     refreshed = wall;
-    if (connection.link === "lost") put(panels.lost, lostText(connection.retryIn(wall)));
     display?.refresh(wall);
     const headline = display?.headline(wall) ?? null;
+    coverScene(headline, wall);
     if (headline !== null) follow(headline, display.reason);
     status.update({
       mode: hello?.mode,

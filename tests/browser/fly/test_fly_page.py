@@ -360,6 +360,7 @@ def test_a_server_that_falls_silent_is_no_open_link_and_the_last_samples_stay(fl
     expect(fly.status("link")).not_to_contain_text("open")
     fly.gauge_says("STALE")
     fly.assert_no_number()
+    expect(fly.page.locator(".link-lost")).to_contain_text("not that of now")
     assert pixels(fly.page, "p", "trace") > 20
 
 
