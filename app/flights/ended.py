@@ -15,6 +15,8 @@ from core.monitor.status import Facts, Headline, headline
 RUNNING = "running"
 BEFORE, JUMP = 20, 5.0
 """Samples before an exceedance that must have been flown; steps that are no step of the flight."""
+SAME_TIME = 1e-6
+"""Times this close are the same [s]."""
 
 
 class Verdict(BaseModel):
@@ -22,7 +24,7 @@ class Verdict(BaseModel):
 
     exceeded_t: float = Field(description="[s] of the first exceedance")
     lead: float | None = Field(
-        description="[s] from the last alarm of a risk ahead of it; null where there was none"
+        description="[s] from the first alarm of a risk to it; null where there was none before"
     )
     text: str = Field(description="for people")
 
@@ -58,18 +60,22 @@ def records(store: Store, flights: Iterable[FlightInfo]) -> dict[str, Record]:
     }
 
 
-def verdict(alarms: Sequence[StoredAlarm], jumped: bool = False) -> Verdict | None:
-    """Whether a limit was exceeded, and how long before it the last alarm of a risk was.
+def verdict(
+    alarms: Sequence[StoredAlarm], jumped: bool = False, promised: float = 0.0
+) -> Verdict | None:
+    """Whether a limit was exceeded, and how long before it the first alarm of a risk was.
 
+    promised: the monitor's warning lead time [s]; less is too late.
     jumped: what came before the first exceedance was not flown, so nobody could have been warned.
     """
     first = first_exceedance(alarms)
     if first is None:
         return None
     ahead = [alarm.t for alarm in alarms if alarm.kind == "risk" and alarm.t <= first.t]
-    lead = first.t - max(ahead) if ahead else None
+    lead = first.t - min(ahead) if ahead else None
     none = "what came before it was not flown" if jumped else "no warning"
-    warned = none if lead is None else f"warned {lead:.2f} s before"
+    late = ": too late" if lead is not None and lead < promised - SAME_TIME else ""
+    warned = none if lead is None else f"warned {lead:.2f} s before{late}"
     return Verdict(exceeded_t=first.t, lead=lead, text=f"LIMIT EXCEEDED, {warned}")
 
 
@@ -80,12 +86,14 @@ def first_exceedance(alarms: Sequence[StoredAlarm]) -> StoredAlarm | None:
 
 def _verdict(store: Store, info: FlightInfo, alarms: Sequence[StoredAlarm]) -> Verdict | None:
     first = first_exceedance(alarms)
-    return None if first is None else verdict(alarms, _jumped(store, info, first.seq))
+    if first is None:
+        return None
+    monitor = store.monitors.info(info.monitor_id)
+    return verdict(alarms, _jumped(store, info, first.seq, monitor.dt), monitor.lead)
 
 
-def _jumped(store: Store, info: FlightInfo, seq: int) -> bool:
+def _jumped(store: Store, info: FlightInfo, seq: int, dt: float) -> bool:
     """Whether the samples just before this one were not flown: a seek came between."""
-    dt = store.monitors.info(info.monitor_id).dt
     steps = np.diff(store.flights.assessments(info.id, max(seq - BEFORE, 0), seq).t)
     return bool(((steps <= 0.0) | (steps > JUMP * dt)).any())
 

@@ -167,7 +167,7 @@ def stored(kind: str, t: float, judged: Judged = "both") -> StoredAlarm:
         ([stored("limit", 1.31), stored("risk", 1.5)], "LIMIT EXCEEDED, no warning"),
         (
             [stored("risk", 0.1), stored("risk", 1.0), stored("limit", 2.0), stored("limit", 1.5)],
-            "LIMIT EXCEEDED, warned 0.50 s before",
+            "LIMIT EXCEEDED, warned 1.40 s before",
         ),
     ],
 )
@@ -177,6 +177,13 @@ def test_the_verdict_of_a_flight_that_exceeded_says_how_it_was_warned(
     found = verdict(alarms)
     assert found is not None
     assert found.text == text
+
+
+@pytest.mark.parametrize(("promised", "late"), [(0.25, False), (0.31, False), (0.5, True)])
+def test_less_than_the_promised_warning_lead_time_is_too_late(promised: float, late: bool) -> None:
+    found = verdict([stored("risk", 1.0), stored("limit", 1.31)], promised=promised)
+    assert found is not None
+    assert found.text.endswith("before: too late") == late
 
 
 def test_the_verdict_is_the_monitor_s_own_from_trim() -> None:
