@@ -7,6 +7,7 @@ from pydantic import BaseModel, Field
 
 from app.store.alarms import StoredAlarm
 from app.store.flights import FlightInfo
+from app.store.monitors import MonitorInfo
 from app.store.store import Store
 from core.monitor import State
 from core.monitor.assessment import STATES
@@ -43,18 +44,18 @@ def records(store: Store, flights: Iterable[FlightInfo]) -> dict[str, Record]:
         return {}
     alarms = store.alarms.of_flights(info.id for info in over)
     states = store.flights.last_states(info.id for info in over)
-    calibrated = {info.id: info.support is not None for info in store.monitors.all()}
+    monitors = {monitor.id: monitor for monitor in store.monitors.all()}
     return {
         info.id: Record(
             headline=headline(
                 Facts(
                     alarm=any(alarm.acknowledged is None for alarm in alarms.get(info.id, ())),
                     invalid=STATES[states.get(info.id, 0)] is State.INVALID,
-                    calibrated=calibrated.get(info.monitor_id, False),
+                    calibrated=monitors[info.monitor_id].support is not None,
                     has_exceeded=any(one.kind == "limit" for one in alarms.get(info.id, ())),
                 )
             ),
-            verdict=_verdict(store, info, alarms.get(info.id, ())),
+            verdict=_verdict(store, info, monitors[info.monitor_id], alarms.get(info.id, ())),
         )
         for info in over
     }
@@ -84,11 +85,12 @@ def first_exceedance(alarms: Sequence[StoredAlarm]) -> StoredAlarm | None:
     return min(filter(_exceeds_from_trim, alarms), key=lambda alarm: alarm.t, default=None)
 
 
-def _verdict(store: Store, info: FlightInfo, alarms: Sequence[StoredAlarm]) -> Verdict | None:
+def _verdict(
+    store: Store, info: FlightInfo, monitor: MonitorInfo, alarms: Sequence[StoredAlarm]
+) -> Verdict | None:
     first = first_exceedance(alarms)
     if first is None:
         return None
-    monitor = store.monitors.info(info.monitor_id)
     return verdict(alarms, _jumped(store, info, first.seq, monitor.dt), monitor.lead)
 
 
