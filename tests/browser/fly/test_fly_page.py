@@ -329,7 +329,7 @@ def test_a_cut_connection_is_stale_at_once_and_resumes(fly: Fly, paused: bool) -
     expect(fly.status("state")).to_have_text("◆ STALE")
     expect(page).to_have_title(re.compile("^◆ STALE – "))
     expect(page.locator('[data-action="play"]')).to_be_disabled()
-    expect(page.get_by_text("Connection lost")).to_be_visible()
+    expect(page.locator(".link-lost")).to_be_visible()
     expect(page.get_by_text("new alarms are not known")).to_be_visible()
     expect(page.locator('.strip[data-key="risk"] .readout-state')).to_have_text("STALE")
     cut = False
@@ -337,7 +337,7 @@ def test_a_cut_connection_is_stale_at_once_and_resumes(fly: Fly, paused: bool) -
     fly.gauge_says(CALM)
     fly.event("connected again").wait_for()
     expect(page.locator('.strip[data-key="risk"] .readout-state')).to_have_text("")
-    expect(page.get_by_text("Connection lost")).to_be_hidden()
+    expect(page.locator(".link-lost")).to_be_hidden()
     assert len(routes) == 2
     assert asked[1] > asked[0] == -1
     assert paused or 1 in resets or first[1] == asked[1] + 1
