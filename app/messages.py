@@ -134,6 +134,10 @@ class Hello(Message):
         description="whether the flight becomes `invalid` once it is unlike those of training"
     )
     monitor: dict[str, str]
+    warnings: list[str] = Field(
+        description="what the monitor's test flights say against relying on it at this epsilon, "
+        "or that it was not tested; what is wrong, a colon, figures and remedy"
+    )
     source: dict[str, Any]
     mode: Mode = Field(description="whether its samples are measured now, replayed or simulated")
     theta: dict[str, float] | None

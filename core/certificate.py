@@ -67,7 +67,10 @@ class Certificate:
 
     @property
     def warnings(self) -> list[str]:
-        """What a person must know before relying on the monitor; empty where all is well."""
+        """What a person must know before relying on the monitor; empty where all is well.
+
+        Each says what is wrong, then after a colon the figures and what to do.
+        """
         found = []
         if self.missed is not None and self.breaks_promise:
             found.append(

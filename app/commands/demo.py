@@ -18,6 +18,7 @@ from app.recipes import to_plain
 from app.serving import alone, listen, serve
 from app.settings import Settings
 from app.store.database import StoreError
+from app.store.monitors import MonitorInfo
 from app.store.store import Store, open_store
 from core import __version__
 from core.collection import DatasetRecipe
@@ -84,13 +85,21 @@ def prepare(store: Store, say: Callable[[str], None]) -> str:
                 say(f"the monitor {NAME!r} there is of an older program")
                 continue
             say(f"the monitor {NAME!r} is there already")
+            _warn(info, say)
             return info.id
     say(f"training a small monitor: {DATASET.n_unsafe} unsafe rollouts")
     with progress_bar("unsafe rollouts") as progress:
         dataset = simulate(DATASET, lambda _, done, total: progress(done, total))
     stored = store.datasets.add(dataset, dataset_name(DATASET))
     trained = train_and_test(dataset, MONITOR, N_TEST, lambda *_: None)
-    return store.monitors.add(trained.monitor, NAME, stored.id).id
+    info = store.monitors.add(trained.monitor, NAME, stored.id)
+    _warn(info, say)
+    return info.id
+
+
+def _warn(info: MonitorInfo, say: Callable[[str], None]) -> None:
+    for warning in info.warnings:
+        say(f"WARNING: {warning}")
 
 
 async def fly(app: FastAPI, settings: Settings, monitor_id: str) -> str:

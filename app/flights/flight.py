@@ -29,6 +29,7 @@ from app.messages import (
     limited_channels,
     plain_frame,
 )
+from core.certificate import warnings_of
 from core.channels import KEYS
 from core.monitor import Assessment, Monitor, State
 from core.monitor.status import Facts, Headline, headline
@@ -202,6 +203,7 @@ class Flight(ABC):
             stale_after=patience(self.dt),
             validity="checked" if self.is_checked else "not calibrated",
             monitor={"id": plan.monitor_id, "name": plan.monitor_name},
+            warnings=warnings_of(monitor.evaluation, plan.epsilon),
             source=plan.source,
             mode=plan.mode,
             theta=self.theta,

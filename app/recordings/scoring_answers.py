@@ -9,6 +9,7 @@ from app.messages import limited_channels
 from app.recordings.reasons import reason
 from app.recordings.recordings import Recordings
 from app.recordings.samples import Samples
+from app.recordings.scored import ScoredRecordings
 from app.recordings.tiles import Window
 from app.scoring import manoeuvres_in
 from app.store.scorings import ScoringInfo
@@ -19,13 +20,28 @@ from core.specification import specification_from_plain
 OF_ITS_OWN = ("recording_id", "monitor_id", "specification", "request_digest")
 
 
-def answer(info: ScoringInfo, *, verified: bool) -> dict[str, Any]:
-    """A scoring without its samples. verified: whether those were found to be as stored."""
+def answers(
+    scored: ScoredRecordings, infos: list[ScoringInfo], *, verified: bool = False
+) -> list[dict[str, Any]]:
+    """Scorings without their samples.
+
+    verified: those were found to be as stored; else each says what is known of it.
+    """
+    used = [(info.monitor_id, info.epsilon) for info in infos]
+    warnings = scored.store.monitors.warnings(used)
+    return [
+        _answer(info, warnings[pair], verified or scored.verified(info))
+        for info, pair in zip(infos, used, strict=True)
+    ]
+
+
+def _answer(info: ScoringInfo, warnings: list[str], verified: bool) -> dict[str, Any]:
     specification = specification_from_plain(info.specification)
     plain = {key: value for key, value in asdict(info).items() if key not in OF_ITS_OWN}
     return plain | {
         "recording": info.recording_id,
         "monitor": info.monitor_id,
+        "warnings": warnings,
         "verified": verified,
         "channels": [channel.model_dump() for channel in limited_channels(specification)],
     }

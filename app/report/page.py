@@ -13,7 +13,7 @@ from app.report.envelope import Array
 from app.report.subject import PROPOSED, ReportSubject
 from app.scoring.planned_test import limits_of
 from core import __version__
-from core.certificate import certificate
+from core.certificate import certificate, warnings_of
 from core.channels import CHANNELS, Channel, significant
 
 CONFIDENT = 0.9
@@ -61,6 +61,7 @@ def report(subject: ReportSubject) -> str:
             "dataset_digest": monitor.dataset_digest,
         },
         certificate=certificate(subject.evaluation, epsilon),
+        warnings=warnings_of(subject.evaluation, epsilon),
         limits=[
             {"channel": channel, "limit": float(limit)}
             for channel, limit in zip(CHANNELS, limits, strict=True)

@@ -78,6 +78,10 @@ class FlightStatus(BaseModel):
     source: dict[str, Any]
     mode: Mode = Field(description="whether its samples are measured, replayed or simulated")
     monitor: str = Field(description="id")
+    warnings: list[str] = Field(
+        description="what the monitor's test flights say against relying on it at this epsilon, "
+        "or that it was not tested"
+    )
     epsilon: float
     accept_useless: bool = Field(
         description="whether it was accepted that its monitor alerts on nearly every safe flight"
@@ -153,17 +157,14 @@ async def start_flight(
 @router.get("")
 async def list_flights(flights: FlightsDep) -> list[FlightStatus]:
     """All flights, newest first, under way or ended."""
-    stored = await asyncio.to_thread(flights.store.flights.all)
-    over = await asyncio.to_thread(records, flights.store, stored)
-    return [_status(info, flights.get(info.id), over.get(info.id)) for info in stored]
+    return await _statuses(flights, await asyncio.to_thread(flights.store.flights.all))
 
 
 @router.get("/{flight_id}", responses=problem_responses(404, 422))
 async def read_flight(flight_id: str, flights: FlightsDep) -> FlightStatus:
     """One flight."""
     info = await asyncio.to_thread(flights.store.flights.info, flight_id)
-    over = await asyncio.to_thread(records, flights.store, [info])
-    return _status(info, flights.get(flight_id), over.get(flight_id))
+    return (await _statuses(flights, [info]))[0]
 
 
 @router.post("/{flight_id}/end", responses=problem_responses(404, 422, 503))
@@ -324,7 +325,19 @@ async def _frames_response(
     return await json_from(lambda: content)
 
 
-def _status(info: FlightInfo, flight: Flight | None, record: Record | None) -> FlightStatus:
+async def _statuses(flights: Flights, stored: list[FlightInfo]) -> list[FlightStatus]:
+    over = await asyncio.to_thread(records, flights.store, stored)
+    used = [(info.monitor_id, info.epsilon) for info in stored]
+    warnings = await asyncio.to_thread(flights.store.monitors.warnings, used)
+    return [
+        _status(info, flights.get(info.id), over.get(info.id), warnings[pair])
+        for info, pair in zip(stored, used, strict=True)
+    ]
+
+
+def _status(
+    info: FlightInfo, flight: Flight | None, record: Record | None, warnings: list[str]
+) -> FlightStatus:
     status = FlightStatus(
         id=info.id,
         name=flight_name(info),
@@ -334,6 +347,7 @@ def _status(info: FlightInfo, flight: Flight | None, record: Record | None) -> F
         source=source_of(info),
         mode=mode_of(info.source),
         monitor=info.monitor_id,
+        warnings=warnings,
         epsilon=info.epsilon,
         accept_useless=accepts_useless(info),
         created=info.created,

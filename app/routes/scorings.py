@@ -8,7 +8,7 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from app.messages import ChannelLimit, Frame
 from app.problems import Problem, problem_responses
-from app.recordings.scoring_answers import answer, frames, manoeuvres_found, tiled
+from app.recordings.scoring_answers import answers, frames, manoeuvres_found, tiled
 from app.routes.dependencies import RecordingsDep, ScoredDep, json_from, json_response
 from app.routes.recording_models import ManoeuvreInterval, Number
 from app.scoring import Interval, ScoringRecipe
@@ -65,6 +65,10 @@ class Scoring(BaseModel):
     recording: str = Field(description="id")
     monitor: str = Field(description="id")
     monitor_name: str
+    warnings: list[str] = Field(
+        description="what the monitor's test flights say against relying on it at this epsilon, "
+        "or that it was not tested"
+    )
     monitor_digest: str = Field(description="SHA-256 of the portable monitor")
     epsilon: float
     lead: float = Field(description="promised by the monitor [s]")
@@ -182,7 +186,8 @@ async def score_recording(
     recipe = ScoringRecipe(epsilon, request.trim, intervals)
     info, made = await scored.score(recording_id, request.monitor, recipe)
     location = {"Location": f"/api/v1/recordings/{recording_id}/scorings/{info.id}"}
-    return json_response(answer(info, verified=True), 201 if made else 200, location)
+    answered = await asyncio.to_thread(answers, scored, [info], verified=True)
+    return json_response(answered[0], 201 if made else 200, location)
 
 
 def _epsilon(scored: ScoredDep, request: ScoringRequest) -> float:
@@ -197,8 +202,7 @@ async def list_scorings(recording_id: str, scored: ScoredDep):
     """All scorings of a recording, newest first."""
 
     def read() -> list[dict[str, Any]]:
-        stored = scored.store.scorings.of(recording_id)
-        return [answer(info, verified=scored.verified(info)) for info in stored]
+        return answers(scored, scored.store.scorings.of(recording_id))
 
     return await json_from(read)
 
@@ -210,7 +214,7 @@ async def read_scoring(recording_id: str, scoring_id: str, scored: ScoredDep):
     def read() -> dict[str, Any]:
         info = scored.store.scorings.info(recording_id, scoring_id)
         scored.samples(info)
-        return answer(info, verified=True)
+        return answers(scored, [info], verified=True)[0]
 
     return await json_from(read)
 

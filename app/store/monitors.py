@@ -2,7 +2,7 @@
 
 import hashlib
 from collections import OrderedDict
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import asdict, dataclass, replace
 from threading import Lock
 from typing import Any
@@ -212,6 +212,22 @@ class MonitorRepository(Repository):
         query = select(monitors.c.evaluation).where(complete(monitors, monitor_id))
         with self._reading() as connection:
             return _evaluation(fetch(connection, query, "monitor", monitor_id).evaluation)
+
+    def warnings(self, used: Iterable[tuple[str, float]]) -> dict[tuple[str, float], list[str]]:
+        """What is said against relying on each monitor at the epsilon it is used with.
+
+        used: pairs of id and epsilon.
+        """
+        pairs = set(used)
+        query = select(monitors.c.id, monitors.c.evaluation)
+        asked = monitors.c.id.in_({monitor_id for monitor_id, _ in pairs})
+        with self._reading() as connection:
+            rows = connection.execute(query.where(asked))
+            tested = {row.id: _evaluation(row.evaluation) for row in rows}
+        return {
+            (monitor_id, epsilon): warnings_of(tested.get(monitor_id), epsilon)
+            for monitor_id, epsilon in pairs
+        }
 
     def delete(self, monitor_id: str) -> None:
         """Delete a monitor. NotFound; InUse where flights or scorings are of it."""

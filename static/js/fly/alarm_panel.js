@@ -1,7 +1,7 @@
 /**
  * The alarm line: an alert stays, seen and heard, until someone acknowledges it.
  *
- * While no alarm is open it says the guarantee, or that it is withdrawn; its height is the same either way, so that
+ * While no alarm is open it says the guarantee, what the monitor's test flights say against it, or that it is withdrawn; its height is the same either way, so that
  * the strips do not move at the very moment they are looked at.
  *
  * Exports
@@ -10,7 +10,7 @@
  *   guarantee({epsilon, lead}) -> string
  *
  * AlarmPanel
- *   describe({epsilon, lead, limits, channels})   limits: nodes, |N_y| 0.5 g; of the flight
+ *   describe({epsilon, lead, warnings, limits, channels})   warnings: of the monitor; limits: nodes, |N_y| 0.5 g; of the flight
  *   setState({state, reason})    of the newest assessment: whether the guarantee stands
  *   take(alarm)          raised or acknowledged
  *   setHeadline({status})   of the flight: what goes on after it was acknowledged
@@ -23,6 +23,7 @@
 import { shownState, symbolNodes } from "../charts/readout.js";
 import { reason } from "../lib/api.js";
 import { h, put } from "../lib/dom.js";
+import { sentence } from "../lib/monitor_warnings.js";
 import { riskText } from "../lib/numbers.js";
 import { magnitudeIn, quantity } from "../lib/units.js";
 import { errorLine } from "../lib/view_states.js";
@@ -52,7 +53,7 @@ export function createAlarmPanel(element, { tone, acknowledge }) {
   const failure = errorLine();
   element.append(banner, calm, failure.element);
   const alarms = new Map();
-  let flight = { epsilon: NaN, lead: 0, limits: [], channels: [] };
+  let flight = { epsilon: NaN, lead: 0, warnings: [], limits: [], channels: [] };
   let assessment = { state: null, reason: "" };
   let status = "";
   let shown = "";
@@ -61,6 +62,7 @@ export function createAlarmPanel(element, { tone, acknowledge }) {
 
   function render() {
     put(promise, promised());
+    calm.toggleAttribute("data-warned", flight.warnings.length > 0);
     const open = waiting();
     const latest = open.findLast(({ kind }) => kind === "limit") ?? open.at(-1); // what is measured comes first
     const held = latest === undefined && status in GOES_ON;
@@ -80,8 +82,8 @@ export function createAlarmPanel(element, { tone, acknowledge }) {
   function promised() {
     const state = shownState(assessment);
     if (state === "not_assessed") return "No guarantee between manoeuvres: nothing is assessed there.";
-    if (state !== "invalid") return guarantee(flight);
-    return `The guarantee is withdrawn: ${assessment.reason || "the monitor is not applicable here"}`;
+    if (state === "invalid") return `The guarantee is withdrawn: ${assessment.reason || "the monitor is not applicable here"}`;
+    return flight.warnings.length ? `◆ ${flight.warnings.map(sentence).join(" ")}` : guarantee(flight);
   }
 
   function words({ t, p_value: risk, kind, exceedance }, count) {

@@ -74,13 +74,13 @@ export function showLiveFlight(element, { id, api, over }) {
 
   function onHello(message, again) {
     hello = message;
-    const { channels, epsilon, lead, state, reason: why } = hello;
+    const { channels, epsilon, lead, warnings, state, reason: why } = hello;
     if (!again) {
       const history = createSeekHistory(api, path, hello.transport);
       display = createAssessmentDisplay(panels, { hello, history, alarm, events, onExceedance });
       if (hello.source.kind === "recording") showNotes();
     }
-    alarm.describe({ epsilon, lead, limits: limitsOf(channels), channels });
+    alarm.describe({ epsilon, lead, warnings, limits: limitsOf(channels), channels });
     onTransport(hello.transport);
     display.setAssessment({ state, reason: why }, true);
     hello.alarms.forEach(onAlarm);
@@ -193,6 +193,7 @@ export function showLiveFlight(element, { id, api, over }) {
       mode: hello?.mode,
       source: hello === null ? "–" : sourceText(hello.source, hello.name),
       monitor: hello?.monitor.name ?? "–",
+      warnings: hello?.warnings,
       validity: hello?.validity,
       link: connection.link,
       playing: playback.playing,

@@ -10,6 +10,7 @@ import { createStripChart } from "../charts/live/strip_chart.js";
 import { reason } from "../lib/api.js";
 import { h, put } from "../lib/dom.js";
 import { createEventList } from "../lib/event_list.js";
+import { warningLines } from "../lib/monitor_warnings.js";
 import { startFlight } from "../lib/start_flight.js";
 import { askToConfirm, state } from "../lib/view_states.js";
 import { LEVEL_OF, textOf } from "./headline.js";
@@ -36,7 +37,7 @@ export function showFlightRecord(element, { flight, why, api, navigate }) {
   let chart = null;
   let closed = false;
 
-  status.update({ ...shown, monitor: flight.monitor });
+  status.update({ ...shown, monitor: flight.monitor, warnings: flight.warnings });
   gauge.update({ state: "over", reason: "the flight has ended", epsilon: flight.epsilon });
   panels.alarm.remove();
   panels.transport.remove();
@@ -55,6 +56,7 @@ export function showFlightRecord(element, { flight, why, api, navigate }) {
       h("a", { class: "button", href: "#/fly" }, "All flights"),
       h("button", { type: "button", class: "button button-danger", onclick: () => askToConfirm("Delete this record?", "Its samples, assessments and alarms are gone for good.", "Delete the record", remove) }, "Delete the record"),
       failure),
+    ...warningLines(flight),
   ].filter((part) => part !== null));
   const events = createEventList(panels.events, {
     go: (t) => {
@@ -71,7 +73,7 @@ export function showFlightRecord(element, { flight, why, api, navigate }) {
       api.get("/catalog"), api.get(`/monitors/${flight.monitor}`), api.get(`${path}/alarms`), readFrames(),
     ]);
     if (closed) return;
-    status.update({ ...shown, monitor: monitor.name });
+    status.update({ ...shown, monitor: monitor.name, warnings: flight.warnings });
     const limits = monitor.dataset_recipe.specification ?? {};
     const channels = catalog.channels.map((channel) => ({ ...channel, limit: limits[channel.key] ?? null }));
     const { passes, longest } = longestPass(frames);

@@ -8,7 +8,7 @@
 
 import { reason } from "../lib/api.js";
 import { h, put } from "../lib/dom.js";
-import { warningLines } from "../lib/monitor_warnings.js";
+import { warningLines, warningMark, warningWords } from "../lib/monitor_warnings.js";
 import { startFlight } from "../lib/start_flight.js";
 import { errorLine, state } from "../lib/view_states.js";
 import { guarantee } from "./alarm_panel.js";
@@ -23,11 +23,13 @@ export function showFlightStart(element, { query, api, navigate }) {
   page.append(state("loading", "Looking for monitors and flights", "Asking the server."));
   let closed = false;
   let timer = 0;
+  let names = new Map();
   const flights = h("section", { class: "panel stack", "aria-label": "Flights" });
 
   async function load() {
     try {
       const [monitors, datasets] = await Promise.all([api.get("/monitors"), api.get("/datasets")]);
+      names = new Map(monitors.map(({ id, name }) => [id, name]));
       await refresh();
       if (closed) return;
       const start = monitors.length === 0 ? noMonitor() : startForm({ monitors, datasets, query, api, navigate });
@@ -45,7 +47,7 @@ export function showFlightStart(element, { query, api, navigate }) {
     const signature = JSON.stringify(all.map(({ id, progress, status, open_alarms: open }) => [id, progress, status, open]));
     if (flights.dataset.signature !== signature) {
       flights.dataset.signature = signature;
-      flights.replaceChildren(...flightLists(all));
+      flights.replaceChildren(...flightLists(all, names));
     }
     timer = setTimeout(() => refresh().catch(() => {}), REFRESH);
   }
@@ -64,35 +66,37 @@ function noMonitor() {
   return state("empty", "No monitor yet", "A flight is flown through a monitor. Train one first: it takes a planned test and about a minute.", train);
 }
 
-function flightLists(all) {
+function flightLists(all, names) {
   const running = all.filter(({ progress }) => progress === "running");
   const over = all.filter(({ progress }) => progress !== "running").slice(0, 30);
   const rows = [h("h2", {}, "Under way")];
   if (running.length === 0) rows.push(h("p", { class: "dim" }, "No flight is under way."));
-  rows.push(h("ul", { class: "flight-list" }, ...running.map((flight) => flightRow(flight, "Watch"))));
+  rows.push(h("ul", { class: "flight-list" }, ...running.map((flight) => flightRow(flight, names, "Watch"))));
   rows.push(h("h2", {}, "Over"));
   if (over.length === 0) rows.push(h("p", { class: "dim" }, "Flights that ended keep their record here."));
-  rows.push(h("ul", { class: "flight-list" }, ...over.map((flight) => flightRow(flight, "Record"))));
+  rows.push(h("ul", { class: "flight-list" }, ...over.map((flight) => flightRow(flight, names, "Record"))));
   return rows;
 }
 
-function flightRow(flight, verb) {
+function flightRow(flight, names, verb) {
   const source = sourceText(flight.source, flight.name);
   const isOver = flight.progress !== "running";
   const level = isOver && flight.level === "none" ? "off" : LEVEL_OF[flight.level];
   const words = flight.verdict ? `◆ ${flight.verdict.text}` : level === "off" ? flight.progress : textOf(flight);
+  const monitor = names.get(flight.monitor) ?? flight.monitor;
+  const about = `${monitor} at ε ${flight.epsilon}, ${flight.created.slice(0, 16).replace("T", " ")} UTC`;
   return h(
     "li",
     { class: "flight-row" },
     h("span", { class: "chip mode", "data-mode": flight.mode }, flight.mode.toUpperCase()),
     h("span", { class: "chip", "data-level": flight.verdict && level !== "alert" ? "caution" : level }, words),
-    h("span", { class: "flight-name" }, source.startsWith(flight.name) ? source : `${flight.name} (${source})`, h("span", { class: "dim flight-detail" }, `ε ${flight.epsilon}, ${flight.created.slice(0, 16).replace("T", " ")} UTC`)),
+    h("span", { class: "flight-name" }, source.startsWith(flight.name) ? source : `${flight.name} (${source})`, h("span", { class: "dim flight-detail" }, about), warningMark(flight)),
     h("a", { class: "button button-small", href: `#/fly/${flight.id}`, "aria-label": `${verb}: ${flight.name}` }, verb),
   );
 }
 
 function startForm({ monitors, datasets, query, api, navigate }) {
-  const monitor = select("monitor", monitors.map(({ id, name, lead, n_unsafe: n }) => [id, `${name} (${lead} s ahead, ${n} failures)`]), query.get("monitor"));
+  const monitor = select("monitor", monitors.map((one) => [one.id, `${one.name} (${one.lead} s ahead, ${one.n_unsafe} failures) ${warningWords(one)}`]), query.get("monitor"));
   const epsilon = h("input", { id: "epsilon", type: "number", step: "any", min: 0, max: 1 });
   const served = h("p", { class: "hint" });
   const kind = select("kind", [["simulated", "a fresh simulated flight"], ["replay", "replay of a stored rollout"]], query.get("dataset") ? "replay" : "simulated");

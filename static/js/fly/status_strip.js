@@ -3,15 +3,17 @@
  *
  * Exports
  *   createStatusStrip(element) -> {update(status)}
- *     status: {mode, source, monitor, validity, link, staleAfter, playing, live, headline, reason,
+ *     status: {mode, source, monitor, warnings, validity, link, staleAfter, playing, live, headline, reason,
  *              figures: {age [s], latency [ms], conflated, lost, unwritten, problem, utc: Date | null}}
  *     mode: "live", "replay" or "simulated"; only live data have an age and a latency
  *     headline: of the flight, null before it is known or for a flight that is over
+ *     warnings: what speaks against the monitor, shown beside its name
  *     validity: "checked", or why not, shown beside the monitor
  *     link: "connecting" | "open" | "silent" | "lost" | "over"; staleAfter: age that is cautioned of [s]; live: false for a flight that is over
  */
 
 import { h, put } from "../lib/dom.js";
+import { sentence, warningWords } from "../lib/monitor_warnings.js";
 import { LEVEL_OF, textOf } from "./headline.js";
 
 const ITEMS = [
@@ -19,6 +21,7 @@ const ITEMS = [
   ["link", "link", "Connection to the server"],
   ["source", "source", "What is flown"],
   ["monitor", "monitor", "Which monitor assesses it; where its validity is calibrated, it says INVALID of a flight unlike those of training"],
+  ["test", "monitor's test", "What the monitor's test flights say against relying on it"],
   ["utc", "UTC", "The server's date and time"],
   ["age", "data age", "Time since the newest sample was due"],
   ["latency", "latency", "Newest sample: from the server's clock to this page"],
@@ -47,7 +50,7 @@ export function createStatusStrip(element) {
   const mode = h("strong", { class: "mode", title: "Where the samples come from" });
   element.prepend(mode);
 
-  function update({ mode: from, source, monitor, validity = "checked", link, staleAfter, playing, live, headline, reason, figures }) {
+  function update({ mode: from, source, monitor, warnings = [], validity = "checked", link, staleAfter, playing, live, headline, reason, figures }) {
     const linked = live && link === "open";
     put(mode, from === undefined ? "" : live ? from.toUpperCase() : "RECORD");
     mode.dataset.mode = live ? (from ?? "") : "record";
@@ -55,6 +58,9 @@ export function createStatusStrip(element) {
     show("source", source);
     show("monitor", monitor);
     put(items.monitor.label, validity === "checked" ? "monitor" : `monitor, validity ${validity}`);
+    items.test.box.hidden = warnings.length === 0;
+    items.test.box.title = warnings.map(sentence).join(" ");
+    show("test", warningWords({ warnings }), "caution");
     if (headline === null) show("state", live ? "–" : "NOT LIVE", "off");
     else show("state", textOf(headline, reason), LEVEL_OF[headline.level]);
     show("link", ...linkOf(live, link));

@@ -1,7 +1,28 @@
-/** What speaks against relying on a monitor, as the server says it. Exports  warningLines(monitor) -> elements. */
+/**
+ * What speaks against relying on a monitor, as the server says it: what is wrong, a colon, the figures.
+ *
+ * Exports
+ *   warningLines({warnings}) -> elements     each in full
+ *   warningMark({warnings}) -> element | null    in short, beside the monitor's name; in full as its title
+ *   warningWords({warnings}) -> string       in short: "◆ worse than its promise"; empty where there is none
+ *   sentence(text) -> string                 one in full, as a sentence
+ */
 
 import { h } from "./dom.js";
 
+const brief = (text) => text.split(":")[0].replace(/^the monitor (is|was) /, "");
+
+export const sentence = (text) => `${text[0].toUpperCase()}${text.slice(1)}.`;
+
+export function warningWords({ warnings }) {
+  return warnings.length ? `◆ ${warnings.map(brief).join(", ")}` : "";
+}
+
+export function warningMark({ warnings }) {
+  if (!warnings.length) return null;
+  return h("span", { class: "monitor-mark", title: warnings.map(sentence).join(" ") }, warningWords({ warnings }));
+}
+
 export function warningLines({ warnings }) {
-  return warnings.map((text) => h("p", { class: "monitor-warning", role: "note" }, text[0].toUpperCase() + text.slice(1)));
+  return warnings.map((text) => h("p", { class: "monitor-warning", role: "note" }, sentence(text)));
 }

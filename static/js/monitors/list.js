@@ -7,7 +7,7 @@ import { jobList } from "../lib/job_progress.js";
 import { hiddenHead, tableHead } from "../lib/lists.js";
 import { loadingView } from "../lib/loading_view.js";
 import { figure, moment, percent } from "../lib/numbers.js";
-import { warningLines } from "../lib/monitor_warnings.js";
+import { warningMark } from "../lib/monitor_warnings.js";
 import { button, empty, errorLine, link, pageOf } from "../lib/view_states.js";
 
 export function showMonitors(element, { api, navigate }) {
@@ -92,7 +92,7 @@ function table(monitors, rates, catalog) {
     return h(
       "tr",
       {},
-      h("th", { scope: "row" }, h("a", { href: `#/monitors/${monitor.id}` }, monitor.name), ...warningLines(monitor)),
+      h("th", { scope: "row" }, h("a", { href: `#/monitors/${monitor.id}` }, monitor.name), warningMark(monitor)),
       h("td", {}, aircraftName(catalog, aircraft)),
       h("td", {}, kindName(catalog, "maneuver", maneuver)),
       h("td", { class: "number" }, monitor.n_unsafe),

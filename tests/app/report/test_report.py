@@ -123,6 +123,7 @@ def test_what_was_not_checked_is_promised_nothing(monitor: Monitor) -> None:
     html = report(subject_of(monitor, [unknown]))
     assert "Nothing is promised for this recording" in html
     assert "◇ Not checked" in html
+    assert "◆ The monitor was not tested on fresh flights: " in html
     assert "P(no timely alert" not in html
 
 

@@ -13,6 +13,7 @@ from starlette.websockets import WebSocketDisconnect
 from app.flights.flights import Flights
 from app.flights.watcher import CREDIT
 from app.messages import Hello
+from core.certificate import UNTESTED
 from tests.app.flights.test_flights import RECIPE, monitor
 from tests.support.api import api, problem, store_of
 from tests.support.flying import ScriptedClock
@@ -307,11 +308,17 @@ def test_a_monitor_of_no_use_is_flown_only_where_that_is_accepted(server: Server
     assert server.client.get(URL).json() == []
     flown = server.start(monitor=monitor_id, accept_useless=True)
     assert flown["accept_useless"] is True
+    with server.watch(flown["id"]) as socket:
+        hello = Hello.model_validate_json(socket.receive_text())
     server.client.post(f"{URL}/{flown['id']}/end")
-    assert server.client.get(f"{URL}/{flown['id']}").json()["accept_useless"] is True
+    over = server.client.get(f"{URL}/{flown['id']}").json()
+    assert over["accept_useless"] is True
     warnings = server.client.get(f"/api/v1/monitors/{monitor_id}").json()["warnings"]
     assert len(warnings) == 1
-    assert server.start()["accept_useless"] is False, "one that was not tested may be flown"
+    assert [flown["warnings"], hello.warnings, over["warnings"]] == [warnings] * 3
+    untested = server.start()
+    assert untested["accept_useless"] is False, "one that was not tested may be flown"
+    assert untested["warnings"] == [UNTESTED]
 
 
 def test_one_flight_too_many_is_refused(tmp_path: Path) -> None:

@@ -18,6 +18,8 @@ RECIPE = DatasetRecipe(n_unsafe=40, n_obs=10, seed=3)
 EPSILON = 0.1
 CALM = "NOT CALIBRATED"
 """What is said of a calm flight whose monitor's validity is not calibrated."""
+UNTESTED = "◆ not tested on fresh flights"
+"""What is said beside the name of such a monitor."""
 UNSAFE = {"kind": "simulated", "seed": 7, "outcome": "unsafe"}
 SAFE = {"kind": "simulated", "seed": 7, "outcome": "safe"}
 VISIBLE = ".status-value:visible, .transport .button:visible, .alarm-banner:visible"
@@ -111,8 +113,10 @@ def test_a_flight_is_started_and_alerts_before_its_exceedance(fly: Fly) -> None:
     page.get_by_label("Outcome").select_option("unsafe")
     page.get_by_label("Seed").fill("7")
     expect(page.get_by_text("Risk is not the probability of failure")).to_be_visible()
+    expect(page.get_by_text("The monitor was not tested on fresh flights")).to_be_visible()
     page.get_by_role("button", name="Start the flight").click()
     fly.connected()
+    expect(fly.status("test")).to_have_text(UNTESTED)
     expect(page.get_by_text("risk (higher is worse)")).to_be_visible()
     fly.event("exceeds its limit").wait_for()
     expect(fly.banner).to_be_visible()
@@ -193,8 +197,12 @@ def test_the_record_of_a_flight_that_exceeded_says_how_it_was_warned(fly: Fly) -
     fly.ask("POST", f"/flights/{fly.flight}/end")
     said = f"LIMIT EXCEEDED, warned {fail_t - when:.2f} s before"
     expect(fly.page.locator(".verdict")).to_contain_text(said)
+    expect(fly.status("test")).to_have_text(UNTESTED)
+    expect(fly.page.locator(".notice .monitor-warning")).to_contain_text("was not tested")
     fly.page.goto(f"{fly.site.http}/#/fly")
-    chip = fly.page.locator(".flight-row", has_text=said).first.locator(".chip").nth(1)
+    row = fly.page.locator(".flight-row", has_text=said).first
+    expect(row.locator(".monitor-mark")).to_have_text(UNTESTED)
+    chip = row.locator(".chip").nth(1)
     assert chip.get_attribute("data-level") in ("alert", "caution")
 
 

@@ -292,7 +292,9 @@ def test_a_monitor_of_no_use_says_so_and_is_flown_only_when_that_is_accepted(
     made = site.store.monitors.add(useless, "cries wolf").id
     try:
         page.goto(f"{site.http}/#/monitors")
-        expect(page.get_by_role("row", name="cries wolf")).to_contain_text("of no use: only 0.0%")
+        mark = page.get_by_role("row", name="cries wolf").locator(".monitor-mark")
+        expect(mark).to_have_text("◆ of no use")
+        expect(mark).to_have_attribute("title", re.compile("of no use: only 0.0%"))
         page.goto(f"{site.http}/#/monitors/{made}")
         expect(page.locator(".monitor-warning").first).to_contain_text("of no use")
         page.goto(f"{site.http}/#/fly?monitor={made}")

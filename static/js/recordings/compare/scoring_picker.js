@@ -8,6 +8,7 @@
 
 import { reason } from "../../lib/api.js";
 import { h } from "../../lib/dom.js";
+import { warningWords } from "../../lib/monitor_warnings.js";
 import { figure } from "../../lib/numbers.js";
 import { button, errorLine } from "../../lib/view_states.js";
 
@@ -59,7 +60,7 @@ export function createScoringPicker({ api, recordings, taken, add }) {
               h(
                 "option",
                 { value: scored.id },
-                `${scored.monitor_name} at ε ${figure(scored.epsilon)}`,
+                `${scored.monitor_name} at ε ${figure(scored.epsilon)} ${warningWords(scored)}`,
               ),
             )
           : [h("option", { value: "" }, "all are here already")]),

@@ -10,6 +10,7 @@
 
 import { formatted, h } from "../../lib/dom.js";
 import { recipeList } from "../../lib/lists.js";
+import { warningMark } from "../../lib/monitor_warnings.js";
 import { figure, riskText, secondsText } from "../../lib/numbers.js";
 import { button } from "../../lib/view_states.js";
 import { earlierMapping } from "../mapping/changes.js";
@@ -43,6 +44,7 @@ export function compareTable(compared, { remove }) {
             scoring.monitor_name,
           ),
           ` at ε ${figure(scoring.epsilon)}`,
+          warningMark(scoring),
           h("span", { class: "hint hint-line" }, planned),
           h(
             "span",

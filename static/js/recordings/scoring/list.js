@@ -7,6 +7,7 @@
 
 import { h } from "../../lib/dom.js";
 import { tableHead } from "../../lib/lists.js";
+import { warningMark } from "../../lib/monitor_warnings.js";
 import { figure, moment, riskText } from "../../lib/numbers.js";
 import { askToConfirm, button } from "../../lib/view_states.js";
 import { earlierMapping } from "../mapping/changes.js";
@@ -84,6 +85,7 @@ export function createScoringList({ api, recording, scorings, changed, navigate 
         "th",
         { scope: "row" },
         h("a", { href: `#/recordings/${recording.id}?scoring=${id}` }, name),
+        warningMark(scoring),
         h("span", { class: "hint hint-line" }, requestWords(scoring.request)),
         earlierMapping(scoring, recording.mapping),
       ),

@@ -10,6 +10,7 @@
 import { decimals } from "../../forms/decimals.js";
 import { aircraftName, kindName, limitWords } from "../../lib/catalog.js";
 import { formatted, h } from "../../lib/dom.js";
+import { warningMark } from "../../lib/monitor_warnings.js";
 import { figure } from "../../lib/numbers.js";
 import { errorLine, link } from "../../lib/view_states.js";
 
@@ -80,6 +81,7 @@ export function createMonitorChoice({ monitors, used, catalog, changed }) {
           `${aircraftName(catalog, aircraft)}, ${kindName(catalog, "maneuver", maneuver)}, `,
           formatted(limits),
           `; ${figure(monitor.lead)} s ahead, every ${figure(monitor.dt)} s`,
+          warningMark(monitor),
         ),
         h("span", { class: "field field-inline" }, h("span", {}, "ε"), epsilons),
       ),

@@ -8,6 +8,7 @@ import { reason } from "../../lib/api.js";
 import { formatted, h } from "../../lib/dom.js";
 import { createEventList } from "../../lib/event_list.js";
 import { loadingView } from "../../lib/loading_view.js";
+import { warningMark } from "../../lib/monitor_warnings.js";
 import { figure } from "../../lib/numbers.js";
 import { startFlight } from "../../lib/start_flight.js";
 import { button, empty, errorLine, link, pageOf } from "../../lib/view_states.js";
@@ -202,6 +203,7 @@ function summary(scoring) {
       {},
       h("span", { class: "dim" }, "Monitor "),
       h("a", { href: `#/monitors/${monitor}` }, name),
+      warningMark(scoring),
     ),
     h(
       "span",
