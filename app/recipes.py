@@ -3,6 +3,7 @@
 import json
 from collections.abc import Mapping
 from dataclasses import is_dataclass, replace
+from math import inf
 from pathlib import Path
 from typing import Any
 
@@ -10,9 +11,11 @@ from pydantic import TypeAdapter, ValidationError
 
 from core import recipe
 from core.amplitude import Suggestion, suggest_amplitude
+from core.channels import BEYOND_FLIGHT, CHANNELS
 from core.planned_test import DatasetRecipe
 from core.recipe import RecipeError, family_of, to_plain
 from core.simulation.aircraft import AIRCRAFT, MatrixAircraft
+from core.specification import Limits
 
 __all__ = [
     "AUTO",
@@ -69,10 +72,26 @@ def dataset_recipe(plain: Any, where: str = "dataset") -> tuple[DatasetRecipe, S
         rest = {key: value for key, value in maneuver.items() if key != "amplitude_deg"}
         plain = plain | {"maneuver": rest}
     read = from_plain(DatasetRecipe(), _with_usual_test(plain), where)
+    _check_limits(read.specification, f"{where}.specification")
     if not is_auto and (is_said or not _is_own_model(plain)):
         return read, None
     suggestion = suggest_amplitude(read)
     return replace(read, maneuver=read.maneuver.with_peak(suggestion.amplitude_deg)), suggestion
+
+
+def _check_limits(limits: Limits, where: str) -> None:
+    """RecipeError for a limit that no flight comes near, as of degrees given as radians."""
+    for channel in CHANNELS:
+        limit = getattr(limits, channel.key)
+        if limit is None or limit <= BEYOND_FLIGHT.get(channel.unit, inf):
+            continue
+        meant = f"{limit:g}{channel.display_unit}"
+        raise RecipeError(
+            f"{where}.{channel.key} is {limit:g} {channel.unit}, which is "
+            f"{channel.read(limit)} and no flight comes near it: if {meant} was meant, give "
+            f"{limit / channel.display_factor:.4g} {channel.unit}, or on the command line "
+            f"--limit {channel.key}={meant}"
+        )
 
 
 def _is_own_model(plain: dict[str, Any]) -> bool:

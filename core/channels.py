@@ -1,7 +1,7 @@
 """The telemetry dictionary: what a sample y holds, in which order and in which units."""
 
 from dataclasses import dataclass
-from math import degrees
+from math import degrees, pi
 
 from core.kernels import N_CHANNELS
 
@@ -40,6 +40,9 @@ DISPLAY: dict[str, tuple[str, float, int]] = {
     "g": ("g", 1.0, 3),
 }
 """Unit, factor and decimals that people read a unit with; any other one is read as it is."""
+
+BEYOND_FLIGHT: dict[str, float] = {"rad": pi, "rad/s": 4.0 * pi}
+"""Magnitudes that no aircraft comes near, by unit: a half turn, two turns a second."""
 
 
 def channel(key: str, symbol: str, unit: str, label: str) -> Channel:

@@ -221,6 +221,8 @@ def test_users_own_matrices_and_manoeuvre_table_train_a_monitor(tmp_path: Path):
         (["train", "--limit", "Ny"], "write it as CHANNEL=NUMBER"),
         (["train", "--limit", "Ny=5deg"], "Ny takes no unit 'deg'; write it like Ny=1g"),
         (["train", "--limit", "beta_deg=5deg"], "beta_deg takes no unit 'deg'"),
+        (["train", "--limit", "beta=7"], "if 7deg was meant, give 0.1222 rad, or on the command"),
+        (["train", "--limit", "p=20"], "--limit p=20deg/s"),
         (["train", "--limit", "Ny=-1"], "a limit is a positive, finite magnitude"),
         (["train", "--t-early", "0"], "the lead must be positive"),
         (["train", "--t-early", "9"], "the manoeuvre lasts 6 s"),
@@ -263,7 +265,7 @@ def test_bad_input_gets_one_line_and_leaves_nothing(
 
 def test_study_into_a_file_is_refused_before_the_work(tmp_path: Path, monkeypatch, capsys):
     (tmp_path / "taken").write_text("mine")
-    monkeypatch.setattr("core.study.study", lambda *_: pytest.fail("the study ran"))
+    monkeypatch.setattr("app.commands.study.study", lambda *_, **__: pytest.fail("it ran"))
     assert main(["study", "-o", str(tmp_path / "taken" / "out")]) == 1
     assert "taken is a file: give a directory" in capsys.readouterr().err
     assert (tmp_path / "taken").read_text() == "mine"

@@ -88,6 +88,7 @@ def test_where_no_amplitude_is_suggested_the_reason_is_said(client, test, words)
         ({"control_law": {"kind": "f16_sl_ofb"}}, "feeds back phi"),
         ({"name": ""}, "1 to 200 characters"),
         ({"specification": {"Ny": None}}, "no limit was given"),
+        ({"specification": {"beta": 7}}, "beta is 7 rad, which is 401 deg and no flight comes"),
     ],
 )
 def test_a_wrong_recipe_is_refused_naming_what_is_right(client, recipe, words):
