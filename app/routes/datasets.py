@@ -28,7 +28,7 @@ from app.routes.job_answers import ACCEPTED, accepted
 from app.store.datasets import DatasetInfo
 from app.store.jobs import JobInfo
 from app.store.store import Store
-from core.channels import KEYS
+from core.channels import CHANNELS, KEYS
 
 router = APIRouter(prefix="/api/v1/datasets", tags=["datasets"])
 Outcome = Literal["unsafe", "safe"]
@@ -132,7 +132,10 @@ async def delete_dataset(dataset_id: str, store: StoreDep) -> None:
     | file_of("application/octet-stream", "npz archive of the dataset's fields"),
 )
 async def read_arrays(dataset_id: str, store: StoreDep) -> Response:
-    """The dataset's arrays as npz: unsafe, fail_index, safe, safe_times, theta_unsafe, ...."""
+    """The dataset's arrays as npz: unsafe, fail_index, safe, safe_times, theta_unsafe, ....
+
+    `channels` and `units` name the columns of `unsafe` and `safe`; dt is in seconds.
+    """
     body = await asyncio.to_thread(_arrays, store, dataset_id)
     headers = {"Content-Disposition": f'attachment; filename="dataset-{dataset_id}.npz"'}
     return Response(body, 200, headers, "application/octet-stream")
@@ -152,6 +155,8 @@ def _arrays(store: Store, dataset_id: str) -> bytes:
         theta_safe=dataset.theta_safe,
         dt=np.float64(dataset.dt),
         theta_names=np.array(dataset.theta_names, dtype=np.str_),
+        channels=np.array(KEYS, dtype=np.str_),
+        units=np.array([channel.unit for channel in CHANNELS], dtype=np.str_),
     )
     return archive.getvalue()
 

@@ -116,6 +116,8 @@ def test_arrays_come_back_as_they_were_stored(client, stored, dataset):
             np.testing.assert_array_equal(arrays[name], getattr(dataset, name))
         assert arrays["dt"] == dataset.dt
         assert tuple(arrays["theta_names"]) == dataset.theta_names
+        units = dict(zip(arrays["channels"], arrays["units"], strict=True))
+        assert (units["beta"], units["r"], units["Ny"]) == ("rad", "rad/s", "g")
 
 
 def test_rollouts_are_numbered_unsafe_first(client, stored, dataset):
