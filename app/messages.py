@@ -15,7 +15,7 @@ from app import json_codec
 from core.channels import CHANNELS
 from core.monitor import Assessment
 from core.monitor.assessment import State
-from core.monitor.status import Level, Status
+from core.monitor.status import AlarmKind, Level, Status
 from core.specification import Limits, Specification
 
 Mode = Literal["live", "replay", "simulated"]
@@ -59,20 +59,26 @@ class MeasuredExceedance(Message):
 
 
 class Alarm(Message):
-    """A latched alert: it stays until someone acknowledges it."""
+    """A latched warning or caution: it stays until someone acknowledges it."""
 
     id: str = Field(description="of this flight's alarms; path of its acknowledgement")
     number: int = Field(description="1, 2, 3 ... in the order raised")
-    seq: int = Field(description="sample that raised it")
+    seq: int = Field(
+        description="sample that raised it; of a late source the last one that came, -1 for none"
+    )
     t: float = Field(description="[s]")
     p_value: float | None
-    kind: Literal["risk", "limit"] = Field(
-        default="risk", description="a predicted exceedance, or a measured one"
+    kind: AlarmKind = Field(
+        default="risk",
+        description="a predicted exceedance, or a measured one: warnings; a monitor that is not "
+        "applicable (`invalid`) or a late source (`stale`): cautions",
     )
     level: Level = Field(
-        default=Level.WARNING, description="14 CFR 25.1322: `warning` asks for action now"
+        default=Level.WARNING,
+        description="14 CFR 25.1322: `warning` asks for action now, `caution` for attention now",
     )
     exceedance: MeasuredExceedance | None = Field(default=None, description="of kind `limit`")
+    reason: str | None = Field(default=None, description="of a caution: why")
     raised: str = Field(description="UTC, ISO 8601")
     acknowledged: str | None = Field(default=None, description="UTC, ISO 8601")
     by: str | None = None

@@ -1,25 +1,28 @@
-"""Alarms: alerts and exceedances, latched until someone acknowledges them.
+"""Alarms: warnings and cautions, latched until someone acknowledges them.
 
-A risk above the alert level is an alarm, and so is a measured exceedance, from the channels alone:
-it asks nobody whether the monitor is applicable. Each kind is raised at its onset, once. A risk
-ends at an assessed sample that does not alert; a sample that could not be assessed ends nothing. An
-exceedance ends at a sample within the limits. Both end where the flight restarts (seek, loop). The
-next onset is an alarm of its own, except while one of its kind waits for its acknowledgement and
+A risk above the alert level is a warning, and so is a measured exceedance, from the channels alone:
+it asks nobody whether the monitor is applicable. That it is not, or that the source is late, is a
+caution. Each kind is raised at its onset, once. A risk ends at an assessed sample that does not
+alert; a sample that could not be assessed ends nothing. An exceedance ends at a sample within the
+limits, a caution at a sample that gives no cause for it. Warnings end where the flight restarts
+(seek, loop), cautions go on where the next sample finds them as they were. The next onset is an
+alarm of its own, except while one of its kind waits for its acknowledgement and
 - it is the last one and had ended for less than REJOIN_S: a flicker is one alarm, or
 - the sample is the very one that raised it: a loop does not ring again each time round.
 An acknowledged alarm is over: every onset after it rings.
 """
 
-from collections.abc import Callable
-from typing import Literal
+from typing import Any
 
+from app.flights.clock import Clock
 from app.messages import Alarm, MeasuredExceedance
+from app.recordings.reasons import BETWEEN
 from core.monitor import Assessment, State
+from core.monitor.status import ALARM_LEVELS, AlarmKind, Level
 
 REJOIN_S = 1.0
 CLOSED_KEPT = 50
 """Acknowledged alarms that a flight keeps at hand; the store has all."""
-Kind = Literal["risk", "limit"]
 
 
 class Onsets:
@@ -64,17 +67,16 @@ class Alarms:
         self._open: dict[str, Alarm] = {}
         self._closed: list[Alarm] = []
         self._number = 0
-        self._onsets: dict[Kind, Onsets] = {"risk": Onsets(), "limit": Onsets()}
+        self._onsets: dict[AlarmKind, Onsets] = {kind: Onsets() for kind in ALARM_LEVELS}
 
     @property
     def at_hand(self) -> list[Alarm]:
         """All open alarms and the last acknowledged ones, in the order raised."""
         return sorted([*self._closed, *self._open.values()], key=lambda alarm: alarm.number)
 
-    @property
-    def n_open(self) -> int:
-        """Alarms that nobody acknowledged."""
-        return len(self._open)
+    def n_open(self, level: Level) -> int:
+        """Alarms of a level that nobody acknowledged."""
+        return sum(alarm.level is level for alarm in self._open.values())
 
     def note_stored(self, alarm_id: str) -> None:
         """The store holds this alarm."""
@@ -84,8 +86,9 @@ class Alarms:
 
     def restart(self) -> None:
         """The next sample does not follow the last one."""
-        for onsets in self._onsets.values():
-            onsets.restart()
+        for kind, onsets in self._onsets.items():
+            if ALARM_LEVELS[kind] is Level.WARNING:
+                onsets.restart()
 
     def update(
         self,
@@ -93,44 +96,44 @@ class Alarms:
         index: int,
         assessment: Assessment,
         exceedance: MeasuredExceedance | None,
-        utc: Callable[[], str],
+        clock: Clock,
     ) -> list[Alarm]:
         """Take a sample; return the alarms that it raises, an exceedance first.
 
-        index: the sample's number in its source, which a loop meets again.
-        exceedance: of this sample.   utc: gives the present date and time.
+        index: the sample's number in its source, which a loop meets again.   exceedance: of it.
         """
-        active: dict[Kind, bool] = {"limit": exceedance is not None}
-        if assessment.state is State.OK:
-            active["risk"] = bool(assessment.alert)
-        began: list[Kind] = [
-            kind for kind in active if self._begins(kind, index, assessment.t, active[kind])
+        t, state, reason = assessment.t, assessment.state, assessment.reason
+        active: dict[AlarmKind, tuple[float, bool]] = {"limit": (t, exceedance is not None)}
+        if state is State.OK:
+            active["risk"] = t, bool(assessment.alert)
+        active["invalid"] = t, state is State.INVALID and reason != BETWEEN
+        active["stale"] = clock.now(), state is State.STALE
+        return [
+            self._raise(
+                kind,
+                index,
+                seq=seq,
+                t=t,
+                p_value=assessment.p_value,
+                exceedance=exceedance if kind == "limit" else None,
+                reason=reason if ALARM_LEVELS[kind] is Level.CAUTION else None,
+                raised=clock.utc(),
+            )
+            for kind, (when, is_active) in active.items()
+            if self._onsets[kind].begins(index, when, is_active)
         ]
-        return [self._raise(kind, seq, index, assessment, exceedance, utc()) for kind in began]
 
-    def _begins(self, kind: Kind, index: int, t: float, active: bool) -> bool:
-        return self._onsets[kind].begins(index, t, active)
+    def note_late(self, seq: int, t: float, reason: str, clock: Clock) -> list[Alarm]:
+        """Nothing follows sample seq, of t [s]; return the alarm that this raises, if any."""
+        if not self._onsets["stale"].begins(seq, clock.now(), True):
+            return []
+        about = {"seq": seq, "t": t, "p_value": None, "reason": reason, "raised": clock.utc()}
+        return [self._raise("stale", seq, **about)]
 
-    def _raise(
-        self,
-        kind: Kind,
-        seq: int,
-        index: int,
-        assessment: Assessment,
-        exceedance: MeasuredExceedance | None,
-        utc: str,
-    ) -> Alarm:
+    def _raise(self, kind: AlarmKind, index: int, **about: Any) -> Alarm:
         self._number += 1
-        alarm = Alarm(
-            id=str(self._number),
-            number=self._number,
-            seq=seq,
-            t=assessment.t,
-            p_value=assessment.p_value,
-            kind=kind,
-            exceedance=exceedance if kind == "limit" else None,
-            raised=utc,
-        )
+        number, level = self._number, ALARM_LEVELS[kind]
+        alarm = Alarm(id=str(number), number=number, kind=kind, level=level, **about)
         self._open[alarm.id] = alarm
         self._onsets[kind].latch(alarm.id, index)
         return alarm

@@ -11,7 +11,7 @@ from app.store.monitors import MonitorInfo
 from app.store.store import Store
 from core.monitor import State
 from core.monitor.assessment import STATES
-from core.monitor.status import Facts, Headline, headline
+from core.monitor.status import Facts, Headline, Level, headline
 
 RUNNING = "running"
 BEFORE, JUMP = 20, 5.0
@@ -49,7 +49,8 @@ def records(store: Store, flights: Iterable[FlightInfo]) -> dict[str, Record]:
         info.id: Record(
             headline=headline(
                 Facts(
-                    alarm=any(alarm.acknowledged is None for alarm in alarms.get(info.id, ())),
+                    alarm=_waits(alarms.get(info.id, ()), Level.WARNING),
+                    caution=_waits(alarms.get(info.id, ()), Level.CAUTION),
                     invalid=STATES[states.get(info.id, 0)] is State.INVALID,
                     calibrated=monitors[info.monitor_id].support is not None,
                     has_exceeded=any(one.kind == "limit" for one in alarms.get(info.id, ())),
@@ -98,6 +99,10 @@ def _jumped(store: Store, info: FlightInfo, seq: int, dt: float) -> bool:
     """Whether the samples just before this one were not flown: a seek came between."""
     steps = np.diff(store.flights.assessments(info.id, max(seq - BEFORE, 0), seq).t)
     return bool(((steps <= 0.0) | (steps > JUMP * dt)).any())
+
+
+def _waits(alarms: Sequence[StoredAlarm], level: Level) -> bool:
+    return any(alarm.acknowledged is None and alarm.level == level for alarm in alarms)
 
 
 def _exceeds_from_trim(alarm: StoredAlarm) -> bool:

@@ -32,7 +32,7 @@ from app.messages import (
 from core.certificate import warnings_of
 from core.channels import KEYS
 from core.monitor import Assessment, Monitor, State
-from core.monitor.status import Facts, Headline, headline
+from core.monitor.status import Facts, Headline, Level, headline
 from core.types import Array
 
 if TYPE_CHECKING:
@@ -142,7 +142,8 @@ class Flight(ABC):
         assessment, exceeded = self._assessment, (self._exceeded_t, self.fail_t)
         return Facts(
             exceeds=self._exceeds and not self.is_over,
-            alarm=self.alarms.n_open > 0,
+            alarm=self.alarms.n_open(Level.WARNING) > 0,
+            caution=self.alarms.n_open(Level.CAUTION) > 0,
             alert=assessment is not None and bool(assessment.alert) and not self.is_over,
             stale=self.state is State.STALE,
             invalid=assessment is not None and assessment.state is State.INVALID,
@@ -234,13 +235,17 @@ class Flight(ABC):
         self.recorder.add(seq, y, assessment)
         self._set_state(assessment.state, assessment.reason)
         self._recent.append(encode_frame(plain_frame(seq, y, assessment, round(due * 1e3, 3))))
-        for alarm in self.alarms.update(seq, index, assessment, exceedance, self.clock.utc):
-            self.recorder.add_alarm(alarm, partial(self._announce, alarm.id))
+        self._ring(self.alarms.update(seq, index, assessment, exceedance, self.clock))
         self.t, self._assessment, self._pose = assessment.t, assessment, (attitude, y)
         self._exceeds = exceedance is not None
         if self._exceeds:
             earlier = self._exceeded_t
             self._exceeded_t = assessment.t if earlier is None else min(earlier, assessment.t)
+
+    def _ring(self, alarms: list[Alarm]) -> None:
+        """Store alarms and then announce them."""
+        for alarm in alarms:
+            self.recorder.add_alarm(alarm, partial(self._announce, alarm.id))
 
     def _announce(self, alarm_id: str, is_stored: bool) -> None:
         """Tell everyone of an alarm."""

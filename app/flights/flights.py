@@ -350,6 +350,7 @@ def _alarm(stored: StoredAlarm) -> Alarm:
         kind=stored.kind,
         level=stored.level,
         exceedance=MeasuredExceedance(**stored.exceedance) if stored.exceedance else None,
+        reason=stored.reason,
         raised=stored.raised,
         acknowledged=stored.acknowledged,
         by=stored.by,

@@ -111,7 +111,11 @@ class LiveFlight(Flight):
         when = self._came + self._patience
         if when <= now:
             when = now + self._patience
-            if self.state is not State.STALE:
-                self._set_state(State.STALE, f"no sample came for {self._patience:g} s")
+            reason = f"no sample came for {self._patience:g} s"
+            is_new = self.state is not State.STALE
+            if is_new:
+                self._set_state(State.STALE, reason)
+            self._ring(self.alarms.note_late(self.head, self.t, reason, self.clock))
+            if is_new:
                 self._show()
         self._call_at("watch out", when, self._watch_out)

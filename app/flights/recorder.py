@@ -251,6 +251,7 @@ class Recorder:
                 alarm.t,
                 alarm.p_value,
                 *about,
+                reason=alarm.reason,
                 number=alarm.number,
                 raised=alarm.raised,
             )

@@ -65,8 +65,8 @@ class FlightStatus(BaseModel):
     )
     status: Status = Field(
         description="headline, the worst that is true of it: exceeding now, alarm unacknowledged, "
-        "risk above the alert level, stale, invalid, warming up, validity not calibrated, limit "
-        "exceeded earlier, ok"
+        "risk above the alert level, stale, invalid, caution unacknowledged, warming up, validity "
+        "not calibrated, limit exceeded earlier, ok"
     )
     level: Level = Field(description="of the headline, as in 14 CFR 25.1322")
     beside: list[Status] = Field(
@@ -98,7 +98,10 @@ class FlightStatus(BaseModel):
     state: State | None = None
     transport: TransportState | None = None
     watchers: int | None = None
-    open_alarms: int | None = None
+    open_alarms: int | None = Field(
+        default=None, description="warnings that wait for their acknowledgement"
+    )
+    open_cautions: int | None = Field(default=None, description="cautions that wait for theirs")
     lost: int = Field(default=0, description="samples that could not be recorded")
     unwritten: int | None = Field(default=None, description="samples that wait for the store")
 
@@ -365,7 +368,8 @@ def _status(
             "state": flight.state,
             "transport": flight.transport,
             "watchers": flight.n_watchers,
-            "open_alarms": flight.alarms.n_open,
+            "open_alarms": flight.alarms.n_open(Level.WARNING),
+            "open_cautions": flight.alarms.n_open(Level.CAUTION),
             "progress": "ending" if flight.is_over else info.status,
             "lost": flight.recorder.lost,
             "unwritten": flight.recorder.unwritten,

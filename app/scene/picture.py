@@ -53,6 +53,7 @@ WORDS = {
     Status.RISK: "ALERT",
     Status.STALE: "STALE",
     Status.INVALID: "INVALID",
+    Status.CAUTION: "CAUTION",
     Status.WARMING_UP: "WARMING UP",
     Status.NOT_CALIBRATED: "NOT CALIBRATED",
     Status.EXCEEDED: "EXCEEDED",

@@ -3,16 +3,14 @@
 from collections import defaultdict
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any
 
 from sqlalchemy import ColumnElement, Connection, func, insert, select, update
 
 from app.store.flights import fetch_flight
 from app.store.repository import Entry, NotFound, Repository, columns, fetch
 from app.store.tables import alarms, new_id, now
-from core.monitor.status import Level
-
-AlarmKind = Literal["risk", "limit"]
+from core.monitor.status import AlarmKind, Level
 
 
 @dataclass(frozen=True)
@@ -24,17 +22,19 @@ class StoredAlarm(Entry):
     number: int
     """1, 2, ... in its flight"""
     seq: int
-    """sample number"""
+    """sample number; -1 before the first"""
     t: float
     """time of the sample [s]"""
     p_value: float | None
     """risk; null where the state of the sample was not `ok`"""
     kind: AlarmKind
-    """a predicted exceedance, `risk`, or a measured one, `limit`"""
+    """a predicted exceedance, `risk`, or a measured one, `limit`; else what it cautions of"""
     level: Level
     """14 CFR 25.1322"""
     exceedance: dict[str, Any] | None
     """of kind `limit`: channel, value, limit, and which value was judged"""
+    reason: str | None
+    """of a caution: why"""
     raised: str
     """UTC, ISO 8601"""
     acknowledged: str | None
@@ -55,6 +55,7 @@ class AlarmRepository(Repository):
         kind: AlarmKind = "risk",
         level: Level = Level.WARNING,
         exceedance: dict[str, Any] | None = None,
+        reason: str | None = None,
         number: int | None = None,
         raised: str | None = None,
     ) -> str:
@@ -73,6 +74,7 @@ class AlarmRepository(Repository):
             "kind": kind,
             "level": str(level),
             "exceedance": exceedance,
+            "reason": reason,
         }
         with self._writing() as connection:
             fetch_flight(connection, flight_id)

@@ -226,6 +226,7 @@ alarms = Table(
     Column("kind", String(16), nullable=False, server_default="risk"),
     Column("level", String(16), nullable=False, server_default="warning"),
     _plain("exceedance", nullable=True),
+    Column("reason", Text),
     _time("raised", nullable=False),
     _time("acknowledged"),
     Column("by", Text),

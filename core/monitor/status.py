@@ -4,7 +4,7 @@ Levels are those of 14 CFR 25.1322: a warning asks for action now, a caution for
 """
 
 from enum import StrEnum
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 
 class Status(StrEnum):
@@ -15,6 +15,7 @@ class Status(StrEnum):
     RISK = "risk"
     STALE = "stale"
     INVALID = "invalid"
+    CAUTION = "caution"
     WARMING_UP = "warming_up"
     NOT_CALIBRATED = "not_calibrated"
     EXCEEDED = "exceeded"
@@ -33,10 +34,11 @@ class Level(StrEnum):
 class Facts(NamedTuple):
     """What is known of a flight at a moment.
 
-    exceeds: its newest sample reaches a limit.   alarm: one waits for its acknowledgement.
+    exceeds: its newest sample reaches a limit.   alarm: a warning waits for its acknowledgement.
     alert: the newest risk lies above the alert level.   stale: no sample comes, or no new one.
     invalid: the monitor is not applicable.   warming_up: its history is not full yet.
     calibrated: whether its validity is.   has_exceeded: an earlier sample reached a limit.
+    caution: one waits for its acknowledgement.
     """
 
     exceeds: bool = False
@@ -47,6 +49,7 @@ class Facts(NamedTuple):
     warming_up: bool = False
     calibrated: bool = True
     has_exceeded: bool = False
+    caution: bool = False
 
 
 class Headline(NamedTuple):
@@ -63,10 +66,20 @@ LEVELS = {
     Status.RISK: Level.WARNING,
     Status.STALE: Level.CAUTION,
     Status.INVALID: Level.CAUTION,
+    Status.CAUTION: Level.CAUTION,
     Status.WARMING_UP: Level.ADVISORY,
     Status.NOT_CALIBRATED: Level.ADVISORY,
     Status.EXCEEDED: Level.CAUTION,
     Status.OK: Level.NONE,
+}
+
+AlarmKind = Literal["risk", "limit", "invalid", "stale"]
+"""A predicted exceedance, a measured one, a monitor that is not applicable, a late source."""
+ALARM_LEVELS: dict[AlarmKind, Level] = {
+    "risk": Level.WARNING,
+    "limit": Level.WARNING,
+    "invalid": Level.CAUTION,
+    "stale": Level.CAUTION,
 }
 
 
@@ -79,6 +92,7 @@ def headline(facts: Facts) -> Headline:
         Status.RISK: facts.alert and fresh,
         Status.STALE: facts.stale,
         Status.INVALID: facts.invalid,
+        Status.CAUTION: facts.caution,
         Status.WARMING_UP: facts.warming_up,
         Status.NOT_CALIBRATED: not facts.calibrated,
         Status.EXCEEDED: facts.exceeds or facts.has_exceeded,

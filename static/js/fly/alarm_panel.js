@@ -1,5 +1,6 @@
 /**
- * The alarm line: an alert stays, seen and heard, until someone acknowledges it.
+ * The alarm line: a warning stays, seen and heard, until someone acknowledges it, and so does, in amber and
+ * heard once, a caution. Warnings come before cautions, and an acknowledgement is of those that are shown.
  *
  * While no alarm is open it says the guarantee, what the monitor's test flights say against it, or that it is withdrawn; its height is the same either way, so that
  * the strips do not move at the very moment they are looked at.
@@ -15,8 +16,8 @@
  *   take(alarm)          raised or acknowledged
  *   setHeadline({status})   of the flight: what goes on after it was acknowledged
  *   setLinked(boolean)   false: nobody knows whether there are new alarms
- *   acknowledgeAll()     all open ones
- *   open()               how many wait
+ *   acknowledgeAll()     all open warnings; all open cautions where there are none
+ *   open()               how many warnings wait
  *   close()              silence
  */
 
@@ -27,6 +28,7 @@ import { sentence } from "../lib/monitor_warnings.js";
 import { riskText } from "../lib/numbers.js";
 import { magnitudeIn, quantity } from "../lib/units.js";
 import { errorLine } from "../lib/view_states.js";
+import { CAUTION_WORDS, waitingOf } from "./panels.js";
 
 const GOES_ON = {
   exceeding: "LIMIT EXCEEDED, it continues, acknowledged",
@@ -58,15 +60,18 @@ export function createAlarmPanel(element, { tone, acknowledge }) {
   let status = "";
   let shown = "";
 
-  const waiting = () => [...alarms.values()].filter((alarm) => alarm.acknowledged === null);
+  const waiting = () => waitingOf([...alarms.values()]);
+  const heard = new Set(); // cautions
 
   function render() {
     put(promise, promised());
     calm.toggleAttribute("data-warned", flight.warnings.length > 0);
-    const open = waiting();
+    const { warnings, cautions } = waiting();
+    const open = warnings.length > 0 ? warnings : cautions;
     const latest = open.findLast(({ kind }) => kind === "limit") ?? open.at(-1); // what is measured comes first
     const held = latest === undefined && status in GOES_ON;
-    element.dataset.open = String(open.length);
+    element.dataset.open = String(warnings.length);
+    banner.dataset.level = open === cautions && !held ? "caution" : "alert";
     banner.hidden = latest === undefined && !held;
     calm.hidden = !banner.hidden;
     banner.toggleAttribute("data-acknowledged", held);
@@ -75,8 +80,12 @@ export function createAlarmPanel(element, { tone, acknowledge }) {
     if (latest === undefined) put(text, held ? GOES_ON[status] : "");
     else if (now !== shown) text.replaceChildren(...words(latest, open.length));
     shown = now;
-    if (open.length > 0) tone.start();
+    if (warnings.length > 0) tone.start();
     else tone.stop();
+    if (warnings.length === 0 && cautions.some(({ number }) => !heard.has(number))) {
+      for (const { number } of cautions) heard.add(number);
+      tone.caution();
+    }
   }
 
   function promised() {
@@ -86,9 +95,10 @@ export function createAlarmPanel(element, { tone, acknowledge }) {
     return flight.warnings.length ? `◆ ${flight.warnings.map(sentence).join(" ")}` : guarantee(flight);
   }
 
-  function words({ t, p_value: risk, kind, exceedance }, count) {
+  function words({ t, p_value: risk, kind, exceedance, reason: why }, count) {
     const value = risk === null ? "" : ` ${riskText(risk, flight.epsilon)}`;
     const more = count > 1 ? `, ${count - 1} more` : "";
+    if (kind in CAUTION_WORDS) return [`${CAUTION_WORDS[kind]} at ${t.toFixed(2)} s: ${why}${more}`];
     if (kind === "limit") return [`LIMIT EXCEEDED at ${t.toFixed(2)} s: `, ...measured(exceedance), more];
     const lead = Number(flight.lead.toFixed(3));
     const what = `ALERT at ${t.toFixed(2)} s: risk${value} > ε ${flight.epsilon}, warns ${lead} s before `;
@@ -107,7 +117,8 @@ export function createAlarmPanel(element, { tone, acknowledge }) {
   async function acknowledgeAll() {
     failure.show("");
     try {
-      for (const alarm of waiting()) take(await acknowledge(alarm));
+      const { warnings, cautions } = waiting();
+      for (const alarm of warnings.length > 0 ? warnings : cautions) take(await acknowledge(alarm));
     } catch (error) {
       failure.show(`Not acknowledged. ${reason(error)}`);
     }
@@ -139,7 +150,7 @@ export function createAlarmPanel(element, { tone, acknowledge }) {
       render();
     },
     acknowledgeAll,
-    open: () => waiting().length,
+    open: () => waiting().warnings.length,
     close: () => tone.stop(),
   };
 }

@@ -30,6 +30,7 @@ import { createRiskGauge } from "./risk_gauge.js";
 
 const HELD = 1500; // ms that an alert stays on the gauge
 const LOST = { state: "stale", reason: "connection lost" };
+const ALARMED = ["stale", "invalid"]; // cautions, which are listed as alarms
 const alerts = (frame) => frame.state === "ok" && frame.alert === true;
 
 export function createAssessmentDisplay(panels, { hello, history, alarm, events, onExceedance }) {
@@ -92,10 +93,10 @@ export function createAssessmentDisplay(panels, { hello, history, alarm, events,
     assessment = { state, reason };
     alarm.setState(assessment);
     if (state !== "ok") withdraw();
-    if (!changed || quiet) return;
+    if (!changed || quiet || ALARMED.includes(shownState(assessment))) return;
     const why = reason ? `: ${reason}` : "";
     const text = `monitor ${shownState(assessment).replace("_", " ")}${why}`;
-    events.add({ t: newest?.t ?? origin, text, level: state === "ok" ? "" : "caution" });
+    events.add({ t: newest?.t ?? origin, text });
   }
 
   function withdraw() {

@@ -6,7 +6,7 @@
  * Exports
  *   FACES {status: {word, long, shape}}     what each is called; `shape` names the gauge's sign
  *   headlineOf({status, level, beside}, {stale, alarms}) -> Headline
- *     stale: the browser hears nothing new.   alarms: how many wait, as it knows
+ *     stale: the browser hears nothing new.   alarms: how many warnings wait, as it knows
  *   ofSample({state, alert}) -> Headline     of a sample alone, where nothing more is known
  *   wordOf(status, reason) -> string         INVALID is called NOT ASSESSED between manoeuvres
  *   textOf(headline, reason) -> string       "▲ ALARM · STALE"
@@ -15,7 +15,7 @@
 
 import { shownState } from "../charts/readout.js";
 
-const WORST_FIRST = ["exceeding", "alarm", "risk", "stale", "invalid", "warming_up", "not_calibrated", "exceeded", "ok"];
+const WORST_FIRST = ["exceeding", "alarm", "risk", "stale", "invalid", "caution", "warming_up", "not_calibrated", "exceeded", "ok"];
 const NOW = ["exceeding", "risk"]; // what a stale sample cannot show
 const BESIDE = ["stale", "invalid"]; // always shown where they are true
 
@@ -25,6 +25,7 @@ export const FACES = {
   risk: { word: "ALERT", long: "risk above the alert level", shape: "warning" },
   stale: { word: "STALE", long: "no new sample", shape: "clock" },
   invalid: { word: "INVALID", long: "the monitor is not applicable", shape: "cross" },
+  caution: { word: "CAUTION", long: "caution not acknowledged", shape: "diamond" },
   not_assessed: { word: "NOT ASSESSED", long: "between manoeuvres", shape: "ring" },
   warming_up: { word: "WARMING UP", long: "the history is not full yet", shape: "hourglass" },
   not_calibrated: { word: "NOT CALIBRATED", long: "validity not calibrated", shape: "query" },
@@ -33,7 +34,7 @@ export const FACES = {
 };
 export const LEVEL_OF = { warning: "alert", caution: "caution", advisory: "advisory", none: "ok" };
 export const MARKS = { warning: "▲ ", caution: "◆ ", advisory: "", none: "✓ " };
-const LEVELS = { exceeding: "warning", alarm: "warning", risk: "warning", stale: "caution", invalid: "caution" };
+const LEVELS = { exceeding: "warning", alarm: "warning", risk: "warning", stale: "caution", invalid: "caution", caution: "caution" };
 
 export function headlineOf(server, { stale, alarms }) {
   if (!stale) return server;

@@ -6,7 +6,6 @@
  *     over(reason)    the flight is not under way any more
  */
 
-import { BETWEEN } from "../charts/readout.js";
 import { reason } from "../lib/api.js";
 import { h, put } from "../lib/dom.js";
 import { addDrawer } from "../lib/draw_loop.js";
@@ -15,7 +14,7 @@ import { askToConfirm, state as stateOf } from "../lib/view_states.js";
 import { createAlarmPanel } from "./alarm_panel.js";
 import { createAssessmentDisplay } from "./assessment_display.js";
 import { createConnection } from "./connection.js";
-import { textOf } from "./headline.js";
+import { LEVEL_OF, textOf } from "./headline.js";
 import { alertText, createFlightPanels, exceedanceText, limitsOf, sourceText } from "./panels.js";
 import { createReplayNotes } from "./replay_notes.js";
 import { createSceneFrame } from "./scene_frame.js";
@@ -26,7 +25,6 @@ import { bindMuteButton, createTone } from "./tone.js";
 import { createTransportBar } from "./transport_bar.js";
 
 const STATUS_EVERY = 200; // ms
-const CAUTIONS = ["stale", "invalid"];
 const tone = createTone(); // one for the page: a browser lets it sound once it was touched
 
 const STALE = "◆ STALE. No new sample comes: the attitude that was shown here is not that of now.";
@@ -54,7 +52,8 @@ export function showLiveFlight(element, { id, api, over }) {
   let playback = { playing: true, speed: 1 }; // as the transport has it
   let refreshed = 0;
   let recorded = true; // by the last heartbeat
-  let cautioned = 0; // how many of the cautions are shown
+  let said = null; // the server's headline
+  let cautioned = false; // of being stale, which the server does not know
 
   element.dataset.flight = "connecting";
   panels.strips.append(stateOf("loading", "Connecting to the flight", "The strips begin with its first sample."));
@@ -92,6 +91,7 @@ export function showLiveFlight(element, { id, api, over }) {
   }
 
   function onStatus(headline) {
+    said = headline;
     display.setHeadline(headline);
     refreshed = 0; // it does not wait
   }
@@ -103,14 +103,14 @@ export function showLiveFlight(element, { id, api, over }) {
   }
 
   function onAlarm(raisedAlarm) {
-    const { number, t, acknowledged, by } = raisedAlarm;
+    const { number, t, level, acknowledged, by } = raisedAlarm;
     const fresh = !raised.has(number);
     raised.add(number);
     alarm.take(raisedAlarm);
-    if (fresh) events.add({ t, text: alertText(raisedAlarm, hello.epsilon, hello.channels), level: "alert" });
+    if (fresh) events.add({ t, text: alertText(raisedAlarm, hello.epsilon, hello.channels), level: LEVEL_OF[level] });
     if (acknowledged) {
       events.add({ t, text: `acknowledged by ${by}` });
-      display.chart.acknowledge();
+      if (level === "warning") display.chart.acknowledge();
     }
     markEvents();
   }
@@ -151,16 +151,16 @@ export function showLiveFlight(element, { id, api, over }) {
     panels.events.append(notes.element);
   }
 
-  /** Alarm line, title and the tone of cautions follow the headline. */
+  /** Alarm line and title follow the headline; of a caution that is no alarm of the server's the tone is given here. */
   function follow(headline, why) {
     alarm.setHeadline(headline);
     const words = headline.level === "none" ? "" : `${textOf(headline, why)} – `;
     const title = `${words}${hello.name} – Forewarn`;
     if (document.title !== title) document.title = title;
-    const shown = [headline.status, ...headline.beside].filter((one) => CAUTIONS.includes(one));
-    const cautions = why === BETWEEN ? 0 : shown.length;
-    if (cautions > cautioned && playback.playing) tone.caution();
-    cautioned = cautions;
+    const isStale = ({ status: one, beside }) => [one, ...beside].includes("stale");
+    const alone = isStale(headline) && !isStale(said) && playback.playing;
+    if (alone && !cautioned) tone.caution();
+    cautioned = alone;
   }
 
   /** The scene knows nothing of a link that died: what it shows then must not pass for now. */

@@ -5,6 +5,8 @@
  *   createFlightPanels(element) -> {status, strips, alarm, scene, lost, gauge, notice, events, transport: elements}
  *   windowOf({duration, lead}) -> s     width of the strips: a short flight fills them
  *   limitsOf(channels) -> Node[]        "|N_y| 0.5 g", of the limited channels
+ *   CAUTION_WORDS {kind: word}          of the alarms that are no warnings
+ *   waitingOf(alarms) -> {warnings, cautions}    those that nobody acknowledged
  *   alertText(alarm, epsilon, channels) -> string, exceedanceText({key, value, judged}, channels) -> string
  *   sourceText(source, name) -> string
  */
@@ -16,6 +18,8 @@ import { magnitudeIn, quantity } from "../lib/units.js";
 
 const WIDEST = 60; // s
 const NARROWEST = 5; // s
+
+export const CAUTION_WORDS = { invalid: "VALIDITY LOST", stale: "STALE" };
 
 export function createFlightPanels(element) {
   const part = (tag, name, ...children) => h(tag, { class: name }, ...children);
@@ -51,11 +55,18 @@ export function limitsOf(channels) {
   ]);
 }
 
-export function alertText({ p_value: risk, exceedance }, epsilon, channels) {
+export function alertText({ kind, reason, p_value: risk, exceedance }, epsilon, channels) {
+  if (kind in CAUTION_WORDS) return `${CAUTION_WORDS[kind].toLowerCase()}: ${reason}`;
   if (exceedance) {
     return exceedanceText({ ...exceedance, key: exceedance.channel }, channels);
   }
   return risk === null ? "alert" : `alert, risk ${riskText(risk, epsilon)}`;
+}
+
+export function waitingOf(alarms) {
+  const waiting = alarms.filter(({ acknowledged }) => acknowledged === null);
+  const [cautions, warnings] = [true, false].map((is) => waiting.filter(({ level }) => (level === "caution") === is));
+  return { warnings, cautions };
 }
 
 export function exceedanceText({ key, value, judged }, channels) {

@@ -14,7 +14,7 @@ import { warningLines } from "../lib/monitor_warnings.js";
 import { startFlight } from "../lib/start_flight.js";
 import { askToConfirm, state } from "../lib/view_states.js";
 import { LEVEL_OF, textOf } from "./headline.js";
-import { alertText, createFlightPanels, exceedanceText, sourceText, windowOf } from "./panels.js";
+import { alertText, createFlightPanels, exceedanceText, sourceText, waitingOf, windowOf } from "./panels.js";
 import { createRiskGauge } from "./risk_gauge.js";
 import { createStatusStrip } from "./status_strip.js";
 
@@ -83,21 +83,23 @@ export function showFlightRecord(element, { flight, why, api, navigate }) {
     }
     draw(channels, monitor, longest, passes);
     for (const alarm of alarms) {
-      events.add({ t: alarm.t, text: alertText(alarm, flight.epsilon, channels), level: "alert", seen: true });
+      events.add({ t: alarm.t, text: alertText(alarm, flight.epsilon, channels), level: LEVEL_OF[alarm.level], seen: true });
       if (alarm.acknowledged) sayAcknowledged(alarm);
     }
   }
 
-  function sayAcknowledged({ t, number, by }) {
-    events.add({ t, text: `alarm ${number} acknowledged by ${by}`, seen: true });
+  function sayAcknowledged({ t, number, level, by }) {
+    const what = level === "caution" ? "caution" : "alarm";
+    events.add({ t, text: `${what} ${number} acknowledged by ${by}`, seen: true });
   }
 
   /** Alarms that nobody acknowledged while it flew can be acknowledged now; the headline changes with them. */
   async function offerToAcknowledge() {
-    waiting = (await api.get(`${path}/alarms`)).filter((alarm) => alarm.acknowledged === null);
-    const count = waiting.length === 1 ? "1 alarm" : `${waiting.length} alarms`;
+    const { warnings, cautions } = waitingOf(await api.get(`${path}/alarms`));
+    waiting = [...warnings, ...cautions];
+    const counts = [[warnings.length, "alarm"], [cautions.length, "caution"]].filter(([n]) => n > 0);
     acknowledgeButton.hidden = waiting.length === 0;
-    put(acknowledgeButton, `Acknowledge ${count}`);
+    put(acknowledgeButton, `Acknowledge ${counts.map(([n, word]) => `${n} ${word}${n === 1 ? "" : "s"}`).join(" and ")}`);
   }
 
   async function acknowledge() {

@@ -13,7 +13,7 @@
  * Tone
  *   start()       sound the alert, again and again, until stop()
  *   stop()        on acknowledgement
- *   caution()     the steady tone, once; not while a warning sounds
+ *   caution()     the steady tone, once; not while it or a warning sounds
  *   test()        one pattern, for the operator to hear; heard even when muted
  *   setMuted(boolean), unlock()    unlock must be called from a click or key
  *   muted, sounding, state -> "on" | "muted" | "blocked" | "unavailable"
@@ -42,6 +42,7 @@ export function createTone({ storage = safeStorage(), Context = globalThis.Audio
   let pattern = null; // of a warning
   let steady = null; // of a caution
   let playing = null;
+  let steadyUntil = 0; // by the context's clock [s]
 
   const tone = {
     muted: storage?.getItem(KEY) === "true",
@@ -101,7 +102,8 @@ export function createTone({ storage = safeStorage(), Context = globalThis.Audio
   }
 
   function caution() {
-    if (tone.sounding || !prepare()) return;
+    if (tone.sounding || !prepare() || context.currentTime < steadyUntil) return;
+    steadyUntil = context.currentTime + STEADY_LENGTH;
     play(steady, volume, false);
     unlock();
   }

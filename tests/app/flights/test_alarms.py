@@ -1,10 +1,15 @@
 """Alarms: raised once an onset, latched until acknowledged."""
 
+from functools import partial
+
 import pytest
 
 from app.flights.alarms import CLOSED_KEPT, REJOIN_S, Alarms
 from app.messages import MeasuredExceedance
+from app.recordings.reasons import BETWEEN
 from core.monitor import Assessment, State
+from core.monitor.status import Level
+from tests.support.flying import ScriptedClock
 
 DT = 0.1
 
@@ -13,7 +18,7 @@ class Script:
     """A flight of alerts (1), none (0) and samples that could not be assessed (-)."""
 
     def __init__(self) -> None:
-        self.alarms, self.seq = Alarms(), -1
+        self.alarms, self.clock, self.seq = Alarms(), ScriptedClock(), -1
 
     def fly(self, script: str, index: int | None = None) -> list[int]:
         """Fly on; return the seq of each alarm raised. index: of the first sample."""
@@ -27,8 +32,9 @@ class Script:
                 0.5 if ok else None,
                 word == "1" if ok else None,
                 State.OK if ok else State.INVALID,
+                "" if ok else BETWEEN,
             )
-            alarms = self.alarms.update(self.seq, sample, said, None, lambda: "now")
+            alarms = self.alarms.update(self.seq, sample, said, None, self.clock)
             raised += [alarm.seq for alarm in alarms]
         return raised
 
@@ -37,12 +43,12 @@ OVER = MeasuredExceedance(channel="Ny", value=0.529, limit=0.5, judged="both")
 
 
 def exceed(alarms: Alarms, script: str, state: State = State.INVALID) -> list[tuple[int, str]]:
-    """Fly samples of an invalid flight beyond a limit (1) or within (0); seq and kind raised."""
-    raised = []
+    """Fly samples beyond a limit (1) or within (0), not assessed; seq and kind raised."""
+    raised, clock = [], ScriptedClock()
     for seq, word in enumerate(script):
-        said = Assessment(seq * DT, None, None, state)
+        said = Assessment(seq * DT, None, None, state, BETWEEN)
         over = OVER if word == "1" else None
-        raised += [(a.seq, a.kind) for a in alarms.update(seq, seq, said, over, lambda: "now")]
+        raised += [(a.seq, a.kind) for a in alarms.update(seq, seq, said, over, clock)]
     return raised
 
 
@@ -110,7 +116,7 @@ def test_the_first_acknowledgement_stays() -> None:
     assert is_first
     assert (alarm.acknowledged, alarm.by) == ("then", "FTE")
     assert script.alarms.acknowledge("1", "pilot", "later") == (alarm, False)
-    assert script.alarms.n_open == 0
+    assert script.alarms.n_open(Level.WARNING) == 0
     with pytest.raises(KeyError):
         script.alarms.acknowledge("2", "FTE", "now")
 
@@ -126,7 +132,7 @@ def test_open_alarms_are_all_at_hand_and_acknowledged_ones_bounded() -> None:
     assert [alarm.id for alarm in script.alarms.at_hand] == [str(n) for n in numbers]
 
 
-@pytest.mark.parametrize("state", [State.INVALID, State.WARMING_UP, State.STALE])
+@pytest.mark.parametrize("state", [State.INVALID, State.WARMING_UP])
 def test_an_exceedance_is_an_alarm_whatever_the_monitor_can_say(state: State) -> None:
     alarms = Alarms()
     assert exceed(alarms, "0011100", state) == [(2, "limit")]
@@ -146,6 +152,78 @@ def test_an_exceedance_follows_the_rules_of_latching_on_its_own() -> None:
 def test_risk_and_exceedance_at_one_sample_are_two_alarms() -> None:
     alarms = Alarms()
     said = Assessment(0.0, 0.5, True, State.OK)
-    raised = alarms.update(0, 0, said, OVER, lambda: "now")
+    raised = alarms.update(0, 0, said, OVER, ScriptedClock())
     assert [(alarm.id, alarm.kind) for alarm in raised] == [("1", "limit"), ("2", "risk")]
-    assert alarms.n_open == 2
+    assert alarms.n_open(Level.WARNING) == 2
+
+
+# --- cautions ------------------------------------------------------------------------------------
+
+
+STATES = {
+    "1": (State.INVALID, "outside training"),
+    "-": (State.INVALID, BETWEEN),
+    "w": (State.WARMING_UP, ""),
+    "s": (State.STALE, "the sample repeats the time of the one before it"),
+}
+
+
+def states(alarms: Alarms, script: str, seq: int = 0) -> list[tuple[int, str]]:
+    """Fly samples of these states, 0 for ok; seq and kind raised."""
+    raised, clock = [], ScriptedClock()
+    for k, word in enumerate(script, start=seq):
+        state, reason = STATES.get(word, (State.OK, ""))
+        ok = state is State.OK
+        said = Assessment(k * DT, 0.1 if ok else None, False if ok else None, state, reason)
+        raised += [(a.seq, a.kind) for a in alarms.update(k, k, said, None, clock)]
+        clock.advance(DT)
+    return raised
+
+
+def test_a_lost_validity_is_one_caution_with_its_reason_and_no_warning() -> None:
+    alarms = Alarms()
+    assert states(alarms, "w0011111") == [(3, "invalid")]
+    (alarm,) = alarms.at_hand
+    assert (alarm.level, alarm.reason, alarm.p_value) == ("caution", "outside training", None)
+    assert (alarms.n_open(Level.WARNING), alarms.n_open(Level.CAUTION)) == (0, 1)
+
+
+def test_nothing_is_lost_between_manoeuvres_but_again_in_the_next_one() -> None:
+    between = "-" * (len(CALM) + 1)
+    assert states(Alarms(), f"{between}11{between}1") == [
+        (len(between), "invalid"),
+        (2 * len(between) + 2, "invalid"),
+    ]
+
+
+def test_seeking_about_where_validity_is_lost_rings_no_second_time() -> None:
+    alarms = Alarms()
+    assert states(alarms, "011") == [(1, "invalid")]
+    alarms.acknowledge("1", "FTE", "now")
+    alarms.restart()
+    assert states(alarms, "11", seq=40) == []
+    assert states(alarms, "01", seq=42) == [(43, "invalid")]
+
+
+def test_a_source_that_is_late_again_raises_a_caution_of_its_own_and_a_flicker_none() -> None:
+    alarms, clock = Alarms(), ScriptedClock()
+    late = partial(alarms.note_late, t=0.0, reason="no sample came", clock=clock)
+    said = Assessment(0.1, 0.1, False, State.OK)
+    assert [(alarm.kind, alarm.seq, alarm.reason) for alarm in late(0)] == [
+        ("stale", 0, "no sample came")
+    ]
+    clock.advance(0.25)
+    assert late(0) == []
+    clock.advance(0.25)
+    assert alarms.update(1, 1, said, None, clock) == []
+    clock.advance(0.25)
+    assert late(1) == []
+    alarms.update(2, 2, said, None, clock)
+    clock.advance(REJOIN_S + 0.1)
+    assert [alarm.kind for alarm in late(2)] == ["stale"]
+
+
+def test_a_sample_that_repeats_its_time_is_stale_once_also_where_nothing_follows() -> None:
+    alarms = Alarms()
+    assert states(alarms, "0sss") == [(1, "stale")]
+    assert alarms.note_late(3, 0.3, "no sample came", ScriptedClock()) == []

@@ -18,6 +18,7 @@ from app.store.flights import UnderWay
 from app.store.store import NotFound, Store, StoreError, open_store
 from core.collection import DatasetRecipe, collect
 from core.monitor import Monitor, MonitorRecipe, train
+from core.monitor.status import Level
 from core.simulation.attitude import SurfaceSigns
 from tests.support.flying import ScriptedClock, Seen
 
@@ -217,10 +218,14 @@ def test_an_acknowledgement_that_is_not_stored_is_not_made(
             full.setattr(hangar.store.alarms, "acknowledge", refuse)
             with pytest.raises(StoreError, match="full"):
                 await hangar.flights.acknowledge(flight.id, "1", "FTE")
-        n_open = flight.alarms.n_open
+        n_open = flight.alarms.n_open(Level.WARNING)
         assert hangar.store.alarms.of(flight.id)[0].by is None
         told = await hangar.flights.acknowledge(flight.id, "1", "FTE")
-        assert (told.by, told.stored, flight.alarms.n_open) == ("FTE", True, n_open - 1)
+        assert (told.by, told.stored, flight.alarms.n_open(Level.WARNING)) == (
+            "FTE",
+            True,
+            n_open - 1,
+        )
 
     run(test)
 

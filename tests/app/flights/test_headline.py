@@ -1,19 +1,20 @@
 """The headline of a flight, the alarms of its channels, and what is said of it once it is over."""
 
 import asyncio
+from pathlib import Path
 
 import numpy as np
 import pytest
 
-from app.flights.ended import verdict
+from app.flights.ended import records, verdict
 from app.flights.exceedance import exceedance
 from app.flights.recorded_playback import RecordedScript
 from app.messages import Judged, MeasuredExceedance
 from app.store.alarms import StoredAlarm
 from core.monitor import State
-from core.monitor.status import Level
+from core.monitor.status import ALARM_LEVELS, Level
 from tests.app.flights.test_live import Live, Sample
-from tests.support.flying import Flown, exact_monitor, failing_flight
+from tests.support.flying import EPSILON, Flown, exact_monitor, failing_flight, store_with
 from tests.support.oscillator import DT, N_SAMPLES, NY, Array
 from tests.support.samples import SAMPLE_LIKE
 
@@ -125,7 +126,25 @@ def test_a_live_flight_that_stops_is_stale_not_exceeding_and_keeps_its_alarm() -
         assert live.flight.state is State.STALE
         live.seen.take()
         assert statuses(live)[-3:] == ["exceeding", "alarm", "stale"]
-        assert kinds(live) == ["limit", "limit"]
+        assert kinds(live) == ["limit", "stale", "limit"]
+        await live.flight.stop("done")
+
+    asyncio.run(fly())
+
+
+def test_a_caution_waits_in_amber_after_its_cause_has_ended() -> None:
+    async def fly() -> None:
+        live = Live(exact_monitor())
+        await live.give(Sample(0.0, ny(0.0)))
+        live.advance(5.0)
+        await live.give(*(Sample(5.0 + k * DT, ny(0.0)) for k in range(5)))
+        assert (live.flight.headline.status, live.flight.headline.level) == ("caution", "caution")
+        (told,) = live.seen.of("alarm")
+        assert (told["alarm"]["seq"], told["alarm"]["level"]) == (0, "caution")
+        assert told["alarm"]["reason"] == "no sample came for 0.25 s"
+        live.flight.acknowledge("1", "FTE", "now")
+        live.seen.take()
+        assert statuses(live)[-3:] == ["stale", "caution", "not_calibrated"]
         await live.flight.stop("done")
 
     asyncio.run(fly())
@@ -141,6 +160,18 @@ def test_hello_says_the_headline() -> None:
 # --- over ----------------------------------------------------------------------------------------
 
 
+def test_a_caution_that_waits_is_no_alarm_of_a_flight_that_is_over(tmp_path: Path) -> None:
+    store, monitor = store_with(exact_monitor(), tmp_path)
+    flight = store.flights.add({"kind": "scripted"}, monitor, EPSILON)
+    caution = store.alarms.add(flight, 3, 0.3, None, "stale", Level.CAUTION, reason="late")
+    info = store.flights.end(flight)
+    assert store.alarms.of(flight)[0].reason == "late"
+    record = records(store, [info])[flight]
+    assert (record.headline.status, record.verdict) == ("caution", None)
+    store.alarms.acknowledge(caution, "FTE")
+    assert records(store, [info])[flight].headline.status == "not_calibrated"
+
+
 def stored(kind: str, t: float, judged: Judged = "both") -> StoredAlarm:
     over = {"channel": "Ny", "value": 0.529, "limit": 0.5, "judged": judged}
     return StoredAlarm(
@@ -151,8 +182,9 @@ def stored(kind: str, t: float, judged: Judged = "both") -> StoredAlarm:
         t=t,
         p_value=None,
         kind=kind,  # pyright: ignore[reportArgumentType]
-        level=Level.WARNING,
+        level=ALARM_LEVELS[kind],  # pyright: ignore[reportArgumentType]
         exceedance=over if kind == "limit" else None,
+        reason=None,
         raised="then",
         acknowledged=None,
         by=None,

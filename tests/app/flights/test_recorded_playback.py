@@ -116,7 +116,9 @@ def test_a_recording_flies_with_the_transport_of_any_flight(samples: npt.NDArray
     assert [frame["t"] for frame in frames[:20]] == samples["t"][:20].tolist()
     assert frames[-1]["t"] == pytest.approx(3364.0)
     assert frames[-1]["reason"].startswith("p was off")
-    assert [alarm["alarm"]["t"] for alarm in seen.of("alarm")] == [pytest.approx(3359.5)]
+    raised = [message["alarm"] for message in seen.of("alarm")]
+    assert [alarm["kind"] for alarm in raised] == ["risk", "invalid"]
+    assert [alarm["t"] for alarm in raised] == pytest.approx([3359.5, 3364.0])
 
 
 def test_a_recorded_exceedance_between_two_samples_is_that_of_the_sample_after_it(

@@ -140,7 +140,7 @@ def test_an_alarm_that_the_store_refuses_is_announced_as_not_stored_and_stored_l
         return said
 
     assert asyncio.run(record()) == [False, True]
-    assert store.notes == [("f", 3, 0.15, 0.5, "risk", "warning", None, 1, "now")]
+    assert store.notes == [("f", 3, 0.15, 0.5, "risk", "warning", None, None, 1, "now")]
 
 
 def test_a_disk_that_hangs_keeps_nobody_unwarned(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -21,6 +21,7 @@ from app.recipes import to_plain
 from core.channels import KEYS
 from core.collection import DatasetRecipe, Simulator, collect
 from core.monitor import Assessment, Monitor, MonitorRecipe, State, load
+from core.monitor.status import Level
 from core.monitor.support import LEVEL
 from tests.app.flights.test_flights import Hangar
 from tests.core.monitor.test_validity import supported
@@ -225,7 +226,7 @@ def alerted_then_strange() -> tuple[Array, int]:
     raise AssertionError("no flight is alerted on in time")
 
 
-def test_an_alarm_raised_before_stays_and_only_an_exceedance_raises_one_after() -> None:
+def test_a_warning_raised_before_stays_and_only_an_exceedance_raises_one_after() -> None:
     y, first = alerted_then_strange()
     flown = Flown(checked(), y).start()
     flown.advance(N_SAMPLES * DT)
@@ -233,9 +234,12 @@ def test_an_alarm_raised_before_stays_and_only_an_exceedance_raises_one_after() 
     raised = [message["alarm"] for message in flown.seen.of("alarm")]
     assert [(alarm["kind"], alarm["seq"]) for alarm in raised] == [
         ("risk", first - 2),
+        ("invalid", first),
         ("limit", exceeding),
     ]
-    assert flown.flight.alarms.n_open == 2
+    assert [alarm["level"] for alarm in raised] == ["warning", "caution", "warning"]
+    assert "off its forecast" in raised[1]["reason"]
+    assert flown.flight.alarms.n_open(Level.WARNING) == 2
     assert [frame["alert"] for frame in flown.seen.frames[first - 2 :]] == [
         True,
         flown.seen.frames[first - 1]["alert"],

@@ -16,7 +16,7 @@ def test_the_guarantee_is_shown_only_while_it_stands(strips: Open) -> None:
         const element = document.createElement('div');
         const tone = { start() {}, stop() {} };
         const panel = h.createAlarmPanel(element, { tone, acknowledge: null });
-        panel.describe({ epsilon: 0.1, lead: 0.5, limits: [] });
+        panel.describe({ epsilon: 0.1, lead: 0.5, limits: [], warnings: [] });
         return [
           { state: 'ok', reason: '' },
           { state: 'invalid', reason: 'unlike training' },
@@ -32,6 +32,51 @@ def test_the_guarantee_is_shown_only_while_it_stands(strips: Open) -> None:
     assert texts[1].endswith("The guarantee is withdrawn: unlike training")
     assert texts[2].endswith("No guarantee between manoeuvres: nothing is assessed there.")
     assert texts[3] == texts[0]
+
+
+def test_warnings_come_before_cautions_each_with_its_own_tone(strips: Open) -> None:
+    seen = run(
+        strips(),
+        """
+        return (async () => {
+        const element = document.createElement('div');
+        const heard = [];
+        const hear = (what) => () => heard.push(what);
+        const tone = { start: hear('warning'), stop() {}, caution: hear('caution') };
+        const acknowledged = [];
+        const acknowledge = async (alarm) => {
+          acknowledged.push(alarm.number);
+          return { ...alarm, acknowledged: 'now', by: 'FTE' };
+        };
+        const panel = h.createAlarmPanel(element, { tone, acknowledge });
+        panel.describe({ epsilon: 0.1, lead: 0.5, limits: [], channels: [], warnings: [] });
+        const about = { t: 1, p_value: 0.5, reason: 'late', acknowledged: null, by: null };
+        const alarm = (number, kind, level) => ({ number, kind, level, ...about });
+        const banner = element.querySelector('.alarm-banner');
+        const seen = [];
+        const word = () => banner.textContent.split(' at ')[0];
+        const level = () => (banner.hidden ? '' : banner.dataset.level);
+        const note = () => seen.push([level(), word(), panel.open()]);
+        panel.take(alarm(1, 'risk', 'warning'));
+        panel.take(alarm(2, 'stale', 'caution'));
+        note();
+        await panel.acknowledgeAll();
+        note();
+        panel.take(alarm(2, 'stale', 'caution'));
+        panel.take(alarm(3, 'invalid', 'caution'));
+        note();
+        await panel.acknowledgeAll();
+        note();
+        const differs = (one, k) => one === 'caution' || one !== heard[k - 1];
+        return { seen, acknowledged, heard: heard.filter(differs) };
+        })();
+        """,
+    )
+    assert [word for _, word, _ in seen["seen"][:3]] == ["ALERT", "STALE", "VALIDITY LOST"]
+    assert [level for level, _, _ in seen["seen"]] == ["alert", "caution", "caution", ""]
+    assert [n for _, _, n in seen["seen"]] == [1, 0, 0, 0]
+    assert seen["acknowledged"] == [1, 2, 3]
+    assert seen["heard"] == ["warning", "caution", "caution"]
 
 
 @pytest.mark.parametrize(

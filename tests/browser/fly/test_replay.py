@@ -114,3 +114,30 @@ def test_strips_before_a_point_that_was_sought_are_the_recordings(replay: Page) 
     replay.wait_for_timeout(300)
     values = replay.locator(".readout-value").all_inner_texts()
     assert any(re.search(r"\d", value) for value in values)
+
+
+def test_a_lost_validity_waits_in_amber_until_it_is_acknowledged(
+    replay: Page, site: RecordedSite
+) -> None:
+    flight = replay.url.rsplit("/", 1)[-1]
+    source = site.ask("GET", f"/flights/{flight}")["source"]
+    path = f"/recordings/{source['recording']}/scorings/{source['scoring']}"
+    quiet, _, invalid = site.ask("GET", path)["manoeuvres"]
+
+    def seek(t: float) -> None:
+        action = {"action": "seek", "value": t}
+        site.ask("POST", f"/flights/{flight}/transport", json=action)
+
+    seek(invalid["start"] + 1.0)
+    banner = replay.locator(".alarm-banner")
+    expect(banner).to_contain_text("VALIDITY LOST at")
+    assert banner.get_attribute("data-level") == "caution"
+    expect(replay.locator(".gauge-word")).to_have_text("INVALID")
+    seek(quiet["start"] + 1.0)
+    expect(replay.locator(".gauge-word")).to_have_text("CAUTION")
+    expect(replay).to_have_title(re.compile("^◆ CAUTION"))
+    replay.keyboard.press("k")
+    expect(banner).to_be_hidden()
+    replay.locator('.event[data-level="caution"]', has_text="validity lost").wait_for()
+    (caution,) = site.ask("GET", f"/flights/{flight}/alarms")
+    assert (caution["kind"], caution["by"]) == ("invalid", "operator")

@@ -13,6 +13,7 @@ WORST_FIRST = (
     "risk",
     "stale",
     "invalid",
+    "caution",
     "warming_up",
     "not_calibrated",
     "exceeded",
@@ -28,6 +29,7 @@ def true_of(facts: Facts) -> set[str]:
     said |= {"risk"} if facts.alert and not facts.stale else set()
     said |= {"stale"} if facts.stale else set()
     said |= {"invalid"} if facts.invalid else set()
+    said |= {"caution"} if facts.caution else set()
     said |= {"warming_up"} if facts.warming_up else set()
     said |= set() if facts.calibrated else {"not_calibrated"}
     said |= {"exceeded"} if facts.exceeds or facts.has_exceeded else set()
