@@ -45,7 +45,15 @@ RECIPES: dict[str, Any] = {
 }
 DOCSTRINGS = ConfigDict(use_attribute_docstrings=True)
 UNIT = re.compile(r"\[([^\[\]]*[A-Za-z/%][^\[\]]*)\]")
-SUFFIXES = {"_deg_s": "deg/s", "_rad_s": "rad/s", "_deg": "deg", "_hz": "Hz", "_s": "s"}
+SUFFIXES = {
+    "_deg_s": "deg/s",
+    "_rad_s": "rad/s",
+    "_mps": "m/s",
+    "_deg": "deg",
+    "_hz": "Hz",
+    "_s": "s",
+    "_m": "m",
+}
 
 
 @cache

@@ -1,6 +1,7 @@
 """The planned test: a manoeuvre on an uncertain aircraft, what unsafe means, its simulation."""
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
+from math import radians
 from typing import NamedTuple
 
 import numpy as np
@@ -8,8 +9,15 @@ import numpy as np
 from core.channels import KEYS
 from core.simulation.aircraft import AIRCRAFT, Aircraft
 from core.simulation.control_law import CONTROL_LAWS, ControlLaw, check_usable
+from core.simulation.imperfections import (
+    USUAL_IMPERFECTIONS,
+    Imperfections,
+    channel_array,
+    from_trim,
+    samples_at_rest,
+)
 from core.simulation.maneuver import MANEUVERS, Maneuver
-from core.simulation.rollout import roll_out
+from core.simulation.rollout import roll_out, sideslip_state
 from core.specification import Limits
 from core.types import Array, Flags, Indices
 
@@ -49,6 +57,19 @@ class SensorNoise:
                 y[..., c] += deviation * rng.standard_normal(y.shape[:2])
 
 
+USUAL_NOISE = SensorNoise(
+    beta=radians(0.05),
+    p=radians(0.1),
+    r=radians(0.1),
+    Ny=0.003,
+    delta_a=radians(0.02),
+    delta_r=radians(0.02),
+)
+"""Of vane, rate gyros, accelerometer and position transducers that are made for flight tests."""
+USUAL_TIMING_JITTER_S, USUAL_AMPLITUDE_JITTER = 0.1, 0.15
+"""Of a pilot who flies a doublet by hand."""
+
+
 class Rollouts(NamedTuple):
     """Labelled trajectories of one manoeuvre.
 
@@ -84,6 +105,9 @@ class DatasetRecipe:
     specification: Limits = Limits(Ny=USUAL.limit_g)  # noqa: RUF009
     noise: SensorNoise = SensorNoise()
     """sensor noise: white and Gaussian on what the monitor sees, 1 sigma a channel."""
+    imperfections: Imperfections = Imperfections()  # noqa: RUF009
+    """imperfections of a real flight: what it has besides noise and jitter, drawn anew for each
+    rollout."""
     dt: float = 0.05
     """sample interval of the telemetry [s]."""
     substeps: int = 1
@@ -147,6 +171,17 @@ class DatasetRecipe:
             specification=Limits(Ny=usual.limit_g),
         )
 
+    def as_flown(self) -> "DatasetRecipe":
+        """Return the same test with noise, jitter and imperfections as they are usual in flight."""
+        maneuver = replace(
+            self.maneuver,
+            timing_jitter_s=USUAL_TIMING_JITTER_S,
+            amplitude_jitter=USUAL_AMPLITUDE_JITTER,
+        )
+        return replace(
+            self, maneuver=maneuver, noise=USUAL_NOISE, imperfections=USUAL_IMPERFECTIONS
+        )
+
 
 class Simulator:
     """The planned test made ready to roll out on random aircraft."""
@@ -161,10 +196,16 @@ class Simulator:
             recipe.control_law.actuator,
             recipe.maneuver.duration_s,
         )
+        aircraft = recipe.aircraft
+        self.gust = recipe.imperfections.gust(aircraft.altitude, aircraft.airspeed)
+        if self.gust is not None:
+            sideslip_state(self.plant.nominal_plant())
 
     def rollouts(self, n: int, rng: np.random.Generator) -> Rollouts:
         """Roll out n aircraft drawn from D_theta."""
         recipe = self.recipe
+        if not recipe.imperfections.are_none:
+            return self._flown(n, rng)
         theta = self.plant.sample(n, rng)
         y = roll_out(
             self.plant.plants(theta),
@@ -182,3 +223,28 @@ class Simulator:
             first = np.minimum(first, y.shape[1])
         recipe.noise.add_to(y, rng)
         return Rollouts(y, first, theta)
+
+    def _flown(self, n: int, rng: np.random.Generator) -> Rollouts:
+        """Roll out n aircraft as they would be flown and recorded."""
+        recipe, imperfections = self.recipe, self.recipe.imperfections
+        every, step = recipe.substeps, recipe.dt / recipe.substeps
+        theta = self.plant.sample(n, rng)
+        planned = recipe.maneuver.pilot(recipe.dt, n, rng)
+        commands = imperfections.commands(planned, n, recipe.dt, rng)
+        n_steps = (commands.shape[1] - 1) * every + 1
+        y = roll_out(
+            self.plant.plants(theta),
+            self.controller,
+            recipe.control_law.actuator,
+            commands,
+            recipe.dt,
+            pedal_lag_s=recipe.maneuver.pedal_lag_s,
+            substeps=every,
+            gust=imperfections.gusts(self.gust, n, n_steps, step, rng),
+        )
+        start = imperfections.run_up(recipe.dt) * every
+        rest = samples_at_rest(planned, n, round(recipe.maneuver.lead_in_s / recipe.dt))
+        first = recipe.specification.first_exceedance(from_trim(y, start, every, rest))
+        first = np.minimum(-(-first // every), planned.shape[1])
+        noise = channel_array(recipe.noise)
+        return Rollouts(imperfections.record(y, start, every, rest, noise, step, rng), first, theta)

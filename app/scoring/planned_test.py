@@ -10,7 +10,7 @@ from app.recipes import from_plain
 from core.channels import KEYS, N_CHANNELS
 from core.collection import DatasetRecipe
 from core.monitor import Monitor
-from core.simulation.aircraft import Aircraft, PublishedAircraft
+from core.simulation.aircraft import Aircraft
 from core.simulation.maneuver import Maneuver
 from core.types import Array, Flags
 
@@ -53,9 +53,7 @@ class PlannedTest:
     @property
     def speed(self) -> float | None:
         """True airspeed of the model [m/s]; None where it has none."""
-        if isinstance(self.aircraft, PublishedAircraft):
-            return self.aircraft.model.speed
-        return None
+        return self.aircraft.airspeed if self.aircraft else None
 
     @cached_property
     def commands(self) -> Array:

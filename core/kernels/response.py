@@ -25,7 +25,7 @@ from core.kernels.lanes import (
     write,
     write_integer,
 )
-from core.kernels.zero_order_hold import discretise, product, scratch
+from core.kernels.zero_order_hold import FADING, GUST, KINDS, discretise, product, scratch
 from core.types import Array
 
 SAMPLES = 4
@@ -49,14 +49,19 @@ class Hold(NamedTuple):
     decays: Array
 
 
-def linear_work(nx: int, m: int, n_samples: int) -> int:
+class Gusts(NamedTuple):
+    """Sideslip that the air adds to the aircraft's own (n, n_out) [rad], joined by lines between
+    output samples; state: the plant's state that is sideslip. None: (0, 0) and -1."""
+
+    sideslip: Array
+    state: int
+
+
+def linear_work(nx: int, m: int, n_samples: int, n_out: int) -> int:
     """Workspace [numbers] that `roll_out_linear` needs."""
     n = nx + 2 + m
-    return GROUPS * (
-        (n * n + (7 + SAMPLES) * n + 4 + 4 * SAMPLES + N_FEEDBACK * (nx + 2) + 2 * n_samples)
-        * WIDTH
-        + scratch(n)
-    )
+    vectors = n * n + (9 + SAMPLES) * n + 4 + 4 * SAMPLES + N_FEEDBACK * (nx + 2)
+    return GROUPS * ((vectors + 2 * n_samples + n_out) * WIDTH + scratch(n))
 
 
 @jit
@@ -76,6 +81,16 @@ def gather_commands(pilot, which, commands):
         for k in range(pilot.shape[1]):
             for s in range(2):
                 write(commands, (k * 2 + s) * WIDTH + lane, pilot[n, k, s])
+
+
+@jit
+def gather_gusts(gusts, which, step, rates):
+    """Copy rates of the gusts' sideslip [rad/s], a step each, into lanes."""
+    for lane in range(WIDTH):
+        n = read_integer(which, lane)
+        for k in range(gusts.sideslip.shape[1] - 1):
+            change = gusts.sideslip[n, k + 1] - gusts.sideslip[n, k]
+            write(rates, k * WIDTH + lane, change / step)
 
 
 @jit
@@ -179,6 +194,14 @@ def _drive(w, gains, inputs, aileron, rudder, n, start, out):
 
 
 @jit
+def _add_gust(w, gains, rate, n, start, out):
+    """out = start + gains (n, 2; the first column) times the rates of eight gusts."""
+    for i in range(n):
+        gain = load(w, gains + 2 * i * WIDTH)
+        store(w, out + i * WIDTH, fma(gain, rate, load(w, start + i * WIDTH)))
+
+
+@jit
 def take_command(w, commands, at, u, e):
     """Move to the commands at `at`; what the pedals lack of a jump is left in e."""
     for s in (0, WIDTH):
@@ -194,8 +217,7 @@ class _LinearPlaces(NamedTuple):
     n: int
     line: int
     phi: int
-    held: int
-    fading: int
+    inputs: int
     zero: int
     constant: int
     force: int
@@ -212,9 +234,8 @@ def _places(nx, m):
     n = nx + 2 + m
     line = n * WIDTH
     phi = n - n  # a literal 0 would compile every callee once more
-    held = n * line
-    fading = held + 2 * line
-    zero = fading + 2 * line
+    inputs = n * line
+    zero = inputs + 2 * KINDS * line
     constant = zero + line
     force = constant + line
     u = force + line
@@ -223,19 +244,18 @@ def _places(nx, m):
     y = z + SAMPLES * line
     rows = y + SAMPLES * 4 * WIDTH
     loop = rows + N_FEEDBACK * (nx + 2) * WIDTH
-    return _LinearPlaces(n, line, phi, held, fading, zero, constant, force, u, e, z, y, rows, loop)
+    return _LinearPlaces(n, line, phi, inputs, zero, constant, force, u, e, z, y, rows, loop)
 
 
 @jit
-def _begin(w, at, plants, law, bandwidth, hold, which):
+def _begin(w, at, plants, law, bandwidth, hold, gust_state, which):
     """Eight rollouts at trim, before their first command; False if a loop is not finite."""
     nx = plants[0].shape[1]
-    kinds = 2 if hold.decays[0] != 0.0 else 1
     if not close_loop(plants, law, bandwidth, which, w, at.loop, at.rows):
         return False
     if not discretise(
-        w, at.loop, at.n, nx, bandwidth, hold.step, hold.series, hold.decays, kinds,
-        at.phi, at.held,
+        w, at.loop, at.n, nx, bandwidth, hold.step, hold.series, hold.decays, gust_state,
+        at.phi, at.inputs,
     ):  # fmt: skip
         return False
     locate_channels(w, at.rows, at.z, at.line, at.y, nx, which + 16 * WIDTH)
@@ -245,10 +265,11 @@ def _begin(w, at, plants, law, bandwidth, hold, which):
 
 
 @jit
-def roll_out_linear(plants, law, bandwidth, pilot, hold, work, iwork, out, first, last):
+def roll_out_linear(plants, law, bandwidth, pilot, hold, gusts, work, iwork, out, first, last):
     """Simulate rollouts first..last-1 into `out`; returns the first block that cannot be, or -1.
 
-    hold: Hold.   work: `linear_work` numbers, aligned; iwork: LINEAR_IWORK integers.
+    hold, gusts: Hold and Gusts.
+    work: `linear_work` numbers, aligned; iwork: LINEAR_IWORK integers.
     With a pedal lag the surfaces follow u + e: the held command, and what is left of earlier jumps,
     which fades as exp(-t / lag). Both enter exactly, without more states.
     """
@@ -256,11 +277,14 @@ def roll_out_linear(plants, law, bandwidth, pilot, hold, work, iwork, out, first
     n_samples = pilot.shape[1]
     length = ((n_samples - 1) * hold.substeps + 1) * N_CHANNELS
     at = _places(nx, law[0].shape[0])
-    n, line, phi, held, fading, zero, constant, force, u, e, z, y, rows, loop = at
+    n, line, phi, inputs, zero, constant, force, u, e, z, y, rows, loop = at
+    held, fading, gusting = inputs, inputs + 2 * FADING * line, inputs + 2 * GUST * line
     w0, which0, target = address(work), address(iwork), address(out)
     w_bytes, which_bytes = 8 * (loop + scratch(n)), 8 * LANES_IWORK
     commands0 = w0 + GROUPS * w_bytes
     commands_bytes = 8 * 2 * n_samples * WIDTH if pilot.shape[0] > 1 else 0
+    rates0, is_gusty = commands0 + GROUPS * 8 * 2 * n_samples * WIDTH, gusts.state >= 0
+    rates_bytes = 8 * gusts.sideslip.shape[1] * WIDTH
     changed, used = np.zeros(n_samples, np.bool_), np.zeros(2, np.bool_)
     lagged, fade = hold.decays[0] != 0.0, splat(hold.decays[0])
     start = force if lagged else constant
@@ -269,8 +293,10 @@ def roll_out_linear(plants, law, bandwidth, pilot, hold, work, iwork, out, first
         for g in range(groups):
             w, which = w0 + g * w_bytes, which0 + g * which_bytes
             place_lanes(which, base + g * WIDTH, n_rollouts, length)
-            if not _begin(w, at, plants, law, bandwidth, hold, which):
+            if not _begin(w, at, plants, law, bandwidth, hold, gusts.state, which):
                 return base
+            if is_gusty:
+                gather_gusts(gusts, which, hold.step, rates0 + g * rates_bytes)
         if base == first or commands_bytes > 0:
             changed[:] = False
             changed[0] = True
@@ -281,6 +307,7 @@ def roll_out_linear(plants, law, bandwidth, pilot, hold, work, iwork, out, first
         now = 0
         filled = 1
         written = 0
+        begun = 0
         for k in range(n_samples - 1):
             if changed[k]:
                 for g in range(groups):
@@ -294,8 +321,12 @@ def roll_out_linear(plants, law, bandwidth, pilot, hold, work, iwork, out, first
                         _drive(w, fading, e, used[0], used[1], n, constant, force)
                         store(w, e, multiply(fade, load(w, e)))
                         store(w, e + WIDTH, multiply(fade, load(w, e + WIDTH)))
-                    product(w, phi, z + now, start, z + filled * line, n, 1)
+                    if is_gusty:
+                        rate = load(rates0 + g * rates_bytes, begun * WIDTH)
+                        _add_gust(w, gusting, rate, n, start, force)
+                    product(w, phi, z + now, force if is_gusty else start, z + filled * line, n, 1)
                 now = filled * line
+                begun += 1
                 filled += 1
                 if filled == SAMPLES:
                     for g in range(groups):

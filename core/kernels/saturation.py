@@ -25,6 +25,7 @@ from core.kernels.response import (
     LANES_IWORK,
     SAMPLES,
     gather_commands,
+    gather_gusts,
     locate_channels,
     place_lanes,
     take_command,
@@ -56,12 +57,15 @@ class TimeSteps(NamedTuple):
 
 
 class _LimitedPlaces(NamedTuple):
-    """Where in the workspace things begin; line: length of a state of eight rollouts."""
+    """Where in the workspace things begin; line: length of a state of eight rollouts.
+
+    outside: what a gust does to each state, besides the loop.
+    """
 
     n: int
     line: int
     loop: int
-    zero: int
+    outside: int
     state: int
     slope: int
     stage: int
@@ -79,8 +83,8 @@ def _places(nx, m):
     n = nx + 2 + m
     line = n * WIDTH
     loop = n - n  # a literal 0 would compile every callee once more
-    zero = n * line
-    state = zero + line
+    outside = n * line
+    state = outside + line
     slope = state + line
     stage = slope + line
     following = stage + line
@@ -91,13 +95,13 @@ def _places(nx, m):
     rows = y + SAMPLES * 4 * WIDTH
     commands = rows + N_FEEDBACK * (nx + 2) * WIDTH
     return _LimitedPlaces(
-        n, line, loop, zero, state, slope, stage, following, z, u, e, y, rows, commands
+        n, line, loop, outside, state, slope, stage, following, z, u, e, y, rows, commands
     )
 
 
-def limited_work(nx: int, m: int, n_samples: int) -> int:
+def limited_work(nx: int, m: int, n_samples: int, n_out: int) -> int:
     """Workspace [numbers] that `roll_out_limited` needs."""
-    return _places(nx, m).commands + 2 * n_samples * WIDTH
+    return _places(nx, m).commands + (2 * n_samples + n_out) * WIDTH
 
 
 @jit
@@ -112,7 +116,7 @@ def _clip(value, limit):
 @inlined
 def _derivative(w, at, z, out, fade, nx, surfaces):
     """out = z_dot, with the loop of unit bandwidth and the pedals at u + fade e."""
-    product(w, at.loop, z, at.zero, out, at.n, 1)
+    product(w, at.loop, z, at.outside, out, at.n, 1)
     for s in range(2):
         place = (nx + s) * WIDTH
         delta = load(w, z + place)
@@ -160,19 +164,23 @@ def _begin(w, at, plants, law, pilot, which, same_commands):
     locate_channels(w, at.rows, at.z, at.line, at.y, plants[0].shape[1], which + 16 * WIDTH)
     if not same_commands:
         gather_commands(pilot, which, w + 8 * at.commands)
-    clear(w, at.zero, (5 + SAMPLES) * at.n + 4)
+    clear(w, at.outside, (5 + SAMPLES) * at.n + 4)
     return True
 
 
 @jit
-def _follow_commands(w, at, nx, n_samples, surfaces, steps, which, target):
+def _follow_commands(w, at, nx, n_samples, surfaces, steps, gust_state, which, target):
     """Simulate eight rollouts and write their samples; the first is the trim."""
-    filled, written = 1, 0
+    rates = at.commands + 2 * n_samples * WIDTH
+    filled, written, begun = 1, 0, 0
     for k in range(n_samples - 1):
         take_command(w, w + 8 * at.commands, 2 * k * WIDTH, at.u, at.e)
         if steps.half_fade == 0.0:
             clear(w, at.e, 2)
         for _ in range(steps.substeps):
+            if gust_state >= 0:
+                store(w, at.outside + gust_state * WIDTH, load(w, rates + begun * WIDTH))
+                begun += 1
             for _ in range(steps.parts):
                 _runge_kutta(w, at, nx, surfaces, steps)
             _copy(w, at.state, at.z + filled * at.line, at.line)
@@ -185,10 +193,10 @@ def _follow_commands(w, at, nx, n_samples, surfaces, steps, which, target):
 
 
 @jit
-def roll_out_limited(plants, law, surfaces, pilot, steps, work, iwork, out, first, last):
+def roll_out_limited(plants, law, surfaces, pilot, steps, gusts, work, iwork, out, first, last):
     """Simulate rollouts first..last-1 into `out`; returns the first block that cannot be, or -1.
 
-    surfaces, steps: Surfaces and TimeSteps.
+    surfaces, steps, gusts: Surfaces, TimeSteps and Gusts.
     work: `limited_work` numbers, aligned; iwork: LIMITED_IWORK integers.
     """
     n_rollouts, nx = plants[0].shape[:2]
@@ -201,5 +209,8 @@ def roll_out_limited(plants, law, surfaces, pilot, steps, work, iwork, out, firs
         same_commands = base > first and pilot.shape[0] == 1
         if not _begin(w, at, plants, law, pilot, which, same_commands):
             return base
-        _follow_commands(w, at, nx, n_samples, surfaces, steps, which, target)
+        if gusts.state >= 0:
+            rates = w + 8 * (at.commands + 2 * n_samples * WIDTH)
+            gather_gusts(gusts, which, steps.step, rates)
+        _follow_commands(w, at, nx, n_samples, surfaces, steps, gusts.state, which, target)
     return -1

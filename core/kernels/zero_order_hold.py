@@ -38,6 +38,9 @@ _TRUNCATION = (
     factorial(DEGREE + 1) * 2.0**-53
 )  # |M^17| below this: the remainder is below half an ulp
 _LARGEST_NORM = 3.0  # of the scaled matrix: keeps the polynomial's rounding within e^3 ulp
+HELD, FADING, GUST = 0, 1, 2
+"""Kinds of inputs: a held command, what a lag has left of earlier ones, the rate of a gust."""
+KINDS = 3
 _EXP = np.array([0.0] + [1.0 / factorial(k) for k in range(1, DEGREE + 1)])  # exp(M) - I
 
 
@@ -219,7 +222,7 @@ def _exponential(w, at, n, phi):
 
 @jit
 def _input_effect(w, at, n, surface, factor, series, out):
-    """Effect (n, 2) of one kind of input over the halved step, by the same rule."""
+    """Effect (n, 2) of inputs on two rows over the halved step, by the same rule."""
     two_columns = at.narrow // (n * WIDTH)  # a literal 2 would compile `product` once more
     for lane in range(WIDTH):
         s = int(read(w, at.scale + lane))
@@ -246,13 +249,15 @@ def _take_doubled(w, at, level, out, length):
 
 
 @jit
-def _double(w, at, n, level, kinds, phi, inputs):
+def _double(w, at, n, level, is_given, phi, inputs):
     """From h to 2 h: E <- E E + 2 E, G <- E G + (1 + e(h)) G."""
     two_columns = at.narrow // (n * WIDTH)
     two = splat(2.0)
-    for kind in range(kinds):
+    for kind in range(KINDS):
+        if not is_given[kind]:
+            continue
         out = inputs + kind * at.narrow
-        factor = two if kind == 0 else add(load(w, at.decay), splat(1.0))
+        factor = add(load(w, at.decay), splat(1.0)) if kind == FADING else two
         for i in range(0, at.narrow, WIDTH):
             store(w, at.start + i, multiply(factor, load(w, out + i)))
         product(w, phi, out, at.start, at.total, n, two_columns)
@@ -267,23 +272,28 @@ def _double(w, at, n, level, kinds, phi, inputs):
 
 
 @jit
-def discretise(w, loop, n, surface, bandwidth, step, series, decays, kinds, phi, inputs):
+def discretise(w, loop, n, surface, bandwidth, step, series, decays, gust_state, phi, inputs):
     """phi = exp(F step) and the effect of inputs over one step; False if a loop is too fast.
 
     w: workspace; F (n, n) at `loop`, the start of `scratch(n)` numbers, is overwritten.
-    inputs: `kinds` (1 or 2) matrices (n, 2): integral of exp(F (step - t)) B e(t) dt with e = 1 and
-    exp(-t / lag), B = bandwidth on the rows of the two surfaces. series, decays: `input_series`.
+    inputs: KINDS matrices (n, 2): integral of exp(F (step - t)) B e(t) dt. HELD: e = 1, B =
+    bandwidth on the rows of the two surfaces. FADING: e = exp(-t / lag), the same B; not written
+    without lag. GUST: e = 1, B = 1 on the row of gust_state (first column; the second is nothing);
+    not written where that is negative.   series, decays: `input_series`.
     """
     at = _places(loop, n)
     most = _scale_down(w, at, n, step, decays)
     if most < 0:
         return False
     _exponential(w, at, n, phi)
-    for kind in range(kinds):
-        out = inputs + kind * at.narrow
-        _input_effect(w, at, n, surface, bandwidth * step, series[kind], out)
+    is_given = (True, decays[0] != 0.0, gust_state >= 0)
+    for kind in range(KINDS):
+        if is_given[kind]:
+            row, gain = (gust_state, 1.0) if kind == GUST else (surface, bandwidth)
+            out, own = inputs + kind * at.narrow, series[FADING if kind == FADING else HELD]
+            _input_effect(w, at, n, row, gain * step, own, out)
     for level in range(most):
-        _double(w, at, n, level, kinds, phi, inputs)
+        _double(w, at, n, level, is_given, phi, inputs)
     for i in range(n):
         diagonal = phi + (i * n + i) * WIDTH
         store(w, diagonal, add(load(w, diagonal), splat(1.0)))

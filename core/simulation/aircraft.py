@@ -3,7 +3,7 @@
 import re
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
-from math import cos, sin, tan
+from math import cos, inf, sin, tan
 from typing import TYPE_CHECKING, Any, Literal, Self
 
 import numpy as np
@@ -52,6 +52,16 @@ class Aircraft(ABC):
     @abstractmethod
     def usual_test(self) -> UsualTest:
         """The test to begin with: law, rudder doublet and limit."""
+
+    @property
+    @abstractmethod
+    def altitude(self) -> float | None:
+        """Where it is flown [m], 0 for a model for sea level; None where that is not known."""
+
+    @property
+    @abstractmethod
+    def airspeed(self) -> float | None:
+        """True airspeed [m/s]; None where it is not known."""
 
     @abstractmethod
     def uncertain_plant(self) -> UncertainPlant:
@@ -106,6 +116,16 @@ class PublishedAircraft(Aircraft):
     def usual_test(self) -> UsualTest:
         """The model's."""
         return self.model.usual_test
+
+    @property
+    def altitude(self) -> float:
+        """As published."""
+        return self.model.altitude
+
+    @property
+    def airspeed(self) -> float:
+        """As published."""
+        return self.model.speed
 
     def uncertain_plant(self) -> UncertainPlant:
         """The derivatives with their distribution, in the order of published.DERIVATIVES."""
@@ -178,9 +198,18 @@ class MatrixAircraft(Aircraft):
     states: tuple[str, ...] = ()
     """names of the states: x0, x1, ... if empty. A law that feeds back bank angle looks for "phi".
     """
+    altitude_m: float | None = None
+    """altitude of the flight condition: 0 for a model for sea level [m]; gusts depend on it."""
+    airspeed_mps: float | None = None
+    """true airspeed of the flight condition [m/s]: gusts depend on it, and a recorded airspeed is
+    compared with it."""
 
     def __post_init__(self) -> None:
         self.uncertain_plant()
+        if self.altitude_m is not None and not 0 <= self.altitude_m < inf:
+            raise ValueError(f"altitude_m is {self.altitude_m}; give metres, 0 at sea level")
+        if self.airspeed_mps is not None and not 0 < self.airspeed_mps < inf:
+            raise ValueError(f"airspeed_mps is {self.airspeed_mps}; give m/s, above zero")
 
     @classmethod
     def from_json(cls, document: Any) -> Self:
@@ -191,16 +220,19 @@ class MatrixAircraft(Aircraft):
              "uncertainty": {"distribution": "normal", "unit": "fraction",
                              "spread": {"A[0,0]": 0.1, "B[2,1]": 0.15}}}
 
-        `states`, `distribution` and `unit` may be left out; `spread` may be one number.
+        `states`, `distribution` and `unit` may be left out; `spread` may be one number. May have
+        `altitude_m` and `airspeed_mps` too.
         """
         if not isinstance(document, dict):
             raise ValueError(f"a model is a JSON object with A, B, C, D; this is {document!r:.40}")
         fields = {key.lower(): value for key, value in document.items()}
-        needed, allowed = {"a", "b", "c", "d", "uncertainty"}, {"states"}
+        needed = {"a", "b", "c", "d", "uncertainty"}
+        condition = {"altitude_m", "airspeed_mps"}
+        allowed = {"states", *condition}
         if not needed <= fields.keys() <= needed | allowed:
             raise ValueError(
                 f"the model has the keys {', '.join(document)}; it needs A, B, C, D and "
-                "uncertainty, and may have states"
+                "uncertainty, and may have states, altitude_m and airspeed_mps"
             )
         uncertainty = fields["uncertainty"]
         if not isinstance(uncertainty, dict) or not (
@@ -213,10 +245,15 @@ class MatrixAircraft(Aircraft):
         states = fields.get("states", [])
         if not isinstance(states, list) or not all(isinstance(name, str) for name in states):
             raise ValueError(f"states is {states!r:.60}; give a list of names")
+        for name in condition & fields.keys():
+            value = fields[name]
+            if isinstance(value, bool) or not isinstance(value, int | float | None):
+                raise ValueError(f"{name} is {value!r:.60}; give a number")
         return cls(
             *(_rows(key.upper(), fields[key]) for key in "abcd"),
             uncertainty=Uncertainty(**uncertainty),
             states=tuple(states),
+            **{name: fields[name] for name in condition & fields.keys()},
         )
 
     @classmethod
@@ -262,6 +299,16 @@ class MatrixAircraft(Aircraft):
     def usual_test(self) -> UsualTest:
         """Without a law; the amplitude is that of the example, another model needs its own."""
         return OWN_MODEL_TEST
+
+    @property
+    def altitude(self) -> float | None:
+        """As given."""
+        return self.altitude_m
+
+    @property
+    def airspeed(self) -> float | None:
+        """As given."""
+        return self.airspeed_mps
 
     def uncertain_plant(self) -> UncertainPlant:
         """The uncertain entries as parameters, named as in the uncertainty."""

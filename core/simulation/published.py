@@ -64,7 +64,8 @@ class UsualTest:
 class PublishedModel:
     """Stability derivatives of one aircraft in one straight and level flight condition.
 
-    speed: true airspeed [m/s].   alpha0, theta0: trim angle of attack and pitch [rad].
+    altitude: [m], 0 for sea level.   speed: true airspeed [m/s].
+    alpha0, theta0: trim angle of attack and pitch [rad].
     Y, L, N: derivatives by (beta [1/rad], p [s/rad], r [s/rad], delta_a [1/rad], delta_r [1/rad])
         of beta_dot [rad/s], p_dot [rad/s2], r_dot [rad/s2]; Y is divided by m V, so it is in 1/s.
     phi_to_beta, r_to_phi: g cos(theta0) / V [1/s] and tan(theta0) as the source rounded them, where
@@ -78,6 +79,7 @@ class PublishedModel:
     reference: str
     checked: str
     usual_test: UsualTest
+    altitude: float
     speed: float
     alpha0: float
     theta0: float
@@ -100,6 +102,7 @@ MODELS: dict[ModelName, PublishedModel] = {
         "Example 5.3-1 (data base of NASA TP-1538)",
         checked="rows of A and B reproduced to 3-4 digits by an independent linearisation",
         usual_test=UsualTest("f16_damper", doublet_deg=9.5, limit_g=0.5),
+        altitude=0.0,
         speed=502 * FOOT,
         alpha0=0.03691,
         theta0=0.03691,
@@ -116,6 +119,7 @@ MODELS: dict[ModelName, PublishedModel] = {
         reference="Cook, Flight Dynamics Principles, Assignment 3 (data of NASA CR-2144)",
         checked="transcribed; modes not checked against a published value",
         usual_test=UsualTest("f104a_damper", doublet_deg=3.9, limit_g=0.5),
+        altitude=0.0,
         speed=893.152 * FOOT,
         alpha0=radians(2.0),
         theta0=radians(2.0),
@@ -131,6 +135,7 @@ MODELS: dict[ModelName, PublishedModel] = {
         reference="Heffley and Jewell, NASA CR-2144 (1972), Tables II-1, II-2, II-7",
         checked="spiral, roll and Dutch roll agree with NASA CR-2144, Table II-8",
         usual_test=UsualTest("nt33a_damper", doublet_deg=8.9, limit_g=0.1),
+        altitude=0.0,
         speed=228 * FOOT,
         alpha0=radians(2.2),
         theta0=radians(2.2),
@@ -147,6 +152,7 @@ MODELS: dict[ModelName, PublishedModel] = {
         checked="magnitudes within 1 % of the published state matrix; the sign of L_r is not "
         "confirmed",
         usual_test=UsualTest("f4c_damper", doublet_deg=9.2, limit_g=0.1),
+        altitude=35_000 * FOOT,
         speed=178.0,
         alpha0=radians(9.4),
         theta0=radians(9.4),
@@ -162,6 +168,7 @@ MODELS: dict[ModelName, PublishedModel] = {
         checked="modes agree with the published characteristic polynomial; the numbers were "
         "recalled, not copied from the page",
         usual_test=UsualTest("none", doublet_deg=5.0, limit_g=0.1),
+        altitude=15_000 * FOOT,
         speed=468.2 * FOOT,
         alpha0=0.0,
         theta0=0.0,
@@ -178,6 +185,7 @@ MODELS: dict[ModelName, PublishedModel] = {
         'Toolbox, "Yaw Damper Design for a 747 Jet Aircraft"',
         checked="poles agree with those published with the matrices",
         usual_test=UsualTest("b747_yaw_damper_mathworks", doublet_deg=12.2, limit_g=0.1),
+        altitude=40_000 * FOOT,
         speed=235.9,
         alpha0=0.0802,
         theta0=0.0802,
@@ -196,6 +204,7 @@ MODELS: dict[ModelName, PublishedModel] = {
         "Identification, 2nd ed., AIAA 2015",
         checked="output error on two flight records; R2 0.97-0.998 on five channels",
         usual_test=UsualTest("attas_damper", doublet_deg=6.4, limit_g=0.2),
+        altitude=15_770 * FOOT,
         speed=131.0,
         alpha0=radians(2.15),
         theta0=radians(1.6),

@@ -8,7 +8,14 @@ import numpy as np
 from core.channels import N_CHANNELS
 from core.kernels.compiled import in_chunks
 from core.kernels.lanes import WIDTH, aligned
-from core.kernels.response import GROUPS, LINEAR_IWORK, Hold, linear_work, roll_out_linear
+from core.kernels.response import (
+    GROUPS,
+    LINEAR_IWORK,
+    Gusts,
+    Hold,
+    linear_work,
+    roll_out_linear,
+)
 from core.kernels.saturation import (
     LIMITED_IWORK,
     Surfaces,
@@ -26,6 +33,7 @@ CHUNK = 32 * GROUPS * WIDTH
 LONGEST_STEP = 0.002
 """[s] Runge-Kutta step where surfaces have limits, and at most a fifth of the fastest time constant
 of actuators and law; plants with modes beyond 500 rad/s need smaller steps (substeps)."""
+NO_GUSTS = Gusts(np.empty((0, 0)), -1)
 
 
 def roll_out(
@@ -37,6 +45,7 @@ def roll_out(
     *,
     pedal_lag_s: float = 0.0,
     substeps: int = 1,
+    gust: Array | None = None,
     out: Array | None = None,
 ) -> Array:
     """Simulate every plant in the closed loop from trim, exactly where surfaces have no limits.
@@ -44,6 +53,9 @@ def roll_out(
     pilot: (1 or n, n_samples, 2) commands [rad] of aileron and rudder; that of sample k acts from
         t_k to t_(k+1) (zero-order hold), through a first-order lag of pedal_lag_s if that is not 0.
     substeps: output samples a step.   out: written and returned if given.
+    gust: (n, (n_samples - 1) substeps + 1) sideslip [rad] that the air adds at each output sample,
+        joined by lines: the aircraft feels, and the vane reads, its own and the gust's. Only the
+        changes from the first sample on count, as the aircraft is in trim with that one.
     Returns y (n, (n_samples - 1) substeps + 1, 6) in the order of core.channels; sample k is
     y(t_k), before command k has acted. An unstable rollout may grow to inf and then be NaN: a
     sample that is not finite breaks every limit. The numbers of a rollout depend, bit for bit, on
@@ -51,20 +63,22 @@ def roll_out(
     Raises ValueError for shapes that do not fit and numbers that are not finite.
     """
     n, n_states, pilot = _checked(plants, controller, pilot, dt, pedal_lag_s, substeps)
-    shape = (n, (pilot.shape[1] - 1) * substeps + 1, N_CHANNELS)
+    n_out = (pilot.shape[1] - 1) * substeps + 1
+    shape = (n, n_out, N_CHANNELS)
     out = np.empty(shape) if out is None else _checked_out(out, shape)
     plants = Plants(*(np.ascontiguousarray(matrix, dtype=np.float64) for matrix in plants))
     law = tuple(np.ascontiguousarray(matrix, dtype=np.float64) for matrix in controller)
     m, step = len(controller.a), dt / substeps
+    gusts = NO_GUSTS if gust is None else _gusts(plants, gust, (n, n_out))
     if actuator.rate_limit_deg_s is None and actuator.position_limit_deg is None:
         series, decays = input_series(step, pedal_lag_s)
         hold = Hold(step, substeps, series, decays)
-        kernel = partial(roll_out_linear, plants, law, actuator.bandwidth_rad_s, pilot, hold)
-        work, iwork = linear_work(n_states, m, pilot.shape[1]), LINEAR_IWORK
+        kernel = partial(roll_out_linear, plants, law, actuator.bandwidth_rad_s, pilot, hold, gusts)
+        work, iwork = linear_work(n_states, m, pilot.shape[1], n_out), LINEAR_IWORK
     else:
         steps = _runge_kutta(step, actuator, controller, pedal_lag_s, substeps)
-        kernel = partial(roll_out_limited, plants, law, _surfaces(actuator), pilot, steps)
-        work, iwork = limited_work(n_states, m, pilot.shape[1]), LIMITED_IWORK
+        kernel = partial(roll_out_limited, plants, law, _surfaces(actuator), pilot, steps, gusts)
+        work, iwork = limited_work(n_states, m, pilot.shape[1], n_out), LIMITED_IWORK
 
     def simulate(start: int, stop: int) -> None:
         failed = kernel(aligned(work), np.empty(iwork, np.int64), out, start, stop)
@@ -122,6 +136,28 @@ def _checked(
     if substeps < 1:
         raise ValueError(f"substeps is {substeps}; give a whole number, 1 or more")
     return n, nx, pilot
+
+
+def _gusts(plants: Plants, gust: Array, shape: tuple[int, int]) -> Gusts:
+    """The gusts and the state that they act on."""
+    if gust.shape != shape:
+        raise ValueError(f"gust has shape {gust.shape}; it needs {shape}")
+    if not np.isfinite(gust).all():
+        raise ValueError("gust holds numbers that are not finite; check its intensity and scale")
+    return Gusts(np.ascontiguousarray(gust, dtype=np.float64), sideslip_state(plants))
+
+
+def sideslip_state(plants: Plants) -> int:
+    """The state that is sideslip, on which gusts act; ValueError where it is none of them."""
+    row = plants.c[0, 0]
+    is_beta = np.flatnonzero(row)
+    same = (plants.c[:, 0] == row).all() and not plants.d[:, 0].any()
+    if len(is_beta) != 1 or row[is_beta[0]] != 1.0 or not same:
+        raise ValueError(
+            "sideslip is not one of the plant's states, so that a gust cannot act on it; take beta "
+            "as a state (in C a row of 0 with one 1), or fly without gust"
+        )
+    return int(is_beta[0])
 
 
 def _checked_out(out: Array, shape: tuple[int, int, int]) -> Array:

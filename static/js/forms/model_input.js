@@ -9,7 +9,7 @@ import { h } from "../lib/dom.js";
 import { button, errorLine } from "../lib/view_states.js";
 
 const NEEDED = ["a", "b", "c", "d", "uncertainty"];
-const KNOWN = [...NEEDED, "states"];
+const KNOWN = [...NEEDED, "states", "altitude_m", "airspeed_mps"];
 const EXAMPLE =
   '{"A": [[...]], "B": [[...]], "C": [[...]], "D": [[...]], "uncertainty": {"spread": 0.1}}';
 

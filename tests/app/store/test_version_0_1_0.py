@@ -11,10 +11,12 @@ from typing import Any
 import numpy as np
 import pytest
 
+from app.recipes import from_plain
 from app.recordings.samples import digest, open_samples
 from app.recordings.verified import Verified
 from app.store.mappings import RememberedMapping
 from app.store.store import Store, open_store
+from core.collection import DatasetRecipe, collect
 from core.monitor.assessment import STATES
 from tests.support.places import DATA
 from tests.support.stored import move, opened
@@ -82,6 +84,13 @@ def test_dataset_and_monitor_are_those_that_were_trained(store: Store) -> None:
     assert info.specification == info.dataset_recipe["specification"]
     assert store.datasets.get(answer["dataset_id"]).digest() == answer["dataset_digest"]
     assert store.monitors.evaluation(MONITOR) == ANSWERS[f"monitors/{MONITOR}/evaluation"]
+
+
+def test_the_recipe_of_a_dataset_simulates_the_same_bits(store: Store) -> None:
+    stored = store.datasets.get(ANSWERS[f"monitors/{MONITOR}"]["dataset_id"])
+    assert "imperfections" not in stored.recipe
+    again = collect(from_plain(DatasetRecipe(), stored.recipe))
+    assert again.digest() == stored.digest()
 
 
 def test_the_monitor_gives_the_p_values_that_were_flown(store: Store) -> None:

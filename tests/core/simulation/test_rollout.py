@@ -74,6 +74,20 @@ def closed_form(plant, controller, actuator, pilot, dt, lag):
     return np.array(y)
 
 
+def in_gust(plant, controller, actuator, pilot, dt, substeps, gust):
+    """Response of one plant in gusts whose sideslip runs in lines, by the matrix exponential."""
+    loop, drive = closed_loop(plant, controller, actuator)
+    n, nx, step = len(loop), plant.a.shape[1], dt / substeps
+    block = np.zeros((n + 3,) * 2)
+    block[:n, :n], block[:n, n : n + 2], block[0, n + 2] = loop, drive, 1.0
+    block = expm(block * step)
+    z, y = np.zeros(n), []
+    for k, rate in enumerate(np.append(np.diff(gust) / step, 0.0)):
+        y.append(plant.c[0] @ z[:nx] + plant.d[0] @ z[nx : nx + 2])
+        z = (block @ np.concatenate([z, pilot[k // substeps], [rate]]))[:n]
+    return np.array(y)
+
+
 def python_control(plant, controller, actuator, pilot, dt, lag):
     """Response of one plant by python-control: connect, c2d with zero-order hold, simulate."""
     a, b, c, d = (matrix[0] for matrix in plant)
@@ -103,6 +117,40 @@ def test_rollouts_are_those_of_python_control_and_of_the_matrix_exponential(name
         arguments = one(plants, i), controller, law.actuator, pilot[0], DT, lag
         np.testing.assert_allclose(y[i], python_control(*arguments), atol=1e-11)
         np.testing.assert_allclose(y[i], closed_form(*arguments), atol=1e-12)
+
+
+@pytest.mark.parametrize("substeps", [1, 3])
+@pytest.mark.parametrize("n_states", [3, 4])
+def test_an_aircraft_in_gusts_is_that_of_the_matrix_exponential(n_states, substeps):
+    law, plants = CONTROL_LAWS["f16_damper"], draw(19, n_states=n_states)
+    controller, pilot = law.controller(F16[n_states]), doublet(41)
+    steps = np.random.default_rng(1).standard_normal((19, 40 * substeps + 1))
+    gust = 0.01 + 0.002 * steps.cumsum(axis=1)
+
+    def flown(actuator, gust):
+        return roll_out(plants, controller, actuator, pilot, DT, substeps=substeps, gust=gust)
+
+    y = flown(law.actuator, gust)
+    for i in (0, 7, 18):
+        expected = in_gust(
+            one(plants, i), controller, law.actuator, pilot[0], DT, substeps, gust[i]
+        )
+        np.testing.assert_allclose(y[i], expected, atol=1e-12)
+    limited = flown(Actuator(rate_limit_deg_s=1e6), gust)
+    np.testing.assert_allclose(limited, y, atol=1e-7)
+    steady = flown(law.actuator, np.full_like(gust, 0.3))
+    np.testing.assert_array_equal(steady, flown(law.actuator, None))
+
+
+@pytest.mark.parametrize("limited", [False, True])
+def test_the_gust_of_a_rollout_is_its_own(limited):
+    plants, controller = draw(21), DAMPER.controller(F16[3])
+    actuator = Actuator(rate_limit_deg_s=20.0) if limited else Actuator()
+    gust = np.random.default_rng(1).standard_normal((21, 31)).cumsum(axis=1) * 1e-3
+    pilot = doublet(31)
+    everything = roll_out(plants, controller, actuator, pilot, DT, gust=gust)
+    alone = roll_out(one(plants, 17), controller, actuator, pilot, DT, gust=gust[17:18])
+    np.testing.assert_array_equal(alone, everything[17:18])
 
 
 @pytest.mark.parametrize("lag", [0.0, 1e-3, 0.1, 20.0])

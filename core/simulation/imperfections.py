@@ -1,0 +1,222 @@
+"""What a real flight has that its model lacks: gust, instrument errors, inexact inputs."""
+
+from dataclasses import dataclass, fields, replace
+from math import inf, isfinite, radians
+from typing import get_args
+
+import numpy as np
+
+from core.channels import KEYS
+from core.kernels.compiled import in_chunks
+from core.kernels.recording import Instruments, record, subtract_trim
+from core.simulation.turbulence import (
+    LateralGust,
+    Turbulence,
+    intensity,
+    scale_length,
+    sideslip_gusts,
+)
+from core.types import Array, Indices
+
+RUN_UP_S = 3.0
+"""[s] that gust and trim error act before a rollout's first sample: as when it is flown, the
+aircraft then moves already."""
+CHUNK = 128
+"""Rollouts that a thread records at a time."""
+
+
+def channel_array(by_channel: object) -> Array:
+    """(6,) numbers of an object that has one of each channel by its key."""
+    return np.array([getattr(by_channel, key) for key in KEYS], dtype=np.float64)
+
+
+@dataclass(frozen=True)
+class Quantisation:
+    """Step between recorded values, by channel, in its SI unit (N_y in g); 0 for none.
+
+    The trim may lie anywhere between two of them.
+    """
+
+    beta: float = 0.0
+    p: float = 0.0
+    r: float = 0.0
+    Ny: float = 0.0
+    delta_a: float = 0.0
+    delta_r: float = 0.0
+
+    def __post_init__(self) -> None:
+        """Refuse a step that is negative or not a number."""
+        for field in fields(self):
+            if not 0 <= getattr(self, field.name) < inf:
+                raise ValueError(
+                    f"quantisation {field.name}={getattr(self, field.name)} was given: a step is a "
+                    "finite number, 0 or more"
+                )
+
+    @classmethod
+    def of_words(cls, bits: int) -> "Quantisation":
+        """Steps of words of so many bits over +-30 deg, +-120 deg/s, +-60 deg/s and +-1 g."""
+        part = 2.0 ** (1 - bits)
+        angle = radians(30.0) * part
+        return cls(angle, radians(120.0) * part, radians(60.0) * part, part, angle, angle)
+
+
+@dataclass(frozen=True)
+class Imperfections:
+    """What a real flight has besides noise and jitter, drawn anew for each rollout; 0: without.
+
+    A limit is exceeded by the true outputs from trim, gust included; gain, lag, noise, quantisation
+    and bias come after. Where any of these imperfections is there, trim is the mean of the trim
+    segment, and subtracted, as of a recorded flight.
+    """
+
+    turbulence: Turbulence = "none"
+    """lateral gust: Dryden's spectrum (MIL-F-8785C, MIL-HDBK-1797) with the scale of its altitude
+    and true airspeed. `smooth` is 0.3 m/s at any altitude; `light`, `moderate` and `severe` are by
+    altitude, below 1000 ft for winds of 15, 30 and 45 kt, above 2000 ft as exceeded with a
+    probability of 1e-2, 1e-3 and 1e-5; `given` is by the two numbers that follow."""
+    gust_sigma_deg: float = 0.15
+    """gust as sideslip: 1 sigma, where it is `given`, or where altitude or airspeed of the aircraft
+    are not known."""
+    gust_time_s: float = 4.0
+    """time constant of the gust: scale length over airspeed, where the gust is given as sideslip;
+    of 1750 ft at 133 m/s unless said."""
+    least_height_m: float = 305.0
+    """least height above ground: a model for sea level, a lower one too, has the gusts of this
+    height, since tests are not flown near the ground [m]."""
+    gain: float = 0.0
+    """gain error of each channel: standard deviation, normal, as a fraction of its reading."""
+    bias: float = 0.0
+    """bias of each channel: standard deviation, normal, in parts of its noise; what is left where
+    trim is subtracted."""
+    lag_s: float = 0.0
+    """transport lag of each channel: uniform from 0 to this, one channel unlike another."""
+    quantisation: Quantisation = Quantisation()
+    """quantisation of each channel: step between recorded values; 0 for none."""
+    trim_deg: float = 0.0
+    """trim error of each surface: standard deviation, normal, of a constant command beside the one
+    that would hold the aircraft in trim."""
+    asymmetry: float = 0.0
+    """asymmetry of the inputs: standard deviation, normal, of the fraction by which commands to one
+    side are larger than planned, and those to the other side smaller."""
+
+    def __post_init__(self) -> None:
+        """Refuse an unknown turbulence, and numbers that are negative or not finite."""
+        if self.turbulence not in get_args(Turbulence):
+            raise ValueError(
+                f"turbulence={self.turbulence!r} was given: choose "
+                f"{', '.join(get_args(Turbulence))}"
+            )
+        for field in fields(self):
+            value = getattr(self, field.name)
+            if isinstance(value, int | float) and not (isfinite(value) and value >= 0):
+                raise ValueError(
+                    f"{field.name}={value} was given: it must be a finite number, 0 or more"
+                )
+        if self.turbulence != "none" and self.gust_time_s == 0:
+            raise ValueError("gust_time_s=0 was given: a gust lasts, give a time above zero")
+
+    @property
+    def are_none(self) -> bool:
+        """Whether a rollout is what its model says, but for noise and jitter."""
+        none = Imperfections()
+        same = replace(
+            self,
+            gust_sigma_deg=none.gust_sigma_deg,
+            gust_time_s=none.gust_time_s,
+            least_height_m=none.least_height_m,
+        )
+        return same == none
+
+    def gust(self, altitude: float | None, airspeed: float | None) -> LateralGust | None:
+        """The gust as sideslip [rad] at an altitude [m] and true airspeed [m/s]; None without."""
+        if self.turbulence == "none":
+            return None
+        if self.turbulence == "given" or altitude is None or airspeed is None:
+            return LateralGust(radians(self.gust_sigma_deg), self.gust_time_s)
+        height = max(altitude, self.least_height_m)
+        return LateralGust(
+            intensity(self.turbulence, height) / airspeed, scale_length(height) / airspeed
+        )
+
+    def run_up(self, dt: float) -> int:
+        """Samples before a rollout's first one."""
+        return round(RUN_UP_S / dt) if self.turbulence != "none" or self.trim_deg else 0
+
+    def commands(self, planned: Array, n: int, dt: float, rng: np.random.Generator) -> Array:
+        """What n pilots make of planned commands (1 or n, n_samples, 2), the run-up before them."""
+        flown = planned
+        if self.asymmetry:
+            more = self.asymmetry * rng.standard_normal((n, 1, 1))
+            flown = planned * np.where(planned > 0.0, 1.0 + more, 1.0 - more)
+        if before := self.run_up(dt):
+            flown = np.pad(flown, ((0, 0), (before, 0), (0, 0)))
+        if self.trim_deg:
+            flown = flown + radians(self.trim_deg) * rng.standard_normal((n, 1, 2))
+        return flown
+
+    def gusts(
+        self, gust: LateralGust | None, n: int, n_steps: int, step: float, rng: np.random.Generator
+    ) -> Array | None:
+        """Draw sideslip of the air (n, n_steps) [rad], `step` s apart; None without gust."""
+        if gust is None:
+            return None
+        return sideslip_gusts(gust, step, n, n_steps, _seed(rng))
+
+    def record(
+        self,
+        y: Array,
+        start: int,
+        every: int,
+        rest: Indices,
+        noise: Array,
+        step: float,
+        rng: np.random.Generator,
+    ) -> Array:
+        """Record true outputs: return (n, n_samples, 6), each rollout with errors of its own.
+
+        y: (n, n_steps, 6), a row each `step` s; recorded is each `every`-th from `start` on.
+        rest: (n,) samples that trim is the mean of.   noise: (6,) 1 sigma.
+        """
+        seed, out = _seed(rng), np.empty((len(y), (y.shape[1] - start - 1) // every + 1, len(KEYS)))
+        instruments = Instruments(
+            gain=np.full(len(KEYS), self.gain),
+            bias=self.bias * noise,
+            noise=noise,
+            lag=np.full(len(KEYS), self.lag_s / step),
+            step=channel_array(self.quantisation),
+        )
+        in_chunks(
+            len(y),
+            CHUNK,
+            lambda first, last: record(seed, y, start, every, rest, instruments, out, first, last),
+        )
+        return out
+
+
+def from_trim(y: Array, start: int, every: int, rest: Indices) -> Array:
+    """Subtract trim, the mean of each channel at rest, in place; arguments as of `record`."""
+    in_chunks(len(y), CHUNK, lambda first, last: subtract_trim(y, start, every, rest, first, last))
+    return y[:, start:]
+
+
+def samples_at_rest(planned: Array, n: int, most: int) -> Indices:
+    """(n,) samples before the first input, from 1 to `most`. planned: (1 or n, n_samples, 2)."""
+    moves = (planned != 0.0).any(axis=2)
+    onset = np.where(moves.any(axis=1), moves.argmax(axis=1), most)
+    return np.broadcast_to(np.clip(onset, 1, max(most, 1)), n).copy()
+
+
+def _seed(rng: np.random.Generator) -> np.uint64:
+    return rng.integers(2**64, dtype=np.uint64)
+
+
+USUAL_IMPERFECTIONS = Imperfections(
+    turbulence="smooth",
+    gain=0.02,
+    bias=0.5,
+    lag_s=0.03,
+    quantisation=Quantisation.of_words(12),
+    trim_deg=0.05,
+    asymmetry=0.05,
+)

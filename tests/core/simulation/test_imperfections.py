@@ -1,0 +1,264 @@
+from dataclasses import fields, replace
+
+import numpy as np
+import pytest
+
+from core.channels import KEYS
+from core.planned_test import USUAL_NOISE, DatasetRecipe, SensorNoise, Simulator
+from core.simulation import imperfections
+from core.simulation.aircraft import AIRCRAFT, MatrixAircraft, PublishedAircraft
+from core.simulation.imperfections import (
+    USUAL_IMPERFECTIONS,
+    Imperfections,
+    Quantisation,
+    channel_array,
+    from_trim,
+    samples_at_rest,
+)
+from core.simulation.rollout import roll_out
+from core.simulation.turbulence import FOOT, intensity, scale_length
+
+N, SAMPLES, START, EVERY = 400, 60, 20, 2
+DT = 0.05
+QUIET = np.zeros(6)
+REST = np.full(N, 10)
+
+
+def truth() -> np.ndarray:
+    """True outputs from trim, half a sample apart: at rest, then each channel a ramp of its own."""
+    t = (np.arange(START + EVERY * (SAMPLES - 1) + 1) - START) * DT / EVERY
+    ramp = np.maximum(t - 0.5, 0.0)[:, None] * np.arange(1.0, 7.0)
+    return np.repeat(ramp[None], N, axis=0)
+
+
+def recorded(errors: Imperfections, noise: np.ndarray = QUIET, seed: int = 1) -> np.ndarray:
+    rng = np.random.default_rng(seed)
+    return errors.record(truth(), START, EVERY, REST, noise, DT / EVERY, rng)
+
+
+EXACT = truth()[:, START::EVERY]
+
+
+def test_a_recorder_without_errors_records_the_truth():
+    np.testing.assert_allclose(recorded(Imperfections(asymmetry=0.1)), EXACT, atol=1e-15)
+
+
+def test_gain_is_one_factor_for_each_channel_of_a_rollout():
+    factors = recorded(Imperfections(gain=0.02))[:, 30:] / EXACT[:, 30:]
+    np.testing.assert_allclose(factors, factors[:, :1].repeat(30, axis=1), rtol=1e-12)
+    errors = factors[:, 0].ravel() - 1.0
+    assert errors.std() == pytest.approx(0.02, rel=0.06)
+    assert abs(np.corrcoef(factors[:, 0].T)[np.triu_indices(6, 1)]).max() < 0.2
+
+
+def test_lag_shifts_a_channel_by_a_time_of_its_own():
+    shift = (EXACT - recorded(Imperfections(lag_s=0.12)))[:, 40:] / np.arange(1.0, 7.0)
+    np.testing.assert_allclose(shift, shift[:, :1].repeat(20, axis=1), atol=1e-12)
+    lags = np.sort(shift[:, 0].ravel())
+    np.testing.assert_allclose(lags, np.linspace(0.0, 0.12, len(lags)), atol=0.006)
+
+
+def test_noise_is_white_and_less_its_mean_at_rest():
+    noise = np.array([1e-3, 2e-3, 0.0, 4e-3, 1e-4, 1e-2])
+    error = recorded(Imperfections(), noise) - EXACT
+    np.testing.assert_allclose(error[:, 10:].std(axis=(0, 1)), noise * np.sqrt(1.1), rtol=0.02)
+    np.testing.assert_allclose(error[:, :10].mean(axis=1), 0.0, atol=1e-9)
+    white = error[:, 10:, 0] - error[:, 10:, 0].mean(axis=1, keepdims=True)
+    assert abs(np.corrcoef(white[:, 1:].ravel(), white[:, :-1].ravel())[0, 1]) < 0.05
+
+
+def test_bias_is_what_trim_leaves_in_parts_of_the_noise():
+    noise = np.array([1e-3, 2e-3, 0.0, 4e-3, 1e-4, 1e-2])
+    biased = recorded(Imperfections(bias=0.5), noise)
+    bias = biased - recorded(Imperfections(), noise)
+    np.testing.assert_allclose(bias, bias[:, :1].repeat(SAMPLES, axis=1), atol=1e-12)
+    np.testing.assert_allclose(bias[:, 0].std(axis=0), 0.5 * noise, rtol=0.15)
+
+
+def test_quantised_values_are_whole_steps_apart_wherever_trim_lies():
+    step = Quantisation(beta=0.07, Ny=0.013, delta_r=0.37)
+    y = recorded(Imperfections(quantisation=step))
+    for key, width in (("beta", 0.07), ("Ny", 0.013), ("delta_r", 0.37)):
+        c = KEYS.index(key)
+        steps = np.diff(y[..., c], axis=1) / width
+        np.testing.assert_allclose(steps, np.round(steps), atol=1e-9)
+        error = (y - EXACT)[:, 30:, c] / width
+        assert abs(error).max() <= 1.0 + 1e-9
+        assert abs(error.mean()) < 0.01
+        assert error.std() > 0.25
+    np.testing.assert_allclose(y[..., 1], EXACT[..., 1], atol=1e-12)
+
+
+def test_trim_is_the_mean_at_rest_of_each_rollout():
+    rng = np.random.default_rng(0)
+    y = rng.standard_normal((3, 9, 6))
+    rest, expected = np.array([1, 2, 3]), y.copy()
+    for i in range(3):
+        expected[i] -= y[i, 2 : 2 + 2 * rest[i] : 2].mean(axis=0)
+    np.testing.assert_allclose(from_trim(y, 2, 2, rest), expected[:, 2:], atol=1e-15)
+
+
+def test_a_rollout_rests_until_its_first_input_and_no_longer_than_planned():
+    pilot = np.zeros((4, 20, 2))
+    pilot[0, 5:, 1], pilot[1, 12:, 0], pilot[2, 0:, 1] = 0.1, -0.1, 0.1
+    np.testing.assert_array_equal(samples_at_rest(pilot, 4, 10), [5, 10, 1, 10])
+    np.testing.assert_array_equal(samples_at_rest(pilot[:1], 3, 10), [5, 5, 5])
+
+
+def test_inputs_to_one_side_grow_by_what_those_to_the_other_shrink():
+    planned = np.zeros((1, 10, 2))
+    planned[0, 2:5, 1], planned[0, 5:8, 1] = 0.1, -0.1
+    flown = Imperfections(asymmetry=0.05).commands(planned, 2000, DT, np.random.default_rng(0))
+    right, left = flown[:, 3, 1] / 0.1, flown[:, 6, 1] / -0.1
+    np.testing.assert_allclose(right + left, 2.0, atol=1e-12)
+    assert right.std() == pytest.approx(0.05, rel=0.06)
+    assert not flown[:, :2].any()
+
+
+def test_a_trim_error_is_there_before_the_rollout_begins():
+    planned = np.zeros((1, 10, 2))
+    flown = Imperfections(trim_deg=0.2).commands(planned, 2000, DT, np.random.default_rng(0))
+    assert flown.shape == (2000, 70, 2)
+    np.testing.assert_array_equal(flown, flown[:, :1].repeat(70, axis=1))
+    assert np.degrees(flown[:, 0].std()) == pytest.approx(0.2, rel=0.06)
+
+
+# --- gusts by flight condition --------------------------------------------------------------------
+
+
+def test_a_gust_is_of_the_altitude_and_airspeed():
+    gust = USUAL_IMPERFECTIONS.gust(15_770 * FOOT, 131.0)
+    assert gust == (0.3 / 131.0, pytest.approx(1750 * FOOT / 131.0))
+    light = replace(USUAL_IMPERFECTIONS, turbulence="light").gust(3000.0, 100.0)
+    assert light == (intensity("light", 3000.0) / 100.0, scale_length(3000.0) / 100.0)
+
+
+def test_tests_at_sea_level_are_flown_above_the_ground():
+    for height in (305.0, 50.0):
+        gust = Imperfections("light", least_height_m=height).gust(0.0, 100.0)
+        assert gust == (intensity("light", height) / 100, scale_length(height) / 100)
+
+
+@pytest.mark.parametrize("condition", [(None, 100.0), (1000.0, None), (None, None)])
+def test_without_a_flight_condition_the_gust_is_given_as_sideslip(condition):
+    given = Imperfections("smooth", gust_sigma_deg=0.2, gust_time_s=3.0)
+    assert given.gust(*condition) == (np.radians(0.2), 3.0)
+    assert replace(given, turbulence="given").gust(1000.0, 100.0) == (np.radians(0.2), 3.0)
+    assert replace(given, turbulence="none").gust(*condition) is None
+
+
+@pytest.mark.parametrize("name", AIRCRAFT)
+def test_every_aircraft_is_flown_with_imperfections(name: str):
+    recipe = DatasetRecipe.usual(AIRCRAFT[name]).as_flown()
+    flights = Simulator(recipe).rollouts(200, np.random.default_rng(0))
+    assert np.isfinite(flights.y).all()
+    assert 0.1 < flights.is_unsafe.mean() < 0.6
+    assert name == "matrices" or recipe.aircraft.airspeed == recipe.aircraft.model.speed
+
+
+def test_an_aircraft_without_sideslip_among_its_states_is_refused_with_a_gust():
+    example = AIRCRAFT["matrices"]
+    assert isinstance(example, MatrixAircraft)
+    c = tuple(tuple(2 * number for number in row) for row in example.c[:1]) + example.c[1:]
+    recipe = replace(DatasetRecipe(), aircraft=replace(example, c=c))
+    Simulator(recipe)
+    with pytest.raises(ValueError, match="sideslip is not one of the plant's states"):
+        Simulator(recipe.as_flown())
+
+
+# --- rollouts -------------------------------------------------------------------------------------
+
+CLEAN = DatasetRecipe(aircraft=PublishedAircraft("attas_id_16kft", 4))
+
+
+def flown(n: int = 300, noise: SensorNoise = USUAL_NOISE, **changes):
+    recipe = replace(CLEAN, noise=noise, imperfections=Imperfections(**changes))
+    return Simulator(recipe).rollouts(n, np.random.default_rng(2))
+
+
+def test_labels_are_of_the_true_outputs():
+    recorder = {
+        "gain": 0.2,
+        "bias": 9.0,
+        "lag_s": 0.5,
+        "quantisation": Quantisation(Ny=0.1),
+    }
+    exact = flown(asymmetry=1e-12)
+    np.testing.assert_array_equal(flown(asymmetry=1e-12, **recorder).fail_index, exact.fail_index)
+    clean = Simulator(CLEAN).rollouts(300, np.random.default_rng(2))
+    np.testing.assert_array_equal(clean.fail_index, exact.fail_index)
+
+
+def test_a_gust_is_among_the_true_outputs():
+    silent = SensorNoise()
+    rough = flown(noise=silent, turbulence="severe")
+    np.testing.assert_array_equal(CLEAN.specification.first_exceedance(rough.y), rough.fail_index)
+    assert rough.is_unsafe.sum() > flown(noise=silent, asymmetry=1e-12).is_unsafe.sum() + 20
+    assert (rough.y[:, :10].std(axis=(0, 1))[:4] > 1e-3).all()
+    np.testing.assert_allclose(rough.y[:, :10].mean(axis=1), 0.0, atol=1e-12)
+
+
+def test_labels_of_finer_steps_count_at_the_later_sample():
+    recipe = replace(CLEAN, imperfections=replace(USUAL_IMPERFECTIONS, turbulence="none"))
+    fine = replace(recipe, substeps=5)
+    few, many = (Simulator(r).rollouts(500, np.random.default_rng(5)) for r in (recipe, fine))
+    assert (many.fail_index <= few.fail_index).all()
+    assert many.is_unsafe.sum() >= few.is_unsafe.sum()
+    assert few.y.shape == many.y.shape
+
+
+def test_bits_of_a_rollout_do_not_depend_on_how_the_work_is_shared(monkeypatch):
+    recipe = CLEAN.as_flown()
+    everything = Simulator(recipe).rollouts(300, np.random.default_rng(2))
+    monkeypatch.setattr(imperfections, "CHUNK", 7)
+    again = Simulator(recipe).rollouts(300, np.random.default_rng(2))
+    np.testing.assert_array_equal(again.y, everything.y)
+    np.testing.assert_array_equal(again.fail_index, everything.fail_index)
+    other = Simulator(recipe).rollouts(300, np.random.default_rng(3))
+    assert not np.array_equal(other.y, everything.y)
+
+
+def test_without_imperfections_the_bits_are_those_of_earlier_versions():
+    maneuver = replace(CLEAN.maneuver, timing_jitter_s=0.1, amplitude_jitter=0.15)
+    recipe = replace(CLEAN, maneuver=maneuver, noise=USUAL_NOISE)
+    recipe = replace(recipe, imperfections=Imperfections(gust_sigma_deg=1.0, least_height_m=9.0))
+    simulator, rng = Simulator(recipe), np.random.default_rng(4)
+    found = simulator.rollouts(30, np.random.default_rng(4)).y
+    theta = simulator.plant.sample(30, rng)
+    y = roll_out(
+        simulator.plant.plants(theta),
+        simulator.controller,
+        recipe.control_law.actuator,
+        maneuver.pilot(recipe.dt, 30, rng),
+        recipe.dt,
+        pedal_lag_s=maneuver.pedal_lag_s,
+    )
+    for c, sigma in enumerate(channel_array(USUAL_NOISE)):
+        y[..., c] += sigma * rng.standard_normal(y.shape[:2])
+    np.testing.assert_array_equal(found, y)
+
+
+def test_a_recipe_is_without_imperfections_unless_it_says():
+    assert DatasetRecipe().imperfections.are_none
+    for field in fields(Imperfections):
+        changed = replace(Imperfections(), **{field.name: getattr(USUAL_IMPERFECTIONS, field.name)})
+        assert changed.are_none == (changed == Imperfections())
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"turbulence": "rough"}, "turbulence='rough' was given: choose none, smooth, light"),
+        ({"gain": -0.1}, "gain=-0.1 was given: it must be a finite number, 0 or more"),
+        ({"lag_s": np.nan}, "lag_s=nan was given"),
+        ({"turbulence": "given", "gust_time_s": 0.0}, "gust_time_s=0 was given"),
+    ],
+)
+def test_impossible_imperfections_are_refused(change: dict, message: str):
+    with pytest.raises(ValueError, match=message):
+        Imperfections(**change)
+
+
+def test_a_negative_step_is_refused():
+    with pytest.raises(ValueError, match="quantisation p=-1"):
+        Quantisation(p=-1.0)
