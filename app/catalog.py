@@ -14,7 +14,9 @@ from typing import Any
 
 from pydantic import ConfigDict, TypeAdapter
 
+from app import labels
 from app.jobs.requests import LARGEST_N_TEST, N_TEST
+from app.labels import choice_label, kind_label
 from app.recipes import family_of, to_plain
 from app.telemetry.formats import FORMATS
 from app.telemetry.mapping.derivations import DERIVATIONS
@@ -30,14 +32,6 @@ from core.simulation.aircraft import Aircraft
 from core.specification import SPECIFICATIONS, Limits
 from core.study import StudyRecipe
 
-LABELS = {
-    "aircraft": "Aircraft",
-    "control_law": "Control law",
-    "maneuver": "Manoeuvre",
-    "specification": "Limits",
-    "predictor": "Predictor",
-    "score": "Score",
-}
 RECIPES: dict[str, Any] = {
     "dataset": DatasetRecipe(),
     "monitor": MonitorRecipe(),
@@ -66,7 +60,7 @@ def catalog() -> dict[str, Any]:
             "description": first_line(known[name].base),
             "entries": {kind: _entry(kind, member) for kind, member in known[name].members.items()},
         }
-        for name, label in LABELS.items()
+        for name, label in labels.FAMILIES.items()
     }
     return {
         "version": __version__,
@@ -83,7 +77,7 @@ def catalog() -> dict[str, Any]:
 def _entry(kind: str, member: Any) -> dict[str, Any]:
     return {
         "kind": kind,
-        "label": getattr(member, "title", None) or kind.replace("_", " "),
+        "label": kind_label(kind),
         "description": getattr(member, "description", None) or first_line(type(member)),
         **({"aircraft_class": member.aircraft_class} if isinstance(member, Aircraft) else {}),
         "schema": schema_of(member),
@@ -139,7 +133,8 @@ def schema_of(member: Any) -> dict[str, Any]:
     """JSON schema of a recipe's or a family member's parameters, `member` giving the defaults.
 
     Every property has title (in the field's words), description, `x-unit` and default; no `$ref`. A
-    property that is of a family has `x-family` and takes a `kind` with that kind's parameters.
+    property that is of a family has `x-family` and takes a `kind` with that kind's parameters; one
+    with an `enum` has `x-labels`, what people call each of its values.
     """
     kind, properties = type(member), {}
     known = _definitions()[kind.__name__].get("properties", {})
@@ -151,6 +146,8 @@ def schema_of(member: Any) -> dict[str, Any]:
         entry["description"] = words or entry.get("description", "")
         if unit := unit_of(field.name, "" if isinstance(value, tuple) else words):
             entry["x-unit"] = unit
+        if "enum" in entry:
+            entry["x-labels"] = [choice_label(field.name, choice) for choice in entry["enum"]]
         properties[field.name] = entry
     return {
         "type": "object",
@@ -189,7 +186,7 @@ def title_of(name: str, description: str) -> str:
     A part of a family has that family's label.
     """
     head = re.split(r"[:;.](?:\s|$)", description, maxsplit=1)[0]
-    return LABELS.get(name) or UNIT.sub("", head).strip() or name
+    return labels.FAMILIES.get(name) or UNIT.sub("", head).strip() or name
 
 
 def unit_of(name: str, description: str) -> str:

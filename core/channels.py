@@ -28,10 +28,14 @@ class Channel:
         return f"{significant(value * self.display_factor, digits)} {self.display_unit}"
 
 
+READABLE = 1e9
+"""From here on a number is written with its power of ten."""
+
+
 def significant(value: float, digits: int = 3) -> str:
     """A number to so many significant digits; one of more digits before the point as it is."""
     text = f"{value:.{digits}g}"
-    return f"{value:.0f}" if "e+" in text else text
+    return f"{value:.0f}" if "e+" in text and abs(value) < READABLE else text
 
 
 DISPLAY: dict[str, tuple[str, float, int]] = {

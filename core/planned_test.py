@@ -111,8 +111,8 @@ class DatasetRecipe:
     dt: float = 0.05
     """sample interval of the telemetry [s]."""
     substeps: int = 1
-    """substeps of a sample: parts of dt after which limits are checked; an exceedance between two
-    samples then counts at the later one."""
+    """substeps of a sample: parts of its interval after which limits are checked; an exceedance
+    between two samples then counts at the later one."""
     n_unsafe: int = 50
     """unsafe rollouts to collect."""
     n_obs: int = 50

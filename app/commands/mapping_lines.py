@@ -8,6 +8,7 @@ from app.telemetry.contents import Contents
 from app.telemetry.mapping.mapping import ChannelSource, Mapping
 from app.telemetry.mapping.proposal import Proposal
 from app.telemetry.targets import TARGETS
+from core.channels import Channel
 
 MOST_BAD_ROWS = 10
 """Bad rows that are printed one by one."""
@@ -43,12 +44,12 @@ def mapping_lines(mapping: Mapping, proposal: Proposal | None) -> Iterator[str]:
             confidence = f", confidence {rationale.confidence:.0%}"
             if rationale.confidence < EVIDENT:
                 confidence += f": {'; '.join(rationale.reasons)}"
-        yield f"  {key:8} {_source(source, TARGETS[key].unit)}{confidence}"
+        yield f"  {key:8} {_source(source, TARGETS[key])}{confidence}"
 
 
-def _source(source: ChannelSource, target_unit: str) -> str:
+def _source(source: ChannelSource, target: Channel) -> str:
     if source.derivation:
         return f"derived: {source.derivation}"
     sign = "-" if source.sign < 0 else ""
-    bias = f", bias removed: {source.bias:g} {target_unit}" if source.bias else ""
+    bias = f", bias removed: {target.read(source.bias)}" if source.bias else ""
     return f"{sign}{source.signal} [{source.unit or 'unit not given'}]{bias}"

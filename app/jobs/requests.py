@@ -4,6 +4,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from app.jobs.training import recipe_of
+from app.labels import kind_label
 from app.recipes import RecipeError, dataset_recipe, from_plain, to_plain
 from app.store.store import Store
 from core.amplitude import WANTED_SHARE, Suggestion, suggest_amplitude
@@ -202,4 +203,5 @@ def _check_test_size(recipe: DatasetRecipe, n_test: int, max_bytes: int) -> None
 def dataset_name(recipe: DatasetRecipe) -> str:
     """What a dataset is called unless its request says."""
     plain = to_plain(recipe)
-    return f"{plain['aircraft']['kind']}, {plain['maneuver']['kind']}, seed {recipe.seed}"
+    kinds = (kind_label(plain[part]["kind"]) for part in ("aircraft", "maneuver"))
+    return f"{', '.join(kinds)}, seed {recipe.seed}"

@@ -7,6 +7,7 @@ from typing import Any
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup, escape
 
+from app.labels import choice_label, kind_label
 from app.recipes import to_plain
 from app.report import facts, figures
 from app.report.envelope import Array
@@ -142,6 +143,8 @@ TEMPLATES.filters |= {
     "quantity": _with_si,
     "counted": _counted,
     "short": lambda name: name if len(name) <= MOST_LETTERS else f"{name[:MOST_LETTERS]}…",
+    "kind": kind_label,
+    "choice": lambda value, parameter: choice_label(parameter, value),
     "trimmed": _trimmed,
     "moment": lambda utc: f"{utc[:16].replace('T', ' ')} UTC",
     "megabytes": lambda size: f"{size / 1e6:.3g} MB" if size >= 1e5 else f"{size} bytes",

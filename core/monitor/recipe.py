@@ -23,14 +23,15 @@ class MonitorRecipe:
     predictor: Predictor = PREDICTORS["linear"]
     score: Score = SCORES["nearest_neighbor"]
     calibration: Calibration = "trajectory"
-    """calibration rule: `pointwise` at the one sample t_fail - h (paper), or `trajectory` over all
-    samples up to it, the rule that is flown, as valid and more powerful."""
+    """calibration rule: as flown, over all samples up to t_fail - h, or by that one alone, as in
+    the paper; `trajectory` or `pointwise`. The former is as valid and more powerful."""
     p_value: PValue = "simple"
     """p-value rule: `simple`, or the `exact` transductive one, never larger. With trajectory
     calibration the exact one judges a flight by its riskiest moment so far, so it hardly falls
     again. Scores of a magnitude look up no neighbours and have the simple one either way."""
     scaling: Scaling = "safe_std"
-    """scaling of the channels: by their safe standard deviation, or `raw` units (paper)."""
+    """scaling of the channels: by their standard deviation on safe flights, or none, as in the
+    paper; `safe_std` or `raw`."""
     epsilon: float = 0.1
     """accepted miss rate epsilon: share of failing flights on which silence is accepted."""
 

@@ -196,8 +196,8 @@ class MatrixAircraft(Aircraft):
     such as cos(alpha0) are then among them. Entries vary independently, also where beta_dot and N_y
     share a derivative."""
     states: tuple[str, ...] = ()
-    """names of the states: x0, x1, ... if empty. A law that feeds back bank angle looks for "phi".
-    """
+    """names of the states: none for x0, x1 and so on. A law that feeds back bank angle looks for
+    "phi"."""
     altitude_m: float | None = None
     """altitude of the flight condition: 0 for a model for sea level [m]; gusts depend on it."""
     airspeed_mps: float | None = None

@@ -37,7 +37,7 @@ class Maneuver(ABC):
     lead_in_s: float = 0.5
     """length of the trim segment: before the first input."""
     pedal_lag_s: float = 0.1
-    """lag of stick and pedals: first order, applied by the rollout, not by `pilot`."""
+    """lag of stick and pedals: first order; applied by the rollout, not by `pilot`."""
     timing_jitter_s: float = 0.0
     """scatter of the timing: standard deviation, normal, of the first input's start and,
     independently, of every segment's duration; later segments shift along. A start before t = 0 is

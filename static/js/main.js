@@ -8,7 +8,7 @@
 
 import { api } from "./lib/api.js";
 import { remember, remembered } from "./lib/storage.js";
-import { chooseSI, isSI } from "./lib/units.js";
+import { chooseSI, isSI, tellUnits } from "./lib/units.js";
 
 const VIEWS = {
   fly: { title: "Fly", load: () => import("./fly/index.js") },
@@ -116,7 +116,7 @@ function bindThemeButton(button) {
   show();
 }
 
-/** Degrees or SI; the view is drawn anew. */
+/** Degrees or SI; the view is drawn anew, but where input would be lost. */
 function bindUnitsButton(button) {
   const show = () => {
     const name = isSI() ? "SI" : "deg";
@@ -127,7 +127,7 @@ function bindUnitsButton(button) {
   button.addEventListener("click", () => {
     chooseSI(!isSI());
     show();
-    open();
+    if (!tellUnits(page)) open();
   });
   show();
 }

@@ -1,8 +1,10 @@
+import re
 from dataclasses import fields
 
 import pytest
 
 from app.catalog import RECIPES, catalog, descriptions, first_line, schema_of, unit_of
+from app.labels import CHOICES, KINDS
 from core.collection import DatasetRecipe
 from core.recipe import FAMILIES
 from core.simulation.aircraft import AIRCRAFT
@@ -95,12 +97,12 @@ def test_every_parameter_named_in_a_unit_has_it(member):
                 assert unit(schema, name) == expected
 
 
-def _titles(schema, where):
-    """Path, key and title of every parameter, those of parameters within too."""
+def _parameters(schema, where):
+    """Path, key and schema of every parameter, those of parameters within too."""
     for key, entry in schema["properties"].items():
-        yield f"{where}.{key}", key, entry["title"]
+        yield f"{where}.{key}", key, entry
         if "properties" in entry and "x-family" not in entry:
-            yield from _titles(entry, f"{where}.{key}")
+            yield from _parameters(entry, f"{where}.{key}")
 
 
 SCHEMAS = {
@@ -112,11 +114,24 @@ SCHEMAS = {
 
 @pytest.mark.parametrize("name", SCHEMAS)
 def test_every_parameter_is_called_by_the_fields_words_and_not_by_its_identifier(name):
-    called = list(_titles(SCHEMAS[name], name))
-    for path, key, title in called:
+    for path, key, entry in _parameters(SCHEMAS[name], name):
+        title = entry["title"]
         assert title != key, path
         assert 3 < len(title) < 60, path
         assert not set("[]:;`") & set(title), path
+
+
+@pytest.mark.parametrize("name", SCHEMAS)
+def test_every_choice_is_called_by_the_fields_words(name):
+    for path, key, entry in _parameters(SCHEMAS[name], name):
+        if "enum" in entry:
+            assert entry["x-labels"] == [CHOICES[key][choice] for choice in entry["enum"]], path
+
+
+def test_no_member_is_called_by_a_key_that_is_no_words():
+    for family in catalog()["families"].values():
+        for kind in family["entries"]:
+            assert kind in KINDS or re.fullmatch("[a-z_]+", kind), kind
 
 
 @pytest.mark.parametrize(

@@ -188,9 +188,7 @@ def _notes(mapping: Mapping, channels: dict[str, Trace]) -> list[str]:
     ]
     reversed_ = [key for key, source in sources.items() if source.sign < 0]
     shifted = [
-        f"{key} {source.bias:.4g} {TARGETS[key].unit}"
-        for key, source in sources.items()
-        if source.bias
+        f"{key} {TARGETS[key].read(source.bias)}" for key, source in sources.items() if source.bias
     ]
     derived = [
         f"{key} ({channels[key].source.removeprefix('derived: ')})"

@@ -92,10 +92,9 @@ def _off_centre(key: str, source: ChannelSource, trace: Trace) -> list[str]:
     before = after + source.bias
     if abs(after) <= abs(before) or abs(after) <= 0.5 * (extent.highest - extent.lowest):
         return []
-    unit = TARGETS[key].unit
+    read = TARGETS[key].read
     return [
-        f"removing the bias takes it from about {before:.3g} {unit} to {after:.3g} {unit}, away "
-        "from zero"
+        f"removing the bias takes it from about {read(before)} to {read(after)}, away from zero"
     ]
 
 

@@ -141,10 +141,10 @@ class ChannelQuality:
         """What was done to the values."""
         if not self.implausible:
             return []
-        unit = TARGETS[self.key].unit
+        read = TARGETS[self.key].read
         return [
-            f"{self.key} exceeds {BOUNDS[self.key]:.4g} {unit}, the most that is plausible, in "
-            f"{_rows(self.implausible)} (up to {self.largest:.4g} {unit}, at "
+            f"{self.key} exceeds {read(BOUNDS[self.key])}, the most that is plausible, in "
+            f"{_rows(self.implausible)} (up to {read(self.largest)}, at "
             f"{self.largest_at:.10g} s), taken as missing: check its unit."
         ]
 

@@ -2,16 +2,17 @@
  * A channel at a glance: least and greatest values over the whole recording, in a few hundred pixels.
  *
  * Exports
- *   createMiniPlot(name) -> {element, show(tiles | null)}
+ *   createMiniPlot(name, channel null) -> {element, show(tiles | null)}
+ *     channel: as the catalog has it; null: in the unit of the tiles
  *     tiles: {t, low, high, unit, min, max}; null in low and high where nothing was recorded
  */
 
 import { h, svg } from "../lib/dom.js";
-import { figure } from "../lib/numbers.js";
+import { followUnits, magnitude, shownIn } from "../lib/units.js";
 
 const [WIDTH, HEIGHT, PAD] = [240, 44, 4];
 
-export function createMiniPlot(name) {
+export function createMiniPlot(name, channel = null) {
   const zero = svg("path", { class: "mini-zero" });
   const area = svg("path", { class: "mini-area" });
   const drawing = svg(
@@ -28,20 +29,30 @@ export function createMiniPlot(name) {
   const words = h("figcaption", { class: "mini-words" });
   const element = h("figure", { class: "mini-plot" }, drawing, words);
 
-  function show(tiles) {
+  let tiles = null;
+  followUnits(words, tell);
+
+  function show(given) {
+    tiles = given;
     const known = tiles !== null && Number.isFinite(tiles.min);
     element.toggleAttribute("data-empty", !known);
     drawing.toggleAttribute("hidden", !known);
-    if (!known) {
-      words.textContent = tiles === null ? "" : "no values";
-      return;
-    }
-    const { min, max, unit } = tiles;
+    tell();
+    if (!known) return;
+    const { min, max } = tiles;
     const room = max - min || 1;
     const y = (value) => HEIGHT - PAD - ((value - min) / room) * (HEIGHT - 2 * PAD);
     area.setAttribute("d", areaOf(tiles, y));
     zero.setAttribute("d", min <= 0 && max >= 0 ? `M0 ${y(0)}H${WIDTH}` : "");
-    words.textContent = `${figure(min)} to ${figure(max)} ${unit}`;
+  }
+
+  function tell() {
+    if (tiles === null || !Number.isFinite(tiles.min)) {
+      words.textContent = tiles === null ? "" : "no values";
+      return;
+    }
+    const shown = channel ?? { unit: tiles.unit };
+    words.textContent = `${magnitude(shown, tiles.min, 3)} to ${magnitude(shown, tiles.max, 3)} ${shownIn(shown).unit}`;
     element.setAttribute("aria-label", `${name}, ${words.textContent}`);
   }
 

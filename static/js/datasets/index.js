@@ -98,7 +98,7 @@ function showSimulation(element, { api, navigate }) {
     const failure = errorLine();
     const form = h(
       "form",
-      { class: "form", novalidate: true, onsubmit: send, "aria-label": "Simulate a dataset" },
+      { class: "form", novalidate: true, onsubmit: send, "aria-label": "Simulate a dataset", "data-keeps-input": true },
       h(
         "fieldset",
         { class: "panel stack" },

@@ -13,6 +13,7 @@
 
 import { reason } from "../lib/api.js";
 import { h, put } from "../lib/dom.js";
+import { keepDraft } from "../lib/drafts.js";
 import { errorLine } from "../lib/view_states.js";
 import { readScoring } from "../recordings/scoring/source.js";
 
@@ -32,6 +33,7 @@ export function createReplayNotes({ api, source, now, add: addEvent, marked, fai
     placeholder: "What happens here",
     required: true,
   });
+  const clear = keepDraft(text, path);
   const failure = errorLine();
   const form = h(
     "form",
@@ -106,7 +108,7 @@ export function createReplayNotes({ api, source, now, add: addEvent, marked, fai
     submitted.preventDefault();
     try {
       showMarker(await api.post(`${path}/markers`, { t: at, text: text.value, kind: "note" }));
-      text.value = "";
+      clear();
       form.hidden = true;
     } catch (error) {
       failure.show(reason(error));

@@ -159,7 +159,7 @@ function startForm({ monitors, datasets, query, api, navigate }) {
 
   const form = h(
     "form",
-    { class: "panel form", novalidate: true, onsubmit: start, onchange: adapt, oninput: adapt, "aria-label": "Start a flight" },
+    { class: "panel form", novalidate: true, onsubmit: start, onchange: adapt, oninput: adapt, "aria-label": "Start a flight", "data-keeps-input": true },
     h("h1", {}, "Start a flight"),
     field("Monitor", monitor, warnings),
     field("Source", kind, h("p", { class: "hint" }, "To replay a recording, open it on the ", h("a", { href: "#/recordings" }, "Recordings page"), ".")),

@@ -2,6 +2,7 @@
  * Editors of single parameters, drawn from JSON schema: number, choice, words, JSON, map of numbers.
  *
  * Exports
+ *   beyondTitle(schema) -> string     what a description says beyond its title
  *   editorOf(key, schema, value, place) -> Editor
  *     place: {path, catalog, editors}; every editor enters itself in `editors` by its path
  *
@@ -13,9 +14,10 @@
  *   focus()
  */
 
-import { labelOf, plainWords } from "../lib/catalog.js";
-import { formatted, h } from "../lib/dom.js";
-import { shownIn } from "../lib/units.js";
+import { choiceName, labelOf, plainWords } from "../lib/catalog.js";
+import { formatted, h, put } from "../lib/dom.js";
+import { rounded } from "../lib/numbers.js";
+import { followUnits, shownIn } from "../lib/units.js";
 
 let fields = 0;
 
@@ -33,7 +35,7 @@ export function editorOf(key, schema, value, place) {
 /** Label, control, hint and error of one parameter; `wrong()` is what is wrong, or "". */
 function field(key, schema, place, control, read, wrong = () => "") {
   const id = `field-${++fields}`;
-  const { text, symbol, unit } = labelOf(key, schema, place.catalog);
+  const { text, symbol } = labelOf(key, schema, place.catalog);
   const failure = h("p", { class: "error", id: `${id}-error`, hidden: true });
   const words = symbol ? "" : firstSentence(beyondTitle(schema)); // a channel's label says it
   const hint = h("p", { class: "hint", id: `${id}-hint`, title: schema.description }, words);
@@ -45,7 +47,7 @@ function field(key, schema, place, control, read, wrong = () => "") {
     { for: id },
     formatted(text),
     symbol ? [" ", formatted(symbol)] : null,
-    unit ? h("span", { class: "unit" }, ` [${unit}]`) : null,
+    unitOf(key, schema, place.catalog),
   );
   const element = h(
     "div",
@@ -86,18 +88,26 @@ function field(key, schema, place, control, read, wrong = () => "") {
   return editor;
 }
 
-/** What a description says beyond its title, with which it begins. */
-function beyondTitle({ title, description = "" }) {
-  if (!description.startsWith(title)) return description;
-  return description.slice(title.length).replace(/^(\s*\[[^\]]+\])?[:;.\s]*/, "");
+function unitOf(key, schema, catalog) {
+  const words = h("span", { class: "unit" });
+  return followUnits(words, () => {
+    const { unit } = labelOf(key, schema, catalog);
+    put(words, unit && ` [${unit}]`);
+  });
 }
 
-function firstSentence(description = "") {
-  const first = plainWords(description)
+export function beyondTitle({ title, description = "" }) {
+  const words = plainWords(description);
+  const begins = words.toLowerCase().startsWith(title.toLowerCase());
+  const rest = begins ? words.slice(title.length).replace(/^(\s*\[[^\]]+\])?[:;.\s]*/, "") : words;
+  return rest.charAt(0).toUpperCase() + rest.slice(1);
+}
+
+function firstSentence(words) {
+  return words
     .split(/(?<=[^.]\.)\s|;\s/)[0]
     .replace(/\.$/, "")
     .replace(/\s*\[[^\]]+\]$/, "");
-  return first.charAt(0).toUpperCase() + first.slice(1);
 }
 
 function number(key, schema, value, place) {
@@ -116,13 +126,25 @@ function number(key, schema, value, place) {
     placeholder: optional ? "none" : null,
   });
   const channel = place.catalog.channels.find((known) => known.key === key);
-  const { factor } = channel && schema["x-unit"] === channel.unit ? shownIn(channel) : { factor: 1 };
-  const shown = value === null || value === undefined ? "" : toShown(value, factor);
-  control.value = shown;
+  const converts = channel && schema["x-unit"] === channel.unit;
+  let factor = 1;
+  let shown = "";
   const read = () => {
     if (control.value.trim() === "") return null;
     return control.value === shown ? value : Number(control.value) / factor; // no digit is lost
   };
+  const show = () => {
+    factor = converts ? shownIn(channel).factor : 1;
+    shown = String(value === null || value === undefined ? "" : converts ? rounded(value * factor) : value);
+    control.value = shown;
+  };
+  show();
+  if (converts) control.dataset.units = "";
+  control.addEventListener("units", () => {
+    if (control.validity.badInput) return;
+    value = read();
+    show();
+  });
   return field(key, schema, place, control, read, () => {
     if (control.validity.badInput)
       return "This is no number: write digits, with a point for decimals.";
@@ -134,16 +156,11 @@ function number(key, schema, value, place) {
   });
 }
 
-/** As many digits as people write; a number in its own unit as it is. */
-function toShown(value, factor) {
-  return factor === 1 ? String(value) : String(Number((value * factor).toPrecision(6)));
-}
-
 function choice(key, schema, value, place) {
   const control = h(
     "select",
     {},
-    schema.enum.map((name) => h("option", { value: name }, String(name).replaceAll("_", " "))),
+    schema.enum.map((name) => h("option", { value: name }, choiceName(schema, name))),
   );
   control.value = value;
   return field(key, schema, place, control, () =>
@@ -221,7 +238,7 @@ function spread(key, schema, value, place) {
     h(
       "label",
       { class: "spread-cell" },
-      h("span", {}, name.length < 6 ? formatted(name) : name),
+      h("span", {}, formatted(name.replace("_beta", "_β").replace(/_d([ar])$/, "_δ$1"))),
       inputs[k],
     ),
   );

@@ -19,7 +19,7 @@
 
 import { aircraftCondition, labelOf, plainWords } from "../lib/catalog.js";
 import { h } from "../lib/dom.js";
-import { editorOf } from "./field_editors.js";
+import { beyondTitle, editorOf } from "./field_editors.js";
 import { createModelInput } from "./model_input.js";
 
 export function createFields(schema, initial, { catalog, path, hidden = [], unfolded = [] }) {
@@ -84,7 +84,7 @@ function group(key, schema, value, place) {
   const grid = h("div", { class: "field-grid" });
   let inner;
   put(value ?? {});
-  const words = h("p", { class: "hint" }, plainWords(schema.description));
+  const words = h("p", { class: "hint" }, beyondTitle(schema));
   const element = isOpen
     ? h("fieldset", { "data-path": place.path }, h("legend", {}, text), words, grid)
     : h("details", { class: "fold", "data-path": place.path }, h("summary", {}, text), words, grid);

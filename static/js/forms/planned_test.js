@@ -14,6 +14,7 @@ import { reason } from "../lib/api.js";
 import { aircraftName, kindName, limitWords } from "../lib/catalog.js";
 import { formatted, h } from "../lib/dom.js";
 import { figure, percent } from "../lib/numbers.js";
+import { followUnits } from "../lib/units.js";
 import { button, errorLine } from "../lib/view_states.js";
 import { createFields } from "./form.js";
 
@@ -144,7 +145,7 @@ export function datasetChoice({ api, catalog, datasets, chosen, initial }) {
     simulated,
   );
   select.addEventListener("change", turn);
-  turn();
+  followUnits(words, turn);
   return {
     element,
     size,

@@ -6,7 +6,7 @@
  *   rawRecipe(title, plain) -> <details>              the JSON, as the server takes it
  */
 
-import { aircraftCondition, labelOf } from "../lib/catalog.js";
+import { aircraftCondition, choiceName, labelOf } from "../lib/catalog.js";
 import { formatted, h } from "../lib/dom.js";
 import { figure } from "../lib/numbers.js";
 import { magnitudeIn } from "../lib/units.js";
@@ -47,6 +47,7 @@ function row(key, property, value, catalog) {
   const channel = catalog.channels.find((known) => known.key === key);
   if (channel && typeof value === "number")
     return [term, h("dd", {}, magnitudeIn(channel, value))];
+  if (property.enum) return [term, h("dd", {}, choiceName(property, value))];
   return [term, h("dd", {}, words(value), unit && value !== null ? ` ${unit}` : "")];
 }
 

@@ -5,6 +5,7 @@
  *   loadCatalog(api) -> Promise<catalog>     fetched once a page
  *   aircraftName(catalog, part), kindName(catalog, family, part), limitWords(catalog, specification)
  *   aircraftCondition(entry), plainWords(description)
+ *   choiceName(schema, value)     what a parameter's value is called
  *   labelOf(key, schema, catalog) -> {text, symbol, unit}
  *       from the schema's title, unit and the catalog's channels: kr -> yaw damper gain k_r, s
  */
@@ -46,6 +47,10 @@ export function plainWords(description) {
 /** Name and flight condition of an aircraft: the start of its description, before the source. */
 export function aircraftCondition(entry) {
   return entry.description.split(";")[0].split(", ").slice(0, 4).join(", ");
+}
+
+export function choiceName(schema, value) {
+  return schema["x-labels"]?.[schema.enum.indexOf(value)] ?? String(value);
 }
 
 export function labelOf(key, schema, catalog) {

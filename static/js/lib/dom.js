@@ -13,7 +13,7 @@
  */
 
 const PROPERTIES = ["value", "checked", "disabled", "open", "indeterminate"];
-const SYMBOL = /(?<![\p{L}\w])(\p{L})_(\w+)/gu;
+const SYMBOL = /(?<![\p{L}\w])(\p{L})_([\p{L}\w]+)/gu;
 const SVG = "http://www.w3.org/2000/svg";
 
 export function h(tag, attributes = {}, ...children) {

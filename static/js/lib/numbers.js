@@ -8,6 +8,7 @@
  *       hour on; as fine as `step` [s] needs
  *   riskText(risk, epsilon) -> string     two or three digits; more where rounding would put
  *       the risk on the wrong side of epsilon
+ *   rounded(number) -> number     to as many digits as people write
  *   secondsText(t), durationText(seconds), bytesText(n)
  */
 
@@ -24,6 +25,10 @@ export function interval([low, high], digits = 1) {
 export function figure(number, digits = 3) {
   if (number === null || number === undefined) return "–";
   return String(Number(number.toPrecision(digits))).replace("-", "−");
+}
+
+export function rounded(number) {
+  return Number(number.toPrecision(6));
 }
 
 export function moment(iso) {

@@ -11,6 +11,9 @@
  *   magnitude(channel, value, digits 4) -> string    a limit: no digits that say nothing
  *   magnitudeIn(channel, value) -> string            a limit with its unit
  *   isSI(), chooseSI(flag)                           remembered
+ *   followUnits(element, draw) -> element            draws now, and again when other units are chosen
+ *   tellUnits(page) -> bool    draws what follows, where something half filled in must stay
+ *       ([data-keeps-input]); false where nothing does, and the view is to be opened anew
  */
 
 import { figure, formatValue } from "./numbers.js";
@@ -28,6 +31,19 @@ export function isSI() {
 export function chooseSI(flag) {
   si = flag;
   remember(KEY, si ? "SI" : "degrees");
+}
+
+export function followUnits(element, draw) {
+  element.dataset.units = "";
+  element.addEventListener("units", draw);
+  draw();
+  return element;
+}
+
+export function tellUnits(page) {
+  if (page.querySelector("[data-keeps-input]") === null) return false;
+  for (const follower of page.querySelectorAll("[data-units]")) follower.dispatchEvent(new Event("units"));
+  return true;
 }
 
 export function shownIn({ unit = "", display_unit, display_factor, display_decimals }) {

@@ -7,7 +7,7 @@
 import { createFields } from "../forms/form.js";
 import { datasetChoice } from "../forms/planned_test.js";
 import { reason } from "../lib/api.js";
-import { loadCatalog } from "../lib/catalog.js";
+import { choiceName, loadCatalog } from "../lib/catalog.js";
 import { h } from "../lib/dom.js";
 import { createJobProgress } from "../lib/job_progress.js";
 import { tableHead } from "../lib/lists.js";
@@ -32,7 +32,7 @@ export function showComparison(element, { query, api, navigate }) {
     if (!id) return pageOf(TITLE, [], await form({ catalog, api, query, navigate }));
     const job = await api.get(`/jobs/${id}`);
     const actions = [link("Another comparison", "#/monitors/compare")];
-    if (job.status === "done") return pageOf(TITLE, actions, study(job));
+    if (job.status === "done") return pageOf(TITLE, actions, study(job, catalog));
     return pageOf(
       TITLE,
       actions,
@@ -63,7 +63,7 @@ async function form({ catalog, api, query, navigate }) {
   const go = h("button", { class: "button button-primary", type: "submit" }, "Compare");
   const asForm = h(
     "form",
-    { class: "form", novalidate: true, onsubmit: send, "aria-label": TITLE },
+    { class: "form", novalidate: true, onsubmit: send, "aria-label": TITLE, "data-keeps-input": true },
     source.element,
     source.size,
     h(
@@ -125,11 +125,13 @@ function past(jobs) {
   );
 }
 
-function study({ result, request, id }) {
+function study({ result, request, id }, catalog) {
   const { methods, ranking, recipe } = result;
+  const { properties } = catalog.recipes.monitor.schema;
+  const chosen = (key) => choiceName(properties[key], request.monitor[key]);
   const words =
     `${recipe.n_monitors} monitors of each method, each calibrated on ${recipe.dataset.n_unsafe} failures and flown on ${recipe.n_test} fresh flights; ` +
-    `${percent(result.unsafe_rate)} of flights unsafe; warning lead time ${figure(result.lead_s)} s; ${request.monitor.calibration} calibration, ${request.monitor.scaling.replaceAll("_", " ")} units. Largest mean share of safe flights without a false alarm (power) first. The ranking belongs to this aircraft and manoeuvre.`;
+    `${percent(result.unsafe_rate)} of flights unsafe; warning lead time ${figure(result.lead_s)} s; calibration ${chosen("calibration")}; scaling of the channels ${chosen("scaling")}. Largest mean share of safe flights without a false alarm (power) first. The ranking belongs to this aircraft and manoeuvre.`;
   const files = Object.entries(result.figures).map(([name, address]) =>
     h("li", {}, h("a", { href: address, download: name }, name)),
   );

@@ -114,6 +114,7 @@ function createTrainForm({ api, catalog, datasets, like, chosen, onsubmit }) {
       oninput: tell,
       onchange: tell,
       "aria-label": "Train a monitor",
+      "data-keeps-input": true,
     },
     source.element,
     h(

@@ -11,6 +11,7 @@
 
 import { reason } from "../lib/api.js";
 import { h, put } from "../lib/dom.js";
+import { keepDraft } from "../lib/drafts.js";
 import { secondsText } from "../lib/numbers.js";
 import { button, errorLine } from "../lib/view_states.js";
 import { createNoteList, noteSign } from "./note_list.js";
@@ -25,6 +26,7 @@ export function createNotesPanel({ api, recording, place, go, changed }) {
     "aria-label": "text of the note",
     placeholder: "what happened here?",
   });
+  const clear = keepDraft(text, path);
   const where = h("span", { class: "hint" });
   const add = h("button", { class: "button button-small", type: "submit" }, "Add the note");
   const flag = button("Set a marker", quick, {
@@ -61,7 +63,7 @@ export function createNotesPanel({ api, recording, place, go, changed }) {
     event.preventDefault();
     const words = text.value.trim();
     if (!words) text.focus();
-    else if (await create({ ...place(), text: words, kind: "note" })) text.value = "";
+    else if (await create({ ...place(), text: words, kind: "note" })) clear();
   }
 
   function quick() {

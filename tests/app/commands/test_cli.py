@@ -440,12 +440,15 @@ def test_mapping_given_for_an_aircraft_is_used_for_its_next_file(
     assert main([*base, "-o", str(tmp_path / "out")]) == 0
     mapping = json.loads((tmp_path / "out" / "mapping.json").read_text())
     mapping["channels"]["Ny"]["bias"] = 0.125
+    mapping["channels"]["delta_a"]["bias"] = 0.1
     (tmp_path / "mine.json").write_text(json.dumps(mapping))
     given = ["--mapping", str(tmp_path / "mine.json"), "-o", str(tmp_path / "given")]
     assert main([*base, *given]) == 0
     capsys.readouterr()
     assert main([*base, "-o", str(tmp_path / "next")]) == 0
-    assert "bias removed: 0.125 g" in capsys.readouterr().out
+    report = capsys.readouterr().out
+    assert "bias removed: 0.125 g" in report
+    assert "bias removed: 5.73 deg" in report
     assert json.loads((tmp_path / "next" / "mapping.json").read_text()) == mapping
 
 

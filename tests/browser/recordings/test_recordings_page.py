@@ -107,17 +107,20 @@ def test_an_aircrafts_mapping_is_remembered_and_its_name_offered(
 def test_a_correction_is_shown_in_the_data_at_once(page: Page, site: RecordedSite) -> None:
     page.goto(f"{site.http}/#/recordings/{site.upload()}")
     words = row(page, "beta").locator(".mini-words")
-    expect(words).to_have_text(re.compile(r"^−0\.06\d* to 0\.08\d* rad$"))
+    expect(words).to_have_text(re.compile(r"^−3\.\d+ to 4\.\d+ deg$"))
     page.get_by_label("unit of sideslip β").select_option("rad")
-    expect(words).to_have_text(re.compile(r"^−3\.\d+ to 4\.\d+ rad$"))
+    expect(words).to_have_text(re.compile(r"^−\d{3} to 2\d\d deg$"))
     page.get_by_label("unit of sideslip β").select_option("deg")
     page.get_by_label("sign of sideslip β: as recorded").click()
-    expect(words).to_have_text(re.compile(r"^−0\.08\d* to 0\.06\d* rad$"))
+    expect(words).to_have_text(re.compile(r"^−4\.\d+ to 3\.\d+ deg$"))
     expect(page.get_by_label("sign of sideslip β: reversed")).to_have_attribute(
         "aria-pressed", "true"
     )
-    page.get_by_label("bias removed from sideslip β in rad").fill("1")
+    page.get_by_label("bias removed from sideslip β in deg").fill("57.3")
+    expect(words).to_have_text(re.compile(r"^−6\d\.\d to −5\d\.\d deg$"))
+    page.get_by_role("button", name=re.compile("^Units")).click()
     expect(words).to_have_text(re.compile(r"^−1\.0\d* to −0\.9\d* rad$"))
+    expect(page.get_by_label("bias removed from sideslip β in rad")).to_have_value("1.00007")
     expect(row(page, "beta").locator(".map-verdict")).to_have_text("set by you")
 
 
@@ -145,7 +148,7 @@ def test_what_cannot_be_applied_is_said_and_cannot_be_confirmed(
     error = page.locator(".mapping > .error")
     page.get_by_label("signal of roll rate p").select_option("derive:p_from_attitude")
     expect(row(page, "p").locator(".map-verdict")).to_contain_text("DERIVED")
-    expect(row(page, "p").locator(".mini-words")).to_contain_text("rad/s")
+    expect(row(page, "p").locator(".mini-words")).to_contain_text("deg/s")
     page.get_by_label("signal of bank angle φ").select_option("")
     expect(error).to_contain_text("phi is not mapped")
     expect(page.get_by_role("button", name="Confirm the mapping")).to_be_disabled()

@@ -81,12 +81,15 @@ def test_notes_and_markers_are_set_changed_and_deleted(
     scored: Page, site: RecordedSite, recording: str
 ) -> None:
     expect(scored.get_by_role("button", name="Add the note")).to_be_disabled()
+    text = scored.get_by_role("textbox", name="text of the note")
+    text.fill("gust from the left")
+    scored.get_by_role("button", name=re.compile("^Units")).click()
+    drawn(scored)
     press(scored, "n", "m")
     notes = scored.locator(".note")
     expect(notes).to_contain_text(["marker 1"])
-    text = scored.get_by_role("textbox", name="text of the note")
     press(scored, "a", "n", "b")
-    text.fill("gust from the left")
+    expect(text, "what was typed outlives a change of units").to_have_value("gust from the left")
     scored.get_by_role("button", name="Add the note").click()
     expect(notes).to_have_count(2)
     expect(scored.locator(".lane-item", has_text="gust")).to_be_visible()

@@ -9,7 +9,9 @@
  */
 
 import { createMiniPlot } from "../../charts/mini_plot.js";
-import { formatted, h } from "../../lib/dom.js";
+import { formatted, h, put } from "../../lib/dom.js";
+import { rounded } from "../../lib/numbers.js";
+import { followUnits, shownIn } from "../../lib/units.js";
 import { button } from "../../lib/view_states.js";
 import { confidence } from "./confidence.js";
 import { createSignalSelect } from "./signal_select.js";
@@ -29,11 +31,11 @@ export function createMappingRow({
   needed,
   changed,
 }) {
-  const { key, symbol, label, unit } = target;
+  const { key, symbol, label } = target;
   let now = source ? { ...PLAIN, ...source } : null;
   let edited = false;
   const name = `${label} ${symbol}`;
-  const plot = createMiniPlot(name);
+  const plot = createMiniPlot(name, target);
   const signal = createSignalSelect({
     id: `map-${key}`,
     label: `signal of ${name}`,
@@ -52,9 +54,11 @@ export function createMappingRow({
   const bias = h("input", {
     type: "number",
     step: "any",
-    "aria-label": `bias removed from ${name} in ${unit}`,
-    oninput: () => Number.isFinite(bias.valueAsNumber) && edit({ bias: bias.valueAsNumber }),
+    oninput: () =>
+      Number.isFinite(bias.valueAsNumber) && edit({ bias: bias.valueAsNumber / shownIn(target).factor }),
   });
+  const unitWords = () => h("span", { class: "unit" });
+  const inUnit = [unitWords(), unitWords()];
   const verdict = h("div", { class: "map-verdict" });
   const warningList = h("ul", { class: "map-warnings", role: "status" });
   const cell = (part, words, ...content) =>
@@ -71,16 +75,21 @@ export function createMappingRow({
       "div",
       { class: "map-cell map-channel" },
       h("span", { class: "map-symbol" }, formatted(symbol)),
-      h("span", {}, label, h("span", { class: "unit" }, ` [${unit}]`)),
+      h("span", {}, label, inUnit[0]),
     ),
     cell("signal", "signal", signal),
     cell("unit", "unit", units),
     cell("sign", "sign", sign),
-    cell("bias", `bias removed [${unit}]`, bias),
+    cell("bias", ["bias removed", inUnit[1]], bias),
     cell("confidence", "", verdict, warningList),
     cell("plot", "", plot.element),
   );
-  render();
+  followUnits(element, () => {
+    const { unit } = shownIn(target);
+    for (const words of inUnit) put(words, ` [${unit}]`);
+    bias.setAttribute("aria-label", `bias removed from ${name} in ${unit}`);
+    render(true);
+  });
 
   function choose(value) {
     if (value === "") now = null;
@@ -101,9 +110,9 @@ export function createMappingRow({
     changed();
   }
 
-  function render() {
+  function render(anew = false) {
     const measured = now !== null && now.signal !== "";
-    const given = measured ? now.unit : unit;
+    const given = measured ? now.unit : target.unit;
     const offered = [...new Set([...target.units, given].filter(Boolean))];
     units.replaceChildren(...offered.map((name) => h("option", { value: name }, name)));
     units.value = given;
@@ -116,7 +125,8 @@ export function createMappingRow({
       "aria-label",
       `sign of ${name}: ${reversed ? "reversed" : "as recorded"}. Press to change.`,
     );
-    if (document.activeElement !== bias) bias.value = now?.bias ?? "";
+    if (anew || document.activeElement !== bias)
+      bias.value = now === null ? "" : rounded(now.bias * shownIn(target).factor);
     element.dataset.source = now === null ? "none" : now.derivation ? "derived" : "measured";
     verdict.replaceChildren(...verdictOf());
   }

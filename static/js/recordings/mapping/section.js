@@ -51,7 +51,7 @@ export function createMappingSection({
   let edited = false;
   const element = h(
     "details",
-    { class: "panel stack mapping", open: !again },
+    { class: "panel stack mapping", open: !again, "data-keeps-input": true },
     h(
       "summary",
       { class: "step-title" },

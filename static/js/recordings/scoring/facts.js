@@ -3,6 +3,7 @@
 import { h } from "../../lib/dom.js";
 import { recipeList, sentences } from "../../lib/lists.js";
 import { figure, moment } from "../../lib/numbers.js";
+import { magnitudeIn } from "../../lib/units.js";
 import { TRIM_SEGMENT } from "./source.js";
 
 const TRIMS = {
@@ -21,9 +22,9 @@ export function scoringFacts(scoring) {
     ["Trim", TRIMS[request.trim] ?? `mean of ${request.trim} s before the first input`],
     ["Manoeuvres", WAYS[request.manoeuvres] ?? `${request.manoeuvres.length} marked by hand`],
   ];
-  const sources = channels.map(({ key, symbol, label, unit }) => [
-    `${label} ${symbol}`,
-    sourceText(mapping.channels[key], unit),
+  const sources = channels.map((channel) => [
+    `${channel.label} ${channel.symbol}`,
+    sourceText(mapping.channels[channel.key], channel),
   ]);
   const texts = [...notes, ...(quality?.sentences ?? [])];
   return h(
@@ -51,10 +52,10 @@ export function scoringFacts(scoring) {
   );
 }
 
-function sourceText(source, unit) {
+function sourceText(source, channel) {
   if (!source) return "not recorded";
   if (source.derivation) return `derived (${source.derivation.replaceAll("_", " ")})`;
   const sign = source.sign === -1 ? "−" : "";
-  const bias = source.bias ? `, bias of ${source.bias} ${unit} removed` : "";
+  const bias = source.bias ? `, bias of ${magnitudeIn(channel, source.bias)} removed` : "";
   return `${sign}${source.signal} in ${source.unit}${bias}`;
 }

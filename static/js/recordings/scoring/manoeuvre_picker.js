@@ -12,6 +12,7 @@ import { previewTiles } from "../../charts/recorded/preview_tiles.js";
 import { createRecordingChart } from "../../charts/recorded/recording_chart.js";
 import { reason } from "../../lib/api.js";
 import { h } from "../../lib/dom.js";
+import { followUnits } from "../../lib/units.js";
 import { button } from "../../lib/view_states.js";
 import { createManoeuvreTable } from "./manoeuvre_table.js";
 
@@ -68,6 +69,11 @@ export function createManoeuvrePicker({ api, catalog, recording, monitor }) {
     chart.element,
     byHand,
   );
+
+  followUnits(element, () => {
+    chart.draw();
+    lay();
+  });
 
   function turnTo(value) {
     way = value;
@@ -164,6 +170,7 @@ function createPreviewChart(catalog) {
     chart?.destroy();
     chart = null;
     element.replaceChildren();
+    if (tiles === null) return;
     const { start, end, step: dt, channels } = tiles;
     const known = catalog.channels.filter(({ key }) => key in channels);
     if (!known.length) return;
@@ -184,6 +191,7 @@ function createPreviewChart(catalog) {
   return {
     element,
     show,
+    draw,
     lay,
     extent: () => tiles && { start: tiles.start, end: tiles.end },
     marks: () => chart?.window.marks ?? {},

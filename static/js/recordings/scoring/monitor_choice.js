@@ -12,6 +12,7 @@ import { aircraftName, kindName, limitWords } from "../../lib/catalog.js";
 import { formatted, h } from "../../lib/dom.js";
 import { warningMark } from "../../lib/monitor_warnings.js";
 import { figure } from "../../lib/numbers.js";
+import { followUnits } from "../../lib/units.js";
 import { errorLine, link } from "../../lib/view_states.js";
 
 export function createMonitorChoice({ monitors, used, catalog, changed }) {
@@ -66,7 +67,8 @@ export function createMonitorChoice({ monitors, used, catalog, changed }) {
       failure.show("");
       changed();
     };
-    const limits = limitWords(catalog, specification);
+    const limits = h("span", {});
+    followUnits(limits, () => limits.replaceChildren(formatted(limitWords(catalog, specification))));
     return {
       monitor,
       box,
@@ -79,7 +81,7 @@ export function createMonitorChoice({ monitors, used, catalog, changed }) {
           "span",
           { class: "hint monitor-about" },
           `${aircraftName(catalog, aircraft)}, ${kindName(catalog, "maneuver", maneuver)}, `,
-          formatted(limits),
+          limits,
           `; ${figure(monitor.lead)} s ahead, every ${figure(monitor.dt)} s`,
           warningMark(monitor),
         ),

@@ -88,7 +88,7 @@ def test_the_notes_say_what_was_done(tmp_path):
     assert traces.notes == (
         "Converted: delta_r from deg, V from kt.",
         "Reversed in sign: delta_r.",
-        "Bias removed: delta_r 0.25 rad.",
+        "Bias removed: delta_r 14.3 deg.",
         "Derived, not measured: beta (sideslip as the arc sine of lateral velocity over airspeed, "
         "from v, b as V).",
     )

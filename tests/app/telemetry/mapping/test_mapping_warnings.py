@@ -56,7 +56,7 @@ def test_a_sign_against_the_motion_is_warned_of(key, columns, right):
 
 def test_a_bias_away_from_zero_is_warned_of(columns, right):
     (text,) = warnings_about(columns, changed(right, "beta", bias=1.5))["beta"]
-    assert text.endswith("rad to -1.5 rad, away from zero")
+    assert text.endswith("deg to -85.9 deg, away from zero")
     centred = np.mean(columns.values("beta"))
     assert warnings_about(columns, changed(right, "beta", bias=float(centred))) == {}
 

@@ -1,0 +1,76 @@
+"""What forms, lists and reports call the members of families and the choices of parameters."""
+
+from collections.abc import Hashable
+
+from core.channels import CHANNELS
+from core.simulation.published import MODELS
+
+FAMILIES = {
+    "aircraft": "Aircraft",
+    "control_law": "Control law",
+    "maneuver": "Manoeuvre",
+    "specification": "Limits",
+    "predictor": "Predictor",
+    "score": "Score",
+}
+KINDS: dict[str, str] = {
+    **{name: model.title for name, model in MODELS.items()},
+    "matrices": "own model",
+    "none": "none, the bare airframe",
+    "f16_sl_ofb": "F-16 output feedback (Stevens and Lewis)",
+    "f16_damper": "F-16 yaw and roll damper",
+    "f104a_damper": "F-104A yaw and roll damper",
+    "f4c_damper": "F-4C yaw and roll damper",
+    "attas_damper": "ATTAS yaw and roll damper",
+    "nt33a_damper": "NT-33A yaw and roll damper",
+    "b747_yaw_damper_mathworks": "Boeing 747 yaw damper (MathWorks)",
+    "b747_yaw_damper_bryson": "Boeing 747 yaw damper (Bryson)",
+    "state_space": "own law as matrices",
+    "multistep_3211": "3-2-1-1 multistep",
+    "bank_to_bank": "bank to bank",
+    "table": "own table of commands",
+    "linear": "linear, by least squares",
+    "identity": "none, the observation itself",
+    "pca": "principal components (PCA)",
+    "last_output": "newest output",
+    "nearest_neighbor": "nearest unsafe against nearest safe",
+    "unsafe_distance": "distance to the nearest unsafe",
+    "safe_distance": "distance from the nearest safe",
+    "negative_magnitude": "magnitude of one channel",
+}
+"""Of the members whose key, with blanks for underscores, does not say it in the field's words."""
+CHOICES: dict[str, dict[Hashable, str]] = {
+    "calibration": {"trajectory": "as flown", "pointwise": "one sample (paper)"},
+    "p_value": {"simple": "simple", "exact": "exact"},
+    "scaling": {"safe_std": "standard deviation", "raw": "none (paper)"},
+    "n_states": {3: "3: β, p, r", 4: "4: β, p, r, φ"},
+    "distribution": {"normal": "normal", "uniform": "uniform"},
+    "unit": {
+        "fraction": "fraction of the value",
+        "absolute": "the parameter's own",
+    },
+    "surface": {"aileron": "aileron", "rudder": "rudder"},
+    "spacing": {"log": "logarithmic in time", "linear": "linear in time"},
+    "interpolation": {"hold": "held", "linear": "joined by straight lines"},
+    "turbulence": {
+        "none": "none",
+        "smooth": "smooth air",
+        "light": "light",
+        "moderate": "moderate",
+        "severe": "severe",
+        "given": "as given",
+    },
+    "key": {channel.key: f"{channel.label} {channel.symbol}" for channel in CHANNELS},
+    "name": {name: model.title for name, model in MODELS.items()},
+}
+"""Words for the values that a parameter may take, by the parameter's name."""
+
+
+def kind_label(kind: str) -> str:
+    """What people call a member of a family."""
+    return KINDS.get(kind) or kind.replace("_", " ")
+
+
+def choice_label(parameter: str, value: Hashable) -> str:
+    """What people call a value of a parameter."""
+    return CHOICES.get(parameter, {}).get(value) or str(value).replace("_", " ")
