@@ -24,6 +24,7 @@ from app.flights.flights import (
     flight_name,
     source_of,
 )
+from app.flights.recorder import INTERVAL_S
 from app.flights.request import FlightRequest
 from app.flights.sources import mode_of
 from app.flights.transport import NotPossible, TransportError
@@ -102,7 +103,12 @@ class FlightStatus(BaseModel):
         default=None, description="warnings that wait for their acknowledgement"
     )
     open_cautions: int | None = Field(default=None, description="cautions that wait for theirs")
-    lost: int = Field(default=0, description="samples that could not be recorded")
+    lost: int | None = Field(
+        default=0,
+        description="samples that could not be recorded; null where nobody knows how many: the "
+        "server was killed during the flight, and what it had not stored by then, the last "
+        f"{INTERVAL_S:g} s as a rule, is missing",
+    )
     unwritten: int | None = Field(default=None, description="samples that wait for the store")
 
 

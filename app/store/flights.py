@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from sqlalchemy import Connection, Select, delete, func, insert, select, update
+from sqlalchemy import Connection, Select, case, delete, func, insert, select, update
 
 from app.store.answers import note_deleted, was_deleted
 from app.store.arrays import from_blob, to_blob
@@ -39,8 +39,8 @@ class FlightInfo(Entry):
     """UTC, ISO 8601"""
     head: int | None
     """newest sample number stored; null before the first"""
-    lost: int
-    """samples before that one that were never stored"""
+    lost: int | None
+    """samples before that one that were never stored; null where more may be: interrupted"""
 
 
 class FlightRepository(Repository):
@@ -205,4 +205,5 @@ def _flights() -> Select:
     n_stored = func.sum(chunk.last_seq - chunk.first_seq + 1)
     n_lost = func.max(chunk.last_seq) + 1 - n_stored
     lost = select(func.coalesce(n_lost, 0)).where(of_flight).scalar_subquery()
-    return select(*columns(flights, FlightInfo), head.label("head"), lost.label("lost"))
+    known = case((flights.c.status != "interrupted", lost))
+    return select(*columns(flights, FlightInfo), head.label("head"), known.label("lost"))

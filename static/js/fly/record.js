@@ -20,7 +20,7 @@ import { createStatusStrip } from "./status_strip.js";
 
 const HOW = {
   ended: "was ended",
-  interrupted: "was interrupted: the server stopped during it",
+  interrupted: "was interrupted: the server was killed during it, and what it had not stored, its last 2 s as a rule, is missing",
   failed: "failed: the server's log says why",
 };
 const MOST = 100_000; // samples of a record that are drawn

@@ -5,6 +5,7 @@
  *   createStatusStrip(element) -> {update(status)}
  *     status: {mode, source, monitor, warnings, validity, link, staleAfter, playing, live, headline, reason,
  *              figures: {age [s], latency [ms], conflated, lost, unwritten, problem, utc: Date | null}}
+ *     lost: null where nobody knows how many: the server was killed
  *     mode: "live", "replay" or "simulated"; only live data have an age and a latency
  *     headline: of the flight, null before it is known or for a flight that is over
  *     warnings: what speaks against the monitor, shown beside its name
@@ -81,6 +82,7 @@ export function createStatusStrip(element) {
 function recordOf({ lost, unwritten, problem }) {
   const gone = lost > 0 ? `, ${lost} samples lost` : "";
   if (problem !== "") return [`${MARKS.caution}NOT RECORDED, ${unwritten} samples wait${gone}`, "caution"];
+  if (lost === null) return [`${MARKS.caution}end may be missing`, "caution"];
   return lost > 0 ? [`${MARKS.caution}${lost} samples lost`, "caution"] : ["all", ""];
 }
 

@@ -137,11 +137,13 @@ def test_work_under_way_is_interrupted_when_the_store_opens(path: Path, trained:
     looking = open_store(path, recover=False)
     assert looking.jobs.info(running).status == "running"
     assert looking.flights.info(flight).status == "running"
+    assert looking.flights.info(flight).lost == 0
 
     again = open_store(path)
     assert [again.jobs.info(job).status for job in (running, queued)] == ["interrupted"] * 2
     assert again.jobs.info(done) == finished
     assert again.flights.info(flight).status == "interrupted"
+    assert again.flights.info(flight).lost is None
     after = again.jobs.info(running)
     assert after.ended is not None
     assert after == replace(before, status="interrupted", ended=after.ended)

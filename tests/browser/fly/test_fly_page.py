@@ -223,6 +223,18 @@ def test_alarms_of_a_flight_that_is_over_are_acknowledged_on_its_record(fly: Fly
     expect(button).to_be_hidden()
 
 
+def test_the_record_of_a_flight_whose_server_was_killed_does_not_say_that_it_has_all(
+    fly: Fly,
+) -> None:
+    monitor = fly.ask("GET", "/monitors")[0]["id"]
+    flight = fly.site.store.flights.add(UNSAFE, monitor, EPSILON)
+    fly.site.store.flights.end(flight, "interrupted")
+    assert fly.ask("GET", f"/flights/{flight}")["lost"] is None
+    fly.page.goto(f"{fly.site.http}/#/fly/{flight}")
+    expect(fly.status("record")).to_have_text("◆ end may be missing")
+    expect(fly.page.locator(".notice")).to_contain_text("the server was killed during it")
+
+
 def test_the_theme_is_the_machine_s_until_one_is_chosen(page: Page, site: Site) -> None:
     theme = "document.documentElement.dataset.theme"
     page.emulate_media(color_scheme="light")
