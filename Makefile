@@ -16,8 +16,8 @@ study: $(ENOUGH) ## repeat the paper's experiment at a small size and draw its f
 test: $(READY) ## every test but the long campaign of damaged files; a file's tests share a process
 	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n 2 --dist loadfile
 
-fuzz: $(READY) ## ten thousand damaged files for the readers, and sixty kills of the server
-	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n 2 --dist loadfile -m fuzz tests/fuzzing tests/faults
+fuzz: $(READY) ## ten thousand damaged files for the readers, many calls of every route, sixty kills of the server
+	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n 2 --dist loadfile -m fuzz tests/fuzzing tests/fuzzing/calls.py tests/faults
 
 lint: $(READY) ## style, formatting and the direction of imports
 	$(BIN)/ruff check

@@ -3,14 +3,16 @@
 import asyncio
 from collections.abc import AsyncIterator
 from contextlib import AsyncExitStack, asynccontextmanager
+from functools import cache
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
-from fastapi import FastAPI
+from fastapi import APIRouter, FastAPI
 from fastapi.responses import HTMLResponse, Response
 from fastapi.routing import iter_route_contexts
 from fastapi.staticfiles import StaticFiles
+from starlette.routing import BaseRoute
 
 from app.flights.flights import Flights
 from app.idempotency import Idempotent, describe_keys
@@ -88,30 +90,34 @@ def create_app(settings: Settings | None = None) -> FastAPI:
         docs_url=None,
         redoc_url=None,
         telemetry={"tracing": False, "metrics": False},
+        routes=[*_routes()],
     )
     app.settings = app.state.settings = settings
     app.metrics = app.state.metrics = Metrics()
     token, seconds = settings.token, settings.session_seconds
     app.sessions = app.state.sessions = Sessions(token, seconds) if token else None
     install_problems(app)
-    kept = (datasets, monitors, recordings, scorings, scored_files, markers)
-    for part in (catalog, *kept, jobs, flights, health):
-        app.include_router(part.router)
-    app.include_router(scene_router())
     _serve_docs(app)
     if STATIC.is_dir():
         app.frontend("/", directory=STATIC, fallback=None)
-    _build_routes(app)
     return app
 
 
-def _build_routes(app: FastAPI) -> None:
-    """Build what FastAPI would build at the first request, when other threads are at work.
+@cache
+def _routes() -> tuple[BaseRoute, ...]:
+    """Routes of the API, built once for every application and before any request.
 
-    It hides pydantic's warnings meanwhile, and that holds for all threads: not safe among them.
+    FastAPI would build them at the first request, when other threads are at work. It hides
+    pydantic's warnings meanwhile, and that holds for all threads: not safe among them.
     """
-    for _ in iter_route_contexts(app.routes):
+    api = APIRouter()
+    kept = (datasets, monitors, recordings, scorings, scored_files, markers)
+    for part in (catalog, *kept, jobs, flights, health):
+        api.include_router(part.router)
+    api.include_router(scene_router())
+    for _ in iter_route_contexts(api.routes):
         pass
+    return tuple(api.routes)
 
 
 @asynccontextmanager

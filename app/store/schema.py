@@ -3,6 +3,7 @@
 import glob
 from collections.abc import Iterator
 from contextlib import contextmanager
+from functools import cache
 from pathlib import Path
 from threading import Lock
 from typing import TYPE_CHECKING
@@ -20,6 +21,7 @@ from app.store.database import (
     make_engine,
     writing,
 )
+from app.store.tables import metadata
 
 if TYPE_CHECKING:
     from alembic.config import Config
@@ -55,11 +57,15 @@ def configuration() -> "Config":
 
 def newest_revision() -> str:
     """Revision of the schema that this program works with."""
+    return revisions(migrations())[0]
+
+
+@cache
+def revisions(directory: Path) -> tuple[str, ...]:
+    """Revisions that a directory of migrations leads to, the newest first."""
     from alembic.script import ScriptDirectory
 
-    head = ScriptDirectory.from_config(configuration()).get_current_head()
-    assert head is not None
-    return head
+    return tuple(script.revision for script in ScriptDirectory(directory).walk_revisions())
 
 
 def current_revision(url: URL) -> str | None:
@@ -98,6 +104,8 @@ def bring_up_to_date(url: URL) -> None:
     StoreError, the database untouched, where a newer program made it.
     """
     from alembic import command, util
+    from alembic.migration import MigrationContext
+    from alembic.script import ScriptDirectory
 
     with ONE_AT_A_TIME:
         if not needs_upgrade(url):
@@ -105,6 +113,11 @@ def bring_up_to_date(url: URL) -> None:
         config = configuration()
         keep_copy(url)
         with migrating(url) as connection:
+            if not inspect(connection).get_table_names():  # nor has another process made any
+                metadata.create_all(connection)
+                script = ScriptDirectory.from_config(config)
+                MigrationContext.configure(connection).stamp(script, "head")
+                return
             config.attributes["connection"] = connection
             try:
                 command.upgrade(config, "head")
@@ -131,10 +144,7 @@ def forget_copies(url: URL) -> None:
 
 def needs_upgrade(url: URL) -> bool:
     """Whether an older program made the database, or nobody did. StoreError if a newer one did."""
-    from alembic.script import ScriptDirectory
-
-    script = ScriptDirectory.from_config(configuration())
-    known = [revision.revision for revision in script.walk_revisions()]
+    known = revisions(migrations())
     current = current_revision(url)
     if current is None or current in known:
         return current != known[0]

@@ -71,6 +71,22 @@ def tables(path: Path) -> set[str]:
     return names
 
 
+def described(path: Path) -> dict[str, dict[str, list[str]]]:
+    """All that a database says of its tables; the order of columns is no matter."""
+    engine = make_engine(address(path))
+    looked = inspect(engine)
+    kinds = ("columns", "pk_constraint", "foreign_keys", "indexes", "unique_constraints")
+    looks = {kind: getattr(looked, f"get_multi_{kind}")() for kind in (*kinds, "check_constraints")}
+    engine.dispose()
+    return {
+        kind: {
+            name: sorted(map(repr, found if isinstance(found, list) else [found]))
+            for (_, name), found in tables_of.items()
+        }
+        for kind, tables_of in looks.items()
+    }
+
+
 def newer_program(directory: Path, change: str = "") -> Path:
     """Migrations of a program that is one revision ahead."""
     ahead = Path(shutil.copytree(schema.migrations(), directory / "ahead"))
@@ -93,6 +109,14 @@ def test_migrations_make_the_tables_that_the_program_uses(path: Path) -> None:
         )
         assert compare_metadata(context, metadata) == []
     engine.dispose()
+
+
+def test_a_new_store_has_the_schema_that_migrations_make(path: Path, tmp_path: Path) -> None:
+    migrated = tmp_path / "migrated.db"
+    move(migrated, "head")
+    open_store(path).close()
+    assert described(path) == described(migrated)
+    assert current_revision(address(path)) == REVISIONS[-1]
 
 
 @pytest.mark.parametrize("revision", ["base", *REVISIONS])
