@@ -51,7 +51,7 @@ def test_the_form_takes_degrees_and_sends_radians_and_the_choice_is_remembered(
     asked = sent.value.post_data_json
     assert asked is not None
     assert asked["specification"]["beta"] == pytest.approx(np.radians(7))
-    expect(page.locator(".suggestion")).to_contain_text("pilot rollouts")
+    expect(page.locator(".suggestion")).to_contain_text("pilot rollouts", timeout=60_000)
     units = page.get_by_role("button", name=re.compile("^Units"))
     expect(units).to_have_text("Units: deg")
     units.click()

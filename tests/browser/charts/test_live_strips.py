@@ -183,21 +183,42 @@ def test_the_trace_of_invalid_samples_is_grey(strips: Open) -> None:
     assert run(page, "return h.pixels('p', 'dim', 60)[2]") > valid - 3
 
 
-def test_frames_left_out_for_display_are_not_a_gap(strips: Open) -> None:
+def test_no_line_is_drawn_over_frames_left_out_for_display(strips: Open) -> None:
     page = strips("seconds=20&lead=0")
-    thinned, gaps = run(
+    known, joined, inside = run(
         page,
         """
-        const frames = [];
-        for (let k = 0; k < 1000; k += 10) frames.push({ ...h.frame(k / 50), seq: k });
-        h.chart.push(frames, 1000); h.draw(1000);
-        const joined = h.pixels('p', 'trace')[0];
+        const left = (frames) => frames.filter(({ t }) => t < 8 || t >= 12);
+        const all = Array.from({ length: 1000 }, (_, k) => ({ ...h.frame(k / 50), seq: k }));
+        h.chart.push(left(all), 1000); h.draw(1000);
+        const known = h.pixels('p', 'trace')[0];
+        const inside = String(h.chart.values(10).p);
         h.chart.clear();
-        h.chart.push(frames.map((frame, k) => ({ ...frame, seq: k })), 1000); h.draw(1000);
-        return [joined, h.pixels('p', 'trace')[0]];
+        h.chart.push(all, 1000); h.draw(1000);
+        return [known, h.pixels('p', 'trace')[0], inside];
         """,
     )
-    assert thinned > 3 * gaps
+    assert known < 0.9 * joined
+    assert inside == "NaN"
+
+
+def test_samples_left_out_for_display_are_told_from_missing_ones(strips: Open) -> None:
+    page = strips("seconds=20&lead=0")
+    thinned, missing = run(
+        page,
+        """
+        const left = (seq) => [...Array(400).keys(), ...Array.from({ length: 400 }, (_, k) => 600 + k)]
+          .map((k) => ({ ...h.frame(k / 50), seq: seq(k) }));
+        const shown = [];
+        for (const seq of [(k) => k, (k) => (k < 400 ? k : k - 200)]) {
+          h.chart.clear();
+          h.chart.push(left(seq), 1000); h.draw(1000);
+          shown.push(h.pixels('p', 'text')[0]);
+        }
+        return shown;
+        """,
+    )
+    assert thinned > missing > 0, "the word LEFT OUT is longer than GAP"
 
 
 def test_the_forecast_reaches_past_the_newest_sample_by_the_lead(strips: Open) -> None:

@@ -5,7 +5,7 @@
  *   createForecast(face, series) -> draw(frame)     face: of the strip's frame
  */
 
-import { GAP } from "./ring_buffer.js";
+import { BROKEN } from "./ring_buffer.js";
 
 const DASH = 9; // px of a dash and its space in a column-wise trace
 
@@ -42,7 +42,7 @@ export function createForecast(face, series) {
         drawing = false;
         continue;
       }
-      if ((flags[i] & GAP) !== 0) drawing = false;
+      if ((flags[i] & BROKEN) !== 0) drawing = false;
       const middle = y((out[0] + out[1]) / 2);
       if (drawing) pen.lineTo(at, middle);
       else pen.moveTo(at, middle);

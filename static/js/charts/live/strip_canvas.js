@@ -91,8 +91,10 @@ export function createStripCanvas(canvas, strip) {
       return;
     }
     if (kind === "thinned") {
+      pen.globalAlpha = 0.5;
       pen.fillStyle = face.hatches.stale;
-      pen.fillRect(x0, face.height - 5, x1 - x0, 4);
+      pen.fillRect(x0, 0, x1 - x0, face.height);
+      pen.globalAlpha = 1;
       return;
     }
     if (kind === "gap" || isSilent(kind)) {
@@ -106,7 +108,7 @@ export function createStripCanvas(canvas, strip) {
   }
 
   function drawWord({ x0, x1, kind, word: text }) {
-    if (kind === "thinned" || (OF_THE_RISK.has(kind) && !strip.risk)) return;
+    if (OF_THE_RISK.has(kind) && !strip.risk) return;
     const left = Math.max(0, x0);
     const right = Math.min(face.width - GUTTER, x1);
     pen.font = `700 12px ${face.palette.font}`;

@@ -5,7 +5,7 @@
  *   createTrace({pen, y}, series) -> draw(frame, colour)     pen, y: of the strip's frame
  */
 
-import { GAP } from "./ring_buffer.js";
+import { BROKEN } from "./ring_buffer.js";
 
 export function createTrace({ pen, y }, series) {
   const out = new Float64Array(2);
@@ -31,7 +31,7 @@ export function createTrace({ pen, y }, series) {
         continue;
       }
       const at = y(value);
-      if (!drawing || (flags[i] & GAP) !== 0) pen.moveTo(x[i] - 0.9, at); // a lone sample is a dot
+      if (!drawing || (flags[i] & BROKEN) !== 0) pen.moveTo(x[i] - 0.9, at); // a lone sample is a dot
       pen.lineTo(x[i], at);
       drawing = true;
     }
@@ -46,7 +46,7 @@ export function createTrace({ pen, y }, series) {
     let [above, below] = [0, 0]; // extremes of the cell before
     for (let i = 0; i < n; i++) {
       const known = ring.extent(series, from[i], to[i], out);
-      if (begin >= 0 && (!known || (flags[i] & GAP) !== 0)) {
+      if (begin >= 0 && (!known || (flags[i] & BROKEN) !== 0)) {
         fillPiece(x, begin, i);
         begin = -1;
       }

@@ -11,10 +11,10 @@
  *     n; x, from, to, flags (typed arrays, n used): place [px], samples from..to-1, flags or-ed
  *     sparse   whether cells are single samples
  *     runs(flag, samplePx, now) -> [{x0, x1}]    runs of cells that bear the flag
- *     gaps(samplePx) -> [{x0, x1}]               where samples are missing
+ *     gaps(samplePx, flag GAP) -> [{x0, x1}]     before the cells that bear it: where samples are missing
  */
 
-import { GAP } from "./ring_buffer.js";
+import { BROKEN, GAP } from "./ring_buffer.js";
 
 const DENSITY = 1; // samples a pixel up to which every sample is drawn
 
@@ -59,10 +59,10 @@ export function createVisibleSamples() {
     visible.flags[n] = anyFlags === 0 ? 0 : ring.flags(from, to);
   }
 
-  /** Where the samples of cell i end: at the next cell, or a sample's length on before a gap. */
+  /** Where the samples of cell i end: at the next cell, or a sample's length on where samples are missing. */
   function endOf(i, samplePx) {
     const own = visible.x[i] + Math.max(samplePx, visible.sparse ? 0 : 1);
-    const last = i + 1 >= visible.n || (visible.flags[i + 1] & GAP) !== 0;
+    const last = i + 1 >= visible.n || (visible.flags[i + 1] & BROKEN) !== 0;
     return last ? own : visible.x[i + 1];
   }
 
@@ -82,11 +82,11 @@ export function createVisibleSamples() {
     return intervals;
   }
 
-  function gaps(samplePx) {
+  function gaps(samplePx, flag = GAP) {
     const intervals = [];
-    if ((anyFlags & GAP) === 0) return intervals;
+    if ((anyFlags & flag) === 0) return intervals;
     for (let i = 1; i < visible.n; i++) {
-      if ((visible.flags[i] & GAP) === 0) continue;
+      if ((visible.flags[i] & flag) === 0) continue;
       const x0 = visible.x[i - 1] + (visible.sparse ? samplePx : 0.5);
       intervals.push({ x0, x1: Math.max(x0 + 2, visible.x[i]) });
     }
