@@ -23,12 +23,15 @@ __all__ = [
     "dataset_recipe",
     "family_of",
     "from_plain",
+    "matrices_renamed",
     "read_plain",
     "set_path",
     "to_plain",
 ]
 
 DEFAULT_KIND: str = to_plain(DatasetRecipe())["aircraft"]["kind"]
+MATRICES = {"A": "a", "B": "b", "C": "c", "D": "d"}
+"""Matrices of a model or a law as they are printed, and their parameters."""
 AUTO = "auto"
 """What an amplitude may say for the one that a pilot run suggests."""
 
@@ -63,6 +66,7 @@ def dataset_recipe(plain: Any, where: str = "dataset") -> tuple[DatasetRecipe, S
     """
     if not isinstance(plain, dict):
         return from_plain(DatasetRecipe(), plain, where), None
+    plain = matrices_renamed(plain, where)
     maneuver = plain.get("maneuver", {})
     is_said = isinstance(maneuver, dict) and not maneuver.keys().isdisjoint(
         {"amplitude_deg", "t_s"}
@@ -77,6 +81,25 @@ def dataset_recipe(plain: Any, where: str = "dataset") -> tuple[DatasetRecipe, S
         return read, None
     suggestion = suggest_amplitude(read)
     return replace(read, maneuver=read.maneuver.with_peak(suggestion.amplitude_deg)), suggestion
+
+
+def matrices_renamed(plain: dict[str, Any], where: str = "dataset") -> dict[str, Any]:
+    """A dataset's recipe with the matrices of aircraft and law by their parameters' names.
+
+    An aircraft of matrices need not say its kind, as in a model's file. RecipeError where a matrix
+    is given in capitals and in small letters.
+    """
+    named = {}
+    for part in {"aircraft", "control_law"} & plain.keys():
+        given = plain[part]
+        if not isinstance(given, dict):
+            continue
+        if twice := [name for name, key in MATRICES.items() if {name, key} <= given.keys()]:
+            raise RecipeError(f"{where}.{part} gives the matrix {twice[0]} twice: leave one out")
+        named[part] = {MATRICES.get(key, key): value for key, value in given.items()}
+        if part == "aircraft" and "a" in named[part]:
+            named[part] = {"kind": "matrices"} | named[part]
+    return plain | named
 
 
 def _check_limits(limits: Limits, where: str) -> None:

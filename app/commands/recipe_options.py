@@ -10,7 +10,15 @@ from typing import Any
 
 import numpy as np
 
-from app.recipes import AUTO, RecipeError, dataset_recipe, read_plain, set_path, to_plain
+from app.recipes import (
+    AUTO,
+    RecipeError,
+    dataset_recipe,
+    matrices_renamed,
+    read_plain,
+    set_path,
+    to_plain,
+)
 from core.channels import BY_KEY, KEYS
 from core.monitor.predictor import PREDICTORS
 from core.monitor.score import SCORES
@@ -139,6 +147,8 @@ def plain_recipe(options: argparse.Namespace) -> dict[str, Any]:
         if not equals:
             raise RecipeError(f"--set {assignment!r}: write it as PATH=VALUE")
         set_path(plain, path, _value(value))
+    if isinstance(plain.get("dataset"), dict):
+        plain["dataset"] = matrices_renamed(plain["dataset"], "recipe.dataset")
     for part, (kind, field, instead) in EXAMPLES.items():
         said = plain.get("dataset", {}).get(part, {})
         if isinstance(said, dict) and said.get("kind") == kind and field not in said:

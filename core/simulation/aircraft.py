@@ -221,11 +221,11 @@ class MatrixAircraft(Aircraft):
                              "spread": {"A[0,0]": 0.1, "B[2,1]": 0.15}}}
 
         `states`, `distribution` and `unit` may be left out; `spread` may be one number. May have
-        `altitude_m` and `airspeed_mps` too.
+        `altitude_m` and `airspeed_mps` too, and `kind`, as in recipes.
         """
         if not isinstance(document, dict):
             raise ValueError(f"a model is a JSON object with A, B, C, D; this is {document!r:.40}")
-        fields = {key.lower(): value for key, value in document.items()}
+        fields = {key.lower(): value for key, value in document.items() if key != "kind"}
         needed = {"a", "b", "c", "d", "uncertainty"}
         condition = {"altitude_m", "airspeed_mps"}
         allowed = {"states", *condition}

@@ -4,11 +4,12 @@ from dataclasses import asdict
 import numpy as np
 import pytest
 
-from app.recipes import from_plain
+from app.recipes import dataset_recipe, from_plain, to_plain
 from core.amplitude import suggest_amplitude
 from core.channels import KEYS
 from core.collection import DatasetRecipe, collect
 from core.monitor import train
+from core.simulation.aircraft import AIRCRAFT, MatrixAircraft
 from tests.support.api import api, finished, problem, store_of
 
 LAW = {"control_law": {"kind": "attas_damper"}}
@@ -71,6 +72,19 @@ def test_an_amplitude_is_suggested_and_is_what_auto_stands_for(client):
 )
 def test_where_no_amplitude_is_suggested_the_reason_is_said(client, test, words):
     assert words in problem(client.post("/api/v1/datasets/amplitude", json=test), 422)
+
+
+def test_an_own_model_is_sent_as_its_file_is_written(client):
+    spread = {"A[1,0]": 0.15, "A[2,0]": 0.1}
+    model = to_plain(AIRCRAFT["matrices"]) | {"uncertainty": {"spread": spread}}
+    printed = {key.upper() if key in "abcd" else key: value for key, value in model.items()}
+    del printed["kind"]
+    flown = {"maneuver": {"amplitude_deg": 5.0}}
+    small, capital = (dataset_recipe(flown | {"aircraft": one})[0] for one in (model, printed))
+    assert isinstance(capital.aircraft, MatrixAircraft)
+    assert capital == small
+    both = client.post("/api/v1/datasets", json={"aircraft": printed | {"a": model["a"]}})
+    assert "gives the matrix A twice" in problem(both, 422)
 
 
 @pytest.mark.parametrize(
