@@ -17,7 +17,6 @@ from app.recordings.files import RecordingFiles
 from app.recordings.samples import check_samples
 from app.recordings.verified import digest_of
 from app.store.database import Interrupted, check_pages, look_at_pages
-from app.store.scorings import ScoringInfo
 from app.store.store import NotFound, Store, StoreError
 
 LOG = logging.getLogger("forewarn")
@@ -110,17 +109,21 @@ def all_items(
     for recording in store.recordings.all():
         check = partial(files.check, recording.id, recording.digest, digest)
         yield Item("recording", recording.id, recording.name, check)
-        folder = files.scorings(recording.id)
-        for scoring in _scorings(store, recording.id):
-            check = partial(check_samples, folder, scoring.id, scoring.digest, files.verified, rest)
-            yield Item("scoring", scoring.id, f"of {recording.name}", check)
+        for scoring_id in sorted(store.scorings.ids(recording.id)):
+            check = partial(_check_scoring, store, files, recording.id, scoring_id, rest)
+            yield Item("scoring", scoring_id, f"of {recording.name}", check)
 
 
-def _scorings(store: Store, recording_id: str) -> list[ScoringInfo]:
-    try:
-        return store.scorings.of(recording_id)
-    except NotFound:
-        return []
+def _check_scoring(
+    store: Store,
+    files: RecordingFiles,
+    recording_id: str,
+    scoring_id: str,
+    rest: Callable[[], None],
+) -> None:
+    info = store.scorings.info(recording_id, scoring_id)
+    folder = files.scorings(recording_id)
+    check_samples(folder, scoring_id, info.digest, files.verified, rest)
 
 
 class Integrity:

@@ -17,7 +17,9 @@ from core.channels import KEYS
 from core.monitor.assessment import STATES
 from core.specification import specification_from_plain
 
-OF_ITS_OWN = ("recording_id", "monitor_id", "specification", "request_digest")
+OF_ITS_OWN = ("recording_id", "monitor_id", "specification", "request_digest", "row_digest")
+VERDICTS = ("manoeuvres", "outside_exceedances", "notes")
+"""Not said of a scoring that is damaged."""
 
 
 def answers(
@@ -38,7 +40,11 @@ def answers(
 def _answer(info: ScoringInfo, warnings: list[str], verified: bool) -> dict[str, Any]:
     specification = specification_from_plain(info.specification)
     plain = {key: value for key, value in asdict(info).items() if key not in OF_ITS_OWN}
+    if info.damage:
+        plain |= {key: [] for key in VERDICTS}
+        verified = False
     return plain | {
+        "damage": info.damage,
         "recording": info.recording_id,
         "monitor": info.monitor_id,
         "warnings": warnings,

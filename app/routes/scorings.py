@@ -81,6 +81,10 @@ class Scoring(BaseModel):
         "compared since the server started; one scoring is answered only so, a list says false of "
         "those not read yet"
     )
+    damage: str = Field(
+        description="empty; in a list: why this is not what was stored, without its verdicts. One "
+        "scoring is never answered so"
+    )
     request: dict[str, Any] = Field(description="epsilon, trim and manoeuvres as asked for")
     mapping: Mapping = Field(description="that was used")
     channels: list[ChannelLimit]

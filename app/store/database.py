@@ -10,6 +10,7 @@ import time
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import closing, contextmanager, suppress
 from functools import partial
+from json import JSONDecodeError
 from pathlib import Path
 from typing import Any
 
@@ -106,10 +107,10 @@ def make_engine(url: URL, *, foreign_keys: bool = True) -> Engine:
     foreign_keys: False while a migration rebuilds tables, whose rows would cascade away otherwise.
     """
     if not is_sqlite(url):
-        return create_engine(url, json_serializer=_to_text)
+        return create_engine(url, json_serializer=to_text)
     engine = create_engine(
         url,
-        json_serializer=_to_text,
+        json_serializer=to_text,
         pool_size=8,
         max_overflow=24,
         connect_args={"timeout": BUSY_TIMEOUT_MS / 1000},
@@ -330,6 +331,11 @@ def _explained(engine: Engine) -> Iterator[None]:
         yield
     except IntegrityError:
         raise
+    except JSONDecodeError as error:
+        place = engine.url.render_as_string(hide_password=True)
+        raise Damaged(
+            f"the database {place} is damaged ({error}): restore a backup of it"
+        ) from error
     except DBAPIError as error:
         place = engine.url.render_as_string(hide_password=True)
         if getattr(error.orig, "sqlite_errorcode", None) in CORRUPT:
@@ -343,7 +349,7 @@ def _explained(engine: Engine) -> Iterator[None]:
         ) from error
 
 
-def _to_text(value: Any) -> str:
+def to_text(value: Any) -> str:
     """JSON; what is not a number becomes null, arrays become lists."""
     written = to_json(value, inf_nan_mode="null", fallback=_plain)
     return written.decode()

@@ -1,10 +1,13 @@
 """Stored scorings: recordings as monitors scored them, without the samples."""
 
-from dataclasses import asdict, dataclass
+import hashlib
+import json
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
-from sqlalchemy import Connection, Row, Select, delete, insert, select
+from sqlalchemy import Row, Select, delete, insert, select
 
+from app.store.database import Damaged, to_text
 from app.store.flights import replays_of
 from app.store.recordings import fetch_recording
 from app.store.repository import Entry, InUse, Repository, columns, complete, fetch
@@ -56,6 +59,26 @@ class ScoringInfo(Entry):
     outside_exceedances: list[dict[str, Any]]
     """those that begin in no manoeuvre: t [s], channel and value of the first recorded sample, from
     the trim of the manoeuvre before"""
+    row_digest: str | None = None
+    """SHA-256 of all else that is said here; null of a scoring that an older program stored"""
+
+    def sealed(self) -> "ScoringInfo":
+        """Itself with its digest."""
+        return replace(self, row_digest=self._digest())
+
+    @property
+    def damage(self) -> str:
+        """What is wrong with it; empty where it is as it was stored."""
+        if self.row_digest in (None, self._digest()):
+            return ""
+        return (
+            f"scoring {self.id} is damaged, what it says does not match its digest: delete this "
+            "scoring and score the recording again"
+        )
+
+    def _digest(self) -> str:
+        said = json.loads(to_text(asdict(replace(self, row_digest=None))))
+        return hashlib.sha256(json.dumps(said, sort_keys=True).encode()).hexdigest()
 
 
 class ScoringRepository(Repository):
@@ -65,8 +88,9 @@ class ScoringRepository(Repository):
         """Store a scoring whose samples are in their place.
 
         Returns the stored one: an earlier one where the request was carried out before.
-        NotFound where the recording or the monitor was deleted meanwhile.
+        NotFound where the recording or the monitor was deleted meanwhile; Damaged.
         """
+        scoring = scoring.sealed()
         values = {key: value for key, value in asdict(scoring).items() if key in scorings.c}
         with self._writing() as connection:
             fetch_recording(connection, scoring.recording_id)
@@ -74,39 +98,46 @@ class ScoringRepository(Repository):
             fetch(connection, monitor, "monitor", scoring.monitor_id)
             earlier = _same_request(scoring.recording_id, scoring.request_digest)
             if (row := connection.execute(earlier).one_or_none()) is not None:
-                return _entry(row)
+                return _checked(row)
             connection.execute(insert(scorings).values(**values))
         return scoring
 
     def find(self, recording_id: str, request_digest: str) -> ScoringInfo | None:
-        """The scoring that this request led to before, None where it was never carried out."""
+        """The scoring that this request led to before, None where it never did. Damaged."""
         with self._reading() as connection:
             row = connection.execute(_same_request(recording_id, request_digest)).one_or_none()
-        return None if row is None else _entry(row)
+        return None if row is None else _checked(row)
 
     def info(self, recording_id: str, scoring_id: str) -> ScoringInfo:
-        """What a scoring of this recording is; NotFound."""
+        """What a scoring of this recording is. NotFound; Damaged."""
         with self._reading() as connection:
-            return _scoring(connection, recording_id, scoring_id)
+            query = _scorings(recording_id).where(scorings.c.id == scoring_id)
+            return _checked(fetch(connection, query, "scoring", scoring_id))
 
     def of(self, recording_id: str) -> list[ScoringInfo]:
-        """All scorings of a recording, newest first. NotFound."""
+        """All scorings of a recording, newest first; each says its own damage. NotFound."""
         query = _scorings(recording_id).order_by(scorings.c.created.desc())
         with self._reading() as connection:
             fetch_recording(connection, recording_id)
-            return [_entry(row) for row in connection.execute(query)]
+            return [ScoringInfo(**row._mapping) for row in connection.execute(query)]
 
-    def ids(self) -> set[str]:
-        """Ids of all scorings of all recordings."""
+    def ids(self, recording_id: str | None = None) -> set[str]:
+        """Ids of all scorings, of a recording if given."""
+        query = select(scorings.c.id)
+        if recording_id is not None:
+            query = query.where(scorings.c.recording_id == recording_id)
         with self._reading() as connection:
-            return set(connection.execute(select(scorings.c.id)).scalars())
+            return set(connection.execute(query).scalars())
 
     def delete(self, recording_id: str, scoring_id: str) -> None:
         """Delete a scoring. NotFound; InUse while it is flown."""
         with self._deleting() as connection:
-            info = _scoring(connection, recording_id, scoring_id)
+            of_recording = scorings.c.recording_id == recording_id
+            this = (scorings.c.id == scoring_id) & of_recording
+            by = select(monitors.c.name).join(scorings).where(this)
+            name = fetch(connection, by, "scoring", scoring_id).name
             if users := replays_of(connection, "scoring", scoring_id):
-                raise InUse(f"the scoring by {info.monitor_name}", users)
+                raise InUse(f"the scoring by {name}", users)
             connection.execute(delete(scorings).where(scorings.c.id == scoring_id))
 
 
@@ -122,10 +153,8 @@ def _same_request(recording_id: str, request_digest: str) -> Select:
     return _scorings(recording_id).where(scorings.c.request_digest == request_digest)
 
 
-def _scoring(connection: Connection, recording_id: str, scoring_id: str) -> ScoringInfo:
-    query = _scorings(recording_id).where(scorings.c.id == scoring_id)
-    return _entry(fetch(connection, query, "scoring", scoring_id))
-
-
-def _entry(row: Row) -> ScoringInfo:
-    return ScoringInfo(**row._mapping)
+def _checked(row: Row) -> ScoringInfo:
+    info = ScoringInfo(**row._mapping)
+    if info.damage:
+        raise Damaged(info.damage)
+    return info

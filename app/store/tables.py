@@ -274,6 +274,7 @@ scorings = Table(
     Column("monitor_digest", String(64), nullable=False),
     Column("request_digest", String(64), nullable=False),
     Column("digest", String(64), nullable=False),
+    Column("row_digest", String(64)),
     _time("created", nullable=False),
     Column("version", Text, nullable=False),
     Column("epsilon", Float, nullable=False),

@@ -1,23 +1,27 @@
 """What is stored is checked against its digest when it is read; a mismatch is an error."""
 
 from collections.abc import Iterator
-from dataclasses import replace
+from dataclasses import fields, replace
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 import pytest
-from sqlalchemy import update
+from sqlalchemy import text, update
 from starlette.testclient import TestClient
 
 from app.commands import doctor
 from app.settings import Settings
+from app.store import tables
+from app.store.scorings import ScoringInfo
 from app.store.tables import monitor_parts
 from core.dataset import Dataset
 from core.monitor import train
 from tests.support.api import api, problem, store_of
 from tests.support.oscillator import Array
 from tests.support.recorded import RECORDINGS, csv_of, uploaded
+
+ROW = {field.name for field in fields(ScoringInfo)} - {"row_digest"}
 
 
 class Kept(NamedTuple):
@@ -69,6 +73,46 @@ def test_a_verdict_is_shown_only_with_the_samples_that_it_was_made_of(kept: Kept
     assert "is damaged" in problem(kept.client.get(kept.scoring), 500)
     same = kept.client.post(scorings, json={"monitor": kept.monitor})
     assert "is damaged" in problem(same, 500)
+
+
+def test_a_verdict_that_was_changed_is_not_served_and_can_be_deleted(kept: Kept) -> None:
+    scorings, _, scoring = kept.scoring.rpartition("/")
+    store = store_of(kept.client)
+    (stored,) = store.scorings.of(kept.path.rpartition("/")[2])
+    assert (stored.damage, len(stored.manoeuvres)) == ("", 1)
+    changed = [one | {"outcome": "missed"} for one in stored.manoeuvres]
+    with store.engine.begin() as connection:
+        connection.execute(update(tables.scorings).values(manoeuvres=changed))
+    for what in ("", "/assessments", "/tiles", "/report"):
+        detail = problem(kept.client.get(kept.scoring + what), 500)
+        assert detail.startswith(f"scoring {scoring} is damaged")
+    same = kept.client.post(scorings, json={"monitor": kept.monitor})
+    assert "is damaged" in problem(same, 500)
+    (listed,) = kept.client.get(scorings).json()
+    assert (listed["verified"], listed["manoeuvres"]) == (False, [])
+    assert listed["damage"].startswith(f"scoring {scoring} is damaged")
+    settings = Settings(data_dir=kept.folder.parents[1])
+    with pytest.raises(doctor.Failed, match=f"scoring {scoring} is damaged"):
+        doctor.contents(settings)
+    assert kept.client.delete(kept.scoring).status_code == 204
+    again = kept.client.post(scorings, json={"monitor": kept.monitor})
+    assert (again.status_code, again.json()["damage"]) == (201, "")
+
+
+@pytest.mark.parametrize("field", sorted(ROW))
+def test_every_field_of_a_scoring_is_covered_by_its_digest(field: str) -> None:
+    info = ScoringInfo(**{f.name: f"any {f.name}" for f in fields(ScoringInfo)})  # pyright: ignore[reportArgumentType]
+    sealed = info.sealed()
+    assert sealed.damage == ""
+    assert replace(sealed, **{field: "another"}).damage
+
+
+def test_a_row_that_is_no_json_is_damaged_and_can_be_deleted(kept: Kept) -> None:
+    store = store_of(kept.client)
+    with store.engine.begin() as connection:
+        connection.execute(text("UPDATE scorings SET manoeuvres = '[{'"))
+    assert "is damaged" in problem(kept.client.get(kept.scoring), 500)
+    assert kept.client.delete(kept.scoring).status_code == 204
 
 
 def test_tiles_that_were_changed_are_not_served(kept: Kept) -> None:

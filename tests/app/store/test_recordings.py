@@ -108,7 +108,7 @@ def test_confirming_a_mapping_keeps_what_was_measured_of_the_file(store: Store) 
 def test_a_request_is_carried_out_once(store: Store, trained: Monitor) -> None:
     monitor = store.monitors.add(trained, "m").id
     keep_recording(store, "a")
-    first = scoring(store, "a", monitor)
+    first = scoring(store, "a", monitor).sealed()
     assert store.scorings.find("a", "o") is None
     assert store.scorings.add(first) == first
     assert store.scorings.add(replace(first, id="another")) == first

@@ -128,7 +128,7 @@ def test_recording_scoring_and_markers_are_there(store: Store) -> None:
     assert store.recordings.mapped_columns(RECORDING).mapping == in_the_words_of_today(
         answer["mapping"]
     )
-    of_its_own = "specification", "request_digest"
+    of_its_own = "specification", "request_digest", "row_digest"
     scorings = ANSWERS[f"recordings/{RECORDING}/scorings"]
     for info, scored in zip(store.scorings.of(RECORDING), scorings, strict=True):
         assert_answers(info, scored, *of_its_own)

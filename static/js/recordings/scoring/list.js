@@ -90,7 +90,12 @@ export function createScoringList({ api, recording, scorings, changed, navigate 
         earlierMapping(scoring, recording.mapping),
       ),
       h("td", { class: "number", "data-label": "ε" }, figure(epsilon)),
-      h("td", { "data-label": "Manoeuvres" }, outcomes(manoeuvres), outsideChip(scoring)),
+      h(
+        "td",
+        { "data-label": "Manoeuvres" },
+        damageChip(scoring) ?? outcomes(manoeuvres),
+        outsideChip(scoring),
+      ),
       h("td", { class: "number", "data-label": "Peak risk" }, peakOf(scoring)),
       h("td", { class: "dim nowrap", "data-label": "Scored" }, moment(created)),
       h(
@@ -135,6 +140,13 @@ function peakOf({ manoeuvres, epsilon }) {
   const risks = manoeuvres.map(({ peak_risk: risk }) => risk).filter((risk) => risk !== null);
   if (risks.length) return riskText(Math.max(...risks), epsilon);
   return manoeuvres.length ? h("span", { class: "dim" }, "withdrawn") : "–";
+}
+
+/** It says nothing of what it found: that is not what was stored. */
+function damageChip({ damage }) {
+  return damage
+    ? h("span", { class: "chip", "data-level": "caution", title: damage }, "◆ DAMAGED, DELETE IT")
+    : null;
 }
 
 function outsideChip(scoring) {
