@@ -14,6 +14,7 @@ from playwright.sync_api import Browser, Page, sync_playwright
 
 ROOT = Path(__file__).parents[2]
 PAGES = {"/static/": ROOT / "static", "/browser/": ROOT / "tests" / "browser"}
+NAMES = ("chromium-headless-shell", "chromium")
 ARGUMENTS = [
     "--no-sandbox",
     "--enable-unsafe-swiftshader",
@@ -58,8 +59,11 @@ def file_server() -> Iterator[str]:
 
 @contextmanager
 def open_chromium(*arguments: str) -> Iterator[Browser]:
-    """Start Chromium (FOREWARN_CHROMIUM or the one on the path); skips where there is none."""
-    path = os.environ.get("FOREWARN_CHROMIUM") or shutil.which("chromium")
+    """Start Chromium (FOREWARN_CHROMIUM or the one on the path); skips where there is none.
+
+    The headless shell comes first: without windows it takes half the processor time.
+    """
+    path = os.environ.get("FOREWARN_CHROMIUM") or next(filter(None, map(shutil.which, NAMES)), None)
     if path is None:
         pytest.skip("no Chromium: apt-get install chromium, or set FOREWARN_CHROMIUM to its path")
     with sync_playwright() as playwright:
