@@ -7,13 +7,15 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager, suppress
-from functools import cache
+from contextlib import ExitStack, contextmanager, suppress
+from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
 import numba
+from filelock import FileLock
 from numba.core import config, event
+from numba.core.compiler_lock import global_compiler_lock
 
 KEPT_S = 24 * 3600.0
 """Compiled kernels that were used so recently stay [s]."""
@@ -60,9 +62,23 @@ def jit(function: Callable[..., Any]) -> Any:
     given = settings.CACHE_DIR
     settings.CACHE_DIR = given or _own_cache()
     try:
-        return numba.njit(cache=True, nogil=True)(function)
+        kernel = numba.njit(cache=True, nogil=True)(function)
     finally:
         settings.CACHE_DIR = given
+    name = f"{function.__module__}.{function.__qualname__}"
+    kernel.compile = partial(_compile_once, kernel.compile, name)
+    return kernel
+
+
+def _compile_once(compile_: Callable[[Any], Any], name: str, signature: Any) -> Any:
+    """Compile, or load what another process is compiling at this moment.
+
+    numba's own lock comes first: a thread that holds it may ask for any kernel on its way.
+    """
+    with global_compiler_lock, ExitStack() as held:
+        with suppress(OSError):  # where no lock can be written, each compiles for itself
+            held.enter_context(FileLock(Path(_own_cache()) / f"{name}.lock"))
+        return compile_(signature)
 
 
 # Part of the kernel that calls: as a call it would take as long as what it does.

@@ -4,12 +4,15 @@ import shutil
 import subprocess
 import sys
 import time
+from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import wait as wait_for
 from pathlib import Path
 
 import pytest
+from filelock import FileLock
 
 import core
-from core.kernels.compiled import KEPT_S, cache_directory, prune
+from core.kernels.compiled import KEPT_S, cache_directory, jit, prune
 
 CORE = Path(core.__file__).parent
 KERNELS = CORE / "kernels"
@@ -93,3 +96,19 @@ def test_a_kernel_takes_only_types_from_the_rest_of_the_core(file: Path) -> None
             assert f"{node.module}.".startswith(("core.kernels.", "core.types."))
         elif isinstance(node, ast.Import):
             assert not any(name.name.startswith(("core", "app")) for name in node.names)
+
+
+def test_a_kernel_that_another_process_compiles_is_waited_for(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("core.kernels.compiled._own_cache", lambda: str(tmp_path))
+
+    def doubled(x: float) -> float:
+        return 2 * x
+
+    kernel = jit(doubled)
+    with ThreadPoolExecutor(1) as thread:
+        with FileLock(tmp_path / f"{__name__}.{doubled.__qualname__}.lock"):
+            call = thread.submit(kernel, 1.5)
+            assert not wait_for([call], timeout=0.3).done
+        assert call.result(timeout=60) == 3.0
