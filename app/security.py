@@ -3,6 +3,7 @@
 One ASGI layer around everything, HTTP and WebSocket alike, so that no route can forget it.
 """
 
+import asyncio
 import math
 import re
 import socket
@@ -34,8 +35,8 @@ OPEN_PATHS = ("/healthz", "/login")
 """Answered without a token: a probe learns nothing from them."""
 SAFE_METHODS = ("GET", "HEAD", "OPTIONS")
 LARGEST_LOGIN = 4096
-REFUSED = 4403
-"""WebSocket close code; before the handshake it becomes HTTP 403."""
+REFUSED, SESSION_OVER = 4403, 4401
+"""WebSocket close codes; before the handshake they become HTTP 403."""
 
 PAGE_POLICY = (
     "default-src 'none'; script-src 'self'; style-src 'self' 'unsafe-inline'; "
@@ -103,9 +104,15 @@ class Guard:
                 return await (await answer(Request(scope, receive), self.sessions))(
                     scope, receive, send
                 )
-            self.check_token(scope, connection)
+            session = self.check_token(scope, connection)
         except Refusal as refusal:
             return await self._refuse(refusal, scope, receive, send)
+        if self.sessions and session and scope["type"] == "websocket":
+            over = asyncio.ensure_future(self.sessions.wait_for_end(session))
+            try:
+                return await self.app(scope, *_until(over, receive, send))
+            finally:
+                over.cancel()
         return await self.app(scope, receive, send)
 
     def check_host(self, headers: Headers) -> None:
@@ -138,12 +145,16 @@ class Guard:
         if changes and headers.get("sec-fetch-site", "none") not in ("same-origin", "none"):
             raise Refusal(403, "the request comes from another site", "origin")
 
-    def check_token(self, scope: Scope, connection: HTTPConnection) -> None:
-        """Refuse a connection without the token; by header, by cookie, by query on a WebSocket."""
+    def check_token(self, scope: Scope, connection: HTTPConnection) -> str:
+        """Refuse a connection without the token; by header, by cookie, by query on a WebSocket.
+
+        Returns the key of the session that lets it in; empty where the token does.
+        """
+        session = connection.cookies.get(COOKIE, "")
         if self.sessions is None or scope["path"] in OPEN_PATHS:
-            return
-        if self.sessions.is_open(connection.cookies.get(COOKIE, "")):
-            return
+            return ""
+        if self.sessions.is_open(session):
+            return session
         scheme, _, bearer = connection.headers.get("authorization", "").partition(" ")
         given = bearer.strip() if scheme.lower() == "bearer" else ""
         if scope["type"] == "websocket":
@@ -155,6 +166,7 @@ class Guard:
             raise Refusal(
                 401, "the token is missing or wrong: send `Authorization: Bearer TOKEN`", "token"
             )
+        return ""
 
     async def _refuse(self, refusal: Refusal, scope: Scope, receive: Receive, send: Send) -> None:
         if scope["type"] == "websocket":
@@ -295,6 +307,32 @@ async def _posted_token(request: Request) -> str:
             return ""
     fields = parse_qs(body.decode("utf-8", "replace"))
     return fields.get("token", [""])[0].strip()
+
+
+def _until(over: asyncio.Future[None], receive: Receive, send: Send) -> tuple[Receive, Send]:
+    """Receive and send of a WebSocket that is closed once its session is over.
+
+    The application is told as if the client had left; what it sends then goes nowhere.
+    """
+
+    async def receiving() -> Message:
+        coming = asyncio.ensure_future(receive())
+        try:
+            await asyncio.wait((coming, over), return_when=asyncio.FIRST_COMPLETED)
+            message = coming.result() if coming.done() else {"type": ""}
+            if not over.done() or message["type"] == "websocket.disconnect":
+                return message
+        finally:
+            coming.cancel()
+        reason = "the session is over: log in again"
+        await send({"type": "websocket.close", "code": SESSION_OVER, "reason": reason})
+        return {"type": "websocket.disconnect", "code": SESSION_OVER, "reason": reason}
+
+    async def sending(message: Message) -> None:
+        if not over.done():
+            await send(message)
+
+    return receiving, sending
 
 
 def _with_headers(send: Send, scope: Scope) -> Send:

@@ -1,5 +1,6 @@
 """Who is let in by the server's token: sessions that end, links for one use, guesses that wait."""
 
+import asyncio
 import hashlib
 import hmac
 import logging
@@ -8,6 +9,7 @@ import secrets
 import time
 from collections import OrderedDict
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass, field
 from ipaddress import IPv6Address, ip_address, ip_network
 
@@ -42,6 +44,14 @@ class Guesses:
         )
 
 
+@dataclass(eq=False)
+class Session:
+    """One that is open. ends: when, by the clock [s].   over: set where it ends before."""
+
+    ends: float
+    over: asyncio.Event = field(default_factory=asyncio.Event)
+
+
 class Sessions:
     """The sessions of one server, held in memory: a restart ends them.
 
@@ -53,29 +63,41 @@ class Sessions:
         self._token = token
         self._seconds = seconds
         self._clock = clock
-        self._ends: OrderedDict[bytes, float] = OrderedDict()
+        self._open: OrderedDict[bytes, Session] = OrderedDict()
         self._links: dict[bytes, float] = {}
         self._guesses: OrderedDict[str, Guesses] = OrderedDict()
 
     def begin(self) -> str:
         """Begin a session; returns what its cookie holds."""
         key = secrets.token_urlsafe(32)
-        self._ends[_digest(key)] = self._clock() + self._seconds
-        while len(self._ends) > MOST_SESSIONS:
-            self._ends.popitem(last=False)
+        self._open[_digest(key)] = Session(self._clock() + self._seconds)
+        while len(self._open) > MOST_SESSIONS:
+            self._open.popitem(last=False)[1].over.set()
         return key
 
     def is_open(self, key: str) -> bool:
         """Whether a session is open; it then goes on from now."""
         digest, now = _digest(key), self._clock()
-        if now >= self._ends.pop(digest, -math.inf):
+        session = self._open.pop(digest, None)
+        if session is None or now >= session.ends:
             return False
-        self._ends[digest] = now + self._seconds
+        session.ends = now + self._seconds
+        self._open[digest] = session
         return True
 
     def end(self, key: str) -> None:
         """End a session, if it is one."""
-        self._ends.pop(_digest(key), None)
+        if (session := self._open.pop(_digest(key), None)) is not None:
+            session.over.set()
+
+    async def wait_for_end(self, key: str) -> None:
+        """Return once a session is not open any more; this is no use of it."""
+        session = self._open.get(_digest(key))
+        if session is None:
+            return
+        while not session.over.is_set() and (left := session.ends - self._clock()) > 0:
+            with suppress(TimeoutError):
+                await asyncio.wait_for(session.over.wait(), left)
 
     def make_link(self) -> str:
         """Return a code that begins a session once, within LINK_SECONDS."""

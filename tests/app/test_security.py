@@ -1,11 +1,14 @@
+import asyncio
 import socket
+from collections.abc import Callable
 from typing import Any
 
 import pytest
 from starlette.websockets import WebSocketDisconnect
 
-from app.security import API_POLICY, COOKIE, PAGE_POLICY, REFUSED
-from app.sessions import FREE_GUESSES
+from app.security import API_POLICY, COOKIE, PAGE_POLICY, REFUSED, SESSION_OVER, Guard
+from app.sessions import FREE_GUESSES, Sessions
+from app.settings import Settings
 from tests.support.api import ADDRESS, api, problem
 
 TOKEN = "a-token-of-a-good-length"
@@ -188,6 +191,42 @@ def test_who_logs_out_is_out_with_every_copy_of_the_cookie(guarded):
     assert not guarded.cookies
     problem(guarded.get("/readyz", headers=kept), 401)
     assert "token" in refusal(guarded, **kept)
+
+
+async def watched(sessions: Sessions, end: Callable[[str], None]) -> list[dict[str, Any]]:
+    """What goes to a browser whose WebSocket is open while its session ends, and to the route."""
+    key, told = sessions.begin(), []
+    to_route: asyncio.Queue[dict[str, Any]] = asyncio.Queue()
+    to_route.put_nowait({"type": "websocket.connect"})
+
+    async def route(scope: Any, receive: Any, send: Any) -> None:
+        await receive()
+        await send({"type": "websocket.accept"})
+        to_route.put_nowait({"type": "websocket.receive", "text": "credit"})
+        assert (await receive())["text"] == "credit"
+        end(key)
+        told.append(await receive())
+        await send({"type": "websocket.send", "text": "a sample"})
+
+    async def send(message: Any) -> None:
+        told.append(message)
+
+    headers = [(b"host", b"127.0.0.1"), (b"cookie", f"{COOKIE}={key}".encode())]
+    scope = {"type": "websocket", "path": STREAM, "headers": headers, "query_string": b""}
+    guard = Guard(route, Settings(token=TOKEN), sessions)
+    await guard(scope, to_route.get, send)
+    return told
+
+
+@pytest.mark.parametrize("ends", ["by logging out", "by its time"])
+def test_a_websocket_ends_with_its_session(ends: str) -> None:
+    sessions = Sessions(TOKEN, 60.0 if ends == "by logging out" else 0.05)
+    end = sessions.end if ends == "by logging out" else lambda key: None
+    watching = asyncio.wait_for(watched(sessions, end), 30)
+    accepted, closed, told_route = asyncio.run(watching)
+    assert accepted["type"] == "websocket.accept"
+    assert (closed["type"], closed["code"]) == ("websocket.close", SESSION_OVER)
+    assert told_route["type"] == "websocket.disconnect"
 
 
 def test_another_site_logs_nobody_out(guarded):

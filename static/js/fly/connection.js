@@ -15,6 +15,7 @@
  *
  * Connection
  *   link, attempt, retryIn(wall) -> s     where it is; while lost, which attempt comes next and when
+ *   loggedOut    it is lost since the login ended: it does not connect again
  *   figures(wall) -> {age, latency, conflated, lost, unwritten, problem, utc}
  *     age      s since the newest sample was due at the server; NaN before any
  *     latency  ms from due to here, above the quickest message of the last minute plus half a
@@ -30,6 +31,7 @@ const SILENCE = 3500; // ms without any message that mean loss
 const LISTEN = 250; // ms between looks at that
 const WAITS = [250, 500, 1000, 2000, 4000]; // ms before the next attempts
 const NO_SUCH_FLIGHT = 4404;
+const SESSION_OVER = 4401;
 const WINDOW = 30_000; // ms; the quickest message of this window and the one before counts
 
 export function createConnection(flight, on, { Socket = WebSocket } = {}) {
@@ -49,7 +51,7 @@ export function createConnection(flight, on, { Socket = WebSocket } = {}) {
   let timer = 0;
   let closed = false;
 
-  const connection = { link: "connecting", attempt: 0, retryIn, figures, close };
+  const connection = { link: "connecting", loggedOut: false, attempt: 0, retryIn, figures, close };
 
   function setLink(link) {
     if (link === connection.link) return;
@@ -101,6 +103,11 @@ export function createConnection(flight, on, { Socket = WebSocket } = {}) {
     if (closed || connection.link === "over") return;
     if (code === NO_SUCH_FLIGHT) {
       finish("the flight is not under way");
+      return;
+    }
+    if (code === SESSION_OVER) {
+      connection.loggedOut = true;
+      setLink("lost");
       return;
     }
     const wait = WAITS[Math.min(connection.attempt, WAITS.length - 1)];

@@ -27,6 +27,7 @@ import { createTransportBar } from "./transport_bar.js";
 const STATUS_EVERY = 200; // ms
 const tone = createTone(); // one for the page: a browser lets it sound once it was touched
 
+const LOGGED_OUT = "◆ The login has ended. Nothing shown is live: reload the page to log in again.";
 const STALE = "◆ STALE. No new sample comes: the attitude that was shown here is not that of now.";
 
 export function showLiveFlight(element, { id, api, over }) {
@@ -141,7 +142,7 @@ export function showLiveFlight(element, { id, api, over }) {
     display?.setHeard(link === "open");
     if (link !== "lost" || display === null) return;
     display.lose();
-    events.add({ t: display.t, text: "connection to the server lost", level: "caution" });
+    events.add({ t: display.t, text: connection.loggedOut ? "the login has ended" : "connection to the server lost", level: "caution" });
   }
 
   function showNotes() {
@@ -168,7 +169,7 @@ export function showLiveFlight(element, { id, api, over }) {
     const lost = connection.link === "lost";
     const stale = headline !== null && [headline.status, ...headline.beside].includes("stale");
     panels.lost.hidden = !lost && !stale;
-    put(panels.lost, lost ? lostText(connection.retryIn(wall)) : STALE);
+    put(panels.lost, lost ? (connection.loggedOut ? LOGGED_OUT : lostText(connection.retryIn(wall))) : STALE);
   }
 
   function markEvents() {

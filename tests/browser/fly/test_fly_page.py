@@ -8,6 +8,7 @@ from typing import Any
 import pytest
 from playwright.sync_api import Page, WebSocketRoute, expect
 
+from app.security import SESSION_OVER
 from core.collection import DatasetRecipe, collect
 from core.monitor import MonitorRecipe, train
 from tests.browser.chromium import wait_until
@@ -382,6 +383,22 @@ def test_a_server_that_falls_silent_is_no_open_link_and_the_last_samples_stay(fl
     fly.assert_no_number()
     expect(fly.page.locator(".link-lost")).to_contain_text("not that of now")
     assert pixels(fly.page, "p", "trace") > 20
+
+
+def test_a_login_that_ended_is_said_and_not_tried_again(fly: Fly) -> None:
+    routes: list[WebSocketRoute] = []
+
+    def pass_on(route: WebSocketRoute) -> None:
+        route.connect_to_server()
+        routes.append(route)
+
+    fly.page.route_web_socket(re.compile("/stream$"), pass_on)
+    fly.watch(SAFE, ("pause", None))
+    routes[0].close(code=SESSION_OVER)
+    expect(fly.page.locator(".link-lost")).to_contain_text("reload the page to log in again")
+    fly.gauge_says("STALE")
+    fly.event("the login has ended").wait_for()
+    assert len(routes) == 1
 
 
 def test_a_page_that_was_held_up_itself_does_not_cry_stale(fly: Fly) -> None:
