@@ -14,7 +14,7 @@ study: $(ENOUGH) ## repeat the paper's experiment at a small size and draw its f
 	$(BIN)/forewarn study --n-monitors 4 --n-test 300 --out results/study
 
 test: $(READY) ## every test but the long campaign of damaged files; a file's tests share a process
-	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n 2 --dist loadfile
+	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n 3 --dist loadfile --no-loadscope-reorder
 
 fuzz: $(READY) ## ten thousand damaged files for the readers, many calls of every route, sixty kills of the server
 	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n 2 --dist loadfile -m fuzz tests/fuzzing tests/fuzzing/calls.py tests/faults

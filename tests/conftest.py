@@ -18,6 +18,20 @@ settings.register_profile(
 settings.load_profile("forewarn")
 
 
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Spread files of browser tests, which wait, over the first half of those that compute."""
+    folders = [item.nodeid.partition("/")[2] for item in items]
+    waits = [folder.startswith(("browser", "faults")) for folder in folders]
+    n_waiting, n_others = sum(waits), len(items) - sum(waits)
+    seen = {True: 0, False: 0}
+    places = {}
+    for item, waiting in zip(items, waits, strict=True):
+        seen[waiting] += 1
+        share = seen[waiting] / (2 * n_waiting if waiting else n_others)
+        places.setdefault(item.path, share)
+    items.sort(key=lambda item: places[item.path])
+
+
 @pytest.fixture(scope="session")
 def dataset() -> Dataset:
     """Twelve failures of the oscillator, and the safe flights met on the way."""
