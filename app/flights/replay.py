@@ -13,12 +13,16 @@ from app.messages import TransportChange, TransportState, plain_frame
 
 TICK_S = 0.016
 """[s] Samples due within this time go out together."""
+LEFT_S = 600.0
+"""[s] At the end of its source."""
 
 
 class TrackFlight(Flight):
     """A flight with play, pause, seek, step, speed, loop and next_alert.
 
-    At the end of its source it pauses, and can be played again until it is stopped.
+    At the end of its source it pauses, and can be played again until it is stopped. Where nobody
+    steers it for LEFT_S it is over by itself, and others have its place; not while someone watches
+    an alarm that waits, which must not fall silent.
     """
 
     def __init__(self, plan: FlightPlan, script: Script, *about: Any, **more: Any) -> None:
@@ -105,12 +109,26 @@ class TrackFlight(Flight):
                 if not transport.playing:
                     self._stage(lambda scene: scene.hold())
             due = transport.next_due(now)
+            self._stop_timer("left")
             if due is None:
                 self._stop_timer("tick")
+                self._wait_at_end()
             else:
                 self._call_at("tick", max(due, self._flown + TICK_S), self._tick)
         except Exception:
             self._fail()
+
+    def _wait_at_end(self) -> None:
+        """Be over in LEFT_S unless steered, where it is at its end."""
+        if self._transport.at_end:
+            self._call_at("left", self.clock.now() + LEFT_S, self._leave_end)
+
+    def _leave_end(self) -> None:
+        if self.n_watchers and any(one.acknowledged is None for one in self.alarms.at_hand):
+            self._wait_at_end()
+            return
+        minutes = LEFT_S / 60.0
+        self._end("ended", f"it was at its end, and nobody steered it for {minutes:g} minutes")
 
     def _fly_due(self, due: Due) -> None:
         script, k = self._script, due.sample

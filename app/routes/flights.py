@@ -148,7 +148,11 @@ class Acknowledgement(BaseModel):
 async def start_flight(
     request: FlightRequest, flights: FlightsDep, response: Response
 ) -> FlightStatus:
-    """Start a flight; it plays at once, at its source's own rate."""
+    """Start a flight; it plays at once, at its source's own rate.
+
+    At the end of a source that is known from start to end it pauses, and ends where nobody steers
+    it for 10 minutes, nor watches an alarm that waits.
+    """
     try:
         flight = await flights.start(request)
     except TooManyFlights as error:

@@ -49,7 +49,7 @@ export function showFlightRecord(element, { flight, why, api, navigate }) {
   let waiting = [];
   panels.notice.append(...[
     verdictLine(flight),
-    h("p", {}, h("strong", {}, `This flight ${HOW[flight.progress] ?? "is over"}${why.includes("server") ? ": the server stopped" : ""}. `), "Its record is shown."),
+    h("p", {}, h("strong", {}, `This flight ${HOW[flight.progress] ?? "is over"}${because(why)}. `), "Its record is shown."),
     h("div", { class: "row" },
       acknowledgeButton,
       h("button", { type: "button", class: "button button-primary", onclick: again }, "Fly it again"),
@@ -168,6 +168,11 @@ export function showFlightRecord(element, { flight, why, api, navigate }) {
       delete element.dataset.flight;
     },
   };
+}
+
+function because(why) {
+  if (why.includes("server")) return ": the server stopped";
+  return why.startsWith("it was at its end") ? `: ${why}` : "";
 }
 
 /** What the flight came to: never calm where it exceeded its limit. */

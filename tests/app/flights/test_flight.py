@@ -9,12 +9,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from app.flights.flight import HEARTBEAT_S, patience
+from app.flights.replay import LEFT_S
 from app.flights.track import Track
 from app.flights.transport import CATCH_UP_S, NotPossible, TransportError
 from app.flights.watcher import NEWEST
 from app.messages import Frames, Hello
 from core.dataset import Dataset
 from core.monitor import Monitor, MonitorRecipe, State, train
+from core.monitor.status import Level
 from tests.support.flying import (
     EPSILON,
     Call,
@@ -192,6 +194,43 @@ def test_at_its_end_a_flight_pauses_and_can_be_sought(exact: Monitor, failing: A
     assert flown.seen.frames[-1]["t"] == 1.0
     flown.advance(1.0)
     assert flown.seen.frames[-1]["t"] == 1.0
+
+
+def acknowledge_all(flown: Flown) -> None:
+    for alarm in flown.flight.alarms.at_hand:
+        flown.flight.acknowledge(alarm.id, "FTE", "now")
+
+
+def test_left_at_its_end_a_flight_is_over_by_itself(exact: Monitor, failing: Array) -> None:
+    flown = Flown(exact, failing).start()
+    flown.advance(N_SAMPLES * DT + 0.1)
+    assert flown.flight.alarms.n_open(Level.WARNING)
+    flown.clock.advance(2 * LEFT_S)
+    assert flown.over == []  # somebody watches an alarm that waits
+    acknowledge_all(flown)
+    flown.clock.advance(LEFT_S / 2)
+    flown.flight.act("seek", 1.0)
+    flown.clock.advance(2 * LEFT_S)
+    assert flown.over == []  # paused before its end
+    flown.flight.act("seek", T[-1])
+    acknowledge_all(flown)
+    flown.clock.advance(LEFT_S - 1.0)
+    assert flown.over == []
+    flown.clock.advance(1.0)
+    said = "it was at its end, and nobody steered it for 10 minutes"
+    assert flown.over == [("ended", said)]
+    flown.seen.take()
+    assert flown.seen.messages[-1] == {"type": "end", "reason": said}
+
+
+def test_an_alarm_that_nobody_watches_keeps_no_flight_at_its_end(
+    exact: Monitor, failing: Array
+) -> None:
+    flown = Flown(exact, failing).start()
+    flown.flight.leave(flown.seen.watcher)
+    flown.clock.advance(N_SAMPLES * DT + 0.1 + LEFT_S)
+    assert flown.flight.alarms.at_hand
+    assert [status for status, _ in flown.over] == ["ended"]
 
 
 def test_an_action_answers_where_the_flight_is_then(exact: Monitor, failing: Array) -> None:
