@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, settings
 
+from app.telemetry.readers import isolation, worker
 from core.dataset import Dataset
 from core.monitor import Monitor
 from tests.support import oscillator
@@ -48,3 +49,9 @@ def flights() -> np.ndarray:
 def attas() -> Monitor:
     """A transport's monitor for a rudder doublet, its validity calibrated."""
     return trained()
+
+
+@pytest.fixture
+def read_here(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Files are read in the test's own process: by the same code, and sooner."""
+    monkeypatch.setattr(isolation, "carry_out", worker.read)

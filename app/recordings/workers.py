@@ -24,7 +24,7 @@ class Workers:
         """Run in one of the threads when it is free. Busy."""
         if self.n_under_way >= self.limit:
             raise Busy(
-                f"{self.n_under_way} recordings are being worked on, as many as may be: try again "
+                f"{self.n_under_way} files are being worked on, as many as may be: try again "
                 "when one of them is done"
             )
         self.n_under_way += 1

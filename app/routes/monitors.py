@@ -13,9 +13,11 @@ from app.jobs.requests import monitor_request
 from app.json_telemetry import TelemetryBody, assessed, parse_telemetry
 from app.problems import Problem, problem_responses
 from app.recipes import to_plain
+from app.recordings.recordings import Recordings
 from app.routes.dependencies import (
     JobsDep,
     PlainBody,
+    RecordingsDep,
     SettingsDep,
     StoreDep,
     body_of,
@@ -29,7 +31,6 @@ from app.routes.job_answers import ACCEPTED, accepted
 from app.routes.sent_files import CONTENT, OCTETS, sent_file
 from app.store.jobs import JobInfo
 from app.store.monitors import MonitorInfo
-from app.store.store import Store
 from core.certificate import warnings_of
 from core.channels import KEYS
 from core.monitor.assessment import Exemplar
@@ -110,6 +111,7 @@ async def train_monitor(
     store: StoreDep,
     jobs: JobsDep,
     settings: SettingsDep,
+    recordings: RecordingsDep,
     name: Annotated[
         str | None, Query(min_length=1, max_length=200, description="name of an uploaded monitor")
     ] = None,
@@ -127,7 +129,7 @@ async def train_monitor(
         if body.lstrip()[:1] == b"{":
             raise Problem(415, "the body looks like JSON: send it as application/json")
         called = name or PurePath(sent.name).stem or "uploaded monitor"
-        return await _add_file(body, called[:200], store)
+        return await _add_file(body, called[:200], recordings)
     plain = await plain_body(request)
     training = await asyncio.to_thread(monitor_request, plain, store, settings.max_array_bytes)
     asked = {
@@ -138,8 +140,8 @@ async def train_monitor(
     return await accepted(jobs, "monitor", asked, monitor_work(training, store))
 
 
-async def _add_file(body: bytes, name: str, store: Store) -> Response:
-    info = await asyncio.to_thread(store.monitors.add_file, body, name)
+async def _add_file(body: bytes, name: str, recordings: Recordings) -> Response:
+    info = await recordings.workers.run(recordings.store.monitors.add_file, body, name)
     return json_response(info, 201, {"Location": f"/api/v1/monitors/{info.id}"})
 
 

@@ -10,6 +10,7 @@ from typing import Any
 from sqlalchemy import Connection, Engine, Row, delete, select
 
 from app.recipes import to_plain
+from app.store import sent_monitor
 from app.store.database import Damaged
 from app.store.repository import Entry, InUse, Repository, Writer, columns, complete, fetch
 from app.store.tables import (
@@ -110,8 +111,10 @@ class MonitorRepository(Repository):
     def add_file(self, content: bytes, name: str) -> MonitorInfo:
         """Store a portable monitor as it is; MonitorFileError where it is none.
 
+        The reader's process reads it first, see app.store.sent_monitor.
         It is tied to the dataset it was trained on where that is stored here.
         """
+        sent_monitor.check(content, name)
         monitor = from_bytes(content, name)
         same = select(datasets.c.id).where(
             datasets.c.digest == monitor.dataset_digest, datasets.c.complete

@@ -1,12 +1,15 @@
 """Stored monitors: the same p-values, the same file, tied to their dataset."""
 
 from dataclasses import replace
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from sqlalchemy import update
 
 from app.store import monitors as stored_monitors
+from app.store import sent_monitor
 from app.store.database import writing
 from app.store.monitors import SupportInfo
 from app.store.store import NotFound, Store, StoreError
@@ -16,6 +19,7 @@ from core.monitor import Monitor
 from core.monitor.portable import MonitorFileError
 from core.monitor.support import Support
 from tests.support.stored import EVALUATION, count, make_parts_small
+from tests.support.wicked_reader import MAGIC
 
 
 @pytest.fixture
@@ -48,7 +52,7 @@ def test_a_monitor_says_what_it_is(store: Store, dataset: Dataset, trained: Moni
 
 
 def test_a_monitor_file_is_kept_as_it_is_and_finds_its_dataset(
-    store: Store, dataset: Dataset, trained: Monitor
+    store: Store, dataset: Dataset, trained: Monitor, read_here: None
 ) -> None:
     content = trained.to_bytes()
     alone = store.monitors.add_file(content, "sent")
@@ -63,8 +67,35 @@ def test_a_monitor_file_is_kept_as_it_is_and_finds_its_dataset(
     assert len(store.monitors.all()) == 2
 
 
+DEEDS = {
+    "crash": r"m.fwm ended its reader \(SIGSEGV\): choose a file written by `forewarn train`",
+    "eat": "m.fwm took more than 200 MiB of memory to read: choose",
+    "loop": "m.fwm took more than 0.5 s to read: choose",
+    "refuse": "m.fwmthis is wicked",
+}
+
+
+@pytest.mark.parametrize("deed", DEEDS)
+def test_a_monitor_file_can_harm_the_reader_s_process_alone(
+    deed: str, store: Store, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    order = sent_monitor._order
+
+    def wicked(path: Path) -> dict[str, Any]:
+        return order(path) | {"reader": "tests.support.wicked_reader", "most_bytes": 2**20}
+
+    monkeypatch.setattr(sent_monitor, "_order", wicked)
+    monkeypatch.setattr(sent_monitor, "MEMORY", 200 * 2**20)
+    monkeypatch.setattr(sent_monitor, "SECONDS", 0.5 if deed == "loop" else 60.0)
+    monkeypatch.setattr(
+        stored_monitors, "from_bytes", lambda *what: pytest.fail("read in this process")
+    )
+    with pytest.raises(MonitorFileError, match=DEEDS[deed]):
+        store.monitors.add_file(MAGIC + deed.encode(), "m.fwm")
+
+
 def test_what_validity_is_calibrated_on_is_known_without_the_file(
-    store: Store, dataset: Dataset, trained: Monitor
+    store: Store, dataset: Dataset, trained: Monitor, read_here: None
 ) -> None:
     assert store.monitors.add(trained, "bare").support is None
     safe, unsafe = (np.sort(np.random.default_rng(n).random((n, 2)), axis=0) for n in (300, 200))

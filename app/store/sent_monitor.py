@@ -1,0 +1,59 @@
+"""A portable monitor that somebody sent: the reader's process reads it first, as any other file.
+
+What a hostile one does to its reader, it does there; only one that was read whole is read here.
+"""
+
+import tempfile
+from pathlib import Path
+from typing import Any
+
+from app.telemetry.contents import ColumnWriter
+from app.telemetry.readers import isolation
+from app.telemetry.recording import TelemetryError
+from core.monitor.loading import from_bytes
+from core.monitor.portable import MonitorFileError
+
+SECONDS, MEMORY = 60.0, 2**30
+"""What reading one may take, of time [s] and of the reader's memory [bytes]."""
+
+
+def check(content: bytes, name: str) -> None:
+    """Have a file read elsewhere; MonitorFileError where it is no monitor, or costs too much.
+
+    name: what errors call the file.
+    """
+    with tempfile.TemporaryDirectory(prefix="forewarn-") as place:
+        path = Path(place) / "monitor.fwm"
+        path.write_bytes(content)
+        answer = isolation.carry_out(_order(path))
+    if answer["end"] == "read":
+        return
+    if answer["end"] == "refused":
+        raise MonitorFileError(f"{name}{answer['text']}")
+    why = {
+        "slow": f"took more than {SECONDS:g} s to read",
+        "large": f"took more than {MEMORY / 2**20:.0f} MiB of memory to read",
+    }.get(answer["end"], f"ended its reader ({answer.get('text', answer['end'])})")
+    raise MonitorFileError(f"{name} {why}: choose a file written by `forewarn train`")
+
+
+def read(path: Path, writer: ColumnWriter) -> None:
+    """Read a file, in the reader's process; nothing is kept of it. TelemetryError: its refusal."""
+    try:
+        from_bytes(path.read_bytes(), "")
+    except MonitorFileError as error:
+        raise TelemetryError(str(error)) from None
+
+
+def _order(path: Path) -> dict[str, Any]:
+    return {
+        "path": str(path),
+        "folder": str(path.parent),
+        "reader": __name__,
+        "extra": "",
+        "notes": (),
+        "seconds": SECONDS,
+        "memory": MEMORY,
+        "most_bytes": 0,
+        "bad_share": 0.0,
+    }
