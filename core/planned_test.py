@@ -14,7 +14,6 @@ from core.simulation.imperfections import (
     Imperfections,
     channel_array,
     from_trim,
-    samples_at_rest,
 )
 from core.simulation.maneuver import MANEUVERS, Maneuver
 from core.simulation.rollout import roll_out, sideslip_state
@@ -230,7 +229,8 @@ class Simulator:
         every, step = recipe.substeps, recipe.dt / recipe.substeps
         theta = self.plant.sample(n, rng)
         planned = recipe.maneuver.pilot(recipe.dt, n, rng)
-        commands = imperfections.commands(planned, n, recipe.dt, rng)
+        lead_in = round(recipe.maneuver.lead_in_s / recipe.dt)
+        commands, rest = imperfections.fly(planned, n, recipe.dt, lead_in, rng)
         n_steps = (commands.shape[1] - 1) * every + 1
         y = roll_out(
             self.plant.plants(theta),
@@ -243,7 +243,6 @@ class Simulator:
             gust=imperfections.gusts(self.gust, n, n_steps, step, rng),
         )
         start = imperfections.run_up(recipe.dt) * every
-        rest = samples_at_rest(planned, n, round(recipe.maneuver.lead_in_s / recipe.dt))
         first = recipe.specification.first_exceedance(from_trim(y, start, every, rest))
         first = np.minimum(-(-first // every), planned.shape[1])
         noise = channel_array(recipe.noise)

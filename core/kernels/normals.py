@@ -17,9 +17,6 @@ CELLS = 2048
 """Of equal probability, in which a normal number falls; the outermost TAIL on either side are the
 tails, which are computed."""
 TAIL = 8
-_BITS = 21
-"""Of a half word that say where in its cell the number lies."""
-
 _QUANTILES = ndtri(np.arange(CELLS + 1) / CELLS)
 _BEYOND = float(_QUANTILES[-1 - TAIL])
 _QUANTILES[[0, -1]] = _QUANTILES[[1, -2]] + np.array([-1.0, 1.0])  # finite; the tails' place only
@@ -36,7 +33,10 @@ _DENOMINATOR = np.array(
 
 _STEP = np.uint64(0x9E3779B97F4A7C15)
 _MIX_1, _MIX_2 = np.uint64(0xBF58476D1CE4E5B9), np.uint64(0x94D049BB133111EB)
-_S11, _S27, _S30, _S31 = (np.uint64(shift) for shift in (11, 27, 30, 31))
+_S11, _S27, _S30, _S31, _S32 = (np.uint64(shift) for shift in (11, 27, 30, 31, 32))
+_ONE, _LOW = np.uint64(1), np.uint64(2**32 - 1)
+_BITS, _SHARE = np.uint64(21), np.uint64(2**21 - 1)
+"""The last bits of a half word say where in its cell a number lies."""
 
 
 @jit
@@ -67,21 +67,21 @@ def uniform(stream, position):
 @jit
 def _half(stream, k):
     """Half of a word, from 0 to 2^32 - 1: number k of those of a stream."""
-    word = np.int64(_word(stream, k >> 1))
-    return (word if k & 1 else word >> 32) & 0xFFFFFFFF
+    word = _word(stream, k >> 1)
+    return word & _LOW if k & 1 else word >> _S32
 
 
 @jit
 def _in_cell(half):
-    cell = half >> _BITS
+    cell = half >> _BITS  # unsigned: numba then asks not whether it counts from the end
     low = _QUANTILES[cell]
-    share = (float(half & (2**_BITS - 1)) + 0.5) * 2.0**-_BITS
-    return low + share * (_QUANTILES[cell + 1] - low)
+    share = (float(np.int64(half & _SHARE)) + 0.5) * 2.0**-21
+    return low + share * (_QUANTILES[cell + _ONE] - low)
 
 
 @jit
 def _in_tail(half):
-    p = (float(half) + 0.5) * 2.0**-32
+    p = (float(np.int64(half)) + 0.5) * 2.0**-32
     r = math.sqrt(-math.log(min(p, 1.0 - p))) - 1.6
     above, below = 0.0, 0.0
     for i in range(len(_NUMERATOR)):
@@ -93,10 +93,12 @@ def _in_tail(half):
 @jit
 def fill_normals(stream, out):
     """Fill (n,) with the first standard normal numbers of a stream; n even."""
+    position = np.uint64(stream)
     for k in range(len(out) // 2):
-        word = np.int64(_word(stream, k))
-        out[2 * k] = _in_cell((word >> 32) & 0xFFFFFFFF)
-        out[2 * k + 1] = _in_cell(word & 0xFFFFFFFF)
+        position = position + _STEP
+        word = _mixed(position)
+        out[2 * k] = _in_cell(word >> _S32)
+        out[2 * k + 1] = _in_cell(word & _LOW)
     for k in range(len(out)):
         if abs(out[k]) >= _BEYOND:
             out[k] = _in_tail(_half(stream, k))

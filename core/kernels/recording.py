@@ -50,32 +50,36 @@ def record(seed, y, start, every, rest, instruments, out, first, last):
     y, start, every, rest: as of `subtract_trim`.   out: (n, n_samples, 6), from trim.
     """
     n_samples = out.shape[1]
-    noise = np.empty(N_CHANNELS * n_samples)
-    errors = np.empty(2 * N_CHANNELS)
+    noise, errors = np.empty(N_CHANNELS * n_samples), np.empty(2 * N_CHANNELS)
+    whole, before, gain = np.empty(N_CHANNELS, np.int64), np.empty(N_CHANNELS), np.empty(N_CHANNELS)
     for i in range(first, last):
         stream = stream_of(seed, i)
+        lags = stream_of(stream, LAGS)
         fill_normals(stream_of(stream, ERRORS), errors)
         fill_normals(stream_of(stream, NOISE), noise)
-        lags = stream_of(stream, LAGS)
         for c in range(N_CHANNELS):
-            gain = 1.0 + instruments.gain[c] * errors[c]
             lag = instruments.lag[c] * uniform(lags, c)
-            whole = int(lag)
-            before = lag - whole
-            sigma = instruments.noise[c]
-            for k in range(n_samples):
-                at = start + k * every - whole
+            whole[c], before[c] = int(lag), lag - int(lag)
+            gain[c] = 1.0 + instruments.gain[c] * errors[c]
+        for k in range(n_samples):
+            for c in range(N_CHANNELS):
+                at = start + k * every - whole[c]
                 now, earlier = y[i, max(at, 0), c], y[i, max(at - 1, 0), c]
-                value = gain * (now + before * (earlier - now))
-                out[i, k, c] = value + sigma * noise[N_CHANNELS * k + c]
-            step = instruments.step[c]
-            if step > 0.0:
-                between = uniform(lags, N_CHANNELS + c)
-                for k in range(n_samples):
-                    out[i, k, c] = step * (np.floor(out[i, k, c] / step + between) - between + 0.5)
+                value = gain[c] * (now + before[c] * (earlier - now))
+                out[i, k, c] = value + instruments.noise[c] * noise[N_CHANNELS * k + c]
+        for c in range(N_CHANNELS):
+            if instruments.step[c] > 0.0:
+                _quantise(out[i, :, c], instruments.step[c], uniform(lags, N_CHANNELS + c))
             trim = 0.0
             for k in range(rest[i]):
                 trim += out[i, k, c]
             trim = trim / rest[i] - instruments.bias[c] * errors[N_CHANNELS + c]
             for k in range(n_samples):
                 out[i, k, c] -= trim
+
+
+@jit
+def _quantise(values, step, between):
+    """Round (n,) to whole steps; between: where 0 lies between two of them, 0 to 1."""
+    for k in range(len(values)):
+        values[k] = step * (np.floor(values[k] / step + between) - between + 0.5)

@@ -1,13 +1,14 @@
 """What a real flight has that its model lacks: gust, instrument errors, inexact inputs."""
 
 from dataclasses import dataclass, fields, replace
-from math import inf, isfinite, radians
+from math import exp, inf, isfinite, radians
 from typing import get_args
 
 import numpy as np
 
 from core.channels import KEYS
 from core.kernels.compiled import in_chunks
+from core.kernels.inexact_inputs import InexactInputs, fill_commands
 from core.kernels.recording import Instruments, record, subtract_trim
 from core.simulation.turbulence import (
     LateralGust,
@@ -21,6 +22,8 @@ from core.types import Array, Indices
 RUN_UP_S = 3.0
 """[s] that gust and trim error act before a rollout's first sample: as when it is flown, the
 aircraft then moves already."""
+UNSTEADY_S = 1.0
+"""[s] Time constant of a pilot's small movements, white noise through a first-order lag."""
 CHUNK = 128
 """Rollouts that a thread records at a time."""
 
@@ -96,6 +99,10 @@ class Imperfections:
     trim_deg: float = 0.0
     """trim error of each surface: standard deviation, normal, of a constant command beside the one
     that would hold the aircraft in trim."""
+    unsteadiness_deg: float = 0.0
+    """unsteadiness of each control: standard deviation, normal, of small movements that the pilot
+    does not mean, of the other hand's too; they come and go within a second (remnant of the human
+    pilot, AGARD-AG-188)."""
     asymmetry: float = 0.0
     """asymmetry of the inputs: standard deviation, normal, of the fraction by which commands to one
     side are larger than planned, and those to the other side smaller."""
@@ -141,19 +148,34 @@ class Imperfections:
 
     def run_up(self, dt: float) -> int:
         """Samples before a rollout's first one."""
-        return round(RUN_UP_S / dt) if self.turbulence != "none" or self.trim_deg else 0
+        lasting = self.turbulence != "none" or self.trim_deg or self.unsteadiness_deg
+        return round(RUN_UP_S / dt) if lasting else 0
 
-    def commands(self, planned: Array, n: int, dt: float, rng: np.random.Generator) -> Array:
-        """What n pilots make of planned commands (1 or n, n_samples, 2), the run-up before them."""
-        flown = planned
-        if self.asymmetry:
-            more = self.asymmetry * rng.standard_normal((n, 1, 1))
-            flown = planned * np.where(planned > 0.0, 1.0 + more, 1.0 - more)
-        if before := self.run_up(dt):
-            flown = np.pad(flown, ((0, 0), (before, 0), (0, 0)))
-        if self.trim_deg:
-            flown = flown + radians(self.trim_deg) * rng.standard_normal((n, 1, 2))
-        return flown
+    def fly(
+        self, planned: Array, n: int, dt: float, most: int, rng: np.random.Generator
+    ) -> tuple[Array, Indices]:
+        """What n pilots make of planned commands (1 or n, n_samples, 2) [rad].
+
+        Returns the commands, those of the run-up before them, and (n,) the samples before the first
+        planned input, from 1 to `most`: those that trim is the mean of.
+        """
+        before = self.run_up(dt)
+        out, rest = np.empty((n, before + planned.shape[1], 2)), np.empty(n, np.int64)
+        seed, most = _seed(rng), max(most, 1)
+        inexact = InexactInputs(
+            self.asymmetry,
+            radians(self.trim_deg),
+            radians(self.unsteadiness_deg),
+            exp(-dt / UNSTEADY_S),
+        )
+        in_chunks(
+            n,
+            CHUNK,
+            lambda first, last: fill_commands(
+                seed, planned, before, most, inexact, out, rest, first, last
+            ),
+        )
+        return out, rest
 
     def gusts(
         self, gust: LateralGust | None, n: int, n_steps: int, step: float, rng: np.random.Generator
@@ -176,7 +198,7 @@ class Imperfections:
         """Record true outputs: return (n, n_samples, 6), each rollout with errors of its own.
 
         y: (n, n_steps, 6), a row each `step` s; recorded is each `every`-th from `start` on.
-        rest: (n,) samples that trim is the mean of.   noise: (6,) 1 sigma.
+        rest: as `fly` returns it.   noise: (6,) 1 sigma.
         """
         seed, out = _seed(rng), np.empty((len(y), (y.shape[1] - start - 1) // every + 1, len(KEYS)))
         instruments = Instruments(
@@ -200,13 +222,6 @@ def from_trim(y: Array, start: int, every: int, rest: Indices) -> Array:
     return y[:, start:]
 
 
-def samples_at_rest(planned: Array, n: int, most: int) -> Indices:
-    """(n,) samples before the first input, from 1 to `most`. planned: (1 or n, n_samples, 2)."""
-    moves = (planned != 0.0).any(axis=2)
-    onset = np.where(moves.any(axis=1), moves.argmax(axis=1), most)
-    return np.broadcast_to(np.clip(onset, 1, max(most, 1)), n).copy()
-
-
 def _seed(rng: np.random.Generator) -> np.uint64:
     return rng.integers(2**64, dtype=np.uint64)
 
@@ -218,5 +233,6 @@ USUAL_IMPERFECTIONS = Imperfections(
     lag_s=0.03,
     quantisation=Quantisation.of_words(12),
     trim_deg=0.05,
+    unsteadiness_deg=0.1,
     asymmetry=0.05,
 )

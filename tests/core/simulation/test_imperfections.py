@@ -13,7 +13,6 @@ from core.simulation.imperfections import (
     Quantisation,
     channel_array,
     from_trim,
-    samples_at_rest,
 )
 from core.simulation.rollout import roll_out
 from core.simulation.turbulence import FOOT, intensity, scale_length
@@ -98,17 +97,24 @@ def test_trim_is_the_mean_at_rest_of_each_rollout():
     np.testing.assert_allclose(from_trim(y, 2, 2, rest), expected[:, 2:], atol=1e-15)
 
 
+def fly(planned: np.ndarray, n: int, most: int = 10, **errors: float):
+    return Imperfections(**errors).fly(planned, n, DT, most, np.random.default_rng(0))
+
+
 def test_a_rollout_rests_until_its_first_input_and_no_longer_than_planned():
-    pilot = np.zeros((4, 20, 2))
-    pilot[0, 5:, 1], pilot[1, 12:, 0], pilot[2, 0:, 1] = 0.1, -0.1, 0.1
-    np.testing.assert_array_equal(samples_at_rest(pilot, 4, 10), [5, 10, 1, 10])
-    np.testing.assert_array_equal(samples_at_rest(pilot[:1], 3, 10), [5, 5, 5])
+    planned = np.zeros((4, 20, 2))
+    planned[0, 5:, 1], planned[1, 12:, 0], planned[2, 0:, 1] = 0.1, -0.1, 0.1
+    flown, rest = fly(planned, 4)
+    np.testing.assert_array_equal(rest, [5, 10, 1, 10])
+    np.testing.assert_array_equal(flown, planned)
+    flown, rest = fly(planned[:1], 3, unsteadiness_deg=0.1, trim_deg=0.1)
+    np.testing.assert_array_equal(rest, [5, 5, 5])
 
 
 def test_inputs_to_one_side_grow_by_what_those_to_the_other_shrink():
     planned = np.zeros((1, 10, 2))
     planned[0, 2:5, 1], planned[0, 5:8, 1] = 0.1, -0.1
-    flown = Imperfections(asymmetry=0.05).commands(planned, 2000, DT, np.random.default_rng(0))
+    flown, _ = fly(planned, 2000, asymmetry=0.05)
     right, left = flown[:, 3, 1] / 0.1, flown[:, 6, 1] / -0.1
     np.testing.assert_allclose(right + left, 2.0, atol=1e-12)
     assert right.std() == pytest.approx(0.05, rel=0.06)
@@ -116,11 +122,20 @@ def test_inputs_to_one_side_grow_by_what_those_to_the_other_shrink():
 
 
 def test_a_trim_error_is_there_before_the_rollout_begins():
-    planned = np.zeros((1, 10, 2))
-    flown = Imperfections(trim_deg=0.2).commands(planned, 2000, DT, np.random.default_rng(0))
+    flown, _ = fly(np.zeros((1, 10, 2)), 2000, trim_deg=0.2)
     assert flown.shape == (2000, 70, 2)
     np.testing.assert_array_equal(flown, flown[:, :1].repeat(70, axis=1))
-    assert np.degrees(flown[:, 0].std()) == pytest.approx(0.2, rel=0.06)
+    np.testing.assert_allclose(np.degrees(flown[:, 0].std(axis=0)), 0.2, rtol=0.06)
+    assert abs(np.corrcoef(flown[:, 0].T)[0, 1]) < 0.1
+
+
+def test_controls_are_unsteady_with_the_autocovariance_of_a_first_order_lag():
+    moves = np.degrees(fly(np.zeros((1, 10, 2)), 4000, unsteadiness_deg=0.2)[0]) / 0.2
+    for first in (0, 50):
+        for lag in (0, 1, 7):
+            found = np.mean(moves[:, first] * moves[:, first + lag])
+            assert abs(found - np.exp(-lag * DT)) < 4 / np.sqrt(4000)
+    assert abs(np.corrcoef(moves.reshape(-1, 2).T)[0, 1]) < 0.05
 
 
 # --- gusts by flight condition --------------------------------------------------------------------
