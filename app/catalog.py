@@ -67,11 +67,20 @@ def catalog() -> dict[str, Any]:
         "channels": [asdict(channel) for channel in CHANNELS],
         "families": families,
         "recipes": {
-            name: {"schema": schema_of(recipe), "default": to_plain(recipe)}
+            name: {
+                "schema": schema_of(recipe),
+                "default": to_plain(recipe),
+                "as_flown": _as_flown(recipe),
+            }
             for name, recipe in RECIPES.items()
         },
         "telemetry": _telemetry(),
     }
+
+
+def _as_flown(recipe: Any) -> dict[str, Any] | None:
+    """A dataset's recipe with what a real flight has besides its model."""
+    return to_plain(recipe.as_flown()) if isinstance(recipe, DatasetRecipe) else None
 
 
 def _entry(kind: str, member: Any) -> dict[str, Any]:

@@ -18,12 +18,14 @@ from core.simulation.aircraft import AIRCRAFT, MatrixAircraft
 from core.specification import Limits
 
 __all__ = [
+    "AS_FLOWN",
     "AUTO",
     "RecipeError",
     "dataset_recipe",
     "family_of",
     "from_plain",
     "matrices_renamed",
+    "overlay",
     "read_plain",
     "set_path",
     "to_plain",
@@ -32,6 +34,19 @@ __all__ = [
 DEFAULT_KIND: str = to_plain(DatasetRecipe())["aircraft"]["kind"]
 MATRICES = {"A": "a", "B": "b", "C": "c", "D": "d"}
 """Matrices of a model or a law as they are printed, and their parameters."""
+
+
+def _changes(before: dict[str, Any], after: dict[str, Any]) -> dict[str, Any]:
+    """What nested objects of the same keys say otherwise."""
+    return {
+        key: _changes(before[key], value) if isinstance(value, dict) else value
+        for key, value in after.items()
+        if value != before[key]
+    }
+
+
+AS_FLOWN: dict[str, Any] = _changes(to_plain(DatasetRecipe()), to_plain(DatasetRecipe().as_flown()))
+"""Noise, jitter and imperfections as they are usual in flight: those parts of a recipe."""
 AUTO = "auto"
 """What an amplitude may say for the one that a pilot run suggests."""
 
@@ -136,6 +151,13 @@ def _with_usual_test(plain: dict[str, Any]) -> dict[str, Any]:
         if isinstance(given, dict) and given.get("kind", own["kind"]) == own["kind"]:
             filled[part] = own | given
     return filled
+
+
+def overlay(below: Any, above: Any) -> Any:
+    """Nested objects of plain data, what `above` says in place of what `below` does."""
+    if not (isinstance(below, dict) and isinstance(above, dict)):
+        return above
+    return below | {key: overlay(below.get(key), value) for key, value in above.items()}
 
 
 def read_plain(path: Path) -> Any:

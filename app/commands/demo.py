@@ -25,7 +25,7 @@ from core.collection import DatasetRecipe
 from core.monitor import MonitorRecipe
 
 NAME = "demonstration"
-DATASET = DatasetRecipe(n_unsafe=100)
+DATASET = DatasetRecipe(n_unsafe=100).as_flown()
 MONITOR = MonitorRecipe()
 N_TEST = 1000
 SEED = 1
@@ -78,7 +78,8 @@ def demonstrate(settings: Settings, say: Callable[[str], None], *, browser: bool
 def prepare(store: Store, say: Callable[[str], None]) -> str:
     """Return the id of the demonstration's monitor, trained unless this version did it before."""
     for info in store.monitors.all():
-        if info.name == NAME and info.version == __version__ and info.recipe == to_plain(MONITOR):
+        same = (info.recipe, info.dataset_recipe) == (to_plain(MONITOR), to_plain(DATASET))
+        if info.name == NAME and info.version == __version__ and same:
             try:
                 store.monitors.get(info.id)
             except (StoreError, ValueError):

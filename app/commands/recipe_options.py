@@ -5,16 +5,20 @@ import csv
 import json
 import re
 import sys
+from copy import deepcopy
+from dataclasses import fields
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal, get_args
 
 import numpy as np
 
 from app.recipes import (
+    AS_FLOWN,
     AUTO,
     RecipeError,
     dataset_recipe,
     matrices_renamed,
+    overlay,
     read_plain,
     set_path,
     to_plain,
@@ -24,8 +28,12 @@ from core.monitor.predictor import PREDICTORS
 from core.monitor.score import SCORES
 from core.simulation.aircraft import AIRCRAFT, MatrixAircraft
 from core.simulation.control_law import CONTROL_LAWS
+from core.simulation.imperfections import Imperfections
 from core.simulation.maneuver import MANEUVERS
 
+Imperfect = Literal["usual", "none"]
+IMPERFECTIONS = "dataset.imperfections"
+NAMES = tuple(field.name for field in fields(Imperfections))
 ANGULAR = tuple(key for key in KEYS if key != "Ny")
 
 
@@ -72,8 +80,13 @@ METHOD: tuple[tuple[str, str, Any, Any, str], ...] = (
 )
 
 
-def add_recipe_options(parser: argparse.ArgumentParser, *, method: bool) -> None:
-    """Add the options; `method` adds the choice of predictor and score."""
+def add_recipe_options(
+    parser: argparse.ArgumentParser, *, method: bool, imperfections: Imperfect
+) -> None:
+    """Add the options; `method` adds the choice of predictor and score.
+
+    imperfections: what rollouts have of them where neither an option nor a recipe file says.
+    """
     group = parser.add_argument_group("recipe")
     group.add_argument("--recipe", type=Path, metavar="FILE", help="recipe as JSON, over defaults")
     group.add_argument(
@@ -97,6 +110,14 @@ def add_recipe_options(parser: argparse.ArgumentParser, *, method: bool) -> None
         metavar="CHANNEL=SIGMA",
         help="sensor noise, 1 sigma, such as Ny=0.005g or p=0.2deg/s",
     )
+    group.add_argument(
+        "--imperfections",
+        choices=get_args(Imperfect),
+        help="whether rollouts have gust, instrument errors, noise and pilot's scatter as they are "
+        f"usual in flight; {imperfections}, or none with a --recipe, unless said; single ones by "
+        f"--set {IMPERFECTIONS}.NAME=VALUE, NAME being {', '.join(NAMES)}",
+    )
+    parser.set_defaults(usual_imperfections=imperfections)
     for option, path, kind, choices, text in SHARED + (METHOD if method else ()):
         name = None if choices else "NUMBER"
         group.add_argument(option, dest=path, type=kind, choices=choices, metavar=name, help=text)
@@ -122,6 +143,9 @@ def plain_recipe(options: argparse.Namespace) -> dict[str, Any]:
     plain = read_plain(options.recipe) if options.recipe else {}
     if not isinstance(plain, dict):
         raise RecipeError(f"{options.recipe} holds no JSON object: begin it with {{")
+    unsaid = "none" if "dataset" in plain else options.usual_imperfections
+    if (options.imperfections or unsaid) == "usual":
+        plain["dataset"] = overlay(deepcopy(AS_FLOWN), plain.get("dataset", {}))
     for path, value in vars(options).items():
         if "." in path and value is not None:
             set_path(plain, path.removeprefix("."), value)

@@ -14,7 +14,7 @@ from core.study import StudyRecipe, study
 
 def add(parser: argparse.ArgumentParser) -> None:
     """Add the command's options."""
-    add_recipe_options(parser, method=False)
+    add_recipe_options(parser, method=False, imperfections="none")
     add_number(parser, "--n-monitors", "monitors a method")
     add_number(parser, "--n-test", "fresh test flights a monitor")
     parser.add_argument("-o", "--out", type=Path, default=Path("study"), help="directory written")

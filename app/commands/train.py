@@ -37,7 +37,7 @@ class TrainingRecipe:
 
 def add(parser: argparse.ArgumentParser) -> None:
     """Add the command's options."""
-    add_recipe_options(parser, method=True)
+    add_recipe_options(parser, method=True, imperfections="usual")
     add_number(parser, "--n-test", "fresh test flights")
     parser.add_argument("-o", "--out", type=Path, default=Path("monitor.fwm"), help="file written")
     add_json(parser)

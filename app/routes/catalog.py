@@ -48,6 +48,10 @@ class RecipeForm(BaseModel):
 
     schema_: dict[str, Any] = Field(alias="schema", description="JSON schema; `x-unit` says units")
     default: dict[str, Any]
+    as_flown: dict[str, Any] | None = Field(
+        default=None,
+        description="of a dataset: the default with noise, jitter and imperfections of a flight",
+    )
 
 
 class ListedFormat(BaseModel):

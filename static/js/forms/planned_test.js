@@ -2,9 +2,11 @@
  * The planned test of a form: a stored dataset, or the recipe of one to simulate.
  *
  * Exports
- *   createTestFields({api, catalog, initial}) -> {fields, main, folded, size}   parts of a dataset's recipe
- *   datasetChoice({api, catalog, datasets, chosen, initial, only}) -> Choice
+ *   createTestFields({api, catalog, initial, asFlown}) -> {fields, main, folded, size}   parts of a dataset's recipe
+ *   datasetChoice({api, catalog, datasets, chosen, initial, asFlown}) -> Choice
  *     chosen: id of the stored dataset to begin with
+ *     initial: a recipe to begin with, as it is; else the default one, with noise, jitter and
+ *     imperfections of a real flight unless asFlown is false
  *
  * Choice   element, size (the editor of n_unsafe), read() -> id | recipe, check(), point(message),
  *          failures() -> number of unsafe rollouts | null
@@ -20,11 +22,11 @@ import { createFields } from "./form.js";
 
 const SIZE = "n_unsafe";
 
-export function createTestFields({ api, catalog, initial }) {
-  const { schema, default: usual } = catalog.recipes.dataset;
+export function createTestFields({ api, catalog, initial, asFlown = true }) {
+  const { schema, default: clean, as_flown: flown } = catalog.recipes.dataset;
   const fields = createFields(
     schema,
-    { ...usual, ...initial },
+    { ...(asFlown && !initial ? flown : clean), ...initial },
     { catalog, path: "dataset", unfolded: ["specification"] },
   );
   const properties = schema.properties;
@@ -51,12 +53,13 @@ export function createTestFields({ api, catalog, initial }) {
   const folded = h(
     "details",
     { class: "fold" },
-    h("summary", {}, "Sampling, noise, seed, budget"),
+    h("summary", {}, "Sampling, noise, imperfections, seed, budget"),
     h(
       "div",
       { class: "field-grid" },
       rest.filter((key) => !objects.includes(key)).map(fields.element),
     ),
+    imperfectionsChoice(fields, catalog.recipes.dataset),
     objects.map(fields.element),
   );
   beginWithUsualTest(fields, main, catalog);
@@ -72,8 +75,43 @@ function beginWithUsualTest(fields, element, catalog) {
     if (part !== "aircraft" && isTrusted) byHand.add(part);
     if (target.name !== "dataset.aircraft.kind") return;
     const usual = catalog.families.aircraft.entries[target.value].usual_test;
-    for (const [key, value] of Object.entries(usual)) if (!byHand.has(key)) fields.put(key, value);
+    const { maneuver } = fields.read();
+    const scatter = Object.keys(scatterOf(catalog.recipes.dataset, "as_flown"));
+    const kept = Object.fromEntries(scatter.map((key) => [key, maneuver[key]]));
+    const begun = { ...usual, maneuver: { ...usual.maneuver, ...kept } };
+    for (const [key, value] of Object.entries(begun)) if (!byHand.has(key)) fields.put(key, value);
   });
+}
+
+/** The pilot's scatter: what of a manoeuvre differs between a flown recipe and a clean one. */
+function scatterOf(recipes, name) {
+  const clean = recipes.default.maneuver;
+  const differing = Object.keys(clean).filter((key) => recipes.as_flown.maneuver[key] !== clean[key]);
+  return Object.fromEntries(differing.map((key) => [key, recipes[name].maneuver[key]]));
+}
+
+/** Two buttons: noise, jitter and imperfections as they are usual in flight, or none of them. */
+function imperfectionsChoice(fields, recipes) {
+  const ways = [
+    ["As in a real flight", "as_flown"],
+    ["None", "default"],
+  ];
+  const buttons = ways.map(([text, name]) =>
+    button(text, () => put(name), { class: "button button-small" }),
+  );
+  const words = h("span", { class: "hint" }, "Noise, jitter and imperfections");
+  return h("div", { class: "row" }, words, buttons);
+
+  function put(name) {
+    fields.put("maneuver", { ...fields.read().maneuver, ...scatterOf(recipes, name) });
+    for (const key of Object.keys(recipes.default))
+      if (key !== "maneuver" && !same(recipes.default[key], recipes.as_flown[key]))
+        fields.put(key, recipes[name][key]);
+  }
+}
+
+function same(one, other) {
+  return JSON.stringify(one) === JSON.stringify(other);
 }
 
 /** A button that puts in the amplitude at which a quarter of the rollouts exceeds a limit. */
@@ -101,8 +139,8 @@ function amplitudeSuggestion(fields, api) {
   }
 }
 
-export function datasetChoice({ api, catalog, datasets, chosen, initial }) {
-  const { fields, main, folded, size } = createTestFields({ api, catalog, initial });
+export function datasetChoice({ api, catalog, datasets, chosen, initial, asFlown }) {
+  const { fields, main, folded, size } = createTestFields({ api, catalog, initial, asFlown });
   const select = h(
     "select",
     { "aria-label": "stored dataset" },

@@ -57,6 +57,7 @@ async function form({ catalog, api, query, navigate }) {
     catalog,
     datasets: datasets.filter(({ recipe }) => Object.keys(recipe).length),
     chosen: query.get("dataset") ?? datasets[0]?.id,
+    asFlown: false,
   });
   const sizes = createFields(schema, usual, { catalog, path: "study", hidden: ["dataset"] });
   const failure = errorLine();

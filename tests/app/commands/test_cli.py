@@ -2,6 +2,7 @@ import csv
 import json
 import re
 from contextlib import redirect_stdout
+from dataclasses import replace
 from io import StringIO
 from pathlib import Path
 from typing import Any
@@ -11,9 +12,10 @@ import pytest
 
 from app.cli import COMMANDS, main
 from core.monitor import Monitor, load
-from core.planned_test import DatasetRecipe
-from core.recipe import to_plain
+from core.planned_test import USUAL_NOISE, DatasetRecipe, SensorNoise
+from core.recipe import from_plain, to_plain
 from core.simulation.aircraft import AIRCRAFT
+from core.simulation.imperfections import USUAL_IMPERFECTIONS
 from tests.support.attas import record_file
 from tests.support.places import ROOT
 
@@ -24,15 +26,10 @@ HEAD = "t_s,beta_rad,p_radps,r_radps,ay_g,da_rad,dr_rad"
 
 @pytest.fixture(scope="module")
 def attas_monitor(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Train, by the command line, a monitor for the real records: 0.2 g, noise, jitter."""
+    """Train, by the command line and its defaults, a monitor for the real records."""
     path = tmp_path_factory.mktemp("monitor") / "attas.fwm"
-    noise = {"beta": 1e-3, "p": 4e-3, "r": 1e-3, "Ny": 4e-3, "delta_a": 3e-3, "delta_r": 3e-4}
     arguments = ["--aircraft", "attas_id_16kft", "--states", "4", "--control-law", "none"]
-    arguments += ["--limit", "Ny=0.2", "--amplitude", "-3.7", "--n-unsafe", "200"]
-    arguments += ["--set", "dataset.maneuver.timing_jitter_s=0.1"]
-    arguments += ["--set", "dataset.maneuver.amplitude_jitter=0.15"]
-    for key, sigma in noise.items():
-        arguments += ["--noise", f"{key}={sigma}"]
+    arguments += ["--amplitude", "-3.7", "--n-unsafe", "200"]
     assert main(["train", *arguments, "-o", str(path)]) == 0
     return path
 
@@ -215,7 +212,7 @@ def test_users_own_matrices_and_manoeuvre_table_train_a_monitor(tmp_path: Path):
         (["train", "--amplitude", "0.1"], "raise the amplitude"),
         (["train", "--amplitude", "80"], "lower the amplitude"),
         (["train", "--epsilon", "0.01"], "epsilon=0.01 needs at least 99 unsafe rollouts"),
-        (["train", "--amplitude", "0.1"], "At an amplitude of 9.5"),
+        (["train", "--amplitude", "0.1"], "At an amplitude of 9.14"),
         (["train", "--limit", "Ny=90", "--amplitude", "auto"], "exceed a limit even at 45 deg"),
         (["train", "--limit", "Nz=1"], "there is no channel 'Nz'"),
         (["train", "--limit", "Ny"], "write it as CHANNEL=NUMBER"),
@@ -279,10 +276,41 @@ def printed_recipe(capsys: pytest.CaptureFixture, *options: str) -> dict[str, An
 @pytest.mark.parametrize("kind", [kind for kind in AIRCRAFT if kind != "matrices"])
 def test_every_aircraft_brings_its_usual_test(kind: str, tmp_path: Path, capsys):
     recipe = printed_recipe(capsys, "--aircraft", kind)
-    assert recipe == to_plain(DatasetRecipe.usual(AIRCRAFT[kind]))
+    assert recipe == to_plain(DatasetRecipe.usual(AIRCRAFT[kind]).as_flown())
     assert recipe["control_law"]["kind"] == AIRCRAFT[kind].usual_test.control_law
     arguments = ["--aircraft", kind, "--n-unsafe", "20", "--n-test", "20"]
     assert main(["train", *arguments, "-o", str(tmp_path / "m.fwm")]) == 0
+
+
+def test_a_recipe_has_the_imperfections_of_a_flight_unless_it_is_a_stored_one(tmp_path, capsys):
+    def given(*options: str) -> DatasetRecipe:
+        return from_plain(DatasetRecipe(), printed_recipe(capsys, *options))
+
+    clean = DatasetRecipe()
+    assert given() == clean.as_flown()
+    assert given("--imperfections", "none") == clean
+    written = tmp_path / "written.json"
+    written.write_text(json.dumps({"dataset": to_plain(clean.as_flown())}))
+    assert given("--recipe", str(written)) == clean.as_flown()
+    stored = tmp_path / "stored.json"
+    stored.write_text(json.dumps({"dataset": {"n_unsafe": 60, "noise": {"p": 0.02}}}))
+    noisy = replace(clean, n_unsafe=60, noise=SensorNoise(p=0.02))
+    assert given("--recipe", str(stored)) == noisy
+    flown = given("--recipe", str(stored), "--imperfections", "usual").as_flown()
+    assert flown == replace(clean.as_flown(), n_unsafe=60)
+    some = given("--noise", "p=0.02", "--set", "dataset.imperfections.turbulence=light")
+    assert some.noise == replace(USUAL_NOISE, p=0.02)
+    assert some.imperfections == replace(USUAL_IMPERFECTIONS, turbulence="light")
+    assert given() == clean.as_flown()
+
+
+def test_the_study_is_without_imperfections_unless_they_are_asked_for(capsys):
+    for options, expected in (
+        ([], DatasetRecipe()),
+        (["--imperfections", "usual"], DatasetRecipe().as_flown()),
+    ):
+        assert main(["study", *options, "--print-recipe"]) == 0
+        assert json.loads(capsys.readouterr().out)["dataset"] == to_plain(expected)
 
 
 @pytest.mark.parametrize(

@@ -61,6 +61,10 @@ def test_recipes_come_with_their_defaults(published):
     assert from_plain(MonitorRecipe(epsilon=0.3), recipes["monitor"]["default"]) == MonitorRecipe()
     for recipe in recipes.values():
         jsonschema_rs.validate(recipe["schema"], recipe["default"])
+    flown = recipes["dataset"]["as_flown"]
+    jsonschema_rs.validate(recipes["dataset"]["schema"], flown)
+    assert from_plain(DatasetRecipe(), flown) == DatasetRecipe().as_flown()
+    assert recipes["study"]["as_flown"] is None
 
 
 def test_a_part_of_a_family_names_it(published):

@@ -106,7 +106,7 @@ def test_a_monitor_is_trained_through_the_form_and_shown(page: Page, fresh: str)
 def test_training_can_be_cancelled_and_the_form_is_as_it_was(page: Page, site: Site) -> None:
     page.goto(f"{site.http}/#/monitors/new")
     field(page, "dataset.maneuver.amplitude_deg").fill("0.5")
-    page.get_by_text("Sampling, noise, seed, budget").click()
+    page.get_by_text("Sampling, noise, imperfections, seed, budget").click()
     field(page, "dataset.max_rollouts").fill("1000000000")
     page.get_by_role("button", name="Train", exact=True).click()
     expect(page.locator(".job")).to_have_attribute("data-status", "running")
