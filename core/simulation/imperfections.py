@@ -88,14 +88,14 @@ class Imperfections:
     """least height above ground: a model for sea level, a lower one too, has the gusts of this
     height, since tests are not flown near the ground [m]."""
     gain: float = 0.0
-    """gain error of each channel: standard deviation, normal, as a fraction of its reading."""
+    """gain error of each channel: standard deviation, normal, as a fraction of its reading, which
+    calibration leaves (Maine and Iliff, NASA RP-1168, on instrumentation)."""
     bias: float = 0.0
-    """bias of each channel: standard deviation, normal, in parts of its noise; what is left where
-    trim is subtracted."""
+    """bias of each channel: standard deviation, normal, in parts of its noise; what a sensor drifts
+    since its trim was taken (NASA RP-1168)."""
     lag_s: float = 0.0
-    """transport lag of each channel: uniform from 0 to this, one channel unlike another."""
-    quantisation: Quantisation = Quantisation()
-    """quantisation of each channel: step between recorded values; 0 for none."""
+    """transport lag of each channel: uniform from 0 to this, one channel unlike another; of
+    filters, sampling and transmission (NASA RP-1168, on time skews)."""
     trim_deg: float = 0.0
     """trim error of each surface: standard deviation, normal, of a constant command beside the one
     that would hold the aircraft in trim."""
@@ -106,6 +106,9 @@ class Imperfections:
     asymmetry: float = 0.0
     """asymmetry of the inputs: standard deviation, normal, of the fraction by which commands to one
     side are larger than planned, and those to the other side smaller."""
+    quantisation: Quantisation = Quantisation()
+    """quantisation of each channel: step between recorded values; 0 for none; usual are 12-bit words
+    (IRIG 106) over +-30 deg, +-120 deg/s in roll, +-60 deg/s in yaw and +-1 g."""
 
     def __post_init__(self) -> None:
         """Refuse an unknown turbulence, and numbers that are negative or not finite."""
@@ -231,8 +234,9 @@ USUAL_IMPERFECTIONS = Imperfections(
     gain=0.02,
     bias=0.5,
     lag_s=0.03,
-    quantisation=Quantisation.of_words(12),
     trim_deg=0.05,
     unsteadiness_deg=0.1,
     asymmetry=0.05,
+    quantisation=Quantisation.of_words(12),
 )
+"""Smooth air and calibrated instruments; round numbers, fitted to no record."""

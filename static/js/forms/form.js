@@ -82,17 +82,21 @@ function group(key, schema, value, place) {
   const { text } = labelOf(key, schema, place.catalog);
   const isOpen = place.unfolded?.includes(key);
   const grid = h("div", { class: "field-grid" });
+  const folds = h("div", {});
   let inner;
   put(value ?? {});
   const words = h("p", { class: "hint" }, beyondTitle(schema));
   const element = isOpen
-    ? h("fieldset", { "data-path": place.path }, h("legend", {}, text), words, grid)
-    : h("details", { class: "fold", "data-path": place.path }, h("summary", {}, text), words, grid);
+    ? h("fieldset", { "data-path": place.path }, h("legend", {}, text), words, grid, folds)
+    : h("details", { class: "fold", "data-path": place.path }, h("summary", {}, text), words, grid, folds);
   return { element, read: () => inner.read(), put };
 
   function put(values) {
     inner = objectParts(schema, values, place);
-    grid.replaceChildren(...[...inner.parts.values()].map(({ element }) => element));
+    const elements = [...inner.parts.values()].map(({ element }) => element);
+    const isFold = (element) => element.matches("details");
+    grid.replaceChildren(...elements.filter((element) => !isFold(element)));
+    folds.replaceChildren(...elements.filter(isFold));
   }
 }
 
