@@ -107,8 +107,8 @@ class Imperfections:
     """asymmetry of the inputs: standard deviation, normal, of the fraction by which commands to one
     side are larger than planned, and those to the other side smaller."""
     quantisation: Quantisation = Quantisation()
-    """quantisation of each channel: step between recorded values; 0 for none; usual are 12-bit words
-    (IRIG 106) over +-30 deg, +-120 deg/s in roll, +-60 deg/s in yaw and +-1 g."""
+    """quantisation of each channel: step between recorded values; 0 for none; usual are words of 12
+    bits (IRIG 106) over +-30 deg, +-120 deg/s in roll, +-60 deg/s in yaw and +-1 g."""
 
     def __post_init__(self) -> None:
         """Refuse an unknown turbulence, and numbers that are negative or not finite."""
