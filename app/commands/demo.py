@@ -5,15 +5,20 @@ import asyncio
 import os
 import sys
 import webbrowser
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from itertools import repeat
+from multiprocessing import get_context
+from pathlib import Path
 
+import numpy as np
 from fastapi import FastAPI
 from httpx2 import ASGITransport, AsyncClient
 
 from app.commands import serve as serve_command
 from app.commands.progress import progress_bar
 from app.jobs.requests import dataset_name
-from app.jobs.training import simulate, train_and_test
+from app.jobs.training import fly_test, simulate, train_and_test
 from app.recipes import to_plain
 from app.serving import alone, listen, serve
 from app.settings import Settings
@@ -21,8 +26,12 @@ from app.store.database import StoreError
 from app.store.monitors import MonitorInfo
 from app.store.store import Store, open_store
 from core import __version__
-from core.collection import DatasetRecipe
-from core.monitor import MonitorRecipe
+from core.channels import KEYS
+from core.collection import DatasetRecipe, Rollouts
+from core.dataset import Dataset
+from core.kernels.compiled import cache_directory
+from core.monitor import MonitorRecipe, train
+from core.monitor.training import with_validity
 
 NAME = "demonstration"
 DATASET = DatasetRecipe(n_unsafe=100).as_flown()
@@ -89,13 +98,52 @@ def prepare(store: Store, say: Callable[[str], None]) -> str:
             _warn(info, say)
             return info.id
     say(f"training a small monitor: {DATASET.n_unsafe} unsafe rollouts")
-    with progress_bar("unsafe rollouts") as progress:
-        dataset = simulate(DATASET, lambda _, done, total: progress(done, total))
+    with compiling_ahead() as wait:
+        with progress_bar("unsafe rollouts") as progress:
+            dataset = simulate(DATASET, lambda _, done, total: progress(done, total))
+        wait()
     stored = store.datasets.add(dataset, dataset_name(DATASET))
     trained = train_and_test(dataset, MONITOR, N_TEST, lambda *_: None)
     info = store.monitors.add(trained.monitor, NAME, stored.id)
     _warn(info, say)
     return info.id
+
+
+@contextmanager
+def compiling_ahead() -> Iterator[Callable[[], object]]:
+    """On a machine without compiled kernels, let another process compile those of training.
+
+    Yields what waits until it has: the first rollouts compile theirs meanwhile, and a cache on the
+    disk is shared. That halves the wait for the first page.
+    """
+    if any(Path(cache_directory()).rglob("*.nbi")):
+        yield lambda: None
+        return
+    process = get_context("spawn").Process(target=train_on_noise, daemon=True)
+    process.start()
+    try:
+        yield process.join
+    finally:
+        process.kill()
+        process.join()
+
+
+def train_on_noise() -> None:
+    """Train a monitor on random numbers and fly some through it: every kernel of that is used."""
+    rng = np.random.default_rng(SEED)
+    n, n_samples = 400, DATASET.maneuver.n_samples(DATASET.dt)
+    y = rng.normal(size=(n, n_samples, len(KEYS))).cumsum(axis=1)
+    fail_index = np.where(np.arange(n) % 4 == 0, n_samples // 2, n_samples)
+    flights = Rollouts(y, fail_index, np.zeros((n, 1)))
+    safe, unsafe = flights.some(~flights.is_unsafe), flights.some(flights.is_unsafe)
+    times = np.arange(DATASET.n_obs) + np.zeros((len(safe.y), 1), np.int64)
+    unsafe.y[:, n_samples // 2 + 1 :] = np.nan
+    dataset = Dataset(
+        unsafe.y, unsafe.fail_index, safe.y, times, unsafe.theta, safe.theta, DATASET.dt, ("x",)
+    )
+    monitor = with_validity(train(dataset, MONITOR), dataset, repeat(flights, 100))
+    fly_test(monitor, flights)
+    monitor.stream().update(0.0, y[0, 0])
 
 
 def _warn(info: MonitorInfo, say: Callable[[str], None]) -> None:

@@ -8,13 +8,16 @@ import sys
 import time
 from base64 import b64encode
 from contextlib import contextmanager
+from multiprocessing import active_children
 from typing import Any
 
 import httpx2
 import pytest
 
 from app.cli import main
+from app.commands import demo
 from app.commands.demo import NAME, prepare
+from app.jobs.training import fly_test
 from app.serving import address_of, alone, listen
 from app.settings import Settings, SettingsError
 from app.store.store import open_store
@@ -177,3 +180,20 @@ def test_the_demonstration_flies_and_keeps_its_monitor(tmp_path):
     assert prepare(store, said.append) == monitor.id
     assert said == [f"the monitor {NAME!r} is there already"]
     store.close()
+
+
+def test_kernels_of_training_are_compiled_by_another_process_where_none_are(tmp_path, monkeypatch):
+    monkeypatch.setattr(demo, "cache_directory", lambda: str(tmp_path))
+    with demo.compiling_ahead():
+        assert len(active_children()) == 1
+    assert active_children() == []
+    (tmp_path / "kernel.nbi").touch()
+    with demo.compiling_ahead():
+        assert active_children() == []
+
+
+def test_what_is_compiled_ahead_trains_and_flies_a_monitor(monkeypatch):
+    flown = []
+    monkeypatch.setattr(demo, "fly_test", lambda *test: flown.append(fly_test(*test)))
+    demo.train_on_noise()
+    assert (flown[0].curves.n_unsafe, flown[0].curves.n_safe) == (100, 300)
