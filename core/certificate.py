@@ -56,7 +56,7 @@ class Certificate:
     fail_given_alert: Share | None
 
     @property
-    def breaks_promise(self) -> bool:
+    def is_worse_than_promised(self) -> bool:
         """Whether more was missed than promised, by the whole interval."""
         return self.missed is not None and self.missed.low > self.epsilon
 
@@ -72,7 +72,7 @@ class Certificate:
         Each says what is wrong, then after a colon the figures and what to do.
         """
         found = []
-        if self.missed is not None and self.breaks_promise:
+        if self.missed is not None and self.is_worse_than_promised:
             found.append(
                 f"the monitor is worse than its promise: it missed {self.missed} of failing "
                 f"flights, where at most {self.epsilon:.3g} was promised; calibrate it "

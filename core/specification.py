@@ -24,7 +24,7 @@ class Limits:
     delta_r: float | None = None
 
     def __post_init__(self) -> None:
-        """Refuse limits that no flight could keep or none could break."""
+        """Refuse limits that every flight exceeds, or none."""
         given = {key: limit for key, limit in asdict(self).items() if limit is not None}
         if not given:
             raise ValueError("no limit was given: set at least one channel's, for example Ny=0.5")
@@ -59,7 +59,7 @@ PlainSpecification = dict[str, float | None] | str | None
 
 
 def magnitudes_of(specification: Specification) -> Array | None:
-    """(6,) magnitudes that must not be reached; None where there are no limits to judge by."""
+    """(6,) magnitudes that must not be exceeded; None where there are no limits to judge by."""
     return specification.magnitudes if isinstance(specification, Limits) else None
 
 

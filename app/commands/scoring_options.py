@@ -41,9 +41,9 @@ def add_scoring_options(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--manoeuvres",
-        default="found",
-        metavar="found|whole|START:END,...",
-        help="found by control activity, the recording as one, or between times [s]",
+        default="detected",
+        metavar="detected|entire|START:END,...",
+        help="detected by control activity, the recording as one, or between times [s]",
     )
 
 
@@ -71,7 +71,7 @@ def _recipe(options: argparse.Namespace) -> ScoringRecipe:
     words = {TRIM_SEGMENT: "trim_segment", NO_TRIM: None}
     trim = words[options.trim] if options.trim in words else _seconds("--trim", options.trim)
     marked = options.manoeuvres
-    if marked not in ("found", "whole"):
+    if marked not in ("detected", "entire"):
         marked = tuple(map(_interval, marked.split(",")))
     return ScoringRecipe(trim=trim, manoeuvres=marked)
 
@@ -80,7 +80,7 @@ def _interval(text: str) -> Interval:
     start, colon, end = text.partition(":")
     if not colon:
         raise ValueError(
-            f"--manoeuvres {text!r}: write found, whole, or START:END in seconds, several with "
+            f"--manoeuvres {text!r}: write detected, entire, or START:END in seconds, several with "
             "commas between"
         )
     return Interval(_seconds("--manoeuvres", start), _seconds("--manoeuvres", end))

@@ -9,7 +9,7 @@ from core.types import Array
 
 
 def exceedance(limits: Array | None, y: Array, recorded: Array) -> MeasuredExceedance | None:
-    """What limit a sample reaches: from trim, as recorded, or both; None where it keeps them all.
+    """Which limit a sample exceeds: from trim, as recorded, or both; None where it exceeds none.
 
     limits: (6,), None where they are not known.   y: (6,) from trim.   recorded: (6,), trim
     included. Of several channels the one furthest beyond its limit is named.

@@ -57,7 +57,7 @@ class Script(ABC):
         return self.y(k)
 
     def exceedance(self, k: int, limits: Array | None) -> MeasuredExceedance | None:
-        """What limit sample k reaches. limits: (6,), None where they are not known."""
+        """Which limit sample k exceeds. limits: (6,), None where they are not known."""
         return exceedance(limits, self.y(k), self.recorded(k))
 
 

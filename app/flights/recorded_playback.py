@@ -67,7 +67,7 @@ class RecordedScript(Script):
         return self._samples["y"][k] + self._trims[max(before, 0)]
 
     def exceedance(self, k: int, limits: Array | None) -> MeasuredExceedance | None:
-        """What limit sample k reaches, or the recording between it and the sample before."""
+        """Which limit sample k exceeds, or the recording between it and the sample before."""
         of_sample = super().exceedance(k, limits)
         between = self._exceedances.get(k)
         if of_sample is not None or between is None or limits is None:

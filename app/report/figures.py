@@ -60,14 +60,14 @@ def manoeuvre(
     t = part["t"]
     chart = StripChart(float(t[0]), float(t[-1]))
     exceedance = [manoeuvre["exceedance"]["t"]] if manoeuvre["exceedance"] else []
-    late = [reached - lead for reached in exceedance]
+    late = [t - lead for t in exceedance]
     explain_traces(chart, lead, bool(exceedance))
     for c in range(len(CHANNELS)):
         strip = channel_strip(chart, LOW, c, part, limits[c], lead)
-        strip.moments("reached", exceedance)
+        strip.moments("exceedance", exceedance)
         strip.moments("late", late)
     risk = risk_strip(chart, LOW, part, epsilon)
-    risk.moments("reached", exceedance)
+    risk.moments("exceedance", exceedance)
     risk.moments("late", late)
     return chart.svg(f"Channels, forecasts, limits and risk of {manoeuvre['name']}")
 
@@ -100,7 +100,7 @@ def explain_traces(chart: StripChart, lead: float, exceeds: bool) -> None:
             ("measured", "measured, from trim"),
             ("forecast", f"predicted {lead:g} s ahead"),
             ("limit", "limit"),
-            *([("reached", "limit exceeded"), ("late", "last timely alert")] if exceeds else []),
+            *([("exceedance", "limit exceeded"), ("late", "last timely alert")] if exceeds else []),
         ]
     )
 

@@ -64,10 +64,10 @@ def score_figure(
     explain_traces(chart, lead, bool(len(exceedances)))
     for c in range(len(CHANNELS)):
         strip = channel_strip(chart, TALL, c, samples, float(limits[c]), lead, intervals)
-        strip.moments("reached", exceedances)
+        strip.moments("exceedance", exceedances)
         strip.moments("late", exceedances - lead)
     risk = risk_strip(chart, TALL, samples, epsilon, intervals)
-    risk.moments("reached", exceedances)
+    risk.moments("exceedance", exceedances)
     risk.moments("late", exceedances - lead)
     chart.name([(maneuver.start, maneuver.name) for maneuver in maneuvers])
     return _alone(chart, title)

@@ -99,8 +99,10 @@ def study_rollouts(result: "StudyResult", limits: Array) -> Figure:
                 axes[0].set_title(f"{title}: none among the test flights")
                 continue
             t = np.arange(flights.y.shape[1]) * monitor.dt
-            said = monitor.assess(t, flights.y[flight])
-            draw_flight(axes, monitor, flights.y[flight], said, limits, monitor.check_epsilon())
+            assessments = monitor.assess(t, flights.y[flight])
+            draw_flight(
+                axes, monitor, flights.y[flight], assessments, limits, monitor.check_epsilon()
+            )
             axes[0].set_title(f"{title} (test flight {flight})")
             fail = flights.fail_index[flight]
             if fail < len(t):
@@ -112,16 +114,16 @@ def study_rollouts(result: "StudyResult", limits: Array) -> Figure:
 
 
 def draw_flight(
-    axes: Any, monitor: Monitor, y: Array, said: Assessments, limits: Array, epsilon: float
+    axes: Any, monitor: Monitor, y: Array, assessments: Assessments, limits: Array, epsilon: float
 ) -> None:
     """Draw one strip a channel with the forecast at the time it is for, and the risk below."""
     for strip, channel, values, forecast, limit in zip(
-        axes, CHANNELS, y.T, said.y_hat.T, limits, strict=False
+        axes, CHANNELS, y.T, assessments.y_hat.T, limits, strict=False
     ):
         factor = channel.display_factor
-        strip.plot(said.t, factor * values, color=MEASURED, lw=1.2, label="measured")
+        strip.plot(assessments.t, factor * values, color=MEASURED, lw=1.2, label="measured")
         strip.plot(
-            said.t + monitor.lead,
+            assessments.t + monitor.lead,
             factor * forecast,
             color=FORECAST,
             lw=1.0,
@@ -137,18 +139,30 @@ def draw_flight(
             else f"{channel.symbol} [{channel.display_unit}]"
         )
     risk = axes[-1]
-    risk.step(said.t, said.p_value, where="post", color=MEASURED, lw=1.2)
+    risk.step(assessments.t, assessments.p_value, where="post", color=MEASURED, lw=1.2)
     risk.fill_between(
-        said.t, 0, 1, where=said.alert.tolist(), step="post", color=ALERT, alpha=0.2, label="alert"
+        assessments.t,
+        0,
+        1,
+        where=assessments.alert.tolist(),
+        step="post",
+        color=ALERT,
+        alpha=0.2,
+        label="alert",
     )
     risk.plot(
-        said.t[said.alert], said.p_value[said.alert], color=ALERT, marker="v", ms=5, ls="none"
+        assessments.t[assessments.alert],
+        assessments.p_value[assessments.alert],
+        color=ALERT,
+        marker="v",
+        ms=5,
+        ls="none",
     )
     risk.axhline(epsilon, color=LIMIT, lw=1, ls="--", label=f"ε = {epsilon:g}")
-    unassessed = np.isnan(said.p_value)
+    unassessed = np.isnan(assessments.p_value)
     if unassessed.any():
         risk.fill_between(
-            said.t,
+            assessments.t,
             0,
             1,
             where=unassessed.tolist(),
@@ -163,7 +177,7 @@ def draw_flight(
 
 def _mark_failure(axes: Iterable[Axes], t_fail: float, lead: float) -> None:
     for strip in axes:
-        strip.axvline(t_fail, color=LIMIT, lw=1.2, ls="-.", label="limit reached")
+        strip.axvline(t_fail, color=LIMIT, lw=1.2, ls="-.", label="limit exceeded")
         strip.axvline(t_fail - lead, color=LIMIT, lw=1.0, ls=":", label="last timely alert")
 
 

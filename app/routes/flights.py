@@ -219,7 +219,7 @@ async def steer(flight_id: str, request: TransportRequest, flights: FlightsDep) 
 async def read_assessments(
     flight_id: str, flights: FlightsDep, first: First = 0, last: Last = None
 ) -> Response:
-    """What was flown and said, as `frames` of the stream; of a flight under way up to now.
+    """Samples and assessments as `frames` of the stream; of a flight under way up to now.
 
     `next` is the first number to ask for when there may be more, else null.
     """
@@ -390,7 +390,7 @@ def _status(
 def _plain(flight: Flight | None, record: Record | None) -> dict[str, Any]:
     """The headline; of a flight that is neither under way nor over yet, that it is stale."""
     if flight is not None:
-        said = flight.headline
+        decided = flight.headline
     else:
-        said = record.headline if record else headline(Facts(stale=True))
-    return said._asdict() | {"beside": list(said.beside)}
+        decided = record.headline if record else headline(Facts(stale=True))
+    return decided._asdict() | {"beside": list(decided.beside)}

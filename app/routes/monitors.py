@@ -188,7 +188,7 @@ async def read_evaluation(monitor_id: str, store: StoreDep) -> dict[str, Any]:
     """What came of fresh flights over epsilon, and the warning lead times.
 
     Miss rate, share of safe flights without a false alarm (power), and P(fail | alert);
-    `warnings` beside each count say where the promise is broken or the monitor is of no use.
+    `warnings` beside each count say where the monitor is worse than its promise or of no use.
     404 for a monitor that came as a file and was never flown here.
     """
     found = await asyncio.to_thread(store.monitors.evaluation, monitor_id)

@@ -50,10 +50,10 @@ class ScoringRequest(BaseModel):
         "so many seconds before its first input; null subtracts nothing",
     )
     manoeuvres: (
-        Literal["found", "whole"]
+        Literal["detected", "entire"]
         | Annotated[list[ManoeuvreInterval], Field(min_length=1, max_length=MOST_MARKED)]
     ) = Field(
-        default="found",
+        default="detected",
         description="those detected by control activity, the entire recording as one, or these",
     )
 

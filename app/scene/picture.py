@@ -109,8 +109,8 @@ class Caption(NamedTuple):
 
 def caption(shown: Shown) -> Caption:
     """A number only where the sample could be assessed, a word wherever it is not calm."""
-    said = shown.headline
-    both = " · ".join(WORDS[status] for status in (said.status, *said.beside))
+    now = shown.headline
+    both = " · ".join(WORDS[status] for status in (now.status, *now.beside))
     if shown.state is not State.OK or shown.p_value is None:
         return Caption(both, "", shown.reason or "no risk can be given")
     word = f"{both}{' PAUSED' * shown.paused}".strip()
@@ -129,19 +129,19 @@ def as_text(p_value: float, epsilon: float) -> str:
     return text
 
 
-def readout(said: Caption, colour: Colour) -> str:
+def readout(words: Caption, colour: Colour) -> str:
     """The words as HTML for viser's panel; `detail` may come from outside and is escaped."""
     tint = f"rgb{colour}"
     style = f"background:{tint};color:#0b0f14;padding:0 8px;margin:0 -8px 2px;border-radius:4px"
-    word = f'<div style="{style};font-size:24px;font-weight:800">{said.word}</div>'
+    word = f'<div style="{style};font-size:24px;font-weight:800">{words.word}</div>'
     small = '<span style="font-size:12px;font-weight:400;color:#cdd6e0">(higher is worse)</span>'
     large = f"white-space:nowrap;font-size:20px;font-weight:700;color:{tint}"
-    risk = f'<div style="{large}">{said.risk} {small}</div>'
+    risk = f'<div style="{large}">{words.risk} {small}</div>'
     return (
         '<div style="font-family:system-ui,sans-serif;padding:0 12px 4px;line-height:1.3">'
-        + word * bool(said.word)
-        + risk * bool(said.risk)
-        + f'<div style="font-size:13px">{escape(said.detail[:LONGEST_DETAIL])}</div>'
+        + word * bool(words.word)
+        + risk * bool(words.risk)
+        + f'<div style="font-size:13px">{escape(words.detail[:LONGEST_DETAIL])}</div>'
         '<div style="font-size:11px;opacity:.7">surfaces and sideslip drawn '
         f"×{EXAGGERATION:g}</div></div>"
     )
@@ -363,9 +363,9 @@ class Picture:
         self._set(self._epsilon, text=f"ε {shown.epsilon:.3g}", position=beside)
         urgent = COLOURS[shown.headline.level]
         self._paint_ring(urgent)
-        said = caption(shown)
-        self._set(self._headline, text=f"{said.word} {said.risk}".strip())
-        self._set(self._readout, content=readout(said, urgent))
+        words = caption(shown)
+        self._set(self._headline, text=f"{words.word} {words.risk}".strip())
+        self._set(self._readout, content=readout(words, urgent))
 
     def _paint_ring(self, colour: Colour) -> None:
         key = id(self._ring), "colors"

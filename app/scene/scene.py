@@ -91,8 +91,8 @@ class Scene:
         with self._latest:
             if not all(map(isfinite, (t, *attitude, beta, delta_a, delta_r))):
                 pose = self._shown[:5]
-            said = p_value, epsilon, bool(alert), State(state), reason
-            self._shown = Shown(*pose, *said, facts=facts)
+            assessment = p_value, epsilon, bool(alert), State(state), reason
+            self._shown = Shown(*pose, *assessment, facts=facts)
             self._came = self._clock()
 
     def wait(self, stale_after_s: float) -> None:

@@ -8,7 +8,7 @@ from typing import Any, Literal, NamedTuple, get_args
 
 from app.telemetry.recording import TelemetryError
 
-Manoeuvres = Literal["found", "whole"]
+Manoeuvres = Literal["detected", "entire"]
 TRIM_SEGMENT = "trim_segment"
 
 
@@ -34,7 +34,7 @@ class ScoringRecipe:
 
     epsilon: float | None = None
     trim: float | Literal["trim_segment"] | None = TRIM_SEGMENT
-    manoeuvres: Manoeuvres | tuple[Interval, ...] = "found"
+    manoeuvres: Manoeuvres | tuple[Interval, ...] = "detected"
 
     def __post_init__(self) -> None:
         if isinstance(self.trim, str):

@@ -45,7 +45,7 @@ def segments(
             _marked(recording, planned, recipe, interval) for interval in recipe.manoeuvres
         ), ()
     entire = Interval(float(recording.t[0]), float(recording.t[-1]), "entire recording")
-    if recipe.manoeuvres == "whole":
+    if recipe.manoeuvres == "entire":
         return (_marked(recording, planned, recipe, entire),), ()
     detected, notes = _detected(recording, planned, recipe)
     return detected or (_marked(recording, planned, recipe, entire),), notes

@@ -52,31 +52,31 @@ def _lines(monitor: Monitor, scored: ScoredRecording, manoeuvre: ScoredManoeuvre
     elif manoeuvre.withdrawn_t is None:
         yield f"  {NOTHING}"
     else:
-        yield "  first alert   withdrawn"
+        yield "  first alert        withdrawn"
     if manoeuvre.withdrawn_t is not None:
-        yield f"  withdrawn     from {manoeuvre.withdrawn_t:.2f} s on: nothing is said any more"
-    yield f"  exceedance    {_exceedance(manoeuvre)}"
+        yield f"  withdrawn          from {manoeuvre.withdrawn_t:.2f} s on: nothing is assessed"
+    yield f"  exceedance         {_exceedance(manoeuvre)}"
     if manoeuvre.outcome == "unknown":
-        yield "  warning lead  unknown"
+        yield "  warning lead time  unknown"
     elif manoeuvre.outcome == "invalid":
-        yield "  warning lead  withdrawn"
+        yield "  warning lead time  withdrawn"
     elif manoeuvre.peak_risk is not None and manoeuvre.exceedance is not None:
-        yield f"  warning lead  {_lead(monitor, manoeuvre)}"
+        yield f"  warning lead time  {_lead(monitor, manoeuvre)}"
     moved = ", ".join(
         f"{channel.key} {channel.read(value)}"
         for channel, value in zip(CHANNELS, manoeuvre.trim, strict=True)
         if value is not None
     )
     if any(manoeuvre.trim):
-        yield f"  trim          {moved}"
+        yield f"  trim               {moved}"
     for remark in manoeuvre.remarks:
         yield f"  {remark}"
     for check in manoeuvre.validity.checks:
         if check.ok is not True:
             state = "not known" if check.ok is None else "OUTSIDE"
-            yield f"  {state:13} {check.name}: {check.text}"
+            yield f"  {state:18} {check.name}: {check.text}"
         elif check.name == OBSERVATIONS:
-            yield f"  validity      {check.text}"
+            yield f"  validity           {check.text}"
     yield f"  {manoeuvre.guarantee}"
 
 
@@ -85,15 +85,15 @@ def _risk(
 ) -> Iterator[str]:
     least = peak <= monitor.smallest_epsilon
     when = ", never above its least" if least else f" at {manoeuvre.peak_t:.2f} s"
-    yield f"  peak risk     {peak:.3f}{when}"
+    yield f"  peak risk          {peak:.3f}{when}"
     alerts = manoeuvre.alerts
     if not alerts:
-        yield f"  first alert   none (risk above epsilon {epsilon:g})"
+        yield f"  first alert        none (risk above epsilon {epsilon:g})"
         return
-    yield f"  first alert   at {alerts[0][0]:.2f} s (risk above epsilon {epsilon:g})"
+    yield f"  first alert        at {alerts[0][0]:.2f} s (risk above epsilon {epsilon:g})"
     if len(alerts) > 1:
         begin, end = alerts[-1]
-        yield f"  alerts        {len(alerts)}, the last one {begin:.2f} to {end:.2f} s"
+        yield f"  alerts             {len(alerts)}, the last one {begin:.2f} to {end:.2f} s"
 
 
 def _exceedance(manoeuvre: ScoredManoeuvre) -> str:

@@ -96,7 +96,7 @@ class Monitor:
 
     @cached_property
     def limits(self) -> Array | None:
-        """(6,) magnitudes that its flights must not reach; None where they are not known."""
+        """(6,) magnitudes that its flights must not exceed; None where they are not known."""
         return magnitudes_of(self.specification)
 
     @cached_property

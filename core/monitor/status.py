@@ -34,10 +34,10 @@ class Level(StrEnum):
 class Facts(NamedTuple):
     """What is known of a flight at a moment.
 
-    exceeds: its newest sample reaches a limit.   alarm: a warning waits for its acknowledgement.
+    exceeds: its newest sample exceeds a limit.   alarm: a warning waits for its acknowledgement.
     alert: the newest risk lies above the alert level.   stale: no sample comes, or no new one.
     invalid: the monitor is not applicable.   warming_up: its history is not full yet.
-    calibrated: whether its validity is.   has_exceeded: an earlier sample reached a limit.
+    calibrated: whether its validity is.   has_exceeded: an earlier sample exceeded a limit.
     caution: one waits for its acknowledgement.
     """
 

@@ -5,7 +5,7 @@ most the level, over a whole manoeuvre and so at any moment of it: its statistic
 longer flight than those of training has more samples to deviate in, and is called so more often.
 
 Once a flight is invalid, it is so to its end: nothing more is said of it. What counts ends with the
-first sample that reaches a limit, as it did for the flights behind the bounds. The guarantee is
+first sample that exceeds a limit, as it did for the flights behind the bounds. The guarantee is
 about what comes before; so the verdict of that moment stays, and no aircraft is called invalid for
 where it goes once it has left its envelope.
 """

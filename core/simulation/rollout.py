@@ -58,7 +58,7 @@ def roll_out(
         changes from the first sample on count, as the aircraft is in trim with that one.
     Returns y (n, (n_samples - 1) substeps + 1, 6) in the order of core.channels; sample k is
     y(t_k), before command k has acted. An unstable rollout may grow to inf and then be NaN: a
-    sample that is not finite breaks every limit. The numbers of a rollout depend, bit for bit, on
+    sample that is not finite exceeds every limit. The numbers of a rollout depend, bit for bit, on
     its own plant and commands only.
     Raises ValueError for shapes that do not fit and numbers that are not finite.
     """

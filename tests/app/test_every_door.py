@@ -139,7 +139,7 @@ def test_a_scored_recording_tells_the_same(
     with gaps is brought onto a grid first, so its samples are not those that a stream was given."""
     t, y = FLIGHTS[flight]()
     trained = replace(monitor(), dataset_recipe={})
-    recipe = ScoringRecipe(EPSILON, trim=None, manoeuvres="whole")
+    recipe = ScoringRecipe(EPSILON, trim=None, manoeuvres="entire")
     expected = by_batch(trained, t, y, client)
     assert lines_of(score(trained, recorded(y, DT), recipe).samples) == expected
     trained.save(tmp_path / "monitor.fwm")

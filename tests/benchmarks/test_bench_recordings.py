@@ -91,7 +91,7 @@ def test_an_hour_at_100_hz_from_upload_to_stored_assessments(
     write_csv(path, HOUR)
     with api(tmp_path / "data") as client:
         monitor_id = store_of(client).monitors.add(monitor, "bench").id
-        order = {"monitor": monitor_id, "trim": None, "manoeuvres": "whole"}
+        order = {"monitor": monitor_id, "trim": None, "manoeuvres": "entire"}
         small = tmp_path / "small.csv"
         write_csv(small, 2_000)
         warm = upload(client, small, "warm.csv")
@@ -134,7 +134,7 @@ def test_replay_of_ten_hours_starts_and_seeks_at_once(monitor: Monitor, tmp_path
         recording = upload(client, path, "ten_hours.csv")
         at = f"/api/v1/recordings/{recording['id']}/scorings"
         scoring = client.post(
-            at, json={"monitor": monitor_id, "trim": None, "manoeuvres": "whole"}
+            at, json={"monitor": monitor_id, "trim": None, "manoeuvres": "entire"}
         ).json()
         begin = perf_counter()
         flight = client.post(

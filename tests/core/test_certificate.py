@@ -36,7 +36,7 @@ def test_a_promise_is_broken_where_the_whole_interval_lies_above_it(misses: int)
     found = certificate(evaluation(misses, 20), 0.1)
     assert found is not None
     is_above = clopper_pearson(misses, 500)[0] > 0.1
-    assert found.breaks_promise == is_above
+    assert found.is_worse_than_promised == is_above
     assert any("worse than its promise" in text for text in found.warnings) == is_above
 
 

@@ -38,8 +38,8 @@ const LEVELS = { exceeding: "warning", alarm: "warning", risk: "warning", stale:
 
 export function headlineOf(server, { stale, alarms }) {
   if (!stale) return server;
-  const said = [server.status, ...server.beside].filter((status) => !NOW.includes(status));
-  const holds = [...said, "stale", ...(alarms > 0 ? ["alarm"] : [])];
+  const known = [server.status, ...server.beside].filter((status) => !NOW.includes(status));
+  const holds = [...known, "stale", ...(alarms > 0 ? ["alarm"] : [])];
   const status = WORST_FIRST.find((one) => holds.includes(one));
   const beside = BESIDE.filter((one) => one !== status && holds.includes(one));
   return { status, level: LEVELS[status], beside };

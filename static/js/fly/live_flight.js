@@ -53,7 +53,7 @@ export function showLiveFlight(element, { id, api, over }) {
   let playback = { playing: true, speed: 1 }; // as the transport has it
   let refreshed = 0;
   let recorded = true; // by the last heartbeat
-  let said = null; // the server's headline
+  let decided = null; // the server's headline
   let cautioned = false; // of being stale, which the server does not know
 
   element.dataset.flight = "connecting";
@@ -92,7 +92,7 @@ export function showLiveFlight(element, { id, api, over }) {
   }
 
   function onStatus(headline) {
-    said = headline;
+    decided = headline;
     display.setHeadline(headline);
     refreshed = 0; // it does not wait
   }
@@ -159,7 +159,7 @@ export function showLiveFlight(element, { id, api, over }) {
     const title = `${words}${hello.name} – Forewarn`;
     if (document.title !== title) document.title = title;
     const isStale = ({ status: one, beside }) => [one, ...beside].includes("stale");
-    const alone = isStale(headline) && !isStale(said) && playback.playing;
+    const alone = isStale(headline) && !isStale(decided) && playback.playing;
     if (alone && !cautioned) tone.caution();
     cautioned = alone;
   }

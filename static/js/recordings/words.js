@@ -92,15 +92,15 @@ export function outcomeChip(manoeuvre) {
 }
 
 export function verdictOf({ outcome, exceedance, lead }) {
-  const said = outcomeOf(outcome);
-  if (!exceedance) return said;
+  const verdict = outcomeOf(outcome);
+  if (!exceedance) return verdict;
   if (outcome === "invalid")
-    return { ...said, word: "LIMIT EXCEEDED, INVALID", level: "alert", mark: "▲" };
+    return { ...verdict, word: "LIMIT EXCEEDED, INVALID", level: "alert", mark: "▲" };
   if (outcome === "timely_alert")
-    return { ...said, word: `LIMIT EXCEEDED, warned ${lead.toFixed(2)} s before` };
+    return { ...verdict, word: `LIMIT EXCEEDED, warned ${lead.toFixed(2)} s before` };
   if (outcome === "late_alert" && lead !== null)
-    return { ...said, word: `LIMIT EXCEEDED, warned ${lead.toFixed(2)} s before: too late` };
-  return said;
+    return { ...verdict, word: `LIMIT EXCEEDED, warned ${lead.toFixed(2)} s before: too late` };
+  return verdict;
 }
 
 export function outsideText({ outside_exceedances: outside, channels }) {
@@ -122,7 +122,7 @@ export function validityWords({ validity: { valid }, outcome }) {
 
 export function requestWords({ trim, manoeuvres }) {
   const way =
-    { found: "manoeuvres detected", whole: "the entire recording" }[manoeuvres] ??
+    { detected: "manoeuvres detected", entire: "the entire recording" }[manoeuvres] ??
     `${manoeuvres.length} marked by hand`;
   if (trim === TRIM_SEGMENT) return way;
   return `${way}, ${trim === null ? "no trim subtracted" : `trim of ${trim} s`}`;

@@ -239,7 +239,10 @@ def test_users_own_matrices_and_manoeuvre_table_train_a_monitor(tmp_path: Path):
         (["score", "absent.fwm", "absent.csv"], "absent.fwm cannot be read"),
         (["score", "m.fwm", "f.csv", "--trim", "long"], "'long': write a number of seconds, trim"),
         (["score", "m.fwm", "f.csv", "--epsilon", "0.1,x"], "'x': write a miss rate between 0 and"),
-        (["score", "m.fwm", "f.csv", "--manoeuvres", "all"], "'all': write found, whole, or START"),
+        (
+            ["score", "m.fwm", "f.csv", "--manoeuvres", "all"],
+            "'all': write detected, entire, or S",
+        ),
         (["score", "m.fwm", "f.csv", "--manoeuvres", "1:a"], "'a': write a number of seconds"),
         (["score", "m.fwm", "f.csv", "--manoeuvres", "3:1"], "3 to 1 s has no length"),
         (["score", "m.fwm", "f.csv", "--mapping", "absent.json"], "absent.json cannot be read"),
@@ -402,7 +405,7 @@ def test_real_doublet_that_crosses_the_limit_is_warned_of(attas_monitor: Path, t
     assert "beta     beta_rad [rad]" in report
     assert "from 25 Hz to 20 Hz" in report
     assert "manoeuvre 1, 5.30 to 11.30 s: LIMIT EXCEEDED, warned in time, " in report
-    assert "exceedance    at 8.76 s" in report
+    assert "exceedance         at 8.76 s" in report
     assert "at least the promised 0.25 s" in report
     assert "Of flights like the simulated ones" in report
     assert "limit exceeded" in (out / "scored.svg").read_text()
@@ -411,7 +414,7 @@ def test_real_doublet_that_crosses_the_limit_is_warned_of(attas_monitor: Path, t
     assert {row["state"] for row in rows if row["manoeuvre"] == "0"} == {"ok"}
     assert {row["state"] for row in rows if row["manoeuvre"] == "-1"} == {"invalid"}
     first = next(float(row["t_s"]) for row in rows if row["alert"] == "true")
-    assert f"first alert   at {first:.2f} s" in report
+    assert f"first alert        at {first:.2f} s" in report
 
 
 def test_real_record_of_another_manoeuvre_is_no_verdict(attas_monitor: Path, tmp_path, capsys):
@@ -419,7 +422,7 @@ def test_real_record_of_another_manoeuvre_is_no_verdict(attas_monitor: Path, tmp
     assert main(["score", *arguments]) == 0
     report = capsys.readouterr().out
     assert "INVALID, no verdict" in report
-    assert "first alert   withdrawn" in report
+    assert "first alert        withdrawn" in report
     assert "aileron moved by 14 deg, which the planned manoeuvre leaves alone" in report
     rows = read_table(tmp_path / "out")
     assert all(row["p_value"] == "" and row["alert"] == "false" for row in rows)

@@ -55,7 +55,7 @@ def test_a_report_is_one_file_that_says_it_all(given: Path, capsys: pytest.Captu
     assert "<h1>flight.csv</h1>" in html
     assert "on fresh simulated flights at ε = 0.1: missed" in html
     assert "proposed by the program, not looked over" in html
-    assert "rudder_doublet" in html
+    assert "rudder doublet" in html
     assert len(re.findall("<section>", html)) == 1
     assert re.findall(r"(?:src|href)\s*=", html) == []
 
@@ -144,7 +144,7 @@ def test_a_file_that_nothing_can_be_said_of_is_reported_but_no_success(
     ]
     text = "\n".join(["t_s,beta_rad,p_radps,r_radps,Ny_g,delta_a_rad,delta_r_rad", *rows])
     (given / "flight.csv").write_text(text)
-    assert report("--manoeuvres", "whole") == 1
+    assert report("--manoeuvres", "entire") == 1
     assert "No verdict: the monitor is not applicable" in (Path("flight-report.html").read_text())
 
 

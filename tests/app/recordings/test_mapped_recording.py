@@ -68,7 +68,7 @@ def test_a_preview_its_confirmation_and_every_scoring_share_one_repair(
             assert found.status_code == 200, found.text
             for epsilon in (0.2, 0.4):
                 recipe = {"monitor": stored, "epsilon": epsilon, "trim": None}
-                answer = client.post(f"{path}/scorings", json=recipe | {"manoeuvres": "whole"})
+                answer = client.post(f"{path}/scorings", json=recipe | {"manoeuvres": "entire"})
                 assert answer.status_code == 201, answer.text
             # what the upload proposed is in memory already
             assert len(repairs) == len(applications) == (0 if sign == 1 else 1)
@@ -80,7 +80,7 @@ def test_a_file_is_repaired_once_for_all_monitors_and_miss_rates(
     file, path = tmp_path / "flight.csv", tmp_path / "oscillator.forewarn"
     file.write_bytes(csv_of(np.concatenate(flights)))
     monitor.save(path)
-    recipe = ScoringRecipe(trim=None, manoeuvres="whole")
+    recipe = ScoringRecipe(trim=None, manoeuvres="entire")
     scored = score_file(ScoreRequest((path, path), file, (0.2, 0.4), recipe=recipe)).scored
     assert len(scored) == 4
     assert len(repairs) == 1

@@ -217,7 +217,7 @@ def test_what_nobody_saw_or_judged_is_never_green(manoeuvres, outside, level, wo
     assert re.search(words, found[1])
 
 
-def test_limits_reached_outside_the_manoeuvres_have_rows(monitor: Monitor) -> None:
+def test_limits_exceeded_outside_the_manoeuvres_have_rows(monitor: Monitor) -> None:
     subject = subject_of(monitor, [manoeuvre(0, "quiet")])
     html = report(
         replace(subject, scoring={**subject.scoring, "outside_exceedances": [REACHED] * 30})

@@ -17,7 +17,7 @@ from tests.support.api import api, problem, store_of
 from tests.support.oscillator import DT
 from tests.support.recorded import RECORDINGS, csv_of, kept_files, uploaded
 
-WHOLE = {"trim": None, "manoeuvres": "whole"}
+WHOLE = {"trim": None, "manoeuvres": "entire"}
 
 
 @pytest.fixture(scope="module")
@@ -276,7 +276,7 @@ def test_a_deleted_scoring_leaves_nothing(client, data_dir, recording, monitor):
 
 
 def test_manoeuvres_are_those_that_a_scoring_finds(client, recording, monitor):
-    scoring = scored(client, recording, monitor, trim="trim_segment", manoeuvres="found")
+    scoring = scored(client, recording, monitor, trim="trim_segment", manoeuvres="detected")
     path = f"{RECORDINGS}/{recording['id']}/manoeuvres"
     detected = client.get(path, params={"monitor": monitor}).json()
     keys = ("start", "end", "name")

@@ -22,7 +22,7 @@ from core.monitor.score import SCORES
 from tests.support.attas import TEST, fly, record, recorded, score, trained
 
 INVALID = STATES.index(State.INVALID)
-UNTOUCHED = ScoringRecipe(trim=None, manoeuvres="whole")
+UNTOUCHED = ScoringRecipe(trim=None, manoeuvres="entire")
 NY = KEYS.index("Ny")
 
 
@@ -115,7 +115,7 @@ def test_trim_of_seconds_is_the_mean_of_the_last_ones_before_the_input(attas: Mo
     manoeuvre = the_only_manoeuvre(attas, recorded(calm), ScoringRecipe(trim=2.0))
     onset = manoeuvre.first + 10
     assert manoeuvre.trim == pytest.approx(calm[onset - 40 : onset].mean(axis=0))
-    whole = the_only_manoeuvre(attas, recorded(calm), ScoringRecipe(trim=2.0, manoeuvres="whole"))
+    whole = the_only_manoeuvre(attas, recorded(calm), ScoringRecipe(trim=2.0, manoeuvres="entire"))
     assert whole.trim == pytest.approx(calm[:40].mean(axis=0))
 
 
@@ -158,7 +158,7 @@ def test_manoeuvres_that_cannot_be_are_refused(attas: Monitor, calm, intervals, 
     [
         ({"trim": 0.0}, "give a length above zero"),
         ({"trim": "lead-in"}, "trim is 'lead-in'; give trim_segment"),
-        ({"manoeuvres": "some"}, "give found or whole"),
+        ({"manoeuvres": "some"}, "give detected or entire"),
     ],
 )
 def test_orders_that_mean_nothing_are_refused(recipe: dict, message: str):
@@ -168,7 +168,7 @@ def test_orders_that_mean_nothing_are_refused(recipe: dict, message: str):
 
 def test_a_trim_manoeuvre_longer_than_what_is_marked_is_refused(attas: Monitor, calm: np.ndarray):
     with pytest.raises(TelemetryError, match=r"20 s was asked of 10 s \(entire recording\)"):
-        score(attas, recorded(calm), ScoringRecipe(trim=20.0, manoeuvres="whole"))
+        score(attas, recorded(calm), ScoringRecipe(trim=20.0, manoeuvres="entire"))
 
 
 @pytest.mark.parametrize(
@@ -293,7 +293,7 @@ def swinging(y: np.ndarray) -> np.ndarray:
 
 def test_a_manoeuvre_longer_than_the_manoeuvre_is_not_covered(attas: Monitor, calm: np.ndarray):
     long = np.vstack([calm, np.tile(calm[-1:], (100, 1))])
-    whole = ScoringRecipe(manoeuvres="whole")
+    whole = ScoringRecipe(manoeuvres="entire")
     assert "mark the manoeuvre alone" in failed(attas, recorded(long), whole)["length"]
     a_little = ScoringRecipe(manoeuvres=(Interval(2.0, 9.0),))
     checks = the_only_manoeuvre(attas, recorded(long), a_little).validity.checks

@@ -130,7 +130,7 @@ def test_limits_exceeded_outside_every_manoeuvre_are_told(attas: Monitor, calm: 
     )
     assert any("outside every manoeuvre" in note and "2 times" in note for note in scored.notes)
     assert any(line.startswith("outside every manoeuvre") for line in verdict(attas, scored))
-    assert score(attas, recorded(y), ScoringRecipe(manoeuvres="whole")).outside_exceedances == ()
+    assert score(attas, recorded(y), ScoringRecipe(manoeuvres="entire")).outside_exceedances == ()
     assert score(attas, recorded(calm)).outside_exceedances == ()
     assert outside_note(()) == ()
 
@@ -149,8 +149,8 @@ def test_an_exceedance_that_began_in_a_manoeuvre_is_that_manoeuvres():
 
 def test_a_withdrawn_manoeuvre_says_so_of_its_alert_and_lead(attas: Monitor, calm: np.ndarray):
     lines = verdict(attas, score(attas, recorded(calm, V=180.0)))
-    assert "  first alert   withdrawn" in lines
-    assert "  warning lead  withdrawn" in lines
+    assert "  first alert        withdrawn" in lines
+    assert "  warning lead time  withdrawn" in lines
 
 
 def test_a_trim_longer_than_what_is_there_says_what_was_used(attas: Monitor, calm: np.ndarray):

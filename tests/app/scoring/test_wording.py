@@ -70,8 +70,8 @@ def test_exceedances_and_trim_are_told_in_the_units_that_people_read():
     scored: Any = SimpleNamespace(manoeuvres=(manoeuvre,), outside_exceedances=(SKID,), epsilon=0.1)
     monitor: Any = SimpleNamespace(smallest_epsilon=0.01, lead=0.25)
     lines = verdict(monitor, scored)
-    assert "  exceedance    at 8.50 s (beta -7 deg)" in lines
-    assert any(line.startswith("  trim          p 1.5 deg/s, ") for line in lines)
+    assert "  exceedance         at 8.50 s (beta -7 deg)" in lines
+    assert any(line.startswith("  trim               p 1.5 deg/s, ") for line in lines)
     assert any("Ny 0.0213 g" in line for line in lines)
     assert lines[-1] == "outside every manoeuvre: at 8.50 s (beta -7 deg)"
     assert outside_note((SKID,))[0].endswith("once beta -7 deg at 8.50 s.")

@@ -59,7 +59,8 @@ def store(path: Path, request: pytest.FixtureRequest) -> Iterator[Store]:
 def in_the_words_of_today(plain: Any) -> Any:
     if isinstance(plain, dict):
         named = {RENAMED.get(key, key): in_the_words_of_today(v) for key, v in plain.items()}
-        return named | ({"trim": "trim_segment"} if plain.get("trim") == "lead_in" else {})
+        named |= {"trim": "trim_segment"} if plain.get("trim") == "lead_in" else {}
+        return named | ({"manoeuvres": "entire"} if plain.get("manoeuvres") == "whole" else {})
     return [in_the_words_of_today(v) for v in plain] if isinstance(plain, list) else plain
 
 

@@ -10,7 +10,7 @@ const TRIMS = {
   [TRIM_SEGMENT]: "mean of each manoeuvre's own trim segment",
   null: "nothing was subtracted",
 };
-const WAYS = { found: "detected from control activity", whole: "the entire recording as one" };
+const WAYS = { detected: "detected from control activity", entire: "the entire recording as one" };
 
 export function scoringFacts(scoring) {
   const { request, quality, notes, mapping, channels } = scoring;

@@ -3,7 +3,7 @@
  *
  * Exports
  *   createManoeuvrePicker({api, catalog, recording, monitor() -> id | null}) -> Picker
- *     element, read() -> "found" | "whole" | [{start, end, name}], check() -> bool, close()
+ *     element, read() -> "detected" | "entire" | [{start, end, name}], check() -> bool, close()
  *     show(channels)    of a preview: what the chart draws
  *     refresh()         another monitor may detect others
  */
@@ -17,13 +17,13 @@ import { button } from "../../lib/view_states.js";
 import { createManoeuvreTable } from "./manoeuvre_table.js";
 
 const WAYS = [
-  ["found", "Detected from control activity"],
-  ["whole", "The entire recording as one"],
+  ["detected", "Detected from control activity"],
+  ["entire", "The entire recording as one"],
   ["marked", "Marked by hand"],
 ];
 
 export function createManoeuvrePicker({ api, catalog, recording, monitor }) {
-  let way = "found";
+  let way = "detected";
   let detected = [];
   let turn = 0;
   const chart = createPreviewChart(catalog);
@@ -114,7 +114,7 @@ export function createManoeuvrePicker({ api, catalog, recording, monitor }) {
   }
 
   function lay() {
-    const shown = way === "found" ? detected : way === "whole" ? entire() : marked.read();
+    const shown = way === "detected" ? detected : way === "entire" ? entire() : marked.read();
     hint.textContent = wordsOf(shown);
     chart.lay(shown);
   }
@@ -125,7 +125,7 @@ export function createManoeuvrePicker({ api, catalog, recording, monitor }) {
   }
 
   function wordsOf(shown) {
-    if (way === "whole") return "One manoeuvre from the first sample to the last.";
+    if (way === "entire") return "One manoeuvre from the first sample to the last.";
     if (way === "marked")
       return "Drag over a manoeuvre in the chart, or set A and B by their keys, then add it. It should begin in trim, a little before its first input.";
     if (monitor() === null)
