@@ -6,8 +6,8 @@ Why: manoeuvres are detected, and the entire recording is scored as one, in requ
 import sqlalchemy as sa
 from alembic import op
 
-revision = "0013"
-down_revision = "0012"
+revision = "0014"
+down_revision = "0013"
 
 WORDS = {"found": "detected", "whole": "entire"}
 
