@@ -156,8 +156,9 @@ class DatasetRecipe:
 
     @property
     def n_steps(self) -> int:
-        """Steps that a rollout is computed in."""
-        return self.maneuver.n_samples(self.dt) * self.substeps
+        """Steps that a rollout is computed in, its run-up too."""
+        run_up = self.imperfections.run_up(self.dt)
+        return (run_up + self.maneuver.n_samples(self.dt)) * self.substeps
 
     @classmethod
     def usual(cls, aircraft: Aircraft) -> "DatasetRecipe":

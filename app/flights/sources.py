@@ -259,7 +259,8 @@ def _trim_angles(aircraft: Aircraft) -> tuple[float, float]:
 def _whole_rollout(plain: dict[str, Any], theta: dict[str, float], y: Array) -> Array:
     """The rollout simulated again to its planned end; as stored unless the same bits come out.
 
-    Scatter of the pilot and sensor noise are not stored: with them, it ends at the failure.
+    What a flight has besides its model (noise, the pilot's scatter, gusts, ...) is not stored: with
+    any of it, it ends at the failure.
     """
     try:
         simulator = Simulator(from_plain(DatasetRecipe(), plain, "dataset"))

@@ -127,7 +127,8 @@ def check_size(recipe: DatasetRecipe, max_bytes: int) -> None:
     """Refuse a recipe whose arrays could fill this machine's memory."""
     samples = recipe.maneuver.duration_s / recipe.dt + 1
     kept = (min(recipe.max_safe, recipe.max_rollouts) + recipe.n_unsafe) * samples
-    chunk = LARGEST_CHUNK * samples * recipe.substeps
+    run_up = recipe.imperfections.run_up(recipe.dt)
+    chunk = LARGEST_CHUNK * (run_up + samples) * recipe.substeps
     needed = max(kept, chunk) * N_CHANNELS_BYTES
     if needed > max_bytes:
         raise RecipeError(
@@ -193,7 +194,8 @@ def _count(plain: dict[str, Any], key: str, default: int, lowest: int, highest: 
 
 
 def _check_test_size(recipe: DatasetRecipe, n_test: int, max_bytes: int) -> None:
-    samples = (recipe.maneuver.duration_s / recipe.dt + 1) * recipe.substeps
+    run_up = recipe.imperfections.run_up(recipe.dt)
+    samples = (run_up + recipe.maneuver.duration_s / recipe.dt + 1) * recipe.substeps
     if n_test * samples * N_CHANNELS_BYTES > max_bytes:
         raise RecipeError(
             f"n_test={n_test} fresh flights are too many for this server: ask for fewer"

@@ -5,6 +5,7 @@ F-16, three states, every derivative random; washed-out yaw damper and roll damp
 """
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import control
@@ -12,8 +13,11 @@ import numpy as np
 import pytest
 from threadpoolctl import threadpool_limits
 
+from core.kernels.compiled import on_this_thread
+from core.planned_test import DatasetRecipe, Simulator
 from core.simulation.aircraft import PublishedAircraft
 from core.simulation.control_law import Actuator, RateDamper
+from core.simulation.imperfections import Imperfections
 from core.simulation.rollout import roll_out
 from core.simulation.uncertain_plant import Plants
 from core.specification import Limits
@@ -90,3 +94,25 @@ def test_rollout_against_python_control():
         report("the same, pedal lag 0.1 s", given(lag=0.1), theirs)
         report("sampling, plants, fresh output, failures", whole, theirs)
         report("rate limits (Runge-Kutta)", limited, theirs, 5)
+
+
+def test_flown_rollouts_against_noise_and_jitter_alone():
+    """The usual imperfections, noise and jitter of a flight; one thread, as numpy has one."""
+    flown = DatasetRecipe().as_flown()
+    noisy = replace(flown, imperfections=Imperfections())
+    clean, rng = DatasetRecipe(), np.random.default_rng(0)
+
+    def make(recipe: DatasetRecipe) -> Callable[[], Any]:
+        simulator = Simulator(recipe)
+        return lambda: simulator.rollouts(ROLLOUTS, rng)
+
+    print()
+    with on_this_thread(), threadpool_limits(1):
+        pairs = {
+            name: in_turns(make(flown), make(recipe), 10).per(ROLLOUTS)
+            for name, recipe in (("without any", clean), ("noise and jitter", noisy))
+        }
+    for name, pair in pairs.items():
+        ours, theirs = pair.ours.min() * 1e6, pair.theirs.min() * 1e6
+        print(f"as flown {ours:.1f} us, {name} {theirs:.1f} us: {1 / pair.ratio:.2f} x as long")
+    assert pairs["noise and jitter"].ratio > 1 / 1.5

@@ -5,10 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from core.collection import DatasetRecipe
-from core.monitor import MonitorRecipe
+from core.collection import DatasetRecipe, Simulator, collect
+from core.evaluation import evaluate
+from core.monitor import MonitorRecipe, train
 from core.simulation.aircraft import PublishedAircraft
 from core.simulation.control_law import CONTROL_LAWS
+from core.simulation.imperfections import Imperfections
 from core.simulation.maneuver import Doublet
 from core.study import METHODS, StudyRecipe, StudyResult, study
 
@@ -65,3 +67,30 @@ def test_pointwise_guarantee_is_not_idle(results):
     """A rule that alerted always would keep epsilon too: failures must be missed about as often."""
     found = results["trajectory"].methods["linear + nearest neighbor"]
     assert found.miss_rate[found.epsilons >= 0.3].min() > 0.1
+
+
+@pytest.fixture(scope="module")
+def miss_rates() -> dict[str, np.ndarray]:
+    """At epsilon 0.1, of monitors trained without and with what the flights really have."""
+    flown = DatasetRecipe.usual(PublishedAircraft("dc8_15k_m0p44", 4)).as_flown()
+    flown = replace(flown, n_unsafe=100, n_obs=20)
+    trained_on = {"lacking": replace(flown, imperfections=Imperfections()), "whole": flown}
+    rates = {name: np.empty(8) for name in trained_on}
+    for fit in range(8):
+        flights = Simulator(flown).rollouts(500, np.random.default_rng(100 + fit))
+        for name, recipe in trained_on.items():
+            monitor = train(collect(replace(recipe, seed=fit)), MonitorRecipe(epsilon=0.1))
+            found = evaluate(monitor, flights.y, flights.fail_index, np.array([0.1]))
+            rates[name][fit] = found.miss_rate[0]
+    return rates
+
+
+def test_imperfections_that_training_lacks_break_the_promise(miss_rates: dict[str, np.ndarray]):
+    lacking = miss_rates["lacking"]
+    assert lacking.mean() - 3 * lacking.std(ddof=1) / np.sqrt(len(lacking)) > 0.13
+
+
+def test_imperfections_in_training_keep_the_promise(miss_rates: dict[str, np.ndarray]):
+    whole = miss_rates["whole"]
+    assert whole.mean() <= 0.1 + 3 * whole.std(ddof=1) / np.sqrt(len(whole))
+    assert whole.mean() < 0.6 * miss_rates["lacking"].mean()

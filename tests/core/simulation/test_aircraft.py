@@ -1,4 +1,5 @@
 import json
+import re
 import subprocess
 import sys
 from dataclasses import replace
@@ -196,6 +197,14 @@ def test_side_force_and_lateral_acceleration_agree_in_every_plant(name, seed):
     assert (plants.a[:, 3] == plant.fixed.a[0, 3]).all()
 
 
+@pytest.mark.parametrize("name", NAMES)
+def test_altitude_is_that_of_the_stated_condition(name):
+    condition = MODELS[name].condition
+    feet = re.search(r"([\d,]+) ft(?!/)", condition)
+    expected = 0.0 if "sea level" in condition else float(feet[1].replace(",", "")) * 0.3048
+    assert PublishedAircraft(name).altitude == pytest.approx(expected)
+
+
 def test_the_default_scatter_is_the_published_one_sigma():
     plant = PublishedAircraft("f16_sl_h0_v502").uncertain_plant()
     theta = plant.sample(40_000, np.random.default_rng(6))
@@ -342,6 +351,9 @@ def test_a_statespace_that_does_not_fit_is_refused(system, message):
         ({"states": ["beta"]}, "1 states are named; A is 3 by 3"),
         ({"states": "abc"}, "states is 'abc'; give a list of names"),
         ({"E": 1}, "it needs A, B, C, D and uncertainty"),
+        ({"altitude_m": -5}, "altitude_m is -5; give metres"),
+        ({"airspeed_mps": "fast"}, "airspeed_mps is 'fast'; give a number"),
+        ({"airspeed_mps": 0}, "airspeed_mps is 0; give m/s, above zero"),
         ({"uncertainty": 0.1}, "give an object with spread"),
         ({"uncertainty": {"spread": 0.1, "sigma": 1}}, "give an object with spread"),
         ({"uncertainty": {"spread": {"A[0,0]": -0.1}}}, r"spread of A\[0,0\] is -0.1"),
@@ -359,6 +371,12 @@ def test_own_matrices_that_do_not_fit_are_refused_in_one_sentence(changes, messa
     with pytest.raises(ValueError, match=message) as error:
         matrices(**changes)
     assert "\n" not in str(error.value)
+
+
+def test_own_matrices_may_say_their_flight_condition():
+    assert (matrices().altitude, matrices().airspeed) == (None, None)
+    flown = matrices(altitude_m=4800, airspeed_mps=131.0)
+    assert (flown.altitude, flown.airspeed) == (4800, 131.0)
 
 
 def test_a_document_that_is_no_model_is_refused():
