@@ -62,7 +62,7 @@ def jit(function: Callable[..., Any]) -> Any:
     given = settings.CACHE_DIR
     settings.CACHE_DIR = given or _own_cache()
     try:
-        kernel = numba.njit(cache=True, nogil=True)(function)
+        kernel: Any = numba.njit(cache=True, nogil=True)(function)
     finally:
         settings.CACHE_DIR = given
     name = f"{function.__module__}.{function.__qualname__}"

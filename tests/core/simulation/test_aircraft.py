@@ -200,8 +200,8 @@ def test_side_force_and_lateral_acceleration_agree_in_every_plant(name, seed):
 @pytest.mark.parametrize("name", NAMES)
 def test_altitude_is_that_of_the_stated_condition(name):
     condition = MODELS[name].condition
-    feet = re.search(r"([\d,]+) ft(?!/)", condition)
-    expected = 0.0 if "sea level" in condition else float(feet[1].replace(",", "")) * 0.3048
+    feet = re.findall(r"([\d,]+) ft(?!/)", condition)
+    expected = 0.0 if "sea level" in condition else float(feet[0].replace(",", "")) * 0.3048
     assert PublishedAircraft(name).altitude == pytest.approx(expected)
 
 
