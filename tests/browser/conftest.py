@@ -3,10 +3,14 @@
 from collections.abc import Iterator
 
 import pytest
-from playwright.sync_api import Browser, Page
+from playwright.sync_api import Browser, Page, expect
 
 from tests.browser.chromium import file_server, open_chromium, wait_until, watch_errors
 from tests.browser.strips import Open
+
+expect.set_options(
+    timeout=20_000
+)  # on a busy machine a page takes longer; no test fails by the clock
 
 
 @pytest.fixture(scope="session")
