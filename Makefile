@@ -17,7 +17,7 @@ test: $(READY) ## every test but the long campaign of damaged files; a file's te
 	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n 3 --dist loadfile --no-loadscope-reorder
 
 fuzz: $(READY) ## ten thousand damaged files for the readers, many calls of every route, sixty kills of the server
-	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n 2 --dist loadfile -m fuzz tests/fuzzing tests/fuzzing/calls.py tests/faults
+	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n 2 --dist loadfile -m fuzz tests/fuzzing/test_readers.py tests/fuzzing/calls.py tests/faults
 
 lint: $(READY) ## style, formatting and the direction of imports
 	$(BIN)/ruff check

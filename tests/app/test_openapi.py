@@ -33,6 +33,8 @@ def described() -> Any:
     return schemathesis.openapi.from_dict(create_app(Settings(data_dir=Path("unused"))).openapi())
 
 
+PATIENCE = 120
+"""[s] The first call of a machine compiles kernels; no test fails by the clock."""
 few = described()
 few.config.phases.coverage.enabled = False
 
@@ -93,11 +95,11 @@ CALLS = settings(
 
 def answered(case, session, ids):
     """Call with what was drawn, then with what is there; each answer is as described."""
-    case.call_and_validate(app=session.app, session=session, checks=CHECKS)
+    case.call_and_validate(app=session.app, session=session, checks=CHECKS, timeout=PATIENCE)
     there = {key: ids[key] for key in case.path_parameters if key in ids}
     if there and case.method != "DELETE":
         case.path_parameters = case.path_parameters | there
-        case.call_and_validate(app=session.app, session=session, checks=CHECKS)
+        case.call_and_validate(app=session.app, session=session, checks=CHECKS, timeout=PATIENCE)
 
 
 @few.parametrize()
