@@ -67,7 +67,7 @@ export function showLiveFlight(element, { id, api, over }) {
     alarm: onAlarm,
     transport: onTransport,
     heartbeat: onHeartbeat,
-    reset: async ({ t }) => onFrames([], await display.restart(t)),
+    reset: onReset,
     link: onLink,
     over,
   });
@@ -101,6 +101,11 @@ export function showLiveFlight(element, { id, api, over }) {
     if (newest === null) return;
     transport.moved(newest.t);
     notes?.moved(newest.t);
+  }
+
+  async function onReset({ t }) {
+    transport.arrived();
+    onFrames([], await display.restart(t));
   }
 
   function onAlarm(raisedAlarm) {
@@ -148,7 +153,7 @@ export function showLiveFlight(element, { id, api, over }) {
   function showNotes() {
     const { source } = hello;
     const fail = (error) => events.add({ t: null, text: `notes could not be read: ${reason(error)}`, level: "caution" });
-    notes = createReplayNotes({ api, source, now: () => display.t ?? playback.position, add: events.add, marked: markEvents, fail });
+    notes = createReplayNotes({ api, source, now: () => transport.t, add: events.add, marked: markEvents, fail });
     panels.events.append(notes.element);
   }
 

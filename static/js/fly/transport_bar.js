@@ -9,6 +9,8 @@
  * TransportBar
  *   show(transport)      as the server says it
  *   moved(t)             a sample of time t [s] has come
+ *   arrived()            what comes from now on follows the last seek
+ *   t                    time shown [s]: that of the newest sample, or the one sought
  *   mark(times)          [{t, level}] drawn above the slider; "To the next event" goes from one to the next
  *   setUsable(boolean)   false while there is no connection
  *   keys                 {key: act} for the page's shortcuts
@@ -26,6 +28,7 @@ export function createTransportBar(element, { act, end }) {
   let dragging = false;
   let wanted = null; // time to seek to, while an earlier seek is under way
   let seeking = false;
+  let sought = null; // the time shown until what comes follows from it
 
   const button = (text, label, key, onclick, name) =>
     h("button", { type: "button", class: "button button-small", "aria-label": label, title: `${label} (key ${key})`, onclick, "data-action": name }, text);
@@ -48,7 +51,6 @@ export function createTransportBar(element, { act, end }) {
 
   slider.addEventListener("input", () => {
     dragging = true;
-    showTime(Number(slider.value));
     seek(Number(slider.value));
   });
   slider.addEventListener("change", () => {
@@ -60,6 +62,7 @@ export function createTransportBar(element, { act, end }) {
     try {
       await act(action, value); // what it changed comes by the stream, in order
     } catch (error) {
+      sought = null;
       put(failure, reason(error));
       failure.hidden = false;
     }
@@ -67,7 +70,8 @@ export function createTransportBar(element, { act, end }) {
 
   /** One seek at a time; while it is under way only the newest wish is kept. */
   async function seek(t) {
-    wanted = t;
+    wanted = sought = t;
+    showTime(t);
     if (seeking) return;
     seeking = true;
     while (wanted !== null) {
@@ -117,9 +121,13 @@ export function createTransportBar(element, { act, end }) {
 
   function moved(t) {
     transport.position = t;
-    if (dragging || wanted !== null) return;
+    if (dragging || sought !== null) return;
     slider.value = String(t);
     showTime(t);
+  }
+
+  function arrived() {
+    if (wanted === null) sought = null;
   }
 
   function showTime(t) {
@@ -156,10 +164,15 @@ export function createTransportBar(element, { act, end }) {
   return {
     show,
     moved,
+    arrived,
     mark,
     seek,
     keys,
+    get t() {
+      return sought ?? transport.position;
+    },
     setUsable: (usable) => {
+      if (!usable) sought = null;
       for (const part of [back, stepBack, play, step, next, event, loop, speed, slider, stop]) part.disabled = !usable;
       failure.hidden = true;
     },

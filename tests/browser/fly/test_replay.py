@@ -4,7 +4,7 @@ import re
 from collections.abc import Iterator
 
 import pytest
-from playwright.sync_api import Page, expect
+from playwright.sync_api import Page, Route, expect
 
 from tests.browser.chromium import wait_until
 from tests.browser.recorded_site import DT, RecordedSite, open_recorded_site
@@ -81,11 +81,15 @@ def test_the_next_event_is_a_manoeuvre_a_note_an_alert_or_a_limit(
 def test_a_note_written_during_the_replay_stays_with_the_recording(
     replay: Page, site: RecordedSite
 ) -> None:
+    seeks: list[Route] = []
+    replay.route("**/transport", lambda route: seeks.append(route))
     replay.get_by_label("Time in the flight").fill(str(START + 3.0))
     wait_until(
         replay, f"parseFloat(document.querySelector('.transport-time').textContent) > {START + 2.9}"
     )
     replay.keyboard.press("t")
+    for seek in seeks:
+        seek.continue_()
     replay.get_by_label("Note", exact=True).fill("pilot calls buffet")
     replay.get_by_role("button", name="Save").click()
     expect(replay.locator(".event-list").get_by_text("pilot calls buffet")).to_be_visible()
