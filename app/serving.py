@@ -26,6 +26,8 @@ UNANSWERED_MS = 5_000
 LARGEST_MESSAGE = 262_144
 PATIENCE = 3
 """[s] Connections that still run when the server stops are given so long."""
+GRACE = 1
+"""[s] What a request then still does is cancelled so much later."""
 BACKLOG = 128
 
 Opened = Callable[[FastAPI], Awaitable[None]]
@@ -60,7 +62,7 @@ class Server(uvicorn.Server):
                 ws=Watching,
                 ws_max_size=LARGEST_MESSAGE,
                 ws_per_message_deflate=False,
-                timeout_graceful_shutdown=PATIENCE,
+                timeout_graceful_shutdown=PATIENCE + GRACE,
             )
         )
         self.app = app
@@ -71,6 +73,19 @@ class Server(uvicorn.Server):
         await super().startup(sockets)
         if self.started and self.opened is not None:
             await self.opened(self.app)
+
+    async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
+        """Stop. Who has not taken his answer after PATIENCE is dropped."""
+        dropping = asyncio.get_running_loop().call_later(PATIENCE, self._drop_connections)
+        await super().shutdown(sockets)
+        dropping.cancel()
+        self._drop_connections()
+        await asyncio.sleep(0)  # a transport closes on the loop's next turn
+
+    def _drop_connections(self) -> None:
+        for connection in list(self.server_state.connections):
+            if connection.transport is not None:
+                connection.transport.abort()
 
 
 def listen(settings: Settings) -> socket.socket:

@@ -1,3 +1,4 @@
+import asyncio
 import json
 import os
 import re
@@ -5,6 +6,7 @@ import signal
 import socket
 import subprocess
 import sys
+import threading
 import time
 from base64 import b64encode
 from contextlib import contextmanager
@@ -13,12 +15,14 @@ from typing import Any
 
 import httpx2
 import pytest
+from fastapi import FastAPI, Response
 
+from app import serving
 from app.cli import main
 from app.commands import demo
 from app.commands.demo import NAME, prepare
 from app.jobs.training import fly_test
-from app.serving import address_of, alone, listen
+from app.serving import Server, address_of, alone, listen
 from app.settings import Settings, SettingsError
 from app.store.store import open_store
 from core.monitor import MonitorRecipe, train
@@ -157,6 +161,25 @@ def test_a_watcher_has_a_small_buffer_and_a_download_a_large_one(tmp_path):
         while server.server_state.connections:
             assert time.monotonic() < until
         assert buffer_after("/healthz HTTP/1.1") > 2 * watched
+
+
+def test_a_server_that_stops_drops_who_does_not_read(tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr(serving, "PATIENCE", 0.1)
+    app = FastAPI()
+    app.state.settings = Settings(data_dir=tmp_path, port=0)
+    app.add_api_route("/", lambda: Response(bytes(16_000_000)))
+    listening = listen(app.state.settings)
+    server = Server(app)
+    thread = threading.Thread(target=lambda: asyncio.run(server.serve([listening])))
+    with socket.create_connection(listening.getsockname(), PATIENCE) as connection:
+        thread.start()
+        connection.sendall(b"GET / HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\n")
+        connection.recv(1)
+        server.should_exit = True
+        thread.join(PATIENCE)
+    assert not thread.is_alive()
+    assert not server.server_state.connections
+    assert "Traceback" not in capsys.readouterr().err
 
 
 def test_the_demonstration_finds_a_taken_port_before_it_trains(tmp_path, capsys):
