@@ -36,7 +36,7 @@ class Affine(NamedTuple):
 @inlined
 def map_observation(fitted, y, i, n_delay, z):
     """Map observation o_i of y (n, 6) into z (d,); rows before the first repeat it."""
-    _map(
+    map_rows(
         address(fitted.matrix),
         address(fitted.offset),
         address(y),
@@ -44,17 +44,19 @@ def map_observation(fitted, y, i, n_delay, z):
         z.shape[0],
         i,
         n_delay,
+        1,
     )
 
 
 @jit
-def _map(matrix, offset, y, z, d, i, n_delay):
+def map_rows(matrix, offset, y, z, d, i, n_delay, spacing):
+    """Map n_delay + 1 rows of y, `spacing` apart, the newest last; addresses of the arrays."""
     for block in range(0, d, WIDTH):
         width = (d + WIDTH - 1) // WIDTH * WIDTH
         even, odd = load(offset, block), splat(0.0)  # two sums: half the wait for each addition
         for row in range(n_delay + 1):
             at = row * N_CHANNELS * width + block
-            sample = max(i - n_delay + row, 0) * N_CHANNELS
+            sample = max(i - (n_delay - row) * spacing, 0) * N_CHANNELS
             for c in range(0, N_CHANNELS, 2):
                 left, right = splat(read(y, sample + c)), splat(read(y, sample + c + 1))
                 even = fma(load(matrix, at + c * width), left, even)

@@ -12,6 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from core.channels import N_CHANNELS
+from core.kernels.innovation import N_RESPONSES, Innovation
 from core.kernels.p_value import Transduction
 from core.monitor.observation import lead_steps
 from core.monitor.predictor import Affine
@@ -173,16 +174,41 @@ def check_specification(plain: object) -> None:
         raise ValueError(f"its specification is {plain!r}")
 
 
-def check_support(support: Support, forecasts: bool) -> None:
-    """Refuse a support that no fresh flights give. forecasts: whether the predictor makes any."""
+def check_support(support: Support) -> None:
+    """Refuse a support that no fresh flights give."""
     support.check()
-    known = np.isfinite(support.sigma)
-    if forecasts != known.all() or forecasts != known.any() or (support.sigma <= 0).any():
-        raise ValueError("support sigma holds what is no deviation of its forecasts")
     if not (_is_count(support.n_samples) and support.n_samples >= 1):
         raise ValueError(f"support n_samples is {support.n_samples!r}")
     if not _is_number(support.level):
         raise ValueError(f"support level is {support.level!r}")
+
+
+def check_residuals(support: Support, forecasts: bool) -> None:
+    """Refuse deviations of forecasts that there are not. forecasts: whether there are any."""
+    known = np.isfinite(support.sigma)
+    if forecasts != known.all() or forecasts != known.any() or (support.sigma <= 0).any():
+        raise ValueError("support sigma holds what is no deviation of its forecasts")
+
+
+def check_innovation(innovation: Innovation) -> None:
+    """Refuse a forecast of the responses that no training fits, or that no kernel may read."""
+    for name in ("n_past", "spacing", "window"):
+        if not (_is_count(number := getattr(innovation, name), MOST_LEAD)):
+            raise ValueError(f"innovation {name} is {number!r} instead of 0 to {MOST_LEAD} samples")
+    n_past, spacing, window = innovation.n_past, innovation.spacing, innovation.window
+    if len({n_past > 0, spacing > 0, window > 0}) > 1 or innovation.history > MOST_LEAD:
+        raise ValueError(f"innovation has n_past={n_past}, spacing={spacing}, window={window}")
+    n_known = N_CHANNELS * (n_past + 1) if n_past else 0
+    for name, shape in (
+        ("matrix", (n_known, 2 * N_RESPONSES)),
+        ("offset", (2 * N_RESPONSES,)),
+        ("sigma", (N_RESPONSES,)),
+    ):
+        array = getattr(innovation, name)
+        if array.dtype != np.float64 or array.shape != shape or not np.isfinite(array).all():
+            raise ValueError(f"innovation {name} is {array.dtype} {array.shape}, not {shape}")
+    if (innovation.sigma <= 0).any():
+        raise ValueError("innovation sigma holds what is no deviation of a response")
 
 
 def check_evaluation(evaluation: Mapping[str, Any]) -> None:

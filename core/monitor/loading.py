@@ -10,6 +10,8 @@ from core.monitor.file_checks import (
     check_arrays,
     check_evaluation,
     check_header,
+    check_innovation,
+    check_residuals,
     check_specification,
     check_support,
     recipe_of,
@@ -82,9 +84,12 @@ def _support(section: Section | None, forecasts: bool) -> Support | None:
     """The support; None where the monitor's validity is not calibrated."""
     if section is None:
         return None
-    arrays = {key: section.arrays[key] for key in portable.SUPPORT_ARRAYS}
-    support = Support(**arrays, **{key: section.header[key] for key in portable.SUPPORT_FIELDS})
-    check_support(support, forecasts)
+    support = Support.of_section(section)
+    if section.version == 1:
+        check_residuals(support, forecasts)
+    else:
+        check_innovation(support.innovation)
+    check_support(support)
     return support
 
 

@@ -12,6 +12,7 @@ from core.channels import N_CHANNELS
 from core.kernels import assessing, peak_risk
 from core.kernels.assessing import Fitted
 from core.kernels.deviation import Reference, first_beyond
+from core.kernels.innovation import NO_INNOVATION, Innovation
 from core.kernels.nearest import Tree, build
 from core.kernels.p_value import SIMPLE, Transduction
 from core.monitor import portable
@@ -104,11 +105,18 @@ class Monitor:
         """What the validity of a flight is judged by; None where it is not calibrated."""
         if self.support is None:
             return None
-        reference = self.reference(self.support.sigma)
+        reference = self.reference(self.support.innovation, self.support.sigma)
         return ValidityBasis(self.support, reference, self.training_max_abs, self.safe_points)
 
-    def reference(self, sigma: Array) -> Reference:
-        """What deviations are measured from. sigma: (6,) of the residuals, NaN for no forecasts."""
+    def reference(
+        self, innovation: Innovation = NO_INNOVATION, sigma: Array | None = None
+    ) -> Reference:
+        """What deviations are measured from.
+
+        innovation: of the responses.   sigma: (6,) of the residuals h samples ahead, which are not
+        tested unless given.
+        """
+        sigma = np.full(N_CHANNELS, np.nan) if sigma is None else sigma
         return Reference(
             matrix=self.fitted.matrix,
             offset=self.fitted.offset,
@@ -119,7 +127,8 @@ class Monitor:
             h=self.h,
             n_delay=self.recipe.n_delay,
             dt=self.dt,
-            forecasts=self.recipe.predictor.forecasts,
+            has_residuals=bool(np.isfinite(sigma).all()),
+            innovation=innovation,
         )
 
     @cached_property
@@ -284,9 +293,7 @@ class Monitor:
             exact = {name: getattr(self.exact, name) for name in portable.EXACT_ARRAYS}
             sections.append(portable.Section("transduction", 1, True, plain, exact))
         if self.support is not None:
-            plain = {name: getattr(self.support, name) for name in portable.SUPPORT_FIELDS}
-            support = {name: getattr(self.support, name) for name in portable.SUPPORT_ARRAYS}
-            sections.append(portable.Section("validity", 1, True, plain, support))
+            sections.append(self.support.to_section())
         if self.evaluation is not None:
             sections.append(portable.Section("evaluation", 1, False, self.evaluation, {}))
         return sections
@@ -335,7 +342,7 @@ class Stream:
         self._clock = np.array([np.nan, np.inf, np.nan, np.nan, 0.0])
         self._point = np.empty(self._fitted.d)
         basis, self._limits = monitor.validity_basis, monitor.limits
-        self._validity = basis and RunningValidity(basis, monitor.recipe.n_delay)
+        self._validity = basis and RunningValidity(basis)
         self._reason = ""
 
     def update(self, t: float, y: npt.ArrayLike) -> Assessment:

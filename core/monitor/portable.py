@@ -24,7 +24,7 @@ import numpy.typing as npt
 
 MAGIC = b"FOREWARN MONITOR "
 FORMAT = 3
-VERSIONS = {"monitor": 1, "specification": 1, "transduction": 1, "validity": 1, "evaluation": 1}
+VERSIONS = {"monitor": 1, "specification": 1, "transduction": 1, "validity": 2, "evaluation": 1}
 """Newest version of each section that this program knows."""
 INDEX = "sections"
 MONITOR_FIELDS = ("dt", "h", "n_early", "dataset_recipe", "dataset_digest", "seed", "version")
@@ -39,8 +39,6 @@ MONITOR_ARRAYS = (
     "theta_safe",
     "alphas",
 )
-SUPPORT_ARRAYS = ("sigma", "safe", "unsafe")
-SUPPORT_FIELDS = ("n_samples", "level")
 UNFOLDS_BY, UNFOLDS_TO = 8, 16 * 2**20
 """A file's arrays may take so many times its size, or so many bytes if that is more. Those of
 trained monitors take less than twice its size."""
@@ -229,7 +227,7 @@ def _of_older_format(
     if len(exact["start"]):
         sections.append(Section("transduction", 1, True, header["exact"], exact))
     if header.get("support"):
-        support = {key: arrays[f"support_{key}"] for key in SUPPORT_ARRAYS}
+        support = {key: arrays[f"support_{key}"] for key in ("sigma", "safe", "unsafe")}
         sections.append(Section("validity", 1, True, header["support"], support))
     return {section.name: section for section in sections}
 

@@ -3,7 +3,15 @@
 import numpy as np
 
 from core.channels import CHANNELS
-from core.kernels.deviation import COMPARED, DISTANCE, PLACED, SIZE, WHEN, Deviation
+from core.kernels.deviation import (
+    COMPARED,
+    DISTANCE,
+    INNOVATION,
+    PLACED,
+    SIZE,
+    WHEN,
+    Deviation,
+)
 from core.monitor.support import ValidityBasis
 from core.types import Array
 
@@ -16,7 +24,7 @@ def outside_training(
 ) -> list[str]:
     """Where and how far beyond the bounds; nothing for a flight within them.
 
-    bounds: (2,) of residual and distance.
+    bounds: (2,) of what is off a forecast, and of the distance.
     outlier: (6,) forecast made of the farthest observation; None or NaN where there is none.
     """
     support, dt = basis.support, basis.reference.dt
@@ -28,6 +36,8 @@ def outside_training(
             reasons.append(
                 _off_forecast(basis, c, float(residual[c]), float(when[c]), bounds[0], share)
             )
+    if deviation.peaks[SIZE, INNOVATION] > bounds[0]:
+        reasons.append(f"{_off_forecasts(basis, deviation)}; {share} {bounds[0]:.1f}")
     if distance > bounds[1]:
         reasons.append(
             f"it was {distance:.3g} from every safe observation of training at "
@@ -41,6 +51,18 @@ def outside_training(
             "a longer one deviates farther, split it up"
         )
     return reasons
+
+
+def _off_forecasts(basis: ValidityBasis, deviation: Deviation) -> str:
+    innovation, dt = basis.reference.innovation, basis.reference.dt
+    size, when = deviation.peaks[SIZE, INNOVATION], deviation.peaks[WHEN, INNOVATION]
+    c = int((deviation.responses / innovation.sigma).argmax())
+    channel, amount = CHANNELS[c], float(deviation.responses[c])
+    return (
+        f"the responses to the surfaces were off their forecast by {size:.1f} sigma over the "
+        f"{innovation.window * dt:g} s to {when:.2f} s, mostly {channel.key} "
+        f"({channel.read(amount)})"
+    )
 
 
 def _off_forecast(
@@ -75,13 +97,14 @@ def too_little(basis: ValidityBasis, deviation: Deviation) -> list[str]:
     placed, compared = int(deviation.counts[PLACED]), int(deviation.counts[COMPARED])
     if placed == 0 or 2 * placed < n_due:
         return [f"only {placed} of {n_due} samples could be assessed: too few to judge validity"]
-    n_pairs = n_due - reference.h
-    if not reference.forecasts:
+    if not reference.has_forecasts:
         return []
+    n_before = reference.h if reference.has_residuals else reference.innovation.history
+    n_pairs = n_due - n_before
     if n_pairs <= 0:
         return [
             f"{n_due} samples are too few to judge validity: a forecast is compared with what came "
-            f"from sample {reference.h + 1} on"
+            f"from sample {n_before + 1} on"
         ]
     if 2 * compared < n_pairs:
         return [

@@ -3,13 +3,15 @@
 import math
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 
 from core.channels import N_CHANNELS
 from core.kernels.deviation import Reference, farthest
+from core.kernels.innovation import NO_INNOVATION, Innovation
 from core.monitor.calibration import p_values
+from core.monitor.portable import Section
 from core.types import Array, Indices
 
 LEVEL = 0.02
@@ -18,6 +20,10 @@ WORST_LEVEL = 0.1
 """Largest level that is taken where fresh flights of one kind are too few for LEVEL."""
 LEAST, MOST = 1_000, 5_000
 """Fresh flights to calibrate on; and of one kind, at most."""
+KINDS, FIELDS = ("safe", "unsafe"), ("n_samples", "level")
+INNOVATION_ARRAYS = ("matrix", "offset", "sigma")
+INNOVATION_FIELDS = ("n_past", "spacing", "window")
+"""What a section of a monitor's file holds."""
 NOT_CALIBRATED = (
     "validity is not calibrated: this monitor cannot tell whether a flight is like those it was "
     "trained on, train it again"
@@ -32,12 +38,13 @@ class SupportError(ValueError):
 class Support:
     """How far flights deviate that are drawn like the simulated ones.
 
-    sigma: (6,) deviation of a forecast's residual on safe training rollouts, in the channels'
-    units; NaN where the predictor makes no forecasts.
-    safe, unsafe: (n, 2) the largest residual [sigma] and distance [scaled units] of fresh flights
-    that stayed safe, and of those that failed up to their failure; each column sorted.
+    sigma: (6,) deviation of the residual of the monitor's own forecast on safe training rollouts,
+    in the channels' units, which monitors of older files are judged by; else NaN.
+    safe, unsafe: (n, 2) the largest off a forecast [sigma] and distance [scaled units] of fresh
+    flights that stayed safe, and of those that failed up to their failure; each column sorted.
     n_samples: of each of these flights.
     level: share of the flights of either kind that is wrongly called invalid, at most.
+    innovation: forecast of the responses, whose innovations are judged instead.
     """
 
     sigma: Array
@@ -45,6 +52,7 @@ class Support:
     unsafe: Array
     n_samples: int
     level: float = LEVEL
+    innovation: Innovation = NO_INNOVATION
 
     def check(self) -> None:
         """Refuse arrays that do not fit together; ValueError."""
@@ -57,10 +65,35 @@ class Support:
             raise ValueError(f"support sigma is {self.sigma.dtype} {self.sigma.shape}")
         self.check_level()
 
+    def to_section(self) -> Section:
+        """Return the section of a monitor's file; version 1 is of residuals, 2 of innovations."""
+        header = {name: getattr(self, name) for name in FIELDS}
+        arrays = {name: getattr(self, name) for name in KINDS}
+        if np.isfinite(self.sigma).all():
+            return Section("validity", 1, True, header, arrays | {"sigma": self.sigma})
+        innovation = self.innovation._asdict()
+        header |= {name: innovation.pop(name) for name in INNOVATION_FIELDS}
+        return Section("validity", 2, True, header, arrays | innovation)
+
+    @classmethod
+    def of_section(cls, section: Section) -> Self:
+        """Rebuild it, unchecked."""
+        header, arrays = section.header, section.arrays
+        known = {name: header[name] for name in FIELDS} | {name: arrays[name] for name in KINDS}
+        if section.version == 1:
+            return cls(sigma=arrays["sigma"], **known)
+        forecast: dict[str, Any] = {
+            name: np.ascontiguousarray(arrays[name]) for name in INNOVATION_ARRAYS
+        }
+        forecast |= {name: header[name] for name in INNOVATION_FIELDS}
+        nothing = np.full(N_CHANNELS, np.nan)
+        return cls(sigma=nothing, innovation=Innovation(**forecast), **known)
+
     @property
     def statistics(self) -> tuple[int, ...]:
-        """Columns that are tested: the residual only where there are forecasts."""
-        return (0, 1) if np.isfinite(self.sigma).all() else (1,)
+        """Columns that are tested: what is off a forecast only where there are forecasts."""
+        has_forecasts = self.innovation.window > 0 or np.isfinite(self.sigma).all()
+        return (0, 1) if has_forecasts else (1,)
 
     @property
     def smallest_level(self) -> float:
@@ -84,7 +117,7 @@ class Support:
     def p_values(self, largest: Array) -> Array:
         """p-value of each statistic: the larger of those among safe and among failing flights.
 
-        largest: (n, 2) residual and distance.   Returns (n, 2), NaN where none is tested.
+        largest: (n, 2) off a forecast, and distance.   Returns (n, 2), NaN where none is tested.
         """
         p = np.full(largest.shape, np.nan)
         for k in self.statistics:
@@ -133,7 +166,7 @@ def calibrate(
     labels decide that, so flights of one kind stay exchangeable.
     SupportError where they end too early for WORST_LEVEL.
     """
-    n_statistics = 2 if reference.forecasts else 1
+    n_statistics = 2 if reference.has_forecasts else 1
     kinds: tuple[list[Array], list[Array]] = [], []
     counts, n_flights, level = [0, 0], 0, math.inf
     for y, fail_index, *_ in flights:
@@ -154,7 +187,7 @@ def calibrate(
             f"{counts[1]} failed, {needed} of either are needed; change the amplitude or the limit"
         )
     safe, unsafe = (np.sort(np.concatenate(kind), axis=0) for kind in kinds)
-    return Support(reference.sigma, safe, unsafe, n_samples, level)
+    return Support(reference.sigma, safe, unsafe, n_samples, level, reference.innovation)
 
 
 def _smallest_level(n_statistics: int, n: int) -> float:

@@ -13,6 +13,7 @@ from core.kernels.assessing import Fitted, weighted_distances
 from core.kernels.mapping import map_samples
 from core.kernels.p_value import SIMPLE, Transduction
 from core.kernels.peak_risk import lowest_scores
+from core.monitor.innovation import fit_innovation
 from core.monitor.monitor import Monitor, assemble
 from core.monitor.observation import (
     channel_scale,
@@ -25,9 +26,6 @@ from core.monitor.recipe import MonitorRecipe
 from core.monitor.support import calibrate
 from core.types import Array, Indices
 
-FINEST = 1e-3
-"""Least sigma of a residual, as a share of the channel's deviation; of a channel that never moves,
-in its SI unit (N_y in g): 1 mrad, 1 mrad/s, 1 mg, about what a sensor resolves."""
 FreshFlights = Iterable[tuple[Array, Indices, *tuple[Any, ...]]]
 """Batches of flights: outputs y (n, n_samples, 6), fail_index (n,), and what else comes along."""
 
@@ -82,23 +80,8 @@ def with_validity(monitor: Monitor, dataset: Dataset, fresh: FreshFlights) -> Mo
     fresh: batches of y (n, n_samples, 6) and fail_index (n,), n_samples for a safe flight, that
     neither trained nor tested it; only as many are taken as are needed.   SupportError.
     """
-    reference = monitor.reference(residual_deviation(monitor, dataset))
+    reference = monitor.reference(fit_innovation(dataset))
     return replace(monitor, support=calibrate(reference, dataset.safe.shape[1], fresh))
-
-
-def residual_deviation(monitor: Monitor, dataset: Dataset) -> Array:
-    """(6,) root mean square of y_{t+h} - y_hat_{t+h} at the safe observations, from below FINEST.
-
-    NaN where the predictor makes no forecasts.
-    """
-    if not monitor.recipe.predictor.forecasts:
-        return np.full(len(monitor.scale), np.nan)
-    ahead = outputs_ahead(dataset.safe, dataset.safe_times, monitor.h)
-    ahead -= monitor.safe_points * monitor.scale
-    deviation = np.sqrt(np.nanmean(np.square(ahead, out=ahead), axis=0))
-    times = np.arange(len(dataset.safe))[:, None], dataset.safe_times
-    newest = dataset.safe[times].reshape(-1, dataset.safe.shape[2])
-    return np.maximum(deviation, FINEST * channel_scale(newest))
 
 
 def _calibrated(dataset: Dataset, recipe: MonitorRecipe, safe: SafeObservations | None) -> Monitor:

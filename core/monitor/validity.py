@@ -20,12 +20,14 @@ from core.kernels.assessing import STALE
 from core.kernels.deviation import (
     AT,
     DISTANCE,
+    INNOVATION,
     SAMPLES,
     SIZE,
     WHEN,
     Deviation,
     begin,
     follow,
+    n_before,
     take,
 )
 from core.monitor.assessment import Assessment, Assessments, Withdrawal, code_of
@@ -41,7 +43,9 @@ class ValidityVerdict:
     valid: False where it deviates farther than all but a share `level` of the fresh flights of
     either kind; None where nothing can be said: not calibrated, or less than half of it was seen.
     p_value: of both statistics, by Bonferroni's rule.   residual_p, distance_p: of each.
-    residual: largest [sigma].   distance: largest [scaled units].
+    residual: largest off a forecast [sigma]: of the responses one step ahead, root mean square over
+    half a second; in monitors of older files of one channel, the monitor's lead ahead.
+    distance: largest [scaled units].
     sample, t, channel: where it deviates most: number, time [s] and the channel's key; no channel
     where that is the distance.
     reasons: why `valid` is not True.
@@ -114,10 +118,10 @@ def deviation_of(
     assessments: Assessments,
     end: int | None = None,
 ) -> tuple[Deviation, Array]:
-    """How far a manoeuvre deviates in the end, and (n, 2) residual and distance by each sample.
+    """How far a manoeuvre deviates in the end, and (n, 2) both statistics by each sample.
 
-    Samples in which nothing was assessed add nothing. A sample is compared with the forecast made
-    h samples before it only where every sample since was assessed.
+    Samples in which nothing was assessed add nothing. A sample is compared with a forecast only
+    where it and every sample since that was made of were assessed.
     """
     n = len(assessments) if end is None else end + 1
     codes, near = assessments.state[:n], assessments.nearest_safe[:n]
@@ -165,11 +169,11 @@ class RunningValidity:
     level: the support's own unless given.   SupportError for one that it cannot serve.
     """
 
-    def __init__(self, basis: ValidityBasis, n_delay: int, level: float | None = None) -> None:
+    def __init__(self, basis: ValidityBasis, level: float | None = None) -> None:
         self.basis = basis
         self.level = basis.support.check_level(level)
         self._residual_bound, self._distance_bound = basis.support.bounds(level).tolist()
-        self._history = np.zeros((n_delay + 1, N_CHANNELS))
+        self._history = np.zeros((n_before(basis.reference) + 1, N_CHANNELS))
         self._deviation: Deviation = begin(basis.reference)
         self._outlier: Array | None = None
 
@@ -208,7 +212,7 @@ def _verdict(
     residual_p, distance_p = (None if np.isnan(value) else float(value) for value in p[0])
     outside = outside_training(basis, deviation, bounds, level, outlier)
     unseen = too_little(basis, deviation)
-    worst = _worst(deviation, bounds)
+    worst, channel = _worst(basis, deviation, bounds)
     there = deviation.peaks[AT, worst] >= 0
     return ValidityVerdict(
         valid=False if outside else None if unseen else True,
@@ -220,15 +224,19 @@ def _verdict(
         distance=float(largest[1]),
         sample=int(deviation.peaks[AT, worst]) if there else None,
         t=float(deviation.peaks[WHEN, worst]) if there else None,
-        channel=KEYS[worst] if there and worst != DISTANCE else None,
+        channel=channel if there else None,
         reasons=tuple(outside or unseen),
     )
 
 
-def _worst(deviation: Deviation, bounds: Array) -> int:
-    """Row of the statistic that comes closest to its bound, or is farthest beyond it."""
+def _worst(basis: ValidityBasis, deviation: Deviation, bounds: Array) -> tuple[int, str | None]:
+    """What comes closest to its bound, or is farthest beyond it: row of peaks, and its channel."""
     with np.errstate(divide="ignore", invalid="ignore"):
         residual_share, distance_share = np.nan_to_num(deviation.largest / bounds)
     if distance_share >= residual_share:
-        return DISTANCE
-    return int(deviation.peaks[SIZE, :DISTANCE].argmax())
+        return DISTANCE, None
+    if basis.reference.innovation.window:
+        shares = deviation.responses / basis.reference.innovation.sigma
+        return INNOVATION, KEYS[int(shares.argmax())]
+    worst = int(deviation.peaks[SIZE, :DISTANCE].argmax())
+    return worst, KEYS[worst]

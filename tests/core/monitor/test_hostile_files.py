@@ -22,6 +22,7 @@ from hypothesis import strategies as st
 from core.certificate import warnings_of
 from core.dataset import Dataset
 from core.monitor import Monitor, MonitorRecipe, train
+from core.monitor.innovation import fit_innovation
 from core.monitor.loading import from_bytes
 from core.monitor.portable import UNFOLDS_TO, MonitorFileError, Section, pack, unpack
 from core.monitor.predictor import PrincipalComponents
@@ -39,11 +40,15 @@ RECIPES = {
 
 
 def made(recipe: MonitorRecipe) -> dict[str, Section]:
-    """The sections of a monitor that has one of each."""
-    monitor = train(oscillator.collect(np.random.default_rng(11), n_unsafe=12), recipe)
+    """The sections of a monitor that has one of each; the simple one's validity is of today."""
+    dataset = oscillator.collect(np.random.default_rng(11), n_unsafe=12)
+    monitor = train(dataset, recipe)
     safe, unsafe = (np.sort(np.random.default_rng(n).random((n, 2)), axis=0) for n in (130, 120))
     sigma = np.full(6, 1.0 if recipe.predictor.forecasts else np.nan)
     support = Support(sigma, safe, unsafe, n_samples=61, level=0.03)
+    if recipe == RECIPES["simple"]:
+        innovation = fit_innovation(dataset)
+        support = replace(support, sigma=np.full(6, np.nan), innovation=innovation)
     return unpack(replace(monitor, support=support, evaluation=EVALUATION).to_bytes(), "m")
 
 
@@ -98,6 +103,9 @@ NO_SENSE = {
     ("specification", ("specification",)): [[], 1, {"Ny": -1}, {"Ny": "1"}, {"Ny": True}],
     ("validity", ("n_samples",)): [x for x in NUMBERS if x != 1],
     ("validity", ("level",)): [x for x in NUMBERS if x not in (0.5, 5e-324)],
+    ("validity", ("n_past",)): [*NUMBERS, 1, 5],
+    ("validity", ("spacing",)): [*NUMBERS, 10**5],
+    ("validity", ("window",)): [*NUMBERS, 10**6],
     ("evaluation", ("epsilon",)): [x for x in NUMBERS if x not in (0.5, 5e-324)],
     ("evaluation", ("n_unsafe",)): NUMBERS,
     ("evaluation", ("n_safe",)): NUMBERS,
@@ -140,14 +148,17 @@ ARRAYS = {
     ("transduction", "start"): [put(0), lambda a: a + 1],
     ("validity", "sigma"): [nan, inf, put(0.0), put(-1.0), lambda a: a * np.nan],
     ("validity", "safe"): [nan, lambda a: a[::-1]],
+    ("validity", "matrix"): [nan, inf, lambda a: a[:-1], lambda a: a.astype(np.float32)],
+    ("validity", "offset"): [nan, inf, lambda a: a[:-1]],
 }
 
 
 @pytest.mark.parametrize(("section", "name"), ARRAYS)
 def test_an_array_that_makes_no_sense_is_refused(section: str, name: str) -> None:
-    array = FILES["exact"][section].arrays[name]
+    file = next(FILES[f] for f in ("exact", "simple") if name in FILES[f][section].arrays)
+    array = file[section].arrays[name]
     for change in ARRAYS[section, name]:
-        refusal(changed(FILES["exact"], section, (name,), np.ascontiguousarray(change(array))))
+        refusal(changed(file, section, (name,), np.ascontiguousarray(change(array))))
 
 
 @pytest.mark.parametrize(("key", "value"), [("always", 1), ("always", None), ("running", False)])

@@ -15,6 +15,7 @@ import pytest
 from core import __version__
 from core.dataset import Dataset
 from core.monitor import Monitor, MonitorRecipe, load, train
+from core.monitor.innovation import fit_innovation
 from core.monitor.portable import MonitorFileError, Section, pack, unpack
 from core.monitor.predictor import PREDICTORS, PrincipalComponents
 from core.monitor.score import SCORES, NegativeMagnitude
@@ -70,15 +71,26 @@ def with_support(dataset: Dataset, **changes: object) -> Monitor:
     return replace(train(dataset), support=replace(support, **changes))  # pyright: ignore
 
 
-def test_a_support_comes_back_to_the_bit(dataset: Dataset, flights: Array, tmp_path: Path) -> None:
-    monitor = with_support(dataset)
+def with_innovation(dataset: Dataset) -> Monitor:
+    """One that is judged by innovations, as those trained by this program are."""
+    nothing = np.full(6, np.nan)
+    return with_support(dataset, sigma=nothing, innovation=fit_innovation(dataset))
+
+
+@pytest.mark.parametrize("made", [with_support, with_innovation])
+def test_a_support_comes_back_to_the_bit(
+    made: Callable[[Dataset], Monitor], dataset: Dataset, flights: Array, tmp_path: Path
+) -> None:
+    monitor = made(dataset)
     monitor.save(tmp_path / "m.fwm")
     loaded = load(tmp_path / "m.fwm")
     assert loaded.support is not None
     for field in fields(Support):
         assert same(getattr(loaded.support, field.name), getattr(monitor.support, field.name))
     assert loaded.to_bytes() == monitor.to_bytes()
-    assert loaded.p_values(flights[0]).tobytes() == train(dataset).p_values(flights[0]).tobytes()
+    times = DT * np.arange(len(flights[0]))
+    risk = loaded.assess(times, flights[0], withdraw=False).p_value
+    assert risk.tobytes() == train(dataset).p_values(flights[0]).tobytes()
 
 
 def test_the_file_carries_what_is_known_and_nothing_else(dataset: Dataset, tmp_path: Path) -> None:
@@ -122,7 +134,7 @@ def test_a_later_programs_sections_are_ignored_or_refused_as_they_ask(
     (tmp_path / "m.fwm").write_bytes(with_section(blob, required=False))
     p_values = load(tmp_path / "m.fwm").p_values(flights[0])
     assert p_values.tobytes() == train(dataset).p_values(flights[0]).tobytes()
-    for later in (with_section(blob, True), with_section(blob, True, "validity", 2)):
+    for later in (with_section(blob, True), with_section(blob, True, "validity", 3)):
         assert "which this program does not know and must not ignore: upgrade" in refusal(
             later, tmp_path / "m.fwm"
         )

@@ -1,5 +1,6 @@
 """Validity: statistics against brute force, p-values against fractions, stream against batch."""
 
+from collections.abc import Callable
 from dataclasses import astuple, replace
 from fractions import Fraction
 from itertools import product
@@ -13,15 +14,16 @@ from core.channels import KEYS
 from core.dataset import Dataset
 from core.monitor import Assessments, Monitor, MonitorRecipe, State, train
 from core.monitor.assessment import STATES
+from core.monitor.innovation import fit_innovation
 from core.monitor.predictor import PREDICTORS
 from core.monitor.score import SCORES
-from core.monitor.support import LEVEL, Support, SupportError, ValidityBasis
-from core.monitor.training import FINEST, residual_deviation, with_validity
+from core.monitor.support import LEVEL, Support, SupportError, ValidityBasis, calibrate
+from core.monitor.training import with_validity
 from core.monitor.validity import RunningValidity, deviation_of
 from tests.support import oscillator
 from tests.support.oscillator import DT, N_SAMPLES, NY, TIMES, Array
 
-DELTA_A = KEYS.index("delta_a")
+P, DELTA_A = KEYS.index("p"), KEYS.index("delta_a")
 PAIRS = [
     (predictor, score)
     for predictor, score in product(PREDICTORS, SCORES)
@@ -77,34 +79,64 @@ def rough_flight(seed: int) -> tuple[Array, Array]:
 
 
 def brute_force(monitor: Monitor, t: Array, y: Array, said: Assessments) -> Array:
-    """(n, 2) largest residual and distance by each sample, from the assessments and points."""
-    sigma, affine = support_of(monitor).sigma, monitor.affine
-    n_delay, h = monitor.recipe.n_delay, monitor.h
+    """(n, 2) largest off a forecast and distance by each sample, from assessments and points."""
+    affine, n_delay = monitor.affine, monitor.recipe.n_delay
+    off_forecast = innovation_of if support_of(monitor).innovation.window else residual_of
     kept = [i for i in range(len(t)) if STATES[said.state[i]] is not State.STALE]
     reached = np.zeros((len(t), 2))
     for at, i in enumerate(kept):
-        residual = distance = 0.0
         if STATES[said.state[i]] is State.OK:
             rows = [kept[max(at - lag, 0)] for lag in range(n_delay, -1, -1)]
             z = y[rows].ravel() @ affine.matrix + affine.offset
             distance = np.sqrt(((monitor.safe_points - z) ** 2).sum(axis=1).min())
-            since = kept[at - h : at + 1] if at >= h else []
-            unbroken = all(STATES[said.state[j]] is State.OK for j in since)
-            if since and unbroken and (np.diff(t[since]) < 1.5 * DT).all():
-                residual = (np.abs(y[i] - said.y_hat[since[0]]) / sigma).max()
-        reached[i] = residual, distance
+            run = [i]
+            for before in kept[:at][::-1]:
+                if STATES[said.state[before]] is not State.OK or t[run[0]] - t[before] >= 1.5 * DT:
+                    break
+                run = [before, *run]
+            reached[i] = off_forecast(monitor, y[run], said.y_hat[run]), distance
     return np.fmax.accumulate(reached, axis=0)
+
+
+def residual_of(monitor: Monitor, y: Array, y_hat: Array) -> float:
+    """Of the last of an unbroken run of samples, h samples after its forecast; 0 without one."""
+    if not np.isfinite(support_of(monitor).sigma).all() or len(y) <= monitor.h:
+        return 0.0
+    return float((np.abs(y[-1] - y_hat[-1 - monitor.h]) / support_of(monitor).sigma).max())
+
+
+def innovation_of(monitor: Monitor, y: Array, _: Array) -> float:
+    """Root mean square over the last half second of an unbroken run of samples."""
+    forecast = support_of(monitor).innovation
+    energies = []
+    for k in range(4, len(y))[-10:]:
+        white = (y[k - 4 : k + 1].ravel() @ forecast.matrix + forecast.offset)[:4]
+        energies.append(white @ white / 4)
+    return float(np.sqrt(sum(energies) / 10))
+
+
+def of_older_file(monitor: Monitor) -> Monitor:
+    """The same monitor, judged by the residuals of its own forecasts as those of 0.2.0 were."""
+    sigma = np.full(6, 0.02 if monitor.recipe.predictor.forecasts else np.nan)
+    support = calibrate(monitor.reference(sigma=sigma), N_SAMPLES, batches())
+    return replace(monitor, support=support)
 
 
 @pytest.mark.parametrize("n_delay", [0, 2])
 @pytest.mark.parametrize(("predictor", "score"), PAIRS)
+@pytest.mark.parametrize("version", [of_older_file, lambda monitor: monitor])
 def test_statistics_equal_brute_force(
-    predictor: str, score: str, n_delay: int, dataset: Dataset
+    version: Callable[[Monitor], Monitor],
+    predictor: str,
+    score: str,
+    n_delay: int,
+    dataset: Dataset,
 ) -> None:
     recipe = MonitorRecipe(
         predictor=PREDICTORS[predictor], score=SCORES[score], n_delay=n_delay, scaling="raw"
     )
-    monitor = supported(dataset, recipe)
+    monitor = version(supported(dataset, recipe))
+    has_forecasts = support_of(monitor).statistics == (0, 1)
     for seed in range(3):
         for t, y in (
             rough_flight(seed),
@@ -113,27 +145,39 @@ def test_statistics_equal_brute_force(
             said = untouched(monitor, t, y)
             _, reached = deviation_of(basis_of(monitor), t, y, said)
             expected = brute_force(monitor, t, y, said)
-            np.testing.assert_allclose(reached[:, 1], expected[:, 1], rtol=1e-6)
-            if PREDICTORS[predictor].forecasts:
-                np.testing.assert_allclose(reached[:, 0], expected[:, 0], rtol=1e-12)
-                assert reached[-1, 0] > 0
-            else:
-                assert not reached[:, 0].any()
+            np.testing.assert_allclose(reached, expected, rtol=1e-6)
+            assert (reached[-1, 0] > 0) == has_forecasts
 
 
-def test_sigma_is_the_deviation_of_training_residuals(dataset: Dataset) -> None:
-    monitor = train(dataset)
-    residuals = []
-    for y, times in zip(dataset.safe, dataset.safe_times, strict=True):
-        y_hat = untouched(monitor, TIMES, y).y_hat
-        residuals += [y[k + 5] - y_hat[k] for k in times if k + 5 < N_SAMPLES]
-    expected = np.sqrt(np.mean(np.square(residuals), axis=0))
-    np.testing.assert_allclose(residual_deviation(monitor, dataset), expected, rtol=1e-9)
+def test_innovations_of_training_have_unit_deviation(dataset: Dataset) -> None:
+    """And so has each response by itself, in its unit; but for what a sensor does not resolve."""
+    innovation = fit_innovation(dataset)
+    off = []
+    for y in (*dataset.safe, *dataset.unsafe):
+        o = np.hstack([y[k : len(y) - 4 + k] for k in range(5)])
+        off.append(o[np.isfinite(o[:, -1])] @ innovation.matrix + innovation.offset)
+    white, own = np.split(np.concatenate(off), 2, axis=1)
+    assert np.abs(white.mean(axis=0)).max() < 1e-9
+    np.testing.assert_allclose(np.cov(white.T), np.eye(4), atol=0.05)
+    np.testing.assert_allclose(own.std(axis=0), innovation.sigma, rtol=0.05)
 
 
-def test_sigma_of_a_channel_that_never_moves_is_what_a_sensor_resolves(dataset: Dataset) -> None:
-    still = still_aileron(dataset)
-    assert residual_deviation(train(still), still)[DELTA_A] == FINEST
+def test_past_outputs_are_a_twentieth_of_a_second_apart_at_any_rate(dataset: Dataset) -> None:
+    fast = fit_innovation(replace(dataset, dt=0.01))
+    assert (fast.n_past, fast.spacing, fast.window) == (4, 5, 50)
+    slow = fit_innovation(replace(dataset, dt=2.0))
+    assert (slow.n_past, slow.spacing, slow.window) == (4, 1, 1)
+
+
+def test_rollouts_too_short_for_a_forecast_are_judged_by_distance_alone(dataset: Dataset) -> None:
+    short = replace(
+        dataset,
+        unsafe=dataset.unsafe[:, :4],
+        safe=dataset.safe[:, :4],
+        fail_index=dataset.fail_index * 0 + 3,
+        safe_times=dataset.safe_times * 0 + 3,
+    )
+    assert fit_innovation(short).window == 0
 
 
 def test_calibration_flights_are_measured_as_a_flight_is(monitor: Monitor) -> None:
@@ -268,7 +312,7 @@ def test_running_says_what_the_batch_says_of_every_part(
     for seed in (1, 2):
         t, y = rough_flight(seed)
         y[44:, NY] += 2.0
-        said, running = untouched(monitor, t, y), RunningValidity(basis_of(monitor), 2)
+        said, running = untouched(monitor, t, y), RunningValidity(basis_of(monitor))
         stream = replace(monitor, support=None).stream()
         before = False
         for k in range(len(t)):
@@ -297,20 +341,19 @@ def test_verdict_and_withdrawal_are_those_of_a_manoeuvre_that_ends_with_its_exce
         assert (first is None) == (verdict.valid is not False)
 
 
-def test_reasons_name_channel_size_and_time(monitor: Monitor, flights: Array) -> None:
+def test_reasons_name_response_size_and_time(monitor: Monitor, flights: Array) -> None:
     y, support = flights[3].copy(), support_of(monitor)
     y[-1, NY] += 0.6
-    said = untouched(monitor, TIMES, y)
-    verdict = monitor.judge(TIMES, y, said)
-    off = abs(y[-1, NY] - said.y_hat[-1 - monitor.h, NY])
+    verdict = monitor.judge(TIMES, y, untouched(monitor, TIMES, y))
     assert verdict.valid is False
-    assert (verdict.sample, verdict.t, verdict.channel) == (60, TIMES[60], None)
-    assert verdict.residual == pytest.approx(off / support.sigma[NY])
+    assert (verdict.sample, verdict.t, verdict.channel) == (60, TIMES[60], "Ny")
     least = 1 / (min(len(support.safe), len(support.unsafe)) + 1)
     assert (verdict.residual_p, verdict.p_value) == (least, 2 * least)
+    # 0.6 g off at one of ten samples: a root mean square of 0.19 g
     assert verdict.reasons[0] == (
-        f"Ny was off its forecast by {verdict.residual:.1f} sigma ({off:.3g} g) at 3.00 s; "
-        f"99 % of fresh flights stay within {support.bounds()[0]:.1f}"
+        f"the responses to the surfaces were off their forecast by {verdict.residual:.1f} sigma "
+        f"over the 0.5 s to 3.00 s, mostly Ny (0.189 g); 99 % of fresh flights stay within "
+        f"{support.bounds()[0]:.1f}"
     )
     y[-1] *= 9
     said = untouched(monitor, TIMES, y)
@@ -325,30 +368,51 @@ def test_reasons_name_channel_size_and_time(monitor: Monitor, flights: Array) ->
     )
 
 
-def still_aileron(dataset: Dataset) -> Dataset:
-    """The same rollouts, the aileron at rest."""
+def test_the_residual_of_an_older_file_names_its_channel(dataset: Dataset, flights: Array) -> None:
+    monitor = of_older_file(train(dataset))
+    y, support = flights[3].copy(), support_of(monitor)
+    y[-1, NY] += 0.6
+    said = untouched(monitor, TIMES, y)
+    verdict = monitor.judge(TIMES, y, said)
+    off = abs(y[-1, NY] - said.y_hat[-1 - monitor.h, NY])
+    assert (verdict.sample, verdict.valid) == (60, False)
+    assert verdict.residual == pytest.approx(off / support.sigma[NY])
+    assert verdict.reasons[0] == (
+        f"Ny was off its forecast by {verdict.residual:.1f} sigma ({off:.3g} g) at 3.00 s; "
+        f"99 % of fresh flights stay within {support.bounds()[0]:.1f}"
+    )
+
+
+def with_still(dataset: Dataset, channel: int) -> Dataset:
+    """The same rollouts, one channel at rest."""
     unsafe, safe = dataset.unsafe.copy(), dataset.safe.copy()
-    unsafe[..., DELTA_A] *= 0
-    safe[..., DELTA_A] = 0
+    unsafe[..., channel] *= 0
+    safe[..., channel] = 0
     return replace(dataset, unsafe=unsafe, safe=safe)
 
 
-def test_a_channel_that_moves_now_and_never_did_is_named(dataset: Dataset, flights: Array) -> None:
-    monitor = train(still_aileron(dataset))
-
+def test_a_response_that_moves_now_and_never_did_is_named(dataset: Dataset, flights: Array) -> None:
     def still(y: Array) -> Array:
-        return y * (np.arange(6) != DELTA_A)
+        return y * (np.arange(6) != P)
 
     fresh = ((still(y), fail) for y, fail in batches())
-    monitor = with_validity(monitor, still_aileron(dataset), fresh)
+    monitor = with_validity(train(with_still(dataset, P)), with_still(dataset, P), fresh)
     y = still(flights[3])
     assert monitor.judge(TIMES, y, untouched(monitor, TIMES, y)).valid
-    y[25:, DELTA_A] = 0.1
+    y[25:, P] = 0.1
     verdict = monitor.judge(TIMES, y, untouched(monitor, TIMES, y))
-    assert (verdict.sample, verdict.channel) == (25, "delta_a")
-    assert verdict.reasons[0] == "delta_a moved by 5.73 deg at 1.25 s; it never moved in training"
-    y[25:, DELTA_A] = 0.5e-3
+    assert (verdict.valid, verdict.channel) == (False, "p")
+    y[25:, P] = 0.5e-3
     assert monitor.judge(TIMES, y, untouched(monitor, TIMES, y)).valid
+
+
+def test_a_surface_that_never_moved_in_training_has_no_weight(
+    dataset: Dataset, flights: Array
+) -> None:
+    """It is not recorded, say, and stands at 0; what it does to the responses is seen in these."""
+    forecast = fit_innovation(with_still(dataset, DELTA_A))
+    weights = np.abs(forecast.matrix).reshape(5, 6, 8).max(axis=(0, 2))
+    assert weights[DELTA_A] < 1e-12 * weights.min(initial=1.0, where=np.arange(6) != DELTA_A)
 
 
 def test_a_flight_longer_than_those_of_training_says_so_where_it_strays(monitor: Monitor) -> None:
@@ -379,12 +443,12 @@ def test_a_flight_of_which_too_little_was_seen_is_not_called_valid(
         return verdict.reasons
 
     y = flights[3].copy()
-    assert reasons(TIMES[:5], y[:5])[0].startswith("5 samples are too few to judge validity")
+    assert reasons(TIMES[:4], y[:4])[0].startswith("4 samples are too few to judge validity")
     y[::4, 0] = np.nan
     assert reasons(TIMES, y)[0].startswith("only 15 of 61 samples could be assessed")
     y = flights[3].copy()
     y[9::8, 0] = np.nan
-    assert reasons(TIMES, y)[0].startswith("only 4 of 56 forecasts could be compared")
+    assert reasons(TIMES, y)[0].startswith("only 11 of 57 forecasts could be compared")
     late = TIMES.copy()
     late[30:] += 10.0
     assert reasons(late, flights[3])[0].startswith("only 59 of 261 samples could be assessed")
@@ -414,10 +478,11 @@ def test_a_monitor_without_support_is_not_calibrated_and_never_valid(
     assert monitor.validity_basis is None
 
 
-def test_a_predictor_without_forecasts_is_judged_by_distance_alone(
+def test_a_monitor_without_forecasts_is_judged_by_distance_alone(
     dataset: Dataset, flights: Array
 ) -> None:
-    monitor = supported(dataset, MonitorRecipe(predictor=PREDICTORS["identity"]))
+    """One of an older file, whose predictor makes none."""
+    monitor = of_older_file(train(dataset, MonitorRecipe(predictor=PREDICTORS["identity"])))
     verdict = monitor.judge(TIMES, flights[0], untouched(monitor, TIMES, flights[0]))
     assert verdict.valid is True
     assert verdict.residual_p is verdict.residual is None
@@ -426,3 +491,12 @@ def test_a_predictor_without_forecasts_is_judged_by_distance_alone(
     verdict = monitor.judge(TIMES, y, untouched(monitor, TIMES, y))
     assert verdict.valid is False
     assert "98 % of fresh flights" in verdict.reasons[0]
+
+
+def test_responses_are_judged_whatever_the_predictor(dataset: Dataset, flights: Array) -> None:
+    monitor = supported(dataset, MonitorRecipe(predictor=PREDICTORS["identity"]))
+    y = flights[3].copy()
+    y[30:, NY] *= -1
+    verdict = monitor.judge(TIMES, y, untouched(monitor, TIMES, y))
+    assert verdict.valid is False
+    assert verdict.reasons[0].startswith("the responses to the surfaces were off their forecast")

@@ -13,7 +13,7 @@ from core.channels import KEYS
 from core.collection import DatasetRecipe, Simulator, collect
 from core.kernels.deviation import farthest
 from core.monitor import Monitor, train
-from core.monitor.support import LEVEL, Support
+from core.monitor.support import LEVEL
 from core.monitor.training import with_validity
 from core.planned_test import SensorNoise
 from core.simulation.aircraft import PublishedAircraft
@@ -51,9 +51,9 @@ class Plant:
 
     def strays(self, y: Array) -> Array:
         """(n, 2) what each flight reaches up to its first violation or its end."""
-        assert self.monitor.support
+        assert self.monitor.validity_basis
         last = np.minimum(self.recipe.specification.first_exceedance(y), y.shape[1] - 1)
-        return farthest(self.monitor.reference(self.monitor.support.sigma), y, last)
+        return farthest(self.monitor.validity_basis.reference, y, last)
 
     def share_invalid(self, y: Array) -> float:
         assert self.monitor.support
@@ -71,9 +71,9 @@ def plant(request: pytest.FixtureRequest) -> Plant:
 
 def test_at_most_the_level_of_either_kind_is_wrongly_called_invalid(plant: Plant) -> None:
     """Over calibration sets, as the promise is made; and at 0.1 the rule is not idle."""
-    assert plant.monitor.support
-    simulator, rng = Simulator(plant.recipe), np.random.default_rng(7)
-    reference = plant.monitor.reference(plant.monitor.support.sigma)
+    basis, simulator = plant.monitor.validity_basis, Simulator(plant.recipe)
+    assert basis
+    reference, rng = basis.reference, np.random.default_rng(7)
     shares: dict[tuple[str, float], list[float]] = {}
     for _ in range(N_FITS):
         flights = simulator.rollouts(N_CALIBRATE + N_FRESH, rng)
@@ -82,7 +82,7 @@ def test_at_most_the_level_of_either_kind_is_wrongly_called_invalid(plant: Plant
         old = np.arange(len(reached)) < N_CALIBRATE
         kinds = {"safe": ~flights.is_unsafe, "failing": flights.is_unsafe}
         safe, unsafe = (np.sort(reached[old & kind], axis=0) for kind in kinds.values())
-        support = Support(reference.sigma, safe, unsafe, flights.y.shape[1])
+        support = replace(basis.support, safe=safe, unsafe=unsafe)
         for level in (LEVEL, 0.1):
             is_invalid = np.any(reached > support.bounds(level), axis=1)
             for name, kind in kinds.items():

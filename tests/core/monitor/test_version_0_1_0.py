@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from core.monitor import Monitor, load
+from core.monitor.validity import deviation_of
 from core.specification import Limits
 from tests.support.places import VERSION_0_1_0
 
@@ -39,6 +40,22 @@ def test_only_a_calibrated_validity_withdraws() -> None:
     assert bare.support is None
     assert np.isnan(certified.p_values(y)[-1])
     assert np.isfinite(bare.p_values(y)).all()
+
+
+def test_its_validity_is_that_of_the_version_that_saved_it() -> None:
+    """Residuals of its own forecasts and distances by each sample, to the bit; so its bounds."""
+    monitor = saved("certified")
+    basis = monitor.validity_basis
+    assert basis is not None
+    with np.load(VERSION_0_1_0 / "p_values.npz") as given:
+        flights = np.concatenate([given["y"], given["y"] * np.array([1, 1, -1, 1, 1, 1])])
+    with np.load(VERSION_0_1_0 / "validity.npz") as expected:
+        largest = expected["largest"]
+    t = np.arange(flights.shape[1]) * monitor.dt
+    for y, so_far in zip(flights, largest, strict=True):
+        assessments = monitor.assess(t, y, withdraw=False)
+        assert deviation_of(basis, t, y, assessments)[1].tobytes() == so_far.tobytes()
+    assert basis.support.bounds().tolist() == [12.921456048648304, 1.774138691339043]
 
 
 @pytest.mark.parametrize("name", FILES)
