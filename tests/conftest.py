@@ -1,5 +1,7 @@
 """What the tests share: how Hypothesis runs, and one small dataset."""
 
+from collections.abc import Iterator
+
 import numpy as np
 import pytest
 from hypothesis import HealthCheck, settings
@@ -9,6 +11,8 @@ from core.dataset import Dataset
 from core.monitor import Monitor
 from tests.support import oscillator
 from tests.support.attas import trained
+
+CARRY_OUT, WARM_UP = isolation.carry_out, isolation.warm_up
 
 settings.register_profile(
     "forewarn",
@@ -51,7 +55,19 @@ def attas() -> Monitor:
     return trained()
 
 
-@pytest.fixture
-def read_here(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Files are read in the test's own process: by the same code, and sooner."""
-    monkeypatch.setattr(isolation, "carry_out", worker.read)
+@pytest.fixture(scope="session", autouse=True)
+def read_here() -> Iterator[None]:
+    """Files are read in the tests' own process: by the same code, and sooner."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(isolation, "carry_out", worker.read)
+        patch.setattr(isolation, "warm_up", lambda: None)
+        yield
+
+
+@pytest.fixture(scope="module")
+def read_apart() -> Iterator[None]:
+    """From here to the end of a module, each file is read in a process of its own, as a user's."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(isolation, "carry_out", CARRY_OUT)
+        patch.setattr(isolation, "warm_up", WARM_UP)
+        yield

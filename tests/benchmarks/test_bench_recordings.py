@@ -19,7 +19,7 @@ from core.simulation.maneuver import MANEUVERS
 from tests.benchmarks.pairs import ROUNDS
 from tests.support.api import api, store_of
 
-pytestmark = pytest.mark.benchmark
+pytestmark = [pytest.mark.benchmark, pytest.mark.usefixtures("read_apart")]
 
 DT, HOUR = 0.01, 360_000
 NAMES = ["beta_deg", "p_degps", "r_degps", "ay_g", "da_deg", "dr_deg"]

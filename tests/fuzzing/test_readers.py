@@ -19,7 +19,7 @@ from tests.fuzzing.seeds import paths_of, write_seeds
 from tests.support.api import api, problem
 from tests.support.recorded import RECORDINGS, kept_files, upload
 
-pytestmark = pytest.mark.xdist_group("fuzzing")
+pytestmark = [pytest.mark.xdist_group("fuzzing"), pytest.mark.usefixtures("read_apart")]
 SEED = 20240501
 MOST_MEMORY = 1024
 """Of the process of a batch [MiB]."""

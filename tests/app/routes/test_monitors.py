@@ -181,7 +181,7 @@ def test_a_portable_monitor_goes_round(client, stored, monitor):
     assert from_bytes(file).alphas.tolist() == monitor.alphas.tolist()
 
 
-def test_a_portable_monitor_comes_in_a_form_or_under_any_type(client, monitor, read_here):
+def test_a_portable_monitor_comes_in_a_form_or_under_any_type(client, monitor):
     content = monitor.to_bytes()
     sent = [
         client.post("/api/v1/monitors", files={"file": ("my.fwm", content)}),
@@ -194,7 +194,7 @@ def test_a_portable_monitor_comes_in_a_form_or_under_any_type(client, monitor, r
 
 
 @pytest.mark.parametrize("cut", [0, 10, 1000, -1])
-def test_a_file_that_is_no_whole_monitor_is_refused(client, monitor, cut, read_here):
+def test_a_file_that_is_no_whole_monitor_is_refused(client, monitor, cut):
     kind = {"content-type": "application/octet-stream"}
     file = monitor.to_bytes()[:cut]
     before = client.get("/api/v1/monitors").json()
@@ -227,13 +227,13 @@ def with_header(content: bytes, **changes: object) -> bytes:
     ],
     ids=lambda changes: str(changes)[:40],
 )
-def test_a_file_of_no_sense_is_refused(client, monitor, changes, read_here):
+def test_a_file_of_no_sense_is_refused(client, monitor, changes):
     content = with_header(monitor.to_bytes(), **changes)
     assert len(problem(upload(client, content), 422)) < 500
 
 
 @pytest.mark.parametrize("number", [2**63, 2**64, 10**400, -(10**400)])
-def test_a_number_of_any_size_is_said_again_or_refused(client, monitor, number, read_here):
+def test_a_number_of_any_size_is_said_again_or_refused(client, monitor, number):
     content = with_header(monitor.to_bytes(), dataset_recipe={"seed": number})
     answer = upload(client, content)
     if answer.status_code != 201:

@@ -52,7 +52,7 @@ def test_a_monitor_says_what_it_is(store: Store, dataset: Dataset, trained: Moni
 
 
 def test_a_monitor_file_is_kept_as_it_is_and_finds_its_dataset(
-    store: Store, dataset: Dataset, trained: Monitor, read_here: None
+    store: Store, dataset: Dataset, trained: Monitor
 ) -> None:
     content = trained.to_bytes()
     alone = store.monitors.add_file(content, "sent")
@@ -76,6 +76,7 @@ DEEDS = {
 
 
 @pytest.mark.parametrize("deed", DEEDS)
+@pytest.mark.usefixtures("read_apart")
 def test_a_monitor_file_can_harm_the_reader_s_process_alone(
     deed: str, store: Store, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -95,7 +96,7 @@ def test_a_monitor_file_can_harm_the_reader_s_process_alone(
 
 
 def test_what_validity_is_calibrated_on_is_known_without_the_file(
-    store: Store, dataset: Dataset, trained: Monitor, read_here: None
+    store: Store, dataset: Dataset, trained: Monitor
 ) -> None:
     assert store.monitors.add(trained, "bare").support is None
     safe, unsafe = (np.sort(np.random.default_rng(n).random((n, 2)), axis=0) for n in (300, 200))

@@ -21,6 +21,8 @@ from app.telemetry.reading import ReadLimits, read_file
 from app.telemetry.recording import TelemetryError
 from tests.support.wicked_reader import MAGIC
 
+pytestmark = pytest.mark.usefixtures("read_apart")
+
 TABLE = "t,beta\n0,1\n1,2\n2,3\n"
 MEMORY = 200 * 2**20
 ENDLESS = ("loop", "burn", "hold")

@@ -159,6 +159,7 @@ def test_structures_nested_too_deeply_are_refused(tmp_path):
         read("matlab", path)
 
 
+@pytest.mark.usefixtures("read_apart")
 def test_cells_that_are_declared_but_not_there_are_refused(tmp_path):
     path = tmp_path / "cells.mat"
     path.write_bytes(HEADER + matrix(2, (1, 1), matrix(1, (30000, 30000)), name=b"s"))

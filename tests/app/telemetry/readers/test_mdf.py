@@ -124,6 +124,7 @@ def test_a_file_that_its_writer_did_not_finish_is_read(saved):
     assert {p.suffix for p in columns.folder.iterdir()} == {".f8", ".json"}
 
 
+@pytest.mark.usefixtures("read_apart")
 def test_blocks_in_a_circle_end_at_a_limit(saved, tmp_path):
     path = saved([signal("p", T)])
     content = bytearray(path.read_bytes())
