@@ -6,7 +6,7 @@ from concurrent.futures import Executor
 from itertools import count
 
 import numpy as np
-from scipy import stats
+from scipy.special import betaincinv
 
 from core.amplitude import suggest_amplitude
 from core.dataset import Dataset
@@ -111,7 +111,7 @@ def _chunk(simulator: Simulator, number: int) -> Rollouts:
 
 
 def _check_budget(recipe: DatasetRecipe, n_unsafe: int, n_made: int) -> None:
-    highest = float(stats.beta.ppf(1 - CERTAINTY, n_unsafe + 1, n_made - n_unsafe or 1))
+    highest = float(betaincinv(n_unsafe + 1, n_made - n_unsafe or 1, 1 - CERTAINTY))
     if n_made < recipe.max_rollouts and recipe.n_unsafe <= highest * recipe.max_rollouts:
         return
     raise CollectionError(

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
-from scipy import stats
+from scipy.special import betaincinv, stdtrit
 
 from core.monitor.calibration import check_epsilon, smallest_epsilon
 from core.monitor.monitor import Monitor
@@ -25,8 +25,8 @@ def clopper_pearson(
     k, n = np.broadcast_arrays(np.asarray(successes, float), np.asarray(trials, float))
     tail = (1 - confidence) / 2
     none, all_ = k <= 0, k >= n
-    lower = stats.beta.ppf(tail, np.where(none, 1, k), n - k + 1)
-    upper = stats.beta.ppf(1 - tail, k + 1, np.where(all_, 1, n - k))
+    lower = betaincinv(np.where(none, 1, k), n - k + 1, tail)
+    upper = betaincinv(k + 1, np.where(all_, 1, n - k), 1 - tail)
     return np.stack([np.where(none, 0, lower), np.where(all_, 1, upper)], axis=-1)
 
 
@@ -50,7 +50,7 @@ def clustered_interval(
     independent = np.divide(share * (1 - share), variance, out=total.copy(), where=variance > 0)
     tail = (1 - confidence) / 2
     flights, clusters = np.maximum(total - 1, 1), n_clusters - 1
-    few = (stats.t.ppf(tail, flights) / stats.t.ppf(tail, clusters)) ** 2
+    few = (stdtrit(flights, tail) / stdtrit(clusters, tail)) ** 2
     effective = np.minimum(independent * few, total)
     return clopper_pearson(share * effective, effective, confidence)
 

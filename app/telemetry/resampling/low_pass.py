@@ -14,7 +14,6 @@ towards an end the filter does less, and the end sample itself passes as it is.
 from functools import lru_cache
 
 import numpy as np
-from scipy.signal import upfirdn
 
 from core.types import Array
 
@@ -90,6 +89,8 @@ def _kernels(place: Array, reach: int, slower: float) -> Array:
 
 def _decimated(x: Array, weights: Array, stride: int, n: int) -> Array:
     """Row k is the sum of weights[i] x[k stride + i]."""
+    from scipy.signal import upfirdn  # slow to import, and only needed here
+
     spare = -(len(weights) - 1) % stride
     taps = np.concatenate([np.zeros(spare), weights[::-1]])
     skipped = (len(taps) - 1) // stride
