@@ -5,8 +5,9 @@ from collections.abc import Iterator
 import pytest
 from playwright.sync_api import Browser, Page, expect
 
-from tests.browser.chromium import file_server, open_chromium, wait_until, watch_errors
+from tests.browser.chromium import file_server, open_chromium, wait_until
 from tests.browser.strips import Open
+from tests.browser.window import Window
 
 expect.set_options(
     timeout=20_000
@@ -32,16 +33,46 @@ def allowed_errors() -> list[str]:
     return []
 
 
+@pytest.fixture(scope="module")
+def stored() -> dict[str, str]:
+    """What the page's browser remembers before each test of a file."""
+    return {}
+
+
+@pytest.fixture(scope="module")
+def window(browser: Browser, stored: dict[str, str]) -> Iterator[Window]:
+    """The page that the tests of a file share."""
+    made = Window(browser, stored)
+    yield made
+    made.close()
+
+
 @pytest.fixture
-def page(browser: Browser, allowed_errors: list[str]) -> Iterator[Page]:
-    """A fresh page of 1280 x 720, dark; fails the test if its console holds an unexpected error."""
-    context = browser.new_context(viewport={"width": 1280, "height": 720}, color_scheme="dark")
-    page = context.new_page()
-    errors = watch_errors(page)
-    yield page
-    context.close()
-    unexpected = [e for e in errors if not any(part in e for part in allowed_errors)]
-    assert unexpected == []
+def page(
+    window: Window, allowed_errors: list[str], request: pytest.FixtureRequest
+) -> Iterator[Page]:
+    """A page of 1280 x 720, dark; fails the test if its console holds an unexpected error.
+
+    It is the last test's page where that left nothing behind: the modules load once a file. A
+    test that listens to the page, or alters what cannot be taken back, asks for `own_page`.
+    """
+    n_failed = request.session.testsfailed
+    yield window.open()
+    errors = window.leave(keep=request.session.testsfailed == n_failed)
+    assert unexpected(errors, allowed_errors) == []
+
+
+@pytest.fixture
+def own_page(browser: Browser, stored: dict[str, str], allowed_errors: list[str]) -> Iterator[Page]:
+    """Such a page that no other test has or had."""
+    window = Window(browser, stored)
+    yield window.open()
+    errors = window.close()
+    assert unexpected(errors, allowed_errors) == []
+
+
+def unexpected(errors: list[str], allowed: list[str]) -> list[str]:
+    return [error for error in errors if not any(part in error for part in allowed)]
 
 
 @pytest.fixture

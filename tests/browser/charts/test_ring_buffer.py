@@ -81,5 +81,6 @@ def test_hours_of_samples_leave_memory_flat(strips: Open) -> None:
         return (used["usedSize"] + used["backingStorageSize"]) / 1e6
 
     sizes = [heap_after(hour) for hour in range(3)]
+    session.detach()
     assert run(page, "return h.chart.ring.first()") > 300_000
     assert sizes[2] - sizes[1] < 0.3

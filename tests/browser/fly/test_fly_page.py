@@ -2,11 +2,12 @@
 
 import json
 import re
+import time
 from collections.abc import Iterator
 from typing import Any
 
 import pytest
-from playwright.sync_api import Page, WebSocketRoute, expect
+from playwright.sync_api import Page, Route, WebSocketRoute, expect
 
 from app.security import SESSION_OVER
 from core.collection import DatasetRecipe, collect
@@ -42,11 +43,26 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Site]:
         yield site
 
 
+@pytest.fixture(scope="module")
+def stored() -> dict[str, str]:
+    """The scene is hidden: it is slow to draw here."""
+    return {"forewarn.scene": "hidden"}
+
+
 @pytest.fixture
-def fly(page: Page, site: Site) -> "Fly":
-    """The page without the scene, which is slow to draw here."""
-    page.add_init_script("localStorage.setItem('forewarn.scene', 'hidden')")
-    return Fly(page, site)
+def fly(page: Page, site: Site) -> "Iterator[Fly]":
+    """The page, without a flight yet."""
+    fly = Fly(page, site)
+    yield fly
+    fly.end()
+
+
+@pytest.fixture
+def own_fly(own_page: Page, site: Site) -> "Iterator[Fly]":
+    """A page of its own, for a test that reroutes its WebSockets."""
+    fly = Fly(own_page, site)
+    yield fly
+    fly.end()
 
 
 class Fly:
@@ -71,6 +87,11 @@ class Fly:
             self.steer(action, value)
         self.page.goto(f"{self.site.http}/#/fly/{self.flight}")
         self.connected()
+
+    def end(self) -> None:
+        """End the flight, if there is one and it goes on."""
+        if self.flight:
+            self.page.request.post(f"{self.site.http}/api/v1/flights/{self.flight}/end")
 
     def steer(self, action: str, value: Any = None) -> None:
         body = {"action": action, "value": value}
@@ -236,17 +257,17 @@ def test_the_record_of_a_flight_whose_server_was_killed_does_not_say_that_it_has
     expect(fly.page.locator(".notice")).to_contain_text("the server was killed during it")
 
 
-def test_the_theme_is_the_machine_s_until_one_is_chosen(page: Page, site: Site) -> None:
+def test_the_theme_is_the_machine_s_until_one_is_chosen(own_page: Page, site: Site) -> None:
     theme = "document.documentElement.dataset.theme"
-    page.emulate_media(color_scheme="light")
-    page.goto(f"{site.http}/#/fly")
-    wait_until(page, f"{theme} === 'light'")
-    page.emulate_media(color_scheme="dark")
-    wait_until(page, f"{theme} === 'dark'")
-    page.locator("#theme").click()
-    wait_until(page, f"{theme} === 'light'")
-    page.reload()
-    wait_until(page, f"{theme} === 'light'")
+    own_page.emulate_media(color_scheme="light")
+    own_page.goto(f"{site.http}/#/fly")
+    wait_until(own_page, f"{theme} === 'light'")
+    own_page.emulate_media(color_scheme="dark")
+    wait_until(own_page, f"{theme} === 'dark'")
+    own_page.locator("#theme").click()
+    wait_until(own_page, f"{theme} === 'light'")
+    own_page.reload()
+    wait_until(own_page, f"{theme} === 'light'")
 
 
 # Steering
@@ -310,7 +331,8 @@ def test_an_event_takes_the_flight_back_to_it(fly: Fly) -> None:
 
 
 @pytest.mark.parametrize("paused", [False, True])
-def test_a_cut_connection_is_stale_at_once_and_resumes(fly: Fly, paused: bool) -> None:
+def test_a_cut_connection_is_stale_at_once_and_resumes(own_fly: Fly, paused: bool) -> None:
+    fly = own_fly
     page = fly.page
     routes: list[WebSocketRoute] = []
     asked: list[int] = []
@@ -364,7 +386,8 @@ def test_a_cut_connection_is_stale_at_once_and_resumes(fly: Fly, paused: bool) -
     assert paused or 1 in resets or first[1] == asked[1] + 1
 
 
-def test_a_server_that_falls_silent_is_no_open_link_and_the_last_samples_stay(fly: Fly) -> None:
+def test_a_server_that_falls_silent_is_no_open_link_and_the_last_samples_stay(own_fly: Fly) -> None:
+    fly = own_fly
     silent = False
 
     def pass_on(route: WebSocketRoute) -> None:
@@ -385,7 +408,8 @@ def test_a_server_that_falls_silent_is_no_open_link_and_the_last_samples_stay(fl
     assert pixels(fly.page, "p", "trace") > 20
 
 
-def test_a_login_that_ended_is_said_and_not_tried_again(fly: Fly) -> None:
+def test_a_login_that_ended_is_said_and_not_tried_again(own_fly: Fly) -> None:
+    fly = own_fly
     routes: list[WebSocketRoute] = []
 
     def pass_on(route: WebSocketRoute) -> None:
@@ -401,23 +425,36 @@ def test_a_login_that_ended_is_said_and_not_tried_again(fly: Fly) -> None:
     assert len(routes) == 1
 
 
-def test_a_page_that_was_held_up_itself_does_not_cry_stale(fly: Fly) -> None:
+def test_a_page_that_was_held_up_itself_does_not_cry_stale(
+    fly: Fly, allowed_errors: list[str]
+) -> None:
+    allowed_errors.append("Synchronous XMLHttpRequest")
+
+    def answer_late(route: Route) -> None:
+        time.sleep(4.5)  # longer than a silent server is believed
+        route.fulfill(body="")
+
+    fly.page.route("**/late", answer_late)
     fly.watch(SAFE, ("loop", True), ("speed", 0.1))
     expect(fly.status("monitor").locator("..")).to_contain_text("validity not calibrated")
     fly.gauge_says(CALM)
-    seen = fly.page.evaluate(
+    seen, held_up = fly.page.evaluate(
         """async () => {
           const seen = new Set();
           const look = (place) => seen.add(document.querySelector(place).textContent);
           const watching = new MutationObserver(() => [".gauge-word", ".readout-state"].map(look));
           watching.observe(document.body, { subtree: true, childList: true, characterData: true });
-          const until = performance.now() + 4500; // longer than a silent server is believed
-          while (performance.now() < until);
+          const request = new XMLHttpRequest();
+          const began = performance.now();
+          request.open("GET", "/late", false); // nothing else runs until it is answered
+          request.send();
+          const heldUp = performance.now() - began;
           await new Promise((resolve) => setTimeout(resolve, 700));
           watching.disconnect();
-          return [...seen];
+          return [[...seen], heldUp];
         }"""
     )
+    assert held_up >= 4500
     assert "STALE" not in seen
     assert CALM in seen
     assert fly.page.locator(".event", has_text="connection to the server lost").count() == 0
@@ -498,11 +535,12 @@ def test_nothing_overflows(fly: Fly, width: int, height: int) -> None:
 
 
 def test_the_scene_has_no_panel_of_its_own_and_lets_keys_through(
-    page: Page, site: Site, allowed_errors: list[str]
+    own_fly: Fly, allowed_errors: list[str]
 ) -> None:
     allowed_errors += SCENE
-    fly = Fly(page, site)
+    fly, page = own_fly, own_fly.page
     fly.watch(UNSAFE, ("pause", None), ("next_alert", None))
+    page.get_by_role("button", name="Show scene").click()
     inside = page.frame_locator(".scene-panel iframe")
     inside.locator("canvas[data-engine]").wait_for(timeout=60_000)
     expect(inside.locator(".mantine-Paper-root").first).to_be_hidden()

@@ -47,7 +47,13 @@ def site(allowed_errors):
 
 
 @pytest.fixture
-def asked(page):
+def page(own_page: Page) -> Page:
+    """A page of its own: it is listened to."""
+    return own_page
+
+
+@pytest.fixture
+def asked(page: Page) -> list[str]:
     """Addresses that the page asks for, WebSockets included."""
     page.set_viewport_size({"width": 640, "height": 400})
     addresses: list[str] = []

@@ -119,6 +119,8 @@ def test_training_can_be_cancelled_and_the_form_is_as_it_was(page: Page, site: S
 def test_a_test_that_never_fails_says_what_to_change(page: Page, site: Site) -> None:
     page.goto(f"{site.http}/#/monitors/new")
     field(page, "dataset.maneuver.amplitude_deg").fill("0.1")
+    page.get_by_text("Sampling, noise, imperfections, seed, budget").click()
+    field(page, "dataset.max_rollouts").fill("2000")
     page.get_by_role("button", name="Train", exact=True).click()
     error = page.locator(".job .error")
     expect(error).to_contain_text("It failed: 0 of", timeout=SLOW)
@@ -196,12 +198,16 @@ def test_an_epsilon_that_the_failures_cannot_serve_is_said_at_once(page: Page, s
     expect(served_words).to_contain_text("99 failures serve an epsilon of 0.01 or more")
 
 
-READ_BACK = """async ({schema, initial, catalog}) => {
+READ_BACK = """async ([catalog, cases]) => {
     const { createFields } = await import("/js/forms/form.js");
-    const fields = createFields(schema, initial, { catalog, path: "x" });
-    const holder = document.body.appendChild(document.createElement("form"));
-    holder.append(...fields.keys.map(fields.element));
-    return [fields.check(), fields.read()];
+    return cases.map(({ schema, initial }) => {
+        const fields = createFields(schema, initial, { catalog, path: "x" });
+        const holder = document.body.appendChild(document.createElement("form"));
+        holder.append(...fields.keys.map(fields.element));
+        const read = [fields.check(), fields.read()];
+        holder.remove();
+        return read;
+    });
 }"""
 
 
@@ -217,9 +223,9 @@ def test_an_untouched_form_asks_for_the_defaults_of_every_recipe_and_member(
     known = site.get("/catalog")
     cases = list(known["recipes"].values())
     cases += [known["families"][family]["entries"][kind] for family, kind in members()]
-    for case in cases:
-        arguments = {"schema": case["schema"], "initial": case["default"], "catalog": known}
-        assert page.evaluate(READ_BACK, arguments) == [True, case["default"]]
+    given = [{"schema": case["schema"], "initial": case["default"]} for case in cases]
+    read = page.evaluate(READ_BACK, [known, given])
+    assert read == [[True, case["default"]] for case in cases]
 
 
 def test_an_own_model_is_pasted_as_json(page: Page, site: Site) -> None:
@@ -319,6 +325,7 @@ def test_a_monitor_of_no_use_says_so_and_is_flown_only_when_that_is_accepted(
         (flight,) = site.get("/flights")
         assert flight["accept_useless"] is True
     finally:
+        page.goto("about:blank")  # what it shows is about to be deleted
         for flight in site.get("/flights"):
             httpx2.post(f"{site.http}/api/v1/flights/{flight['id']}/end").raise_for_status()
             httpx2.delete(f"{site.http}/api/v1/flights/{flight['id']}").raise_for_status()

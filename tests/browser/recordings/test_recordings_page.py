@@ -51,6 +51,7 @@ def test_without_recordings_the_page_says_what_one_is(page: Page, tmp_path: Path
         expect(page.get_by_text("Drop a recording anywhere on this page")).to_be_visible()
         for title in ("Parquet", "MATLAB", "HDF5"):
             expect(page.locator(".drop-zone")).to_contain_text(title)
+        page.goto("about:blank")
 
 
 def test_what_is_not_there_is_said(
