@@ -14,7 +14,7 @@
  *   describe({epsilon, lead, warnings, limits, channels})   warnings: of the monitor; limits: nodes, |N_y| 0.5 g; of the flight
  *   setState({state, reason})    of the newest assessment: whether the guarantee stands
  *   take(alarm)          raised or acknowledged
- *   setHeadline({status})   of the flight: what goes on after it was acknowledged
+ *   setHeadline({status, beside})   of the flight: what goes on after it was acknowledged
  *   setLinked(boolean)   false: nobody knows whether there are new alarms
  *   acknowledgeAll()     all open warnings; all open cautions where there are none
  *   open()               how many warnings wait
@@ -58,6 +58,7 @@ export function createAlarmPanel(element, { tone, acknowledge }) {
   let flight = { epsilon: NaN, lead: 0, warnings: [], limits: [], channels: [] };
   let assessment = { state: null, reason: "" };
   let status = "";
+  let holds = []; // what the headline and what stands beside it say
   let shown = "";
 
   const waiting = () => waitingOf([...alarms.values()]);
@@ -90,6 +91,8 @@ export function createAlarmPanel(element, { tone, acknowledge }) {
 
   function promised() {
     const state = shownState(assessment);
+    if (holds.includes("invalid") && state === "stale")
+      return "The guarantee is withdrawn: the monitor was not applicable to the last sample.";
     if (state === "not_assessed") return "No guarantee between manoeuvres: nothing is assessed there.";
     if (state === "invalid") return `The guarantee is withdrawn: ${assessment.reason || "the monitor is not applicable here"}`;
     return flight.warnings.length ? `◆ ${flight.warnings.map(sentence).join(" ")}` : guarantee(flight);
@@ -145,8 +148,9 @@ export function createAlarmPanel(element, { tone, acknowledge }) {
     setLinked: (linked) => put(quiet, linked ? "No alarm waits. " : "◆ Not connected: new alarms are not known. "),
     take,
     setHeadline: (now) => {
-      if (now.status === status) return;
-      status = now.status;
+      const next = [now.status, ...now.beside];
+      if (next.join() === holds.join()) return;
+      [status, holds] = [now.status, next];
       render();
     },
     acknowledgeAll,

@@ -13,8 +13,7 @@
  *   setHeadline({status, level, beside})     as the server decided it
  *   setHeard(boolean)          whether the server is heard: false from the first missed heartbeat on
  *   lose(), resume()           the connection; after it the newest sample counts as it did
- *   refresh(wall)              takes an alert off the gauge that was held there long enough
- *   headline(wall) -> Headline     as every view shows it: stale where nothing comes any more
+ *   refresh(wall) -> Headline      draws the gauge; the headline as every view shows it: stale where nothing comes any more
  *   reason, staleAfter             of the present state; age that is too great [s]
  *   t                          of the newest sample, or where the flight goes on from [s]
  *   timeline, chart, close()
@@ -36,7 +35,7 @@ const alerts = (frame) => frame.state === "ok" && frame.alert === true;
 export function createAssessmentDisplay(panels, { hello, history, alarm, events, onExceedance }) {
   const { channels, epsilon, lead, dt } = hello;
   const timeline = createTimeline({ seconds: windowOf(hello), staleAfter: hello.stale_after, start: hello.transport.start });
-  const gauge = createRiskGauge(panels.gauge, { timeline, headline: headlineNow });
+  const gauge = createRiskGauge(panels.gauge, { timeline, led: true });
   const chart = createStripChart(panels.strips, {
     channels,
     epsilon,
@@ -151,7 +150,6 @@ export function createAssessmentDisplay(panels, { hello, history, alarm, events,
     },
     lose,
     resume,
-    headline: headlineNow,
     get reason() {
       return assessment.reason;
     },
@@ -162,9 +160,13 @@ export function createAssessmentDisplay(panels, { hello, history, alarm, events,
       return newest?.t ?? null;
     },
     refresh: (wall) => {
-      if (heldAlert === null || wall <= heldAlert.until) return;
-      heldAlert = null;
-      if (newest !== null) show(newest);
+      if (heldAlert !== null && wall > heldAlert.until) {
+        heldAlert = null; // it was on the gauge long enough
+        if (newest !== null) show(newest);
+      }
+      const headline = headlineNow(wall);
+      gauge.draw(wall, headline);
+      return headline;
     },
     close: () => {
       history.close();

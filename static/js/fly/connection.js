@@ -26,7 +26,8 @@
  *   close()
  */
 
-const MISSED = 1600; // ms without any message, for the server beats each second: a heartbeat is missed
+const BEAT = 1000; // ms between the server's heartbeats
+const LATE = 600; // ms that one may come late, if nothing else came either: else it is missed
 const SILENCE = 3500; // ms without any message that mean loss
 const LISTEN = 250; // ms between looks at that
 const WAITS = [250, 500, 1000, 2000, 4000]; // ms before the next attempts
@@ -45,6 +46,7 @@ export function createConnection(flight, on, { Socket = WebSocket } = {}) {
   let newest = null; // {sent, latency} of the newest live frame
   let backlog = -1; // head at hello: frames up to it come late on purpose
   let heard = 0;
+  let beat = 0; // when the last heartbeat came
   let listenAt = 0;
   let heldUp = false; // the page itself, when it looked last
   let retryAt = NaN;
@@ -60,7 +62,7 @@ export function createConnection(flight, on, { Socket = WebSocket } = {}) {
   }
 
   function connect() {
-    heard = performance.now();
+    heard = beat = performance.now();
     const mine = new Socket(address);
     socket = mine;
     mine.addEventListener("message", (event) => {
@@ -75,6 +77,9 @@ export function createConnection(flight, on, { Socket = WebSocket } = {}) {
     listenLater(2 * LISTEN);
   }
 
+  /** When the next heartbeat is missed, if nothing comes. */
+  const missedAt = () => Math.max(beat + BEAT, heard) + LATE;
+
   function listenLater(wait) {
     listenAt = performance.now() + wait;
     timer = setTimeout(listen, wait);
@@ -87,14 +92,14 @@ export function createConnection(flight, on, { Socket = WebSocket } = {}) {
   function listen() {
     const now = performance.now();
     heldUp = !heldUp && now - listenAt > 2 * LISTEN;
-    if (!heldUp && connection.link === "open" && now - heard > MISSED) setLink("silent");
+    if (!heldUp && connection.link === "open" && now >= missedAt()) setLink("silent");
     if (!heldUp && now - heard > SILENCE) {
       const silent = socket;
       onClose(0);
       silent.close();
       return;
     }
-    listenLater(LISTEN);
+    listenLater(connection.link === "open" ? Math.min(LISTEN, Math.max(missedAt() - now, 1)) : LISTEN);
   }
 
   function onClose(code) {
@@ -130,6 +135,7 @@ export function createConnection(flight, on, { Socket = WebSocket } = {}) {
       counts.conflated = 0;
       clock.setUtc(message.server_time);
       clock.measureRoundTrip();
+      beat = heard;
       if (message.head < seen) seen = -1;
       on.hello?.(message, again);
       send({ type: "resume", seq: seen });
@@ -152,6 +158,7 @@ export function createConnection(flight, on, { Socket = WebSocket } = {}) {
       on.reset?.(message);
     },
     heartbeat: (message) => {
+      beat = heard;
       clock.observe(message.sent);
       clock.setUtc(message.server_time);
       Object.assign(counts, { lost: message.lost, unwritten: message.unwritten, problem: message.problem, conflated: message.conflated });

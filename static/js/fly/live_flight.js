@@ -45,13 +45,13 @@ export function showLiveFlight(element, { id, api, over }) {
   });
   const scene = createSceneFrame(panels.scene, id);
   const keys = { ...transport.keys, k: alarm.acknowledgeAll, t: () => notes?.write() };
-  const unbind = [bindControls(panels.status, keys), addDrawer(refresh)];
+  const unbind = [bindControls(panels.status, keys), addDrawer(show)];
   const raised = new Set();
   let hello = null; // these two come together
   let display = null;
   let notes = null; // of a replayed recording
   let playback = { playing: true, speed: 1 }; // as the transport has it
-  let refreshed = 0;
+  let shown = { saying: "", wall: 0 }; // what is said of link and flight, and since when its figures stand
   let recorded = true; // by the last heartbeat
   let decided = null; // the server's headline
   let cautioned = false; // of being stale, which the server does not know
@@ -94,7 +94,7 @@ export function showLiveFlight(element, { id, api, over }) {
   function onStatus(headline) {
     decided = headline;
     display.setHeadline(headline);
-    refreshed = 0; // it does not wait
+    showHidden();
   }
 
   function onFrames(frames, newest) {
@@ -145,8 +145,9 @@ export function showLiveFlight(element, { id, api, over }) {
     transport.setUsable(link === "open");
     alarm.setLinked(link === "open");
     display?.setHeard(link === "open");
+    if (link === "lost") display?.lose();
+    showHidden();
     if (link !== "lost" || display === null) return;
-    display.lose();
     events.add({ t: display.t, text: connection.loggedOut ? "the login has ended" : "connection to the server lost", level: "caution" });
   }
 
@@ -188,11 +189,17 @@ export function showLiveFlight(element, { id, api, over }) {
     display?.chart.setCursor(t);
   }
 
-  function refresh(wall) {
-    if (wall - refreshed < STATUS_EVERY) return;
-    refreshed = wall;
-    display?.refresh(wall);
-    const headline = display?.headline(wall) ?? null;
+  /** A hidden page draws nothing, but has a title. */
+  function showHidden() {
+    if (document.hidden) show(performance.now());
+  }
+
+  /** All that says how the flight is, in one update: gauge, link, status, title, alarm line, scene. */
+  function show(wall) {
+    const headline = display?.refresh(wall) ?? null;
+    const saying = `${connection.link} ${headline === null ? "" : textOf(headline, display.reason)}`;
+    if (saying === shown.saying && wall - shown.wall < STATUS_EVERY) return;
+    shown = { saying, wall };
     coverScene(headline, wall);
     if (headline !== null) follow(headline, display.reason);
     status.update({

@@ -45,16 +45,16 @@ export function showFlightRecord(element, { flight, why, api, navigate }) {
   panels.scene.append(state("empty", "Flight over", "The scene is shown while it flies."));
   panels.notice.hidden = false;
   const failure = h("span", { class: "error", role: "alert", hidden: true });
-  const acknowledgeButton = h("button", { type: "button", class: "button", hidden: true, onclick: () => acknowledge().catch(fail) });
+  const acknowledgeButton = h("button", { type: "button", class: "button button-small", hidden: true, onclick: () => acknowledge().catch(fail) });
   let waiting = [];
   panels.notice.append(...[
     verdictLine(flight),
     h("p", {}, h("strong", {}, `This flight ${HOW[flight.progress] ?? "is over"}${because(why)}. `), "Its record is shown."),
     h("div", { class: "row" },
       acknowledgeButton,
-      h("button", { type: "button", class: "button button-primary", onclick: again }, "Fly it again"),
-      h("a", { class: "button", href: "#/fly" }, "All flights"),
-      h("button", { type: "button", class: "button button-danger", onclick: () => askToConfirm("Delete this record?", "Its samples, assessments and alarms are gone for good.", "Delete the record", remove) }, "Delete the record"),
+      h("button", { type: "button", class: "button button-small button-primary", onclick: again }, "Fly it again"),
+      h("a", { class: "button button-small", href: "#/fly" }, "All flights"),
+      h("button", { type: "button", class: "button button-small button-danger", onclick: () => askToConfirm("Delete this record?", "Its samples, assessments and alarms are gone for good.", "Delete the record", remove) }, "Delete the record"),
       failure),
     ...warningLines(flight),
   ].filter((part) => part !== null));
@@ -81,16 +81,17 @@ export function showFlightRecord(element, { flight, why, api, navigate }) {
       panels.strips.replaceChildren(state("empty", "Nothing was recorded", "The flight ended before its first sample."));
       return;
     }
-    draw(channels, monitor, longest, passes);
+    const found = draw(channels, monitor, longest, passes);
     for (const alarm of alarms) {
-      events.add({ t: alarm.t, text: alertText(alarm, flight.epsilon, channels), level: LEVEL_OF[alarm.level], seen: true });
-      if (alarm.acknowledged) sayAcknowledged(alarm);
+      found.push({ t: alarm.t, text: alertText(alarm, flight.epsilon, channels), level: LEVEL_OF[alarm.level], seen: true });
+      if (alarm.acknowledged) found.push(acknowledgement(alarm));
     }
+    found.sort((a, b) => a.t - b.t).forEach(events.add);
   }
 
-  function sayAcknowledged({ t, number, level, by }) {
+  function acknowledgement({ t, number, level, by }) {
     const what = level === "caution" ? "caution" : "alarm";
-    events.add({ t, text: `${what} ${number} acknowledged by ${by}`, seen: true });
+    return { t, text: `${what} ${number} acknowledged by ${by}`, seen: true };
   }
 
   /** Alarms that nobody acknowledged while it flew can be acknowledged now; the headline changes with them. */
@@ -106,7 +107,7 @@ export function showFlightRecord(element, { flight, why, api, navigate }) {
     acknowledgeButton.disabled = true;
     failure.hidden = true;
     try {
-      for (const { id } of waiting) sayAcknowledged(await api.post(`${path}/alarms/${id}/acknowledge`));
+      for (const { id } of waiting) events.add(acknowledgement(await api.post(`${path}/alarms/${id}/acknowledge`)));
       const now = verdictLine(await api.get(path));
       panels.notice.querySelector(".verdict")?.remove();
       if (now !== null) panels.notice.prepend(now);
@@ -117,18 +118,21 @@ export function showFlightRecord(element, { flight, why, api, navigate }) {
     await offerToAcknowledge();
   }
 
+  /** Draws the strips. Returns the exceedances found on the way, as events. */
   function draw(channels, { lead, dt }, frames, passes) {
     const [first, last] = [frames[0].t, frames.at(-1).t];
+    const found = [];
     panels.strips.replaceChildren();
     chart = createStripChart(panels.strips, {
       channels, epsilon: flight.epsilon, lead, dt, seconds: windowOf({ duration: last - first, lead }),
       onExceedance: (exceedance) =>
-        events.add({ t: exceedance.t, text: exceedanceText(exceedance, channels), level: "alert", seen: true }),
+        found.push({ t: exceedance.t, text: exceedanceText(exceedance, channels), level: "alert", seen: true }),
     });
     chart.setTransport({ playing: false, speed: 1 });
     chart.push(frames);
     chart.setWindow(first, Math.max(last, first + dt) + lead);
     if (passes > 1) events.add({ t: null, text: `flown in ${passes} passes; the longest is shown` });
+    return found;
   }
 
   async function readFrames() {
@@ -178,7 +182,7 @@ function because(why) {
 /** What the flight came to: never calm where it exceeded its limit. */
 function verdictLine({ verdict, status, level, beside }) {
   if (!verdict && level === "none") return null;
-  const words = verdict ? `◆ ${verdict.text}` : textOf({ status, level, beside });
+  const words = verdict ? `${level === "warning" ? "▲" : "◆"} ${verdict.text}` : textOf({ status, level, beside });
   const shown = verdict && level !== "warning" ? "caution" : LEVEL_OF[level];
   return h("strong", { class: "chip verdict", "data-level": shown }, words);
 }

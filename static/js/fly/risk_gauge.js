@@ -6,8 +6,8 @@
  * dial is hatched grey and the word stands in the number's place.
  *
  * Exports
- *   createRiskGauge(element, {timeline, scale, headline}) -> {update(reading), clear(), destroy()}
- *     headline: (wall) -> Headline of the flight; that of the sample alone unless given
+ *   createRiskGauge(element, {timeline, scale, led}) -> {update(reading), draw(wall, headline), clear(), destroy()}
+ *     led: it is drawn by `draw` alone, with a flight's headline; else by itself, with that of the sample alone
  *     reading: {p_value, epsilon, state, alert, reason, note}, any frame with its epsilon will do;
  *     note stands below the number; state
  *       ok, warming_up, stale, invalid (between manoeuvres: NOT ASSESSED), over (the flight has ended), or null for no data.
@@ -52,7 +52,7 @@ const SHAPES = {
 
 let gauges = 0;
 
-export function createRiskGauge(element, { timeline = null, scale = "sqrt", headline = null } = {}) {
+export function createRiskGauge(element, { timeline = null, scale = "sqrt", led = false } = {}) {
   const share = scale === "sqrt" ? Math.sqrt : (value) => value;
   const id = `risk-hatch-${++gauges}`;
   element.classList.add("risk-gauge");
@@ -87,11 +87,11 @@ export function createRiskGauge(element, { timeline = null, scale = "sqrt", head
 
   function update(given) {
     reading = given;
-    render(performance.now());
+    if (!led) render(performance.now());
   }
 
-  function render(wall) {
-    const face = faceOf(wall);
+  function render(wall, headline = null) {
+    const face = faceOf(wall, headline);
     const { key, assessed } = face;
     const { p_value: risk = null, epsilon = null } = reading;
     const digits = assessed ? riskText(risk, epsilon) : "";
@@ -116,14 +116,14 @@ export function createRiskGauge(element, { timeline = null, scale = "sqrt", head
   }
 
   /** What is shown: the word, its level, what stands beside it, and whether there is a number. */
-  function faceOf(wall) {
+  function faceOf(wall, headline) {
     const { state, p_value: risk } = reading;
     if (state == null || state === "over") {
       const key = state ?? "none";
       return { key, ...WITHOUT[key], level: "", beside: "", assessed: false };
     }
     const late = timeline !== null && timeline.stale(wall);
-    const said = headline?.(wall) ?? headlineOf(ofSample(reading), { stale: late, alarms: 0 });
+    const said = headline ?? headlineOf(ofSample(reading), { stale: late, alarms: 0 });
     const withdrawn = [said.status, ...said.beside].some((one) => one === "stale" || one === "invalid");
     return {
       key: said.status === "invalid" ? shownState({ state: "invalid", reason: reading.reason }) : said.status,
@@ -143,7 +143,7 @@ export function createRiskGauge(element, { timeline = null, scale = "sqrt", head
     word.textContent = text;
     beside.textContent = also;
     const letters = text.length;
-    const size = assessed ? (letters > 10 ? 20 : letters > 7 ? 27 : 30) : letters > 10 ? 23 : letters > 8 ? 32 : 40;
+    const size = assessed ? (letters > 10 ? 19 : letters > 7 ? 24 : 30) : letters > 10 ? 23 : letters > 8 ? 32 : 40;
     word.setAttribute("font-size", String(size));
     const half = (size * 0.66 * letters + 40) / 2;
     const y = assessed ? 216 : 160;
@@ -189,10 +189,11 @@ export function createRiskGauge(element, { timeline = null, scale = "sqrt", head
     }
   }
 
-  const stop = timeline === null ? () => {} : addDrawer(render);
+  const stop = timeline === null || led ? () => {} : addDrawer((wall) => render(wall));
   render(performance.now());
   return {
     update,
+    draw: render,
     clear: () => update({ state: null, epsilon: reading.epsilon }),
     destroy: () => {
       stop();

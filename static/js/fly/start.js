@@ -82,7 +82,7 @@ function flightRow(flight, names, verb) {
   const source = sourceText(flight.source, flight.name);
   const isOver = flight.progress !== "running";
   const level = isOver && flight.level === "none" ? "off" : LEVEL_OF[flight.level];
-  const words = flight.verdict ? `◆ ${flight.verdict.text}` : level === "off" ? flight.progress : textOf(flight);
+  const words = flight.verdict ? `${level === "alert" ? "▲" : "◆"} ${flight.verdict.text}` : level === "off" ? flight.progress : textOf(flight);
   const monitor = names.get(flight.monitor) ?? flight.monitor;
   const about = `${monitor} at ε ${flight.epsilon}, ${flight.created.slice(0, 16).replace("T", " ")} UTC`;
   return h(
@@ -90,7 +90,7 @@ function flightRow(flight, names, verb) {
     { class: "flight-row" },
     h("span", { class: "chip mode", "data-mode": flight.mode }, flight.mode.toUpperCase()),
     h("span", { class: "chip", "data-level": flight.verdict && level !== "alert" ? "caution" : level }, words),
-    h("span", { class: "flight-name" }, source.startsWith(flight.name) ? source : `${flight.name} (${source})`, h("span", { class: "dim flight-detail" }, about), warningMark(flight)),
+    h("span", { class: "flight-name" }, source.includes(flight.name) ? source : `${flight.name} (${source})`, h("span", { class: "dim flight-detail" }, about), warningMark(flight)),
     h("a", { class: "button button-small", href: `#/fly/${flight.id}`, "aria-label": `${verb}: ${flight.name}` }, verb),
   );
 }

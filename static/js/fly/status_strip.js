@@ -6,7 +6,8 @@
  *     status: {mode, source, monitor, warnings, validity, link, staleAfter, playing, live, headline, reason,
  *              figures: {age [s], latency [ms], conflated, lost, unwritten, problem, utc: Date | null}}
  *     lost: null where nobody knows how many: the server was killed
- *     mode: "live", "replay" or "simulated"; only live data have an age and a latency
+ *     mode: "live", "replay" or "simulated"; only live data have an age and a latency, only a flight
+ *     that is not over a link and the time of day
  *     headline: of the flight, null before it is known or for a flight that is over
  *     warnings: what speaks against the monitor, shown beside its name
  *     validity: "checked", or why not, shown beside the monitor
@@ -30,7 +31,7 @@ const ITEMS = [
   ["record", "record", "Whether the server stores what is flown; samples that wait for its disk, and those it lost"],
 ];
 const LATE = 300; // ms
-const MARKS = { ok: "✓ ", caution: "◆ " };
+const CAUTION = "◆ ";
 
 export function createStatusStrip(element) {
   element.classList.add("status-strip");
@@ -56,6 +57,8 @@ export function createStatusStrip(element) {
     put(mode, from === undefined ? "" : live ? from.toUpperCase() : "RECORD");
     mode.dataset.mode = live ? (from ?? "") : "record";
     for (const key of ["age", "latency"]) items[key].box.hidden = from !== "live";
+    for (const key of ["utc", "link"]) items[key].box.hidden = !live;
+    items.conflated.box.hidden = figures.conflated === 0;
     show("source", source);
     show("monitor", monitor);
     put(items.monitor.label, validity === "checked" ? "monitor" : `monitor, validity ${validity}`);
@@ -81,15 +84,15 @@ export function createStatusStrip(element) {
 
 function recordOf({ lost, unwritten, problem }) {
   const gone = lost > 0 ? `, ${lost} samples lost` : "";
-  if (problem !== "") return [`${MARKS.caution}NOT RECORDED, ${unwritten} samples wait${gone}`, "caution"];
-  if (lost === null) return [`${MARKS.caution}end may be missing`, "caution"];
-  return lost > 0 ? [`${MARKS.caution}${lost} samples lost`, "caution"] : ["all", ""];
+  if (problem !== "") return [`${CAUTION}NOT RECORDED, ${unwritten} samples wait${gone}`, "caution"];
+  if (lost === null) return [`${CAUTION}end may be missing`, "caution"];
+  return lost > 0 ? [`${CAUTION}${lost} samples lost`, "caution"] : ["all", ""];
 }
 
 function linkOf(live, link) {
   if (!live || link === "over") return ["over", "off"];
-  if (link === "open") return [`${MARKS.ok}open`, "ok"];
-  if (link === "silent") return [`${MARKS.caution}NO HEARTBEAT`, "caution"];
-  if (link === "lost") return [`${MARKS.caution}LOST`, "caution"];
+  if (link === "open") return ["✓ open", ""];
+  if (link === "silent") return [`${CAUTION}NO HEARTBEAT`, "caution"];
+  if (link === "lost") return [`${CAUTION}LOST`, "caution"];
   return ["connecting", "caution"];
 }

@@ -94,7 +94,7 @@ function table(monitors, rates, catalog) {
       {},
       h("th", { scope: "row" }, h("a", { href: `#/monitors/${monitor.id}` }, monitor.name), warningMark(monitor)),
       h("td", {}, aircraftName(catalog, aircraft)),
-      h("td", {}, kindName(catalog, "maneuver", maneuver)),
+      h("td", { class: "nowrap" }, kindName(catalog, "maneuver", maneuver)),
       h("td", { class: "number" }, monitor.n_unsafe),
       h("td", { class: "number" }, figure(monitor.epsilon)),
       h("td", { class: "number" }, figure(monitor.lead)),

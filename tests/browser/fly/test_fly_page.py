@@ -26,6 +26,16 @@ UNSAFE = {"kind": "simulated", "seed": 7, "outcome": "unsafe"}
 SAFE = {"kind": "simulated", "seed": 7, "outcome": "safe"}
 VISIBLE = ".status-value:visible, .transport .button:visible, .alarm-banner:visible"
 CUT_OFF = ["WebSocket connection to", "ERR_CONNECTION_REFUSED", "ERR_EMPTY_RESPONSE"]
+WATCH_CHANGES = """() => {
+  const first = (text) => text.replace(/^[▲◆✓] /, '').split(/ [·–] /)[0];
+  const places = ['.gauge-word', '.status-item[data-item="state"] .status-value', 'title'];
+  window.changes = [];
+  const look = () => window.changes.push(
+    places.map((place) => first(document.querySelector(place).textContent)));
+  const everything = { subtree: true, childList: true, characterData: true };
+  new MutationObserver(look).observe(document, everything);
+}"""
+"""What gauge, status line and title say after each change of the page."""
 SCENE = [
     "'unsafe-eval' is not an allowed source",
     "THREE.Clock: This module has been deprecated",
@@ -399,9 +409,12 @@ def test_a_server_that_falls_silent_is_no_open_link_and_the_last_samples_stay(ow
     fly.watch(SAFE, ("loop", True), ("speed", 0.5))
     fly.gauge_says(CALM)
     expect(fly.status("link")).to_contain_text("open")
+    fly.page.evaluate(WATCH_CHANGES)
     wait_until(fly.page, "performance.now() > 3000")
     silent = True
     expect(fly.status("link")).not_to_contain_text("open")
+    seen = fly.page.evaluate("window.changes")
+    assert {tuple(words) for words in seen} == {(CALM,) * 3, ("STALE",) * 3}
     fly.gauge_says("STALE")
     fly.assert_no_number()
     expect(fly.page.locator(".link-lost")).to_contain_text("not that of now")
@@ -532,6 +545,45 @@ def test_nothing_overflows(fly: Fly, width: int, height: int) -> None:
         place = box.bounding_box()
         assert place is not None
         assert place["x"] + place["width"] <= width
+
+
+OVERLAP = """() => {
+    const box = (name) => [...document.querySelectorAll(name)].at(-1).getBoundingClientRect();
+    return box(".strip").bottom - box(".strip-toolbar").top;
+}"""
+GREEN = """() => {
+    const probe = document.createElement("i");
+    probe.style.color = "var(--ok)";
+    document.body.append(probe);
+    const ok = getComputedStyle(probe).color;
+    const places = ["color", "stroke", "backgroundColor"];
+    const bears = (e) => places.some((place) => getComputedStyle(e)[place] === ok);
+    return [...document.querySelectorAll(".flight *")]
+        .filter((e) => e.checkVisibility() && e.getAttribute("visibility") !== "hidden" && bears(e))
+        .map((e) => e.outerHTML.slice(0, 80));
+}"""
+
+
+def test_the_line_of_states_is_one_line_on_a_screen_of_1024(fly: Fly) -> None:
+    fly.page.set_viewport_size({"width": 1024, "height": 768})
+    fly.watch(UNSAFE, ("pause", None), ("next_alert", None))
+    fly.page.keyboard.press("m")
+    assert fly.page.locator(".flight > .status-strip").bounding_box()["height"] < 50  # pyright: ignore
+
+
+def test_nothing_is_green_beside_an_alarm(fly: Fly) -> None:
+    fly.watch(UNSAFE, ("pause", None), ("next_alert", None), ("step", 6))
+    fly.gauge_says("ALARM")
+    assert fly.page.evaluate(GREEN) == []
+
+
+def test_a_record_of_much_to_say_leaves_its_strips_their_place(fly: Fly) -> None:
+    fly.watch(UNSAFE, ("pause", None), ("next_alert", None))
+    fly.event("alert, risk").wait_for()
+    fly.ask("POST", f"/flights/{fly.flight}/end")
+    expect(fly.page.locator(".notice .monitor-warning")).to_be_visible()
+    fly.page.locator(".strip").last.wait_for()
+    assert fly.page.evaluate(OVERLAP) <= 1
 
 
 def test_the_scene_has_no_panel_of_its_own_and_lets_keys_through(

@@ -184,3 +184,43 @@ def test_the_alert_sounds_again_and_again_until_stopped_unless_muted(strips: Ope
     assert heard[1] > 0.3
     assert heard[2:] == [True, False]
     assert muted[:2] == [0, 0]
+
+
+def test_a_link_is_open_until_the_first_missed_heartbeat(
+    strips: Open, allowed_errors: list[str]
+) -> None:
+    allowed_errors.append("404 (File not found)")  # no server here tells the time
+    page = strips()
+    page.clock.install(time=0)
+    page.evaluate(
+        """async () => {
+        const { createConnection } = await import('/static/js/fly/connection.js');
+        class Scripted {
+          static OPEN = 1;
+          readyState = 0;
+          constructor() { window.socket = this; }
+          addEventListener(kind, listener) { this[kind] = listener; }
+          close() {}
+        }
+        window.tell = (message) => window.socket.message({ data: JSON.stringify(message) });
+        window.links = [];
+        const link = (now) => window.links.push([now, performance.now()]);
+        createConnection('flight', { link }, { Socket: Scripted });
+        window.begin = performance.now();
+        tell({ type: 'hello', head: -1, server_time: '2030-01-01T00:00:00Z' });
+      }"""
+    )
+    beat = (
+        "tell({ type: 'heartbeat', sent: performance.now(), server_time: '2030-01-01T00:00:00Z' })"
+    )
+    for k in range(1, 71):  # samples each 50 ms, heartbeats each second, until 3.5 s
+        page.clock.run_for(50)
+        page.evaluate("(k) => tell({ type: 'state', seq: k })", k)
+        if k % 20 == 0:
+            page.evaluate(beat)
+    page.clock.run_for(1000)
+    assert page.evaluate("links.map(([link]) => link)") == ["open"]
+    page.clock.run_for(200)
+    assert page.evaluate("links.map(([link]) => link)") == ["open", "silent"]
+    page.evaluate(beat)
+    assert page.evaluate("links.at(-1)[0]") == "open"
