@@ -1,8 +1,18 @@
 """JSON of plain data, dataclasses and numpy arrays; what is not finite becomes null."""
 
-from typing import Any
+from typing import Annotated, Any
 
 import msgspec
+from pydantic import BeforeValidator, Strict
+
+
+def _whole(value: Any) -> Any:
+    return int(value) if isinstance(value, float) and value.is_integer() else value
+
+
+Whole = Annotated[int, Strict(), BeforeValidator(_whole)]
+"""An integer of a request, as JSON may write it: 3 or 3.0."""
+
 
 _encoder = msgspec.json.Encoder(enc_hook=lambda value: value.tolist())
 

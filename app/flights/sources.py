@@ -17,6 +17,7 @@ from app.flights.playback import AssessedTrack, Script
 from app.flights.recorded_playback import RecordedScript
 from app.flights.replay import TrackFlight
 from app.flights.track import SourceError, Track, times
+from app.json_codec import Whole
 from app.messages import Mode
 from app.recipes import from_plain
 from app.recordings.scored import ScoredRecordings
@@ -99,7 +100,7 @@ class Simulated(TrackSource):
     recipe: dict[str, Any] | None = Field(
         default=None, description="DatasetRecipe, as for /datasets"
     )
-    seed: int = Field(default=0, ge=0, le=2**53, description="same seed, same flight")
+    seed: Whole = Field(default=0, ge=0, le=2**53, description="same seed, same flight")
     theta: dict[str, float] | None = Field(
         default=None, description="parameters by name; null: random"
     )
@@ -123,7 +124,7 @@ class Replay(TrackSource):
     kind: Literal["replay"]
     dataset: str = Field(description="id")
     outcome: Literal["unsafe", "safe"]
-    rollout: int = Field(ge=0, description="number among those of this outcome")
+    rollout: Whole = Field(ge=0, description="number among those of this outcome")
 
     def make(self, store: Store, monitor: Monitor) -> Track:
         """Return the rollout, with the samples after its failure where they can be had again."""

@@ -3,8 +3,9 @@
 from dataclasses import dataclass
 from typing import Annotated, Any
 
-from pydantic import BaseModel, ConfigDict, Field, StrictBool, StrictInt
+from pydantic import BaseModel, ConfigDict, Field, StrictBool
 
+from app.json_codec import Whole
 from app.store.recordings import RecordingInfo
 from app.telemetry.contents import BadRow
 from app.telemetry.mapping.mapping import Mapping
@@ -104,7 +105,7 @@ class PreviewRequest(BaseModel):
     model_config = ConfigDict(extra="forbid")
 
     mapping: Mapping
-    bins: StrictInt = Field(default=120, ge=2, le=4000, description="of each channel, at most")
+    bins: Whole = Field(default=120, ge=2, le=4000, description="of each channel, at most")
 
 
 class Bands(BaseModel):
