@@ -1,15 +1,9 @@
 import asyncio
-import json
-import os
-import re
 import signal
 import socket
-import subprocess
-import sys
 import threading
 import time
 from base64 import b64encode
-from contextlib import contextmanager
 from multiprocessing import active_children
 from typing import Any
 
@@ -25,35 +19,9 @@ from app.jobs.training import fly_test
 from app.serving import Server, address_of, alone, listen
 from app.settings import Settings, SettingsError
 from app.store.store import open_store
-from core.monitor import MonitorRecipe, train
-from tests.support.api import served
+from tests.support.api import command, served
 
 PATIENCE = 60
-
-
-@contextmanager
-def command(*arguments, **environment):
-    """A `forewarn` of its own; the process and the address it printed."""
-    call = [sys.executable, "-c", "from app.cli import main; raise SystemExit(main())", *arguments]
-    given = os.environ | environment
-    with subprocess.Popen(call, stdout=subprocess.PIPE, text=True, env=given) as process:
-        try:
-            assert process.stdout is not None
-            line = next((line for line in process.stdout if "http" in line), "")
-            yield process, re.search(r"http://[^/ ]+", line)[0]  # pyright: ignore
-        finally:
-            process.kill()
-
-
-def settled(address, path, status):
-    """Follow a job's events until it has a status."""
-    with httpx2.stream("GET", f"{address}{path}/events", timeout=PATIENCE) as stream:
-        for line in stream.iter_lines():
-            if line.startswith("data: "):
-                job = json.loads(line.removeprefix("data: "))
-                if job["status"] == status:
-                    return job
-    raise AssertionError(f"{path} never was {status}")
 
 
 def test_a_server_serves_its_page_and_stops_when_told(tmp_path):
@@ -64,29 +32,6 @@ def test_a_server_serves_its_page_and_stops_when_told(tmp_path):
         assert "script-src 'self'" in page.headers["content-security-policy"]
         process.send_signal(signal.SIGINT)
         assert process.wait(PATIENCE) == 0
-
-
-def test_after_a_kill_the_job_is_interrupted_and_the_flight_too(tmp_path, dataset):
-    settings = Settings(data_dir=tmp_path)
-    store = open_store(settings.url)
-    monitor = store.monitors.add(train(dataset, MonitorRecipe(epsilon=0.2)), "oscillator").id
-    store.close()
-    endless = {"n_unsafe": 2000, "maneuver": {"duration_s": 60.0}, "max_safe": 10}
-    with command("serve", "--data-dir", str(tmp_path), "--port", "0") as (process, address):
-        source = {"kind": "simulated", "recipe": {"n_unsafe": 2}}
-        flown = httpx2.post(
-            f"{address}/api/v1/flights", json={"source": source, "monitor": monitor}
-        )
-        assert flown.status_code == 201, flown.text
-        job = httpx2.post(f"{address}/api/v1/datasets", json=endless).headers["location"]
-        settled(address, job, "running")
-        process.kill()
-        process.wait(PATIENCE)
-    store = open_store(settings.url)
-    assert store.jobs.info(job.rpartition("/")[2]).status == "interrupted"
-    assert store.flights.info(flown.json()["id"]).status == "interrupted"
-    assert store.damage() == []
-    store.close()
 
 
 def test_a_second_server_of_the_same_data_is_refused(tmp_path):

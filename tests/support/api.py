@@ -1,5 +1,8 @@
 """The application in process, for tests of the API."""
 
+import re
+import subprocess
+import sys
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -46,6 +49,21 @@ def served(data_dir: Path, **limits: Any) -> Iterator[tuple[str, Server]]:
         thread.join(PATIENCE)
         listening.close()
     assert not thread.is_alive()
+
+
+@contextmanager
+def command(*arguments: str) -> Iterator[tuple[subprocess.Popen[str], str]]:
+    """A `forewarn` of its own; the process and the address it printed."""
+    call = [sys.executable, "-c", "from app.cli import main; raise SystemExit(main())", *arguments]
+    with subprocess.Popen(call, stdout=subprocess.PIPE, text=True) as process:
+        try:
+            assert process.stdout is not None
+            line = next((line for line in process.stdout if "http" in line), "")
+            address = re.search(r"http://[^/ ]+", line)
+            assert address, line
+            yield process, address[0]
+        finally:
+            process.kill()
 
 
 def store_of(client: TestClient) -> Any:

@@ -2,13 +2,9 @@
 
 import asyncio
 import json
-import os
-import re
 import shutil
 import signal
 import socket
-import subprocess
-import sys
 import threading
 import time
 
@@ -20,12 +16,14 @@ from app.recordings import upload as upload_module
 from app.recordings.recordings import Recordings
 from app.settings import Settings
 from app.store.store import open_store
-from tests.support.api import PATIENCE, api, problem, served
+from core.monitor import MonitorRecipe, train
+from tests.support.api import PATIENCE, api, command, problem, served, store_of
 from tests.support.recorded import OCTETS, RECORDINGS, csv_of, kept_files, upload, uploaded
 
 HEAD = "POST {path}?name=half.csv HTTP/1.1\r\nHost: 127.0.0.1\r\nContent-Length: {length}\r\n"
 HEAD += "Content-Type: application/octet-stream\r\n\r\n"
 LENGTH = 4 * upload_module.BLOCK_BYTES
+ENDLESS = {"n_unsafe": 2000, "maneuver": {"duration_s": 60.0}, "max_safe": 10}
 
 
 @pytest.fixture(scope="module")
@@ -112,26 +110,36 @@ def test_a_server_that_stops_leaves_nothing_of_what_was_coming(tmp_path, monkeyp
     assert kept_files(tmp_path) == set()
 
 
-def test_a_server_that_is_killed_leaves_nothing_after_its_next_start(tmp_path, file):
-    call = [sys.executable, "-c", "from app.cli import main; raise SystemExit(main())"]
-    arguments = ["serve", "--data-dir", str(tmp_path), "--port", "0"]
-    with subprocess.Popen(
-        [*call, *arguments], stdout=subprocess.PIPE, text=True, env=os.environ
-    ) as process:
-        assert process.stdout is not None
-        line = next(line for line in process.stdout if "http" in line)
-        address = re.search(r"http://[^/ ]+", line)[0]  # pyright: ignore
+def test_a_server_that_is_killed_leaves_nothing_half_done_after_its_next_start(
+    tmp_path, file, dataset
+):
+    """Of an upload; and its job and its flight are interrupted."""
+    store = open_store(Settings(data_dir=tmp_path).url)
+    monitor = store.monitors.add(train(dataset, MonitorRecipe(epsilon=0.2)), "oscillator").id
+    store.close()
+    with command("serve", "--data-dir", str(tmp_path), "--port", "0") as (process, address):
         query = {"name": "whole.csv"}
         kept = httpx2.post(
             f"{address}{RECORDINGS}", params=query, content=file, headers=OCTETS, timeout=PATIENCE
         )
         assert kept.status_code == 201, kept.text
+        source = {"kind": "simulated", "recipe": {"n_unsafe": 2}}
+        flown = httpx2.post(
+            f"{address}/api/v1/flights", json={"source": source, "monitor": monitor}
+        )
+        assert flown.status_code == 201, flown.text
+        job = httpx2.post(f"{address}/api/v1/datasets", json=ENDLESS).headers["location"]
+        until(lambda: httpx2.get(f"{address}{job}").json()["status"] == "running", address)
         with half_sent(address):
             until(lambda: some_came(tmp_path), address)
             process.send_signal(signal.SIGKILL)
             process.wait(PATIENCE)
     assert coming_in(tmp_path)
     with api(tmp_path) as client:
+        assert client.get(job).json()["status"] == "interrupted"
+        store = store_of(client)
+        assert store.flights.info(flown.json()["id"]).status == "interrupted"
+        assert store.damage() == []
         assert coming_in(tmp_path) == []
         recording = kept.json()
         assert [one["id"] for one in client.get(RECORDINGS).json()] == [recording["id"]]

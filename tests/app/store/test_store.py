@@ -189,13 +189,13 @@ def test_threads_write_and_read_at_once(store: Store, dataset: Dataset, trained:
     flights = [store.flights.add({"n": i}, monitor_id, 0.1) for i in range(4)]
 
     def record(flight: str) -> None:
-        for first in range(0, 1000, 50):
+        for first in range(0, 300, 50):
             append(store, flight, first, 50)
             store.alarms.add(flight, first, first * 0.02, 0.5)
 
     def watch(flight: str) -> None:
         seen = 0
-        while seen < 1000:
+        while seen < 300:
             stored = store.flights.assessments(flight)
             assert len(stored) >= seen
             assert len(stored) % 50 == 0
@@ -213,5 +213,5 @@ def test_threads_write_and_read_at_once(store: Store, dataset: Dataset, trained:
             future.result()
         assert {future.result() for future in collected} == {dataset.digest()}
     for flight in flights:
-        assert_says_its_number(store.flights.assessments(flight), np.arange(1000))
-        assert [alarm.number for alarm in store.alarms.of(flight)] == list(range(1, 21))
+        assert_says_its_number(store.flights.assessments(flight), np.arange(300))
+        assert [alarm.number for alarm in store.alarms.of(flight)] == list(range(1, 7))
