@@ -7,6 +7,8 @@ control_law.closed_loop.
 A matrix of lanes is flat: its entry (i, j) is the run of eight numbers from 8 (i columns + j) on.
 """
 
+import numpy as np
+
 from core.kernels.compiled import jit
 from core.kernels.lanes import WIDTH, fma, load, read_integer, splat, store, total, write
 
@@ -51,7 +53,9 @@ def close_loop(plants, law, bandwidth, which, w, loop, rows):
     clear(w, loop, n * n)
     clear(w, rows, N_FEEDBACK * ny)
     check = gather(a, nx, which, w, loop, n) + gather(b, nx, which, w, loop + nx * WIDTH, n)
-    check += gather(c, 4, which, w, rows, ny) + gather(d, 4, which, w, rows + nx * WIDTH, ny)
+    outputs = np.int64(4)  # a literal 4 would compile `gather` once more
+    check += gather(c, outputs, which, w, rows, ny)
+    check += gather(d, outputs, which, w, rows + nx * WIDTH, ny)
     one = splat(1.0)
     store(w, rows + (4 * ny + nx) * WIDTH, one)
     store(w, rows + (5 * ny + nx + 1) * WIDTH, one)

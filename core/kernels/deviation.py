@@ -213,7 +213,9 @@ def _farthest_some(reference, t, y, last, start, stop, farthest):
     for i in range(start, stop):
         n = last[i] + 1
         codes = states(t[:n], y[i, :n], reference.dt, reference.n_delay)
-        follow(reference, begin(reference), t[:n], y[i], 0, codes, unknown, np.nan, largest)
+        follow(
+            reference, begin(reference), t[:n], y[i], np.int64(0), codes, unknown, np.nan, largest
+        )
         farthest[i] = largest[n - 1]
 
 
@@ -239,7 +241,9 @@ def _first_beyond_some(reference, t, y, last, bounds, start, stop, first):
     for i in range(start, stop):
         n = last[i] + 1
         codes = states(t[:n], y[i, :n], reference.dt, reference.n_delay)
-        follow(reference, begin(reference), t[:n], y[i], 0, codes, unknown, np.nan, largest)
+        follow(
+            reference, begin(reference), t[:n], y[i], np.int64(0), codes, unknown, np.nan, largest
+        )
         for k in range(n):
             if largest[k, 0] > bounds[0] or largest[k, 1] > bounds[1]:
                 first[i] = k

@@ -42,7 +42,7 @@ def map_observation(fitted, y, i, n_delay, z):
         address(y),
         address(z),
         z.shape[0],
-        i,
+        np.int64(i),  # a literal 0 would compile `_map` once more
         n_delay,
         1,
     )

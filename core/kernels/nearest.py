@@ -100,15 +100,15 @@ def nearest_at(place, z, skip, hint):
         place[5],
         _address(z),
         z.shape[0],
-        skip,
-        hint,
+        np.int64(skip),  # literal numbers would compile the search once more for each
+        np.int64(hint),
     )
 
 
 @inlined
 def squared_distance_at(place, z, i):
     """Squared distance from z to original point i, 0 <= i < n: the bits `nearest_at` gives."""
-    return _squared_distance(place[0], place[3], _address(z), z.shape[0], i)
+    return _squared_distance(place[0], place[3], _address(z), z.shape[0], np.int64(i))
 
 
 @jit

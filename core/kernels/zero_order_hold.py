@@ -61,7 +61,7 @@ def input_series(step: float, lag_s: float) -> tuple[Array, Array]:
     halves = step * 0.5 ** np.arange(MAX_SCALE + 1)
     order = np.arange(1, DEGREE + 2)
     factorials = np.array([float(factorial(k)) for k in order])
-    held = np.broadcast_to(1.0 / factorials, (MAX_SCALE + 1, DEGREE + 1))
+    held = np.tile(1.0 / factorials, (MAX_SCALE + 1, 1))
     if lag_s == 0.0:
         return np.stack([held, np.zeros_like(held)]), np.zeros(MAX_SCALE + 1)
     fading = hyp1f1(1, order + 1, -halves[:, None] / lag_s) / factorials

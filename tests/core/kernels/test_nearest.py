@@ -224,7 +224,7 @@ def killer(n, middle):
 @pytest.mark.parametrize("n", [10, 1_000])
 def test_selection_survives_keys_made_to_defeat_it(n):
     for key in (killer(n, n // 2), np.zeros(n), np.arange(n)[::-1] * 1.0, np.arange(n) % 7 * 1.0):
-        order = np.arange(n)
+        order = np.arange(n, dtype=np.int32)
         _select(key.copy(), order, n // 2)
         assert sorted(order) == [*range(n)]
         assert key[order[: n // 2]].max() <= key[order[n // 2 :]].min()

@@ -42,7 +42,7 @@ def test_a_number_is_the_quantile_of_its_bits():
 
 
 def test_tails_are_exact():
-    halves = np.array([0, 5, 10**6, 2**24 - 1, 2**32 - 2**24, 2**32 - 1])
+    halves = np.array([0, 5, 10**6, 2**24 - 1, 2**32 - 2**24, 2**32 - 1], np.uint64)
     exact = ndtri((halves + 0.5) / 2.0**32)
     np.testing.assert_allclose([_in_tail(half) for half in halves], exact, rtol=1e-12)
 
