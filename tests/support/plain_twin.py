@@ -15,7 +15,7 @@ import control
 import numpy as np
 import numpy.typing as npt
 from sklearn.decomposition import PCA
-from sklearn.neighbors import NearestNeighbors
+from sklearn.neighbors import KDTree
 
 from core.types import Array
 
@@ -194,12 +194,12 @@ def nearest(points: Array) -> Map:
     """Squared distance from each row of z to the nearest of `points`; +inf where there is none."""
     if len(points) == 0:
         return lambda z: np.full(len(z), np.inf)
-    tree = NearestNeighbors(n_neighbors=1, algorithm="kd_tree").fit(points)
+    tree = KDTree(points)
 
     def squared_distance(z: Array) -> Array:
         if len(z) == 0:
             return np.empty(0)
-        index = tree.kneighbors(z, return_distance=False)[:, 0]
+        index = tree.query(z, return_distance=False)[:, 0]
         return ((z - points[index]) ** 2).sum(axis=1)
 
     return squared_distance
