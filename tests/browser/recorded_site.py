@@ -3,6 +3,7 @@
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -10,6 +11,7 @@ import httpx2
 import numpy as np
 
 from app.store.store import Store
+from core.monitor import Monitor
 from core.simulation.aircraft import PublishedAircraft
 from tests.browser.site import Site, open_site
 from tests.support import attas
@@ -24,6 +26,7 @@ OUTCOMES = ["quiet", "timely_alert", "invalid"]
 """Of the three manoeuvres in the file: within the limit, beyond it, and with reversed surfaces."""
 
 
+@cache
 def recorded_file() -> bytes:
     """Three rudder doublets in degrees and knots, with a bad row and a gap."""
     flown = attas.fly(30, 5)
@@ -83,8 +86,8 @@ class RecordedSite:
 
 
 @contextmanager
-def open_recorded_site(data_dir: Path) -> Iterator[RecordedSite]:
-    """The server, until the block ends."""
+def open_recorded_site(data_dir: Path, monitor: Monitor) -> Iterator[RecordedSite]:
+    """The server with this monitor, until the block ends."""
     with open_site(data_dir) as site:
-        monitor = site.store.monitors.add(attas.trained(), "transport doublet")
-        yield RecordedSite(site, monitor.id, recorded_file())
+        stored = site.store.monitors.add(monitor, "transport doublet")
+        yield RecordedSite(site, stored.id, recorded_file())

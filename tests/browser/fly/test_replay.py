@@ -6,6 +6,7 @@ from collections.abc import Iterator
 import pytest
 from playwright.sync_api import Page, Route, expect
 
+from core.monitor import Monitor
 from tests.browser.chromium import wait_until
 from tests.browser.recorded_site import DT, RecordedSite, open_recorded_site
 
@@ -19,8 +20,8 @@ def stored() -> dict[str, str]:
 
 
 @pytest.fixture(scope="module")
-def site(tmp_path_factory: pytest.TempPathFactory) -> Iterator[RecordedSite]:
-    with open_recorded_site(tmp_path_factory.mktemp("replay")) as site:
+def site(tmp_path_factory: pytest.TempPathFactory, attas: Monitor) -> Iterator[RecordedSite]:
+    with open_recorded_site(tmp_path_factory.mktemp("replay"), attas) as site:
         yield site
 
 

@@ -6,13 +6,14 @@ from typing import Any
 import pytest
 from playwright.sync_api import Page
 
+from core.monitor import Monitor
 from tests.browser.recorded_site import OUTCOMES, RecordedSite, open_recorded_site
 from tests.browser.recordings.scored_chart import drawn
 
 
 @pytest.fixture(scope="module")
-def site(tmp_path_factory: pytest.TempPathFactory) -> Iterator[RecordedSite]:
-    with open_recorded_site(tmp_path_factory.mktemp("scored")) as site:
+def site(tmp_path_factory: pytest.TempPathFactory, attas: Monitor) -> Iterator[RecordedSite]:
+    with open_recorded_site(tmp_path_factory.mktemp("scored"), attas) as site:
         yield site
 
 
