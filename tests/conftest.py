@@ -1,7 +1,9 @@
 """What the tests share: how Hypothesis runs, and one small dataset."""
 
 from collections.abc import Iterator
+from functools import partial
 
+import httpx2
 import numpy as np
 import pytest
 from hypothesis import HealthCheck, settings
@@ -21,6 +23,11 @@ settings.register_profile(
     suppress_health_check=[HealthCheck.too_slow],  # no test fails by the clock
 )
 settings.load_profile("forewarn")
+
+PATIENCE = 120
+"""[s] The first call of a machine compiles kernels; no test fails by the clock."""
+for verb in ("get", "post", "put", "delete", "request"):
+    setattr(httpx2, verb, partial(getattr(httpx2, verb), timeout=PATIENCE))
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
