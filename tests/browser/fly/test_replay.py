@@ -60,10 +60,8 @@ def position(page: Page) -> float:
 
 def go_to_next_event(page: Page) -> float:
     before = position(page)
-    page.keyboard.press("e")
-    wait_until(
-        page, f"parseFloat(document.querySelector('.transport-time').textContent) > {before}"
-    )
+    page.keyboard.press("e")  # the time is shown at once, the slider moves when it is reached
+    wait_until(page, f"Number(document.querySelector('input.scrub').value) > {before + 0.005}")
     return position(page)
 
 
