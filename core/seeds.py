@@ -19,6 +19,8 @@ class Branch(IntEnum):
     """Fresh flights that calibrate a monitor's validity; they neither train nor test one."""
     PILOT_RUN = 4
     """Rollouts that an amplitude is suggested from."""
+    PAIRS = 5
+    """Flights of one aircraft through the monitor of another; below it one stream for each pair."""
 
 
 def stream(seed: int, branch: Branch, *below: int) -> np.random.Generator:

@@ -7,6 +7,7 @@ from typing import Any
 from app.telemetry.mapping.derivations import DERIVATIONS
 from app.telemetry.targets import TARGETS
 from core.channels import KEYS
+from core.monitor.flown_input import amplitude_in_words
 
 Plain = Mapping[str, Any]
 
@@ -93,9 +94,18 @@ def _of_valid(manoeuvres: Sequence[Plain]) -> tuple[str, str]:
     level = "caution" if n["false_alert"] or unchecked else "good"
     if n["timely_alert"]:
         return "caution", "A limit was exceeded; every exceedance was warned of in time"
+    of = amplitude_in_words([s["amplitude"] for s in manoeuvres if s.get("amplitude")])
     if n["false_alert"]:
-        return level, "No limit was exceeded, but there was an alert"
-    return level, "No limit was exceeded, and there was no alert"
+        return level, f"No limit was exceeded, but there was an alert{of}"
+    return level, f"No limit was exceeded, and there was no alert{of}"
+
+
+def amplitude_of(manoeuvre: Plain) -> str:
+    """What share of the planned amplitude a manoeuvre had that exceeded no limit, in words."""
+    share = manoeuvre.get("amplitude")
+    if share is None or manoeuvre["outcome"] not in ("quiet", "false_alert"):
+        return ""
+    return amplitude_in_words([share])
 
 
 def counts(manoeuvres: Sequence[Plain]) -> dict[str, int]:

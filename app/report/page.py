@@ -142,6 +142,7 @@ TEMPLATES.filters |= {
     "significant": significant,
     "quantity": _with_si,
     "counted": _counted,
+    "amplitude_of": facts.amplitude_of,
     "short": lambda name: name if len(name) <= MOST_LETTERS else f"{name[:MOST_LETTERS]}…",
     "kind": kind_label,
     "choice": lambda value, parameter: choice_label(parameter, value),

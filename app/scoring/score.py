@@ -28,6 +28,7 @@ from app.telemetry.timing.repair import RepairedTraces
 from core.channels import KEYS
 from core.monitor import Assessments, Monitor
 from core.monitor.assessment import STATES, State
+from core.monitor.flown_input import FlownInput, amplitude
 from core.types import Array
 
 INVALID = STATES.index(State.INVALID)
@@ -78,7 +79,7 @@ class JudgedSegment:
     """A segment with everything that does not depend on epsilon.
 
     assessments: of all its samples.   withdrawn: first sample of which nothing is said; None where
-    there is none.
+    there is none.   inputs: how the surfaces were moved, those that the manoeuvre moves.
     """
 
     segment: Segment
@@ -88,6 +89,7 @@ class JudgedSegment:
     limited: Limited
     validity: Validity
     withdrawn: int | None
+    inputs: tuple[FlownInput, ...]
 
     @property
     def first(self) -> int:
@@ -128,7 +130,8 @@ def _judge(flight: Ready, segment: Segment) -> JudgedSegment:
         {channel.key: channel.held for channel in flight.quality.channels},
     )
     verdict, withdrawn = validity(assessed)
-    return JudgedSegment(segment, trim, y, assessments, limited, verdict, withdrawn)
+    inputs = flight.monitor.flown_input(y, flight.monitor.last_counted(y_read))
+    return JudgedSegment(segment, trim, y, assessments, limited, verdict, withdrawn, inputs)
 
 
 def _outside(flight: Ready, judged: list[JudgedSegment]) -> tuple[RecordedExceedance, ...]:
@@ -254,6 +257,8 @@ def _verdict(
         withdrawn_t=None if judged.withdrawn is None else float(part["t"][judged.withdrawn]),
         remarks=(
             *first,
+            *(remark for flown in judged.inputs for remark in flown.remarks),
             *remarks(flight.planned, judged.segment, limited, judged.assessments),
         ),
+        amplitude=amplitude(judged.inputs),
     )

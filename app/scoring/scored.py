@@ -81,6 +81,7 @@ class ScoredManoeuvre:
     look_ahead: how far resampling let its samples look into the future [s]: in flight an alert
     could come so much later; 0 where they are as recorded.
     withdrawn_t: first sample of which nothing is said any more [s]; None where there is none.
+    amplitude: largest deflection as a share of the planned; None where that is not known.
     remarks: what limits the verdict.   guarantee: what is promised, or that nothing is.
     """
 
@@ -101,6 +102,7 @@ class ScoredManoeuvre:
     look_ahead: float = 0.0
     withdrawn_t: float | None = None
     remarks: tuple[str, ...] = ()
+    amplitude: float | None = None
 
     def to_plain(self) -> dict[str, Any]:
         """Return JSON's types."""

@@ -6,6 +6,7 @@ from app.scoring.outcome import RecordedExceedance
 from app.scoring.scored import OBSERVATIONS, ScoredManoeuvre, ScoredRecording
 from core.channels import BY_KEY, CHANNELS
 from core.monitor import Monitor
+from core.monitor.flown_input import amplitude_in_words
 
 OUTCOMES = {
     "timely_alert": "LIMIT EXCEEDED, warned in time",
@@ -41,6 +42,8 @@ def _outcome(manoeuvre: ScoredManoeuvre) -> str:
         return f"LIMIT EXCEEDED, {words}"
     if manoeuvre.outcome in ("timely_alert", "late_alert") and manoeuvre.lead is not None:
         return f"{words}, {manoeuvre.lead:.2f} s before"
+    if manoeuvre.outcome in ("quiet", "false_alert") and manoeuvre.amplitude is not None:
+        return f"{words}{amplitude_in_words([manoeuvre.amplitude])}"
     return words
 
 

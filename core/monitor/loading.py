@@ -16,6 +16,7 @@ from core.monitor.file_checks import (
     check_support,
     recipe_of,
 )
+from core.monitor.flown_input import InputSupport
 from core.monitor.monitor import Monitor, assemble
 from core.monitor.portable import MonitorFileError, Section
 from core.monitor.predictor import Affine
@@ -66,6 +67,7 @@ def _rebuild(sections: Mapping[str, Section]) -> Monitor:
         specification=specification_from_plain(specification),
         support=_support(sections.get("validity"), recipe.predictor.forecasts),
         evaluation=_evaluation(sections.get("evaluation")),
+        inputs=_inputs(sections.get("input")),
         **{key: header[key] for key in portable.MONITOR_FIELDS} | {"dt": float(header["dt"])},
         **arrays,
     )
@@ -91,6 +93,11 @@ def _support(section: Section | None, forecasts: bool) -> Support | None:
         check_innovation(support.innovation)
     check_support(support)
     return support
+
+
+def _inputs(section: Section | None) -> InputSupport | None:
+    """How surfaces moved in fresh flights; None where that is not known."""
+    return None if section is None else InputSupport.of_section(section)
 
 
 def _evaluation(section: Section | None) -> dict[str, Any] | None:

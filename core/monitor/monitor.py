@@ -26,6 +26,7 @@ from core.monitor.assessment import (
     withdrawn,
 )
 from core.monitor.calibration import check_epsilon, smallest_epsilon
+from core.monitor.flown_input import FlownInput, InputSupport
 from core.monitor.predictor import Affine
 from core.monitor.recipe import MonitorRecipe
 from core.monitor.support import NOT_CALIBRATED, Support, ValidityBasis
@@ -60,6 +61,7 @@ class Monitor:
     support: how far fresh flights deviate from what it learned; None where that is not calibrated,
     and then it never withdraws.
     evaluation: what fresh flights said of it, as plain data; None where none were flown.
+    inputs: how surfaces moved in fresh flights; None where that is not known.
     """
 
     recipe: MonitorRecipe
@@ -84,6 +86,7 @@ class Monitor:
     specification: Specification = None
     support: Support | None = None
     evaluation: dict[str, Any] | None = None
+    inputs: InputSupport | None = None
 
     @property
     def alphas(self) -> Array:
@@ -245,6 +248,15 @@ class Monitor:
             return ValidityVerdict(None, reasons=(NOT_CALIBRATED,))
         return judge(self.validity_basis, t, y, assessments, level, end)
 
+    def flown_input(self, y: Array, end: int | None = None) -> tuple[FlownInput, ...]:
+        """How a manoeuvre's input compares with fresh flights; nothing where that is not known.
+
+        y: (n, 6) from trim, NaN where unknown.   end: first sample that exceeds a limit, if any.
+        """
+        if self.inputs is None:
+            return ()
+        return self.inputs.judge(y if end is None else y[: end + 1], self.dt, end is not None)
+
     def stream(self, epsilon: float | None = None) -> "Stream":
         """Start assessing one flight, sample by sample."""
         return Stream(self, self.check_epsilon(epsilon))
@@ -294,6 +306,8 @@ class Monitor:
             sections.append(portable.Section("transduction", 1, True, plain, exact))
         if self.support is not None:
             sections.append(self.support.to_section())
+        if self.inputs is not None:
+            sections.append(self.inputs.to_section())
         if self.evaluation is not None:
             sections.append(portable.Section("evaluation", 1, False, self.evaluation, {}))
         return sections

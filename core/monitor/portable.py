@@ -24,7 +24,14 @@ import numpy.typing as npt
 
 MAGIC = b"FOREWARN MONITOR "
 FORMAT = 3
-VERSIONS = {"monitor": 1, "specification": 1, "transduction": 1, "validity": 2, "evaluation": 1}
+VERSIONS = {
+    "monitor": 1,
+    "specification": 1,
+    "transduction": 1,
+    "validity": 2,
+    "input": 1,
+    "evaluation": 1,
+}
 """Newest version of each section that this program knows."""
 INDEX = "sections"
 MONITOR_FIELDS = ("dt", "h", "n_early", "dataset_recipe", "dataset_digest", "seed", "version")

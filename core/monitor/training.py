@@ -13,6 +13,7 @@ from core.kernels.assessing import Fitted, weighted_distances
 from core.kernels.mapping import map_samples
 from core.kernels.p_value import SIMPLE, Transduction
 from core.kernels.peak_risk import lowest_scores
+from core.monitor.flown_input import FreshInputs
 from core.monitor.innovation import fit_innovation
 from core.monitor.monitor import Monitor, assemble
 from core.monitor.observation import (
@@ -74,14 +75,22 @@ def train(
 
 
 def with_validity(monitor: Monitor, dataset: Dataset, fresh: FreshFlights) -> Monitor:
-    """Return the monitor with its validity calibrated.
+    """Return the monitor with its validity calibrated, and what it knows of flown inputs.
 
     dataset: what it was trained on.
     fresh: batches of y (n, n_samples, 6) and fail_index (n,), n_samples for a safe flight, that
     neither trained nor tested it; only as many are taken as are needed.   SupportError.
     """
-    reference = monitor.reference(fit_innovation(dataset))
-    return replace(monitor, support=calibrate(reference, dataset.safe.shape[1], fresh))
+    reference, inputs = monitor.reference(fit_innovation(dataset)), FreshInputs(dataset.dt)
+    support = calibrate(reference, dataset.safe.shape[1], _noted(fresh, inputs))
+    return replace(monitor, support=support, inputs=inputs.support)
+
+
+def _noted(fresh: FreshFlights, inputs: FreshInputs) -> FreshFlights:
+    """The same batches, their inputs gathered on the way."""
+    for y, fail_index, *rest in fresh:
+        inputs.take(y, fail_index)
+        yield y, fail_index, *rest
 
 
 def _calibrated(dataset: Dataset, recipe: MonitorRecipe, safe: SafeObservations | None) -> Monitor:

@@ -6,9 +6,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from app.report import facts
 from app.scoring import BETWEEN, SAMPLE, Interval, ScoringRecipe, manoeuvres_in, score_at_each
 from app.scoring.outcome import RecordedExceedance, against_limits, outcome
 from app.scoring.planned_test import needed_channels, planned_test
+from app.scoring.verdict import verdict
 from app.telemetry.recording import TelemetryError
 from app.telemetry.timing.repair import repair
 from app.telemetry.traces import Trace, Traces
@@ -59,6 +61,24 @@ def test_a_flight_left_as_it_is_gets_the_monitors_own_bits(attas: Monitor):
         assert (raw == said.p_value).all()
         np.testing.assert_array_equal(samples["y"], y)
         np.testing.assert_array_equal(samples["y_hat"], said.y_hat)
+
+
+def test_a_smaller_manoeuvre_than_planned_is_remarked_on(attas: Monitor, calm: np.ndarray):
+    amplitude = the_only_manoeuvre(attas, recorded(calm)).amplitude
+    assert amplitude is not None
+    assert amplitude == pytest.approx(np.abs(calm[:, 5]).max() / np.deg2rad(3.7), abs=0.05)
+    scored = score(attas, recorded(0.5 / amplitude * calm))
+    (small,) = scored.manoeuvres
+    assert small.validity.valid
+    assert small.amplitude == pytest.approx(0.5)
+    (remark,) = (one for one in small.remarks if "largest deflection" in one)
+    assert "50 % of the planned amplitude; 98 % of fresh flights lie between" in remark
+    assert (
+        "no limit exceeded, on a manoeuvre of 50 % of the planned amplitude"
+        in verdict(attas, scored)[0]
+    )
+    said = facts.headline([small.to_plain()])
+    assert said[1].endswith("on a manoeuvre of 50 % of the planned amplitude")
 
 
 def test_each_manoeuvre_is_a_flight_of_its_own(attas: Monitor):

@@ -29,6 +29,8 @@ def test_every_verdict_has_a_word_and_says_what_is_promised(
         expect(verdicts.nth(k)).to_contain_text(manoeuvre["guarantee"])
         checks = verdicts.nth(k).locator(".checks li")
         expect(checks).to_have_count(len(manoeuvre["validity"]["checks"]))
+    share = f"none, at {100 * scoring['manoeuvres'][0]['amplitude']:.0f} % of the planned amplitude"
+    expect(verdicts.nth(0)).to_contain_text(share)
     promised = f"{scoring['manoeuvres'][1]['lead']:.2f} s, at least 0.25 s"
     expect(verdicts.nth(1)).to_contain_text(promised)
     expect(verdicts.nth(2)).to_contain_text("The guarantee is withdrawn")

@@ -7,7 +7,7 @@
 
 import { formatted, h } from "../../lib/dom.js";
 import { sentences, tableHead } from "../../lib/lists.js";
-import { figure, riskText, secondsText } from "../../lib/numbers.js";
+import { figure, percent, riskText, secondsText } from "../../lib/numbers.js";
 import { quantity } from "../../lib/units.js";
 import {
   firstAlertText,
@@ -100,7 +100,7 @@ export function createVerdictTable(scoring, { show }) {
         cell(1, outcomeChip(manoeuvre)),
         cell(2, riskWords(risk, peak, withdrawn, scoring.epsilon)),
         cell(3, firstAlertText(manoeuvre)),
-        cell(4, exceedance ? exceedanceWords(exceedance, scoring.channels) : noExceedance(outcome)),
+        cell(4, exceedance ? exceedanceWords(exceedance, scoring.channels) : noExceedance(manoeuvre)),
         cell(5, leadText(manoeuvre, scoring.lead)),
         cell(
           6,
@@ -159,9 +159,10 @@ function riskWords(risk, t, withdrawn, epsilon) {
   return `${riskText(risk, epsilon)} at ${secondsText(t)}`;
 }
 
-function noExceedance(outcome) {
+function noExceedance({ outcome, amplitude }) {
   if (outcome === "unknown") return "unknown";
-  return outcome === "unseen" ? "not known" : "none";
+  if (outcome === "unseen") return "not known";
+  return amplitude ? `none, at ${percent(amplitude, 0)} of the planned amplitude` : "none";
 }
 
 /** What happened where nothing was assessed must not be lost. */
