@@ -43,7 +43,10 @@ class FileContents(BaseModel):
     signals: list[SignalSummary]
     ignored: list[str] = Field(description="what was left out, with the reason")
     notes: list[str]
-    start: str = Field(description="time zero in ISO 8601, empty where the file does not say")
+    start: str = Field(
+        description="time zero in ISO 8601, empty where the file does not say; 234:15:35:50.7 of a "
+        "clock without a year, 15:35:50.7 of one without a date, 35:50.7 of one without an hour"
+    )
 
 
 class BadRowSummary(BaseModel):

@@ -63,7 +63,9 @@ class BadRow:
 class Contents:
     """Everything about a file but its numbers.
 
-    format: key of FORMATS.   start: time zero in ISO 8601 where the file says it, else "".
+    format: key of FORMATS.
+    start: time zero where the file says it, else "": in ISO 8601, or "234:15:35:50.7", "15:35:50.7"
+        or "35:50.7" where its clock has no year, no date or no hour.
     bad_rows: the first MOST_LISTED of n_bad_rows.   ignored: what was left out, with the reason.
     """
 

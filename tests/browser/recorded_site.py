@@ -67,11 +67,12 @@ class RecordedSite:
         assert answer.is_success, answer.text
         return answer.json() if answer.content else None
 
-    def upload(self, name: str = "flight.csv", **query: str) -> str:
-        """Id of a new recording."""
+    def upload(self, name: str = "flight.csv", content: bytes = b"", **query: str) -> str:
+        """Id of a new recording, of the site's file unless another is given."""
         octets = {"content-type": "application/octet-stream"}
         params = {"name": name} | query
-        made = self.ask("POST", "/recordings", params=params, content=self.file, headers=octets)
+        content = content or self.file
+        made = self.ask("POST", "/recordings", params=params, content=content, headers=octets)
         return made["id"]
 
     def confirm(self, recording: str) -> None:

@@ -3,6 +3,7 @@
  *
  * Exports
  *   percent(share, digits 1), interval([low, high]), figure(number, digits 3), moment(iso)
+ *   timeZero(start)                when a recording begins, as far as its file says it
  *   formatValue(value, decimals 3) -> string     a reading with a true minus; a dash when missing
  *   formatTime(t, step) -> string    "12.50", "3:05" from two minutes on, "1:03:05" from an
  *       hour on; as fine as `step` [s] needs
@@ -35,6 +36,15 @@ export function moment(iso) {
   if (!iso) return "–";
   const [date, time] = iso.split("T");
   return `${date} ${time.slice(0, 5)} UTC`;
+}
+
+export function timeZero(start) {
+  if (!start) return "not recorded";
+  const [date, time] = start.split("T");
+  if (!time) return `${start.replace("Z", " UTC")}, without a date`; // a clock alone
+  const inZone = /(Z|[+-]\d\d:?\d\d)$/.test(time) ? new Date(start).getTime() : NaN;
+  if (!Number.isFinite(inZone)) return `${date} ${time}`;
+  return `${new Date(inZone).toISOString().replace("T", " ").replace(/\.?0*Z$/, "")} UTC`;
 }
 
 export function formatValue(value, decimals = 3) {

@@ -10,7 +10,7 @@ import { createMiniPlot } from "../charts/mini_plot.js";
 import { reason } from "../lib/api.js";
 import { h } from "../lib/dom.js";
 import { factList, sentences, tableHead } from "../lib/lists.js";
-import { bytesText, durationText, figure, moment } from "../lib/numbers.js";
+import { bytesText, durationText, figure, moment, timeZero } from "../lib/numbers.js";
 import { button } from "../lib/view_states.js";
 import { badRows } from "./bad_rows.js";
 import { formatTitle } from "./list.js";
@@ -29,7 +29,7 @@ export function recordingFacts(recording, catalog) {
     ["Samples", rows.toLocaleString("en")],
     ["Rate", ratesOf(contents.groups)],
     ["Signals", contents.signals.length.toLocaleString("en")],
-    ["Begins", contents.start ? moment(contents.start) : "not recorded"],
+    ["Begins", timeZero(contents.start)],
     ["Uploaded", moment(recording.created)],
   ];
   const twin = recording.same_as

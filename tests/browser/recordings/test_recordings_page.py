@@ -1,6 +1,7 @@
 """Recordings in a real Chromium: a file comes in, is mapped, is scored."""
 
 import re
+from datetime import timedelta
 from pathlib import Path
 
 import pytest
@@ -12,6 +13,7 @@ from tests.browser.recorded_site import (
     RecordedSite,
 )
 from tests.browser.site import open_site
+from tests.support.clocks import CLOCKS, COUNTS, EVEN, T0
 
 WORDS = {"quiet": "QUIET", "timely_alert": "LIMIT EXCEEDED, warned", "invalid": "INVALID"}
 LONG_NAME = f"{'a very long name of a recording ' * 6}.csv"
@@ -275,6 +277,43 @@ def test_a_dropped_file_comes_in(page: Page, site: RecordedSite) -> None:
         site.file.decode(),
     )
     expect(page.get_by_role("heading", level=1)).to_have_text("dropped.csv", timeout=SLOW)
+
+
+# Every clock
+
+
+BEGINS = {
+    "iso": "2026-03-01 12:34:56.789",
+    "iso in a zone": "2026-03-01 17:34:56.789 UTC",
+    "day": "060:12:34:56.789, without a date",
+    "clock": "12:34:56.789, without a date",
+    "clock in UTC": "12:34:56.789 UTC, without a date",
+    "minutes": "34:56.789, without a date",
+    "seconds": "not recorded",
+    "1970 in nanoseconds": "not recorded",
+}
+"""What is said of each clock that the page may tell from the others."""
+
+
+def clocked(name: str) -> bytes:
+    """A recording of 1.3 s by a clock."""
+    if name in COUNTS:
+        head, counts, _ = COUNTS[name]
+        times = [repr(float(t)) for t in counts[:64]]
+    else:
+        head, times = "UTC", [CLOCKS[name](T0 + timedelta(seconds=t)) for t in EVEN[:64].tolist()]
+    rows = [f"{t};{k % 7}" for k, t in enumerate(times)]
+    return "\n".join([f"{head};beta [deg]", *rows]).encode()
+
+
+def test_a_recording_by_any_clock_opens(page: Page, site: RecordedSite) -> None:
+    begins = page.locator(".facts div", has=page.get_by_text("Begins", exact=True)).locator("dd")
+    for name, told in BEGINS.items():
+        made = site.upload(f"{name}.csv", clocked(name))
+        page.goto(f"{site.http}/#/recordings/{made}")
+        expect(page.get_by_role("heading", level=1)).to_have_text(f"{name}.csv")
+        expect(begins, name).to_have_text(told)
+        site.ask("DELETE", f"/recordings/{made}")
 
 
 # Choosing what to score

@@ -117,13 +117,21 @@ class ElapsedTime:
         return result
 
     def start(self) -> str:
-        """The first time, as far as ISO 8601 can say it: a time of day lacks its date."""
+        """The first time: ISO 8601, or as much of it as the form tells.
+
+        "234:15:35:50.7" has no year, "15:35:50.7" no date and "35:50.7" no hour.
+        """
         if self.origin is None:
             return ""
         text = str(np.datetime64(self.origin, "ns"))
         text = text.rstrip("0").rstrip(".") if "." in text else text
         text += "Z" * self.form.has_zone(self.example)
-        return text if not self.form.period else text.partition("T")[2]
+        if not self.form.period:
+            return text
+        clock = text.partition("T")[2]
+        if self.form.period == YEAR:
+            return f"{self.origin // DAY + 1:03d}:{clock}"
+        return clock if self.form.period == DAY else clock.partition(":")[2]
 
     def notes(self, name: str) -> list[str]:
         """What was made of the column of this name."""
@@ -131,7 +139,8 @@ class ElapsedTime:
             return []
         since = self.start()
         if self.form.period == YEAR:
-            since = f"{since} of day {self.origin // DAY + 1} of its year"
+            day, _, clock = since.partition(":")
+            since = f"{clock} of day {int(day)} of its year"
         notes = [f"{name} is {self.form.title} as text, read as seconds since {since}."]
         if self.turns:
             what = {DAY: "passes midnight", YEAR: "passes New Year (taken as 365 days)"}.get(

@@ -6,10 +6,9 @@ from app.telemetry.mapping.extent import extent_of
 from app.telemetry.mapping.mapping import ChannelSource, Mapping, TimeSource
 from app.telemetry.mapping.proposal import propose
 from app.telemetry.recording import TelemetryError
+from tests.support.clocks import COUNTS, EVEN, N
 from tests.support.tables import columns_of
 
-N = 400
-EVEN = 0.02 * np.arange(N)
 SWING = 0.1 * np.sin(EVEN)
 
 
@@ -18,23 +17,7 @@ def times_of(folder, table, **how):
     return proposal.mapping.times, proposal.rationales
 
 
-UNITS = {
-    "seconds": ("time", EVEN, "s"),
-    "milliseconds": ("time", 1e3 * EVEN, "ms"),
-    "microseconds": ("time", 1e6 * EVEN, "us"),
-    "nanoseconds": ("time", 2e9 + 1e9 * EVEN, "ns"),
-    "one a second": ("time", 10 + np.arange(float(N)), "s"),
-    "seconds of the day": ("irig", 43_000.0 + EVEN, "s"),
-    "1970 in seconds": ("timestamp", 1.7e9 + EVEN, "s"),
-    "1970 in milliseconds": ("timestamp", 1.7e12 + 1e3 * EVEN, "ms"),
-    "1970 in microseconds": ("timestamp", 1.7e15 + 1e6 * EVEN, "us"),
-    "1970 in nanoseconds": ("timestamp", 1.7e18 + 1e9 * EVEN, "ns"),
-    "days of a spreadsheet": ("time", 45_000.0 + EVEN / 86_400.0, "day"),
-    "days of MATLAB": ("time", 738_000.5 + EVEN / 86_400.0, "day"),
-}
-
-
-@pytest.mark.parametrize(("name", "values", "unit"), UNITS.values(), ids=UNITS)
+@pytest.mark.parametrize(("name", "values", "unit"), COUNTS.values(), ids=COUNTS)
 def test_the_unit_of_a_time_is_told_by_its_steps_and_origin(name, values, unit, tmp_path):
     times, rationales = times_of(tmp_path, {"beta": SWING, name: values})
     assert times == {"": TimeSource(name, unit)}
