@@ -1,8 +1,7 @@
 """The command that reports a recorded flight: one file to read, print and keep."""
 
 import argparse
-from dataclasses import dataclass
-from functools import partial
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +14,7 @@ from app.jobs.training import fly_test
 from app.recipes import RecipeError, from_plain
 from app.recordings.exports import EXPORTS, export
 from app.recordings.mapping_memory import MappingMemory
-from app.recordings.scored_file import ScoreRequest, labels, score_file
+from app.recordings.scored_file import ScoredFile, ScoreRequest, labels, score_file
 from app.report.from_file import file_subjects
 from app.report.page import report
 from app.report.subject import about
@@ -102,10 +101,9 @@ def write_reports(
     memory: as for `score_file`.   Nothing is written before everything is made.
     """
     wanted.check(request)
-    scored_file = score_file(request, memory)
+    scored_file = tested(score_file(request, memory), wanted.n_test)
     files: dict[Path, bytes] = {}
-    evaluate = partial(evaluation, n_test=wanted.n_test)
-    for scoring, subject in file_subjects(request, scored_file, wanted.aircraft, evaluate):
+    for scoring, subject in file_subjects(request, scored_file, wanted.aircraft):
         notes = about(subject.recording, subject.scoring)
         exported = [export(subject.samples, notes, form) for form in wanted.exports]
         content = [report(subject).encode(), *exported]
@@ -113,6 +111,17 @@ def write_reports(
     for path, content in files.items():
         write_whole(path, content)
     return report_of(scored_file, list(files))
+
+
+def tested(scored_file: ScoredFile, n_test: int) -> ScoredFile:
+    """The same, where each monitor has its evaluation, and so says the same wherever it is told."""
+    monitors = {one.path: one.monitor for one in scored_file.scored}
+    known = {
+        path: replace(monitor, evaluation=evaluation(monitor, n_test))
+        for path, monitor in monitors.items()
+    }
+    scored = tuple(one._replace(monitor=known[one.path]) for one in scored_file.scored)
+    return replace(scored_file, scored=scored)
 
 
 def evaluation(monitor: Monitor, n_test: int) -> dict[str, Any] | None:

@@ -1,7 +1,7 @@
 """Scorings of a file as subjects of reports: what `forewarn report` is made of."""
 
 import hashlib
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -13,21 +13,14 @@ from app.report.subject import PROPOSED, ReportSubject, of_contents
 from app.store.tables import now
 from app.telemetry.mapping.mapping import Mapping
 from core import __version__
-from core.monitor import Monitor
 
 GIVEN = "as given"
 
 
 def file_subjects(
-    request: ScoreRequest,
-    scored_file: ScoredFile,
-    aircraft: str | None,
-    evaluate: Callable[[Monitor], dict[str, Any] | None],
+    request: ScoreRequest, scored_file: ScoredFile, aircraft: str | None
 ) -> Iterator[tuple[Scored, ReportSubject]]:
-    """Each scoring of a file, ready to report.
-
-    evaluate: what fresh flights say of a monitor, asked once for each; None where there are none.
-    """
+    """Each scoring of a file, ready to report."""
     recording = {
         "name": request.file.name,
         "digest": _digest(request.file),
@@ -36,10 +29,7 @@ def file_subjects(
         "format": scored_file.contents.format,
     } | of_contents(scored_file.contents)
     rationales = scored_file.proposal.rationales if scored_file.proposal else {}
-    evaluations: dict[Path, dict[str, Any] | None] = {}
     for one in scored_file.scored:
-        if one.path not in evaluations:
-            evaluations[one.path] = evaluate(one.monitor)
         scoring = _scoring(one, scored_file.mapping)
         yield (
             one,
@@ -49,7 +39,7 @@ def file_subjects(
                 monitor=one.monitor,
                 monitor_name=scoring["monitor_name"],
                 monitor_digest=scoring["monitor_digest"],
-                evaluation=evaluations[one.path],
+                evaluation=one.monitor.evaluation,
                 samples=one.recording.samples,
                 mapped=PROPOSED if scored_file.proposal else GIVEN,
                 rationales={key: asdict(rationale) for key, rationale in rationales.items()},

@@ -151,10 +151,17 @@ async def list_monitors(store: StoreDep) -> list[MonitorInfo]:
     return await asyncio.to_thread(store.monitors.all)
 
 
-@router.get("/{monitor_id}", responses=problem_responses(404))
-async def read_monitor(monitor_id: str, store: StoreDep) -> MonitorInfo:
+@router.get("/{monitor_id}", responses=problem_responses(404, 422))
+async def read_monitor(
+    monitor_id: str,
+    store: StoreDep,
+    epsilon: Annotated[
+        float | None,
+        Query(gt=0, lt=1, description="miss rate of the warnings; the monitor's if absent"),
+    ] = None,
+) -> MonitorInfo:
     """One monitor, without its arrays."""
-    return await asyncio.to_thread(store.monitors.info, monitor_id)
+    return await asyncio.to_thread(store.monitors.info, monitor_id, epsilon)
 
 
 @router.delete("/{monitor_id}", status_code=204, responses=problem_responses(404, 409))

@@ -89,7 +89,8 @@ class MonitorInfo(Entry):
     """null where its validity is not calibrated: it cannot tell whether a flight is like those it
     was trained on"""
     warnings: list[str]
-    """what its evaluation says against relying on it, at its epsilon; also that it has none"""
+    """what its evaluation says against relying on it, at its epsilon or the one that was asked for;
+    also that it has none"""
 
 
 class MonitorRepository(Repository):
@@ -165,10 +166,10 @@ class MonitorRepository(Repository):
                 "differ: name that one, or none"
             )
 
-    def info(self, monitor_id: str) -> MonitorInfo:
-        """What a monitor is; NotFound."""
+    def info(self, monitor_id: str, epsilon: float | None = None) -> MonitorInfo:
+        """What a monitor is; NotFound.   epsilon: of its warnings; None: its own."""
         with self._reading() as connection:
-            return _info(_row(connection, monitor_id))
+            return _info(_row(connection, monitor_id), epsilon)
 
     def all(self) -> list[MonitorInfo]:
         """All monitors, newest first."""
@@ -273,14 +274,14 @@ def _row(connection: Connection, monitor_id: str) -> Row:
     return fetch(connection, query, "monitor", monitor_id)
 
 
-def _info(row: Row) -> MonitorInfo:
+def _info(row: Row, epsilon: float | None = None) -> MonitorInfo:
     values = dict(row._mapping)
     stored = values.pop(EVALUATION)
     support = (stored or {}).get(SUPPORT)
     return MonitorInfo(
         **values,
         support=support and SupportInfo(**support),
-        warnings=warnings_of(_evaluation(stored), values["epsilon"]),
+        warnings=warnings_of(_evaluation(stored), epsilon or values["epsilon"]),
     )
 
 

@@ -113,12 +113,13 @@ function startForm({ monitors, datasets, query, api, navigate }) {
   const go = h("button", { class: "button button-primary" }, "Start the flight");
   const chosen = () => monitors.find(({ id }) => id === monitor.value);
   let epsilonOf = "";
+  let warned = ""; // the monitor and the epsilon that the warnings are of
 
   function adapt() {
     const now = chosen();
     if (epsilonOf !== now.id) epsilon.value = now.epsilon;
-    warnings.replaceChildren(...warningLines(now));
     epsilonOf = now.id;
+    warn(now);
     const least = Number(now.smallest_epsilon.toPrecision(3));
     const promise = epsilon.value >= now.smallest_epsilon ? guarantee({ epsilon: Number(epsilon.value), lead: now.lead }) : "";
     put(served, `This monitor is calibrated on ${now.n_unsafe} failures, which serve an epsilon of ${least} or more. ${promise}`);
@@ -139,6 +140,17 @@ function startForm({ monitors, datasets, query, api, navigate }) {
     const count = outcome.value === "safe" ? data.n_safe : data.n_unsafe;
     rollout.max = Math.max(0, count - 1);
     put(range, `0 to ${count - 1} of the ${outcome.value} ones.`);
+  }
+
+  /** What speaks against the monitor does so at an epsilon: the one that is typed. */
+  async function warn(now) {
+    const typed = Number(epsilon.value);
+    const asked = `${now.id}?epsilon=${typed}`;
+    if (asked === warned) return;
+    warned = asked;
+    const isOwn = typed === now.epsilon || !(typed > 0 && typed < 1);
+    const told = isOwn ? now : await api.get(`/monitors/${asked}`).catch(() => now);
+    if (asked === warned) warnings.replaceChildren(...warningLines(told));
   }
 
   async function start(event) {

@@ -87,7 +87,7 @@ export function createTransportBar(element, { act, end }) {
   }
 
   function toNextEvent() {
-    const later = marked.find((t) => t > transport.position + 1e-6);
+    const later = marked.find((t) => t > (sought ?? transport.position) + 1e-6);
     if (later !== undefined) return seek(later);
     put(failure, "No event follows. Seek back to find one.");
     failure.hidden = false;

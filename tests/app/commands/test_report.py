@@ -50,7 +50,9 @@ def refused(capsys: pytest.CaptureFixture, *more: str) -> str:
 
 def test_a_report_is_one_file_that_says_it_all(given: Path, capsys: pytest.CaptureFixture):
     assert report() == 0
-    assert "written: flight-report.html" in capsys.readouterr().out
+    printed = capsys.readouterr().out
+    assert "written: flight-report.html" in printed
+    assert "not tested" not in printed
     html = (given / "flight-report.html").read_text()
     assert "<h1>flight.csv</h1>" in html
     assert "on fresh simulated flights at ε = 0.1: missed" in html

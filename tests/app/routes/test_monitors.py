@@ -1,5 +1,6 @@
 import hashlib
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -35,6 +36,18 @@ def stored(client, monitor):
 def telemetry(y, dt):
     t = (np.arange(len(y)) * dt).tolist()
     return {"t": t} | dict(zip(KEYS, y.T.tolist(), strict=True))
+
+
+def test_warnings_are_those_at_the_epsilon_that_is_asked_for(client, monitor):
+    curves = {"epsilon": [0.2, 0.5], "misses": [4, 4], "false_alerts": [195, 0]}
+    at_epsilon = {"misses": 4, "false_alerts": 195}
+    counts = {"epsilon": 0.2, "n_unsafe": 100, "n_safe": 200}
+    tested = replace(monitor, evaluation=counts | {"at_epsilon": at_epsilon, "curves": curves})
+    path = f"/api/v1/monitors/{store_of(client).monitors.add(tested, 'tested').id}"
+    (useless,) = client.get(path).json()["warnings"]
+    assert useless.startswith("the monitor is of no use: ")
+    assert client.get(path, params={"epsilon": 0.5}).json()["warnings"] == []
+    problem(client.get(path, params={"epsilon": "nan"}), 422)
 
 
 def test_a_recipe_becomes_a_trained_and_tested_monitor(client):

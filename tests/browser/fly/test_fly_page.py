@@ -158,6 +158,19 @@ def test_a_flight_is_started_and_alerts_before_its_exceedance(fly: Fly) -> None:
     expect(fly.status("record")).to_have_text("all")
 
 
+def test_the_form_warns_of_what_speaks_against_the_epsilon_that_is_typed(fly: Fly) -> None:
+    monitor = fly.ask("GET", "/monitors")[0]
+    told = {**monitor, "warnings": ["the monitor is of no use: at this epsilon"]}
+    fly.page.route("**/monitors/*?epsilon=0.4", lambda route: route.fulfill(json=told))
+    fly.page.goto(f"{fly.site.http}/")
+    epsilon = fly.page.get_by_label("ε, the accepted miss rate")
+    warnings = fly.page.locator(".monitor-warning")
+    epsilon.fill("0.4")
+    expect(warnings).to_have_text("The monitor is of no use: at this epsilon.")
+    epsilon.fill(str(monitor["epsilon"]))
+    expect(warnings).to_contain_text("was not tested")
+
+
 def test_an_alarm_stays_seen_and_heard_until_it_is_acknowledged(fly: Fly) -> None:
     fly.watch(UNSAFE, ("pause", None), ("next_alert", None))
     expect(fly.banner).to_contain_text("ALERT at")

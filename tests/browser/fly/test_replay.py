@@ -11,6 +11,15 @@ from tests.browser.chromium import wait_until
 from tests.browser.recorded_site import DT, RecordedSite, open_recorded_site
 
 START = 3358.0
+TWO_PRESSES = """async () => {
+    const { createTransportBar } = await import("/js/fly/transport_bar.js");
+    const act = () => new Promise(() => {}); // no answer comes between
+    const bar = createTransportBar(document.createElement("div"), { act });
+    bar.show({ playing: false, speed: 1, start: 0, position: 0, duration: 9, seekable: true });
+    bar.mark([1, 2, 3].map((t) => ({ t, level: "advisory" })));
+    const press = () => (bar.keys.e(), bar.t);
+    return [press(), press()];
+}"""
 
 
 @pytest.fixture(scope="module")
@@ -80,6 +89,11 @@ def test_the_next_event_is_a_manoeuvre_a_note_an_alert_or_a_limit(
     expect(replay.locator(".status-strip .mode")).to_have_text("REPLAY")
     assert visited == sorted(visited)
     assert any(t == pytest.approx(START + 3.0, abs=DT) for t in visited)
+
+
+def test_two_quick_presses_go_on_by_two_events(page: Page, site: RecordedSite) -> None:
+    page.goto(site.http)
+    assert page.evaluate(TWO_PRESSES) == [1, 2]
 
 
 def test_a_note_written_during_the_replay_stays_with_the_recording(

@@ -50,6 +50,17 @@ def test_keys_zoom_move_and_show_the_entire_recording(scored: Page) -> None:
     assert window(scored) == entire
 
 
+def test_other_units_leave_the_window_and_the_cursors_where_they_are(scored: Page) -> None:
+    press(scored, "+", "+", "PageDown", "a")
+    before = window(scored)
+    cursors = scored.locator(".strip-cursors").inner_text()
+    scored.get_by_role("button", name=re.compile("^Units")).click()
+    drawn(scored)
+    redrawn(scored)
+    assert window(scored) == before
+    assert scored.locator(".strip-cursors").inner_text() == cursors
+
+
 def test_a_wheel_zooms_where_the_pointer_is_and_a_drag_moves(scored: Page) -> None:
     box = scored.locator('.strip[data-key="Ny"] canvas').bounding_box()
     assert box is not None

@@ -11,6 +11,7 @@
  *               manoeuvres: [{start, end, withdrawn}] of its manoeuvres in the chart's time, or null
  *   epsilon     of the risk strip, which is there where it is in `order`
  *   label       what a screen reader calls it
+ *   key         of what is shown: drawn anew, as in other units, its window and cursors are as they were
  *   chosen(item)      a manoeuvre or marker of the lane was pressed
  *   went(event)       the reader asked for an event; by default its time is brought into view
  *
@@ -49,7 +50,12 @@ export function createRecordingChart(host, options) {
   const dt = Math.min(...sources.map((source) => source.dt));
   const manoeuvres = sources.map((source) => source.manoeuvres ?? null);
   const anyManoeuvres = manoeuvres.includes(null) ? null : manoeuvres.flat();
-  const timeWindow = createTimeWindow({ start, end, least: Math.min(end - start, 20 * dt) });
+  const timeWindow = createTimeWindow({
+    start,
+    end,
+    least: Math.min(end - start, 20 * dt),
+    key: options.key,
+  });
   const strips = options.order.map((key) =>
     stripOf(key, options.channels, { narrowAfter: NARROW_AFTER }),
   );

@@ -5,7 +5,8 @@
  * the recording, and the calls are those of a flight's timeline, as far as input needs them.
  *
  * Exports
- *   createTimeWindow({start, end, least}) -> TimeWindow    all [s]; least: narrowest window
+ *   createTimeWindow({start, end, least, key}) -> TimeWindow    all [s]; least: narrowest window
+ *     key: of what is shown: a later window of the same key begins where this one was left
  *
  * TimeWindow
  *   view() -> {start, end}, setWindow(start, end), showAll()
@@ -16,7 +17,9 @@
 
 import { createCursors } from "../cursors.js";
 
-export function createTimeWindow({ start, end, least = 0.25 }) {
+const left = new Map(); // key -> {shown, marks, pinned}
+
+export function createTimeWindow({ start, end, least = 0.25, key = null }) {
   const cursors = createCursors();
   const { changed } = cursors;
   const longest = Math.max(end - start, least);
@@ -32,6 +35,10 @@ export function createTimeWindow({ start, end, least = 0.25 }) {
     hold: () => {},
     goLive: () => own.showAll(),
   };
+  if (key !== null) {
+    resume();
+    cursors.subscribe(() => left.set(key, { shown, marks: { ...own.marks }, pinned: own.pinned }));
+  }
 
   function setWindow(from, to) {
     if (!(Number.isFinite(from) && to > from)) return;
@@ -47,6 +54,14 @@ export function createTimeWindow({ start, end, least = 0.25 }) {
     const width = Math.min(longest, Math.max(least, before * factor));
     const first = t - ((t - shown.start) * width) / before;
     setWindow(first, first + width);
+  }
+
+  function resume() {
+    const before = left.get(key);
+    if (before === undefined) return;
+    setWindow(before.shown.start, before.shown.end);
+    Object.assign(own.marks, before.marks);
+    own.setCursor(before.pinned);
   }
 
   return own;

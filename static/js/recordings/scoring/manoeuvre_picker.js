@@ -26,7 +26,7 @@ export function createManoeuvrePicker({ api, catalog, recording, monitor }) {
   let way = "detected";
   let detected = [];
   let turn = 0;
-  const chart = createPreviewChart(catalog);
+  const chart = createPreviewChart(catalog, recording.id);
   const hint = h("p", { class: "hint", role: "status" });
   const marked = createManoeuvreTable({ changed: () => lay() });
   const mark = button(
@@ -149,7 +149,7 @@ export function createManoeuvrePicker({ api, catalog, recording, monitor }) {
 }
 
 /** The recording before it is scored, to find and mark its manoeuvres in. */
-function createPreviewChart(catalog) {
+function createPreviewChart(catalog, recording) {
   const element = h("div", { class: "picker-chart" });
   let chart = null;
   let tiles = null;
@@ -179,6 +179,7 @@ function createPreviewChart(catalog) {
       order: [...known].sort((a, b) => rank(a) - rank(b)).map(({ key }) => key),
       sources: [{ load: async () => tiles, start, end, dt, manoeuvres: null }],
       label: "The recording, to find its manoeuvres",
+      key: `${recording} ${start} ${end}`,
     });
     chart.setMarking(isMarking);
   }

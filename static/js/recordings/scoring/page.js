@@ -98,6 +98,7 @@ export function showScoring(element, { id, query, api, navigate }) {
         sources: [{ ...scoringSource(api, scoring), manoeuvres: manoeuvresOf(scoring) }],
         epsilon: scoring.epsilon,
         label: `${recording.name} as ${scoring.monitor_name} assessed it`,
+        key: scoring.id,
         chosen: (item) =>
           item.manoeuvre === undefined ? visit({ t: item.t }) : visitManoeuvre(item.manoeuvre),
         went: visit,
