@@ -24,7 +24,6 @@ class Candidate:
 
     certainty: of name, unit and extent together, 0 to 1.   stem: what of the name means the
     channel.   unit: in our spelling; "" where neither file nor name gives one.
-    unit_inferred: whether the unit comes from the extent alone.
     """
 
     key: str
@@ -34,7 +33,6 @@ class Candidate:
     extent: Extent = field(repr=False)
     stem: str = ""
     reasons: tuple[str, ...] = ()
-    unit_inferred: bool = False
 
     def because(self, reason: str, factor: float = 1.0, **changes: str) -> "Candidate":
         """The same with another reason, which multiplies the certainty by a factor."""

@@ -1,67 +1,298 @@
-"""Units that a file does not give: inferred from the extent of each signal, and its companions.
+"""Units that a file does not give: one decision for all, by physics, magnitudes and company.
 
-A recorder writes its angles and rates either in degrees or in radians, so each one whose unit is
-given or evident votes for the others.
+Each unit is as likely as the extent that it would mean. The signals of one group of a file come
+from one recorder, which writes its angles and rates either in degrees or in radians and its lengths
+either in metres or in feet; and what physics relates must agree. The likeliest combination is
+taken, and the confidence in each unit is its share over all combinations.
 """
 
-from dataclasses import replace
+from collections import Counter
+from dataclasses import dataclass, field
 from math import exp, log
 
+import numpy as np
+
+from app.telemetry.contents import Columns
+from app.telemetry.mapping.applying import apply_mapping
 from app.telemetry.mapping.candidates import Candidate
-from app.telemetry.mapping.magnitudes import COMMON, unit_weights
+from app.telemetry.mapping.magnitudes import COMMON, RULED_OUT, unit_weights
+from app.telemetry.mapping.mapping import ChannelSource, Mapping
+from app.telemetry.mapping.motion.motion import motion
+from app.telemetry.mapping.motion.unit_relations import (
+    TURNS,
+    UnitRelation,
+    relation_of_mach,
+    relation_of_normal,
+    relation_of_turn,
+    relations_of_motion,
+    turn_of,
+)
+from app.telemetry.recording import TelemetryError
 from app.telemetry.targets import TARGETS
+from app.telemetry.units import PLAIN, factor, spelled
+from core.types import Array
 
-ANGULAR = {"rad": ("rad", "deg"), "rad/s": ("rad/s", "deg/s")}
-GIVEN_VOTE = 2.5
-"""Log odds that a given unit lends to its companions, and the most that an inferred one does."""
-VOTES = 0.7
-MOST_VOTES = 4.0
-LOAD_FACTOR = {"g": 0.9, "m/s^2": 0.1}
-ACCELERATION = {"g": 0.35, "m/s^2": 0.65}
+ALIKE = 0.6
+"""Correlation of the magnitudes' log likelihoods: in a gentle manoeuvre all angles are small."""
+LEAST = -12.0
+"""Smallest log likelihood of a relation or magnitude: any may mislead."""
+SAME = 3.0
+"""Log odds that a signal shares the unit of its recorder's others."""
+NEITHER = log(0.5 * (1.0 + exp(-SAME)))
+"""Log likelihood of a unit that goes with either system: the mean of that of the others."""
+SAME_FILE = 1.0
+"""Log odds that a recorder shares the units of the file's others."""
+CONTRADICTED = 3.5
+"""Deviation from a relation, in its scatters, that is a contradiction."""
+BY_PHYSICS, BY_AIRCRAFT = 0.5, 0.8
+"""Factors on the confidence where a contradicted relation is kinematics or usual of aircraft."""
+LOAD_FACTOR = {"g": 0.9, "m/s^2": 0.07, "ft/s^2": 0.03}
+ACCELERATION = {"g": 0.35, "m/s^2": 0.55, "ft/s^2": 0.1}
+SYSTEMS = {
+    "angle": {"rad": 0, "rad/s": 0, "deg": 1, "deg/s": 1},
+    "length": {"m/s": 0, "m/s^2": 0, "km/h": 0, "ft/s": 1, "ft/s^2": 1},
+}
+"""Units that one recorder uses together; feet of altitude and knots say nothing, nor does g."""
 
 
-def infer_units(assigned: dict[str, Candidate]) -> dict[str, Candidate]:
-    """Give each candidate a unit; an inferred one lowers its certainty to that of the unit."""
-    votes = {key: _vote(candidate) for key, candidate in assigned.items() if _is_angular(key)}
-    with_units = {}
-    for key, candidate in assigned.items():
-        if candidate.unit:
-            with_units[key] = candidate
+_Axes = dict[str | tuple[str, int], int]
+"""Of a table of all combinations: by channel, by (system, recorder), and by system of the file."""
+
+
+@dataclass(frozen=True, eq=False)
+class UnitDecision:
+    """Candidates with units.
+
+    contradictions: key -> (reason, factor on the confidence), also of channels known before.
+    """
+
+    assigned: dict[str, Candidate]
+    contradictions: dict[str, tuple[str, float]] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, eq=False)
+class _Choice:
+    """Of a channel's unit. units, weights: (n,) with log likelihoods.   recorder: its number."""
+
+    units: tuple[str, ...]
+    weights: Array
+    recorder: int
+    system: str
+
+
+def decide_units(columns: Columns, before: Mapping, assigned: dict[str, Candidate]) -> UnitDecision:
+    """Give each candidate a unit; an inferred one lowers its certainty to that of the unit.
+
+    before: channels that were settled before, and the times of the groups.
+    """
+    known = {key: source for key, source in before.channels.items() if source.signal}
+    choices = _choices(columns, known, assigned)
+    relations = _relations(columns, before, known, assigned)
+    units, shares = _likeliest(choices, relations)
+    factors = {key: factor(unit, TARGETS[key].unit) for key, unit in units.items()}
+    with_units = {
+        key: candidate
+        if candidate.unit
+        else _inferred(candidate, units[key], shares[key], relations, factors)
+        for key, candidate in assigned.items()
+    }
+    return UnitDecision(with_units, _contradictions(relations, factors))
+
+
+def _choices(
+    columns: Columns, known: dict[str, ChannelSource], assigned: dict[str, Candidate]
+) -> dict[str, _Choice]:
+    groups = {key: columns.signal(source.signal).group for key, source in known.items()}
+    groups |= {key: candidate.signal.group for key, candidate in assigned.items()}
+    members = Counter(group for key, group in groups.items() if _system(key) == "angle")
+    unknown = [key for key, c in assigned.items() if not c.unit and _system(key) == "angle"]
+    choices = {}
+    for key, group in groups.items():
+        unit = spelled(known[key].unit) if key in known else assigned[key].unit
+        if TARGETS[key].unit == PLAIN or (key in known and not unit):
             continue
-        weights = unit_weights(key, candidate.extent, _common(candidate))
-        alone = max(weights, key=lambda unit: weights[unit])
-        if _is_angular(key):
-            others = VOTES * sum(vote for other, vote in votes.items() if other != key)
-            radians = ANGULAR[TARGETS[key].unit][0]
-            weights[radians] *= exp(min(max(others, -MOST_VOTES), MOST_VOTES))
-        with_units[key] = _inferred(candidate, weights, alone)
-    return with_units
+        if unit:
+            units, weights = (unit,), np.zeros(1)
+        else:
+            candidate = assigned[key]
+            by_unit = unit_weights(key, candidate.extent, _common(candidate))
+            units = tuple(by_unit)
+            weights = np.log([by_unit[unit] for unit in units])
+            # n equally correlated witnesses count as n / (1 + (n - 1) correlation)
+            power = 1.0 / (1.0 + ALIKE * (len(unknown) - 1)) if key in unknown else 1.0
+            impossible = weights <= log(RULED_OUT)
+            weights = np.where(impossible, LEAST, power * (weights - weights.max()))
+        # a group of one signal is no recorder
+        choices[key] = _Choice(units, weights, group if members[group] > 1 else -1, _system(key))
+    return choices
 
 
-def _inferred(candidate: Candidate, weights: dict[str, float], alone: str) -> Candidate:
-    unit = max(weights, key=lambda unit: weights[unit])
-    share = weights[unit] / sum(weights.values())
+def _system(key: str) -> str:
+    return {"rad": "angle", "rad/s": "angle", "m/s": "length", "g": "length"}.get(
+        TARGETS[key].unit, ""
+    )
+
+
+def _relations(
+    columns: Columns,
+    before: Mapping,
+    known: dict[str, ChannelSource],
+    assigned: dict[str, Candidate],
+) -> list[UnitRelation]:
+    names = {key: source.signal for key, source in known.items()}
+    names |= {key: candidate.signal.name for key, candidate in assigned.items()}
+    relations: list[UnitRelation | None] = []
+    periods: dict[str, float] = {}
+    for key in ("phi", "psi"):
+        if key in names and (unit := turn_of(columns.values(names[key]))):
+            periods[key] = TURNS[unit]
+            relations.append(relation_of_turn(key, unit))
+    for key, relate in (
+        ("Ny", relation_of_normal), ("Ay", relation_of_normal), ("V", relation_of_mach)
+    ):  # fmt: skip
+        if key in names:
+            relations.append(relate(columns, key, columns.signal(names[key])))
+    as_recorded = Mapping(
+        {key: ChannelSource(name, TARGETS[key].unit) for key, name in names.items()}, before.times
+    )
+    try:
+        moves = motion(apply_mapping(columns, as_recorded), periods) if names else None
+    except TelemetryError:
+        moves = None
+    if moves is not None:
+        relations += relations_of_motion(moves)
+    return [relation for relation in relations if relation is not None]
+
+
+def _likeliest(
+    choices: dict[str, _Choice], relations: list[UnitRelation]
+) -> tuple[dict[str, str], dict[str, float]]:
+    """The units of the likeliest combination, and the share of each over all combinations.
+
+    A log likelihood over all combinations of the units of related channels and of the systems of
+    the recorders; the other channels depend on their recorder's system alone.
+    """
+    relations = [relation for relation in relations if relation.powers.keys() <= choices.keys()]
+    related = sorted({key for relation in relations for key in relation.powers})
+    recorders = sorted({(c.system, c.recorder) for c in choices.values() if c.system})
+    axes: _Axes = {name: axis for axis, name in enumerate([*related, *recorders, *SYSTEMS])}
+    shape = [len(choices[key].units) for key in related] + [2] * (len(axes) - len(related))
+    total = np.zeros(shape)
+    for system, recorder in recorders:
+        same = np.array([[0.0, -SAME_FILE], [-SAME_FILE, 0.0]])
+        total += _along(same, [axes[system, recorder], axes[system]], len(shape))
+    joint: dict[str, Array] = {}
+    for key, choice in choices.items():
+        table = choice.weights[:, None] + _fit(choice)
+        if key in axes:
+            at = [axes[key], *([axes[choice.system, choice.recorder]] if choice.system else [])]
+            total += _along(table if choice.system else table[:, 0], at, len(shape))
+        elif choice.system:
+            joint[key] = table
+            over_units = np.logaddexp.reduce(table, axis=0)
+            total += _along(over_units, [axes[choice.system, choice.recorder]], len(shape))
+    for relation in relations:
+        total += _along_relation(relation, choices, axes, len(shape))
+    return _read_off(choices, joint, axes, total)
+
+
+def _fit(choice: _Choice) -> Array:
+    """(n units, 2 systems) log likelihood of the units under the system of the recorder."""
+    fits = np.full((len(choice.units), 2), NEITHER)
+    for row, unit in enumerate(choice.units):
+        if (system := SYSTEMS.get(choice.system, {}).get(unit)) is not None:
+            fits[row] = -SAME
+            fits[row, system] = 0.0
+    return fits
+
+
+def _along(table: Array, at: list[int], n_axes: int) -> Array:
+    """A table laid along axes, for broadcasting."""
+    order = np.argsort(at)
+    shape = [1] * n_axes
+    for axis, size in zip(at, table.shape, strict=True):
+        shape[axis] = size
+    return table.transpose(order).reshape(shape)
+
+
+def _along_relation(
+    relation: UnitRelation, choices: dict[str, _Choice], axes: _Axes, n_axes: int
+) -> Array:
+    size = np.full([1] * n_axes, relation.recorded)
+    for key, power in relation.powers.items():
+        logs = [log(factor(unit, TARGETS[key].unit)) for unit in choices[key].units]
+        size = size + _along(power * np.array(logs), [axes[key]], n_axes)
+    away = (size - relation.expected) / relation.scatter
+    return np.maximum(-0.5 * away * away, LEAST)
+
+
+def _read_off(
+    choices: dict[str, _Choice], joint: dict[str, Array], axes: _Axes, total: Array
+) -> tuple[dict[str, str], dict[str, float]]:
+    best = np.unravel_index(int(total.argmax()), total.shape)
+    probability = np.exp(total - total.max())
+    probability /= probability.sum()
+    units, shares = {}, {}
+    for key, choice in choices.items():
+        if key in axes:
+            of_unit = _marginal(probability, axes[key])
+            units[key] = choice.units[best[axes[key]]]
+        elif key in joint:
+            given = np.exp(joint[key] - np.logaddexp.reduce(joint[key], axis=0))
+            of_unit = given @ _marginal(probability, axes[choice.system, choice.recorder])
+            units[key] = choice.units[int(of_unit.argmax())]
+        else:
+            of_unit = np.exp(choice.weights - np.logaddexp.reduce(choice.weights))
+            units[key] = choice.units[int(of_unit.argmax())]
+        shares[key] = float(of_unit[choice.units.index(units[key])])
+    return units, shares
+
+
+def _marginal(probability: Array, axis: int) -> Array:
+    return probability.sum(axis=tuple(a for a in range(probability.ndim) if a != axis))
+
+
+def _inferred(
+    candidate: Candidate,
+    unit: str,
+    share: float,
+    relations: list[UnitRelation],
+    factors: dict[str, float],
+) -> Candidate:
+    key = candidate.key
+    weights = unit_weights(key, candidate.extent, _common(candidate))
+    alone = max(weights, key=lambda unit: weights[unit])
     why = f"unit not given: values up to {candidate.extent.peak:.3g} are taken as {unit}"
-    if unit != alone:
+    evidence = [
+        relation.told(factors)
+        for relation in relations
+        if key in relation.powers
+        and relation.powers.keys() <= factors.keys()
+        and abs(relation.deviation(factors)) < CONTRADICTED
+    ]
+    if evidence:
+        why += f", as then {' and '.join(evidence)}"
+    elif unit != alone:
         why += ", as for the other angles of the file"
-    elif share < 0.9:
+    if share < 0.9:
         others = sorted((u for u in weights if u != unit), key=lambda u: -weights[u])
         why += f", although {others[0]} is plausible too"
-    return replace(candidate.because(why, share, unit=unit), unit_inferred=True)
+    return candidate.because(why, share, unit=unit)
 
 
-def _is_angular(key: str) -> bool:
-    return TARGETS[key].unit in ANGULAR
-
-
-def _vote(candidate: Candidate) -> float:
-    """Log odds of radians over degrees."""
-    radians, degrees = ANGULAR[TARGETS[candidate.key].unit]
-    if candidate.unit:
-        return {radians: GIVEN_VOTE, degrees: -GIVEN_VOTE}.get(candidate.unit, 0.0)
-    weights = unit_weights(candidate.key, candidate.extent)
-    odds = log(weights[radians] / weights[degrees])
-    return min(max(odds, -GIVEN_VOTE), GIVEN_VOTE)
+def _contradictions(
+    relations: list[UnitRelation], factors: dict[str, float]
+) -> dict[str, tuple[str, float]]:
+    contradictions = {}
+    for relation in relations:
+        if not relation.powers.keys() <= factors.keys():
+            continue
+        if abs(relation.deviation(factors)) > CONTRADICTED:
+            what = "one of them" if len(relation.powers) > 1 else "it"
+            text = f"{relation.told(factors)}: the unit of {what} is wrong"
+            least = BY_PHYSICS if relation.exact else BY_AIRCRAFT
+            contradictions |= dict.fromkeys(relation.powers, (text, least))
+    return contradictions
 
 
 def _common(candidate: Candidate) -> dict[str, float]:

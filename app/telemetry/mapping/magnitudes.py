@@ -47,7 +47,7 @@ MAGNITUDES: dict[str, Magnitude] = {
 COMMON: dict[str, dict[str, float]] = {
     "rad": {"rad": 0.5, "deg": 0.5},
     "rad/s": {"rad/s": 0.5, "deg/s": 0.5},
-    "g": {"g": 0.6, "m/s^2": 0.4},
+    "g": {"g": 0.6, "m/s^2": 0.35, "ft/s^2": 0.05},
     "m/s": {"m/s": 0.45, "kt": 0.4, "ft/s": 0.1, "km/h": 0.05},
     "m": {"m": 0.5, "ft": 0.5},
     "1": {"1": 1.0},

@@ -13,7 +13,7 @@ from app.telemetry.mapping.candidates import (
 )
 from app.telemetry.mapping.derivations import DERIVATIONS, ways
 from app.telemetry.mapping.group_times import dead_time, find_time
-from app.telemetry.mapping.inferred_units import infer_units
+from app.telemetry.mapping.inferred_units import decide_units
 from app.telemetry.mapping.mapping import ChannelSource, Mapping
 from app.telemetry.mapping.motion.motion_checks import check_against_motion
 from app.telemetry.mapping.motion.signs import CONVENTION
@@ -91,10 +91,13 @@ def _assign_signals(builder: ProposalBuilder) -> Candidates:
     groups = builder.columns.contents.groups
     usable = {n for n, group in enumerate(groups) if group.name in builder.times}
     candidates = find_candidates(builder.columns, usable, mapped)
-    assigned = infer_units(assign(candidates, set(builder.channels)))
+    assigned = assign(candidates, set(builder.channels))
+    decision = decide_units(builder.columns, builder.mapping, assigned)
     for key in TARGETS:
-        if key in assigned:
-            _enter(builder, assigned[key], candidates.by_key[key])
+        if key in decision.assigned:
+            _enter(builder, decision.assigned[key], candidates.by_key[key])
+        if key in decision.contradictions:
+            builder.comment(key, *decision.contradictions[key])
     return candidates
 
 
@@ -128,8 +131,6 @@ def _enter(builder: ProposalBuilder, candidate: Candidate, ranked: list[Candidat
     key, name = candidate.key, candidate.signal.name
     source = ChannelSource(name, candidate.unit)
     builder.assign(key, source, round(candidate.certainty, 4), *candidate.reasons)
-    if candidate.unit_inferred:
-        builder.unit_inferred.add(key)
     itself = next(other for other in ranked if other.signal.name == name)
     rivals = [
         other.signal.name

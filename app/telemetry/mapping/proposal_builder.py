@@ -21,7 +21,6 @@ class ProposalBuilder:
     """What has been decided so far.
 
     confirmed: channels that a person has settled before; they are commented on, never changed.
-    unit_inferred: channels whose unit neither the file nor the name gives.
     """
 
     columns: Columns
@@ -29,7 +28,6 @@ class ProposalBuilder:
     times: dict[str, TimeSource] = field(default_factory=dict)
     rationales: dict[str, Rationale] = field(default_factory=dict)
     confirmed: set[str] = field(default_factory=set)
-    unit_inferred: set[str] = field(default_factory=set)
 
     @property
     def mapping(self) -> Mapping:

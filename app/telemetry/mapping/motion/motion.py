@@ -5,8 +5,10 @@ and their derivatives go through one window, a smooth one and its slope, so that
 them stays exact while the noise of the sensors averages out.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from math import pi
 
 import numpy as np
 
@@ -28,6 +30,7 @@ LEADERS = ("delta_r", "delta_a", "r", "p")
 """The windows are where these move most."""
 N_EACH = 2
 LATERAL = ("beta", "p", "r", "Ny", "Ay", "delta_a", "delta_r", "phi", "theta", "psi")
+FULL_TURNS = {"phi": 2.0 * pi, "psi": 2.0 * pi}
 FEWEST = 60
 """Rows that a relation needs: 3 s."""
 
@@ -106,8 +109,11 @@ class Motion:
         return np.sin(phi) * np.cos(theta)
 
 
-def motion(traces: Traces) -> Motion | None:
-    """Return the motion; None where it was recorded too slowly for it."""
+def motion(traces: Traces, turns: Mapping[str, float] = FULL_TURNS) -> Motion | None:
+    """Return the motion; None where it was recorded too slowly for it.
+
+    turns: key -> full turn of an angle that jumps by it, in the unit of the trace.
+    """
     channels = {key: traces.channels[key] for key in LATERAL if key in traces.channels}
     leader = next((channels[key] for key in ("r", "p", *LEADERS) if key in channels), None)
     if leader is None:
@@ -119,7 +125,7 @@ def motion(traces: Traces) -> Motion | None:
         grid = np.arange(start, end, STEP)
         if len(grid) < len(smooth) + FEWEST:
             continue
-        rows = {key: _on(grid, trace, key) for key, trace in channels.items()}
+        rows = {key: _on(grid, trace, turns.get(key)) for key, trace in channels.items()}
         parts.append({key: np.convolve(x, smooth, "valid") for key, x in rows.items()})
         rates.append({key: np.convolve(x, slope, "valid") for key, x in rows.items()})
     if not parts:
@@ -173,7 +179,7 @@ def _apart(starts: list[float]) -> list[tuple[float, float]]:
     return merged
 
 
-def _on(grid: Array, trace: Trace, key: str) -> Array:
+def _on(grid: Array, trace: Trace, turn: float | None) -> Array:
     """The samples around a grid, by straight lines; NaN in gaps and where it is too slow."""
     t = trace.t
     if len(grid) * STEP < t[-1] - t[0]:
@@ -185,6 +191,6 @@ def _on(grid: Array, trace: Trace, key: str) -> Array:
     t, values = t[known], values[known]
     if len(t) < 2 or float(np.median(np.diff(t))) > SLOWEST:
         return np.full(len(grid), np.nan)
-    if key in ("phi", "psi"):
-        values = np.unwrap(values)
+    if turn is not None:
+        values = np.unwrap(values, period=turn)
     return values_at(grid, t, values)

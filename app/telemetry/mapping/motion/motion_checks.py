@@ -1,4 +1,4 @@
-"""A proposed mapping checked against the motion it implies: units, signs, gravity and bias."""
+"""A proposed mapping checked against the motion it implies: signs, gravity and bias."""
 
 from dataclasses import replace
 
@@ -8,15 +8,13 @@ from app.telemetry.mapping.applying import apply_mapping, part_of
 from app.telemetry.mapping.mapping import ChannelSource
 from app.telemetry.mapping.motion.gravity import gravity_effect, quiet_bias
 from app.telemetry.mapping.motion.motion import Motion, motion
-from app.telemetry.mapping.motion.signs import ANGLE_OF, MIX_UP, SignEvidence, find_signs
+from app.telemetry.mapping.motion.signs import ANGLE_OF, SignEvidence, find_signs
 from app.telemetry.mapping.proposal_builder import ProposalBuilder
 from app.telemetry.plausibility import plausible
 from app.telemetry.recording import TelemetryError
 from app.telemetry.traces import Traces
 from core.simulation.attitude import SurfaceSigns
 
-DEGREES = ("deg", "deg/s")
-OTHER_UNIT = {"rad": "deg", "deg": "rad", "rad/s": "deg/s", "deg/s": "rad/s"}
 SURFACES = ("delta_a", "delta_r")
 LEFT, RIGHT = "delta_a_left", "delta_a_right"
 ALIKE = 0.6
@@ -36,26 +34,18 @@ def check_against_motion(builder: ProposalBuilder, expected: SurfaceSigns) -> No
         traces = _applied(builder) or traces
     moves = motion(traces)
     if moves is not None:
-        moves = _check_signs(builder, traces, moves, expected)
+        _check_signs(builder, moves, expected)
         _take_out_gravity(builder, moves)
     _remove_bias(builder)
 
 
-def _check_signs(
-    builder: ProposalBuilder, traces: Traces, moves: Motion, expected: SurfaceSigns
-) -> Motion:
-    """Settle inferred units, then signs; return the motion in those units."""
-    yaw_is_known = "r" in builder.confirmed
-    signs = find_signs(moves, expected, yaw_is_known=yaw_is_known)
-    if _change_units(builder, signs):
-        moves = motion(_applied(builder) or traces) or moves
-        signs = find_signs(moves, expected, yaw_is_known=yaw_is_known)
+def _check_signs(builder: ProposalBuilder, moves: Motion, expected: SurfaceSigns) -> None:
+    signs = find_signs(moves, expected, yaw_is_known="r" in builder.confirmed)
     for key, evidence in signs.items():
         _check_sign(builder, key, evidence)
     for key in SURFACES:
         if key in builder.channels and key not in signs:
             builder.comment(key, "its sign cannot be verified from the motion", 0.98)
-    return moves
 
 
 def _applied(builder: ProposalBuilder) -> Traces | None:
@@ -83,29 +73,6 @@ def _oppose_ailerons(builder: ProposalBuilder, traces: Traces) -> bool:
     builder.change(LEFT, sign=-builder.channels[LEFT].sign)
     builder.comment(LEFT, f"reversed: it moves like the right one (correlation {correlation:.2f})")
     return True
-
-
-def _change_units(builder: ProposalBuilder, signs: dict[str, SignEvidence]) -> bool:
-    """Settle an inferred unit by the ratio of a rate to its angle's derivative."""
-    changed = False
-    for key, angle in ANGLE_OF.items():
-        evidence = signs.get(key)
-        if evidence is None or evidence.times == 1.0:
-            continue
-        ratio = f"{key} is {evidence.times:.3g} times d({angle})/dt"
-        inferred = [name for name in (key, angle) if name in builder.unit_inferred]
-        if not inferred:
-            for name in (key, angle):
-                builder.comment(name, f"{ratio}: the unit of one of them is wrong", 0.5)
-            continue
-        suspect = min(inferred, key=lambda name: builder.rationales[name].confidence)
-        too_large = (evidence.times > MIX_UP[0]) == (suspect == key)
-        other = OTHER_UNIT.get(builder.channels[suspect].unit, "")
-        if other and too_large == (other in DEGREES):
-            builder.change(suspect, unit=other)
-            builder.comment(suspect, f"taken as {other} instead: {ratio}")
-            changed = True
-    return changed
 
 
 def _check_sign(builder: ProposalBuilder, key: str, evidence: SignEvidence) -> None:

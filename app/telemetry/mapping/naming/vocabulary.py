@@ -157,6 +157,14 @@ OTHER = _words(
     "vertical vert nick pitchrate q energy power density mach"
 )
 """Make another quantity of what stands beside them; a rudder command is no rudder."""
+NORMAL_ACCELERATION = _words(
+    "nz nzcg az azcg accz acclz accelz zacc zaccel accelerationz zacceleration accelerometerz "
+    "normalacceleration normalaccel normalacc normacc normaccel nzaccel nznormalaccel "
+    "nznormalacceleration normalloadfactor verticalacceleration vertaccel vertacc "
+    "verticalloadfactor nznormal loadfactor gnormal gload"
+)
+MACH = _words("mach machnumber machno truemach machtrue mn")
+"""No targets, but they say in which units those beside them are."""
 UNKNOWN, UNKNOWN_BESIDE_LETTER = 0.45, 0.3
 """Factor on the certainty for an unknown word, and for one beside a stem of one letter."""
 PER_NUMBER = 0.93

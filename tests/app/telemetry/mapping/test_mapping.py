@@ -157,7 +157,8 @@ def test_an_inferred_unit_of_a_rate_is_checked_against_the_attitude(tmp_path):
     columns = columns_of(tmp_path, table)
     proposal = propose(columns)
     assert proposal.mapping.channels["p"].unit == "deg/s"
-    assert "taken as deg/s instead" in " ".join(proposal.rationales["p"].reasons)
+    reasons = " ".join(proposal.rationales["p"].reasons)
+    assert "taken as deg/s, as then p is 1.01 times d(phi)/dt" in reasons
 
 
 @pytest.mark.parametrize("name", DECOYS)

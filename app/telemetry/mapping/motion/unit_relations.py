@@ -1,0 +1,162 @@
+"""What physics says of units that a file does not give: ratios that are known in SI.
+
+A roll rate is the slope of the bank angle, beta-dot follows minus the yaw rate, N_z is near 1 g,
+and the airspeed over the Mach number is the speed of sound. The numbers as they stand in the file
+show such a ratio times a quotient of units.
+"""
+
+from dataclasses import dataclass
+from math import exp, log, pi, sqrt
+
+import numpy as np
+
+from app.telemetry.contents import Columns, Signal
+from app.telemetry.mapping.extent import extent_of
+from app.telemetry.mapping.motion.motion import Motion
+from app.telemetry.mapping.motion.signs import ANGLE_OF, FOLLOWS
+from app.telemetry.mapping.naming.spelling import spellings
+from app.telemetry.mapping.naming.vocabulary import MACH, NORMAL_ACCELERATION
+from app.telemetry.units import factor, fits
+from core.types import Array
+
+MOST = 1_000_000
+"""Samples that a jump of an angle is looked for in."""
+WRAP = 0.02
+"""Scatter of a jump about a full turn, as a share of it."""
+TURNS = {"rad": 2.0 * pi, "deg": 360.0}
+SIDE_FORCE_CLEAR = 0.6
+"""Share of the lateral acceleration that the sideslip must explain beside the others."""
+STILL_MACH = 0.1
+"""Below it the airspeed says nothing."""
+
+
+@dataclass(frozen=True)
+class UnitRelation:
+    """A ratio of quantities that is known in SI (N_y in g).
+
+    powers: key of TARGETS -> power of its unit in the ratio.   recorded: natural logarithm of the
+    ratio of the numbers as they stand.   expected, scatter: of the logarithm in SI, as normal.
+    text: what the ratio is, in words.   exact: whether it is kinematics, and no statistic of
+    aircraft.
+    """
+
+    powers: dict[str, int]
+    recorded: float
+    expected: float
+    scatter: float
+    text: str
+    exact: bool = True
+
+    def in_si(self, factors: dict[str, float]) -> float:
+        """The logarithm in SI under units, given as their factors to SI."""
+        return self.recorded + sum(n * log(factors[key]) for key, n in self.powers.items())
+
+    def deviation(self, factors: dict[str, float]) -> float:
+        """Distance from the expected in scatters."""
+        return (self.in_si(factors) - self.expected) / self.scatter
+
+    def told(self, factors: dict[str, float]) -> str:
+        """The ratio under units, in words."""
+        return self.text.format(exp(self.in_si(factors)))
+
+
+def turn_of(values: Array) -> str:
+    """The unit of an angle that jumps by a full turn; "" where it does not jump."""
+    with np.errstate(invalid="ignore", over="ignore"):
+        jumps = np.abs(np.diff(values[:MOST]))
+    for unit, turn in TURNS.items():
+        near = np.abs(jumps / turn - 1.0) < WRAP
+        # other jumps would be spikes
+        if near.any() and near.sum() >= 0.5 * np.count_nonzero(jumps > 0.5 * turn):
+            return unit
+    return ""
+
+
+def relations_of_motion(moves: Motion) -> list[UnitRelation]:
+    """Ratios between channels, from a motion in the numbers of the file."""
+    relations = []
+    for key, angle in ANGLE_OF.items():
+        if key not in moves.values or angle not in moves.values:
+            continue
+        effect = moves.effects(moves.values[key], {angle: moves.rates[angle]}).get(angle)
+        if effect and effect.share >= FOLLOWS:
+            # noise of the derivative alone would make the slope too small
+            size = log(abs(effect.slope) / sqrt(effect.share))
+            text = f"{key} is {{:.3g}} times d({angle})/dt"
+            relations.append(UnitRelation({key: 1, angle: -1}, size, 0.0, 0.2, text))
+    return [*relations, *_of_sideslip(moves)]
+
+
+def _of_sideslip(moves: Motion) -> list[UnitRelation]:
+    """beta-dot against the yaw rate, and the side force against the sideslip."""
+    if "beta" not in moves.values:
+        return []
+    relations = []
+    if "r" in moves.values:
+        causes = {key: moves.values[key] for key in ("r", "p", "phi") if key in moves.values}
+        effect = moves.effects(moves.rates["beta"], causes).get("r")
+        if effect and effect.share >= FOLLOWS:
+            size = log(abs(effect.slope) / sqrt(effect.share))
+            text = "d(beta)/dt is {:.3g} times -r"
+            relations.append(UnitRelation({"beta": 1, "r": -1}, size, 0.1, 0.3, text))
+    if "Ny" in moves.values:
+        others = ("beta", "delta_r", "p", "r", "delta_a", "phi")
+        causes = {key: moves.values[key] for key in others if key in moves.values}
+        effect = moves.effects(moves.values["Ny"], causes).get("beta")
+        if effect and effect.share >= SIDE_FORCE_CLEAR:
+            # C_Y,beta over C_L: 0.9 to 12 g per rad for the published aircraft
+            relations.append(
+                UnitRelation(
+                    {"Ny": 1, "beta": -1}, log(abs(effect.slope)), log(2.0), 1.0,
+                    "the side force is {:.2g} g per rad of sideslip", exact=False,
+                )
+            )  # fmt: skip
+    return relations
+
+
+def relation_of_turn(key: str, unit: str) -> UnitRelation:
+    """A heading or bank angle jumps by a full turn."""
+    text = f"{key} jumps by {{:.3g}} rad, a full turn"
+    return UnitRelation({key: 1}, log(TURNS[unit]), log(2.0 * pi), WRAP, text)
+
+
+def relation_of_normal(columns: Columns, key: str, like: Signal) -> UnitRelation | None:
+    """A normal acceleration beside a lateral one, which is near 1 g."""
+    beside = _named(columns, like.group, NORMAL_ACCELERATION)
+    if beside is None:
+        return None
+    if fits(beside.unit, "g"):
+        text = f"{beside.name} beside it is given in {beside.unit}"
+        return UnitRelation({key: 1}, -log(factor(beside.unit, "g")), 0.0, 0.1, text)
+    level = abs(extent_of(columns.values(beside.name)).middle)
+    if not 0.5 < level < 50.0:
+        return None
+    text = f"{beside.name} beside it is at {{:.3g}} g"
+    return UnitRelation({key: 1}, log(level), 0.0, 0.15, text)
+
+
+def relation_of_mach(columns: Columns, key: str, like: Signal) -> UnitRelation | None:
+    """The airspeed over the Mach number is the speed of sound, 295 to 345 m/s."""
+    mach = _named(columns, like.group, MACH)
+    if mach is None:
+        return None
+    speeds, machs = columns.values(like.name), columns.values(mach.name)
+    stride = 1 + len(machs) // 10_000
+    flying = np.isfinite(speeds[::stride]) & (machs[::stride] > STILL_MACH)
+    if flying.sum() < 20:
+        return None
+    ratio = float(np.median(speeds[::stride][flying] / machs[::stride][flying]))
+    if not 0.0 < ratio < 1e4:
+        return None
+    text = f"{key} over {mach.name} is {{:.0f}} m/s, the speed of sound"
+    return UnitRelation({key: 1}, log(ratio), log(318.0), 0.06, text)
+
+
+def _named(columns: Columns, group: int, names: frozenset[str]) -> Signal | None:
+    """The first moving signal of a group whose words make one of the names."""
+    place = columns.contents.groups[group].name
+    for signal in columns.contents.signals:
+        ways = spellings(signal.name, place) if signal.group == group else ()
+        if any("".join(way.words) in names for way in ways):
+            return signal
+    return None
