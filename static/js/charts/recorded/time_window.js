@@ -6,7 +6,7 @@
  *
  * Exports
  *   createTimeWindow({start, end, least, key}) -> TimeWindow    all [s]; least: narrowest window
- *     key: of what is shown: a later window of the same key begins where this one was left
+ *     key: of what is shown: drawn anew at the same address, a window of this key begins where it was left
  *
  * TimeWindow
  *   view() -> {start, end}, setWindow(start, end), showAll()
@@ -18,6 +18,7 @@
 import { createCursors } from "../cursors.js";
 
 const left = new Map(); // key -> {shown, marks, pinned}
+addEventListener("hashchange", () => left.clear()); // another view begins afresh
 
 export function createTimeWindow({ start, end, least = 0.25, key = null }) {
   const cursors = createCursors();
