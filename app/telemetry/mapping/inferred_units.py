@@ -13,21 +13,17 @@ from math import exp, log
 import numpy as np
 
 from app.telemetry.contents import Columns
-from app.telemetry.mapping.applying import apply_mapping
 from app.telemetry.mapping.candidates import Candidate
 from app.telemetry.mapping.magnitudes import COMMON, RULED_OUT, unit_weights
 from app.telemetry.mapping.mapping import ChannelSource, Mapping
-from app.telemetry.mapping.motion.motion import motion
+from app.telemetry.mapping.motion.as_recorded import motion_as_recorded
 from app.telemetry.mapping.motion.unit_relations import (
-    TURNS,
     UnitRelation,
     relation_of_mach,
     relation_of_normal,
     relation_of_turn,
     relations_of_motion,
-    turn_of,
 )
-from app.telemetry.recording import TelemetryError
 from app.telemetry.targets import TARGETS
 from app.telemetry.units import PLAIN, factor, spelled
 from core.types import Array
@@ -122,8 +118,9 @@ def _choices(
             power = 1.0 / (1.0 + ALIKE * (len(unknown) - 1)) if key in unknown else 1.0
             impossible = weights <= log(RULED_OUT)
             weights = np.where(impossible, LEAST, power * (weights - weights.max()))
-        # a group of one signal is no recorder
-        choices[key] = _Choice(units, weights, group if members[group] > 1 else -1, _system(key))
+        # a group of one angle is no recorder
+        recorder = group if _system(key) == "angle" and members[group] > 1 else -1
+        choices[key] = _Choice(units, weights, recorder, _system(key))
     return choices
 
 
@@ -141,24 +138,15 @@ def _relations(
 ) -> list[UnitRelation]:
     names = {key: source.signal for key, source in known.items()}
     names |= {key: candidate.signal.name for key, candidate in assigned.items()}
-    relations: list[UnitRelation | None] = []
-    periods: dict[str, float] = {}
-    for key in ("phi", "psi"):
-        if key in names and (unit := turn_of(columns.values(names[key]))):
-            periods[key] = TURNS[unit]
-            relations.append(relation_of_turn(key, unit))
+    moves, turns = motion_as_recorded(columns, before.times, names)
+    relations: list[UnitRelation | None] = [
+        relation_of_turn(key, unit) for key, unit in turns.items()
+    ]
     for key, relate in (
         ("Ny", relation_of_normal), ("Ay", relation_of_normal), ("V", relation_of_mach)
     ):  # fmt: skip
         if key in names:
             relations.append(relate(columns, key, columns.signal(names[key])))
-    as_recorded = Mapping(
-        {key: ChannelSource(name, TARGETS[key].unit) for key, name in names.items()}, before.times
-    )
-    try:
-        moves = motion(apply_mapping(columns, as_recorded), periods) if names else None
-    except TelemetryError:
-        moves = None
     if moves is not None:
         relations += relations_of_motion(moves)
     return [relation for relation in relations if relation is not None]

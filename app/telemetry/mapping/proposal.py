@@ -16,6 +16,7 @@ from app.telemetry.mapping.group_times import dead_time, find_time
 from app.telemetry.mapping.inferred_units import decide_units
 from app.telemetry.mapping.mapping import ChannelSource, Mapping
 from app.telemetry.mapping.motion.motion_checks import check_against_motion
+from app.telemetry.mapping.motion.rate_choice import choose_rates
 from app.telemetry.mapping.motion.signs import CONVENTION
 from app.telemetry.mapping.naming.names import name_matches
 from app.telemetry.mapping.proposal_builder import ProposalBuilder, Rationale
@@ -92,6 +93,7 @@ def _assign_signals(builder: ProposalBuilder) -> Candidates:
     usable = {n for n, group in enumerate(groups) if group.name in builder.times}
     candidates = find_candidates(builder.columns, usable, mapped)
     assigned = assign(candidates, set(builder.channels))
+    assigned = choose_rates(builder.columns, builder.mapping, candidates, assigned)
     decision = decide_units(builder.columns, builder.mapping, assigned)
     for key in TARGETS:
         if key in decision.assigned:

@@ -12,18 +12,13 @@ import numpy as np
 
 from app.telemetry.contents import Columns, Signal
 from app.telemetry.mapping.extent import extent_of
+from app.telemetry.mapping.motion.as_recorded import TURNS, WRAP
 from app.telemetry.mapping.motion.motion import Motion
 from app.telemetry.mapping.motion.signs import ANGLE_OF, FOLLOWS
 from app.telemetry.mapping.naming.spelling import spellings
 from app.telemetry.mapping.naming.vocabulary import MACH, NORMAL_ACCELERATION
 from app.telemetry.units import factor, fits
-from core.types import Array
 
-MOST = 1_000_000
-"""Samples that a jump of an angle is looked for in."""
-WRAP = 0.02
-"""Scatter of a jump about a full turn, as a share of it."""
-TURNS = {"rad": 2.0 * pi, "deg": 360.0}
 SIDE_FORCE_CLEAR = 0.6
 """Share of the lateral acceleration that the sideslip must explain beside the others."""
 STILL_MACH = 0.1
@@ -58,18 +53,6 @@ class UnitRelation:
     def told(self, factors: dict[str, float]) -> str:
         """The ratio under units, in words."""
         return self.text.format(exp(self.in_si(factors)))
-
-
-def turn_of(values: Array) -> str:
-    """The unit of an angle that jumps by a full turn; "" where it does not jump."""
-    with np.errstate(invalid="ignore", over="ignore"):
-        jumps = np.abs(np.diff(values[:MOST]))
-    for unit, turn in TURNS.items():
-        near = np.abs(jumps / turn - 1.0) < WRAP
-        # other jumps would be spikes
-        if near.any() and near.sum() >= 0.5 * np.count_nonzero(jumps > 0.5 * turn):
-            return unit
-    return ""
 
 
 def relations_of_motion(moves: Motion) -> list[UnitRelation]:

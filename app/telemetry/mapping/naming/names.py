@@ -5,6 +5,7 @@ from functools import cache
 
 from app.telemetry.mapping.naming.spelling import Spelling, spellings
 from app.telemetry.mapping.naming.vocabulary import (
+    DERIVED,
     IMPLIED,
     MEANINGS,
     NEUTRAL,
@@ -50,6 +51,11 @@ def name_matches(name: str, group: str = "") -> tuple[NameMatch, ...]:
             if before is None or match.certainty > before.certainty:
                 best[match.key] = match
     return tuple(sorted(best.values(), key=lambda match: -match.certainty))
+
+
+def is_derived(name: str) -> bool:
+    """Whether a name says that its values were computed, not measured."""
+    return any(word in DERIVED for way in spellings(name) for word in way.words)
 
 
 def _of_spelling(spelling: Spelling) -> list[NameMatch]:

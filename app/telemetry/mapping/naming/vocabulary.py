@@ -139,7 +139,10 @@ OF_KIND: dict[str, dict[str, float]] = {
     **{word: {"V": 0.3, "v": 0.0, "": 0.985} for word in ("local", "global", "ned", "earth")},
 }
 """Words that fit some targets, each with a factor on its certainty; "": for all others."""
+DERIVED = _words("derived derivative differentiated diff computed calc calculated numerical")
+"""Of rates, that they were not measured."""
 UNCERTAIN = {
+    **dict.fromkeys(DERIVED, 0.7),
     "raw": 0.93, "est": 0.9, "estimated": 0.9, "filt": 0.97, "filtered": 0.97, "model": 0.6,
     "sim": 0.8, "servo": 0.6, "actuator": 0.8, "mag": 0.9, "backup": 0.8, "sec": 0.9, "stby": 0.7,
     "upper": 0.8, "lower": 0.8, "inboard": 0.8, "outboard": 0.7, "a": 0.95, "f": 0.9, "m": 0.9,
@@ -153,7 +156,7 @@ OTHER = _words(
     "dot ddot deviation dev autopilot ap selected sel bug input inputs pwm "
     "strain stress fuel oil engine eng1 eng2 n1 n2 wind gust turbulence latitude longitude lat "
     "lon north east down delay latency zone step delta dt size index idx number num sample samples "
-    "rates gain coefficient coef derivative integral int soll "
+    "rates gain coefficient coef integral int soll "
     "vertical vert nick pitchrate q energy power density mach"
 )
 """Make another quantity of what stands beside them; a rudder command is no rudder."""

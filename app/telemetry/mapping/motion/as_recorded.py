@@ -1,0 +1,53 @@
+"""The motion in the numbers of a file as they stand, before their units are known."""
+
+from collections.abc import Mapping as AnyMapping
+from math import pi
+
+import numpy as np
+
+from app.telemetry.contents import Columns
+from app.telemetry.mapping.applying import apply_mapping
+from app.telemetry.mapping.mapping import ChannelSource, Mapping, TimeSource
+from app.telemetry.mapping.motion.motion import Motion, motion
+from app.telemetry.recording import TelemetryError
+from app.telemetry.targets import TARGETS
+from core.types import Array
+
+MOST = 1_000_000
+"""Samples that a jump of an angle is looked for in."""
+WRAP = 0.02
+"""Scatter of a jump about a full turn, as a share of it."""
+TURNS = {"rad": 2.0 * pi, "deg": 360.0}
+
+
+def motion_as_recorded(
+    columns: Columns, times: AnyMapping[str, TimeSource], names: AnyMapping[str, str]
+) -> tuple[Motion | None, dict[str, str]]:
+    """Return the motion of signals, and the unit of each angle that jumps by a full turn.
+
+    names: key of TARGETS -> signal of the file.
+    """
+    units: dict[str, str] = {}
+    for key in ("phi", "psi"):
+        if key in names and (unit := turn_of(columns.values(names[key]))):
+            units[key] = unit
+    mapping = Mapping(
+        {key: ChannelSource(name, TARGETS[key].unit) for key, name in names.items()}, dict(times)
+    )
+    try:
+        traces = apply_mapping(columns, mapping)
+    except TelemetryError:
+        return None, units
+    return motion(traces, {key: TURNS[unit] for key, unit in units.items()}), units
+
+
+def turn_of(values: Array) -> str:
+    """The unit of an angle that jumps by a full turn; "" where it does not jump."""
+    with np.errstate(invalid="ignore", over="ignore"):
+        jumps = np.abs(np.diff(values[:MOST]))
+    for unit, turn in TURNS.items():
+        near = np.abs(jumps / turn - 1.0) < WRAP
+        # other jumps would be spikes
+        if near.any() and near.sum() >= 0.5 * np.count_nonzero(jumps > 0.5 * turn):
+            return unit
+    return ""

@@ -1,0 +1,54 @@
+"""Of several signals named like a rate, the one that the attitude follows."""
+
+import numpy as np
+import pytest
+
+from app.telemetry.mapping.proposal import propose
+from tests.support.tables import columns_of, flight
+
+ANGLE_OF = {"p": "phi", "r": "psi"}
+OTHER_KEYS = ("t", "beta", "Ny", "phi", "psi")
+NAMES = {"p": ("roll_rate", "P_RATE_2"), "r": ("yaw_rate", "R_RATE_2")}
+
+
+def two_rates(key, correlation, *, first, second):
+    """A table in which the first name is a rate of some correlation, the second the rate itself."""
+    truth = flight()[key]
+    t = flight()["t"]
+    slow = np.sin(0.9 * t + 1.0) + 0.7 * np.sin(2.3 * t)  # another quantity, which moves as slowly
+    slow *= truth.std() / slow.std() * np.sqrt(1.0 / correlation**2 - 1.0)
+    return {name: flight()[name] for name in OTHER_KEYS} | {
+        first: truth + slow, second: truth
+    }  # fmt: skip
+
+
+@pytest.mark.parametrize("key", ANGLE_OF)
+def test_the_rate_that_the_attitude_follows_is_chosen(key, tmp_path):
+    surer, other = NAMES[key]
+    proposal = propose(columns_of(tmp_path, two_rates(key, 0.7, first=surer, second=other)))
+    assert proposal.mapping.channels[key].signal == other
+    assert proposal.alternatives[key] == (surer,)
+    reasons = " ".join(proposal.rationales[key].reasons)
+    assert f"it follows d({ANGLE_OF[key]})/dt with a correlation of " in reasons
+    assert f", {surer} with 0." in reasons
+
+
+@pytest.mark.parametrize("key", ANGLE_OF)
+def test_a_little_noise_does_not_outweigh_a_name(key, tmp_path):
+    surer, other = NAMES[key]
+    proposal = propose(columns_of(tmp_path, two_rates(key, 0.97, first=surer, second=other)))
+    assert proposal.mapping.channels[key].signal == surer
+
+
+@pytest.mark.parametrize("derived", ["roll_rate_derived", "ROLL_RATE_CALC", "rollrate_computed"])
+def test_a_measured_gyro_is_preferred_to_a_derived_rate(derived, tmp_path):
+    proposal = propose(columns_of(tmp_path, two_rates("p", 0.8, first="gyro_x", second=derived)))
+    assert proposal.mapping.channels["p"].signal == "gyro_x"
+    assert proposal.alternatives["p"] == (derived,)
+
+
+def test_a_derived_rate_is_taken_where_none_was_measured(tmp_path):
+    table = two_rates("p", 0.9, first="gyro_x", second="roll_rate_derived")
+    del table["gyro_x"]
+    proposal = propose(columns_of(tmp_path, table))
+    assert proposal.mapping.channels["p"].signal == "roll_rate_derived"
