@@ -21,6 +21,10 @@ from core.monitor import validity as core_validity
 from core.monitor.assessment import STATES, State
 from core.monitor.predictor import PREDICTORS
 from core.monitor.score import SCORES
+from core.planned_test import SensorNoise
+from core.simulation.aircraft import PublishedAircraft
+from core.simulation.maneuver import Doublet
+from core.specification import Limits
 from tests.support.attas import TEST, fly, record, recorded, score, trained
 
 INVALID = STATES.index(State.INVALID)
@@ -447,14 +451,30 @@ def test_attitude_is_kept_as_it_was_recorded(attas: Monitor, calm: np.ndarray):
     assert np.isnan(samples["attitude"][:, 1]).all()
 
 
-def test_the_real_doublet_is_valid_and_warned_of_in_time(attas: Monitor):
-    traces = record("attas_rud1")
-    manoeuvre = the_only_manoeuvre(attas, traces)
+def test_the_real_doublet_is_valid_and_warned_of_in_time():
+    """By a monitor that is trained as the README says, with the usual imperfections."""
+    usual = replace(TEST, maneuver=Doublet(amplitude_deg=-3.7), noise=SensorNoise()).as_flown()
+    manoeuvre = the_only_manoeuvre(trained(usual), record("attas_rud1"))
     assert manoeuvre.validity.valid is True
     assert manoeuvre.outcome == "timely_alert"
     assert manoeuvre.exceedance is not None
     assert (manoeuvre.exceedance.channel, manoeuvre.exceedance.t) == ("Ny", pytest.approx(8.76))
     assert manoeuvre.start == pytest.approx(5.3, abs=0.3)
+
+
+@pytest.mark.parametrize(("name", "limit"), [("dc8_15k_m0p44", 0.1), ("f4c_35k_m0p6", 0.07)])
+def test_the_real_doublet_is_invalid_under_another_aircrafts_monitor(name: str, limit: float):
+    """Under which it was called valid, and missed, while validity was that of the outputs alone."""
+    other = replace(
+        TEST,
+        aircraft=PublishedAircraft(name, n_states=4),
+        maneuver=Doublet(amplitude_deg=-3.7),
+        specification=Limits(Ny=limit),
+        noise=SensorNoise(),
+    ).as_flown()
+    verdict = the_only_manoeuvre(trained(other), record("attas_rud1")).validity
+    assert verdict.valid is False
+    assert verdict.residual_p <= 0.01
 
 
 def test_another_manoeuvre_of_the_same_aircraft_is_invalid_and_says_why(attas: Monitor):

@@ -1,0 +1,70 @@
+"""The pair matrix of validity: the table that is kept, and a part of it made again."""
+
+import csv
+from typing import get_type_hints
+
+import numpy as np
+import pytest
+
+from core.monitor import MonitorRecipe
+from core.simulation.published import MODELS
+from core.validity_matrix import MatrixRecipe, Pair, pairs
+from tests.support.places import DATA
+
+HINTS = get_type_hints(Pair)
+ROUNDING = 2
+"""Flights that another processor's rounding may tip over a bound."""
+
+
+def kept() -> list[Pair]:
+    """The table as `forewarn validity-matrix` wrote it."""
+    with (DATA / "validity_matrix.csv").open() as file:
+        return [
+            Pair(**{k: HINTS[k](v) if HINTS[k] in (int, float) else v for k, v in row.items()})
+            for row in csv.DictReader(file)
+        ]
+
+
+def test_every_pair_of_the_catalog_is_in_the_table() -> None:
+    same = {(pair.monitor, pair.aircraft) for pair in kept() if pair.command == "same"}
+    assert same == {(monitor, aircraft) for monitor in MODELS for aircraft in MODELS}
+
+
+def test_no_other_aircraft_is_valid_and_missed_more_often_than_epsilon() -> None:
+    """By the upper bound over 400 exceeding flights and more; what cannot exceed, by detection."""
+    epsilon = MonitorRecipe().epsilon
+    others = [pair for pair in kept() if not pair.is_own]
+    for pair in others:
+        if pair.n_failing >= 400:
+            assert pair.most_unwarned <= epsilon, pair
+    bounded = {(pair.monitor, pair.aircraft) for pair in others if pair.n_failing >= 400}
+    for pair in others:
+        if (pair.monitor, pair.aircraft) not in bounded:
+            assert pair.share_invalid >= 0.9, pair
+
+
+def test_the_own_aircraft_is_called_invalid_at_its_level() -> None:
+    """Of either kind at most the level, in the mean over monitors by three standard errors."""
+    own = [pair for pair in kept() if pair.is_own]
+    for wrong, flown in (("invalid_safe", "n_safe"), ("invalid_failing", "n_failing")):
+        shares = np.array([getattr(pair, wrong) / getattr(pair, flown) for pair in own])
+        assert shares.mean() <= 0.02 + 3 * shares.std(ddof=1) / np.sqrt(len(own))
+
+
+def test_a_part_made_again_is_that_of_the_table() -> None:
+    """The pair that was missed most often before: an ATTAS under a DC-8's monitor."""
+    recipe = MatrixRecipe(monitors=("dc8_15k_m0p44",), aircraft=("attas_id_16kft",))
+    rows = {(pair.monitor, pair.aircraft, pair.command): pair for pair in kept()}
+    for pair in pairs(recipe):
+        row = rows[pair.monitor, pair.aircraft, pair.command]
+        assert (pair.amplitude_deg, pair.limit_g) == (row.amplitude_deg, row.limit_g)
+        for name in ("n_safe", "n_failing", "invalid_safe", "invalid_failing", "missed"):
+            assert abs(getattr(pair, name) - getattr(row, name)) <= ROUNDING, name
+        assert abs(pair.valid_and_missed - row.valid_and_missed) <= ROUNDING
+
+
+def test_what_is_not_in_the_catalog_is_refused() -> None:
+    with pytest.raises(ValueError, match="no published model 'spitfire'; there are f16"):
+        MatrixRecipe(monitors=("spitfire",))
+    with pytest.raises(ValueError, match="n_failing=0 was given: it must be at least 1"):
+        MatrixRecipe(n_failing=0)
