@@ -7,7 +7,11 @@ Time counts only while the server reads: one that is slow itself gives nobody up
 import asyncio
 from typing import Any
 
-from uvicorn.protocols.http.httptools_impl import STATUS_LINE, HttpToolsProtocol
+from uvicorn.protocols.http.httptools_impl import (
+    STATUS_LINE,
+    HttpToolsProtocol,
+    RequestResponseCycle,
+)
 
 from app.problems import Problem, problem_response
 from app.settings import Settings
@@ -28,6 +32,8 @@ class BoundedHttp(HttpToolsProtocol):
         """Bytes since the last that were of a body: of a header, a trailer, between requests."""
         self._patience = settings.body_seconds
         self._timer: asyncio.TimerHandle | None = None
+        self._answered: RequestResponseCycle | None = None
+        """The request that is being answered; `cycle` is the newest that came."""
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
         """Begin to wait for the first header."""
@@ -35,8 +41,12 @@ class BoundedHttp(HttpToolsProtocol):
         self._expect_head()
 
     def connection_lost(self, exc: Exception | None) -> None:
-        """Wait for nothing more."""
+        """Wait for nothing more, and answer nothing more of what was asked ahead."""
         self._stop_waiting()
+        if self._answered is not None:
+            self._answered.disconnected = True
+            self._answered.message_event.set()
+        self.pipeline.clear()
         super().connection_lost(exc)
 
     def data_received(self, data: bytes) -> None:
@@ -51,6 +61,10 @@ class BoundedHttp(HttpToolsProtocol):
             part, data = data[: most - self._plain], data[most - self._plain :]
             self._parse(part)
         return None
+
+    def _start_asgi_task(self, cycle: RequestResponseCycle, app: Any) -> None:
+        self._answered = cycle
+        super()._start_asgi_task(cycle, app)
 
     def _parse(self, data: bytes) -> None:
         if self._in_head and self._timer is None:
@@ -125,7 +139,8 @@ class BoundedHttp(HttpToolsProtocol):
         self._stop_waiting()
         if self.transport.is_closing():
             return
-        if self.cycle is None or self.cycle.response_complete or not self.cycle.response_started:
+        answered = self._answered
+        if answered is None or answered.response_complete or not answered.response_started:
             response = problem_response(Problem(status, detail), {"Connection": "close"})
             lines = [name + b": " + value + b"\r\n" for name, value in response.raw_headers]
             content = STATUS_LINE[status], *lines, b"\r\n", bytes(response.body)

@@ -43,6 +43,14 @@ class Watching(_WebSocketProtocol):
         connection.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, SEND_BUFFER)
         super().connection_made(transport)
 
+    def send_receive_event_to_app(self) -> None:
+        """Pass a whole message on; a text that is none ends the connection, without a traceback."""
+        if self.curr_msg_data_type == "text" and not _is_utf8(b"".join(self.frames)):
+            self.conn.send_close(1007)
+            self.handle_parser_exception()
+            return
+        super().send_receive_event_to_app()
+
 
 class Server(uvicorn.Server):
     """A server that says when it takes requests."""
@@ -180,6 +188,14 @@ def _locked(what: Path, path: Path, option: str) -> Iterator[None]:
         yield
     finally:
         lock.release()
+
+
+def _is_utf8(data: bytes) -> bool:
+    try:
+        data.decode()
+    except UnicodeDecodeError:
+        return False
+    return True
 
 
 def _loop_factory() -> Callable[[], asyncio.AbstractEventLoop] | None:

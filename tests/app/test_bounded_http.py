@@ -4,13 +4,16 @@ second."""
 import asyncio
 import json
 import socket
+import struct
+import threading
 import time
 from contextlib import contextmanager
 
 import httpx2
 import pytest
-from fastapi import WebSocket
+from fastapi import Request, WebSocket
 from fastapi.routing import APIRoute, APIWebSocketRoute
+from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import connect
 
 from app.bounded_http import SLOWEST_BODY
@@ -226,3 +229,38 @@ def test_a_slow_answer_and_a_silent_websocket_are_not_bounded(tmp_path):
             assert httpx2.get(f"{address}/slow", timeout=PATIENCE).status_code == 200
             watcher.send("still here")
             assert watcher.recv(PATIENCE) == "still here"
+
+
+def test_a_websockets_text_that_is_none_ends_it_without_a_traceback(tmp_path, caplog):
+    async def silent(websocket: WebSocket):
+        await websocket.accept()
+        await websocket.receive()
+
+    with served(tmp_path) as (address, server):
+        server.app.router.routes[:0] = [APIWebSocketRoute("/silent", silent)]
+        with connect(address.replace("http", "ws") + "/silent") as watcher:
+            watcher.send(b"\xff", text=True)
+            with pytest.raises(ConnectionClosed):
+                watcher.recv(PATIENCE)
+            assert watcher.close_code == 1007
+    assert caplog.records == []
+
+
+def test_an_answer_ends_with_its_client_whatever_that_asked_ahead(tmp_path, caplog):
+    begun, heard = threading.Event(), threading.Event()
+
+    async def slow(request: Request) -> str:
+        while (await request.receive())["type"] != "http.disconnect":
+            begun.set()
+        heard.set()
+        return "nobody reads this"
+
+    with served(tmp_path) as (address, server):
+        server.app.router.routes[:0] = [APIRoute("/slow", slow)]
+        with connected(address) as connection:
+            connection.sendall(3 * (b"GET /slow HTTP/1.1\r\n" + HOST + b"\r\n"))
+            assert begun.wait(PATIENCE)
+            reset = struct.pack("ii", 1, 0)
+            connection.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, reset)
+        assert heard.wait(PATIENCE)
+    assert caplog.records == []
