@@ -5,7 +5,8 @@ from dataclasses import dataclass, field, replace
 from app.telemetry.contents import Columns, Signal
 from app.telemetry.mapping.extent import Extent, extent_of
 from app.telemetry.mapping.magnitudes import plausible_units, unit_is_plausible
-from app.telemetry.mapping.naming.names import NameMatch, name_matches
+from app.telemetry.mapping.naming.descriptions import signal_matches
+from app.telemetry.mapping.naming.names import NameMatch
 from app.telemetry.targets import TARGETS
 from app.telemetry.units import NOT_GIVEN, PLAIN, factor, fits, spelled
 from core.channels import KEYS
@@ -62,7 +63,7 @@ def find_candidates(columns: Columns, usable: set[int], mapped: set[str]) -> Can
     for signal in contents.signals:
         if signal.group not in usable or signal.name in mapped:
             continue
-        names = name_matches(signal.name, contents.groups[signal.group].name)
+        names = signal_matches(signal, contents.groups[signal.group].name)
         if not (matches := [match for match in names if match.key in TARGETS]):
             continue
         extent = extent_of(columns.values(signal.name))

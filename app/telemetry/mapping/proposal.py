@@ -18,7 +18,7 @@ from app.telemetry.mapping.mapping import ChannelSource, Mapping
 from app.telemetry.mapping.motion.motion_checks import check_against_motion
 from app.telemetry.mapping.motion.rate_choice import choose_rates
 from app.telemetry.mapping.motion.signs import CONVENTION
-from app.telemetry.mapping.naming.names import name_matches
+from app.telemetry.mapping.naming.descriptions import signal_matches
 from app.telemetry.mapping.proposal_builder import ProposalBuilder, Rationale
 from app.telemetry.mapping.remembering import recall
 from app.telemetry.targets import TARGETS
@@ -186,7 +186,7 @@ def _timeless(builder: ProposalBuilder) -> dict[str, list[str]]:
         group = contents.groups[signal.group]
         if group.name in builder.times:
             continue
-        for match in name_matches(signal.name, group.name):
+        for match in signal_matches(signal, group.name):
             if match.key in TARGETS and match.certainty >= PROPOSED:
                 if signal.group not in reasons:
                     why = dead_time(builder.columns, signal.group)

@@ -101,6 +101,8 @@ def _beside(word: str, key: str, stem: str) -> float:
         return NEUTRAL_FACTOR
     if word.isdigit():
         return PER_NUMBER
+    if key in MEANINGS.get(word, {}):  # said twice: ny beside lateral
+        return NEUTRAL_FACTOR
     # the name of another channel: roll beside rudder
     if word in MEANINGS and len(word) > 1:
         return 0.1

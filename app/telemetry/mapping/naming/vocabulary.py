@@ -5,27 +5,31 @@ from collections.abc import Iterator
 # target -> certainty of the name alone -> spellings without gaps, in lower case
 STEMS: dict[str, dict[float, str]] = {
     "beta": {
-        0.97: "sideslip sideslipangle angleofsideslip aoss schiebewinkel derapage sideslipang",
-        0.93: "beta betavane vanebeta betanb ssa aos",
+        0.97: "sideslip sslip sideslipangle angleofsideslip aoss schiebewinkel derapage "
+        "sideslipang",
+        0.93: "beta betavane vanebeta betanb betcg becg ssa aos",
         0.8: "slipangle angleofslip ssangle slipang",
         0.6: "ss slip",
     },
     "p": {
-        0.97: "rollrate rollgeschwindigkeit rollwinkelgeschwindigkeit",
+        0.97: "rollrate rateroll rollgeschwindigkeit rollwinkelgeschwindigkeit rollangularrate "
+        "rollangularvelocity bodyrollrate",
         0.88: "rollspeed gyrox xgyro gyrx angularvelocityx angularratex omegax rollgyro rolrate "
-        "prate angvelx vitesseroulis",
+        "prate prgx angvelx vitesseroulis",
         0.75: "p wx pb ratex xrate omgx omegap",
     },
     "r": {
-        0.97: "yawrate gierrate gierwinkelgeschwindigkeit giergeschwindigkeit",
+        0.97: "yawrate rateyaw gierrate gierwinkelgeschwindigkeit giergeschwindigkeit "
+        "yawangularrate yawangularvelocity bodyyawrate",
         0.88: "yawspeed gyroz zgyro gyrz angularvelocityz angularratez omegaz yawgyro "
-        "rrate angvelz vitesselacet",
+        "rrate rrgz angvelz vitesselacet",
         0.7: "r wz rb ratez zrate omgz omegar",
     },
     "Ny": {
         0.95: "lateralacceleration lateralaccel lateralacc latacc lataccel latacceleration latg "
         "lateralg lateralloadfactor querbeschleunigung sideacceleration lateralspecificforce "
-        "acclat accellat latloadfactor sideforcecoefficientload alat nlat nylat ylat",
+        "acclat accellat latloadfactor blata lateralbodyacceleration "
+        "sideforcecoefficientload alat nlat nylat ylat",
         0.9: "ny ay accely accy yaccel yacc accelerationy yacceleration accelerometery "
         "accelerometry ayb nyb yload",
         0.8: "sideaccel sideacc latac laccel aycg nycg gloadside sideload sidegload",
@@ -64,12 +68,13 @@ STEMS: dict[str, dict[float, str]] = {
         0.82: "airspeed vtotal eigengeschwindigkeit vtot fluggeschwindigkeit vtr",
         0.72: "v vel velocity speed vinf vinfty vair",
         0.3: "ias kias vias cas kcas vcas vc eas keas veas indicatedairspeed calibratedairspeed "
-        "equivalentairspeed airspeedindicated airspeedcalibrated groundspeed gs vgs speedground "
-        "vg gndspd",
+        "equivalentairspeed vind airspeedindicated airspeedcalibrated groundspeed gs vgs "
+        "speedground vg gndspd",
     },
     "h": {
         0.95: "altitude pressurealtitude pressalt presalt baroalt baroaltitude altitudepressure "
-        "flughoehe druckhoehe hbaro palt altbaro pressalti altitudemsl mslaltitude",
+        "flughoehe druckhoehe hbaro palt altbaro pressalti altitudemsl mslaltitude "
+        "altftmsl",
         0.88: "alt hoehe hohe hp altmsl mslalt altp altb altind altasl altitudeasl hsl height",
         0.72: "h fl flightlevel zp altgps gpsalt",
         0.3: "agl radalt radioaltitude radaralt hagl altitudeagl altagl radaltitude ralt",
@@ -101,7 +106,8 @@ STEMS: dict[str, dict[float, str]] = {
 }
 IMPLIED = {
     "ktas": "kt", "kcas": "kt", "kias": "kt", "keas": "kt", "tasknots": "kt", "tasms": "m/s",
-    "tasmps": "m/s", "latg": "g", "lateralg": "g", "fl": "FL", "flightlevel": "FL",
+    "tasmps": "m/s", "altftmsl": "ft", "latg": "g", "lateralg": "g", "fl": "FL",
+    "flightlevel": "FL",
     "timesec": "s", "timesecs": "s", "tsec": "s", "seconds": "s", "sec": "s", "secs": "s",
 }  # fmt: skip
 """The unit that a name implies."""
@@ -135,11 +141,11 @@ OF_KIND: dict[str, dict[str, float]] = {
     "gps": {"V": 0.4, "h": 0.85, "psi": 0.6, "t": 0.985},
     "speed": {"V": 0.985},
     **{word: {"V": 0.3, "": 0.985} for word in ("indicated", "calibrated", "equivalent")},
-    **{word: {"V": 0.3, "h": 0.3} for word in ("ground", "radio", "radar")},
+    **{word: {"V": 0.3, "h": 0.3} for word in ("ground", "radio", "radar", "ktgs")},
     **{word: {"V": 0.3, "v": 0.0, "": 0.985} for word in ("local", "global", "ned", "earth")},
 }
 """Words that fit some targets, each with a factor on its certainty; "": for all others."""
-DERIVED = _words("derived derivative differentiated diff computed calc calculated numerical")
+DERIVED = _words("derived differentiated computed calc calculated numerical")
 """Of rates, that they were not measured."""
 UNCERTAIN = {
     **dict.fromkeys(DERIVED, 0.7),
@@ -156,17 +162,18 @@ OTHER = _words(
     "dot ddot deviation dev autopilot ap selected sel bug input inputs pwm "
     "strain stress fuel oil engine eng1 eng2 n1 n2 wind gust turbulence latitude longitude lat "
     "lon north east down delay latency zone step delta dt size index idx number num sample samples "
-    "rates gain coefficient coef integral int soll "
-    "vertical vert nick pitchrate q energy power density mach"
+    "rates gain coefficient coef derivative integral int soll "
+    "vertical vert nick pitchrate q energy power density mach innov innovs innovation innovations "
+    "variances residual residuals resid ratio ratios integ"
 )
 """Make another quantity of what stands beside them; a rudder command is no rudder."""
 NORMAL_ACCELERATION = _words(
     "nz nzcg az azcg accz acclz accelz zacc zaccel accelerationz zacceleration accelerometerz "
     "normalacceleration normalaccel normalacc normacc normaccel nzaccel nznormalaccel "
     "nznormalacceleration normalloadfactor verticalacceleration vertaccel vertacc "
-    "verticalloadfactor nznormal loadfactor gnormal gload"
+    "verticalloadfactor nznormal loadfactor gnormal gload gloadnorml"
 )
-MACH = _words("mach machnumber machno truemach machtrue mn")
+MACH = _words("mach machnumber machno truemach machtrue machratio mn")
 """No targets, but they say in which units those beside them are."""
 UNKNOWN, UNKNOWN_BESIDE_LETTER = 0.45, 0.3
 """Factor on the certainty for an unknown word, and for one beside a stem of one letter."""

@@ -12,7 +12,7 @@ NAMES: dict[str, tuple[str, dict[str, str]]] = {
     "beta": (
         "beta BETA AOSS AoSS sideslip SideSlip ss_angle BETA_NB beta_nb SSA beta_vane vane_beta β "
         "sideslip_angle AngleOfSideslip Schiebewinkel dérapage adc.beta aero/beta beta_cal "
-        "/fdm/jsbsim/aero/beta Air_Data:Beta beta_filt",
+        "/fdm/jsbsim/aero/beta Air_Data:Beta beta_filt SSLIP BECG BETCG",
         {
             "SideSlip_deg": "deg", "beta_rad": "rad", "Beta [deg]": "deg", "beta,__deg": "deg",
             "BetaDeg": "deg", "/fdm/jsbsim/aero/beta-rad": "rad", "Schiebewinkel [°]": "deg",
@@ -21,7 +21,8 @@ NAMES: dict[str, tuple[str, dict[str, str]]] = {
     ),
     "p": (
         "p P roll_rate RollRate ROLLRATE rollrate wx gyro_x GyrX IMU.GyrX p_body Rollrate "
-        "Ahrs1_bRollRate rollspeed omega_x vehicle_attitude/rollspeed imu/gyro/x xgyro",
+        "Ahrs1_bRollRate rollspeed omega_x vehicle_attitude/rollspeed imu/gyro/x xgyro "
+        "PRGX p_roll_rate",
         {
             "P_degps": "deg/s", "p_radps": "rad/s", "roll_rate_deg_s": "deg/s",
             "P (deg/s)": "deg/s", "IMU_RollRate_dps": "deg/s", "P, rad/s": "rad/s",
@@ -31,12 +32,14 @@ NAMES: dict[str, tuple[str, dict[str, str]]] = {
         },
     ),
     "r": (
-        "r R yaw_rate YawRate YAWRATE wz gyro_z GyrZ yawspeed Gierrate r_body omega_z yaw_gyro",
+        "r R yaw_rate YawRate YAWRATE wz gyro_z GyrZ yawspeed Gierrate r_body omega_z yaw_gyro "
+        "RRGZ",
         {"r_degps": "deg/s", "YawRate [deg/s]": "deg/s", "r_radps": "rad/s"},
     ),
     "Ny": (
         "Ny NY ny n_y N_y Ny_cg NY_CG lat_acc LatAcc lat_accel accel_y AccY IMU.AccY ay AY a_y "
-        "lateral_acceleration Ahrs1_bLatAcc Querbeschleunigung LatAc NYCG lateral_load_factor",
+        "lateral_acceleration Ahrs1_bLatAcc Querbeschleunigung LatAc NYCG lateral_load_factor "
+        "BLATA NY_LATERAL_ACCEL Gload,_side",
         {
             "ay_g": "g", "LATG": "g", "LAT_G": "g", "ay_m_s2": "m/s^2", "AY_MPS2": "m/s^2",
             "Lat. Acc. [g]": "g", "accelerometer_m_s2[1]": "m/s^2", "ay m/s²": "m/s^2",
@@ -73,7 +76,7 @@ NAMES: dict[str, tuple[str, dict[str, str]]] = {
     ),
     "h": (
         "h alt ALT altitude press_alt pressure_altitude PressAlt Höhe baro_alt hp Dadc1_alt",
-        {"alt_ft": "ft", "h-sl-ft": "ft", "FL": "FL", "h_m": "m"},
+        {"alt_ft": "ft", "h-sl-ft": "ft", "__alt,ftmsl": "ft", "FL": "FL", "h_m": "m"},
     ),
     "v": ("lateral_velocity v_lat vy", {"v_body (m/s)": "m/s"}),
     "q0": ("q[0] qw q0", {}),
@@ -91,9 +94,14 @@ yaw_accel roll_acceleration alt_sel heading_bug heading_error latitude longitude
 alpha_rad q q_radps pitch_rate Nz nz_g nx ax accel_x accel_z gyro_y elevator flap speedbrake wind_v
 frame counter dt delta_t rudder_rate aileron_hinge_moment psi_dot roll_error yaw_damper_status
 beta_limit bank_limit rudder_force mach qbar rate_limit fuel_flow gear_pos engine_rpm v_gust
+true_airspeed_innovation airspeed_innov beta_innov
+yaw_residual rollrate_integ beta_derivative _Mach,ratio NZ_NORMAL_ACCEL
 aileron_trim roll_rate_cmd yaw_rate_setpoint heading_ref airspeed_target altitude_error time_delay
 """.split()  # noqa: SIM905
-UNSURE = "KIAS KCAS ground_speed gps_speed radio_altitude AGL v_bus r_range p_pitot GPS_yy roll_mix"
+UNSURE = """
+KIAS KCAS ground_speed gps_speed radio_altitude AGL v_bus r_range p_pitot GPS_yy roll_mix
+_Vind,_kias Vtrue,_ktgs
+"""
 
 
 def _named(key: str) -> list[tuple[str, str, str]]:
@@ -134,7 +142,9 @@ def test_the_group_completes_the_name(group, name, key):
     assert name_matches(name, group)[0].key == key
 
 
-@pytest.mark.parametrize("group", ["vehicle_attitude_setpoint", "actuator_limits"])
+@pytest.mark.parametrize(
+    "group", ["vehicle_attitude_setpoint", "actuator_limits", "estimator_innovation_variances_0"]
+)
 def test_a_group_of_commands_has_no_measurements(group):
     assert name_matches("roll", group) == ()
 
