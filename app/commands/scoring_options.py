@@ -8,6 +8,7 @@ from app.recordings.mapping_memory import MappingMemory
 from app.recordings.scored_file import ScoreRequest
 from app.scoring.recipe import Interval, ScoringRecipe
 from app.settings import read_settings
+from app.telemetry.mapping.typed_rate import read_rate
 
 TRIM_SEGMENT, NO_TRIM = "trim-segment", "none"
 SETTINGS = "Settings of the data directory, for --aircraft, come from FOREWARN_*."
@@ -29,6 +30,11 @@ def add_scoring_options(parser: argparse.ArgumentParser) -> None:
         type=Path,
         metavar="FILE.json",
         help="which signal is which channel",
+    )
+    parser.add_argument(
+        "--rate",
+        metavar="'50 Hz[ from 12:31:05]'",
+        help="of the rows, where the file has no times",
     )
     parser.add_argument(
         "--aircraft", metavar="NAME", help="use the mapping kept for it, and keep the one given"
@@ -56,6 +62,7 @@ def request_of(options: argparse.Namespace) -> tuple[ScoreRequest, MappingMemory
         epsilons=epsilons or (None,),
         recipe=_recipe(options),
         mapping=None if options.mapping is None else read_mapping(options.mapping),
+        rate=None if options.rate is None else read_rate(options.rate),
     )
     return request, MappingMemory(read_settings(), options.aircraft) if options.aircraft else None
 

@@ -2,7 +2,7 @@
 
 import tempfile
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import compress
 from pathlib import Path
 from typing import NamedTuple
@@ -12,9 +12,10 @@ from app.scoring import MissingChannels, ScoredRecording, ScoringRecipe, score_a
 from app.scoring.planned_test import planned_test
 from app.telemetry.contents import Columns, Contents, open_columns
 from app.telemetry.mapping.applying import apply_mapping
-from app.telemetry.mapping.mapping import Mapping
+from app.telemetry.mapping.mapping import Mapping, TimeSource
 from app.telemetry.mapping.motion.signs import CONVENTION
 from app.telemetry.mapping.proposal import Proposal, propose
+from app.telemetry.mapping.typed_rate import rate_words
 from app.telemetry.reading import read_file
 from app.telemetry.recording import TelemetryError
 from app.telemetry.timing.repair import RepairedTraces, repair
@@ -27,12 +28,14 @@ class ScoreRequest:
     """What is asked for on the command line.
 
     epsilons: None for a monitor's own.   mapping: what the signals are; None: as proposed.
+    rate: of the rows of groups that have no time otherwise.
     """
 
     monitors: tuple[Path, ...]
     file: Path
     epsilons: tuple[float | None, ...] = (None,)
     mapping: Mapping | None = None
+    rate: TimeSource | None = None
     recipe: ScoringRecipe = ScoringRecipe()  # noqa: RUF009
 
 
@@ -69,8 +72,13 @@ def score_file(request: ScoreRequest, memory: MappingMemory | None = None) -> Sc
         folder = Path(place) / "columns"
         contents = read_file(request.file, folder)
         columns = open_columns(folder)
-        proposal = None if request.mapping else _proposed(columns, monitors[0], memory)
-        mapping = request.mapping or (proposal.mapping if proposal else Mapping())
+        proposal = None if request.mapping else _proposed(columns, request, monitors[0], memory)
+        mapping = proposal.mapping if proposal else _as_given(contents, request)
+        if request.rate and request.rate not in mapping.times.values():
+            raise TelemetryError(
+                f"--rate {rate_words(request.rate)}: every group of {request.file} has a time; "
+                "give a --mapping with the rate in its `times` to use that instead"
+            )
         try:
             recorded = repair(apply_mapping(columns, mapping))
             scored = tuple(_score(request, monitors, recorded))
@@ -81,7 +89,17 @@ def score_file(request: ScoreRequest, memory: MappingMemory | None = None) -> Sc
     return ScoredFile(contents, mapping, proposal, scored)
 
 
-def _proposed(columns: Columns, monitor: Monitor, memory: MappingMemory | None) -> Proposal:
+def _as_given(contents: Contents, request: ScoreRequest) -> Mapping:
+    """The mapping that was given, with the rate for groups of which it says no time."""
+    given = request.mapping or Mapping()
+    if request.rate is None:
+        return given
+    return replace(given, times={g.name: request.rate for g in contents.groups} | given.times)
+
+
+def _proposed(
+    columns: Columns, request: ScoreRequest, monitor: Monitor, memory: MappingMemory | None
+) -> Proposal:
     """What the signals most likely are, surfaces with the signs of the monitor's aircraft."""
     aircraft = planned_test(monitor).aircraft
     return propose(
@@ -89,6 +107,7 @@ def _proposed(columns: Columns, monitor: Monitor, memory: MappingMemory | None) 
         memory.recall(columns.contents) if memory else None,
         aircraft=memory.aircraft if memory else "",
         expected=surface_signs(aircraft.uncertain_plant()) if aircraft else CONVENTION,
+        rate=request.rate,
     )
 
 

@@ -6,7 +6,7 @@ than a block of rows is ever in memory, and what is read later is mapped, not lo
 
 import json
 from collections.abc import Callable
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 
@@ -42,12 +42,15 @@ class Group:
     """Signals that were sampled together.
 
     name: "" for the one table of a file.   time: name of the signal that the format itself declares
-    to be their time, "" where it declares none.
+    to be their time, "" where it declares none.   rate: at which the format declares them to be
+    sampled [Hz], 0 where it declares none, the first row at `start` [s].
     """
 
     name: str
     n_rows: int
     time: str = ""
+    rate: float = 0.0
+    start: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -91,7 +94,7 @@ class ColumnWriter:
     most_bytes: int
     bad_share: float = 0.01
     notes: tuple[str, ...] = ()
-    _groups: list[str] = field(default_factory=list)
+    _groups: list[Group] = field(default_factory=list)
     _times: dict[int, str] = field(default_factory=dict)
     _signals: list[Signal] = field(default_factory=list)
     _rows: list[int] = field(default_factory=list)
@@ -99,9 +102,9 @@ class ColumnWriter:
     """Of each name that is taken, the last number behind it."""
     _bytes: int = 0
 
-    def add_group(self, name: str = "") -> int:
-        """Begin a group; return its number."""
-        self._groups.append(printable(name, LONGEST_NAME))
+    def add_group(self, name: str = "", *, rate: float = 0.0, start: float = 0.0) -> int:
+        """Begin a group; return its number. rate, start: as in Group."""
+        self._groups.append(Group(printable(name, LONGEST_NAME), 0, "", rate, start))
         return len(self._groups) - 1
 
     def add_signal(
@@ -165,11 +168,12 @@ class ColumnWriter:
     ) -> Contents:
         """Write what the columns are, which makes the folder whole. TelemetryError if empty."""
         groups = []
-        for number, name in enumerate(self._groups):
+        for number, group in enumerate(self._groups):
             of_group = zip(self._signals, self._rows, strict=True)
             lengths = {rows for signal, rows in of_group if signal.group == number}
             assert len(lengths) <= 1, "signals of a group have equal lengths"
-            groups.append(Group(name, lengths.pop() if lengths else 0, self._times.get(number, "")))
+            n_rows, time = lengths.pop() if lengths else 0, self._times.get(number, "")
+            groups.append(replace(group, n_rows=n_rows, time=time))
         if max((group.n_rows for group in groups), default=0) < 2:
             raise TelemetryError(
                 "the file holds no table of numbers with at least two rows: export the signals "

@@ -25,6 +25,7 @@ def columns_of(
     times: Mapping[str, str] | None = None,
 ) -> Columns:
     """Columns of a table; "group/name" puts a signal into a group. times: declared, by group."""
+    folder.mkdir(exist_ok=True)
     writer = ColumnWriter(folder, 2**30)
     groups: dict[str, int] = {}
     for path, values in table.items():

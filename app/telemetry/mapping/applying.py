@@ -10,6 +10,7 @@ from app.telemetry.contents import Columns, Signal
 from app.telemetry.mapping.derivations import DERIVATIONS, derive
 from app.telemetry.mapping.group_times import dead_time, no_clock
 from app.telemetry.mapping.mapping import ChannelSource, Mapping
+from app.telemetry.mapping.typed_rate import rate_words
 from app.telemetry.plausibility import plausible
 from app.telemetry.recording import TelemetryError
 from app.telemetry.targets import TARGETS
@@ -142,12 +143,18 @@ def _signal(columns: Columns, what: str, name: str) -> Signal:
 
 def _time(columns: Columns, mapping: Mapping, signal: Signal, group: str) -> Array:
     """Times of a group (n,) [s]."""
+    where = f"the group {group!r}" if group else "the table"
     if group not in mapping.times:
-        where = f"the group {group!r}" if group else "the table"
         raise TelemetryError(
-            f"{signal.name!r} has no time: choose the signal that is the time of {where}"
+            f"{signal.name!r} has no time: choose the signal that is the time of {where}, or give "
+            "the rate of its rows, such as 50 Hz"
         )
     source = mapping.times[group]
+    if problem := source.problem():
+        raise TelemetryError(f"the time of {where} {problem}")
+    if source.rate:
+        n_rows = columns.contents.groups[signal.group].n_rows
+        return source.start + np.arange(n_rows) / source.rate
     values = np.asarray(columns.values(_signal(columns, "time", source.signal).name))
     if why := no_clock(source.signal, values):
         raise TelemetryError(why)
@@ -201,4 +208,11 @@ def _notes(mapping: Mapping, channels: dict[str, Trace]) -> list[str]:
         ("Bias removed", shifted),
         ("Derived, not measured", derived),
     )
+    used = {trace.group for trace in channels.values()}
+    counted = [
+        f"{rate_words(source)}{f' ({group})' if group else ''}"
+        for group, source in mapping.times.items()
+        if source.rate and group in used
+    ]
+    done = (*done, ("Times counted by the rate, not recorded", counted))
     return [f"{what}: {', '.join(parts)}." for what, parts in done if parts]

@@ -29,6 +29,12 @@ DAYS = (3e4, 1e6)
 
 
 CHOOSE = "choose another signal as the time"
+RATE_CONFIDENCE = 0.9
+"""In a declared rate: rows may have been lost without a trace."""
+DOUBTED = 0.6
+"""A time of less confidence gives way to a rate that the format declares, or a person."""
+BACKWARD = 0.3
+"""Factor on the confidence in a declared time that does not run forward."""
 
 
 @dataclass(frozen=True)
@@ -65,27 +71,47 @@ class _Steps:
 
 
 def find_time(columns: Columns, group: int) -> TimeProposal | None:
-    """Return the time of a group: as the format declares it, else by name, else by its values."""
+    """Return the time of a group: as the format declares it, else by name, else by its values.
+
+    One whose steps and unit do not conflict is preferred, and a declared rate to one that does.
+    """
     contents = columns.contents
     members = [signal for signal in contents.signals if signal.group == group]
     if contents.groups[group].n_rows < 2:
         return None
-    declared = contents.groups[group].time
-    if declared and not no_clock(declared, columns.values(declared)):
-        signal = columns.signal(declared)
-        unit, confidence, why = _unit(signal, _steps(columns.values(declared)))
-        reasons = ("the format declares it to be the time", why)
-        return TimeProposal(TimeSource(declared, unit), 0.99 * confidence, reasons)
+    declared = _declared(columns, group)
+    if declared and declared.confidence >= DOUBTED:
+        return declared
     named = [(_time_certainty(signal, contents.groups[group].name), signal) for signal in members]
     proposals = [
         _named(columns, signal, certainty)
         for certainty, signal in sorted(named, key=lambda pair: -pair[0])
         if certainty >= TIME_NAME
     ]
-    if not any(proposals):
+    if declared or not any(proposals):
         # a table's time is mostly its first column
-        proposals = [_unnamed(columns, signal) for signal in members]
-    return max((time for time in proposals if time), key=lambda time: time.confidence, default=None)
+        proposals += [_unnamed(columns, signal) for signal in members]
+    proposals += [declared]
+    best = max((time for time in proposals if time), key=lambda time: time.confidence, default=None)
+    rate, start = contents.groups[group].rate, contents.groups[group].start
+    if rate and (best is None or best.confidence < DOUBTED):
+        reason = f"the format declares the rate of its rows, {rate:g} Hz"
+        return TimeProposal(TimeSource(rate=rate, start=start), RATE_CONFIDENCE, (reason,))
+    return best
+
+
+def _declared(columns: Columns, group: int) -> TimeProposal | None:
+    """The signal that the format declares, with little confidence if its values conflict."""
+    declared = columns.contents.groups[group].time
+    if not declared or no_clock(declared, columns.values(declared)):
+        return None
+    steps = _steps(columns.values(declared))
+    unit, confidence, why = _unit(columns.signal(declared), steps)
+    reasons = ("the format declares it to be the time", why)
+    if not steps.run_forward:
+        confidence *= BACKWARD
+        reasons += (f"only {steps.forward:.0%} of its steps go forward",)
+    return TimeProposal(TimeSource(declared, unit), 0.99 * confidence, reasons)
 
 
 def dead_time(columns: Columns, group: int) -> str:

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping as AnyMapping
 from dataclasses import asdict, dataclass, field
+from math import isfinite
 from typing import Annotated, Any, Literal, Self, get_type_hints
 
 from pydantic import ConfigDict, Strict
@@ -13,6 +14,7 @@ EARLIER_NAMES = {"offset": "bias"}
 """Of fields in mapping files that version 0.1.0 wrote."""
 OF_REQUEST = ConfigDict(extra="forbid", use_attribute_docstrings=True)
 """How a request is read into the classes below."""
+LEAST_RATE_HZ, MOST_RATE_HZ = 0.1, 5e4
 
 
 @dataclass(frozen=True)
@@ -36,12 +38,27 @@ class ChannelSource:
 
 @dataclass(frozen=True)
 class TimeSource:
-    """The signal that is the time of a group, and its unit."""
+    """What gives a group its times: a signal of it, or the rate at which its rows were sampled."""
 
     __pydantic_config__ = OF_REQUEST
 
-    signal: str
+    signal: str = ""
     unit: str = "s"
+    rate: Annotated[float, Strict()] = 0.0
+    """of the rows [Hz], where no signal is their time"""
+    start: Annotated[float, Strict()] = 0.0
+    """time of the first row where a rate is given [s]"""
+
+    def problem(self) -> str:
+        """What is wrong with it, "" for nothing."""
+        if bool(self.signal) == bool(self.rate):
+            return "needs either a signal or a rate: give one of them"
+        if self.rate and not LEAST_RATE_HZ <= self.rate <= MOST_RATE_HZ:
+            return (
+                f"has a rate of {self.rate:g} Hz: give one of {LEAST_RATE_HZ:g} to "
+                f"{MOST_RATE_HZ:g} Hz"
+            )
+        return "" if isfinite(self.start) else "has a start that is not finite: give a number"
 
 
 @dataclass(frozen=True)
@@ -105,4 +122,6 @@ def _entry(kind: type, key: str, plain: Any) -> Any:
             raise TelemetryError(
                 f"the mapping of {key!r} needs either a signal or a derivation: give one of them"
             )
+    elif problem := entry.problem():
+        raise TelemetryError(f"the time of {key!r} {problem}")
     return entry

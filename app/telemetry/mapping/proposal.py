@@ -12,15 +12,16 @@ from app.telemetry.mapping.candidates import (
     find_candidates,
 )
 from app.telemetry.mapping.derivations import DERIVATIONS, ways
-from app.telemetry.mapping.group_times import dead_time, find_time
+from app.telemetry.mapping.group_times import DOUBTED, TimeProposal, dead_time, find_time
 from app.telemetry.mapping.inferred_units import decide_units
-from app.telemetry.mapping.mapping import ChannelSource, Mapping
+from app.telemetry.mapping.mapping import ChannelSource, Mapping, TimeSource
 from app.telemetry.mapping.motion.motion_checks import check_against_motion
 from app.telemetry.mapping.motion.rate_choice import choose_rates
 from app.telemetry.mapping.motion.signs import CONVENTION
 from app.telemetry.mapping.naming.descriptions import signal_matches
 from app.telemetry.mapping.proposal_builder import ProposalBuilder, Rationale
 from app.telemetry.mapping.remembering import recall
+from app.telemetry.mapping.typed_rate import EXAMPLE, rate_words
 from app.telemetry.targets import TARGETS
 from core.channels import KEYS
 from core.simulation.attitude import SurfaceSigns
@@ -34,6 +35,7 @@ DERIVED_FROM = 0.4
 DERIVED_FIRST = ("phi", "theta", "psi")
 """Others are derived from these."""
 MOST_NAMED = 8
+NO_TIME = f"none of its signals is a time: choose one, or give the rate of its rows ({EXAMPLE})"
 
 
 @dataclass(frozen=True)
@@ -61,17 +63,19 @@ def propose(
     *,
     aircraft: str = "",
     expected: SurfaceSigns = CONVENTION,
+    rate: TimeSource | None = None,
 ) -> Proposal:
     """Propose what the signals of a file are, by names, units, extent and motion.
 
     remembered: a confirmed mapping, which is taken wherever the file has its signals.
     aircraft: for which it was confirmed, in words.
     expected: which way the monitor's aircraft goes at positive deflections.
+    rate: of the rows of groups without a time of their own, as a person gives it.
     """
     builder = ProposalBuilder(columns)
     if remembered is not None:
         recall(builder, remembered, aircraft)
-    _find_times(builder)
+    _find_times(builder, rate)
     candidates = _assign_signals(builder)
     _derive(builder)
     check_against_motion(builder, expected)
@@ -90,7 +94,12 @@ def _assign_signals(builder: ProposalBuilder) -> Candidates:
     """Give channels the signals that fit best by name, unit and extent; return all that fit."""
     mapped = {source.signal for source in (*builder.channels.values(), *builder.times.values())}
     groups = builder.columns.contents.groups
-    usable = {n for n, group in enumerate(groups) if group.name in builder.times}
+    usable = {
+        n
+        for n, group in enumerate(groups)
+        if group.name in builder.times
+        or not (builder.times or group.n_rows < 2 or dead_time(builder.columns, n))
+    }
     candidates = find_candidates(builder.columns, usable, mapped)
     assigned = assign(candidates, set(builder.channels))
     assigned = choose_rates(builder.columns, builder.mapping, candidates, assigned)
@@ -103,17 +112,27 @@ def _assign_signals(builder: ProposalBuilder) -> Candidates:
     return candidates
 
 
-def _find_times(builder: ProposalBuilder) -> None:
-    """The time of each group; a group without one is not used, for the reason entered."""
+def _find_times(builder: ProposalBuilder, rate: TimeSource | None) -> None:
+    """The time of each group; a group without one is not used, for the reason entered.
+
+    Where no group has one the signals are proposed all the same: the rate may still be given.
+    """
     for number, group in enumerate(builder.columns.contents.groups):
         if group.name in builder.times:
             continue
-        if time := find_time(builder.columns, number):
+        time = find_time(builder.columns, number)
+        if rate and (time is None or time.confidence < DOUBTED):
+            time = TimeProposal(rate, 0.99, (f"given: {rate_words(rate)}",))
+        if time:
             builder.times[group.name] = time.source
             rationale = Rationale(round(time.confidence, 4), time.reasons)
         else:
             rationale = Rationale(0.0, (_unused(builder.columns, number),))
         builder.rationales[f"t:{group.name}"] = rationale
+    if not builder.times:
+        for number, group in enumerate(builder.columns.contents.groups):
+            if group.n_rows > 1 and not dead_time(builder.columns, number):
+                builder.rationales[f"t:{group.name}"] = Rationale(0.0, (NO_TIME,))
 
 
 def _unused(columns: Columns, number: int) -> str:

@@ -1,5 +1,7 @@
 """A mapping that a person has confirmed, laid over a new file of the same recorder."""
 
+from dataclasses import replace
+
 from app.telemetry.mapping.derivations import DERIVATIONS
 from app.telemetry.mapping.extent import extent_of
 from app.telemetry.mapping.mapping import ChannelSource, Mapping
@@ -34,7 +36,10 @@ def _times(builder: ProposalBuilder, remembered: Mapping, whom: str) -> None:
     rows = {signal.name: contents.groups[signal.group].n_rows for signal in contents.signals}
     for group in contents.groups:
         source = remembered.times.get(group.name)
-        if source and rows.get(source.signal) == group.n_rows and fits(source.unit, "s"):
+        if source and source.rate and not group.time:
+            builder.times[group.name] = replace(source, start=group.start)  # the day's, not before
+            builder.rationales[f"t:{group.name}"] = Rationale(CONFIDENCE, (whom,))
+        elif source and rows.get(source.signal) == group.n_rows and fits(source.unit, "s"):
             builder.times[group.name] = source
             builder.rationales[f"t:{group.name}"] = Rationale(CONFIDENCE, (whom,))
 

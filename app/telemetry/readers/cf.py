@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from app.telemetry.readers.declared_rates import declared_rate
 from app.telemetry.readers.signal_tables import Column, is_time_name
 from core.types import Array
 
@@ -138,7 +139,11 @@ class Conventions:
             or _text(attribute("standard_name")) == "time"
         )
         column = Column(
-            name, counted.unit if counted else unit, _text(attribute("long_name")), time
+            name,
+            counted.unit if counted else unit,
+            _text(attribute("long_name")),
+            time,
+            *declared_rate(attribute),
         )
         return column, packing.unpack
 

@@ -30,12 +30,18 @@ Place = tuple[tuple[str, ...], int]
 
 @dataclass(frozen=True)
 class Column:
-    """A signal to be. time: the file says that it is the time of the others."""
+    """A signal to be. time: the file says that it is the time of the others.
+
+    rate: at which the file says that it was sampled [Hz], 0 where it says nothing; the first sample
+    is at `start` [s].
+    """
 
     name: str
     unit: str = ""
     description: str = ""
     time: bool = False
+    rate: float = 0.0
+    start: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,10 +87,15 @@ def write_tables(
     if not any(table.columns for table in series):
         raise TelemetryError(nothing(ignored))
     _check_size(series, writer)
-    timed = {(s.within, s.n_rows) for s in series if s.clock is None and any(map(_time, s.columns))}
+    with_times = [s for s in series if any(map(_time, s.columns))]
+    timed = {(s.within, s.n_rows) for s in with_times if s.clock is None}
+    clocked = {(s.clock, s.n_rows) for s in with_times if s.clock is not None}
     groups: dict[Place, list[SignalTable]] = {}
     for table in series:
-        groups.setdefault(_place(table, timed), []).append(table)
+        place = _place(table, timed)
+        if place not in timed | clocked and table.columns[0].rate:
+            place = (_rate_words(table.columns[0]),), table.n_rows
+        groups.setdefault(place, []).append(table)
     added = [
         (table, numbers)
         for name, members in zip(_names(list(groups), separator), groups.values(), strict=True)
@@ -99,7 +110,9 @@ def _added(
     writer: ColumnWriter, name: str, members: list[SignalTable]
 ) -> list[tuple[SignalTable, list[int]]]:
     """Begin a group and its signals; the first time among them is its time."""
-    group = writer.add_group(name)
+    rates = {(column.rate, column.start) for table in members for column in table.columns}
+    rate, start = rates.pop() if len(rates) == 1 else (0.0, 0.0)
+    group = writer.add_group(name, rate=rate, start=start)
     time = next((c for table in members for c in table.columns if c.time), None)
     return [
         (
@@ -149,6 +162,11 @@ def nothing(ignored: Sequence[str]) -> str:
 
 def _time(column: Column) -> bool:
     return column.time
+
+
+def _rate_words(column: Column) -> str:
+    """What signals that were sampled together at a rate are called."""
+    return f"{column.rate:g} Hz" + (f" from {column.start:g} s" if column.start else "")
 
 
 def _place(table: SignalTable, timed: set[Place]) -> Place:

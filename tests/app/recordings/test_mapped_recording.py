@@ -11,6 +11,7 @@ from app.recordings.scored_file import ScoreRequest, score_file
 from app.scoring import ScoringRecipe
 from app.telemetry.mapping import applying
 from app.telemetry.mapping.mapping import ChannelSource, Mapping, TimeSource
+from app.telemetry.mapping.typed_rate import read_rate
 from app.telemetry.recording import TelemetryError
 from app.telemetry.timing import repair as repairing
 from core.monitor import MonitorRecipe, train
@@ -84,6 +85,25 @@ def test_a_file_is_repaired_once_for_all_monitors_and_miss_rates(
     scored = score_file(ScoreRequest((path, path), file, (0.2, 0.4), recipe=recipe)).scored
     assert len(scored) == 4
     assert len(repairs) == 1
+
+
+def test_a_file_without_times_is_scored_by_its_rate(monitor, flights, tmp_path):
+    timed, untimed = tmp_path / "timed.csv", tmp_path / "untimed.csv"
+    timed.write_bytes(csv_of(np.concatenate(flights)))
+    untimed.write_text("".join(row.partition(",")[2] for row in timed.read_text().splitlines(True)))
+    path = tmp_path / "oscillator.forewarn"
+    monitor.save(path)
+    recipe = ScoringRecipe(trim=None, manoeuvres="entire")
+    request = ScoreRequest((path,), untimed, recipe=recipe)
+    with pytest.raises(TelemetryError, match="or give the rate of its rows"):
+        score_file(request)
+    (scored,) = score_file(replace(request, rate=read_rate("20 Hz from 12:31:05"))).scored
+    (expected,) = score_file(replace(request, file=timed)).scored
+    samples = scored.recording.samples
+    np.testing.assert_array_equal(samples["p_value"], expected.recording.samples["p_value"])
+    assert samples["t"][0] == 45_065.0
+    with pytest.raises(TelemetryError, match=r"--rate 20 Hz: every group of .* has a time"):
+        score_file(replace(request, file=timed, rate=TimeSource(rate=20.0)))
 
 
 @pytest.fixture

@@ -291,6 +291,23 @@ def test_a_signal_is_shown_as_the_file_holds_it(client, kept, flights):
         assert "signals 0 to 6" in problem(client.get(f"{path}/{index}/preview"), 404)
 
 
+def test_a_recording_without_times_is_mapped_by_a_rate(client, file):
+    untimed = b"".join(row.partition(b",")[2] for row in file.splitlines(keepends=True))
+    made = uploaded(client, untimed)
+    assert "or give the rate of its rows" in made["problem"]
+    path = f"{RECORDINGS}/{made['id']}"
+    by_rate = made["mapping"] | {"times": {"": {"rate": 20, "start": 45065}}}
+    seen = client.post(f"{path}/preview", json={"mapping": by_rate}).json()
+    assert seen["problem"] is None
+    assert seen["channels"]["beta"]["t"][0] == 45_065.0
+    confirmed = client.put(f"{path}/mapping", json={"mapping": by_rate}).json()
+    assert confirmed["duration"] == pytest.approx(3.0)
+    assert confirmed["contents"]["groups"][0]["rate"] == pytest.approx(20.0)
+    by_rate["times"][""]["signal"] = "t"
+    refused = client.post(f"{path}/preview", json={"mapping": by_rate})
+    assert "either a signal or a rate" in problem(refused, 422)
+
+
 def test_a_mapping_confirmed_over_a_warning_stays_marked(client, flights):
     made = uploaded(client, csv_of(flights[0]))
     assert made["confirmed_over"] is None

@@ -316,6 +316,32 @@ def test_a_recording_by_any_clock_opens(page: Page, site: RecordedSite) -> None:
         site.ask("DELETE", f"/recordings/{made}")
 
 
+def test_a_recording_without_times_is_mapped_by_a_typed_rate(
+    page: Page, site: RecordedSite, allowed_errors: list[str]
+) -> None:
+    allowed_errors.append("422")  # the monitor needs more than two channels
+    rows = [f"{k % 7};{k % 5}" for k in range(100)]
+    made = site.upload("untimed.csv", "\n".join(["beta_deg;p_dps", *rows]).encode())
+    page.goto(f"{site.http}/#/recordings/{made}")
+    error, confirm = page.locator(".mapping > .error"), page.locator(".map-end button")
+    expect(error).to_contain_text("has no time")
+    page.get_by_label("signal of time").select_option("derive:rate")
+    rate = page.get_by_label("rate of time")
+    rate.fill("fast")
+    expect(error).to_contain_text("has no time")
+    rate.fill("50 Hz from 12:31:05")
+    expect(error).to_be_hidden()
+    confirm.click()
+    expect(page.locator(".mapping summary .chip").first).to_have_text("confirmed")
+    told = site.ask("GET", f"/recordings/{made}")
+    assert told["mapping"]["times"] == {
+        "": {"signal": "", "unit": "s", "rate": 50.0, "start": 45065.0}
+    }
+    page.locator(".mapping > summary").click()
+    expect(rate).to_have_value("50 Hz from 12:31:05")
+    site.ask("DELETE", f"/recordings/{made}")
+
+
 # Choosing what to score
 
 

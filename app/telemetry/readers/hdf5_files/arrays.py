@@ -8,6 +8,12 @@ from typing import Any
 import h5py
 import numpy.typing as npt
 
+from app.telemetry.readers.declared_rates import declared_rate
+from app.telemetry.readers.hdf5_files.parameters import (
+    is_parameter,
+    parameter_masks,
+    take_unmasked,
+)
 from app.telemetry.readers.hdf5_files.tables import table
 from app.telemetry.readers.hdf5_files.walk import (
     DESCRIPTION_NAMES,
@@ -44,10 +50,15 @@ class Arrays:
 
 
 def plain(name: str, dataset: h5py.Dataset) -> tuple[Column, Unpack | None]:
-    """Take a dataset's unit and description from its attributes; a dimension scale is a time."""
-    unit, description = first_text(dataset, UNIT_NAMES), first_text(dataset, DESCRIPTION_NAMES)
+    """Take a dataset's unit, description and rate from its attributes, or from its group's where
+    that is a parameter; a dimension scale is a time.
+    """
+    holder = dataset
+    if is_parameter(dataset):
+        name, holder = name.rpartition("/")[0], dataset.parent
+    unit, description = first_text(holder, UNIT_NAMES), first_text(holder, DESCRIPTION_NAMES)
     time = is_time_name(name.split("/")[-1]) or _is_scale(dataset)
-    return Column(name, unit, description, time), None
+    return Column(name, unit, description, time, *declared_rate(partial(attribute, holder))), None
 
 
 def arrays(
@@ -75,17 +86,23 @@ def arrays(
         else:
             readable[path] = dataset
     result = Arrays()
+    masks = parameter_masks(readable)
     for path, dataset in readable.items():
+        if path in masks.values():
+            continue
         name = separator.join(path)
         if dataset.dtype.names:
             made = table(path, name, dataset, ignored)
         else:
             column, unpack = describe(name, dataset)
+            take = partial(_take, dataset, unpack) if unpack else dataset.__getitem__
+            if path in masks:
+                take = partial(take_unmasked, take, readable[masks[path]])
             made = matrix(
                 path[:-1],
                 column,
                 dataset.shape,
-                partial(_take, dataset, unpack) if unpack else dataset.__getitem__,
+                take,
                 chunks=dataset.chunks,
                 clocks=tuple(_clock(dataset, k, path, scales) for k in range(dataset.ndim)),
                 reverse=reverse,

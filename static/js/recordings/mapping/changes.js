@@ -9,6 +9,7 @@
 import { h } from "../../lib/dom.js";
 
 const PLAIN = { signal: "", unit: "", sign: 1, bias: 0, derivation: "" };
+const PLAIN_TIME = { signal: "", unit: "s", rate: 0, start: 0 };
 
 export function earlierMapping({ mapping, channels }, now) {
   const changed = changedChannels(mapping, now);
@@ -25,7 +26,11 @@ export function changedChannels(before, now) {
     now.channels,
     (source) => source && { ...PLAIN, ...source },
   );
-  const clocks = differing(before.times, now.times, (source) => source);
+  const clocks = differing(
+    before.times,
+    now.times,
+    (source) => source && { ...PLAIN_TIME, ...source },
+  );
   return clocks.length ? [...changed, "time"] : changed;
 }
 

@@ -1,5 +1,5 @@
 /**
- * Which signal is the time: one row for each group of signals that a mapping uses.
+ * Which signal is the time, or at which rate the rows were sampled: one row for each group of signals that a mapping uses.
  *
  * Exports
  *   createTimeRows({times, contents, rationales, units, changed}) -> {element, read(), show(used)}
@@ -9,6 +9,9 @@
 import { h } from "../../lib/dom.js";
 import { confidence } from "./confidence.js";
 import { createSignalSelect } from "./signal_select.js";
+import { rateText, readRate } from "./typed_rate.js";
+
+const BY_RATE = "derive:rate";
 
 export function createTimeRows({ times, contents, rationales, units, changed }) {
   const now = structuredClone(times);
@@ -27,12 +30,25 @@ export function createTimeRows({ times, contents, rationales, units, changed }) 
       signals: ofGroup,
       groups: [],
       likely: [],
-      derivable: [],
+      derivable: [{ key: "rate", title: "count it by the rate of the rows" }],
       none: "choose one",
-      chosen: now[group] ? `signal:${now[group].signal}` : "",
+      chosen: chosenOf(now[group]),
       changed: (value) => {
-        if (value) now[group] = { signal: value.slice(7), unit: now[group]?.unit ?? "s" };
+        const byRate = value === BY_RATE;
+        if (byRate) typed();
+        else if (value) now[group] = { signal: value.slice(7), unit: now[group]?.unit ?? "s" };
         else delete now[group];
+        show(byRate);
+        change();
+      },
+    });
+    const rateInput = h("input", {
+      type: "text",
+      "aria-label": `rate of ${words}`,
+      placeholder: "50 Hz from 12:31:05",
+      value: now[group]?.rate ? rateText(now[group]) : "",
+      oninput: () => {
+        typed();
         change();
       },
     });
@@ -59,6 +75,18 @@ export function createTimeRows({ times, contents, rationales, units, changed }) 
       say();
       changed();
     };
+    const unitCell = h("div", { class: "map-cell map-unit" });
+    const show = (byRate) =>
+      unitCell.replaceChildren(
+        h("span", { class: "map-label" }, byRate ? "rate" : "unit"),
+        byRate ? rateInput : unit,
+      );
+    const typed = () => {
+      const source = readRate(rateInput.value);
+      if (source) now[group] = source;
+      else delete now[group];
+    };
+    show(Boolean(now[group]?.rate));
     say();
     const rateWords = `${n.toLocaleString("en")} samples${rate ? ` at ${Number(rate.toPrecision(4))} Hz` : ""}`;
     return h(
@@ -76,7 +104,7 @@ export function createTimeRows({ times, contents, rationales, units, changed }) 
         h("span", { class: "map-label" }, "signal"),
         select,
       ),
-      h("div", { class: "map-cell map-unit" }, h("span", { class: "map-label" }, "unit"), unit),
+      unitCell,
       h("div", { class: "map-cell map-confidence" }, verdict),
       h("div", { class: "map-cell map-plot dim" }, rateWords),
     );
@@ -89,4 +117,9 @@ export function createTimeRows({ times, contents, rationales, units, changed }) 
       for (const [group, row] of rows) row.hidden = rows.size > 1 && !used.has(group);
     },
   };
+}
+
+function chosenOf(source) {
+  if (!source) return "";
+  return source.rate ? BY_RATE : `signal:${source.signal}`;
 }

@@ -328,7 +328,7 @@ def test_any_numbers_under_known_names_are_proposed_of_and_applied(tmp_path_fact
     columns = columns_of(tmp_path_factory.mktemp("wild"), table)
     proposal = propose(columns)
     assert all(0.0 <= rationale.confidence <= 1.0 for rationale in proposal.rationales.values())
-    if proposal.mapping.channels:
+    if proposal.mapping.channels and proposal.mapping.times:
         traces = apply_mapping(columns, proposal.mapping)
         assert all(not np.isinf(trace.values).any() for trace in traces.channels.values())
     json.dumps(channel_bands(applicable(columns, proposal.mapping)), allow_nan=False)

@@ -66,12 +66,16 @@ def test_a_time_that_no_name_gives_away_is_found_by_its_even_steps(tmp_path):
     ids=["counter", "constant", "empty", "noise", "uneven"],
 )
 def test_a_group_without_a_time_is_not_used_and_says_so(values, tmp_path):
-    times, rationales = times_of(tmp_path, {"beta": SWING, "row": values})
-    assert times == {}
-    assert rationales["t:"].confidence == 0.0
-    assert rationales["t:"].reasons == (
+    untimed = {"a//beta": SWING, "a//row": values}
+    times, rationales = times_of(tmp_path / "both", untimed | {"b//t": EVEN, "b//p": SWING})
+    assert times.keys() == {"b"}
+    assert rationales["t:a"].confidence == 0.0
+    assert rationales["t:a"].reasons == (
         "the group is not used, as none of its signals is a time: beta, row",
     )
+    times, rationales = times_of(tmp_path / "alone", untimed)
+    assert times == {}
+    assert rationales["t:a"].reasons[0].startswith("none of its signals is a time: choose one, or")
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,49 @@
+"""The rate of a table without a vector of times, as people write it: "50 Hz from 12:31:05"."""
+
+import re
+
+from app.telemetry.mapping.mapping import TimeSource
+from app.telemetry.recording import TelemetryError
+
+EXAMPLE = "50 Hz, or 50 Hz from 12:31:05"
+RATE = re.compile(
+    r"(?P<rate>\d+(?:[.,]\d*)?) *(?:hz|1/s|samples/s)?"
+    r"(?: +from +(?:(?:(?P<hour>\d{1,2}):)?(?P<minute>[0-5]?\d):)?"
+    r"(?P<second>\d+(?:[.,]\d*)?) *(?:s|z|utc)?)?",
+    re.IGNORECASE,
+)
+
+
+def read_rate(text: str) -> TimeSource:
+    """Times by a rate, from a time of day as seconds of the day or from a number of seconds.
+
+    TelemetryError where the text is not of that kind.
+    """
+    match = RATE.fullmatch(text.strip())
+    if match is None:
+        raise TelemetryError(f"{text!r} is no rate: write {EXAMPLE}")
+    hours, minutes = int(match["hour"] or 0), int(match["minute"] or 0)
+    seconds = _number(match["second"] or "0")
+    if match["minute"] and (hours > 23 or seconds >= 60.0):
+        raise TelemetryError(f"{text!r} begins at no time of day: write {EXAMPLE}")
+    start = 3600.0 * hours + 60.0 * minutes + seconds
+    source = TimeSource(rate=_number(match["rate"]), start=start)
+    if problem := source.problem():
+        raise TelemetryError(f"{text!r} {problem}")
+    return source
+
+
+def rate_words(source: TimeSource) -> str:
+    """A rate as `read_rate` reads it; a start of a minute or more is a time of day."""
+    rate = f"{source.rate:.10g} Hz"
+    if not source.start:
+        return rate
+    if not 60.0 <= source.start < 86_400.0:
+        return f"{rate} from {source.start:.10g} s"
+    minutes, seconds = divmod(round(source.start, 6), 60.0)
+    whole = f"{seconds:09.6f}".rstrip("0").rstrip(".")
+    return f"{rate} from {minutes // 60:02.0f}:{minutes % 60:02.0f}:{whole}"
+
+
+def _number(text: str) -> float:
+    return float(text.replace(",", "."))
