@@ -3,11 +3,10 @@
 import os
 from dataclasses import fields
 from pathlib import Path
-from time import perf_counter
 
 import numpy as np
 import pytest
-from sqlalchemy import func, insert, select
+from sqlalchemy import delete, insert, select
 from sqlalchemy.orm import DeclarativeBase, Mapped, Session, mapped_column
 
 from app.store.assessments import StoredAssessments
@@ -16,6 +15,7 @@ from app.store.store import open_store
 from core.channels import KEYS
 from core.dataset import Dataset
 from core.monitor import train
+from tests.benchmarks.pairs import in_turns
 
 pytestmark = pytest.mark.benchmark
 
@@ -83,70 +83,62 @@ def rows(flown: StoredAssessments, first: int, n: int) -> list[dict]:
 
 
 def test_storing_assessments_in_chunks_against_rows(tmp_path: Path, dataset: Dataset) -> None:
+    """A commit with fsync a chunk, against a commit a sample, a thousand, and many rows at once."""
     flown = flight_of(N)
     store = open_store(tmp_path / "chunks.db")
-    flight = store.flights.add({}, store.monitors.add(train(dataset), "m").id, 0.1)
+    monitor = store.monitors.add(train(dataset), "m").id
     arrays = [getattr(flown, f.name) for f in fields(flown) if f.name not in ("seq", "reasons")]
-    t, y, p_value, alert, state, y_hat = arrays
-    begin = perf_counter()
-    for i in range(0, N, EACH):
-        part = slice(i, i + EACH)
-        store.flights.append(
-            flight, i, t[part], y[part], p_value[part], alert[part], state[part], y_hat[part]
-        )
-    chunks = perf_counter() - begin
-    at_once = store.flights.add({}, store.flights.info(flight).monitor_id, 0.1)
-    begin = perf_counter()
-    store.flights.append(at_once, 0, *arrays)
-    one_commit = (perf_counter() - begin) / N
-    begin = perf_counter()
-    back = store.flights.assessments(flight)
-    read_chunks = perf_counter() - begin
-    for field in fields(flown):
-        np.testing.assert_array_equal(getattr(back, field.name), getattr(flown, field.name))
-    begin = perf_counter()
-    for i in range(0, N, N // 100):
-        assert len(store.flights.assessments(flight, i, i + 99)) == 100
-    backfill = (perf_counter() - begin) / 100
-
     engine = make_engine(store.engine.url.set(database=str(tmp_path / "rows.db")))
     Base.metadata.create_all(engine)
-    begin = perf_counter()
-    for row in rows(flown, 0, FEW):
-        with Session(engine) as session, session.begin():
-            session.add(Sample(**row))
-    each = (perf_counter() - begin) / FEW
-    begin = perf_counter()
-    with Session(engine) as session, session.begin():
-        session.add_all(Sample(**row) for row in rows(flown, FEW, EACH))
-    together = (perf_counter() - begin) / EACH
-    begin = perf_counter()
-    for i in range(FEW + EACH, N, EACH):
-        with writing(engine) as connection:
-            connection.execute(insert(Sample), rows(flown, i, min(EACH, N - i)))
-    many = (perf_counter() - begin) / (N - FEW - EACH)
-    begin = perf_counter()
-    with Session(engine) as session:
-        assert len(session.scalars(select(Sample).order_by(Sample.seq)).all()) == N
-    read_rows = perf_counter() - begin
-    with Session(engine) as session:
-        assert session.scalar(select(func.count()).select_from(Sample)) == N
 
-    for opened in (engine, store.engine):
-        opened.dispose()
-    sizes = [(tmp_path / name).stat().st_size for name in ("chunks.db", "rows.db")]
-    own = chunks / N
-    print(
-        f"\n{N:,} assessments, load {os.getloadavg()[0]:.1f}; chunks of {EACH}: "
-        f"{own * 1e6:.2f} µs each, a commit with fsync a chunk ({one_commit * 1e6:.2f} µs in one "
-        f"commit);\n"
-        f"  ORM row and commit a sample {each * 1e6:.0f} µs: ratio {each / own:.0f} x; "
-        f"ORM, commit a thousand {together * 1e6:.0f} µs: {together / own:.0f} x; "
-        f"executemany {many * 1e6:.1f} µs: {many / own:.0f} x;\n"
-        f"  read back {read_chunks * 1e3:.1f} ms, ORM rows {read_rows * 1e3:.0f} ms: "
-        f"{read_rows / read_chunks:.0f} x; backfill of 100 samples {backfill * 1e3:.2f} ms;\n"
-        f"  on disk {sizes[0] / N / 2:.0f} and {sizes[1] / N:.0f} bytes each"
-    )
+    def in_chunks(n: int) -> str:
+        flight = store.flights.add({}, monitor, 0.1)
+        for i in range(0, n, EACH):
+            store.flights.append(flight, i, *(array[i : min(i + EACH, n)] for array in arrays))
+        return flight
+
+    def empty() -> None:
+        with writing(engine) as connection:
+            connection.execute(delete(Sample))
+
+    def a_sample_a_commit() -> None:
+        empty()
+        for row in rows(flown, 0, FEW):
+            with Session(engine) as session, session.begin():
+                session.add(Sample(**row))
+
+    def a_thousand_a_commit() -> None:
+        empty()
+        with Session(engine) as session, session.begin():
+            session.add_all(Sample(**row) for row in rows(flown, 0, EACH))
+
+    def many_at_once() -> None:
+        empty()
+        for i in range(0, N, EACH):
+            with writing(engine) as connection:
+                connection.execute(insert(Sample), rows(flown, i, EACH))
+
+    def read_rows() -> None:
+        with Session(engine) as session:
+            assert len(session.scalars(select(Sample).order_by(Sample.seq)).all()) == N
+
+    print(f"\n{N:,} assessments in chunks of {EACH}, load {os.getloadavg()[0]:.1f}")
+    for what, n, theirs in (
+        ("ORM row and commit a sample", FEW, a_sample_a_commit),
+        ("ORM rows, a commit a thousand", EACH, a_thousand_a_commit),
+        ("executemany", N, many_at_once),
+    ):
+        # as many samples on our side as fill a chunk: what is kept of a flight is a chunk a second
+        pair = in_turns(lambda n=n: in_chunks(max(n, EACH)), theirs).per(max(n, EACH), n)
+        print(f"  {1e6 * np.median(pair.ours):.2f} us each; {what} takes {pair} as long")
+    flight = in_chunks(N)
+    pair = in_turns(lambda: store.flights.assessments(flight), read_rows)
+    print(f"  read back in {1e3 * np.median(pair.ours):.1f} ms; ORM rows take {pair} as long")
+    back = store.flights.assessments(flight)
+    for field in fields(flown):
+        np.testing.assert_array_equal(getattr(back, field.name), getattr(flown, field.name))
+    store.close()
+    engine.dispose()
 
 
 def test_storing_a_large_dataset_and_reading_one_rollout(tmp_path: Path) -> None:
@@ -164,23 +156,28 @@ def test_storing_a_large_dataset_and_reading_one_rollout(tmp_path: Path) -> None
     )
     size = sum(array.nbytes for array in vars(large).values() if isinstance(array, np.ndarray))
     store = open_store(tmp_path / "forewarn.db")
-    begin = perf_counter()
-    info = store.datasets.add(large, "large")
-    added = perf_counter()
-    back = store.datasets.get(info.id)
-    read = perf_counter()
-    for index in range(0, n_safe, n_safe // 100):
-        store.datasets.rollout(info.id, "safe", index)
-    one = (perf_counter() - read) / 100
-    np.testing.assert_array_equal(back.safe, large.safe)
-    peer = []
-    for _ in range(3):
-        start = perf_counter()
-        np.save(tmp_path / "peer.npy", large.safe)
-        peer.append(perf_counter() - start)
+    kept: list[str] = []
+
+    def add() -> None:
+        if kept:
+            store.datasets.delete(kept.pop())
+        kept.append(store.datasets.add(large, "large").id)
+
+    def read_all() -> None:
+        np.testing.assert_array_equal(store.datasets.get(kept[0]).safe, large.safe)
+
+    def read_some() -> None:
+        for index in range(0, n_safe, n_safe // 100):
+            store.datasets.rollout(kept[0], "safe", index)
+
+    peer = tmp_path / "peer.npy"
+    stored = in_turns(add, lambda: np.save(peer, large.safe))
+    read = in_turns(read_all, lambda: np.testing.assert_array_equal(np.load(peer), large.safe))
+    one = in_turns(read_some, lambda: np.load(peer)).per(100, 1)
     store.close()
     print(
         f"\ndataset of {size / 1e6:.0f} MB, load {os.getloadavg()[0]:.1f}: stored in "
-        f"{added - begin:.2f} s (numpy.save of `safe`, not synced {min(peer):.2f} s), read in "
-        f"{read - added:.2f} s; one rollout {one * 1e3:.2f} ms"
+        f"{np.median(stored.ours):.2f} s, numpy.save of `safe`, not synced, takes {stored}; "
+        f"read in {np.median(read.ours):.2f} s, numpy.load {read}; "
+        f"one rollout in {1e3 * np.median(one.ours):.2f} ms, numpy.load of all {one}"
     )
