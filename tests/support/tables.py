@@ -79,5 +79,16 @@ def flight(
     return {"t": t, **channels}
 
 
+def quaternion(phi: Array, theta: Array, psi: Array) -> dict[str, Array]:
+    """The attitude as a quaternion, scalar first."""
+    (cp, sp), (ct, st), (cs, ss) = ((np.cos(x / 2), np.sin(x / 2)) for x in (phi, theta, psi))
+    return {
+        "q0": cp * ct * cs + sp * st * ss,
+        "q1": sp * ct * cs - cp * st * ss,
+        "q2": cp * st * cs + sp * ct * ss,
+        "q3": cp * ct * ss - sp * st * cs,
+    }
+
+
 def _pulse(t: Array, start: float) -> Array:
     return ((t >= start) & (t < start + 1.0)).astype(float)

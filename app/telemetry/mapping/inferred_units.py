@@ -16,7 +16,7 @@ from app.telemetry.contents import Columns
 from app.telemetry.mapping.candidates import Candidate
 from app.telemetry.mapping.magnitudes import COMMON, RULED_OUT, unit_weights
 from app.telemetry.mapping.mapping import ChannelSource, Mapping
-from app.telemetry.mapping.motion.as_recorded import motion_as_recorded
+from app.telemetry.mapping.motion.as_recorded import angles_of_quaternion, motion_as_recorded
 from app.telemetry.mapping.motion.unit_relations import (
     UnitRelation,
     relation_of_mach,
@@ -121,6 +121,8 @@ def _choices(
         # a group of one angle is no recorder
         recorder = group if _system(key) == "angle" and members[group] > 1 else -1
         choices[key] = _Choice(units, weights, recorder, _system(key))
+    for key in angles_of_quaternion(groups):  # in radians whatever the recorder writes
+        choices[key] = _Choice(("rad",), np.zeros(1), -1, "")
     return choices
 
 

@@ -107,7 +107,7 @@ def _assign_signals(builder: ProposalBuilder) -> Candidates:
     for key in TARGETS:
         if key in decision.assigned:
             _enter(builder, decision.assigned[key], candidates.by_key[key])
-        if key in decision.contradictions:
+        if key in builder.channels and key in decision.contradictions:
             builder.comment(key, *decision.contradictions[key])
     return candidates
 

@@ -1,5 +1,6 @@
 """The motion in the numbers of a file as they stand, before their units are known."""
 
+from collections.abc import Collection
 from collections.abc import Mapping as AnyMapping
 from math import pi
 
@@ -17,6 +18,7 @@ MOST = 1_000_000
 """Samples that a jump of an angle is looked for in."""
 WRAP = 0.02
 """Scatter of a jump about a full turn, as a share of it."""
+QUATERNION = ("q0", "q1", "q2", "q3")
 TURNS = {"rad": 2.0 * pi, "deg": 360.0}
 
 
@@ -25,20 +27,30 @@ def motion_as_recorded(
 ) -> tuple[Motion | None, dict[str, str]]:
     """Return the motion of signals, and the unit of each angle that jumps by a full turn.
 
-    names: key of TARGETS -> signal of the file.
+    names: key of TARGETS -> signal of the file. The attitude of a quaternion is in radians.
     """
     units: dict[str, str] = {}
     for key in ("phi", "psi"):
         if key in names and (unit := turn_of(columns.values(names[key]))):
             units[key] = unit
+    of_quaternion = angles_of_quaternion(names)
+    derived = {key: ChannelSource(derivation=f"{key}_from_quaternion") for key in of_quaternion}
     mapping = Mapping(
-        {key: ChannelSource(name, TARGETS[key].unit) for key, name in names.items()}, dict(times)
+        {key: ChannelSource(name, TARGETS[key].unit) for key, name in names.items()} | derived,
+        dict(times),
     )
     try:
         traces = apply_mapping(columns, mapping)
     except TelemetryError:
         return None, units
-    return motion(traces, {key: TURNS[unit] for key, unit in units.items()}), units
+    turns = units | dict.fromkeys(of_quaternion, "rad")
+    return motion(traces, {key: TURNS[unit] for key, unit in turns.items()}), units
+
+
+def angles_of_quaternion(names: Collection[str]) -> tuple[str, ...]:
+    """The angles that are not among channels, where a quaternion is that has them."""
+    whole = set(QUATERNION) <= set(names)
+    return tuple(key for key in ("phi", "psi") if whole and key not in names)
 
 
 def turn_of(values: Array) -> str:

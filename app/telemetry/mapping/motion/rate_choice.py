@@ -5,7 +5,11 @@ from math import sqrt
 from app.telemetry.contents import Columns
 from app.telemetry.mapping.candidates import PROPOSED, Candidate, Candidates
 from app.telemetry.mapping.mapping import Mapping
-from app.telemetry.mapping.motion.as_recorded import motion_as_recorded
+from app.telemetry.mapping.motion.as_recorded import (
+    QUATERNION,
+    angles_of_quaternion,
+    motion_as_recorded,
+)
 from app.telemetry.mapping.motion.signs import ANGLE_OF, FOLLOWS
 from app.telemetry.mapping.naming.names import is_derived
 
@@ -24,8 +28,10 @@ def choose_rates(
     """
     chosen = dict(assigned)
     for key, angle in ANGLE_OF.items():
-        name_of_angle = _name(angle, before, chosen)
-        if key not in chosen or not name_of_angle:
+        names = {other: before.channels[other].signal for other in before.channels}
+        names |= {other: candidate.signal.name for other, candidate in chosen.items()}
+        of_angle = {other: names[other] for other in (angle, *QUATERNION) if names.get(other)}
+        if key not in chosen or angle not in (*of_angle, *angles_of_quaternion(of_angle)):
             continue
         used = {candidate.signal.name for other, candidate in chosen.items() if other != key}
         rivals = [
@@ -38,8 +44,7 @@ def choose_rates(
         if len(rivals) < 2 or chosen[key] not in rivals:
             continue
         follows = {
-            rival.signal.name: _follows(columns, before, key, rival, angle, name_of_angle)
-            for rival in rivals
+            rival.signal.name: _follows(columns, before, key, rival, of_angle) for rival in rivals
         }
         best = max(rivals, key=lambda rival: follows[rival.signal.name])
         itself = chosen[key].signal.name
@@ -53,19 +58,13 @@ def choose_rates(
     return chosen
 
 
-def _name(key: str, before: Mapping, chosen: dict[str, Candidate]) -> str:
-    if key in before.channels:
-        return before.channels[key].signal
-    return chosen[key].signal.name if key in chosen else ""
-
-
 def _follows(
-    columns: Columns, before: Mapping, key: str, rate: Candidate, angle: str, name_of_angle: str
+    columns: Columns, before: Mapping, key: str, rate: Candidate, of_angle: dict[str, str]
 ) -> float:
-    """Magnitude of the correlation of a signal with the derivative of an angle."""
-    names = {key: rate.signal.name, angle: name_of_angle}
+    """Magnitude of the correlation of a signal with the derivative of its angle."""
+    angle, names = ANGLE_OF[key], of_angle | {key: rate.signal.name}
     moves, _ = motion_as_recorded(columns, before.times, names)
-    if moves is None:
+    if moves is None or angle not in moves.values:
         return 0.0
     effect = moves.effects(moves.values[key], {angle: moves.rates[angle]}).get(angle)
     return sqrt(max(effect.share, 0.0)) if effect else 0.0

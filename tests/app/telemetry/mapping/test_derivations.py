@@ -8,6 +8,7 @@ from app.telemetry.mapping.motion.slopes import HALF_WINDOW_S, slopes, values_at
 from app.telemetry.targets import TARGETS
 from app.telemetry.traces import Trace
 from core.channels import KEYS
+from tests.support.tables import quaternion
 
 T = np.arange(0.0, 20.0, 0.02)
 
@@ -24,16 +25,6 @@ def turning():
 
 def wrapped(angle):
     return (angle + np.pi) % (2 * np.pi) - np.pi
-
-
-def quaternion(phi, theta, psi):
-    (cp, sp), (ct, st_), (cs, ss) = ((np.cos(x / 2), np.sin(x / 2)) for x in (phi, theta, psi))
-    return {
-        "q0": cp * ct * cs + sp * st_ * ss,
-        "q1": sp * ct * cs - cp * st_ * ss,
-        "q2": cp * st_ * cs + sp * ct * ss,
-        "q3": cp * ct * ss - sp * st_ * cs,
-    }
 
 
 def derived(key, **given_):

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from app.telemetry.mapping.proposal import propose
-from tests.support.tables import columns_of, flight
+from tests.support.tables import columns_of, flight, quaternion
 
 ANGLE_OF = {"p": "phi", "r": "psi"}
 OTHER_KEYS = ("t", "beta", "Ny", "phi", "psi")
@@ -31,6 +31,14 @@ def test_the_rate_that_the_attitude_follows_is_chosen(key, tmp_path):
     reasons = " ".join(proposal.rationales[key].reasons)
     assert f"it follows d({ANGLE_OF[key]})/dt with a correlation of " in reasons
     assert f", {surer} with 0." in reasons
+
+
+def test_the_attitude_may_be_a_quaternion(tmp_path):
+    table = two_rates("p", 0.7, first="roll_rate", second="P_RATE_2")
+    theta = 0.1 + 0.0 * table["t"]
+    table |= quaternion(table.pop("phi"), theta, table.pop("psi"))
+    proposal = propose(columns_of(tmp_path, table))
+    assert proposal.mapping.channels["p"].signal == "P_RATE_2"
 
 
 @pytest.mark.parametrize("key", ANGLE_OF)

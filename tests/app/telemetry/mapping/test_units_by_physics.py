@@ -8,7 +8,7 @@ from app.telemetry.mapping.mapping import ChannelSource, Mapping, TimeSource
 from app.telemetry.mapping.motion.as_recorded import turn_of
 from app.telemetry.mapping.proposal import propose
 from core.simulation.published import MODELS
-from tests.support.tables import columns_of, flight
+from tests.support.tables import columns_of, flight, quaternion
 
 ANGLES = ("beta", "phi", "theta", "psi", "delta_a", "delta_r")
 RATES = ("p", "r")
@@ -92,6 +92,33 @@ def test_a_given_unit_that_the_motion_contradicts_is_never_sure(key, name, tmp_p
     assert proposal.mapping.channels[key].signal == name
     assert proposal.rationales[key].confidence < 0.6
     assert "the unit of one of them is wrong" in " ".join(proposal.rationales[key].reasons)
+
+
+def of_quaternion(**channels):
+    """A table of topics: rates, and the attitude as a quaternion alone."""
+    motion = gentle()
+    table = {"attitude//t_a": motion["t"], "gyro//t_g": motion["t"]}
+    attitude = quaternion(*(motion[key] for key in ATTITUDE))
+    table |= {f"attitude//q[{key[1]}]": values for key, values in attitude.items()}
+    return table | {f"gyro//{name}": values for name, values in channels.items()}
+
+
+@pytest.mark.parametrize("in_degrees", [False, True], ids=["rad/s", "deg/s"])
+def test_the_quaternion_gives_the_unit_of_the_rates(in_degrees, tmp_path):
+    turn = np.rad2deg if in_degrees else np.positive
+    table = of_quaternion(**{f"{rate}_rate": turn(gentle()[rate]) for rate in RATES})
+    proposal = propose(columns_of(tmp_path, table, times={"attitude": "t_a", "gyro": "t_g"}))
+    units = {proposal.mapping.channels[rate].unit for rate in RATES}
+    assert units == {"deg/s" if in_degrees else "rad/s"}
+    assert "as then p is 1.01 times d(phi)/dt" in " ".join(proposal.rationales["p"].reasons)
+
+
+def test_a_given_unit_that_the_quaternion_contradicts_is_never_sure(tmp_path):
+    table = of_quaternion(p_degps=gentle()["p"], r_radps=gentle()["r"])
+    proposal = propose(columns_of(tmp_path, table, times={"attitude": "t_a", "gyro": "t_g"}))
+    assert proposal.mapping.channels["p"] == ChannelSource("p_degps", "deg/s")
+    assert proposal.rationales["p"].confidence < 0.6
+    assert proposal.rationales["r"].confidence > SURE - 0.1
 
 
 def test_a_confirmed_unit_that_the_motion_contradicts_is_never_sure(tmp_path):
