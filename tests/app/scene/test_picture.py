@@ -1,0 +1,354 @@
+import threading
+from math import isfinite, nan, radians
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+from app.scene.aircraft_mesh import aircraft
+from app.scene.ground_track import TRAIL_POINTS, GroundTrack
+from app.scene.picture import (
+    ADVISORY,
+    ALERT,
+    CALM,
+    CAUTION,
+    EXAGGERATION,
+    GREY,
+    WIDEST,
+    Shown,
+    as_text,
+    caption,
+    readout,
+    tone,
+)
+from app.scene.quaternion import body_to_earth, matrix, turn
+from app.scene.scene import Scene
+from app.scene.shapes import arrow, torus, tube
+from core.monitor.assessment import State
+from core.monitor.status import Facts
+from core.simulation.attitude import Attitude, SurfaceSigns
+from tests.support.scene_site import show
+
+OK = Shown(1.0, Attitude(0.2, 0.1, 0.3), 0.02, 0.03, -0.05, 0.12, 0.2, False, State.OK, "")
+SILENT = (State.STALE, State.INVALID, State.WARMING_UP)
+
+
+def nodes(scene: Scene):
+    return scene._picture
+
+
+def filled(scene: Scene) -> float:
+    """Height to which the column is filled [m]."""
+    scale = nodes(scene)._fill.scale
+    assert isinstance(scale, tuple)
+    return scale[2]
+
+
+class TestShow:
+    def test_the_last_one_before_a_drawing_wins(self, scene):
+        for p_value in (0.01, 0.02, 0.03):
+            show(scene, p_value=p_value)
+        assert scene.draw()
+        assert "RISK 0.03" in nodes(scene)._readout.content
+        assert not scene.draw()
+
+    def test_it_draws_nothing_itself(self, scene):
+        scene.draw()
+        before = nodes(scene)._readout.content
+        show(scene, p_value=0.5, alert=True)
+        assert nodes(scene)._readout.content == before
+
+    def test_one_drawing_is_one_atomic_update(self, scene):
+        class Frames(list):
+            def note(self, step):
+                original = getattr(scene._server, step)
+                setattr(scene._server, step, lambda: (self.append(step), original())[1])
+
+        frames = Frames()
+        for step in ("atomic", "flush"):
+            frames.note(step)
+        show(scene)
+        scene.draw()
+        assert frames == ["atomic", "flush"]
+
+    def test_drawing_for_long_keeps_nothing_behind(self, scene):
+        kept = scene._server._websock_server._broadcast_buffer.message_from_id
+        sizes = []
+        for k in range(300):
+            show(scene, 0.05 * k, attitude=(0.01 * k, 0.0, 0.02 * k), p_value=0.003 * k,
+                 alert=k % 9 == 0)  # fmt: skip
+            scene.draw()
+            sizes.append(len(kept))
+        assert max(sizes[100:]) <= max(sizes[:100])
+
+    @pytest.mark.parametrize("field", ["t", "beta", "delta_a", "delta_r"])
+    def test_what_is_not_a_number_keeps_the_last_pose(self, scene, field):
+        show(scene)
+        show(scene, **{field: nan, "state": "invalid", "p_value": None, "alert": None})
+        assert all(isfinite(number) for number in (scene._shown.t, *scene._shown[2:5]))
+        assert scene._shown.attitude == pytest.approx((radians(12), radians(3), radians(8)))
+        assert scene.draw()
+        assert "INVALID" in nodes(scene)._readout.content
+
+    def test_ok_without_a_number_is_not_calm(self, scene):
+        show(scene, p_value=nan)
+        scene.draw()
+        assert nodes(scene)._headline.text == "INVALID"
+
+    def test_writing_after_close_does_no_harm(self, scene):
+        show(scene)
+        scene.draw()
+        scene.close()
+        scene.close()
+        show(scene, p_value=0.9, alert=True)
+        scene.hold()
+        assert not scene.draw()
+
+    def test_closing_while_others_write_does_no_harm(self, clock):
+        scene, failures, begun = Scene(clock, SurfaceSigns(1, -1), 0.0, 2.0), [], threading.Event()
+
+        def write() -> None:
+            try:
+                for k in range(3000):
+                    show(scene, 0.05 * k)
+                    if not scene.draw() and k:
+                        break
+                    begun.set()
+            except BaseException as failure:
+                failures.append(failure)
+
+        writer = threading.Thread(target=write)
+        writer.start()
+        assert begun.wait(20.0)
+        scene.close()
+        writer.join(20.0)
+        assert failures == []
+        assert not writer.is_alive()
+
+
+class TestWhatIsSaid:
+    def test_the_risk_says_which_way_is_worse(self):
+        assert caption(OK) == ("", "RISK 0.12", "alert above 0.2")
+        said = readout(caption(OK), CALM)
+        assert "RISK 0.12" in said
+        assert "(higher is worse)" in said
+        assert f"drawn ×{EXAGGERATION:g}" in said
+
+    def test_an_alert_is_a_word_and_a_colour(self):
+        alert = OK._replace(p_value=0.5, alert=True)
+        assert caption(alert).word == "ALERT"
+        assert (tone(alert), tone(OK)) == (ALERT, CALM)
+
+    @pytest.mark.parametrize("state", SILENT)
+    def test_a_state_without_a_risk_is_a_word_in_grey_and_never_a_number(self, state):
+        shown = OK._replace(state=state, reason="a gap")  # whatever else was filled in
+        assert caption(shown) == (state.replace("_", " ").upper(), "", "a gap")
+        assert tone(shown) == GREY
+        assert "RISK" not in readout(caption(shown), GREY)
+
+    def test_a_reason_from_outside_cannot_write_the_page(self):
+        said = readout(
+            caption(OK._replace(state=State.STALE, reason="<img src=x>" + "a" * 999)), GREY
+        )
+        assert "<img" not in said
+        assert "&lt;img" in said
+        assert len(said) < 1000
+
+    @given(st.integers(1, 999), st.sampled_from([0.02, 0.05, 0.1, 0.2]), st.data())
+    def test_the_text_stands_on_the_numbers_side_of_the_threshold(self, n, epsilon, data):
+        p_value = data.draw(st.integers(1, n + 1)) / (n + 1)
+        shown = float(as_text(p_value, epsilon))
+        assert (shown > epsilon) == (p_value > epsilon)
+        assert shown > 0.0
+
+    def test_a_scene_to_which_nothing_comes_says_stale(self, scene, clock):
+        scene.draw()
+        assert "STALE" in nodes(scene)._readout.content
+        show(scene)
+        clock.now += 1.9
+        scene.draw()
+        assert "RISK 0.04" in nodes(scene)._readout.content
+        clock.now += 0.2
+        assert scene.draw()
+        assert "STALE" in nodes(scene)._readout.content
+        assert "no sample for 2 s" in nodes(scene)._readout.content
+        assert nodes(scene)._headline.text == "STALE"
+        assert nodes(scene)._fill.color == GREY
+
+    def test_its_patience_follows_its_flight(self, scene, clock):
+        show(scene)
+        clock.now += 1.0
+        scene.wait(0.25)
+        scene.draw()
+        assert "RISK 0.04" in nodes(scene)._readout.content
+        clock.now += 0.3
+        assert scene.draw()
+        assert "no sample for 0.25 s" in nodes(scene)._readout.content
+        show(scene, t=1.05)
+        scene.wait(1.5)
+        clock.now += 1.4
+        scene.draw()
+        assert "RISK 0.04" in nodes(scene)._readout.content
+
+    def test_a_paused_flight_says_paused_and_keeps_its_risk(self, scene, clock):
+        show(scene, p_value=0.3, alert=True)
+        scene.hold()
+        clock.now += 1000.0
+        scene.draw()
+        assert nodes(scene)._headline.text == "ALERT PAUSED RISK 0.30"
+        show(scene, t=1.05)
+        scene.draw()
+        assert nodes(scene)._headline.text == "RISK 0.04"
+
+    def test_who_comes_late_sees_the_present(self, scene, clock):
+        show(scene)
+        scene.draw()
+        clock.now += 60.0
+        with scene.watching(lambda: None):
+            assert nodes(scene)._headline.text == "STALE"
+        assert not scene.is_watched
+
+
+class TestThePicture:
+    def angle(self, scene: Scene, name: str) -> float:
+        part, node = nodes(scene)._parts[name]
+        turned = Rotation.from_quat(np.roll(node.wxyz, -1)).as_rotvec()
+        return float(turned @ part.axis)
+
+    @pytest.mark.parametrize("signs", [SurfaceSigns(a, r) for a in (1, -1) for r in (1, -1)])
+    def test_surfaces_turn_the_way_that_moves_the_aircraft(self, clock, signs):
+        scene = Scene(clock, signs, 0.0, 2.0)
+        show(scene, delta_a=0.05, delta_r=0.06)
+        scene.draw()
+        # Trailing edge up on the right rolls right; trailing edge right yaws right.
+        assert self.angle(scene, "right_aileron") == pytest.approx(-0.05 * EXAGGERATION * signs[0])
+        assert self.angle(scene, "left_aileron") == pytest.approx(0.05 * EXAGGERATION * signs[0])
+        assert self.angle(scene, "rudder") == pytest.approx(0.06 * EXAGGERATION * signs[1])
+        scene.close()
+
+    def test_no_surface_turns_further_than_it_can(self, scene):
+        show(scene, delta_r=-3.0)
+        scene.draw()
+        assert abs(self.angle(scene, "rudder")) == pytest.approx(WIDEST)
+
+    def test_the_attitude_is_drawn_true(self, scene):
+        show(scene, attitude=(0.4, 0.1, 0.2))
+        scene.draw()
+        truth = Rotation.from_euler("ZYX", (0.2, 0.1, 0.4)).as_matrix()
+        assert matrix(tuple(nodes(scene)._aircraft.wxyz)) == pytest.approx(truth, abs=1e-9)
+
+    def test_the_velocity_points_to_the_wind(self, clock):
+        scene = Scene(clock, SurfaceSigns(1, -1), 0.1, 2.0)
+        show(scene, beta=0.05)
+        scene.draw()
+        x, y, z = matrix(tuple(nodes(scene)._velocity.wxyz)) @ (1.0, 0.0, 0.0)
+        assert y == pytest.approx(np.sin(0.05 * EXAGGERATION))  # wind from the right
+        assert z / x == pytest.approx(np.tan(0.1))  # and from below
+        scene.close()
+
+    def test_the_column_fills_to_its_ring_where_the_risk_is_the_threshold(self, scene):
+        show(scene, p_value=0.1, epsilon=0.1)
+        scene.draw()
+        assert filled(scene) == pytest.approx(-nodes(scene)._threshold.position[2])
+        show(scene, p_value=0.2, epsilon=0.1, alert=True)
+        scene.draw()
+        assert filled(scene) > -nodes(scene)._threshold.position[2]
+
+    def test_an_alert_turns_column_and_ring_red(self, scene):
+        show(scene, p_value=0.5, alert=True)
+        scene.draw()
+        assert nodes(scene)._fill.color == ALERT
+        assert tuple(nodes(scene)._ring.colors) == ALERT
+
+    @pytest.mark.parametrize(
+        ("facts", "text", "colour"),
+        [
+            (Facts(exceeds=True), "EXCEEDING RISK 0.04", ALERT),
+            (Facts(alarm=True), "ALARM RISK 0.04", ALERT),
+            (Facts(has_exceeded=True), "EXCEEDED RISK 0.04", CAUTION),
+            (Facts(calibrated=False), "NOT CALIBRATED RISK 0.04", ADVISORY),
+            (Facts(), "RISK 0.04", CALM),
+        ],
+    )
+    def test_ring_and_words_are_the_flight_s_headline(self, scene, facts, text, colour):
+        show(scene, facts=facts)
+        scene.draw()
+        assert nodes(scene)._headline.text == text
+        assert tuple(nodes(scene)._ring.colors) == colour
+
+    def test_an_alarm_does_not_hide_that_nothing_comes(self, scene, clock):
+        show(scene, facts=Facts(exceeds=True, alarm=True))
+        clock.now += 1000.0
+        scene.draw()
+        assert nodes(scene)._headline.text == "ALARM · STALE"
+        scene.restate(Facts(has_exceeded=True))
+        scene.draw()
+        assert nodes(scene)._headline.text == "STALE"
+        assert tuple(nodes(scene)._ring.colors) == CAUTION
+
+    @pytest.mark.parametrize("state", ["stale", "invalid"])
+    def test_lost_telemetry_turns_the_aircraft_grey(self, scene, state):
+        show(scene, state=state, p_value=None, alert=None)
+        scene.draw()
+        for _, node in nodes(scene)._parts.values():
+            assert np.ptp(node.color) < 12
+        show(scene, t=1.05)
+        scene.draw()
+        assert [node.color for _, node in nodes(scene)._parts.values()] == [
+            part.colour for part in aircraft()
+        ]
+
+    @pytest.mark.parametrize("mesh", [arrow(), tube(0.5), torus(1.0, 0.1)])
+    def test_instruments_face_outwards(self, mesh):
+        a, b, c = mesh[0].astype(float)[mesh[1]].transpose(1, 0, 2)
+        assert (a * np.cross(b, c)).sum() > 0
+
+    @given(*[st.floats(-3.1, 3.1)] * 3)
+    def test_a_quaternion_is_its_matrix(self, phi, theta, psi):
+        truth = Rotation.from_euler("ZYX", (psi, theta, phi)).as_matrix()
+        assert matrix(body_to_earth(phi, theta, psi)) == pytest.approx(truth, abs=1e-9)
+        assert matrix(turn((0.0, 0.0, 1.0), psi))[0, 0] == pytest.approx(np.cos(psi))
+
+
+class TestTheTrack:
+    def fly(self, n: int, psi_rate: float = 0.0, beta: float = 0.0) -> GroundTrack:
+        track = GroundTrack()
+        for k in range(n):
+            track.advance(0.05 * k, Attitude(0.0, 0.0, psi_rate * 0.05 * k), beta, CALM)
+        return track
+
+    def test_the_camera_follows_the_heading_softly(self):
+        assert self.fly(401).heading == 0.0
+        late = self.fly(401, psi_rate=0.1).heading
+        assert 1.5 < late < 2.0  # 0.1 rad/s for 20 s, less the lag of 2.5 s
+
+    def test_the_ground_passes_along_heading_and_sideslip(self):
+        north, east = self.fly(101, beta=0.1).place
+        assert east / north == pytest.approx(np.tan(0.1))
+
+    def test_the_trail_ends_at_the_wing_tips_and_lies_behind(self):
+        points, _ = self.fly(401).trail((0, 0, 0))
+        left, right = points.reshape(2, TRAIL_POINTS, 2, 3)
+        assert left[-1, 1] == pytest.approx((-3.2, -5.2, 0.0), abs=1e-4)
+        assert right[-1, 1] == pytest.approx((-3.2, 5.2, 0.0), abs=1e-4)
+        assert (left[:, 0, 0] < left[:, 1, 0] + 1e-6).all()
+        assert np.array_equal(left[1:, 0], left[:-1, 1])
+
+    def test_the_trail_keeps_the_colour_of_its_time(self):
+        track = self.fly(40)
+        for k in range(40, 60):
+            track.advance(0.05 * k, Attitude(0.0, 0.0, 0.0), 0.0, ALERT)
+        _, colours = track.trail((0, 0, 0))
+        red = (colours[..., 0] > 2 * colours[..., 1].astype(int)).any(1)
+        assert red.any()
+        assert not red.all()
+
+    @pytest.mark.parametrize("t", [0.0, 60.0])
+    def test_a_jump_in_time_starts_the_trail_anew(self, t):
+        track = self.fly(100)
+        track.advance(t, Attitude(0.0, 0.0, 1.0), 0.0, CALM)
+        points, _ = track.trail((0, 0, 0))
+        assert np.linalg.norm(points[:, 1] - points[:, 0], axis=1).max() == 0.0
+        assert track.heading == 1.0
