@@ -40,6 +40,8 @@ SAME_FILE = 1.0
 """Log odds that a recorder shares the units of the file's others."""
 CONTRADICTED = 3.5
 """Deviation from a relation, in its scatters, that is a contradiction."""
+LARGE = log(20.0)
+"""Deviation that no error of scale makes."""
 BY_PHYSICS, BY_AIRCRAFT = 0.5, 0.8
 """Factors on the confidence where a contradicted relation is kinematics or usual of aircraft."""
 LOAD_FACTOR = {"g": 0.9, "m/s^2": 0.07, "ft/s^2": 0.03}
@@ -48,7 +50,9 @@ SYSTEMS = {
     "angle": {"rad": 0, "rad/s": 0, "deg": 1, "deg/s": 1},
     "length": {"m/s": 0, "m/s^2": 0, "km/h": 0, "ft/s": 1, "ft/s^2": 1},
 }
-"""Units that one recorder uses together; feet of altitude and knots say nothing, nor does g."""
+"""Units that one recorder uses together; knots say nothing, nor does g."""
+ALTITUDE = {"m": (log(0.7), log(0.03)), "ft": (log(0.3), log(0.97))}
+"""Log likelihood in a metric recorder and in one that writes feet per second."""
 
 
 _Axes = dict[str | tuple[str, int], int]
@@ -127,7 +131,7 @@ def _choices(
 
 
 def _system(key: str) -> str:
-    return {"rad": "angle", "rad/s": "angle", "m/s": "length", "g": "length"}.get(
+    return {"rad": "angle", "rad/s": "angle", "m/s": "length", "g": "length", "m": "length"}.get(
         TARGETS[key].unit, ""
     )
 
@@ -190,7 +194,9 @@ def _fit(choice: _Choice) -> Array:
     """(n units, 2 systems) log likelihood of the units under the system of the recorder."""
     fits = np.full((len(choice.units), 2), NEITHER)
     for row, unit in enumerate(choice.units):
-        if (system := SYSTEMS.get(choice.system, {}).get(unit)) is not None:
+        if choice.system == "length" and unit in ALTITUDE:
+            fits[row] = ALTITUDE[unit]
+        elif (system := SYSTEMS.get(choice.system, {}).get(unit)) is not None:
             fits[row] = -SAME
             fits[row, system] = 0.0
     return fits
@@ -279,7 +285,9 @@ def _contradictions(
             continue
         if abs(relation.deviation(factors)) > CONTRADICTED:
             what = "one of them" if len(relation.powers) > 1 else "it"
-            text = f"{relation.told(factors)}: the unit of {what} is wrong"
+            unit = abs(relation.in_si(factors) - relation.expected) > LARGE
+            wrong = "unit" if unit or what == "it" else "unit or scale"
+            text = f"{relation.told(factors)}: the {wrong} of {what} is wrong"
             least = BY_PHYSICS if relation.exact else BY_AIRCRAFT
             contradictions |= dict.fromkeys(relation.powers, (text, least))
     return contradictions

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 
 from app.telemetry.readers.matrices import Matrix
-from app.telemetry.readers.signal_tables import Column, is_time_name
+from app.telemetry.readers.signal_tables import DESCRIPTION_NAMES, Column, is_time_name
 
 VALUE_NAMES = ("data", "values", "value")
 UNIT_NAMES = ("unit", "units")
@@ -26,28 +26,28 @@ def as_signals(arrays: Mapping[Path, Matrix], texts: Mapping[Path, str]) -> list
 def _signal(path: Path, array: Matrix, texts: Mapping[Path, str]) -> Matrix:
     within, field = path[:-1], path[-1]
     low = tuple(part.lower() for part in path)
-    name, beside = ".".join(path), _unit_beside(low, texts)
+    name = ".".join(path)
+    unit, description = (_beside(low, texts, names) for names in (UNIT_NAMES, DESCRIPTION_NAMES))
     if within and low[-1] in VALUE_NAMES:
         name = ".".join(within)
-        beside = _unit_within(low[:-1], texts) or beside
+        unit = _within(low[:-1], texts, UNIT_NAMES) or unit
+        description = _within(low[:-1], texts, DESCRIPTION_NAMES) or description
         if low[-2].startswith(SIGNALS):
             name = texts.get((*low[:-1], "label"), "") or name
     time = is_time_name(field)
-    return replace(array, within=within, column=Column(name, beside, "", time))
+    return replace(array, within=within, column=Column(name, unit, description, time))
 
 
-def _unit_within(low: Path, texts: Mapping[Path, str]) -> str:
-    """The unit that a structure says of its data, as itself or in the DataInfo of a timeseries."""
-    places = [(*low, *more, unit) for more in ((), ("datainfo",)) for unit in UNIT_NAMES]
+def _within(low: Path, texts: Mapping[Path, str], names: tuple[str, ...]) -> str:
+    """What a structure says of its data, as itself or in the DataInfo of a timeseries."""
+    places = [(*low, *more, name) for more in ((), ("datainfo",)) for name in names]
     return next((texts[place] for place in places if place in texts), "")
 
 
-def _unit_beside(low: Path, texts: Mapping[Path, str]) -> str:
-    """The unit of a field by a field beside it: `beta_unit`, or `units.beta`."""
+def _beside(low: Path, texts: Mapping[Path, str], names: tuple[str, ...]) -> str:
+    """What a field beside one says of it: `beta_unit`, or `units.beta`."""
     within, field = low[:-1], low[-1]
     places = [
-        place
-        for unit in UNIT_NAMES
-        for place in ((*within, f"{field}_{unit}"), (*within, unit, field))
+        place for name in names for place in ((*within, f"{field}_{name}"), (*within, name, field))
     ]
     return next((texts[place] for place in places if place in texts), "")

@@ -14,6 +14,7 @@ from app.telemetry.contents import ColumnWriter, Contents
 from app.telemetry.readers.library_errors import library_errors
 from app.telemetry.readers.signal_tables import (
     BLOCK,
+    DESCRIPTION_NAMES,
     Column,
     Pieces,
     SignalTable,
@@ -157,7 +158,6 @@ class Moments:
 
 
 KEYS = ("unit", "units", "Unit", "Units", "UNIT", "UNITS")
-DESCRIPTIONS = ("description", "long_name", "label", "comment")
 
 
 def unit_of(field: pa.Field) -> str:
@@ -167,7 +167,7 @@ def unit_of(field: pa.Field) -> str:
 
 def description_of(field: pa.Field) -> str:
     """What a field's own metadata say of it, "" for nothing."""
-    return _said(field, DESCRIPTIONS)
+    return _said(field, DESCRIPTION_NAMES)
 
 
 def units_of_table(schema: pa.Schema) -> dict[str, str]:

@@ -21,6 +21,8 @@ MOST_COLUMNS = 256
 TIME_NAMES = frozenset(
     {"t", "t_s", "time", "time_s", "times", "timestamp", "timestamps", "tout", "seconds"}
 )
+DESCRIPTION_NAMES = ("description", "long_name", "label", "comment")
+"""Attributes and fields that say in words what a signal is."""
 
 Clock = tuple[str, ...] | None
 Pieces = Iterator[tuple[int, npt.ArrayLike]]

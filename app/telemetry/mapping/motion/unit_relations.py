@@ -66,7 +66,9 @@ def relations_of_motion(moves: Motion) -> list[UnitRelation]:
             # noise of the derivative alone would make the slope too small
             size = log(abs(effect.slope) / sqrt(effect.share))
             text = f"{key} is {{:.3g}} times d({angle})/dt"
-            relations.append(UnitRelation({key: 1, angle: -1}, size, 0.0, 0.2, text))
+            # r is cos(phi) times it in a bank
+            scatter = 0.2 if key == "p" else 0.35
+            relations.append(UnitRelation({key: 1, angle: -1}, size, 0.0, scatter, text))
     return [*relations, *_of_sideslip(moves)]
 
 

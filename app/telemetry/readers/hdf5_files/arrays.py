@@ -16,7 +16,6 @@ from app.telemetry.readers.hdf5_files.parameters import (
 )
 from app.telemetry.readers.hdf5_files.tables import table
 from app.telemetry.readers.hdf5_files.walk import (
-    DESCRIPTION_NAMES,
     UNIT_NAMES,
     Address,
     Path,
@@ -27,7 +26,13 @@ from app.telemetry.readers.hdf5_files.walk import (
     unreadable,
 )
 from app.telemetry.readers.matrices import Matrix, matrix, to_tables
-from app.telemetry.readers.signal_tables import Clock, Column, SignalTable, is_time_name
+from app.telemetry.readers.signal_tables import (
+    DESCRIPTION_NAMES,
+    Clock,
+    Column,
+    SignalTable,
+    is_time_name,
+)
 
 MOST_SCALES = 16
 """Of one dimension; a damaged file says billions, which the library walks one by one."""

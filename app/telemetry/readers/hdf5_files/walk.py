@@ -17,7 +17,6 @@ MOST_TEXT = 1 << 12
 LARGE, MOST_HOLES = 1 << 24, 100
 """Of a dataset above this size [bytes], one part in so many must have been written."""
 UNIT_NAMES = ("unit", "units", "Unit", "Units", "UNIT", "UNITS")
-DESCRIPTION_NAMES = ("description", "long_name", "label", "comment")
 
 Path = tuple[str, ...]
 Address = tuple[int, int]

@@ -174,3 +174,18 @@ def test_a_heading_through_north_is_unwrapped_in_its_own_unit(tmp_path):
     proposal = propose(columns)
     assert_read_right(columns, proposal, channels)
     assert "psi jumps by 6.28 rad, a full turn" in " ".join(proposal.rationales["psi"].reasons)
+
+
+def test_one_recorder_writes_all_its_lengths_in_feet(tmp_path):
+    """Airspeed, altitude and lateral acceleration, of which N_z alone tells the unit."""
+    channels = flight("f104a_sl_m0p8")
+    t = channels["t"]
+    table = unnamed({key: channels[key] for key in ("t", "beta", "phi", *RATES)})
+    table |= {
+        "NY_LATERAL_ACCEL": 32.174 * channels["Ny"],
+        "NZ_NORMAL_ACCEL": 32.174 * (1.0 + 0.05 * np.sin(t)),
+        "TAS": channels["V"] / 0.3048,
+        "HP": 5000.0 + 10.0 * np.sin(t),
+    }
+    units = {k: s.unit for k, s in propose(columns_of(tmp_path, table)).mapping.channels.items()}
+    assert (units["Ny"], units["V"], units["h"]) == ("ft/s^2", "ft/s", "ft")

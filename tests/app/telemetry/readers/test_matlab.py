@@ -93,6 +93,17 @@ def test_a_structure_without_a_time_takes_that_outside_it(saved):
     ]  # fmt: skip
 
 
+def test_a_signal_has_the_description_within_or_beside_it(saved):
+    columns = saved(
+        ch1={"time": T, "data": np.sin(T), "comment": "Sideslip angle"},
+        air={"t": T, "ch2": np.cos(T), "ch2_description": "Roll rate", "ch3": np.sin(T),
+             "long_name": {"ch3": "Yaw rate"}},
+    )  # fmt: skip
+    said = {name: columns.signal(name).description for name in ("ch1", "air.ch2", "air.ch3")}
+    assert said == {"ch1": "Sideslip angle", "air.ch2": "Roll rate", "air.ch3": "Yaw rate"}
+    assert columns.signal("air.t").description == ""
+
+
 def test_a_structure_of_time_and_data_is_a_signal_of_its_name(saved):
     info = {"Units": "deg"}
     columns = saved(
