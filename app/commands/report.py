@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from app.commands.destinations import DestinationError, check_file
+from app.commands.mapping_request import asking_for_mapping
 from app.commands.results import add_json, print_result
 from app.commands.score import Report, report_of
 from app.commands.scoring_options import SETTINGS, add_scoring_options, request_of
@@ -101,7 +102,8 @@ def write_reports(
     memory: as for `score_file`.   Nothing is written before everything is made.
     """
     wanted.check(request)
-    scored_file = tested(score_file(request, memory), wanted.n_test)
+    with asking_for_mapping(wanted.out.with_name(f"{wanted.out.stem}-mapping.json")):
+        scored_file = tested(score_file(request, memory), wanted.n_test)
     files: dict[Path, bytes] = {}
     for scoring, subject in file_subjects(request, scored_file, wanted.aircraft):
         notes = about(subject.recording, subject.scoring)

@@ -11,6 +11,7 @@ import numpy as np
 
 from app.commands.destinations import check_directory
 from app.commands.mapping_lines import contents_lines, mapping_lines
+from app.commands.mapping_request import asking_for_mapping
 from app.commands.results import add_json, print_result
 from app.commands.scoring_options import SETTINGS, add_scoring_options, request_of
 from app.recordings.exports import export
@@ -57,7 +58,8 @@ def write_scores(
 
     memory: as for `score_file`.   Nothing is written before everything is scored and drawn.
     """
-    scored_file = score_file(request, memory)
+    with asking_for_mapping(out / MAPPING):
+        scored_file = score_file(request, memory)
     text = json.dumps(scored_file.mapping.to_plain(), indent=2, ensure_ascii=False)
     files = {MAPPING: f"{text}\n".encode()}
     for scoring in scored_file.scored:

@@ -5,7 +5,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from itertools import compress
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from app.recordings.mapping_memory import MappingMemory
 from app.scoring import MissingChannels, ScoredRecording, ScoringRecipe, score_at_each
@@ -15,6 +15,7 @@ from app.telemetry.mapping.applying import apply_mapping
 from app.telemetry.mapping.mapping import Mapping, TimeSource
 from app.telemetry.mapping.motion.signs import CONVENTION
 from app.telemetry.mapping.proposal import Proposal, propose
+from app.telemetry.mapping.template import mapping_template
 from app.telemetry.mapping.typed_rate import rate_words
 from app.telemetry.reading import read_file
 from app.telemetry.recording import TelemetryError
@@ -58,6 +59,14 @@ class ScoredFile:
     scored: tuple[Scored, ...]
 
 
+class UnmappedFile(TelemetryError):
+    """A file of which the proposed mapping does not do. template: one to fill in, as plain data."""
+
+    def __init__(self, message: str, contents: Contents, template: dict[str, Any]) -> None:
+        super().__init__(message)
+        self.contents, self.template = contents, template
+
+
 def score_file(request: ScoreRequest, memory: MappingMemory | None = None) -> ScoredFile:
     """Score a file by each monitor at each epsilon.
 
@@ -79,11 +88,18 @@ def score_file(request: ScoreRequest, memory: MappingMemory | None = None) -> Sc
                 f"--rate {rate_words(request.rate)}: every group of {request.file} has a time; "
                 "give a --mapping with the rate in its `times` to use that instead"
             )
+        applied = False
         try:
             recorded = repair(apply_mapping(columns, mapping))
+            applied = True
             scored = tuple(_score(request, monitors, recorded))
         except TelemetryError as error:
-            raise TelemetryError(f"{request.file}: {error}{_why(error, proposal)}") from None
+            message = f"{request.file}: {error}{_why(error, proposal)}"
+            if proposal and (not applied or isinstance(error, MissingChannels)):
+                missing = error.keys if isinstance(error, MissingChannels) else proposal.missing
+                template = mapping_template(mapping, contents, missing)
+                raise UnmappedFile(message, contents, template) from None
+            raise TelemetryError(message) from None
     if memory and request.mapping:
         memory.keep(contents, request.mapping)
     return ScoredFile(contents, mapping, proposal, scored)

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from typing import Annotated, Any
 
-from pydantic import BaseModel, ConfigDict, Field, StrictBool
+from pydantic import BaseModel, ConfigDict, Field, StrictBool, model_validator
 
 from app.json_codec import Whole
 from app.store.recordings import RecordingInfo
@@ -88,12 +88,25 @@ class RecordingDetails(RecordingInfo):
     """why the mapping cannot be applied"""
 
 
-class MappingRequest(BaseModel):
-    """A mapping to use from now on."""
+class OfMapping(BaseModel):
+    """A request with a mapping, or a mapping file as it is: what the command line writes."""
 
     model_config = ConfigDict(extra="forbid")
 
     mapping: Mapping
+
+    @model_validator(mode="before")
+    @classmethod
+    def _file(cls, body: Any) -> Any:
+        """Take a body of `channels` and `times` for the mapping itself."""
+        if isinstance(body, dict) and "mapping" not in body and {"channels", "times"} & set(body):
+            return {"mapping": body}
+        return body
+
+
+class MappingRequest(OfMapping):
+    """A mapping to use from now on."""
+
     aircraft: str | None = Field(default=None, min_length=1, max_length=200)
     remember: StrictBool = Field(
         default=True,
@@ -102,12 +115,9 @@ class MappingRequest(BaseModel):
     )
 
 
-class PreviewRequest(BaseModel):
+class PreviewRequest(OfMapping):
     """A mapping to try."""
 
-    model_config = ConfigDict(extra="forbid")
-
-    mapping: Mapping
     bins: Whole = Field(default=120, ge=2, le=4000, description="of each channel, at most")
 
 

@@ -120,7 +120,8 @@ def _entry(kind: type, key: str, plain: Any) -> Any:
             raise TelemetryError(f"bias of the mapping of {key!r} is not finite: give a number")
         if bool(entry.signal) == bool(entry.derivation):
             raise TelemetryError(
-                f"the mapping of {key!r} needs either a signal or a derivation: give one of them"
+                f"the mapping of {key!r} needs either a signal or a derivation: give one of "
+                "them, or leave the entry out"
             )
     elif problem := entry.problem():
         raise TelemetryError(f"the time of {key!r} {problem}")

@@ -1,22 +1,26 @@
 """A recording under a mapping is applied and repaired once, whoever looks at it."""
 
-from dataclasses import replace
+import json
+from dataclasses import asdict, replace
 
 import numpy as np
 import pytest
 
+from app.cli import main
 from app.recordings import mapped_recording
 from app.recordings.mapped_recording import MappedRecording, RecentMappings
 from app.recordings.scored_file import ScoreRequest, score_file
 from app.scoring import ScoringRecipe
 from app.telemetry.mapping import applying
 from app.telemetry.mapping.mapping import ChannelSource, Mapping, TimeSource
+from app.telemetry.mapping.template import mapping_template
 from app.telemetry.mapping.typed_rate import read_rate
 from app.telemetry.recording import TelemetryError
 from app.telemetry.timing import repair as repairing
+from core.channels import KEYS
 from core.monitor import MonitorRecipe, train
 from tests.support.api import api, store_of
-from tests.support.recorded import RECORDINGS, csv_of, uploaded
+from tests.support.recorded import HEAD, RECORDINGS, csv_of, uploaded
 from tests.support.tables import columns_of
 
 
@@ -104,6 +108,39 @@ def test_a_file_without_times_is_scored_by_its_rate(monitor, flights, tmp_path):
     assert samples["t"][0] == 45_065.0
     with pytest.raises(TelemetryError, match=r"--rate 20 Hz: every group of .* has a time"):
         score_file(replace(request, file=timed, rate=TimeSource(rate=20.0)))
+
+
+def test_a_file_that_cannot_be_mapped_is_told_with_a_mapping_to_fill_in(
+    monitor, flights, tmp_path, capsys
+):
+    file, path = tmp_path / "strange.csv", tmp_path / "oscillator.forewarn"
+    names = b"x0 [s],x1,x2,x3,x4,x5,rudder_rad"
+    file.write_bytes(csv_of(flights[0]).replace(HEAD.encode(), names, 1))
+    monitor.save(path)
+    settings = ("--trim", "none", "--manoeuvres", "entire", "-o", str(tmp_path / "out"))
+    command = ["score", str(path), str(file), *settings]
+    assert main(command) == 1
+    told = capsys.readouterr().err
+    written = tmp_path / "out" / "mapping.json"
+    assert f"fill in {written} and give it with --mapping" in told.splitlines()[-1]
+    assert "    rudder_rad" in told
+    template = json.loads(written.read_text())
+    assert template["channels"]["delta_r"]["signal"] == "rudder_rad"
+    assert template["channels"]["beta"] == asdict(ChannelSource(unit="rad"))
+    assert main([*command, "--mapping", str(written)]) == 1
+    assert "'beta' needs either a signal or a derivation" in capsys.readouterr().err
+    for number, key in enumerate(("beta", "p", "r", "Ny", "delta_a"), start=1):
+        template["channels"][key]["signal"] = f"x{number}"
+    written.write_text(json.dumps(template))
+    assert main([*command, "--mapping", str(written)]) == 0
+    assert main(command) == 1
+    assert (tmp_path / "out" / "mapping-2.json").exists()
+
+
+def test_where_no_group_has_a_time_the_template_asks_for_one(columns):
+    template = mapping_template(Mapping(), columns.contents)
+    assert template["times"] == {"": asdict(TimeSource())}
+    assert template["channels"].keys() == set(KEYS)
 
 
 @pytest.fixture

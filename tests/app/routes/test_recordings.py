@@ -308,6 +308,14 @@ def test_a_recording_without_times_is_mapped_by_a_rate(client, file):
     assert "either a signal or a rate" in problem(refused, 422)
 
 
+def test_a_mapping_file_is_taken_as_it_is(client, kept):
+    path = f"{RECORDINGS}/{kept['id']}"
+    mapping = {**kept["mapping"]}
+    wrapped = client.post(f"{path}/preview", json={"mapping": mapping})
+    assert client.post(f"{path}/preview", json=mapping).json() == wrapped.json()
+    assert "beta" in client.post(f"{path}/preview", json=mapping).json()["channels"]
+
+
 def test_a_mapping_confirmed_over_a_warning_stays_marked(client, flights):
     made = uploaded(client, csv_of(flights[0]))
     assert made["confirmed_over"] is None

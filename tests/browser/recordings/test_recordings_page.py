@@ -1,5 +1,6 @@
 """Recordings in a real Chromium: a file comes in, is mapped, is scored."""
 
+import json
 import re
 from datetime import timedelta
 from pathlib import Path
@@ -339,6 +340,39 @@ def test_a_recording_without_times_is_mapped_by_a_typed_rate(
     }
     page.locator(".mapping > summary").click()
     expect(rate).to_have_value("50 Hz from 12:31:05")
+    site.ask("DELETE", f"/recordings/{made}")
+
+
+def test_a_mapping_file_is_chosen_or_pasted(
+    page: Page, site: RecordedSite, allowed_errors: list[str], tmp_path: Path
+) -> None:
+    allowed_errors.append("422")
+    made = site.upload("filed.csv")
+    mapping = site.ask("GET", f"/recordings/{made}")["mapping"]
+    mapping["channels"]["p"]["sign"] = -1
+    mapping["channels"]["V"] = mapping["channels"]["V"] | {"signal": ""}
+    (tmp_path / "mapping.json").write_text(json.dumps(mapping))
+    page.goto(f"{site.http}/#/recordings/{made}")
+    page.get_by_text("use a mapping file").click()
+    text, use = page.get_by_label("mapping as text"), page.get_by_text("Use this mapping")
+    error = page.locator(".map-file .error")
+    unknown = {"channels": {"q": {"signal": "t"}}}
+    for given, told in (("p: RollRate", "no mapping"), (json.dumps(unknown), "'q'")):
+        text.fill(given)
+        use.click()
+        expect(error).to_contain_text(told)
+    page.get_by_label("mapping file", exact=True).set_input_files(tmp_path / "mapping.json")
+    reversed_ = page.get_by_label("sign of roll rate p: reversed")
+    expect(reversed_).to_have_attribute("aria-pressed", "true")
+    expect(row(page, "V")).to_have_count(0)
+    mapping["channels"]["p"]["sign"] = 1
+    text.fill(json.dumps(mapping))
+    use.click()
+    expect(reversed_).to_have_count(0)
+    expect(error).to_be_hidden()
+    page.get_by_role("button", name="Confirm the mapping").click()
+    expect(page.locator(".mapping summary .chip").first).to_have_text("confirmed")
+    assert "V" not in site.ask("GET", f"/recordings/{made}")["mapping"]["channels"]
     site.ask("DELETE", f"/recordings/{made}")
 
 

@@ -13,6 +13,7 @@ import { reason } from "../../lib/api.js";
 import { h } from "../../lib/dom.js";
 import { button, errorLine } from "../../lib/view_states.js";
 import { mappingState } from "../words.js";
+import { createMappingFile } from "./mapping_file.js";
 import { createMappingTable } from "./table.js";
 
 const REST = 250; // ms that a correction must rest before it is tried
@@ -30,7 +31,8 @@ export function createMappingSection({
   let timer = 0;
   let turn = 0;
   let closed = false;
-  const table = createMappingTable({ catalog, recording, changed: later });
+  let table = createMappingTable({ catalog, recording, changed: later });
+  const shown = h("div", {}, table.element);
   const problem = errorLine();
   const aircraft = h("input", {
     type: "text",
@@ -59,7 +61,8 @@ export function createMappingSection({
       h("span", { class: "chip", "data-level": level }, word),
       h("span", { class: "dim" }, summaryOf(recording, text, catalog)),
     ),
-    table.element,
+    shown,
+    createMappingFile({ take }),
     problem.element,
     h(
       "div",
@@ -88,6 +91,16 @@ export function createMappingSection({
     rememberWords.textContent = name
       ? `Remember it for ${name}`
       : "Not remembered: name the aircraft to have it proposed next time";
+  }
+
+  async function take(mapping) {
+    await api.post(`${path}/preview`, { mapping, bins });
+    if (closed) return;
+    const given = { ...recording, mapping, mapping_state: "given", rationales: {} };
+    table = createMappingTable({ catalog, recording: given, changed: later });
+    shown.replaceChildren(table.element);
+    edited = true;
+    await preview(mapping);
   }
 
   function later(mapping) {
