@@ -19,7 +19,7 @@ test: $(READY) ## every test but the long campaign of damaged files; a file's te
 	$(TESTING) $(BIN)/python -m pytest -n 3 --dist loadfile --no-loadscope-reorder
 
 fuzz: $(READY) ## ten thousand damaged files for the readers, many calls of every route, sixty kills of the server
-	$(TESTING) $(BIN)/python -m pytest -n 2 --dist loadfile -m fuzz tests/fuzzing/test_readers.py tests/fuzzing/calls.py tests/faults
+	$(TESTING) $(BIN)/python -m pytest -n 2 --dist loadfile -m fuzz tests/fuzzing/test_readers.py tests/fuzzing/calls.py tests/fuzzing/chains.py tests/faults
 
 lint: $(READY) ## style, formatting and the direction of imports
 	$(BIN)/ruff check

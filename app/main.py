@@ -18,6 +18,7 @@ from app.flights.flights import Flights
 from app.idempotency import Idempotent, describe_keys
 from app.integrity import Integrity
 from app.jobs.jobs import Jobs
+from app.links import describe_links
 from app.metrics import Measured, Metrics
 from app.problems import describe_problems, install_problems
 from app.recordings.recordings import Recordings
@@ -76,6 +77,7 @@ class Application(FastAPI):
         if self.openapi_schema is None:
             describe_problems(super().openapi())
             describe_keys(super().openapi())
+            describe_links(super().openapi())
         return super().openapi()
 
 
