@@ -12,6 +12,7 @@ from typing import Any, Literal, get_args
 
 import numpy as np
 
+from app.commands.sample_interval import adjust_to_interval
 from app.recipes import (
     AS_FLOWN,
     AUTO,
@@ -53,7 +54,7 @@ SHARED: tuple[tuple[str, str, Any, Any, str], ...] = (
         "manoeuvre's amplitude [deg]; auto: by a pilot run, so that a quarter exceeds a limit",
     ),
     ("--duration", "dataset.maneuver.duration_s", float, None, "length of a rollout [s]"),
-    ("--dt", "dataset.dt", float, None, "sample interval [s]"),
+    ("--dt", "dataset.dt", float, None, "sample interval [s]; what depends on it is adjusted"),
     ("--substeps", "dataset.substeps", int, None, "limit checks in each interval"),
     ("--n-unsafe", "dataset.n_unsafe", int, None, "unsafe rollouts of a dataset"),
     ("--n-obs", "dataset.n_obs", int, None, "observations kept of each safe rollout"),
@@ -177,6 +178,9 @@ def plain_recipe(options: argparse.Namespace) -> dict[str, Any]:
         said = plain.get("dataset", {}).get(part, {})
         if isinstance(said, dict) and said.get("kind") == kind and field not in said:
             raise RecipeError(f"{part} {kind!r} is only an example of the form: {instead}")
+    interval = getattr(options, "dataset.dt")
+    if interval is not None and (adjusted := adjust_to_interval(plain, interval)):
+        print(f"forewarn: for --dt {interval:g}: {', '.join(adjusted)}", file=sys.stderr)
     plain["dataset"], suggestion = dataset_recipe(plain.get("dataset", {}), "recipe.dataset")
     if suggestion:
         print(f"forewarn: {suggestion}", file=sys.stderr)
