@@ -3,7 +3,7 @@
 from typing import Any
 
 import pytest
-from playwright.sync_api import expect
+from playwright.sync_api import Page, expect
 
 from tests.browser.chromium import wait_until
 from tests.browser.strips import Open, run
@@ -187,11 +187,13 @@ def test_the_alert_sounds_again_and_again_until_stopped_unless_muted(strips: Ope
 
 
 def test_a_link_is_open_until_the_first_missed_heartbeat(
-    strips: Open, allowed_errors: list[str]
+    own_page: Page, origin: str, allowed_errors: list[str]
 ) -> None:
     allowed_errors.append("404 (File not found)")  # no server here tells the time
-    page = strips()
+    page = own_page
     page.clock.install(time=0)
+    page.clock.pause_at(1000)  # from here on time passes when told
+    page.goto(f"{origin}/browser/strip_harness.html")
     page.evaluate(
         """async () => {
         const { createConnection } = await import('/static/js/fly/connection.js');
