@@ -179,9 +179,10 @@ def plain_recipe(options: argparse.Namespace) -> dict[str, Any]:
         if isinstance(said, dict) and said.get("kind") == kind and field not in said:
             raise RecipeError(f"{part} {kind!r} is only an example of the form: {instead}")
     interval = getattr(options, "dataset.dt")
-    if interval is not None and (adjusted := adjust_to_interval(plain, interval)):
-        print(f"forewarn: for --dt {interval:g}: {', '.join(adjusted)}", file=sys.stderr)
+    adjusted = adjust_to_interval(plain, interval) if interval is not None else []
     plain["dataset"], suggestion = dataset_recipe(plain.get("dataset", {}), "recipe.dataset")
+    if adjusted:
+        print(f"forewarn: for --dt {interval:g}: {', '.join(adjusted)}", file=sys.stderr)
     if suggestion:
         print(f"forewarn: {suggestion}", file=sys.stderr)
     return plain
