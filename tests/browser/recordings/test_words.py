@@ -42,7 +42,9 @@ def test_a_mapping_that_was_changed_names_what_differs(strips: Open) -> None:
           h.changedChannels(mapping({ r: { unit: 'rad', signal: 'a' }, p: source }), now),
           h.changedChannels(mapping({ p: { ...source, sign: -1 } }), now),
           h.changedChannels(mapping({ p: source, r: source }, 'clock'), now),
+          h.changedChannels({ ...now, times: { all: { signal: 's', rate: 0, start: 0 } } }, now),
+          h.changedChannels({ ...now, times: { all: { signal: '', rate: 50 } } }, now),
         ];
         """,
     )
-    assert changed == [[], ["p", "r"], ["time"]]
+    assert changed == [[], ["p", "r"], ["time"], [], ["time"]]
