@@ -21,7 +21,7 @@ from core.seeds import Branch, stream
 from core.simulation.aircraft import PublishedAircraft
 from core.simulation.control_law import CONTROL_LAWS
 from core.simulation.maneuver import MANEUVERS
-from core.simulation.published import MODELS
+from core.simulation.published import MODELS, ModelName
 from core.specification import Limits
 from core.types import Array, Indices
 
@@ -45,9 +45,9 @@ Progress = Callable[[int, int], object]
 class MatrixRecipe:
     """Which pairs, and how many flights of each."""
 
-    monitors: tuple[str, ...] = tuple(MODELS)
+    monitors: tuple[ModelName, ...] = tuple(MODELS)
     """published aircraft that monitors are trained for."""
-    aircraft: tuple[str, ...] = tuple(MODELS)
+    aircraft: tuple[ModelName, ...] = tuple(MODELS)
     """published aircraft that are flown."""
     n_unsafe: int = 200
     """unsafe rollouts that each monitor is trained on."""
@@ -128,7 +128,7 @@ def pairs(recipe: MatrixRecipe, progress: Progress | None = None) -> Iterator[Pa
                     yield _pair(recipe, monitor, name, aircraft, command, flown)
 
 
-def planned_for(name: str, recipe: MatrixRecipe) -> DatasetRecipe:
+def planned_for(name: ModelName, recipe: MatrixRecipe) -> DatasetRecipe:
     """The test of a monitor: without a law, at the limit that a quarter of its aircraft exceeds."""
     number = tuple(MODELS).index(name)
     seed = int(stream(recipe.seed, Branch.PAIRS, number).integers(2**32))
@@ -146,7 +146,7 @@ def planned_for(name: str, recipe: MatrixRecipe) -> DatasetRecipe:
     return replace(unlimited, specification=Limits(Ny=limit))
 
 
-def _flown(planned: DatasetRecipe, aircraft: str, command: Command) -> DatasetRecipe | None:
+def _flown(planned: DatasetRecipe, aircraft: ModelName, command: Command) -> DatasetRecipe | None:
     """What is flown of an aircraft; None where it is not retuned."""
     flown = replace(planned, aircraft=PublishedAircraft(aircraft, 4))
     if command == "same":
@@ -163,8 +163,8 @@ def _flown(planned: DatasetRecipe, aircraft: str, command: Command) -> DatasetRe
 def _pair(
     recipe: MatrixRecipe,
     monitor: Monitor,
-    name: str,
-    aircraft: str,
+    name: ModelName,
+    aircraft: ModelName,
     command: Command,
     flown: DatasetRecipe,
 ) -> Pair:

@@ -79,7 +79,8 @@ class Support:
     def of_section(cls, section: Section) -> Self:
         """Rebuild it, unchecked."""
         header, arrays = section.header, section.arrays
-        known = {name: header[name] for name in FIELDS} | {name: arrays[name] for name in KINDS}
+        known: dict[str, Any] = {name: header[name] for name in FIELDS}
+        known |= {name: arrays[name] for name in KINDS}
         if section.version == 1:
             return cls(sigma=arrays["sigma"], **known)
         forecast: dict[str, Any] = {
