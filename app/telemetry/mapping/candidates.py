@@ -34,6 +34,7 @@ class Candidate:
     extent: Extent = field(repr=False)
     stem: str = ""
     reasons: tuple[str, ...] = ()
+    unit_share: float = 1.0
 
     def because(self, reason: str, factor: float = 1.0, **changes: str) -> "Candidate":
         """The same with another reason, which multiplies the certainty by a factor."""

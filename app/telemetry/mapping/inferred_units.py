@@ -7,7 +7,7 @@ taken, and the confidence in each unit is its share over all combinations.
 """
 
 from collections import Counter
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from math import exp, log
 
 import numpy as np
@@ -28,16 +28,20 @@ from app.telemetry.targets import TARGETS
 from app.telemetry.units import PLAIN, factor, spelled
 from core.types import Array
 
-ALIKE = 0.6
+ALIKE = 0.9
 """Correlation of the magnitudes' log likelihoods: in a gentle manoeuvre all angles are small."""
 LEAST = -12.0
 """Smallest log likelihood of a relation or magnitude: any may mislead."""
+MOST_BY_MAGNITUDE = 2.5
+"""Log odds that the magnitude of one angle or rate says at most."""
 SAME = 3.0
 """Log odds that a signal shares the unit of its recorder's others."""
 NEITHER = log(0.5 * (1.0 + exp(-SAME)))
 """Log likelihood of a unit that goes with either system: the mean of that of the others."""
 SAME_FILE = 1.0
 """Log odds that a recorder shares the units of the file's others."""
+BOTH_ANGULAR = 2.0
+"""Log odds that degrees go with degrees per second."""
 CONTRADICTED = 3.5
 """Deviation from a relation, in its scatters, that is a contradiction."""
 LARGE = log(20.0)
@@ -47,10 +51,14 @@ BY_PHYSICS, BY_AIRCRAFT = 0.5, 0.8
 LOAD_FACTOR = {"g": 0.9, "m/s^2": 0.07, "ft/s^2": 0.03}
 ACCELERATION = {"g": 0.35, "m/s^2": 0.55, "ft/s^2": 0.1}
 SYSTEMS = {
-    "angle": {"rad": 0, "rad/s": 0, "deg": 1, "deg/s": 1},
+    "angle": {"rad": 0, "deg": 1},
+    "rate": {"rad/s": 0, "deg/s": 1},
     "length": {"m/s": 0, "m/s^2": 0, "km/h": 0, "ft/s": 1, "ft/s^2": 1},
 }
 """Units that one recorder uses together; knots say nothing, nor does g."""
+ANGULAR = ("angle", "rate")
+ALIKE_OR_NOT = np.array([[0.0, -1.0], [-1.0, 0.0]])
+"""Log likelihood of two systems, for log odds of one that they are alike."""
 ALTITUDE = {"m": (log(0.7), log(0.03)), "ft": (log(0.3), log(0.97))}
 """Log likelihood in a metric recorder and in one that writes feet per second."""
 
@@ -104,8 +112,8 @@ def _choices(
 ) -> dict[str, _Choice]:
     groups = {key: columns.signal(source.signal).group for key, source in known.items()}
     groups |= {key: candidate.signal.group for key, candidate in assigned.items()}
-    members = Counter(group for key, group in groups.items() if _system(key) == "angle")
-    unknown = [key for key, c in assigned.items() if not c.unit and _system(key) == "angle"]
+    members = Counter(group for key, group in groups.items() if _system(key) in ANGULAR)
+    unknown = [key for key, c in assigned.items() if not c.unit and _system(key) in ANGULAR]
     choices = {}
     for key, group in groups.items():
         unit = spelled(known[key].unit) if key in known else assigned[key].unit
@@ -119,11 +127,14 @@ def _choices(
             units = tuple(by_unit)
             weights = np.log([by_unit[unit] for unit in units])
             # n equally correlated witnesses count as n / (1 + (n - 1) correlation)
-            power = 1.0 / (1.0 + ALIKE * (len(unknown) - 1)) if key in unknown else 1.0
+            power = 1.0 / (1.0 + ALIKE * (len(unknown) - 1))
             impossible = weights <= log(RULED_OUT)
-            weights = np.where(impossible, LEAST, power * (weights - weights.max()))
+            weights -= weights.max()
+            if key in unknown:
+                weights = power * np.maximum(weights, -MOST_BY_MAGNITUDE)
+            weights = np.where(impossible, LEAST, weights)
         # a group of one angle is no recorder
-        recorder = group if _system(key) == "angle" and members[group] > 1 else -1
+        recorder = group if _system(key) in ANGULAR and members[group] > 1 else -1
         choices[key] = _Choice(units, weights, recorder, _system(key))
     for key in angles_of_quaternion(groups):  # in radians whatever the recorder writes
         choices[key] = _Choice(("rad",), np.zeros(1), -1, "")
@@ -131,7 +142,7 @@ def _choices(
 
 
 def _system(key: str) -> str:
-    return {"rad": "angle", "rad/s": "angle", "m/s": "length", "g": "length", "m": "length"}.get(
+    return {"rad": "angle", "rad/s": "rate", "m/s": "length", "g": "length", "m": "length"}.get(
         TARGETS[key].unit, ""
     )
 
@@ -172,9 +183,10 @@ def _likeliest(
     axes: _Axes = {name: axis for axis, name in enumerate([*related, *recorders, *SYSTEMS])}
     shape = [len(choices[key].units) for key in related] + [2] * (len(axes) - len(related))
     total = np.zeros(shape)
+    total += _along(BOTH_ANGULAR * ALIKE_OR_NOT, [axes[system] for system in ANGULAR], len(shape))
     for system, recorder in recorders:
-        same = np.array([[0.0, -SAME_FILE], [-SAME_FILE, 0.0]])
-        total += _along(same, [axes[system, recorder], axes[system]], len(shape))
+        at = [axes[system, recorder], axes[system]]
+        total += _along(SAME_FILE * ALIKE_OR_NOT, at, len(shape))
     joint: dict[str, Array] = {}
     for key, choice in choices.items():
         table = choice.weights[:, None] + _fit(choice)
@@ -273,7 +285,7 @@ def _inferred(
     if share < 0.9:
         others = sorted((u for u in weights if u != unit), key=lambda u: -weights[u])
         why += f", although {others[0]} is plausible too"
-    return candidate.because(why, share, unit=unit)
+    return replace(candidate.because(why, share, unit=unit), unit_share=share)
 
 
 def _contradictions(

@@ -152,6 +152,7 @@ def _enter(builder: ProposalBuilder, candidate: Candidate, ranked: list[Candidat
     key, name = candidate.key, candidate.signal.name
     source = ChannelSource(name, candidate.unit)
     builder.assign(key, source, round(candidate.certainty, 4), *candidate.reasons)
+    builder.most_confident[key] = round(candidate.unit_share, 4)
     itself = next(other for other in ranked if other.signal.name == name)
     rivals = [
         other.signal.name

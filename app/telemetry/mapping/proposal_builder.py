@@ -21,6 +21,7 @@ class ProposalBuilder:
     """What has been decided so far.
 
     confirmed: channels that a person has settled before; they are commented on, never changed.
+    most_confident: of channels whose unit is inferred, which their signs do not support.
     """
 
     columns: Columns
@@ -28,6 +29,7 @@ class ProposalBuilder:
     times: dict[str, TimeSource] = field(default_factory=dict)
     rationales: dict[str, Rationale] = field(default_factory=dict)
     confirmed: set[str] = field(default_factory=set)
+    most_confident: dict[str, float] = field(default_factory=dict)
 
     @property
     def mapping(self) -> Mapping:
@@ -52,5 +54,6 @@ class ProposalBuilder:
     def support(self, key: str, reason: str, factor: float) -> None:
         """Add a reason, which multiplies what the confidence lacks to 1 by a factor."""
         before = self.rationales[key]
-        confidence = round(min(1.0 - factor * (1.0 - before.confidence), MOST_CONFIDENT), 4)
+        most = min(MOST_CONFIDENT, max(self.most_confident.get(key, 1.0), before.confidence))
+        confidence = round(min(1.0 - factor * (1.0 - before.confidence), most), 4)
         self.rationales[key] = Rationale(confidence, (*before.reasons, reason))

@@ -67,6 +67,23 @@ def test_two_rates_of_one_group_are_in_one_unit_though_the_angles_are_in_another
     assert {proposal.mapping.channels[rate].unit for rate in RATES} == {"rad/s"}
 
 
+@pytest.mark.parametrize("model", ["f4c_35k_m0p6", "b747_40k_m0p8"])
+def test_a_roll_rate_without_a_bank_angle_has_the_unit_of_the_yaw_rate_beside_it(model, tmp_path):
+    """The yaw rate's is known by the heading, and differs from that of the angles."""
+    keys = ("t", "beta", "Ny", "psi", "delta_a", "delta_r", *RATES)
+    channels = {key: gentle(model, 0.7)[key] for key in keys}
+    columns = columns_of(tmp_path, unnamed(channels, *RATES))
+    assert_read_right(columns, propose(columns), channels)
+
+
+def test_a_sign_that_agrees_makes_no_unit_sure(tmp_path):
+    """Roll, bank, yaw and heading agree in either unit; their magnitudes alone are no proof."""
+    keys = ("t", "phi", "psi", "delta_a", *RATES)
+    table = unnamed({key: gentle("nt33a_fc1_pa", 0.2)[key] for key in keys}, *ANGLES, *RATES)
+    rationales = propose(columns_of(tmp_path, table)).rationales
+    assert all(rationales[key].confidence < SURE for key in ("phi", "psi", *RATES))
+
+
 def test_the_evidence_of_a_unit_is_shown(tmp_path):
     columns = columns_of(tmp_path, unnamed(gentle(), *ANGLES, *RATES))
     reasons = {key: " ".join(r.reasons) for key, r in propose(columns).rationales.items()}
