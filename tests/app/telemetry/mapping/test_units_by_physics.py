@@ -25,7 +25,7 @@ def gentle(model="attas_id_16kft", share=0.3):
     }
 
 
-def unnamed(channels, *degrees):
+def unnamed(channels: dict[str, np.ndarray], *degrees: str) -> dict[str, np.ndarray]:
     """A table whose names give no unit but that of N_y; some channels in degrees."""
     names = {"t": "t_s", "Ny": "ny_g", "V": "tas_mps", "p": "roll_rate", "r": "yaw_rate"}
     return {
