@@ -41,7 +41,8 @@ export function moment(iso) {
 export function timeZero(start) {
   if (!start) return "not recorded";
   const [date, time] = start.split("T");
-  if (!time) return `${start.replace("Z", " UTC")}, without a date`; // a clock alone
+  const lacks = /^\d{3}:/.test(start) ? "year" : "date"; // 234:15:35:10 begins with the day of its year
+  if (!time) return `${start.replace("Z", " UTC")}, without a ${lacks}`;
   const inZone = /(Z|[+-]\d\d:?\d\d)$/.test(time) ? new Date(start).getTime() : NaN;
   if (!Number.isFinite(inZone)) return `${date} ${time}`;
   return `${new Date(inZone).toISOString().replace("T", " ").replace(/\.?0*Z$/, "")} UTC`;

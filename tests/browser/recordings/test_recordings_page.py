@@ -286,7 +286,7 @@ def test_a_dropped_file_comes_in(page: Page, site: RecordedSite) -> None:
 BEGINS = {
     "iso": "2026-03-01 12:34:56.789",
     "iso in a zone": "2026-03-01 17:34:56.789 UTC",
-    "day": "060:12:34:56.789, without a date",
+    "day": "060:12:34:56.789, without a year",
     "clock": "12:34:56.789, without a date",
     "clock in UTC": "12:34:56.789 UTC, without a date",
     "minutes": "34:56.789, without a date",
