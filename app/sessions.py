@@ -130,7 +130,7 @@ class Sessions:
         if digest not in guesses.given:
             guesses.count, guesses.last = guesses.count + 1, now
             guesses.given[digest] = None
-            LOG.warning("%s gave a wrong token, %d of its last", network, guesses.count)
+            LOG.warning("%s gave a wrong token, number %d of late", network, guesses.count)
         while len(guesses.given) > FREE_GUESSES:
             guesses.given.popitem(last=False)
         self._guesses[network] = guesses

@@ -96,7 +96,7 @@ export function createConnection(flight, on, { Socket = WebSocket } = {}) {
     if (!heldUp && now - heard > SILENCE) {
       const silent = socket;
       onClose(0);
-      silent.close();
+      shut(silent);
       return;
     }
     listenLater(connection.link === "open" ? Math.min(LISTEN, Math.max(missedAt() - now, 1)) : LISTEN);
@@ -200,7 +200,13 @@ export function createConnection(flight, on, { Socket = WebSocket } = {}) {
     clearTimeout(timer);
     const open = socket;
     socket = null;
-    open?.close();
+    if (open !== null) shut(open);
+  }
+
+  /** A browser warns of one that is closed before it is open. */
+  function shut(one) {
+    if (one.readyState === Socket.CONNECTING) one.addEventListener("open", () => one.close());
+    else one.close();
   }
 
   connect();

@@ -64,8 +64,14 @@ export function showFlightRecord(element, { flight, why, api, navigate }) {
       chart?.setCursor(t);
     },
   });
+  entitle();
   load().catch(fail);
   offerToAcknowledge().catch(fail);
+
+  function entitle() {
+    const words = panels.notice.querySelector(".verdict")?.textContent;
+    document.title = `${words ? `${words} – ` : ""}${flight.name} – Forewarn`;
+  }
 
   async function load() {
     panels.strips.replaceChildren(state("loading", "Reading the record", ""));
@@ -111,6 +117,7 @@ export function showFlightRecord(element, { flight, why, api, navigate }) {
       const now = verdictLine(await api.get(path));
       panels.notice.querySelector(".verdict")?.remove();
       if (now !== null) panels.notice.prepend(now);
+      entitle();
     } catch (error) {
       fail(error);
     }

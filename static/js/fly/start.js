@@ -15,16 +15,19 @@ import { guarantee } from "./alarm_panel.js";
 import { LEVEL_OF, textOf } from "./headline.js";
 import { sourceText } from "./panels.js";
 
-const REFRESH = 3000; // ms
+const REFRESH = 2000; // ms
+const SILENCE = 5000; // ms without an answer, after which nothing listed is known to be so
 
 export function showFlightStart(element, { query, api, navigate }) {
   const page = h("div", { class: "page" });
   element.replaceChildren(page);
   page.append(state("loading", "Looking for monitors and flights", "Asking the server."));
   let closed = false;
-  let timer = 0;
   let names = new Map();
   const flights = h("section", { class: "panel stack", "aria-label": "Flights" });
+  const silent = h("p", { class: "error", role: "status", hidden: true });
+  let heard = 0; // when the server answered last
+  let asking = false;
 
   async function load() {
     try {
@@ -44,19 +47,35 @@ export function showFlightStart(element, { query, api, navigate }) {
   async function refresh() {
     const all = await api.get("/flights");
     if (closed) return;
+    heard = performance.now();
     const signature = JSON.stringify(all.map(({ id, progress, status, open_alarms: open }) => [id, progress, status, open]));
     if (flights.dataset.signature !== signature) {
       flights.dataset.signature = signature;
-      flights.replaceChildren(...flightLists(all, names));
+      flights.replaceChildren(silent, ...flightLists(all, names));
     }
-    timer = setTimeout(() => refresh().catch(() => {}), REFRESH);
+  }
+
+  /** Asks again, once the last question is answered; says so where it is not. */
+  async function look() {
+    const lost = heard > 0 && performance.now() - heard > SILENCE;
+    if (lost && silent.hidden) {
+      put(silent, `Not connected: what is listed was so at ${new Date(Date.now() - SILENCE).toISOString().slice(11, 19)} UTC, and may not be now.`);
+    }
+    silent.hidden = !lost;
+    flights.toggleAttribute("data-lost", lost);
+    document.title = `${lost ? "◆ NOT CONNECTED – " : ""}Fly – Forewarn`;
+    if (asking || heard === 0) return;
+    asking = true;
+    await refresh().catch(() => {});
+    asking = false;
   }
 
   load();
+  const timer = setInterval(look, REFRESH);
   return {
     close: () => {
       closed = true;
-      clearTimeout(timer);
+      clearInterval(timer);
     },
   };
 }
@@ -71,7 +90,7 @@ function flightLists(all, names) {
   const over = all.filter(({ progress }) => progress !== "running").slice(0, 30);
   const rows = [h("h2", {}, "Under way")];
   if (running.length === 0) rows.push(h("p", { class: "dim" }, "No flight is under way."));
-  rows.push(h("ul", { class: "flight-list" }, ...running.map((flight) => flightRow(flight, names, "Watch"))));
+  rows.push(h("ul", { class: "flight-list under-way" }, ...running.map((flight) => flightRow(flight, names, "Watch"))));
   rows.push(h("h2", {}, "Over"));
   if (over.length === 0) rows.push(h("p", { class: "dim" }, "Flights that ended keep their record here."));
   rows.push(h("ul", { class: "flight-list" }, ...over.map((flight) => flightRow(flight, names, "Record"))));

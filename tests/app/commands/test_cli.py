@@ -516,11 +516,12 @@ def test_file_without_a_needed_channel_names_it(attas_monitor: Path, tmp_path: P
     (tmp_path / "flight.csv").write_text(text)
     arguments = ["score", str(attas_monitor), str(tmp_path / "flight.csv")]
     assert main([*arguments, "-o", str(tmp_path / "out")]) == 1
-    error = capsys.readouterr().err.strip()
+    *signals, error = capsys.readouterr().err.strip().splitlines()
     assert f"{tmp_path / 'flight.csv'}: the monitor needs beta" in error
     assert "what is missing, or choose a monitor that does not need it" in error
-    assert len(error.splitlines()) == 1
-    assert not (tmp_path / "out").exists()
+    assert signals[0] == "signals of the file: 12"
+    assert "    alpha2_rad" in signals
+    assert [path.name for path in (tmp_path / "out").iterdir()] == ["mapping.json"]
 
 
 def test_bad_rows_are_left_out_and_said(attas_monitor: Path, tmp_path: Path, capsys):

@@ -24,7 +24,9 @@ UNTESTED = "◆ not tested on fresh flights"
 """What is said beside the name of such a monitor."""
 UNSAFE = {"kind": "simulated", "seed": 7, "outcome": "unsafe"}
 SAFE = {"kind": "simulated", "seed": 7, "outcome": "safe"}
-VISIBLE = ".status-value:visible, .transport .button:visible, .alarm-banner:visible"
+RIGHTMOST = """() => Math.max(
+  ...[...document.querySelectorAll(".status-value, .transport .button, .alarm-banner")]
+    .filter((e) => e.checkVisibility()).map((e) => e.getBoundingClientRect().right))"""
 CUT_OFF = ["WebSocket connection to", "ERR_CONNECTION_REFUSED", "ERR_EMPTY_RESPONSE"]
 WATCH_CHANGES = """() => {
   const first = (text) => text.replace(/^[▲◆✓] /, '').split(/ [·–] /)[0];
@@ -554,10 +556,7 @@ def test_nothing_overflows(fly: Fly, width: int, height: int) -> None:
     assert banner is not None
     assert banner["y"] + banner["height"] <= height
     assert scroll_height <= height or width < 1000
-    for box in fly.page.locator(VISIBLE).all():
-        place = box.bounding_box()
-        assert place is not None
-        assert place["x"] + place["width"] <= width
+    assert 0 < fly.page.evaluate(RIGHTMOST) <= width
 
 
 OVERLAP = """() => {
@@ -621,3 +620,28 @@ def test_an_alert_of_one_sample_stays_long_enough_to_be_seen(fly: Fly) -> None:
     fly.gauge_says("ALARM")
     expect(fly.status("state")).to_have_text("▲ ALARM")
     expect(fly.page.locator(".gauge-reason")).to_contain_text("alert at")
+
+
+def test_a_list_of_flights_that_is_not_of_now_says_so(fly: Fly, allowed_errors: list[str]) -> None:
+    allowed_errors.append("ERR_FAILED")
+    fly.watch(SAFE, ("pause", None))
+    fly.page.goto(f"{fly.site.http}/#/fly")
+    silent = fly.page.get_by_text("Not connected: what is listed was so at")
+    row = fly.page.locator(f'.under-way li:has([href="#/fly/{fly.flight}"])')
+    expect(row.locator(".chip").last).to_have_text(re.compile(CALM))
+    expect(silent).to_be_hidden()
+    asked = re.compile(r"/api/v1/flights$")
+    fly.page.route(asked, lambda route: route.abort())
+    expect(silent).to_be_visible()
+    expect(fly.page).to_have_title(re.compile("NOT CONNECTED"))
+    fly.page.unroute(asked)
+    expect(silent).to_be_hidden()
+    expect(fly.page).to_have_title("Fly – Forewarn")
+
+
+def test_the_title_of_a_record_says_what_its_flight_came_to(fly: Fly) -> None:
+    fly.watch(UNSAFE, ("pause", None), ("next_alert", None), ("step", 30))
+    fly.ask("POST", f"/flights/{fly.flight}/end")
+    verdict = fly.page.locator(".verdict")
+    expect(verdict).to_contain_text("LIMIT EXCEEDED")
+    expect(fly.page).to_have_title(re.compile(f"{re.escape(verdict.inner_text())} – simulated"))
