@@ -124,4 +124,4 @@ def test_a_frame_without_focus_reconnects_when_told_to(page: Page, site: Site, a
     scene._server._websock_server.disconnect_all_clients()
     show(scene, 1.05, p_value=0.06)
     inside.get_by_text("RISK 0.06").wait_for(timeout=60_000)
-    assert asked.count(f"{site.ws}/scene/f1") == 2
+    assert asked.count(f"{site.ws}/scene/f1") > 1
