@@ -100,14 +100,6 @@ def _of_valid(manoeuvres: Sequence[Plain]) -> tuple[str, str]:
     return level, f"No limit was exceeded, and there was no alert{of}"
 
 
-def amplitude_of(manoeuvre: Plain) -> str:
-    """What share of the planned amplitude a manoeuvre had that exceeded no limit, in words."""
-    share = manoeuvre.get("amplitude")
-    if share is None or manoeuvre["outcome"] not in ("quiet", "false_alert"):
-        return ""
-    return amplitude_in_words([share])
-
-
 def counts(manoeuvres: Sequence[Plain]) -> dict[str, int]:
     """How many manoeuvres came to each outcome."""
     return {name: sum(s["outcome"] == name for s in manoeuvres) for name in OUTCOMES}

@@ -13,6 +13,7 @@ from app.report import facts, figures
 from app.report.envelope import Array
 from app.report.subject import PROPOSED, ReportSubject
 from app.scoring.planned_test import limits_of
+from app.scoring.verdict import amplitude_of
 from core import __version__
 from core.certificate import certificate, warnings_of
 from core.channels import CHANNELS, Channel, significant
@@ -142,7 +143,7 @@ TEMPLATES.filters |= {
     "significant": significant,
     "quantity": _with_si,
     "counted": _counted,
-    "amplitude_of": facts.amplitude_of,
+    "amplitude_of": lambda s: amplitude_of(s["outcome"], s.get("amplitude")),
     "short": lambda name: name if len(name) <= MOST_LETTERS else f"{name[:MOST_LETTERS]}…",
     "kind": kind_label,
     "choice": lambda value, parameter: choice_label(parameter, value),

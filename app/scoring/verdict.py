@@ -42,9 +42,14 @@ def _outcome(manoeuvre: ScoredManoeuvre) -> str:
         return f"LIMIT EXCEEDED, {words}"
     if manoeuvre.outcome in ("timely_alert", "late_alert") and manoeuvre.lead is not None:
         return f"{words}, {manoeuvre.lead:.2f} s before"
-    if manoeuvre.outcome in ("quiet", "false_alert") and manoeuvre.amplitude is not None:
-        return f"{words}{amplitude_in_words([manoeuvre.amplitude])}"
-    return words
+    return f"{words}{amplitude_of(manoeuvre.outcome, manoeuvre.amplitude)}"
+
+
+def amplitude_of(outcome: str, share: float | None) -> str:
+    """What share of the planned amplitude a manoeuvre had that exceeded no limit; else ""."""
+    if share is None or outcome not in ("quiet", "false_alert"):
+        return ""
+    return amplitude_in_words([share])
 
 
 def _lines(monitor: Monitor, scored: ScoredRecording, manoeuvre: ScoredManoeuvre) -> Iterator[str]:

@@ -25,6 +25,7 @@ class Candidate:
 
     certainty: of name, unit and extent together, 0 to 1.   stem: what of the name means the
     channel.   unit: in our spelling; "" where neither file nor name gives one.
+    unit_share: how likely an inferred unit is; 1 where it is given.
     """
 
     key: str

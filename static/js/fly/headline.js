@@ -10,6 +10,7 @@
  *   ofSample({state, alert}) -> Headline     of a sample alone, where nothing more is known
  *   wordOf(status, reason) -> string         INVALID is called NOT ASSESSED between manoeuvres
  *   textOf(headline, reason) -> string       "▲ ALARM · STALE"
+ *   resultOf({verdict, status, level, beside}) -> {words, level}     what a flight came to, its headline without a verdict; data-level
  *   LEVEL_OF {level: data-level}, MARKS {level: sign}
  */
 
@@ -49,6 +50,12 @@ export function ofSample({ state, alert, p_value: risk }) {
   const assessed = state !== "ok" || Number.isFinite(risk);
   const status = !assessed || !(state in FACES) ? "invalid" : state === "ok" && alert ? "risk" : state;
   return { status, level: LEVELS[status] ?? (status === "ok" ? "none" : "advisory"), beside: [] };
+}
+
+export function resultOf({ verdict, status, level, beside }) {
+  if (!verdict) return { words: textOf({ status, level, beside }), level: LEVEL_OF[level] };
+  const shown = level === "warning" ? level : "caution";
+  return { words: MARKS[shown] + verdict.text, level: LEVEL_OF[shown] };
 }
 
 export function wordOf(status, reason = "") {

@@ -13,7 +13,7 @@ import { createEventList } from "../lib/event_list.js";
 import { warningLines } from "../lib/monitor_warnings.js";
 import { startFlight } from "../lib/start_flight.js";
 import { askToConfirm, state } from "../lib/view_states.js";
-import { LEVEL_OF, textOf } from "./headline.js";
+import { LEVEL_OF, resultOf } from "./headline.js";
 import { alertText, createFlightPanels, exceedanceText, sourceText, waitingOf, windowOf } from "./panels.js";
 import { createRiskGauge } from "./risk_gauge.js";
 import { createStatusStrip } from "./status_strip.js";
@@ -187,11 +187,10 @@ function because(why) {
 }
 
 /** What the flight came to: never calm where it exceeded its limit. */
-function verdictLine({ verdict, status, level, beside }) {
-  if (!verdict && level === "none") return null;
-  const words = verdict ? `${level === "warning" ? "▲" : "◆"} ${verdict.text}` : textOf({ status, level, beside });
-  const shown = verdict && level !== "warning" ? "caution" : LEVEL_OF[level];
-  return h("strong", { class: "chip verdict", "data-level": shown }, words);
+function verdictLine(flight) {
+  if (!flight.verdict && flight.level === "none") return null;
+  const { words, level } = resultOf(flight);
+  return h("strong", { class: "chip verdict", "data-level": level }, words);
 }
 
 /** Passes of rising time, between which the flight was sought or looped: the longest, the last of equals. */

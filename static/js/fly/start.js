@@ -12,7 +12,7 @@ import { warningLines, warningMark, warningWords } from "../lib/monitor_warnings
 import { startFlight } from "../lib/start_flight.js";
 import { errorLine, state } from "../lib/view_states.js";
 import { guarantee } from "./alarm_panel.js";
-import { LEVEL_OF, textOf } from "./headline.js";
+import { resultOf } from "./headline.js";
 import { sourceText } from "./panels.js";
 
 const REFRESH = 2000; // ms
@@ -100,15 +100,15 @@ function flightLists(all, names) {
 function flightRow(flight, names, verb) {
   const source = sourceText(flight.source, flight.name);
   const isOver = flight.progress !== "running";
-  const level = isOver && flight.level === "none" ? "off" : LEVEL_OF[flight.level];
-  const words = flight.verdict ? `${level === "alert" ? "▲" : "◆"} ${flight.verdict.text}` : level === "off" ? flight.progress : textOf(flight);
+  const isCalm = flight.level === "none" && !flight.verdict;
+  const { words, level } = isOver && isCalm ? { words: flight.progress, level: "off" } : resultOf(flight);
   const monitor = names.get(flight.monitor) ?? flight.monitor;
   const about = `${monitor} at ε ${flight.epsilon}, ${flight.created.slice(0, 16).replace("T", " ")} UTC`;
   return h(
     "li",
     { class: "flight-row" },
     h("span", { class: "chip mode", "data-mode": flight.mode }, flight.mode.toUpperCase()),
-    h("span", { class: "chip", "data-level": flight.verdict && level !== "alert" ? "caution" : level }, words),
+    h("span", { class: "chip", "data-level": level }, words),
     h("span", { class: "flight-name" }, source.includes(flight.name) ? source : `${flight.name} (${source})`, h("span", { class: "dim flight-detail" }, about), warningMark(flight)),
     h("a", { class: "button button-small", href: `#/fly/${flight.id}`, "aria-label": `${verb}: ${flight.name}` }, verb),
   );

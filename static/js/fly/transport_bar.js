@@ -86,8 +86,12 @@ export function createTransportBar(element, { act, end }) {
     return send(transport.playing ? "pause" : "play");
   }
 
+  function shownTime() {
+    return sought ?? transport.position;
+  }
+
   function toNextEvent() {
-    const later = marked.find((t) => t > (sought ?? transport.position) + 1e-6);
+    const later = marked.find((t) => t > shownTime() + 1e-6);
     if (later !== undefined) return seek(later);
     put(failure, "No event follows. Seek back to find one.");
     failure.hidden = false;
@@ -169,7 +173,7 @@ export function createTransportBar(element, { act, end }) {
     seek,
     keys,
     get t() {
-      return sought ?? transport.position;
+      return shownTime();
     },
     setUsable: (usable) => {
       if (!usable) sought = null;
