@@ -11,26 +11,13 @@ from app.sessions import (
     MOST_SESSIONS,
     Sessions,
 )
+from tests.support.told_clock import ToldClock
 
 TOKEN = "a-token-of-a-good-length"
 
 
-class Clock:
-    """Says what it was set to [s]."""
-
-    now = 1000.0
-
-    def __call__(self) -> float:
-        return self.now
-
-
 @pytest.fixture
-def clock() -> Clock:
-    return Clock()
-
-
-@pytest.fixture
-def sessions(clock: Clock) -> Sessions:
+def sessions(clock: ToldClock) -> Sessions:
     return Sessions(TOKEN, 60.0, clock)
 
 
@@ -39,7 +26,7 @@ def guess(sessions: Sessions, n: int, address: str = "192.0.2.1", first: int = 0
         assert not sessions.is_token(f"guess {number}", address)
 
 
-def test_a_session_ends_so_long_after_its_last_use(sessions: Sessions, clock: Clock) -> None:
+def test_a_session_ends_so_long_after_its_last_use(sessions: Sessions, clock: ToldClock) -> None:
     key = sessions.begin()
     for _ in range(5):
         clock.now += 59.0
@@ -57,7 +44,7 @@ def test_the_session_that_was_used_least_lately_makes_room(sessions: Sessions) -
     assert [sessions.is_open(key) for key in keys[:3]] == [True, False, True]
 
 
-def test_a_link_works_once_and_not_for_long(sessions: Sessions, clock: Clock) -> None:
+def test_a_link_works_once_and_not_for_long(sessions: Sessions, clock: ToldClock) -> None:
     first, second = sessions.make_link(), sessions.make_link()
     assert sessions.use_link(first)
     assert not sessions.use_link(first)
@@ -66,7 +53,7 @@ def test_a_link_works_once_and_not_for_long(sessions: Sessions, clock: Clock) ->
 
 
 def test_each_wrong_token_beyond_the_free_ones_doubles_the_wait(
-    sessions: Sessions, clock: Clock
+    sessions: Sessions, clock: ToldClock
 ) -> None:
     guess(sessions, FREE_GUESSES - 1)
     assert sessions.wait_of("192.0.2.1") == 0
@@ -88,7 +75,7 @@ def test_the_same_wrong_token_again_is_no_other_guess(sessions: Sessions) -> Non
 
 @pytest.mark.parametrize("ends", ["right", "time"])
 def test_guesses_are_forgotten_after_the_right_one_or_some_time(
-    sessions: Sessions, clock: Clock, ends: str
+    sessions: Sessions, clock: ToldClock, ends: str
 ) -> None:
     guess(sessions, FREE_GUESSES + 3)
     if ends == "right":

@@ -7,20 +7,6 @@ from core.simulation.attitude import SurfaceSigns
 from tests.support.scene_site import scene_site
 
 
-class Clock:
-    """Time that passes only when told."""
-
-    now = 100.0
-
-    def __call__(self) -> float:
-        return self.now
-
-
-@pytest.fixture
-def clock() -> Clock:
-    return Clock()
-
-
 @pytest.fixture
 def scene(clock):
     """A scene that is drawn by hand."""

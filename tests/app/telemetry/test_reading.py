@@ -18,18 +18,6 @@ from app.telemetry.recording import TelemetryError
 TABLE = "t,beta\n0,1\n1,2\n2,3\n"
 
 
-@pytest.fixture
-def write(tmp_path):
-    """Content -> path of a file that holds it."""
-
-    def _write(content, name="record.csv"):
-        path = tmp_path / name
-        path.write_bytes(content if isinstance(content, bytes) else content.encode())
-        return path
-
-    return _write
-
-
 def test_a_file_becomes_a_folder_of_columns(write, tmp_path):
     contents = read_file(write(TABLE), tmp_path / "columns")
     columns = open_columns(tmp_path / "columns")
