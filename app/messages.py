@@ -155,6 +155,10 @@ class Hello(Message):
     status: Status
     level: Level
     beside: list[Status]
+    exceeded_t: float | None = Field(
+        default=None,
+        description="[s] of the first exceedance that the flight has come to, sought back or not",
+    )
     head: int = Field(description="newest seq; -1 before the first sample")
     alarms: list[Alarm] = Field(description="all that are open, and the last acknowledged ones")
     credit: int = Field(
@@ -192,6 +196,10 @@ class StatusChange(Message):
     status: Status
     level: Level
     beside: list[Status]
+    exceeded_t: float | None = Field(
+        default=None,
+        description="[s] of the first exceedance that the flight has come to, sought back or not",
+    )
 
 
 class AlarmRaised(Message):

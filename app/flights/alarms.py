@@ -16,9 +16,8 @@ from typing import Any
 
 from app.flights.clock import Clock
 from app.messages import Alarm, MeasuredExceedance
-from app.recordings.reasons import BETWEEN
 from core.monitor import Assessment, State
-from core.monitor.status import ALARM_LEVELS, AlarmKind, Level
+from core.monitor.status import ALARM_LEVELS, BETWEEN, AlarmKind, Level
 
 REJOIN_S = 1.0
 CLOSED_KEPT = 50

@@ -1,29 +1,40 @@
 """What can be said of flights that are over: their headline and their verdict, from the record."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
 
 import numpy as np
 from pydantic import BaseModel, Field
 
+from app.scoring.outcome import (
+    EXCEEDED,
+    Outcome,
+    RecordedExceedance,
+    exceedance_verdict,
+    outcome,
+    verdict_of,
+)
 from app.store.alarms import StoredAlarm
 from app.store.flights import FlightInfo
 from app.store.monitors import MonitorInfo
-from app.store.store import Store
+from app.store.store import NotFound, Store
 from core.monitor import State
-from core.monitor.assessment import STATES
-from core.monitor.status import Facts, Headline, Level, headline
+from core.monitor.assessment import REASONS, STATES
+from core.monitor.status import BETWEEN, Facts, Headline, Level, headline
 
 RUNNING = "running"
 BEFORE, JUMP = 20, 5.0
 """Samples before an exceedance that must have been flown; steps that are no step of the flight."""
-SAME_TIME = 1e-6
-"""Times this close are the same [s]."""
+WORST: tuple[Outcome, ...] = ("missed", "late_alert", "unseen", "invalid", "timely_alert")
+"""Outcomes of the exceedances of a recording, of which the first here is the flight's."""
+NOT_FLOWN = f"{EXCEEDED}, what came before it was not flown"
+OUTSIDE = f"{EXCEEDED} outside every manoeuvre, where nothing was assessed"
 
 
 class Verdict(BaseModel):
-    """What a flight that exceeded its limit came to, judged from trim, as its monitor judges."""
+    """What a flight that exceeded a limit came to; that of a replay is the recording's own."""
 
-    exceeded_t: float = Field(description="[s] of the first exceedance")
+    exceeded_t: float = Field(description="[s] of the exceedance")
     lead: float | None = Field(
         description="[s] from the first alarm of a risk to it; null where there was none before"
     )
@@ -46,59 +57,133 @@ def records(store: Store, flights: Iterable[FlightInfo]) -> dict[str, Record]:
     states = store.flights.last_states(info.id for info in over)
     monitors = {monitor.id: monitor for monitor in store.monitors.all()}
     return {
-        info.id: Record(
-            headline=headline(
-                Facts(
-                    alarm=_waits(alarms.get(info.id, ()), Level.WARNING),
-                    caution=_waits(alarms.get(info.id, ()), Level.CAUTION),
-                    invalid=STATES[states.get(info.id, 0)] is State.INVALID,
-                    calibrated=monitors[info.monitor_id].support is not None,
-                    has_exceeded=any(one.kind == "limit" for one in alarms.get(info.id, ())),
-                )
-            ),
-            verdict=_verdict(store, info, monitors[info.monitor_id], alarms.get(info.id, ())),
+        info.id: _record(
+            store,
+            info,
+            monitors[info.monitor_id],
+            alarms.get(info.id, ()),
+            STATES[states.get(info.id, 0)],
         )
         for info in over
     }
 
 
+def _record(
+    store: Store,
+    info: FlightInfo,
+    monitor: MonitorInfo,
+    alarms: Sequence[StoredAlarm],
+    last: State,
+) -> Record:
+    exceeded = [alarm.t for alarm in alarms if alarm.kind == "limit"]
+    exceeded += [] if info.exceeded_t is None else [info.exceeded_t]
+    facts = Facts(
+        alarm=_waits(alarms, Level.WARNING),
+        caution=_waits(alarms, Level.CAUTION),
+        invalid=last is State.INVALID,
+        calibrated=monitor.support is not None,
+        exceeded_t=min(exceeded, default=None),
+    )
+    found = _verdict(store, info, monitor, alarms) if exceeded else None
+    return Record(headline=headline(facts), verdict=found)
+
+
 def verdict(
-    alarms: Sequence[StoredAlarm], jumped: bool = False, promised: float = 0.0
+    alarms: Sequence[StoredAlarm],
+    jumped: bool = False,
+    promised: float = 0.0,
+    withdrawn: bool = False,
 ) -> Verdict | None:
     """Whether a limit was exceeded, and how long before it the first alarm of a risk was.
 
     promised: the monitor's warning lead time [s]; less is too late.
     jumped: what came before the first exceedance was not flown, so nobody could have been warned.
+    withdrawn: by then the monitor was not applicable, and without an alarm it has not missed it.
     """
-    first = first_exceedance(alarms)
+    first, raw = first_exceedance(alarms), _first(alarms)
     if first is None:
-        return None
-    ahead = [alarm.t for alarm in alarms if alarm.kind == "risk" and alarm.t <= first.t]
-    lead = first.t - min(ahead) if ahead else None
-    none = "what came before it was not flown" if jumped else "no warning"
-    late = ": too late" if lead is not None and lead < promised - SAME_TIME else ""
-    warned = none if lead is None else f"warned {lead:.2f} s before{late}"
-    return Verdict(exceeded_t=first.t, lead=lead, text=f"LIMIT EXCEEDED, {warned}")
+        text = exceedance_verdict("quiet", None, exceeded=False, recorded=True)
+        return None if raw is None else Verdict(exceeded_t=raw.t, lead=None, text=text)
+    ahead = sorted((a.t, a.t) for a in alarms if a.kind == "risk" and a.t <= first.t)
+    if jumped and not ahead:
+        return Verdict(exceeded_t=first.t, lead=None, text=NOT_FLOWN)
+    came, lead = outcome(tuple(ahead), RecordedExceedance(first.t, "", 0.0), promised)
+    came = "invalid" if withdrawn and not ahead else came
+    return Verdict(exceeded_t=first.t, lead=lead, text=exceedance_verdict(came, lead))
 
 
 def first_exceedance(alarms: Sequence[StoredAlarm]) -> StoredAlarm | None:
     """The alarm of the earliest exceedance from trim."""
-    return min(filter(_exceeds_from_trim, alarms), key=lambda alarm: alarm.t, default=None)
+    return _first(filter(_exceeds_from_trim, alarms))
+
+
+def _first(alarms: Iterable[StoredAlarm]) -> StoredAlarm | None:
+    measured = (alarm for alarm in alarms if alarm.kind == "limit")
+    return min(measured, key=lambda alarm: alarm.t, default=None)
 
 
 def _verdict(
     store: Store, info: FlightInfo, monitor: MonitorInfo, alarms: Sequence[StoredAlarm]
 ) -> Verdict | None:
+    """That of its recording as it was scored, else by what was flown."""
+    if (scored := _scored(store, info)) is not None:
+        return _of_recording(scored, info, monitor.dt, alarms)
     first = first_exceedance(alarms)
-    if first is None:
+    if first is not None:
+        jumped, withdrawn = _before(store, info, first.seq, monitor.dt)
+        return verdict(alarms, jumped, monitor.lead, withdrawn)
+    if info.exceeded_t is not None and _first(alarms) is None:
+        return Verdict(exceeded_t=info.exceeded_t, lead=None, text=NOT_FLOWN)
+    return verdict(alarms)
+
+
+def _scored(store: Store, info: FlightInfo) -> list[dict[str, Any]] | None:
+    """The manoeuvres of the recording that it replayed; None where it did not, or they are gone."""
+    recording, scoring = info.source.get("recording"), info.source.get("scoring")
+    if not (isinstance(recording, str) and isinstance(scoring, str)):
         return None
-    return verdict(alarms, _jumped(store, info, first.seq, monitor.dt), monitor.lead)
+    try:
+        stored = store.scorings.info(recording, scoring)
+    except NotFound:
+        return None
+    return None if stored.damage else stored.manoeuvres
 
 
-def _jumped(store: Store, info: FlightInfo, seq: int, dt: float) -> bool:
-    """Whether the samples just before this one were not flown: a seek came between."""
-    steps = np.diff(store.flights.assessments(info.id, max(seq - BEFORE, 0), seq).t)
-    return bool(((steps <= 0.0) | (steps > JUMP * dt)).any())
+def _of_recording(
+    manoeuvres: Sequence[Mapping[str, Any]],
+    info: FlightInfo,
+    dt: float,
+    alarms: Sequence[StoredAlarm],
+) -> Verdict:
+    """The worst verdict of the exceedances that a replay has come to."""
+    known = [alarm.t for alarm in alarms if alarm.kind == "limit"]
+    reached = max([*known, *([] if info.exceeded_t is None else [info.exceeded_t])])
+    by_trim = [m for m in manoeuvres if m["exceedance"] and m["exceedance"]["t"] <= reached + dt]
+    if by_trim:
+        worst = min(by_trim, key=lambda m: (_rank(m["outcome"]), m["exceedance"]["t"]))
+        t = worst["exceedance"]["t"]
+        return Verdict(exceeded_t=t, lead=worst["lead"], text=verdict_of(worst))
+    if (first := first_exceedance(alarms)) is not None:
+        return Verdict(exceeded_t=first.t, lead=None, text=OUTSIDE)
+    text = exceedance_verdict("quiet", None, exceeded=False, recorded=True)
+    return Verdict(exceeded_t=min([*known, reached]), lead=None, text=text)
+
+
+def _rank(word: Outcome) -> int:
+    return WORST.index(word) if word in WORST else len(WORST)
+
+
+def _before(store: Store, info: FlightInfo, seq: int, dt: float) -> tuple[bool, bool]:
+    """Whether a seek came just before this sample, and whether its monitor was withdrawn by it."""
+    stored = store.flights.assessments(info.id, max(seq - BEFORE, 0), seq)
+    steps = np.diff(stored.t)
+    jumped = bool(((steps <= 0.0) | (steps > JUMP * dt)).any())
+    told = (*REASONS, BETWEEN)
+    withdrawn = [
+        STATES[code] is State.INVALID and why not in told
+        for code, why in zip(stored.state[-1:], stored.reasons[-1:], strict=True)
+    ]
+    return jumped, any(withdrawn)
 
 
 def _waits(alarms: Sequence[StoredAlarm], level: Level) -> bool:

@@ -8,6 +8,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
+from math import inf
 from typing import TYPE_CHECKING, Any
 
 from app.flights.alarms import Alarms
@@ -102,6 +103,7 @@ class Flight(ABC):
         self._assessment: Assessment | None = None
         self._exceeds = False
         self._exceeded_t: float | None = None
+        self._reached = -inf
         self._on_over = on_over
         self._recent = RecentFrames()
         self._watchers: set[Watcher] = set()
@@ -139,7 +141,7 @@ class Flight(ABC):
     @property
     def facts(self) -> Facts:
         """What its headline is decided from."""
-        assessment, exceeded = self._assessment, (self._exceeded_t, self.fail_t)
+        assessment = self._assessment
         return Facts(
             exceeds=self._exceeds and not self.is_over,
             alarm=self.alarms.n_open(Level.WARNING) > 0,
@@ -149,8 +151,15 @@ class Flight(ABC):
             invalid=assessment is not None and assessment.state is State.INVALID,
             warming_up=self.state is State.WARMING_UP,
             calibrated=self.is_checked,
-            has_exceeded=self._exceeds or any(t is not None and t < self.t for t in exceeded),
+            exceeded_t=self.exceeded_t,
         )
+
+    @property
+    def exceeded_t(self) -> float | None:
+        """First exceedance that it has come to [s], flown or passed; sought back since or not."""
+        passed = self.fail_t if self.fail_t is not None and self.fail_t <= self._reached else None
+        known = [t for t in (self._exceeded_t, passed) if t is not None]
+        return min(known, default=None)
 
     @property
     def headline(self) -> Headline:
@@ -237,6 +246,7 @@ class Flight(ABC):
         self._recent.append(encode_frame(plain_frame(seq, y, assessment, round(due * 1e3, 3))))
         self._ring(self.alarms.update(seq, index, assessment, exceedance, self.clock))
         self.t, self._assessment, self._pose = assessment.t, assessment, (attitude, y)
+        self._reached = max(self._reached, assessment.t)
         self._exceeds = exceedance is not None
         if self._exceeds:
             earlier = self._exceeded_t

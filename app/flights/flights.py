@@ -176,7 +176,7 @@ class Flights:
                     await asyncio.to_thread(self._scenes.close, flight_id)
                 ending.has_stopped = True
             try:
-                await flight.recorder.complete(ending.status)
+                await flight.recorder.complete(ending.status, flight.exceeded_t)
             except StoreError:
                 self._stop_later(flight_id, ending)
                 raise

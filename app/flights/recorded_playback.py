@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from app.flights.playback import Angles, Script
-from app.messages import MeasuredExceedance
+from app.messages import Judged, MeasuredExceedance
 from app.recordings.reasons import reason
 from app.scoring.outcome import SAME_TIME
 from core.channels import KEYS
@@ -29,7 +29,8 @@ class RecordedScript(Script):
 
     samples: as app.scoring stores them, mapped.   manoeuvres: plain, see app.scoring.
     forecasts: whether the monitor makes forecasts.   outside: recorded exceedances that begin in no
-    manoeuvre, plain.   theta0: pitch at trim [rad], for the display.
+    manoeuvre, plain.   biases: (6,) that the mapping subtracted of what was recorded.
+    theta0: pitch at trim [rad], for the display.
     """
 
     def __init__(
@@ -40,12 +41,15 @@ class RecordedScript(Script):
         *,
         forecasts: bool,
         outside: Sequence[Mapping[str, Any]] = (),
+        biases: Sequence[float] = (0.0,) * len(KEYS),
         theta0: float = 0.0,
     ) -> None:
         self.t, self.dt = np.ascontiguousarray(samples["t"]), dt
         judged = [s["exceedance"] for s in manoeuvres if s["exceedance"] is not None]
         self.fail_t = min((exceedance["t"] for exceedance in judged), default=None)
+        raw = [found for s in manoeuvres if (found := s.get("recorded_exceedance")) is not None]
         self._exceedances = {self._at(one["t"]): one for one in (*outside, *judged)}
+        self._recorded_exceedances = {self._at(one["t"]): one for one in raw}
         self.is_checked = all(s["validity"]["valid"] is not None for s in manoeuvres)
         self._samples, self._manoeuvres, self._forecasts = samples, manoeuvres, forecasts
         begins = [begin for manoeuvre in manoeuvres for begin, _ in manoeuvre["alerts"]]
@@ -54,7 +58,7 @@ class RecordedScript(Script):
         self._displayed = -1
         known = [s.get("trim") or () for s in manoeuvres]
         trims = [[value or 0.0 for value in trim] or [0.0] * len(KEYS) for trim in known]
-        self._trims = np.array([*trims, [0.0] * len(KEYS)])
+        self._offsets = np.array([*trims, [0.0] * len(KEYS)]) + biases
         self._starts = np.array([s.get("first", 0) for s in manoeuvres])
 
     def y(self, k: int) -> Array:
@@ -62,24 +66,27 @@ class RecordedScript(Script):
         return self._samples["y"][k]
 
     def recorded(self, k: int) -> Array:
-        """Sample k, trim included, (6,): between manoeuvres, that of the one before."""
+        """Sample k, bias and trim included, (6,): between manoeuvres, trim of the one before."""
         before = int(np.searchsorted(self._starts, k, "right")) - 1
-        return self._samples["y"][k] + self._trims[max(before, 0)]
+        return self._samples["y"][k] + self._offsets[max(before, 0)]
 
     def exceedance(self, k: int, limits: Array | None) -> MeasuredExceedance | None:
         """Which limit sample k exceeds, or the recording between it and the sample before."""
         of_sample = super().exceedance(k, limits)
-        between = self._exceedances.get(k)
-        if of_sample is not None or between is None or limits is None:
+        if of_sample is not None or limits is None:
             return of_sample
-        channel, value = between["channel"], between["value"]
+        if (between := self._exceedances.get(k)) is not None:
+            c = KEYS.index(between["channel"])
+            as_recorded = between["value"] + float((self.recorded(k) - self.y(k))[c])
+            judged: Judged = "both" if abs(as_recorded) >= limits[c] else "from_trim"
+        elif (between := self._recorded_exceedances.get(k)) is not None:
+            judged = "recorded"
+        else:
+            return None
+        channel = between["channel"]
         limit = float(limits[KEYS.index(channel)])
-        as_recorded = value + float((self.recorded(k) - self.y(k))[KEYS.index(channel)])
         return MeasuredExceedance(
-            channel=channel,
-            value=value,
-            limit=limit,
-            judged="both" if abs(as_recorded) >= limit else "from_trim",
+            channel=channel, value=between["value"], limit=limit, judged=judged
         )
 
     def _at(self, t: float) -> int:

@@ -141,15 +141,18 @@ class Recorder:
             self.problem = ""
         return True
 
-    async def complete(self, status: str) -> None:
-        """Write all that is left and how the flight ended. StoreError: it can be tried again."""
+    async def complete(self, status: str, exceeded_t: float | None = None) -> None:
+        """Write all that is left and how the flight ended. StoreError: it can be tried again.
+
+        exceeded_t: first exceedance that it had come to [s].
+        """
         if not await self.flush():
             raise StoreError(
                 f"{self.unwritten} samples of flight {self._flight_id} wait for the store, which "
                 f"takes none ({self.problem}); they are written as soon as it does"
             )
         self._stop_timer()
-        await self._run(self._store.flights.end, self._flight_id, status)
+        await self._run(self._store.flights.end, self._flight_id, status, exceeded_t)
 
     def give_up(self) -> None:
         """Count as lost what the store refused to the last."""

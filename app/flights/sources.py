@@ -22,6 +22,7 @@ from app.messages import Mode
 from app.recipes import from_plain
 from app.recordings.scored import ScoredRecordings
 from app.store.store import Store
+from core.channels import KEYS
 from core.collection import DatasetRecipe, Rollouts, Simulator
 from core.monitor import Monitor
 from core.simulation.aircraft import Aircraft, PublishedAircraft
@@ -167,6 +168,7 @@ class Recorded(Source):
             info.dt,
             forecasts=monitor.recipe.predictor.forecasts,
             outside=info.outside_exceedances,
+            biases=[info.mapping["channels"].get(key, {}).get("bias", 0.0) for key in KEYS],
             theta0=trim_angles(monitor.dataset_recipe)[1],
         )
         return script, store.recordings.info(self.recording).name

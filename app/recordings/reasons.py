@@ -5,9 +5,8 @@ from typing import Any
 
 from core.monitor import State
 from core.monitor.assessment import REASONS, STATES
+from core.monitor.status import BETWEEN
 from core.monitor.validity import in_words
-
-BETWEEN = "between manoeuvres"
 
 
 def reason(code: int, t: float, manoeuvre: int, manoeuvres: Sequence[Mapping[str, Any]]) -> str:

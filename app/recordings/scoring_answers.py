@@ -12,6 +12,7 @@ from app.recordings.samples import Samples
 from app.recordings.scored import ScoredRecordings
 from app.recordings.tiles import Window
 from app.scoring import manoeuvres_in
+from app.scoring.outcome import verdict_of
 from app.store.scorings import ScoringInfo
 from core.channels import KEYS
 from core.monitor.assessment import STATES
@@ -40,6 +41,9 @@ def answers(
 def _answer(info: ScoringInfo, warnings: list[str], verified: bool) -> dict[str, Any]:
     specification = specification_from_plain(info.specification)
     plain = {key: value for key, value in asdict(info).items() if key not in OF_ITS_OWN}
+    plain["manoeuvres"] = [
+        manoeuvre | {"exceedance_verdict": verdict_of(manoeuvre)} for manoeuvre in info.manoeuvres
+    ]
     if info.damage:
         plain |= {key: [] for key in VERDICTS}
         verified = False

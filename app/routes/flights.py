@@ -73,6 +73,10 @@ class FlightStatus(BaseModel):
     beside: list[Status] = Field(
         description="`stale` and `invalid` where they are true and not the headline"
     )
+    exceeded_t: float | None = Field(
+        default=None,
+        description="[s] of the first exceedance that it has come to, sought back since or not",
+    )
     verdict: Verdict | None = Field(
         default=None, description="of a flight that is over and exceeded its limit"
     )

@@ -17,7 +17,7 @@ from app.scene.ground_track import TRAIL_POINTS, GroundTrack
 from app.scene.quaternion import body_to_earth, product, turn
 from app.scene.shapes import arrow, circle, compass, slip_scale, torus, tube
 from core.monitor.assessment import State
-from core.monitor.status import Facts, Headline, Level, Status, headline
+from core.monitor.status import Facts, Headline, Level, Status, headline, in_words
 from core.simulation.aircraft import AircraftClass
 from core.simulation.attitude import Attitude, SurfaceSigns
 
@@ -47,18 +47,6 @@ LONGEST_DETAIL = 120
 TICKS = {"none": 0.0, "quarter": 0.25, "half": 0.5, "whole": 1.0}
 
 
-WORDS = {
-    Status.EXCEEDING: "EXCEEDING",
-    Status.ALARM: "ALARM",
-    Status.RISK: "ALERT",
-    Status.STALE: "STALE",
-    Status.INVALID: "INVALID",
-    Status.CAUTION: "CAUTION",
-    Status.WARMING_UP: "WARMING UP",
-    Status.NOT_CALIBRATED: "NOT CALIBRATED",
-    Status.EXCEEDED: "EXCEEDED",
-    Status.OK: "",
-}
 COLOURS = {
     Level.WARNING: ALERT,
     Level.CAUTION: CAUTION,
@@ -110,7 +98,7 @@ class Caption(NamedTuple):
 def caption(shown: Shown) -> Caption:
     """A number only where the sample could be assessed, a word wherever it is not calm."""
     now = shown.headline
-    both = " · ".join(WORDS[status] for status in (now.status, *now.beside))
+    both = "" if now.status is Status.OK else in_words(now, shown.reason)
     if shown.state is not State.OK or shown.p_value is None:
         return Caption(both, "", shown.reason or "no risk can be given")
     word = f"{both}{' PAUSED' * shown.paused}".strip()

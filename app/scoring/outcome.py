@@ -1,7 +1,8 @@
 """What came of a manoeuvre: the first exceedance of a limit, and whether an alert was in time."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
@@ -15,6 +16,12 @@ Outcome = Literal[
 Alerts = tuple[tuple[float, float], ...]
 GAP_RATIO = 1.5
 """Recorded samples further apart than this many usual steps have lost something between them."""
+EXCEEDED = "LIMIT EXCEEDED"
+UNWARNED: dict[Outcome, str] = {
+    "invalid": "INVALID, no verdict",
+    "unseen": "not all seen, no verdict",
+}
+"""Of an exceedance that is neither a miss nor a catch: the monitor was withdrawn, or blind."""
 SAME_TIME = 1e-6
 """[s] Times that differ by less are the same: a clock counts from 1970."""
 
@@ -38,24 +45,30 @@ class Hole(NamedTuple):
 
 
 class Peak(NamedTuple):
-    """Largest magnitude of a limited channel: from trim, which is judged, and as recorded."""
+    """Largest magnitude of a limited channel: from trim, which is judged, and as recorded.
+
+    bias: what the mapping subtracted of what was recorded.
+    """
 
     channel: str
     largest: float
     limit: float
     recorded: float
+    bias: float = 0.0
 
 
 class Limited(NamedTuple):
     """What the recorded samples of the limited channels show between two times.
 
     lost: seconds of which one has no sample.   holes: of each limited channel.
+    as_recorded: the first sample whose recorded value exceeds a limit, bias and trim included.
     """
 
     exceedance: RecordedExceedance | None
     peaks: tuple[Peak, ...]
     lost: float
     holes: tuple[Hole, ...] = ()
+    as_recorded: RecordedExceedance | None = None
 
 
 def against_limits(traces: Traces, limits: Array, trim: Array, start: float, end: float) -> Limited:
@@ -64,25 +77,30 @@ def against_limits(traces: Traces, limits: Array, trim: Array, start: float, end
     traces: repaired.   limits, trim: (6,).   start, end: [s], both included.
     """
     exceedances: list[RecordedExceedance] = []
+    raw: list[RecordedExceedance] = []
     peaks: list[Peak] = []
     holes: list[Hole] = []
     for c in np.flatnonzero(np.isfinite(limits)):
         key, trace = CHANNELS[c].key, traces.channels[CHANNELS[c].key]
         part = slice(*np.searchsorted(trace.t, (start - SAME_TIME, end + SAME_TIME)).tolist())
         known = np.isfinite(trace.values[part])
-        t, recorded = trace.t[part][known], trace.values[part][known]
-        value = recorded - trim[c]
-        over = np.flatnonzero(np.abs(value) >= limits[c])
-        if len(over):
-            exceedances.append(RecordedExceedance(float(t[over[0]]), key, float(value[over[0]])))
+        t, values = trace.t[part][known], trace.values[part][known]
+        value, recorded = values - trim[c], values + trace.bias
+        for judged, found in ((value, exceedances), (recorded, raw)):
+            over = np.flatnonzero(np.abs(judged) >= limits[c])
+            if len(over):
+                found.append(RecordedExceedance(float(t[over[0]]), key, float(judged[over[0]])))
         largest, as_recorded = (
-            float(np.abs(values).max(initial=0.0)) for values in (value, recorded)
+            float(np.abs(judged).max(initial=0.0)) for judged in (value, recorded)
         )
-        peaks.append(Peak(key, largest, float(limits[c]), as_recorded))
+        peaks.append(Peak(key, largest, float(limits[c]), as_recorded, trace.bias))
         holes += _holes(key, t, start, end)
-    first = min(exceedances, key=lambda exceedance: exceedance.t, default=None)
+    first, first_raw = (
+        min(found, key=lambda exceedance: exceedance.t, default=None)
+        for found in (exceedances, raw)
+    )
     each = [sum(hole.lost for hole in holes if hole.channel == key) for key, *_ in peaks]
-    return Limited(first, tuple(peaks), max(each, default=0.0), tuple(holes))
+    return Limited(first, tuple(peaks), max(each, default=0.0), tuple(holes), first_raw)
 
 
 def _holes(key: str, t: Array, start: float, end: float) -> list[Hole]:
@@ -117,3 +135,30 @@ def outcome(
         return "missed", None
     lead = exceedance.t - alerts[0][0]
     return ("timely_alert" if lead >= promised - SAME_TIME else "late_alert"), lead
+
+
+def exceedance_verdict(
+    outcome: Outcome, lead: float | None, *, exceeded: bool = True, recorded: bool = False
+) -> str:
+    """What came of an exceedance, in the words of every view; "" where there was none.
+
+    lead: [s] from the first alert to it.   exceeded: from trim, as the monitor judges.
+    recorded: as recorded.
+    """
+    if not exceeded:
+        return f"{EXCEEDED} as recorded, not from trim" if recorded else ""
+    if outcome == "timely_alert" and lead is not None:
+        return f"{EXCEEDED}, warned {lead:.2f} s before"
+    if outcome == "late_alert" and lead is not None:
+        return f"{EXCEEDED}, warned {lead:.2f} s before: too late"
+    return f"{EXCEEDED}, {UNWARNED.get(outcome, 'no warning')}"
+
+
+def verdict_of(manoeuvre: Mapping[str, Any]) -> str:
+    """The exceedance_verdict of a scored manoeuvre in plain data, as stored."""
+    return exceedance_verdict(
+        manoeuvre["outcome"],
+        manoeuvre["lead"],
+        exceeded=manoeuvre["exceedance"] is not None,
+        recorded=manoeuvre.get("recorded_exceedance") is not None,
+    )

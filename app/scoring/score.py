@@ -252,6 +252,7 @@ def _verdict(
         peak_t=None if peak is None else float(part["t"][peak]),
         alerts=alerts,
         exceedance=limited.exceedance,
+        recorded_exceedance=limited.as_recorded if limited.exceedance is None else None,
         lead=lead,
         look_ahead=flight.recording.look_ahead,
         withdrawn_t=None if judged.withdrawn is None else float(part["t"][judged.withdrawn]),

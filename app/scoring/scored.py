@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from app.scoring.outcome import Outcome, RecordedExceedance
+from app.scoring.outcome import Outcome, RecordedExceedance, exceedance_verdict
 from app.telemetry.timing.quality import Quality
 
 BETWEEN = -1
@@ -76,7 +76,8 @@ class ScoredManoeuvre:
     trim: what was subtracted of each channel, in order; None where it is unknown.
     peak_risk, peak_t: largest p-value and its time [s]; None where nothing was assessed.
     alerts: first and last time of each run of alerts [s].
-    exceedance: the first recorded sample that exceeds a limit.
+    exceedance: the first recorded sample that exceeds a limit, from trim.
+    recorded_exceedance: where there is none, the first that does as recorded, bias and trim in it.
     lead: from the first alert to the exceedance [s]; None where one of them is missing.
     look_ahead: how far resampling let its samples look into the future [s]: in flight an alert
     could come so much later; 0 where they are as recorded.
@@ -103,6 +104,15 @@ class ScoredManoeuvre:
     withdrawn_t: float | None = None
     remarks: tuple[str, ...] = ()
     amplitude: float | None = None
+    recorded_exceedance: RecordedExceedance | None = None
+
+    @property
+    def exceedance_verdict(self) -> str:
+        """What came of an exceedance; "" where there was none."""
+        exceeded, recorded = (
+            each is not None for each in (self.exceedance, self.recorded_exceedance)
+        )
+        return exceedance_verdict(self.outcome, self.lead, exceeded=exceeded, recorded=recorded)
 
     def to_plain(self) -> dict[str, Any]:
         """Return JSON's types."""

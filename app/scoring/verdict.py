@@ -9,15 +9,13 @@ from core.monitor import Monitor
 from core.monitor.flown_input import amplitude_in_words
 
 OUTCOMES = {
-    "timely_alert": "LIMIT EXCEEDED, warned in time",
-    "late_alert": "LIMIT EXCEEDED, warned too late",
-    "missed": "LIMIT EXCEEDED, no warning",
     "false_alert": "alert, no limit exceeded",
     "quiet": "no alert, no limit exceeded",
     "unseen": "not all seen: nothing can be said",
     "invalid": "INVALID, no verdict",
     "unknown": "unknown: the monitor does not say which limits it was trained for",
 }
+"""Of manoeuvres without an exceedance; of the others, see exceedance_verdict."""
 MOST_TOLD = 20
 """Exceedances outside every manoeuvre."""
 NOTHING = "no sample could be assessed: see the state column of assessments.csv"
@@ -37,12 +35,12 @@ def verdict(monitor: Monitor, scored: ScoredRecording) -> list[str]:
 
 def _outcome(manoeuvre: ScoredManoeuvre) -> str:
     """What came of it; an exceedance is said first."""
+    said = manoeuvre.exceedance_verdict
+    if manoeuvre.exceedance is not None:
+        return said
     words = OUTCOMES[manoeuvre.outcome]
-    if manoeuvre.outcome == "invalid" and manoeuvre.exceedance is not None:
-        return f"LIMIT EXCEEDED, {words}"
-    if manoeuvre.outcome in ("timely_alert", "late_alert") and manoeuvre.lead is not None:
-        return f"{words}, {manoeuvre.lead:.2f} s before"
-    return f"{words}{amplitude_of(manoeuvre.outcome, manoeuvre.amplitude)}"
+    of = amplitude_of(manoeuvre.outcome, manoeuvre.amplitude)
+    return f"{said}; {words} from trim{of}" if said else f"{words}{of}"
 
 
 def amplitude_of(outcome: str, share: float | None) -> str:

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from app.scoring.outcome import SAME_TIME, Limited
+from app.scoring.outcome import SAME_TIME, Limited, Peak
 from app.scoring.planned_test import PlannedTest
 from app.scoring.scored import Validity
 from app.scoring.segments import Segment
@@ -67,10 +67,7 @@ def remarks(
         )
         lines.append(f"no limit was exceeded in what was recorded of it: {peaks}")
     lines += [
-        f"|{peak.channel}| as recorded, trim included, is "
-        f"{BY_KEY[peak.channel].read(peak.recorded)}, beyond the limit of "
-        f"{BY_KEY[peak.channel].read(peak.limit)}: decide whether its trim is an error of the "
-        "sensor or flown"
+        _beyond_as_recorded(peak)
         for peak in limited.peaks
         if peak.largest < peak.limit <= peak.recorded
     ]
@@ -95,3 +92,15 @@ def remarks(
             f"{planned.trim_segment_s:g} s are planned"
         )
     return tuple(lines)
+
+
+def _beyond_as_recorded(peak: Peak) -> str:
+    read = BY_KEY[peak.channel].read
+    included, decide = "trim included", "its trim is an error"
+    if peak.bias:
+        included = f"trim and the bias of {read(peak.bias)} that the mapping removes included"
+        decide = "its bias and trim are errors"
+    return (
+        f"|{peak.channel}| as recorded, {included}, is {read(peak.recorded)}, beyond the limit of "
+        f"{read(peak.limit)}: decide whether {decide} of the sensor or flown"
+    )

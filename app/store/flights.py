@@ -37,6 +37,8 @@ class FlightInfo(Entry):
     """UTC, ISO 8601"""
     ended: str | None
     """UTC, ISO 8601"""
+    exceeded_t: float | None
+    """first exceedance that it had come to when it ended [s], passed by a seek or flown"""
     head: int | None
     """newest sample number stored; null before the first"""
     lost: int | None
@@ -56,13 +58,19 @@ class FlightRepository(Repository):
             connection.execute(insert(flights).values(**row, status="running", created=now()))
         return flight_id
 
-    def end(self, flight_id: str, status: str = "ended") -> FlightInfo:
-        """Note that a flight is over and how; one that has ended stays as it ended. NotFound."""
+    def end(
+        self, flight_id: str, status: str = "ended", exceeded_t: float | None = None
+    ) -> FlightInfo:
+        """Note that a flight is over and how; one that has ended stays as it ended. NotFound.
+
+        exceeded_t: first exceedance that it had come to [s].
+        """
         if not status or status == "running":
             raise ValueError(f"a flight cannot end as {status!r}: say how it ended, in one word")
         running = (flights.c.id == flight_id) & (flights.c.status == "running")
         with self._writing() as connection:
-            connection.execute(update(flights).where(running).values(status=status, ended=now()))
+            over = {"status": status, "ended": now(), "exceeded_t": exceeded_t}
+            connection.execute(update(flights).where(running).values(**over))
             return fetch_flight(connection, flight_id)
 
     def info(self, flight_id: str) -> FlightInfo:

@@ -197,6 +197,7 @@ flights = Table(
     Column("status", String(16), nullable=False, index=True),
     _time("created", nullable=False),
     _time("ended"),
+    Column("exceeded_t", Float),
 )
 
 assessment_chunks = Table(

@@ -14,6 +14,7 @@ class Trace:
 
     group: of the file; channels of one group share their times, as one array.
     source: what it was read or derived from, in words.   derived: not measured itself.
+    bias: what was subtracted of what was recorded, in its unit.
     """
 
     t: Array
@@ -21,6 +22,7 @@ class Trace:
     group: str = ""
     source: str = ""
     derived: bool = False
+    bias: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)

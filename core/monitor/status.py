@@ -37,8 +37,8 @@ class Facts(NamedTuple):
     exceeds: its newest sample exceeds a limit.   alarm: a warning waits for its acknowledgement.
     alert: the newest risk lies above the alert level.   stale: no sample comes, or no new one.
     invalid: the monitor is not applicable.   warming_up: its history is not full yet.
-    calibrated: whether its validity is.   has_exceeded: an earlier sample exceeded a limit.
-    caution: one waits for its acknowledgement.
+    calibrated: whether its validity is.   caution: one waits for its acknowledgement.
+    exceeded_t: first exceedance that it has come to [s], sought back since or not; None for none.
     """
 
     exceeds: bool = False
@@ -48,16 +48,20 @@ class Facts(NamedTuple):
     invalid: bool = False
     warming_up: bool = False
     calibrated: bool = True
-    has_exceeded: bool = False
+    exceeded_t: float | None = None
     caution: bool = False
 
 
 class Headline(NamedTuple):
-    """The worst that is true, its level, and what stands beside it: stale and invalid."""
+    """The worst that is true, its level, and what stands beside it: stale and invalid.
+
+    exceeded_t: first exceedance that the flight has come to [s]; said whatever the status.
+    """
 
     status: Status
     level: Level
     beside: tuple[Status, ...] = ()
+    exceeded_t: float | None = None
 
 
 LEVELS = {
@@ -72,6 +76,21 @@ LEVELS = {
     Status.EXCEEDED: Level.CAUTION,
     Status.OK: Level.NONE,
 }
+
+WORDS = {
+    Status.EXCEEDING: "EXCEEDING",
+    Status.ALARM: "ALARM",
+    Status.RISK: "ALERT",
+    Status.STALE: "STALE",
+    Status.INVALID: "INVALID",
+    Status.CAUTION: "CAUTION",
+    Status.WARMING_UP: "WARMING UP",
+    Status.NOT_CALIBRATED: "NOT CALIBRATED",
+    Status.EXCEEDED: "EXCEEDED",
+    Status.OK: "OK",
+}
+BETWEEN, NOT_ASSESSED = "between manoeuvres", "NOT ASSESSED"
+"""Reason of a sample that is invalid since nothing was to be assessed there, and its word."""
 
 AlarmKind = Literal["risk", "limit", "invalid", "stale"]
 """A predicted exceedance, a measured one, a monitor that is not applicable, a late source."""
@@ -95,9 +114,32 @@ def headline(facts: Facts) -> Headline:
         Status.CAUTION: facts.caution,
         Status.WARMING_UP: facts.warming_up,
         Status.NOT_CALIBRATED: not facts.calibrated,
-        Status.EXCEEDED: facts.exceeds or facts.has_exceeded,
+        Status.EXCEEDED: facts.exceeds or facts.exceeded_t is not None,
         Status.OK: True,
     }
     worst = next(status for status in Status if holds[status])
     always = (status for status in (Status.STALE, Status.INVALID) if holds[status])
-    return Headline(worst, LEVELS[worst], tuple(status for status in always if status != worst))
+    level = LEVELS[worst]
+    if holds[Status.EXCEEDED] and level in (Level.ADVISORY, Level.NONE):
+        level = LEVELS[Status.EXCEEDED]
+    beside = tuple(status for status in always if status != worst)
+    return Headline(worst, level, beside, facts.exceeded_t)
+
+
+def in_words(said: Headline, reason: str = "") -> str:
+    """A headline as every view words it: `ALARM · STALE · EXCEEDED at 8.76 s`.
+
+    reason: of the newest sample, which tells INVALID from NOT ASSESSED.
+    """
+    words = [_word(status, said, reason) for status in (said.status, *said.beside)]
+    if said.exceeded_t is not None and said.status not in (Status.EXCEEDING, Status.EXCEEDED):
+        words.append(_word(Status.EXCEEDED, said, reason))
+    return " · ".join(words)
+
+
+def _word(status: Status, said: Headline, reason: str) -> str:
+    if status is Status.INVALID and reason == BETWEEN:
+        return NOT_ASSESSED
+    if status is Status.EXCEEDED and said.exceeded_t is not None:
+        return f"{WORDS[status]} at {said.exceeded_t:.2f} s"
+    return WORDS[status]

@@ -46,7 +46,8 @@ def apply_mapping(columns: Columns, mapping: Mapping) -> Traces:
         way = DERIVATIONS[source.derivation]
         inputs = {need: traces[need] for need in (*way.needs, *way.helps) if need in traces}
         derived = derive(way, {need: plausible(need, trace) for need, trace in inputs.items()})
-        traces[key] = replace(derived, values=_signed(derived.values, source))
+        values = _signed(derived.values, source)
+        traces[key] = replace(derived, values=values, bias=source.bias)
     channels = {key: traces[key] for key in TARGETS if key in traces}
     return Traces(channels, tuple(_notes(mapping, channels)))
 
@@ -127,7 +128,7 @@ def _read(columns: Columns, mapping: Mapping, key: str, times: dict[str, Array])
         values = _finite(convert(values, source.unit, TARGETS[key].unit))
     except TelemetryError as error:
         raise TelemetryError(f"unit of {key} ({signal.name}): {error}") from None
-    return Trace(times[group], _signed(values, source), group, signal.name)
+    return Trace(times[group], _signed(values, source), group, signal.name, bias=source.bias)
 
 
 def _signal(columns: Columns, what: str, name: str) -> Signal:

@@ -5,12 +5,14 @@
  *
  * Exports
  *   FACES {status: {word, long, shape}}     what each is called; `shape` names the gauge's sign
- *   headlineOf({status, level, beside}, {stale, alarms}) -> Headline
+ *   headlineOf({status, level, beside, exceeded_t}, {stale, alarms}) -> Headline
  *     stale: the browser hears nothing new.   alarms: how many warnings wait, as it knows
  *   ofSample({state, alert}) -> Headline     of a sample alone, where nothing more is known
  *   wordOf(status, reason) -> string         INVALID is called NOT ASSESSED between manoeuvres
- *   textOf(headline, reason) -> string       "▲ ALARM · STALE"
- *   resultOf({verdict, status, level, beside}) -> {words, level}     what a flight came to, its headline without a verdict; data-level
+ *   worstOf(headline, reason) -> string      its word, "EXCEEDED at 8.76 s"
+ *   besideOf(headline, reason) -> string     what stands beside its word: "STALE · EXCEEDED at 8.76 s"
+ *   textOf(headline, reason) -> string       "▲ ALARM · STALE · EXCEEDED at 8.76 s"
+ *   resultOf(flight) -> {words, level}       what a flight came to: its verdict, else its headline; data-level
  *   LEVEL_OF {level: data-level}, MARKS {level: sign}
  */
 
@@ -43,7 +45,7 @@ export function headlineOf(server, { stale, alarms }) {
   const holds = [...known, "stale", ...(alarms > 0 ? ["alarm"] : [])];
   const status = WORST_FIRST.find((one) => holds.includes(one));
   const beside = BESIDE.filter((one) => one !== status && holds.includes(one));
-  return { status, level: LEVELS[status], beside };
+  return { status, level: LEVELS[status], beside, exceeded_t: server.exceeded_t };
 }
 
 export function ofSample({ state, alert, p_value: risk }) {
@@ -52,8 +54,10 @@ export function ofSample({ state, alert, p_value: risk }) {
   return { status, level: LEVELS[status] ?? (status === "ok" ? "none" : "advisory"), beside: [] };
 }
 
-export function resultOf({ verdict, status, level, beside }) {
-  if (!verdict) return { words: textOf({ status, level, beside }), level: LEVEL_OF[level] };
+export function resultOf({ verdict, progress, ...headline }) {
+  const { level } = headline;
+  if (!verdict && level === "none" && progress !== "running") return { words: progress.toUpperCase(), level: "off" };
+  if (!verdict) return { words: textOf(headline), level: LEVEL_OF[level] };
   const shown = level === "warning" ? level : "caution";
   return { words: MARKS[shown] + verdict.text, level: LEVEL_OF[shown] };
 }
@@ -62,6 +66,20 @@ export function wordOf(status, reason = "") {
   return FACES[status === "invalid" ? shownState({ state: status, reason }) : status].word;
 }
 
-export function textOf({ status, level, beside }, reason = "") {
-  return MARKS[level] + [status, ...beside].map((one) => wordOf(one, reason)).join(" · ");
+export function besideOf({ status, beside, exceeded_t: t }, reason = "") {
+  const exceeded = Number.isFinite(t) && status !== "exceeding" && status !== "exceeded";
+  return [...beside.map((one) => wordOf(one, reason)), ...(exceeded ? [exceededAt(t)] : [])].join(" · ");
+}
+
+export function textOf(headline, reason = "") {
+  return MARKS[headline.level] + [worstOf(headline, reason), besideOf(headline, reason)].filter(Boolean).join(" · ");
+}
+
+export function worstOf({ status, exceeded_t: t }, reason = "") {
+  return status === "exceeded" && Number.isFinite(t) ? exceededAt(t) : wordOf(status, reason);
+}
+
+/** True on both sides of the cursor: the flight may have been sought to before it since. */
+function exceededAt(t) {
+  return `${FACES.exceeded.word} at ${t.toFixed(2)} s`;
 }

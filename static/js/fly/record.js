@@ -33,12 +33,11 @@ export function showFlightRecord(element, { flight, why, api, navigate }) {
   const gauge = createRiskGauge(panels.gauge);
   const source = sourceText(flight.source, flight.name);
   const nothing = { age: NaN, latency: NaN, conflated: 0, lost: flight.lost, unwritten: 0, problem: "", utc: null };
-  const shown = { mode: flight.mode, source, link: "over", staleAfter: 1, playing: false, live: false, headline: null, figures: nothing };
+  const shown = { mode: flight.mode, source, monitor: flight.monitor, warnings: flight.warnings, link: "over", staleAfter: 1, playing: false, live: false, headline: null, figures: nothing };
   let chart = null;
   let closed = false;
 
-  status.update({ ...shown, monitor: flight.monitor, warnings: flight.warnings });
-  gauge.update({ state: "over", reason: "the flight has ended", epsilon: flight.epsilon });
+  showResult(flight);
   panels.alarm.remove();
   panels.transport.remove();
   panels.scene.classList.add("scene-panel");
@@ -65,6 +64,14 @@ export function showFlightRecord(element, { flight, why, api, navigate }) {
     },
   });
   entitle();
+
+  /** What it came to, in the status line and on the gauge. */
+  function showResult(now) {
+    shown.result = resultOf(now);
+    status.update(shown);
+    gauge.update({ state: "over", reason: "the flight has ended", epsilon: flight.epsilon, result: shown.result });
+  }
+
   load().catch(fail);
   offerToAcknowledge().catch(fail);
 
@@ -79,7 +86,8 @@ export function showFlightRecord(element, { flight, why, api, navigate }) {
       api.get("/catalog"), api.get(`/monitors/${flight.monitor}`), api.get(`${path}/alarms`), readFrames(),
     ]);
     if (closed) return;
-    status.update({ ...shown, monitor: monitor.name, warnings: flight.warnings });
+    shown.monitor = monitor.name;
+    status.update(shown);
     const limits = monitor.dataset_recipe.specification ?? {};
     const channels = catalog.channels.map((channel) => ({ ...channel, limit: limits[channel.key] ?? null }));
     const { passes, longest } = longestPass(frames);
@@ -114,7 +122,9 @@ export function showFlightRecord(element, { flight, why, api, navigate }) {
     failure.hidden = true;
     try {
       for (const { id } of waiting) events.add(acknowledgement(await api.post(`${path}/alarms/${id}/acknowledge`)));
-      const now = verdictLine(await api.get(path));
+      const over = await api.get(path);
+      showResult(over);
+      const now = verdictLine(over);
       panels.notice.querySelector(".verdict")?.remove();
       if (now !== null) panels.notice.prepend(now);
       entitle();

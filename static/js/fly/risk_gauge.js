@@ -8,8 +8,8 @@
  * Exports
  *   createRiskGauge(element, {timeline, scale, led}) -> {update(reading), draw(wall, headline), clear(), destroy()}
  *     led: it is drawn by `draw` alone, with a flight's headline; else by itself, with that of the sample alone
- *     reading: {p_value, epsilon, state, alert, reason, note}, any frame with its epsilon will do;
- *     note stands below the number; state
+ *     reading: {p_value, epsilon, state, alert, reason, note, result}, any frame with its epsilon will do;
+ *     note stands below the number; result: {words, level}, what a flight that is over came to; state
  *       ok, warming_up, stale, invalid (between manoeuvres: NOT ASSESSED), over (the flight has ended), or null for no data.
  *     timeline: the strips' clock; with it the gauge turns stale by itself when samples stop.
  *     scale "sqrt" | "linear": spacing of 0..1, as on the risk strip.
@@ -18,7 +18,7 @@
 import { shownState } from "../charts/readout.js";
 import { addDrawer } from "../lib/draw_loop.js";
 import { riskText } from "../lib/numbers.js";
-import { FACES, headlineOf, ofSample, wordOf } from "./headline.js";
+import { besideOf, FACES, headlineOf, ofSample, worstOf } from "./headline.js";
 
 const NS = "http://www.w3.org/2000/svg";
 const CENTRE = { x: 170, y: 150 };
@@ -28,6 +28,8 @@ const SWEEP = 230;
 const MARGIN = 30; // of the dial on either side, for epsilon's label
 
 const WITHOUT = { over: { word: "OVER", shape: "dash" }, none: { word: "NO DATA", shape: "dash" } };
+
+const OVER_LEVELS = { alert: "warning", caution: "caution", advisory: "advisory" }; // of a result
 
 const SHAPES = {
   check: "M-13 0a13 13 0 1 0 26 0a13 13 0 1 0-26 0M-6 0l4.5 5l8-9.5",
@@ -120,17 +122,18 @@ export function createRiskGauge(element, { timeline = null, scale = "sqrt", led 
     const { state, p_value: risk } = reading;
     if (state == null || state === "over") {
       const key = state ?? "none";
-      return { key, ...WITHOUT[key], level: "", beside: "", assessed: false };
+      const { words = "", level = "" } = reading.result ?? {};
+      return { key, ...WITHOUT[key], level: OVER_LEVELS[level] ?? "", beside: words, assessed: false };
     }
     const late = timeline !== null && timeline.stale(wall);
     const said = headline ?? headlineOf(ofSample(reading), { stale: late, alarms: 0 });
     const withdrawn = [said.status, ...said.beside].some((one) => one === "stale" || one === "invalid");
     return {
       key: said.status === "invalid" ? shownState({ state: "invalid", reason: reading.reason }) : said.status,
-      word: wordOf(said.status, reading.reason),
+      word: worstOf(said, reading.reason),
       shape: FACES[said.status].shape,
       level: said.level,
-      beside: said.beside.map((one) => wordOf(one, reading.reason)).join(" · "),
+      beside: besideOf(said, reading.reason),
       stale: said.status === "stale" || said.beside.includes("stale"),
       assessed: !withdrawn && state === "ok" && Number.isFinite(risk),
     };

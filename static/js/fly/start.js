@@ -48,7 +48,7 @@ export function showFlightStart(element, { query, api, navigate }) {
     const all = await api.get("/flights");
     if (closed) return;
     heard = performance.now();
-    const signature = JSON.stringify(all.map(({ id, progress, status, open_alarms: open }) => [id, progress, status, open]));
+    const signature = JSON.stringify(all.map((flight) => [flight.id, flight.progress, flight.open_alarms, resultOf(flight).words]));
     if (flights.dataset.signature !== signature) {
       flights.dataset.signature = signature;
       flights.replaceChildren(silent, ...flightLists(all, names));
@@ -99,9 +99,7 @@ function flightLists(all, names) {
 
 function flightRow(flight, names, verb) {
   const source = sourceText(flight.source, flight.name);
-  const isOver = flight.progress !== "running";
-  const isCalm = flight.level === "none" && !flight.verdict;
-  const { words, level } = isOver && isCalm ? { words: flight.progress, level: "off" } : resultOf(flight);
+  const { words, level } = resultOf(flight);
   const monitor = names.get(flight.monitor) ?? flight.monitor;
   const about = `${monitor} at ε ${flight.epsilon}, ${flight.created.slice(0, 16).replace("T", " ")} UTC`;
   return h(

@@ -3,12 +3,13 @@
  *
  * Exports
  *   createStatusStrip(element) -> {update(status)}
- *     status: {mode, source, monitor, warnings, validity, link, staleAfter, playing, live, headline, reason,
+ *     status: {mode, source, monitor, warnings, validity, link, staleAfter, playing, live, headline, reason, result,
  *              figures: {age [s], latency [ms], conflated, lost, unwritten, problem, utc: Date | null}}
  *     lost: null where nobody knows how many: the server was killed
  *     mode: "live", "replay" or "simulated"; only live data have an age and a latency, only a flight
  *     that is not over a link and the time of day
  *     headline: of the flight, null before it is known or for a flight that is over
+ *     result: what one that is over came to, {words, level}
  *     warnings: what speaks against the monitor, shown beside its name
  *     validity: "checked", or why not, shown beside the monitor
  *     link: "connecting" | "open" | "silent" | "lost" | "over"; staleAfter: age that is cautioned of [s]; live: false for a flight that is over
@@ -52,7 +53,7 @@ export function createStatusStrip(element) {
   const mode = h("strong", { class: "mode", title: "Where the samples come from" });
   element.prepend(mode);
 
-  function update({ mode: from, source, monitor, warnings = [], validity = "checked", link, staleAfter, playing, live, headline, reason, figures }) {
+  function update({ mode: from, source, monitor, warnings = [], validity = "checked", link, staleAfter, playing, live, headline, reason, result, figures }) {
     const linked = live && link === "open";
     put(mode, from === undefined ? "" : live ? from.toUpperCase() : "RECORD");
     mode.dataset.mode = live ? (from ?? "") : "record";
@@ -65,7 +66,8 @@ export function createStatusStrip(element) {
     items.test.box.hidden = warnings.length === 0;
     items.test.box.title = warnings.map(sentence).join(" ");
     show("test", warningWords({ warnings }), "caution");
-    if (headline === null) show("state", live ? "–" : "NOT LIVE", "off");
+    if (result) show("state", result.words, result.level);
+    else if (headline === null) show("state", "–", "off");
     else show("state", textOf(headline, reason), LEVEL_OF[headline.level]);
     show("link", ...linkOf(live, link));
     show("utc", figures.utc === null ? "–" : figures.utc.toISOString().slice(11, 19));

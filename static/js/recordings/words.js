@@ -78,6 +78,11 @@ const OUTCOMES = {
   },
 };
 
+const NEITHER = {
+  invalid: "the monitor was not applicable here: neither a miss nor a catch",
+  unseen: "part of it was not recorded: neither a miss nor a catch",
+};
+
 export function outcomeOf(key) {
   const word = String(key ?? "not recorded")
     .replaceAll("_", " ")
@@ -91,16 +96,12 @@ export function outcomeChip(manoeuvre) {
   return h("span", { class: "chip", "data-level": level, title: text }, `${mark} ${word}`);
 }
 
-export function verdictOf({ outcome, exceedance, lead }) {
+/** The server words what came of an exceedance; one in the values as recorded alone stands before the outcome. */
+export function verdictOf({ outcome, exceedance, exceedance_verdict: said }) {
   const verdict = outcomeOf(outcome);
-  if (!exceedance) return verdict;
-  if (outcome === "invalid")
-    return { ...verdict, word: "LIMIT EXCEEDED, INVALID", level: "alert", mark: "▲" };
-  if (outcome === "timely_alert")
-    return { ...verdict, word: `LIMIT EXCEEDED, warned ${lead.toFixed(2)} s before` };
-  if (outcome === "late_alert" && lead !== null)
-    return { ...verdict, word: `LIMIT EXCEEDED, warned ${lead.toFixed(2)} s before: too late` };
-  return verdict;
+  if (!said) return verdict;
+  if (!exceedance) return { ...verdict, word: `${said}; ${verdict.word}`, level: "caution", mark: "◆" };
+  return { ...verdict, word: said, level: outcome === "timely_alert" ? "caution" : "alert", mark: "▲", text: NEITHER[outcome] ?? verdict.text };
 }
 
 export function outsideText({ outside_exceedances: outside, channels }) {

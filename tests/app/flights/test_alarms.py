@@ -6,9 +6,8 @@ import pytest
 
 from app.flights.alarms import CLOSED_KEPT, REJOIN_S, Alarms
 from app.messages import MeasuredExceedance
-from app.recordings.reasons import BETWEEN
 from core.monitor import Assessment, State
-from core.monitor.status import Level
+from core.monitor.status import BETWEEN, Level
 from tests.support.flying import ScriptedClock
 
 DT = 0.1

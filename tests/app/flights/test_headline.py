@@ -2,6 +2,8 @@
 
 import asyncio
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -12,12 +14,14 @@ from app.flights.recorded_playback import RecordedScript
 from app.messages import Judged, MeasuredExceedance
 from app.store.alarms import StoredAlarm
 from core.monitor import State
+from core.monitor.assessment import REASONS, STATES
 from core.monitor.status import ALARM_LEVELS, Level
 from tests.app.flights.test_live import Live, Sample
 from tests.support.flying import EPSILON, Flown, exact_monitor, failing_flight, store_with
 from tests.support.oscillator import DT, N_SAMPLES, NY, Array
 from tests.support.samples import SAMPLE_LIKE
 
+INVALID = STATES.index(State.INVALID)
 LIMITS = np.array([np.inf, np.inf, np.inf, 0.5, np.inf, np.inf])
 
 
@@ -70,10 +74,11 @@ def test_a_recording_is_judged_with_its_trim_too() -> None:
     }
     trims = [[None, 0.0, 0.0, 0.1, 0.0, 0.0], [None, 0.0, 0.0, 0.3, 0.0, 0.0]]
     manoeuvres = [manoeuvre | {"first": 2 * k, "trim": trim} for k, trim in enumerate(trims)]
-    script = RecordedScript(samples, manoeuvres, DT, forecasts=False)
+    biases = [0.0, 0.0, 0.0, -0.05, 0.0, 0.0]
+    script = RecordedScript(samples, manoeuvres, DT, forecasts=False, biases=biases)
     found = [script.exceedance(k, LIMITS) for k in range(4)]
     assert found[:3] == [None, None, None]
-    assert found[3] == MeasuredExceedance(channel="Ny", value=0.6, limit=0.5, judged="recorded")
+    assert found[3] == MeasuredExceedance(channel="Ny", value=0.55, limit=0.5, judged="recorded")
 
 
 # --- under way -----------------------------------------------------------------------------------
@@ -95,9 +100,23 @@ def test_paused_beyond_the_limit_it_is_exceeding_until_within_then_exceeded() ->
     assert flown.flight.headline.status == "not_calibrated"
     flown.flight.is_checked = True
     assert flown.flight.headline.status == "exceeded"
-    flown.flight.act("seek", 10 * DT)
-    assert flown.flight.headline.status == "ok"
     assert statuses(flown)[-2:] == ["exceeding", "not_calibrated"]
+    for back in (10 * DT, 0.0):
+        flown.flight.act("seek", back)
+        said = flown.flight.headline
+        assert (said.status, said.level, said.exceeded_t) == ("exceeded", "caution", 22 * DT)
+    flown.seen.take()
+    assert flown.seen.of("status")[-1]["exceeded_t"] == 22 * DT
+
+
+def test_an_exceedance_that_was_passed_by_a_seek_is_the_flight_s_for_good() -> None:
+    flown = Flown(exact_monitor(), np.zeros((N_SAMPLES, 6)), epsilon=0.99).start()
+    flown.flight.is_checked, flown.flight.fail_t = True, 20 * DT
+    assert flown.flight.headline.status != "exceeded"  # it has not come to it
+    flown.flight.act("seek", 40 * DT)
+    flown.flight.act("seek", 10 * DT)
+    assert flown.flight.headline[:2] == ("exceeded", "caution")
+    assert flown.flight.headline.exceeded_t == 20 * DT
 
 
 def test_an_alarm_stays_the_headline_until_it_is_acknowledged() -> None:
@@ -168,6 +187,7 @@ def test_a_caution_that_waits_is_no_alarm_of_a_flight_that_is_over(tmp_path: Pat
     assert store.alarms.of(flight)[0].reason == "late"
     record = records(store, [info])[flight]
     assert (record.headline.status, record.verdict) == ("caution", None)
+    assert record.headline.exceeded_t is None
     store.alarms.acknowledge(caution, "FTE")
     assert records(store, [info])[flight].headline.status == "not_calibrated"
 
@@ -218,9 +238,93 @@ def test_less_than_the_promised_warning_lead_time_is_too_late(promised: float, l
     assert found.text.endswith("before: too late") == late
 
 
-def test_the_verdict_is_the_monitor_s_own_from_trim() -> None:
-    assert verdict([stored("limit", 1.0, "recorded"), stored("risk", 0.5)]) is None
+def test_the_verdict_is_the_monitor_s_own_from_trim_and_else_names_what_was_recorded() -> None:
+    found = verdict([stored("limit", 1.0, "recorded"), stored("risk", 0.5)])
+    assert found is not None
+    assert (found.exceeded_t, found.lead) == (1.0, None)
+    assert found.text == "LIMIT EXCEEDED as recorded, not from trim"
+    both = verdict([stored("limit", 1.0, "recorded"), stored("limit", 1.5)])
+    assert both is not None
+    assert both.text == "LIMIT EXCEEDED, no warning"
     assert verdict([]) is None
+
+
+def test_an_exceedance_where_the_monitor_was_withdrawn_is_neither_missed_nor_caught() -> None:
+    found = verdict([stored("limit", 1.31)], withdrawn=True)
+    assert found is not None
+    assert found.text == "LIMIT EXCEEDED, INVALID, no verdict"
+    warned = verdict([stored("risk", 1.0), stored("limit", 1.31)], withdrawn=True)
+    assert warned is not None
+    assert warned.text == "LIMIT EXCEEDED, warned 0.31 s before"  # before it was withdrawn
+
+
+def test_a_flight_knows_by_its_samples_that_its_monitor_was_withdrawn(tmp_path: Path) -> None:
+    store, monitor = store_with(exact_monitor(), tmp_path)
+    texts = {}
+    for why in ("outside training", REASONS[INVALID]):
+        flight = store.flights.add({"kind": "scripted"}, monitor, EPSILON)
+        n = np.full(3, np.nan)
+        states, reasons = [0, INVALID, INVALID], ["", why, why]
+        store.flights.append(
+            flight, 0, DT * np.arange(3), np.zeros((3, 6)), n, n == 0, states, None, reasons
+        )
+        over = {"channel": "Ny", "value": 0.529, "limit": 0.5, "judged": "both"}
+        store.alarms.add(flight, 2, 2 * DT, None, "limit", Level.WARNING, over)
+        found = records(store, [store.flights.end(flight)])[flight].verdict
+        assert found is not None
+        texts[why] = found.text
+    assert texts["outside training"] == "LIMIT EXCEEDED, INVALID, no verdict"
+    assert texts[REASONS[INVALID]] == "LIMIT EXCEEDED, no warning"  # a lost sample
+
+
+def scored(word: str, lead: float | None, t: float, **more: Any) -> dict[str, Any]:
+    over = {"t": t, "channel": "Ny", "value": 0.529}
+    return {"outcome": word, "lead": lead, "exceedance": over} | more
+
+
+@pytest.mark.parametrize(
+    ("manoeuvres", "text"),
+    [
+        ([scored("invalid", None, 2 * DT)], "LIMIT EXCEEDED, INVALID, no verdict"),
+        (
+            [scored("timely_alert", 0.31, DT), scored("missed", None, 2 * DT)],
+            "LIMIT EXCEEDED, no warning",
+        ),
+        (
+            [scored("timely_alert", 0.31, DT), scored("missed", None, 90.0)],
+            "LIMIT EXCEEDED, warned 0.31 s before",  # it never came to the other one
+        ),
+        (
+            [scored("quiet", None, 0.0, exceedance=None)],
+            "LIMIT EXCEEDED outside every manoeuvre, where nothing was assessed",
+        ),
+    ],
+)
+def test_a_replay_s_verdict_is_the_recording_s_own(
+    manoeuvres: list[dict[str, Any]],
+    text: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    store, monitor = store_with(exact_monitor(), tmp_path)
+    known = SimpleNamespace(damage="", manoeuvres=manoeuvres)
+    monkeypatch.setattr(store.scorings, "info", lambda *_: known)
+    source = {"kind": "recording", "recording": "r", "scoring": "s"}
+    flight = store.flights.add(source, monitor, EPSILON)
+    over = {"channel": "Ny", "value": 0.529, "limit": 0.5, "judged": "both"}
+    store.alarms.add(flight, 2, 2 * DT, None, "limit", Level.WARNING, over)
+    found = records(store, [store.flights.end(flight)])[flight].verdict
+    assert found is not None
+    assert found.text == text
+
+
+def test_what_a_seek_had_passed_is_said_of_a_flight_that_is_over(tmp_path: Path) -> None:
+    store, monitor = store_with(exact_monitor(), tmp_path)
+    flight = store.flights.add({"kind": "scripted"}, monitor, EPSILON)
+    record = records(store, [store.flights.end(flight, exceeded_t=8.76)])[flight]
+    assert record.headline.exceeded_t == 8.76
+    assert record.verdict is not None
+    assert record.verdict.text == "LIMIT EXCEEDED, what came before it was not flown"
 
 
 def test_a_flight_that_was_sought_to_its_exceedance_is_not_said_to_have_had_no_warning() -> None:

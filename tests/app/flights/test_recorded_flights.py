@@ -129,6 +129,19 @@ def test_it_begins_at_its_own_first_time(field: Airfield, flight: str):
     assert status["fail_t"] == field.scoring["manoeuvres"][1]["exceedance"]["t"]
 
 
+def test_its_verdict_is_that_of_the_recording_s_page(field: Airfield):
+    said = field.scoring["manoeuvres"][1]["exceedance_verdict"]
+    assert said.startswith("LIMIT EXCEEDED, warned ")
+    flight = field.order().json()["id"]
+    field.steer(flight, "pause")
+    for t in (field.scoring["manoeuvres"][2]["end"], START):
+        field.steer(flight, "seek", t)
+    shown = field.client.get(f"{URL}/{flight}").json()
+    assert shown["exceeded_t"] == shown["fail_t"]
+    ended = field.client.post(f"{URL}/{flight}/end").json()
+    assert (ended["exceeded_t"], ended["verdict"]["text"]) == (shown["fail_t"], said)
+
+
 def test_what_is_flown_is_what_was_scored(field: Airfield, flight: str):
     kept = field.frames
     source = field.client.get(f"{URL}/{flight}/source").json()["frames"]

@@ -9,9 +9,9 @@ import pytest
 from app.flights.recorded_playback import RecordedScript
 from app.flights.replay import TrackFlight
 from app.flights.transport import NotPossible
-from app.recordings.reasons import BETWEEN
 from core.monitor import State
 from core.monitor.assessment import REASONS, STATES
+from core.monitor.status import BETWEEN
 from core.simulation.attitude import attitude
 from tests.support.flying import ScriptedClock, Seen, SilentRecorder, exact_monitor, plan
 from tests.support.samples import SAMPLE_LIKE

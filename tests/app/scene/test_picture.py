@@ -27,7 +27,7 @@ from app.scene.quaternion import body_to_earth, matrix, turn
 from app.scene.scene import Scene
 from app.scene.shapes import arrow, torus, tube
 from core.monitor.assessment import State
-from core.monitor.status import Facts
+from core.monitor.status import BETWEEN, Facts
 from core.simulation.attitude import Attitude, SurfaceSigns
 from tests.support.scene_site import show
 
@@ -267,7 +267,7 @@ class TestThePicture:
         [
             (Facts(exceeds=True), "EXCEEDING RISK 0.04", ALERT),
             (Facts(alarm=True), "ALARM RISK 0.04", ALERT),
-            (Facts(has_exceeded=True), "EXCEEDED RISK 0.04", CAUTION),
+            (Facts(exceeded_t=8.76), "EXCEEDED at 8.76 s RISK 0.04", CAUTION),
             (Facts(calibrated=False), "NOT CALIBRATED RISK 0.04", ADVISORY),
             (Facts(), "RISK 0.04", CALM),
         ],
@@ -278,14 +278,19 @@ class TestThePicture:
         assert nodes(scene)._headline.text == text
         assert tuple(nodes(scene)._ring.colors) == colour
 
+    def test_nothing_is_invalid_between_manoeuvres(self, scene):
+        show(scene, state="invalid", p_value=None, alert=None, reason=BETWEEN)
+        scene.draw()
+        assert nodes(scene)._headline.text == "NOT ASSESSED"
+
     def test_an_alarm_does_not_hide_that_nothing_comes(self, scene, clock):
         show(scene, facts=Facts(exceeds=True, alarm=True))
         clock.now += 1000.0
         scene.draw()
         assert nodes(scene)._headline.text == "ALARM · STALE"
-        scene.restate(Facts(has_exceeded=True))
+        scene.restate(Facts(exceeded_t=8.76))
         scene.draw()
-        assert nodes(scene)._headline.text == "STALE"
+        assert nodes(scene)._headline.text == "STALE · EXCEEDED at 8.76 s"
         assert tuple(nodes(scene)._ring.colors) == CAUTION
 
     @pytest.mark.parametrize("state", ["stale", "invalid"])

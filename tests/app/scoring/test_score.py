@@ -228,6 +228,27 @@ def test_an_exceedance_between_the_monitors_samples_counts():
     assert later.peaks[0][:3] == ("Ny", pytest.approx(0.0), 0.2)
 
 
+def test_a_bias_that_the_mapping_removes_hides_no_exceedance_as_recorded(
+    attas: Monitor, calm: np.ndarray
+):
+    small = 0.5 * calm
+    traces = recorded(small)
+    ny = traces.channels["Ny"]
+    biased = Traces(traces.channels | {"Ny": replace(ny, bias=0.3)})
+    scored = score(attas, biased)
+    (manoeuvre,) = scored.manoeuvres
+    assert (manoeuvre.outcome, manoeuvre.exceedance) == ("quiet", None)
+    raw = manoeuvre.recorded_exceedance
+    assert raw is not None
+    assert (raw.t, raw.channel) == (manoeuvre.start, "Ny")
+    first = manoeuvre.first
+    assert raw.value == pytest.approx(small[first, NY] + 0.3)
+    assert "the bias of 0.3 g that the mapping removes" in " ".join(manoeuvre.remarks)
+    said = "LIMIT EXCEEDED as recorded, not from trim; no alert, no limit exceeded from trim"
+    assert said in verdict(attas, scored)[0]
+    assert the_only_manoeuvre(attas, traces).recorded_exceedance is None
+
+
 def test_what_a_limited_channel_lost_is_said(attas: Monitor, calm: np.ndarray):
     holed = calm.copy()
     holed[100:125, NY] = np.nan

@@ -60,6 +60,9 @@ def test_peaks_are_told_in_the_units_that_people_read():
     inside, as_recorded = remarks(planned, segment, limited, said(0.1))
     assert inside.endswith("recorded of it: |beta| 4 deg of 5 deg from trim")
     assert "is 6 deg, beyond the limit of 5 deg:" in as_recorded
+    biased = limited._replace(peaks=(limited.peaks[0]._replace(bias=float(np.radians(2.0))),))
+    _, as_recorded = remarks(planned, segment, biased, said(0.1))
+    assert "trim and the bias of 2 deg that the mapping removes included, is 6 deg" in as_recorded
 
 
 def test_exceedances_and_trim_are_told_in_the_units_that_people_read():

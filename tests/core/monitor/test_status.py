@@ -4,9 +4,20 @@ from itertools import product
 
 import pytest
 
-from core.monitor.status import LEVELS, Facts, Headline, Level, Status, headline
+from core.monitor.status import (
+    BETWEEN,
+    LEVELS,
+    Facts,
+    Headline,
+    Level,
+    Status,
+    headline,
+    in_words,
+)
 
-EVERY = [Facts(*values) for values in product((False, True), repeat=len(Facts._fields))]
+T = 8.76
+CHOICES = {name: (None, T) if name == "exceeded_t" else (False, True) for name in Facts._fields}
+EVERY = [Facts(*values) for values in product(*CHOICES.values())]
 WORST_FIRST = (
     "exceeding",
     "alarm",
@@ -32,7 +43,7 @@ def true_of(facts: Facts) -> set[str]:
     said |= {"caution"} if facts.caution else set()
     said |= {"warming_up"} if facts.warming_up else set()
     said |= set() if facts.calibrated else {"not_calibrated"}
-    said |= {"exceeded"} if facts.exceeds or facts.has_exceeded else set()
+    said |= {"exceeded"} if facts.exceeds or facts.exceeded_t else set()
     return said
 
 
@@ -59,9 +70,19 @@ def test_a_stale_sample_is_never_now(facts: Facts) -> None:
     assert headline(facts).status not in (Status.EXCEEDING, Status.RISK)
 
 
-@pytest.mark.parametrize("facts", [facts for facts in EVERY if facts.exceeds or facts.has_exceeded])
-def test_a_flight_that_exceeded_is_never_ok(facts: Facts) -> None:
-    assert headline(facts).status is not Status.OK
+@pytest.mark.parametrize("facts", [facts for facts in EVERY if facts.exceeds or facts.exceeded_t])
+def test_a_flight_that_exceeded_is_never_calm_and_says_when(facts: Facts) -> None:
+    said = headline(facts)
+    assert said.status is not Status.OK
+    assert said.level in (Level.WARNING, Level.CAUTION)
+    when = facts.exceeded_t is not None and said.status is not Status.EXCEEDING
+    assert in_words(said).endswith("EXCEEDED at 8.76 s") == when
+
+
+def test_between_manoeuvres_nothing_is_called_invalid() -> None:
+    invalid = headline(Facts(invalid=True, stale=True))
+    assert in_words(invalid) == "STALE · INVALID"
+    assert in_words(invalid, BETWEEN) == "STALE · NOT ASSESSED"
 
 
 def test_red_is_for_warnings_that_ask_for_action_now() -> None:

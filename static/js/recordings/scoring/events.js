@@ -28,7 +28,7 @@ function ofExceedance({ t, channel, value }, channels, where = "") {
 }
 
 function ofManoeuvre(
-  { name, start, alerts, exceedance, peak_t: t, peak_risk: risk, validity },
+  { name, start, alerts, exceedance, recorded_exceedance: raw, peak_t: t, peak_risk: risk, validity },
   manoeuvre,
   channels,
   epsilon,
@@ -52,6 +52,9 @@ function ofManoeuvre(
   }
   if (exceedance) {
     events.push({ ...ofExceedance(exceedance, channels), manoeuvre });
+  }
+  if (raw) {
+    events.push({ ...ofExceedance(raw, channels, " as recorded, not from trim"), manoeuvre });
   }
   if (validity.valid !== false && Number.isFinite(t) && t > start) {
     events.push({

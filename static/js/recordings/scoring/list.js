@@ -11,7 +11,7 @@ import { warningMark } from "../../lib/monitor_warnings.js";
 import { figure, moment, riskText } from "../../lib/numbers.js";
 import { askToConfirm, button } from "../../lib/view_states.js";
 import { earlierMapping } from "../mapping/changes.js";
-import { outcomeChip, outcomeOf, outsideText, requestWords } from "../words.js";
+import { outcomeChip, outcomeOf, outsideText, requestWords, verdictOf } from "../words.js";
 
 const MOST_CHIPS = 4;
 
@@ -166,13 +166,14 @@ function outcomes(manoeuvres) {
       manoeuvres.map(outcomeChip),
     );
   }
-  const counts = new Map();
-  for (const { outcome } of manoeuvres) counts.set(outcome, (counts.get(outcome) ?? 0) + 1);
+  const exceeded = (manoeuvre) => manoeuvre.exceedance ?? manoeuvre.recorded_exceedance;
+  const alike = Map.groupBy(manoeuvres, (one) => `${one.outcome} ${Boolean(exceeded(one))}`);
   return h(
     "span",
     { class: "row outcome-chips" },
-    [...counts].map(([outcome, n]) => {
-      const { word, level, mark } = outcomeOf(outcome);
+    [...alike.values()].map(({ length: n, 0: first }) => {
+      const { level, mark, word: own } = verdictOf(first);
+      const word = first.lead === null ? own : outcomeOf(first.outcome).word; // each has a lead of its own
       return h("span", { class: "chip", "data-level": level }, `${mark} ${n} × ${word}`);
     }),
   );

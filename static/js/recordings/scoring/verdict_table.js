@@ -100,7 +100,7 @@ export function createVerdictTable(scoring, { show }) {
         cell(1, outcomeChip(manoeuvre)),
         cell(2, riskWords(risk, peak, withdrawn, scoring.epsilon)),
         cell(3, firstAlertText(manoeuvre)),
-        cell(4, exceedance ? exceedanceWords(exceedance, scoring.channels) : noExceedance(manoeuvre)),
+        cell(4, exceedance ? exceedanceWords(exceedance, scoring.channels) : noExceedance(manoeuvre, scoring.channels)),
         cell(5, leadText(manoeuvre, scoring.lead)),
         cell(
           6,
@@ -159,8 +159,9 @@ function riskWords(risk, t, withdrawn, epsilon) {
   return `${riskText(risk, epsilon)} at ${secondsText(t)}`;
 }
 
-function noExceedance({ outcome, amplitude }) {
+function noExceedance({ outcome, amplitude, recorded_exceedance: raw }, channels) {
   if (outcome === "unknown") return "unknown";
+  if (raw) return h("span", {}, "none from trim; as recorded ", exceedanceWords(raw, channels));
   if (outcome === "unseen") return "not known";
   return amplitude ? `none, at ${percent(amplitude, 0)} of the planned amplitude` : "none";
 }
