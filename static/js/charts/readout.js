@@ -2,11 +2,13 @@
  * The column at the right of a strip: symbol, current value, state, forecast, cursor values.
  *
  * A measured value stands as long as data come in, dim where the monitor does not assess it; the risk
- * has a number only where it was assessed, else a word.
+ * has a number only where it was assessed, else a word. Once nothing comes, the last value stays, marked
+ * as the last with its age.
  *
  * Exports
  *   createReadout(element, strip) -> {show(reading)}   strip: {symbol, label, unit, limit, risk}
- *     reading: {value, state, alert, forecast, lead, a, b, cursor, exceeded: {value, t} | null}
+ *     reading: {value, state, age, alert, forecast, lead, a, b, cursor, exceeded: {value, t} | null}
+ *     age: of the newest sample, in words
  *   cursorsText({a, b}, cursor) -> string     their times [s], and the difference of A and B
  *   symbolNodes(symbol) -> Node[]     "N_y" as N with subscript y
  *   shownState({state, reason}) -> string    "not_assessed" BETWEEN the manoeuvres of a recording
@@ -52,8 +54,10 @@ export function createReadout(element, strip) {
 
   function show(now) {
     const known = risk ? isAssessed(now) : now.state !== "stale" && now.state !== "none";
-    put(value, known ? read(now.value) : "");
-    units.hidden = !known;
+    const last = now.state === "stale" && Number.isFinite(now.value);
+    put(value, known || last ? read(now.value) : "");
+    units.hidden = !known && !last;
+    element.toggleAttribute("data-last", last);
     put(state, known ? "" : (STATE_WORDS[now.state] ?? now.state));
     state.hidden = known;
     element.dataset.state = now.state;
@@ -79,7 +83,7 @@ function isAssessed({ state, value }) {
   );
 }
 
-function details({ a, b, cursor, forecast, lead, state }, read) {
+function details({ a, b, cursor, forecast, lead, state, value, age }, read) {
   const both = a !== undefined && b !== undefined;
   const parts = [];
   if (a !== undefined) parts.push(`A ${read(a)}`);
@@ -89,6 +93,7 @@ function details({ a, b, cursor, forecast, lead, state }, read) {
   if (parts.length === 0 && Number.isFinite(forecast) && state === "ok") {
     parts.push(`in ${lead.toFixed(2)} s ${read(forecast)}`);
   }
+  if (parts.length === 0 && state === "stale" && Number.isFinite(value)) parts.push(`last value, ${age} old`);
   return parts.join("  ");
 }
 

@@ -18,6 +18,7 @@
  *   setLinked(boolean)   false: nobody knows whether there are new alarms
  *   acknowledgeAll()     all open warnings; all open cautions where there are none
  *   open()               how many warnings wait
+ *   alert()              the newest alert of a risk that waits, as it was raised, or null
  *   close()              silence
  */
 
@@ -155,6 +156,7 @@ export function createAlarmPanel(element, { tone, acknowledge }) {
     },
     acknowledgeAll,
     open: () => waiting().warnings.length,
+    alert: () => waiting().warnings.findLast(({ kind }) => kind === "risk") ?? null,
     close: () => tone.stop(),
   };
 }

@@ -27,14 +27,13 @@ import { headlineOf } from "./headline.js";
 import { windowOf } from "./panels.js";
 import { createRiskGauge } from "./risk_gauge.js";
 
-const HELD = 1500; // ms that an alert stays on the gauge
 const LOST = { state: "stale", reason: "connection lost" };
 const ALARMED = ["stale", "invalid"]; // cautions, which are listed as alarms
-const alerts = (frame) => frame.state === "ok" && frame.alert === true;
 
 export function createAssessmentDisplay(panels, { hello, history, alarm, events, onExceedance }) {
   const { channels, epsilon, lead, dt } = hello;
   const timeline = createTimeline({ seconds: windowOf(hello), staleAfter: hello.stale_after, start: hello.transport.start });
+  timeline.begin(performance.now());
   const gauge = createRiskGauge(panels.gauge, { timeline, led: true });
   const chart = createStripChart(panels.strips, {
     channels,
@@ -46,7 +45,7 @@ export function createAssessmentDisplay(panels, { hello, history, alarm, events,
   });
   let assessment = { state: null, reason: "" };
   let newest = null; // frame, without which there is nothing to trust
-  let heldAlert = null; // riskiest alert of late, and until when it stays on the gauge
+  let noted = ""; // below the number on the gauge
   let origin = 0; // where the flight goes on from, until a sample says more [s]
   let decided = hello; // the server's headline
   let linked = true;
@@ -61,7 +60,6 @@ export function createAssessmentDisplay(panels, { hello, history, alarm, events,
     }
     chart.push(frames);
     newest = frames.at(-1);
-    for (const frame of frames) if (alerts(frame)) hold(frame);
     show(newest);
     return newest;
   }
@@ -70,20 +68,18 @@ export function createAssessmentDisplay(panels, { hello, history, alarm, events,
     const { state, reason } = frame;
     if (state !== assessment.state || reason !== assessment.reason)
       setAssessment({ state, reason });
-    const shown = state === "ok" && heldAlert !== null ? heldAlert.frame : frame;
-    const at = formatTime(shown.t, 0.01);
-    const note = shown === frame ? "" : `alert at ${at} s, now ${riskText(frame.p_value, epsilon)}`;
-    gauge.update({ ...shown, note, epsilon });
+    noted = alertNote();
+    gauge.update({ ...frame, note: noted, epsilon });
   }
 
   function headlineNow(wall) {
     return headlineOf(decided, { stale: !linked || timeline.stale(wall), alarms: alarm.open() });
   }
 
-  /** An alert may last one sample, too short for an eye: it stays on the gauge for a while, with the present risk below it. */
-  function hold(frame) {
-    const isRiskier = heldAlert === null || frame.p_value >= heldAlert.frame.p_value;
-    heldAlert = { frame: isRiskier ? frame : heldAlert.frame, until: performance.now() + HELD };
+  /** The number is the risk now. An alert may last one sample, too short for an eye: while it waits, it stands below. */
+  function alertNote() {
+    const alert = alarm.alert();
+    return alert === null ? "" : `now; at the alert of ${formatTime(alert.t, 0.01)} s ${riskText(alert.p_value, epsilon)}`;
   }
 
   /** What the monitor can say now; a word in place of a number where it can say nothing. */
@@ -99,7 +95,7 @@ export function createAssessmentDisplay(panels, { hello, history, alarm, events,
   }
 
   function withdraw() {
-    gauge.update({ ...assessment, p_value: null, epsilon });
+    gauge.update({ ...assessment, p_value: null, last: newest?.p_value, epsilon });
     chart.setState(assessment);
   }
 
@@ -109,7 +105,6 @@ export function createAssessmentDisplay(panels, { hello, history, alarm, events,
     const read = await history.readBefore(t);
     if (read === null) return null;
     chart.clear();
-    heldAlert = null;
     seen = true;
     if (read.before.length > 0) chart.push(read.before);
     seen = false;
@@ -117,8 +112,6 @@ export function createAssessmentDisplay(panels, { hello, history, alarm, events,
   }
 
   function exceeds({ key, symbol, t, value }) {
-    const { limit } = channels.find((channel) => channel.key === key);
-    if (Math.abs(chart.values(t - dt)[key]) >= limit) return; // acknowledged while beyond it
     onExceedance({ key, symbol, t, value, seen });
   }
 
@@ -160,10 +153,7 @@ export function createAssessmentDisplay(panels, { hello, history, alarm, events,
       return newest?.t ?? null;
     },
     refresh: (wall) => {
-      if (heldAlert !== null && wall > heldAlert.until) {
-        heldAlert = null; // it was on the gauge long enough
-        if (newest !== null) show(newest);
-      }
+      if (linked && newest !== null && alertNote() !== noted) show(newest);
       const headline = headlineNow(wall);
       gauge.draw(wall, headline);
       return headline;

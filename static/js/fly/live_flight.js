@@ -15,7 +15,7 @@ import { createAlarmPanel } from "./alarm_panel.js";
 import { createAssessmentDisplay } from "./assessment_display.js";
 import { createConnection } from "./connection.js";
 import { LEVEL_OF, textOf } from "./headline.js";
-import { alertText, createFlightPanels, exceedanceText, limitsOf, sourceText } from "./panels.js";
+import { acknowledgementOf, alertText, createFlightPanels, exceedanceText, limitsOf, recordedFlag, sourceText } from "./panels.js";
 import { createReplayNotes } from "./replay_notes.js";
 import { createSceneFrame } from "./scene_frame.js";
 import { createSeekHistory } from "./seek_history.js";
@@ -83,6 +83,7 @@ export function showLiveFlight(element, { id, api, over }) {
     alarm.describe({ epsilon, lead, warnings, limits: limitsOf(channels), channels });
     onTransport(hello.transport);
     display.setAssessment({ state, reason: why }, true);
+    showEventsUntil(hello.transport.position);
     hello.alarms.forEach(onAlarm);
     onStatus(hello);
     if (!again) return;
@@ -99,25 +100,34 @@ export function showLiveFlight(element, { id, api, over }) {
 
   function onFrames(frames, newest) {
     if (newest === null) return;
+    showEventsUntil(newest.t);
     transport.moved(newest.t);
     notes?.moved(newest.t);
   }
 
+  /** What lies behind the time shown has happened; what lies ahead was seen, and is set apart. */
+  function showEventsUntil(t) {
+    if (hello.transport.seekable) events.showUntil(t);
+  }
+
   async function onReset({ t }) {
+    showEventsUntil(t);
     transport.arrived();
     onFrames([], await display.restart(t));
   }
 
   function onAlarm(raisedAlarm) {
-    const { number, t, level, acknowledged, by } = raisedAlarm;
+    const { number, t, level, kind, acknowledged } = raisedAlarm;
     const fresh = !raised.has(number);
     raised.add(number);
     alarm.take(raisedAlarm);
     if (fresh) events.add({ t, text: alertText(raisedAlarm, hello.epsilon, hello.channels), level: LEVEL_OF[level] });
     if (acknowledged) {
-      events.add({ t, text: `acknowledged by ${by}` });
-      if (level === "warning") display.chart.acknowledge();
+      events.add(acknowledgementOf(raisedAlarm));
+      if (kind === "limit") display.chart.acknowledge();
     }
+    const flag = recordedFlag(raisedAlarm);
+    if (flag) display.chart.flag(flag);
     markEvents();
   }
 

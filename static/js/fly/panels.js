@@ -8,6 +8,8 @@
  *   CAUTION_WORDS {kind: word}          of the alarms that are no warnings
  *   waitingOf(alarms) -> {warnings, cautions}    those that nobody acknowledged
  *   alertText(alarm, epsilon, channels) -> string, exceedanceText({key, value, judged}, channels) -> string
+ *   acknowledgementOf(alarm) -> event    when it was acknowledged, and of which alarm
+ *   recordedFlag(alarm) -> {key, t, word} | null    the strips' mark of an exceedance as recorded, not from trim
  *   sourceText(source, name) -> string
  */
 
@@ -61,6 +63,16 @@ export function alertText({ kind, reason, p_value: risk, exceedance }, epsilon, 
     return exceedanceText({ ...exceedance, key: exceedance.channel }, channels);
   }
   return risk === null ? "alert" : `alert, risk ${riskText(risk, epsilon)}`;
+}
+
+export function acknowledgementOf({ t, number, level, by, acknowledged }) {
+  const what = level === "caution" ? "caution" : "alarm";
+  const text = `${what} ${number} of ${t.toFixed(2)} s acknowledged by ${by}`;
+  return { t, when: `${acknowledged.slice(11, 19)} UTC`, text, seen: true };
+}
+
+export function recordedFlag({ t, exceedance }) {
+  return exceedance?.judged === "recorded" ? { key: exceedance.channel, t, word: "LIMIT AS RECORDED" } : null;
 }
 
 export function waitingOf(alarms) {

@@ -14,7 +14,7 @@ import { warningLines } from "../lib/monitor_warnings.js";
 import { startFlight } from "../lib/start_flight.js";
 import { askToConfirm, state } from "../lib/view_states.js";
 import { LEVEL_OF, resultOf } from "./headline.js";
-import { alertText, createFlightPanels, exceedanceText, sourceText, waitingOf, windowOf } from "./panels.js";
+import { acknowledgementOf, alertText, createFlightPanels, exceedanceText, recordedFlag, sourceText, waitingOf, windowOf } from "./panels.js";
 import { createRiskGauge } from "./risk_gauge.js";
 import { createStatusStrip } from "./status_strip.js";
 
@@ -98,14 +98,11 @@ export function showFlightRecord(element, { flight, why, api, navigate }) {
     const found = draw(channels, monitor, longest, passes);
     for (const alarm of alarms) {
       found.push({ t: alarm.t, text: alertText(alarm, flight.epsilon, channels), level: LEVEL_OF[alarm.level], seen: true });
-      if (alarm.acknowledged) found.push(acknowledgement(alarm));
+      if (alarm.acknowledged) found.push(acknowledgementOf(alarm));
+      const flag = recordedFlag(alarm);
+      if (flag) chart.flag(flag);
     }
     found.sort((a, b) => a.t - b.t).forEach(events.add);
-  }
-
-  function acknowledgement({ t, number, level, by }) {
-    const what = level === "caution" ? "caution" : "alarm";
-    return { t, text: `${what} ${number} acknowledged by ${by}`, seen: true };
   }
 
   /** Alarms that nobody acknowledged while it flew can be acknowledged now; the headline changes with them. */
@@ -121,7 +118,7 @@ export function showFlightRecord(element, { flight, why, api, navigate }) {
     acknowledgeButton.disabled = true;
     failure.hidden = true;
     try {
-      for (const { id } of waiting) events.add(acknowledgement(await api.post(`${path}/alarms/${id}/acknowledge`)));
+      for (const { id } of waiting) events.add(acknowledgementOf(await api.post(`${path}/alarms/${id}/acknowledge`)));
       const over = await api.get(path);
       showResult(over);
       const now = verdictLine(over);

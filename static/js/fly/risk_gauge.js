@@ -9,7 +9,7 @@
  *   createRiskGauge(element, {timeline, scale, led}) -> {update(reading), draw(wall, headline), clear(), destroy()}
  *     led: it is drawn by `draw` alone, with a flight's headline; else by itself, with that of the sample alone
  *     reading: {p_value, epsilon, state, alert, reason, note, result}, any frame with its epsilon will do;
- *     note stands below the number; result: {words, level}, what a flight that is over came to; state
+ *     note stands below the number; last: the risk of the last sample, where p_value is withdrawn; result: {words, level}, what a flight that is over came to; state
  *       ok, warming_up, stale, invalid (between manoeuvres: NOT ASSESSED), over (the flight has ended), or null for no data.
  *     timeline: the strips' clock; with it the gauge turns stale by itself when samples stop.
  *     scale "sqrt" | "linear": spacing of 0..1, as on the risk strip.
@@ -206,10 +206,11 @@ export function createRiskGauge(element, { timeline = null, scale = "sqrt", led 
 }
 
 /** @param {Reading} reading */
-function whyOf({ key, stale }, { reason, state }, timeline, wall) {
+function whyOf({ key, stale }, { reason, state, p_value: risk, last = risk, epsilon }, timeline, wall) {
   if (key === "none") return "no sample has been assessed yet";
   if (stale && timeline !== null && Number.isFinite(timeline.age(wall))) {
-    return `last sample ${timeline.age(wall).toFixed(0)} s ago`;
+    const then = Number.isFinite(last) ? `, its risk ${riskText(last, epsilon)}` : "";
+    return `last sample ${timeline.age(wall).toFixed(0)} s ago${then}`;
   }
   return reason || (state === "ok" ? "the assessment has no p-value" : "");
 }

@@ -2,14 +2,17 @@
  * What happened, newest first: alerts, exceedances, changes of state, acknowledgements.
  *
  * Exports
- *   createEventList(element, {go, label, most}) -> {add(event), times(level) -> [t], clear()}
+ *   createEventList(element, {go, label, most}) -> {add(event), times(level) -> [t], showUntil(t), clear()}
  *     go(t)    called when an event is chosen.   label: what the list is called.   most: events kept
- *     event: {t [s] | null, text, level "alert" | "caution" | "", seen}; the same one again (a loop
+ *     showUntil(t)    those later than t [s] are set apart under a heading of their own, until t has passed them
+ *     event: {t [s] | null, when, text, level "alert" | "caution" | "", seen}; when: said in the place of t; the same one again (a loop
  *     flies past it each time round) is counted, not repeated, and not even counted where `seen`
  */
 
 import { formatted, h, put } from "./dom.js";
 import { formatTime } from "./numbers.js";
+
+const SAME = 1e-6; // s
 
 export function createEventList(element, { go, label = "Events, newest first", most = 300 }) {
   const title = h("h2", { class: "event-title" }, "Events");
@@ -19,22 +22,39 @@ export function createEventList(element, { go, label = "Events, newest first", m
     { class: "dim" },
     "Alerts, exceedances and changes of state are listed here; choose one to go there.",
   );
-  element.append(title, empty, list);
+  const later = h("ol", { class: "event-list event-later", "aria-live": "off", "aria-label": "Later than the time shown" });
+  const ahead = h("section", { hidden: true }, h("h3", { class: "event-later-title" }, "Later than the time shown, seen before"), later);
+  element.append(title, empty, list, ahead);
   const known = new Map();
+  let until = Infinity;
 
-  function add({ t, text, level = "", seen = false }) {
+  const isLater = ({ t }) => t !== null && t > until + SAME;
+
+  function place(event) {
+    event.later = isLater(event);
+    (event.later ? later : list).prepend(event.item);
+    ahead.hidden = later.childElementCount === 0;
+  }
+
+  function showUntil(t) {
+    until = t;
+    const moved = [...known.values()].filter((event) => isLater(event) !== event.later);
+    moved.sort((a, b) => a.t - b.t).forEach(place);
+  }
+
+  function add({ t, when, text, level = "", seen = false }) {
     const key = `${t === null ? "" : t.toFixed(3)} ${text}`;
     const again = known.get(key);
     if (again !== undefined && seen) return;
     if (again !== undefined) {
       again.times += 1;
       put(again.count, `×${again.times}`);
-      list.prepend(again.item);
+      place(again);
       return;
     }
     const count = h("span", { class: "event-count" });
     const parts = [
-      h("span", { class: "event-time" }, t === null ? "" : `${formatTime(t, 0.01)} s`),
+      h("span", { class: "event-time" }, when ?? (t === null ? "" : `${formatTime(t, 0.01)} s`)),
       h("span", { class: "event-text" }, text.split(/(\s+)/).map(formatted)),
       count,
     ];
@@ -52,8 +72,9 @@ export function createEventList(element, { go, label = "Events, newest first", m
             ...parts,
           );
     const item = h("li", { class: "event", "data-level": level }, body);
-    known.set(key, { item, count, times: 1, t, level });
-    list.prepend(item);
+    const event = { item, count, times: 1, t, level };
+    known.set(key, event);
+    place(event);
     empty.hidden = true;
     if (known.size > most) {
       const [oldest, { item: gone }] = known.entries().next().value;
@@ -64,6 +85,7 @@ export function createEventList(element, { go, label = "Events, newest first", m
 
   return {
     add,
+    showUntil,
     times: (level) =>
       [...known.values()]
         .filter((event) => event.level === level && event.t !== null)
@@ -71,6 +93,8 @@ export function createEventList(element, { go, label = "Events, newest first", m
     clear: () => {
       known.clear();
       list.replaceChildren();
+      later.replaceChildren();
+      ahead.hidden = true;
       empty.hidden = false;
     },
   };

@@ -27,18 +27,22 @@ def test_the_strips_move_on_when_samples_stop(strips: Open) -> None:
     assert fresh - late == pytest.approx(5 * plot_width(page) / 20, abs=2)
 
 
-def test_stale_data_shows_a_growing_hatch_the_word_and_no_number(strips: Open) -> None:
+def test_stale_data_shows_a_growing_hatch_the_word_and_what_came_last(strips: Open) -> None:
     page = strips()
     run(page, "h.feed(0, 15, 1000); h.draw(1000)")
+    keys = ("Ny", "p", "risk")
+    came = [readout(page, key) for key in keys]
     grey = [
         run(page, f"h.draw({wall}); return h.pixels('p', 'stale')[0]")
         for wall in (1200, 4000, 7000)
     ]
     assert grey[1] > grey[0] + 200
     assert grey[2] > 1.7 * grey[1]
-    for key in ("Ny", "p", "risk"):
-        assert readout(page, key) == ""
+    for key, value in zip(keys, came, strict=True):
+        assert readout(page, key) == value
         assert readout(page, key, "state") == "STALE"
+        assert readout(page, key, "detail") == "last value, 6.0 s old"
+        assert page.locator(f'.strip[data-key="{key}"] .readout[data-last]').count() == 1
     assert page.locator(".strip-toolbar .chip").inner_text() == "STALE"
 
 
@@ -253,6 +257,29 @@ def test_an_exceedance_of_either_sign_is_latched_until_acknowledged(strips: Open
     run(page, "h.chart.acknowledge(); h.draw(1300)")
     assert run(page, "return h.chart.exceedances()") == []
     assert not page.locator('.strip[data-key="Ny"] .readout-latch').is_visible()
+
+
+def test_an_exceedance_that_goes_on_stays_latched_when_it_is_acknowledged(strips: Open) -> None:
+    page = strips()
+    push = """const push = (k, value) => {
+      const frame = h.frame(k / 50);
+      frame.y[3] = value;
+      h.chart.push(frame, 1000 + k);
+    };"""
+    run(page, f"{push} push(0, 0.1); push(1, 0.529); h.chart.acknowledge(); h.draw(1001)")
+    assert readout(page, "Ny", "badge") == "LIMIT"
+    run(page, f"{push} push(2, NaN); push(3, 0.6); h.draw(1500)")
+    assert readout(page, "Ny", "latch") == "▲ 0.02 s, peak 0.600"
+    run(page, f"{push} push(4, 0.1); h.draw(2000)")
+    assert run(page, "return h.chart.exceedances()") == []
+
+
+def test_an_exceedance_as_recorded_alone_is_marked_in_its_strip(strips: Open) -> None:
+    page = strips()
+    red = "return h.pixels('Ny', 'alert')[0]"
+    assert run(page, f"h.feed(0, 4, 1000, {{ growth: 0 }}); h.draw(1000); {red}") < 20
+    flag = "h.chart.flag({ key: 'Ny', t: 2, word: 'LIMIT AS RECORDED' }); h.draw(1001);"
+    assert run(page, f"{flag} {red}") > 100
 
 
 def test_alerts_are_hatched_on_the_risk_strip_and_named(strips: Open) -> None:

@@ -270,10 +270,11 @@ def test_alarms_of_a_flight_that_is_over_are_acknowledged_on_its_record(fly: Fly
     expect(button).to_be_hidden()
     (alarm,) = fly.ask("GET", f"/flights/{fly.flight}/alarms")
     assert alarm["acknowledged"]
-    fly.event("alarm 1 acknowledged by operator").wait_for()
+    fly.event(f"alarm 1 of {alarm['t']:.2f} s acknowledged by operator").wait_for()
     assert "ALARM" not in fly.page.locator(".notice").inner_text()
     fly.page.reload()
-    fly.event("alarm 1 acknowledged by operator").wait_for()
+    acknowledged = fly.event("alarm 1 of .* acknowledged by operator").locator(".event-time")
+    expect(acknowledged).to_have_text(f"{alarm['acknowledged'][11:19]} UTC")
     expect(button).to_be_hidden()
 
 
@@ -625,8 +626,9 @@ def test_the_scene_has_no_panel_of_its_own_and_lets_keys_through(
 def test_an_alert_of_one_sample_stays_long_enough_to_be_seen(fly: Fly) -> None:
     fly.watch(UNSAFE, ("speed", 2))
     fly.gauge_says("ALARM")
-    expect(fly.status("state")).to_have_text("▲ ALARM")
-    expect(fly.page.locator(".gauge-reason")).to_contain_text("alert at")
+    expect(fly.status("state")).to_contain_text("▲ ALARM")
+    when = fly.event("alert, risk").locator(".event-time").inner_text()
+    expect(fly.page.locator(".gauge-reason")).to_contain_text(f"now; at the alert of {when} ")
 
 
 def test_a_list_of_flights_that_is_not_of_now_says_so(fly: Fly, allowed_errors: list[str]) -> None:

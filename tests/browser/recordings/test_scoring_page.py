@@ -157,6 +157,12 @@ def test_scorings_are_compared_and_laid_over_each_other(
     assert pixels(page, "Ny", "forecast") > 100
     page.get_by_label("moment that over begins at").select_option("1")
     expect(page.locator(".lane-item", has_text="B manoeuvre 2")).to_be_visible()
+    page.evaluate("document.querySelector('.compare-table').dataset.old = ''")
+    page.locator("#units").click()
+    expect(page.locator(".compare-table[data-old]")).to_have_count(0)  # drawn anew
+    expect(page.locator('.strip[data-key="p"] .readout-unit').first).to_have_text("rad/s")
+    expect(page.get_by_label("moment that over begins at")).to_have_value("1")
+    page.locator("#units").click()
     page.get_by_role("button", name="Leave B out").click()
     expect(page.locator(".compare-table thead th")).to_have_count(2)
 

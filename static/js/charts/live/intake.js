@@ -1,6 +1,6 @@
 /**
  * A flight's frames on their way into the ring buffer: their flags, the newest state, and the
- * exceedances, each latched until it is acknowledged.
+ * exceedances, each latched until it is acknowledged and over.
  *
  * Exports
  *   createIntake({ring, channels, strips, flight, onExceedance}) -> Intake
@@ -9,7 +9,8 @@
  * Intake
  *   push(frames) -> how many were stored
  *   status -> {state, alert}          of the newest frame, or as set by setStatus({state, alert})
- *   exceedances -> Map of key -> {t, value}     the first exceedance and the peak since
+ *   exceedances -> Map of key -> {t, value, over}     the first exceedance and the peak since; over: it goes on
+ *   acknowledge()                     forgets those that are over; one that goes on stays until it is
  *   clear()
  */
 
@@ -43,7 +44,9 @@ export function createIntake({ ring, channels, strips, flight, onExceedance }) {
     seq = frame.seq ?? null;
     for (const strip of strips) {
       const value = row[strip.series];
-      if (strip.limit !== null && Math.abs(value) >= strip.limit) latch(strip, frame.t, value);
+      if (strip.limit === null || Number.isNaN(value)) continue;
+      if (Math.abs(value) >= strip.limit) latch(strip, frame.t, value);
+      else release(strip.key);
     }
   }
 
@@ -65,14 +68,27 @@ export function createIntake({ ring, channels, strips, flight, onExceedance }) {
   function latch({ key, symbol }, t, value) {
     const latched = exceedances.get(key);
     if (latched === undefined) onExceedance?.({ key, symbol, t, value });
-    if (latched === undefined || Math.abs(value) > Math.abs(latched.value)) {
-      exceedances.set(key, { t: latched?.t ?? t, value });
+    const isPeak = latched === undefined || Math.abs(value) > Math.abs(latched.value);
+    exceedances.set(key, { t, acknowledged: false, ...latched, value: isPeak ? value : latched.value, over: true });
+  }
+
+  function release(key) {
+    const latched = exceedances.get(key);
+    if (latched?.acknowledged) exceedances.delete(key);
+    else if (latched) latched.over = false;
+  }
+
+  function acknowledge() {
+    for (const [key, latched] of exceedances) {
+      if (latched.over) latched.acknowledged = true;
+      else exceedances.delete(key);
     }
   }
 
   return {
     push,
     exceedances,
+    acknowledge,
     get status() {
       return status;
     },

@@ -5,8 +5,8 @@
  *   createReadings(strips, {rowOf, bar}, {ring, timeline, flight, intake}) -> Readings
  *
  * Readings
- *   show(view, state)         state: "ok", "stale", "none", ... of the newest sample
- *   describe(state, age)      age: of the newest sample, in words
+ *   show(view, state, age)    state: "ok", "stale", "none", ... of the newest sample; age: its, in words
+ *   describe(state, age)
  *   valueAt(strip, t)         of the nearest sample; NaN where missing or in a gap
  */
 
@@ -17,13 +17,14 @@ import { createReadout, cursorsText, STATE_WORDS } from "../readout.js";
 export function createReadings(strips, { rowOf, bar }, { ring, timeline, flight, intake }) {
   const readouts = strips.map((strip, k) => createReadout(rowOf[k].readout, strip));
 
-  function show(view, state) {
+  function show(view, state, age) {
     const last = ring.count() - 1;
     const cursor = timeline.cursorAt(view);
     const { a, b } = timeline.marks;
     strips.forEach((strip, k) => {
       readouts[k].show({
         state,
+        age,
         alert: strip.risk && intake.status.alert,
         value: last < 0 ? NaN : ring.value(strip.series, last),
         forecast: last < 0 || strip.forecast === null ? NaN : ring.value(strip.forecast, last),
@@ -65,9 +66,9 @@ export function createReadings(strips, { rowOf, bar }, { ring, timeline, flight,
     const last = ring.count() - 1;
     strips.forEach((strip, k) => {
       const withdrawn = strip.risk && (state === "invalid" || state === "not_assessed");
-      const known = last >= 0 && state !== "stale" && !withdrawn;
+      const known = last >= 0 && !withdrawn;
       const value = known ? ring.value(strip.series, last) : NaN;
-      const words = { state, age, value, alert: strip.risk && intake.status.alert && known };
+      const words = { state, age, value, alert: strip.risk && intake.status.alert && known && state !== "stale" };
       const text = description(strip, words, flight.epsilon, intake.exceedances.get(strip.key));
       rowOf[k].canvas.setAttribute("aria-label", text);
     });
@@ -81,7 +82,8 @@ function description(strip, { state, age, value, alert }, epsilon, exceedance) {
   const name = risk ? "risk, higher is worse" : `${label} ${symbol}`;
   const reading = Number.isFinite(value) ? quantity(strip, value) : "no value";
   const word = (STATE_WORDS[state] ?? state).toLowerCase();
-  const parts = [`${name}: ${reading}`, state === "stale" ? `${word} for ${age}` : word];
+  const last = state === "stale" && Number.isFinite(value) ? "last value " : "";
+  const parts = [`${name}: ${last}${reading}`, state === "stale" ? `${word} for ${age}` : word];
   if (alert) parts.push("alert");
   if (risk && Number.isFinite(epsilon)) parts.push(`alerts above ${epsilon}`);
   if (limit !== null) parts.push(`limit ±${magnitudeIn(strip, limit)}`);

@@ -12,7 +12,7 @@
  *   forecasts    keys whose forecast is drawn; default: the limited channels
  *   riskScale "sqrt" | "linear"     spacing of 0..1; sqrt keeps small risks apart
  *   timeline     one to share with other charts
- *   onExceedance({key, symbol, t, value})    a channel exceeds its limit (once, until acknowledged)
+ *   onExceedance({key, symbol, t, value})    a channel exceeds its limit (once, until acknowledged and over)
  *   autostart true                  false: nothing is drawn until update() is called
  *
  * StripChart
@@ -23,7 +23,8 @@
  *   clear()                         after a seek, a loop, or for another flight
  *   setCursor(t), setWindow(a, b), goLive(), setMark("a" | "b", t)
  *   values(t) -> {key: number}      of the nearest sample; NaN where missing or in a gap
- *   exceedances() -> [{key, t, value}], acknowledge()    latched until acknowledged
+ *   exceedances() -> [{key, t, value}], acknowledge()    latched until acknowledged and over
+ *   flag({key, t, word})            marks a moment in a channel's strip, for as long as the chart is there
  *   update(wall) -> ms              draw now (if anything changed); returns the time it took
  *   timeline, ring                  the parts, see their files
  *   destroy()
@@ -69,6 +70,7 @@ export function createStripChart(host, options) {
   const timeAxis = createTimeAxis(axis);
   const drawn = { column: NaN, count: -1, revision: -1, look: -1,
     stale: "", news: "", readouts: -1e9, aria: -1e9 };
+  const flags = [];
   let look = 0; // counts what changes the look: size, theme, limits
   let plot = 1;
   let wall = performance.now();
@@ -116,7 +118,7 @@ export function createStripChart(host, options) {
     const { dt, lead, epsilon } = flight;
     const cursor = timeline.cursorAt(view);
     return { ring, visible, wall, step, first, start, width: plot, x, now: view.now, lead, epsilon,
-      cursor, marks, samplePx: dt / step, bands: [], ticks: [] };
+      cursor, marks, flags, samplePx: dt / step, bands: [], ticks: [] };
   }
 
   function update(at = performance.now()) {
@@ -137,7 +139,7 @@ export function createStripChart(host, options) {
     if (!same) draw(frame, stale);
     if (moved || wall - drawn.readouts >= READOUT_EVERY) {
       drawn.readouts = wall;
-      readings.show(view, stateNow());
+      readings.show(view, stateNow(), ageText());
     }
     if (wall - drawn.aria >= ARIA_EVERY) {
       drawn.aria = wall;
@@ -206,7 +208,12 @@ export function createStripChart(host, options) {
     values: (t) => Object.fromEntries(strips.map((strip) => [strip.key, readings.valueAt(strip, t)])),
     exceedances: () => [...intake.exceedances].map(([key, { t, value }]) => ({ key, t, value })),
     acknowledge: () => {
-      intake.exceedances.clear();
+      intake.acknowledge();
+      look += 1;
+    },
+    flag: (given) => {
+      if (flags.some(({ key, t }) => key === given.key && t === given.t)) return;
+      flags.push(given);
       look += 1;
     },
     destroy: () => {

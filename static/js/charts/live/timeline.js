@@ -15,6 +15,7 @@
  *   setFlight({dt, lead, staleAfter})     what a new flight says of itself
  *   observe(t, wall)                      a sample of time t has arrived
  *   heard(wall)                           samples have arrived that are not shown yet
+ *   begin(wall)                           the page begins to listen: it calls nothing stale before SETTLED
  *   setTransport({playing, speed})        what the server's transport says
  *   playing                               whether the flight's clock runs
  *   now(wall) -> t | NaN                  flight time at the right edge; NaN before any sample
@@ -34,6 +35,7 @@ import { createCursors } from "../cursors.js";
 const LONGEST = 3600;
 const SHORTEST = 0.25;
 const INTERVALS = 3; // as played, that slow play is waited for
+const SETTLED = 1000; // ms in which a page that opens, strips and scene, may be late itself
 const SILENT = 0.4; // of a live window, at most, that shows no samples: the last good ones stay in sight
 
 export function createTimeline({ seconds = 60, dt = 0.02, lead = 0, staleAfter = 0.25, start = -Infinity } = {}) {
@@ -42,6 +44,7 @@ export function createTimeline({ seconds = 60, dt = 0.02, lead = 0, staleAfter =
   const cursors = createCursors();
   const { changed } = cursors;
   let width = seconds;
+  let settled = -Infinity;
   let held = null; // start of a held window [s]
 
   const timeline = {
@@ -54,6 +57,9 @@ export function createTimeline({ seconds = 60, dt = 0.02, lead = 0, staleAfter =
     heard: (wall) => {
       clock.arrived = wall;
     },
+    begin: (wall) => {
+      settled = wall + SETTLED;
+    },
     setTransport,
     get playing() {
       return clock.playing;
@@ -63,7 +69,7 @@ export function createTimeline({ seconds = 60, dt = 0.02, lead = 0, staleAfter =
     get staleAfter() {
       return Math.max(flight.staleAfter, (INTERVALS * flight.dt) / clock.speed);
     },
-    stale: (wall) => clock.playing && timeline.age(wall) > timeline.staleAfter,
+    stale: (wall) => clock.playing && wall > settled && timeline.age(wall) > timeline.staleAfter,
     reset: () => {
       Object.assign(clock, { t: NaN, wall: NaN, newest: NaN, arrived: NaN });
       if (held !== null) width = seconds; // a live window keeps its zoom over a loop

@@ -7,7 +7,9 @@
  */
 
 import { aircraftName, kindName, loadCatalog } from "../../lib/catalog.js";
+import { h } from "../../lib/dom.js";
 import { loadingView } from "../../lib/loading_view.js";
+import { followUnits } from "../../lib/units.js";
 import { link, pageOf } from "../../lib/view_states.js";
 import { readScoring } from "../scoring/source.js";
 import { createOverlay } from "./overlay.js";
@@ -50,10 +52,12 @@ export function showComparedScorings(element, { id, query, api, navigate }) {
     );
     const picker = createScoringPicker({ api, recordings, taken: references, add });
     const overlay = keep(createOverlay({ api, compared }));
+    const table = h("div", {});
+    const tabulate = () => table.replaceChildren(compareTable(compared, { remove: compared.length > 1 ? remove : null }));
     return pageOf(
       "Compare",
       [link("The recording", `#/recordings/${id}`)],
-      compareTable(compared, { remove: compared.length > 1 ? remove : null }),
+      followUnits(table, tabulate),
       picker.element,
       overlay.element,
     );

@@ -8,6 +8,7 @@
 import { createRecordingChart } from "../../charts/recorded/recording_chart.js";
 import { h } from "../../lib/dom.js";
 import { figure, secondsText } from "../../lib/numbers.js";
+import { followUnits } from "../../lib/units.js";
 import { laneOf, manoeuvresOf } from "../scoring/events.js";
 import { scoringSource, stripOrder } from "../scoring/source.js";
 
@@ -21,7 +22,7 @@ export function createOverlay({ api, compared }) {
   const sides = compared.slice(0, 2).map((_, k) => sideOf(k));
   const element = h(
     "section",
-    { class: "panel stack-tight", "aria-label": "Overlay" },
+    { class: "panel stack-tight", "aria-label": "Overlay", "data-keeps-input": true },
     h(
       "h2",
       { class: "panel-title" },
@@ -35,7 +36,7 @@ export function createOverlay({ api, compared }) {
     key,
     host,
   );
-  draw();
+  followUnits(element, () => draw(chart !== null));
   return { element, close: () => chart?.destroy() };
 
   function sideOf(k) {
@@ -50,7 +51,7 @@ export function createOverlay({ api, compared }) {
         ),
       ),
     );
-    const from = h("select", { "aria-label": `moment that ${NAMES[k]} begins at`, onchange: draw });
+    const from = h("select", { "aria-label": `moment that ${NAMES[k]} begins at`, onchange: () => draw() });
     which.value = String(k);
     const turn = (redraw = true) => {
       const { scoring } = compared[Number(which.value)];
@@ -85,7 +86,8 @@ export function createOverlay({ api, compared }) {
     return new Set(compared.map(({ scoring }) => scoring.recording)).size === 1;
   }
 
-  function draw() {
+  /** again: the same, in other units; its window and cursors stay. */
+  function draw(again = false) {
     chart?.destroy();
     const shown = sides.map((side) => {
       const compared = side.chosen();
@@ -101,6 +103,7 @@ export function createOverlay({ api, compared }) {
         manoeuvres: manoeuvresOf(scoring, offset),
       })),
       label: "Scorings laid over each other",
+      key: shown.map(({ scoring, offset }) => `${scoring.id} ${offset}`).join(),
       chosen: ({ start, end }) =>
         chart.show(start - 0.1 * (end - start), end + 0.1 * (end - start)),
     });
@@ -115,7 +118,7 @@ export function createOverlay({ api, compared }) {
     );
     chart.setEvents(below.manoeuvres.map(({ start }) => ({ t: start - shown[0].offset })));
     const aligned = sides.map((side) => side.manoeuvre()).filter(Boolean);
-    if (aligned.length) {
+    if (aligned.length && !again) {
       const longest = Math.max(...aligned.map(({ start, end }) => end - start));
       chart.show(-0.1 * longest, 1.1 * longest);
     }
