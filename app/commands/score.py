@@ -18,7 +18,7 @@ from app.recordings.exports import export
 from app.recordings.mapping_memory import MappingMemory
 from app.recordings.scored_file import Scored, ScoredFile, ScoreRequest, score_file
 from app.scoring.planned_test import planned_test
-from app.scoring.verdict import verdict
+from app.scoring.verdict import sensors, verdict
 from core.certificate import warnings_of
 from core.whole_file import write_whole
 
@@ -95,6 +95,7 @@ def _plain(scoring: Scored) -> dict[str, Any]:
         "manoeuvres": [manoeuvre.to_plain() for manoeuvre in recording.manoeuvres],
         "outside_exceedances": [asdict(found) for found in recording.outside_exceedances],
         "notes": [*recording.quality.sentences(), *recording.notes],
+        "compatibility": [check.to_plain() for check in recording.compatibility],
         "warnings": list(warnings_of(monitor.evaluation, recording.epsilon)),
     }
 
@@ -138,6 +139,7 @@ def _files(file: str, scoring: Scored, with_png: bool) -> dict[str, bytes]:
 def _lines(scoring: Scored, is_first: bool) -> Iterator[str]:
     if is_first:
         yield from dict.fromkeys((*scoring.recording.quality.sentences(), *scoring.recording.notes))
+        yield from sensors(scoring.recording.compatibility)
     if scoring.label:
         yield f"== {scoring.label} =="
     for warning in warnings_of(scoring.monitor.evaluation, scoring.recording.epsilon):

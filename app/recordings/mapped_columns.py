@@ -9,6 +9,7 @@ import numpy as np
 
 from app import json_codec
 from app.recordings.mapped_recording import MappedRecording
+from app.scoring import ScoredRecording
 from app.store.mappings import RememberedMapping
 from app.store.recordings import MappedColumns, MappingState
 from app.telemetry.contents import Columns, Contents
@@ -101,6 +102,12 @@ def _duration(traces: Traces) -> float | None:
 def plain_quality(quality: Quality) -> dict[str, Any]:
     """Quality as JSON's types, its sentences among them."""
     return plain(quality) | {"sentences": list(quality.sentences())}
+
+
+def quality_of(scored: ScoredRecording) -> dict[str, Any]:
+    """Quality of a recording that was scored, with whether its sensors agree."""
+    checks = [check.to_plain() for check in scored.compatibility]
+    return plain_quality(scored.quality) | {"compatibility": plain(checks)}
 
 
 def plain(content: Any) -> Any:

@@ -11,7 +11,7 @@ from dataclasses import asdict, dataclass, replace
 
 import numpy as np
 
-from app.recordings.mapped_columns import plain, plain_quality
+from app.recordings.mapped_columns import plain, quality_of
 from app.recordings.recordings import Recordings
 from app.recordings.samples import (
     Samples,
@@ -168,7 +168,7 @@ def _entry(
         start=float(t[0]),
         end=float(t[-1]),
         notes=list(scored.notes),
-        quality=plain_quality(scored.quality),
+        quality=quality_of(scored),
         manoeuvres=[plain(manoeuvre.to_plain()) for manoeuvre in scored.manoeuvres],
         outside_exceedances=[asdict(exceedance) for exceedance in scored.outside_exceedances],
     )

@@ -6,7 +6,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from app.recordings.mapped_columns import plain, plain_quality
+from app.recordings.mapped_columns import plain, quality_of
 from app.recordings.samples import digest
 from app.recordings.scored_file import Scored, ScoredFile, ScoreRequest
 from app.report.subject import PROPOSED, ReportSubject, of_contents
@@ -63,7 +63,7 @@ def _scoring(one: Scored, mapping: Mapping) -> dict[str, Any]:
         "start": float(t[0]),
         "end": float(t[-1]),
         "notes": list(scored.notes),
-        "quality": plain_quality(scored.quality),
+        "quality": quality_of(scored),
         "manoeuvres": [plain(manoeuvre.to_plain()) for manoeuvre in scored.manoeuvres],
         "outside_exceedances": [asdict(exceedance) for exceedance in scored.outside_exceedances],
         "digest": digest(scored.samples),

@@ -91,6 +91,7 @@ def report(subject: ReportSubject) -> str:
             recording["ignored"], recording["notes"], scoring["notes"], apart_from=sentences
         ),
         faults=figures.faults(quality),
+        sensors=(quality or {}).get("compatibility", []),
         overview=figures.overview(subject.samples, manoeuvres, limits, epsilon),
         sections=[
             (
@@ -124,6 +125,17 @@ def _with_si(value: float, channel: Channel) -> str:
     return text.replace(" ", GLUE).replace(f"{GLUE}(", " (").replace("-", "−")
 
 
+def _interval(estimate: Mapping[str, float] | None, channel: Channel | None = None) -> str:
+    """`0.95 (0.93 to 0.97)`; in a channel's unit where one is given; a dash for nothing."""
+    if estimate is None:
+        return "–"
+    read = channel.read if channel else significant
+    value, low, high = (read(estimate[name]) for name in ("value", "low", "high"))
+    return (
+        f"{value} ({low} to {high})".replace(" ", GLUE).replace(f"{GLUE}(", " (").replace("-", "−")
+    )
+
+
 def _trimmed(trim: Sequence[float | None]) -> list[tuple[Channel, float]]:
     """The channels that something was subtracted from."""
     return [(channel, value) for channel, value in zip(CHANNELS, trim, strict=True) if value]
@@ -143,6 +155,7 @@ TEMPLATES.filters |= {
     "significant": significant,
     "quantity": _with_si,
     "counted": _counted,
+    "interval": _interval,
     "amplitude_of": lambda s: amplitude_of(s["outcome"], s.get("amplitude")),
     "short": lambda name: name if len(name) <= MOST_LETTERS else f"{name[:MOST_LETTERS]}…",
     "kind": kind_label,

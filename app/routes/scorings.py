@@ -92,7 +92,10 @@ class Scoring(BaseModel):
     start: float = Field(description="[s]")
     end: float = Field(description="[s]")
     notes: list[str] = Field(description="what was assumed and done, oldest first")
-    quality: dict[str, Any] | None = Field(description="of the recorded times and channels")
+    quality: dict[str, Any] | None = Field(
+        description="of the recorded times and channels; `compatibility`: what kinematics says of "
+        "each sensor against the others, scale, bias and delay with 95 % intervals"
+    )
     manoeuvres: list[dict[str, Any]] = Field(
         description="one manoeuvre each, with its trim, validity, alerts, exceedance and outcome"
     )

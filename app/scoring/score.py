@@ -1,13 +1,14 @@
 """Scoring: from channels as recorded to a verdict on each manoeuvre. The same in, the same out."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from app.scoring.assessed_segment import AssessedSegment
+from app.scoring.compatibility import compatibility
 from app.scoring.outcome import Limited, RecordedExceedance, against_limits, outcome, runs
 from app.scoring.outside import MOST_OUTSIDE, outside, outside_note
 from app.scoring.ready import Ready
@@ -59,7 +60,11 @@ def score_at_each(
     judged = [_judge(flight, segment) for segment in chosen]
     exceedances = _outside(flight, judged)
     notes = (*flight.notes, *notes, *outside_note(exceedances))
-    return tuple(_scored(flight, judged, epsilon, notes, exceedances) for epsilon in checked)
+    checks = compatibility(flight.traces)
+    return tuple(
+        replace(_scored(flight, judged, epsilon, notes, exceedances), compatibility=checks)
+        for epsilon in checked
+    )
 
 
 def manoeuvres_in(monitor: Monitor, recorded: RepairedTraces) -> tuple[Interval, ...]:

@@ -9,6 +9,7 @@ import numpy.typing as npt
 
 from app.scoring.outcome import Outcome, RecordedExceedance, exceedance_verdict
 from app.telemetry.timing.quality import Quality
+from core.compatibility import SensorCheck
 
 BETWEEN = -1
 """Segment of a sample that lies in none: between manoeuvres."""
@@ -130,6 +131,7 @@ class ScoredRecording:
     samples: (n,) of SAMPLE, one each dt [s].   notes: what was assumed and done, oldest first.
     quality: of the recorded times and channels.
     outside_exceedances: those that begin in no manoeuvre, by their first recorded sample.
+    compatibility: whether its sensors agree.
     """
 
     samples: npt.NDArray[np.void]
@@ -139,6 +141,7 @@ class ScoredRecording:
     quality: Quality
     notes: tuple[str, ...] = field(default=())
     outside_exceedances: tuple[RecordedExceedance, ...] = ()
+    compatibility: tuple[SensorCheck, ...] = ()
 
 
 def packed(fields: Mapping[str, npt.NDArray[Any]]) -> npt.NDArray[np.void]:

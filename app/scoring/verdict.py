@@ -1,10 +1,11 @@
 """A scored recording as lines to print: each manoeuvre, and every check that it did not pass."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 from app.scoring.outcome import RecordedExceedance
 from app.scoring.scored import OBSERVATIONS, ScoredManoeuvre, ScoredRecording
 from core.channels import BY_KEY, CHANNELS
+from core.compatibility import SensorCheck
 from core.monitor import Monitor
 from core.monitor.flown_input import amplitude_in_words
 
@@ -31,6 +32,27 @@ def verdict(monitor: Monitor, scored: ScoredRecording) -> list[str]:
     if (more := len(scored.outside_exceedances) - MOST_TOLD) > 0:
         outside.append(f"outside every manoeuvre: and {more} more")
     return told + outside
+
+
+def sensors(checks: Sequence[SensorCheck]) -> list[str]:
+    """Whether the sensors of a recording agree, a line each comparison and each remark."""
+    if not checks:
+        return []
+    lines = ["Data compatibility, 95 % intervals:"]
+    for check in checks:
+        read = {
+            "scale": lambda number: f"{number:.3f}",
+            "bias": BY_KEY[check.channel].read if check.channel in BY_KEY else str,
+            "delay": lambda number: f"{number:.3f} s",
+        }
+        told = [
+            f"{name} {words(estimate.value)} ({words(estimate.low)} to {words(estimate.high)})"
+            for name, words in read.items()
+            if (estimate := getattr(check, name)) is not None
+        ]
+        lines.append(f"  {check.title}: {', '.join(told) or f'not checked: {check.unchecked}'}")
+        lines += [f"    {remark}" for remark in check.remarks]
+    return lines
 
 
 def _outcome(manoeuvre: ScoredManoeuvre) -> str:

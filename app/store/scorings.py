@@ -53,7 +53,7 @@ class ScoringInfo(Entry):
     notes: list[str]
     """what was assumed and done, oldest first"""
     quality: dict[str, Any] | None
-    """of the recorded times and channels"""
+    """of the recorded times and channels, and whether the sensors agree"""
     manoeuvres: list[dict[str, Any]]
     """each with its trim, validity, alerts, exceedance and outcome"""
     outside_exceedances: list[dict[str, Any]]

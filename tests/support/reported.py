@@ -81,6 +81,20 @@ def subject_of(monitor: Monitor, manoeuvres: Sequence[dict[str, Any]]) -> Report
             "monitor_name": "oscillator", "monitor_digest": "ef" * 32, "manoeuvres": manoeuvres,
             "outside_exceedances": [],
             "quality": {
+                "compatibility": [
+                    {
+                        "channel": "p", "title": "roll rate against the slope of bank angle",
+                        "scale": {"value": 0.8, "low": 0.78, "high": 0.82},
+                        "bias": {"value": 0.01, "low": -0.01, "high": 0.03}, "delay": None,
+                        "unchecked": "", "remarks": ["roll rate reads 0.80 times"],
+                        "suspects": ["p", "phi"],
+                    },
+                    {
+                        "channel": "r", "title": "yaw rate against the slope of heading",
+                        "scale": None, "bias": None, "delay": None,
+                        "unchecked": "without heading", "remarks": [], "suspects": [],
+                    },
+                ],
                 "sentences": ["beta: 3 gaps."],
                 "clocks": [{"start": 0.0, "end": n * DT}],
                 "faults": [

@@ -104,6 +104,19 @@ def test_where_the_channels_come_from_and_how_sure_that_is(subject: ReportSubjec
     assert "Confidence" not in report(replace(subject, rationales={}))
 
 
+def test_sensors_against_each_other_are_told_with_their_intervals(subject: ReportSubject) -> None:
+    html = report(subject).replace("\N{NO-BREAK SPACE}", " ")
+    assert "<td>0.8 (0.78 to 0.82)</td>" in html
+    assert "0.573 deg/s (−0.573 deg/s to 1.72 deg/s)" in html
+    assert "◇ roll rate reads 0.80 times." in html
+    assert "not checked: without heading" in html
+    assert "Sensors do not agree by kinematics" in html
+    quality = {**subject.scoring["quality"]}
+    del quality["compatibility"]
+    before = report(replace(subject, scoring={**subject.scoring, "quality": quality}))
+    assert "kinematics" not in before
+
+
 def test_what_is_not_known_of_the_data_is_not_praised(subject: ReportSubject) -> None:
     html = report(replace(subject, scoring={**subject.scoring, "quality": None}))
     assert "Nothing is known of them" in html

@@ -78,6 +78,9 @@ def test_a_recording_is_scored_and_the_scoring_kept(client, recording, monitor, 
     assert scoring["channels"][3]["limit"] == 0.5
     assert len(scoring["manoeuvres"]) == 1
     assert scoring["quality"]["sentences"]
+    words = {check["channel"]: check["unchecked"] for check in scoring["quality"]["compatibility"]}
+    assert words.keys() == {"p", "r", "beta", "Ny", "V"}
+    assert words["p"] == "without bank angle"
 
 
 def test_limits_reached_outside_the_marked_manoeuvres_are_kept(client, monitor, flight):

@@ -40,6 +40,18 @@ def test_every_verdict_has_a_word_and_says_what_is_promised(
     expect(verdicts.nth(2).locator('[data-ok="false"]')).to_contain_text("✕")
 
 
+def test_sensors_are_compared_and_remarked_on(scored: Page, scoring: dict[str, Any]) -> None:
+    table = scored.get_by_role("region", name="Data compatibility").locator("tbody")
+    checks = scoring["quality"]["compatibility"]
+    expect(table).to_have_count(len(checks))
+    for k, check in enumerate(checks):
+        expect(table.nth(k)).to_contain_text(check["title"])
+        expect(table.nth(k)).to_contain_text(check["remarks"] or [check["unchecked"]])
+    scale = checks[0]["scale"]
+    said = f"{scale['value']:.3g} ({scale['low']:.3g} to {scale['high']:.3g})"
+    expect(table.first.locator('[data-label="Scale"]')).to_have_text(said)
+
+
 def test_an_exceedance_outside_every_manoeuvre_is_told(
     page: Page, site: RecordedSite, recording: str, scoring: dict[str, Any]
 ) -> None:

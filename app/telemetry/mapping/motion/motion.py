@@ -15,12 +15,11 @@ import numpy as np
 from app.telemetry.mapping.extent import extent_of
 from app.telemetry.mapping.motion.slopes import values_at
 from app.telemetry.traces import Trace, Traces
+from core.equation_error import smoothing_window
 from core.types import Array, Indices
 
 STEP = 0.05
 """Of the grid that channels of several rates meet on [s]."""
-WIDTH = 0.6
-"""Of the smoothing window [s]; the Dutch roll of a large transport takes ten times as long."""
 SLOWEST = 0.25
 """Recordings with longer steps show no accelerations [s]."""
 LONG = 400.0
@@ -118,14 +117,14 @@ def motion(traces: Traces, turns: Mapping[str, float] = FULL_TURNS) -> Motion | 
     leader = next((channels[key] for key in ("r", "p", *LEADERS) if key in channels), None)
     if leader is None:
         return None
-    smooth, slope = _kernels()
+    smooth, slope = smoothing_window(STEP)
     parts: list[dict[str, Array]] = []
     rates: list[dict[str, Array]] = []
-    for start, end in _windows(channels, leader):
+    for start, end in windows_of_motion(channels, leader):
         grid = np.arange(start, end, STEP)
         if len(grid) < len(smooth) + FEWEST:
             continue
-        rows = {key: _on(grid, trace, turns.get(key)) for key, trace in channels.items()}
+        rows = {key: on_even_times(grid, trace, turns.get(key)) for key, trace in channels.items()}
         parts.append({key: np.convolve(x, smooth, "valid") for key, x in rows.items()})
         rates.append({key: np.convolve(x, slope, "valid") for key, x in rows.items()})
     if not parts:
@@ -138,17 +137,7 @@ def motion(traces: Traces, turns: Mapping[str, float] = FULL_TURNS) -> Motion | 
     )
 
 
-def _kernels() -> tuple[Array, Array]:
-    """A biweight window and its derivative, which are exact for constants and straight lines."""
-    reach = round(0.5 * WIDTH / STEP)
-    at = np.arange(-reach, reach + 1)
-    u = at / (reach + 1)
-    smooth = (1.0 - u * u) ** 2
-    slope = -u * (1.0 - u * u)
-    return smooth / smooth.sum(), slope / -(slope @ at) / STEP
-
-
-def _windows(channels: dict[str, Trace], leader: Trace) -> list[tuple[float, float]]:
+def windows_of_motion(channels: Mapping[str, Trace], leader: Trace) -> list[tuple[float, float]]:
     """Intervals to look at [s]: all of a short recording, of a long one those with most motion."""
     known = leader.t[np.isfinite(leader.t)]
     if len(known) < 2 or not known[-1] > known[0]:
@@ -179,7 +168,7 @@ def _apart(starts: list[float]) -> list[tuple[float, float]]:
     return merged
 
 
-def _on(grid: Array, trace: Trace, turn: float | None) -> Array:
+def on_even_times(grid: Array, trace: Trace, turn: float | None) -> Array:
     """The samples around a grid, by straight lines; NaN in gaps and where it is too slow."""
     t = trace.t
     if len(grid) * STEP < t[-1] - t[0]:

@@ -16,6 +16,7 @@ import { createNotesPanel, laneOfMarkers } from "../notes_panel.js";
 import { outsideText, trimText, verdictOf } from "../words.js";
 import { eventsOf, laneOf, manoeuvresOf } from "./events.js";
 import { scoringFacts } from "./facts.js";
+import { createSensorTable, sensorChip } from "./sensor_table.js";
 import { readScoring, scoringSource, stripOrder } from "./source.js";
 import { createVerdictTable } from "./verdict_table.js";
 
@@ -88,6 +89,7 @@ export function showScoring(element, { id, query, api, navigate }) {
               link("Score it again", `#/recordings/${id}`, true),
             ),
       ),
+      createSensorTable(scoring),
       scoringFacts(scoring),
     );
 
@@ -199,6 +201,7 @@ function summary(scoring) {
           "◆ EXCEEDANCE OUTSIDE",
         )
       : null,
+    sensorChip(scoring),
     h(
       "span",
       {},

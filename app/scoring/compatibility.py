@@ -1,0 +1,39 @@
+"""Whether the sensors of a recording agree by kinematics: its channels put on one even grid."""
+
+import numpy as np
+
+from app.telemetry.mapping.motion.motion import (
+    FULL_TURNS,
+    LEADERS,
+    STEP,
+    on_even_times,
+    windows_of_motion,
+)
+from app.telemetry.traces import Traces
+from core.compatibility import NAMES, SensorCheck, SensorReadings, check_sensors
+from core.equation_error import CORRELATED_S
+from core.types import Array
+
+RATES = ("p", "r")
+"""What was derived from the attitude is not compared with it."""
+
+
+def compatibility(traces: Traces) -> tuple[SensorCheck, ...]:
+    """Compare the sensors of a recording, of a long one where it moves most.
+
+    traces: repaired.
+    """
+    channels = {
+        key: traces.channels[key]
+        for key in NAMES
+        if key in traces.channels and not (key in RATES and traces.channels[key].derived)
+    }
+    leader = next((channels[key] for key in LEADERS if key in channels), None)
+    apart = np.full(round(CORRELATED_S / STEP), np.nan)
+    rows: dict[str, list[Array]] = {key: [apart] for key in channels}
+    for start, end in windows_of_motion(channels, leader) if leader else ():
+        grid = np.arange(start, end, STEP)
+        for key, trace in channels.items():
+            rows[key] += [on_even_times(grid, trace, FULL_TURNS.get(key)), apart]
+    joined = {key: np.concatenate(parts) for key, parts in rows.items()}
+    return check_sensors(SensorReadings(STEP, joined))

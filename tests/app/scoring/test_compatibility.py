@@ -1,0 +1,58 @@
+"""Data compatibility of recordings: real ones, and what is measured of one at all."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from app.scoring.compatibility import compatibility
+from app.telemetry.timing.repair import repair
+from app.telemetry.traces import Trace, Traces
+from core.compatibility import SensorCheck
+from tests.support.attas import record
+
+
+def checked(traces: Traces) -> dict[str, SensorCheck]:
+    return {check.channel: check for check in compatibility(repair(traces).traces)}
+
+
+def test_a_real_record_agrees_but_for_its_vane_ahead_of_the_centre_of_gravity() -> None:
+    """The vane of the ATTAS is on a boom ahead of its nose, which is some 10 m from there."""
+    checks = checked(record("attas_rud1"))
+    assert [key for key, check in checks.items() if check.remarks] == ["beta"]
+    assert "measured 13 m ahead of the centre of gravity" in checks["beta"].remarks[0]
+    for key, scale in {"p": 1.02, "beta": 0.95, "V": 0.98}.items():
+        told = checks[key].scale
+        assert told is not None
+        assert abs(told.value - scale) < 0.01
+    assert checks["r"].unchecked == "without heading"
+
+
+def test_what_was_derived_from_the_attitude_is_not_compared_with_it() -> None:
+    traces = record("attas_rud1")
+    derived = replace(traces.channels["p"], derived=True)
+    checks = checked(replace(traces, channels=traces.channels | {"p": derived}))
+    assert checks["p"].unchecked == "without roll rate"
+
+
+def test_sensors_of_different_rates_and_a_heading_that_jumps_are_compared() -> None:
+    fast, slow = np.arange(0.0, 60.0, 0.01), np.arange(0.0, 60.0, 0.05)
+    turning = 0.3 + 0.1 * np.sin(0.8 * fast)
+    heading = 0.3 * slow - 0.125 * np.cos(0.8 * slow)
+    wrapped = (heading + np.pi) % (2 * np.pi) - np.pi
+    rng = np.random.default_rng(0)
+    channels = {
+        "r": Trace(fast, turning + 2e-3 * rng.normal(size=len(fast))),
+        "psi": Trace(slow, wrapped + 1e-4 * rng.normal(size=len(slow))),
+    }
+    check = checked(Traces(channels))["r"]
+    assert check.scale is not None
+    assert check.delay is not None
+    assert abs(check.scale.value - 1.0) < 0.01
+    assert abs(check.delay.value) < 0.02
+    assert not check.remarks
+
+
+def test_a_recording_of_nothing_that_can_be_compared_says_so() -> None:
+    t = np.arange(0.0, 10.0, 0.05)
+    checks = checked(Traces({"Ny": Trace(t, np.sin(t))}))
+    assert all(check.unchecked.startswith("without") for check in checks.values())
