@@ -7,6 +7,8 @@ RUNS := $(VENV)/.runs
 READY := $(VENV)/.ready
 # a process uses one core; what each imports is compiled once
 TESTING := OMP_NUM_THREADS=1 PYTHONDONTWRITEBYTECODE=
+# more arguments of pytest, such as ALSO='--last-failed -n 0'
+ALSO :=
 ENOUGH := $(if $(wildcard $(READY)),$(READY),$(RUNS))
 
 demo: $(ENOUGH) ## train a small monitor, serve the page, and fly a doublet on it
@@ -16,10 +18,10 @@ study: $(ENOUGH) ## repeat the paper's experiment at a small size and draw its f
 	$(BIN)/forewarn study --n-monitors 4 --n-test 300 --out results/study
 
 test: $(READY) ## every test but the long campaign of damaged files; a file's tests share a process
-	$(TESTING) $(BIN)/python -m pytest -n 3 --dist loadfile --no-loadscope-reorder
+	$(TESTING) $(BIN)/python -m pytest -n 3 --dist loadfile --no-loadscope-reorder --ignore tests/benchmarks $(ALSO)
 
 fuzz: $(READY) ## ten thousand damaged files for the readers, many calls of every route, sixty kills of the server
-	$(TESTING) $(BIN)/python -m pytest -n 2 --dist loadfile -m fuzz tests/fuzzing/test_readers.py tests/fuzzing/calls.py tests/fuzzing/chains.py tests/faults
+	$(TESTING) $(BIN)/python -m pytest -n 2 --dist loadfile -m fuzz tests/fuzzing/test_readers.py tests/fuzzing/calls.py tests/fuzzing/chains.py tests/faults $(ALSO)
 
 lint: $(READY) ## style, formatting and the direction of imports
 	$(BIN)/ruff check

@@ -12,6 +12,7 @@ from app.telemetry.readers import isolation, worker
 from core.dataset import Dataset
 from core.monitor import Monitor
 from tests.support import oscillator
+from tests.support.api import PATIENCE
 from tests.support.attas import trained
 
 CARRY_OUT, WARM_UP = isolation.carry_out, isolation.warm_up
@@ -24,8 +25,6 @@ settings.register_profile(
 )
 settings.load_profile("forewarn")
 
-PATIENCE = 120
-"""[s] The first call of a machine compiles kernels; no test fails by the clock."""
 for verb in ("get", "post", "put", "delete", "request"):
     setattr(httpx2, verb, partial(getattr(httpx2, verb), timeout=PATIENCE))
 

@@ -21,12 +21,11 @@ from app.store.store import Store, open_store
 from app.store.tables import dataset_blocks, monitor_parts
 from core.dataset import Dataset
 from core.monitor import train
-from tests.support.api import api, problem, store_of
+from tests.support.api import PATIENCE, api, problem, store_of
 from tests.support.oscillator import Array
 from tests.support.recorded import RECORDINGS, csv_of, uploaded
 
 WHOLE = {"monitor", "dataset", "recording", "scoring"}
-PATIENCE_S = 30
 
 
 class Kept(NamedTuple):
@@ -174,7 +173,7 @@ def test_a_server_that_stops_does_not_wait_for_the_check(kept: Kept) -> None:
 
 
 def until_checked(client: TestClient) -> dict[str, Any]:
-    end = time.monotonic() + PATIENCE_S
+    end = time.monotonic() + PATIENCE
     while (answer := client.get("/api/v1/integrity").json())["state"] != "checked":
         assert time.monotonic() < end
     return answer

@@ -15,7 +15,7 @@ from app.main import create_app
 from app.settings import Settings
 from app.store.store import open_store
 from core.monitor import MonitorRecipe, train
-from tests.support.api import api
+from tests.support.api import PATIENCE, api
 from tests.support.recorded import RECORDINGS, csv_of, uploaded
 from tests.support.stored import EVALUATION
 
@@ -33,8 +33,6 @@ def described() -> Any:
     return schemathesis.openapi.from_dict(create_app(Settings(data_dir=Path("unused"))).openapi())
 
 
-PATIENCE = 120
-"""[s] The first call of a machine compiles kernels; no test fails by the clock."""
 few = described()
 few.config.phases.coverage.enabled = False
 

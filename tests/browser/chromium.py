@@ -10,7 +10,7 @@ from pathlib import Path
 from threading import Thread
 
 import pytest
-from playwright.sync_api import Browser, Page, sync_playwright
+from playwright.sync_api import Browser, ConsoleMessage, Page, sync_playwright
 
 ROOT = Path(__file__).parents[2]
 PAGES = {"/static/": ROOT / "static", "/browser/": ROOT / "tests" / "browser"}
@@ -77,15 +77,13 @@ def open_chromium(*arguments: str) -> Iterator[Browser]:
 def watch_errors(page: Page) -> list[str]:
     """Collect what a flawless page never says: console errors and warnings, exceptions."""
     errors: list[str] = []
+
+    def read(message: ConsoleMessage) -> None:
+        if message.type in ("error", "warning"):
+            errors.append(f"{message.type}: {message.text} [{message.location['url']}]")
+
     page.on("pageerror", lambda error: errors.append(f"exception: {error}"))
-    page.on(
-        "console",
-        lambda message: (
-            errors.append(f"{message.type}: {message.text}")
-            if message.type in ("error", "warning")
-            else None
-        ),
-    )
+    page.on("console", read)
     return errors
 
 

@@ -12,8 +12,8 @@ import httpx2
 
 from app.serving import serve
 from app.settings import Settings
+from tests.support.api import PATIENCE
 
-PATIENCE_S = 60
 PROCESSES = multiprocessing.get_context("forkserver")
 PROCESSES.set_forkserver_preload([__name__])
 
@@ -40,9 +40,9 @@ def running(data_dir: Path) -> Iterator[Running]:
     process.start()
     sender.close()
     try:
-        assert receiver.poll(PATIENCE_S), "the server did not start"
+        assert receiver.poll(PATIENCE), "the server did not start"
         address = receiver.recv()
-        with httpx2.Client(base_url=address, timeout=PATIENCE_S, trust_env=False) as client:
+        with httpx2.Client(base_url=address, timeout=PATIENCE, trust_env=False) as client:
             yield Running(process, client)
     finally:
         process.kill()

@@ -6,8 +6,8 @@ from typing import Any
 
 from core.monitor import Monitor
 from tests.faults.conftest import MIB, keep_monitor
-from tests.faults.server import PATIENCE_S, running
-from tests.support.api import problem
+from tests.faults.server import running
+from tests.support.api import PATIENCE, problem
 
 FLIGHTS = "/api/v1/flights"
 
@@ -37,7 +37,7 @@ def fly(client: Any, monitor: str) -> str:
 
 def until(found: Any) -> None:
     """Wait for what the server does by itself."""
-    end = time.monotonic() + PATIENCE_S
+    end = time.monotonic() + PATIENCE
     while not found():
         assert time.monotonic() < end
         time.sleep(0.05)  # between two questions to another process

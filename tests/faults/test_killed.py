@@ -13,7 +13,8 @@ from app.settings import Settings
 from app.store.store import open_store
 from core.monitor import Monitor
 from tests.faults.conftest import keep_monitor
-from tests.faults.server import PATIENCE_S, running
+from tests.faults.server import running
+from tests.support.api import PATIENCE
 
 N_KILLS, N_LONG = 2, 60
 MOST_ALARMS = 4
@@ -33,7 +34,7 @@ def alarms_until_killed(data_dir: Path, monitor: str, n_alarms: int) -> tuple[st
             for action, value in (("loop", True), ("speed", 10)):
                 client.post(f"{path}/transport", json={"action": action, "value": value})
             while (n_shown := len({alarm["number"] for alarm in shown})) < n_alarms:
-                message = json.loads(socket.recv(PATIENCE_S))
+                message = json.loads(socket.recv(PATIENCE))
                 if message["type"] == "frames":
                     socket.send('{"type":"credit","n":1}')
                 if message["type"] != "alarm" or not message["alarm"]["stored"]:

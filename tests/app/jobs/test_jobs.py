@@ -5,8 +5,7 @@ import pytest
 
 from app.jobs.jobs import Jobs, NotRunning, QueueFull
 from app.store.store import NotFound, open_store
-
-PATIENCE = 30.0
+from tests.support.api import PATIENCE
 
 
 class Gate:

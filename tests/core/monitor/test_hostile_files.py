@@ -11,6 +11,7 @@ import tracemalloc
 import zipfile
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -39,20 +40,19 @@ RECIPES = {
 }
 
 
-def made(recipe: MonitorRecipe) -> dict[str, Section]:
+@cache
+def sections_of(name: str) -> dict[str, Section]:
     """The sections of a monitor that has one of each; the simple one's validity is of today."""
+    recipe = RECIPES[name]
     dataset = oscillator.collect(np.random.default_rng(11), n_unsafe=12)
     monitor = train(dataset, recipe)
     safe, unsafe = (np.sort(np.random.default_rng(n).random((n, 2)), axis=0) for n in (130, 120))
     sigma = np.full(6, 1.0 if recipe.predictor.forecasts else np.nan)
     support = Support(sigma, safe, unsafe, n_samples=61, level=0.03)
-    if recipe == RECIPES["simple"]:
+    if name == "simple":
         innovation = fit_innovation(dataset)
         support = replace(support, sigma=np.full(6, np.nan), innovation=innovation)
     return unpack(replace(monitor, support=support, evaluation=EVALUATION).to_bytes(), "m")
-
-
-FILES = {name: made(recipe) for name, recipe in RECIPES.items()}
 
 
 def refusal(content: bytes) -> str:
@@ -118,7 +118,7 @@ NO_SENSE = {
 @pytest.mark.parametrize(("section", "path"), NO_SENSE)
 def test_a_header_that_makes_no_sense_is_refused(section: str, path: tuple[str, ...]) -> None:
     for value in NO_SENSE[section, path]:
-        refusal(changed(FILES["simple"], section, path, value))
+        refusal(changed(sections_of("simple"), section, path, value))
 
 
 def put(value: float) -> Callable[[npt.NDArray[Any]], npt.NDArray[Any]]:
@@ -155,7 +155,7 @@ ARRAYS = {
 
 @pytest.mark.parametrize(("section", "name"), ARRAYS)
 def test_an_array_that_makes_no_sense_is_refused(section: str, name: str) -> None:
-    file = next(FILES[f] for f in ("exact", "simple") if name in FILES[f][section].arrays)
+    file = next(f for f in map(sections_of, ("exact", "simple")) if name in f[section].arrays)
     array = file[section].arrays[name]
     for change in ARRAYS[section, name]:
         refusal(changed(file, section, (name,), np.ascontiguousarray(change(array))))
@@ -163,11 +163,11 @@ def test_an_array_that_makes_no_sense_is_refused(section: str, name: str) -> Non
 
 @pytest.mark.parametrize(("key", "value"), [("always", 1), ("always", None), ("running", False)])
 def test_a_transduction_that_is_not_of_these_failures_is_refused(key: str, value: object) -> None:
-    refusal(changed(FILES["exact"], "transduction", (key,), value))
+    refusal(changed(sections_of("exact"), "transduction", (key,), value))
 
 
 def test_what_claims_another_p_value_than_it_has_is_refused() -> None:
-    without = [part for name, part in FILES["exact"].items() if name != "transduction"]
+    without = [part for name, part in sections_of("exact").items() if name != "transduction"]
     assert "its section transduction says not so" in refusal(pack(without))
 
 
@@ -177,17 +177,22 @@ def test_what_claims_another_p_value_than_it_has_is_refused() -> None:
 )
 def test_a_section_that_is_none_is_refused(field: str, value: object) -> None:
     odd = Section("odd", 1, True, {}, {})._replace(**{field: value})
-    assert "holds no monitor" in refusal(pack([*FILES["simple"].values(), odd]))
-    twice = [*FILES["simple"].values(), FILES["simple"]["monitor"]]
+    assert "holds no monitor" in refusal(pack([*sections_of("simple").values(), odd]))
+    twice = [*sections_of("simple").values(), sections_of("simple")["monitor"]]
     assert "two sections 'monitor'" in refusal(pack(twice))
 
 
-PATHS = [
-    (file, name, path)
-    for file, sections in FILES.items()
-    for name, section in sections.items()
-    for path in [*((key,) for key in section.arrays), *((key,) for key in section.header)]
-] + [("exact", "monitor", ("recipe", key)) for key in FILES["exact"]["monitor"].header["recipe"]]
+def paths() -> list[tuple[str, str, tuple[str, ...]]]:
+    """Each array and header field of each section of each file."""
+    recipe = sections_of("exact")["monitor"].header["recipe"]
+    return [
+        (file, name, (key,))
+        for file in RECIPES
+        for name, section in sections_of(file).items()
+        for key in (*section.arrays, *section.header)
+    ] + [("exact", "monitor", ("recipe", key)) for key in recipe]
+
+
 HOSTILE = st.one_of(
     st.sampled_from([*NUMBERS, -(2**63), 2**64, "\ud800", [[]], {"kind": "linear"}, "x" * 10_000]),
     st.floats(),
@@ -224,15 +229,15 @@ def hostile_arrays(draw: st.DrawFn, array: npt.NDArray[Any]) -> npt.NDArray[Any]
 
 
 @settings(max_examples=300)
-@given(data=st.data(), place=st.sampled_from(PATHS))
+@given(data=st.data(), place=st.deferred(lambda: st.sampled_from(paths())))
 @pytest.mark.filterwarnings("ignore:invalid value encountered in cast")
 def test_a_changed_field_is_refused_or_leaves_a_monitor_that_assesses(
     data: st.DataObject, place: tuple[str, str, tuple[str, ...]], flights: np.ndarray
 ) -> None:
     file, name, path = place
-    arrays = FILES[file][name].arrays
+    arrays = sections_of(file)[name].arrays
     value = data.draw(hostile_arrays(arrays[path[0]]) if path[0] in arrays else HOSTILE)
-    content = changed(FILES[file], name, path, value)
+    content = changed(sections_of(file), name, path, value)
     try:
         monitor = from_bytes(content, "m.fwm")
     except MonitorFileError:
