@@ -1,7 +1,7 @@
 """A scored recording as a file for other programs: CSV, Parquet or MAT, with units.
 
-Channels are as assessed: from trim, SI units, N_y in g. Their names carry the unit in CSV, so that
-the file can be scored again; the other two keep it beside each column.
+Channels are as assessed: from trim, SI units, N_y in g. Their names say so in CSV, and carry the
+unit, so that the file can be scored again; the other two keep both beside each column.
 """
 
 import io
@@ -28,16 +28,21 @@ MAT_TITLE_BYTES = 116
 
 @dataclass(frozen=True, eq=False)
 class ExportColumn:
-    """One column of an export. unit: "" for what has none.   values: (n,)."""
+    """One column of an export.
+
+    unit: "" for what has none.   values: (n,).   from_trim: whether the trim is subtracted.
+    """
 
     name: str
     unit: str
     values: npt.NDArray[Any]
+    from_trim: bool = False
 
     @property
-    def name_with_unit(self) -> str:
-        """`beta_rad`: how tables without units say them."""
-        return f"{self.name}_{SUFFIXES[self.unit]}" if self.unit else self.name
+    def long_name(self) -> str:
+        """`beta_from_trim_rad`: how tables say what they have no other place for."""
+        name = f"{self.name}_from_trim" if self.from_trim else self.name
+        return f"{name}_{SUFFIXES[self.unit]}" if self.unit else name
 
 
 @dataclass(frozen=True)
@@ -62,10 +67,11 @@ def columns(samples: npt.NDArray) -> list[ExportColumn]:
     units = {channel.key: channel.unit for channel in CHANNELS}
     states = np.array([state.value for state in STATES])
     measured = [
-        ExportColumn(key, unit, samples["y"][:, c]) for c, (key, unit) in enumerate(units.items())
+        ExportColumn(key, unit, samples["y"][:, c], from_trim=True)
+        for c, (key, unit) in enumerate(units.items())
     ]
     predicted = [
-        ExportColumn(f"predicted_{key}", unit, samples["y_hat"][:, c])
+        ExportColumn(f"predicted_{key}", unit, samples["y_hat"][:, c], from_trim=True)
         for c, (key, unit) in enumerate(units.items())
     ]
     attitude = [
@@ -102,7 +108,7 @@ def _csv(given: list[ExportColumn], about: Mapping[str, Any]) -> bytes:
     from pyarrow.csv import WriteOptions, write_csv
 
     file = io.BytesIO()
-    table = _table(given, [column.name_with_unit for column in given])
+    table = _table(given, [column.long_name for column in given])
     write_csv(table, file, WriteOptions(quoting_style="none", quoting_header="none"))
     return file.getvalue()
 
@@ -113,7 +119,7 @@ def _parquet(given: list[ExportColumn], about: Mapping[str, Any]) -> bytes:
 
     table = _table(given, [column.name for column in given])
     fields = [
-        field.with_metadata({"unit": column.unit})
+        field.with_metadata({"unit": column.unit, "reference": "trim" if column.from_trim else ""})
         for field, column in zip(table.schema, given, strict=True)
     ]
     schema = pa.schema(fields, metadata={"forewarn": _text(about)})
@@ -130,7 +136,13 @@ def _mat(given: list[ExportColumn], about: Mapping[str, Any]) -> bytes:
     names, data["state"] = np.unique(data["state"], return_inverse=True)
     units = {column.name: column.unit for column in given if column.unit}
     data["state"] = data["state"].astype(np.uint8) + 1  # MATLAB counts from 1
-    content = {**data, "state_names": names.astype(object), "units": units, "about": _text(about)}
+    content = {
+        **data,
+        "state_names": names.astype(object),
+        "units": units,
+        "from_trim": np.array([column.name for column in given if column.from_trim], object),
+        "about": _text(about),
+    }
     savemat(file, content, oned_as="column")
     return MAT_TITLE.ljust(MAT_TITLE_BYTES) + file.getvalue()[MAT_TITLE_BYTES:]
 

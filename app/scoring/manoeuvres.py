@@ -35,15 +35,21 @@ SMALLEST = np.radians(0.1)
 """[rad] Motion of a surface that is never an input."""
 NEIGHBOURHOOD = 300.0
 """[s] over which it is learned how much motion is usual."""
+ALIKE = 0.5
+"""Of the likeness with the planned inputs: what has as much is the same inputs once more."""
 DEPARTED = 0.1
 """Of the threshold: where the first departure is sought, as far as noise allows."""
 
 
 class Activity(NamedTuple):
-    """Samples from the first departure of a surface to the end of its motion, both inclusive."""
+    """Samples from the first departure of a surface to the end of its motion, both inclusive.
+
+    times: how often the planned inputs lie in it, one after the other; 1 where they are not known.
+    """
 
     onset: int
     end: int
+    times: int = 1
 
 
 def detect(surfaces: Array, planned: PlannedTest) -> tuple[Activity, ...]:
@@ -63,9 +69,10 @@ def detect(surfaces: Array, planned: PlannedTest) -> tuple[Activity, ...]:
     threshold = np.column_stack(
         [_threshold(motion[:, i], size, planned.dt) for i, size in enumerate(largest)]
     )
+    commands = planned.commands[:, known]
     return tuple(
-        Activity(max(0, onset - window), max(0, end - window))
-        for onset, end in _activities(u, motion, threshold, window, planned)
+        Activity(max(0, onset - window), max(0, end - window), _times(u[onset : end + 1], commands))
+        for onset, end, _ in _activities(u, motion, threshold, window, planned)
     )
 
 
@@ -140,6 +147,27 @@ def _activities(
         is_input = bool(inputs[stops] > inputs[onset])
     if is_input:
         yield activity
+
+
+def _times(u: Array, commands: Array) -> int:
+    """How often the planned inputs lie in the motion, by their correlation with it.
+
+    u: (n, k) from the first departure on.   commands: (m, k) planned.
+    Further ones count that are as large as ALIKE of the largest, in its direction.
+    """
+    from scipy.signal import find_peaks  # slow to import, and only needed here
+
+    moved = np.flatnonzero(commands.any(axis=1))
+    if not len(moved):
+        return 1
+    inputs = commands[moved[0] : moved[-1] + 1]
+    n = len(inputs)
+    flown = np.pad(u - u[0], ((n, n), (0, 0)), mode="edge")
+    flown[-n:] = 0.0
+    likeness = sum(np.correlate(flown[:, k], inputs[:, k]) for k in range(u.shape[1]))
+    likeness = likeness * np.sign(likeness[np.abs(likeness).argmax()])
+    peaks, _ = find_peaks(likeness, height=ALIKE * likeness.max(), distance=n)
+    return max(1, len(peaks))
 
 
 def _departure(u: Array, trim: Array, threshold: Array, begins: int, window: int) -> int:

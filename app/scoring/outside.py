@@ -1,5 +1,6 @@
 """Exceedances outside every manoeuvre: not assessed, and still not to be overlooked."""
 
+from collections import Counter
 from collections.abc import Sequence
 
 import numpy as np
@@ -11,6 +12,8 @@ from core.types import Array
 
 APART = 1.0
 """[s] Samples past a limit that lie closer are of one exceedance."""
+MANY = 3
+"""Exceedances of one channel that are rather a fault of its mapping than of the flight."""
 MOST_OUTSIDE = 1000
 """That are kept; the note tells of all."""
 
@@ -50,7 +53,16 @@ def outside_note(exceedances: Sequence[RecordedExceedance]) -> tuple[str, ...]:
     first = exceedances[0]
     value = BY_KEY[first.channel].read(first.value)
     times = "once" if len(exceedances) == 1 else f"{len(exceedances)} times, first"
+    counts = Counter(exceedance.channel for exceedance in exceedances)
     return (
+        *(_suspicion(channel, n) for channel, n in counts.items() if n >= MANY),
         f"A limit was exceeded outside every manoeuvre, where nothing was assessed: {times} "
         f"{first.channel} {value} at {first.t:.2f} s.",
+    )
+
+
+def _suspicion(channel: str, n: int) -> str:
+    return (
+        f"{channel} reached its limit {n} times outside every manoeuvre: check the signal, unit, "
+        f"sign and offset that {channel} is mapped with before any verdict is believed."
     )

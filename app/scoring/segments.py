@@ -75,6 +75,11 @@ def _detected(
         asked = _lacking(rest, planned, recipe)
         name = f"manoeuvre {number + 1}"
         result.append(Segment(name, start, last, activity.onset, rest, asked))
+        if activity.times > 1:
+            notes.append(
+                f"The planned inputs lie {activity.times} times in {name}, too close together to "
+                "be told apart: mark each by hand to have it scored by itself."
+            )
         before = last + 1
     return tuple(result), tuple(notes)
 

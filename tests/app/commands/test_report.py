@@ -73,7 +73,7 @@ def test_exports_lie_beside_it_and_are_what_score_writes(given: Path):
         assert (field.metadata or {})[b"unit"] == channel.unit.encode()
         assert mat["units"][channel.key] == channel.unit
         np.testing.assert_array_equal(table[channel.key], mat[channel.key])
-    np.testing.assert_array_equal(csv["Ny_g"], mat["Ny"])
+    np.testing.assert_array_equal(csv["Ny_from_trim_g"], mat["Ny"])
     about = json.loads(mat["about"])
     assert about["recording"] == "flight.csv"
     html = Path("kept.html").read_text()

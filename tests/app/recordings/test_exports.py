@@ -43,10 +43,11 @@ def samples() -> npt.NDArray:
 def test_csv_names_carry_units_and_numbers_come_back_bit_for_bit(samples: npt.NDArray) -> None:
     table = pd.read_csv(io.BytesIO(export(samples, ABOUT, "csv")))
     assert list(table)[:7] == [
-        "t_s", "beta_rad", "p_radps", "r_radps", "Ny_g", "delta_a_rad", "delta_r_rad"
+        "t_s", "beta_from_trim_rad", "p_from_trim_radps", "r_from_trim_radps", "Ny_from_trim_g",
+        "delta_a_from_trim_rad", "delta_r_from_trim_rad",
     ]  # fmt: skip
     np.testing.assert_array_equal(table["t_s"], samples["t"])
-    np.testing.assert_array_equal(table["predicted_Ny_g"], samples["y_hat"][:, 3])
+    np.testing.assert_array_equal(table["predicted_Ny_from_trim_g"], samples["y_hat"][:, 3])
     np.testing.assert_array_equal(table["p_value"], samples["p_value"])
     assert table["state"].tolist() == [STATES[code].value for code in samples["state"]]
     assert "psi_rad" not in table
@@ -60,6 +61,7 @@ def test_parquet_keeps_units_beside_the_columns(samples: npt.NDArray) -> None:
     for channel in CHANNELS:
         assert units[channel.key] == channel.unit.encode()
         assert units[f"predicted_{channel.key}"] == channel.unit.encode()
+        assert (table.schema.field(channel.key).metadata or {})[b"reference"] == b"trim"
     assert b'"monitor": "ab12"' in (table.schema.metadata or {})[b"forewarn"]
     assert table["p_value"].null_count == np.isnan(samples["p_value"]).sum()
     np.testing.assert_array_equal(table["beta"].to_numpy(zero_copy_only=False), samples["y"][:, 0])
@@ -75,6 +77,7 @@ def test_mat_opens_in_scipy_with_units(samples: npt.NDArray) -> None:
     names = [content["state_names"][number - 1] for number in content["state"]]
     assert names == [STATES[code].value for code in samples["state"]]
     assert '"epsilon": 0.1' in content["about"]
+    assert {*content["from_trim"]} == {*KEYS, *(f"predicted_{key}" for key in KEYS)}
 
 
 @pytest.mark.parametrize("form", EXPORTS)

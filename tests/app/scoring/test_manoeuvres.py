@@ -95,13 +95,23 @@ def test_inputs_of_one_manoeuvre_are_joined_also_where_the_surface_rests_between
         maneuver, **table, delta_r_deg=(5.0, 0.0, 5.0, 0.0), interpolation="hold", duration_s=12.0
     )
     plan = PlannedTest(DT, LIMITS, maneuver)
-    assert len(detect(lagged(plan.commands), plan)) == 1
+    assert [activity.times for activity in detect(lagged(plan.commands), plan)] == [1]
     assert len(detect(lagged(plan.commands), PLAN)) == 2
 
 
 def test_manoeuvres_that_follow_closely_stay_apart():
     at = np.array([10.0, 15.0, 20.0])
     assert onsets(doublets(700, at)) == pytest.approx(at, abs=0.06)
+
+
+@pytest.mark.parametrize("gap", [0.3, 1.0])
+def test_inputs_too_close_to_be_told_apart_are_counted(gap: float):
+    assert [a.times for a in detect(doublets(700, np.array([10.0])), PLAN)] == [1]
+    for n in (2, 3):
+        at = 10.0 + (2.0 + gap) * np.arange(n)
+        for sign in (1.0, -1.0):
+            assert [a.times for a in detect(doublets(700, at, amplitude=sign), PLAN)] == [n]
+            assert [a.times for a in detect(sign * doublets(700, at), NO_PLAN)] == [1]
 
 
 def test_a_step_of_a_build_up_is_found():

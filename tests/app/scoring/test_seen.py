@@ -147,6 +147,16 @@ def test_an_exceedance_that_began_in_a_manoeuvre_is_that_manoeuvres():
     assert MOST_OUTSIDE >= 1
 
 
+def test_a_limit_reached_again_and_again_outside_is_first_a_doubt_of_the_mapping():
+    often = tuple(RecordedExceedance(20.0 * n, "Ny", 0.6) for n in range(23))
+    rare = tuple(RecordedExceedance(5.0 + n, "beta", 0.3) for n in range(2))
+    doubt, told = outside_note(often + rare)
+    assert doubt.startswith("Ny reached its limit 23 times outside every manoeuvre: check")
+    assert all(word in doubt for word in ("signal", "unit", "sign", "offset"))
+    assert "25 times" in told
+    assert len(outside_note(often[:2] + rare)) == 1
+
+
 def test_a_withdrawn_manoeuvre_says_so_of_its_alert_and_lead(attas: Monitor, calm: np.ndarray):
     lines = verdict(attas, score(attas, recorded(calm, V=180.0)))
     assert "  first alert        withdrawn" in lines

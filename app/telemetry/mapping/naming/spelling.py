@@ -22,6 +22,8 @@ VECTORS = {
     *("rate", "rates", "omega", "velocity", "pqr", "rpy"),
 }
 """Words whose number in brackets counts axes."""
+FROM_TRIM = re.compile(r"[_ ]from[_ ]trim(?=_|\b)", re.IGNORECASE)
+"""A deviation from trim is of the same quantity; a trim is not."""
 LETTERS = {"pqr": ("p", "q", "r"), "rpy": ("roll", "pitch", "yaw")}
 
 
@@ -41,7 +43,8 @@ class Spelling:
 @cache
 def spellings(name: str, group: str = "") -> tuple[Spelling, ...]:
     """Return the ways to read a name: with its last words as a unit, and with all as words."""
-    path, own = _place(re.sub(r"\s\(\d+\)$", "", name))  # "beta (2)" is a namesake of beta
+    name = re.sub(r"\s\(\d+\)$", "", name)  # "beta (2)" is a namesake of beta
+    path, own = _place(FROM_TRIM.sub("", name))
     # vehicle_acceleration_0 is the first of its kind
     before = tuple(w for part in (group, *path) for w in _words(part) if not w.isdigit())
     own, index = _index(own)

@@ -16,7 +16,7 @@ NAMES: dict[str, tuple[str, dict[str, str]]] = {
         {
             "SideSlip_deg": "deg", "beta_rad": "rad", "Beta [deg]": "deg", "beta,__deg": "deg",
             "BetaDeg": "deg", "/fdm/jsbsim/aero/beta-rad": "rad", "Schiebewinkel [°]": "deg",
-            "beta / deg": "deg", "AOSS (deg)": "deg",
+            "beta / deg": "deg", "AOSS (deg)": "deg", "beta_from_trim_rad": "rad",
         },
     ),
     "p": (
@@ -25,6 +25,7 @@ NAMES: dict[str, tuple[str, dict[str, str]]] = {
         "PRGX p_roll_rate",
         {
             "P_degps": "deg/s", "p_radps": "rad/s", "roll_rate_deg_s": "deg/s",
+            "p from trim [rad/s]": "rad/s",
             "P (deg/s)": "deg/s", "IMU_RollRate_dps": "deg/s", "P, rad/s": "rad/s",
             "P,_rad/s": "rad/s",
             "/fdm/jsbsim/velocities/p-rad_sec": "rad/s", "rollRate_dps": "deg/s",
