@@ -15,6 +15,7 @@ from fastapi.staticfiles import StaticFiles
 from starlette.routing import BaseRoute
 
 from app.flights.flights import Flights
+from app.head_requests import HeadAsGet
 from app.idempotency import Idempotent, describe_keys
 from app.integrity import Integrity
 from app.jobs.jobs import Jobs
@@ -66,7 +67,7 @@ class Application(FastAPI):
     def build_middleware_stack(self) -> Any:
         """FastAPI's layers, then what counts, then what lets in."""
         limited = BodyLimit(
-            Idempotent(super().build_middleware_stack()),
+            HeadAsGet(Idempotent(super().build_middleware_stack())),
             self.settings.max_body_bytes,
             {("POST", recordings.router.prefix): self.settings.max_upload_bytes},
         )

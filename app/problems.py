@@ -157,7 +157,8 @@ def _allowed(request: Request) -> list[str]:
         for context in iter_route_contexts(request.app.routes)
         if context.path and compile_path(context.path)[0].match(request.url.path)
     ]
-    return sorted({method for methods in here for method in methods})
+    allowed = {method for methods in here for method in methods}
+    return sorted(allowed | {"HEAD"} if "GET" in allowed else allowed)
 
 
 async def _validation(request: Request, error: Exception) -> Response:

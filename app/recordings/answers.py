@@ -29,7 +29,6 @@ def described(recordings: Recordings, recording_id: str) -> dict[str, Any]:
     mapped = recordings.store.recordings.mapped_columns(recording_id)
     contents = recordings.columns(recording_id).contents
     return asdict(info) | {
-        "same_as": recordings.store.recordings.duplicate_of(recording_id),
         "contents": _contents(contents, mapped),
         "bad_rows": _bad_rows(contents),
         "mapping": mapped.mapping,

@@ -69,8 +69,6 @@ class Derivable(BaseModel):
 class RecordingDetails(RecordingInfo):
     """A recording as it is listed, with its contents and mapping."""
 
-    same_as: str | None
-    """id of an earlier upload of the same bytes"""
     contents: FileContents
     bad_rows: BadRowSummary
     mapping: Mapping

@@ -36,6 +36,8 @@ class RecordingInfo(Entry):
     confirmed_over: dict[str, list[str]] | None
     """warnings by channel that its mapping was confirmed over; null where it is not known"""
     n_scorings: int
+    same_as: str | None
+    """id of an earlier upload of the same bytes"""
 
 
 @dataclass(frozen=True)
@@ -111,17 +113,6 @@ class RecordingRepository(Repository):
             row = fetch(connection, query, "recording", recording_id)
             return MappedColumns(**row._mapping)
 
-    def duplicate_of(self, recording_id: str) -> str | None:
-        """Id of the first recording of the same bytes, None where this is it. NotFound."""
-        with self._reading() as connection:
-            info = fetch_recording(connection, recording_id)
-            same = select(recordings.c.id).where(
-                recordings.c.digest == info.digest, recordings.c.complete
-            )
-            oldest = same.order_by(recordings.c.created, recordings.c.id).limit(1)
-            first = connection.execute(oldest).scalar_one()
-        return None if first == recording_id else first
-
     def confirm_mapping(
         self, recording_id: str, mapped: MappedColumns, aircraft: str | None = None
     ) -> None:
@@ -164,7 +155,16 @@ def _recordings() -> Select:
         .scalar_subquery()
         .label("n_scorings")
     )
-    return select(*columns(recordings, RecordingInfo), n_scorings)
+    same = recordings.alias()
+    first = (
+        select(same.c.id)
+        .where(same.c.digest == recordings.c.digest, same.c.complete)
+        .order_by(same.c.created, same.c.id)
+        .limit(1)
+        .scalar_subquery()
+    )
+    same_as = func.nullif(first, recordings.c.id).label("same_as")
+    return select(*columns(recordings, RecordingInfo), n_scorings, same_as)
 
 
 def fetch_recording(connection: Connection, recording_id: str) -> RecordingInfo:

@@ -77,7 +77,7 @@ export function createStatusStrip(element) {
     else show("age", `${figures.age.toFixed(1)} s`, figures.age > staleAfter ? "caution" : "");
     const known = linked && Number.isFinite(figures.latency);
     show("latency", known ? `${Math.round(figures.latency)} ms` : "–", !known ? "off" : figures.latency > LATE ? "caution" : "");
-    show("conflated", String(figures.conflated), figures.conflated > 0 ? "caution" : "");
+    show("conflated", `${figures.conflated.toLocaleString("en")} samples`, figures.conflated > 0 ? "caution" : "");
     show("record", ...recordOf(figures));
   }
 

@@ -69,7 +69,7 @@ function table(recordings, catalog, remove) {
     return h(
       "tr",
       {},
-      h("th", { scope: "row" }, h("a", { href: `#/recordings/${recording.id}` }, recording.name)),
+      h("th", { scope: "row" }, h("a", { href: `#/recordings/${recording.id}` }, recording.name), twinMark(recording, recordings)),
       h(
         "td",
         { class: "nowrap", "data-label": "Aircraft" },
@@ -105,6 +105,13 @@ function table(recordings, catalog, remove) {
       h("tbody", {}, rows),
     ),
   );
+}
+
+/** Beside a recording whose bytes were uploaded before. */
+function twinMark({ same_as: twin }, recordings) {
+  if (!twin) return null;
+  const earlier = recordings.find(({ id }) => id === twin);
+  return h("span", { class: "list-mark" }, "same file as ", h("a", { href: `#/recordings/${twin}` }, earlier?.name ?? "an earlier one"));
 }
 
 export function formatTitle(catalog, key) {

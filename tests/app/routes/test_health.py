@@ -21,6 +21,20 @@ def test_the_server_is_alive_and_ready(client):
     assert client.get("/readyz").json() == ready
 
 
+def test_a_probe_may_ask_for_the_head_alone(client):
+    for path in ("/healthz", "/readyz", "/", "/api/v1/catalog", "/api/v1/datasets/none"):
+        whole, head = client.get(path), client.head(path)
+        assert head.content == b""
+        assert head.status_code == whole.status_code
+        assert head.headers == whole.headers
+    job = store_of(client).jobs.add("study", {})
+    assert client.head(f"/api/v1/jobs/{job}/events").status_code == 200  # GET would wait
+    refused = client.head("/api/v1/flights/none/end")
+    assert (refused.status_code, refused.headers["allow"]) == (405, "POST")
+    assert client.post("/healthz").headers["allow"] == "GET, HEAD"
+    assert 'method="HEAD",route="/healthz",status="200"' in client.get("/metrics").text
+
+
 def test_a_server_without_its_store_is_alive_but_not_ready(client, monkeypatch):
     def broken():
         raise OSError("disk gone")

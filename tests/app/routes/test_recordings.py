@@ -80,6 +80,9 @@ def test_the_same_bytes_again_are_said_to_be_the_same(client, kept, file):
     again = uploaded(client, file, name="again.csv")
     assert again["same_as"] is not None
     assert again["same_as"] != again["id"]
+    listed = {one["id"]: one["same_as"] for one in client.get(RECORDINGS).json()}
+    assert listed[again["id"]] == again["same_as"]
+    assert listed[again["same_as"]] is None
     assert client.delete(f"{RECORDINGS}/{again['id']}").status_code == 204
     assert uploaded(client, file + b"\n", name="other.csv")["same_as"] is None
 

@@ -24,7 +24,7 @@ def test_a_recording_is_seen_once_its_folder_is_in_its_place(store: Store) -> No
     info = store.recordings.info("a")
     assert store.recordings.all() == [info]
     assert info == RecordingInfo(
-        "a", "flight.csv", info.created, 3, "d", "csv", None, 12.5, "proposed", None, 0
+        "a", "flight.csv", info.created, 3, "d", "csv", None, 12.5, "proposed", None, 0, None
     )
     assert store.recordings.mapped_columns("a") == replace(
         MAPPED, statistics=[[3, 1, 0.0, None, None]]
@@ -64,7 +64,7 @@ def test_a_recording_that_is_flown_stays(store: Store, trained: Monitor) -> None
 def test_the_first_of_the_same_bytes_is_named(store: Store) -> None:
     for identity, digest in (("c", "same"), ("b", "other"), ("a", "same")):
         keep_recording(store, identity, digest)
-    assert [store.recordings.duplicate_of(identity) for identity in "cba"] == [None, None, "c"]
+    assert [store.recordings.info(identity).same_as for identity in "cba"] == [None, None, "c"]
 
 
 def test_a_mapping_is_remembered_by_aircraft_alone(store: Store) -> None:

@@ -226,3 +226,23 @@ def test_a_link_is_open_until_the_first_missed_heartbeat(
     assert page.evaluate("links.map(([link]) => link)") == ["open", "silent"]
     page.evaluate(beat)
     assert page.evaluate("links.at(-1)[0]") == "open"
+
+
+def test_what_a_slow_display_left_out_is_said_in_samples(strips: Open) -> None:
+    told = run(
+        strips(),
+        """
+        return (async () => {
+        const { createStatusStrip } = await import('/static/js/fly/status_strip.js');
+        const element = document.createElement('div');
+        const figures = {
+          age: 0, latency: 0, conflated: 1074, lost: 0, unwritten: 0, problem: '', utc: null,
+        };
+        createStatusStrip(element).update({
+          mode: 'live', source: '', monitor: '', link: 'open', live: true, headline: null, figures,
+        });
+        return element.querySelector('[data-item="conflated"] .status-value').textContent;
+        })();
+        """,
+    )
+    assert told == "1,074 samples"
