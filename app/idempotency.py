@@ -4,6 +4,9 @@ The first request of a key is noted before it is carried out, and its answer is 
 same request again gets that answer; another one of the same key is 422; one that comes while the
 first is carried out is 409, as is one whose first was cut off by the server's end: whether that was
 carried out is not known, and it is not done twice. A request that was refused may come again.
+
+Where what was created is deleted by then, it is 410. The draft says that the answer SHOULD be
+repeated; but a client takes 201 for word that the thing is there.
 """
 
 import asyncio
@@ -38,7 +41,8 @@ PARAMETER: dict[str, Any] = {
     "in": "header",
     "required": False,
     "schema": {"type": "string", "minLength": 1, "maxLength": 200, "pattern": "^[!-~]+$"},
-    "description": "the same key with the same request gives the same answer, for a day",
+    "description": "the same key with the same request gives the same answer, for a day; 410 where "
+    "what it created was deleted since",
 }
 
 
@@ -82,7 +86,8 @@ class Idempotent:
         earlier = await asyncio.to_thread(answers.find, *request)
         if earlier is not None:
             await body.drain()
-            return await _again(earlier, body.fingerprint, scope, send)
+            is_gone = await asyncio.to_thread(answers.is_gone, request[0], earlier)
+            return await _again(earlier, body.fingerprint, is_gone, scope, send)
         await asyncio.to_thread(answers.begin, *request, "")
         try:
             await self.app(scope, body.receive, heard.send)
@@ -161,9 +166,13 @@ class _Heard:
 
 
 async def _again(
-    earlier: Answer, fingerprint: str, scope: MutableMapping[str, Any], send: Send
+    earlier: Answer,
+    fingerprint: str,
+    is_gone: bool,
+    scope: MutableMapping[str, Any],
+    send: Send,
 ) -> None:
-    """Answer a request of a key that was used before."""
+    """Answer a request of a key that was used before.   is_gone: what it created is deleted."""
     if earlier.status is None:
         text = (
             "the server ended while the first request of this key was carried out: see whether it "
@@ -173,6 +182,12 @@ async def _again(
     if earlier.fingerprint != fingerprint:
         text = "this key came with another request: a new request needs a new key"
         return await _refuse(422, text, scope, send)
+    if is_gone:
+        text = (
+            "this request was carried out, and what it created was deleted since: send it with "
+            "another key to create it anew"
+        )
+        return await _refuse(410, text, scope, send)
     response = Response(earlier.body, earlier.status, earlier.headers)
     return await response(scope, _nothing, send)
 
@@ -204,5 +219,5 @@ def describe_keys(document: dict[str, Any]) -> None:
         if "post" in item and CREATES.fullmatch(path):
             post = item["post"]
             post["parameters"] = [*post.get("parameters", []), PARAMETER]
-            for status, response in problem_responses(409, 422, 503).items():
+            for status, response in problem_responses(409, 410, 422, 503).items():
                 post["responses"].setdefault(str(status), response)

@@ -48,6 +48,7 @@ WORDS = {
     404: "there is nothing of this id",
     408: "nothing more of the body came",
     409: "it is in use, or not in a state for this",
+    410: "it was created under this key, and deleted since",
     413: "the body is too large",
     415: "the body is of a type that is not read here",
     422: "what was sent is not right; `detail` says what would be",

@@ -5,8 +5,9 @@ from datetime import UTC, datetime, timedelta
 
 from sqlalchemy import ColumnElement, Connection, delete, insert, select, update
 
+from app import json_codec
 from app.store.repository import Repository
-from app.store.tables import answers, now, time_text
+from app.store.tables import answers, metadata, now, time_text
 
 KEPT = timedelta(days=1)
 DELETED = "deleted"
@@ -43,6 +44,23 @@ class AnswerRepository(Repository):
         """What a request was answered with; None for one that never came, or too long ago."""
         with self._reading() as connection:
             return _find(connection, path, key)
+
+    def is_gone(self, path: str, answer: Answer) -> bool:
+        """Whether what a request to a path created is there no more.
+
+        The Location of its answer says what that is; without one, the id in its body.
+        """
+        if answer.status is None or answer.body is None:
+            return False
+        location = (answer.headers or {}).get("location")
+        location = location or f"{path}/{json_codec.decode(answer.body)['id']}"
+        *_, name, identity = location.split("/")
+        table = metadata.tables[name]
+        there = table.c.id == identity
+        if "complete" in table.c:
+            there &= table.c.complete
+        with self._reading() as connection:
+            return connection.execute(select(table.c.id).where(there)).first() is None
 
     def finish(self, path: str, key: str, answer: Answer) -> None:
         """Keep the answer to a request that was carried out."""

@@ -20,7 +20,7 @@ from tests.support.api import api, problem, store_of
 from tests.support.oscillator import Array
 from tests.support.recorded import RECORDINGS, csv_of, uploaded
 
-DATASETS = "/api/v1/datasets"
+DATASETS, FLIGHTS = "/api/v1/datasets", "/api/v1/flights"
 BODY = {"name": "a", "n_unsafe": 2, "seed": 1}
 
 
@@ -117,7 +117,30 @@ def test_uploads_scorings_markers_and_monitors_are_made_once(
         assert first.json() == again.json()
     assert len(store_of(client).monitors.all()) == 1
     assert len(store_of(client).recordings.all()) == 2
-    assert len(client.get(f"{path}/markers").json()) == 1
+    (marker,) = client.get(f"{path}/markers").json()
+    (scoring,) = client.get(f"{path}/scorings").json()
+    for made in (f"markers/{marker['id']}", f"scorings/{scoring['id']}"):
+        assert client.delete(f"{path}/{made}").status_code == 204
+        url = f"{path}/{made.partition('/')[0]}"
+        assert "was deleted since" in problem(client.post(url, **posts[url]), 410)
+
+
+def test_what_was_deleted_since_is_said_to_be_gone_and_not_made_again(
+    client: TestClient, dataset: Dataset
+) -> None:
+    monitor = store_of(client).monitors.add(train(dataset), "oscillator").id
+    kept = store_of(client).datasets.add(dataset, "oscillator").id
+    source = {"kind": "replay", "dataset": kept, "outcome": "safe", "rollout": 0}
+    body = {"source": source, "monitor": monitor, "epsilon": 0.2}
+    start = lambda: client.post(FLIGHTS, json=body, headers={"Idempotency-Key": "f1"})  # noqa: E731
+    first = start()
+    assert first.status_code == 201, first.text
+    flight = f"{FLIGHTS}/{first.json()['id']}"
+    client.post(f"{flight}/end")
+    assert start().json() == first.json()
+    assert client.delete(flight).status_code == 204
+    assert "was deleted since" in problem(start(), 410)
+    assert client.get(FLIGHTS).json() == []
 
 
 def test_a_store_that_takes_nothing_is_said_before_anything_is_done(
