@@ -13,6 +13,7 @@ from starlette.exceptions import HTTPException
 from starlette.requests import ClientDisconnect
 from starlette.routing import compile_path
 
+from app.input_errors import InputError, input_errors
 from app.recipes import RecipeError
 from app.recordings.files import NoSpace
 from app.recordings.upload import Stalled
@@ -164,11 +165,16 @@ def _allowed(request: Request) -> list[str]:
 
 async def _validation(request: Request, error: Exception) -> Response:
     assert isinstance(error, RequestValidationError)
-    errors = [
-        {"where": ".".join(map(str, entry["loc"])), "reason": entry["msg"]}
-        for entry in error.errors()[:20]
-    ]
-    detail = "; ".join(f"{entry['where']}: {entry['reason']}" for entry in errors[:3])
+    whole = {
+        "body": error.body,
+        "query": dict(request.query_params),
+        "path": request.path_params,
+        "header": dict(request.headers),
+    }
+    wrong = input_errors(error.errors(), whole)[:20]
+    errors = [{"where": place, "reason": reason} for place, reason in wrong]
+    named = (InputError(place.partition(".")[2] or place, reason) for place, reason in wrong[:3])
+    detail = "; ".join(map(str, named))
     return problem_response(Problem(422, detail, "urn:forewarn:request", errors=errors))
 
 

@@ -2,13 +2,14 @@
 
 import json
 from collections.abc import Mapping
-from dataclasses import is_dataclass, replace
+from dataclasses import replace
 from math import inf
 from pathlib import Path
 from typing import Any
 
 from pydantic import TypeAdapter, ValidationError
 
+from app.input_errors import given, input_errors
 from core import recipe
 from core.amplitude import Suggestion, suggest_amplitude
 from core.channels import BEYOND_FLIGHT, CHANNELS
@@ -62,15 +63,14 @@ def from_plain(default: Any, plain: Any, where: str = "recipe") -> Any:
 def _checked(default: Any, values: Mapping[str, Any], where: str) -> Any:
     for key, value in values.items():
         if type(getattr(default, key, None)) in (int, float) and isinstance(value, str | bool):
-            raise RecipeError(f"{where}.{key} is {value!r}: Input should be a valid number")
+            raise RecipeError(f"{where}.{key} is {given(value)}: give a number")
     try:
         return TypeAdapter(type(default)).validate_python(values)
     except ValidationError as error:
-        first = error.errors()[0]
-        place = ".".join([where, *(str(part) for part in first["loc"])])
-        reason = first["msg"].removeprefix("Value error, ")
-        given = "" if is_dataclass(default) and not first["loc"] else f" is {first['input']!r}"
-        raise RecipeError(f"{place}{given}: {reason}") from error
+        place, reason = input_errors(error.errors(), values)[0]
+        if not place:  # the parameters do not go together
+            raise RecipeError(f"{where}: {reason.partition(': ')[2]}") from error
+        raise RecipeError(f"{where}.{place} {reason}") from error
 
 
 def dataset_recipe(plain: Any, where: str = "dataset") -> tuple[DatasetRecipe, Suggestion | None]:

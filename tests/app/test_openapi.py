@@ -194,6 +194,19 @@ def in_quotes(plain: Any) -> Any:
     return [str(plain)] if isinstance(plain, (int, float)) else []
 
 
+def test_a_refusal_names_the_field_and_what_it_needs(session, known):
+    path = f"/api/v1/flights/{known[1]['flight_id']}/transport"
+    told = session.post(path, json={"action": "seek", "value": "x", "to": 1}).json()
+    assert told["errors"] == [
+        {"where": "body.value", "reason": "is 'x': give true or false, or a number"},
+        {"where": "body.to", "reason": "is not known here: leave it out, or correct its name"},
+    ]
+    assert told["detail"].startswith("value is 'x': give true or false, or a number; to is not")
+    path = "/api/v1/datasets/none/rollouts"
+    told = session.get(path, params={"first": "soon"}).json()
+    assert told["detail"] == "first is 'soon': give a whole number"
+
+
 @pytest.mark.parametrize(("method", "path", "body"), NUMBERS)
 def test_a_number_in_quotes_is_refused_everywhere(method, path, body, session, known):
     address = "/api/v1" + path.format(**known[1])
@@ -202,4 +215,5 @@ def test_a_number_in_quotes_is_refused_everywhere(method, path, body, session, k
     for changed in in_quotes(body):
         told = session.request(method, address, json=changed | more)
         assert told.status_code == 422, (changed, told.text)
+        assert "Input should" not in told.text
         assert "about:blank" not in told.json()["type"]

@@ -180,4 +180,4 @@ def test_an_unknown_dataset_is_not_found(client, path):
 
 @pytest.mark.parametrize("order", [{"n_unsafe": "50"}, {"dt": "0.05"}, {"n_unsafe": True}])
 def test_a_number_in_quotes_is_refused(client, order):
-    assert "should be a valid number" in problem(client.post("/api/v1/datasets", json=order), 422)
+    assert "give a number" in problem(client.post("/api/v1/datasets", json=order), 422)
