@@ -1,12 +1,14 @@
 """The command `forewarn`: what it can be told to do, and how it ends."""
 
 import argparse
+import re
 import sys
 from collections.abc import Iterable, Sequence
-from difflib import get_close_matches
 from importlib import import_module
+from typing import Any, NoReturn
 
 from core import __version__
+from core.mistyped import instead_of
 
 INTERRUPTED, MISTYPED = 130, 2
 
@@ -24,6 +26,19 @@ COMMANDS = {
 """Name and help of each module in app/commands; it has `add` and `run`, and is loaded if named."""
 
 
+OPTIONS = ("-h", "--help", "--version")
+"""What can be asked without a command."""
+OF_COMMANDS = ("--json",)
+"""Options of commands that are tried alone."""
+INVALID = re.compile(r"invalid (\w+) value: (.*)")
+NUMBERS = {
+    "int": "give a whole number",
+    "float": "give a number",
+    "number_or_auto": "give a number, or auto",
+}
+"""What is needed, by the function that could not read a value."""
+
+
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run one command. Returns 0 only where the work was done."""
     try:
@@ -31,6 +46,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         named = next((word for word in arguments if not word.startswith("-")), None)
         if named is not None and named not in COMMANDS:
             return _refused(f"there is no command {named!r}", named, COMMANDS)
+        alone = next((word for word in arguments if word not in OPTIONS), None)
+        if named is None and alone is not None:
+            return _refused(f"{alone!r} needs a command before it", alone, OF_COMMANDS)
         parser = _parser(named)
         options, unknown = parser.parse_known_args(arguments)
         if unknown:
@@ -53,15 +71,28 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _refused(what: str, word: str, known: Iterable[str]) -> int:
     """Say what was mistyped and what is closest to it."""
-    close = get_close_matches(word, known, n=1, cutoff=0.5)
-    instead = f"did you mean {close[0]}?" if close else f"choose {', '.join(known)}"
-    print(f"forewarn: {what}: {instead}", file=sys.stderr)
+    print(f"forewarn: {what}: {instead_of(word, known)}", file=sys.stderr)
     return MISTYPED
+
+
+class _Parser(argparse.ArgumentParser):
+    """Refuses in one line, with the value that was most likely meant."""
+
+    def error(self, message: str) -> NoReturn:
+        """Say what is wrong and end."""
+        words = INVALID.sub(lambda found: f"{found[2]} was given: {NUMBERS[found[1]]}", message)
+        print(f"forewarn: {words.removeprefix('argument ')}", file=sys.stderr)
+        raise SystemExit(MISTYPED)
+
+    def _check_value(self, action: argparse.Action, value: Any) -> None:
+        if action.choices is not None and value not in action.choices:
+            words = f"{value!r} is unknown: {instead_of(str(value), map(str, action.choices))}"
+            raise argparse.ArgumentError(action, words)
 
 
 def _parser(named: str | None) -> argparse.ArgumentParser:
     """A parser that knows every command by name, and the one that is named in full."""
-    parser = argparse.ArgumentParser(
+    parser = _Parser(
         prog="forewarn",
         description="Warns a stated time before a flight-test manoeuvre exceeds a limit.",
     )

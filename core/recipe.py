@@ -4,6 +4,8 @@ from collections.abc import Callable, Mapping
 from dataclasses import fields, is_dataclass
 from typing import Any, NamedTuple, TypeVar
 
+from core.mistyped import instead_of
+
 M = TypeVar("M")
 
 
@@ -86,12 +88,12 @@ def from_plain(
     of = family_of(default)
     if of is not None and (kind := plain.pop("kind", None)) is not None:
         if not (isinstance(kind, str) and kind in of.members):
-            raise RecipeError(f"{where} {kind!r} is unknown: choose {', '.join(of.members)}")
+            raise RecipeError(f"{where} {kind!r} is unknown: {instead_of(str(kind), of.members)}")
         default = of.members[kind]
     known = {field.name: getattr(default, field.name) for field in fields(default)}
     for key in plain:
         if key not in known:
-            raise RecipeError(f"{where} has no {key!r}: choose {', '.join(known)}")
+            raise RecipeError(f"{where} has no {key!r}: {instead_of(str(key), known)}")
         if is_dataclass(known[key]) and not is_dataclass(plain[key]):
             plain[key] = from_plain(known[key], plain[key], f"{where}.{key}", build)
     return build(default, known | plain, where)

@@ -25,6 +25,7 @@ from app.recipes import (
     to_plain,
 )
 from core.channels import BY_KEY, KEYS
+from core.mistyped import instead_of
 from core.monitor.predictor import PREDICTORS
 from core.monitor.score import SCORES
 from core.simulation.aircraft import AIRCRAFT, MatrixAircraft
@@ -97,7 +98,10 @@ def add_recipe_options(
     )
     group.add_argument("--control-law", metavar="NAME", help=", ".join(CONTROL_LAWS))
     group.add_argument(
-        "--maneuver", metavar="NAME|FILE", help=f"{', '.join(MANEUVERS)}, or a CSV table"
+        "--maneuver",
+        "--manoeuvre",
+        metavar="NAME|FILE",
+        help=f"{', '.join(MANEUVERS)}, or a CSV table",
     )
     group.add_argument(
         "--limit",
@@ -223,7 +227,7 @@ def channel_value(assignment: str) -> tuple[str, float]:
     name, _, text = assignment.partition("=")
     key = name.removesuffix("_deg")
     if key not in KEYS or (name != key and key not in ANGULAR):
-        raise RecipeError(f"{assignment!r}: there is no channel {name!r}; choose {', '.join(KEYS)}")
+        raise RecipeError(f"{assignment!r}: there is no channel {name!r}: {instead_of(name, KEYS)}")
     written = VALUE.fullmatch(text.strip())
     if written is None:
         raise RecipeError(
@@ -236,9 +240,11 @@ def channel_value(assignment: str) -> tuple[str, float]:
     factors = {"": 1.0, own.unit: 1.0, own.display_unit: 1.0 / own.display_factor}
     factors[own.display_unit.replace("deg", "°")] = 1.0 / own.display_factor
     if unit not in factors or (name != key and unit):
+        meant = f"{key}={written[1]}{own.display_unit}"
+        units = " or ".join(dict.fromkeys((own.display_unit, own.unit)))
         raise RecipeError(
-            f"{assignment!r}: {name} takes no unit {unit!r}; write it like "
-            f"{key}=1{own.display_unit}"
+            f"{assignment!r}: {name} was given in {unit!r}, and {own.label} is in {units}: write "
+            f"{meant} if that is meant"
         )
     return key, number * factors[unit]
 

@@ -21,18 +21,19 @@ from core.monitor.status import Facts, Headline, Level, Status, headline, in_wor
 from core.simulation.aircraft import AircraftClass
 from core.simulation.attitude import Attitude, SurfaceSigns
 
-CALM: Colour = (70, 200, 190)
+CALM: Colour = (24, 156, 144)
 ALERT: Colour = (255, 40, 32)
-CAUTION: Colour = (255, 181, 46)
-ADVISORY: Colour = (124, 208, 255)
+CAUTION: Colour = (228, 142, 12)
+ADVISORY: Colour = (40, 148, 216)
 GREY: Colour = (128, 132, 140)
 GHOST: Colour = (92, 95, 101)
-INK: Colour = (150, 165, 184)
-FAINT: Colour = (44, 54, 68)
-VELOCITY: Colour = (110, 185, 255)
-LIMIT: Colour = (255, 214, 10)
-GRID: Colour = (74, 90, 110)
-SKY: Colour = (9, 13, 19)
+INK: Colour = (124, 135, 149)
+FAINT: Colour = (96, 104, 116)
+VELOCITY: Colour = (48, 138, 226)
+LIMIT: Colour = (232, 160, 8)
+GRID: Colour = (104, 114, 128)
+"""Seen on a dark sky and on a light one: whoever watches has a theme of his own, and the sky, which
+is not drawn, is his page's."""
 
 EXAGGERATION = 3.0
 """Surfaces and sideslip are drawn this many times larger; the scene says so."""
@@ -41,10 +42,16 @@ WIDEST = pi / 4
 DOWN = (0.0, 0.0, 1.0)
 GROUND_BELOW, CELL, SECTION = 11.0, 10.0, 50.0
 RING_RADIUS = 8.8
-COLUMN_AT, COLUMN_HEIGHT, COLUMN_RADIUS = (-0.5, -11.6, 2.8), 7.0, 0.5
+COLUMN_AT, COLUMN_HEIGHT, COLUMN_RADIUS = (-4.3, -11.75, -1.2), 7.0, 0.5
+"""Left of all letters of the compass, and its foot above them."""
+
+CAMERA_AT, LOOKS_AT, FIELD_OF_VIEW = (-28.0, 7.8, -16.1), (-0.8, -2.2, -2.6), 0.75
+"""Compass and column fill a picture that is a quarter wider than high."""
 
 LONGEST_DETAIL = 120
 TICKS = {"none": 0.0, "quarter": 0.25, "half": 0.5, "whole": 1.0}
+NUMBERED = ("none", "quarter", "whole")
+"""Ticks with a number: so far apart that the smallest scene keeps the numbers apart."""
 
 
 COLOURS = {
@@ -202,8 +209,8 @@ class Picture:
             section_size=SECTION,
             cell_color=FAINT,
             section_color=GRID,
-            cell_thickness=1.0,
-            section_thickness=1.3,
+            cell_thickness=0.6,
+            section_thickness=1.0,
             fade_distance=240.0,
             fade_strength=1.4,
             shadow_opacity=0.0,
@@ -287,13 +294,14 @@ class Picture:
                 thickness_units="screen",
                 position=at,
             )
-            scene.add_label(
-                f"/column/{name}_label",
-                f"{p_value:g}",
-                font_screen_scale=0.75,
-                anchor="center-left",
-                position=(0.0, 1.6 * COLUMN_RADIUS, at[2]),
-            )
+            if name in NUMBERED:
+                scene.add_label(
+                    f"/column/{name}_label",
+                    f"{p_value:g}",
+                    font_screen_scale=0.75,
+                    anchor="center-left",
+                    position=(0.0, 1.6 * COLUMN_RADIUS, at[2]),
+                )
         self._threshold = scene.add_mesh_simple(
             "/column/threshold", *torus(COLUMN_RADIUS * 1.75, 0.09), color=LIMIT, **common
         )
@@ -304,7 +312,7 @@ class Picture:
             "/column/headline",
             "",
             position=(0.0, -2.0 * COLUMN_RADIUS, -COLUMN_HEIGHT - 1.4),
-            font_screen_scale=1.1,
+            font_screen_scale=1.0,
             anchor="bottom-left",
         )
         self._readout = self._server.gui.add_html("")
@@ -318,7 +326,7 @@ class Picture:
         north, east = -(track.place % SECTION)
         self._set(self._chase, wxyz=turn(DOWN, -track.heading))
         self._set(self._ground, position=(float(north), float(east), GROUND_BELOW))
-        self._trail.points, self._trail.colors = track.trail(SKY)
+        self._trail.points, self._trail.colors = track.trail(GRID)
 
     def _pose(self, shown: Shown) -> None:
         """Attitude, surfaces and velocity; all grey where the telemetry is not to be trusted."""
@@ -378,6 +386,5 @@ def _stage(server: viser.ViserServer) -> None:
     scene.add_light_ambient("/light/ambient", intensity=0.9)
     for name, at in (("behind", (-20.0, 14.0, -8.0)), ("left", (4.0, -20.0, -6.0))):
         scene.add_light_directional(f"/light/{name}", intensity=1.3, position=at)
-    scene.set_background_image(np.full((2, 2, 3), SKY, np.uint8), format="png")
     camera = server.initial_camera
-    camera.position, camera.look_at, camera.fov = (-23.0, 7.5, -9.0), (1.0, -1.3, -1.3), 0.75
+    camera.position, camera.look_at, camera.fov = CAMERA_AT, LOOKS_AT, FIELD_OF_VIEW

@@ -105,7 +105,7 @@ export function createRiskGauge(element, { timeline = null, scale = "sqrt", led 
     shown = now;
     element.toggleAttribute("data-alert", assessed && reading.alert === true);
     number.textContent = digits;
-    number.setAttribute("font-size", digits.length > 4 ? "58" : "74");
+    number.setAttribute("font-size", digits.length > 4 ? "54" : "74");
     reason.textContent = why;
     drawThreshold(epsilon, assessed);
     if (assessed) {

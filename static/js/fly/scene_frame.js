@@ -15,9 +15,10 @@ import { state } from "../lib/view_states.js";
 
 const KEY = "forewarn.scene";
 
-/** Dark before it has connected; its panel would cover the aircraft, and says what the gauge says. */
+/** The sky is that of the page's theme; its panel would cover the aircraft, and says what the gauge says. */
 const STYLE = `
-  html { background: #0b0f14; }
+  html, canvas[data-engine] { background: #090d13; }
+  html[data-theme="light"], [data-theme="light"] canvas[data-engine] { background: #dde5ed; }
   html:not([data-mantine-color-scheme="dark"]) body { visibility: hidden; }
   .mantine-Paper-root, .mantine-Notifications-root { display: none !important; }`;
 
@@ -25,6 +26,8 @@ export function createSceneFrame(element, flight) {
   element.classList.add("scene-panel");
   element.setAttribute("aria-label", "Scene");
   let frame = null;
+  const theme = new MutationObserver(paint);
+  theme.observe(document.documentElement, { attributeFilter: ["data-theme"] });
   const button = h("button", { type: "button", class: "button button-small scene-toggle", onclick: toggle });
   if (remembered(KEY) === "hidden") hide();
   else open();
@@ -44,11 +47,17 @@ export function createSceneFrame(element, flight) {
       const style = inside.createElement("style");
       style.textContent = STYLE;
       inside.head.append(style);
+      paint();
       inside.addEventListener("keydown", pass);
       return;
     }
     frame = null;
     element.replaceChildren(state("empty", "No scene", "This flight has no scene; the strips and the gauge show everything that is assessed."));
+  }
+
+  function paint() {
+    const inside = frame?.contentDocument?.documentElement;
+    if (inside) inside.dataset.theme = document.documentElement.dataset.theme;
   }
 
   /** Whoever has clicked into the scene can still acknowledge: its keys are the page's too. */
@@ -78,6 +87,7 @@ export function createSceneFrame(element, flight) {
   return {
     wake,
     close: (text) => {
+      theme.disconnect();
       frame = null;
       element.replaceChildren(...(text ? [state("empty", "No scene", text)] : []));
     },

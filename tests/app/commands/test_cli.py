@@ -117,12 +117,38 @@ def test_help_names_every_command(capsys: pytest.CaptureFixture):
         (["trian"], "there is no command 'trian': did you mean train?"),
         (["qq"], f"there is no command 'qq': choose {', '.join(COMMANDS)}"),
         (["train", "--ampltude", "3"], "train takes no '--ampltude': did you mean --amplitude?"),
+        (["train", "--outcom", "safe"], "train takes no '--outcom': did you mean --out?"),
+        (["--jsn"], "'--jsn' needs a command before it: did you mean --json?"),
         (["study", "--nmonitors=3"], "study takes no '--nmonitors=3': did you mean --n-monitors?"),
     ],
 )
 def test_what_is_mistyped_is_told_the_right_word(arguments, line, capsys):
     assert main(arguments) == 2
     assert capsys.readouterr().err == f"forewarn: {line}\n"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["--aircraft", "atas"], "aircraft 'atas' is unknown: did you mean attas_id_16kft?"),
+        (["--manoeuvre", "rudder_doublte"], "did you mean rudder_doublet?"),
+        (["--set", "dataset.sead=3"], "recipe.dataset has no 'sead': did you mean seed?"),
+        (["--limit", "nY=0.5"], "there is no channel 'nY': did you mean Ny?"),
+        (["--calibration", "trajectry"], "'trajectry' is unknown: did you mean trajectory?"),
+        (["--states", "5"], "--states: 5 is unknown: choose 3, 4"),
+        (["--seed", "one"], "--seed: 'one' was given: give a whole number"),
+        (["--amplitude", "most"], "--amplitude: 'most' was given: give a number, or auto"),
+    ],
+)
+def test_a_mistyped_value_is_told_the_right_one_in_one_line(arguments, words, capsys):
+    try:
+        code = main(["train", *arguments])
+    except SystemExit as ended:
+        code = ended.code
+    assert code in (1, 2)
+    error = capsys.readouterr().err
+    assert words in error
+    assert error.count("\n") == 1
 
 
 @pytest.mark.parametrize("outcome", ["unsafe", "safe"])
@@ -221,8 +247,8 @@ def test_users_own_matrices_and_manoeuvre_table_train_a_monitor(tmp_path: Path):
         (["train", "--limit", "Ny=90", "--amplitude", "auto"], "exceed a limit even at 45 deg"),
         (["train", "--limit", "Nz=1"], "there is no channel 'Nz'"),
         (["train", "--limit", "Ny"], "write it as CHANNEL=NUMBER"),
-        (["train", "--limit", "Ny=5deg"], "Ny takes no unit 'deg'; write it like Ny=1g"),
-        (["train", "--limit", "beta_deg=5deg"], "beta_deg takes no unit 'deg'"),
+        (["train", "--limit", "Ny=5deg"], "lateral acceleration is in g: write Ny=5g if"),
+        (["train", "--limit", "beta_deg=5deg"], "sideslip is in deg or rad: write beta=5deg if"),
         (["train", "--limit", "beta=7"], "if 7deg was meant, give 0.1222 rad, or on the command"),
         (["train", "--limit", "p=20"], "--limit p=20deg/s"),
         (["train", "--limit", "Ny=-1"], "a limit is a positive, finite magnitude"),

@@ -1,5 +1,5 @@
 import threading
-from math import isfinite, nan, radians
+from math import isfinite, nan, pi, radians
 
 import numpy as np
 import pytest
@@ -13,9 +13,14 @@ from app.scene.picture import (
     ADVISORY,
     ALERT,
     CALM,
+    CAMERA_AT,
     CAUTION,
+    COLUMN_AT,
     EXAGGERATION,
+    FIELD_OF_VIEW,
     GREY,
+    LOOKS_AT,
+    RING_RADIUS,
     WIDEST,
     Shown,
     as_text,
@@ -25,11 +30,24 @@ from app.scene.picture import (
 )
 from app.scene.quaternion import body_to_earth, matrix, turn
 from app.scene.scene import Scene
-from app.scene.shapes import arrow, torus, tube
+from app.scene.shapes import arrow, compass, torus, tube
 from core.monitor.assessment import State
 from core.monitor.status import BETWEEN, Facts
 from core.simulation.attitude import Attitude, SurfaceSigns
 from tests.support.scene_site import show
+
+
+def on_screen(points):
+    """Places (n, 3) as the camera sees them, across and up; 1 is half the picture's height."""
+    ahead = np.array(LOOKS_AT) - CAMERA_AT
+    ahead /= np.linalg.norm(ahead)
+    right = np.cross((0.0, 0.0, 1.0), ahead)
+    right /= np.linalg.norm(right)
+    up = np.cross(right, ahead)
+    seen = points - np.array(CAMERA_AT)
+    depth = seen @ ahead * np.tan(FIELD_OF_VIEW / 2)
+    return seen @ right / depth, seen @ up / depth
+
 
 OK = Shown(1.0, Attitude(0.2, 0.1, 0.3), 0.02, 0.03, -0.05, 0.12, 0.2, False, State.OK, "")
 SILENT = (State.STALE, State.INVALID, State.WARMING_UP)
@@ -304,6 +322,23 @@ class TestThePicture:
         assert [node.color for _, node in nodes(scene)._parts.values()] == [
             part.colour for part in aircraft()
         ]
+
+    def test_compass_column_and_labels_lie_clear_of_each_other_in_the_smallest_scene(self, scene):
+        narrow, letter, foot = 300, 8.5, np.array(COLUMN_AT)  # px, of a label at 1024 px
+        compass_lines = compass(RING_RADIUS).reshape(-1, 3)
+        turned = np.concatenate(
+            [compass_lines @ matrix(turn((0.0, 0.0, 1.0), k * pi / 18)).T for k in range(36)]
+        )
+        x, y = on_screen(turned)
+        assert np.abs([*x / 1.25, *y]).max() < 0.97
+        column = foot + np.array([(0, side, -h) for side in (-0.9, 0.9) for h in (0, 7)])
+        assert on_screen(column)[0].max() < x.min()
+        beside = foot + np.array(nodes(scene)._epsilon.position)
+        per_px = 2 * 1.25 / narrow
+        assert on_screen(beside[None])[0][0] - 5 * letter * per_px > -1.25
+        above = on_screen((foot + np.array(nodes(scene)._headline.position))[None])[0][0]
+        longest = len("NOT CALIBRATED PAUSED RISK 0.02")
+        assert above + longest * letter * per_px < 1.25
 
     @pytest.mark.parametrize("mesh", [arrow(), tube(0.5), torus(1.0, 0.1)])
     def test_instruments_face_outwards(self, mesh):

@@ -4,6 +4,7 @@ import json
 import re
 import time
 from collections.abc import Iterator
+from itertools import pairwise
 from typing import Any
 
 import pytest
@@ -27,6 +28,8 @@ SAFE = {"kind": "simulated", "seed": 7, "outcome": "safe"}
 RIGHTMOST = """() => Math.max(
   ...[...document.querySelectorAll(".status-value, .transport .button, .alarm-banner")]
     .filter((e) => e.checkVisibility()).map((e) => e.getBoundingClientRect().right))"""
+STACKED = (".flight > .status-strip", ".alarm-banner", ".gauge-word", ".flight > .transport")
+"""What stands one below the other in a small window."""
 CUT_OFF = ["WebSocket connection to", "ERR_CONNECTION_REFUSED", "ERR_EMPTY_RESPONSE"]
 WATCH_CHANGES = """() => {
   const first = (text) => text.replace(/^[▲◆✓] /, '').split(/ [·–] /)[0];
@@ -654,3 +657,19 @@ def test_the_title_of_a_record_says_what_its_flight_came_to(fly: Fly) -> None:
     verdict = fly.page.locator(".verdict")
     expect(verdict).to_contain_text("LIMIT EXCEEDED")
     expect(fly.page).to_have_title(re.compile(f"{re.escape(verdict.inner_text())} – simulated"))
+
+
+@pytest.mark.parametrize("size", [(960, 540), (720, 450), (640, 360)])
+def test_a_window_at_200_percent_shows_alarm_gauge_and_transport_at_once(
+    size: tuple[int, int], fly: Fly
+) -> None:
+    fly.page.set_viewport_size({"width": size[0], "height": size[1]})
+    fly.watch(UNSAFE, ("pause", None), ("next_alert", None))
+    fly.number_is_shown()
+    expect(fly.banner).to_be_visible()
+    boxes = {name: fly.page.locator(name).bounding_box() for name in STACKED}
+    for above, below in pairwise(boxes.values()):
+        assert above
+        assert below
+        assert above["y"] + above["height"] <= below["y"] + 1, boxes
+    assert fly.page.evaluate(RIGHTMOST) <= size[0]

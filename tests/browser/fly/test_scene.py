@@ -14,6 +14,8 @@ wanted => {
     const canvas = document.querySelector("canvas[data-engine]");
     if (!canvas) return false;
     const copy = new OffscreenCanvas(canvas.width, canvas.height).getContext("2d");
+    copy.fillStyle = "#090d13";  // the sky is the page's: the canvas is transparent there
+    copy.fillRect(0, 0, canvas.width, canvas.height);
     copy.drawImage(canvas, 0, 0);
     const pixels = copy.getImageData(0, 0, canvas.width, canvas.height).data;
     const colours = new Set();
