@@ -5,7 +5,7 @@ from dataclasses import dataclass, field, replace
 from app.telemetry.contents import Columns, Signal
 from app.telemetry.mapping.extent import Extent, extent_of
 from app.telemetry.mapping.magnitudes import plausible_units, unit_is_plausible
-from app.telemetry.mapping.naming.descriptions import signal_matches
+from app.telemetry.mapping.naming.descriptions import rates_by_letter, signal_matches
 from app.telemetry.mapping.naming.names import NameMatch
 from app.telemetry.targets import TARGETS
 from app.telemetry.units import NOT_GIVEN, PLAIN, factor, fits, spelled
@@ -62,10 +62,11 @@ def find_candidates(columns: Columns, usable: set[int], mapped: set[str]) -> Can
     """Judge all signals of the groups that have a time, except those that are mapped already."""
     candidates = Candidates()
     contents = columns.contents
+    rates = rates_by_letter(contents.signals)
     for signal in contents.signals:
         if signal.group not in usable or signal.name in mapped:
             continue
-        names = signal_matches(signal, contents.groups[signal.group].name)
+        names = signal_matches(rates.get(signal.name, signal), contents.groups[signal.group].name)
         if not (matches := [match for match in names if match.key in TARGETS]):
             continue
         extent = extent_of(columns.values(signal.name))

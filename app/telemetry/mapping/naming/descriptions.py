@@ -5,6 +5,7 @@ nose boom [deg]".
 """
 
 import re
+from collections.abc import Iterable
 from dataclasses import replace
 from functools import cache
 
@@ -27,6 +28,28 @@ BEHIND = re.compile(
     r"\b|[;:,]|\. "
 )
 """What stands behind these says how it was measured or counted, not what it is."""
+
+
+LETTER = re.compile(r"(.*?)([A-Za-z])$", re.DOTALL)
+AXES_BY_LETTER = {"R": "roll_rate", "P": "pitch_rate", "Y": "yaw_rate"}
+
+
+def rates_by_letter(signals: Iterable[Signal]) -> dict[str, Signal]:
+    """Rates named R, P and Y for roll, pitch and yaw, as ArduPilot's RATE: by a name that says so.
+
+    A Q beside them makes P and R those of p, q and r.
+    """
+    letters: dict[tuple[int, str], dict[str, Signal]] = {}
+    for signal in signals:
+        if match := LETTER.fullmatch(signal.name):
+            letters.setdefault((signal.group, match[1]), {})[match[2].upper()] = signal
+    return {
+        signal.name: replace(signal, name=f"{before}{AXES_BY_LETTER[letter]}")
+        for (_, before), found in letters.items()
+        if AXES_BY_LETTER.keys() <= found.keys() and "Q" not in found
+        for letter, signal in found.items()
+        if letter in AXES_BY_LETTER
+    }
 
 
 @cache

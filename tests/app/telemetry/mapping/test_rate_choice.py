@@ -60,3 +60,16 @@ def test_a_derived_rate_is_taken_where_none_was_measured(tmp_path):
     del table["gyro_x"]
     proposal = propose(columns_of(tmp_path, table))
     assert proposal.mapping.channels["p"].signal == "roll_rate_derived"
+
+
+@pytest.mark.parametrize("place", ["RATE.", "RATE_", ""])
+def test_r_p_and_y_are_rates_of_roll_pitch_and_yaw(place, tmp_path):
+    told = flight()
+    axes = {"R": told["p"], "P": 0.3 * told["beta"], "Y": told["r"]}
+    table = {name: told[name] for name in OTHER_KEYS}
+    table |= {f"{place}{letter}": rate for letter, rate in axes.items()}
+    channels = propose(columns_of(tmp_path, table)).mapping.channels
+    assert (channels["p"].signal, channels["r"].signal) == (f"{place}R", f"{place}Y")
+    table[f"{place}Q"] = table.pop(f"{place}Y")
+    channels = propose(columns_of(tmp_path, table)).mapping.channels
+    assert channels["r"].signal == f"{place}R"
