@@ -160,6 +160,7 @@ class Guard:
         if scope["type"] == "websocket":
             given = given or connection.query_params.get("token", "")
         if given and (wait := _wait_of(self.sessions, connection)):
+            self.sessions.turn_away(_address_of(connection))
             text = f"too many wrong tokens came from your address: try again in {wait} s"
             raise Refusal(429, text, "token", wait)
         if not given or not self.sessions.is_token(given, _address_of(connection)):
@@ -189,6 +190,7 @@ class Guard:
             return problem_response(Problem(405, "GET or POST a token"), {"Allow": "GET, POST"})
         if request.method == "POST":
             if wait := _wait_of(sessions, request):
+                sessions.turn_away(_address_of(request))
                 text = f"Too many wrong tokens came from here: try again in {wait} s."
                 return _asking(text, 429, {"Retry-After": str(wait)})
             given = await _posted_token(request)

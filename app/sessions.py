@@ -21,6 +21,8 @@ FREE_GUESSES = 5
 LONGEST_WAIT = 60.0
 FORGOTTEN_AFTER = 900.0
 """[s] An address that gave nothing wrong for so long begins anew."""
+LOGGED_AGAIN_AFTER = 60.0
+"""[s] The same wrong token again, or one that comes too soon, is logged so often at most."""
 MOST_ADDRESSES, MOST_SESSIONS = 1000, 1000
 
 Clock = Callable[[], float]
@@ -28,10 +30,14 @@ Clock = Callable[[], float]
 
 @dataclass(eq=False)
 class Guesses:
-    """Wrong tokens from an address. given: digests of the last ones, as many as are counted."""
+    """Wrong tokens from an address. given: digests of the last ones, as many as are counted.
+
+    logged: when one was [s].
+    """
 
     count: int = 0
     last: float = -math.inf
+    logged: float = -math.inf
     given: OrderedDict[bytes, None] = field(default_factory=OrderedDict)
 
     @property
@@ -120,17 +126,29 @@ class Sessions:
         if hmac.compare_digest(given.encode(), self._token.encode()):
             self._guesses.pop(network, None)
             return True
-        self._remember(network, _digest(given))
+        self._remember(network, _digest(given), address)
         return False
 
-    def _remember(self, network: str, digest: bytes) -> None:
+    def turn_away(self, address: str) -> None:
+        """Log that a token of this address is not looked at: it must wait."""
+        self._log(self._guesses.setdefault(_network(address), Guesses()), address)
+
+    def _log(self, guesses: Guesses, address: str, *, is_new: bool = False) -> None:
+        """Log a login that was refused, by its address and never with what it gave."""
+        now = self._clock()
+        if is_new or now - guesses.logged >= LOGGED_AGAIN_AFTER:
+            guesses.logged = now
+            text = "%s was refused a login: wrong token, number %d of late"
+            LOG.warning(text, address or "an unknown address", guesses.count)
+
+    def _remember(self, network: str, digest: bytes, address: str) -> None:
         guesses, now = self._guesses.pop(network, Guesses()), self._clock()
         if now - guesses.last > FORGOTTEN_AFTER:
             guesses = Guesses()
-        if digest not in guesses.given:
+        if is_new := digest not in guesses.given:
             guesses.count, guesses.last = guesses.count + 1, now
             guesses.given[digest] = None
-            LOG.warning("%s gave a wrong token, number %d of late", network, guesses.count)
+        self._log(guesses, address, is_new=is_new)
         while len(guesses.given) > FREE_GUESSES:
             guesses.given.popitem(last=False)
         self._guesses[network] = guesses

@@ -259,6 +259,7 @@ def test_wrong_tokens_slow_down_at_every_door(tmp_path, caplog):
         assert client.get("/readyz").status_code == 200  # a session goes on
     logged = [record.getMessage() for record in caplog.records if "wrong token" in record.message]
     assert len(logged) == FREE_GUESSES
+    assert all(text.startswith("testclient was refused a login") for text in logged)
     assert not any(TOKEN in text or "wrong 0" in text for text in logged)
 
 

@@ -6,6 +6,7 @@ from app.sessions import (
     FORGOTTEN_AFTER,
     FREE_GUESSES,
     LINK_SECONDS,
+    LOGGED_AGAIN_AFTER,
     LONGEST_WAIT,
     MOST_ADDRESSES,
     MOST_SESSIONS,
@@ -71,6 +72,26 @@ def test_the_same_wrong_token_again_is_no_other_guess(sessions: Sessions) -> Non
     for _ in range(100):
         guess(sessions, 1)
     assert sessions.wait_of("192.0.2.1") == 0
+
+
+def test_every_refused_login_is_logged_by_its_address_and_without_its_token(
+    sessions: Sessions, clock: ToldClock, caplog: pytest.LogCaptureFixture
+) -> None:
+    peer = "2001:db8::42"
+    guess(sessions, FREE_GUESSES, peer)
+    assert len(caplog.messages) == FREE_GUESSES
+    for _ in range(100):  # the same again, and what comes too soon: once a minute
+        guess(sessions, 1, peer, first=FREE_GUESSES - 1)
+        sessions.turn_away(peer)
+    assert len(caplog.messages) == FREE_GUESSES
+    for refuse in (lambda: guess(sessions, 1, peer), lambda: sessions.turn_away(peer)):
+        clock.now += LOGGED_AGAIN_AFTER
+        refuse()
+    assert len(caplog.messages) == FREE_GUESSES + 2
+    for message in caplog.messages:
+        assert message.startswith(f"{peer} was refused a login: wrong token")
+        assert "guess" not in message
+        assert TOKEN not in message
 
 
 @pytest.mark.parametrize("ends", ["right", "time"])

@@ -8,7 +8,7 @@
 
 import { reason } from "../lib/api.js";
 import { h, put } from "../lib/dom.js";
-import { warningLines, warningMark, warningWords } from "../lib/monitor_warnings.js";
+import { warningLines, warningMark, warningsAt, warningWords } from "../lib/monitor_warnings.js";
 import { startFlight } from "../lib/start_flight.js";
 import { errorLine, state } from "../lib/view_states.js";
 import { guarantee } from "./alarm_panel.js";
@@ -162,11 +162,10 @@ function startForm({ monitors, datasets, query, api, navigate }) {
   /** What speaks against the monitor does so at an epsilon: the one that is typed. */
   async function warn(now) {
     const typed = Number(epsilon.value);
-    const asked = `${now.id}?epsilon=${typed}`;
+    const asked = `${now.id} ${typed}`;
     if (asked === warned) return;
     warned = asked;
-    const isOwn = typed === now.epsilon || !(typed > 0 && typed < 1);
-    const told = isOwn ? now : await api.get(`/monitors/${asked}`).catch(() => now);
+    const told = await warningsAt(api, now, [typed]);
     if (asked === warned) warnings.replaceChildren(...warningLines(told));
   }
 

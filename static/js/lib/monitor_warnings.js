@@ -5,6 +5,7 @@
  *   warningLines({warnings}) -> elements     each in full
  *   warningMark({warnings}) -> element | null    in short, beside the monitor's name; in full as its title
  *   warningWords({warnings}) -> string       in short: "◆ worse than its promise"; empty where there is none
+ *   warningsAt(api, monitor, epsilons) -> Promise<{warnings}>     at the epsilons that it is to be used with
  *   sentence(text) -> string                 one in full, as a sentence
  */
 
@@ -16,6 +17,14 @@ export const sentence = (text) => `${text[0].toUpperCase()}${text.slice(1)}.`;
 
 export function warningWords({ warnings }) {
   return warnings.length ? `◆ ${warnings.map(brief).join(", ")}` : "";
+}
+
+export async function warningsAt(api, monitor, epsilons) {
+  const isOther = (epsilon) => epsilon !== monitor.epsilon && epsilon > 0 && epsilon < 1;
+  const told = await Promise.all(
+    epsilons.map((epsilon) => (isOther(epsilon) ? api.get(`/monitors/${monitor.id}?epsilon=${epsilon}`).catch(() => monitor) : monitor)),
+  );
+  return { warnings: [...new Set(told.flatMap(({ warnings }) => warnings))] };
 }
 
 export function warningMark({ warnings }) {

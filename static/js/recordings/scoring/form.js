@@ -24,7 +24,7 @@ const TRIMS = [
 ];
 
 export function createScoreForm({ api, catalog, recording, monitors, used, scored }) {
-  const choice = createMonitorChoice({ monitors, used, catalog, changed: () => picker.refresh() });
+  const choice = createMonitorChoice({ api, monitors, used, catalog, changed: () => picker.refresh() });
   const picker = createManoeuvrePicker({ api, catalog, recording, monitor: () => choice.first() });
   const seconds = h("input", {
     type: "text",

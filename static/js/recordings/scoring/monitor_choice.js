@@ -2,7 +2,7 @@
  * Several monitors, each at one epsilon or at several.
  *
  * Exports
- *   createMonitorChoice({monitors, used, catalog, changed}) -> {element, first() -> id | null, check()}
+ *   createMonitorChoice({api, monitors, used, catalog, changed}) -> {element, first() -> id | null, check()}
  *     used: Set of ids, chosen from the start.   first: the one chosen first in the list.   check() -> [{monitor, epsilon}], or null where the
  *     reason stands beside what is wrong
  */
@@ -10,12 +10,12 @@
 import { decimals } from "../../forms/decimals.js";
 import { aircraftName, kindName, limitWords } from "../../lib/catalog.js";
 import { formatted, h } from "../../lib/dom.js";
-import { warningMark } from "../../lib/monitor_warnings.js";
+import { warningMark, warningsAt } from "../../lib/monitor_warnings.js";
 import { figure } from "../../lib/numbers.js";
 import { followUnits } from "../../lib/units.js";
 import { errorLine, link } from "../../lib/view_states.js";
 
-export function createMonitorChoice({ monitors, used, catalog, changed }) {
+export function createMonitorChoice({ api, monitors, used, catalog, changed }) {
   const failure = errorLine();
   const rows = monitors.map((monitor) =>
     rowOf(monitor, monitors.length === 1 || used.has(monitor.id)),
@@ -60,8 +60,18 @@ export function createMonitorChoice({ monitors, used, catalog, changed }) {
       value: monitor.epsilon,
       disabled: !checked,
       "aria-label": `epsilons of ${monitor.name}, separated by spaces`,
-      oninput: () => epsilons.removeAttribute("aria-invalid"),
+      oninput: () => {
+        epsilons.removeAttribute("aria-invalid");
+        warn();
+      },
     });
+    const marks = h("span", {}, warningMark(monitor));
+    /** What speaks against the monitor does so at an epsilon: those that are typed. */
+    const warn = async () => {
+      const asked = epsilons.value;
+      const told = await warningsAt(api, monitor, decimals(asked).map(Number));
+      if (asked === epsilons.value) marks.replaceChildren(...[warningMark(told)].filter(Boolean));
+    };
     const turn = () => {
       epsilons.disabled = !box.checked;
       failure.show("");
@@ -83,7 +93,7 @@ export function createMonitorChoice({ monitors, used, catalog, changed }) {
           `${aircraftName(catalog, aircraft)}, ${kindName(catalog, "maneuver", maneuver)}, `,
           limits,
           `; ${figure(monitor.lead)} s ahead, every ${figure(monitor.dt)} s`,
-          warningMark(monitor),
+          marks,
         ),
         h("span", { class: "field field-inline" }, h("span", {}, "ε"), epsilons),
       ),
