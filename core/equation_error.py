@@ -10,7 +10,7 @@ from math import floor, inf
 from typing import NamedTuple, Self
 
 import numpy as np
-from scipy import stats
+from scipy.special import stdtrit
 
 from core.types import Array, Flags
 
@@ -196,7 +196,7 @@ class EquationError:
             product = jacobian[:-lag].T @ jacobian[lag:]
             middle += alike[lag] * (product + product.T)
         self._covariance = inverse @ middle @ inverse * (1.0 + n_unknown / n_free)
-        self._quantile = float(stats.t.ppf(0.5 + 0.5 * CONFIDENCE, n_free))
+        self._quantile = float(stdtrit(n_free, 0.5 + 0.5 * CONFIDENCE))
         self._noise_shares = self._noise * n * np.diag(inverse)[: len(self._noise)]
         self.share = float(1.0 - alike[0] / self.spread**2) if self.spread else 0.0
         return True

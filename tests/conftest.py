@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from functools import partial
+from typing import Any
 
 import httpx2
 import numpy as np
@@ -12,8 +13,8 @@ from app.telemetry.readers import isolation, worker
 from core.dataset import Dataset
 from core.monitor import Monitor
 from tests.support import oscillator
-from tests.support.api import PATIENCE
 from tests.support.attas import trained
+from tests.support.patience import PATIENCE
 
 CARRY_OUT, WARM_UP = isolation.carry_out, isolation.warm_up
 
@@ -44,26 +45,39 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
 
 @pytest.fixture(scope="session")
-def dataset() -> Dataset:
+def dataset() -> "Dataset":
     """Twelve failures of the oscillator, and the safe flights met on the way."""
+
     return oscillator.collect(np.random.default_rng(11), n_unsafe=12)
 
 
 @pytest.fixture(scope="session")
 def flights() -> np.ndarray:
     """Twenty fresh flights (20, 61, 6), failed and safe."""
+
     return oscillator.fly(np.random.default_rng(12), 20)[1]
 
 
 @pytest.fixture(scope="session")
-def attas() -> Monitor:
+def attas() -> "Monitor":
     """A transport's monitor for a rudder doublet, its validity calibrated."""
+
     return trained()
 
 
+@pytest.fixture(scope="session")
+def apart() -> dict[str, Any]:
+    """How the program has files read: each in a process of its own."""
+    from app.telemetry.readers import isolation
+
+    return {name: getattr(isolation, name) for name in ("carry_out", "warm_up")}
+
+
 @pytest.fixture(scope="session", autouse=True)
-def read_here() -> Iterator[None]:
+def read_here(apart: dict[str, Any]) -> Iterator[None]:
     """Files are read in the tests' own process: by the same code, and sooner."""
+    from app.telemetry.readers import isolation
+
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(isolation, "carry_out", worker.read)
         patch.setattr(isolation, "warm_up", lambda: None)
@@ -71,9 +85,11 @@ def read_here() -> Iterator[None]:
 
 
 @pytest.fixture(scope="module")
-def read_apart() -> Iterator[None]:
+def read_apart(apart: dict[str, Any]) -> Iterator[None]:
     """From here to the end of a module, each file is read in a process of its own, as a user's."""
+    from app.telemetry.readers import isolation
+
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(isolation, "carry_out", CARRY_OUT)
-        patch.setattr(isolation, "warm_up", WARM_UP)
+        for name, function in apart.items():
+            patch.setattr(isolation, name, function)
         yield

@@ -18,7 +18,8 @@ from websockets.sync.client import connect
 
 from app.bounded_http import SLOWEST_BODY
 from app.recordings import upload as upload_module
-from tests.support.api import PATIENCE, served
+from tests.support.api import served
+from tests.support.patience import PATIENCE
 from tests.support.recorded import OCTETS, RECORDINGS, csv_of
 
 SOON = 0.2

@@ -21,8 +21,9 @@ from app.store.store import Store, open_store
 from app.store.tables import dataset_blocks, monitor_parts
 from core.dataset import Dataset
 from core.monitor import train
-from tests.support.api import PATIENCE, api, problem, store_of
+from tests.support.api import api, problem, store_of
 from tests.support.oscillator import Array
+from tests.support.patience import PATIENCE
 from tests.support.recorded import RECORDINGS, csv_of, uploaded
 
 WHOLE = {"monitor", "dataset", "recording", "scoring"}

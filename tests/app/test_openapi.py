@@ -15,7 +15,8 @@ from app.main import create_app
 from app.settings import Settings
 from app.store.store import open_store
 from core.monitor import MonitorRecipe, train
-from tests.support.api import PATIENCE, api
+from tests.support.api import api
+from tests.support.patience import PATIENCE
 from tests.support.recorded import RECORDINGS, csv_of, uploaded
 from tests.support.stored import EVALUATION
 

@@ -19,7 +19,8 @@ from app.jobs.training import fly_test
 from app.serving import Server, address_of, alone, listen
 from app.settings import Settings, SettingsError
 from app.store.store import open_store
-from tests.support.api import PATIENCE, command, served
+from tests.support.api import command, served
+from tests.support.patience import PATIENCE
 
 
 def test_a_server_serves_its_page_and_stops_when_told(tmp_path):

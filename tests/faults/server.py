@@ -12,7 +12,7 @@ import httpx2
 
 from app.serving import serve
 from app.settings import Settings
-from tests.support.api import PATIENCE
+from tests.support.patience import PATIENCE
 
 PROCESSES = multiprocessing.get_context("forkserver")
 PROCESSES.set_forkserver_preload([__name__])

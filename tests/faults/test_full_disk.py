@@ -7,7 +7,8 @@ from typing import Any
 from core.monitor import Monitor
 from tests.faults.conftest import MIB, keep_monitor
 from tests.faults.server import running
-from tests.support.api import PATIENCE, problem
+from tests.support.api import problem
+from tests.support.patience import PATIENCE
 
 FLIGHTS = "/api/v1/flights"
 

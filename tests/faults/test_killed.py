@@ -14,7 +14,7 @@ from app.store.store import open_store
 from core.monitor import Monitor
 from tests.faults.conftest import keep_monitor
 from tests.faults.server import running
-from tests.support.api import PATIENCE
+from tests.support.patience import PATIENCE
 
 N_KILLS, N_LONG = 2, 60
 MOST_ALARMS = 4

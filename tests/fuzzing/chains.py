@@ -9,7 +9,8 @@ import pytest
 from hypothesis import Phase, seed, settings
 from schemathesis import checks
 
-from tests.app.test_openapi import CALLS, CHECKS, PATIENCE, described, known, session
+from tests.app.test_openapi import CALLS, CHECKS, described, known, session
+from tests.support.patience import PATIENCE
 from tests.support.recorded import csv_of
 
 __all__ = ["known", "session"]

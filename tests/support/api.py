@@ -15,10 +15,9 @@ from starlette.testclient import TestClient
 from app.main import create_app
 from app.serving import Server, address_of, listen
 from app.settings import Settings
+from tests.support.patience import PATIENCE
 
 ADDRESS = "http://127.0.0.1:8000"
-PATIENCE = 120
-"""[s] Who takes longer hangs; the first call of a machine compiles kernels."""
 
 
 @contextmanager

@@ -5,7 +5,7 @@ import pytest
 
 from app.jobs.jobs import Jobs, NotRunning, QueueFull
 from app.store.store import NotFound, open_store
-from tests.support.api import PATIENCE
+from tests.support.patience import PATIENCE
 
 
 class Gate:

@@ -17,7 +17,8 @@ from app.recordings.recordings import Recordings
 from app.settings import Settings
 from app.store.store import open_store
 from core.monitor import MonitorRecipe, train
-from tests.support.api import PATIENCE, api, command, problem, served, store_of
+from tests.support.api import api, command, problem, served, store_of
+from tests.support.patience import PATIENCE
 from tests.support.recorded import OCTETS, RECORDINGS, csv_of, kept_files, upload, uploaded
 
 HEAD = "POST {path}?name=half.csv HTTP/1.1\r\nHost: 127.0.0.1\r\nContent-Length: {length}\r\n"

@@ -4,7 +4,8 @@ import pytest
 
 from app.store.store import open_store
 from core.study import METHODS
-from tests.support.api import PATIENCE, api, events, finished, problem
+from tests.support.api import api, events, finished, problem
+from tests.support.patience import PATIENCE
 
 STUDY = {"dataset": {"n_unsafe": 12, "n_obs": 20}, "n_monitors": 2, "n_test": 40}
 
