@@ -10,14 +10,14 @@ from functools import cache
 from importlib.metadata import PackageNotFoundError, requires, version
 from inspect import cleandoc
 from types import GenericAlias
-from typing import Any
+from typing import Any, get_args
 
 from pydantic import ConfigDict, TypeAdapter
 
 from app import labels
 from app.jobs.requests import LARGEST_N_TEST, N_TEST
 from app.labels import choice_label, kind_label
-from app.recipes import family_of, to_plain
+from app.recipes import Imperfect, family_of, to_plain
 from app.telemetry.formats import FORMATS
 from app.telemetry.mapping.derivations import DERIVATIONS
 from app.telemetry.targets import TARGETS
@@ -232,7 +232,7 @@ def _property(schema: dict[str, Any], value: Any) -> dict[str, Any]:
 
 def dataset_request_schema() -> dict[str, Any]:
     """JSON schema of the body that asks for a dataset."""
-    schema = schema_of(RECIPES["dataset"])
+    schema = _ordered(RECIPES["dataset"].as_flown())
     schema["properties"] |= {"name": _NAME}
     return schema | {"title": "Dataset to simulate"}
 
@@ -247,14 +247,15 @@ def amplitude_request_schema() -> dict[str, Any]:
 def monitor_request_schema() -> dict[str, Any]:
     """JSON schema of the body that asks for a monitor."""
     schema = schema_of(RECIPES["monitor"])
-    schema["properties"] |= {"name": _NAME, "dataset": _dataset_choice(), "n_test": _n_test(N_TEST)}
+    schema["properties"] |= {"name": _NAME, "dataset": _dataset_choice(DatasetRecipe().as_flown())}
+    schema["properties"] |= {"n_test": _n_test(N_TEST)}
     return schema | {"title": "Monitor to train", "required": ["dataset"]}
 
 
 def study_request_schema() -> dict[str, Any]:
     """JSON schema of the body that asks for the paper's study."""
     schema = schema_of(RECIPES["study"])
-    schema["properties"] |= {"dataset": _dataset_choice()}
+    schema["properties"] |= {"dataset": _dataset_choice(DatasetRecipe())}
     schema["properties"]["n_test"] |= {"minimum": 1, "maximum": LARGEST_N_TEST}
     schema["properties"]["n_monitors"] |= {"minimum": 1, "maximum": 100}
     return schema | {"title": "Study to run", "required": ["dataset"]}
@@ -277,11 +278,27 @@ _SHARE = {
 }
 
 
-def _dataset_choice() -> dict[str, Any]:
+def _ordered(recipe: DatasetRecipe) -> dict[str, Any]:
+    """JSON schema of a dataset's recipe in a request; `recipe` gives what is left unsaid."""
+    schema = schema_of(recipe)
+    whole = schema["properties"]["imperfections"]
+    words = {"enum": list(get_args(Imperfect)), "description": _IMPERFECT}
+    choice = {"anyOf": [whole, words]} | {key: whole[key] for key in ("title", "description")}
+    schema["properties"]["imperfections"] = choice
+    return schema
+
+
+_IMPERFECT = (
+    "`usual`: noise, jitter and imperfections as usual in flight, but for those that are said; "
+    "`none`: none but those"
+)
+
+
+def _dataset_choice(recipe: DatasetRecipe) -> dict[str, Any]:
     return {
         "title": "dataset",
         "description": "id of a stored dataset, or the recipe of one to simulate",
-        "anyOf": [{"type": "string", "minLength": 1}, deepcopy(schema_of(RECIPES["dataset"]))],
+        "anyOf": [{"type": "string", "minLength": 1}, deepcopy(_ordered(recipe))],
     }
 
 

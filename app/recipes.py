@@ -2,10 +2,11 @@
 
 import json
 from collections.abc import Mapping
-from dataclasses import replace
+from copy import deepcopy
+from dataclasses import fields, replace
 from math import inf
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal, get_args
 
 from pydantic import TypeAdapter, ValidationError
 
@@ -21,7 +22,9 @@ from core.specification import Limits
 __all__ = [
     "AS_FLOWN",
     "AUTO",
+    "Imperfect",
     "RecipeError",
+    "as_ordered",
     "dataset_recipe",
     "family_of",
     "from_plain",
@@ -33,6 +36,7 @@ __all__ = [
 ]
 
 DEFAULT_KIND: str = to_plain(DatasetRecipe())["aircraft"]["kind"]
+BEFORE_IMPERFECTIONS = {entry.name for entry in fields(DatasetRecipe)} - {"imperfections"}
 MATRICES = {"A": "a", "B": "b", "C": "c", "D": "d"}
 """Matrices of a model or a law as they are printed, and their parameters."""
 
@@ -48,6 +52,8 @@ def _changes(before: dict[str, Any], after: dict[str, Any]) -> dict[str, Any]:
 
 AS_FLOWN: dict[str, Any] = _changes(to_plain(DatasetRecipe()), to_plain(DatasetRecipe().as_flown()))
 """Noise, jitter and imperfections as they are usual in flight: those parts of a recipe."""
+Imperfect = Literal["usual", "none"]
+"""Whether rollouts have gust, instrument errors, noise and pilot's scatter as usual in flight."""
 AUTO = "auto"
 """What an amplitude may say for the one that a pilot run suggests."""
 
@@ -98,10 +104,28 @@ def dataset_recipe(plain: Any, where: str = "dataset") -> tuple[DatasetRecipe, S
     return replace(read, maneuver=read.maneuver.with_peak(suggestion.amplitude_deg)), suggestion
 
 
+def as_ordered(plain: Any, unsaid: Imperfect = "usual", asked: Imperfect | None = None) -> Any:
+    """A dataset's recipe as it is ordered by option or request, with what it leaves unsaid of
+    noise, jitter and imperfections.
+
+    asked: what to fill in, which its `imperfections` may say by a word too.   unsaid: what to fill
+    in where neither does, but for a recipe that is whole: as versions without imperfections stored
+    it, it means none.
+    """
+    if isinstance(plain, dict) and plain.get("imperfections") in get_args(Imperfect):
+        asked = plain["imperfections"]
+        plain = {key: value for key, value in plain.items() if key != "imperfections"}
+    is_whole = isinstance(plain, dict) and plain.keys() >= BEFORE_IMPERFECTIONS
+    if (asked or ("none" if is_whole else unsaid)) == "none":
+        return plain
+    return overlay(deepcopy(AS_FLOWN), plain)
+
+
 def matrices_renamed(plain: dict[str, Any], where: str = "dataset") -> dict[str, Any]:
     """A dataset's recipe with the matrices of aircraft and law by their parameters' names.
 
-    An aircraft of matrices need not say its kind, as in a model's file. RecipeError where a matrix
+    An aircraft of matrices need not say its kind, nor names of its states, as in a model's file:
+    those of the catalog's example are not its own. RecipeError where a matrix
     is given in capitals and in small letters.
     """
     named = {}
@@ -113,7 +137,7 @@ def matrices_renamed(plain: dict[str, Any], where: str = "dataset") -> dict[str,
             raise RecipeError(f"{where}.{part} gives the matrix {twice[0]} twice: leave one out")
         named[part] = {MATRICES.get(key, key): value for key, value in given.items()}
         if part == "aircraft" and "a" in named[part]:
-            named[part] = {"kind": "matrices"} | named[part]
+            named[part] = {"kind": "matrices", "states": []} | named[part]
     return plain | named
 
 

@@ -5,21 +5,20 @@ import csv
 import json
 import re
 import sys
-from copy import deepcopy
 from dataclasses import fields
 from pathlib import Path
-from typing import Any, Literal, get_args
+from typing import Any, get_args
 
 import numpy as np
 
 from app.commands.sample_interval import adjust_to_interval
 from app.recipes import (
-    AS_FLOWN,
     AUTO,
+    Imperfect,
     RecipeError,
+    as_ordered,
     dataset_recipe,
     matrices_renamed,
-    overlay,
     read_plain,
     set_path,
     to_plain,
@@ -33,7 +32,6 @@ from core.simulation.control_law import CONTROL_LAWS
 from core.simulation.imperfections import Imperfections
 from core.simulation.maneuver import MANEUVERS
 
-Imperfect = Literal["usual", "none"]
 IMPERFECTIONS = "dataset.imperfections"
 NAMES = tuple(field.name for field in fields(Imperfections))
 ANGULAR = tuple(key for key in KEYS if key != "Ny")
@@ -119,7 +117,7 @@ def add_recipe_options(
         "--imperfections",
         choices=get_args(Imperfect),
         help="whether rollouts have gust, instrument errors, noise and pilot's scatter as they are "
-        f"usual in flight; {imperfections}, or none with a --recipe, unless said; single ones by "
+        f"usual in flight; {imperfections}, or none if a whole --recipe has none; single ones by "
         f"--set {IMPERFECTIONS}.NAME=VALUE, NAME being {', '.join(NAMES)}",
     )
     parser.set_defaults(usual_imperfections=imperfections)
@@ -148,9 +146,8 @@ def plain_recipe(options: argparse.Namespace) -> dict[str, Any]:
     plain = read_plain(options.recipe) if options.recipe else {}
     if not isinstance(plain, dict):
         raise RecipeError(f"{options.recipe} holds no JSON object: begin it with {{")
-    unsaid = "none" if "dataset" in plain else options.usual_imperfections
-    if (options.imperfections or unsaid) == "usual":
-        plain["dataset"] = overlay(deepcopy(AS_FLOWN), plain.get("dataset", {}))
+    unsaid: Imperfect = options.usual_imperfections
+    plain["dataset"] = as_ordered(plain.get("dataset", {}), unsaid, options.imperfections)
     for path, value in vars(options).items():
         if "." in path and value is not None:
             set_path(plain, path.removeprefix("."), value)

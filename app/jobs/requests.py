@@ -5,7 +5,14 @@ from typing import Any
 
 from app.jobs.training import recipe_of
 from app.labels import kind_label
-from app.recipes import RecipeError, dataset_recipe, from_plain, to_plain
+from app.recipes import (
+    Imperfect,
+    RecipeError,
+    as_ordered,
+    dataset_recipe,
+    from_plain,
+    to_plain,
+)
 from app.store.store import Store
 from core.amplitude import WANTED_SHARE, Suggestion, suggest_amplitude
 from core.collection import LARGEST_CHUNK, DatasetRecipe, Simulator
@@ -102,7 +109,7 @@ def monitor_request(plain: dict[str, Any], store: Store, max_bytes: int) -> Moni
 def study_request(plain: dict[str, Any], store: Store, max_bytes: int) -> StudyRecipe:
     """Read the body that asks for the study; a stored dataset lends its recipe."""
     plain = dict(plain)
-    requested = _requested_dataset(plain, store, max_bytes)
+    requested = _requested_dataset(plain, store, max_bytes, unsaid="none")
     dataset = requested.recipe
     if dataset is None:
         stored = requested.load(store)
@@ -139,9 +146,9 @@ def check_size(recipe: DatasetRecipe, max_bytes: int) -> None:
         )
 
 
-def _dataset_recipe(plain: Any, max_bytes: int) -> DatasetRecipe:
+def _dataset_recipe(plain: Any, max_bytes: int, unsaid: Imperfect = "usual") -> DatasetRecipe:
     try:
-        recipe, _ = dataset_recipe(plain)
+        recipe, _ = dataset_recipe(as_ordered(plain, unsaid))
     except OverflowError as error:
         raise RecipeError(f"dataset has a number out of range: {error}") from None
     except ValueError as error:
@@ -163,13 +170,15 @@ def _recipe(default: Any, plain: Any, where: str) -> Any:
         raise RecipeError(f"{where} has a number out of range: {error}") from None
 
 
-def _requested_dataset(plain: dict[str, Any], store: Store, max_bytes: int) -> RequestedDataset:
+def _requested_dataset(
+    plain: dict[str, Any], store: Store, max_bytes: int, unsaid: Imperfect = "usual"
+) -> RequestedDataset:
     given = plain.pop("dataset", None)
     if isinstance(given, str):
         store.datasets.info(given)
         return RequestedDataset(given, None)
     if isinstance(given, dict):
-        return RequestedDataset(None, _dataset_recipe(given, max_bytes))
+        return RequestedDataset(None, _dataset_recipe(given, max_bytes, unsaid))
     raise RecipeError(
         f"dataset is {given!r}: give the id of a stored dataset, or an object, its recipe"
     )

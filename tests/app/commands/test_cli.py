@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from app.cli import COMMANDS, main
+from app.jobs.requests import dataset_request, study_request
 from core.monitor import Monitor, load
 from core.planned_test import USUAL_NOISE, DatasetRecipe, SensorNoise
 from core.recipe import from_plain, to_plain
@@ -22,6 +23,10 @@ from tests.support.places import ROOT
 pytestmark = pytest.mark.usefixtures("read_here")
 FIRST_PNG_BYTES = b"\x89PNG\r\n\x1a\n"
 LEAST = ("--n-monitors", "1", "--n-test", "20")
+VERSION_0_1_0 = {
+    key: part for key, part in to_plain(DatasetRecipe()).items() if key != "imperfections"
+}
+"""A recipe as a version that knew no imperfections stored it."""
 HEAD = "t_s,beta_rad,p_radps,r_radps,ay_g,da_rad,dr_rad"
 
 
@@ -327,15 +332,52 @@ def test_a_recipe_has_the_imperfections_of_a_flight_unless_it_is_a_stored_one(tm
     written.write_text(json.dumps({"dataset": to_plain(clean.as_flown())}))
     assert given("--recipe", str(written)) == clean.as_flown()
     stored = tmp_path / "stored.json"
-    stored.write_text(json.dumps({"dataset": {"n_unsafe": 60, "noise": {"p": 0.02}}}))
     noisy = replace(clean, n_unsafe=60, noise=SensorNoise(p=0.02))
+    before = {key: part for key, part in to_plain(noisy).items() if key != "imperfections"}
+    stored.write_text(json.dumps({"dataset": before}))
     assert given("--recipe", str(stored)) == noisy
-    flown = given("--recipe", str(stored), "--imperfections", "usual").as_flown()
-    assert flown == replace(clean.as_flown(), n_unsafe=60)
+    flown = given("--recipe", str(stored), "--imperfections", "usual")
+    assert flown == replace(noisy, imperfections=USUAL_IMPERFECTIONS)
+    part = tmp_path / "part.json"
+    part.write_text(json.dumps({"dataset": {"n_unsafe": 60}}))
+    assert given("--recipe", str(part)) == replace(clean.as_flown(), n_unsafe=60)
     some = given("--noise", "p=0.02", "--set", "dataset.imperfections.turbulence=light")
     assert some.noise == replace(USUAL_NOISE, p=0.02)
     assert some.imperfections == replace(USUAL_IMPERFECTIONS, turbulence="light")
     assert given() == clean.as_flown()
+
+
+MODEL: dict[str, Any] = {key.upper(): to_plain(AIRCRAFT["matrices"])[key] for key in "abcd"}
+MODEL["uncertainty"] = {"spread": {"A[1,0]": 0.15, "C[3,0]": 0.1}}
+
+
+@pytest.mark.parametrize(
+    ("options", "ordered"),
+    [
+        ([], {}),
+        (["--aircraft", "attas_id_16kft"], {"aircraft": {"kind": "attas_id_16kft"}}),
+        (["--aircraft", "{model}"], {"aircraft": MODEL}),
+        (["--maneuver", "pulse"], {"maneuver": {"kind": "pulse"}}),
+        (["--noise", "p=0.02", "--n-unsafe", "60"], {"noise": {"p": 0.02}, "n_unsafe": 60}),
+        (["--imperfections", "none", "--seed", "2"], {"imperfections": "none", "seed": 2}),
+        (["--recipe", "{stored}"], VERSION_0_1_0),
+    ],
+)
+def test_an_order_means_the_same_on_the_command_line_and_over_rest(
+    options, ordered, tmp_path, capsys
+):
+    (tmp_path / "model.json").write_text(json.dumps(MODEL))
+    (tmp_path / "stored.json").write_text(json.dumps({"dataset": VERSION_0_1_0}))
+    paths = {name: tmp_path / f"{name}.json" for name in ("model", "stored")}
+    options = [option.format(**paths) for option in options]
+    for kind in ("train", "study"):
+        assert main([kind, *options, "--print-recipe"]) == 0
+        printed = json.loads(capsys.readouterr().out)["dataset"]
+        if kind == "train":
+            assert printed == to_plain(dataset_request(ordered, 2**40).recipe)
+        else:
+            order = {"dataset": ordered}
+            assert printed == to_plain(study_request(order, None, 2**40).dataset)  # pyright: ignore
 
 
 def test_the_study_is_without_imperfections_unless_they_are_asked_for(capsys):

@@ -4,7 +4,7 @@ from dataclasses import asdict
 import numpy as np
 import pytest
 
-from app.recipes import dataset_recipe, from_plain, to_plain
+from app.recipes import as_ordered, dataset_recipe, from_plain, to_plain
 from core.amplitude import suggest_amplitude
 from core.channels import KEYS
 from core.collection import DatasetRecipe, collect
@@ -31,7 +31,7 @@ def test_a_recipe_becomes_a_job_and_then_a_dataset(client):
     job = finished(client, client.post("/api/v1/datasets", json=RECIPE | {"name": "small"}))
     assert job["status"] == "done"
     info = client.get(f"/api/v1/datasets/{job['result']['dataset']}").json()
-    twin = collect(from_plain(DatasetRecipe(), RECIPE))
+    twin = collect(from_plain(DatasetRecipe(), as_ordered(RECIPE)))
     assert info["name"] == "small"
     assert info["digest"] == twin.digest()
     assert info["recipe"]["maneuver"]["amplitude_deg"] == 10.0
@@ -51,9 +51,9 @@ def test_an_amplitude_is_suggested_and_is_what_auto_stands_for(client):
     answer = client.post("/api/v1/datasets/amplitude", json=test | {"share": 0.25})
     assert answer.status_code == 200
     suggested = answer.json()
-    assert suggested == asdict(suggest_amplitude(from_plain(DatasetRecipe(), test | LAW))) | {
-        "maneuver": suggested["maneuver"]
-    }
+    assert suggested == asdict(
+        suggest_amplitude(from_plain(DatasetRecipe(), as_ordered(test | LAW)))
+    ) | {"maneuver": suggested["maneuver"]}
     assert suggested["maneuver"]["amplitude_deg"] == suggested["amplitude_deg"]
     auto = test | {"n_unsafe": 5, "n_obs": 10, "maneuver": {"amplitude_deg": "auto"}}
     job = finished(client, client.post("/api/v1/datasets", json=auto))
@@ -90,9 +90,9 @@ def test_an_own_model_is_sent_as_its_file_is_written(client):
 @pytest.mark.parametrize(
     ("recipe", "words"),
     [
-        ({"n_unsaf": 3}, "dataset has no 'n_unsaf': choose aircraft"),
+        ({"n_unsaf": 3}, "dataset has no 'n_unsaf': did you mean n_unsafe?"),
         ({"aircraft": {"kind": "f17"}}, "f16_sl_h0_v502"),
-        ({"aircraft": {"kind": "f16_sl_h0_v502", "states": 3}}, "choose name, n_states"),
+        ({"aircraft": {"kind": "f16_sl_h0_v502", "states": 3}}, "did you mean n_states?"),
         ({"maneuver": {"amplitude_deg": "much"}}, "amplitude_deg is 'much'"),
         ({"maneuver": 5}, "must be an object"),
         ({"n_unsafe": 1}, "at least 2"),
