@@ -78,8 +78,8 @@ async def simulate_dataset(plain: PlainBody, store: StoreDep, jobs: JobsDep, set
     """Simulate a planned test until `n_unsafe` rollouts turned unsafe; a job.
 
     What is not said is as `forewarn train` has it: the catalog's default with noise, jitter and
-    imperfections of a flight; `"imperfections": "none"` leaves these out. Angles in radians, N_y in g, names ending in
-    `_deg` in degrees.
+    imperfections of a flight; `"imperfections": "none"` leaves these out. Angles in radians, N_y in
+    g, names ending in `_deg` in degrees.
     """
     request = await asyncio.to_thread(dataset_request, plain, settings.max_array_bytes)
     asked = {"name": request.name} | to_plain(request.recipe)
