@@ -19,6 +19,7 @@ COMMANDS = {
     "report": "score recorded telemetry and report it in one HTML file that prints to a clean PDF",
     "sample-flight": "write a simulated flight as CSV, to score",
     "validity-matrix": "fly every published aircraft through the monitor of every other",
+    "fault-table": "put each sensor of simulated flights at fault, and say by what that is found",
     "serve": "serve the page and the API",
     "demo": "train a small monitor, serve, and fly it",
     "doctor": "check this installation",

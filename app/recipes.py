@@ -4,6 +4,7 @@ import json
 from collections.abc import Mapping
 from copy import deepcopy
 from dataclasses import fields, replace
+from functools import cache
 from math import inf
 from pathlib import Path
 from typing import Any, Literal, get_args
@@ -66,12 +67,18 @@ def from_plain(default: Any, plain: Any, where: str = "recipe") -> Any:
     return recipe.from_plain(default, plain, where, _checked)
 
 
+@cache
+def _adapter(kind: type[Any]) -> TypeAdapter[Any]:
+    """Made once: it takes milliseconds."""
+    return TypeAdapter(kind)
+
+
 def _checked(default: Any, values: Mapping[str, Any], where: str) -> Any:
     for key, value in values.items():
         if type(getattr(default, key, None)) in (int, float) and isinstance(value, str | bool):
             raise RecipeError(f"{where}.{key} is {given(value)}: give a number")
     try:
-        return TypeAdapter(type(default)).validate_python(values)
+        return _adapter(type(default)).validate_python(values)
     except ValidationError as error:
         place, reason = input_errors(error.errors(), values)[0]
         if not place:  # the parameters do not go together

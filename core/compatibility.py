@@ -17,6 +17,7 @@ ahead of the centre of gravity reads as one that is x/V late.
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from math import isfinite
 from typing import Any
 
 import numpy as np
@@ -37,6 +38,8 @@ WIDEST = 0.3
 """Half an interval of a scale, as a share of it, beyond which there was too little motion."""
 FOLLOWS = 0.5
 """Share of a sensor's motion that the others must explain for a scale to mean anything."""
+SLOWEST = 15.0
+"""Airspeed below which nothing flies [m/s]."""
 LEAST_MOTION = float(np.radians(0.5))
 """Root mean square of a rate from which on sensors can be compared [rad/s]."""
 MOST_NOISE = 0.5
@@ -118,9 +121,7 @@ def check_sensors(readings: SensorReadings) -> tuple[SensorCheck, ...]:
     """Compare roll rate, yaw rate, sideslip, lateral acceleration and airspeed with the others."""
     signals = _Signals(readings)
     checks = (_roll_rate(signals), _yaw_rate(signals), *_sideslip(signals))
-    speed = readings.channels.get("V", np.empty(0))
-    speed = speed[np.isfinite(speed)]
-    return _remarked(checks, float(speed.mean()) if len(speed) else None)
+    return _remarked(checks, signals.mean_speed)
 
 
 def _remarked(checks: tuple[SensorCheck, ...], speed: float | None) -> tuple[SensorCheck, ...]:
@@ -196,9 +197,14 @@ class _Signals:
     """What was recorded, and all of it smoothed alike."""
 
     def __init__(self, readings: SensorReadings) -> None:
-        self.dt, self.channels = readings.dt, readings.channels
+        self.dt, self.channels = readings.dt, dict(readings.channels)
         self.smoothing = Smoothing(readings.dt)
         self._none = np.zeros(len(next(iter(readings.channels.values()), ())))
+        speed = np.where(self.raw("V") >= SLOWEST, self.raw("V"), np.nan)
+        self.mean_speed: float | None = None
+        self.channels.pop("V", None)
+        if np.isfinite(speed).any():
+            self.channels["V"], self.mean_speed = speed, float(np.nanmean(speed))
 
     def raw(self, key: str) -> Array:
         """(n,) as recorded; zeros for an angle that was not: of level flight."""
@@ -260,7 +266,7 @@ def _sideslip(signals: _Signals) -> tuple[SensorCheck, SensorCheck, SensorCheck]
         others = (replace(each, unchecked=signals.lacks(each)) for each in (lateral, speed))
         return replace(beta, unchecked=lacking), *others
     smooth = signals.smoothing.value
-    per_g = GRAVITY / signals.raw("V") if "V" in signals.channels else GRAVITY
+    per_g = GRAVITY / signals.raw("V") if signals.mean_speed else GRAVITY
     force = per_g * signals.raw("Ny")
     gravity = per_g * np.sin(signals.raw("phi")) * np.cos(signals.raw("theta"))
     slope = signals.slope("beta").values
@@ -274,19 +280,21 @@ def _sideslip(signals: _Signals) -> tuple[SensorCheck, SensorCheck, SensorCheck]
     parts = (turn, roll, smooth(force), smooth(gravity))
     apart = EquationError.fit(slope, parts, signals.dt, fit.tau)
     if read := _scale(apart, 0, over=2) if apart else None:
-        lateral = replace(lateral, scale=read, bias=_bias(fit, signals))
+        lateral = replace(lateral, scale=read, bias=_bias(fit, signals.mean_speed or 0.0))
+    else:
+        words = "too little motion to tell its scale from delay of sideslip and angle of attack"
+        lateral = replace(lateral, unchecked=words)
     told = _scale(fit, 2, over=0)
     return (
         beta,
-        lateral if read else _too_little(lateral),
+        lateral,
         replace(speed, scale=told) if told else _too_little(speed),
     )
 
 
-def _bias(fit: EquationError, signals: _Signals) -> Estimate:
+def _bias(fit: EquationError, speed: float) -> Estimate:
     """Of the accelerometer [g], were it alone what makes the constant."""
-    per_g = float(np.nanmean(signals.raw("V"))) / GRAVITY
-    low, value, high = sorted(-per_g * part for part in fit.coefficient(3, over=2))
+    low, value, high = sorted(-speed / GRAVITY * part for part in fit.coefficient(3, over=2))
     return Estimate(value, low, high)
 
 
@@ -298,7 +306,11 @@ def _scale(fit: EquationError, k: int, over: int | None = None) -> Estimate | No
     told = fit.coefficient(k, over)
     noise = max(fit.noise_share(part) for part in (k, over) if part is not None)
     wide = noise * abs(told.value)
-    if noise > MOST_NOISE or told.high - told.value + wide > WIDEST * abs(told.value):
+    if (
+        not isfinite(told.value)
+        or noise > MOST_NOISE
+        or told.high - told.value + wide > WIDEST * abs(told.value)
+    ):
         return None
     is_clear = fit.share >= FOLLOWS and fit.delay_is_inside
     return Estimate(told.value, told.low - wide, told.high + wide) if is_clear else None

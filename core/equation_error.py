@@ -141,11 +141,13 @@ class EquationError:
         return abs(self.tau) < MOST_DELAY_S
 
     def coefficient(self, k: int, over: int | None = None) -> Estimate:
-        """b_k, or its quotient with another coefficient."""
+        """b_k, or its quotient with another coefficient; infinite where that is 0."""
         b, gradient = self._b, np.zeros(len(self._covariance))
         if over is None:
             gradient[k] = 1.0
             return self._estimate(b[k], gradient)
+        if not b[over]:
+            return Estimate(inf, -inf, inf)
         gradient[k], gradient[over] = 1.0 / b[over], -b[k] / b[over] ** 2
         return self._estimate(b[k] / b[over], gradient)
 

@@ -1,5 +1,6 @@
 """The planned test: a manoeuvre on an uncertain aircraft, what unsafe means, its simulation."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, fields, replace
 from math import radians
 from typing import NamedTuple
@@ -226,6 +227,16 @@ class Simulator:
 
     def _flown(self, n: int, rng: np.random.Generator) -> Rollouts:
         """Roll out n aircraft as they would be flown and recorded."""
+        return self.recorded(n, rng, lambda y, trim: None)
+
+    def recorded(
+        self, n: int, rng: np.random.Generator, look: Callable[[Array, Array], object]
+    ) -> Rollouts:
+        """Roll out n aircraft as they would be flown and recorded, whatever the imperfections.
+
+        look: called with the true outputs from trim (n, n_samples, 6), and with that trim (n, 6),
+        which gust and inexact inputs make differ from 0.
+        """
         recipe, imperfections = self.recipe, self.recipe.imperfections
         every, step = recipe.substeps, recipe.dt / recipe.substeps
         theta = self.plant.sample(n, rng)
@@ -244,7 +255,10 @@ class Simulator:
             gust=imperfections.gusts(self.gust, n, n_steps, step, rng),
         )
         start = imperfections.run_up(recipe.dt) * every
+        trim = y[:, start].copy()
         first = recipe.specification.first_exceedance(from_trim(y, start, every, rest))
+        trim -= y[:, start]
+        look(y[:, start::every], trim)
         first = np.minimum(-(-first // every), planned.shape[1])
         noise = channel_array(recipe.noise)
         return Rollouts(imperfections.record(y, start, every, rest, noise, step, rng), first, theta)

@@ -136,6 +136,14 @@ def _interval(estimate: Mapping[str, float] | None, channel: Channel | None = No
     )
 
 
+def _delay(estimate: Mapping[str, float] | None) -> str:
+    """`0.010 (0.008 to 0.011)`: to milliseconds [s]; a dash for nothing."""
+    if estimate is None:
+        return "–"
+    value, low, high = (f"{estimate[name]:.3f}" for name in ("value", "low", "high"))
+    return f"{value} ({low}{GLUE}to{GLUE}{high})".replace("-", "−")
+
+
 def _trimmed(trim: Sequence[float | None]) -> list[tuple[Channel, float]]:
     """The channels that something was subtracted from."""
     return [(channel, value) for channel, value in zip(CHANNELS, trim, strict=True) if value]
@@ -156,6 +164,7 @@ TEMPLATES.filters |= {
     "quantity": _with_si,
     "counted": _counted,
     "interval": _interval,
+    "delay": _delay,
     "amplitude_of": lambda s: amplitude_of(s["outcome"], s.get("amplitude")),
     "short": lambda name: name if len(name) <= MOST_LETTERS else f"{name[:MOST_LETTERS]}…",
     "kind": kind_label,

@@ -8,9 +8,11 @@ from core.collection import CollectionError, DatasetRecipe, Simulator, collect
 from core.planned_test import SensorNoise
 from core.simulation.aircraft import AIRCRAFT, PublishedAircraft, Uncertainty
 from core.simulation.control_law import CONTROL_LAWS
+from core.simulation.imperfections import Imperfections
 from core.simulation.maneuver import MANEUVERS
 from core.simulation.rollout import roll_out
 from core.specification import Limits
+from core.types import Array
 
 RECIPE = DatasetRecipe(n_unsafe=30)
 
@@ -183,3 +185,15 @@ def test_a_limit_on_several_channels_fails_at_the_first_of_them():
     two = Simulator(both).rollouts(500, np.random.default_rng(5))
     beta = Limits(Ny=None, beta=0.05).first_exceedance(two.y)
     np.testing.assert_array_equal(two.fail_index, np.minimum(one.fail_index, beta))
+
+
+def test_what_is_recorded_is_the_true_outputs_from_the_trim_that_is_told() -> None:
+    inexact = Imperfections(trim_deg=0.2)
+    recipe = replace(DatasetRecipe(), imperfections=inexact, noise=SensorNoise())
+    seen: list[tuple[Array, Array]] = []
+    flown = Simulator(recipe).recorded(20, np.random.default_rng(3), lambda *y: seen.append(y))
+    ((true, trim),) = seen
+    np.testing.assert_allclose(flown.y, true, rtol=0, atol=1e-15)
+    assert (np.abs(trim).max(axis=1) > 0.0).all()
+    again = Simulator(recipe).rollouts(20, np.random.default_rng(3))
+    np.testing.assert_array_equal(flown.y, again.y)

@@ -177,3 +177,21 @@ def test_gaps_are_not_bridged() -> None:
     assert check.scale is not None
     assert check.scale.low < 1.0 < check.scale.high
     assert not check.remarks
+
+
+@pytest.mark.parametrize("key", ["p", "r", "beta", "Ny", "phi", "psi", "theta", "V"])
+@pytest.mark.parametrize("value", [0.0, 1.0, np.nan])
+def test_a_dead_sensor_makes_no_number_of_its_own(key: str, value: float) -> None:
+    readings = flown()
+    checks = checked(readings | {key: np.full(len(T), value)})
+    if key in checks:
+        assert checks[key].scale is None
+    for check in checks.values():
+        for estimate in (check.scale, check.bias, check.delay):
+            assert estimate is None or np.isfinite(estimate).all()
+
+
+def test_a_recording_that_is_too_short_tells_no_number() -> None:
+    for n in (0, 1, 10, 60):
+        for check in checked({key: x[:n] for key, x in flown().items()}).values():
+            assert (check.scale, check.unchecked) == (None, "not enough motion to tell")

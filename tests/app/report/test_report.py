@@ -110,7 +110,7 @@ def test_sensors_against_each_other_are_told_with_their_intervals(subject: Repor
     assert "0.573 deg/s (−0.573 deg/s to 1.72 deg/s)" in html
     assert "◇ roll rate reads 0.80 times." in html
     assert "not checked: without heading" in html
-    assert "Sensors do not agree by kinematics" in html
+    assert "sensors differ from each other by kinematics" in html
     quality = {**subject.scoring["quality"]}
     del quality["compatibility"]
     before = report(replace(subject, scoring={**subject.scoring, "quality": quality}))

@@ -8,7 +8,7 @@
 
 import { formatted, h } from "../../lib/dom.js";
 import { tableHead } from "../../lib/lists.js";
-import { figure } from "../../lib/numbers.js";
+import { figure, formatValue } from "../../lib/numbers.js";
 import { followUnits, magnitude, shownIn } from "../../lib/units.js";
 
 const HEADS = [["Compared"], ["Scale"], ["Bias"], ["Delay"]];
@@ -46,7 +46,7 @@ export function sensorChip({ quality }) {
   const remarks = checksOf(quality).flatMap((check) => check.remarks);
   if (!remarks.length) return null;
   const title = `${remarks.join("; ")}.`;
-  return h("span", { class: "chip", "data-level": "caution", title }, "◆ SENSORS DO NOT AGREE");
+  return h("span", { class: "chip", "data-level": "caution", title }, "◆ DATA COMPATIBILITY: SEE REMARKS");
 }
 
 function checksOf(quality) {
@@ -58,7 +58,7 @@ function bodyOf({ channel, title, scale, bias, delay, unchecked, remarks }, chan
     ? [
         cell(1, interval(scale, figure)),
         cell(2, biasOf(bias, channels.find(({ key }) => key === channel))),
-        cell(3, delay ? `${interval(delay, (t) => figure(t, 2))} s` : "–"),
+        cell(3, delay ? `${interval(delay, (t) => formatValue(t))} s` : "–"),
       ]
     : h("td", { colspan: HEADS.length - 1, class: "dim" }, `not checked: ${unchecked}`);
   return h(

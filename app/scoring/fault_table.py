@@ -1,0 +1,260 @@
+"""The table of faults: each sensor of simulated flights at fault, and by what that is found.
+
+Flights of the monitor's own aircraft with all imperfections, recorded with attitude and airspeed.
+One sensor at a time reads a fifth too little, the wrong way round, in another unit, late or with a
+bias; then the recording is mapped anew from names that say no unit, and scored as it stands.
+"""
+
+import tempfile
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, replace
+from math import cos, tan
+from pathlib import Path
+from typing import Literal, NamedTuple
+
+import numpy as np
+
+from app.scoring.score import score
+from app.telemetry.contents import ColumnWriter, open_columns
+from app.telemetry.mapping.proposal import Proposal, propose
+from app.telemetry.timing.repair import RepairedTraces, repair
+from app.telemetry.traces import Trace, Traces
+from core.channels import KEYS
+from core.collection import DatasetRecipe, collect, fresh
+from core.compatibility import GRAVITY
+from core.monitor import Monitor, train
+from core.planned_test import Simulator
+from core.seeds import Branch, stream
+from core.simulation.aircraft import PublishedAircraft
+from core.simulation.attitude import SurfaceSigns, surface_signs
+from core.simulation.imperfections import channel_array
+from core.simulation.published import ModelName
+from core.types import Array
+
+Kind = Literal["safe", "failing"]
+KINDS: tuple[Kind, ...] = ("safe", "failing")
+SENSORS = (*KEYS, "phi", "psi", "V")
+REST_S, AFTERWARDS_S = 3.0, 3.0
+"""[s] Recorded before the usual manoeuvre and after it."""
+ATTITUDE_NOISE, SPEED_NOISE = float(np.radians(0.05)), 0.3
+"""[rad], [m/s] 1 sigma, white."""
+SURE = 0.9
+"""Confidence of a mapping below which a person is asked to look."""
+NO_FAULT = "none"
+BATCH = 100
+Progress = Callable[[int, int], object]
+
+
+class Reading(NamedTuple):
+    """What a sensor reads: x (n,), a sample each dt [s]; noise: 1 sigma.   unit: times another."""
+
+    x: Array
+    dt: float
+    noise: float
+    unit: float
+
+
+def _late(seconds: float) -> Callable[[Reading], Array]:
+    def apply(reading: Reading) -> Array:
+        t = reading.dt * np.arange(len(reading.x))
+        return np.interp(t - seconds, t, reading.x)
+
+    return apply
+
+
+def _biased(noises: float) -> Callable[[Reading], Array]:
+    return lambda reading: reading.x + noises * reading.noise
+
+
+FAULTS: dict[str, Callable[[Reading], Array]] = {
+    "gain x0.8": lambda reading: 0.8 * reading.x,
+    "gain x1.25": lambda reading: 1.25 * reading.x,
+    "sign": lambda reading: -reading.x,
+    "unit": lambda reading: reading.unit * reading.x,
+    "delay 50 ms": _late(0.05),
+    "delay 100 ms": _late(0.1),
+    "delay 200 ms": _late(0.2),
+    "bias 3 sigma": _biased(3.0),
+    "bias 10 sigma": _biased(10.0),
+    "bias 30 sigma": _biased(30.0),
+}
+"""By name. A bias is there from the beginning."""
+P, R = KEYS.index("p"), KEYS.index("r")
+UNITS = {"Ny": GRAVITY, "V": 1.0 / 0.3048}
+"""m/s2 for g, ft/s for m/s; degrees for radians elsewhere."""
+
+
+@dataclass(frozen=True)
+class FaultTableRecipe:
+    """Which aircraft, sensors and faults, and how many flights of each."""
+
+    aircraft: ModelName = "attas_id_16kft"
+    """published aircraft: its usual test is trained for, and flown."""
+    sensors: tuple[str, ...] = SENSORS
+    """channels that are at fault in turn."""
+    faults: tuple[str, ...] = tuple(FAULTS)
+    """faults that each has in turn."""
+    n_flights: int = 8
+    """flights of each kind, safe and failing, of each fault."""
+    n_unsafe: int = 100
+    """unsafe rollouts that the monitor is trained on."""
+    seed: int = 1
+    """seed of every random draw: the flights are the same for every fault."""
+
+    def __post_init__(self) -> None:
+        """Refuse what there is not, and no flights."""
+        for name, known in (("sensors", SENSORS), ("faults", FAULTS)):
+            if unknown := [each for each in getattr(self, name) if each not in known]:
+                raise ValueError(f"{name} {unknown[0]!r}: choose {', '.join(known)}")
+        for name, lowest in {"n_flights": 1, "n_unsafe": 50, "seed": 0}.items():
+            if getattr(self, name) < lowest:
+                raise ValueError(
+                    f"{name}={getattr(self, name)} was given: it must be at least {lowest}"
+                )
+
+
+@dataclass(frozen=True)
+class FoundFaults:
+    """Of how many flights a fault was found, and by what.
+
+    mapping: another mapping is proposed than without the fault, or a channel is not sure any more.
+    validity: the manoeuvre is invalid.   flown_input: the input is remarked on.
+    compatibility: the sensors do not agree by kinematics.   found: by any of them.
+    """
+
+    sensor: str
+    fault: str
+    kind: Kind
+    n: int
+    mapping: int
+    validity: int
+    flown_input: int
+    compatibility: int
+    found: int
+
+
+class RecordedFlight(NamedTuple):
+    """channels: (n,) by key, SI and g.   dt: [s].   noise: 1 sigma by key."""
+
+    channels: dict[str, Array]
+    dt: float
+    noise: Mapping[str, float]
+
+
+def fault_table(
+    recipe: FaultTableRecipe, progress: Progress | None = None
+) -> Iterator[FoundFaults]:
+    """Train, fly, and find faults: first of flights without any, then by sensor and fault."""
+    planned = DatasetRecipe.usual(PublishedAircraft(recipe.aircraft, 4)).as_flown()
+    planned = replace(planned, n_unsafe=recipe.n_unsafe, seed=recipe.seed)
+    monitor = train(collect(planned), fresh=fresh(planned))
+    expected = surface_signs(planned.aircraft.uncertain_plant())
+    flights = flights_of(planned, recipe)
+    faults = [(NO_FAULT, NO_FAULT)]
+    faults += [(sensor, fault) for sensor in recipe.sensors for fault in recipe.faults]
+    before = {kind: [_proposed(flight, expected) for flight in flights[kind]] for kind in KINDS}
+    for done, (sensor, fault) in enumerate(faults):
+        if progress:
+            progress(done, len(faults))
+        for kind in KINDS:
+            counts = np.zeros(5, np.int64)
+            for flight, proposal in zip(flights[kind], before[kind], strict=True):
+                at_fault = flight if sensor == NO_FAULT else _with(flight, sensor, fault)
+                found = _found(monitor, at_fault, proposal, expected)
+                counts += np.array([*found, any(found)])
+            yield FoundFaults(sensor, fault, kind, len(flights[kind]), *counts.tolist())
+
+
+def flights_of(
+    planned: DatasetRecipe, recipe: FaultTableRecipe
+) -> dict[Kind, list[RecordedFlight]]:
+    """Flights of each kind with attitude and airspeed, as many as the recipe says."""
+    usual = planned.maneuver
+    duration = usual.duration_s - usual.lead_in_s + REST_S + AFTERWARDS_S
+    longer = replace(usual, lead_in_s=REST_S, duration_s=duration)
+    simulator = Simulator(replace(planned, maneuver=longer))
+    rng = stream(recipe.seed, Branch.TEST)
+    flights: dict[Kind, list[RecordedFlight]] = {kind: [] for kind in KINDS}
+    while min(len(made) for made in flights.values()) < recipe.n_flights:
+        truth: list[tuple[Array, Array]] = []
+        rollouts = simulator.recorded(BATCH, rng, lambda *true: truth.append(true))  # noqa: B023
+        ((true, trims),) = truth
+        for y, from_trim, trim, unsafe in zip(
+            rollouts.y, true, trims, rollouts.is_unsafe, strict=True
+        ):
+            made = flights["failing" if unsafe else "safe"]
+            if len(made) < recipe.n_flights:
+                made.append(_recorded(planned, y + trim, from_trim + trim, rng))
+    return flights
+
+
+def _recorded(
+    planned: DatasetRecipe, y: Array, true: Array, rng: np.random.Generator
+) -> RecordedFlight:
+    """A flight (n, 6) with the attitude that its true rates make, and its airspeed."""
+    aircraft, dt, n = planned.aircraft, planned.dt, len(y)
+    assert isinstance(aircraft, PublishedAircraft)
+    theta, p, r = aircraft.model.theta0, true[:, P], true[:, R]
+    channels = dict(zip(KEYS, y.T, strict=True))
+    channels["phi"] = _integral(p + tan(theta) * r, dt) + ATTITUDE_NOISE * rng.standard_normal(n)
+    channels["theta"] = theta + ATTITUDE_NOISE * rng.standard_normal(n)
+    channels["psi"] = _integral(r / cos(theta), dt) + ATTITUDE_NOISE * rng.standard_normal(n)
+    channels["V"] = aircraft.airspeed + SPEED_NOISE * rng.standard_normal(n)
+    noise = dict(zip(KEYS, channel_array(planned.noise).tolist(), strict=True))
+    noise |= dict.fromkeys(("phi", "theta", "psi"), ATTITUDE_NOISE) | {"V": SPEED_NOISE}
+    return RecordedFlight(channels, dt, noise)
+
+
+def _integral(rate: Array, dt: float) -> Array:
+    """By trapezia, from 0."""
+    return np.concatenate([[0.0], np.cumsum(0.5 * dt * (rate[1:] + rate[:-1]))])
+
+
+def _with(flight: RecordedFlight, sensor: str, fault: str) -> RecordedFlight:
+    """The flight with one sensor at fault."""
+    unit = UNITS.get(sensor, float(np.degrees(1.0)))
+    reading = Reading(flight.channels[sensor], flight.dt, flight.noise[sensor], unit)
+    return flight._replace(channels=flight.channels | {sensor: FAULTS[fault](reading)})
+
+
+def _found(
+    monitor: Monitor, flight: RecordedFlight, before: Proposal, expected: SurfaceSigns
+) -> tuple[bool, bool, bool, bool]:
+    """Whether a fault is found by mapping, validity, remark on the input, and compatibility."""
+    scored = score(monitor, _repaired(flight))
+    manoeuvres = scored.manoeuvres
+    return (
+        _is_other(before, _proposed(flight, expected)),
+        any(manoeuvre.validity.valid is False for manoeuvre in manoeuvres),
+        any("of fresh flights lie between" in text for m in manoeuvres for text in m.remarks),
+        any(check.remarks for check in scored.compatibility),
+    )
+
+
+def _repaired(flight: RecordedFlight) -> RepairedTraces:
+    n = len(flight.channels["beta"])
+    t = flight.dt * np.arange(n)
+    return repair(Traces({key: Trace(t, x, source=key) for key, x in flight.channels.items()}))
+
+
+def _proposed(flight: RecordedFlight, expected: SurfaceSigns) -> Proposal:
+    """The mapping that is proposed for a file whose names say no unit."""
+    table = {"t": flight.dt * np.arange(len(flight.channels["beta"]))} | flight.channels
+    with tempfile.TemporaryDirectory(prefix="forewarn-") as place:
+        writer = ColumnWriter(Path(place), 2**24)
+        group = writer.add_group()
+        for name, values in table.items():
+            writer.append(writer.add_signal(group, name), values)
+        writer.finish("csv")
+        return propose(open_columns(Path(place)), expected=expected)
+
+
+def _is_other(before: Proposal, now: Proposal) -> bool:
+    """Whether a proposal differs, or is less than sure of a channel that it was sure of."""
+    if before.mapping.channels != now.mapping.channels:
+        return True
+    was, is_now = (
+        {key for key, why in proposal.rationales.items() if why.confidence >= SURE}
+        for proposal in (before, now)
+    )
+    return bool(was - is_now)
