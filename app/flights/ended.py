@@ -46,6 +46,7 @@ class Record(BaseModel):
 
     headline: Headline
     verdict: Verdict | None
+    reason: str = Field(description="why its newest sample was not assessed; empty where it was")
 
 
 def records(store: Store, flights: Iterable[FlightInfo]) -> dict[str, Record]:
@@ -62,7 +63,7 @@ def records(store: Store, flights: Iterable[FlightInfo]) -> dict[str, Record]:
             info,
             monitors[info.monitor_id],
             alarms.get(info.id, ()),
-            STATES[states.get(info.id, 0)],
+            *states.get(info.id, (0, "")),
         )
         for info in over
     }
@@ -73,19 +74,21 @@ def _record(
     info: FlightInfo,
     monitor: MonitorInfo,
     alarms: Sequence[StoredAlarm],
-    last: State,
+    last: int,
+    reason: str,
 ) -> Record:
+    """last, reason: code of the state of its newest sample, and why."""
     exceeded = [alarm.t for alarm in alarms if alarm.kind == "limit"]
     exceeded += [] if info.exceeded_t is None else [info.exceeded_t]
     facts = Facts(
         alarm=_waits(alarms, Level.WARNING),
         caution=_waits(alarms, Level.CAUTION),
-        invalid=last is State.INVALID,
+        invalid=STATES[last] is State.INVALID,
         calibrated=monitor.support is not None,
         exceeded_t=min(exceeded, default=None),
     )
     found = _verdict(store, info, monitor, alarms) if exceeded else None
-    return Record(headline=headline(facts), verdict=found)
+    return Record(headline=headline(facts), verdict=found, reason=reason)
 
 
 def verdict(

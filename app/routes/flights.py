@@ -77,6 +77,9 @@ class FlightStatus(BaseModel):
         default=None,
         description="[s] of the first exceedance that it has come to, sought back since or not",
     )
+    reason: str = Field(
+        default="", description="why its newest sample was not assessed; empty where it was"
+    )
     verdict: Verdict | None = Field(
         default=None, description="of a flight that is over and exceeded its limit"
     )
@@ -361,6 +364,7 @@ def _status(
         progress=info.status,
         **_plain(flight, record),
         verdict=record.verdict if record else None,
+        reason=record.reason if record else "",
         source=source_of(info),
         mode=mode_of(info.source),
         monitor=info.monitor_id,
@@ -380,6 +384,7 @@ def _status(
             "theta": flight.theta,
             "fail_t": flight.fail_t,
             "state": flight.state,
+            "reason": flight.reason,
             "transport": flight.transport,
             "watchers": flight.n_watchers,
             "open_alarms": flight.alarms.n_open(Level.WARNING),

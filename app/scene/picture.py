@@ -48,7 +48,7 @@ COLUMN_AT, COLUMN_HEIGHT, COLUMN_RADIUS = (-4.3, -11.75, -1.2), 7.0, 0.5
 CAMERA_AT, LOOKS_AT, FIELD_OF_VIEW = (-28.0, 7.8, -16.1), (-0.8, -2.2, -2.6), 0.75
 """Compass and column fill a picture that is a quarter wider than high."""
 
-LONGEST_DETAIL = 120
+LONGEST_DETAIL, LONGEST_LABEL = 120, 36
 TICKS = {"none": 0.0, "quarter": 0.25, "half": 0.5, "whole": 1.0}
 NUMBERED = ("none", "quarter", "whole")
 """Ticks with a number: so far apart that the smallest scene keeps the numbers apart."""
@@ -112,6 +112,14 @@ def caption(shown: Shown) -> Caption:
     return Caption(
         word, f"RISK {as_text(shown.p_value, shown.epsilon)}", f"alert above {shown.epsilon:.3g}"
     )
+
+
+def label(shown: Shown) -> str:
+    """As much of the caption as the narrowest scene has room for, what is of now in any case."""
+    words, now = caption(shown), shown.headline
+    first = in_words(now._replace(exceeded_t=None), shown.reason)
+    texts = (f"{words.word} {words.risk}".strip(), words.word, first)
+    return next((text for text in texts if len(text) <= LONGEST_LABEL), first)
 
 
 def as_text(p_value: float, epsilon: float) -> str:
@@ -360,7 +368,7 @@ class Picture:
         urgent = COLOURS[shown.headline.level]
         self._paint_ring(urgent)
         words = caption(shown)
-        self._set(self._headline, text=f"{words.word} {words.risk}".strip())
+        self._set(self._headline, text=label(shown))
         self._set(self._readout, content=readout(words, urgent))
 
     def _paint_ring(self, colour: Colour) -> None:

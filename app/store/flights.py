@@ -170,17 +170,21 @@ class FlightRepository(Repository):
             **{name: np.ascontiguousarray(samples[name][wanted]) for name in SAMPLE.names or ()},
         )
 
-    def last_states(self, flight_ids: Iterable[str]) -> dict[str, int]:
-        """Code of the state of the newest stored sample of each flight that has one."""
+    def last_states(self, flight_ids: Iterable[str]) -> dict[str, tuple[int, str]]:
+        """Code of the state of the newest stored sample of each flight that has one, and why."""
         chunk, wanted = assessment_chunks.c, set(flight_ids)
         newest = select(chunk.flight_id, func.max(chunk.last_seq).label("head"))
         head = newest.group_by(chunk.flight_id).subquery()
-        query = select(chunk.flight_id, chunk.content).join(
+        query = select(chunk.flight_id, chunk.content, chunk.reasons).join(
             head, (head.c.flight_id == chunk.flight_id) & (head.c.head == chunk.last_seq)
         )
         with self._reading() as connection:
             rows = [row for row in connection.execute(query) if row.flight_id in wanted]
-        return {row.flight_id: int(from_blob(row.content)["state"][-1]) for row in rows}
+        found = {}
+        for flight_id, content, runs in rows:
+            states = from_blob(content)["state"]
+            found[flight_id] = int(states[-1]), reasons_of(states, runs or ())[-1]
+        return found
 
     def recover(self) -> None:
         """Note as interrupted what nobody flies any more: the process that flew it died."""

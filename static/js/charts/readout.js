@@ -8,7 +8,7 @@
  * Exports
  *   createReadout(element, strip) -> {show(reading)}   strip: {symbol, label, unit, limit, risk}
  *     reading: {value, state, age, alert, forecast, lead, a, b, cursor, exceeded: {value, t} | null}
- *     age: of the newest sample, in words
+ *     age: of the value [s]
  *   cursorsText({a, b}, cursor) -> string     their times [s], and the difference of A and B
  *   symbolNodes(symbol) -> Node[]     "N_y" as N with subscript y
  *   shownState({state, reason}) -> string    "not_assessed" BETWEEN the manoeuvres of a recording
@@ -93,7 +93,7 @@ function details({ a, b, cursor, forecast, lead, state, value, age }, read) {
   if (parts.length === 0 && Number.isFinite(forecast) && state === "ok") {
     parts.push(`in ${lead.toFixed(2)} s ${read(forecast)}`);
   }
-  if (parts.length === 0 && state === "stale" && Number.isFinite(value)) parts.push(`last value, ${age} old`);
+  if (state === "stale" && Number.isFinite(value)) parts.unshift(`last value, ${age.toFixed(1)} s old`);
   return parts.join("  ");
 }
 

@@ -4,7 +4,7 @@
  * Exports
  *   GUTTER  width of the value axis left of the plot [px]
  *   SPARSE  px between marks of the same kind
- *   createStripFrame(canvas, strip) -> StripFrame     strip: {axis, limit, risk}
+ *   createStripFrame(canvas, strip) -> StripFrame     strip: {key, axis, limit, risk}
  *
  * StripFrame
  *   pen, width, height, palette, hatches      of the whole canvas, gutter included
@@ -14,6 +14,7 @@
  *   word(text, x, middle, colour), upright(text, x, colour)     text on a plate
  *   triangle(x, up), line(x, colour, dash, thick)
  *   cursors({x, cursor, marks})      the cursor, A and B
+ *   flags({flags, x, width})         moments of this channel: [{key, t, word}]
  *   thresholds(epsilon, plot), labels(epsilon)      limits or epsilon: in the plot, in the gutter
  */
 
@@ -44,6 +45,7 @@ export function createStripFrame(canvas, strip) {
     triangle,
     line,
     cursors,
+    flags,
     thresholds,
     labels,
   };
@@ -112,6 +114,20 @@ export function createStripFrame(canvas, strip) {
     line(x(cursor), own.palette.cursor, [2, 2], 1);
     line(x(marks.a), own.palette["mark-a"], [7, 3], 1.5);
     line(x(marks.b), own.palette["mark-b"], [7, 3], 1.5);
+  }
+
+  /** What no value that is drawn shows: one as recorded beyond its limit. */
+  function flags({ flags: given, x, width }) {
+    for (const { key, t, word: text } of given) {
+      const at = x(t);
+      if (key !== strip.key || at < 0 || at > width) continue;
+      line(at, own.palette.alert, [4, 3], 1.5);
+      pen.fillStyle = own.palette.alert;
+      triangle(at, true);
+      pen.font = `700 12px ${own.palette.font}`;
+      const half = pen.measureText(text).width / 2 + 4;
+      word(text, Math.min(Math.max(at, half), Math.max(width - half, half)), 24, own.palette.alert);
+    }
   }
 
   function line(x, colour, dash, thick) {

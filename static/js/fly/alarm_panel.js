@@ -12,7 +12,7 @@
  *
  * AlarmPanel
  *   describe({epsilon, lead, warnings, limits, channels})   warnings: of the monitor; limits: nodes, |N_y| 0.5 g; of the flight
- *   setState({state, reason})    of the newest assessment: whether the guarantee stands
+ *   setState({state, reason, last})    of the newest assessment: whether the guarantee stands; last: the reason of its sample
  *   take(alarm)          raised or acknowledged
  *   setHeadline({status, beside})   of the flight: what goes on after it was acknowledged
  *   setLinked(boolean)   false: nobody knows whether there are new alarms
@@ -92,9 +92,10 @@ export function createAlarmPanel(element, { tone, acknowledge }) {
 
   function promised() {
     const state = shownState(assessment);
-    if (holds.includes("invalid") && state === "stale")
+    const wasBetween = shownState({ state: "invalid", reason: assessment.last }) === "not_assessed";
+    if (holds.includes("invalid") && state === "stale" && !wasBetween)
       return "The guarantee is withdrawn: the monitor was not applicable to the last sample.";
-    if (state === "not_assessed") return "No guarantee between manoeuvres: nothing is assessed there.";
+    if (state === "not_assessed" || (holds.includes("invalid") && wasBetween)) return "No guarantee between manoeuvres: nothing is assessed there.";
     if (state === "invalid") return `The guarantee is withdrawn: ${assessment.reason || "the monitor is not applicable here"}`;
     return flight.warnings.length ? `◆ ${flight.warnings.map(sentence).join(" ")}` : guarantee(flight);
   }
@@ -111,7 +112,7 @@ export function createAlarmPanel(element, { tone, acknowledge }) {
 
   function measured({ channel, value, limit, judged }) {
     const measured = flight.channels.find(({ key }) => key === channel);
-    const which = judged === "recorded" ? " as recorded, trim included" : "";
+    const which = judged === "recorded" ? " as recorded, bias and trim included" : "";
     return [
       ...symbolNodes(measured.symbol),
       ` ${quantity(measured, value)}${which}, limit ${magnitudeIn(measured, limit)}`,

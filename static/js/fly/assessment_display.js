@@ -14,7 +14,7 @@
  *   setHeard(boolean)          whether the server is heard: false from the first missed heartbeat on
  *   lose(), resume()           the connection; after it the newest sample counts as it did
  *   refresh(wall) -> Headline      draws the gauge; the headline as every view shows it: stale where nothing comes any more
- *   reason, staleAfter             of the present state; age that is too great [s]
+ *   reason, staleAfter             of the newest sample; age that is too great [s]
  *   t                          of the newest sample, or where the flight goes on from [s]
  *   timeline, chart, close()
  */
@@ -86,7 +86,7 @@ export function createAssessmentDisplay(panels, { hello, history, alarm, events,
   function setAssessment({ state, reason }, quiet = false) {
     const changed = shownState({ state, reason }) !== shownState(assessment);
     assessment = { state, reason };
-    alarm.setState(assessment);
+    alarm.setState({ ...assessment, last: lastReason() });
     if (state !== "ok") withdraw();
     if (!changed || quiet || ALARMED.includes(shownState(assessment))) return;
     const why = reason ? `: ${reason}` : "";
@@ -94,8 +94,13 @@ export function createAssessmentDisplay(panels, { hello, history, alarm, events,
     events.add({ t: newest?.t ?? origin, text });
   }
 
+  /** By which the newest sample is worded, also once nothing follows it. */
+  function lastReason() {
+    return assessment.state === "stale" && newest !== null ? newest.reason : assessment.reason;
+  }
+
   function withdraw() {
-    gauge.update({ ...assessment, p_value: null, last: newest?.p_value, epsilon });
+    gauge.update({ ...assessment, p_value: null, last: newest?.p_value, said: lastReason(), epsilon });
     chart.setState(assessment);
   }
 
@@ -118,7 +123,7 @@ export function createAssessmentDisplay(panels, { hello, history, alarm, events,
   function lose() {
     linked = false;
     assessment = LOST;
-    alarm.setState(assessment);
+    alarm.setState({ ...assessment, last: lastReason() });
     withdraw();
   }
 
@@ -144,7 +149,7 @@ export function createAssessmentDisplay(panels, { hello, history, alarm, events,
     lose,
     resume,
     get reason() {
-      return assessment.reason;
+      return lastReason();
     },
     get staleAfter() {
       return timeline.staleAfter;

@@ -9,7 +9,6 @@
  *     stale: the browser hears nothing new.   alarms: how many warnings wait, as it knows
  *   ofSample({state, alert}) -> Headline     of a sample alone, where nothing more is known
  *   wordOf(status, reason) -> string         INVALID is called NOT ASSESSED between manoeuvres
- *   worstOf(headline, reason) -> string      its word, "EXCEEDED at 8.76 s"
  *   besideOf(headline, reason) -> string     what stands beside its word: "STALE · EXCEEDED at 8.76 s"
  *   textOf(headline, reason) -> string       "▲ ALARM · STALE · EXCEEDED at 8.76 s"
  *   resultOf(flight) -> {words, level}       what a flight came to: its verdict, else its headline; data-level
@@ -54,10 +53,10 @@ export function ofSample({ state, alert, p_value: risk }) {
   return { status, level: LEVELS[status] ?? (status === "ok" ? "none" : "advisory"), beside: [] };
 }
 
-export function resultOf({ verdict, progress, ...headline }) {
+export function resultOf({ verdict, progress, reason, ...headline }) {
   const { level } = headline;
   if (!verdict && level === "none" && progress !== "running") return { words: progress.toUpperCase(), level: "off" };
-  if (!verdict) return { words: textOf(headline), level: LEVEL_OF[level] };
+  if (!verdict) return { words: textOf(headline, reason ?? ""), level: LEVEL_OF[level] };
   const shown = level === "warning" ? level : "caution";
   return { words: MARKS[shown] + verdict.text, level: LEVEL_OF[shown] };
 }
@@ -75,7 +74,7 @@ export function textOf(headline, reason = "") {
   return MARKS[headline.level] + [worstOf(headline, reason), besideOf(headline, reason)].filter(Boolean).join(" · ");
 }
 
-export function worstOf({ status, exceeded_t: t }, reason = "") {
+function worstOf({ status, exceeded_t: t }, reason = "") {
   return status === "exceeded" && Number.isFinite(t) ? exceededAt(t) : wordOf(status, reason);
 }
 

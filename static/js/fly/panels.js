@@ -17,6 +17,7 @@ import { symbolNodes } from "../charts/readout.js";
 import { h } from "../lib/dom.js";
 import { riskText } from "../lib/numbers.js";
 import { magnitudeIn, quantity } from "../lib/units.js";
+import { AS_RECORDED } from "../recordings/words.js";
 
 const WIDEST = 60; // s
 const NARROWEST = 5; // s
@@ -72,7 +73,7 @@ export function acknowledgementOf({ t, number, level, by, acknowledged }) {
 }
 
 export function recordedFlag({ t, exceedance }) {
-  return exceedance?.judged === "recorded" ? { key: exceedance.channel, t, word: "LIMIT AS RECORDED" } : null;
+  return exceedance?.judged === "recorded" ? { key: exceedance.channel, t, word: AS_RECORDED } : null;
 }
 
 export function waitingOf(alarms) {

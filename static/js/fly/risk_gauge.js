@@ -9,7 +9,7 @@
  *   createRiskGauge(element, {timeline, scale, led}) -> {update(reading), draw(wall, headline), clear(), destroy()}
  *     led: it is drawn by `draw` alone, with a flight's headline; else by itself, with that of the sample alone
  *     reading: {p_value, epsilon, state, alert, reason, note, result}, any frame with its epsilon will do;
- *     note stands below the number; last: the risk of the last sample, where p_value is withdrawn; result: {words, level}, what a flight that is over came to; state
+ *     note stands below the number; last, said: risk and reason of the last sample, where nothing follows it; result: {words, level}, what a flight that is over came to; state
  *       ok, warming_up, stale, invalid (between manoeuvres: NOT ASSESSED), over (the flight has ended), or null for no data.
  *     timeline: the strips' clock; with it the gauge turns stale by itself when samples stop.
  *     scale "sqrt" | "linear": spacing of 0..1, as on the risk strip.
@@ -18,7 +18,7 @@
 import { shownState } from "../charts/readout.js";
 import { addDrawer } from "../lib/draw_loop.js";
 import { riskText } from "../lib/numbers.js";
-import { besideOf, FACES, headlineOf, ofSample, worstOf } from "./headline.js";
+import { besideOf, FACES, headlineOf, ofSample, wordOf } from "./headline.js";
 
 const NS = "http://www.w3.org/2000/svg";
 const CENTRE = { x: 170, y: 150 };
@@ -126,14 +126,15 @@ export function createRiskGauge(element, { timeline = null, scale = "sqrt", led 
       return { key, ...WITHOUT[key], level: OVER_LEVELS[level] ?? "", beside: words, assessed: false };
     }
     const late = timeline !== null && timeline.stale(wall);
+    const why = reading.said ?? reading.reason;
     const said = headline ?? headlineOf(ofSample(reading), { stale: late, alarms: 0 });
     const withdrawn = [said.status, ...said.beside].some((one) => one === "stale" || one === "invalid");
     return {
-      key: said.status === "invalid" ? shownState({ state: "invalid", reason: reading.reason }) : said.status,
-      word: worstOf(said, reading.reason),
+      key: said.status === "invalid" ? shownState({ state: "invalid", reason: why }) : said.status,
+      word: wordOf(said.status, why),
       shape: FACES[said.status].shape,
       level: said.level,
-      beside: besideOf(said, reading.reason),
+      beside: said.status === "exceeded" ? firstText(said) : besideOf(said, why),
       stale: said.status === "stale" || said.beside.includes("stale"),
       assessed: !withdrawn && state === "ok" && Number.isFinite(risk),
     };
@@ -213,6 +214,11 @@ function whyOf({ key, stale }, { reason, state, p_value: risk, last = risk, epsi
     return `last sample ${timeline.age(wall).toFixed(0)} s ago${then}`;
   }
   return reason || (state === "ok" ? "the assessment has no p-value" : "");
+}
+
+/** Below the word EXCEEDED, which is wide enough for the dial. */
+function firstText({ exceeded_t: t }) {
+  return Number.isFinite(t) ? `first at ${t.toFixed(2)} s` : "";
 }
 
 function addHatches(svg, id) {

@@ -5,6 +5,7 @@
  *   mappingState(recording) -> {word, level, text}
  *   outcomeOf(key) -> {word, level, mark, text}, outcomeChip(manoeuvre) -> element
  *   verdictOf(manoeuvre) -> as outcomeOf, with what was exceeded and how long before it was warned
+ *   AS_RECORDED   the strips' word for an exceedance of the values as recorded alone
  *   outsideText({outside_exceedances, channels}) -> string    those outside every manoeuvre, or ""
  *   validityWords(manoeuvre) -> {word, level, mark}
  *   requestWords(request) -> string             which manoeuvres, from which trim
@@ -17,6 +18,8 @@ import { h } from "../lib/dom.js";
 import { figure, secondsText } from "../lib/numbers.js";
 import { quantity } from "../lib/units.js";
 import { TRIM_SEGMENT } from "./scoring/source.js";
+
+export const AS_RECORDED = "LIMIT AS RECORDED"; // the strips' mark of an exceedance that is none from trim
 
 const MAPPING_STATES = {
   proposed: { word: "check it", level: "caution", text: "proposed from names and values" },

@@ -15,7 +15,7 @@ from app.messages import Judged, MeasuredExceedance
 from app.store.alarms import StoredAlarm
 from core.monitor import State
 from core.monitor.assessment import REASONS, STATES
-from core.monitor.status import ALARM_LEVELS, Level
+from core.monitor.status import ALARM_LEVELS, BETWEEN, Level
 from tests.app.flights.test_live import Live, Sample
 from tests.support.flying import EPSILON, Flown, exact_monitor, failing_flight, store_with
 from tests.support.oscillator import DT, N_SAMPLES, NY, Array
@@ -316,6 +316,16 @@ def test_a_replay_s_verdict_is_the_recording_s_own(
     found = records(store, [store.flights.end(flight)])[flight].verdict
     assert found is not None
     assert found.text == text
+
+
+def test_a_flight_that_ended_between_manoeuvres_says_that_it_was_there(tmp_path: Path) -> None:
+    store, monitor = store_with(exact_monitor(), tmp_path)
+    flight = store.flights.add({"kind": "scripted"}, monitor, EPSILON)
+    none, zeros = np.full(2, np.nan), np.zeros((2, 6))
+    about = none, none == 0, [0, INVALID], None, ["", BETWEEN]
+    store.flights.append(flight, 0, DT * np.arange(2), zeros, *about)
+    record = records(store, [store.flights.end(flight)])[flight]
+    assert (record.headline.status, record.reason) == ("invalid", BETWEEN)
 
 
 def test_what_a_seek_had_passed_is_said_of_a_flight_that_is_over(tmp_path: Path) -> None:

@@ -296,6 +296,24 @@ class TestThePicture:
         assert nodes(scene)._headline.text == text
         assert tuple(nodes(scene)._ring.colors) == colour
 
+    def test_no_label_is_wider_than_a_narrow_scene(self, scene, clock):
+        facts = Facts(alarm=True, exceeded_t=8.76)
+        show(scene, facts=facts)
+        scene.hold()
+        scene.draw()
+        assert nodes(scene)._headline.text == "ALARM · EXCEEDED at 8.76 s PAUSED"
+        assert "RISK 0.04" in nodes(scene)._readout.content
+        show(
+            scene,
+            state="invalid",
+            p_value=None,
+            alert=None,
+            reason=BETWEEN,
+            facts=facts._replace(stale=True, invalid=True),
+        )
+        scene.draw()
+        assert nodes(scene)._headline.text == "ALARM · STALE · NOT ASSESSED"
+
     def test_nothing_is_invalid_between_manoeuvres(self, scene):
         show(scene, state="invalid", p_value=None, alert=None, reason=BETWEEN)
         scene.draw()

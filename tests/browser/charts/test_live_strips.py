@@ -30,6 +30,7 @@ def test_the_strips_move_on_when_samples_stop(strips: Open) -> None:
 def test_stale_data_shows_a_growing_hatch_the_word_and_what_came_last(strips: Open) -> None:
     page = strips()
     run(page, "h.feed(0, 15, 1000); h.draw(1000)")
+    run(page, "h.chart.push({ ...h.frame(15), y: [NaN, NaN, NaN, NaN, NaN, NaN] }, 1000)")
     keys = ("Ny", "p", "risk")
     came = [readout(page, key) for key in keys]
     grey = [

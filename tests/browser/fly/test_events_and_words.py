@@ -53,6 +53,19 @@ def plain(said: Headline) -> dict[str, Any]:
     return said._asdict() | {"beside": list(said.beside)}
 
 
+def test_a_list_calls_a_flight_between_manoeuvres_as_its_page_does(strips: Open) -> None:
+    invalid = plain(headline(Facts(invalid=True)))
+    flight = invalid | {"progress": "ended", "verdict": None, "reason": BETWEEN}
+    told = strips().evaluate(
+        """async (flight) => {
+          const { resultOf } = await import("/static/js/fly/headline.js");
+          return resultOf(flight);
+        }""",
+        flight,
+    )
+    assert told == {"words": "◆ NOT ASSESSED", "level": "caution"}
+
+
 def test_page_and_scene_word_a_headline_alike(strips: Open) -> None:
     alone = [Headline(status, level) for status, level in LEVELS.items()]
     facts = Facts(alarm=True, stale=True, invalid=True, exceeded_t=8.76)

@@ -5,14 +5,16 @@
  *   createReadings(strips, {rowOf, bar}, {ring, timeline, flight, intake}) -> Readings
  *
  * Readings
- *   show(view, state, age)    state: "ok", "stale", "none", ... of the newest sample; age: its, in words
- *   describe(state, age)
+ *   show(view, state, age)    state: "ok", "stale", "none", ... of the newest sample; age: its [s]
+ *   describe(state, age)      age: in words
  *   valueAt(strip, t)         of the nearest sample; NaN where missing or in a gap
  */
 
 import { put } from "../../lib/dom.js";
 import { magnitudeIn, quantity } from "../../lib/units.js";
 import { createReadout, cursorsText, STATE_WORDS } from "../readout.js";
+
+const FAR = 3000; // samples
 
 export function createReadings(strips, { rowOf, bar }, { ring, timeline, flight, intake }) {
   const readouts = strips.map((strip, k) => createReadout(rowOf[k].readout, strip));
@@ -22,11 +24,12 @@ export function createReadings(strips, { rowOf, bar }, { ring, timeline, flight,
     const cursor = timeline.cursorAt(view);
     const { a, b } = timeline.marks;
     strips.forEach((strip, k) => {
+      const i = state === "stale" ? lastKnown(strip) : last;
       readouts[k].show({
         state,
-        age,
+        age: i < 0 ? NaN : age + ring.time(last) - ring.time(i),
         alert: strip.risk && intake.status.alert,
-        value: last < 0 ? NaN : ring.value(strip.series, last),
+        value: i < 0 ? NaN : ring.value(strip.series, i),
         forecast: last < 0 || strip.forecast === null ? NaN : ring.value(strip.forecast, last),
         lead: flight.lead,
         a: Number.isNaN(a) ? undefined : valueAt(strip, a),
@@ -36,6 +39,15 @@ export function createReadings(strips, { rowOf, bar }, { ring, timeline, flight,
       });
     });
     showBar(view, state, cursor);
+  }
+
+  /** The newest sample that has a value, -1 where none is near. */
+  function lastKnown({ series }) {
+    const newest = ring.count() - 1;
+    for (let i = newest; i >= Math.max(ring.first(), newest - FAR); i--) {
+      if (Number.isFinite(ring.value(series, i))) return i;
+    }
+    return -1;
   }
 
   function showBar(view, state, cursor) {

@@ -52,7 +52,7 @@ export function createStripCanvas(canvas, strip) {
     drawForecast(frame);
     drawTraces(frame);
     if (strip.limit !== null) drawExceedances(frame);
-    for (const flag of frame.flags) if (flag.key === strip.key) drawFlag(frame.x(flag.t), flag.word, frame.width);
+    face.flags(frame);
     face.line(frame.x(frame.now), face.palette.dim, [], 1);
     face.cursors(frame);
     pen.restore();
@@ -123,17 +123,6 @@ export function createStripCanvas(canvas, strip) {
       word("▲", middle, 12, colour);
       lastMark = middle;
     }
-  }
-
-  /** What no sample that is drawn shows: a value as recorded beyond its limit. */
-  function drawFlag(x, text, width) {
-    if (x < 0 || x > width) return;
-    face.line(x, face.palette.alert, [4, 3], 1.5);
-    pen.fillStyle = face.palette.alert;
-    face.triangle(x, true);
-    pen.font = `700 12px ${face.palette.font}`;
-    const half = pen.measureText(text).width / 2 + 4;
-    word(text, Math.min(Math.max(x, half), Math.max(width - half, half)), 24, face.palette.alert);
   }
 
   /** Grey where the monitor assessed nothing. */

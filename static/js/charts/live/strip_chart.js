@@ -139,7 +139,7 @@ export function createStripChart(host, options) {
     if (!same) draw(frame, stale);
     if (moved || wall - drawn.readouts >= READOUT_EVERY) {
       drawn.readouts = wall;
-      readings.show(view, stateNow(), ageText());
+      readings.show(view, stateNow(), Math.max(0, timeline.age(wall)));
     }
     if (wall - drawn.aria >= ARIA_EVERY) {
       drawn.aria = wall;

@@ -11,6 +11,7 @@
  *               manoeuvres: [{start, end, withdrawn}] of its manoeuvres in the chart's time, or null
  *   epsilon     of the risk strip, which is there where it is in `order`
  *   label       what a screen reader calls it
+ *   flags       [{key, t, word}]    moments that are marked in a channel's strip
  *   key         of what is shown: drawn anew, as in other units, its window and cursors are as they were
  *   chosen(item)      a manoeuvre or marker of the lane was pressed
  *   went(event)       the reader asked for an event; by default its time is brought into view
@@ -148,6 +149,7 @@ export function createRecordingChart(host, options) {
       epsilon,
       cursor: timeWindow.cursorAt(view),
       marks: timeWindow.marks,
+      flags: options.flags ?? [],
       wall,
     };
     for (const canvas of canvases) canvas.draw(frame);

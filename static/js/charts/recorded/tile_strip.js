@@ -7,7 +7,7 @@
  * Exports
  *   createTileStrip(canvas, strip) -> {draw(frame), resize(width, height, ratio), setPalette(p)}
  *     strip: {key, axis, limit, risk}
- *     frame: {traces: [Piece | null], x, width, bands, ticks, epsilon, cursor, marks, wall}
+ *     frame: {traces: [Piece | null], x, width, bands, ticks, epsilon, cursor, marks, flags, wall}
  *   pieceOf({set, manoeuvres}, {view, x, step}) -> Piece | null    the bins of a set in the window, once
  *     for all strips; manoeuvres: [{start, end}] of its manoeuvres, or null where all counts
  */
@@ -41,6 +41,7 @@ export function createTileStrip(canvas, strip) {
       pen.fillStyle = face.palette.alert;
       drawBeyond(pen, y, pieces[0], strip.limit, face.triangle);
     }
+    face.flags(frame);
     face.cursors(frame);
     pen.restore();
     face.labels(frame.epsilon);

@@ -4,13 +4,14 @@
  * Exports
  *   eventsOf(scoring) -> [{t, text, level, manoeuvre}]     manoeuvre: its number;
  *       none outside of every manoeuvre
+ *   flagsOf(scoring) -> [{key, t, word}]    exceedances as recorded alone, as a chart marks them
  *   manoeuvresOf(scoring, offset) -> [{start, end, withdrawn}]    as a chart takes them
  *   laneOf(manoeuvres, {row, offset, id}) -> [item]       for a chart's lane
  */
 
 import { riskText, secondsText } from "../../lib/numbers.js";
 import { quantity } from "../../lib/units.js";
-import { verdictOf } from "../words.js";
+import { AS_RECORDED, verdictOf } from "../words.js";
 
 export function eventsOf({ manoeuvres, outside_exceedances: outside, channels, epsilon }) {
   return [
@@ -65,6 +66,11 @@ function ofManoeuvre(
     });
   }
   return events;
+}
+
+export function flagsOf({ manoeuvres }) {
+  const raw = manoeuvres.map(({ recorded_exceedance: found }) => found).filter(Boolean);
+  return raw.map(({ t, channel }) => ({ key: channel, t, word: AS_RECORDED }));
 }
 
 export function manoeuvresOf({ manoeuvres }, offset = 0) {

@@ -14,7 +14,7 @@ import { startFlight } from "../../lib/start_flight.js";
 import { button, empty, errorLine, link, pageOf } from "../../lib/view_states.js";
 import { createNotesPanel, laneOfMarkers } from "../notes_panel.js";
 import { outsideText, trimText, verdictOf } from "../words.js";
-import { eventsOf, laneOf, manoeuvresOf } from "./events.js";
+import { eventsOf, flagsOf, laneOf, manoeuvresOf } from "./events.js";
 import { scoringFacts } from "./facts.js";
 import { createSensorTable, sensorChip } from "./sensor_table.js";
 import { readScoring, scoringSource, stripOrder } from "./source.js";
@@ -99,6 +99,7 @@ export function showScoring(element, { id, query, api, navigate }) {
         order: stripOrder(scoring.channels),
         sources: [{ ...scoringSource(api, scoring), manoeuvres: manoeuvresOf(scoring) }],
         epsilon: scoring.epsilon,
+        flags: flagsOf(scoring),
         label: `${recording.name} as ${scoring.monitor_name} assessed it`,
         key: scoring.id,
         chosen: (item) =>
