@@ -33,6 +33,7 @@ const ITEMS = [
 ];
 const LATE = 300; // ms
 const CAUTION = "◆ ";
+const LONG = 32; // letters of a status, from which on it takes two lines
 
 export function createStatusStrip(element) {
   element.classList.add("status-strip");
@@ -69,6 +70,7 @@ export function createStatusStrip(element) {
     if (result) show("state", result.words, result.level);
     else if (headline === null) show("state", "–", "off");
     else show("state", textOf(headline, reason), LEVEL_OF[headline.level]);
+    items.state.box.toggleAttribute("data-long", items.state.value.textContent.length > LONG);
     show("link", ...linkOf(live, link));
     show("utc", figures.utc === null ? "–" : figures.utc.toISOString().slice(11, 19));
     if (!live) show("age", "over", "off");
