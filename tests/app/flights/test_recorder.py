@@ -184,11 +184,11 @@ def test_a_flight_whose_record_is_refused_is_not_completed_until_it_is_taken() -
         fill(again, 7)
         with pytest.raises(StoreError):
             await again.complete("ended")
-        await again.complete("ended")
+        await again.complete("ended", 8.76)
         assert (again.unwritten, again.lost) == (0, 0)
 
     asyncio.run(refused_then_taken())
-    assert store.notes == [("f", "ended")]
+    assert store.notes == [("f", "ended", 8.76)]
 
 
 def test_what_the_store_refuses_to_the_last_is_counted_as_lost() -> None:
