@@ -263,8 +263,11 @@ def _sideslip(signals: _Signals) -> tuple[SensorCheck, SensorCheck, SensorCheck]
     lateral = SensorCheck("Ny", ("beta", "r", "p", "phi", "V"))
     speed = SensorCheck("V", ("beta", "r", "p", "Ny", "phi"))
     if lacking := signals.lacks(beta):
-        others = (replace(each, unchecked=signals.lacks(each)) for each in (lateral, speed))
-        return replace(beta, unchecked=lacking), *others
+        return (
+            replace(beta, unchecked=lacking),
+            replace(lateral, unchecked=signals.lacks(lateral)),
+            replace(speed, unchecked=signals.lacks(speed)),
+        )
     smooth = signals.smoothing.value
     per_g = GRAVITY / signals.raw("V") if signals.mean_speed else GRAVITY
     force = per_g * signals.raw("Ny")

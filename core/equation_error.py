@@ -46,7 +46,7 @@ class SmoothedSignal(NamedTuple):
     noise: float
 
 
-DIFFERENCES = np.array([1.0, -8.0, 0.0, 8.0, -1.0]) / 12.0
+DIFFERENCES: Array = np.array([1.0, -8.0, 0.0, 8.0, -1.0]) / 12.0
 """Of samples two before to two behind, the derivative up to (omega dt)^4 / 30."""
 
 
@@ -57,9 +57,10 @@ def smoothing_window(dt: float, width_s: float = WIDTH_S) -> tuple[Array, Array]
     """
     reach = max(2, round(0.5 * width_s / dt))
     u = np.arange(-reach, reach + 1) / (reach + 1)
-    smooth = (1.0 - u * u) ** 2
+    smooth: Array = (1.0 - u * u) ** 2
     smooth /= smooth.sum()
-    return np.pad(smooth, 2), np.convolve(smooth, DIFFERENCES[::-1] / dt)
+    slope = np.convolve(smooth, DIFFERENCES[::-1] / dt)
+    return np.pad(smooth, 2), slope
 
 
 class Smoothing:

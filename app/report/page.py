@@ -126,14 +126,13 @@ def _with_si(value: float, channel: Channel) -> str:
 
 
 def _interval(estimate: Mapping[str, float] | None, channel: Channel | None = None) -> str:
-    """`0.95 (0.93 to 0.97)`; in a channel's unit where one is given; a dash for nothing."""
+    """`0.95 (0.93 to 0.97)`; `0.1 (0 to 0.2) g` of a channel; a dash for nothing."""
     if estimate is None:
         return "–"
-    read = channel.read if channel else significant
-    value, low, high = (read(estimate[name]) for name in ("value", "low", "high"))
-    return (
-        f"{value} ({low} to {high})".replace(" ", GLUE).replace(f"{GLUE}(", " (").replace("-", "−")
-    )
+    factor, unit = (channel.display_factor, channel.display_unit) if channel else (1.0, "")
+    value, low, high = (significant(factor * estimate[name]) for name in ("value", "low", "high"))
+    text = f"{value} ({low} to {high}) {unit}".strip()
+    return text.replace(" ", GLUE).replace(f"{GLUE}(", " (").replace("-", "−")
 
 
 def _delay(estimate: Mapping[str, float] | None) -> str:

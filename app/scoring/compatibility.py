@@ -24,9 +24,11 @@ def compatibility(traces: Traces) -> tuple[SensorCheck, ...]:
     traces: repaired.
     """
     channels = {
-        key: traces.channels[key]
+        key: trace
         for key in NAMES
-        if key in traces.channels and not (key in RATES and traces.channels[key].derived)
+        if (trace := traces.channels.get(key)) is not None
+        and np.isfinite(trace.values).any()
+        and not (key in RATES and trace.derived)
     }
     leader = next((channels[key] for key in LEADERS if key in channels), None)
     apart = np.full(round(CORRELATED_S / STEP), np.nan)

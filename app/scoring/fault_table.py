@@ -233,7 +233,7 @@ def _found(
 
 def _repaired(flight: RecordedFlight) -> RepairedTraces:
     n = len(flight.channels["beta"])
-    t = flight.dt * np.arange(n)
+    t: Array = flight.dt * np.arange(n, dtype=np.float64)
     return repair(Traces({key: Trace(t, x, source=key) for key, x in flight.channels.items()}))
 
 

@@ -4,8 +4,10 @@ from collections.abc import Iterator, Sequence
 
 from app.scoring.outcome import RecordedExceedance
 from app.scoring.scored import OBSERVATIONS, ScoredManoeuvre, ScoredRecording
+from app.telemetry.targets import TARGETS
 from core.channels import BY_KEY, CHANNELS
 from core.compatibility import SensorCheck
+from core.equation_error import Estimate
 from core.monitor import Monitor
 from core.monitor.flown_input import amplitude_in_words
 
@@ -40,19 +42,25 @@ def sensors(checks: Sequence[SensorCheck]) -> list[str]:
         return []
     lines = ["Data compatibility, 95 % intervals:"]
     for check in checks:
-        read = {
-            "scale": lambda number: f"{number:.3f}",
-            "bias": BY_KEY[check.channel].read if check.channel in BY_KEY else str,
-            "delay": lambda number: f"{number:.3f} s",
-        }
+        channel = TARGETS[check.channel]
+        read = (
+            ("scale", check.scale, 1.0, ""),
+            ("bias", check.bias, channel.display_factor, f" {channel.display_unit}"),
+            ("delay", check.delay, 1.0, " s"),
+        )
         told = [
-            f"{name} {words(estimate.value)} ({words(estimate.low)} to {words(estimate.high)})"
-            for name, words in read.items()
-            if (estimate := getattr(check, name)) is not None
+            f"{name} {_interval(estimate, factor, unit)}"
+            for name, estimate, factor, unit in read
+            if estimate
         ]
         lines.append(f"  {check.title}: {', '.join(told) or f'not checked: {check.unchecked}'}")
         lines += [f"    {remark}" for remark in check.remarks]
     return lines
+
+
+def _interval(estimate: Estimate, factor: float, unit: str) -> str:
+    value, low, high = (f"{factor * number:.3f}" for number in estimate)
+    return f"{value} ({low} to {high}){unit}"
 
 
 def _outcome(manoeuvre: ScoredManoeuvre) -> str:

@@ -187,6 +187,7 @@ def test_results_are_printed_as_json_also_of_another_limit(tmp_path: Path, monke
         told = answer(command, "m.fwm", "flight.csv")
         (manoeuvre,) = told["scorings"][0]["manoeuvres"]
         assert manoeuvre["exceedance"]["channel"] == "Ny"
+        assert told["scorings"][0]["compatibility"][0]["unchecked"] == "without bank angle"
         assert all(Path(name).exists() for name in told["files"])
     study = answer(*small_study(tmp_path / "out", *LEAST, "--limit", "beta_deg=5.5"))
     assert "predicted |beta|" in study["methods"]

@@ -107,7 +107,7 @@ def test_where_the_channels_come_from_and_how_sure_that_is(subject: ReportSubjec
 def test_sensors_against_each_other_are_told_with_their_intervals(subject: ReportSubject) -> None:
     html = report(subject).replace("\N{NO-BREAK SPACE}", " ")
     assert "<td>0.8 (0.78 to 0.82)</td>" in html
-    assert "0.573 deg/s (−0.573 deg/s to 1.72 deg/s)" in html
+    assert "0.573 (−0.573 to 1.72) deg/s" in html
     assert "◇ roll rate reads 0.80 times." in html
     assert "not checked: without heading" in html
     assert "sensors differ from each other by kinematics" in html

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from app.scoring.compatibility import compatibility
+from app.scoring.verdict import sensors
 from app.telemetry.timing.repair import repair
 from app.telemetry.traces import Trace, Traces
 from core.compatibility import SensorCheck
@@ -25,6 +26,23 @@ def test_a_real_record_agrees_but_for_its_vane_ahead_of_the_centre_of_gravity() 
         assert told is not None
         assert abs(told.value - scale) < 0.01
     assert checks["r"].unchecked == "without heading"
+
+
+def test_it_is_printed_a_line_a_comparison_and_a_remark() -> None:
+    lines = sensors(compatibility(repair(record("attas_rud1")).traces))
+    assert [line.split(":")[0].strip() for line in lines] == [
+        "Data compatibility, 95 % intervals",
+        "roll rate against the slope of bank angle",
+        "yaw rate against the slope of heading",
+        "sideslip against yaw rate",
+        "sideslip is 0.10 s late (0.09 to 0.11 s) against yaw rate, or measured 13 m ahead of the "
+        "centre of gravity",
+        "lateral acceleration against the balance of sideslip",
+        "airspeed against the balance of sideslip",
+    ]
+    assert "bias 0.05" in lines[1]
+    assert lines[1].endswith(" s")
+    assert lines[2].endswith("not checked: without heading")
 
 
 def test_what_was_derived_from_the_attitude_is_not_compared_with_it() -> None:
@@ -56,3 +74,5 @@ def test_a_recording_of_nothing_that_can_be_compared_says_so() -> None:
     t = np.arange(0.0, 10.0, 0.05)
     checks = checked(Traces({"Ny": Trace(t, np.sin(t))}))
     assert all(check.unchecked.startswith("without") for check in checks.values())
+    checks = checked(Traces({"p": Trace(t, np.sin(t)), "phi": Trace(t, np.full(len(t), np.nan))}))
+    assert checks["p"].unchecked == "without bank angle"
