@@ -1,6 +1,7 @@
 """The report in a real Chromium: on paper nothing is cut off, and its pages are whole."""
 
 import re
+import zlib
 from typing import Any
 
 import pytest
@@ -62,6 +63,56 @@ def test_nothing_reaches_over_the_edge_of_the_paper(paper: Page) -> None:
     assert cut == []
 
 
+TORN = """() => {
+    const torn = [], range = document.createRange();
+    for (const cell of document.querySelectorAll("td, th")) {
+        const texts = document.createTreeWalker(cell, NodeFilter.SHOW_TEXT);
+        while (texts.nextNode()) {
+            const { currentNode: text } = texts;
+            for (const { 0: word, index } of text.data.matchAll(/[^\\s-]{1,24}/g)) {
+                range.setStart(text, index);
+                range.setEnd(text, index + word.length);
+                const tops = [...range.getClientRects()].map(({ top }) => Math.round(top));
+                if (new Set(tops).size > 1) torn.push(word);
+            }
+        }
+    }
+    return torn;
+}"""
+"""Words of tables that go on in another line."""
+
+
+def test_no_word_of_a_table_is_torn(paper: Page) -> None:
+    assert "withdrawn" in paper.locator(".manoeuvres").inner_text()
+    assert paper.evaluate(TORN) == []
+
+
+def words_by_page(pdf: bytes) -> list[int]:
+    """How many pieces of text each page of Chromium's PDF shows."""
+    objects = dict(re.findall(rb"\n(\d+) 0 obj\n(.*?)\nendobj", pdf, re.DOTALL))
+    pages = [body for body in objects.values() if re.search(rb"/Type\s*/Page\b(?!s)", body)]
+    shown = []
+    for page in pages:
+        (number,) = re.findall(rb"/Contents (\d+) 0 R", page)
+        content = objects[number].partition(b"stream\n")[2]
+        shown.append(len(re.findall(rb"T[jJ]\b", zlib.decompressobj().decompress(content))))
+    return shown
+
+
+def test_no_page_before_the_first_manoeuvre_is_nearly_blank(page: Page, dataset: Dataset) -> None:
+    start = manoeuvre(0, "false_alert")["start"]
+    flown = manoeuvre(
+        0,
+        "false_alert",
+        alerts=[[start + 0.1 * k, start + 0.1 * k + 0.05] for k in range(2)],
+        remarks=["it was flown as nobody had planned it"] * 16,
+    )
+    page.set_content(report(subject_of(train(dataset, MonitorRecipe()), [flown])))
+    *before, _ = words_by_page(page.pdf(prefer_css_page_size=True))
+    assert len(before) > 1
+    assert min(before) > max(before) / 2
+
+
 def test_every_word_of_a_picture_lies_within_it(paper: Page) -> None:
     outside = paper.evaluate(
         """() => [...document.querySelectorAll(".chart text")].filter((text) => {
@@ -77,7 +128,7 @@ def test_every_word_of_a_picture_lies_within_it(paper: Page) -> None:
 
 def test_a_manoeuvre_is_not_torn_apart_and_the_table_says_its_columns_again(paper: Page) -> None:
     style = """(element, name) => getComputedStyle(element)[name]"""
-    for section in paper.locator("section").all():
+    for section in paper.locator("section:not(.first), .together").all():
         assert section.evaluate(style, "breakInside") == "avoid"
     heights = paper.evaluate("[...document.querySelectorAll('section')].map((s) => s.offsetHeight)")
     assert max(heights) < PAPER["height"]
