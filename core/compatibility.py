@@ -46,6 +46,14 @@ MOST_NOISE = 0.5
 """Share of noise in the motion that a scale is taken from beyond which that was too little."""
 
 
+TOLERANCES = (
+    f"remarked on where all of an interval is beyond: a scale farther from 1 than "
+    f"{SCALE_TOLERANCE['beta']:g}, of accelerometer and airspeed {SCALE_TOLERANCE['V']:g}; a delay "
+    f"of {DELAY_TOLERANCE_S:g} s; a bias of a rate of {np.degrees(RATE_TOLERANCE):.2g} deg/s"
+)
+"""What is beyond tolerance, in words."""
+
+
 @dataclass(frozen=True, eq=False)
 class SensorReadings:
     """What was recorded, on an even grid; NaN where nothing was, and between separate windows.

@@ -19,6 +19,7 @@ from app.telemetry.mapping.proposal import propose
 from app.telemetry.recording import TelemetryError
 from app.telemetry.timing.quality import Quality
 from app.telemetry.traces import Traces
+from core.compatibility import TOLERANCES
 
 BLOCK = 2**18
 """Values looked at together."""
@@ -107,7 +108,8 @@ def plain_quality(quality: Quality) -> dict[str, Any]:
 def quality_of(scored: ScoredRecording) -> dict[str, Any]:
     """Quality of a recording that was scored, with whether its sensors agree."""
     checks = [check.to_plain() for check in scored.compatibility]
-    return plain_quality(scored.quality) | {"compatibility": plain(checks)}
+    told = {"compatibility": plain(checks), "compatibility_tolerances": TOLERANCES}
+    return plain_quality(scored.quality) | told
 
 
 def plain(content: Any) -> Any:

@@ -92,6 +92,7 @@ def report(subject: ReportSubject) -> str:
         ),
         faults=figures.faults(quality),
         sensors=(quality or {}).get("compatibility", []),
+        tolerances=(quality or {}).get("compatibility_tolerances", ""),
         overview=figures.overview(subject.samples, manoeuvres, limits, epsilon),
         sections=[
             (

@@ -6,7 +6,7 @@ from app.scoring.outcome import RecordedExceedance
 from app.scoring.scored import OBSERVATIONS, ScoredManoeuvre, ScoredRecording
 from app.telemetry.targets import TARGETS
 from core.channels import BY_KEY, CHANNELS
-from core.compatibility import SensorCheck
+from core.compatibility import TOLERANCES, SensorCheck
 from core.equation_error import Estimate
 from core.monitor import Monitor
 from core.monitor.flown_input import amplitude_in_words
@@ -40,7 +40,7 @@ def sensors(checks: Sequence[SensorCheck]) -> list[str]:
     """Whether the sensors of a recording agree, a line each comparison and each remark."""
     if not checks:
         return []
-    lines = ["Data compatibility, 95 % intervals:"]
+    lines = [f"Data compatibility, 95 % intervals; {TOLERANCES}:"]
     for check in checks:
         channel = TARGETS[check.channel]
         read = (

@@ -81,6 +81,7 @@ def subject_of(monitor: Monitor, manoeuvres: Sequence[dict[str, Any]]) -> Report
             "monitor_name": "oscillator", "monitor_digest": "ef" * 32, "manoeuvres": manoeuvres,
             "outside_exceedances": [],
             "quality": {
+                "compatibility_tolerances": "remarked on beyond 0.1",
                 "compatibility": [
                     {
                         "channel": "p", "title": "roll rate against the slope of bank angle",

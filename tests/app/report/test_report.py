@@ -109,6 +109,7 @@ def test_sensors_against_each_other_are_told_with_their_intervals(subject: Repor
     assert "<td>0.8 (0.78 to 0.82)</td>" in html
     assert "0.573 (−0.573 to 1.72) deg/s" in html
     assert "◇ roll rate reads 0.80 times." in html
+    assert "They change no verdict; remarked on beyond 0.1." in html
     assert "not checked: without heading" in html
     assert "sensors differ from each other by kinematics" in html
     quality = {**subject.scoring["quality"]}

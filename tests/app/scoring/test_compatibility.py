@@ -31,7 +31,7 @@ def test_a_real_record_agrees_but_for_its_vane_ahead_of_the_centre_of_gravity() 
 def test_it_is_printed_a_line_a_comparison_and_a_remark() -> None:
     lines = sensors(compatibility(repair(record("attas_rud1")).traces))
     assert [line.split(":")[0].strip() for line in lines] == [
-        "Data compatibility, 95 % intervals",
+        "Data compatibility, 95 % intervals; remarked on where all of an interval is beyond",
         "roll rate against the slope of bank angle",
         "yaw rate against the slope of heading",
         "sideslip against yaw rate",

@@ -29,6 +29,7 @@ export function createSensorTable({ quality, channels }) {
         "sensors against each other by kinematics, 95 % intervals; they change no verdict",
       ),
     ),
+    h("p", { class: "hint" }, `${quality.compatibility_tolerances}.`),
     h(
       "div",
       { class: "table-scroll" },
