@@ -4,6 +4,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from itertools import chain
 from typing import Any
 
+from app.scoring.outcome import verdict_of
 from app.telemetry.mapping.derivations import DERIVATIONS
 from app.telemetry.targets import TARGETS
 from core.channels import KEYS
@@ -21,7 +22,7 @@ OUTCOMES = {
     "invalid": ("▨", "invalid, no verdict", "invalid"),
     "unknown": ("?", "unknown: the monitor's limits are not known", "caution"),
 }
-"""Sign, words and level of each outcome."""
+"""Sign, words and level of each outcome; see outcome_of."""
 TELLING = (
     "missed",
     "late_alert",
@@ -38,12 +39,27 @@ MOST_DRAWN = 100
 MOST_NOTES = 40
 
 
+def outcome_of(manoeuvre: Plain) -> tuple[str, str, str]:
+    """Sign, words and level of what came of a manoeuvre; an exceedance is said first."""
+    sign, words, level = OUTCOMES[manoeuvre["outcome"]]
+    said = verdict_of(manoeuvre)
+    if not said:
+        return sign, words, level
+    if manoeuvre["exceedance"] is None:
+        return sign, f"{said}; {words}", "caution" if level == "good" else level
+    return sign, said, "caution" if manoeuvre["outcome"] == "timely_alert" else "bad"
+
+
 def headline(manoeuvres: Sequence[Plain], outside: Sequence[Plain] = ()) -> tuple[str, str]:
     """Level and words of the whole flight; the worst that happened comes first.
 
     outside: exceedances in none of the manoeuvres.
     """
     level, words = _of_manoeuvres(manoeuvres)
+    if any(manoeuvre.get("recorded_exceedance") for manoeuvre in manoeuvres):
+        level = "caution" if level == "good" else level
+        words = words.replace("No limit was exceeded", "No limit was exceeded from trim")
+        words = f"{words}; a limit was exceeded as recorded, not from trim"
     if not outside:
         return level, words
     level = "caution" if level == "good" else level

@@ -165,6 +165,7 @@ TEMPLATES.filters |= {
     "counted": _counted,
     "interval": _interval,
     "delay": _delay,
+    "outcome_of": facts.outcome_of,
     "amplitude_of": lambda s: amplitude_of(s["outcome"], s.get("amplitude")),
     "short": lambda name: name if len(name) <= MOST_LETTERS else f"{name[:MOST_LETTERS]}…",
     "kind": kind_label,

@@ -2,11 +2,12 @@
 
 import re
 from dataclasses import replace
+from typing import Any
 from xml.etree import ElementTree
 
 import pytest
 
-from app.report.facts import MOST_NOTES, OUTCOMES, alerts, drawn, headline, notes
+from app.report.facts import MOST_NOTES, OUTCOMES, alerts, drawn, headline, notes, outcome_of
 from app.report.page import report
 from app.report.subject import ReportSubject
 from core.dataset import Dataset
@@ -39,6 +40,40 @@ def test_it_needs_no_other_file_and_runs_nothing(subject: ReportSubject) -> None
     assert re.findall(r"url\((?!#hatch\))|@import", html) == []
     assert "<script" not in html
     assert 'id="hatch"' in html
+
+
+RAW = QUIET | {"recorded_exceedance": exceedance(2)}
+
+
+@pytest.mark.parametrize(
+    ("given", "level", "words"),
+    [
+        (WARNED, "caution", "LIMIT EXCEEDED, warned 0.50 s before"),
+        (MISSED, "bad", "LIMIT EXCEEDED, no warning"),
+        (
+            INVALID | {"exceedance": exceedance(3)},
+            "bad",
+            "LIMIT EXCEEDED, INVALID, no verdict",
+        ),
+        (QUIET, "good", "no alert, no limit exceeded"),
+        (
+            RAW,
+            "caution",
+            "LIMIT EXCEEDED as recorded, not from trim; no alert, no limit exceeded",
+        ),
+    ],
+)
+def test_an_exceedance_has_the_words_that_it_has_elsewhere(
+    given: dict[str, Any], level: str, words: str
+) -> None:
+    assert outcome_of(given)[1:] == (words, level)
+
+
+def test_what_was_exceeded_as_recorded_alone_is_not_good() -> None:
+    level, words = headline([RAW])
+    assert level == "caution"
+    assert words.startswith("No limit was exceeded from trim")
+    assert words.endswith("a limit was exceeded as recorded, not from trim")
 
 
 def test_its_pictures_are_whole(subject: ReportSubject) -> None:
