@@ -78,8 +78,7 @@ def _record(
     reason: str,
 ) -> Record:
     """last, reason: code of the state of its newest sample, and why."""
-    exceeded = [alarm.t for alarm in alarms if alarm.kind == "limit"]
-    exceeded += [] if info.exceeded_t is None else [info.exceeded_t]
+    exceeded = _exceeded(info, alarms)
     facts = Facts(
         alarm=_waits(alarms, Level.WARNING),
         caution=_waits(alarms, Level.CAUTION),
@@ -159,8 +158,8 @@ def _of_recording(
     alarms: Sequence[StoredAlarm],
 ) -> Verdict:
     """The worst verdict of the exceedances that a replay has come to."""
-    known = [alarm.t for alarm in alarms if alarm.kind == "limit"]
-    reached = max([*known, *([] if info.exceeded_t is None else [info.exceeded_t])])
+    known = _exceeded(info, alarms)
+    reached = max(known)
     by_trim = [m for m in manoeuvres if m["exceedance"] and m["exceedance"]["t"] <= reached + dt]
     if by_trim:
         worst = min(by_trim, key=lambda m: (_rank(m["outcome"]), m["exceedance"]["t"]))
@@ -169,7 +168,13 @@ def _of_recording(
     if (first := first_exceedance(alarms)) is not None:
         return Verdict(exceeded_t=first.t, lead=None, text=OUTSIDE)
     text = exceedance_verdict("quiet", None, exceeded=False, recorded=True)
-    return Verdict(exceeded_t=min([*known, reached]), lead=None, text=text)
+    return Verdict(exceeded_t=min(known), lead=None, text=text)
+
+
+def _exceeded(info: FlightInfo, alarms: Sequence[StoredAlarm]) -> list[float]:
+    """Times of the exceedances that a flight has come to [s]."""
+    exceeded = [alarm.t for alarm in alarms if alarm.kind == "limit"]
+    return exceeded if info.exceeded_t is None else [*exceeded, info.exceeded_t]
 
 
 def _rank(word: Outcome) -> int:

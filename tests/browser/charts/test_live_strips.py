@@ -47,6 +47,14 @@ def test_stale_data_shows_a_growing_hatch_the_word_and_what_came_last(strips: Op
     assert page.locator(".strip-toolbar .chip").inner_text() == "STALE"
 
 
+def test_a_page_that_opens_is_given_a_second_before_it_calls_anything_stale(strips: Open) -> None:
+    page = strips()
+    run(page, "h.timeline.begin(1000); h.feed(0, 1, 1000); h.draw(1900)")
+    assert readout(page, "p", "state") == ""
+    run(page, "h.draw(2100)")
+    assert readout(page, "p", "state") == "STALE"
+
+
 def test_a_paused_flight_is_not_stale(strips: Open) -> None:
     page = strips()
     run(page, "h.feed(0, 15, 1000); h.chart.setTransport({ playing: false }, 1000); h.draw(60000)")

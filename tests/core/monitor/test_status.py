@@ -16,8 +16,12 @@ from core.monitor.status import (
 )
 
 T = 8.76
-CHOICES = {name: (None, T) if name == "exceeded_t" else (False, True) for name in Facts._fields}
-EVERY = [Facts(*values) for values in product(*CHOICES.values())]
+FLAGS = [name for name in Facts._fields if name != "exceeded_t"]
+EVERY = [
+    Facts(exceeded_t=exceeded_t)._replace(**dict(zip(FLAGS, values, strict=True)))
+    for values in product((False, True), repeat=len(FLAGS))
+    for exceeded_t in (None, T)
+]
 WORST_FIRST = (
     "exceeding",
     "alarm",
