@@ -24,6 +24,7 @@ from app.telemetry.targets import TARGETS
 from app.telemetry.units import choices
 from core import __version__
 from core.amplitude import WANTED_SHARE
+from core.bounds import bounds_of
 from core.channels import CHANNELS
 from core.collection import DatasetRecipe
 from core.monitor import MonitorRecipe
@@ -150,7 +151,7 @@ def schema_of(member: Any) -> dict[str, Any]:
     described = descriptions(kind)
     for field in fields(member):
         value, words = getattr(member, field.name), described.get(field.name, "")
-        entry = _property(known[field.name], value)
+        entry = _property(known[field.name], value) | _bounds(kind, field.name)
         entry |= {"title": title_of(field.name, words), "default": to_plain(value)}
         entry["description"] = words or entry.get("description", "")
         if unit := unit_of(field.name, "" if isinstance(value, tuple) else words):
@@ -214,6 +215,12 @@ def unit_of(name: str, description: str) -> str:
 def first_line(kind: type) -> str:
     """What a class is, in its docstring's first paragraph."""
     return " ".join(cleandoc(kind.__doc__ or "").partition("\n\n")[0].split())
+
+
+def _bounds(kind: type, name: str) -> dict[str, float]:
+    """What a parameter may be, as its recipe checks it."""
+    bounds = bounds_of(kind).get(name)
+    return {} if bounds is None else bounds.as_schema
 
 
 def _property(schema: dict[str, Any], value: Any) -> dict[str, Any]:

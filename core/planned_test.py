@@ -1,12 +1,13 @@
 """The planned test: a manoeuvre on an uncertain aircraft, what unsafe means, its simulation."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from math import radians
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
 import numpy as np
 
+from core.bounds import Bounds, check_bounds
 from core.channels import KEYS
 from core.simulation.aircraft import AIRCRAFT, Aircraft
 from core.simulation.control_law import CONTROL_LAWS, ControlLaw, check_usable
@@ -27,6 +28,11 @@ MOST_SAMPLES = 20_000
 """Steps of a rollout, so that a chunk of them stays within memory."""
 
 
+Deviation = Annotated[
+    float, Bounds(least=0, words="a standard deviation is a finite number, 0 or more")
+]
+
+
 @dataclass(frozen=True)
 class SensorNoise:
     """White Gaussian noise on what the monitor sees, 1 sigma a channel in its SI unit.
@@ -34,21 +40,16 @@ class SensorNoise:
     It is not fed back; the specification judges the outputs without it.
     """
 
-    beta: float = 0.0
-    p: float = 0.0
-    r: float = 0.0
-    Ny: float = 0.0
-    delta_a: float = 0.0
-    delta_r: float = 0.0
+    beta: Deviation = 0.0
+    p: Deviation = 0.0
+    r: Deviation = 0.0
+    Ny: Deviation = 0.0
+    delta_a: Deviation = 0.0
+    delta_r: Deviation = 0.0
 
     def __post_init__(self) -> None:
         """Refuse a deviation that is negative or not a number."""
-        for field in fields(self):
-            if not 0 <= getattr(self, field.name) < np.inf:
-                raise ValueError(
-                    f"noise {field.name}={getattr(self, field.name)} was given: a standard "
-                    "deviation is a finite number, 0 or more"
-                )
+        check_bounds(self, "noise ")
 
     def add_to(self, y: Array, rng: np.random.Generator) -> None:
         """Add noise to y (n, n_samples, 6) in place, channel by channel."""
@@ -108,20 +109,20 @@ class DatasetRecipe:
     imperfections: Imperfections = Imperfections()  # noqa: RUF009
     """imperfections of a real flight: what it has besides noise and jitter, drawn anew for each
     rollout."""
-    dt: float = 0.05
+    dt: Annotated[float, Bounds(above=0)] = 0.05
     """sample interval of the telemetry [s]."""
-    substeps: int = 1
+    substeps: Annotated[int, Bounds(least=1)] = 1
     """substeps of a sample: parts of its interval after which limits are checked; an exceedance
     between two samples then counts at the later one."""
-    n_unsafe: int = 50
+    n_unsafe: Annotated[int, Bounds(least=2)] = 50
     """unsafe rollouts to collect."""
-    n_obs: int = 50
+    n_obs: Annotated[int, Bounds(least=1)] = 50
     """observation times kept of each safe rollout."""
-    seed: int = 0
+    seed: Annotated[int, Bounds(least=0)] = 0
     """seed of every random draw: the same recipe makes the same dataset."""
-    max_rollouts: int = 1_000_000
+    max_rollouts: Annotated[int, Bounds(least=1)] = 1_000_000
     """budget of rollouts: a collection that cannot end within it stops early."""
-    max_safe: int = 50_000
+    max_safe: Annotated[int, Bounds(least=1)] = 50_000
     """safe rollouts kept: the first ones; more are counted only."""
 
     def __post_init__(self) -> None:
@@ -137,18 +138,7 @@ class DatasetRecipe:
                 f"a rollout of {n_samples} samples in {self.substeps} substeps was asked for: at "
                 f"most {MOST_SAMPLES} steps fit, choose a larger dt or a shorter manoeuvre"
             )
-        for name, lowest in {
-            "substeps": 1,
-            "n_unsafe": 2,
-            "n_obs": 1,
-            "seed": 0,
-            "max_rollouts": 1,
-            "max_safe": 1,
-        }.items():
-            if getattr(self, name) < lowest:
-                raise ValueError(
-                    f"{name}={getattr(self, name)} was given: it must be at least {lowest}"
-                )
+        check_bounds(self)
         if self.n_obs > n_samples:
             raise ValueError(
                 f"n_obs={self.n_obs} was given: a rollout has {n_samples} samples, choose fewer "

@@ -1,12 +1,18 @@
 """What unsafe means: the first exceedance of each trajectory of a batch."""
 
 from dataclasses import asdict, dataclass
+from typing import Annotated
 
 import numpy as np
 
+from core.bounds import Bounds, check_bounds
 from core.channels import KEYS
 from core.kernels.exceedance import first_exceedance
 from core.types import Array, Indices
+
+Magnitude = Annotated[
+    float | None, Bounds(above=0, words="a limit is a positive, finite magnitude")
+]
 
 
 @dataclass(frozen=True)
@@ -16,23 +22,18 @@ class Limits:
     One optional limit a channel, in the channel's SI unit (N_y in g). The default is the paper's.
     """
 
-    beta: float | None = None
-    p: float | None = None
-    r: float | None = None
-    Ny: float | None = 0.5
-    delta_a: float | None = None
-    delta_r: float | None = None
+    beta: Magnitude = None
+    p: Magnitude = None
+    r: Magnitude = None
+    Ny: Magnitude = 0.5
+    delta_a: Magnitude = None
+    delta_r: Magnitude = None
 
     def __post_init__(self) -> None:
         """Refuse limits that every flight exceeds, or none."""
-        given = {key: limit for key, limit in asdict(self).items() if limit is not None}
-        if not given:
+        if all(limit is None for limit in asdict(self).values()):
             raise ValueError("no limit was given: set at least one channel's, for example Ny=0.5")
-        for key, limit in given.items():
-            if not 0 < limit < np.inf:
-                raise ValueError(
-                    f"{key} limit {limit} was given: a limit is a positive, finite magnitude"
-                )
+        check_bounds(self, "limit ")
 
     @property
     def magnitudes(self) -> Array:

@@ -5,9 +5,11 @@ from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from functools import partial
+from typing import Annotated
 
 import numpy as np
 
+from core.bounds import Bounds, check_bounds
 from core.channels import KEYS
 from core.collection import DatasetRecipe, Rollouts, Simulator, collect
 from core.dataset import Dataset
@@ -52,16 +54,14 @@ class StudyRecipe:
     monitor: MonitorRecipe = MonitorRecipe(calibration="pointwise", scaling="raw")  # noqa: RUF009
     """settings of the monitors: every choice but predictor and score. The defaults are the
     paper's."""
-    n_monitors: int = 10
+    n_monitors: Annotated[int, Bounds(least=1)] = 10
     """monitors of each method: each from a dataset of its own."""
-    n_test: int = 500
+    n_test: Annotated[int, Bounds(least=1)] = 500
     """fresh test flights of each monitor."""
 
     def __post_init__(self) -> None:
         """Refuse a study without monitors or flights."""
-        for name in ("n_monitors", "n_test"):
-            if getattr(self, name) < 1:
-                raise ValueError(f"{name}={getattr(self, name)} was given: it must be at least 1")
+        check_bounds(self)
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,24 +1,25 @@
 """The recipe of a monitor: every choice that training makes, and what the form shows."""
 
-import math
 from dataclasses import dataclass
-from typing import Literal, get_args
+from typing import Annotated, Literal, get_args
 
+from core.bounds import Bounds, check_bounds
 from core.monitor.predictor import PREDICTORS, Predictor
 from core.monitor.score import SCORES, Score
 
 Calibration = Literal["trajectory", "pointwise"]
 PValue = Literal["simple", "exact"]
 Scaling = Literal["safe_std", "raw"]
+MISS_RATE = Bounds(above=0, below=1, words="a miss rate lies between 0 and 1")
 
 
 @dataclass(frozen=True)
 class MonitorRecipe:
     """How to train a monitor. The defaults are the method with trajectory calibration."""
 
-    t_early: float = 0.25
+    t_early: Annotated[float, Bounds(above=0, words="the lead must be positive")] = 0.25
     """required warning lead time [s]; the one in effect is the next whole number of samples."""
-    n_delay: int = 2
+    n_delay: Annotated[int, Bounds(least=0, words="it must be 0 or more")] = 2
     """past outputs in an observation: beside the newest one."""
     predictor: Predictor = PREDICTORS["linear"]
     score: Score = SCORES["nearest_neighbor"]
@@ -32,17 +33,12 @@ class MonitorRecipe:
     scaling: Scaling = "safe_std"
     """scaling of the channels: by their standard deviation on safe flights, or none, as in the
     paper; `safe_std` or `raw`."""
-    epsilon: float = 0.1
+    epsilon: Annotated[float, MISS_RATE] = 0.1
     """accepted miss rate epsilon: share of failing flights on which silence is accepted."""
 
     def __post_init__(self) -> None:
         """Refuse what no dataset could make right."""
-        if not 0 < self.t_early < math.inf:
-            raise ValueError(f"t_early={self.t_early} s was given: the lead must be positive")
-        if self.n_delay < 0:
-            raise ValueError(f"n_delay={self.n_delay} was given: it must be 0 or more")
-        if not 0 < self.epsilon < 1:
-            raise ValueError(f"epsilon={self.epsilon} was given: a miss rate lies between 0 and 1")
+        check_bounds(self)
         for name, choices in (
             ("calibration", Calibration),
             ("p_value", PValue),

@@ -1,11 +1,12 @@
 """What a real flight has that its model lacks: gust, instrument errors, inexact inputs."""
 
-from dataclasses import dataclass, fields, replace
-from math import exp, inf, isfinite, radians
-from typing import get_args
+from dataclasses import dataclass, replace
+from math import exp, radians
+from typing import Annotated, get_args
 
 import numpy as np
 
+from core.bounds import NOT_NEGATIVE, Bounds, check_bounds
 from core.channels import KEYS
 from core.kernels.compiled import in_chunks
 from core.kernels.inexact_inputs import InexactInputs, fill_commands
@@ -33,6 +34,10 @@ def channel_array(by_channel: object) -> Array:
     return np.array([getattr(by_channel, key) for key in KEYS], dtype=np.float64)
 
 
+Step = Annotated[float, Bounds(least=0, words="a step is a finite number, 0 or more")]
+NotNegative = Annotated[float, NOT_NEGATIVE]
+
+
 @dataclass(frozen=True)
 class Quantisation:
     """Step between recorded values, by channel, in its SI unit (N_y in g); 0 for none.
@@ -40,21 +45,16 @@ class Quantisation:
     The trim may lie anywhere between two of them.
     """
 
-    beta: float = 0.0
-    p: float = 0.0
-    r: float = 0.0
-    Ny: float = 0.0
-    delta_a: float = 0.0
-    delta_r: float = 0.0
+    beta: Step = 0.0
+    p: Step = 0.0
+    r: Step = 0.0
+    Ny: Step = 0.0
+    delta_a: Step = 0.0
+    delta_r: Step = 0.0
 
     def __post_init__(self) -> None:
         """Refuse a step that is negative or not a number."""
-        for field in fields(self):
-            if not 0 <= getattr(self, field.name) < inf:
-                raise ValueError(
-                    f"quantisation {field.name}={getattr(self, field.name)} was given: a step is a "
-                    "finite number, 0 or more"
-                )
+        check_bounds(self, "quantisation ")
 
     @classmethod
     def of_words(cls, bits: int) -> "Quantisation":
@@ -78,32 +78,32 @@ class Imperfections:
     and true airspeed. `smooth` is 0.3 m/s at any altitude; `light`, `moderate` and `severe` are by
     altitude, below 1000 ft for winds of 15, 30 and 45 kt, above 2000 ft as exceeded with a
     probability of 1e-2, 1e-3 and 1e-5; `given` is by the two numbers that follow."""
-    gust_sigma_deg: float = 0.15
+    gust_sigma_deg: NotNegative = 0.15
     """gust as sideslip: 1 sigma, where it is `given`, or where altitude or airspeed of the aircraft
     are not known."""
-    gust_time_s: float = 4.0
+    gust_time_s: NotNegative = 4.0
     """time constant of the gust: scale length over airspeed, where the gust is given as sideslip;
     of 1750 ft at 133 m/s unless said."""
-    least_height_m: float = 305.0
+    least_height_m: NotNegative = 305.0
     """least height above ground: a model for sea level, a lower one too, has the gusts of this
     height, since tests are not flown near the ground [m]."""
-    gain: float = 0.0
+    gain: NotNegative = 0.0
     """gain error of each channel: standard deviation, normal, as a fraction of its reading, which
     calibration leaves (Maine and Iliff, NASA RP-1168, on instrumentation)."""
-    bias: float = 0.0
+    bias: NotNegative = 0.0
     """bias of each channel: standard deviation, normal, in parts of its noise; what a sensor drifts
     since its trim was taken (NASA RP-1168)."""
-    lag_s: float = 0.0
+    lag_s: NotNegative = 0.0
     """transport lag of each channel: uniform from 0 to this, one channel unlike another; of
     filters, sampling and transmission (NASA RP-1168, on time skews)."""
-    trim_deg: float = 0.0
+    trim_deg: NotNegative = 0.0
     """trim error of each surface: standard deviation, normal, of a constant command beside the one
     that would hold the aircraft in trim."""
-    unsteadiness_deg: float = 0.0
+    unsteadiness_deg: NotNegative = 0.0
     """unsteadiness of each control: standard deviation, normal, of small movements that the pilot
     does not mean, of the other hand's too; they come and go within a second (remnant of the human
     pilot, AGARD-AG-188)."""
-    asymmetry: float = 0.0
+    asymmetry: NotNegative = 0.0
     """asymmetry of the inputs: standard deviation, normal, of the fraction by which commands to one
     side are larger than planned, and those to the other side smaller."""
     quantisation: Quantisation = Quantisation()
@@ -117,12 +117,7 @@ class Imperfections:
                 f"turbulence={self.turbulence!r} was given: choose "
                 f"{', '.join(get_args(Turbulence))}"
             )
-        for field in fields(self):
-            value = getattr(self, field.name)
-            if isinstance(value, int | float) and not (isfinite(value) and value >= 0):
-                raise ValueError(
-                    f"{field.name}={value} was given: it must be a finite number, 0 or more"
-                )
+        check_bounds(self)
         if self.turbulence != "none" and self.gust_time_s == 0:
             raise ValueError("gust_time_s=0 was given: a gust lasts, give a time above zero")
 

@@ -1,10 +1,22 @@
 import re
-from dataclasses import fields
+from dataclasses import fields, replace
 
+import jsonschema_rs
 import pytest
 
-from app.catalog import RECIPES, catalog, descriptions, first_line, schema_of, unit_of
+from app.catalog import (
+    RECIPES,
+    amplitude_request_schema,
+    catalog,
+    dataset_request_schema,
+    descriptions,
+    first_line,
+    monitor_request_schema,
+    schema_of,
+    unit_of,
+)
 from app.labels import CHOICES, KINDS
+from core.bounds import bounds_of
 from core.collection import DatasetRecipe
 from core.recipe import FAMILIES
 from core.simulation.aircraft import AIRCRAFT
@@ -95,6 +107,37 @@ def test_every_parameter_named_in_a_unit_has_it(member):
         ):
             if name.endswith(suffix):
                 assert unit(schema, name) == expected
+
+
+BOUNDED = [DatasetRecipe(), RECIPES["monitor"], RECIPES["study"], Limits(), DatasetRecipe().noise]
+BOUNDED += [DatasetRecipe().imperfections, DatasetRecipe().imperfections.quantisation]
+
+
+@pytest.mark.parametrize("recipe", BOUNDED, ids=lambda recipe: type(recipe).__name__)
+def test_bounds_are_published_as_they_are_checked(recipe):
+    properties, every = schema_of(recipe)["properties"], bounds_of(type(recipe))
+    assert every
+    for name, bounds in every.items():
+        below_least = None if bounds.least is None else bounds.least - 1
+        for number in (below_least, bounds.above, bounds.below):
+            if number is not None:
+                assert not jsonschema_rs.is_valid(properties[name], number), name
+                with pytest.raises(ValueError, match=f"{name}="):
+                    replace(recipe, **{name: number})
+        if bounds.least is not None:
+            assert jsonschema_rs.is_valid(properties[name], bounds.least), name
+
+
+def test_what_is_too_small_is_refused_by_the_documents_of_requests_too():
+    for schema in (dataset_request_schema(), amplitude_request_schema()):
+        assert jsonschema_rs.is_valid(schema, {"n_unsafe": 2, "noise": {"p": 0.0}})
+        assert not jsonschema_rs.is_valid(schema, {"n_unsafe": 1})
+        assert not jsonschema_rs.is_valid(schema, {"noise": {"p": -1.0}})
+        assert not jsonschema_rs.is_valid(schema, {"imperfections": {"gain": -1.0}})
+        assert jsonschema_rs.is_valid(schema, {"imperfections": "none"})
+    monitor = {"dataset": {"n_unsafe": 2}}
+    assert jsonschema_rs.is_valid(monitor_request_schema(), monitor)
+    assert not jsonschema_rs.is_valid(monitor_request_schema(), monitor | {"epsilon": 1.0})
 
 
 def _parameters(schema, where):

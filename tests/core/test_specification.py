@@ -54,7 +54,7 @@ def test_first_exceedance_equals_a_loop_over_samples(seed: int, limited: set[str
 
 @pytest.mark.parametrize("limit", [0.0, -1.0, float("nan"), float("inf")])
 def test_a_limit_that_is_no_positive_magnitude_is_refused(limit: float) -> None:
-    with pytest.raises(ValueError, match=r"beta limit .* was given: a limit is a positive, finite"):
+    with pytest.raises(ValueError, match=r"limit beta=.* was given: a limit is a positive, finite"):
         Limits(beta=limit)
 
 

@@ -1,0 +1,68 @@
+"""What a parameter may be, written beside its type: checked here, published by the catalog."""
+
+from dataclasses import dataclass
+from functools import cache
+from math import isfinite
+from typing import Any, get_type_hints
+
+
+@dataclass(frozen=True)
+class Bounds:
+    """A finite number from `least` on, or larger than `above`, and smaller than `below`.
+
+    words: what is said of one that is not; made from the bounds unless given.
+    """
+
+    least: float | None = None
+    above: float | None = None
+    below: float | None = None
+    words: str = ""
+
+    def hold(self, value: float) -> bool:
+        """Whether a value is within."""
+        return (
+            isfinite(value)
+            and (self.least is None or value >= self.least)
+            and (self.above is None or value > self.above)
+            and (self.below is None or value < self.below)
+        )
+
+    @property
+    def as_schema(self) -> dict[str, float]:
+        """The same in JSON schema's keywords, which say nothing of what is no number."""
+        keywords = ("minimum", self.least), ("exclusiveMinimum", self.above)
+        pairs = (*keywords, ("exclusiveMaximum", self.below))
+        return {name: bound for name, bound in pairs if bound is not None}
+
+    def __str__(self) -> str:
+        if self.words:
+            return self.words
+        return (
+            f"it must be at least {self.least:g}" if self.above is None else "it must be positive"
+        )
+
+
+NOT_NEGATIVE = Bounds(least=0, words="it must be a finite number, 0 or more")
+
+
+@cache
+def bounds_of(kind: type) -> dict[str, Bounds]:
+    """Bounds of a dataclass's parameters by name, inherited ones too."""
+    written = get_type_hints(kind, include_extras=True)
+    return {
+        name: bounds
+        for name, hint in written.items()
+        for bounds in getattr(hint, "__metadata__", ())
+        if isinstance(bounds, Bounds)
+    }
+
+
+def check_bounds(recipe: Any, what: str = "") -> None:
+    """ValueError for the first parameter that is out of its bounds; None has none.
+
+    what: stands before its name.
+    """
+    for name, bounds in bounds_of(type(recipe)).items():
+        value = getattr(recipe, name)
+        if value is not None and not bounds.hold(value):
+            raise ValueError(f"{what}{name}={value} was given: {bounds}")
