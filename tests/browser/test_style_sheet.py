@@ -46,6 +46,22 @@ def test_text_contrast_meets_aa(strips: Open, theme: str) -> None:
     assert contrast(colours["control-line"], colours["panel"]) >= 3
 
 
+def test_a_main_button_that_cannot_be_pressed_can_be_read(strips: Open) -> None:
+    shown = run(
+        strips("theme=light"),
+        """
+        const button = document.createElement('button');
+        button.className = 'button button-primary';
+        button.disabled = true;
+        document.body.append(button);
+        const { color, backgroundColor } = getComputedStyle(button);
+        return [color, backgroundColor].map((rgb) =>
+          '#' + rgb.match(/\\d+/g).map((n) => Number(n).toString(16).padStart(2, '0')).join(''));
+        """,
+    )
+    assert contrast(*shown) >= 4.5
+
+
 def test_paper_gets_the_light_theme_on_page_and_canvas(strips: Open) -> None:
     page = strips()
     run(page, "h.feed(0, 15, 1000); h.draw(1000)")
