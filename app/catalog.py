@@ -151,7 +151,8 @@ def schema_of(member: Any) -> dict[str, Any]:
     described = descriptions(kind)
     for field in fields(member):
         value, words = getattr(member, field.name), described.get(field.name, "")
-        entry = _property(known[field.name], value) | _bounds(kind, field.name)
+        entry: dict[str, Any] = _property(known[field.name], value)
+        entry |= _bounds(kind, field.name)
         entry |= {"title": title_of(field.name, words), "default": to_plain(value)}
         entry["description"] = words or entry.get("description", "")
         if unit := unit_of(field.name, "" if isinstance(value, tuple) else words):

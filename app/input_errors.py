@@ -4,7 +4,7 @@ pydantic finds it; its own words name its types, and the members of a union as i
 """
 
 from collections.abc import Iterable, Mapping
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, cast
 
 NEEDED = {
     "float_type": "a number",
@@ -74,21 +74,22 @@ def input_errors(errors: Iterable[Mapping[str, Any]], whole: Any) -> list[InputE
 def _place(error: Mapping[str, Any], whole: Any) -> tuple[str | int, ...]:
     """Path of a value in the input; what is named besides is a member of a union."""
     place: list[str | int] = []
-    value, is_tagged, is_found = whole, False, True
-    *before, last = error["loc"] or (None,)
-    for part in error["loc"]:
-        is_object = isinstance(value, Mapping)
-        may_be_tag = is_object and not is_tagged and bool(before)
-        before = before[1:]
-        if may_be_tag and part in (value.get(tag) for tag in TAGS):
-            is_tagged = True
-            continue
-        is_item = isinstance(value, list | tuple) and part in range(len(value))
-        if is_found := is_item or (is_object and part in value):
-            value, is_tagged = value[part], False
+    value: Any = whole
+    is_tagged, is_found = False, True
+    path: tuple[str | int, ...] = error["loc"]
+    for k, part in enumerate(path, start=1):
+        if isinstance(value, Mapping):
+            if not is_tagged and k < len(path) and part in map(value.get, TAGS):
+                is_tagged = True
+                continue
+            is_found = part in value
+        else:
+            is_found = isinstance(value, list | tuple) and part in range(len(value))
+        if is_found:
+            value, is_tagged = cast("Any", value)[part], False
             place.append(part)
     if error["type"] == MISSING and not is_found:
-        place.append(last)
+        place.append(path[-1])
     return tuple(place)
 
 
@@ -99,7 +100,8 @@ def _reason(errors: list[Mapping[str, Any]]) -> str:
         return "is missing: give it"
     if UNKNOWN in kinds:
         return "is not known here: leave it out, or correct its name"
-    is_given = f"is {given(errors[0]['input'])}"
+    tag = errors[0].get("ctx", {}).get("tag")
+    is_given = f"is of kind {tag!r}" if tag else f"is {given(errors[0]['input'])}"
     if own := [error for error in errors if error["type"] == OWN]:
         return f"{is_given}: {own[0]['msg'].removeprefix('Value error, ')}"
     return f"{is_given}: give {', or '.join(dict.fromkeys(map(_needed, errors)))}"

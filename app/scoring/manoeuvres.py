@@ -164,8 +164,9 @@ def _times(u: Array, commands: Array) -> int:
     n = len(inputs)
     flown = np.pad(u - u[0], ((n, n), (0, 0)), mode="edge")
     flown[-n:] = 0.0
-    likeness = sum(np.correlate(flown[:, k], inputs[:, k]) for k in range(u.shape[1]))
-    likeness = likeness * np.sign(likeness[np.abs(likeness).argmax()])
+    each = [np.correlate(flown[:, k], inputs[:, k]) for k in range(u.shape[1])]
+    likeness = np.sum(each, axis=0)
+    likeness *= np.sign(likeness[np.abs(likeness).argmax()])
     peaks, _ = find_peaks(likeness, height=ALIKE * likeness.max(), distance=n)
     return max(1, len(peaks))
 

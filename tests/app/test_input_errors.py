@@ -47,7 +47,7 @@ class Body(BaseModel):
         ),
         (
             {"source": {"kind": "x"}},
-            "source is an object: give one whose 'kind' is 'rollout', 'seeded'",
+            "source is of kind 'x': give one whose 'kind' is 'rollout', 'seeded'",
         ),
         ({"name": "long"}, "name is 'long': give text of 3 characters or less"),
         ({"name": None}, "name is null: give text"),
