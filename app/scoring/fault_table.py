@@ -222,11 +222,12 @@ def _found(
 ) -> tuple[bool, bool, bool, bool]:
     """Whether a fault is found by mapping, validity, remark on the input, and compatibility."""
     scored = score(monitor, _repaired(flight))
-    manoeuvres = scored.manoeuvres
+    flown = [scored.samples["y"][m.first : m.last + 1] for m in scored.manoeuvres]
+    inputs = [each for y in flown for each in monitor.flown_input(y, monitor.last_counted(y))]
     return (
         _is_other(before, _proposed(flight, expected)),
-        any(manoeuvre.validity.valid is False for manoeuvre in manoeuvres),
-        any("of fresh flights lie between" in text for m in manoeuvres for text in m.remarks),
+        any(manoeuvre.validity.valid is False for manoeuvre in scored.manoeuvres),
+        any(each.remarks for each in inputs),
         any(check.remarks for check in scored.compatibility),
     )
 
