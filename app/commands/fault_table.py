@@ -1,15 +1,11 @@
 """The command that puts each sensor of simulated flights at fault, and says by what it is found."""
 
 import argparse
-import csv
-import io
 from collections.abc import Sequence
-from dataclasses import asdict, fields
-from pathlib import Path
+from dataclasses import asdict
 
-from app.commands.destinations import check_file
 from app.commands.progress import progress_bar
-from app.commands.results import add_json, print_result
+from app.commands.tables import add_table_options, names, print_table, recipe_of
 from app.scoring.fault_table import (
     FAULTS,
     KINDS,
@@ -19,7 +15,6 @@ from app.scoring.fault_table import (
     fault_table,
 )
 from core.simulation.published import MODELS
-from core.whole_file import write_whole
 
 MEANS = ("mapping", "validity", "flown_input", "compatibility", "found")
 NONE = "-"
@@ -38,53 +33,23 @@ def add(parser: argparse.ArgumentParser) -> None:
     )
     for name, known in (("sensors", SENSORS), ("faults", FAULTS)):
         parser.add_argument(
-            f"--{name}", type=_names, metavar="NAMES", help=f"of {', '.join(known)}; all if absent"
+            f"--{name}", type=names, metavar="NAMES", help=f"of {', '.join(known)}; all if absent"
         )
-    for option, words in (
-        ("n_flights", "flights of each kind, safe and failing, of each fault"),
-        ("n_unsafe", "unsafe rollouts that the monitor is trained on"),
-        ("seed", "seed of every random draw"),
-    ):
-        default = getattr(usual, option)
-        parser.add_argument(
-            f"--{option.replace('_', '-')}",
-            type=int,
-            default=default,
-            help=f"{words} (default: {default})",
-        )
-    parser.add_argument("-o", "--out", type=Path, help="CSV table written")
-    add_json(parser)
+    numbers = {
+        "n_flights": "flights of each kind, safe and failing, of each fault",
+        "n_unsafe": "unsafe rollouts that the monitor is trained on",
+        "seed": "seed of every random draw",
+    }
+    add_table_options(parser, usual, numbers)
 
 
 def run(options: argparse.Namespace) -> int:
     """Train the monitor, fly the faults, print how often each was found."""
-    names = {key: getattr(options, key) for key in ("sensors", "faults")}
-    recipe = FaultTableRecipe(
-        aircraft=options.aircraft,
-        n_flights=options.n_flights,
-        n_unsafe=options.n_unsafe,
-        seed=options.seed,
-        **{key: given for key, given in names.items() if given is not None},
-    )
-    if options.out is not None:
-        check_file(options.out)
+    recipe = recipe_of(FaultTableRecipe, options)
     with progress_bar("faults") as progress:
         rows = list(fault_table(recipe, progress))
-    if options.out is not None:
-        write_whole(options.out, table(rows).encode())
-    print_result(options, in_words(rows), [asdict(row) for row in rows])
+    print_table(options, rows, in_words(rows), [asdict(row) for row in rows])
     return 0
-
-
-def table(rows: Sequence[FoundFaults]) -> str:
-    """The counts as CSV."""
-    text = io.StringIO()
-    writer = csv.DictWriter(
-        text, [field.name for field in fields(FoundFaults)], lineterminator="\n"
-    )
-    writer.writeheader()
-    writer.writerows(asdict(row) for row in rows)
-    return text.getvalue()
 
 
 def in_words(rows: Sequence[FoundFaults]) -> str:
@@ -99,7 +64,3 @@ def in_words(rows: Sequence[FoundFaults]) -> str:
         cells = "".join(f" {NONE if count == '0 + 0' else count:>14}" for count in counts)
         lines.append(f"{safe.sensor:8} {safe.fault:14}{cells}")
     return "\n".join(lines)
-
-
-def _names(text: str) -> tuple[str, ...]:
-    return tuple(name.strip() for name in text.split(","))

@@ -1,20 +1,15 @@
 """The command that flies every published aircraft through the monitor of every other."""
 
 import argparse
-import csv
-import io
 from collections.abc import Sequence
-from dataclasses import asdict, fields
-from pathlib import Path
+from dataclasses import asdict
 from typing import Any
 
-from app.commands.destinations import check_file
 from app.commands.progress import progress_bar
-from app.commands.results import add_json, print_result
+from app.commands.tables import add_table_options, names, print_table, recipe_of
 from core.monitor.recipe import MonitorRecipe
 from core.simulation.published import MODELS
 from core.validity_matrix import MatrixRecipe, Pair, pairs
-from core.whole_file import write_whole
 
 FEW = 100
 """Exceeding flights below which a bound says little."""
@@ -22,46 +17,26 @@ FEW = 100
 
 def add(parser: argparse.ArgumentParser) -> None:
     """Add the command's options."""
-    usual = MatrixRecipe()
     known = ", ".join(MODELS)
     for name, words in (("monitors", "monitors are trained for"), ("aircraft", "are flown")):
         parser.add_argument(
-            f"--{name}", type=_names, metavar="NAMES", help=f"aircraft that {words}: {known}"
+            f"--{name}", type=names, metavar="NAMES", help=f"aircraft that {words}: {known}"
         )
-    for option, words in (
-        ("n_unsafe", "unsafe rollouts that each monitor is trained on"),
-        ("n_failing", "exceeding flights of each pair, as far as there are any"),
-        ("most_flights", "flights of each pair at most"),
-        ("seed", "seed of every random draw"),
-    ):
-        default = getattr(usual, option)
-        parser.add_argument(
-            f"--{option.replace('_', '-')}",
-            type=int,
-            default=default,
-            help=f"{words} (default: {default})",
-        )
-    parser.add_argument("-o", "--out", type=Path, help="CSV table written")
-    add_json(parser)
+    numbers = {
+        "n_unsafe": "unsafe rollouts that each monitor is trained on",
+        "n_failing": "exceeding flights of each pair, as far as there are any",
+        "most_flights": "flights of each pair at most",
+        "seed": "seed of every random draw",
+    }
+    add_table_options(parser, MatrixRecipe(), numbers)
 
 
 def run(options: argparse.Namespace) -> int:
     """Train the monitors, fly the pairs, print the matrix."""
-    names = {key: getattr(options, key) for key in ("monitors", "aircraft")}
-    recipe = MatrixRecipe(
-        n_unsafe=options.n_unsafe,
-        n_failing=options.n_failing,
-        most_flights=options.most_flights,
-        seed=options.seed,
-        **{key: given for key, given in names.items() if given is not None},
-    )
-    if options.out is not None:
-        check_file(options.out)
+    recipe = recipe_of(MatrixRecipe, options)
     with progress_bar("monitors") as progress:
         flown = list(pairs(recipe, progress))
-    if options.out is not None:
-        write_whole(options.out, table(flown).encode())
-    print_result(options, in_words(flown), [plain(pair) for pair in flown])
+    print_table(options, flown, in_words(flown), [plain(pair) for pair in flown])
     return 0
 
 
@@ -73,15 +48,6 @@ def plain(pair: Pair) -> dict[str, Any]:
         "most_unwarned": pair.most_unwarned,
     }
     return asdict(pair) | shares
-
-
-def table(flown: Sequence[Pair]) -> str:
-    """The counts as CSV."""
-    text = io.StringIO()
-    rows = csv.DictWriter(text, [field.name for field in fields(Pair)], lineterminator="\n")
-    rows.writeheader()
-    rows.writerows(asdict(pair) for pair in flown)
-    return text.getvalue()
 
 
 def in_words(flown: Sequence[Pair]) -> str:
@@ -118,7 +84,3 @@ def _line(pair: Pair) -> str:
         f"{pair.n_safe + pair.n_failing:7} {pair.n_failing:6} {pair.share_invalid:7.1%} "
         f"{n_missed:>6}   {unwarned}"
     )
-
-
-def _names(text: str) -> tuple[str, ...]:
-    return tuple(name.strip() for name in text.split(","))
