@@ -14,6 +14,7 @@ import numpy as np
 
 from app.telemetry.contents import Columns
 from app.telemetry.mapping.candidates import Candidate
+from app.telemetry.mapping.extent import extent_of
 from app.telemetry.mapping.magnitudes import COMMON, RULED_OUT, unit_weights
 from app.telemetry.mapping.mapping import ChannelSource, Mapping
 from app.telemetry.mapping.motion.as_recorded import angles_of_quaternion, motion_as_recorded
@@ -22,6 +23,7 @@ from app.telemetry.mapping.motion.unit_relations import (
     relation_of_mach,
     relation_of_normal,
     relation_of_turn,
+    relations_of_airspeed,
     relations_of_motion,
 )
 from app.telemetry.targets import TARGETS
@@ -166,6 +168,9 @@ def _relations(
             relations.append(relate(columns, key, columns.signal(names[key])))
     if moves is not None:
         relations += relations_of_motion(moves)
+        if "V" in names:
+            speed = extent_of(columns.values(names["V"])).middle
+            relations += relations_of_airspeed(moves, speed)
     return [relation for relation in relations if relation is not None]
 
 
@@ -279,12 +284,13 @@ def _inferred(
         and abs(relation.deviation(factors)) < CONTRADICTED
     ]
     if evidence:
-        why += f", as then {' and '.join(evidence)}"
+        why += f", as then {', and '.join(evidence)}"
     elif unit != alone:
-        why += ", as for the other angles of the file"
+        others = "angles" if _system(key) in ANGULAR else "speeds and lengths"
+        why += f", as for the other {others} of the file"
     if share < 0.9:
-        others = sorted((u for u in weights if u != unit), key=lambda u: -weights[u])
-        why += f", although {others[0]} is plausible too"
+        rivals = sorted((u for u in weights if u != unit), key=lambda u: -weights[u])
+        why += f", although {rivals[0]} is plausible too"
     return replace(candidate.because(why, share, unit=unit), unit_share=share)
 
 

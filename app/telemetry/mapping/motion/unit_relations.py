@@ -1,26 +1,32 @@
 """What physics says of units that a file does not give: ratios that are known in SI.
 
-A roll rate is the slope of the bank angle, beta-dot follows minus the yaw rate, N_z is near 1 g,
-and the airspeed over the Mach number is the speed of sound. The numbers as they stand in the file
-show such a ratio times a quotient of units.
+A roll rate is the slope of the bank angle, beta-dot follows minus the yaw rate and g/V times side
+force and bank, N_z is near 1 g, and the airspeed over the Mach number is the speed of sound. The
+numbers as they stand in the file show such a ratio times a quotient of units.
 """
 
 from dataclasses import dataclass
-from math import exp, log, pi, sqrt
+from math import exp, hypot, log, pi, sqrt
 
 import numpy as np
 
 from app.telemetry.contents import Columns, Signal
 from app.telemetry.mapping.extent import extent_of
 from app.telemetry.mapping.motion.as_recorded import TURNS, WRAP
-from app.telemetry.mapping.motion.motion import Motion
+from app.telemetry.mapping.motion.motion import STEP, Motion
 from app.telemetry.mapping.motion.signs import ANGLE_OF, FOLLOWS
 from app.telemetry.mapping.naming.spelling import spellings
 from app.telemetry.mapping.naming.vocabulary import MACH, NORMAL_ACCELERATION
-from app.telemetry.units import factor, fits
+from app.telemetry.units import STANDARD_GRAVITY, factor, fits
+from core.equation_error import EquationError, SmoothedSignal
+from core.types import Array
 
 SIDE_FORCE_CLEAR = 0.6
 """Share of the lateral acceleration that the sideslip must explain beside the others."""
+BALANCED = 0.5
+"""Share of beta-dot that yaw rate, side force and bank must explain."""
+WIDEST = 0.3
+"""Half an interval of a part of it, as a share of that, beyond which it gives no airspeed."""
 STILL_MACH = 0.1
 """Below it the airspeed says nothing."""
 
@@ -96,6 +102,37 @@ def _of_sideslip(moves: Motion) -> list[UnitRelation]:
                     "the side force is {:.2g} g per rad of sideslip", exact=False,
                 )
             )  # fmt: skip
+    return relations
+
+
+def relations_of_airspeed(moves: Motion, speed: float) -> list[UnitRelation]:
+    """Side force and bank against the turning of the velocity, which is g/V times each.
+
+    d(beta)/dt + r - p sin(alpha) = g/V (N_y + phi), level flight, with beta late: a vane's delay
+    else takes the place of the side force. speed: the airspeed as it stands in the file.
+    """
+    if not {"beta", "r", "Ny", "phi"} <= moves.values.keys() or not speed > 0.0:
+        return []
+    causes = [key for key in ("Ny", "phi", "r", "p") if key in moves.values]
+    apart = np.flatnonzero(np.diff(moves.window)) + 1  # windows do not go on in one another
+
+    def parted(values: Array) -> Array:
+        return np.insert(values, apart, np.nan)
+
+    x = tuple(SmoothedSignal(parted(moves.values[key]), 0.0) for key in causes)
+    fit = EquationError.fit(parted(moves.rates["beta"]), x, STEP)
+    if fit is None or fit.share < BALANCED or not fit.delay_is_inside:
+        return []
+    relations = []
+    for k, (key, per) in enumerate((("Ny", "g of Ny"), ("phi", "rad of bank"))):
+        slope = fit.coefficient(k)
+        wide = slope.high - slope.value
+        if not wide < WIDEST * abs(slope.value):
+            continue
+        size = log(abs(slope.value) * speed / STANDARD_GRAVITY)
+        text = f"d(beta)/dt + r is {{:.2g}} g/V per {per}"
+        powers = {"V": 1, "beta": 1, key: -1}
+        relations.append(UnitRelation(powers, size, 0.0, hypot(0.2, wide / slope.value), text))
     return relations
 
 

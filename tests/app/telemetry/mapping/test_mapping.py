@@ -131,7 +131,8 @@ def test_units_that_are_not_given_are_inferred_from_the_numbers_and_named_so(
         assert any(
             "unit not given: values up to" in reason for reason in proposal.rationales[key].reasons
         )
-    assert proposal.rationales["V"].confidence < 0.5  # 131 could be knots
+    # 131 could be knots, were it not for the balance of sideslip
+    assert 0.5 < proposal.rationales["V"].confidence < 0.8
 
 
 def test_a_sideslip_that_reaches_8_is_in_degrees(tmp_path):

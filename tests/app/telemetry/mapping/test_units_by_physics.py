@@ -89,7 +89,7 @@ def test_the_evidence_of_a_unit_is_shown(tmp_path):
     reasons = {key: " ".join(r.reasons) for key, r in propose(columns).rationales.items()}
     assert "are taken as deg/s, as then p is 1" in reasons["p"]
     assert "times d(phi)/dt" in reasons["phi"]
-    assert "times d(psi)/dt and d(beta)/dt is" in reasons["r"]
+    assert "times d(psi)/dt, and d(beta)/dt is" in reasons["r"]
     assert "the side force is 2.6 g per rad of sideslip" in reasons["beta"]
     assert "as for the other angles of the file" in reasons["delta_a"]
 
@@ -175,6 +175,21 @@ def test_the_mach_number_gives_the_unit_of_the_airspeed(unit, per_mps, tmp_path)
     assert proposal.mapping.channels["V"].unit == unit
     assert "over Mach is 320 m/s" in " ".join(proposal.rationales["V"].reasons)
     assert proposal.rationales["V"].confidence > 0.8
+
+
+@pytest.mark.parametrize(("unit", "per_mps"), [("m/s", 1.0), ("kt", 1.94384), ("ft/s", 3.28084)])
+@pytest.mark.parametrize(
+    ("ny", "per_g"), [("ny_g", 1.0), ("ny", 32.174)], ids=["g-given", "ft/s^2-not-given"]
+)
+def test_side_force_and_bank_give_the_unit_of_the_airspeed(unit, per_mps, ny, per_g, tmp_path):
+    """Of a flight of 131 m/s, which is usual in m/s and in kt."""
+    table = unnamed(gentle(), *ANGLES, *RATES)
+    table["true_airspeed"] = per_mps * table.pop("tas_mps")
+    table[ny] = per_g * table.pop("ny_g")
+    proposal = propose(columns_of(tmp_path, table))
+    assert proposal.mapping.channels["V"].unit == unit
+    assert "g/V per rad of bank" in " ".join(proposal.rationales["V"].reasons)
+    assert proposal.mapping.channels["Ny"].unit == ("g" if per_g == 1.0 else "ft/s^2")
 
 
 @pytest.mark.parametrize(("turn", "unit"), [(360.0, "deg"), (2.0 * np.pi, "rad")])
