@@ -75,15 +75,31 @@ def _of_manoeuvres(manoeuvres: Sequence[Plain]) -> tuple[str, str]:
     level, words = _of_valid([s for s in manoeuvres if not _is_invalid(s)])
     if level == "bad" or not invalid:
         pass
-    elif any(s["exceedance"] for s in invalid):
-        level, words = "bad", "A limit was exceeded where the monitor is not applicable"
+    elif exceeded := [s for s in invalid if s["exceedance"]]:
+        level, words = _of_exceeded_invalid(exceeded)
     elif level == "good":
         level = "caution"
     n, total = len(invalid), len(manoeuvres)
     if not n or n == total:
         return level, words
     of_all = f"{n} of the {total} manoeuvres {'is' if n == 1 else 'are'} not valid"
-    return level, f"{words}; {of_all}, this says nothing of {'it' if n == 1 else 'them'}"
+    said = (
+        "nothing is promised of"
+        if any(s["exceedance"] for s in invalid)
+        else "this says nothing of"
+    )
+    return level, f"{words}; {of_all}, {said} {'it' if n == 1 else 'them'}"
+
+
+def _of_exceeded_invalid(exceeded: Sequence[Plain]) -> tuple[str, str]:
+    """Of manoeuvres that are not valid: an alert before the withdrawal stands."""
+    stands = {"timely_alert": ("caution", "in time"), "late_alert": ("bad", "too late")}
+    outcomes = {s["outcome"] for s in exceeded}
+    if len(outcomes) > 1 or not outcomes <= stands.keys():
+        return "bad", "A limit was exceeded where the monitor is not applicable"
+    level, when = stands[outcomes.pop()]
+    words = f"A limit was exceeded, warned of {when} before the monitor was withdrawn"
+    return level, f"{words} as not applicable"
 
 
 def _is_invalid(manoeuvre: Plain) -> bool:

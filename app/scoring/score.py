@@ -232,7 +232,11 @@ def _verdict(
         result, lead = "unknown", None
     elif is_withdrawn and not alerts:
         result, lead = "invalid", None
-    first = [withdrawn(judged.assessments, limited, epsilon)] if is_withdrawn else []
+    first = (
+        []
+        if judged.withdrawn is None
+        else [withdrawn(judged.assessments, judged.withdrawn, limited, epsilon)]
+    )
     why = ""
     if not flight.planned.limits_known:
         pass

@@ -29,8 +29,11 @@ def guarantee(monitor: Monitor, validity: Validity, epsilon: float) -> str:
     )
 
 
-def withdrawn(assessments: Assessments, limited: Limited, epsilon: float) -> str:
-    """What the monitor would have assessments of a segment to which it is not applicable."""
+def withdrawn(assessments: Assessments, first: int, limited: Limited, epsilon: float) -> str:
+    """What became of the alert of a segment to which the monitor is not applicable, if it had one.
+
+    first: the first sample that is withdrawn; an alert before it stands.
+    """
     without, p_value = "without the withdrawal", assessments.p_value
     if np.isnan(p_value).all():
         return f"{without} there would be no risk either: no sample could be assessed"
@@ -42,11 +45,19 @@ def withdrawn(assessments: Assessments, limited: Limited, epsilon: float) -> str
             f"{p_value[peak]:.3f} at {assessments.t[peak]:.2f} s"
         )
     t, exceedance = float(assessments.t[over[0]]), limited.exceedance
+    stands = over[0] < first
     when = f"{without} the risk would have exceeded epsilon {epsilon:.4g} at {t:.2f} s"
-    if exceedance is None:
-        return when
-    ahead = exceedance.t - t
-    return f"{when}, {abs(ahead):.2f} s {'before' if ahead >= -SAME_TIME else 'after'} the limit"
+    if stands:
+        when = f"the alert at {t:.2f} s stands"
+    if exceedance is not None:
+        ahead = exceedance.t - t
+        side = "before" if ahead >= -SAME_TIME else "after"
+        when = f"{when}, {abs(ahead):.2f} s {side} the limit"
+    return (
+        f"{when}: withdrawn is what follows from {assessments.t[first]:.2f} s on"
+        if stands
+        else when
+    )
 
 
 def remarks(

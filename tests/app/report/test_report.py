@@ -201,12 +201,26 @@ def test_the_headline_is_the_worst_that_happened(manoeuvres, level: str, words: 
 def test_the_headline_is_of_valid_manoeuvres_and_says_how_many_are_not() -> None:
     warned = WARNED | {"validity": WARNED["validity"] | {"valid": False}}
     level, words = headline([QUIET, warned])
-    assert (level, words[:40]) == ("bad", "A limit was exceeded where the monitor i")
+    assert level == "caution"
+    assert words == (
+        "A limit was exceeded, warned of in time before the monitor was withdrawn as not "
+        "applicable; 1 of the 2 manoeuvres is not valid, nothing is promised of it"
+    )
+    late = warned | {"outcome": "late_alert"}
+    assert headline([late])[0] == "bad"
+    assert "warned of too late before the monitor was withdrawn" in headline([late])[1]
     level, words = headline([QUIET, INVALID, INVALID])
     assert level == "caution"
     assert words.startswith(
         "No limit was exceeded, and there was no alert; 2 of the 3 manoeuvres are"
     )
+
+
+def test_an_alert_before_the_withdrawal_stands_in_the_table(monitor: Monitor) -> None:
+    warned = WARNED | {"validity": WARNED["validity"] | {"valid": False}}
+    html = report(subject_of(monitor, [warned]))
+    assert ">withdrawn</td>" not in html
+    assert html.count(f'<td class="number">{warned["lead"]:.2f}</td>') == 2
 
 
 def test_what_resampling_knew_of_the_future_stands_beside_the_lead(monitor: Monitor) -> None:

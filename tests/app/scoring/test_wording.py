@@ -39,14 +39,20 @@ def reached(t: float) -> Limited:
     ],
 )
 def test_an_alert_that_was_withdrawn_is_told_with_its_lead(limited: Limited, end: str):
-    words = withdrawn(said(np.nan, 0.1, 0.11, 0.9), limited, 0.1)
+    words = withdrawn(said(np.nan, 0.1, 0.11, 0.9), 1, limited, 0.1)
     assert words == f"without the withdrawal the risk would have exceeded {end}"
 
 
+def test_an_alert_before_the_withdrawal_stands():
+    words = withdrawn(said(np.nan, 0.1, 0.11, 0.9), 3, reached(8.51), 0.1)
+    assert words.startswith("the alert at 8.20 s stands, 0.31 s before the limit: ")
+    assert words.endswith("withdrawn is what follows from 8.30 s on")
+
+
 def test_so_is_a_silence():
-    words = withdrawn(said(np.nan, 0.05, 0.031), NONE, 0.1)
+    words = withdrawn(said(np.nan, 0.05, 0.031), 1, NONE, 0.1)
     assert words.endswith("stayed at or below epsilon 0.1, at most 0.050 at 8.10 s")
-    assert "no sample could be assessed" in withdrawn(said(np.nan, np.nan), NONE, 0.1)
+    assert "no sample could be assessed" in withdrawn(said(np.nan, np.nan), 0, NONE, 0.1)
 
 
 SKID = RecordedExceedance(8.5, "beta", float(np.radians(-7.0)))

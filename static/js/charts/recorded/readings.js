@@ -43,7 +43,7 @@ export function createReadings(strips, { rowOf, bar }, { timeWindow, epsilon, ma
     if (Number.isFinite(low) || manoeuvres[0] === null) return "";
     const manoeuvre = manoeuvres[0].find(({ start, end }) => t >= start && t <= end);
     if (!manoeuvre) return "not assessed";
-    return manoeuvre.withdrawn ? "INVALID" : "";
+    return manoeuvre.withdrawn !== null && t >= manoeuvre.withdrawn ? "INVALID" : "";
   }
 
   function showBar({ start, end }, cursor) {
@@ -55,7 +55,7 @@ export function createReadings(strips, { rowOf, bar }, { timeWindow, epsilon, ma
 
   function describe(sets) {
     const view = timeWindow.view();
-    const withdrawn = manoeuvres[0]?.some((manoeuvre) => manoeuvre.withdrawn);
+    const withdrawn = manoeuvres[0]?.some((manoeuvre) => manoeuvre.withdrawn !== null);
     strips.forEach((strip, n) => {
       const { key, risk, label, symbol, limit } = strip;
       const { unit } = shownIn(strip);

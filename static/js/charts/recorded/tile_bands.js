@@ -21,7 +21,7 @@ export function bandsOf(piece, manoeuvres, x, all = manoeuvres) {
     );
   const withdrawn = (i) =>
     manoeuvres?.some(
-      ({ start, end, withdrawn: all }) => all && set.x0[i] >= start && set.x0[i] <= end,
+      ({ end, withdrawn: from }) => from !== null && set.x0[i] >= from && set.x0[i] <= end,
     );
   const named = (kind, word, holds) => runs(piece, holds, x).map((run) => ({ ...run, kind, word }));
   return [
@@ -34,8 +34,8 @@ export function bandsOf(piece, manoeuvres, x, all = manoeuvres) {
       (i) => set.state[i] === INVALID && inside(i) && !unknown(i) && !withdrawn(i),
     ),
     ...(manoeuvres ?? [])
-      .filter((manoeuvre) => manoeuvre.withdrawn)
-      .map(({ start, end }) => ({ x0: x(start), x1: x(end), kind: "invalid", word: "INVALID" })),
+      .filter((manoeuvre) => manoeuvre.withdrawn !== null)
+      .map(({ end, withdrawn: from }) => ({ x0: x(from), x1: x(end), kind: "invalid", word: "INVALID" })),
     ...named("alert", "ALERT", (i) => set.alert[i] === true),
   ];
 }

@@ -5,7 +5,7 @@
  *   eventsOf(scoring) -> [{t, text, level, manoeuvre}]     manoeuvre: its number;
  *       none outside of every manoeuvre
  *   flagsOf(scoring) -> [{key, t, word}]    exceedances as recorded alone, as a chart marks them
- *   manoeuvresOf(scoring, offset) -> [{start, end, withdrawn}]    as a chart takes them
+ *   manoeuvresOf(scoring, offset) -> [{start, end, withdrawn}]    as a chart takes them; withdrawn: from when on, or null
  *   laneOf(manoeuvres, {row, offset, id}) -> [item]       for a chart's lane
  */
 
@@ -29,7 +29,7 @@ function ofExceedance({ t, channel, value }, channels, where = "") {
 }
 
 function ofManoeuvre(
-  { name, start, alerts, exceedance, recorded_exceedance: raw, peak_t: t, peak_risk: risk, validity },
+  { name, start, alerts, exceedance, recorded_exceedance: raw, peak_t: t, peak_risk: risk, validity, withdrawn_t: withdrawn },
   manoeuvre,
   channels,
   epsilon,
@@ -37,8 +37,8 @@ function ofManoeuvre(
   const events = [{ t: start, text: `${name} begins`, level: "", manoeuvre }];
   if (validity.valid === false) {
     events.push({
-      t: start,
-      text: `${name} is INVALID: the risk is withdrawn`,
+      t: withdrawn ?? start,
+      text: `${name} is INVALID: the risk is withdrawn from here on`,
       level: "caution",
       manoeuvre,
     });
@@ -74,10 +74,10 @@ export function flagsOf({ manoeuvres }) {
 }
 
 export function manoeuvresOf({ manoeuvres }, offset = 0) {
-  return manoeuvres.map(({ start, end, validity }) => ({
+  return manoeuvres.map(({ start, end, validity, withdrawn_t: withdrawn }) => ({
     start: start - offset,
     end: end - offset,
-    withdrawn: validity.valid === false,
+    withdrawn: validity.valid === false ? (withdrawn ?? start) - offset : null,
   }));
 }
 
