@@ -1,6 +1,6 @@
 """MATLAB's habits: which fields of a structure are time, data, unit and name of one signal."""
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import replace
 
 from app.telemetry.readers.matrices import Matrix
@@ -17,13 +17,17 @@ def as_signals(arrays: Mapping[Path, Matrix], texts: Mapping[Path, str]) -> list
     """Name the arrays of a file and their times and units. Both are by the path to the field.
 
     A structure of time and data is a signal of the structure's name; so is each of the `signals`
-    of a "Structure with time", which has a label of its own. Others are named as in MATLAB.
+    of a "Structure with time", which has a label of its own. A structure of data without a time is
+    a signal beside the others of its place, and may be their time. Others are named as in MATLAB.
     """
     lowered = {tuple(part.lower() for part in path): text for path, text in texts.items()}
-    return [_signal(path, array, lowered) for path, array in arrays.items()]
+    with_time = {path[:-1] for path in arrays if is_time_name(path[-1])}
+    return [_signal(path, array, lowered, with_time) for path, array in arrays.items()]
 
 
-def _signal(path: Path, array: Matrix, texts: Mapping[Path, str]) -> Matrix:
+def _signal(
+    path: Path, array: Matrix, texts: Mapping[Path, str], with_time: Collection[Path]
+) -> Matrix:
     within, field = path[:-1], path[-1]
     low = tuple(part.lower() for part in path)
     name = ".".join(path)
@@ -34,6 +38,8 @@ def _signal(path: Path, array: Matrix, texts: Mapping[Path, str]) -> Matrix:
         description = _within(low[:-1], texts, DESCRIPTION_NAMES) or description
         if low[-2].startswith(SIGNALS):
             name = texts.get((*low[:-1], "label"), "") or name
+        elif within not in with_time:
+            within, field = within[:-1], within[-1]
     time = is_time_name(field)
     return replace(array, within=within, column=Column(name, unit, description, time))
 

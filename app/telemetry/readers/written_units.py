@@ -3,6 +3,8 @@
 import re
 from collections.abc import Sequence
 
+from app.telemetry.units import spelled
+
 MARKED_UNIT = re.compile(r"\[([^\[\]]*)\]|\{([^{}]*)\}|<([^<>]*)>|\(([^()]*)\)")
 UNIT_AT_END = re.compile(rf"\S\s*(?:{MARKED_UNIT.pattern})$")
 UNIT_WORD = re.compile(
@@ -22,7 +24,7 @@ UNIT_WORD = re.compile(
     re.VERBOSE,
 )
 SURE_UNIT = re.compile(
-    r"s|secs?|seconds?|ms|degs?|degrees?|rad|[°º%]|kts?|ft|hz|[°º]c|degc|[hk]pa|.+[/*·^].+"
+    r"s|secs?|seconds?|sek|ms|degs?|degrees?|grad|rad|[°º%]|kts?|ft|hz|[°º]c|degc|[hk]pa|.+[/*·^].+"
 )
 NO_UNIT = frozenset({"", "-", "--", "1", "n/a", "na", "none", "nd", "unitless", "no unit"})
 
@@ -60,6 +62,8 @@ def are_units(row: Sequence[str]) -> bool:
 
 
 def reads_like_unit(text: str) -> bool:
-    """Whether a text is made of words for units, powers and fractions."""
+    """Whether a text is a unit that we know, or made of words for units, powers and fractions."""
+    if spelled(text):
+        return True
     words = [w for w in re.split(r"[\s/*·.^:²³⁻\d+-]+", text.lower()) if w]
     return bool(words) and all(map(UNIT_WORD.fullmatch, words))

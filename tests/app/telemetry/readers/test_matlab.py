@@ -116,6 +116,21 @@ def test_a_structure_of_time_and_data_is_a_signal_of_its_name(saved):
     assert times == {"beta": "beta.Time", "p": "p.time"}
 
 
+@pytest.mark.parametrize("shape", [(-1, 1), (1, -1)])
+def test_structures_of_data_and_unit_share_the_time_that_is_one_of_them(shape, saved):
+    told = {"time": ("sec", T), "vane_SS": ("deg", np.sin(T))}
+    columns = saved(
+        flightdata={
+            name: {"data": values.reshape(shape if name == "time" else (-1, 1)), "units": unit}
+            for name, (unit, values) in told.items()
+        }
+    )
+    (group,) = columns.contents.groups
+    assert (group.name, group.time) == ("flightdata", "flightdata.time")
+    signal = columns.signal("flightdata.vane_SS")
+    assert (signal.unit, signal.group) == ("deg", 0)
+
+
 @pytest.mark.parametrize("n_signals", [1, 2])
 def test_a_structure_with_time_of_simulink_gives_labelled_signals(n_signals, saved):
     signals = np.zeros((1, n_signals), dtype=[("values", "O"), ("label", "O"), ("dimensions", "O")])

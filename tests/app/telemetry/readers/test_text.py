@@ -183,6 +183,13 @@ def test_units_are_read_where_they_stand(header, pour):
     np.testing.assert_array_equal(table(columns)[0], [0, 1, 2])
 
 
+@pytest.mark.parametrize("row", ["s;Grad;Grad/s", "Sek;Grad;Grad/s", "s;°;°/s", "Sek;Grad;-"])
+def test_a_row_of_units_in_german_is_no_row_of_names(row, pour):
+    columns = pour(f"Zeit;Schiebewinkel;p\n{row}\n0,5;1,5;2,5\n1,5;2,5;3,5\n")
+    assert names(columns) == ["Zeit", "Schiebewinkel", "p"]
+    assert units(columns) == [unit.strip("-") for unit in row.split(";")]
+
+
 @pytest.mark.parametrize(
     ("name", "unit"),
     [
