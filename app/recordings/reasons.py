@@ -13,12 +13,15 @@ def reason(code: int, t: float, manoeuvre: int, manoeuvres: Sequence[Mapping[str
     """The reason of a sample; empty where its state needs none.
 
     code, t, manoeuvre: as stored, see app.scoring.   manoeuvres: plain, as stored with them; those
-    of earlier versions were withdrawn as a whole.
+    of earlier versions were withdrawn as a whole, or do not say what was known at that time.
     """
     if STATES[code] is not State.INVALID:
         return REASONS[code]
     if manoeuvre < 0:
         return BETWEEN
-    validity, begin = manoeuvres[manoeuvre]["validity"], manoeuvres[manoeuvre].get("withdrawn_t", t)
-    is_withdrawn = validity["valid"] is False and begin is not None and t >= begin
-    return (in_words(validity["reasons"]) if is_withdrawn else "") or REASONS[code]
+    scored = manoeuvres[manoeuvre]
+    validity, begin = scored["validity"], scored.get("withdrawn_t", t)
+    if validity["valid"] is not False or begin is None or t < begin:
+        return REASONS[code]
+    why = scored.get("withdrawn_reason") or in_words(validity["reasons"])
+    return why or REASONS[code]

@@ -28,7 +28,7 @@ from app.telemetry.recording import ATTITUDE, Recording
 from app.telemetry.timing.repair import RepairedTraces
 from core.channels import KEYS
 from core.monitor import Assessments, Monitor
-from core.monitor.assessment import STATES, State
+from core.monitor.assessment import STATES, State, Withdrawal
 from core.monitor.flown_input import FlownInput, amplitude
 from core.types import Array
 
@@ -83,8 +83,8 @@ def manoeuvres_in(monitor: Monitor, recorded: RepairedTraces) -> tuple[Interval,
 class JudgedSegment:
     """A segment with everything that does not depend on epsilon.
 
-    assessments: of all its samples.   withdrawn: first sample of which nothing is said; None where
-    there is none.   inputs: how the surfaces were moved, those that the manoeuvre moves.
+    assessments: of all its samples.   withdrawal: from which one on nothing is said; None where
+    all is.   inputs: how the surfaces were moved, those that the manoeuvre moves.
     """
 
     segment: Segment
@@ -93,7 +93,7 @@ class JudgedSegment:
     assessments: Assessments
     limited: Limited
     validity: Validity
-    withdrawn: int | None
+    withdrawal: Withdrawal | None
     inputs: tuple[FlownInput, ...]
 
     @property
@@ -109,7 +109,7 @@ class JudgedSegment:
     @property
     def n_assessed(self) -> int:
         """Samples from the first on of which something is said."""
-        return self.stop - self.first if self.withdrawn is None else self.withdrawn
+        return self.stop - self.first if self.withdrawal is None else self.withdrawal.first
 
 
 def _judge(flight: Ready, segment: Segment) -> JudgedSegment:
@@ -134,9 +134,9 @@ def _judge(flight: Ready, segment: Segment) -> JudgedSegment:
         assessments,
         {channel.key: channel.held for channel in flight.quality.channels},
     )
-    verdict, withdrawn = validity(assessed)
+    verdict, withdrawal = validity(assessed)
     inputs = flight.monitor.flown_input(y, flight.monitor.last_counted(y_read))
-    return JudgedSegment(segment, trim, y, assessments, limited, verdict, withdrawn, inputs)
+    return JudgedSegment(segment, trim, y, assessments, limited, verdict, withdrawal, inputs)
 
 
 def _outside(flight: Ready, judged: list[JudgedSegment]) -> tuple[RecordedExceedance, ...]:
@@ -226,8 +226,9 @@ def _verdict(
     peak = int(np.nanargmax(part["p_value"])) if known.any() else None
     alerts = runs(part["t"], part["alert"])
     limited, promised = judged.limited, flight.monitor.lead
+    withdrawal = judged.withdrawal
     result, lead = outcome(alerts, limited.exceedance, promised)
-    is_withdrawn = judged.withdrawn is not None
+    is_withdrawn = withdrawal is not None
     if not flight.planned.limits_known:
         result, lead = "unknown", None
     elif is_withdrawn and not alerts:
@@ -264,7 +265,8 @@ def _verdict(
         recorded_exceedance=limited.as_recorded if limited.exceedance is None else None,
         lead=lead,
         look_ahead=flight.recording.look_ahead,
-        withdrawn_t=None if judged.withdrawn is None else float(part["t"][judged.withdrawn]),
+        withdrawn_t=None if withdrawal is None else float(part["t"][withdrawal.first]),
+        withdrawn_reason="" if withdrawal is None else withdrawal.reason,
         remarks=(
             *first,
             *(remark for flown in judged.inputs for remark in flown.remarks),

@@ -83,6 +83,7 @@ class ScoredManoeuvre:
     look_ahead: how far resampling let its samples look into the future [s]: in flight an alert
     could come so much later; 0 where they are as recorded.
     withdrawn_t: first sample of which nothing is said any more [s]; None where there is none.
+    withdrawn_reason: why, by what was known at that time; `validity` is of the whole manoeuvre.
     amplitude: largest deflection as a share of the planned; None where that is not known.
     remarks: what limits the verdict.   guarantee: what is promised, or that nothing is.
     """
@@ -106,6 +107,7 @@ class ScoredManoeuvre:
     remarks: tuple[str, ...] = ()
     amplitude: float | None = None
     recorded_exceedance: RecordedExceedance | None = None
+    withdrawn_reason: str = ""
 
     @property
     def exceedance_verdict(self) -> str:

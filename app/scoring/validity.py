@@ -7,17 +7,18 @@ from app.scoring.checks import channels, coverage, flight_condition, manoeuvre, 
 from app.scoring.planned_test import read_channels
 from app.scoring.scored import OBSERVATIONS, Check, Validity
 from core.channels import KEYS
-from core.monitor.validity import ValidityVerdict
+from core.monitor.assessment import Withdrawal
+from core.monitor.validity import ValidityVerdict, in_words
 
 
-def validity(assessed: AssessedSegment) -> tuple[Validity, int | None]:
-    """Every check of a manoeuvre, and the first sample of which nothing is said.
+def validity(assessed: AssessedSegment) -> tuple[Validity, Withdrawal | None]:
+    """Every check of a manoeuvre, and the first sample of which nothing is said, and why.
 
     That is the sample at which a stream withdraws; the first of all where another check fails,
     which knows more than a stream does: the airspeed, say, or which manoeuvre was flown. None
     where all is said.
     """
-    verdict, first = support(assessed)
+    verdict, withdrawal = support(assessed)
     enough = coverage(assessed)
     checks = (
         rate(assessed),
@@ -42,10 +43,10 @@ def validity(assessed: AssessedSegment) -> tuple[Validity, int | None]:
         reasons=failed + lacking + verdict.reasons,
         checks=checks,
     )
-    return result, 0 if failed else first
+    return result, Withdrawal(0, in_words(failed)) if failed else withdrawal
 
 
-def support(assessed: AssessedSegment) -> tuple[ValidityVerdict, int | None]:
+def support(assessed: AssessedSegment) -> tuple[ValidityVerdict, Withdrawal | None]:
     """Whether the observations lie within those of training, by conformal rank; and up to where."""
     monitor, absent = assessed.monitor, ~np.isfinite(assessed.y).any(axis=0)
     if missing := [KEYS[c] for c in np.flatnonzero(absent & read_channels(monitor))]:

@@ -220,8 +220,8 @@ class Monitor:
 
     def judge_and_withdraw(
         self, t: Array, y: Array, assessments: Assessments
-    ) -> tuple[ValidityVerdict, int | None]:
-        """The verdict on a whole manoeuvre, and the first sample of which nothing may be said.
+    ) -> tuple[ValidityVerdict, Withdrawal | None]:
+        """The verdict on a whole manoeuvre, and from where on nothing may be said, and why.
 
         It counts up to its first exceedance.   assessments: of these samples, not withdrawn.
         """

@@ -89,14 +89,14 @@ def judge_and_withdraw(
     y: Array,
     assessments: Assessments,
     end: int | None = None,
-) -> tuple[ValidityVerdict, int | None]:
-    """The verdict on a whole manoeuvre, and the first sample of which nothing may be said.
+) -> tuple[ValidityVerdict, Withdrawal | None]:
+    """The verdict on a whole manoeuvre, and `withdrawal` of it.
 
-    Arguments as of `judge`.   The second is None where there is no such sample.
+    Arguments as of `judge`.
     """
     deviation, largest = deviation_of(basis, t, y, assessments, end)
     verdict = _verdict(basis, deviation, None, _outlier(deviation, assessments))
-    return verdict, _first_outside(basis, largest)
+    return verdict, _withdrawal(basis, t, y, assessments, largest)
 
 
 def _outlier(deviation: Deviation, assessments: Assessments) -> Array | None:
@@ -145,6 +145,13 @@ def withdrawal(
     Arguments as of `judge`. It is the sample at which `RunningValidity` becomes invalid.
     """
     _, largest = deviation_of(basis, t, y, assessments, end)
+    return _withdrawal(basis, t, y, assessments, largest)
+
+
+def _withdrawal(
+    basis: ValidityBasis, t: Array, y: Array, assessments: Assessments, largest: Array
+) -> Withdrawal | None:
+    """The first sample beyond a bound, and why, by what was known at it. largest: (n, 2)."""
     if (first := _first_outside(basis, largest)) is None:
         return None
     return Withdrawal(first, in_words(judge(basis, t, y, assessments, end=first).reasons))

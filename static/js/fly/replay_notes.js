@@ -67,14 +67,9 @@ export function createReplayNotes({ api, source, now, add: addEvent, marked, fai
       api.get(`${path}/markers`),
     ]);
     if (closed) return;
-    for (const { name, start, exceedance, alerts, validity } of scoring.manoeuvres) {
-      add({
-        t: start,
-        text:
-          validity.valid === false
-            ? `${name} begins: invalid, ${validity.reasons[0] ?? "not applicable"}`
-            : `${name} begins`,
-      });
+    for (const { name, start, exceedance, alerts, validity, withdrawn_t: withdrawn } of scoring.manoeuvres) {
+      add({ t: start, text: `${name} begins` });
+      if (validity.valid === false) list({ t: withdrawn ?? start, text: `${name} is invalid from here on` });
       for (const [begin] of alerts) marks.push({ t: begin, level: "alert" });
       if (exceedance !== null) marks.push({ t: exceedance.t, level: "caution" });
     }
@@ -87,9 +82,13 @@ export function createReplayNotes({ api, source, now, add: addEvent, marked, fai
 
   function add(event) {
     marks.push({ t: event.t, level: "caution" });
+    list(event);
+    marked();
+  }
+
+  function list(event) {
     ahead = [...ahead, { level: "", ...event, seen: true }].sort((a, b) => a.t - b.t);
     moved(now());
-    marked();
   }
 
   function moved(t) {

@@ -75,6 +75,9 @@ def test_it_says_why_it_says_nothing(samples: npt.NDArray) -> None:
     assert played.assessment(0).reason == REASONS[WARMING_UP]
     assert played.assessment(90).reason == BETWEEN
     assert played.assessment(120).reason == "p was off by 9 sigma; too fast"
+    then = {**MANOEUVRES[1], "withdrawn_t": 3364.0, "withdrawn_reason": "p was off by 5 sigma"}
+    played = RecordedScript(samples, [MANOEUVRES[0], then], DT, forecasts=True)
+    assert played.assessment(120).reason == "p was off by 5 sigma"
 
 
 def test_it_is_checked_where_every_manoeuvre_has_a_verdict(samples: npt.NDArray) -> None:

@@ -358,7 +358,7 @@ def test_the_monitor_is_not_applicable_to_observations_unlike_training(
     assert ", mostly beta (" in said["observations within training"]
 
 
-def test_an_invalid_manoeuvre_is_followed_once_and_withdrawn_as_a_stream_is(
+def test_an_invalid_manoeuvre_is_withdrawn_as_a_stream_is_and_followed_once_and_up_to_there(
     attas: Monitor, calm: np.ndarray, monkeypatch: pytest.MonkeyPatch
 ):
     gust = calm.copy()
@@ -366,15 +366,18 @@ def test_an_invalid_manoeuvre_is_followed_once_and_withdrawn_as_a_stream_is(
     followed = []
     follow = core_validity.follow
     monkeypatch.setattr(
-        core_validity, "follow", lambda *given: (followed.append(1), follow(*given))[1]
+        core_validity, "follow", lambda *given: (followed.append(len(given[2])), follow(*given))[1]
     )
     (manoeuvre,) = (scored := score(attas, recorded(gust))).manoeuvres
-    assert len(followed) == 1
+    passes = list(followed)
     part = slice(manoeuvre.first, manoeuvre.last + 1)
     t, y = scored.samples["t"][part], scored.samples["y"][part]
     withdrawal = attas.assess(t, y).withdrawal
     assert withdrawal is not None
     assert manoeuvre.withdrawn_t == t[withdrawal.first]
+    assert manoeuvre.withdrawn_reason == withdrawal.reason
+    assert manoeuvre.withdrawn_reason not in manoeuvre.validity.reasons
+    assert passes[1:] == [withdrawal.first + 1]
 
 
 def test_the_monitor_is_applicable_to_fresh_flights(attas: Monitor):

@@ -21,6 +21,25 @@ TWO_PRESSES = """async () => {
     return [press(), press()];
 }"""
 
+LISTED = """async () => {
+    const { createReplayNotes } = await import("/js/fly/replay_notes.js");
+    const validity = { valid: false, reasons: ["off its forecast over the 0.5 s to 6.05 s"] };
+    const times = { start: 5, withdrawn_t: 5.65, exceedance: null, alerts: [] };
+    const flown = { name: "manoeuvre 1", ...times, validity };
+    const api = { get: async (path) => path.endsWith("/markers") ? [] : { manoeuvres: [flown] } };
+    const said = [];
+    let begun;
+    const marked = new Promise((resolve) => (begun = resolve));
+    const notes = createReplayNotes({
+        api, source: { recording: "r", scoring: "s" }, now: () => 5.6,
+        add: ({ t, text }) => said.push([t, text]),
+        marked: begun, fail: (error) => said.push(String(error)) });
+    await marked;
+    const before = said.length;
+    notes.moved(5.65);
+    return [before, said];
+}"""
+
 
 @pytest.fixture(scope="module")
 def stored() -> dict[str, str]:
@@ -94,6 +113,14 @@ def test_the_next_event_is_a_manoeuvre_a_note_an_alert_or_a_limit(
 def test_two_quick_presses_go_on_by_two_events(page: Page, site: RecordedSite) -> None:
     page.goto(site.http)
     assert page.evaluate(TWO_PRESSES) == [1, 2]
+
+
+def test_that_a_manoeuvre_is_invalid_is_said_once_its_replay_comes_to_the_withdrawal(
+    page: Page, site: RecordedSite
+) -> None:
+    page.goto(site.http)
+    begins, invalid = [5, "manoeuvre 1 begins"], [5.65, "manoeuvre 1 is invalid from here on"]
+    assert page.evaluate(LISTED) == [1, [begins, invalid]]
 
 
 def test_a_note_written_during_the_replay_stays_with_the_recording(

@@ -332,13 +332,12 @@ def test_verdict_and_withdrawal_are_those_of_a_manoeuvre_that_ends_with_its_exce
         t, y = rough_flight(seed)
         y[44 if exceeds else 30 :, NY] += 2.0
         assessments = untouched(monitor, t, y)
-        verdict, first = monitor.judge_and_withdraw(t, y, assessments)
+        verdict, withdrawal = monitor.judge_and_withdraw(t, y, assessments)
         end = monitor.last_counted(y)
         assert end is not None
         assert repr(verdict) == repr(monitor.judge(t, y, assessments, end=end))
-        withdrawal = monitor.withdrawal(t, y, assessments)
-        assert first == (withdrawal and withdrawal.first)
-        assert (first is None) == (verdict.valid is not False)
+        assert withdrawal == monitor.withdrawal(t, y, assessments)
+        assert (withdrawal is None) == (verdict.valid is not False)
 
 
 def test_reasons_name_response_size_and_time(monitor: Monitor, flights: Array) -> None:
