@@ -24,6 +24,7 @@ STANDARD_GRAVITY = 9.80665
 BASIC: dict[str, tuple[str, str]] = {
     "rad": ("[angle]", "radian radians rads"),
     "deg": (f"{pi / 180!r} * rad", "degree degrees degs ° grad"),
+    "cdeg": (f"{pi / 18000!r} * rad", "centidegree centidegrees centideg centidegs cdegs"),
     "mrad": ("0.001 * rad", "milliradian milliradians"),
     "rev": (f"{2 * pi!r} * rad", "revolution revolutions turn turns"),
     "s": ("[time]", "sec secs second seconds sek sekunden"),
@@ -67,6 +68,7 @@ BASIC: dict[str, tuple[str, str]] = {
 }
 # written as one word, or otherwise against the grammar of `_parsed`
 ONE_WORD: dict[str, str] = {
+    "0.01deg": "cdeg", "0.01°": "cdeg", "deg/100": "cdeg", "deg*100": "cdeg",
     "degps": "deg/s", "degpersec": "deg/s", "degpersecond": "deg/s", "degs/s": "deg/s",
     "dps": "deg/s", "dps2": "deg/s^2", "degps2": "deg/s^2",
     "radps": "rad/s", "radpersec": "rad/s", "radpersecond": "rad/s", "r/s": "rad/s",
@@ -84,7 +86,7 @@ NOT_GIVEN = frozenset(
 PLAIN = "1"
 """The unit of what has none."""
 CHOICES: dict[str, tuple[str, ...]] = {
-    "rad": ("rad", "deg", "mrad"),
+    "rad": ("rad", "deg", "mrad", "cdeg"),
     "rad/s": ("rad/s", "deg/s"),
     "g": ("g", "m/s^2", "ft/s^2", "mg"),
     "m/s": ("m/s", "kt", "ft/s", "km/h"),

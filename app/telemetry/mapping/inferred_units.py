@@ -15,7 +15,7 @@ import numpy as np
 from app.telemetry.contents import Columns
 from app.telemetry.mapping.candidates import Candidate
 from app.telemetry.mapping.extent import extent_of
-from app.telemetry.mapping.magnitudes import COMMON, RULED_OUT, unit_weights
+from app.telemetry.mapping.magnitudes import COMMON, RULED_OUT, is_seldom, unit_weights
 from app.telemetry.mapping.mapping import ChannelSource, Mapping
 from app.telemetry.mapping.motion.as_recorded import angles_of_quaternion, motion_as_recorded
 from app.telemetry.mapping.motion.unit_relations import (
@@ -34,6 +34,8 @@ ALIKE = 0.9
 """Correlation of the magnitudes' log likelihoods: in a gentle manoeuvre all angles are small."""
 LEAST = -12.0
 """Smallest log likelihood of a relation or magnitude: any may mislead."""
+LEAST_BY_AIRCRAFT = -6.0
+"""The same of a relation that is usual of aircraft, and not kinematics."""
 MOST_BY_MAGNITUDE = 2.5
 """Log odds that the magnitude of one angle or rate says at most."""
 SAME = 3.0
@@ -50,6 +52,8 @@ LARGE = log(20.0)
 """Deviation that no error of scale makes."""
 BY_PHYSICS, BY_AIRCRAFT = 0.5, 0.8
 """Factors on the confidence where a contradicted relation is kinematics or usual of aircraft."""
+SELDOM = 0.8
+"""Factor on the confidence where a peak, or without evidence a unit, is seldom seen."""
 LOAD_FACTOR = {"g": 0.9, "m/s^2": 0.07, "ft/s^2": 0.03}
 ACCELERATION = {"g": 0.35, "m/s^2": 0.55, "ft/s^2": 0.1}
 SYSTEMS = {
@@ -125,8 +129,9 @@ def _choices(
             units, weights = (unit,), np.zeros(1)
         else:
             candidate = assigned[key]
-            by_unit = unit_weights(key, candidate.extent, _common(candidate))
-            units = tuple(by_unit)
+            common = _common(candidate)
+            units = tuple(common)
+            by_unit = unit_weights(key, candidate.extent, dict.fromkeys(units, 1.0))
             weights = np.log([by_unit[unit] for unit in units])
             # n equally correlated witnesses count as n / (1 + (n - 1) correlation)
             power = 1.0 / (1.0 + ALIKE * (len(unknown) - 1))
@@ -134,6 +139,7 @@ def _choices(
             weights -= weights.max()
             if key in unknown:
                 weights = power * np.maximum(weights, -MOST_BY_MAGNITUDE)
+            weights += np.log([common[unit] for unit in units])
             weights = np.where(impossible, LEAST, weights)
         # a group of one angle is no recorder
         recorder = group if _system(key) in ANGULAR and members[group] > 1 else -1
@@ -236,7 +242,7 @@ def _along_relation(
         logs = [log(factor(unit, TARGETS[key].unit)) for unit in choices[key].units]
         size = size + _along(power * np.array(logs), [axes[key]], n_axes)
     away = (size - relation.expected) / relation.scatter
-    return np.maximum(-0.5 * away * away, LEAST)
+    return np.maximum(-0.5 * away * away, LEAST if relation.exact else LEAST_BY_AIRCRAFT)
 
 
 def _read_off(
@@ -291,6 +297,12 @@ def _inferred(
     if share < 0.9:
         rivals = sorted((u for u in weights if u != unit), key=lambda u: -weights[u])
         why += f", although {rivals[0]} is plausible too"
+    if is_seldom(key, candidate.extent, unit):
+        share *= SELDOM
+        why += f"; few {TARGETS[key].label}s go so far: check the unit"
+    elif unit == "cdeg" and not evidence:
+        share *= SELDOM
+        why += ", but may be no angle at all: check the unit"
     return replace(candidate.because(why, share, unit=unit), unit_share=share)
 
 

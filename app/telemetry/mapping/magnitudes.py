@@ -17,15 +17,17 @@ class Magnitude:
     """Of a target, in its unit: usual peak, the factor of its scatter, the most that is plausible.
 
     floor: the least that is plausible; for the quantities that are never negative.
+    seldom: a peak beyond it is seldom seen, and worth a look.
     """
 
     usual: float
     scatter: float
     most: float
     floor: float = -float("inf")
+    seldom: float = float("inf")
 
 
-SURFACE = Magnitude(0.13, 3.5, 1.6)
+SURFACE = Magnitude(0.13, 3.5, 1.6, seldom=0.8)
 QUATERNION = Magnitude(1.0, 3.0, 1.01)
 MAGNITUDES: dict[str, Magnitude] = {
     "beta": Magnitude(0.07, 3.0, 1.6),
@@ -45,7 +47,7 @@ MAGNITUDES: dict[str, Magnitude] = {
     **dict.fromkeys(("q0", "q1", "q2", "q3"), QUATERNION),
 }
 COMMON: dict[str, dict[str, float]] = {
-    "rad": {"rad": 0.5, "deg": 0.5},
+    "rad": {"rad": 0.485, "deg": 0.485, "cdeg": 0.03},
     "rad/s": {"rad/s": 0.5, "deg/s": 0.5},
     "g": {"g": 0.6, "m/s^2": 0.35, "ft/s^2": 0.05},
     "m/s": {"m/s": 0.45, "kt": 0.4, "ft/s": 0.1, "km/h": 0.05},
@@ -77,6 +79,11 @@ def unit_weights(
         unit: share * likelihood(key, extent, factor(unit, target))
         for unit, share in (common or COMMON[target]).items()
     }
+
+
+def is_seldom(key: str, extent: Extent, unit: str) -> bool:
+    """Whether the peak is plausible in this unit, but seldom seen."""
+    return extent.peak * factor(unit, TARGETS[key].unit) > MAGNITUDES[key].seldom
 
 
 def unit_is_plausible(key: str, extent: Extent, unit: str) -> bool:

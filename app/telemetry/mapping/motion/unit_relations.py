@@ -14,7 +14,7 @@ from app.telemetry.contents import Columns, Signal
 from app.telemetry.mapping.extent import extent_of
 from app.telemetry.mapping.motion.as_recorded import TURNS, WRAP
 from app.telemetry.mapping.motion.motion import STEP, Motion
-from app.telemetry.mapping.motion.signs import ANGLE_OF, FOLLOWS
+from app.telemetry.mapping.motion.signs import ANGLE_OF, CLEAR, FOLLOWS
 from app.telemetry.mapping.naming.spelling import spellings
 from app.telemetry.mapping.naming.vocabulary import MACH, NORMAL_ACCELERATION
 from app.telemetry.units import STANDARD_GRAVITY, factor, fits
@@ -23,6 +23,9 @@ from core.types import Array
 
 SIDE_FORCE_CLEAR = 0.6
 """Share of the lateral acceleration that the sideslip must explain beside the others."""
+EFFECTIVENESS = {"delta_a": ("p", 6.0), "delta_r": ("r", 1.7)}
+"""Rate that a surface accelerates, and usual acceleration [rad/s2 per rad]: 0.2 to 47 and 0.5 to 7
+for the published aircraft, more for small ones."""
 BALANCED = 0.5
 """Share of beta-dot that yaw rate, side force and bank must explain."""
 WIDEST = 0.3
@@ -75,7 +78,24 @@ def relations_of_motion(moves: Motion) -> list[UnitRelation]:
             # r is cos(phi) times it in a bank
             scatter = 0.2 if key == "p" else 0.35
             relations.append(UnitRelation({key: 1, angle: -1}, size, 0.0, scatter, text))
-    return [*relations, *_of_sideslip(moves)]
+    return [*relations, *_of_sideslip(moves), *_of_surfaces(moves)]
+
+
+def _of_surfaces(moves: Motion) -> list[UnitRelation]:
+    """The angular acceleration that a surface makes."""
+    relations = []
+    for key, (rate, usual) in EFFECTIVENESS.items():
+        if key not in moves.values or rate not in moves.values:
+            continue
+        others = ("p", "r", *EFFECTIVENESS, "beta")
+        causes = {other: moves.values[other] for other in others if other in moves.values}
+        effect = moves.effects(moves.rates[rate], causes).get(key)
+        if effect and effect.share >= CLEAR:
+            size = log(abs(effect.slope))
+            text = f"{key} makes {{:.2g}} rad/s^2 of d({rate})/dt per rad"
+            powers = {rate: 1, key: -1}
+            relations.append(UnitRelation(powers, size, log(usual), 1.3, text, exact=False))
+    return relations
 
 
 def _of_sideslip(moves: Motion) -> list[UnitRelation]:

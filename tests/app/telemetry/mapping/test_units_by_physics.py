@@ -91,7 +91,25 @@ def test_the_evidence_of_a_unit_is_shown(tmp_path):
     assert "times d(phi)/dt" in reasons["phi"]
     assert "times d(psi)/dt, and d(beta)/dt is" in reasons["r"]
     assert "the side force is 2.6 g per rad of sideslip" in reasons["beta"]
-    assert "as for the other angles of the file" in reasons["delta_a"]
+    assert "delta_a makes 6.4 rad/s^2 of d(p)/dt per rad" in reasons["delta_a"]
+    table = unnamed({k: x for k, x in gentle().items() if k != "p"}, *ANGLES, *RATES)
+    without_roll_rate = propose(columns_of(tmp_path / "few", table)).rationales["delta_a"]
+    assert "as for the other angles of the file" in " ".join(without_roll_rate.reasons)
+
+
+@pytest.mark.parametrize("known", [True, False], ids=["rates", "no-rates"])
+def test_surfaces_in_hundredths_of_a_degree_are_told_by_what_they_do(known, tmp_path):
+    """As ArduPilot logs them; an aileron of 75 could be degrees, a rudder of 120 could not."""
+    channels = {key: x for key, x in gentle().items() if known or key not in RATES}
+    channels |= {key: 100.0 * channels[key] for key in ("delta_a", "delta_r")}
+    proposal = propose(columns_of(tmp_path, unnamed(channels, *ANGLES, *RATES)))
+    units = {key: proposal.mapping.channels[key].unit for key in ("delta_a", "delta_r")}
+    assert units == {"delta_a": "cdeg" if known else "deg", "delta_r": "cdeg"}
+    if not known:
+        reasons = {key: " ".join(proposal.rationales[key].reasons) for key in units}
+        assert "few ailerons go so far: check" in reasons["delta_a"]
+        assert "may be no angle at all: check" in reasons["delta_r"]
+        assert all(proposal.rationales[key].confidence < SURE - 0.1 for key in units)
 
 
 @pytest.mark.parametrize(
