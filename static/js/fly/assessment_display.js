@@ -45,6 +45,7 @@ export function createAssessmentDisplay(panels, { hello, history, alarm, events,
   });
   let assessment = { state: null, reason: "" };
   let newest = null; // frame, without which there is nothing to trust
+  let sampled = false; // a sample was shown
   let noted = ""; // below the number on the gauge
   let origin = 0; // where the flight goes on from, until a sample says more [s]
   let decided = hello; // the server's headline
@@ -65,6 +66,7 @@ export function createAssessmentDisplay(panels, { hello, history, alarm, events,
   }
 
   function show(frame) {
+    sampled = true;
     const { state, reason } = frame;
     if (state !== assessment.state || reason !== assessment.reason)
       setAssessment({ state, reason });
@@ -73,7 +75,8 @@ export function createAssessmentDisplay(panels, { hello, history, alarm, events,
   }
 
   function headlineNow(wall) {
-    return headlineOf(decided, { stale: !linked || timeline.stale(wall), alarms: alarm.open() });
+    const blank = !sampled && assessment.state === "ok";
+    return headlineOf(decided, { stale: !linked || timeline.stale(wall), alarms: alarm.open(), blank });
   }
 
   /** The number is the risk now. An alert may last one sample, too short for an eye: while it waits, it stands below. */

@@ -5,8 +5,9 @@
  *
  * Exports
  *   FACES {status: {word, long, shape}}     what each is called; `shape` names the gauge's sign
- *   headlineOf({status, level, beside, exceeded_t}, {stale, alarms}) -> Headline
+ *   headlineOf({status, level, beside, exceeded_t}, {stale, alarms, blank}) -> Headline
  *     stale: the browser hears nothing new.   alarms: how many warnings wait, as it knows
+ *     blank: no sample is shown yet, and nothing is said to explain it: nothing calm is said either
  *   ofSample({state, alert}) -> Headline     of a sample alone, where nothing more is known
  *   wordOf(status, reason) -> string         INVALID is called NOT ASSESSED between manoeuvres
  *   besideOf(headline, reason) -> string     what stands beside its word: "STALE · EXCEEDED at 8.76 s"
@@ -19,6 +20,7 @@ import { shownState } from "../charts/readout.js";
 
 const WORST_FIRST = ["exceeding", "alarm", "risk", "stale", "invalid", "caution", "warming_up", "not_calibrated", "exceeded", "ok"];
 const NOW = ["exceeding", "risk"]; // what a stale sample cannot show
+const CALM = ["none", "advisory"];
 const BESIDE = ["stale", "invalid"]; // always shown where they are true
 
 export const FACES = {
@@ -33,13 +35,14 @@ export const FACES = {
   not_calibrated: { word: "NOT CALIBRATED", long: "validity not calibrated", shape: "query" },
   exceeded: { word: "EXCEEDED", long: "limit exceeded earlier", shape: "flag" },
   ok: { word: "OK", long: "", shape: "check" },
+  no_data: { word: "NO DATA", long: "no sample is shown yet", shape: "dash" },
 };
 export const LEVEL_OF = { warning: "alert", caution: "caution", advisory: "advisory", none: "ok" };
 export const MARKS = { warning: "▲ ", caution: "◆ ", advisory: "", none: "✓ " };
 const LEVELS = { exceeding: "warning", alarm: "warning", risk: "warning", stale: "caution", invalid: "caution", caution: "caution" };
 
-export function headlineOf(server, { stale, alarms }) {
-  if (!stale) return server;
+export function headlineOf(server, { stale, alarms, blank = false }) {
+  if (!stale) return blank && CALM.includes(server.level) ? { ...server, status: "no_data", level: "advisory" } : server;
   const known = [server.status, ...server.beside].filter((status) => !NOW.includes(status));
   const holds = [...known, "stale", ...(alarms > 0 ? ["alarm"] : [])];
   const status = WORST_FIRST.find((one) => holds.includes(one));

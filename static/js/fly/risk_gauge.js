@@ -27,7 +27,7 @@ const FROM = -205; // degrees, clockwise from three o'clock
 const SWEEP = 230;
 const MARGIN = 30; // of the dial on either side, for epsilon's label
 
-const WITHOUT = { over: { word: "OVER", shape: "dash" }, none: { word: "NO DATA", shape: "dash" } };
+const WITHOUT = { over: { word: "OVER", shape: "dash" }, none: FACES.no_data };
 
 const OVER_LEVELS = { alert: "warning", caution: "caution", advisory: "advisory" }; // of a result
 

@@ -447,6 +447,23 @@ def test_a_server_that_falls_silent_is_no_open_link_and_the_last_samples_stay(ow
     assert pixels(fly.page, "p", "trace") > 20
 
 
+@pytest.mark.parametrize(("source", "said"), [(SAFE, "NO DATA"), (UNSAFE, "▲ ALARM")])
+def test_before_a_sample_is_shown_nothing_calm_is_said(
+    own_fly: Fly, source: dict[str, Any], said: str
+) -> None:
+    def pass_on(route: WebSocketRoute) -> None:
+        server = route.connect_to_server()
+        route.on_message(server.send)
+        server.on_message(lambda text: "frames" in json.loads(text) or route.send(text))
+
+    own_fly.page.route_web_socket(re.compile("/stream$"), pass_on)
+    place = ("next_alert", None) if source is UNSAFE else ("seek", 1.0)
+    own_fly.watch(source, ("pause", None), place)
+    expect(own_fly.status("state")).to_have_text(said)
+    expect(own_fly.page).to_have_title(re.compile(f"^{said} – "))
+    own_fly.gauge_says("NO DATA")
+
+
 def test_a_login_that_ended_is_said_and_not_tried_again(own_fly: Fly) -> None:
     fly = own_fly
     routes: list[WebSocketRoute] = []
