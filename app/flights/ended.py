@@ -47,6 +47,8 @@ class Record(BaseModel):
     headline: Headline
     verdict: Verdict | None
     reason: str = Field(description="why its newest sample was not assessed; empty where it was")
+    open_alarms: int = Field(description="warnings that wait for their acknowledgement")
+    open_cautions: int = Field(description="cautions that wait for theirs")
 
 
 def records(store: Store, flights: Iterable[FlightInfo]) -> dict[str, Record]:
@@ -79,15 +81,22 @@ def _record(
 ) -> Record:
     """last, reason: code of the state of its newest sample, and why."""
     exceeded = _exceeded(info, alarms)
+    warnings, cautions = (_n_waiting(alarms, level) for level in (Level.WARNING, Level.CAUTION))
     facts = Facts(
-        alarm=_waits(alarms, Level.WARNING),
-        caution=_waits(alarms, Level.CAUTION),
+        alarm=warnings > 0,
+        caution=cautions > 0,
         invalid=STATES[last] is State.INVALID,
         calibrated=monitor.support is not None,
         exceeded_t=min(exceeded, default=None),
     )
     found = _verdict(store, info, monitor, alarms) if exceeded else None
-    return Record(headline=headline(facts), verdict=found, reason=reason)
+    return Record(
+        headline=headline(facts),
+        verdict=found,
+        reason=reason,
+        open_alarms=warnings,
+        open_cautions=cautions,
+    )
 
 
 def verdict(
@@ -99,14 +108,19 @@ def verdict(
     """Whether a limit was exceeded, and how long before it the first alarm of a risk was.
 
     promised: the monitor's warning lead time [s]; less is too late.
-    jumped: what came before the first exceedance was not flown, so nobody could have been warned.
+    jumped: what came before the first exceedance was not flown, so nobody could have been warned
+    by what was raised together with it.
     withdrawn: by then the monitor was not applicable, and without an alarm it has not missed it.
     """
     first, raw = first_exceedance(alarms), _first(alarms)
     if first is None:
         text = exceedance_verdict("quiet", None, exceeded=False, recorded=True)
         return None if raw is None else Verdict(exceeded_t=raw.t, lead=None, text=text)
-    ahead = sorted((a.t, a.t) for a in alarms if a.kind == "risk" and a.t <= first.t)
+    ahead = sorted(
+        (a.t, a.t)
+        for a in alarms
+        if a.kind == "risk" and a.t <= first.t and not (jumped and a.seq >= first.seq)
+    )
     if jumped and not ahead:
         return Verdict(exceeded_t=first.t, lead=None, text=NOT_FLOWN)
     came, lead = outcome(tuple(ahead), RecordedExceedance(first.t, "", 0.0), promised)
@@ -194,8 +208,8 @@ def _before(store: Store, info: FlightInfo, seq: int, dt: float) -> tuple[bool, 
     return jumped, any(withdrawn)
 
 
-def _waits(alarms: Sequence[StoredAlarm], level: Level) -> bool:
-    return any(alarm.acknowledged is None and alarm.level == level for alarm in alarms)
+def _n_waiting(alarms: Sequence[StoredAlarm], level: Level) -> int:
+    return sum(alarm.acknowledged is None and alarm.level == level for alarm in alarms)
 
 
 def _exceeds_from_trim(alarm: StoredAlarm) -> bool:

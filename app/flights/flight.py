@@ -8,7 +8,6 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
-from math import inf
 from typing import TYPE_CHECKING, Any
 
 from app.flights.alarms import Alarms
@@ -78,7 +77,8 @@ class Flight(ABC):
     """A flight under way. Its methods are called in the event loop; only `stop` waits.
 
     on_over: called once when the flight is over by itself, with status and reason.
-    is_checked: whether it is judged by its monitor's validity.
+    is_checked: whether it is judged by its monitor's validity.   exceeded_t: first exceedance that
+    it has come to [s], flown or passed, sought back since or not; None for none.
     """
 
     dt: float
@@ -102,8 +102,7 @@ class Flight(ABC):
         self.state, self.reason = State.WARMING_UP, "no sample has come yet"
         self._assessment: Assessment | None = None
         self._exceeds = False
-        self._exceeded_t: float | None = None
-        self._reached = -inf
+        self.exceeded_t: float | None = None
         self._on_over = on_over
         self._recent = RecentFrames()
         self._watchers: set[Watcher] = set()
@@ -153,13 +152,6 @@ class Flight(ABC):
             calibrated=self.is_checked,
             exceeded_t=self.exceeded_t,
         )
-
-    @property
-    def exceeded_t(self) -> float | None:
-        """First exceedance that it has come to [s], flown or passed; sought back since or not."""
-        passed = self.fail_t if self.fail_t is not None and self.fail_t <= self._reached else None
-        known = [t for t in (self._exceeded_t, passed) if t is not None]
-        return min(known, default=None)
 
     @property
     def headline(self) -> Headline:
@@ -246,11 +238,12 @@ class Flight(ABC):
         self._recent.append(encode_frame(plain_frame(seq, y, assessment, round(due * 1e3, 3))))
         self._ring(self.alarms.update(seq, index, assessment, exceedance, self.clock))
         self.t, self._assessment, self._pose = assessment.t, assessment, (attitude, y)
-        self._reached = max(self._reached, assessment.t)
         self._exceeds = exceedance is not None
         if self._exceeds:
-            earlier = self._exceeded_t
-            self._exceeded_t = assessment.t if earlier is None else min(earlier, assessment.t)
+            self._note_exceedance(assessment.t)
+
+    def _note_exceedance(self, t: float) -> None:
+        self.exceeded_t = t if self.exceeded_t is None else min(t, self.exceeded_t)
 
     def _ring(self, alarms: list[Alarm]) -> None:
         """Store alarms and then announce them."""

@@ -11,7 +11,8 @@ from app.flights.exceedance import exceedance
 from app.flights.track import Track
 from app.messages import MeasuredExceedance
 from core.monitor import Assessment, Monitor
-from core.types import Array
+from core.monitor.validity import exceeds
+from core.types import Array, Flags, Indices
 
 Angles = tuple[float, float, float]
 """Bank, pitch and heading [rad]."""
@@ -22,12 +23,15 @@ class Script(ABC):
 
     t: (n,) rising [s].   dt: sample interval [s].   theta: parameters of a simulated aircraft.
     fail_t: when it exceeds a limit, if known [s].   is_checked: whether it was asked if the flight
-    is like those that its monitor was trained on.
+    is like those that its monitor was trained on.   alerts, exceedances: rising, samples at which
+    an alert or a measured exceedance begins.
     """
 
     t: Array
     dt: float
     is_checked: bool
+    alerts: Indices
+    exceedances: Indices
     theta: dict[str, float] | None = None
     fail_t: float | None = None
 
@@ -48,9 +52,10 @@ class Script(ABC):
     def assessment(self, k: int) -> Assessment:
         """What the monitor says of sample k."""
 
-    @abstractmethod
     def next_alert(self, k: int) -> int | None:
         """First sample after k at which an alert begins."""
+        later = self.alerts[self.alerts > k]
+        return int(later[0]) if len(later) else None
 
     def recorded(self, k: int) -> Array:
         """Sample k before its trim was subtracted, (6,); as it is where nothing was."""
@@ -70,6 +75,10 @@ class AssessedTrack(Script):
             self.fail_t = float(track.t[track.fail_index])
         self._track = track
         self._assessments = monitor.assess(track.t, track.y, epsilon)
+        self.alerts = onsets(self._assessments.alert)
+        limits = monitor.limits
+        over = np.zeros(len(track.t), bool) if limits is None else exceeds(limits, track.y)
+        self.exceedances = onsets(over)
         self.is_checked = monitor.support is not None
 
     def y(self, k: int) -> Array:
@@ -85,9 +94,7 @@ class AssessedTrack(Script):
         """What the batch says of sample k."""
         return self._assessments[k]
 
-    def next_alert(self, k: int) -> int | None:
-        """First sample after k at which an alert begins."""
-        alert = self._assessments.alert
-        onsets = np.flatnonzero(alert & ~np.concatenate([[False], alert[:-1]]))
-        later = onsets[onsets > k]
-        return int(later[0]) if len(later) else None
+
+def onsets(active: Flags) -> Indices:
+    """Samples at which something begins. active: (n,)."""
+    return np.flatnonzero(active & ~np.concatenate([[False], active[:-1]]))

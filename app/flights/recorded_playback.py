@@ -53,7 +53,9 @@ class RecordedScript(Script):
         self.is_checked = all(s["validity"]["valid"] is not None for s in manoeuvres)
         self._samples, self._manoeuvres, self._forecasts = samples, manoeuvres, forecasts
         begins = [begin for manoeuvre in manoeuvres for begin, _ in manoeuvre["alerts"]]
-        self._onsets = np.searchsorted(self.t, np.sort(np.array(begins, float)) - 0.5 * dt)
+        self.alerts = np.searchsorted(self.t, np.sort(np.array(begins, float)) - 0.5 * dt)
+        beyond = sorted({*self._exceedances, *self._recorded_exceedances})
+        self.exceedances = np.array(beyond, np.int64)
         self._display = DisplayAttitude(theta0)
         self._displayed = -1
         known = [s.get("trim") or () for s in manoeuvres]
@@ -112,11 +114,6 @@ class RecordedScript(Script):
             return Assessment(t, None, None, state, why)
         y_hat = sample["y_hat"] if self._forecasts else None
         return Assessment(t, float(sample["p_value"]), bool(sample["alert"]), state, y_hat=y_hat)
-
-    def next_alert(self, k: int) -> int | None:
-        """First sample after k at which an alert begins."""
-        later = self._onsets[self._onsets > k]
-        return int(later[0]) if len(later) else None
 
     def _integrated(self, k: int) -> Angles:
         """Go on from the sample shown before, or come from a while ahead of a jump."""

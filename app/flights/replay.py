@@ -32,6 +32,7 @@ class TrackFlight(Flight):
         self._script = script
         self._transport = Transport(script.t, script.dt)
         self._flown = 0.0
+        self._furthest = -1
 
     @property
     def transport(self) -> TransportState:
@@ -134,8 +135,22 @@ class TrackFlight(Flight):
         script, k = self._script, due.sample
         if due.restarts:
             self._restart(float(script.t[k]))
+            self._pass(k)
+        self._furthest = max(self._furthest, k)
         exceeded = script.exceedance(k, self.plan.monitor.limits)
         self._fly(script.y(k), script.assessment(k), exceeded, due.due, k, script.attitude(k))
+
+    def _pass(self, k: int) -> None:
+        """Raise the alarms of what a seek to sample k passes: the first of each kind, if new."""
+        script, passed = self._script, set[int]()
+        for begins in (script.alerts, script.exceedances):
+            passed.update(begins[(begins > self._furthest) & (begins < k)][:1].tolist())
+        for at in sorted(passed):
+            exceeded = script.exceedance(at, self.plan.monitor.limits)
+            if exceeded is not None:
+                self._note_exceedance(float(script.t[at]))
+            seq, assessment = self.head + 1, script.assessment(at)
+            self._ring(self.alarms.update(seq, at, assessment, exceeded, self.clock))
 
     def _next_alert(self) -> int:
         """Sample at which the next alert begins."""

@@ -365,6 +365,8 @@ def _status(
         **_plain(flight, record),
         verdict=record.verdict if record else None,
         reason=record.reason if record else "",
+        open_alarms=record.open_alarms if record else None,
+        open_cautions=record.open_cautions if record else None,
         source=source_of(info),
         mode=mode_of(info.source),
         monitor=info.monitor_id,

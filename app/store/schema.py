@@ -81,8 +81,9 @@ def current_revision(url: URL) -> str | None:
     place = url.render_as_string(hide_password=True)
     try:
         with engine.connect() as connection:
-            heads = MigrationContext.configure(connection).get_current_heads()
+            # tables first: another process may commit them and their revision in between
             tables = set(inspect(connection).get_table_names()) - {VERSION_TABLE}
+            heads = MigrationContext.configure(connection).get_current_heads()
     except DBAPIError as error:
         raise StoreError(
             f"{place} cannot be read ({error.orig}): choose a database of Forewarn, or a new file"

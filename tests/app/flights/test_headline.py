@@ -104,19 +104,31 @@ def test_paused_beyond_the_limit_it_is_exceeding_until_within_then_exceeded() ->
     for back in (10 * DT, 0.0):
         flown.flight.act("seek", back)
         said = flown.flight.headline
-        assert (said.status, said.level, said.exceeded_t) == ("exceeded", "caution", 22 * DT)
+        assert (said.status, said.level, said.exceeded_t) == ("exceeded", "caution", 20 * DT)
     flown.seen.take()
-    assert flown.seen.of("status")[-1]["exceeded_t"] == 22 * DT
+    assert flown.seen.of("status")[-1]["exceeded_t"] == 20 * DT
 
 
-def test_an_exceedance_that_was_passed_by_a_seek_is_the_flight_s_for_good() -> None:
-    flown = Flown(exact_monitor(), np.zeros((N_SAMPLES, 6)), epsilon=0.99).start()
-    flown.flight.is_checked, flown.flight.fail_t = True, 20 * DT
-    assert flown.flight.headline.status != "exceeded"  # it has not come to it
+def test_an_exceedance_that_a_seek_passes_is_an_alarm_and_the_flight_s_for_good() -> None:
+    y = np.zeros((N_SAMPLES, 6))
+    y[20:25, NY], y[30:35, NY] = 0.529, 0.6
+    flown = Flown(exact_monitor(), y, epsilon=0.99).start()
+    flown.flight.is_checked = True
+    flown.flight.fail_t = 5 * DT  # of the true outputs, which nobody measures
+    flown.flight.act("pause")
+    flown.flight.act("seek", 15 * DT)
+    assert flown.flight.headline.level == "none"  # it has not come to it
     flown.flight.act("seek", 40 * DT)
-    flown.flight.act("seek", 10 * DT)
-    assert flown.flight.headline[:2] == ("exceeded", "caution")
-    assert flown.flight.headline.exceeded_t == 20 * DT
+    flown.seen.take()
+    assert flown.flight.headline.status == "alarm"
+    (alarm,) = [message["alarm"] for message in flown.seen.of("alarm")]
+    assert (alarm["kind"], alarm["t"]) == ("limit", 20 * DT)
+    assert alarm["exceedance"]["value"] == 0.529
+    flown.flight.acknowledge("1", "FTE", "now")
+    for back in (10 * DT, 40 * DT):  # what was met does not ring again by being passed
+        flown.flight.act("seek", back)
+        assert flown.flight.headline[:2] == ("exceeded", "caution")
+        assert flown.flight.headline.exceeded_t == 20 * DT
 
 
 def test_an_alarm_stays_the_headline_until_it_is_acknowledged() -> None:

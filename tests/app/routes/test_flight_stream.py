@@ -202,7 +202,11 @@ def test_an_alarm_is_acknowledged_over_rest_and_told_to_all(server: Server) -> N
     again = server.client.post(f"{alarms}/{raised['id']}/acknowledge")
     assert again.json() == told.json()
     assert server.client.get(alarms).json()[0] == told.json()
-    assert server.client.get(f"{URL}/{flight['id']}").json()["open_alarms"] == 1
+    path = f"{URL}/{flight['id']}"
+    under_way = server.client.get(path).json()
+    server.client.post(f"{path}/end")
+    for said in (under_way, server.client.get(path).json()):
+        assert (said["open_alarms"], said["open_cautions"]) == (1, 0)
     problem(server.client.post(f"{alarms}/99/acknowledge"), 404)
 
 
@@ -211,8 +215,24 @@ def test_the_verdict_of_a_flight_that_was_sought_to_its_exceedance(server: Serve
     server.steer(flight["id"], "pause")
     server.steer(flight["id"], "seek", flight["fail_t"])
     server.client.post(f"{URL}/{flight['id']}/end")
-    verdict = server.client.get(f"{URL}/{flight['id']}").json()["verdict"]
-    assert verdict["text"] == "LIMIT EXCEEDED, what came before it was not flown"
+    said = server.client.get(f"{URL}/{flight['id']}").json()
+    assert said["verdict"]["text"] == "LIMIT EXCEEDED, what came before it was not flown"
+    assert said["verdict"]["exceeded_t"] == said["exceeded_t"]
+
+
+def test_a_seek_past_an_exceedance_raises_its_alarm_and_is_told_in_the_verdict(
+    server: Server,
+) -> None:
+    flight = server.start()
+    path = f"{URL}/{flight['id']}"
+    server.steer(flight["id"], "pause")
+    server.steer(flight["id"], "seek", flight["fail_t"] + 1.0)
+    limit = [alarm for alarm in server.client.get(f"{path}/alarms").json() if alarm["exceedance"]]
+    assert [alarm["t"] for alarm in limit] == [pytest.approx(flight["fail_t"], abs=0.1)]
+    server.client.post(f"{path}/end")
+    said = server.client.get(path).json()
+    assert said["verdict"]["text"] == "LIMIT EXCEEDED, what came before it was not flown"
+    assert said["exceeded_t"] == said["verdict"]["exceeded_t"] == limit[0]["t"]
 
 
 def test_the_headline_is_told_by_list_flight_and_stream_and_the_verdict_at_the_end(
