@@ -135,7 +135,9 @@ def _judge(flight: Ready, segment: Segment) -> JudgedSegment:
         {channel.key: channel.held for channel in flight.quality.channels},
     )
     verdict, withdrawal = validity(assessed)
-    inputs = flight.monitor.flown_input(y, flight.monitor.last_counted(y_read))
+    inputs = flight.monitor.flown_input(
+        y, flight.monitor.last_counted(y_read), flight.planned.amplitudes
+    )
     return JudgedSegment(segment, trim, y, assessments, limited, verdict, withdrawal, inputs)
 
 

@@ -17,8 +17,8 @@ from core.monitor.support import LEVEL, WORST_LEVEL
 from core.types import Array, Flags, Indices
 
 SURFACES = (KEYS.index("delta_a"), KEYS.index("delta_r"))
-ARRAYS = ("surfaces", "planned", "safe", "unsafe")
-"""What a section of a monitor's file holds."""
+ARRAYS = {"surfaces": "surfaces", "planned": "usual", "safe": "safe", "unsafe": "unsafe"}
+"""What a section of a monitor's file holds, and the field of InputSupport that it is."""
 MEASURES = PEAK, OTHER_SIDE, LASTING = range(3)
 WORDS = (
     "largest deflection",
@@ -37,19 +37,20 @@ moves less follows a control law, or is held."""
 class FlownInput:
     """How a surface was moved. channel: its key.
 
-    peak: largest magnitude [rad].   planned: that of the median fresh flight [rad].
+    peak: largest magnitude [rad].   planned: amplitude of the planned manoeuvre [rad], None where
+    the manoeuvre is not known or does not command it.
     remarks: what sets it apart from fresh flights; nothing for an input like theirs.
     """
 
     channel: str
     peak: float
-    planned: float
+    planned: float | None
     remarks: tuple[str, ...] = ()
 
     @property
-    def share(self) -> float:
+    def share(self) -> float | None:
         """Of the planned amplitude."""
-        return self.peak / self.planned
+        return self.peak / self.planned if self.planned else None
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,14 +58,14 @@ class InputSupport:
     """How surfaces moved in flights that are drawn like the simulated ones.
 
     surfaces: (k,) numbers of the channels that the manoeuvre moves.
-    planned: (k,) median peak of all of them [rad].
+    usual: (k,) median peak of all of them [rad].
     safe, unsafe: (n, k, 3) of fresh flights that stayed safe, and of those that failed up to their
     failure, each measure sorted: peak [rad], largest deflection to the other side as a share of the
     peak, time beyond half the peak [s].
     """
 
     surfaces: Indices
-    planned: Array
+    usual: Array
     safe: Array
     unsafe: Array
 
@@ -78,37 +79,44 @@ class InputSupport:
                 raise ValueError(f"input {name} is {array.dtype} {array.shape}")
             if not np.isfinite(array).all() or (array[1:] < array[:-1]).any() or (array < 0).any():
                 raise ValueError(f"input {name} is not sorted, or holds what is no measure")
-        if self.planned.dtype != np.float64 or self.planned.shape != (k,):
-            raise ValueError(f"input planned is {self.planned.dtype} {self.planned.shape}")
-        if not (np.isfinite(self.planned).all() and (self.planned > 0).all()):
+        if self.usual.dtype != np.float64 or self.usual.shape != (k,):
+            raise ValueError(f"input planned is {self.usual.dtype} {self.usual.shape}")
+        if not (np.isfinite(self.usual).all() and (self.usual > 0).all()):
             raise ValueError("input planned holds what is no peak")
 
     def to_section(self) -> Section:
         """Return the section of a monitor's file; a program that does not know it may ignore it."""
-        arrays = {name: getattr(self, name) for name in ARRAYS}
+        arrays = {name: getattr(self, field) for name, field in ARRAYS.items()}
         return Section("input", 1, False, {}, arrays)
 
     @classmethod
     def of_section(cls, section: Section) -> Self:
         """Rebuild it; ValueError where it makes no sense."""
-        support = cls(**{name: section.arrays[name] for name in ARRAYS})
+        support = cls(**{field: section.arrays[name] for name, field in ARRAYS.items()})
         support.check()
         return support
 
-    def judge(self, y: Array, dt: float, exceeded: bool) -> tuple[FlownInput, ...]:
+    def judge(
+        self, y: Array, dt: float, exceeded: bool, planned: Array | None = None
+    ) -> tuple[FlownInput, ...]:
         """Compare a flight with fresh ones of its kind; one entry each surface that was recorded.
 
         y: (n, 6) from trim, up to the first exceedance where there is one; NaN where unknown.
-        dt: [s].   exceeded: whether there is one.
+        dt: [s].   exceeded: whether there is one.   planned: (2,) amplitude of each of SURFACES in
+        the planned manoeuvre [rad]; None where that is not known.
         """
         there = np.isfinite(y[:, self.surfaces]).any(axis=0)
         found = measures(y[None], np.array([len(y) - 1]), dt, self.surfaces)[0]
-        peers = self.unsafe if exceeded else self.safe
-        return tuple(self._judged(k, found[k], peers[:, k]) for k in np.flatnonzero(there).tolist())
+        amplitudes = dict(zip(SURFACES, [] if planned is None else planned.tolist(), strict=False))
+        return tuple(
+            self._judged(k, found[k], exceeded, amplitudes.get(int(self.surfaces[k])) or None)
+            for k in np.flatnonzero(there).tolist()
+        )
 
-    def _judged(self, k: int, found: Array, peers: Array) -> FlownInput:
+    def _judged(self, k: int, found: Array, exceeded: bool, planned: float | None) -> FlownInput:
         channel = CHANNELS[self.surfaces[k]]
-        planned = float(self.planned[k])
+        peers = (self.unsafe if exceeded else self.safe)[:, k]
+        kind = "exceed a limit lie, until they do," if exceeded else "exceed no limit lie"
         levels = [self._level(measure, len(peers)) for measure in MEASURES]
         remarks = []
         for measure, level in zip(MEASURES, levels, strict=True):
@@ -118,14 +126,13 @@ class InputSupport:
             worth = LEAST_WORTH[measure]
             if least - worth <= (value := float(found[measure])) <= most + worth:
                 continue
-            of = (
-                f", {100 * value / planned:.0f} % of the planned amplitude"
-                if measure == PEAK
-                else ""
-            )
+            of = ""
+            if measure == PEAK:
+                what = "planned amplitude" if planned else "median of fresh flights"
+                of = f", {100 * value / (planned or self.usual[k]):.0f} % of the {what}"
             remarks.append(
                 f"{channel.label}: {WORDS[measure]} {_read(channel, measure, value)}{of}; "
-                f"{100 * (1 - level):.4g} % of fresh flights lie between "
+                f"{100 * (1 - level):.4g} % of fresh flights that {kind} between "
                 f"{_read(channel, measure, least)} and {_read(channel, measure, most)}"
             )
         return FlownInput(channel.key, float(found[PEAK]), planned, tuple(remarks))
@@ -142,7 +149,7 @@ class InputSupport:
 
 def amplitude(inputs: Sequence[FlownInput]) -> float | None:
     """Share of the planned amplitude that was flown, on the surface that is to move farthest."""
-    main = max(inputs, key=lambda flown: flown.planned, default=None)
+    main = max(inputs, key=lambda flown: flown.planned or 0.0, default=None)
     return None if main is None else main.share
 
 

@@ -248,14 +248,19 @@ class Monitor:
             return ValidityVerdict(None, reasons=(NOT_CALIBRATED,))
         return judge(self.validity_basis, t, y, assessments, level, end)
 
-    def flown_input(self, y: Array, end: int | None = None) -> tuple[FlownInput, ...]:
+    def flown_input(
+        self, y: Array, end: int | None = None, planned: Array | None = None
+    ) -> tuple[FlownInput, ...]:
         """How a manoeuvre's input compares with fresh flights; nothing where that is not known.
 
         y: (n, 6) from trim, NaN where unknown.   end: first sample that exceeds a limit, if any.
+        planned: (2,) amplitudes of aileron and rudder [rad]; None where they are not known.
         """
         if self.inputs is None:
             return ()
-        return self.inputs.judge(y if end is None else y[: end + 1], self.dt, end is not None)
+        return self.inputs.judge(
+            y if end is None else y[: end + 1], self.dt, end is not None, planned
+        )
 
     def stream(self, epsilon: float | None = None) -> "Stream":
         """Start assessing one flight, sample by sample."""

@@ -89,18 +89,23 @@ def test_another_amplitude_or_length_is_remarked_on(
 
 def test_a_remark_says_how_much_of_the_planned_amplitude_was_flown(support: InputSupport) -> None:
     exact = replace(PLANNED, timing_jitter_s=0.0, amplitude_jitter=0.0)
-    (like,) = support.judge(fly(exact, 1, 3)[0], DT, False)
+    planned = np.radians([0.0, 6.0])
+    (like,) = support.judge(fly(exact, 1, 3)[0], DT, False, planned)
     assert like.remarks == ()
-    assert like.share == pytest.approx(1.0, abs=0.03)
+    assert like.share == pytest.approx(1.0, abs=0.02)
     half = fly(replace(exact, amplitude_deg=-3.0), 1, 3)[0]
-    (flown,) = support.judge(half, DT, False)
+    (flown,) = support.judge(half, DT, False, 0.8 * planned)
     assert flown.channel == "delta_r"
-    assert flown.share == pytest.approx(0.5, abs=0.02)
+    assert flown.share == pytest.approx(0.5 / 0.8, abs=0.02)
     (remark,) = flown.remarks
     assert remark.startswith("rudder: largest deflection 3.0")
     assert (
-        f"{100 * flown.share:.0f} % of the planned amplitude; 98 % of fresh flights lie" in remark
+        f"{100 * flown.share:.0f} % of the planned amplitude; 98 % of fresh flights that exceed "
+        "no limit lie between" in remark
     )
+    (unknown,) = support.judge(half, DT, False)
+    assert unknown.share is None
+    assert " 50 % of the median of fresh flights; 98 %" in unknown.remarks[0]
     half[:, RUDDER] = np.nan
     assert support.judge(half, DT, False) == ()
 
@@ -110,6 +115,8 @@ def test_a_flight_that_exceeded_is_compared_up_to_there(support: InputSupport) -
     y = fly(replace(PLANNED, timing_jitter_s=0.0, amplitude_jitter=0.0), 1, 3)[0]
     assert support.judge(y[:41], DT, True)[0].remarks == ()
     assert support.judge(y[:31], DT, False)[0].remarks
+    (remark,) = support.judge(2.0 * y[:41], DT, True)[0].remarks
+    assert "98 % of fresh flights that exceed a limit lie, until they do, between" in remark
 
 
 def test_bounds_leave_out_as_many_as_the_level_says(support: InputSupport) -> None:
@@ -140,8 +147,8 @@ def test_a_section_comes_back_and_one_that_makes_no_sense_is_refused(support: In
     assert not support.to_section().required
     for wrong in (
         {"safe": support.safe[::-1]},
-        {"planned": support.planned * 0},
-        {"planned": support.planned[:0]},
+        {"planned": support.usual * 0},
+        {"planned": support.usual[:0]},
         {"safe": support.safe * np.nan},
         {"unsafe": support.unsafe[:, :, : len(MEASURES) - 1]},
         {"surfaces": np.array([0])},
@@ -155,6 +162,7 @@ def test_the_amplitude_of_a_manoeuvre_is_that_of_its_main_surface() -> None:
     rudder, aileron = FlownInput("delta_r", 0.077, 0.1), FlownInput("delta_a", 0.06, 0.05)
     assert amplitude([aileron, rudder]) == pytest.approx(0.77)
     assert amplitude([]) is None
+    assert amplitude([FlownInput("delta_r", 0.077, None)]) is None
     assert amplitude_in_words([0.77]) == ", on a manoeuvre of 77 % of the planned amplitude"
     assert (
         amplitude_in_words([0.77, 1.02])
