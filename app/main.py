@@ -41,6 +41,7 @@ from app.scene.scene import Scenes
 from app.security import BodyLimit, Guard
 from app.sessions import Sessions
 from app.settings import Settings
+from app.store.look import StoreLook
 from app.store.store import open_store
 from core import __version__
 
@@ -132,7 +133,7 @@ async def _lifespan(app: FastAPI) -> AsyncIterator[None]:
         store = app.state.store = await asyncio.to_thread(open_store, settings.url)
         parts.callback(store.close)
         await asyncio.to_thread(store.reserve.make)
-        app.state.look = None
+        look = app.state.look = StoreLook(store)
         kept = app.state.recordings = Recordings(store, settings.data_dir / "recordings")
         await parts.enter_async_context(kept)
         app.state.scored = ScoredRecordings(kept)
@@ -141,9 +142,11 @@ async def _lifespan(app: FastAPI) -> AsyncIterator[None]:
         scenes = app.state.scenes = Scenes(settings.max_flights)
         await parts.enter_async_context(scenes.lifespan())
         aloft = app.state.flights = Flights(
-            store, scenes, settings.max_flights, scored=app.state.scored
+            store, scenes, settings.max_flights, scored=app.state.scored, look=look
         )
         await parts.enter_async_context(aloft)
+        looking = asyncio.create_task(look.repeat(lambda: bool(aloft.under_way())))
+        parts.callback(looking.cancel)
         integrity = app.state.integrity = Integrity(store, kept.files)
         await asyncio.to_thread(integrity.look)
         integrity.start()

@@ -229,7 +229,7 @@ class Heartbeat(Message):
 
     lost: samples of the flight that could not be recorded.
     unwritten: samples that wait for the store; a few always do.
-    problem: why the store takes nothing at present, empty while it does.
+    problem: why the store takes nothing at present, also while nothing waits; empty while it does.
     conflated: samples left out for this watcher so far, waiting ones included.
     """
 

@@ -21,6 +21,7 @@ from app.messages import Alarm, MeasuredExceedance, plain_frame
 from app.recordings.scored import ScoredRecordings
 from app.store.alarms import StoredAlarm
 from app.store.flights import FlightInfo, UnderWay
+from app.store.look import StoreLook
 from app.store.store import NotFound, Store, StoreError
 from core.certificate import certificate
 from core.monitor import Assessment, Monitor, State
@@ -71,7 +72,9 @@ class Flights:
         max_flights: int = 20,
         clock: Clock | None = None,
         scored: ScoredRecordings | None = None,
+        look: StoreLook | None = None,
     ) -> None:
+        self._look = look
         self.store, self.max_flights, self._scored = store, max_flights, scored
         self._scenes, self._clock = scenes, clock or MonotonicClock()
         self._flights: dict[str, Flight] = {}
@@ -279,7 +282,7 @@ class Flights:
     ) -> Flight:
         try:
             scene = await asyncio.to_thread(self._open_scene, plan, patience(source.dt))
-            recorder = Recorder(self.store, plan.id, self._clock, self._recording)
+            recorder = Recorder(self.store, plan.id, self._clock, self._recording, self._look)
             when_over = self._when_over(plan.id)
             flight = make(plan, source, recorder, self._clock, when_over, scene)
             self._flights[plan.id] = flight

@@ -17,6 +17,7 @@ import numpy as np
 
 from app.flights.clock import Clock, Timer
 from app.messages import Alarm
+from app.store.look import StoreLook
 from app.store.store import NotFound, Store, StoreError
 from core.channels import N_CHANNELS
 from core.monitor import Assessment
@@ -67,11 +68,16 @@ class Recorder:
     """Records one flight.
 
     threads: where it writes, so that no other work of the server keeps an alarm waiting.
-    problem: why the store took nothing the last time, empty while it does.
+    look: the newest look at the store, which knows a fault also while nothing waits.
     """
 
     def __init__(
-        self, store: Store, flight_id: str, clock: Clock, threads: Executor | None = None
+        self,
+        store: Store,
+        flight_id: str,
+        clock: Clock,
+        threads: Executor | None = None,
+        look: StoreLook | None = None,
     ) -> None:
         self._store, self._flight_id, self._clock = store, flight_id, clock
         self._threads = threads
@@ -82,7 +88,12 @@ class Recorder:
         self._task: asyncio.Task[bool] | None = None
         self._alarms_task: asyncio.Task[None] | None = None
         self.lost = 0
-        self.problem = ""
+        self._look, self._refusal = look, ""
+
+    @property
+    def problem(self) -> str:
+        """Why the store took nothing the last time, or would not now; empty while it does."""
+        return self._refusal or (self._look.fault if self._look else "")
 
     @property
     def unwritten(self) -> int:
@@ -130,15 +141,15 @@ class Recorder:
         try:
             await self._flush()
         except Exception as error:
-            if not self.problem:
+            if not self._refusal:
                 LOG.exception("flight %s is not recorded: tried again", self._flight_id)
-            self.problem = str(error) or type(error).__name__
+            self._refusal = str(error) or type(error).__name__
             self.say_alarms()
             return False
-        if self.problem:
+        if self._refusal:
             text = "flight %s is recorded again: %d samples were lost"
             LOG.warning(text, self._flight_id, self.lost)
-            self.problem = ""
+            self._refusal = ""
         return True
 
     async def complete(self, status: str, exceeded_t: float | None = None) -> None:

@@ -12,12 +12,9 @@ from app.flights.flights import Flights
 from app.integrity import Damage, Integrity, Kind, State
 from app.metrics import CONTENT_TYPE
 from app.problems import Problem, problem_responses
-from app.store.store import Store
 from core import __version__
 
 router = APIRouter(tags=["health"])
-ANSWER_S = 2.0
-"""A store that takes longer to answer is not ready."""
 MOST_DAMAGED = 20
 """Damaged things that readiness names."""
 
@@ -72,10 +69,7 @@ async def readiness(request: Request) -> Readiness:
     state = request.app.state
     flights: Flights = state.flights
     told: dict[str, Any] = {"unwritten": flights.unwritten, "lost": flights.lost}
-    try:
-        detail = await asyncio.wait_for(asyncio.shield(_look(state)), ANSWER_S)
-    except TimeoutError:
-        detail = f"the store has not answered for {ANSWER_S:g} s: see what holds its disk"
+    detail = await state.look.look()
     if not detail and flights.problem:
         detail = f"{flights.unwritten} samples of flights wait for the store"
     damaged = await _damaged(state)
@@ -98,26 +92,6 @@ async def integrity(request: Request) -> IntegrityReport:
 async def _damaged(state: AppState) -> list[Damage]:
     """What was found damaged and is still there."""
     return await asyncio.to_thread(state.integrity.damaged) if state.integrity.n_damaged else []
-
-
-def _look(state: AppState) -> "asyncio.Future[str]":
-    """The look at the store that is under way, or a new one: a store that hangs is asked once."""
-    if state.look is None or state.look.done():
-        state.look = asyncio.ensure_future(asyncio.to_thread(_fault_of, state.store))
-    return state.look
-
-
-def _fault_of(store: Store) -> str:
-    """What is wrong with the store, empty where nothing is."""
-    try:
-        store.jobs.all()
-    except Exception:
-        return "the store cannot be read; the log says why"
-    try:
-        store.touch()
-    except Exception:
-        return "the store cannot be written: see that its disk has space and allows writing"
-    return ""
 
 
 @router.get(

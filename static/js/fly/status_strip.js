@@ -19,6 +19,7 @@ import { h, put } from "../lib/dom.js";
 import { sentence, warningWords } from "../lib/monitor_warnings.js";
 import { LEVEL_OF, textOf } from "./headline.js";
 
+const RECORD = "Whether the server stores what is flown; samples that wait for its disk, and those it lost";
 const ITEMS = [
   ["state", "status", "The worst that is true of this flight now; stale and invalid always stand beside it"],
   ["link", "link", "Connection to the server"],
@@ -29,7 +30,7 @@ const ITEMS = [
   ["age", "data age", "Time since the newest sample was due"],
   ["latency", "latency", "Newest sample: from the server's clock to this page"],
   ["conflated", "left out", "Samples left out of this display because it was slow; all were assessed and recorded"],
-  ["record", "record", "Whether the server stores what is flown; samples that wait for its disk, and those it lost"],
+  ["record", "record", RECORD],
 ];
 const LATE = 300; // ms
 const CAUTION = "◆ ";
@@ -81,6 +82,7 @@ export function createStatusStrip(element) {
     show("latency", known ? `${Math.round(figures.latency)} ms` : "–", !known ? "off" : figures.latency > LATE ? "caution" : "");
     show("conflated", `${figures.conflated.toLocaleString("en")} samples`, figures.conflated > 0 ? "caution" : "");
     show("record", ...recordOf(figures));
+    items.record.box.title = figures.problem === "" ? RECORD : sentence(figures.problem);
   }
 
   return { update };
@@ -88,6 +90,7 @@ export function createStatusStrip(element) {
 
 function recordOf({ lost, unwritten, problem }) {
   const gone = lost > 0 ? `, ${lost} samples lost` : "";
+  if (problem !== "" && unwritten === 0) return [`${CAUTION}STORE TAKES NOTHING${gone}`, "caution"];
   if (problem !== "") return [`${CAUTION}NOT RECORDED, ${unwritten} samples wait${gone}`, "caution"];
   if (lost === null) return [`${CAUTION}end may be missing`, "caution"];
   return lost > 0 ? [`${CAUTION}${lost} samples lost`, "caution"] : ["all", ""];

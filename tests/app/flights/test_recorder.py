@@ -10,6 +10,7 @@ import pytest
 from app.flights import recorder as module
 from app.flights.recorder import INTERVAL_S, Recorder
 from app.messages import Alarm
+from app.store.look import StoreLook
 from app.store.store import StoreError, open_store
 from core.dataset import Dataset
 from core.monitor import train
@@ -105,6 +106,19 @@ def test_what_the_store_refuses_is_tried_again_and_not_lost(
     assert [(chunk[1], len(chunk[2])) for chunk in store.chunks] == [(0, 15)]
     assert "tried again" in caplog.text
     assert "recorded again" in caplog.text
+
+
+def test_a_store_that_takes_nothing_is_a_problem_also_while_nothing_waits() -> None:
+    store = NoStore()
+    look = StoreLook(as_store(store))
+
+    async def record() -> None:
+        recorder = Recorder(as_store(store), "f", ScriptedClock(), look=look)
+        assert (recorder.unwritten, recorder.problem) == (0, "")
+        await look.look()  # it has no jobs
+        assert recorder.problem == look.fault == "the store cannot be read; the log says why"
+
+    asyncio.run(record())
 
 
 def test_an_alarm_is_announced_once_it_is_stored() -> None:

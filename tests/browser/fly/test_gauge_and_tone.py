@@ -228,7 +228,7 @@ def test_a_link_is_open_until_the_first_missed_heartbeat(
     assert page.evaluate("links.at(-1)[0]") == "open"
 
 
-def test_what_a_slow_display_left_out_is_said_in_samples(strips: Open) -> None:
+def test_left_out_samples_and_a_store_that_takes_nothing_are_said(strips: Open) -> None:
     told = run(
         strips(),
         """
@@ -236,13 +236,16 @@ def test_what_a_slow_display_left_out_is_said_in_samples(strips: Open) -> None:
         const { createStatusStrip } = await import('/static/js/fly/status_strip.js');
         const element = document.createElement('div');
         const figures = {
-          age: 0, latency: 0, conflated: 1074, lost: 0, unwritten: 0, problem: '', utc: null,
+          age: 0, latency: 0, conflated: 1074, lost: 0, unwritten: 0, utc: null, problem: 'no disk',
         };
         createStatusStrip(element).update({
           mode: 'live', source: '', monitor: '', link: 'open', live: true, headline: null, figures,
         });
-        return element.querySelector('[data-item="conflated"] .status-value').textContent;
+        const said = (item) => element.querySelector(`[data-item="${item}"]`);
+        const [left, record] = ['conflated', 'record'].map(said);
+        const words = [left, record].map((one) => one.querySelector('.status-value').textContent);
+        return [...words, record.dataset.level, record.title];
         })();
         """,
     )
-    assert told == "1,074 samples"
+    assert told == ["1,074 samples", "◆ STORE TAKES NOTHING", "caution", "No disk."]
