@@ -34,8 +34,10 @@ def check_against_motion(builder: ProposalBuilder, expected: SurfaceSigns) -> No
         traces = _applied(builder) or traces
     moves = motion(traces)
     if moves is not None:
+        bank = builder.channels.get("phi")
         _check_signs(builder, moves, expected)
-        _take_out_gravity(builder, moves)
+        same_bank = 1 if builder.channels.get("phi") == bank else -1
+        _take_out_gravity(builder, moves, same_bank)
     _remove_bias(builder)
 
 
@@ -79,7 +81,7 @@ def _check_sign(builder: ProposalBuilder, key: str, evidence: SignEvidence) -> N
     """Reverse a channel, or enter the evidence for its sign."""
     if key in ANGLE_OF and builder.channels[key].derivation:
         return  # it was made of the angle itself
-    if key in builder.confirmed:
+    if key in builder.confirmed or (key == "phi" and builder.channels[key].derivation):
         if evidence.sign < 0 and evidence.proven:
             builder.comment(key, f"but by the motion it is {evidence.text}", 0.6)
         return
@@ -92,15 +94,18 @@ def _check_sign(builder: ProposalBuilder, key: str, evidence: SignEvidence) -> N
         builder.comment(key, evidence.text, 0.8)
 
 
-def _take_out_gravity(builder: ProposalBuilder, moves: Motion) -> None:
-    """Take gravity out of a lateral acceleration that holds it."""
+def _take_out_gravity(builder: ProposalBuilder, moves: Motion, same_bank: int) -> None:
+    """Take gravity out of a lateral acceleration that holds it.
+
+    same_bank: -1 where the bank angle was reversed since.
+    """
     source = builder.channels.get("Ny")
     if source is None or not source.signal or "Ny" in builder.confirmed or "Ay" in builder.channels:
         return
     effect = gravity_effect(moves)
     if effect is None:
         return
-    slope = source.sign * effect.slope
+    slope = source.sign * same_bank * effect.slope
     why = (
         f"it follows {slope:+.2f} g times sin(phi) cos(theta), which explains "
         f"{effect.share:.0%} of what the other channels do not"

@@ -6,13 +6,15 @@ the right; positive rudder yaws the nose left (C_n,dr < 0) and positive aileron 
 aileron: `expected` says which way the aircraft at hand goes.
 
 Nothing in the motion tells left from right if everything is mirrored: signs are relative to the
-attitude where it was recorded, else to the rates as they are.
+attitude where it was recorded, else to the rates as they are. Of a bank angle that nothing else
+agrees with, the bank angle is reversed.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import radians
 
 from app.telemetry.mapping.motion.motion import Motion, PartialEffect
+from app.telemetry.mapping.motion.sideslip_balance import sideslip_balance
 from core.simulation.attitude import SurfaceSigns
 from core.types import Array
 
@@ -56,20 +58,42 @@ def find_signs(
     for key, angle in ANGLE_OF.items():
         if evidence := _rate(moves, key, angle):
             signs[key] = evidence
-    roll, yaw = (_accelerations(moves, key, signs) for key in ("p", "r"))
+    yaw = _accelerations(moves, "r", signs)
     if yaw is not None and (evidence := _sideslip(moves, yaw)):
         signs["beta"] = evidence
     if evidence := _lateral(moves, "Ny", signs):
         signs["Ny"] = evidence
     rudder = _surface(moves, yaw, "delta_r", expected.rudder, ("yaws the nose", "yaw"))
-    aileron = _surface(moves, roll, "delta_a", expected.aileron, ("rolls", "roll"))
     if rudder:
         signs["delta_r"] = rudder
+
+    def aileron_by_roll() -> SignEvidence | None:
+        roll, words = _accelerations(moves, "p", signs), ("rolls", "roll")
+        return _surface(moves, roll, "delta_a", expected.aileron, words)
+
+    aileron = aileron_by_roll()
+    if aileron and aileron.sign < 0 and _bank_is_odd(moves, signs):
+        signs |= _bank_reversed(signs["p"])
+        aileron = aileron_by_roll()
     if aileron:
         signs["delta_a"] = aileron
     elif rudder and rudder.sign * expected.rudder > 0 and "delta_a" in moves.values:
         signs["delta_a"] = _like_the_rudder(expected)
     return signs if yaw_is_known else _fewest_reversals(signs)
+
+
+def _bank_is_odd(moves: Motion, signs: dict[str, SignEvidence]) -> bool:
+    """Whether the bank angle alone speaks against a roll rate that goes with the aileron."""
+    against = [key for key in signs if signs[key].sign < 0]
+    slope = sideslip_balance(moves).get("phi")
+    return against == ["p"] and not (slope and slope.low > 0.0)
+
+
+def _bank_reversed(rate: SignEvidence) -> dict[str, SignEvidence]:
+    """Of roll rate and bank angle, where the latter is the odd one. rate: against the attitude."""
+    agrees = "its sign agrees with the aileron, and with the attitude once that is reversed"
+    text = "reversed: else roll rate and aileron would both be"
+    return {"p": replace(rate, sign=1, text=agrees), "phi": SignEvidence(-1, text)}
 
 
 def _fewest_reversals(signs: dict[str, SignEvidence]) -> dict[str, SignEvidence]:

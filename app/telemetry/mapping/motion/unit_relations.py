@@ -13,21 +13,18 @@ import numpy as np
 from app.telemetry.contents import Columns, Signal
 from app.telemetry.mapping.extent import extent_of
 from app.telemetry.mapping.motion.as_recorded import TURNS, WRAP
-from app.telemetry.mapping.motion.motion import STEP, Motion
+from app.telemetry.mapping.motion.motion import Motion
+from app.telemetry.mapping.motion.sideslip_balance import sideslip_balance
 from app.telemetry.mapping.motion.signs import ANGLE_OF, CLEAR, FOLLOWS
 from app.telemetry.mapping.naming.spelling import spellings
 from app.telemetry.mapping.naming.vocabulary import MACH, NORMAL_ACCELERATION
 from app.telemetry.units import STANDARD_GRAVITY, factor, fits
-from core.equation_error import EquationError, SmoothedSignal
-from core.types import Array
 
 SIDE_FORCE_CLEAR = 0.6
 """Share of the lateral acceleration that the sideslip must explain beside the others."""
 EFFECTIVENESS = {"delta_a": ("p", 6.0), "delta_r": ("r", 1.7)}
 """Rate that a surface accelerates, and usual acceleration [rad/s2 per rad]: 0.2 to 47 and 0.5 to 7
 for the published aircraft, more for small ones."""
-BALANCED = 0.5
-"""Share of beta-dot that yaw rate, side force and bank must explain."""
 WIDEST = 0.3
 """Half an interval of a part of it, as a share of that, beyond which it gives no airspeed."""
 STILL_MACH = 0.1
@@ -128,24 +125,14 @@ def _of_sideslip(moves: Motion) -> list[UnitRelation]:
 def relations_of_airspeed(moves: Motion, speed: float) -> list[UnitRelation]:
     """Side force and bank against the turning of the velocity, which is g/V times each.
 
-    d(beta)/dt + r - p sin(alpha) = g/V (N_y + phi), level flight, with beta late: a vane's delay
-    else takes the place of the side force. speed: the airspeed as it stands in the file.
+    speed: the airspeed as it stands in the file.
     """
-    if not {"beta", "r", "Ny", "phi"} <= moves.values.keys() or not speed > 0.0:
-        return []
-    causes = [key for key in ("Ny", "phi", "r", "p") if key in moves.values]
-    apart = np.flatnonzero(np.diff(moves.window)) + 1  # windows do not go on in one another
-
-    def parted(values: Array) -> Array:
-        return np.insert(values, apart, np.nan)
-
-    x = tuple(SmoothedSignal(parted(moves.values[key]), 0.0) for key in causes)
-    fit = EquationError.fit(parted(moves.rates["beta"]), x, STEP)
-    if fit is None or fit.share < BALANCED or not fit.delay_is_inside:
-        return []
     relations = []
-    for k, (key, per) in enumerate((("Ny", "g of Ny"), ("phi", "rad of bank"))):
-        slope = fit.coefficient(k)
+    slopes = sideslip_balance(moves) if speed > 0.0 else {}
+    for key, per in (("Ny", "g of Ny"), ("phi", "rad of bank")):
+        if key not in slopes:
+            continue
+        slope = slopes[key]
         wide = slope.high - slope.value
         if not wide < WIDEST * abs(slope.value):
             continue

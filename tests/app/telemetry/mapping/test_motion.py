@@ -58,6 +58,23 @@ def test_a_reversed_channel_is_found_on_every_published_aircraft(model, reversed
             assert signs_of(proposal)[key] == (-1 if key in keys else 1), key
 
 
+@pytest.mark.parametrize("model", [name for name in MODELS if not name.startswith("b747")])
+@pytest.mark.parametrize("reversed_", [("phi",), ("p", "delta_a")])
+def test_a_bank_angle_against_all_others_is_reversed_but_no_true_one(model, reversed_):
+    """By the sideslip, where roll rate and aileron are reversed. The 747 hardly rolls."""
+    channels = flight(model) | {key: -flight(model)[key] for key in reversed_}
+    expected = surface_signs(PublishedAircraft(model, n_states=4).uncertain_plant())
+    signs = find_signs(moves_of(channels), expected)
+    assert {key for key, evidence in signs.items() if evidence.sign < 0} == set(reversed_)
+
+
+def test_a_reversed_bank_angle_is_proposed_reversed(tmp_path):
+    channels = {key: x for key, x in flight().items() if key != "psi"}
+    _, proposal = proposed(tmp_path, channels | {"phi": -channels["phi"]})
+    assert {key for key, sign in signs_of(proposal).items() if sign < 0} == {"phi"}
+    assert "with the attitude once that is reversed" in proposal.rationales["p"].reasons[-1]
+
+
 @settings(max_examples=30, suppress_health_check=[HealthCheck.too_slow])
 @given(
     st.sampled_from([*MODELS]),

@@ -1,0 +1,31 @@
+"""What turns the velocity against the nose: d(beta)/dt = -r + p sin(alpha) + g/V (N_y + phi)."""
+
+import numpy as np
+
+from app.telemetry.mapping.motion.motion import STEP, Motion
+from core.equation_error import EquationError, Estimate, SmoothedSignal
+from core.types import Array
+
+CAUSES = ("r", "Ny", "phi", "p")
+BALANCED = 0.5
+"""Share of beta-dot that the causes must explain."""
+
+
+def sideslip_balance(moves: Motion) -> dict[str, Estimate]:
+    """beta-dot per cause, in level flight; {} where it is not explained, or one is not recorded.
+
+    With beta late: a vane's delay else takes the place of the side force.
+    """
+    if not {"beta", "r", "Ny", "phi"} <= moves.values.keys():
+        return {}
+    causes = [key for key in CAUSES if key in moves.values]
+    apart = np.flatnonzero(np.diff(moves.window)) + 1  # windows do not go on in one another
+
+    def parted(values: Array) -> Array:
+        return np.insert(values, apart, np.nan)
+
+    x = tuple(SmoothedSignal(parted(moves.values[key]), 0.0) for key in causes)
+    fit = EquationError.fit(parted(moves.rates["beta"]), x, STEP)
+    if fit is None or fit.share < BALANCED or not fit.delay_is_inside:
+        return {}
+    return {key: fit.coefficient(k) for k, key in enumerate(causes)}
