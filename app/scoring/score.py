@@ -237,8 +237,8 @@ def _verdict(
         result, lead = "invalid", None
     first = (
         []
-        if judged.withdrawn is None
-        else [withdrawn(judged.assessments, judged.withdrawn, limited, epsilon)]
+        if withdrawal is None
+        else [withdrawn(judged.assessments, withdrawal.first, limited, epsilon)]
     )
     why = ""
     if not flight.planned.limits_known:
