@@ -140,6 +140,29 @@ def test_a_bias_of_the_accelerometer_is_told() -> None:
     assert bias.low < 0.05 < bias.high
 
 
+def of_balance(readings: dict[str, Array]) -> tuple[str, ...]:
+    return checked(readings)["Ny"].remarks
+
+
+def test_a_constant_of_the_balance_of_sideslip_is_laid_to_all_that_may_make_it() -> None:
+    readings = flown() | {"r": flown()["r"] + np.radians(2.0)}
+    (remark,) = of_balance({key: x for key, x in readings.items() if key != "psi"})
+    assert "a bias of yaw rate of 2.0" in remark
+    assert f"of lateral acceleration of {-np.radians(2.0) * SPEED / GRAVITY:.2f}" in remark
+    assert "a mean bank angle that is -2" in remark
+    assert remark.endswith("kinematics cannot tell which")
+    (remark,) = of_balance({key: x for key, x in readings.items() if key not in ("psi", "V")})
+    assert "a bias of yaw rate of 2.0" in remark
+    assert "whose size needs airspeed" in remark
+    assert of_balance(readings | {"r": flown()["r"] + np.radians(0.3)}) == ()
+
+
+def test_a_heading_that_agrees_clears_yaw_rate_of_the_constant() -> None:
+    (remark,) = of_balance(flown() | {"Ny": flown()["Ny"] + 0.2})
+    assert "yaw rate" not in remark
+    assert "constant: a bias of lateral acceleration of 0.199 g" in remark
+
+
 def test_calm_flight_tells_no_number() -> None:
     for check in checked(flown(size=0.02)).values():
         assert check.unchecked == "not enough motion to tell"
