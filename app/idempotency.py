@@ -1,9 +1,10 @@
 """Requests that come twice: `Idempotency-Key` on what creates (draft-ietf-httpapi-idempotency-key).
 
 The first request of a key is noted before it is carried out, and its answer is kept for a day. The
-same request again gets that answer; another one of the same key is 422; one that comes while the
-first is carried out is 409, as is one whose first was cut off by the server's end: whether that was
-carried out is not known, and it is not done twice. A request that was refused may come again.
+same request again gets that answer, with `Idempotent-Replayed` as it is of then; another one of the
+same key is 422; one that comes while the first is carried out is 409, as is one whose first was cut
+off by the server's end: whether that was carried out is not known, and it is not done twice. A
+request that was refused may come again.
 
 Where what was created is deleted by then, it is 410. The draft says that the answer SHOULD be
 repeated; but a client takes 201 for word that the thing is there.
@@ -29,7 +30,7 @@ Send = Callable[[Message], Awaitable[None]]
 ASGIApp = Callable[[MutableMapping[str, Any], Receive, Send], Awaitable[None]]
 
 LOG = logging.getLogger("forewarn")
-NAME = "Idempotency-Key"
+NAME, REPLAYED = "Idempotency-Key", "Idempotent-Replayed"
 CREATES = re.compile(
     r"/api/v1/(datasets|monitors|recordings|flights|studies|recordings/[^/]+/(scorings|markers))"
 )
@@ -188,7 +189,7 @@ async def _again(
             "another key to create it anew"
         )
         return await _refuse(410, text, scope, send)
-    response = Response(earlier.body, earlier.status, earlier.headers)
+    response = Response(earlier.body, earlier.status, {**earlier.headers, REPLAYED: "true"})
     return await response(scope, _nothing, send)
 
 

@@ -40,6 +40,8 @@ def test_the_same_request_gets_the_same_answer_and_is_carried_out_once(client: T
     assert again.content == first.content
     assert again.headers["location"] == first.headers["location"]
     assert again.headers["content-type"] == first.headers["content-type"]
+    assert "idempotent-replayed" not in first.headers
+    assert again.headers["idempotent-replayed"] == "true"
     assert again.headers["x-content-type-options"] == "nosniff"
     assert len(store_of(client).jobs.all()) == 1
     assert order(client, "k2").headers["location"] != first.headers["location"]
