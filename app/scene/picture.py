@@ -118,7 +118,8 @@ def label(shown: Shown) -> str:
     """As much of the caption as the narrowest scene has room for, what is of now in any case."""
     words, now = caption(shown), shown.headline
     first = in_words(now._replace(exceeded_t=None), shown.reason)
-    texts = (f"{words.word} {words.risk}".strip(), words.word, first)
+    headline = in_words(now, shown.reason)
+    texts = (f"{words.word} {words.risk}".strip(), words.word, headline, first)
     return next((text for text in texts if len(text) <= LONGEST_LABEL), first)
 
 

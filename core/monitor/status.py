@@ -127,7 +127,7 @@ def headline(facts: Facts) -> Headline:
 
 
 def in_words(said: Headline, reason: str = "") -> str:
-    """A headline as every view words it: `ALARM · STALE · EXCEEDED at 8.76 s`.
+    """A headline as every view words it: `ALARM · STALE · EXCEEDED first at 8.76 s`.
 
     reason: of the newest sample, which tells INVALID from NOT ASSESSED.
     """
@@ -141,5 +141,5 @@ def _word(status: Status, said: Headline, reason: str) -> str:
     if status is Status.INVALID and reason == BETWEEN:
         return NOT_ASSESSED
     if status is Status.EXCEEDED and said.exceeded_t is not None:
-        return f"{WORDS[status]} at {said.exceeded_t:.2f} s"
+        return f"{WORDS[status]} first at {said.exceeded_t:.2f} s"
     return WORDS[status]

@@ -78,9 +78,10 @@ export function createAlarmPanel(element, { tone, acknowledge }) {
     calm.hidden = !banner.hidden;
     banner.toggleAttribute("data-acknowledged", held);
     button.hidden = held;
-    const now = latest === undefined ? "" : `${latest.number} of ${open.length}`;
+    const alike = open.filter(({ kind }) => kind === latest?.kind);
+    const now = `${alike.map(({ number }) => number)} of ${open.length}`;
     if (latest === undefined) put(text, held ? GOES_ON[status] : "");
-    else if (now !== shown) text.replaceChildren(...words(latest, open.length));
+    else if (now !== shown) text.replaceChildren(...words(alike, open.length - alike.length));
     shown = now;
     if (warnings.length > 0) tone.start();
     else tone.stop();
@@ -100,13 +101,17 @@ export function createAlarmPanel(element, { tone, acknowledge }) {
     return flight.warnings.length ? `◆ ${flight.warnings.map(sentence).join(" ")}` : guarantee(flight);
   }
 
-  function words({ t, p_value: risk, kind, exceedance, reason: why }, count) {
+  /** Of the first of several of a kind, as the headline says it too; `others` wait beside them. */
+  function words(alike, others) {
+    const first = alike.reduce((one, next) => (next.t < one.t ? next : one));
+    const { t, p_value: risk, kind, exceedance, reason: why } = first;
     const value = risk === null ? "" : ` ${riskText(risk, flight.epsilon)}`;
-    const more = count > 1 ? `, ${count - 1} more` : "";
-    if (kind in CAUTION_WORDS) return [`${CAUTION_WORDS[kind]} at ${t.toFixed(2)} s: ${why}${more}`];
-    if (kind === "limit") return [`LIMIT EXCEEDED at ${t.toFixed(2)} s: `, ...measured(exceedance), more];
+    const at = `${alike.length > 1 ? `${alike.length} times, first ` : ""}at ${t.toFixed(2)} s`;
+    const more = others > 0 ? `, ${others} more` : "";
+    if (kind in CAUTION_WORDS) return [`${CAUTION_WORDS[kind]} ${at}: ${why}${more}`];
+    if (kind === "limit") return [`LIMIT EXCEEDED ${at}: `, ...measured(exceedance), more];
     const lead = Number(flight.lead.toFixed(3));
-    const what = `ALERT at ${t.toFixed(2)} s: risk${value} > ε ${flight.epsilon}, warns ${lead} s before `;
+    const what = `ALERT ${at}: risk${value} > ε ${flight.epsilon}, warns ${lead} s before `;
     return [what, ...flight.limits.map((node) => node.cloneNode(true)), more];
   }
 

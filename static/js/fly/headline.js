@@ -10,8 +10,8 @@
  *     blank: no sample is shown yet, and nothing is said to explain it: nothing calm is said either
  *   ofSample({state, alert}) -> Headline     of a sample alone, where nothing more is known
  *   wordOf(status, reason) -> string         INVALID is called NOT ASSESSED between manoeuvres
- *   besideOf(headline, reason) -> string     what stands beside its word: "STALE · EXCEEDED at 8.76 s"
- *   textOf(headline, reason) -> string       "▲ ALARM · STALE · EXCEEDED at 8.76 s"
+ *   besideOf(headline, reason) -> string     what stands beside its word: "STALE · EXCEEDED first at 8.76 s"
+ *   textOf(headline, reason) -> string       "▲ ALARM · STALE · EXCEEDED first at 8.76 s"
  *   resultOf(flight) -> {words, level}       what a flight came to: its verdict, else its headline; data-level
  *   LEVEL_OF {level: data-level}, MARKS {level: sign}
  */
@@ -83,5 +83,5 @@ function worstOf({ status, exceeded_t: t }, reason = "") {
 
 /** True on both sides of the cursor: the flight may have been sought to before it since. */
 function exceededAt(t) {
-  return `${FACES.exceeded.word} at ${t.toFixed(2)} s`;
+  return `${FACES.exceeded.word} first at ${t.toFixed(2)} s`;
 }

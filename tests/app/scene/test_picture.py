@@ -285,7 +285,7 @@ class TestThePicture:
         [
             (Facts(exceeds=True), "EXCEEDING RISK 0.04", ALERT),
             (Facts(alarm=True), "ALARM RISK 0.04", ALERT),
-            (Facts(exceeded_t=8.76), "EXCEEDED at 8.76 s RISK 0.04", CAUTION),
+            (Facts(exceeded_t=8.76), "EXCEEDED first at 8.76 s RISK 0.04", CAUTION),
             (Facts(calibrated=False), "NOT CALIBRATED RISK 0.04", ADVISORY),
             (Facts(), "RISK 0.04", CALM),
         ],
@@ -301,7 +301,7 @@ class TestThePicture:
         show(scene, facts=facts)
         scene.hold()
         scene.draw()
-        assert nodes(scene)._headline.text == "ALARM · EXCEEDED at 8.76 s PAUSED"
+        assert nodes(scene)._headline.text == "ALARM · EXCEEDED first at 8.76 s"
         assert "RISK 0.04" in nodes(scene)._readout.content
         show(
             scene,
@@ -326,7 +326,7 @@ class TestThePicture:
         assert nodes(scene)._headline.text == "ALARM · STALE"
         scene.restate(Facts(exceeded_t=8.76))
         scene.draw()
-        assert nodes(scene)._headline.text == "STALE · EXCEEDED at 8.76 s"
+        assert nodes(scene)._headline.text == "STALE · EXCEEDED first at 8.76 s"
         assert tuple(nodes(scene)._ring.colors) == CAUTION
 
     @pytest.mark.parametrize("state", ["stale", "invalid"])

@@ -219,7 +219,7 @@ def test_paused_beyond_the_limit_everything_shows_that_it_exceeds(fly: Fly) -> N
     fly.gauge_says("EXCEEDING")
     fly.steer("seek", 0.0)
     fly.gauge_says(CALM)
-    earlier = f"EXCEEDED at {fail_t:.2f} s"
+    earlier = f"EXCEEDED first at {fail_t:.2f} s"
     expect(fly.status("state")).to_have_text(f"◆ {CALM} · {earlier}")
     expect(fly.page.locator(".gauge-beside")).to_have_text(earlier)
     fly.page.goto(f"{fly.site.http}/#/fly")

@@ -79,6 +79,27 @@ def test_warnings_come_before_cautions_each_with_its_own_tone(strips: Open) -> N
     assert seen["heard"] == ["warning", "caution", "caution"]
 
 
+def test_a_banner_of_several_alarms_says_how_many_and_when_the_first_was(strips: Open) -> None:
+    told = run(
+        strips(),
+        """
+        const element = document.createElement('div');
+        const panel = h.createAlarmPanel(element, { tone: { start() {}, stop() {} } });
+        const channels = [{ key: 'Ny', symbol: 'N_y', unit: 'g', display_unit: 'g',
+          display_factor: 1, display_decimals: 2 }];
+        panel.describe({ epsilon: 0.1, lead: 0.5, limits: [], channels, warnings: [] });
+        const about = { p_value: null, level: 'warning', acknowledged: null, by: null };
+        const exceedance = { channel: 'Ny', value: 0.6, limit: 0.5, judged: 'both' };
+        panel.take({ ...about, number: 1, kind: 'risk', t: 1.4 });
+        panel.take({ ...about, number: 2, kind: 'limit', t: 1.65, exceedance });
+        panel.take({ ...about, number: 3, kind: 'limit', t: 2.7, exceedance });
+        return element.querySelector('.alarm-text').textContent;
+        """,
+    )
+    assert told.startswith("LIMIT EXCEEDED 2 times, first at 1.65 s: ")
+    assert told.endswith(", 1 more")
+
+
 @pytest.mark.parametrize(
     ("reading", "word"),
     [

@@ -80,7 +80,7 @@ def test_a_flight_that_exceeded_is_never_calm_and_says_when(facts: Facts) -> Non
     assert said.status is not Status.OK
     assert said.level in (Level.WARNING, Level.CAUTION)
     when = facts.exceeded_t is not None and said.status is not Status.EXCEEDING
-    assert in_words(said).endswith("EXCEEDED at 8.76 s") == when
+    assert in_words(said).endswith("EXCEEDED first at 8.76 s") == when
 
 
 def test_between_manoeuvres_nothing_is_called_invalid() -> None:
