@@ -47,11 +47,12 @@ class Hole(NamedTuple):
 class Peak(NamedTuple):
     """Largest magnitude of a limited channel: from trim, which is judged, and as recorded.
 
+    largest: None where no value, or no trim, is known.   recorded: 0 where there is no value.
     bias: what the mapping subtracted of what was recorded.
     """
 
     channel: str
-    largest: float
+    largest: float | None
     limit: float
     recorded: float
     bias: float = 0.0
@@ -90,9 +91,9 @@ def against_limits(traces: Traces, limits: Array, trim: Array, start: float, end
             over = np.flatnonzero(np.abs(judged) >= limits[c])
             if len(over):
                 found.append(RecordedExceedance(float(t[over[0]]), key, float(judged[over[0]])))
-        largest, as_recorded = (
-            float(np.abs(judged).max(initial=0.0)) for judged in (value, recorded)
-        )
+        from_trim = value[np.isfinite(value)]
+        largest = float(np.abs(from_trim).max()) if len(from_trim) else None
+        as_recorded = float(np.abs(recorded).max(initial=0.0))
         peaks.append(Peak(key, largest, float(limits[c]), as_recorded, trace.bias))
         holes += _holes(key, t, start, end)
     first, first_raw = (

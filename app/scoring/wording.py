@@ -1,5 +1,7 @@
 """What a person should know of a scored segment, in sentences that do not flatter."""
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from app.scoring.outcome import SAME_TIME, Limited, Peak
@@ -71,16 +73,11 @@ def remarks(
             "lead time are unknown"
         )
     elif limited.exceedance is None:
-        peaks = ", ".join(
-            f"|{peak.channel}| {BY_KEY[peak.channel].read(peak.largest)} of "
-            f"{BY_KEY[peak.channel].read(peak.limit)} from trim"
-            for peak in limited.peaks
-        )
-        lines.append(f"no limit was exceeded in what was recorded of it: {peaks}")
+        lines += _not_exceeded(limited.peaks)
     lines += [
         _beyond_as_recorded(peak)
         for peak in limited.peaks
-        if peak.largest < peak.limit <= peak.recorded
+        if peak.largest is not None and peak.largest < peak.limit <= peak.recorded
     ]
     if limited.lost > 0.0:
         lines.append(f"{limited.lost:.2f} s of the limited channels are missing")
@@ -103,6 +100,25 @@ def remarks(
             f"{planned.trim_segment_s:g} s are planned"
         )
     return tuple(lines)
+
+
+def _not_exceeded(peaks: Sequence[Peak]) -> list[str]:
+    """How near a manoeuvre came to its limits; nothing is denied where no value is known."""
+    known = ", ".join(
+        f"|{peak.channel}| {BY_KEY[peak.channel].read(peak.largest)} of "
+        f"{BY_KEY[peak.channel].read(peak.limit)} from trim"
+        for peak in peaks
+        if peak.largest is not None
+    )
+    unknown = ", ".join(peak.channel for peak in peaks if peak.largest is None)
+    lines = (
+        [f"no limit was exceeded in what was recorded of it: {known}"] if known or not peaks else []
+    )
+    if unknown:
+        lines.append(
+            f"no value of {unknown} from trim is known: whether a limit was exceeded is unknown"
+        )
+    return lines
 
 
 def _beyond_as_recorded(peak: Peak) -> str:

@@ -7,11 +7,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from app.scoring.outcome import Limited, Peak, RecordedExceedance
+from app.scoring.outcome import Limited, Peak, RecordedExceedance, against_limits
 from app.scoring.outside import outside_note
 from app.scoring.scored import ScoredManoeuvre, Validity
 from app.scoring.verdict import verdict
 from app.scoring.wording import remarks, withdrawn
+from app.telemetry.traces import Trace, Traces
+from core.channels import KEYS
 from core.monitor import Assessments
 
 NONE = Limited(None, (Peak("Ny", 0.1, 0.2, 0.1),), 0.0)
@@ -69,6 +71,16 @@ def test_peaks_are_told_in_the_units_that_people_read():
     biased = limited._replace(peaks=(limited.peaks[0]._replace(bias=float(np.radians(2.0))),))
     _, as_recorded = remarks(planned, segment, biased, said(0.1))
     assert "trim and the bias of 2 deg that the mapping removes included, is 6 deg" in as_recorded
+
+
+def test_a_limited_channel_without_a_trim_has_no_peak_and_denies_no_exceedance():
+    traces = Traces({key: Trace(np.arange(3.0), np.full(3, 0.1)) for key in KEYS})
+    limits = np.where(np.array(KEYS) == "Ny", 0.2, np.inf)
+    limited = against_limits(traces, limits, np.full(len(KEYS), np.nan), 0.0, 2.0)
+    planned: Any = SimpleNamespace(limits_known=True, trim_segment_s=1.0, dt=0.1)
+    segment: Any = SimpleNamespace(asked=None, rest=None, onset=None, first=0)
+    (line,) = remarks(planned, segment, limited, said(0.1))
+    assert line == "no value of Ny from trim is known: whether a limit was exceeded is unknown"
 
 
 def test_exceedances_and_trim_are_told_in_the_units_that_people_read():
