@@ -8,7 +8,7 @@ import numpy as np
 
 from app.telemetry.contents import Columns, Signal
 from app.telemetry.mapping.derivations import DERIVATIONS, derive
-from app.telemetry.mapping.group_times import dead_time, no_clock
+from app.telemetry.mapping.group_times import dead_time, no_clock, repeated_time
 from app.telemetry.mapping.mapping import ChannelSource, Mapping
 from app.telemetry.mapping.typed_rate import rate_words
 from app.telemetry.plausibility import plausible
@@ -146,10 +146,11 @@ def _time(columns: Columns, mapping: Mapping, signal: Signal, group: str) -> Arr
     """Times of a group (n,) [s]."""
     where = f"the group {group!r}" if group else "the table"
     if group not in mapping.times:
-        raise TelemetryError(
+        why = (
             f"{signal.name!r} has no time: choose the signal that is the time of {where}, or give "
             "the rate of its rows, such as 50 Hz"
         )
+        raise TelemetryError(repeated_time(columns, signal.group) or why)
     source = mapping.times[group]
     if problem := source.problem():
         raise TelemetryError(f"the time of {where} {problem}")

@@ -116,20 +116,38 @@ def _declared(columns: Columns, group: int) -> TimeProposal | None:
 
 def dead_time(columns: Columns, group: int) -> str:
     """Why what a group declares or names as its time is no clock; "" if it is one or has none."""
-    contents = columns.contents
-    if contents.groups[group].n_rows < 2:
-        return ""
-    name = contents.groups[group].name
-    times = [
-        signal.name
-        for signal in contents.signals
-        if signal.group == group
-        and (
-            signal.name == contents.groups[group].time or _time_certainty(signal, name) >= TIME_NAME
-        )
-    ]
+    times = (signal.name for signal in _called_time(columns, group))
     reasons = (no_clock(signal, columns.values(signal)) for signal in times)
     return next((why for why in reasons if why), "")
+
+
+def repeated_time(columns: Columns, group: int) -> str:
+    """How many rows share each time of what a group calls its time; "" if they do not."""
+    for signal in _called_time(columns, group):
+        steps = np.diff(np.asarray(columns.values(signal.name)))
+        forward = np.flatnonzero(steps > 0.0)
+        if len(forward) < 2 or not (steps >= 0.0).all() or len(forward) > MOSTLY * len(steps):
+            continue
+        n_each = float(np.median(np.diff(forward)))
+        unit = _unit(signal, _steps(columns.values(signal.name)))[0]
+        step = float(np.median(steps[forward])) * factor(unit, "s")
+        return (
+            f"{n_each:.3g} rows share each time of {signal.name}, which cannot tell them apart: "
+            f"give the rate of the rows, about {n_each / step:.3g} Hz, or {CHOOSE}"
+        )
+    return ""
+
+
+def _called_time(columns: Columns, group: int) -> list[Signal]:
+    """What a group of two rows or more declares or names as its time."""
+    contents = columns.contents
+    name, declared = contents.groups[group].name, contents.groups[group].time
+    return [
+        signal
+        for signal in contents.signals
+        if signal.group == group and contents.groups[group].n_rows > 1
+        if signal.name == declared or _time_certainty(signal, name) >= TIME_NAME
+    ]
 
 
 def no_clock(name: str, values: Array) -> str:

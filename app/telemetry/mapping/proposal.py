@@ -12,7 +12,13 @@ from app.telemetry.mapping.candidates import (
     find_candidates,
 )
 from app.telemetry.mapping.derivations import DERIVATIONS, ways
-from app.telemetry.mapping.group_times import DOUBTED, TimeProposal, dead_time, find_time
+from app.telemetry.mapping.group_times import (
+    DOUBTED,
+    TimeProposal,
+    dead_time,
+    find_time,
+    repeated_time,
+)
 from app.telemetry.mapping.inferred_units import decide_units
 from app.telemetry.mapping.mapping import ChannelSource, Mapping, TimeSource
 from app.telemetry.mapping.motion.motion_checks import check_against_motion
@@ -132,7 +138,8 @@ def _find_times(builder: ProposalBuilder, rate: TimeSource | None) -> None:
     if not builder.times:
         for number, group in enumerate(builder.columns.contents.groups):
             if group.n_rows > 1 and not dead_time(builder.columns, number):
-                builder.rationales[f"t:{group.name}"] = Rationale(0.0, (NO_TIME,))
+                why = repeated_time(builder.columns, number) or NO_TIME
+                builder.rationales[f"t:{group.name}"] = Rationale(0.0, (why,))
 
 
 def _unused(columns: Columns, number: int) -> str:
@@ -144,6 +151,7 @@ def _unused(columns: Columns, number: int) -> str:
         return f"{why}; until then its group is not used: {listed}"
     few = columns.contents.groups[number].n_rows < 2
     why = "it has fewer than two rows" if few else "none of its signals is a time"
+    why = repeated_time(columns, number) or why
     return f"the group is not used, as {why}: {listed}"
 
 

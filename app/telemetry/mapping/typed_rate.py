@@ -2,7 +2,7 @@
 
 import re
 
-from app.telemetry.mapping.mapping import TimeSource
+from app.telemetry.mapping.mapping import LEAST_RATE_HZ, MOST_RATE_HZ, TimeSource
 from app.telemetry.recording import TelemetryError
 
 EXAMPLE = "50 Hz, or 50 Hz from 12:31:05"
@@ -27,6 +27,11 @@ def read_rate(text: str) -> TimeSource:
     if match["minute"] and (hours > 23 or seconds >= 60.0):
         raise TelemetryError(f"{text!r} begins at no time of day: write {EXAMPLE}")
     start = 3600.0 * hours + 60.0 * minutes + seconds
+    if not _number(match["rate"]):
+        raise TelemetryError(
+            f"{text!r} has no samples: give a rate of {LEAST_RATE_HZ:g} to {MOST_RATE_HZ:g} Hz, "
+            f"such as {EXAMPLE}"
+        )
     source = TimeSource(rate=_number(match["rate"]), start=start)
     if problem := source.problem():
         raise TelemetryError(f"{text!r} {problem}")

@@ -100,6 +100,16 @@ def test_a_named_time_that_is_no_clock_is_blamed_and_not_the_names(clock, why, t
             apply_mapping(columns, mapping)
 
 
+def test_a_clock_in_whole_seconds_is_told_with_the_rate_that_is_needed(tmp_path):
+    clock = np.floor(np.arange(N) / 25.0)
+    columns = columns_of(tmp_path, {"time": clock, "beta_rad": SWING})
+    proposal = propose(columns)
+    why = "25 rows share each time of time, which cannot tell them apart: give the rate of the rows"
+    assert proposal.rationales["t:"].reasons[0].startswith(f"{why}, about 25 Hz")
+    with pytest.raises(TelemetryError, match=why):
+        apply_mapping(columns, proposal.mapping)
+
+
 def test_a_declared_time_that_is_no_clock_is_not_taken(tmp_path):
     table = {"clock": np.zeros(N), "t_s": EVEN, "beta_rad": SWING}
     columns = columns_of(tmp_path, table, times={"": "clock"})
