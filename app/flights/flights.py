@@ -202,7 +202,7 @@ class Flights:
         if flight is not None and flight.is_over:
             raise UnderWay(
                 f"flight {flight_id} is over, but its record is not complete: "
-                f"{flight.recorder.unwritten} samples wait for the store"
+                f"{flight.recorder.waiting_words} wait for the store"
             )
         await asyncio.to_thread(self.store.flights.delete, flight_id)
 

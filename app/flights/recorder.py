@@ -100,6 +100,13 @@ class Recorder:
         """Samples that wait for the store."""
         return len(self._samples)
 
+    @property
+    def waiting_words(self) -> str:
+        """What waits for the store, counted; of a record that lacks nothing else, its end."""
+        counts = {"sample": self.unwritten, "alarm": len(self._raised)}
+        parts = [f"{n} {name}{'s' * (n > 1)}" for name, n in counts.items() if n]
+        return " and ".join(parts) or "status and time of its end"
+
     def add(self, seq: int, y: Array, assessment: Assessment) -> None:
         """Take a sample; it is written with the next batch."""
         self._samples.append(RecordedSample(seq, y, assessment))
@@ -159,7 +166,7 @@ class Recorder:
         """
         if not await self.flush():
             raise StoreError(
-                f"{self.unwritten} samples of flight {self._flight_id} wait for the store, which "
+                f"{self.waiting_words} of flight {self._flight_id} wait for the store, which "
                 f"takes none ({self.problem}); they are written as soon as it does"
             )
         self._stop_timer()

@@ -18,6 +18,7 @@ from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import replace
 from functools import partial
+from math import ceil
 from pathlib import Path
 
 from app.recordings.verified import Verified, digest_of
@@ -145,9 +146,10 @@ class RecordingFiles:
         here = next(path for path in (self.root, *self.root.parents) if path.exists())
         free = shutil.disk_usage(here).free
         if n_bytes > free - SPARE_BYTES:
+            unit, name = (2**20, "MiB") if n_bytes >= 10 * 2**20 else (2**10, "KiB")
             raise NoSpace(
-                f"this needs {n_bytes / 2**20:,.0f} MiB, and the disk of the data directory has "
-                f"{max(0, free - SPARE_BYTES) / 2**20:,.0f} MiB to spare: delete recordings"
+                f"this needs {ceil(n_bytes / unit):,} {name}, and the disk of the data directory "
+                f"has {max(0, free - SPARE_BYTES) // unit:,} {name} to spare: delete recordings"
             )
 
 

@@ -63,6 +63,7 @@ export function showFlightStart(element, { query, api, navigate }) {
     }
     silent.hidden = !lost;
     flights.toggleAttribute("data-lost", lost);
+    for (const was of flights.querySelectorAll(".under-way .was")) was.hidden = !lost;
     document.title = `${lost ? "◆ NOT CONNECTED – " : ""}Fly – Forewarn`;
     if (asking || heard === 0) return;
     asking = true;
@@ -106,7 +107,7 @@ function flightRow(flight, names, verb) {
     "li",
     { class: "flight-row" },
     h("span", { class: "chip mode", "data-mode": flight.mode }, flight.mode.toUpperCase()),
-    h("span", { class: "chip", "data-level": level }, words),
+    h("span", { class: "chip", "data-level": level }, h("span", { class: "was", hidden: true }, "was "), words),
     h("span", { class: "flight-name" }, source.includes(flight.name) ? source : `${flight.name} (${source})`, h("span", { class: "dim flight-detail" }, about), warningMark(flight)),
     h("a", { class: "button button-small", href: `#/fly/${flight.id}`, "aria-label": `${verb}: ${flight.name}` }, verb),
   );

@@ -64,6 +64,7 @@ export function createStatusStrip(element) {
     items.conflated.box.hidden = figures.conflated === 0;
     show("source", source);
     show("monitor", monitor);
+    for (const key of ["source", "monitor"]) items[key].value.title = items[key].value.textContent; // may be cut
     put(items.monitor.label, validity === "checked" ? "monitor" : `monitor, validity ${validity}`);
     items.test.box.hidden = warnings.length === 0;
     items.test.box.title = warnings.map(sentence).join(" ");

@@ -247,6 +247,12 @@ def test_a_flight_is_ending_until_its_record_is_complete(
             assert hangar.store.flights.info(flight.id).status == "running"
             with pytest.raises(UnderWay, match="its record is not complete: 21 samples"):
                 await flights.delete(flight.id)
+            full.undo()
+            full.setattr(hangar.store.flights, "end", refuse)
+            with pytest.raises(StoreError):
+                await flights.stop(flight.id)
+            with pytest.raises(UnderWay, match="not complete: status and time of its end wait"):
+                await flights.delete(flight.id)
         hangar.clock.advance(INTERVAL_S)
         await asyncio.gather(*flights._stopping)
         assert flights.get(flight.id) is None

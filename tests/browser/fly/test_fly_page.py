@@ -662,9 +662,11 @@ def test_a_list_of_flights_that_is_not_of_now_says_so(fly: Fly, allowed_errors: 
     asked = re.compile(r"/api/v1/flights$")
     fly.page.route(asked, lambda route: route.abort())
     expect(silent).to_be_visible()
+    expect(row.get_by_text("was", exact=True)).to_be_visible()
     expect(fly.page).to_have_title(re.compile("NOT CONNECTED"))
     fly.page.unroute(asked)
     expect(silent).to_be_hidden()
+    expect(row.get_by_text("was", exact=True)).to_be_hidden()
     expect(fly.page).to_have_title("Fly – Forewarn")
 
 

@@ -260,13 +260,15 @@ def test_left_out_samples_and_a_store_that_takes_nothing_are_said(strips: Open) 
           age: 0, latency: 0, conflated: 1074, lost: 0, unwritten: 0, utc: null, problem: 'no disk',
         };
         createStatusStrip(element).update({
-          mode: 'live', source: '', monitor: '', link: 'open', live: true, headline: null, figures,
+          mode: 'live', source: 'a file', monitor: '', link: 'open', live: true, figures,
+          headline: null,
         });
         const said = (item) => element.querySelector(`[data-item="${item}"]`);
         const [left, record] = ['conflated', 'record'].map(said);
         const words = [left, record].map((one) => one.querySelector('.status-value').textContent);
-        return [...words, record.dataset.level, record.title];
+        const source = said('source').querySelector('.status-value').title; // it may be cut
+        return [...words, record.dataset.level, record.title, source];
         })();
         """,
     )
-    assert told == ["1,074 samples", "◆ STORE TAKES NOTHING", "caution", "No disk."]
+    assert told == ["1,074 samples", "◆ STORE TAKES NOTHING", "caution", "No disk.", "a file"]
