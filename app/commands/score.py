@@ -19,6 +19,7 @@ from app.recordings.mapping_memory import MappingMemory
 from app.recordings.scored_file import Scored, ScoredFile, ScoreRequest, score_file
 from app.scoring.planned_test import planned_test
 from app.scoring.verdict import sensors, verdict
+from app.telemetry.mapping.typed_rate import counts_the_day
 from core.certificate import warnings_of
 from core.whole_file import write_whole
 
@@ -105,7 +106,11 @@ def lines(scored_file: ScoredFile) -> Iterator[str]:
     yield from contents_lines(scored_file.contents)
     yield from mapping_lines(scored_file.mapping, scored_file.proposal)
     for scoring in scored_file.scored:
-        yield from _lines(scoring, scoring is scored_file.scored[0])
+        yield from _lines(
+            scoring,
+            scoring is scored_file.scored[0],
+            counts_the_day(scored_file.mapping.times.values()),
+        )
 
 
 def is_assessed(scoring: Scored) -> bool:
@@ -136,7 +141,7 @@ def _files(file: str, scoring: Scored, with_png: bool) -> dict[str, bytes]:
     return {str(Path(scoring.label) / name): content for name, content in files.items()}
 
 
-def _lines(scoring: Scored, is_first: bool) -> Iterator[str]:
+def _lines(scoring: Scored, is_first: bool, of_day: bool) -> Iterator[str]:
     if is_first:
         yield from dict.fromkeys((*scoring.recording.quality.sentences(), *scoring.recording.notes))
         yield from sensors(scoring.recording.compatibility)
@@ -144,4 +149,4 @@ def _lines(scoring: Scored, is_first: bool) -> Iterator[str]:
         yield f"== {scoring.label} =="
     for warning in warnings_of(scoring.monitor.evaluation, scoring.recording.epsilon):
         yield f"WARNING: {warning}"
-    yield from verdict(scoring.monitor, scoring.recording)
+    yield from verdict(scoring.monitor, scoring.recording, of_day=of_day)

@@ -4,6 +4,7 @@ from collections.abc import Iterator, Sequence
 
 from app.scoring.outcome import RecordedExceedance
 from app.scoring.scored import OBSERVATIONS, ScoredManoeuvre, ScoredRecording
+from app.telemetry.mapping.typed_rate import time_of_day
 from app.telemetry.targets import TARGETS
 from core.channels import BY_KEY, CHANNELS
 from core.compatibility import TOLERANCES, SensorCheck
@@ -24,11 +25,18 @@ MOST_TOLD = 20
 NOTHING = "no sample could be assessed: see the state column of assessments.csv"
 
 
-def verdict(monitor: Monitor, scored: ScoredRecording) -> list[str]:
-    """Everything that is said of each manoeuvre, in the order of their times."""
-    told = [line for manoeuvre in scored.manoeuvres for line in _lines(monitor, scored, manoeuvre)]
+def verdict(monitor: Monitor, scored: ScoredRecording, *, of_day: bool = False) -> list[str]:
+    """Everything that is said of each manoeuvre, in the order of their times.
+
+    of_day: whether these are seconds of the day.
+    """
+    told = [
+        line
+        for manoeuvre in scored.manoeuvres
+        for line in _lines(monitor, scored, manoeuvre, of_day)
+    ]
     outside = [
-        f"outside every manoeuvre: {_place(exceedance)}"
+        f"outside every manoeuvre: {_place(exceedance, of_day)}"
         for exceedance in scored.outside_exceedances[:MOST_TOLD]
     ]
     if (more := len(scored.outside_exceedances) - MOST_TOLD) > 0:
@@ -80,18 +88,27 @@ def amplitude_of(outcome: str, share: float | None) -> str:
     return amplitude_in_words([share])
 
 
-def _lines(monitor: Monitor, scored: ScoredRecording, manoeuvre: ScoredManoeuvre) -> Iterator[str]:
+def _time(t: float, of_day: bool) -> str:
+    return f"{t:.2f} s, {time_of_day(t)}" if of_day else f"{t:.2f} s"
+
+
+def _lines(
+    monitor: Monitor, scored: ScoredRecording, manoeuvre: ScoredManoeuvre, of_day: bool
+) -> Iterator[str]:
     times = f"{manoeuvre.start:.2f} to {manoeuvre.end:.2f} s"
+    if of_day:
+        times = f"{times}, {time_of_day(manoeuvre.start)} to {time_of_day(manoeuvre.end)}"
     yield f"{manoeuvre.name}, {times}: {_outcome(manoeuvre)}"
     if manoeuvre.peak_risk is not None:
-        yield from _risk(monitor, scored.epsilon, manoeuvre, manoeuvre.peak_risk)
+        yield from _risk(monitor, scored.epsilon, manoeuvre, manoeuvre.peak_risk, of_day)
     elif manoeuvre.withdrawn_t is None:
         yield f"  {NOTHING}"
     else:
         yield "  first alert        withdrawn"
     if manoeuvre.withdrawn_t is not None:
-        yield f"  withdrawn          from {manoeuvre.withdrawn_t:.2f} s on: nothing is assessed"
-    yield f"  exceedance         {_exceedance(manoeuvre)}"
+        since = _time(manoeuvre.withdrawn_t, of_day)
+        yield f"  withdrawn          from {since} on: nothing is assessed"
+    yield f"  exceedance         {_exceedance(manoeuvre, of_day)}"
     if manoeuvre.outcome == "unknown":
         yield "  warning lead time  unknown"
     elif manoeuvre.outcome == "invalid":
@@ -117,7 +134,7 @@ def _lines(monitor: Monitor, scored: ScoredRecording, manoeuvre: ScoredManoeuvre
 
 
 def _risk(
-    monitor: Monitor, epsilon: float, manoeuvre: ScoredManoeuvre, peak: float
+    monitor: Monitor, epsilon: float, manoeuvre: ScoredManoeuvre, peak: float, of_day: bool
 ) -> Iterator[str]:
     least = peak <= monitor.smallest_epsilon
     when = ", never above its least" if least else f" at {manoeuvre.peak_t:.2f} s"
@@ -126,24 +143,24 @@ def _risk(
     if not alerts:
         yield f"  first alert        none (risk above epsilon {epsilon:g})"
         return
-    yield f"  first alert        at {alerts[0][0]:.2f} s (risk above epsilon {epsilon:g})"
+    yield f"  first alert        at {_time(alerts[0][0], of_day)} (risk above epsilon {epsilon:g})"
     if len(alerts) > 1:
         begin, end = alerts[-1]
         yield f"  alerts             {len(alerts)}, the last one {begin:.2f} to {end:.2f} s"
 
 
-def _exceedance(manoeuvre: ScoredManoeuvre) -> str:
+def _exceedance(manoeuvre: ScoredManoeuvre, of_day: bool) -> str:
     exceedance = manoeuvre.exceedance
     if manoeuvre.outcome == "unknown":
         return "unknown"
     if exceedance is None:
         return "none in what was recorded"
-    return _place(exceedance)
+    return _place(exceedance, of_day)
 
 
-def _place(exceedance: RecordedExceedance) -> str:
+def _place(exceedance: RecordedExceedance, of_day: bool) -> str:
     value = BY_KEY[exceedance.channel].read(exceedance.value)
-    return f"at {exceedance.t:.2f} s ({exceedance.channel} {value})"
+    return f"at {_time(exceedance.t, of_day)} ({exceedance.channel} {value})"
 
 
 def _lead(monitor: Monitor, manoeuvre: ScoredManoeuvre) -> str:

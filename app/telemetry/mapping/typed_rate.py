@@ -1,10 +1,12 @@
 """The rate of a table without a vector of times, as people write it: "50 Hz from 12:31:05"."""
 
 import re
+from collections.abc import Iterable
 
 from app.telemetry.mapping.mapping import LEAST_RATE_HZ, MOST_RATE_HZ, TimeSource
 from app.telemetry.recording import TelemetryError
 
+DAY_S = 86_400.0
 EXAMPLE = "50 Hz, or 50 Hz from 12:31:05"
 RATE = re.compile(
     r"(?P<rate>\d+(?:[.,]\d*)?) *(?:hz|1/s|samples/s)?"
@@ -43,11 +45,26 @@ def rate_words(source: TimeSource) -> str:
     rate = f"{source.rate:.10g} Hz"
     if not source.start:
         return rate
-    if not 60.0 <= source.start < 86_400.0:
+    if not _is_time_of_day(source.start):
         return f"{rate} from {source.start:.10g} s"
-    minutes, seconds = divmod(round(source.start, 6), 60.0)
-    whole = f"{seconds:09.6f}".rstrip("0").rstrip(".")
-    return f"{rate} from {minutes // 60:02.0f}:{minutes % 60:02.0f}:{whole}"
+    hours_and_minutes, seconds = time_of_day(source.start, 6).rsplit(":", 1)
+    return f"{rate} from {hours_and_minutes}:{seconds.rstrip('0').rstrip('.')}"
+
+
+def counts_the_day(times: Iterable[TimeSource]) -> bool:
+    """Whether times are seconds of the day: of rates that begin at a time of day, and no others."""
+    sources = list(times)
+    return bool(sources) and all(each.rate and _is_time_of_day(each.start) for each in sources)
+
+
+def time_of_day(t: float, decimals: int = 2) -> str:
+    """Seconds of the day as `12:31:13.76`, those after midnight of the next."""
+    minutes, seconds = divmod(round(t, decimals) % DAY_S, 60.0)
+    return f"{minutes // 60:02.0f}:{minutes % 60:02.0f}:{seconds:0{3 + decimals}.{decimals}f}"
+
+
+def _is_time_of_day(start: float) -> bool:
+    return 60.0 <= start < DAY_S
 
 
 def _number(text: str) -> float:

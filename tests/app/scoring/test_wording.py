@@ -95,4 +95,7 @@ def test_exceedances_and_trim_are_told_in_the_units_that_people_read():
     assert any(line.startswith("  trim               p 1.5 deg/s, ") for line in lines)
     assert any("Ny 0.0213 g" in line for line in lines)
     assert lines[-1] == "outside every manoeuvre: at 8.50 s (beta -7 deg)"
+    of_day = verdict(monitor, scored, of_day=True)
+    assert of_day[0].startswith("doublet, 8.00 to 9.00 s, 00:00:08.00 to 00:00:09.00: ")
+    assert "  exceedance         at 8.50 s, 00:00:08.50 (beta -7 deg)" in of_day
     assert outside_note((SKID,))[0].endswith("once beta -7 deg at 8.50 s.")

@@ -8,7 +8,7 @@ import pytest
 from app.telemetry.mapping.applying import apply_mapping
 from app.telemetry.mapping.mapping import Mapping, TimeSource
 from app.telemetry.mapping.proposal import propose
-from app.telemetry.mapping.typed_rate import rate_words, read_rate
+from app.telemetry.mapping.typed_rate import counts_the_day, rate_words, read_rate, time_of_day
 from app.telemetry.recording import TelemetryError
 from tests.support.clocks import EVEN, N
 from tests.support.recorded_files import read
@@ -149,3 +149,11 @@ def test_a_variable_of_netcdf_says_its_frequency_where_it_has_no_time(tmp_path, 
         (t,) = set(mapping.times.values())
         assert t == TimeSource(rate=32.0)
         assert columns.contents.groups[columns.signal("radar").group].rate == 0.0
+
+
+def test_a_rate_from_a_time_of_day_counts_the_day_and_no_other_does() -> None:
+    day, number = read_rate("25 Hz from 12:31:05"), read_rate("25 Hz from 5 s")
+    assert counts_the_day([day, day])
+    assert not any(map(counts_the_day, ([], [number], [day, number], [TimeSource("t")])))
+    assert time_of_day(45073.757) == "12:31:13.76"
+    assert time_of_day(86_399.999) == "00:00:00.00"
