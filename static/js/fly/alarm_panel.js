@@ -106,7 +106,7 @@ export function createAlarmPanel(element, { tone, acknowledge }) {
     const first = alike.reduce((one, next) => (next.t < one.t ? next : one));
     const { t, p_value: risk, kind, exceedance, reason: why } = first;
     const value = risk === null ? "" : ` ${riskText(risk, flight.epsilon)}`;
-    const at = `${alike.length > 1 ? `${alike.length} times, first ` : ""}at ${t.toFixed(2)} s`;
+    const at = alike.length > 1 ? `first at ${t.toFixed(2)} s, ${alike.length} alarms` : `at ${t.toFixed(2)} s`;
     const more = others > 0 ? `, ${others} more` : "";
     if (kind in CAUTION_WORDS) return [`${CAUTION_WORDS[kind]} ${at}: ${why}${more}`];
     if (kind === "limit") return [`LIMIT EXCEEDED ${at}: `, ...measured(exceedance), more];

@@ -96,7 +96,7 @@ def test_a_banner_of_several_alarms_says_how_many_and_when_the_first_was(strips:
         return element.querySelector('.alarm-text').textContent;
         """,
     )
-    assert told.startswith("LIMIT EXCEEDED 2 times, first at 1.65 s: ")
+    assert told.startswith("LIMIT EXCEEDED first at 1.65 s, 2 alarms: ")
     assert told.endswith(", 1 more")
 
 
