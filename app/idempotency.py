@@ -189,7 +189,8 @@ async def _again(
             "another key to create it anew"
         )
         return await _refuse(410, text, scope, send)
-    response = Response(earlier.body, earlier.status, {**earlier.headers, REPLAYED: "true"})
+    headers = {**(earlier.headers or {}), REPLAYED: "true"}
+    response = Response(earlier.body, earlier.status, headers)
     return await response(scope, _nothing, send)
 
 

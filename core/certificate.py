@@ -87,6 +87,17 @@ class Certificate:
         return found
 
 
+class UselessMonitor(ValueError):
+    """A monitor that alerts on nearly every safe flight, where it would be a flight's only one."""
+
+
+def check_use(evaluation: Mapping[str, Any] | None, epsilon: float) -> None:
+    """UselessMonitor for one whose alerts tell nothing; one that was not tested may be used."""
+    tested = certificate(evaluation, epsilon)
+    if tested is not None and tested.is_useless:
+        raise UselessMonitor(f"{tested.warnings[-1]}. To use it all the same, accept that it is")
+
+
 def certificate(evaluation: Mapping[str, Any] | None, epsilon: float) -> Certificate | None:
     """What the test flights said at this epsilon, or at the nearest one that they were asked.
 

@@ -80,6 +80,7 @@ def report_of(scored_file: ScoredFile, written: Sequence[Path]) -> Report:
         {
             "mapping": scored_file.mapping.to_plain(),
             "scorings": [_plain(scoring) for scoring in scored_file.scored],
+            "accept_useless": scored_file.accept_useless,
             "files": names,
         },
     )

@@ -46,6 +46,11 @@ def add_scoring_options(parser: argparse.ArgumentParser) -> None:
         help="what each manoeuvre is measured from: the mean of so much before its first input",
     )
     parser.add_argument(
+        "--accept-useless",
+        action="store_true",
+        help="score by a monitor alone that alerts on nearly every safe flight",
+    )
+    parser.add_argument(
         "--manoeuvres",
         default="detected",
         metavar="detected|entire|START:END,...",
@@ -63,6 +68,7 @@ def request_of(options: argparse.Namespace) -> tuple[ScoreRequest, MappingMemory
         recipe=_recipe(options),
         mapping=None if options.mapping is None else read_mapping(options.mapping),
         rate=None if options.rate is None else read_rate(options.rate),
+        accept_useless=options.accept_useless,
     )
     return request, MappingMemory(read_settings(), options.aircraft) if options.aircraft else None
 

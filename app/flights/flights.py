@@ -23,7 +23,7 @@ from app.store.alarms import StoredAlarm
 from app.store.flights import FlightInfo, UnderWay
 from app.store.look import StoreLook
 from app.store.store import NotFound, Store, StoreError
-from core.certificate import certificate
+from core.certificate import check_use
 from core.monitor import Assessment, Monitor, State
 from core.monitor.assessment import STATES
 from core.simulation.attitude import SurfaceSigns, surface_signs
@@ -46,10 +46,6 @@ class TooManyFlights(RuntimeError):
 
 class LimitsUnknown(ValueError):
     """A monitor whose limits are not known, as a flight's only monitor."""
-
-
-class UselessMonitor(ValueError):
-    """A monitor that alerts on nearly every safe flight, as a flight's only monitor."""
 
 
 @dataclass
@@ -142,14 +138,14 @@ class Flights:
         """Start a flight.
 
         TooManyFlights; SourceError and RecipeError for the source; ValueError for an epsilon that
-        the monitor cannot serve; LimitsUnknown and UselessMonitor; NotFound.
+        the monitor cannot serve; LimitsUnknown; UselessMonitor; NotFound.
         """
         self._take_place()
         try:
             monitor = await asyncio.to_thread(self._monitor, request.monitor)
             epsilon = monitor.check_epsilon(request.epsilon)
             if not request.accept_useless:
-                _check_use(monitor, epsilon)
+                check_use(monitor.evaluation, epsilon)
             opening = Opening(self.store, self._scored, request.monitor, monitor, epsilon)
             script, name = await asyncio.to_thread(request.source.open, opening)
             source = request.source.model_dump(exclude_none=True)
@@ -359,13 +355,6 @@ def _alarm(stored: StoredAlarm) -> Alarm:
         by=stored.by,
         stored=True,
     )
-
-
-def _check_use(monitor: Monitor, epsilon: float) -> None:
-    """UselessMonitor for one whose alerts tell nothing; one that was not tested may be flown."""
-    tested = certificate(monitor.evaluation, epsilon)
-    if tested is not None and tested.is_useless:
-        raise UselessMonitor(f"{tested.warnings[-1]}. To fly it all the same, accept that it is")
 
 
 def flight_name(info: FlightInfo) -> str:

@@ -20,6 +20,7 @@ from app.telemetry.mapping.typed_rate import rate_words
 from app.telemetry.reading import read_file
 from app.telemetry.recording import TelemetryError
 from app.telemetry.timing.repair import RepairedTraces, repair
+from core.certificate import UselessMonitor, check_use
 from core.monitor import Monitor, load
 from core.simulation.attitude import surface_signs
 
@@ -29,7 +30,8 @@ class ScoreRequest:
     """What is asked for on the command line.
 
     epsilons: None for a monitor's own.   mapping: what the signals are; None: as proposed.
-    rate: of the rows of groups that have no time otherwise.
+    rate: of the rows of groups that have no time otherwise.   accept_useless: score by a monitor
+    whose alerts tell nothing although it is the only one.
     """
 
     monitors: tuple[Path, ...]
@@ -38,6 +40,7 @@ class ScoreRequest:
     mapping: Mapping | None = None
     rate: TimeSource | None = None
     recipe: ScoringRecipe = ScoringRecipe()  # noqa: RUF009
+    accept_useless: bool = False
 
 
 class Scored(NamedTuple):
@@ -51,12 +54,16 @@ class Scored(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class ScoredFile:
-    """A file with all that was said of it. proposal: why it was mapped so; None: as given."""
+    """A file with all that was said of it.
+
+    proposal: why it was mapped so; None: as given.   accept_useless: as was asked for.
+    """
 
     contents: Contents
     mapping: Mapping
     proposal: Proposal | None
     scored: tuple[Scored, ...]
+    accept_useless: bool = False
 
 
 class UnmappedFile(TelemetryError):
@@ -71,12 +78,14 @@ def score_file(request: ScoreRequest, memory: MappingMemory | None = None) -> Sc
     """Score a file by each monitor at each epsilon.
 
     memory: of the aircraft's recorders: asked for a mapping unless one is given, which it keeps
-    once everything is scored.
+    once everything is scored. UselessMonitor unless that is accepted.
     """
     monitors = [load(path) for path in request.monitors]
     for monitor in monitors:
         for epsilon in request.epsilons:
-            monitor.check_epsilon(epsilon)
+            checked = monitor.check_epsilon(epsilon)
+            if len(monitors) == 1 and not request.accept_useless:
+                _check_use(request.monitors[0], monitor, checked)
     with tempfile.TemporaryDirectory(prefix="forewarn-") as place:
         folder = Path(place) / "columns"
         contents = read_file(request.file, folder)
@@ -102,7 +111,14 @@ def score_file(request: ScoreRequest, memory: MappingMemory | None = None) -> Sc
             raise TelemetryError(message) from None
     if memory and request.mapping:
         memory.keep(contents, request.mapping)
-    return ScoredFile(contents, mapping, proposal, scored)
+    return ScoredFile(contents, mapping, proposal, scored, request.accept_useless)
+
+
+def _check_use(path: Path, monitor: Monitor, epsilon: float) -> None:
+    try:
+        check_use(monitor.evaluation, epsilon)
+    except UselessMonitor as error:
+        raise UselessMonitor(f"{path}: {error}: --accept-useless") from None
 
 
 def _as_given(contents: Contents, request: ScoreRequest) -> Mapping:

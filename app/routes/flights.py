@@ -19,7 +19,6 @@ from app.flights.flight import Flight
 from app.flights.flights import (
     Flights,
     TooManyFlights,
-    UselessMonitor,
     accepts_useless,
     flight_name,
     source_of,
@@ -34,6 +33,7 @@ from app.problems import Problem, problem_responses
 from app.recipes import RecipeError
 from app.routes.dependencies import json_from
 from app.store.flights import FlightInfo, UnderWay
+from core.certificate import UselessMonitor
 from core.monitor import State
 from core.monitor.status import Facts, Level, Status, headline
 

@@ -568,6 +568,28 @@ def test_monitors_and_epsilons_side_by_side(attas_monitor: Path, tmp_path: Path,
     assert (tmp_path / "out" / "mapping.json").exists()
 
 
+def test_a_monitor_of_no_use_scores_alone_only_where_that_is_accepted(
+    attas_monitor: Path, tmp_path: Path, capsys
+):
+    tested = load(attas_monitor)
+    counts = {"misses": 0, "false_alerts": 995, "withdrawn": 0}
+    evaluation = {**(tested.evaluation or {}), "n_safe": 1000, "at_epsilon": counts}
+    useless = tmp_path / "useless.fwm"
+    replace(tested, evaluation=evaluation).save(useless)
+    arguments = [str(useless), str(record_file("attas_rud1")), "-o", str(tmp_path / "out")]
+    assert main(["score", *arguments]) != 0
+    said = capsys.readouterr().err
+    assert "useless.fwm: the monitor is of no use: only " in said
+    assert "accept that it is: --accept-useless" in said
+    assert not (tmp_path / "out").exists()
+    assert main(["score", *arguments, "--accept-useless", "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert told["accept_useless"] is True
+    assert any("of no use" in warning for warning in told["scorings"][0]["warnings"])
+    beside = [str(useless), str(attas_monitor), str(record_file("attas_rud1"))]
+    assert main(["score", *beside, "-o", str(tmp_path / "both")]) == 0
+
+
 def test_manoeuvres_are_scored_between_the_times_given(attas_monitor: Path, tmp_path, capsys):
     arguments = [str(attas_monitor), str(record_file("attas_rud1")), "-o", str(tmp_path / "out")]
     assert main(["score", *arguments, "--manoeuvres", "5:11,20:26"]) == 0
