@@ -14,6 +14,8 @@ from app.report.envelope import Array
 from app.report.subject import PROPOSED, ReportSubject
 from app.scoring.planned_test import limits_of
 from app.scoring.verdict import amplitude_of
+from app.telemetry.mapping.mapping import TimeSource
+from app.telemetry.mapping.typed_rate import counts_the_day, time_of_day
 from core import __version__
 from core.certificate import certificate, warnings_of
 from core.channels import CHANNELS, Channel, significant
@@ -71,6 +73,7 @@ def report(subject: ReportSubject) -> str:
         ],
         look_ahead=max((s.get("look_ahead", 0.0) for s in manoeuvres), default=0.0),
         headline=facts.headline(manoeuvres, outside),
+        of_day=_counts_the_day(scoring["mapping"]),
         outside=outside,
         most_outside=MOST_OUTSIDE,
         proposed=subject.mapped == PROPOSED,
@@ -104,6 +107,14 @@ def report(subject: ReportSubject) -> str:
         ],
         version=__version__,
         channels={channel.key: channel for channel in CHANNELS},
+    )
+
+
+def _counts_the_day(mapping: Mapping[str, Any]) -> bool:
+    """Whether times are seconds of the day. mapping: plain."""
+    return counts_the_day(
+        TimeSource(rate=given.get("rate", 0.0), start=given.get("start", 0.0))
+        for given in mapping["times"].values()
     )
 
 
@@ -157,6 +168,7 @@ def _counted(n: int, one: str, several: str = "") -> str:
 TEMPLATES.filters |= {
     "symbol": _symbol,
     "time": lambda t: f"{t:.2f}",
+    "time_of_day": time_of_day,
     "seconds": lambda t: f"{t:.2f}{GLUE}s",
     "span": lambda begin, end: f"{begin:.2f} to {end:.2f}{GLUE}s",
     "percent": lambda share: f"{share:.1%}",

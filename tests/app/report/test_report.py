@@ -223,6 +223,17 @@ def test_an_alert_before_the_withdrawal_stands_in_the_table(monitor: Monitor) ->
     assert html.count(f'<td class="number">{warned["lead"]:.2f}</td>') == 2
 
 
+def test_seconds_of_the_day_have_the_time_of_day_beside_them(monitor: Monitor) -> None:
+    subject = subject_of(monitor, [WARNED])
+    assert "time of day" not in report(subject)
+    typed = subject.scoring["mapping"] | {
+        "times": {"": {"signal": "", "unit": "s", "rate": 25.0, "start": 45065.0}}
+    }
+    html = report(replace(subject, scoring={**subject.scoring, "mapping": typed}))
+    assert f"{WARNED['exceedance']['t']:.2f}, 00:00:0{WARNED['exceedance']['t']:.2f}, " in html
+    assert "1.50<br>00:00:01.50</td>" in html
+
+
 def test_what_resampling_knew_of_the_future_stands_beside_the_lead(monitor: Monitor) -> None:
     html = report(subject_of(monitor, [WARNED | {"look_ahead": 0.5}]))
     assert "looks up to 0.5 s ahead: in flight an alert could come that much later" in html
