@@ -9,6 +9,8 @@ from core.types import Array
 CAUSES = ("r", "Ny", "phi", "p")
 BALANCED = 0.5
 """Share of beta-dot that the causes must explain."""
+LARGEST = 1e9
+"""Numbers beyond it are no motion in any unit."""
 
 
 def sideslip_balance(moves: Motion) -> dict[str, Estimate]:
@@ -18,14 +20,21 @@ def sideslip_balance(moves: Motion) -> dict[str, Estimate]:
     """
     if not {"beta", "r", "Ny", "phi"} <= moves.values.keys():
         return {}
+    rates = moves.rates["beta"]
     causes = [key for key in CAUSES if key in moves.values]
+    if any(_peak(x) > LARGEST for x in (rates, *(moves.values[key] for key in causes))):
+        return {}
     apart = np.flatnonzero(np.diff(moves.window)) + 1  # windows do not go on in one another
 
     def parted(values: Array) -> Array:
         return np.insert(values, apart, np.nan)
 
     x = tuple(SmoothedSignal(parted(moves.values[key]), 0.0) for key in causes)
-    fit = EquationError.fit(parted(moves.rates["beta"]), x, STEP)
+    fit = EquationError.fit(parted(rates), x, STEP)
     if fit is None or fit.share < BALANCED or not fit.delay_is_inside:
         return {}
     return {key: fit.coefficient(k) for k, key in enumerate(causes)}
+
+
+def _peak(x: Array) -> float:
+    return float(np.fmax.reduce(np.abs(x), initial=0.0))

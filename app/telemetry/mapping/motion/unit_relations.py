@@ -14,7 +14,7 @@ from app.telemetry.contents import Columns, Signal
 from app.telemetry.mapping.extent import extent_of
 from app.telemetry.mapping.motion.as_recorded import TURNS, WRAP
 from app.telemetry.mapping.motion.motion import Motion
-from app.telemetry.mapping.motion.sideslip_balance import sideslip_balance
+from app.telemetry.mapping.motion.sideslip_balance import LARGEST, sideslip_balance
 from app.telemetry.mapping.motion.signs import ANGLE_OF, CLEAR, FOLLOWS
 from app.telemetry.mapping.naming.spelling import spellings
 from app.telemetry.mapping.naming.vocabulary import MACH, NORMAL_ACCELERATION
@@ -128,7 +128,7 @@ def relations_of_airspeed(moves: Motion, speed: float) -> list[UnitRelation]:
     speed: the airspeed as it stands in the file.
     """
     relations = []
-    slopes = sideslip_balance(moves) if speed > 0.0 else {}
+    slopes = sideslip_balance(moves) if 0.0 < speed < LARGEST else {}
     for key, per in (("Ny", "g of Ny"), ("phi", "rad of bank")):
         if key not in slopes:
             continue

@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 from app.telemetry.mapping.applying import apply_mapping
 from app.telemetry.mapping.mapping import ChannelSource
 from app.telemetry.mapping.motion.motion import LONG, motion
+from app.telemetry.mapping.motion.sideslip_balance import sideslip_balance
 from app.telemetry.mapping.motion.signs import CONVENTION, find_signs
 from app.telemetry.mapping.proposal import propose
 from app.telemetry.traces import Trace, Traces
@@ -66,6 +67,12 @@ def test_a_bank_angle_against_all_others_is_reversed_but_no_true_one(model, reve
     expected = surface_signs(PublishedAircraft(model, n_states=4).uncertain_plant())
     signs = find_signs(moves_of(channels), expected)
     assert {key for key, evidence in signs.items() if evidence.sign < 0} == set(reversed_)
+
+
+def test_numbers_beyond_any_motion_balance_nothing():
+    channels = flight() | {key: 1e200 * flight()[key] for key in ("beta", "r")}
+    assert sideslip_balance(moves_of(flight())).keys() == {"r", "Ny", "phi", "p"}
+    assert sideslip_balance(moves_of(channels)) == {}
 
 
 def test_a_reversed_bank_angle_is_proposed_reversed(tmp_path):
