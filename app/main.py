@@ -15,13 +15,15 @@ from fastapi.staticfiles import StaticFiles
 from starlette.routing import BaseRoute
 
 from app.flights.flights import Flights
-from app.head_requests import HeadAsGet
-from app.idempotency import Idempotent, describe_keys
+from app.http.head_requests import HeadAsGet
+from app.http.idempotency import Idempotent, describe_keys
+from app.http.problems import describe_problems, install_problems
+from app.http.security import BodyLimit, Guard
+from app.http.sessions import Sessions
 from app.integrity import Integrity
 from app.jobs.jobs import Jobs
 from app.links import describe_links
 from app.metrics import Measured, Metrics
-from app.problems import describe_problems, install_problems
 from app.recordings.recordings import Recordings
 from app.recordings.scored import ScoredRecordings
 from app.routes import (
@@ -38,8 +40,6 @@ from app.routes import (
 )
 from app.routes.scene import scene_router
 from app.scene.scene import Scenes
-from app.security import BodyLimit, Guard
-from app.sessions import Sessions
 from app.settings import Settings
 from app.store.look import StoreLook
 from app.store.store import open_store

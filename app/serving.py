@@ -13,7 +13,7 @@ from fastapi import FastAPI
 from filelock import FileLock, Timeout
 from uvicorn.protocols.websockets.auto import AutoWebSocketsProtocol
 
-from app.bounded_http import BoundedHttp
+from app.http.bounded_protocol import BoundedHttp
 from app.main import create_app
 from app.settings import Settings, SettingsError
 from app.store.database import address, file_of

@@ -6,7 +6,7 @@ from pathlib import Path
 from fastapi import FastAPI
 
 from app import serving
-from app.sessions import LINK_SECONDS, Sessions
+from app.http.sessions import LINK_SECONDS, Sessions
 from app.settings import Settings, read_settings
 
 

@@ -10,9 +10,9 @@ from fastapi import APIRouter, Query, Response
 from pydantic import BaseModel, Field
 
 from app.catalog import amplitude_request_schema, dataset_request_schema
+from app.http.problems import Problem, problem_responses
 from app.jobs.kinds import dataset_work
 from app.jobs.requests import amplitude_suggestion, dataset_request
-from app.problems import Problem, problem_responses
 from app.recipes import to_plain
 from app.routes.dependencies import (
     JobsDep,

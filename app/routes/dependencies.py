@@ -7,8 +7,8 @@ from typing import Annotated, Any, TypeVar
 from fastapi import Depends, Request, Response
 
 from app import json_codec
+from app.http.problems import Problem
 from app.jobs.jobs import Jobs
-from app.problems import Problem
 from app.recordings.recordings import Recordings
 from app.recordings.scored import ScoredRecordings
 from app.settings import Settings

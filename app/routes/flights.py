@@ -28,8 +28,8 @@ from app.flights.request import FlightRequest
 from app.flights.sources import mode_of
 from app.flights.transport import NotPossible, TransportError
 from app.flights.watcher import Watcher
+from app.http.problems import Problem, problem_responses
 from app.messages import Alarm, Credit, End, Frame, MessageError, Mode, TransportState, decode
-from app.problems import Problem, problem_responses
 from app.recipes import RecipeError
 from app.routes.dependencies import json_from
 from app.store.flights import FlightInfo, UnderWay

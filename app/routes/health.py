@@ -9,9 +9,9 @@ from pydantic import BaseModel, Field
 from starlette.datastructures import State as AppState
 
 from app.flights.flights import Flights
+from app.http.problems import Problem, problem_responses
 from app.integrity import Damage, Integrity, Kind, State
 from app.metrics import CONTENT_TYPE
-from app.problems import Problem, problem_responses
 from core import __version__
 
 router = APIRouter(tags=["health"])

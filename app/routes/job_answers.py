@@ -6,9 +6,9 @@ from typing import Any
 
 from fastapi import Response
 
+from app.http.problems import Problem, problem_responses
 from app.jobs.jobs import STOPPED, Jobs, QueueFull, Work
 from app.jobs.kinds import without_figures
-from app.problems import Problem, problem_responses
 from app.routes.dependencies import json_response
 from app.store.jobs import JobInfo
 

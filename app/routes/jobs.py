@@ -11,10 +11,10 @@ from fastapi.sse import format_sse_event
 
 from app import json_codec
 from app.catalog import study_request_schema
+from app.http.problems import Problem, problem_responses
 from app.jobs.jobs import NotRunning
 from app.jobs.kinds import study_work
 from app.jobs.requests import study_request
-from app.problems import Problem, problem_responses
 from app.recipes import to_plain
 from app.routes.dependencies import (
     JobsDep,

@@ -5,7 +5,7 @@ import asyncio
 from fastapi import APIRouter
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
-from app.problems import problem_responses
+from app.http.problems import problem_responses
 from app.routes.dependencies import StoreDep
 from app.routes.recording_models import Number
 from app.store.markers import Marker, MarkerKind

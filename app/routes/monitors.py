@@ -8,10 +8,10 @@ from fastapi import APIRouter, Query, Request, Response
 from pydantic import BaseModel, Field
 
 from app.catalog import monitor_request_schema
+from app.http.problems import Problem, problem_responses
 from app.jobs.kinds import monitor_work
 from app.jobs.requests import monitor_request
 from app.json_telemetry import TelemetryBody, assessed, parse_telemetry
-from app.problems import Problem, problem_responses
 from app.recipes import to_plain
 from app.recordings.recordings import Recordings
 from app.routes.dependencies import (

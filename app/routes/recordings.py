@@ -6,7 +6,7 @@ from typing import Annotated, Any
 from fastapi import APIRouter, Query, Request
 from starlette.requests import ClientDisconnect
 
-from app.problems import Problem, problem_responses
+from app.http.problems import Problem, problem_responses
 from app.recordings.answers import described, preview, signal_bands
 from app.recordings.recordings import Abandoned, Upload
 from app.recordings.upload import plain_name

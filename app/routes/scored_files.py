@@ -8,7 +8,7 @@ from urllib.parse import quote
 
 from fastapi import APIRouter, Query, Response
 
-from app.problems import problem_responses
+from app.http.problems import problem_responses
 from app.recordings.exports import EXPORTS, export
 from app.report.page import report
 from app.report.stored import stored_subject

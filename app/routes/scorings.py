@@ -6,8 +6,8 @@ from typing import Annotated, Any, Literal
 from fastapi import APIRouter, Query, Response
 from pydantic import BaseModel, ConfigDict, Field
 
+from app.http.problems import Problem, problem_responses
 from app.messages import ChannelLimit, Frame
-from app.problems import Problem, problem_responses
 from app.recordings.scoring_answers import answers, frames, manoeuvres_found, tiled
 from app.routes.dependencies import RecordingsDep, ScoredDep, json_from, json_response
 from app.routes.recording_models import ManoeuvreInterval, Number

@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 
 from fastapi import Request
 
-from app.problems import Problem
+from app.http.problems import Problem
 from app.routes.dependencies import content_type
 
 FORM, OCTETS = "multipart/form-data", "application/octet-stream"

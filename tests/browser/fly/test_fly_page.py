@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 from playwright.sync_api import Page, Route, WebSocketRoute, expect
 
-from app.security import SESSION_OVER
+from app.http.security import SESSION_OVER
 from core.collection import DatasetRecipe, collect
 from core.monitor import MonitorRecipe, train
 from tests.browser.chromium import wait_until

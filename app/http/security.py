@@ -17,8 +17,8 @@ from starlette.datastructures import Headers, MutableHeaders
 from starlette.requests import HTTPConnection, Request
 from starlette.responses import HTMLResponse, RedirectResponse, Response
 
-from app.problems import Problem, problem_response
-from app.sessions import Sessions
+from app.http.problems import Problem, problem_response
+from app.http.sessions import Sessions
 from app.settings import Settings
 
 Scope = MutableMapping[str, Any]

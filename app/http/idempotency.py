@@ -20,7 +20,7 @@ from typing import Any
 from starlette.datastructures import Headers
 from starlette.responses import Response
 
-from app.problems import Problem, problem_response, problem_responses
+from app.http.problems import Problem, problem_response, problem_responses
 from app.store.answers import Answer, AnswerRepository
 from app.store.store import StoreError
 

@@ -16,7 +16,7 @@ from fastapi.routing import APIRoute, APIWebSocketRoute
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import connect
 
-from app.bounded_http import SLOWEST_BODY
+from app.http.bounded_protocol import SLOWEST_BODY
 from app.recordings import upload as upload_module
 from tests.support.api import served
 from tests.support.patience import PATIENCE

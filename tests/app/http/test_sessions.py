@@ -2,7 +2,7 @@
 
 import pytest
 
-from app.sessions import (
+from app.http.sessions import (
     FORGOTTEN_AFTER,
     FREE_GUESSES,
     LINK_SECONDS,

@@ -13,7 +13,7 @@ from uvicorn.protocols.http.httptools_impl import (
     RequestResponseCycle,
 )
 
-from app.problems import Problem, problem_response
+from app.http.problems import Problem, problem_response
 from app.settings import Settings
 
 SLOWEST_BODY = 4096

@@ -6,8 +6,8 @@ from typing import Any
 import pytest
 from starlette.websockets import WebSocketDisconnect
 
-from app.security import API_POLICY, COOKIE, PAGE_POLICY, REFUSED, SESSION_OVER, Guard
-from app.sessions import FREE_GUESSES, Sessions
+from app.http.security import API_POLICY, COOKIE, PAGE_POLICY, REFUSED, SESSION_OVER, Guard
+from app.http.sessions import FREE_GUESSES, Sessions
 from app.settings import Settings
 from tests.support.api import ADDRESS, api, problem
 

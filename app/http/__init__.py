@@ -1,0 +1,1 @@
+"""What every HTTP request passes: bounds, security, sessions, idempotency, errors."""
