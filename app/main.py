@@ -29,6 +29,7 @@ from app.recordings.scored import ScoredRecordings
 from app.routes import (
     catalog,
     datasets,
+    flight_stream,
     flights,
     health,
     jobs,
@@ -116,7 +117,7 @@ def _routes() -> tuple[BaseRoute, ...]:
     """
     api = APIRouter()
     kept = (datasets, monitors, recordings, scorings, scored_files, markers)
-    for part in (catalog, *kept, jobs, flights, health):
+    for part in (catalog, *kept, jobs, flights, flight_stream, health):
         api.include_router(part.router)
     api.include_router(scene_router())
     for _ in iter_route_contexts(api.routes):

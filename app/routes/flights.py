@@ -1,18 +1,10 @@
-"""Flights: one run of a source through a monitor, steered over REST, watched over a WebSocket."""
+"""Flights: one run of a source through a monitor, started, steered and read over REST."""
 
 import asyncio
-from collections.abc import Awaitable, Callable
 from typing import Annotated, Any, Literal
 
-import anyio
-from fastapi import APIRouter, Depends, Query, Request, Response, WebSocket
+from fastapi import APIRouter, Depends, Query, Request, Response
 from pydantic import BaseModel, ConfigDict, Field, StrictBool
-from starlette.status import (
-    WS_1000_NORMAL_CLOSURE,
-    WS_1008_POLICY_VIOLATION,
-    WS_1013_TRY_AGAIN_LATER,
-)
-from starlette.websockets import WebSocketDisconnect
 
 from app.flights.ended import Record, Verdict, records
 from app.flights.flight import Flight
@@ -27,9 +19,8 @@ from app.flights.recorder import INTERVAL_S
 from app.flights.request import FlightRequest
 from app.flights.sources import mode_of
 from app.flights.transport import NotPossible, TransportError
-from app.flights.watcher import Watcher
 from app.http.problems import Problem, problem_responses
-from app.messages import Alarm, Credit, End, Frame, MessageError, Mode, TransportState, decode
+from app.messages import Alarm, Frame, Mode, TransportState
 from app.recipes import RecipeError
 from app.routes.dependencies import json_from
 from app.store.flights import FlightInfo, UnderWay
@@ -39,8 +30,6 @@ from core.monitor.status import Facts, Level, Status, headline
 
 router = APIRouter(prefix="/api/v1/flights", tags=["flights"])
 MOST_FRAMES = 10_000
-NO_SUCH_FLIGHT = 4404
-"""Close code of a WebSocket to a flight that is not under way."""
 
 
 def _flights(request: Request) -> Flights:
@@ -269,66 +258,6 @@ async def acknowledge(
     It is stored before it is answered; 503 says that it is not, and the alarm stays open.
     """
     return await flights.acknowledge(flight_id, alarm_id, (who or Acknowledgement()).by)
-
-
-@router.websocket("/{flight_id}/stream")
-async def stream(websocket: WebSocket, flight_id: str) -> None:
-    """Watch a flight: messages as in app.messages."""
-    flights: Flights = websocket.app.state.flights
-    await websocket.accept()
-    flight = flights.get(flight_id)
-    if flight is None:
-        await _close(websocket, NO_SUCH_FLIGHT, f"no flight {flight_id} is under way")
-        return
-    watcher = flight.watch()
-    try:
-        await _watch(websocket, watcher)
-    finally:
-        flight.leave(watcher)
-
-
-async def _watch(websocket: WebSocket, watcher: Watcher) -> None:
-    """Send and receive until either side ends; a handler must read to see pings and the end."""
-    async with anyio.create_task_group() as both:
-
-        async def until_end(pump: Callable[[WebSocket, Watcher], Awaitable[None]]) -> None:
-            await pump(websocket, watcher)
-            both.cancel_scope.cancel()
-
-        both.start_soon(until_end, _receive)
-        both.start_soon(until_end, _send)
-
-
-async def _send(websocket: WebSocket, watcher: Watcher) -> None:
-    try:
-        while (text := await watcher.next_message()) is not None:
-            await websocket.send({"type": "websocket.send", "text": text})
-        code = WS_1013_TRY_AGAIN_LATER if watcher.overrun else WS_1000_NORMAL_CLOSURE
-        await websocket.close(code, "too slow for its alarms" if watcher.overrun else "")
-    except (WebSocketDisconnect, RuntimeError):
-        pass
-
-
-async def _receive(websocket: WebSocket, watcher: Watcher) -> None:
-    try:
-        while True:
-            message = decode(await websocket.receive_text())
-            if isinstance(message, Credit):
-                watcher.grant(message.n)
-            else:
-                watcher.resume(message.seq)
-    except WebSocketDisconnect:
-        pass
-    except (MessageError, KeyError):
-        await _close(websocket, WS_1008_POLICY_VIOLATION, "what was sent is no credit or resume")
-
-
-async def _close(websocket: WebSocket, code: int, reason: str) -> None:
-    try:
-        await websocket.send({"type": "websocket.send", "text": End(reason=reason).encode()})
-        await websocket.close(code, reason)
-    except (WebSocketDisconnect, RuntimeError):
-        pass
 
 
 def _last(first: int, last: int | None) -> int:
