@@ -27,6 +27,7 @@ from core.amplitude import WANTED_SHARE
 from core.bounds import bounds_of
 from core.channels import CHANNELS
 from core.collection import DatasetRecipe
+from core.flight_markers import FLIGHT_MARKERS
 from core.monitor import MonitorRecipe
 from core.recipe import FAMILIES, Family
 from core.simulation.aircraft import Aircraft
@@ -75,6 +76,7 @@ def catalog() -> dict[str, Any]:
             }
             for name, recipe in RECIPES.items()
         },
+        "flight_markers": [asdict(kind) for kind in FLIGHT_MARKERS.values()],
         "telemetry": _telemetry(),
     }
 

@@ -1,6 +1,6 @@
 """What goes over a flight's WebSocket: JSON objects told apart by `type`.
 
-Down: hello, frames, state, status, alarm, transport, reset, heartbeat, waiting, end.
+Down: hello, frames, state, status, alarm, marker, transport, reset, heartbeat, waiting, end.
 Up: credit, resume.
 Times `t` are the flight's own [s]; `seq` numbers the samples flown, one up a sample, whatever the
 transport does; `sent` and the heartbeat's `server_time` are the server's.
@@ -13,6 +13,7 @@ from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
 
 from app import json_codec
 from core.channels import CHANNELS
+from core.flight_markers import FlightMarkerKey, FlightMarkerKind
 from core.monitor import Assessment
 from core.monitor.assessment import State
 from core.monitor.status import AlarmKind, Level, Status
@@ -82,6 +83,24 @@ class Alarm(Message):
     raised: str = Field(description="UTC, ISO 8601")
     acknowledged: str | None = Field(default=None, description="UTC, ISO 8601")
     by: str | None = None
+    stored: bool = Field(
+        default=False, description="false while the store has not taken it: it would not survive"
+    )
+
+
+class FlightMarker(Message):
+    """A marker that someone set in the flight; it neither ends nor pauses it."""
+
+    number: int = Field(description="1, 2, 3 ... in the order set")
+    kind: FlightMarkerKey
+    word: str = Field(description="how people call its kind")
+    meaning: str = Field(description="of its kind")
+    level: Level
+    seq: int = Field(description="newest sample then; -1 before the first")
+    t: float = Field(description="[s] of that sample")
+    created: str = Field(description="UTC, ISO 8601")
+    by: str
+    text: str | None = None
     stored: bool = Field(
         default=False, description="false while the store has not taken it: it would not survive"
     )
@@ -161,6 +180,8 @@ class Hello(Message):
     )
     head: int = Field(description="newest seq; -1 before the first sample")
     alarms: list[Alarm] = Field(description="all that are open, and the last acknowledged ones")
+    markers: list[FlightMarker] = Field(description="all that wait for the store, the last others")
+    marker_kinds: list[FlightMarkerKind] = Field(description="that may be set, with their words")
     credit: int = Field(
         description="messages of frames that may come before the client grants more"
     )
@@ -207,6 +228,13 @@ class AlarmRaised(Message):
 
     type: Literal["alarm"] = "alarm"
     alarm: Alarm
+
+
+class MarkerSet(Message):
+    """A marker was set, or the store has taken it; never left out."""
+
+    type: Literal["marker"] = "marker"
+    marker: FlightMarker
 
 
 class TransportChange(Message):
@@ -278,8 +306,8 @@ class Resume(Message):
 
 
 DOWN: tuple[type[Message], ...] = (
-    Hello, Frames, StateChange, StatusChange, AlarmRaised, TransportChange, Reset, Heartbeat,
-    Waiting, End,
+    Hello, Frames, StateChange, StatusChange, AlarmRaised, MarkerSet, TransportChange, Reset,
+    Heartbeat, Waiting, End,
 )  # fmt: skip
 """What the server sends on a flight's stream."""
 UP: tuple[type[Message], ...] = (Credit, Resume)

@@ -12,14 +12,17 @@ from typing import TYPE_CHECKING, Any
 
 from app.flights.alarms import Alarms
 from app.flights.clock import Clock, Timer
+from app.flights.flight_markers import FlightMarkers
 from app.flights.recorder import Recorder
 from app.flights.watcher import CREDIT, RecentFrames, Watcher
 from app.messages import (
     Alarm,
     AlarmRaised,
     End,
+    FlightMarker,
     Heartbeat,
     Hello,
+    MarkerSet,
     MeasuredExceedance,
     Mode,
     StateChange,
@@ -31,6 +34,7 @@ from app.messages import (
 )
 from core.certificate import warnings_of
 from core.channels import KEYS
+from core.flight_markers import FLIGHT_MARKERS, FlightMarkerKey
 from core.monitor import Assessment, Monitor, State
 from core.monitor.status import Facts, Headline, Level, headline
 from core.types import Array
@@ -97,6 +101,7 @@ class Flight(ABC):
     ) -> None:
         self.plan, self.scene = plan, scene
         self.recorder, self.alarms, self.clock = recorder, Alarms(), clock
+        self.markers = FlightMarkers()
         self.is_over = False
         self.t = 0.0
         self.state, self.reason = State.WARMING_UP, "no sample has come yet"
@@ -187,6 +192,17 @@ class Flight(ABC):
             self._stage(lambda scene: scene.restate(self.facts))
         return alarm
 
+    def mark(self, kind: FlightMarkerKey, by: str, text: str | None) -> FlightMarker:
+        """Set a marker at the newest sample: everyone is told, then it is stored."""
+        marker = self.markers.add(kind, self.head, self.t, self.clock.utc(), by, text)
+        self._tell(MarkerSet(marker=marker).encode())
+        self.recorder.add_marker(marker, partial(self._note_marker, marker.number))
+        return marker
+
+    def _note_marker(self, number: int, is_stored: bool) -> None:
+        if is_stored:
+            self._tell(MarkerSet(marker=self.markers.note_stored(number)).encode())
+
     async def stop(self, reason: str) -> None:
         """End the flight: it takes no further sample, the watchers are told."""
         self._halt(reason)
@@ -217,6 +233,8 @@ class Flight(ABC):
             **_plain(self.headline),
             head=self.head,
             alarms=self.alarms.at_hand,
+            markers=self.markers.at_hand,
+            marker_kinds=list(FLIGHT_MARKERS.values()),
             credit=CREDIT,
         ).encode()
 

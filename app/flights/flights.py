@@ -12,18 +12,20 @@ import numpy as np
 
 from app.flights.clock import Clock, MonotonicClock, Timer
 from app.flights.flight import Flight, FlightPlan, patience
+from app.flights.flight_markers import of_store
 from app.flights.live import LiveSource
 from app.flights.playback import Script
 from app.flights.recorder import INTERVAL_S, Recorder
 from app.flights.request import FlightRequest
 from app.flights.sources import Opening, aircraft_of, mode_of, trim_angles
-from app.messages import Alarm, MeasuredExceedance, plain_frame
+from app.messages import Alarm, FlightMarker, MeasuredExceedance, plain_frame
 from app.recordings.scored import ScoredRecordings
 from app.store.alarms import StoredAlarm
 from app.store.flights import FlightInfo, UnderWay
 from app.store.look import StoreLook
 from app.store.store import NotFound, Store, StoreError
 from core.certificate import check_use
+from core.flight_markers import FlightMarkerKey
 from core.monitor import Assessment, Monitor, State
 from core.monitor.assessment import STATES
 from core.simulation.attitude import SurfaceSigns, surface_signs
@@ -228,6 +230,32 @@ class Flights:
             with suppress(KeyError):
                 flight.acknowledge(alarm_id, stored.by or by, stored.acknowledged or "")
         return _alarm(stored)
+
+    async def markers(self, flight_id: str) -> list[FlightMarker]:
+        """All markers of a flight, under way or ended, in the order set; NotFound."""
+        flight = self.get(flight_id)
+        at_hand = flight.markers.at_hand if flight else []
+        stored = await asyncio.to_thread(self.store.flight_markers.of, flight_id)
+        markers = {one.number: of_store(one) for one in stored}
+        return list((markers | {one.number: one for one in at_hand}).values())
+
+    async def mark(
+        self, flight_id: str, kind: FlightMarkerKey, by: str, text: str | None
+    ) -> FlightMarker:
+        """Set a marker in a flight under way: everyone is told at once, then it is stored.
+
+        NotFound; StoreError: it is not stored yet, and will be as soon as the store takes it.
+        """
+        flight = self.flying(flight_id)
+        marker = flight.mark(kind, by, text)
+        try:
+            await flight.recorder.store_alarms()
+        except StoreError as error:
+            raise StoreError(
+                f"{marker.word} is shown on every screen and is not stored yet: {error}; it is "
+                "stored as soon as that is so, do not set it again"
+            ) from error
+        return marker.model_copy(update={"stored": True})
 
     async def frames(self, flight_id: str, first: int, last: int) -> list[dict[str, Any]]:
         """Frames first..last of what was flown, as streamed; NotFound."""

@@ -1,9 +1,9 @@
-"""The recorder: every sample and alarm of a flight into the store, off the loop.
+"""The recorder: every sample, alarm and marker of a flight into the store, off the loop.
 
-An alarm is stored at once, and announced when it is; samples are written in batches each
-INTERVAL_S, in order, one at a time. What the store refuses waits and is tried again; only when
-MOST_WAITING samples wait are the oldest lost, and counted. A process that dies loses the samples of
-the last INTERVAL_S at most, and no alarm that was announced as stored.
+An alarm or a marker is stored at once, an alarm announced when it is; samples are written in
+batches each INTERVAL_S, in order, one at a time. What the store refuses waits and is tried again;
+only when MOST_WAITING samples wait are the oldest lost, and counted. A process that dies loses the
+samples of the last INTERVAL_S at most, and no alarm that was announced as stored.
 """
 
 import asyncio
@@ -16,7 +16,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from app.flights.clock import Clock, Timer
-from app.messages import Alarm
+from app.flights.flight_markers import to_store
+from app.messages import Alarm, FlightMarker
 from app.store.look import StoreLook
 from app.store.store import NotFound, Store, StoreError
 from core.channels import N_CHANNELS
@@ -44,13 +45,13 @@ class RecordedSample(NamedTuple):
 
 
 class Raised:
-    """An alarm as it waits for the store.
+    """An alarm or a marker as it waits for the store.
 
     announce: called with whether it is stored; once more when it is, if it was not by then.
     """
 
-    def __init__(self, alarm: Alarm, announce: Callable[[bool], object]) -> None:
-        self.alarm, self.announce, self.is_announced = alarm, announce, False
+    def __init__(self, event: Alarm | FlightMarker, announce: Callable[[bool], object]) -> None:
+        self.event, self.announce, self.is_announced = event, announce, False
 
     def say(self) -> None:
         """Announce it though it is not stored, once."""
@@ -103,7 +104,9 @@ class Recorder:
     @property
     def waiting_words(self) -> str:
         """What waits for the store, counted; of a record that lacks nothing else, its end."""
-        counts = {"sample": self.unwritten, "alarm": len(self._raised)}
+        n_alarms = sum(isinstance(raised.event, Alarm) for raised in self._raised)
+        n_markers = len(self._raised) - n_alarms
+        counts = {"sample": self.unwritten, "alarm": n_alarms, "marker": n_markers}
         parts = [f"{n} {name}{'s' * (n > 1)}" for name, n in counts.items() if n]
         return " and ".join(parts) or "status and time of its end"
 
@@ -121,7 +124,15 @@ class Recorder:
         Where the store refuses it, or takes longer than ANNOUNCED_S, it is announced nevertheless:
         nobody goes unwarned for a full disk.
         """
-        raised = Raised(alarm, announce)
+        self._take(Raised(alarm, announce))
+
+    def add_marker(self, marker: FlightMarker, announce: Callable[[bool], object]) -> None:
+        """Store a marker, which everyone was told of; announce: called once it is stored."""
+        raised = Raised(marker, announce)
+        raised.is_announced = True
+        self._take(raised)
+
+    def _take(self, raised: Raised) -> None:
         self._raised.append(raised)
         self._store_alarms_soon(raised)
 
@@ -135,11 +146,11 @@ class Recorder:
         return [sample for sample in self._samples if first <= sample.seq <= last]
 
     async def store_alarms(self) -> None:
-        """Store every alarm that waits. StoreError."""
+        """Store every alarm and marker that waits. StoreError."""
         async with self._storing_alarms:
             while self._raised:
                 raised = self._raised[0]
-                await self._run(self._write_alarm, raised.alarm)
+                await self._run(self._write_event, raised.event)
                 self._raised.popleft()
                 raised.stored()
 
@@ -177,7 +188,7 @@ class Recorder:
         self._stop_timer()
         self.lost += self.unwritten
         LOG.error(
-            "flight %s: %d samples and %d alarms were lost",
+            "flight %s: %d samples and %d alarms or markers were lost",
             self._flight_id,
             self.unwritten,
             len(self._raised),
@@ -221,7 +232,8 @@ class Recorder:
         try:
             await self.store_alarms()
         except Exception as error:
-            LOG.warning("an alarm of flight %s is not stored: %s", self._flight_id, error)
+            text = "an alarm or a marker of flight %s is not stored: %s"
+            LOG.warning(text, self._flight_id, error)
             self.say_alarms()
             self._schedule()
 
@@ -262,19 +274,25 @@ class Recorder:
             [assessment.reason for assessment in assessments],
         )
 
+    def _write_event(self, event: Alarm | FlightMarker) -> None:
+        try:
+            if isinstance(event, Alarm):
+                self._write_alarm(event)
+            else:
+                self._store.flight_markers.add(self._flight_id, to_store(event))
+        except NotFound:
+            LOG.exception("flight %s: the store has no place for this", self._flight_id)
+
     def _write_alarm(self, alarm: Alarm) -> None:
         exceedance = alarm.exceedance and alarm.exceedance.model_dump()
         about = alarm.kind, alarm.level, exceedance
-        try:
-            self._store.alarms.add(
-                self._flight_id,
-                alarm.seq,
-                alarm.t,
-                alarm.p_value,
-                *about,
-                reason=alarm.reason,
-                number=alarm.number,
-                raised=alarm.raised,
-            )
-        except NotFound:
-            LOG.exception("flight %s: the store has no place for this", self._flight_id)
+        self._store.alarms.add(
+            self._flight_id,
+            alarm.seq,
+            alarm.t,
+            alarm.p_value,
+            *about,
+            reason=alarm.reason,
+            number=alarm.number,
+            raised=alarm.raised,
+        )

@@ -14,6 +14,7 @@ from app.routes.dependencies import json_response
 from app.routes.recording_models import Derivable
 from core import __version__
 from core.channels import Channel
+from core.flight_markers import FlightMarkerKind
 
 STREAMS: dict[int | str, dict[str, Any]] = {
     200: {"content": {"application/json": {"schema": {"type": "object"}}}}
@@ -94,6 +95,9 @@ class Catalog(BaseModel):
     channels: list[Channel]
     families: dict[str, ListedFamily]
     recipes: dict[str, RecipeForm]
+    flight_markers: list[FlightMarkerKind] = Field(
+        description="what may be called in a flight under way"
+    )
     telemetry: Telemetry
 
 

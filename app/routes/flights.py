@@ -20,11 +20,12 @@ from app.flights.request import FlightRequest
 from app.flights.sources import mode_of
 from app.flights.transport import NotPossible, TransportError
 from app.http.problems import Problem, problem_responses
-from app.messages import Alarm, Frame, Mode, TransportState
+from app.messages import Alarm, FlightMarker, Frame, Mode, TransportState
 from app.recipes import RecipeError
 from app.routes.dependencies import json_from
 from app.store.flights import FlightInfo, UnderWay
 from core.certificate import UselessMonitor
+from core.flight_markers import FlightMarkerKey
 from core.monitor import State
 from core.monitor.status import Facts, Level, Status, headline
 
@@ -138,6 +139,22 @@ class Acknowledgement(BaseModel):
     model_config = ConfigDict(extra="forbid", strict=True)
 
     by: str = Field(default="operator", min_length=1, max_length=200)
+
+
+class MarkerRequest(BaseModel):
+    """What is called in a flight under way, and by whom."""
+
+    model_config = ConfigDict(
+        extra="forbid",
+        strict=True,
+        json_schema_extra={"examples": [{"kind": "abort", "by": "test conductor"}]},
+    )
+
+    kind: FlightMarkerKey = Field(
+        description="`abort`: safety of flight; `knock_it_off`: no useful data"
+    )
+    by: str = Field(default="operator", min_length=1, max_length=200)
+    text: str | None = Field(default=None, min_length=1, max_length=2000)
 
 
 @router.post("", status_code=201, responses=problem_responses(404, 422, 429))
@@ -258,6 +275,24 @@ async def acknowledge(
     It is stored before it is answered; 503 says that it is not, and the alarm stays open.
     """
     return await flights.acknowledge(flight_id, alarm_id, (who or Acknowledgement()).by)
+
+
+@router.get("/{flight_id}/markers", responses=problem_responses(404, 422))
+async def list_flight_markers(flight_id: str, flights: FlightsDep) -> list[FlightMarker]:
+    """All markers that were set in a flight, in the order set."""
+    return await flights.markers(flight_id)
+
+
+@router.post("/{flight_id}/markers", status_code=201, responses=problem_responses(404, 422, 503))
+async def set_flight_marker(
+    flight_id: str, marker: MarkerRequest, flights: FlightsDep
+) -> FlightMarker:
+    """Set ABORT or KNOCK IT OFF at the newest sample of a flight under way.
+
+    Everyone who watches is shown it at once, and it is stored before it is answered; 503 says that
+    it is shown and not stored yet. The flight neither ends nor pauses. 404 for one that is over.
+    """
+    return await flights.mark(flight_id, marker.kind, marker.by, marker.text)
 
 
 def _last(first: int, last: int | None) -> int:

@@ -13,6 +13,7 @@ from app.store.alarms import AlarmRepository
 from app.store.answers import AnswerRepository
 from app.store.database import Damaged, StoreError, address, damage, make_engine, touch
 from app.store.datasets import DatasetRepository
+from app.store.flight_markers import FlightMarkerRepository
 from app.store.flights import FlightRepository
 from app.store.jobs import JobRepository
 from app.store.mappings import MappingRepository
@@ -41,6 +42,7 @@ class Store:
         self.jobs = JobRepository(*shared)
         self.flights = FlightRepository(*shared)
         self.alarms = AlarmRepository(*shared)
+        self.flight_markers = FlightMarkerRepository(*shared)
         self.recordings = RecordingRepository(*shared)
         self.mappings = MappingRepository(*shared)
         self.scorings = ScoringRepository(*shared)

@@ -234,6 +234,26 @@ alarms = Table(
     UniqueConstraint("flight_id", "number"),
 )
 
+flight_markers = Table(
+    "flight_markers",
+    metadata,
+    _id(),
+    Column(
+        "flight_id",
+        String(2 * ID_BYTES),
+        ForeignKey("flights.id", ondelete="CASCADE"),
+        nullable=False,
+    ),
+    Column("number", Integer, nullable=False),
+    Column("kind", String(16), nullable=False),
+    Column("seq", BigInteger, nullable=False),
+    Column("t", Float, nullable=False),
+    _time("created", nullable=False),
+    Column("by", Text, nullable=False),
+    Column("text", Text),
+    UniqueConstraint("flight_id", "number"),
+)
+
 recordings = Table(
     "recordings",
     metadata,

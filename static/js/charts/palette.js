@@ -17,6 +17,7 @@ const TOKENS = [
   "forecast",
   "limit",
   "alert",
+  "caution",
   "epsilon",
   "band",
   "cursor",

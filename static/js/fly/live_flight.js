@@ -14,6 +14,7 @@ import { askToConfirm, state as stateOf } from "../lib/view_states.js";
 import { createAlarmPanel } from "./alarm_panel.js";
 import { createAssessmentDisplay } from "./assessment_display.js";
 import { createConnection } from "./connection.js";
+import { createFlightMarkers, markerEvent, markerFlag } from "./flight_markers.js";
 import { LEVEL_OF, textOf } from "./headline.js";
 import { acknowledgementOf, alertText, createFlightPanels, exceedanceText, limitsOf, recordedFlag, sourceText } from "./panels.js";
 import { createReplayNotes } from "./replay_notes.js";
@@ -43,9 +44,15 @@ export function showLiveFlight(element, { id, api, over }) {
     act: (action, value) => api.post(`${path}/transport`, { action, value: value ?? null }),
     end: () => askToConfirm("End this flight?", "Its record is kept, and it can be flown again.", "End flight", () => api.post(`${path}/end`, {})),
   });
+  const markers = createFlightMarkers(
+    { buttons: panels.calls, last: panels.marker },
+    { set: (kind) => api.post(`${path}/markers`, { kind }), heard: () => tone.caution() },
+  );
+  panels.transport.prepend(panels.calls);
+  panels.events.prepend(panels.marker);
   const scene = createSceneFrame(panels.scene, id);
   const keys = { ...transport.keys, k: alarm.acknowledgeAll, t: () => notes?.write() };
-  const unbind = [bindControls(panels.status, keys), addDrawer(show)];
+  const unbind = [bindControls(panels.status, keys, markers), addDrawer(show)];
   const raised = new Set();
   let hello = null; // these two come together
   let display = null;
@@ -65,6 +72,7 @@ export function showLiveFlight(element, { id, api, over }) {
     state: (assessment) => display.setAssessment(assessment),
     status: onStatus,
     alarm: onAlarm,
+    marker: onMarker,
     transport: onTransport,
     heartbeat: onHeartbeat,
     reset: onReset,
@@ -85,6 +93,8 @@ export function showLiveFlight(element, { id, api, over }) {
     display.setAssessment({ state, reason: why }, true);
     showEventsUntil(hello.transport.position);
     hello.alarms.forEach(onAlarm);
+    markers.offer(hello.marker_kinds);
+    hello.markers.forEach(onMarker);
     onStatus(hello);
     if (!again) return;
     events.add({ t: null, text: `connected again ${hello.server_time.slice(11, 19)} UTC` });
@@ -128,6 +138,13 @@ export function showLiveFlight(element, { id, api, over }) {
     }
     const flag = recordedFlag(raisedAlarm);
     if (flag) display.chart.flag(flag);
+    markEvents();
+  }
+
+  function onMarker(marker) {
+    if (!markers.take(marker)) return;
+    events.add(markerEvent(marker));
+    display.chart.flag(markerFlag(marker));
     markEvents();
   }
 
@@ -242,8 +259,8 @@ export function showLiveFlight(element, { id, api, over }) {
 }
 
 /** The page's keys, the list of them, and the tone's mute, which the first touch unlocks. */
-function bindControls(element, keys) {
-  const shortcuts = createShortcutList();
+function bindControls(element, keys, markers) {
+  const shortcuts = createShortcutList(markers.shortcuts);
   const mute = h("button", { type: "button", class: "button button-small mute" });
   const list = h("button", { type: "button", class: "button button-small", title: "Keyboard shortcuts (key ?)", onclick: shortcuts.open }, "Keys ?");
   element.append(h("div", { class: "row spread" }, mute, list), shortcuts.dialog);
@@ -252,7 +269,7 @@ function bindControls(element, keys) {
   };
   const unbind = [
     bindMuteButton(mute, tone),
-    bindShortcuts({ ...keys, m: () => mute.click(), "?": shortcuts.open }),
+    bindShortcuts({ ...keys, m: () => mute.click(), "?": shortcuts.open }, markers.keys),
   ];
   for (const kind of ["pointerdown", "keydown"]) addEventListener(kind, touch);
   return () => {

@@ -2,7 +2,7 @@
  * The panels of a flight on the page: strips, scene, gauge, alarm line, events, status, transport.
  *
  * Exports
- *   createFlightPanels(element) -> {status, strips, alarm, scene, lost, gauge, notice, events, transport: elements}
+ *   createFlightPanels(element) -> {status, strips, alarm, scene, lost, gauge, notice, events, calls, marker, transport: elements}
  *   windowOf({duration, lead}) -> s     width of the strips: a short flight fills them
  *   limitsOf(channels) -> Node[]        "|N_y| 0.5 g", of the limited channels
  *   CAUTION_WORDS {kind: word}          of the alarms that are no warnings
@@ -35,6 +35,8 @@ export function createFlightPanels(element) {
     lost: h("div", { class: "link-lost", role: "alert", hidden: true }),
     gauge: h("div", {}),
     events: h("section", { class: "event-panel", "aria-label": "Events" }),
+    calls: h("div", { class: "marker-buttons", role: "group", "aria-label": "Markers" }),
+    marker: h("p", { class: "marker-last", role: "alert", hidden: true }),
     transport: h("section", { "aria-label": "Transport" }),
   };
   const left = part("div", "strips-column", panels.alarm, panels.notice, panels.strips);

@@ -13,6 +13,7 @@ import { createEventList } from "../lib/event_list.js";
 import { warningLines } from "../lib/monitor_warnings.js";
 import { startFlight } from "../lib/start_flight.js";
 import { askToConfirm, state } from "../lib/view_states.js";
+import { markerEvent, markerFlag, markerText } from "./flight_markers.js";
 import { LEVEL_OF, resultOf } from "./headline.js";
 import { acknowledgementOf, alertText, createFlightPanels, exceedanceText, recordedFlag, sourceText, waitingOf, windowOf } from "./panels.js";
 import { createRiskGauge } from "./risk_gauge.js";
@@ -72,6 +73,8 @@ export function showFlightRecord(element, { flight, why, api, navigate }) {
     gauge.update({ state: "over", reason: "the flight has ended", epsilon: flight.epsilon, result: shown.result });
   }
 
+  const marked = api.get(`${path}/markers`);
+  marked.then(showMarkers, fail);
   load().catch(fail);
   offerToAcknowledge().catch(fail);
 
@@ -80,10 +83,16 @@ export function showFlightRecord(element, { flight, why, api, navigate }) {
     document.title = `${words ? `${words} – ` : ""}${flight.name} – Forewarn`;
   }
 
+  /** What was called in it, at the head of its record. */
+  function showMarkers(markers) {
+    const lines = markers.map((marker) => h("p", { class: "marker-last", "data-level": LEVEL_OF[marker.level] }, markerText(marker)));
+    panels.notice.append(...lines);
+  }
+
   async function load() {
     panels.strips.replaceChildren(state("loading", "Reading the record", ""));
-    const [catalog, monitor, alarms, frames] = await Promise.all([
-      api.get("/catalog"), api.get(`/monitors/${flight.monitor}`), api.get(`${path}/alarms`), readFrames(),
+    const [catalog, monitor, alarms, frames, markers] = await Promise.all([
+      api.get("/catalog"), api.get(`/monitors/${flight.monitor}`), api.get(`${path}/alarms`), readFrames(), marked,
     ]);
     if (closed) return;
     shown.monitor = monitor.name;
@@ -101,6 +110,10 @@ export function showFlightRecord(element, { flight, why, api, navigate }) {
       if (alarm.acknowledged) found.push(acknowledgementOf(alarm));
       const flag = recordedFlag(alarm);
       if (flag) chart.flag(flag);
+    }
+    for (const marker of markers) {
+      found.push(markerEvent(marker));
+      chart.flag(markerFlag(marker));
     }
     found.sort((a, b) => a.t - b.t).forEach(events.add);
   }

@@ -2,8 +2,9 @@
  * The page's keys, and the list of them that `?` opens.
  *
  * Exports
- *   bindShortcuts(actions) -> unbind    {key: act}; ignored while a text or a dialog takes the keys
- *   createShortcutList() -> {dialog, open()}
+ *   bindShortcuts(actions, urgent) -> unbind    {key: act}; ignored while a text or a dialog takes the keys
+ *     urgent: those that a list or a box that has the focus does not keep back, and that a held key does once
+ *   createShortcutList(urgent) -> {dialog, open()}     urgent() -> [[key, what]], known once it is opened
  */
 
 import { h } from "../lib/dom.js";
@@ -29,12 +30,21 @@ const GROUPS = [
   ["Page", [["?", "this list"]]],
 ];
 
-export function bindShortcuts(actions) {
+const TYPED = "input:not([type=range], [type=checkbox], [type=radio]), textarea, [contenteditable]";
+
+export function bindShortcuts(actions, urgent = {}) {
   const press = (event) => {
     if (event.ctrlKey || event.metaKey || event.altKey || event.defaultPrevented) return;
     const { target } = event;
     if (document.querySelector("dialog[open]") !== null) return;
-    if (target.closest("input:not([type=range]), select, textarea")) return;
+    if (target.closest(TYPED)) return;
+    const now = urgent[event.key.toLowerCase()];
+    if (now !== undefined) {
+      event.preventDefault();
+      if (!event.repeat) now();
+      return;
+    }
+    if (target.closest("input:not([type=range]), select")) return;
     if ([" ", "Enter"].includes(event.key) && target.closest("button, a, summary")) return;
     const act = actions[event.key.length === 1 ? event.key.toLowerCase() : event.key];
     if (act === undefined) return;
@@ -45,16 +55,20 @@ export function bindShortcuts(actions) {
   return () => removeEventListener("keydown", press);
 }
 
-export function createShortcutList() {
+export function createShortcutList(urgent) {
   const close = h("button", { type: "button", class: "button", onclick: () => dialog.close() }, "Close");
-  const groups = GROUPS.map(([name, keys]) =>
+  const box = h("div", { class: "key-groups" });
+  const group = ([name, keys]) =>
     h(
       "section",
       {},
       h("h3", {}, name),
       h("dl", { class: "keys" }, ...keys.flatMap(([key, what]) => [h("dt", {}, h("kbd", {}, key)), h("dd", {}, what)])),
-    ),
-  );
-  const dialog = h("dialog", { class: "shortcuts", "aria-label": "Keyboard shortcuts" }, h("h2", {}, "Keyboard shortcuts"), h("div", { class: "key-groups" }, groups), close);
-  return { dialog, open: () => dialog.showModal() };
+    );
+  const dialog = h("dialog", { class: "shortcuts", "aria-label": "Keyboard shortcuts" }, h("h2", {}, "Keyboard shortcuts"), box, close);
+  const open = () => {
+    box.replaceChildren(...[["Marker, for all who watch", urgent()], ...GROUPS].map(group));
+    dialog.showModal();
+  };
+  return { dialog, open };
 }

@@ -18,7 +18,7 @@
  * @property {number} now @property {number} lead  [s] @property {number} samplePx
  * @property {{x0: number, x1: number, kind: string, word: string}[]} bands
  * @property {number[]} ticks  times of the vertical grid [s]
- * @property {{key: string, t: number, word: string}[]} flags  moments that are marked
+ * @property {{key: string | null, t: number, word: string, colour?: string}[]} flags  moments that are marked
  * @property {number} epsilon @property {number} cursor @property {{a: number, b: number}} marks [s]
  */
 

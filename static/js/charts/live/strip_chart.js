@@ -24,7 +24,8 @@
  *   setCursor(t), setWindow(a, b), goLive(), setMark("a" | "b", t)
  *   values(t) -> {key: number}      of the nearest sample; NaN where missing or in a gap
  *   exceedances() -> [{key, t, value}], acknowledge()    latched until acknowledged and over
- *   flag({key, t, word})            marks a moment in a channel's strip, for as long as the chart is there
+ *   flag({key, t, word, colour})    marks a moment in a channel's strip, or in all where key is null, for as
+ *                                   long as the chart is there; colour "alert" unless given
  *   update(wall) -> ms              draw now (if anything changed); returns the time it took
  *   timeline, ring                  the parts, see their files
  *   destroy()
@@ -212,7 +213,7 @@ export function createStripChart(host, options) {
       look += 1;
     },
     flag: (given) => {
-      if (flags.some(({ key, t }) => key === given.key && t === given.t)) return;
+      if (flags.some(({ key, t, word }) => key === given.key && t === given.t && word === given.word)) return;
       flags.push(given);
       look += 1;
     },

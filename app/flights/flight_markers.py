@@ -1,0 +1,57 @@
+"""The markers that were set in a flight under way, as every watcher is shown them."""
+
+from app.messages import FlightMarker
+from app.store.flight_markers import StoredFlightMarker
+from core.flight_markers import FLIGHT_MARKERS, FlightMarkerKey
+
+KEPT = 50
+"""Stored markers that a flight keeps at hand; the store has all."""
+
+
+class FlightMarkers:
+    """The markers of one flight."""
+
+    def __init__(self) -> None:
+        self._markers: dict[int, FlightMarker] = {}
+        self._number = 0
+
+    @property
+    def at_hand(self) -> list[FlightMarker]:
+        """Those that wait for the store and the last stored ones, in the order set."""
+        return list(self._markers.values())
+
+    def add(
+        self, kind: FlightMarkerKey, seq: int, t: float, created: str, by: str, text: str | None
+    ) -> FlightMarker:
+        """Set one after sample seq, of t [s]."""
+        self._number += 1
+        about = {"seq": seq, "t": t, "created": created, "by": by, "text": text}
+        marker = self._markers[self._number] = sent(kind, number=self._number, **about)
+        return marker
+
+    def note_stored(self, number: int) -> FlightMarker:
+        """The store holds this marker; return it so."""
+        marker = self._markers[number].model_copy(update={"stored": True})
+        self._markers[number] = marker
+        for old in [n for n, known in self._markers.items() if known.stored][:-KEPT]:
+            del self._markers[old]
+        return marker
+
+
+def sent(kind: FlightMarkerKey, **about: object) -> FlightMarker:
+    """A marker as it is sent, with the words of its kind."""
+    known = FLIGHT_MARKERS[kind]
+    words = {"word": known.word, "meaning": known.meaning, "level": known.level}
+    return FlightMarker.model_validate({"kind": kind, **words, **about})
+
+
+def of_store(stored: StoredFlightMarker) -> FlightMarker:
+    """A marker of the store as it is sent."""
+    about = {name: getattr(stored, name) for name in ("number", "seq", "t", "created", "by")}
+    return sent(stored.kind, **about, text=stored.text, stored=True)
+
+
+def to_store(marker: FlightMarker) -> StoredFlightMarker:
+    """A marker as it is stored."""
+    about = {name: getattr(marker, name) for name in ("number", "seq", "t", "created", "by")}
+    return StoredFlightMarker(kind=marker.kind, **about, text=marker.text)

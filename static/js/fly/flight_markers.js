@@ -1,0 +1,87 @@
+/**
+ * ABORT and KNOCK IT OFF: a button and a key each, and what was set, for everyone who watches.
+ *
+ * Their words come from the server. A marker neither ends nor pauses the flight.
+ *
+ * Exports
+ *   createFlightMarkers({buttons, last}, {set, heard}) -> FlightMarkers
+ *     buttons, last: elements.   set(kind) -> Promise    tells the server; the marker comes by the stream
+ *     heard(marker)    one that is new was set, by whomever
+ *   markerEvent(marker) -> event, markerFlag(marker) -> flag    for the event list and the strips
+ *   markerText(marker) -> string     "ABORT (safety of flight) at 3.42 s, 12:01:03 UTC, by operator"
+ *
+ * FlightMarkers
+ *   offer(kinds)     that may be set: {kind, word, meaning, level, shortcut}
+ *   take(marker) -> bool     shows the newest of the most urgent; whether it was new
+ *   keys             {key: act}, filled by offer
+ *   shortcuts()      [[key, meaning]] for the list of keys
+ */
+
+import { reason } from "../lib/api.js";
+import { h, put } from "../lib/dom.js";
+import { LEVEL_OF } from "./headline.js";
+
+const STORED_LATE = 503; // shown, and not stored yet
+
+export function createFlightMarkers({ buttons, last }, { set, heard }) {
+  const failure = h("span", { class: "error transport-error", role: "alert", hidden: true });
+  const keys = {};
+  const known = new Map(); // by number
+  let kinds = [];
+
+  function offer(given) {
+    if (kinds.length > 0) return;
+    kinds = given;
+    buttons.replaceChildren(...kinds.map(button), failure);
+  }
+
+  function button({ kind, word, meaning, level, shortcut }) {
+    const key = shortcut.toUpperCase();
+    const title = `${word}: ${meaning}. Sets a marker; the flight goes on (key ${key})`;
+    const element = h("button", { type: "button", class: "button button-small marker-button", "data-level": LEVEL_OF[level], "data-marker": kind, title },
+      word, h("span", { class: "marker-key" }, ` [${key}]`));
+    let asked = false;
+    const press = async () => {
+      if (asked) return;
+      asked = element.disabled = true;
+      failure.hidden = true;
+      try {
+        await set(kind);
+      } catch (error) {
+        put(failure, error.status === STORED_LATE ? reason(error) : `${word} was not set. ${reason(error)}`);
+        failure.hidden = false;
+      }
+      asked = element.disabled = false;
+    };
+    element.addEventListener("click", press);
+    keys[shortcut] = press;
+    return element;
+  }
+
+  function take(marker) {
+    const isNew = !known.has(marker.number);
+    known.set(marker.number, marker);
+    const set = [...known.values()];
+    const shown = set.findLast(({ level }) => level === "warning") ?? set.at(-1);
+    last.hidden = false;
+    last.dataset.level = LEVEL_OF[shown.level];
+    last.title = markerText(shown);
+    put(last, `${shown.word} at ${shown.t.toFixed(2)} s, by ${shown.by}${set.every(({ stored }) => stored) ? "" : " · not stored yet"}`);
+    if (isNew) heard(marker);
+    return isNew;
+  }
+
+  return { offer, take, keys, shortcuts: () => kinds.map(({ word, meaning, shortcut }) => [shortcut.toUpperCase(), `${word}: ${meaning}`]) };
+}
+
+export function markerText({ word, meaning, t, created, by, text }) {
+  return `${word} (${meaning}) at ${t.toFixed(2)} s, ${created.slice(11, 19)} UTC, by ${by}${text ? `: ${text}` : ""}`;
+}
+
+export function markerEvent(marker) {
+  return { t: marker.t, text: markerText(marker), level: LEVEL_OF[marker.level], seen: true };
+}
+
+export function markerFlag({ t, word, level }) {
+  return { key: null, t, word, colour: level === "warning" ? "alert" : "caution" };
+}
