@@ -21,6 +21,8 @@ COMMANDS = {
     "validity-matrix": "fly every published aircraft through the monitor of every other",
     "fault-table": "put each sensor of simulated flights at fault, and say by what that is found",
     "serve": "serve the page and the API",
+    "backup": "write database and recordings into one file, also while the server runs",
+    "restore": "put a backup back in its place, whole or not at all",
     "demo": "train a small monitor, serve, and fly it",
     "doctor": "check this installation",
 }

@@ -44,6 +44,7 @@ from app.scene.scene import Scenes
 from app.settings import Settings
 from app.store.look import StoreLook
 from app.store.store import open_store
+from app.upkeep.restore import finish
 from core import __version__
 
 HERE = Path(__file__).parent
@@ -131,6 +132,7 @@ async def _lifespan(app: FastAPI) -> AsyncIterator[None]:
     settings, metrics = app.state.settings, app.state.metrics
     async with AsyncExitStack() as parts:
         await asyncio.to_thread(settings.data_dir.mkdir, parents=True, exist_ok=True)
+        await asyncio.to_thread(finish, settings.data_dir)
         store = app.state.store = await asyncio.to_thread(open_store, settings.url)
         parts.callback(store.close)
         await asyncio.to_thread(store.reserve.make)

@@ -58,9 +58,9 @@ class RecordingFiles:
         digests = {path.name: digest_of(path) for path in sorted((folder / "columns").iterdir())}
         (folder / DIGESTS).write_text(json.dumps(digests), encoding="utf-8")
         for path in (*folder.rglob("*"), folder):
-            _sync(path)
+            sync(path)
         folder.rename(self.root / recording_id)
-        _sync(self.root)
+        sync(self.root)
 
     def reject(self, recording_id: str) -> None:
         """Remove the folder of a recording that is on its way in; nothing where there is none."""
@@ -164,7 +164,7 @@ def spacious() -> Iterator[None]:
         raise NoSpace("the disk of the data directory is full: delete recordings") from error
 
 
-def _sync(path: Path) -> None:
+def sync(path: Path) -> None:
     """Have the disk hold a file or directory, against a power cut."""
     if os.name == "nt":  # it opens no directories
         return

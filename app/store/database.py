@@ -78,8 +78,11 @@ def file_of(url: URL) -> Path | None:
     return Path(str(url.database)).resolve() if is_sqlite(url) else None
 
 
-def copy_database(url: URL, copy: Path) -> None:
-    """Copy an SQLite database as it is at this moment, whole or not at all. StoreError."""
+def copy_database(url: URL, copy: Path, remedy: str) -> None:
+    """Copy an SQLite database as it is at this moment, whole or not at all. StoreError.
+
+    remedy: what to do where that fails.
+    """
     part = copy.with_name(f"{copy.name}.part")
     try:
         part.unlink(missing_ok=True)
@@ -96,8 +99,7 @@ def copy_database(url: URL, copy: Path) -> None:
         with suppress(OSError):
             part.unlink(missing_ok=True)
         raise StoreError(
-            f"{url.database} is of an older program and cannot be copied before it is changed "
-            f"({error}): make space for a copy beside it; nothing was changed"
+            f"{url.database} cannot be copied ({error}): {remedy}; nothing was changed"
         ) from error
 
 

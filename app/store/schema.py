@@ -131,7 +131,9 @@ def keep_copy(url: URL) -> None:
     current, database = current_revision(url), file_of(url)
     if current is not None and database is not None:
         copy = database.with_name(f"{database.name}{COPY}{current}")
-        copy_database(url, copy)
+        copy_database(
+            url, copy, "an older program's is copied before it changes, make space for a copy"
+        )
         _COPIES.add(copy)
 
 

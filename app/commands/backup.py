@@ -1,0 +1,34 @@
+"""The command that writes a backup of what is stored."""
+
+import argparse
+from dataclasses import asdict
+from pathlib import Path
+
+from app.commands.results import add_json, print_result
+from app.commands.stored_data import add_place, place_of
+from app.upkeep.backup import back_up
+
+MIB = 2**20
+
+
+def add(parser: argparse.ArgumentParser) -> None:
+    """Add the options."""
+    parser.add_argument(
+        "place", type=Path, metavar="FILE|DIR", help="a new file, or a directory for one by time"
+    )
+    add_place(parser)
+    add_json(parser)
+
+
+def run(options: argparse.Namespace) -> int:
+    """Back up; the server may run."""
+    settings = place_of(options)
+    backup = back_up(settings.url, settings.data_dir / "recordings", options.place)
+    counts = ", ".join(f"{n} {name}" for name, n in backup.manifest.counts.items())
+    lines = [
+        f"wrote and verified {backup.path}: {backup.size / MIB:,.1f} MiB; {counts}",
+        *(f"◆ damaged before it was backed up: {line}" for line in backup.damaged),
+    ]
+    plain = {"path": str(backup.path), "size": backup.size, "damaged": backup.damaged}
+    print_result(options, "\n".join(lines), plain | {"manifest": asdict(backup.manifest)})
+    return 0

@@ -1,0 +1,209 @@
+"""The file of a backup: a tar of its parts and their manifest, and after it its own digest.
+
+    forewarn.db               the database, as it was at one moment
+    recordings/<id>/...       the folders of the recordings that it knows
+    manifest.json             program, schema, time, and size and SHA-256 of each part
+
+Behind the tar's end stand a word and the SHA-256 of everything before them, so that a byte that was
+lost or changed anywhere is found. `tar xf` reads the file too.
+"""
+
+import hashlib
+import io
+import json
+import tarfile
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass, field
+from pathlib import Path, PurePosixPath
+from typing import Any, BinaryIO
+
+from app.store.database import Damaged, StoreError
+
+FORMAT = 1
+MANIFEST, DATABASE, RECORDINGS = "manifest.json", "forewarn.db", "recordings"
+WORD = b"forewarn backup sha256 "
+TRAILER_BYTES = len(WORD) + 64
+PIECE_BYTES = 2**20
+LARGEST_MANIFEST = 256 * 2**20
+REMEDY = "take another backup"
+
+
+@dataclass(frozen=True)
+class ArchivePart:
+    """One file of a backup. path: in it, with slashes."""
+
+    path: str
+    size: int
+    sha256: str
+
+
+@dataclass(frozen=True)
+class Manifest:
+    """What a backup holds. schema: revision of the database.   created: UTC, ISO 8601."""
+
+    format: int
+    program: str
+    schema: str
+    created: str
+    counts: dict[str, int]
+    parts: list[ArchivePart] = field(default_factory=list)
+
+    @property
+    def size(self) -> int:
+        """Of all parts [bytes]."""
+        return sum(part.size for part in self.parts)
+
+
+class Digested:
+    """A file whose digest is made as it is read or written."""
+
+    def __init__(self, file: BinaryIO) -> None:
+        self._file, self._digest, self.n_bytes = file, hashlib.sha256(), 0
+
+    @property
+    def sha256(self) -> str:
+        """Of what came by so far."""
+        return self._digest.hexdigest()
+
+    def read(self, n_bytes: int = PIECE_BYTES) -> bytes:
+        """Read so many bytes at most."""
+        return self._note(self._file.read(n_bytes))
+
+    def write(self, piece: bytes) -> int:
+        """Write a piece."""
+        self._note(piece)
+        return self._file.write(piece)
+
+    def tell(self) -> int:
+        """Bytes that came by so far."""
+        return self.n_bytes
+
+    def _note(self, piece: bytes) -> bytes:
+        self._digest.update(piece)
+        self.n_bytes += len(piece)
+        return piece
+
+
+class ArchiveWriter:
+    """Adds parts to a tar; `close` adds the manifest, the end and the digest."""
+
+    def __init__(self, file: BinaryIO) -> None:
+        self._file, self._digested = file, Digested(file)
+        stream: Any = self._digested
+        self._tar = tarfile.TarFile(fileobj=stream, mode="w", format=tarfile.PAX_FORMAT)
+        self.parts: list[ArchivePart] = []
+
+    def add(self, path: str, source: Path) -> ArchivePart:
+        """Add a file as it is now; one that grows is cut where it ended. FileNotFoundError."""
+        with source.open("rb") as file:
+            size = source.stat().st_size
+            content: Any = Digested(file)
+            self._tar.addfile(_entry(path, size), content)
+        part = ArchivePart(path, size, content.sha256)
+        self.parts.append(part)
+        return part
+
+    def close(self, manifest: Manifest) -> None:
+        """Complete the backup."""
+        text = json.dumps(asdict(manifest), indent=1).encode()
+        self._tar.addfile(_entry(MANIFEST, len(text)), io.BytesIO(text))
+        self._tar.close()
+        self._file.write(WORD + self._digested.sha256.encode())
+
+
+class Archive:
+    """A backup that is read. It was compared with its digest when it was opened."""
+
+    def __init__(self, tar: tarfile.TarFile, manifest: Manifest) -> None:
+        self._tar, self.manifest = tar, manifest
+
+    def check(self) -> None:
+        """Read every part. Damaged."""
+        for part in self.manifest.parts:
+            self._copy(part, lambda piece: None)
+
+    def extract(self, part: ArchivePart, target: Path) -> None:
+        """Write a part to a new file. Damaged."""
+        with target.open("xb") as file:
+            self._copy(part, file.write)
+
+    def _copy(self, part: ArchivePart, take: Callable[[bytes], object]) -> None:
+        content: Any = self._tar.extractfile(part.path)
+        digested = Digested(content)
+        while piece := digested.read():
+            take(piece)
+        if (digested.n_bytes, digested.sha256) != (part.size, part.sha256):
+            raise Damaged(f"{part.path} of the backup is damaged: {REMEDY}")
+
+
+@contextmanager
+def open_archive(path: Path) -> Iterator[Archive]:
+    """Open a backup and compare all of it with its digest.
+
+    Damaged where a byte is lost or changed; StoreError for another file, and for one that a newer
+    program wrote.
+    """
+    with path.open("rb") as file:
+        _check_digest(path, file)
+        file.seek(0)
+        try:
+            with tarfile.open(fileobj=file, mode="r:") as tar:
+                archive = Archive(tar, _manifest(path, tar))
+                yield archive
+        except tarfile.TarError as error:
+            raise Damaged(f"{path} is no whole backup ({error}): {REMEDY}") from error
+
+
+def _check_digest(path: Path, file: BinaryIO) -> None:
+    size = path.stat().st_size - TRAILER_BYTES
+    file.seek(max(size, 0))
+    trailer = file.read()
+    if size < 0 or not trailer.startswith(WORD):
+        raise Damaged(f"{path} is no whole backup: it was cut, damaged, or never was one")
+    file.seek(0)
+    digested = Digested(file)
+    while digested.n_bytes < size:
+        if not digested.read(min(PIECE_BYTES, size - digested.n_bytes)):
+            break
+    if digested.sha256.encode() != trailer[len(WORD) :]:
+        raise Damaged(f"{path} is damaged, its digest does not match: {REMEDY}")
+
+
+def _manifest(path: Path, tar: tarfile.TarFile) -> Manifest:
+    members = tar.getmembers()
+    names = [member.name for member in members]
+    last = members[-1] if members else None
+    if last is None or last.name != MANIFEST or last.size > LARGEST_MANIFEST:
+        raise StoreError(f"{path} is no backup of Forewarn: it has no manifest")
+    content = tar.extractfile(last)
+    try:
+        plain = json.loads(content.read() if content else b"")
+        if plain["format"] > FORMAT:
+            raise StoreError(
+                f"{path} has format {plain['format']}, this program knows up to {FORMAT}: a newer "
+                "Forewarn wrote it, upgrade this one"
+            )
+        manifest = Manifest(**plain | {"parts": [ArchivePart(**part) for part in plain["parts"]]})
+    except (ValueError, KeyError, TypeError) as error:
+        raise StoreError(f"{path} has no manifest that can be read ({error}): {REMEDY}") from error
+    listed = [*(part.path for part in manifest.parts), MANIFEST]
+    plain_files = all(member.isfile() for member in members)
+    if names != listed or not plain_files or not all(map(_is_part, names[:-1])):
+        raise StoreError(f"{path} holds other files than its manifest says: {REMEDY}")
+    if listed[0] != DATABASE or len(set(names)) != len(names):
+        raise StoreError(f"{path} holds no database, or a file twice: {REMEDY}")
+    return manifest
+
+
+def _is_part(name: str) -> bool:
+    """Whether this is the database or a file in a recording's folder."""
+    parts = PurePosixPath(name).parts
+    inside = len(parts) > 2 and parts[0] == RECORDINGS and ".." not in parts
+    return name == DATABASE or (inside and str(PurePosixPath(*parts)) == name)
+
+
+def _entry(path: str, size: int) -> tarfile.TarInfo:
+    entry = tarfile.TarInfo(path)
+    entry.size, entry.mode = size, 0o600
+    return entry
