@@ -20,8 +20,8 @@ study: $(ENOUGH) ## repeat the paper's experiment at a small size and draw its f
 test: $(READY) ## every test but the long campaign of damaged files; a file's tests share a process
 	$(TESTING) $(BIN)/python -m pytest -n 3 --dist loadfile --no-loadscope-reorder --ignore tests/benchmarks $(ALSO)
 
-fuzz: $(READY) ## ten thousand damaged files for the readers, many calls of every route, sixty kills of the server
-	$(TESTING) $(BIN)/python -m pytest -n 2 --dist loadfile -m fuzz tests/fuzzing/test_readers.py tests/fuzzing/calls.py tests/fuzzing/chains.py tests/faults $(ALSO)
+fuzz: $(READY) ## what repeats facts at length: ten thousand damaged files, calls of every route, sixty kills of the server, laws at every case
+	FOREWARN_CAMPAIGN=1 $(TESTING) $(BIN)/python -m pytest -n 2 --dist loadfile -m "fuzz or (hypothesis and not benchmark)" tests tests/fuzzing/calls.py tests/fuzzing/chains.py $(ALSO)
 
 lint: $(READY) ## style, formatting and the direction of imports
 	$(BIN)/ruff check

@@ -15,12 +15,14 @@ from core.monitor import Monitor
 from tests.support import oscillator
 from tests.support.attas import trained
 from tests.support.patience import PATIENCE
+from tests.support.repetition import examples
 
 CARRY_OUT, WARM_UP = isolation.carry_out, isolation.warm_up
 
 settings.register_profile(
     "forewarn",
     deadline=None,
+    max_examples=examples(100),
     derandomize=True,
     suppress_health_check=[HealthCheck.too_slow],  # no test fails by the clock
 )

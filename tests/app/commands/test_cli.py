@@ -23,6 +23,7 @@ from tests.support.places import ROOT
 pytestmark = pytest.mark.usefixtures("read_here")
 FIRST_PNG_BYTES = b"\x89PNG\r\n\x1a\n"
 LEAST = ("--n-monitors", "1", "--n-test", "20")
+FIGURES = "app.report.study_figures.render"
 VERSION_0_1_0 = {
     key: part for key, part in to_plain(DatasetRecipe()).items() if key != "imperfections"
 }
@@ -94,7 +95,7 @@ def test_interrupted_study_leaves_nothing_behind(
     def interrupt(*arguments: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("app.report.study_figures.render", lambda _, stem: {f"{stem}.svg": b""})
+    monkeypatch.setattr(FIGURES, lambda _, stem: {f"{stem}.svg": b""})
     monkeypatch.setattr(moment, interrupt)
     assert main(small_study(tmp_path / "out", *LEAST)) == 130
     assert "interrupted, nothing was written" in capsys.readouterr().err
@@ -189,6 +190,7 @@ def test_results_are_printed_as_json_also_of_another_limit(tmp_path: Path, monke
         assert manoeuvre["exceedance"]["channel"] == "Ny"
         assert told["scorings"][0]["compatibility"][0]["unchecked"] == "without bank angle"
         assert all(Path(name).exists() for name in told["files"])
+    monkeypatch.setattr(FIGURES, lambda _, stem: {f"{stem}.svg": b""})
     study = answer(*small_study(tmp_path / "out", *LEAST, "--limit", "beta_deg=5.5"))
     assert "predicted |beta|" in study["methods"]
     assert study == json.loads((tmp_path / "out" / "study.json").read_text())

@@ -28,6 +28,7 @@ from tests.support.flying import (
     failing_flight,
 )
 from tests.support.oscillator import DT, N_SAMPLES, Array
+from tests.support.repetition import examples
 
 
 @pytest.fixture
@@ -80,7 +81,7 @@ ACTIONS = st.one_of(
 )
 
 
-@settings(max_examples=25)
+@settings(max_examples=examples(25))
 @given(actions=st.lists(st.tuples(ACTIONS, st.floats(0, 0.5)), min_size=1, max_size=15))
 def test_no_action_changes_a_score_or_loses_a_sample(
     actions: list[tuple[tuple[str, Any], float]],

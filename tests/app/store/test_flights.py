@@ -12,6 +12,7 @@ from app.store.store import Store
 from app.store.tables import assessment_chunks
 from core.monitor import Monitor
 from core.monitor.assessment import REASONS, STATES
+from tests.support.repetition import examples
 from tests.support.stored import append, assert_says_its_number, count, flown, opened
 
 
@@ -46,7 +47,7 @@ def long_lived(
         yield store, store.monitors.add(trained, "m").id
 
 
-@settings(max_examples=40)
+@settings(max_examples=examples(40))
 @given(
     parts=st.lists(st.tuples(st.integers(0, 3), st.integers(0, 25)), max_size=5),
     first=st.integers(-5, 50),

@@ -7,6 +7,7 @@ from numba.core.errors import TypingError
 from core.kernels.compiled import jit
 from core.kernels.nearest import build, locate, nearest, squared_distance_at
 from core.kernels.tree_build import _select
+from tests.support.repetition import examples
 
 
 @jit
@@ -64,7 +65,7 @@ def flown(tree, z):
     return neighbours
 
 
-@settings(deadline=None, max_examples=300)
+@settings(deadline=None, max_examples=examples(300))
 @given(clouds())
 def test_nearest_is_the_brute_force_minimum_bit_for_bit_whatever_is_skipped_or_hinted(cloud):
     points, z, rng = cloud
@@ -79,7 +80,7 @@ def test_nearest_is_the_brute_force_minimum_bit_for_bit_whatever_is_skipped_or_h
         assert nearest(tree, row, skip, skip) == brute_force(points, row, skip)
 
 
-@settings(deadline=None, max_examples=50)
+@settings(deadline=None, max_examples=examples(50))
 @given(clouds())
 def test_a_flight_hinted_by_each_last_neighbour_gives_what_single_queries_give(cloud):
     points, z, _ = cloud
@@ -87,7 +88,7 @@ def test_a_flight_hinted_by_each_last_neighbour_gives_what_single_queries_give(c
     assert flown(tree, z) == [nearest(tree, row, -1, -1) for row in z]
 
 
-@settings(deadline=None, max_examples=50)
+@settings(deadline=None, max_examples=examples(50))
 @given(clouds())
 def test_squared_distance_is_the_sum_in_order_of_the_coordinates(cloud):
     points, z, rng = cloud

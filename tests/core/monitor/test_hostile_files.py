@@ -30,6 +30,7 @@ from core.monitor.predictor import PrincipalComponents
 from core.monitor.score import SCORES, NegativeMagnitude
 from core.monitor.support import Support
 from tests.support import oscillator
+from tests.support.repetition import examples
 from tests.support.stored import EVALUATION
 
 RECIPES = {
@@ -229,7 +230,7 @@ def hostile_arrays(draw: st.DrawFn, array: npt.NDArray[Any]) -> npt.NDArray[Any]
     return np.ascontiguousarray(out)
 
 
-@settings(max_examples=300)
+@settings(max_examples=examples(300))
 @given(data=st.data(), place=st.deferred(lambda: st.sampled_from(paths())))
 @pytest.mark.filterwarnings("ignore:invalid value encountered in cast")
 def test_a_changed_field_is_refused_or_leaves_a_monitor_that_assesses(
@@ -330,7 +331,7 @@ def test_sections_that_are_none_are_refused(text: bytes) -> None:
     refusal(signed(archive(members)))
 
 
-@settings(max_examples=100)
+@settings(max_examples=examples(100))
 @given(data=st.data())
 def test_an_archive_with_changed_bytes_is_refused_or_read(
     data: st.DataObject, dataset: Dataset

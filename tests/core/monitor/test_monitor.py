@@ -12,6 +12,7 @@ from core.monitor.predictor import PREDICTORS
 from core.monitor.score import SCORES
 from tests.support import oscillator
 from tests.support.oscillator import DT, N_SAMPLES, TIMES, Array
+from tests.support.repetition import examples
 
 STREAMED = [
     MonitorRecipe(p_value="exact"),
@@ -66,7 +67,7 @@ def assert_stream_equals_batch(monitor: Monitor, t: Array, y: Array) -> Assessme
     return batch
 
 
-@settings(max_examples=60)
+@settings(max_examples=examples(60))
 @given(
     start=st.floats(-1e3, 1e3),
     steps=st.lists(STEPS, min_size=N_SAMPLES, max_size=N_SAMPLES),

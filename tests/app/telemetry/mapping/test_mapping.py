@@ -15,6 +15,7 @@ from app.telemetry.mapping.proposal import propose
 from app.telemetry.units import factor
 from core.channels import KEYS
 from tests.support.places import RECORDS
+from tests.support.repetition import examples
 from tests.support.tables import columns_of, flight
 
 PLAIN = {
@@ -91,7 +92,7 @@ def test_the_citation_records_lack_sideslip_and_have_reversed_surfaces(name, tmp
     assert 0.4 < aileron.confidence < 0.7
 
 
-@settings(max_examples=40, suppress_health_check=[HealthCheck.too_slow])
+@settings(max_examples=examples(40), suppress_health_check=[HealthCheck.too_slow])
 @given(st.data())
 def test_names_units_signs_and_order_of_the_columns_change_nothing(tmp_path_factory, data):
     units, table, truth = {}, {}, flight()
@@ -316,7 +317,7 @@ def test_a_file_without_any_channel_says_so_of_each(tmp_path):
 WILD = st.sampled_from([0.0, 1.0, -1.0, 1e-300, 1e308, -1e308, np.nan, np.inf, -np.inf, 9999.0])
 
 
-@settings(max_examples=60, suppress_health_check=[HealthCheck.too_slow])
+@settings(max_examples=examples(60), suppress_health_check=[HealthCheck.too_slow])
 @given(st.data(), st.integers(2, 300))
 def test_any_numbers_under_known_names_are_proposed_of_and_applied(tmp_path_factory, data, n):
     table = {}

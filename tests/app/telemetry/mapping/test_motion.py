@@ -16,6 +16,7 @@ from core.channels import KEYS
 from core.simulation.aircraft import PublishedAircraft
 from core.simulation.attitude import SurfaceSigns, surface_signs
 from core.simulation.published import MODELS
+from tests.support.repetition import examples
 from tests.support.tables import columns_of, flight
 
 MEASURED = (*KEYS, "phi", "theta", "psi", "V")
@@ -82,7 +83,7 @@ def test_a_reversed_bank_angle_is_proposed_reversed(tmp_path):
     assert "with the attitude once that is reversed" in proposal.rationales["p"].reasons[-1]
 
 
-@settings(max_examples=30, suppress_health_check=[HealthCheck.too_slow])
+@settings(max_examples=examples(30), suppress_health_check=[HealthCheck.too_slow])
 @given(
     st.sampled_from([*MODELS]),
     st.sampled_from([("psi",), ("phi", "theta", "psi"), ("beta",), ("beta", "phi", "psi", "V")]),
@@ -148,7 +149,7 @@ def test_nothing_is_told_of_a_still_aircraft_or_a_slow_recorder(tmp_path):
     assert moves is None or find_signs(moves) == {}
 
 
-@settings(max_examples=20)
+@settings(max_examples=examples(20))
 @given(st.integers(0, 2**32 - 1))
 def test_noise_alone_proves_nothing(seed):
     rng = np.random.default_rng(seed)

@@ -13,6 +13,7 @@ from app.telemetry.readers.text import read
 from app.telemetry.readers.text_tables import blocks, parser
 from app.telemetry.recording import TelemetryError
 from tests.support.places import RECORDS
+from tests.support.repetition import examples
 
 HEADER = "t_s,beta_rad,p_radps,r_radps,ay_g,da_rad,dr_rad"
 NAMES = HEADER.split(",")
@@ -323,7 +324,7 @@ def test_a_bad_row_is_left_out_with_its_line_and_reason(way, pour):
     assert columns.contents.notes[-1].startswith("1 of 240 rows (0.42 %) are bad")
 
 
-@settings(max_examples=40)
+@settings(max_examples=examples(40))
 @given(
     broken_rows=st.dictionaries(
         st.integers(0, 599), st.sampled_from([*broken(ROWS[0])]), max_size=40
@@ -409,7 +410,7 @@ def test_more_numbers_than_allowed_are_refused(pour):
         pour(GOOD, most_bytes=100)
 
 
-@settings(max_examples=60)
+@settings(max_examples=examples(60))
 @given(st.binary(max_size=300), st.booleans())
 @example(b'"', True)
 @example(b"\xff\xfe", False)
@@ -424,7 +425,7 @@ def test_noise_is_refused_as_telemetry_and_nothing_else(tmp_path_factory, noise,
     assert contents.groups[0].n_rows >= 2
 
 
-@settings(max_examples=60)
+@settings(max_examples=examples(60))
 @given(st.data())
 def test_whole_blocks_and_single_rows_are_read_alike(tmp_path_factory, data):
     text = data.draw(st.sampled_from([c for c in DIALECTS.values() if isinstance(c, str)]))

@@ -13,6 +13,7 @@ from app.telemetry.traces import Trace, Traces
 from core.channels import KEYS
 from core.types import Array
 from tests.support.places import RECORDS
+from tests.support.repetition import examples
 
 SLOPES = np.array([1.0, -2.0, 0.0, 0.5, 3.0, -0.1])
 OFFSETS = np.array([0.1, 0.2, 0.3, -0.4, 0.0, 7.0])
@@ -48,7 +49,7 @@ def sines(t: Array, highest: float) -> Array:
 # --- what survives
 
 
-@settings(max_examples=60)
+@settings(max_examples=examples(60))
 @given(
     step=st.floats(0.005, 0.062),  # with the jitter no step is a gap
     n=st.integers(2, 200),
@@ -95,7 +96,7 @@ def test_a_band_limited_signal_survives(step, origin):
     assert np.abs(made.y[:, 0] - sines(at, PASS / slower))[~np.isnan(made.y[:, 0])].max() < 0.5
 
 
-@settings(max_examples=40)
+@settings(max_examples=examples(40))
 @given(
     tone=st.floats(STOP / 0.05, 50.0 - STOP / 0.05),
     phase=st.floats(0.0, 6.3),

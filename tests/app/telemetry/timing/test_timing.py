@@ -16,6 +16,7 @@ from app.telemetry.timing.repair import repair
 from app.telemetry.timing.rounded_clock import evened
 from app.telemetry.traces import Trace, Traces
 from core.types import Array
+from tests.support.repetition import examples
 
 N = 2000
 ROW = np.arange(N, dtype=np.float64)
@@ -71,7 +72,7 @@ def test_rows_without_a_time_are_left_out():
     assert "3 rows without a time removed" in quality.sentences()[1]
 
 
-@settings(max_examples=30)
+@settings(max_examples=examples(30))
 @given(seed=st.integers(0, 2**32 - 1), depth=st.integers(2, 160))
 def test_late_packets_are_sorted_in(seed, depth):
     rng = np.random.default_rng(seed)
@@ -145,7 +146,7 @@ def test_a_clock_that_began_after_the_wrap_is_continued_too():
     assert result.quality.clocks[1].wraps
 
 
-@settings(max_examples=60)
+@settings(max_examples=examples(60))
 @given(back=st.floats(0.021, 40.0), at=st.integers(2, N - 2), step=st.sampled_from([0.01, 0.05]))
 def test_two_passes_of_a_clock_are_never_merged(back, at, step):
     assume(back > 3 * step)  # less may be a row that comes late
