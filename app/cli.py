@@ -23,6 +23,8 @@ COMMANDS = {
     "serve": "serve the page and the API",
     "backup": "write database and recordings into one file, also while the server runs",
     "restore": "put a backup back in its place, whole or not at all",
+    "token": "make, list and revoke the tokens of people",
+    "audit": "print who changed what on a server, and when",
     "demo": "train a small monitor, serve, and fly it",
     "doctor": "check this installation",
 }

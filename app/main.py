@@ -15,8 +15,10 @@ from fastapi.staticfiles import StaticFiles
 from starlette.routing import BaseRoute
 
 from app.flights.flights import Flights
+from app.http.audit import Audit
 from app.http.head_requests import HeadAsGet
 from app.http.idempotency import Idempotent, describe_keys
+from app.http.people import People
 from app.http.problems import describe_problems, install_problems
 from app.http.security import BodyLimit, Guard
 from app.http.sessions import Sessions
@@ -27,6 +29,7 @@ from app.metrics import Measured, Metrics
 from app.recordings.recordings import Recordings
 from app.recordings.scored import ScoredRecordings
 from app.routes import (
+    audit,
     catalog,
     datasets,
     flight_stream,
@@ -35,6 +38,7 @@ from app.routes import (
     jobs,
     markers,
     monitors,
+    people,
     recordings,
     scored_files,
     scorings,
@@ -65,7 +69,9 @@ class Application(FastAPI):
 
     settings: Settings
     metrics: Metrics
-    sessions: Sessions | None
+    people: People
+    sessions: Sessions
+    audit: Audit
 
     def build_middleware_stack(self) -> Any:
         """FastAPI's layers, then what counts, then what lets in."""
@@ -74,7 +80,8 @@ class Application(FastAPI):
             self.settings.max_body_bytes,
             {("POST", recordings.router.prefix): self.settings.max_upload_bytes},
         )
-        return Guard(Measured(limited, self.metrics), self.settings, self.sessions)
+        measured = Measured(limited, self.metrics)
+        return Guard(measured, self.settings, self.people, self.sessions, self.audit)
 
     def openapi(self) -> dict[str, Any]:
         """The OpenAPI document, with the problem schema that the routes refer to."""
@@ -100,8 +107,9 @@ def create_app(settings: Settings | None = None) -> FastAPI:
     )
     app.settings = app.state.settings = settings
     app.metrics = app.state.metrics = Metrics()
-    token, seconds = settings.token, settings.session_seconds
-    app.sessions = app.state.sessions = Sessions(token, seconds) if token else None
+    app.people = app.state.people = People(settings.token)
+    app.sessions = app.state.sessions = Sessions(settings.session_seconds)
+    app.audit = app.state.audit = Audit()
     install_problems(app)
     _serve_docs(app)
     if STATIC.is_dir():
@@ -118,7 +126,7 @@ def _routes() -> tuple[BaseRoute, ...]:
     """
     api = APIRouter()
     kept = (datasets, monitors, recordings, scorings, scored_files, markers)
-    for part in (catalog, *kept, jobs, flights, flight_stream, health):
+    for part in (catalog, *kept, jobs, flights, flight_stream, people, audit, health):
         api.include_router(part.router)
     api.include_router(scene_router())
     for _ in iter_route_contexts(api.routes):
@@ -136,6 +144,8 @@ async def _lifespan(app: FastAPI) -> AsyncIterator[None]:
         store = app.state.store = await asyncio.to_thread(open_store, settings.url)
         parts.callback(store.close)
         await asyncio.to_thread(store.reserve.make)
+        await parts.enter_async_context(app.state.people.open(store))
+        await parts.enter_async_context(app.state.audit.open(store))
         look = app.state.look = StoreLook(store)
         kept = app.state.recordings = Recordings(store, settings.data_dir / "recordings")
         await parts.enter_async_context(kept)

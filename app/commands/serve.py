@@ -6,17 +6,24 @@ from pathlib import Path
 from fastapi import FastAPI
 
 from app import serving
-from app.http.sessions import LINK_SECONDS, Sessions
+from app.http.people import People
+from app.http.sessions import Sessions
 from app.settings import Settings, read_settings
+from app.store.tokens import LINK_SECONDS
 
 
 def add(parser: argparse.ArgumentParser) -> None:
     """Add the options of a server: where it keeps what it knows, where it listens."""
-    parser.add_argument("--data-dir", type=Path, metavar="DIR", help="where everything is kept")
+    add_places(parser)
     parser.add_argument("--host", help="address to listen on, 127.0.0.1 if absent")
     parser.add_argument("--port", type=int, help="port to listen on, 8000 if absent; 0: any")
-    parser.add_argument("--database-url", metavar="URL", help="database in place of SQLite's")
     parser.epilog = "Settings come from FOREWARN_* too; the token only from FOREWARN_TOKEN."
+
+
+def add_places(parser: argparse.ArgumentParser) -> None:
+    """Add the options that say where a server keeps what it knows."""
+    parser.add_argument("--data-dir", type=Path, metavar="DIR", help="where everything is kept")
+    parser.add_argument("--database-url", metavar="URL", help="database in place of SQLite's")
 
 
 def settings_of(options: argparse.Namespace) -> Settings:
@@ -36,8 +43,9 @@ def say(text: str) -> None:
 
 def login_link(app: FastAPI, address: str) -> str | None:
     """An address that logs in once; None where the server asks for no token."""
-    sessions: Sessions | None = app.state.sessions
-    return sessions and f"{address}/login?link={sessions.make_link()}"
+    people: People = app.state.people
+    sessions: Sessions = app.state.sessions
+    return f"{address}/login?link={sessions.make_link()}" if people.asks else None
 
 
 def say_link(app: FastAPI, address: str) -> None:

@@ -4,7 +4,7 @@ The first request of a key is noted before it is carried out, and its answer is 
 same request again gets that answer, with `Idempotent-Replayed` as it is of then; another one of the
 same key is 422; one that comes while the first is carried out is 409, as is one whose first was cut
 off by the server's end: whether that was carried out is not known, and it is not done twice. A
-request that was refused may come again.
+request that was refused may come again. A key is its sender's own: another person's is another key.
 
 Where what was created is deleted by then, it is 410. The draft says that the answer SHOULD be
 repeated; but a client takes 201 for word that the thing is there.
@@ -59,7 +59,7 @@ class Idempotent:
         key = _key(scope)
         if key is None:
             return await self.app(scope, receive, send)
-        request = scope["path"], key
+        request = scope["path"], f"{scope['person'].name} {key}"
         if not KEY.fullmatch(key):
             return await _refuse(422, "a key is 1 to 200 characters without blanks", scope, send)
         if request in self._under_way:

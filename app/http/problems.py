@@ -45,7 +45,7 @@ REFERENCE = {"$ref": "#/components/schemas/Problem"}
 
 WORDS = {
     401: "the token is missing or wrong",
-    403: "the request comes from another site",
+    403: "the request comes from another site, or your role does not allow it",
     404: "there is nothing of this id",
     408: "nothing more of the body came",
     409: "it is in use, or not in a state for this",

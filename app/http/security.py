@@ -1,4 +1,4 @@
-"""What the server lets in: its own host and origin, bodies of a size, bearers of the token.
+"""What the server lets in: its own host and origin, bodies of a size, people by token and role.
 
 One ASGI layer around everything, HTTP and WebSocket alike, so that no route can forget it.
 """
@@ -8,17 +8,24 @@ import math
 import re
 import socket
 from collections.abc import Awaitable, Callable, Mapping, MutableMapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from functools import partial
 from ipaddress import ip_address
 from typing import Any
-from urllib.parse import parse_qs, urlsplit
+from urllib.parse import urlsplit
 
 from starlette.datastructures import Headers, MutableHeaders
 from starlette.requests import HTTPConnection, Request
-from starlette.responses import HTMLResponse, RedirectResponse, Response
+from starlette.responses import RedirectResponse
 
+from app.http import login
+from app.http.audit import SAFE_METHODS, Audit, method_of
+from app.http.login import Login
+from app.http.people import Admission, People, Person
 from app.http.problems import Problem, problem_response
+from app.http.roles import may, rule_of
 from app.http.sessions import Sessions
+from app.http.wrong_tokens import WrongTokens
 from app.settings import Settings
 
 Scope = MutableMapping[str, Any]
@@ -27,14 +34,9 @@ Receive = Callable[[], Awaitable[Message]]
 Send = Callable[[Message], Awaitable[None]]
 Application = Callable[[Scope, Receive, Send], Awaitable[None]]
 
-COOKIE = "forewarn"
-COOKIE_OF_PAGE = "forewarn-page"
-"""Tells the page that there is a session to end; it lets nobody in."""
 HOST = re.compile(r"(?:\[([0-9A-Fa-f:.]+)\]|([0-9A-Za-z._-]+))(?::[0-9]{0,5})?")
-OPEN_PATHS = ("/healthz", "/login")
-"""Answered without a token: a probe learns nothing from them."""
-SAFE_METHODS = ("GET", "HEAD", "OPTIONS")
-LARGEST_LOGIN = 4096
+PULSE = "/healthz"
+"""Answered without a token: a probe learns nothing from it."""
 REFUSED, SESSION_OVER = 4403, 4401
 """WebSocket close codes; before the handshake they become HTTP 403."""
 
@@ -57,14 +59,6 @@ HEADERS = {
     "Permissions-Policy": "camera=(), geolocation=(), microphone=(), payment=(), usb=()",
 }
 
-LOGIN_PAGE = """<!doctype html><html lang="en"><meta charset="utf-8"><title>Forewarn</title>
-<meta name="viewport" content="width=device-width">
-<style>body{{font:16px system-ui;background:#10151b;color:#e6edf3;display:grid;place-content:center;
-min-height:90vh}}input,button{{font:inherit;padding:.4em .6em}}</style>
-<form method="post" action="/login"><p><label for="token">Token of this Forewarn server</label></p>
-<p><input id="token" name="token" type="password" required autofocus>
-<button>Enter</button></p><p role="alert">{said}</p></form></html>"""
-
 
 @dataclass(frozen=True)
 class Refusal(Exception):
@@ -73,22 +67,36 @@ class Refusal(Exception):
     status: int
     reason: str
     kind: str
+    extra: Mapping[str, str] = field(default_factory=dict)
+    """Further members of the problem document."""
     wait: int = 0
     """[s] until it may be tried again, where that is the reason."""
 
 
 class Guard:
-    """ASGI layer that checks Host, Origin and token, and adds the security headers."""
+    """ASGI layer that checks Host, Origin, token and role, and adds the security headers.
+
+    Who is let in is the `person` of the scope from there on.
+    """
 
     def __init__(
-        self, app: Application, settings: Settings, sessions: Sessions | None = None
+        self,
+        app: Application,
+        settings: Settings,
+        people: People,
+        sessions: Sessions,
+        audit: Audit,
     ) -> None:
         self.app = app
         self.settings = settings
         own = () if settings.is_local else (socket.gethostname(),)
         names = ("localhost", settings.host, *own, *settings.allowed_hosts)
         self.hosts = {name.lower() for name in names}
+        self.people = people
         self.sessions = sessions
+        self.audit = audit
+        self.wrong_tokens = WrongTokens()
+        self.login = Login(people, sessions, self.wrong_tokens, audit)
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Let a connection through, or answer it here."""
@@ -99,21 +107,24 @@ class Guard:
         try:
             self.check_host(connection.headers)
             self.check_origin(scope, connection.headers)
-            if self.sessions and scope["type"] == "http" and scope["path"] in ("/login", "/logout"):
-                answer = self._logout if scope["path"] == "/logout" else self._login
-                return await (await answer(Request(scope, receive), self.sessions))(
-                    scope, receive, send
-                )
-            session = self.check_token(scope, connection)
+            if self.people.asks and scope["type"] == "http" and scope["path"] in login.PATHS:
+                answer = await self.login.answer(Request(scope, receive))
+                return await answer(scope, receive, send)
+            if scope["type"] == "http" and scope["path"] == PULSE:
+                return await self.app(scope, receive, send)
+            admission, session = self.check_token(scope, connection)
+            scope["person"] = person = admission.person
+            self.check_role(connection, person)
         except Refusal as refusal:
             return await self._refuse(refusal, scope, receive, send)
-        if self.sessions and session and scope["type"] == "websocket":
-            over = asyncio.ensure_future(self.sessions.wait_for_end(session))
-            try:
-                return await self.app(scope, *_until(over, receive, send))
-            finally:
-                over.cancel()
-        return await self.app(scope, receive, send)
+        send = _noted(send, partial(self.audit.note_answer, connection, person))
+        if scope["type"] == "http":
+            return await self.app(scope, receive, send)
+        over = asyncio.ensure_future(self._wait_for_end(admission, session))
+        try:
+            return await self.app(scope, *_until(over, receive, send))
+        finally:
+            over.cancel()
 
     def check_host(self, headers: Headers) -> None:
         """Refuse a Host that is not this server's: a name that was rebound to this address.
@@ -145,36 +156,60 @@ class Guard:
         if changes and headers.get("sec-fetch-site", "none") not in ("same-origin", "none"):
             raise Refusal(403, "the request comes from another site", "origin")
 
-    def check_token(self, scope: Scope, connection: HTTPConnection) -> str:
-        """Refuse a connection without the token; by header, by cookie, by query on a WebSocket.
+    def check_token(self, scope: Scope, connection: HTTPConnection) -> tuple[Admission, str]:
+        """Refuse a connection without a token; by header, by cookie, by query on a WebSocket.
 
-        Returns the key of the session that lets it in; empty where the token does.
+        Returns what lets it in, and the key of the session that does, if any. Where no token is
+        asked for, everybody is `local`.
         """
-        session = connection.cookies.get(COOKIE, "")
-        if self.sessions is None or scope["path"] in OPEN_PATHS:
-            return ""
-        if self.sessions.is_open(session):
-            return session
+        if not self.people.asks:
+            return self.people.local, ""
         scheme, _, bearer = connection.headers.get("authorization", "").partition(" ")
         given = bearer.strip() if scheme.lower() == "bearer" else ""
         if scope["type"] == "websocket":
             given = given or connection.query_params.get("token", "")
-        if given and (wait := _wait_of(self.sessions, connection)):
-            self.sessions.turn_away(_address_of(connection))
+        address = login.address_of(connection)
+        if given and (admission := self.people.find(given)):
+            self.wrong_tokens.forget(address)
+            return admission, ""
+        session = connection.cookies.get(login.COOKIE, "")
+        if admission := self.sessions.use(session):
+            return admission, session
+        if given and (wait := math.ceil(self.wrong_tokens.note(given, address))):
             text = f"too many wrong tokens came from your address: try again in {wait} s"
-            raise Refusal(429, text, "token", wait)
-        if not given or not self.sessions.is_token(given, _address_of(connection)):
-            raise Refusal(
-                401, "the token is missing or wrong: send `Authorization: Bearer TOKEN`", "token"
-            )
-        return ""
+            raise Refusal(429, text, "token", {}, wait)
+        text = "the token is missing, wrong or over: send `Authorization: Bearer TOKEN`"
+        raise Refusal(401, text, "token")
+
+    def check_role(self, connection: HTTPConnection, person: Person) -> None:
+        """Refuse what a person's role does not allow, and log that it was tried."""
+        method, path = method_of(connection), connection.scope["path"]
+        needed = rule_of(method, path).role
+        if may(person.role, needed):
+            return
+        self.audit.note(connection, person, 403)
+        text = f"{method} {path} needs the role {needed}: {person.name} has the role {person.role}"
+        raise Refusal(403, text, "role", {"needed": needed, "role": person.role})
+
+    async def _wait_for_end(self, admission: Admission, session: str) -> None:
+        """Return once a token lets in no more, or the session that it began is over."""
+        ends = [admission.wait_for_end()]
+        if session:
+            ends.append(self.sessions.wait_for_end(session))
+        tasks = [asyncio.ensure_future(end) for end in ends]
+        try:
+            await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
+        finally:
+            for task in tasks:
+                task.cancel()
 
     async def _refuse(self, refusal: Refusal, scope: Scope, receive: Receive, send: Send) -> None:
         if scope["type"] == "websocket":
             await receive()
             await send({"type": "websocket.close", "code": REFUSED, "reason": refusal.reason})
             return
-        problem = Problem(refusal.status, refusal.reason, f"urn:forewarn:{refusal.kind}")
+        kind = f"urn:forewarn:{refusal.kind}"
+        problem = Problem(refusal.status, refusal.reason, kind, **refusal.extra)
         headers = {"WWW-Authenticate": "Bearer"} if refusal.status == 401 else {}
         if refusal.wait:
             headers["Retry-After"] = str(refusal.wait)
@@ -183,62 +218,6 @@ class Guard:
         if refusal.status == 401 and wants_page and scope["method"] == "GET":
             response = RedirectResponse("/login", 303)
         await response(scope, receive, send)
-
-    async def _login(self, request: Request, sessions: Sessions) -> Response:
-        """Let in by a link for one use or by the token that is posted; else ask for it."""
-        if request.method not in ("GET", "HEAD", "POST"):
-            return problem_response(Problem(405, "GET or POST a token"), {"Allow": "GET, POST"})
-        if request.method == "POST":
-            if wait := _wait_of(sessions, request):
-                sessions.turn_away(_address_of(request))
-                text = f"Too many wrong tokens came from here: try again in {wait} s."
-                return _asking(text, 429, {"Retry-After": str(wait)})
-            given = await _posted_token(request)
-            if sessions.is_token(given, _address_of(request)):
-                return _entered(request, sessions)
-            return _asking("That is not this server's token.", 401)
-        if "token" in request.query_params:
-            return _asking("A token is not taken from an address: enter it here.", 400)
-        link = request.query_params.get("link")
-        if link is None or request.method == "HEAD":
-            return _asking()
-        if sessions.use_link(link):
-            return _entered(request, sessions)
-        return _asking("That link was used, or is too old: enter the token.", 401)
-
-    async def _logout(self, request: Request, sessions: Sessions) -> Response:
-        """End the session and ask for the token again."""
-        if request.method != "POST":
-            return problem_response(Problem(405, "POST to log out"), {"Allow": "POST"})
-        sessions.end(request.cookies.get(COOKIE, ""))
-        response = RedirectResponse("/login", 303)
-        for cookie in (COOKIE, COOKIE_OF_PAGE):
-            response.delete_cookie(cookie)
-        return response
-
-
-def _asking(
-    said: str = "", status: int = 200, headers: Mapping[str, str] | None = None
-) -> Response:
-    """The page that asks for the token."""
-    return HTMLResponse(LOGIN_PAGE.format(said=said), status, headers)
-
-
-def _entered(request: Request, sessions: Sessions) -> Response:
-    """Begin a session; its cookies end with the browser."""
-    response, secure = RedirectResponse("/", 303), request.url.scheme == "https"
-    response.set_cookie(COOKIE, sessions.begin(), httponly=True, samesite="strict", secure=secure)
-    response.set_cookie(COOKIE_OF_PAGE, "1", samesite="strict", secure=secure)
-    return response
-
-
-def _wait_of(sessions: Sessions, connection: HTTPConnection) -> int:
-    """How long no token of this address is looked at, since too many were wrong [s]."""
-    return math.ceil(sessions.wait_of(_address_of(connection)))
-
-
-def _address_of(connection: HTTPConnection) -> str:
-    return connection.client.host if connection.client else ""
 
 
 class BodyLimit:
@@ -301,16 +280,6 @@ def _is_address(name: str, settings: Settings) -> bool:
     return address.is_loopback or not settings.is_local
 
 
-async def _posted_token(request: Request) -> str:
-    body = b""
-    async for chunk in request.stream():
-        body += chunk
-        if len(body) > LARGEST_LOGIN:
-            return ""
-    fields = parse_qs(body.decode("utf-8", "replace"))
-    return fields.get("token", [""])[0].strip()
-
-
 def _until(over: asyncio.Future[None], receive: Receive, send: Send) -> tuple[Receive, Send]:
     """Receive and send of a WebSocket that is closed once its session is over.
 
@@ -326,7 +295,7 @@ def _until(over: asyncio.Future[None], receive: Receive, send: Send) -> tuple[Re
                 return message
         finally:
             coming.cancel()
-        reason = "the session is over: log in again"
+        reason = "the session or its token is over: log in again"
         await send({"type": "websocket.close", "code": SESSION_OVER, "reason": reason})
         return {"type": "websocket.disconnect", "code": SESSION_OVER, "reason": reason}
 
@@ -335,6 +304,19 @@ def _until(over: asyncio.Future[None], receive: Receive, send: Send) -> tuple[Re
             await send(message)
 
     return receiving, sending
+
+
+def _noted(send: Send, note: Callable[[int], None]) -> Send:
+    """Note the status of an answer; an accepted WebSocket has 101."""
+
+    async def sending(message: Message) -> None:
+        if message["type"] == "http.response.start":
+            note(message["status"])
+        elif message["type"] == "websocket.accept":
+            note(101)
+        await send(message)
+
+    return sending
 
 
 def _with_headers(send: Send, scope: Scope) -> Send:

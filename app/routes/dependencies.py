@@ -7,12 +7,14 @@ from typing import Annotated, Any, TypeVar
 from fastapi import Depends, Request, Response
 
 from app import json_codec
+from app.http.people import Person
 from app.http.problems import Problem
 from app.jobs.jobs import Jobs
 from app.recordings.recordings import Recordings
 from app.recordings.scored import ScoredRecordings
 from app.settings import Settings
 from app.store.store import Store
+from app.store.tokens import LOCAL
 
 Result = TypeVar("Result")
 
@@ -37,11 +39,21 @@ def _scored(request: Request) -> ScoredRecordings:
     return request.app.state.scored
 
 
+def _person(request: Request) -> Person:
+    return request.scope["person"]
+
+
 StoreDep = Annotated[Store, Depends(_store)]
 JobsDep = Annotated[Jobs, Depends(_jobs)]
 SettingsDep = Annotated[Settings, Depends(_settings)]
 RecordingsDep = Annotated[Recordings, Depends(_recordings)]
 ScoredDep = Annotated[ScoredRecordings, Depends(_scored)]
+PersonDep = Annotated[Person, Depends(_person)]
+
+
+def signature(person: Person, given: str) -> str:
+    """The name to sign with: one's own; the given one where nobody is logged in."""
+    return given if person.name == LOCAL else person.name
 
 
 async def plain_body(request: Request) -> dict[str, Any]:

@@ -22,7 +22,7 @@ from app.flights.transport import NotPossible, TransportError
 from app.http.problems import Problem, problem_responses
 from app.messages import Alarm, FlightMarker, Frame, Mode, TransportState
 from app.recipes import RecipeError
-from app.routes.dependencies import json_from
+from app.routes.dependencies import PersonDep, json_from, signature
 from app.store.flights import FlightInfo, UnderWay
 from core.certificate import UselessMonitor
 from core.flight_markers import FlightMarkerKey
@@ -134,7 +134,7 @@ class FramesPart(BaseModel):
 
 
 class Acknowledgement(BaseModel):
-    """Who has seen an alarm."""
+    """Who has seen an alarm, where nobody is logged in; else it is who is."""
 
     model_config = ConfigDict(extra="forbid", strict=True)
 
@@ -142,7 +142,7 @@ class Acknowledgement(BaseModel):
 
 
 class MarkerRequest(BaseModel):
-    """What is called in a flight under way, and by whom."""
+    """What is called in a flight under way, and by whom, where nobody is logged in."""
 
     model_config = ConfigDict(
         extra="forbid",
@@ -268,13 +268,18 @@ async def list_alarms(flight_id: str, flights: FlightsDep) -> list[Alarm]:
     "/{flight_id}/alarms/{alarm_id}/acknowledge", responses=problem_responses(404, 422, 503)
 )
 async def acknowledge(
-    flight_id: str, alarm_id: str, flights: FlightsDep, who: Acknowledgement | None = None
+    flight_id: str,
+    alarm_id: str,
+    flights: FlightsDep,
+    person: PersonDep,
+    who: Acknowledgement | None = None,
 ) -> Alarm:
-    """Acknowledge an alarm; of several acknowledgements the first one stays.
+    """Acknowledge an alarm in one's own name; of several acknowledgements the first one stays.
 
     It is stored before it is answered; 503 says that it is not, and the alarm stays open.
     """
-    return await flights.acknowledge(flight_id, alarm_id, (who or Acknowledgement()).by)
+    by = signature(person, (who or Acknowledgement()).by)
+    return await flights.acknowledge(flight_id, alarm_id, by)
 
 
 @router.get("/{flight_id}/markers", responses=problem_responses(404, 422))
@@ -285,14 +290,15 @@ async def list_flight_markers(flight_id: str, flights: FlightsDep) -> list[Fligh
 
 @router.post("/{flight_id}/markers", status_code=201, responses=problem_responses(404, 422, 503))
 async def set_flight_marker(
-    flight_id: str, marker: MarkerRequest, flights: FlightsDep
+    flight_id: str, marker: MarkerRequest, flights: FlightsDep, person: PersonDep
 ) -> FlightMarker:
     """Set ABORT or KNOCK IT OFF at the newest sample of a flight under way.
 
     Everyone who watches is shown it at once, and it is stored before it is answered; 503 says that
     it is shown and not stored yet. The flight neither ends nor pauses. 404 for one that is over.
     """
-    return await flights.mark(flight_id, marker.kind, marker.by, marker.text)
+    by = signature(person, marker.by)
+    return await flights.mark(flight_id, marker.kind, by, marker.text)
 
 
 def _last(first: int, last: int | None) -> int:

@@ -11,6 +11,7 @@ from sqlalchemy import Engine
 
 from app.store.alarms import AlarmRepository
 from app.store.answers import AnswerRepository
+from app.store.audit import AuditRepository
 from app.store.database import Damaged, StoreError, address, damage, make_engine, touch
 from app.store.datasets import DatasetRepository
 from app.store.flight_markers import FlightMarkerRepository
@@ -24,6 +25,7 @@ from app.store.repository import InUse, NotFound, Writer
 from app.store.reserve import Reserve
 from app.store.schema import bring_up_to_date, current_revision, forget_copies
 from app.store.scorings import ScoringRepository
+from app.store.tokens import TokenRepository
 
 LOG = logging.getLogger("forewarn")
 __all__ = ["Damaged", "InUse", "NotFound", "Store", "StoreError", "open_store"]
@@ -48,6 +50,8 @@ class Store:
         self.scorings = ScoringRepository(*shared)
         self.markers = MarkerRepository(*shared)
         self.answers = AnswerRepository(*shared)
+        self.tokens = TokenRepository(*shared)
+        self.audit = AuditRepository(*shared)
 
     def recover(self) -> None:
         """Clear up after a process that died: interrupted work, half-stored content.

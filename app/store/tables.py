@@ -1,4 +1,4 @@
-"""The tables: what is stored of datasets, monitors, jobs, flights and recordings.
+"""The tables: what is stored of datasets, monitors, jobs, flights, recordings and people.
 
 Ids are random, times are UTC in ISO 8601, numbers are SI. Large content lies in tables of its own,
 in parts of a size that a short transaction can write. A migration in `alembic/` goes with every
@@ -335,4 +335,32 @@ answers = Table(
     Column("status", Integer),
     _plain("headers", nullable=True),
     Column("body", LargeBinary),
+)
+
+tokens = Table(
+    "tokens",
+    metadata,
+    _id(),
+    Column("name", Text, nullable=False),
+    Column("role", String(16), nullable=False),
+    Column("digest", String(64), nullable=False, unique=True),
+    _time("created", nullable=False),
+    _time("expires"),
+    _time("revoked"),
+    _time("last_used"),
+    Column("link", String(64)),
+    _time("link_expires"),
+)
+
+audit = Table(
+    "audit",
+    metadata,
+    Column("id", Integer, primary_key=True),
+    Column("time", String(27), nullable=False, index=True),
+    Column("who", Text, nullable=False),
+    Column("role", String(16), nullable=False),
+    Column("address", Text, nullable=False),
+    Column("method", String(16), nullable=False),
+    Column("path", Text, nullable=False),
+    Column("status", Integer, nullable=False),
 )

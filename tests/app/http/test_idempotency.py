@@ -67,7 +67,7 @@ def test_a_key_is_forgotten_after_its_time(
 
 
 def test_a_request_that_the_servers_end_cut_off_is_not_done_twice(client: TestClient) -> None:
-    store_of(client).answers.begin(DATASETS, "k1", "")
+    store_of(client).answers.begin(DATASETS, "local k1", "")
     assert "the server ended" in problem(order(client), 409)
     assert store_of(client).jobs.all() == []
 
@@ -167,7 +167,7 @@ def test_an_answer_is_kept_over_a_restart(tmp_path: Path) -> None:
         first = order(client)
     with api(tmp_path, max_jobs=0) as client:
         assert order(client).content == first.content
-        assert isinstance(store_of(client).answers.find(DATASETS, "k1"), Answer)
+        assert isinstance(store_of(client).answers.find(DATASETS, "local k1"), Answer)
 
 
 def test_the_document_says_where_a_key_is_honoured(client: TestClient) -> None:

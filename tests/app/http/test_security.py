@@ -1,13 +1,16 @@
 import asyncio
 import socket
-from collections.abc import Callable
 from typing import Any
 
 import pytest
 from starlette.websockets import WebSocketDisconnect
 
-from app.http.security import API_POLICY, COOKIE, PAGE_POLICY, REFUSED, SESSION_OVER, Guard
-from app.http.sessions import FREE_GUESSES, Sessions
+from app.http.audit import Audit
+from app.http.login import COOKIE
+from app.http.people import Admission, People, Person
+from app.http.security import API_POLICY, PAGE_POLICY, REFUSED, SESSION_OVER, Guard
+from app.http.sessions import Sessions
+from app.http.wrong_tokens import FREE_GUESSES
 from app.settings import Settings
 from tests.support.api import ADDRESS, api, problem
 
@@ -33,7 +36,7 @@ def nothing_left(guarded):
     """Neither a session nor a wrong guess of the test before."""
     yield
     guarded.cookies.clear()
-    guarded.app.state.sessions.is_token(TOKEN, "testclient")
+    guarded.get("/readyz", headers={"Authorization": f"Bearer {TOKEN}"})
 
 
 def refusal(client, path=STREAM, **headers):
@@ -193,9 +196,10 @@ def test_who_logs_out_is_out_with_every_copy_of_the_cookie(guarded):
     assert "token" in refusal(guarded, **kept)
 
 
-async def watched(sessions: Sessions, end: Callable[[str], None]) -> list[dict[str, Any]]:
+async def watched(sessions: Sessions, ends: str) -> list[dict[str, Any]]:
     """What goes to a browser whose WebSocket is open while its session ends, and to the route."""
-    key, told = sessions.begin(), []
+    admission, told = Admission(Person("Ann", "viewer")), []
+    key = sessions.begin(admission)
     to_route: asyncio.Queue[dict[str, Any]] = asyncio.Queue()
     to_route.put_nowait({"type": "websocket.connect"})
 
@@ -204,7 +208,10 @@ async def watched(sessions: Sessions, end: Callable[[str], None]) -> list[dict[s
         await send({"type": "websocket.accept"})
         to_route.put_nowait({"type": "websocket.receive", "text": "credit"})
         assert (await receive())["text"] == "credit"
-        end(key)
+        if ends == "by logging out":
+            sessions.end(key)
+        if ends == "with its token":
+            admission.over.set()
         told.append(await receive())
         await send({"type": "websocket.send", "text": "a sample"})
 
@@ -213,16 +220,15 @@ async def watched(sessions: Sessions, end: Callable[[str], None]) -> list[dict[s
 
     headers = [(b"host", b"127.0.0.1"), (b"cookie", f"{COOKIE}={key}".encode())]
     scope = {"type": "websocket", "path": STREAM, "headers": headers, "query_string": b""}
-    guard = Guard(route, Settings(token=TOKEN), sessions)
+    guard = Guard(route, Settings(token=TOKEN), People(TOKEN), sessions, Audit())
     await guard(scope, to_route.get, send)
     return told
 
 
-@pytest.mark.parametrize("ends", ["by logging out", "by its time"])
+@pytest.mark.parametrize("ends", ["by logging out", "by its time", "with its token"])
 def test_a_websocket_ends_with_its_session(ends: str) -> None:
-    sessions = Sessions(TOKEN, 60.0 if ends == "by logging out" else 0.05)
-    end = sessions.end if ends == "by logging out" else lambda key: None
-    watching = asyncio.wait_for(watched(sessions, end), 30)
+    sessions = Sessions(0.05 if ends == "by its time" else 60.0)
+    watching = asyncio.wait_for(watched(sessions, ends), 30)
     accepted, closed, told_route = asyncio.run(watching)
     assert accepted["type"] == "websocket.accept"
     assert (closed["type"], closed["code"]) == ("websocket.close", SESSION_OVER)
@@ -241,22 +247,20 @@ def test_a_forged_cookie_is_refused(guarded):
         problem(guarded.get("/readyz", headers=header), 401)
 
 
-def test_wrong_tokens_slow_down_at_every_door(tmp_path, caplog):
+def test_wrong_tokens_slow_down_at_every_door_and_the_right_one_passes(tmp_path, caplog):
     with api(tmp_path, host="0.0.0.0", token=TOKEN) as client:
         for number in range(FREE_GUESSES):
             wrong = {"Authorization": f"Bearer wrong {number}"}
             problem(client.get("/readyz", headers=wrong), 401)
-        right = {"Authorization": f"Bearer {TOKEN}"}
-        answer = client.get("/readyz", headers=right)
+        answer = client.get("/readyz", headers={"Authorization": "Bearer another"})
         assert "try again in" in problem(answer, 429)
         assert answer.headers["retry-after"] == "1"
-        answer = client.post("/login", data={"token": TOKEN}, follow_redirects=False)
+        answer = client.post("/login", data={"token": "another"}, follow_redirects=False)
         assert (answer.status_code, answer.headers["retry-after"]) == (429, "1")
-        assert "try again in" in refusal(client, path=f"{STREAM}?token={TOKEN}")
-        app: Any = client.app
-        link = f"/login?link={app.state.sessions.make_link()}"
-        assert client.get(link, follow_redirects=False).status_code == 303
-        assert client.get("/readyz").status_code == 200  # a session goes on
+        assert "try again in" in refusal(client, path=f"{STREAM}?token=another")
+        assert not refusal(client, path=f"{STREAM}?token={TOKEN}")
+        right = {"Authorization": f"Bearer {TOKEN}"}
+        assert client.get("/readyz", headers=right).status_code == 200
     logged = [record.getMessage() for record in caplog.records if "wrong token" in record.message]
     assert len(logged) == FREE_GUESSES
     assert all(text.startswith("testclient was refused a login") for text in logged)

@@ -1,0 +1,106 @@
+"""The tokens of people: made, listed and revoked in the database, also while a server runs."""
+
+import argparse
+import getpass
+from dataclasses import asdict
+
+from app.commands import serve
+from app.commands.results import add_json, print_result
+from app.settings import Settings, read_settings
+from app.store.audit import AuditEntry
+from app.store.store import Store, open_store
+from app.store.tables import now
+from app.store.tokens import LINK_SECONDS, LOCAL, ROLES, StoredToken
+
+TOKENS = "/api/v1/tokens"
+
+
+def add(parser: argparse.ArgumentParser) -> None:
+    """Add what can be done with tokens."""
+    actions = parser.add_subparsers(required=True, metavar="ACTION", dest="action")
+    create = actions.add_parser("create", help="make a token; it is printed once")
+    create.add_argument("name", help="of the person")
+    create.add_argument("--role", choices=ROLES, required=True, help="what the person may do")
+    create.add_argument("--days", type=float, help="until it expires; never if absent")
+    listing = actions.add_parser("list", help="who has a token, with which role")
+    revoke = actions.add_parser("revoke", help="revoke a person's token; its sessions close")
+    link = actions.add_parser("link", help="make an address that logs the person in once")
+    link.add_argument("--address", help="of the server as the person's browser reaches it")
+    for each in (revoke, link):
+        each.add_argument("name", help="of the person")
+    for each in (create, listing, revoke, link):
+        serve.add_places(each)
+        add_json(each)
+
+
+def places_of(options: argparse.Namespace) -> Settings:
+    """Settings of the server whose database is meant; its own address plays no part."""
+    own = {"data_dir": options.data_dir, "database_url": options.database_url}
+    return read_settings(host="127.0.0.1", **own)
+
+
+def run(options: argparse.Namespace) -> int:
+    """Do it and print what came of it."""
+    settings = places_of(options)
+    store = open_store(settings.url, recover=False)
+    try:
+        ACTIONS[options.action](options, store, settings)
+    except LookupError as error:
+        raise ValueError(error.args[0]) from error
+    finally:
+        store.close()
+    return 0
+
+
+def _create(options: argparse.Namespace, store: Store, settings: Settings) -> None:
+    made, secret = store.tokens.add(options.name, options.role, options.days)
+    _log(store, "POST", TOKENS, 201)
+    text = f"{_line(made)}\ntoken, not shown again: {secret}"
+    print_result(options, text, asdict(made) | {"token": secret})
+
+
+def _list(options: argparse.Namespace, store: Store, settings: Settings) -> None:
+    listed = store.tokens.all()
+    text = "\n".join(map(_line, listed)) or "nobody has a token"
+    print_result(options, text, [asdict(token) for token in listed])
+
+
+def _revoke(options: argparse.Namespace, store: Store, settings: Settings) -> None:
+    revoked = store.tokens.revoke(store.tokens.of_name(options.name).id)
+    _log(store, "DELETE", f"{TOKENS}/{revoked.id}", 200)
+    print_result(options, _line(revoked), asdict(revoked))
+
+
+def _link(options: argparse.Namespace, store: Store, settings: Settings) -> None:
+    token = store.tokens.of_name(options.name)
+    code = store.tokens.make_link(token.id)
+    _log(store, "POST", f"{TOKENS}/{token.id}/link", 200)
+    address = (options.address or f"http://{settings.host}:{settings.port}").rstrip("/")
+    link = f"{address}/login?link={code}"
+    text = f"logs {options.name} in once, within {LINK_SECONDS / 60:.0f} minutes: {link}"
+    print_result(options, text, {"link": link, "seconds": LINK_SECONDS})
+
+
+def _log(store: Store, method: str, path: str, status: int) -> None:
+    """Log a change as the request that it stands for; the address names the user of the system."""
+    address = f"command line of {getpass.getuser()}"
+    store.audit.add([AuditEntry(now(), LOCAL, "admin", address, method, path, status)])
+
+
+def _line(token: StoredToken) -> str:
+    """A token in one line: name, role, whether it lets in, when it was last used."""
+    if token.revoked is not None:
+        state = f"revoked {_minute(token.revoked)}"
+    elif token.expires is None:
+        state = "does not expire"
+    else:
+        state = f"{'expires' if token.is_valid else 'expired'} {_minute(token.expires)}"
+    used = "never used" if token.last_used is None else f"last used {_minute(token.last_used)}"
+    return f"{token.name}  {token.role}  {state}  {used}"
+
+
+def _minute(time: str) -> str:
+    return f"{time[:10]} {time[11:16]} UTC"
+
+
+ACTIONS = {"create": _create, "list": _list, "revoke": _revoke, "link": _link}

@@ -1,0 +1,166 @@
+"""What each role may do: one table, by method and route.
+
+A route that the table does not name is for admins alone, and a test fails until it is named.
+"""
+
+import re
+from dataclasses import dataclass
+from functools import cache, lru_cache
+
+from app.store.tokens import ROLES, Role
+
+API = "/api/v1"
+FLIGHT, RECORDING = f"{API}/flights/{{id}}", f"{API}/recordings/{{id}}"
+SCORING = f"{RECORDING}/scorings/{{id}}"
+WEBSOCKET = "WEBSOCKET"
+"""Stands for the method of one."""
+UPLINK = f"{WEBSOCKET} {FLIGHT}/uplink"
+SAMPLES = f"POST {FLIGHT}/samples"
+
+ALLOWED: dict[Role, tuple[str, ...]] = {
+    "viewer": (
+        "GET /",
+        "GET /index.html",
+        "GET /icon.svg",
+        "GET /{name}.css",
+        "GET /js/{path:path}",
+        "GET /docs",
+        "GET /docs/start.js",
+        "GET /docs/assets/{path:path}",
+        "GET /openapi.json",
+        "GET /healthz",
+        "GET /readyz",
+        "GET /metrics",
+        "GET /scene/{flight}/",
+        f"{WEBSOCKET} /scene/{{flight}}",
+        f"GET {API}/me",
+        f"GET {API}/integrity",
+        f"GET {API}/catalog",
+        f"GET {API}/asyncapi.json",
+        f"GET {API}/datasets",
+        f"GET {API}/datasets/{{id}}",
+        f"GET {API}/datasets/{{id}}/arrays",
+        f"GET {API}/datasets/{{id}}/rollouts",
+        f"GET {API}/datasets/{{id}}/rollouts/{{n}}",
+        f"GET {API}/monitors",
+        f"GET {API}/monitors/{{id}}",
+        f"GET {API}/monitors/{{id}}/calibration",
+        f"GET {API}/monitors/{{id}}/evaluation",
+        f"GET {API}/monitors/{{id}}/file",
+        f"GET {API}/recordings",
+        f"GET {RECORDING}",
+        f"GET {RECORDING}/signals/{{index}}/preview",
+        f"POST {RECORDING}/preview",
+        f"GET {RECORDING}/manoeuvres",
+        f"GET {RECORDING}/markers",
+        f"GET {RECORDING}/scorings",
+        f"GET {SCORING}",
+        f"GET {SCORING}/assessments",
+        f"GET {SCORING}/tiles",
+        f"GET {SCORING}/report",
+        f"GET {SCORING}/export",
+        f"GET {API}/jobs",
+        f"GET {API}/jobs/{{id}}",
+        f"GET {API}/jobs/{{id}}/events",
+        f"GET {API}/jobs/{{id}}/figures/{{name}}",
+        f"GET {API}/flights",
+        f"GET {FLIGHT}",
+        f"GET {FLIGHT}/assessments",
+        f"GET {FLIGHT}/source",
+        f"GET {FLIGHT}/alarms",
+        f"GET {FLIGHT}/markers",
+        f"{WEBSOCKET} {FLIGHT}/stream",
+    ),
+    "operator": (
+        f"POST {API}/flights",
+        f"POST {FLIGHT}/end",
+        f"POST {FLIGHT}/transport",
+        f"POST {FLIGHT}/alarms/{{id}}/acknowledge",
+        f"POST {FLIGHT}/markers",
+        SAMPLES,
+        UPLINK,
+        f"POST {API}/monitors/{{id}}/score",
+        f"POST {API}/recordings",
+        f"POST {RECORDING}/scorings",
+        f"POST {RECORDING}/markers",
+        f"PUT {RECORDING}/markers/{{id}}",
+    ),
+    "engineer": (
+        f"POST {API}/datasets",
+        f"POST {API}/datasets/amplitude",
+        f"DELETE {API}/datasets/{{id}}",
+        f"POST {API}/monitors",
+        f"DELETE {API}/monitors/{{id}}",
+        f"POST {API}/studies",
+        f"POST {API}/jobs/{{id}}/cancel",
+        f"PUT {RECORDING}/mapping",
+        f"DELETE {RECORDING}",
+        f"DELETE {RECORDING}/markers/{{id}}",
+        f"DELETE {SCORING}",
+        f"DELETE {FLIGHT}",
+    ),
+    "admin": (
+        f"GET {API}/tokens",
+        f"POST {API}/tokens",
+        f"DELETE {API}/tokens/{{id}}",
+        f"POST {API}/tokens/{{id}}/link",
+        f"GET {API}/audit",
+    ),
+}
+"""By the least role that may; the names in braces are free, `:path` goes across slashes."""
+CHANGES_NOTHING = (f"POST {RECORDING}/preview", f"POST {API}/monitors/{{id}}/score")
+"""Not safe by their method, and yet they only compute."""
+LOGGED_ONCE = (SAMPLES, UPLINK)
+"""Of these the audit log has the first of each person and flight."""
+
+
+@dataclass(frozen=True)
+class Rule:
+    """Who may use a route. route: as in ALLOWED; empty where the table does not name it."""
+
+    role: Role
+    route: str = ""
+
+
+def rule_of(method: str, path: str) -> Rule:
+    """The rule for a request; HEAD and OPTIONS are as GET."""
+    return _found("GET" if method in ("HEAD", "OPTIONS") else method, path)
+
+
+@lru_cache(maxsize=4096)
+def _found(method: str, path: str) -> Rule:
+    request = f"{method} {path}"
+    matching = (rule for pattern, rule in _rules() if pattern.fullmatch(request))
+    return next(matching, Rule("admin"))
+
+
+def may(role: Role, needed: Role) -> bool:
+    """Whether a role is enough."""
+    return ROLES.index(role) >= ROLES.index(needed)
+
+
+def allowed_to(role: Role) -> list[str]:
+    """All that the table allows a role, parameters as `{}`."""
+    of_all = (_plain(rule.route) for _, rule in _rules() if may(role, rule.role))
+    return sorted(of_all)
+
+
+def _plain(route: str) -> str:
+    return re.sub(r"{[^}]*}", "{}", route)
+
+
+@cache
+def _rules() -> list[tuple[re.Pattern[str], Rule]]:
+    return [
+        (_pattern(route), Rule(role, route)) for role, routes in ALLOWED.items() for route in routes
+    ]
+
+
+def _pattern(route: str) -> re.Pattern[str]:
+    """What a route matches, as the router has it."""
+    pieces = re.split(r"({[^}]*})", route)
+    free = [
+        re.escape(piece) if not piece.startswith("{") else ".*" if ":path" in piece else "[^/]+"
+        for piece in pieces
+    ]
+    return re.compile("".join(free), re.DOTALL)

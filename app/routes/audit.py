@@ -1,0 +1,94 @@
+"""The audit log, exported."""
+
+import csv
+import io
+from collections.abc import Iterable, Iterator
+from contextlib import suppress
+from dataclasses import asdict, fields
+from datetime import UTC, datetime
+from typing import Annotated, Literal
+
+from fastapi import APIRouter, Query, Request, Response
+from fastapi.responses import StreamingResponse
+
+from app import json_codec
+from app.http.audit import Audit
+from app.http.problems import Problem, problem_responses
+from app.routes.dependencies import StoreDep
+from app.store.audit import AuditEntry
+from app.store.store import StoreError
+from app.store.tables import time_text
+
+router = APIRouter(prefix="/api/v1", tags=["people"])
+JSON_LINES, CSV = "application/x-ndjson", "text/csv"
+
+
+def utc(text: str) -> str:
+    """A day or a time, of UTC where it names no zone, as it is stored. ValueError."""
+    try:
+        time = datetime.fromisoformat(text)
+        time = time.replace(tzinfo=UTC) if time.tzinfo is None else time.astimezone(UTC)
+    except (ValueError, OverflowError):
+        raise ValueError(
+            f"{text!r} is no time: give 2026-05-04 or 2026-05-04T12:31:05 (UTC)"
+        ) from None
+    return time_text(time)
+
+
+def as_csv(entries: Iterable[AuditEntry]) -> Iterator[str]:
+    """A line of names, then one an entry."""
+    file = io.StringIO()
+    writer = csv.DictWriter(file, [each.name for each in fields(AuditEntry)], lineterminator="\n")
+    writer.writeheader()
+    for entry in entries:
+        writer.writerow(asdict(entry))
+        yield file.getvalue()
+        file.seek(0)
+        file.truncate()
+    yield file.getvalue()
+
+
+def as_json_lines(entries: Iterable[AuditEntry]) -> Iterator[str]:
+    """An object a line."""
+    for entry in entries:
+        yield json_codec.encode(asdict(entry)).decode() + "\n"
+
+
+@router.get(
+    "/audit",
+    response_class=Response,
+    responses={
+        200: {
+            "content": {
+                JSON_LINES: {"schema": {"type": "string"}},
+                CSV: {"schema": {"type": "string"}},
+            }
+        },
+        **problem_responses(422),
+    },
+)
+async def export_audit(
+    request: Request,
+    store: StoreDep,
+    since: Annotated[str | None, Query(description="day or time in ISO 8601, UTC")] = None,
+    until: Annotated[str | None, Query(description="day or time before which")] = None,
+    who: Annotated[str | None, Query(description="name of a person")] = None,
+    kind: Annotated[
+        Literal["jsonl", "csv"], Query(alias="format", description="JSON lines or CSV")
+    ] = "jsonl",
+) -> Response:
+    """The audit log, oldest first: every change and login, and what a role did not allow.
+
+    Of a live flight's samples it has the first push of each person.
+    """
+    try:
+        times = [None if text is None else utc(text) for text in (since, until)]
+    except ValueError as error:
+        raise Problem(422, str(error), "urn:forewarn:request") from error
+    log: Audit = request.app.state.audit
+    with suppress(StoreError):  # what is stored can be read all the same
+        await log.flush(store)
+    entries = store.audit.read(*times, who)
+    if kind == "csv":
+        return StreamingResponse(as_csv(entries), media_type=CSV)
+    return StreamingResponse(as_json_lines(entries), media_type=JSON_LINES)

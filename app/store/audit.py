@@ -1,0 +1,61 @@
+"""The audit log: who changed what, and when; rows are added and read, never changed."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict, dataclass
+
+from sqlalchemy import ColumnElement, insert, select
+
+from app.store.repository import Entry, Repository, columns
+from app.store.tables import audit
+
+READ_AT_ONCE = 1000
+
+
+@dataclass(frozen=True)
+class AuditEntry(Entry):
+    """A change, a login, or an attempt that the role did not allow."""
+
+    time: str
+    """UTC, ISO 8601, of the answer"""
+    who: str
+    """name of the person; `server` with the token of the settings, `local` where none is asked"""
+    role: str
+    address: str
+    """that it came from"""
+    method: str
+    """of HTTP; `WEBSOCKET` for one that sends"""
+    path: str
+    status: int
+    """of the answer; 403: refused by the role"""
+
+
+class AuditRepository(Repository):
+    """Entries in the order they were written."""
+
+    def add(self, entries: Sequence[AuditEntry]) -> None:
+        """Add entries, all or none."""
+        with self._writing() as connection:
+            connection.execute(insert(audit), [asdict(entry) for entry in entries])
+
+    def read(
+        self, since: str | None = None, until: str | None = None, who: str | None = None
+    ) -> Iterator[AuditEntry]:
+        """Entries from a time (UTC, ISO 8601) on, before another, of a person; a part at a time."""
+        conditions: list[ColumnElement[bool]] = []
+        if since is not None:
+            conditions.append(audit.c.time >= since)
+        if until is not None:
+            conditions.append(audit.c.time < until)
+        if who is not None:
+            conditions.append(audit.c.who == who)
+        last = 0
+        while True:
+            query = select(audit.c.id, *columns(audit, AuditEntry))
+            query = query.where(audit.c.id > last, *conditions).order_by(audit.c.id)
+            with self._reading() as connection:
+                rows = connection.execute(query.limit(READ_AT_ONCE)).all()
+            for row in rows:
+                yield AuditEntry(*row[1:])
+            if len(rows) < READ_AT_ONCE:
+                return
+            last = rows[-1].id
