@@ -25,6 +25,7 @@ COMMANDS = {
     "restore": "put a backup back in its place, whole or not at all",
     "token": "make, list and revoke the tokens of people",
     "audit": "print who changed what on a server, and when",
+    "retain": "delete flights and recordings by age and size, but what is kept for ever",
     "demo": "train a small monitor, serve, and fly it",
     "doctor": "check this installation",
 }

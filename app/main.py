@@ -42,6 +42,7 @@ from app.routes import (
     recordings,
     scored_files,
     scorings,
+    storage,
 )
 from app.routes.scene import scene_router
 from app.scene.scene import Scenes
@@ -49,6 +50,7 @@ from app.settings import Settings
 from app.store.look import StoreLook
 from app.store.store import open_store
 from app.upkeep.restore import finish
+from app.upkeep.retention import retain_daily, retention_rule
 from core import __version__
 
 HERE = Path(__file__).parent
@@ -125,7 +127,7 @@ def _routes() -> tuple[BaseRoute, ...]:
     pydantic's warnings meanwhile, and that holds for all threads: not safe among them.
     """
     api = APIRouter()
-    kept = (datasets, monitors, recordings, scorings, scored_files, markers)
+    kept = (datasets, monitors, recordings, scorings, scored_files, markers, storage)
     for part in (catalog, *kept, jobs, flights, flight_stream, people, audit, health):
         api.include_router(part.router)
     api.include_router(scene_router())
@@ -160,6 +162,8 @@ async def _lifespan(app: FastAPI) -> AsyncIterator[None]:
         await parts.enter_async_context(aloft)
         looking = asyncio.create_task(look.repeat(lambda: bool(aloft.under_way())))
         parts.callback(looking.cancel)
+        if rule := retention_rule(settings.retain_days, settings.retain_gb):
+            parts.callback(asyncio.create_task(retain_daily(kept, rule)).cancel)
         integrity = app.state.integrity = Integrity(store, kept.files)
         await asyncio.to_thread(integrity.look)
         integrity.start()

@@ -19,6 +19,8 @@
 | body_seconds     | FOREWARN_BODY_SECONDS     | 30, that a body may come at less than 4096 B/s   |
 | idle_seconds     | FOREWARN_IDLE_SECONDS     | 5, between two requests of a connection          |
 | session_seconds  | FOREWARN_SESSION_SECONDS  | 12 h, that a login lasts from when it was used   |
+| retain_days      | FOREWARN_RETAIN_DAYS      | 0: nothing is deleted for its age                |
+| retain_gb        | FOREWARN_RETAIN_GB        | 0: nothing is deleted for its size               |
 """
 
 import math
@@ -69,6 +71,8 @@ class Settings:
     body_seconds: float = 30.0
     idle_seconds: float = 5.0
     session_seconds: float = 12 * 3600.0
+    retain_days: float = 0.0
+    retain_gb: float = 0.0
 
     def __post_init__(self) -> None:
         if self.token is not None and len(self.token) < SHORTEST_TOKEN:
@@ -96,6 +100,10 @@ class Settings:
         for name in (each.name for each in fields(self) if each.name.endswith("_seconds")):
             if not 0 < getattr(self, name) < math.inf:
                 raise SettingsError(f"{name}={getattr(self, name)} was given: it must be positive")
+
+        for name in ("retain_days", "retain_gb"):
+            if not 0 <= getattr(self, name) < math.inf:
+                raise SettingsError(f"{name}={getattr(self, name)} was given: it must be 0 or more")
 
     @property
     def url(self) -> str:
@@ -145,7 +153,7 @@ def _parse(variable: str, name: str, text: str) -> Any:
             return int(text)
         except ValueError:
             raise SettingsError(f"{variable}={text!r} was given: it must be an integer") from None
-    if name.endswith("_seconds"):
+    if name.endswith("_seconds") or name.startswith("retain_"):
         try:
             return float(text)
         except ValueError:

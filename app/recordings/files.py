@@ -15,7 +15,7 @@ import logging
 import os
 import shutil
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import replace
 from functools import partial
 from math import ceil
@@ -141,6 +141,10 @@ class RecordingFiles:
                 if left.name.partition(".")[0] not in scorings:
                     left.unlink(missing_ok=True)
 
+    def size(self, recording_id: str) -> int:
+        """Bytes of all files in the folder of a recording; 0 where it is gone."""
+        return _size_of(self.root / recording_id)
+
     def require(self, n_bytes: int) -> None:
         """Check that so many bytes can be kept; NoSpace."""
         here = next(path for path in (self.root, *self.root.parents) if path.exists())
@@ -151,6 +155,14 @@ class RecordingFiles:
                 f"this needs {ceil(n_bytes / unit):,} {name}, and the disk of the data directory "
                 f"has {max(0, free - SPARE_BYTES) // unit:,} {name} to spare: delete recordings"
             )
+
+
+def _size_of(folder: Path) -> int:
+    total = 0
+    for path in folder.rglob("*"):
+        with suppress(FileNotFoundError):
+            total += path.stat().st_size if path.is_file() else 0
+    return total
 
 
 @contextmanager

@@ -154,7 +154,7 @@ class Recordings:
             self.store.mappings.save(aircraft, key, confirmed.mapping)
 
     def delete(self, recording_id: str) -> None:
-        """Delete a recording with its folder. NotFound; InUse while it is flown."""
+        """Delete a recording with its folder. NotFound; InUse while it is flown; KeptForEver."""
         self.store.recordings.withdraw(recording_id)
         self._recent.forget(recording_id)
         self.files.discard(recording_id)

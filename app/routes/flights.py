@@ -81,6 +81,7 @@ class FlightStatus(BaseModel):
         "or that it was not tested"
     )
     epsilon: float
+    keep: bool = Field(description="whether it is kept for ever")
     accept_useless: bool = Field(
         description="whether it was accepted that its monitor alerts on nearly every safe flight"
     )
@@ -206,7 +207,7 @@ async def end_flight(flight_id: str, flights: FlightsDep) -> FlightStatus:
 
 @router.delete("/{flight_id}", status_code=204, responses=problem_responses(404, 409, 422, 503))
 async def delete_flight(flight_id: str, flights: FlightsDep) -> None:
-    """Delete the record of a flight that is over; 409 while it is under way."""
+    """Delete the record of a flight that is over; 409 while it is under way or kept for ever."""
     try:
         await flights.delete(flight_id)
     except UnderWay as error:
@@ -342,6 +343,7 @@ def _status(
         monitor=info.monitor_id,
         warnings=warnings,
         epsilon=info.epsilon,
+        keep=info.keep,
         accept_useless=accepts_useless(info),
         created=info.created,
         ended=info.ended,

@@ -98,7 +98,7 @@ async def read_recording(recording_id: str, recordings: RecordingsDep):
 
 @router.delete("/{recording_id}", status_code=204, responses=problem_responses(404, 409))
 async def delete_recording(recording_id: str, recordings: RecordingsDep) -> None:
-    """Delete a recording with its scorings and markers; 409 while it is flown."""
+    """Delete a recording with its scorings and markers; 409 while it is flown or kept for ever."""
     await asyncio.to_thread(recordings.delete, recording_id)
 
 

@@ -228,6 +228,18 @@ def touch(engine: Engine) -> None:
             connection.exec_driver_sql(f"PRAGMA user_version = {int(number)}")
 
 
+def reusable_bytes(engine: Engine) -> int | None:
+    """Bytes of SQLite's file that hold nothing and are used again; None for another database."""
+    if not is_sqlite(engine.url):
+        return None
+    with reading(engine) as connection:
+        pages, size = (
+            connection.exec_driver_sql(f"PRAGMA {name}").scalar_one()
+            for name in ("freelist_count", "page_size")
+        )
+    return int(pages) * int(size)
+
+
 def damage(engine: Engine) -> list[str]:
     """Look through the whole database; one line for each thing that is wrong with it."""
     with reading(engine) as connection:

@@ -11,7 +11,7 @@ from sqlalchemy import Connection, Select, case, delete, func, insert, select, u
 from app.store.answers import note_deleted, was_deleted
 from app.store.arrays import from_blob, to_blob
 from app.store.assessments import SAMPLE, StoredAssessments, pack, reasons_of, runs_of
-from app.store.repository import Entry, Repository, columns, complete, fetch
+from app.store.repository import Entry, Repository, check_not_kept, columns, complete, fetch
 from app.store.tables import assessment_chunks, flights, monitors, new_id, now
 
 CHUNK = 1000
@@ -39,6 +39,8 @@ class FlightInfo(Entry):
     """UTC, ISO 8601"""
     exceeded_t: float | None
     """first exceedance that it had come to when it ended [s], passed by a seek or flown"""
+    keep: bool
+    """whether it is kept for ever"""
     head: int | None
     """newest sample number stored; null before the first"""
     lost: int | None
@@ -85,7 +87,9 @@ class FlightRepository(Repository):
             return [FlightInfo(**row._mapping) for row in connection.execute(query)]
 
     def delete(self, flight_id: str) -> None:
-        """Delete a flight that is over, its assessments and alarms. NotFound; UnderWay.
+        """Delete a flight that is over, its assessments, alarms and markers.
+
+        NotFound; UnderWay; KeptForEver.
 
         One that was deleted within a day may be deleted again.
         """
@@ -95,6 +99,7 @@ class FlightRepository(Repository):
             note_deleted(connection, "flights", flight_id)
             if fetch_flight(connection, flight_id).status == "running":
                 raise UnderWay(f"flight {flight_id} is under way: end it, then delete its record")
+            check_not_kept(connection, flights, "flight", flight_id)
             connection.execute(delete(flights).where(flights.c.id == flight_id))
 
     def append(

@@ -9,7 +9,15 @@ from typing import Any, Literal
 from sqlalchemy import Connection, Select, delete, func, insert, select, update
 
 from app.store.flights import replays_of
-from app.store.repository import Entry, InUse, Repository, columns, complete, fetch
+from app.store.repository import (
+    Entry,
+    InUse,
+    Repository,
+    check_not_kept,
+    columns,
+    complete,
+    fetch,
+)
 from app.store.tables import now, recordings, scorings
 
 MappingState = Literal["proposed", "remembered", "confirmed"]
@@ -38,6 +46,8 @@ class RecordingInfo(Entry):
     n_scorings: int
     same_as: str | None
     """id of an earlier upload of the same bytes"""
+    keep: bool
+    """whether it is kept for ever"""
 
 
 @dataclass(frozen=True)
@@ -126,11 +136,15 @@ class RecordingRepository(Repository):
             connection.execute(update(recordings).where(this).values(**values))
 
     def withdraw(self, recording_id: str) -> None:
-        """Let a recording be seen no more: its folder is about to go. NotFound; InUse if flown."""
+        """Let a recording be seen no more: its folder is about to go.
+
+        NotFound; InUse if flown; KeptForEver.
+        """
         with self._deleting() as connection:
             name = fetch_recording(connection, recording_id).name
             if users := replays_of(connection, "recording", recording_id):
                 raise InUse(f"recording {name}", users)
+            check_not_kept(connection, recordings, "recording", recording_id)
             this = recordings.c.id == recording_id
             connection.execute(update(recordings).where(this).values(complete=False))
             connection.execute(delete(scorings).where(scorings.c.recording_id == recording_id))

@@ -7,7 +7,7 @@ from threading import RLock
 from typing import Any
 
 from pydantic import ConfigDict
-from sqlalchemy import Connection, Engine, Row, Select, Table, delete, insert, update
+from sqlalchemy import Connection, Engine, Row, Select, Table, delete, insert, select, update
 
 from app.store.database import reading, writing
 from app.store.reserve import Reserve
@@ -27,6 +27,10 @@ class InUse(ValueError):
         named = ", ".join(f"{name} ({identity})" for name, identity in self.users[:5])
         more = f" and {len(self.users) - 5} more" if len(self.users) > 5 else ""
         super().__init__(f"{what} is used by {named}{more}: delete them first")
+
+
+class KeptForEver(ValueError):
+    """What was to be deleted is kept for ever."""
 
 
 class Entry:
@@ -127,6 +131,13 @@ def _transactions(parts: Iterable[dict[str, Any]]) -> Iterator[list[dict[str, An
             group, size = [], 0
     if group:
         yield group
+
+
+def check_not_kept(connection: Connection, table: Table, what: str, identity: str) -> None:
+    """KeptForEver; nothing for what is not there."""
+    kept = connection.execute(select(table.c.keep).where(table.c.id == identity)).scalar()
+    if kept:
+        raise KeptForEver(f"{what} {identity} is kept for ever: release it first")
 
 
 def columns(table: Table, entry: type) -> list[Any]:

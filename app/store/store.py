@@ -17,18 +17,19 @@ from app.store.datasets import DatasetRepository
 from app.store.flight_markers import FlightMarkerRepository
 from app.store.flights import FlightRepository
 from app.store.jobs import JobRepository
+from app.store.keeping import KeepingRepository
 from app.store.mappings import MappingRepository
 from app.store.markers import MarkerRepository
 from app.store.monitors import MonitorRepository
 from app.store.recordings import RecordingRepository
-from app.store.repository import InUse, NotFound, Writer
+from app.store.repository import InUse, KeptForEver, NotFound, Writer
 from app.store.reserve import Reserve
 from app.store.schema import bring_up_to_date, current_revision, forget_copies
 from app.store.scorings import ScoringRepository
 from app.store.tokens import TokenRepository
 
 LOG = logging.getLogger("forewarn")
-__all__ = ["Damaged", "InUse", "NotFound", "Store", "StoreError", "open_store"]
+__all__ = ["Damaged", "InUse", "KeptForEver", "NotFound", "Store", "StoreError", "open_store"]
 
 
 class Store:
@@ -49,6 +50,7 @@ class Store:
         self.mappings = MappingRepository(*shared)
         self.scorings = ScoringRepository(*shared)
         self.markers = MarkerRepository(*shared)
+        self.keeping = KeepingRepository(*shared)
         self.answers = AnswerRepository(*shared)
         self.tokens = TokenRepository(*shared)
         self.audit = AuditRepository(*shared)

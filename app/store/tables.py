@@ -25,6 +25,7 @@ from sqlalchemy import (
     Text,
     TypeDecorator,
     UniqueConstraint,
+    false,
 )
 
 ID_BYTES = 6
@@ -198,6 +199,7 @@ flights = Table(
     _time("created", nullable=False),
     _time("ended"),
     Column("exceeded_t", Float),
+    Column("keep", Boolean, nullable=False, server_default=false()),
 )
 
 assessment_chunks = Table(
@@ -273,6 +275,7 @@ recordings = Table(
     _plain("quality", nullable=True),
     Column("problem", Text),
     _plain("statistics"),
+    Column("keep", Boolean, nullable=False, server_default=false()),
 )
 
 mappings = Table(
