@@ -23,18 +23,19 @@ def origin(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
         yield server.http
 
 
-@pytest.mark.parametrize(
-    ("key", "value", "degrees", "si"),
-    [
-        ("beta", 0.1221730476, ["7.00 deg", "7 deg"], ["0.122 rad", "0.1222 rad"]),
-        ("r", -0.2, ["−11.5 deg/s", "−11.46 deg/s"], ["−0.200 rad/s", "−0.2 rad/s"]),
-        ("Ny", 0.5, ["0.500 g", "0.5 g"], ["0.500 g", "0.5 g"]),
-    ],
-)
-def test_readings_and_limits_are_said_in_degrees_or_si(page, origin, key, value, degrees, si):
+SAID = {
+    ("beta", 0.1221730476): (["7.00 deg", "7 deg"], ["0.122 rad", "0.1222 rad"]),
+    ("r", -0.2): (["−11.5 deg/s", "−11.46 deg/s"], ["−0.200 rad/s", "−0.2 rad/s"]),
+    ("Ny", 0.5): (["0.500 g", "0.5 g"], ["0.500 g", "0.5 g"]),
+}
+"""A reading and a limit, in degrees and in SI units."""
+
+
+def test_readings_and_limits_are_said_in_degrees_or_si(page: Page, origin: str) -> None:
     page.goto(origin)
-    channel = {**BY_KEY[key].__dict__}
-    assert page.evaluate(UNITS, [channel, value]) == [degrees, si]
+    for (key, value), (degrees, si) in SAID.items():
+        channel = {**BY_KEY[key].__dict__}
+        assert page.evaluate(UNITS, [channel, value]) == [degrees, si]
 
 
 def test_the_form_takes_degrees_and_sends_radians_and_the_choice_is_remembered(
@@ -67,19 +68,17 @@ def test_the_form_takes_degrees_and_sends_radians_and_the_choice_is_remembered(
     expect(label).to_contain_text("[rad]")
 
 
-@pytest.mark.parametrize(
-    ("path", "label", "hint"),
-    [
-        ("control_law.kr", "yaw damper gain kr [s]", "Rudder per washed-out yaw rate"),
-        ("control_law.kp", "roll damper gain kp [s]", "Aileron per roll rate"),
-        ("aircraft.n_states", "number of states", "4 with bank angle phi, or 3 as in the paper"),
-        ("maneuver.half_s", "length of each half [s]", ""),
-    ],
-)
-def test_a_form_calls_its_fields_by_the_fields_words_with_units(
-    page: Page, origin: str, path: str, label: str, hint: str
-) -> None:
+FIELDS = {
+    "control_law.kr": ("yaw damper gain kr [s]", "Rudder per washed-out yaw rate"),
+    "control_law.kp": ("roll damper gain kp [s]", "Aileron per roll rate"),
+    "aircraft.n_states": ("number of states", "4 with bank angle phi, or 3 as in the paper"),
+    "maneuver.half_s": ("length of each half [s]", ""),
+}
+
+
+def test_a_form_calls_its_fields_by_the_fields_words_with_units(page: Page, origin: str) -> None:
     page.goto(f"{origin}/#/monitors/new")
-    field = page.locator(f'[data-path="dataset.{path}"]')
-    expect(field.locator("label")).to_have_text(label)
-    expect(field.locator(".hint")).to_have_text(hint)
+    for path, (label, hint) in FIELDS.items():
+        field = page.locator(f'[data-path="dataset.{path}"]')
+        expect(field.locator("label")).to_have_text(label)
+        expect(field.locator(".hint")).to_have_text(hint)

@@ -102,20 +102,15 @@ def test_the_scene_shows_the_state_in_colour_and_words(page: Page, site: Site, a
     assert f"{site.ws}/scene/f1" in asked
 
 
-def test_the_share_button_is_not_offered(page: Page, site: Site, asked: list[str]):
-    scene = site.scenes.open("f1")
-    show(scene)
-    page.goto(f"{site.http}/scene/f1/")
-    page.get_by_text("RISK 0.04").wait_for(timeout=60_000)
-    assert page.get_by_text("Share").count() == 0
-
-
-def test_a_frame_without_focus_reconnects_when_told_to(page: Page, site: Site, asked: list[str]):
+def test_a_frame_has_no_share_button_and_reconnects_without_focus_when_told_to(
+    page: Page, site: Site, asked: list[str]
+):
     scene = site.scenes.open("f1")
     show(scene)
     page.goto(f"{site.http}/frame/f1")
     inside = page.frame_locator("#scene")
     inside.get_by_text("RISK 0.04").wait_for(timeout=60_000)
+    assert inside.get_by_text("Share").count() == 0
     page.evaluate(
         """() => {
             const {contentDocument, contentWindow} = document.getElementById("scene");

@@ -424,9 +424,7 @@ def test_a_rollout_is_picked_looked_at_and_replayed(page: Page, site: Site) -> N
     expect(page).to_have_url(re.compile(wanted))
 
 
-@pytest.mark.parametrize("width", [1280, 820])
-def test_nothing_is_wider_than_the_page(page: Page, site: Site, width: int) -> None:
-    page.set_viewport_size({"width": width, "height": 720})
+def test_nothing_is_wider_than_the_page(page: Page, site: Site) -> None:
     for view, ready in (
         ("monitors", "table"),
         ("monitors/new", "main form"),
@@ -436,4 +434,7 @@ def test_nothing_is_wider_than_the_page(page: Page, site: Site, width: int) -> N
         page.goto(f"{site.http}/#/{view}")
         expect(page.locator(ready).first).to_be_visible()
         box = page.locator(".page")
-        assert box.evaluate("element => element.scrollWidth - element.clientWidth") <= 0, view
+        for width in (1280, 820):
+            page.set_viewport_size({"width": width, "height": 720})
+            beyond = box.evaluate("element => element.scrollWidth - element.clientWidth")
+            assert beyond <= 0, (view, width)
