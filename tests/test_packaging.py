@@ -74,13 +74,6 @@ def test_the_newest_tested_release_of_every_dependency_is_known():
     assert set(TESTED) == declared()
 
 
-def test_matplotlib_loads_only_where_a_figure_is_drawn():
-    commands = (file.stem for file in (ROOT / "app/commands").glob("[!_]*.py"))
-    modules = ", ".join(["app.main", "app.cli", *(f"app.commands.{name}" for name in commands)])
-    code = f"import sys, {modules}; sys.exit('matplotlib' in sys.modules)"
-    subprocess.run([sys.executable, "-c", code], check=True, cwd=ROOT)
-
-
 @pytest.mark.parametrize(
     ("target", "installs"), [("demo", "--editable ."), ("test", "--editable '.[dev]'")]
 )

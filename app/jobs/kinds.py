@@ -51,9 +51,9 @@ def study_work(recipe: StudyRecipe) -> Work:
         found = study(recipe, progress=trained)
         task.progress("drawing", task.done, task.total)
         limits = recipe.dataset.specification.magnitudes
-        drawn = figures.render(figures.study_curves(found), "miss_and_power")
-        drawn |= figures.render(figures.study_rollouts(found, limits), "rollouts")
-        svg = {name: text.decode() for name, text in drawn.items() if name.endswith(".svg")}
+        drawn = figures.render(figures.study_curves(found), "miss_and_power", ["svg"])
+        drawn |= figures.render(figures.study_rollouts(found, limits), "rollouts", ["svg"])
+        svg = {name: text.decode() for name, text in drawn.items()}
         return summary(found) | {"table": table(found), "figures": svg}
 
     return work

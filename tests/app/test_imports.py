@@ -1,13 +1,16 @@
-"""Slow libraries, as those of file formats, are loaded where they are used, not at the start."""
+"""Slow libraries, of file formats and figures, are loaded where they are used, not at the start."""
 
 import os
 import subprocess
 import sys
 
-MODULES = ("app.commands.report", "app.main", "app.telemetry.reading")
+from tests.support.places import ROOT
+
+COMMANDS = [f"app.commands.{file.stem}" for file in (ROOT / "app/commands").glob("[!_]*.py")]
+MODULES = ("app.main", "app.cli", "app.telemetry.reading", *COMMANDS)
 LIBRARIES = (
-    "asammdf", "chapter10", "h5py", "pandas", "pyarrow", "pyulog", "scipy.io", "scipy.signal",
-    "scipy.stats",
+    "asammdf", "chapter10", "h5py", "matplotlib", "pandas", "pyarrow", "pyulog", "scipy.io",
+    "scipy.signal", "scipy.stats",
 )  # fmt: skip
 
 
