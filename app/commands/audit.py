@@ -3,9 +3,8 @@
 import argparse
 import sys
 
-from app.commands import serve
 from app.commands.results import add_json
-from app.commands.token import places_of
+from app.commands.stored_data import add_place, place_of
 from app.routes.audit import as_csv, as_json_lines, utc
 from app.store.store import open_store
 
@@ -16,14 +15,14 @@ def add(parser: argparse.ArgumentParser) -> None:
         help_ = f"{text}: day or time in ISO 8601, of UTC where it names no zone"
         parser.add_argument(f"--{name}", metavar="TIME", help=help_)
     parser.add_argument("--who", metavar="NAME", help="of this person alone")
-    serve.add_places(parser)
+    add_place(parser)
     add_json(parser)
 
 
 def run(options: argparse.Namespace) -> int:
     """Print it, oldest first; `--json`: an object a line."""
     since, until = (text and utc(text) for text in (options.since, options.until))
-    store = open_store(places_of(options).url, recover=False)
+    store = open_store(place_of(options).url, recover=False)
     try:
         entries = store.audit.read(since, until, options.who)
         sys.stdout.writelines((as_json_lines if options.json else as_csv)(entries))

@@ -17,6 +17,7 @@ from httpx2 import ASGITransport, AsyncClient
 
 from app.commands import serve as serve_command
 from app.commands.progress import progress_bar
+from app.http.login import COOKIE
 from app.jobs.requests import dataset_name
 from app.jobs.training import fly_test, simulate, train_and_test
 from app.recipes import to_plain
@@ -73,7 +74,7 @@ def demonstrate(settings: Settings, say: Callable[[str], None], *, browser: bool
         raise
 
     async def opened(app: FastAPI, address: str) -> None:
-        flight = await fly(app, settings, monitor_id)
+        flight = await fly(app, monitor_id)
         page = f"{address}/#/fly/{flight}"
         say(f"flying at {page} (stop with Ctrl+C)")
         serve_command.say_link(app, address)
@@ -151,9 +152,10 @@ def _warn(info: MonitorInfo, say: Callable[[str], None]) -> None:
         say(f"WARNING: {warning}")
 
 
-async def fly(app: FastAPI, settings: Settings, monitor_id: str) -> str:
+async def fly(app: FastAPI, monitor_id: str) -> str:
     """Start a flight of a fresh aircraft that will exceed its limit, over and over; its id."""
-    headers = {"Authorization": f"Bearer {settings.token}"} if settings.token else {}
+    session = app.state.sessions.begin(app.state.people.server)
+    headers = {"Cookie": f"{COOKIE}={session}"}
     source = {"kind": "simulated", "outcome": "unsafe", "seed": SEED}
     base = "http://127.0.0.1"
     async with AsyncClient(transport=ASGITransport(app), base_url=base, headers=headers) as client:
@@ -165,4 +167,5 @@ async def fly(app: FastAPI, settings: Settings, monitor_id: str) -> str:
         flight = answer.json()["id"]
         loop = {"action": "loop", "value": True}
         (await client.post(f"/api/v1/flights/{flight}/transport", json=loop)).raise_for_status()
+    app.state.sessions.end(session)
     return flight

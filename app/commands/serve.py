@@ -1,11 +1,11 @@
 """The command that serves, and the options of all that do."""
 
 import argparse
-from pathlib import Path
 
 from fastapi import FastAPI
 
 from app import serving
+from app.commands.stored_data import add_place
 from app.http.people import People
 from app.http.sessions import Sessions
 from app.settings import Settings, read_settings
@@ -14,16 +14,10 @@ from app.store.tokens import LINK_SECONDS
 
 def add(parser: argparse.ArgumentParser) -> None:
     """Add the options of a server: where it keeps what it knows, where it listens."""
-    add_places(parser)
+    add_place(parser)
     parser.add_argument("--host", help="address to listen on, 127.0.0.1 if absent")
     parser.add_argument("--port", type=int, help="port to listen on, 8000 if absent; 0: any")
     parser.epilog = "Settings come from FOREWARN_* too; the token only from FOREWARN_TOKEN."
-
-
-def add_places(parser: argparse.ArgumentParser) -> None:
-    """Add the options that say where a server keeps what it knows."""
-    parser.add_argument("--data-dir", type=Path, metavar="DIR", help="where everything is kept")
-    parser.add_argument("--database-url", metavar="URL", help="database in place of SQLite's")
 
 
 def settings_of(options: argparse.Namespace) -> Settings:

@@ -4,9 +4,9 @@ import argparse
 import getpass
 from dataclasses import asdict
 
-from app.commands import serve
 from app.commands.results import add_json, print_result
-from app.settings import Settings, read_settings
+from app.commands.stored_data import add_place, place_of
+from app.settings import Settings
 from app.store.audit import AuditEntry
 from app.store.store import Store, open_store
 from app.store.tables import now
@@ -29,19 +29,13 @@ def add(parser: argparse.ArgumentParser) -> None:
     for each in (revoke, link):
         each.add_argument("name", help="of the person")
     for each in (create, listing, revoke, link):
-        serve.add_places(each)
+        add_place(each)
         add_json(each)
-
-
-def places_of(options: argparse.Namespace) -> Settings:
-    """Settings of the server whose database is meant; its own address plays no part."""
-    own = {"data_dir": options.data_dir, "database_url": options.database_url}
-    return read_settings(host="127.0.0.1", **own)
 
 
 def run(options: argparse.Namespace) -> int:
     """Do it and print what came of it."""
-    settings = places_of(options)
+    settings = place_of(options)
     store = open_store(settings.url, recover=False)
     try:
         ACTIONS[options.action](options, store, settings)
@@ -75,7 +69,7 @@ def _link(options: argparse.Namespace, store: Store, settings: Settings) -> None
     token = store.tokens.of_name(options.name)
     code = store.tokens.make_link(token.id)
     _log(store, "POST", f"{TOKENS}/{token.id}/link", 200)
-    address = (options.address or f"http://{settings.host}:{settings.port}").rstrip("/")
+    address = (options.address or f"http://127.0.0.1:{settings.port}").rstrip("/")
     link = f"{address}/login?link={code}"
     text = f"logs {options.name} in once, within {LINK_SECONDS / 60:.0f} minutes: {link}"
     print_result(options, text, {"link": link, "seconds": LINK_SECONDS})

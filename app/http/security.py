@@ -188,7 +188,8 @@ class Guard:
         if may(person.role, needed):
             return
         self.audit.note(connection, person, 403)
-        text = f"{method} {path} needs the role {needed}: {person.name} has the role {person.role}"
+        has = f"{person.name} has the role {person.role}"
+        text = f"the role {needed} is needed, {has}: {method} {path}"
         raise Refusal(403, text, "role", {"needed": needed, "role": person.role})
 
     async def _wait_for_end(self, admission: Admission, session: str) -> None:

@@ -7,6 +7,7 @@
  */
 
 import { api } from "./lib/api.js";
+import { loadMe } from "./lib/me.js";
 import { remember, remembered } from "./lib/storage.js";
 import { chooseSI, isSI, tellUnits } from "./lib/units.js";
 
@@ -132,6 +133,13 @@ function bindUnitsButton(button) {
   show();
 }
 
+/** The name and role of who is logged in; nobody is where no token is asked for. */
+function showMe(me) {
+  const element = document.querySelector("#me");
+  element.hidden = me === null || me.name === "local";
+  if (!element.hidden) element.textContent = `${me.name} · ${me.role}`;
+}
+
 document.querySelector("[data-skip]").addEventListener("click", (event) => {
   event.preventDefault();
   page.focus();
@@ -139,5 +147,6 @@ document.querySelector("[data-skip]").addEventListener("click", (event) => {
 bindUnitsButton(document.querySelector("#units"));
 bindThemeButton(document.querySelector("#theme"));
 document.querySelector("#logout").hidden = !document.cookie.split("; ").includes("forewarn-page=1");
+showMe(await loadMe(api));
 addEventListener("hashchange", open);
 open();

@@ -134,10 +134,14 @@ def test_the_demonstration_finds_a_taken_port_before_it_trains(tmp_path, capsys)
     assert not (tmp_path / "data").exists()
 
 
-def test_the_demonstration_flies_and_keeps_its_monitor(tmp_path):
+def test_the_demonstration_flies_among_people_and_keeps_its_monitor(tmp_path):
+    store = open_store(Settings(data_dir=tmp_path).url)
+    _, token = store.tokens.add("Ann", "viewer")
+    store.close()
     arguments = ("demo", "--data-dir", str(tmp_path), "--port", "0", "--no-browser")
     with command(*arguments) as (_, address):
-        flight = httpx2.get(f"{address}/api/v1/flights").json()[0]
+        headers = {"Authorization": f"Bearer {token}"}
+        flight = httpx2.get(f"{address}/api/v1/flights", headers=headers).json()[0]
         assert flight["progress"] == "running"
         assert flight["transport"]["loop"] is True
         assert flight["fail_t"] is not None

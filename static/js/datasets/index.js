@@ -11,6 +11,7 @@ import { formatted, h } from "../lib/dom.js";
 import { followInPlace, jobList } from "../lib/job_progress.js";
 import { tableHead } from "../lib/lists.js";
 import { loadingView } from "../lib/loading_view.js";
+import { needs } from "../lib/me.js";
 import { moment, percent } from "../lib/numbers.js";
 import { empty, errorLine, link, pageOf } from "../lib/view_states.js";
 import { showDataset } from "./page.js";
@@ -116,7 +117,7 @@ function showSimulation(element, { api, navigate }) {
       h(
         "div",
         { class: "row" },
-        h("button", { class: "button button-primary", type: "submit" }, "Simulate"),
+        h("button", { class: "button button-primary", type: "submit", ...needs("POST /datasets") }, "Simulate"),
         link("Not now", "#/datasets"),
       ),
     );

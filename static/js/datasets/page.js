@@ -5,6 +5,7 @@ import { aircraftName, kindName, limitWords, loadCatalog } from "../lib/catalog.
 import { formatted, h } from "../lib/dom.js";
 import { factList, recipeList } from "../lib/lists.js";
 import { loadingView } from "../lib/loading_view.js";
+import { needs } from "../lib/me.js";
 import { figure, moment, percent } from "../lib/numbers.js";
 import { askToConfirm, button, link, pageOf } from "../lib/view_states.js";
 import { peakFigure, rolloutFigure, sampleRollouts } from "./figures.js";
@@ -39,7 +40,7 @@ export function showDataset(element, { id, api, navigate }) {
         { class: "button", href: `/api/v1/datasets/${id}/arrays`, download: `dataset-${id}.npz` },
         "Download the arrays",
       ),
-      button("Delete", () => remove(dataset), { class: "button button-danger" }),
+      button("Delete", () => remove(dataset), { class: "button button-danger", ...needs("DELETE /datasets/{}") }),
     ];
     const { specification } = dataset.recipe;
     const figures = [

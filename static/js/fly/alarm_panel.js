@@ -25,6 +25,7 @@
 import { shownState, symbolNodes } from "../charts/readout.js";
 import { reason } from "../lib/api.js";
 import { h, put } from "../lib/dom.js";
+import { needs } from "../lib/me.js";
 import { sentence } from "../lib/monitor_warnings.js";
 import { riskText } from "../lib/numbers.js";
 import { magnitudeIn, quantity } from "../lib/units.js";
@@ -48,7 +49,7 @@ export function guarantee({ epsilon, lead }) {
 export function createAlarmPanel(element, { tone, acknowledge }) {
   element.classList.add("alarm-panel");
   const text = h("span", { class: "alarm-text" });
-  const button = h("button", { type: "button", class: "button", title: "Acknowledge (key K)", onclick: acknowledgeAll }, "Acknowledge [K]");
+  const button = h("button", { type: "button", class: "button", title: "Acknowledge (key K)", onclick: acknowledgeAll, ...needs("POST /flights/{}/alarms/{}/acknowledge") }, "Acknowledge [K]");
   const banner = h("div", { class: "alarm-banner", role: "alert", hidden: true }, text, button);
   const quiet = h("strong", {}, "No alarm waits. ");
   const promise = h("span", {});

@@ -19,6 +19,7 @@
 
 import { reason } from "../lib/api.js";
 import { h, put } from "../lib/dom.js";
+import { needs } from "../lib/me.js";
 import { LEVEL_OF } from "./headline.js";
 
 const STORED_LATE = 503; // shown, and not stored yet
@@ -38,7 +39,7 @@ export function createFlightMarkers({ buttons, last }, { set, heard }) {
   function button({ kind, word, meaning, level, shortcut }) {
     const key = shortcut.toUpperCase();
     const title = `${word}: ${meaning}. Sets a marker; the flight goes on (key ${key})`;
-    const element = h("button", { type: "button", class: "button button-small marker-button", "data-level": LEVEL_OF[level], "data-marker": kind, title },
+    const element = h("button", { type: "button", class: "button button-small marker-button", "data-level": LEVEL_OF[level], "data-marker": kind, title, ...needs("POST /flights/{}/markers") },
       word, h("span", { class: "marker-key" }, ` [${key}]`));
     let asked = false;
     const press = async () => {

@@ -10,6 +10,7 @@ import { createStripChart } from "../charts/live/strip_chart.js";
 import { reason } from "../lib/api.js";
 import { h, put } from "../lib/dom.js";
 import { createEventList } from "../lib/event_list.js";
+import { needs } from "../lib/me.js";
 import { warningLines } from "../lib/monitor_warnings.js";
 import { startFlight } from "../lib/start_flight.js";
 import { askToConfirm, state } from "../lib/view_states.js";
@@ -45,16 +46,16 @@ export function showFlightRecord(element, { flight, why, api, navigate }) {
   panels.scene.append(state("empty", "Flight over", "The scene is shown while it flies."));
   panels.notice.hidden = false;
   const failure = h("span", { class: "error", role: "alert", hidden: true });
-  const acknowledgeButton = h("button", { type: "button", class: "button button-small", hidden: true, onclick: () => acknowledge().catch(fail) });
+  const acknowledgeButton = h("button", { type: "button", class: "button button-small", hidden: true, onclick: () => acknowledge().catch(fail), ...needs("POST /flights/{}/alarms/{}/acknowledge") });
   let waiting = [];
   panels.notice.append(...[
     verdictLine(flight),
     h("p", {}, h("strong", {}, `This flight ${HOW[flight.progress] ?? "is over"}${because(why)}. `), "Its record is shown."),
     h("div", { class: "row" },
       acknowledgeButton,
-      h("button", { type: "button", class: "button button-small button-primary", onclick: again }, "Fly it again"),
+      h("button", { type: "button", class: "button button-small button-primary", onclick: again, ...needs("POST /flights") }, "Fly it again"),
       h("a", { class: "button button-small", href: "#/fly" }, "All flights"),
-      h("button", { type: "button", class: "button button-small button-danger", onclick: () => askToConfirm("Delete this record?", "Its samples, assessments and alarms are gone for good.", "Delete the record", remove) }, "Delete the record"),
+      h("button", { type: "button", class: "button button-small button-danger", onclick: () => askToConfirm("Delete this record?", "Its samples, assessments and alarms are gone for good.", "Delete the record", remove), ...needs("DELETE /flights/{}") }, "Delete the record"),
       failure),
     ...warningLines(flight),
   ].filter((part) => part !== null));

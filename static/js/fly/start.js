@@ -8,6 +8,7 @@
 
 import { reason } from "../lib/api.js";
 import { h, put } from "../lib/dom.js";
+import { needs } from "../lib/me.js";
 import { warningLines, warningMark, warningsAt, warningWords } from "../lib/monitor_warnings.js";
 import { startFlight } from "../lib/start_flight.js";
 import { errorLine, state } from "../lib/view_states.js";
@@ -128,7 +129,7 @@ function startForm({ monitors, datasets, query, api, navigate }) {
   const replayed = h("div", { class: "stack" }, field("Dataset", dataset), field("Rollout", rollout, range), none);
   const failure = errorLine();
   const warnings = h("div");
-  const go = h("button", { class: "button button-primary" }, "Start the flight");
+  const go = h("button", { class: "button button-primary", ...needs("POST /flights") }, "Start the flight");
   const chosen = () => monitors.find(({ id }) => id === monitor.value);
   let epsilonOf = "";
   let warned = ""; // the monitor and the epsilon that the warnings are of

@@ -18,6 +18,7 @@
 
 import { reason } from "../lib/api.js";
 import { h, put } from "../lib/dom.js";
+import { may } from "../lib/me.js";
 
 const SPEEDS = [0.1, 0.2, 0.5, 1, 2, 5, 10];
 
@@ -177,7 +178,8 @@ export function createTransportBar(element, { act, end }) {
     },
     setUsable: (usable) => {
       if (!usable) sought = null;
-      for (const part of [back, stepBack, play, step, next, event, loop, speed, slider, stop]) part.disabled = !usable;
+      for (const part of [back, stepBack, play, step, next, event, loop, speed, slider]) part.disabled = !usable || !may("POST /flights/{}/transport");
+      stop.disabled = !usable || !may("POST /flights/{}/end");
       failure.hidden = true;
     },
   };

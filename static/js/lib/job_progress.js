@@ -13,6 +13,7 @@
 
 import { reason } from "./api.js";
 import { h } from "./dom.js";
+import { needs } from "./me.js";
 import { moment } from "./numbers.js";
 import { button, errorLine } from "./view_states.js";
 
@@ -38,7 +39,7 @@ export function followInPlace({ form, stage, keep, focus, ...order }) {
 export function createJobProgress({ api, job, title, done, back }) {
   const bar = h("progress", { class: "progress", "aria-label": "progress" });
   const message = h("p", { role: "status", class: "job-message" }, "waiting for its turn");
-  const stop = button("Cancel", cancel);
+  const stop = button("Cancel", cancel, needs("POST /jobs/{}/cancel"));
   const failure = errorLine();
   const element = h(
     "section",

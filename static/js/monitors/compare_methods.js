@@ -12,6 +12,7 @@ import { h } from "../lib/dom.js";
 import { createJobProgress } from "../lib/job_progress.js";
 import { tableHead } from "../lib/lists.js";
 import { loadingView } from "../lib/loading_view.js";
+import { needs } from "../lib/me.js";
 import { figure, interval, moment, percent } from "../lib/numbers.js";
 import { empty, errorLine, link, pageOf } from "../lib/view_states.js";
 import { methodsFigure } from "./figures.js";
@@ -61,7 +62,7 @@ async function form({ catalog, api, query, navigate }) {
   });
   const sizes = createFields(schema, usual, { catalog, path: "study", hidden: ["dataset"] });
   const failure = errorLine();
-  const go = h("button", { class: "button button-primary", type: "submit" }, "Compare");
+  const go = h("button", { class: "button button-primary", type: "submit", ...needs("POST /studies") }, "Compare");
   const asForm = h(
     "form",
     { class: "form", novalidate: true, onsubmit: send, "aria-label": TITLE, "data-keeps-input": true },

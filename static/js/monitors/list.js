@@ -6,6 +6,7 @@ import { h } from "../lib/dom.js";
 import { jobList } from "../lib/job_progress.js";
 import { hiddenHead, tableHead } from "../lib/lists.js";
 import { loadingView } from "../lib/loading_view.js";
+import { needs } from "../lib/me.js";
 import { figure, moment, percent } from "../lib/numbers.js";
 import { warningMark } from "../lib/monitor_warnings.js";
 import { button, empty, errorLine, link, pageOf } from "../lib/view_states.js";
@@ -55,7 +56,7 @@ export function showMonitors(element, { api, navigate }) {
     return h(
       "div",
       { class: "row" },
-      button("Upload a monitor file", () => input.click()),
+      button("Upload a monitor file", () => input.click(), needs("POST /monitors")),
       input,
       failure.element,
     );

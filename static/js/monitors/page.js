@@ -6,6 +6,7 @@ import { aircraftName, kindName, limitWords, loadCatalog } from "../lib/catalog.
 import { formatted, h } from "../lib/dom.js";
 import { factList, recipeList } from "../lib/lists.js";
 import { loadingView } from "../lib/loading_view.js";
+import { needs } from "../lib/me.js";
 import { figure, moment, percent } from "../lib/numbers.js";
 import { warningLines } from "../lib/monitor_warnings.js";
 import { askToConfirm, button, empty, link, pageOf } from "../lib/view_states.js";
@@ -45,7 +46,7 @@ export function showMonitor(element, { id, api, navigate }) {
         "Download the file",
       ),
       link("Train one like it", `#/monitors/new?like=${id}`),
-      button("Delete", () => remove(monitor), { class: "button button-danger" }),
+      button("Delete", () => remove(monitor), { class: "button button-danger", ...needs("DELETE /monitors/{}") }),
     ];
     const figures = [
       rollouts

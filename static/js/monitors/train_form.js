@@ -12,6 +12,7 @@ import { loadCatalog } from "../lib/catalog.js";
 import { h } from "../lib/dom.js";
 import { followInPlace } from "../lib/job_progress.js";
 import { loadingView } from "../lib/loading_view.js";
+import { needs } from "../lib/me.js";
 import { figure } from "../lib/numbers.js";
 import { errorLine, link, pageOf } from "../lib/view_states.js";
 import { neededFor } from "./calibration_rule.js";
@@ -102,7 +103,7 @@ function createTrainForm({ api, catalog, datasets, like, chosen, onsubmit }) {
   });
   const failure = errorLine();
   const served = h("p", { class: "hint served" });
-  const go = h("button", { class: "button button-primary", type: "submit" }, "Train");
+  const go = h("button", { class: "button button-primary", type: "submit", ...needs("POST /monitors") }, "Train");
   const advanced = fields.keys.filter((key) => !MAIN.includes(key));
   const families = advanced.filter((key) => schema.properties[key]?.["x-family"]);
   const element = h(

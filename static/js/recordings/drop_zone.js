@@ -7,6 +7,7 @@
  */
 
 import { h } from "../lib/dom.js";
+import { needs } from "../lib/me.js";
 import { button } from "../lib/view_states.js";
 import { createUploads } from "./uploads.js";
 
@@ -40,7 +41,7 @@ export function createDropZone({ aircraft, formats, done }) {
   const uploads = createUploads({ aircraft: () => name.value.trim(), done });
   const zone = h(
     "div",
-    { class: "drop-zone" },
+    { class: "drop-zone", ...needs("POST /recordings") },
     h("p", { class: "drop-words" }, "Drop a recording anywhere on this page"),
     h(
       "div",

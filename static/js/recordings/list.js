@@ -4,6 +4,7 @@ import { loadCatalog } from "../lib/catalog.js";
 import { h } from "../lib/dom.js";
 import { hiddenHead, tableHead } from "../lib/lists.js";
 import { loadingView } from "../lib/loading_view.js";
+import { needs } from "../lib/me.js";
 import { bytesText, durationText, moment } from "../lib/numbers.js";
 import { askToConfirm, button, empty, pageOf } from "../lib/view_states.js";
 import { createDropZone } from "./drop_zone.js";
@@ -91,6 +92,7 @@ function table(recordings, catalog, remove) {
         button("Delete", () => remove(recording), {
           class: "button button-small",
           "aria-label": `Delete ${recording.name}`,
+          ...needs("DELETE /recordings/{}"),
         }),
       ),
     );

@@ -12,6 +12,7 @@
 import { reason } from "../lib/api.js";
 import { h, put } from "../lib/dom.js";
 import { keepDraft } from "../lib/drafts.js";
+import { needs } from "../lib/me.js";
 import { secondsText } from "../lib/numbers.js";
 import { button, errorLine } from "../lib/view_states.js";
 import { createNoteList, noteSign } from "./note_list.js";
@@ -40,7 +41,7 @@ export function createNotesPanel({ api, recording, place, go, changed }) {
     h("h2", { class: "event-title" }, "Notes and markers"),
     h(
       "form",
-      { class: "note-form", onsubmit: send, "aria-label": "Add a note" },
+      { class: "note-form", onsubmit: send, "aria-label": "Add a note", ...needs("POST /recordings/{}/markers") },
       h("div", { class: "field" }, text),
       h("div", { class: "row" }, add, flag, where),
     ),

@@ -7,6 +7,7 @@ import { previewTiles } from "../charts/recorded/preview_tiles.js";
 import { loadCatalog } from "../lib/catalog.js";
 import { h } from "../lib/dom.js";
 import { loadingView } from "../lib/loading_view.js";
+import { needs } from "../lib/me.js";
 import { askToConfirm, button, link, pageOf } from "../lib/view_states.js";
 import { createSignalList, recordingFacts } from "./facts.js";
 import { createMappingSection } from "./mapping/section.js";
@@ -58,7 +59,7 @@ export function showRecording(element, { id, api, navigate }) {
     next = false;
     const actions = [
       link("All recordings", "#/recordings"),
-      button("Delete", () => remove(recording), { class: "button button-danger" }),
+      button("Delete", () => remove(recording), { class: "button button-danger", ...needs("DELETE /recordings/{}") }),
     ];
     return pageOf(
       recording.name,

@@ -91,8 +91,8 @@ def test_a_route_is_refused_below_the_role_of_its_rule(
         assert refused is None
     else:
         assert refused is not None
-        needed = f"{method} {path} needs the role {rule.role}: {NAMED[role]} has the role {role}"
-        assert refused["detail"] == needed
+        needed = f"the role {rule.role} is needed, {NAMED[role]} has the role {role}"
+        assert refused["detail"] == f"{needed}: {method} {path}"
 
 
 def test_what_no_rule_names_is_for_admins(client: TestClient, bearers: Any) -> None:

@@ -133,7 +133,7 @@ def test_an_acknowledgement_is_in_the_name_of_who_is_logged_in(
     assert told.json()["by"] == "Ann"
     _, bo = hired(client, "Bo", "viewer")
     refused = client.post(f"{flight}/alarms/2/acknowledge", headers=bo)
-    assert "needs the role operator: Bo has the role viewer" in problem(refused, 403)
+    assert "the role operator is needed, Bo has the role viewer" in problem(refused, 403)
     assert [alarm["by"] for alarm in client.get(f"{flight}/alarms", headers=bo).json()] == [
         "Ann",
         None,

@@ -11,6 +11,7 @@
 
 import { reason } from "../../lib/api.js";
 import { h } from "../../lib/dom.js";
+import { needs } from "../../lib/me.js";
 import { button, errorLine } from "../../lib/view_states.js";
 import { mappingState } from "../words.js";
 import { createMappingFile } from "./mapping_file.js";
@@ -48,6 +49,7 @@ export function createMappingSection({
   const again = recording.mapping_state === "confirmed";
   const confirm = button(again ? "Confirm the change" : "Confirm the mapping", put, {
     class: "button button-primary",
+    ...needs("PUT /recordings/{}/mapping"),
   });
   const { word, level, text } = mappingState(recording);
   let edited = false;

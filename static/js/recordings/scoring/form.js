@@ -12,6 +12,7 @@
 import { decimal } from "../../forms/decimals.js";
 import { reason } from "../../lib/api.js";
 import { h } from "../../lib/dom.js";
+import { needs } from "../../lib/me.js";
 import { errorLine } from "../../lib/view_states.js";
 import { createManoeuvrePicker } from "./manoeuvre_picker.js";
 import { createMonitorChoice } from "./monitor_choice.js";
@@ -44,7 +45,7 @@ export function createScoreForm({ api, catalog, recording, monitors, used, score
   );
   const failure = errorLine();
   const progress = h("p", { role: "status", class: "dim" });
-  const go = h("button", { class: "button button-primary", type: "submit" }, "Score");
+  const go = h("button", { class: "button button-primary", type: "submit", ...needs("POST /recordings/{}/scorings") }, "Score");
   const element = h(
     "form",
     { class: "panel form score-form", novalidate: true, onsubmit: send, "aria-label": "Score" },

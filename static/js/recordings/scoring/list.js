@@ -7,6 +7,7 @@
 
 import { h } from "../../lib/dom.js";
 import { tableHead } from "../../lib/lists.js";
+import { needs } from "../../lib/me.js";
 import { warningMark } from "../../lib/monitor_warnings.js";
 import { figure, moment, riskText } from "../../lib/numbers.js";
 import { askToConfirm, button } from "../../lib/view_states.js";
@@ -118,6 +119,7 @@ export function createScoringList({ api, recording, scorings, changed, navigate 
         button("Delete", () => remove(scoring, words), {
           class: "button button-small",
           "aria-label": `Delete ${words}`,
+          ...needs("DELETE /recordings/{}/scorings/{}"),
         }),
       ),
     );

@@ -8,6 +8,7 @@ import { reason } from "../../lib/api.js";
 import { formatted, h } from "../../lib/dom.js";
 import { createEventList } from "../../lib/event_list.js";
 import { loadingView } from "../../lib/loading_view.js";
+import { needs } from "../../lib/me.js";
 import { warningMark } from "../../lib/monitor_warnings.js";
 import { figure } from "../../lib/numbers.js";
 import { startFlight } from "../../lib/start_flight.js";
@@ -149,7 +150,7 @@ function actions({ api, navigate }, scoring) {
   const { id: number, recording: id } = scoring;
   const base = `/api/v1/recordings/${id}/scorings/${number}`;
   const failure = errorLine();
-  const replay = button("Replay", fly, { class: "button button-primary" });
+  const replay = button("Replay", fly, { class: "button button-primary", ...needs("POST /flights") });
   return [
     replay,
     h("a", { class: "button", href: `${base}/report`, target: "_blank" }, "Report"),
