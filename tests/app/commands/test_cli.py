@@ -247,7 +247,15 @@ def test_users_own_matrices_and_manoeuvre_table_train_a_monitor(tmp_path: Path):
         (["train", "--aircraft", "concorde"], "aircraft 'concorde' is unknown: choose f16_sl"),
         (["train", "--maneuver", "loop"], "maneuver 'loop' is unknown: choose rudder_doublet"),
         (
-            ["train", "--amplitude", "0.1", "--imperfections", "none"],
+            [
+                "train",
+                "--amplitude",
+                "0.1",
+                "--imperfections",
+                "none",
+                "--set",
+                "dataset.max_rollouts=2000",
+            ],
             "raise the amplitude, lower the limit or raise max_rollouts. At an amplitude of 9.",
         ),
         (["train", "--amplitude", "80"], "lower the amplitude"),

@@ -106,9 +106,14 @@ def test_monitor_equals_the_plain_twin(
         return
     dataset = oscillator.with_early_failures(dataset, 1)
     samples = [0, 9, 14, 17, 20, 33]
+    twins = {
+        calibration: Twin(dataset, mode(calibration, "simple", **choices), predictor, score)
+        for calibration in ("pointwise", "trajectory")
+    }
     for calibration, p_value in MODES:
         recipe = mode(calibration, p_value, **choices)
-        peer, monitor = Twin(dataset, recipe, predictor, score), train(dataset, recipe)
+        peer, monitor = twins[calibration], train(dataset, recipe)
+        peer.recipe = recipe
         size = np.abs(peer.alphas[np.isfinite(peer.alphas)]).max()
         np.testing.assert_allclose(monitor.alphas, np.sort(peer.alphas), 1e-9, 1e-9 * size)
         for y in flights[:2]:

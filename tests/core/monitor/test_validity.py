@@ -122,6 +122,7 @@ def of_older_file(monitor: Monitor) -> Monitor:
     return replace(monitor, support=support)
 
 
+@pytest.mark.parametrize("seed", [0, *(pytest.param(k, marks=pytest.mark.fuzz) for k in (1, 2))])
 @pytest.mark.parametrize("n_delay", [0, 2])
 @pytest.mark.parametrize(("predictor", "score"), PAIRS)
 @pytest.mark.parametrize("version", [of_older_file, lambda monitor: monitor])
@@ -130,6 +131,7 @@ def test_statistics_equal_brute_force(
     predictor: str,
     score: str,
     n_delay: int,
+    seed: int,
     dataset: Dataset,
 ) -> None:
     recipe = MonitorRecipe(
@@ -137,16 +139,15 @@ def test_statistics_equal_brute_force(
     )
     monitor = version(supported(dataset, recipe))
     has_forecasts = support_of(monitor).statistics == (0, 1)
-    for seed in range(3):
-        for t, y in (
-            rough_flight(seed),
-            (TIMES, oscillator.fly(np.random.default_rng(seed), 1)[1][0]),
-        ):
-            said = untouched(monitor, t, y)
-            _, reached = deviation_of(basis_of(monitor), t, y, said)
-            expected = brute_force(monitor, t, y, said)
-            np.testing.assert_allclose(reached, expected, rtol=1e-6)
-            assert (reached[-1, 0] > 0) == has_forecasts
+    for t, y in (
+        rough_flight(seed),
+        (TIMES, oscillator.fly(np.random.default_rng(seed), 1)[1][0]),
+    ):
+        said = untouched(monitor, t, y)
+        _, reached = deviation_of(basis_of(monitor), t, y, said)
+        expected = brute_force(monitor, t, y, said)
+        np.testing.assert_allclose(reached, expected, rtol=1e-6)
+        assert (reached[-1, 0] > 0) == has_forecasts
 
 
 def test_innovations_of_training_have_unit_deviation(dataset: Dataset) -> None:

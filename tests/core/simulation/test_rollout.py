@@ -352,7 +352,7 @@ def test_limited_surfaces_are_those_of_an_adaptive_integrator(actuator, lag):
             np.testing.assert_allclose(y[i, k], expected, atol=1e-4)
             z = solve_ivp(
                 slope, (0, DT), z, "DOP853", args=(pilot[0, k],), rtol=1e-9, atol=1e-11,
-                max_step=DT / 10,
+                max_step=DT / 3,
             ).y[:, -1]  # fmt: skip
     assert np.abs(y[:, :, 4:]).max() <= position * (1 + 1e-12)
     assert np.abs(np.diff(y[:, :, 4:], axis=1)).max() <= rate * DT * (1 + 1e-12)
