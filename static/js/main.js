@@ -1,6 +1,6 @@
 /**
  * The page: one address a view (#/fly, #/fly/{flight}, #/recordings/{id}, #/monitors/{id},
- * #/datasets/{id}), its theme.
+ * #/datasets/{id}, #/storage), its theme.
  *
  * A view's module exports show(element, {id, query, api, navigate}) -> {close()}. `query` holds what
  * follows a question mark (#/fly?monitor=3f9a); navigate("#/fly/3f9a") goes elsewhere.
@@ -15,6 +15,7 @@ const VIEWS = {
   fly: { title: "Fly", load: () => import("./fly/index.js") },
   recordings: { title: "Recordings", load: () => import("./recordings/index.js") },
   monitors: { title: "Monitors", load: () => import("./monitors/index.js") },
+  storage: { title: "Storage", load: () => import("./storage/index.js") },
   datasets: { title: "Datasets", load: () => import("./datasets/index.js") },
 };
 
@@ -37,13 +38,16 @@ function decoded(text) {
   }
 }
 
-/** What the server found damaged among its data stands above every view. */
+/** What the server found damaged among its data, and that its disk is short, stands above every view. */
 async function showDamage() {
   const element = document.querySelector("#damage");
   try {
-    const { damaged } = await api.get("/integrity");
-    element.hidden = damaged.length === 0;
-    if (damaged.length === 0) return;
+    const [{ damaged }, { warning }] = await Promise.all([api.get("/integrity"), api.get("/storage/space").catch(() => ({ warning: "" }))]);
+    element.hidden = damaged.length === 0 && !warning;
+    if (damaged.length === 0) {
+      element.textContent = warning && `◆ Disk short: ${warning}.`;
+      return;
+    }
     const [{ kind, name, detail }] = damaged;
     const more = damaged.length > 1 ? ` And ${damaged.length - 1} more: GET /api/v1/integrity lists them.` : "";
     element.textContent = `◆ Stored data are damaged and not served: ${kind} ${name}: ${detail}.${more}`;

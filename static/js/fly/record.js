@@ -10,6 +10,7 @@ import { createStripChart } from "../charts/live/strip_chart.js";
 import { reason } from "../lib/api.js";
 import { h, put } from "../lib/dom.js";
 import { createEventList } from "../lib/event_list.js";
+import { createKeepButton } from "../lib/keep_button.js";
 import { needs } from "../lib/me.js";
 import { warningLines } from "../lib/monitor_warnings.js";
 import { startFlight } from "../lib/start_flight.js";
@@ -55,6 +56,7 @@ export function showFlightRecord(element, { flight, why, api, navigate }) {
       acknowledgeButton,
       h("button", { type: "button", class: "button button-small button-primary", onclick: again, ...needs("POST /flights") }, "Fly it again"),
       h("a", { class: "button button-small", href: "#/fly" }, "All flights"),
+      createKeepButton({ api, path, keep: flight.keep, fail, attributes: { class: "button button-small" } }),
       h("button", { type: "button", class: "button button-small button-danger", onclick: () => askToConfirm("Delete this record?", "Its samples, assessments and alarms are gone for good.", "Delete the record", remove), ...needs("DELETE /flights/{}") }, "Delete the record"),
       failure),
     ...warningLines(flight),

@@ -6,7 +6,7 @@ import { hiddenHead, tableHead } from "../lib/lists.js";
 import { loadingView } from "../lib/loading_view.js";
 import { needs } from "../lib/me.js";
 import { bytesText, durationText, moment } from "../lib/numbers.js";
-import { askToConfirm, button, empty, pageOf } from "../lib/view_states.js";
+import { askToConfirm, button, empty, link, pageOf } from "../lib/view_states.js";
 import { createDropZone } from "./drop_zone.js";
 import { mappingState } from "./words.js";
 
@@ -23,7 +23,7 @@ export function showRecordings(element, { api, navigate }) {
     const zone = keep(
       createDropZone({ aircraft, formats: formats.map(formatWords), done: arrived }),
     );
-    return pageOf("Recordings", [], zone.element, list);
+    return pageOf("Recordings", [link("Storage", "#/storage")], zone.element, list);
 
     async function arrived(came, othersFailed) {
       if (came.length === 1 && !othersFailed) navigate(`#/recordings/${came[0].id}`);

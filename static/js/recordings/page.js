@@ -4,11 +4,13 @@
  */
 
 import { previewTiles } from "../charts/recorded/preview_tiles.js";
+import { reason } from "../lib/api.js";
 import { loadCatalog } from "../lib/catalog.js";
 import { h } from "../lib/dom.js";
+import { createKeepButton } from "../lib/keep_button.js";
 import { loadingView } from "../lib/loading_view.js";
 import { needs } from "../lib/me.js";
-import { askToConfirm, button, link, pageOf } from "../lib/view_states.js";
+import { askToConfirm, button, errorLine, link, pageOf } from "../lib/view_states.js";
 import { createSignalList, recordingFacts } from "./facts.js";
 import { createMappingSection } from "./mapping/section.js";
 import { createQualityStrip } from "./quality_strip.js";
@@ -57,13 +59,17 @@ export function showRecording(element, { id, api, navigate }) {
     fill(scorings);
     if (form && next) requestAnimationFrame(() => form.begin());
     next = false;
+    const failure = errorLine();
+    const fail = (error) => failure.show(reason(error));
     const actions = [
       link("All recordings", "#/recordings"),
+      createKeepButton({ api, path: `/recordings/${id}`, keep: recording.keep, fail }),
       button("Delete", () => remove(recording), { class: "button button-danger", ...needs("DELETE /recordings/{}") }),
     ];
     return pageOf(
       recording.name,
       actions,
+      failure.element,
       recordingFacts(recording, catalog),
       list,
       mapping.element,
