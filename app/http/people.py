@@ -136,7 +136,7 @@ class People:
                 is_well = True
             except StoreError as error:
                 if is_well:
-                    LOG.warning("the tokens stay as they were known: %s", error)
+                    LOG.warning("tokens and their last use are not up to date: %s", error)
                 is_well = False
 
     async def _note_used(self) -> None:

@@ -64,7 +64,8 @@ class WrongTokens:
 
     def forget(self, address: str) -> None:
         """Begin anew with an address: a right token came from it."""
-        self._guesses.pop(_network(address), None)
+        if self._guesses:
+            self._guesses.pop(_network(address), None)
 
     def note(self, given: str, address: str) -> float:
         """Note a wrong token. Returns how long its address still had to wait [s], 0 as a rule.

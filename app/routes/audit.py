@@ -82,13 +82,13 @@ async def export_audit(
     Of a live flight's samples it has the first push of each person.
     """
     try:
-        times = [None if text is None else utc(text) for text in (since, until)]
+        first, last = (None if text is None else utc(text) for text in (since, until))
     except ValueError as error:
         raise Problem(422, str(error), "urn:forewarn:request") from error
     log: Audit = request.app.state.audit
     with suppress(StoreError):  # what is stored can be read all the same
         await log.flush(store)
-    entries = store.audit.read(*times, who)
+    entries = store.audit.read(first, last, who)
     if kind == "csv":
         return StreamingResponse(as_csv(entries), media_type=CSV)
     return StreamingResponse(as_json_lines(entries), media_type=JSON_LINES)

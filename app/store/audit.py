@@ -50,12 +50,13 @@ class AuditRepository(Repository):
             conditions.append(audit.c.who == who)
         last = 0
         while True:
-            query = select(audit.c.id, *columns(audit, AuditEntry))
+            query = select(*columns(audit, AuditEntry), audit.c.id)
             query = query.where(audit.c.id > last, *conditions).order_by(audit.c.id)
             with self._reading() as connection:
                 rows = connection.execute(query.limit(READ_AT_ONCE)).all()
             for row in rows:
-                yield AuditEntry(*row[1:])
+                stored = dict(row._mapping)
+                last = stored.pop("id")
+                yield AuditEntry(**stored)
             if len(rows) < READ_AT_ONCE:
                 return
-            last = rows[-1].id

@@ -17,6 +17,7 @@ from typing import Any
 from pydantic_core import to_json
 from sqlalchemy import URL, Connection, Engine, create_engine, event, inspect, make_url, text
 from sqlalchemy.exc import ArgumentError, DBAPIError, IntegrityError, NoSuchModuleError
+from sqlalchemy.exc import TimeoutError as NoConnection
 from sqlalchemy.pool import NullPool
 
 WRITES = "writes"
@@ -345,6 +346,8 @@ def _explained(engine: Engine) -> Iterator[None]:
         yield
     except IntegrityError:
         raise
+    except NoConnection as error:
+        raise StoreError(f"the database is too busy ({error}): try again") from error
     except JSONDecodeError as error:
         place = engine.url.render_as_string(hide_password=True)
         raise Damaged(

@@ -89,7 +89,8 @@ class TokenRepository(Repository):
         """Every token that was made, by its digest."""
         query = select(tokens.c.digest, *columns(tokens, StoredToken))
         with self._reading() as connection:
-            return {row[0]: StoredToken(*row[1:]) for row in connection.execute(query)}
+            rows = [dict(row._mapping) for row in connection.execute(query)]
+        return {row.pop("digest"): StoredToken(**row) for row in rows}
 
     def of_name(self, name: str) -> StoredToken:
         """The valid token of a person. NotFound."""

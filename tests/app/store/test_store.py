@@ -8,8 +8,9 @@ from typing import Any
 
 import numpy as np
 import pytest
+from sqlalchemy import create_engine
 
-from app.store.database import address
+from app.store.database import address, reading
 from app.store.flights import UnderWay
 from app.store.monitors import MonitorInfo
 from app.store.store import InUse, NotFound, Store, StoreError, open_store
@@ -182,6 +183,14 @@ def test_a_full_disk_is_said_and_leaves_nothing(store: Store, dataset: Dataset) 
     with pytest.raises(StoreError, match="disk is full"):
         store.datasets.add(dataset, "too large")
     assert store.datasets.all() == []
+
+
+def test_a_database_whose_connections_are_all_in_use_is_too_busy(tmp_path: Path) -> None:
+    url = f"sqlite:///{tmp_path / 'busy.db'}"
+    engine = create_engine(url, pool_size=1, max_overflow=0, pool_timeout=0.01)
+    with reading(engine), pytest.raises(StoreError, match="too busy"), reading(engine):
+        pass
+    engine.dispose()
 
 
 def test_threads_write_and_read_at_once(store: Store, dataset: Dataset, trained: Monitor) -> None:
