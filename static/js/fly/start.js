@@ -129,7 +129,7 @@ function startForm({ monitors, datasets, query, api, navigate }) {
   const replayed = h("div", { class: "stack" }, field("Dataset", dataset), field("Rollout", rollout, range), none);
   const failure = errorLine();
   const warnings = h("div");
-  const go = h("button", { class: "button button-primary", ...needs("POST /flights") }, "Start the flight");
+  const go = h("button", { class: "button button-primary" }, "Start the flight");
   const chosen = () => monitors.find(({ id }) => id === monitor.value);
   let epsilonOf = "";
   let warned = ""; // the monitor and the epsilon that the warnings are of
@@ -189,7 +189,7 @@ function startForm({ monitors, datasets, query, api, navigate }) {
 
   const form = h(
     "form",
-    { class: "panel form", novalidate: true, onsubmit: start, onchange: adapt, oninput: adapt, "aria-label": "Start a flight", "data-keeps-input": true },
+    { class: "panel form", novalidate: true, onsubmit: start, onchange: adapt, oninput: adapt, "aria-label": "Start a flight", ...needs("POST /flights"), "data-keeps-input": true },
     h("h1", {}, "Start a flight"),
     field("Monitor", monitor, warnings),
     field("Source", kind, h("p", { class: "hint" }, "To replay a recording, open it on the ", h("a", { href: "#/recordings" }, "Recordings page"), ".")),

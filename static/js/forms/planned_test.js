@@ -15,6 +15,7 @@
 import { reason } from "../lib/api.js";
 import { aircraftName, kindName, limitWords } from "../lib/catalog.js";
 import { formatted, h } from "../lib/dom.js";
+import { needs } from "../lib/me.js";
 import { figure, percent } from "../lib/numbers.js";
 import { followUnits } from "../lib/units.js";
 import { button, errorLine } from "../lib/view_states.js";
@@ -118,7 +119,7 @@ function same(one, other) {
 function amplitudeSuggestion(fields, api) {
   const words = h("span", { class: "hint", role: "status" });
   const failure = errorLine();
-  const go = button("Suggest amplitude", suggest, { class: "button button-small" });
+  const go = button("Suggest amplitude", suggest, { class: "button button-small", ...needs("POST /datasets/amplitude") });
   return h("div", { class: "field suggestion" }, h("div", { class: "row" }, go, words), failure.element);
 
   async function suggest() {
