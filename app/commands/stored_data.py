@@ -4,6 +4,7 @@ import argparse
 from pathlib import Path
 
 from app.settings import Settings, read_settings
+from app.upkeep.restore import finish
 
 
 def add_place(parser: argparse.ArgumentParser) -> None:
@@ -13,5 +14,10 @@ def add_place(parser: argparse.ArgumentParser) -> None:
 
 
 def place_of(options: argparse.Namespace) -> Settings:
-    """The settings by these options and the environment; SettingsError."""
-    return read_settings(data_dir=options.data_dir, database_url=options.database_url)
+    """The settings by these options and the environment; SettingsError.
+
+    A restore that died half-way is completed first. StoreError.
+    """
+    settings = read_settings(data_dir=options.data_dir, database_url=options.database_url)
+    finish(settings.data_dir)
+    return settings

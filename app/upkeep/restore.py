@@ -73,24 +73,33 @@ def finish(data_dir: Path) -> bool:
     """Make the moves that a restore had begun; whether there were any.
 
     Each is a step within one directory, and none is made twice: what has moved is in its place.
+    StoreError where something else was put there meanwhile.
     """
     moves = data_dir / MOVES
     if not moves.is_file():
         return False
     for old, new in json.loads(moves.read_text()):
         source, target = Path(old), Path(new)
-        if not source.exists() or _is_something(target):
+        if not source.exists():
             continue
+        if _is_something(target):
+            if source.parent.name == UNPACKED:
+                raise StoreError(
+                    f"{target} was made while a backup was being restored: move it away, then "
+                    "start again"
+                )
+            continue  # it is aside, and source is what came in its place
         target.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
         if target.is_dir():
             target.rmdir()  # an empty one
-        source.rename(target)
+        with suppress(FileNotFoundError):  # another process makes the same moves
+            source.rename(target)
         sync(target.parent)
         sync(source.parent)
         with suppress(OSError):  # it holds what comes next
             if source.parent.name == UNPACKED:
                 source.parent.rmdir()
-    moves.unlink()
+    moves.unlink(missing_ok=True)
     sync(data_dir)
     return True
 
