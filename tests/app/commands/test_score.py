@@ -1,0 +1,250 @@
+"""`forewarn score`: files of flights, real ones among them, scored by stored monitors."""
+
+import csv
+import json
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from app.cli import main
+from core.monitor import load
+from tests.support.attas import record_file
+
+pytestmark = pytest.mark.usefixtures("read_here")
+HEAD = "t_s,beta_rad,p_radps,r_radps,ay_g,da_rad,dr_rad"
+
+
+@pytest.fixture(scope="module")
+def attas_monitor(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Train, by the command line and its defaults, a monitor for the real records."""
+    path = tmp_path_factory.mktemp("monitor") / "attas.fwm"
+    arguments = ["--aircraft", "attas_id_16kft", "--states", "4", "--control-law", "none"]
+    arguments += ["--amplitude", "-3.7", "--n-unsafe", "200"]
+    assert main(["train", *arguments, "-o", str(path)]) == 0
+    return path
+
+
+def test_units_taken_for_others_are_called_outside_training(attas_monitor: Path, tmp_path, capsys):
+    rows = [f"{0.05 * k:.2f},{0.01 * k:.3f},{rest(k)},0,0" for k in range(100)]
+    (tmp_path / "units.csv").write_text("\n".join([HEAD, *rows]))
+    arguments = ["score", str(attas_monitor), str(tmp_path / "units.csv")]
+    assert main([*arguments, "-o", str(tmp_path / "out")]) == 0
+    report = capsys.readouterr().out
+    assert "No control input was detected" in report
+    assert re.search(r"OUTSIDE +units: beta peaks at 5\d\.\d deg, 1\d\S* times its", report)
+    assert "The guarantee is withdrawn" in report
+
+
+def test_an_exceedance_is_not_known_where_the_limited_channel_is_missing(
+    attas_monitor, tmp_path, capsys
+):
+    text = record_file("attas_rud1").read_text().splitlines()
+    names = text[0].split(",")
+    rows = [line.split(",") for line in text[1:]]
+    for row in rows[200:231]:
+        row[names.index("ay_g")] = ""
+    (tmp_path / "holes.csv").write_text("\n".join([text[0], *(",".join(row) for row in rows)]))
+    arguments = ["score", str(attas_monitor), str(tmp_path / "holes.csv"), "--trim", "4"]
+    assert main([*arguments, "-o", str(tmp_path / "out")]) == 0
+    assert "1.24 s of the limited channels are missing" in capsys.readouterr().out
+
+
+def test_cut_off_monitor_is_refused_by_score(attas_monitor: Path, tmp_path: Path, capsys):
+    broken = tmp_path / "broken.fwm"
+    broken.write_bytes(attas_monitor.read_bytes()[:-100])
+    assert main(["score", str(broken), "any.csv", "-o", str(tmp_path / "out")]) == 1
+    assert "cut off or was altered" in capsys.readouterr().err
+
+
+def test_real_doublet_that_crosses_the_limit_is_warned_of(attas_monitor: Path, tmp_path, capsys):
+    out = tmp_path / "out"
+    arguments = [str(attas_monitor), str(record_file("attas_rud1")), "-o", str(out)]
+    assert main(["score", *arguments]) == 0
+    report = capsys.readouterr().out
+    assert "beta     beta_rad [rad]" in report
+    assert "from 25 Hz to 20 Hz" in report
+    assert "manoeuvre 1, 5.30 to 11.30 s: LIMIT EXCEEDED, warned " in report
+    assert "exceedance         at 8.76 s" in report
+    assert "at least the promised 0.25 s" in report
+    assert "Of flights like the simulated ones" in report
+    assert "limit exceeded" in (out / "scored.svg").read_text()
+    assert not (out / "scored.png").exists()
+    rows = read_table(out)
+    assert {row["state"] for row in rows if row["manoeuvre"] == "0"} == {"ok"}
+    assert {row["state"] for row in rows if row["manoeuvre"] == "-1"} == {"invalid"}
+    first = next(float(row["t_s"]) for row in rows if row["alert"] == "true")
+    assert f"first alert        at {first:.2f} s" in report
+
+
+def test_real_record_of_another_manoeuvre_is_no_verdict(attas_monitor: Path, tmp_path, capsys):
+    arguments = [str(attas_monitor), str(record_file("attas_ail1")), "-o", str(tmp_path / "out")]
+    assert main(["score", *arguments]) == 0
+    report = capsys.readouterr().out
+    assert "INVALID, no verdict" in report
+    assert "first alert        withdrawn" in report
+    assert "aileron moved by 14 deg, which the planned manoeuvre leaves alone" in report
+    rows = read_table(tmp_path / "out")
+    assert all(row["p_value"] == "" and row["alert"] == "false" for row in rows)
+    assert sum(row["withdrawn_p_value"] != "" for row in rows) == 121
+
+
+def test_scoring_again_repeats_to_the_byte(attas_monitor: Path, tmp_path: Path):
+    for name in ("one", "two"):
+        arguments = [str(attas_monitor), str(record_file("attas_rud1")), "-o", str(tmp_path / name)]
+        assert main(["score", *arguments]) == 0
+    for path in (tmp_path / "one").iterdir():
+        assert path.read_bytes() == (tmp_path / "two" / path.name).read_bytes(), path.name
+
+
+def test_assessments_of_a_scored_file_can_be_scored_again(attas_monitor: Path, tmp_path):
+    first, second = tmp_path / "first", tmp_path / "second"
+    base = ["score", str(attas_monitor)]
+    assert main([*base, str(record_file("attas_rud1")), "-o", str(first)]) == 0
+    again = [str(first / "assessments.csv"), "--trim", "none", "-o", str(second)]
+    assert main([*base, *again]) == 0
+    assert (first / "assessments.csv").read_bytes() == (second / "assessments.csv").read_bytes()
+
+
+def test_written_mapping_can_be_corrected_and_given_back(attas_monitor: Path, tmp_path, capsys):
+    base = ["score", str(attas_monitor), str(record_file("attas_rud1"))]
+    assert main([*base, "-o", str(tmp_path / "out")]) == 0
+    mapping = json.loads((tmp_path / "out" / "mapping.json").read_text())
+    assert mapping["channels"]["delta_r"]["signal"] == "dr_rad"
+    mapping["channels"]["delta_r"]["sign"] *= -1
+    (tmp_path / "mine.json").write_text(json.dumps(mapping))
+    given = ["--mapping", str(tmp_path / "mine.json"), "-o", str(tmp_path / "reversed")]
+    capsys.readouterr()
+    assert main([*base, *given]) == 0
+    report = capsys.readouterr().out
+    assert "mapping, as given:" in report
+    assert "-dr_rad [rad]" in report
+    assert "it went the other way first, or its sign is reversed" in report
+    assert json.loads((tmp_path / "reversed" / "mapping.json").read_text()) == mapping
+
+
+def test_mapping_given_for_an_aircraft_is_used_for_its_next_file(
+    attas_monitor: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys
+):
+    monkeypatch.setenv("FOREWARN_DATA_DIR", str(tmp_path / "data"))
+    base = ["score", str(attas_monitor), str(record_file("attas_rud1")), "--aircraft", "D-ADAM"]
+    assert main([*base, "-o", str(tmp_path / "out")]) == 0
+    mapping = json.loads((tmp_path / "out" / "mapping.json").read_text())
+    mapping["channels"]["Ny"]["bias"] = 0.125
+    mapping["channels"]["delta_a"]["bias"] = 0.1
+    (tmp_path / "mine.json").write_text(json.dumps(mapping))
+    given = ["--mapping", str(tmp_path / "mine.json"), "-o", str(tmp_path / "given")]
+    assert main([*base, *given]) == 0
+    capsys.readouterr()
+    assert main([*base, "-o", str(tmp_path / "next")]) == 0
+    report = capsys.readouterr().out
+    assert "bias removed: 0.125 g" in report
+    assert "bias removed: 5.73 deg" in report
+    assert json.loads((tmp_path / "next" / "mapping.json").read_text()) == mapping
+
+
+def test_monitors_and_epsilons_side_by_side(attas_monitor: Path, tmp_path: Path, capsys):
+    copy = tmp_path / attas_monitor.name
+    copy.write_bytes(attas_monitor.read_bytes())
+    arguments = [str(attas_monitor), str(copy), str(record_file("attas_rud1"))]
+    arguments += ["--epsilon", "0.1,0.5", "-o", str(tmp_path / "out")]
+    assert main(["score", *arguments]) == 0
+    report = capsys.readouterr().out
+    labels = [f"{name}-epsilon-{e}" for name in ("attas", "attas-2") for e in ("0.1", "0.5")]
+    assert re.findall(r"^== (.*) ==$", report, re.MULTILINE) == labels
+    tables = {label: read_table(tmp_path / "out" / label) for label in labels}
+    assert tables["attas-epsilon-0.5"] == tables["attas-2-epsilon-0.5"]
+    p_values = {tuple(row["p_value"] for row in table) for table in tables.values()}
+    assert len(p_values) == 1
+    assert (tmp_path / "out" / "mapping.json").exists()
+
+
+def test_a_monitor_of_no_use_scores_alone_only_where_that_is_accepted(
+    attas_monitor: Path, tmp_path: Path, capsys
+):
+    tested = load(attas_monitor)
+    counts = {"misses": 0, "false_alerts": 995, "withdrawn": 0}
+    evaluation = {**(tested.evaluation or {}), "n_safe": 1000, "at_epsilon": counts}
+    useless = tmp_path / "useless.fwm"
+    replace(tested, evaluation=evaluation).save(useless)
+    arguments = [str(useless), str(record_file("attas_rud1")), "-o", str(tmp_path / "out")]
+    assert main(["score", *arguments]) != 0
+    said = capsys.readouterr().err
+    assert "useless.fwm: the monitor is of no use: only " in said
+    assert "accept that it is: --accept-useless" in said
+    assert not (tmp_path / "out").exists()
+    assert main(["score", *arguments, "--accept-useless", "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert told["accept_useless"] is True
+    assert any("of no use" in warning for warning in told["scorings"][0]["warnings"])
+    beside = [str(useless), str(attas_monitor), str(record_file("attas_rud1"))]
+    assert main(["score", *beside, "-o", str(tmp_path / "both")]) == 0
+
+
+def test_manoeuvres_are_scored_between_the_times_given(attas_monitor: Path, tmp_path, capsys):
+    arguments = [str(attas_monitor), str(record_file("attas_rud1")), "-o", str(tmp_path / "out")]
+    assert main(["score", *arguments, "--manoeuvres", "5:11,20:26"]) == 0
+    report = capsys.readouterr().out
+    assert "manoeuvre 1, 5.00 to 11.00 s" in report
+    assert "manoeuvre 2, 20.00 to 26.00 s" in report
+    out = ["--manoeuvres", "20:40", "-o", str(tmp_path / "no")]
+    assert main(["score", *arguments[:2], *out]) == 1
+    assert "20 to 40 s is not inside the recording" in capsys.readouterr().err
+    assert not (tmp_path / "no").exists()
+
+
+def test_file_without_a_needed_channel_names_it(attas_monitor: Path, tmp_path: Path, capsys):
+    text = record_file("attas_rud1").read_text().replace("beta_rad", "alpha2_rad")
+    (tmp_path / "flight.csv").write_text(text)
+    arguments = ["score", str(attas_monitor), str(tmp_path / "flight.csv")]
+    assert main([*arguments, "-o", str(tmp_path / "out")]) == 1
+    *signals, error = capsys.readouterr().err.strip().splitlines()
+    assert f"{tmp_path / 'flight.csv'}: the monitor needs beta" in error
+    assert "what is missing, or choose a monitor that does not need it" in error
+    assert signals[0] == "signals of the file: 12"
+    assert "    alpha2_rad" in signals
+    assert [path.name for path in (tmp_path / "out").iterdir()] == ["mapping.json"]
+
+
+def test_bad_rows_are_left_out_and_said(attas_monitor: Path, tmp_path: Path, capsys):
+    lines = record_file("attas_rud1").read_text().splitlines()
+    lines[300] = lines[300].replace(",", ",x", 1)
+    (tmp_path / "bad.csv").write_text("\n".join(lines))
+    arguments = ["score", str(attas_monitor), str(tmp_path / "bad.csv")]
+    assert main([*arguments, "-o", str(tmp_path / "out")]) == 0
+    report = capsys.readouterr().out
+    assert "bad rows, left out: 1" in report
+    assert "line 301:" in report
+
+
+def test_file_with_gaps_says_which_samples_were_not_assessed(attas_monitor: Path, tmp_path, capsys):
+    lines = [f"{0.05 * k:.2f},{1e-4 * (k % 3)},{rest(k)},0,0" for k in range(40)]
+    lines[10] = "0.5,nan,nan,nan,nan,nan,nan"
+    (tmp_path / "gap.csv").write_text("\n".join([HEAD, *lines]))
+    arguments = ["score", str(attas_monitor), str(tmp_path / "gap.csv")]
+    assert main([*arguments, "-o", str(tmp_path / "out")]) == 0
+    assert "samples: 37 ok, 2 warming_up, 0 stale, 1 invalid" in capsys.readouterr().out
+    rows = read_table(tmp_path / "out")
+    withdrawn = [row["withdrawn_p_value"] == "" for row in rows]
+    assert withdrawn == [k in (10, 11, 12) for k in range(40)]
+
+
+def test_file_that_cannot_be_assessed_at_all_is_no_success(attas_monitor: Path, tmp_path, capsys):
+    lines = [HEAD]
+    for k in range(40):
+        beta, others = (1e-4 * (k % 3), ",,") if k < 20 else ("", rest(k))
+        lines.append(f"{0.05 * k:.2f},{beta},{others},0,0")
+    (tmp_path / "holes.csv").write_text("\n".join(lines))
+    arguments = ["score", str(attas_monitor), str(tmp_path / "holes.csv")]
+    assert main([*arguments, "-o", str(tmp_path / "out")]) == 1
+    assert re.search(r"OUTSIDE +rate: .*; 0 of \d+ samples", capsys.readouterr().out)
+
+
+def rest(k: int) -> str:
+    """Roll rate, yaw rate and N_y of an aircraft that hardly moves."""
+    return f"{1e-4 * (k % 2)},{1e-4 * (k % 3)},{1e-3 * (k % 2)}"
+
+
+def read_table(folder: Path) -> list[dict[str, str]]:
+    return list(csv.DictReader((folder / "assessments.csv").read_text().splitlines()))

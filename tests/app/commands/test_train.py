@@ -1,0 +1,186 @@
+"""`forewarn train`: recipes by option and file, for every aircraft and any limit."""
+
+import json
+import re
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from app.cli import main
+from app.jobs.requests import dataset_request, study_request
+from core.monitor import Monitor, load
+from core.planned_test import USUAL_NOISE, DatasetRecipe, SensorNoise
+from core.recipe import from_plain, to_plain
+from core.simulation.aircraft import AIRCRAFT
+from core.simulation.imperfections import USUAL_IMPERFECTIONS
+from tests.support.places import ROOT
+
+VERSION_0_1_0 = {
+    key: part for key, part in to_plain(DatasetRecipe()).items() if key != "imperfections"
+}
+"""A recipe as a version that knew no imperfections stored it."""
+
+
+def test_train_writes_a_monitor_that_knows_its_recipe(tmp_path: Path, capsys):
+    path = tmp_path / "m.fwm"
+    options = ["--n-unsafe", "60", "--t-early", "0.3", "--predictor", "identity", "--seed", "7"]
+    assert main(["train", *options, "--n-test", "200", "-o", str(path)]) == 0
+    monitor = load(path)
+    assert isinstance(monitor, Monitor)
+    assert (monitor.n_unsafe, monitor.h, monitor.seed) == (60, 6, 7)
+    assert to_plain(monitor.recipe)["predictor"] == {"kind": "identity"}
+    assert monitor.dataset_recipe["aircraft"]["kind"] == "f16_sl_h0_v502"
+    assert "calibrated on 60 failures" in capsys.readouterr().out
+
+
+def test_printed_recipe_makes_the_same_monitor(tmp_path: Path, capsys):
+    options = ["--n-unsafe", "30", "--limit", "beta_deg=6", "--amplitude", "9", "--dt", "0.04"]
+    assert main(["train", *options, "--print-recipe"]) == 0
+    recipe = tmp_path / "recipe.json"
+    recipe.write_text(capsys.readouterr().out)
+    for name, arguments in {"a": options, "b": ["--recipe", str(recipe)]}.items():
+        assert main(["train", *arguments, "--n-test", "50", "-o", str(tmp_path / name)]) == 0
+    assert (tmp_path / "a").read_bytes() == (tmp_path / "b").read_bytes()
+    specification = load(tmp_path / "a").dataset_recipe["specification"]
+    assert specification["beta"] == pytest.approx(np.radians(6))
+    assert specification["Ny"] is None
+
+
+def test_users_own_matrices_and_manoeuvre_table_train_a_monitor(tmp_path: Path):
+    example = AIRCRAFT["matrices"]
+    model = {
+        "A": [list(row) for row in example.a],  # pyright: ignore
+        "B": [list(row) for row in example.b],  # pyright: ignore
+        "C": [list(row) for row in example.c],  # pyright: ignore
+        "D": [list(row) for row in example.d],  # pyright: ignore
+        "uncertainty": {"spread": {"A[0,0]": 0.2, "C[3,0]": 0.2, "B[2,1]": 0.2}},
+    }
+    (tmp_path / "model.json").write_text(json.dumps(model))
+    (tmp_path / "kick.csv").write_text("t_s,delta_r_deg\n0,6\n1,-6\n2,0\n")
+    arguments = ["--aircraft", str(tmp_path / "model.json"), "--control-law", "none"]
+    arguments += ["--maneuver", str(tmp_path / "kick.csv"), "--limit", "Ny=0.45"]
+    arguments += ["--set", "dataset.maneuver.interpolation=hold", "--n-test", "100"]
+    assert main(["train", *arguments, "-o", str(tmp_path / "m.fwm")]) == 0
+    recipe = load(tmp_path / "m.fwm").dataset_recipe
+    assert recipe["maneuver"]["kind"] == "table"
+    assert recipe["maneuver"]["delta_a_deg"] == [0.0, 0.0, 0.0]
+
+
+def printed_recipe(capsys: pytest.CaptureFixture, *options: str) -> dict[str, Any]:
+    assert main(["train", *options, "--print-recipe"]) == 0
+    return json.loads(capsys.readouterr().out)["dataset"]
+
+
+@pytest.mark.parametrize("kind", [kind for kind in AIRCRAFT if kind != "matrices"])
+def test_every_aircraft_brings_its_usual_test(kind: str, tmp_path: Path, capsys):
+    recipe = printed_recipe(capsys, "--aircraft", kind)
+    assert recipe == to_plain(DatasetRecipe.usual(AIRCRAFT[kind]).as_flown())
+    assert recipe["control_law"]["kind"] == AIRCRAFT[kind].usual_test.control_law
+    arguments = ["--aircraft", kind, "--n-unsafe", "20", "--n-test", "20"]
+    assert main(["train", *arguments, "-o", str(tmp_path / "m.fwm")]) == 0
+
+
+def test_a_recipe_has_the_imperfections_of_a_flight_unless_it_is_a_stored_one(tmp_path, capsys):
+    def given(*options: str) -> DatasetRecipe:
+        return from_plain(DatasetRecipe(), printed_recipe(capsys, *options))
+
+    clean = DatasetRecipe()
+    assert given() == clean.as_flown()
+    assert given("--imperfections", "none") == clean
+    written = tmp_path / "written.json"
+    written.write_text(json.dumps({"dataset": to_plain(clean.as_flown())}))
+    assert given("--recipe", str(written)) == clean.as_flown()
+    stored = tmp_path / "stored.json"
+    noisy = replace(clean, n_unsafe=60, noise=SensorNoise(p=0.02))
+    before = {key: part for key, part in to_plain(noisy).items() if key != "imperfections"}
+    stored.write_text(json.dumps({"dataset": before}))
+    assert given("--recipe", str(stored)) == noisy
+    flown = given("--recipe", str(stored), "--imperfections", "usual")
+    assert flown == replace(noisy, imperfections=USUAL_IMPERFECTIONS)
+    part = tmp_path / "part.json"
+    part.write_text(json.dumps({"dataset": {"n_unsafe": 60}}))
+    assert given("--recipe", str(part)) == replace(clean.as_flown(), n_unsafe=60)
+    some = given("--noise", "p=0.02", "--set", "dataset.imperfections.turbulence=light")
+    assert some.noise == replace(USUAL_NOISE, p=0.02)
+    assert some.imperfections == replace(USUAL_IMPERFECTIONS, turbulence="light")
+    assert given() == clean.as_flown()
+
+
+MODEL: dict[str, Any] = {key.upper(): to_plain(AIRCRAFT["matrices"])[key] for key in "abcd"}
+MODEL["uncertainty"] = {"spread": {"A[1,0]": 0.15, "C[3,0]": 0.1}}
+
+
+@pytest.mark.parametrize(
+    ("options", "ordered"),
+    [
+        ([], {}),
+        (["--aircraft", "attas_id_16kft"], {"aircraft": {"kind": "attas_id_16kft"}}),
+        (["--aircraft", "{model}"], {"aircraft": MODEL}),
+        (["--maneuver", "pulse"], {"maneuver": {"kind": "pulse"}}),
+        (["--noise", "p=0.02", "--n-unsafe", "60"], {"noise": {"p": 0.02}, "n_unsafe": 60}),
+        (["--imperfections", "none", "--seed", "2"], {"imperfections": "none", "seed": 2}),
+        (["--recipe", "{stored}"], VERSION_0_1_0),
+    ],
+)
+def test_an_order_means_the_same_on_the_command_line_and_over_rest(
+    options, ordered, tmp_path, capsys
+):
+    (tmp_path / "model.json").write_text(json.dumps(MODEL))
+    (tmp_path / "stored.json").write_text(json.dumps({"dataset": VERSION_0_1_0}))
+    paths = {name: tmp_path / f"{name}.json" for name in ("model", "stored")}
+    options = [option.format(**paths) for option in options]
+    for kind in ("train", "study"):
+        assert main([kind, *options, "--print-recipe"]) == 0
+        printed = json.loads(capsys.readouterr().out)["dataset"]
+        if kind == "train":
+            assert printed == to_plain(dataset_request(ordered, 2**40).recipe)
+        else:
+            order = {"dataset": ordered}
+            assert printed == to_plain(study_request(order, None, 2**40).dataset)  # pyright: ignore
+
+
+@pytest.mark.parametrize(
+    ("written", "key", "value"),
+    [
+        ("beta=7deg", "beta", np.radians(7)),
+        ("beta=7°", "beta", np.radians(7)),
+        ("beta_deg=7", "beta", np.radians(7)),
+        ("beta=0.1 rad", "beta", 0.1),
+        ("p=20deg/s", "p", np.radians(20)),
+        ("Ny=5e-1g", "Ny", 0.5),
+    ],
+)
+def test_a_limit_is_read_in_the_unit_it_is_written_in(written: str, key: str, value, capsys):
+    specification = printed_recipe(capsys, "--limit", written)["specification"]
+    assert specification[key] == pytest.approx(value)
+    assert [k for k, limit in specification.items() if limit is not None] == [key]
+
+
+def test_what_an_option_says_goes_before_the_usual_test(capsys):
+    options = ["--aircraft", "attas_id_16kft", "--control-law", "none", "--amplitude", "3"]
+    recipe = printed_recipe(capsys, *options, "--limit", "Ny=0.3")
+    assert recipe["control_law"]["kind"] == "none"
+    assert recipe["maneuver"]["amplitude_deg"] == 3.0
+    assert recipe["specification"]["Ny"] == 0.3
+
+
+def test_the_model_of_the_readme_trains_with_the_defaults(tmp_path: Path, capsys):
+    readme = (ROOT / "README.md").read_text(encoding="utf-8")
+    (model,) = re.findall(r"```json\n(.*?)```", readme, re.DOTALL)
+    (tmp_path / "model.json").write_text(model)
+    arguments = ["--aircraft", str(tmp_path / "model.json"), "--n-test", "50"]
+    assert main(["train", *arguments, "-o", str(tmp_path / "m.fwm")]) == 0
+    assert "% of 400 pilot rollouts exceed a limit" in capsys.readouterr().err
+
+
+def test_an_amplitude_is_found_for_any_limit_and_for_a_table(tmp_path: Path, capsys):
+    recipe = printed_recipe(capsys, "--limit", "beta_deg=3", "--amplitude", "auto")
+    assert 2 < recipe["maneuver"]["amplitude_deg"] < 9
+    (tmp_path / "kick.csv").write_text("t_s,delta_r_deg\n0,1\n1,-1\n2,0\n")
+    table = ["--maneuver", str(tmp_path / "kick.csv"), "--amplitude", "auto"]
+    first, second, last = printed_recipe(capsys, *table)["maneuver"]["delta_r_deg"]
+    assert first == -second > 2
+    assert last == 0
