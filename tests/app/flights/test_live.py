@@ -15,21 +15,9 @@ from tests.support.flying import (
     Seen,
     SilentRecorder,
     T,
-    exact_monitor,
-    failing_flight,
     plan,
 )
 from tests.support.oscillator import DT, N_SAMPLES, Array
-
-
-@pytest.fixture
-def exact() -> Monitor:
-    return exact_monitor()
-
-
-@pytest.fixture
-def failing() -> Array:
-    return failing_flight()
 
 
 class Scripted:
