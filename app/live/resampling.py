@@ -1,0 +1,303 @@
+"""Samples as they arrive, on the monitor's own times, with nothing that had not come by then.
+
+All that happens follows from the samples and the times of their arrival: the same arrivals give the
+same samples to the bit, in flight and whenever they are resampled again.
+"""
+
+from bisect import bisect_left, insort
+from collections import deque
+from dataclasses import asdict, dataclass
+from statistics import median_low
+from typing import NamedTuple
+
+import numpy as np
+
+from app.telemetry.resampling.resampling import RATE_RATIO
+from app.telemetry.traces import GAP_RATIO
+from core.channels import N_CHANNELS
+from core.types import Array
+
+Angles = tuple[float, float, float]
+ON_GRID = 1e-6
+"""Of an interval: a sample so close to a time of the grid is the grid's, bit for bit."""
+DELAY_INTERVALS = 1.5
+"""Of the monitor: waited at most for a sample, unless another delay is asked for."""
+FASTER = 0.75
+"""Of the monitor's interval: a source that samples more often is averaged over two intervals."""
+STEP_S = 1.0
+"""A source's time that runs ahead of its arrival by more has stepped [s]."""
+BACK_S, BACK_SAMPLES = 0.25, 3
+"""A source whose samples are all old for so long, and so many, has set its clock back."""
+INTERVALS, FEW_INTERVALS, REMEMBERED = 15, 3, 256
+"""Of the source that tell its rate, fewer that do not tell it is slow, times that are known."""
+UNKNOWN = np.full(N_CHANNELS, np.nan)
+
+
+class Sample(NamedTuple):
+    """One sample. t: [s].   y: (6,), NaN where unknown.   attitude: phi, theta, psi [rad].
+
+    reason: why it is not known; empty where it is.
+    """
+
+    t: float
+    y: Array
+    attitude: Angles | None = None
+    reason: str = ""
+
+
+@dataclass
+class Counts:
+    """What came, by kind."""
+
+    accepted: int = 0
+    """samples that were used"""
+    repeated: int = 0
+    """samples of a time that had come before, left out"""
+    out_of_order: int = 0
+    """samples that came after a later one, and were used"""
+    late: int = 0
+    """samples that came when their time had been passed, left out"""
+    missing: int = 0
+    """times of the monitor at which nothing was known"""
+    clock_steps: int = 0
+    """steps of the source's clock, each a gap"""
+    implausible_times: int = 0
+    """samples of a time that the next one did not follow, left out"""
+
+    def to_plain(self) -> dict[str, int]:
+        """Return JSON's types."""
+        return asdict(self)
+
+
+class CausalResampler:
+    """A source's samples, taken with `push` as they arrive, on the grid of the monitor.
+
+    dt: of the monitor [s].   delay: most that a time of the grid waits for samples [s], from when
+    it was measured. Arrivals are in seconds of any clock that never runs backwards.
+
+    A sample on the grid is passed on bit for bit, as soon as it is there, and the grid follows it.
+    A source that samples more often than FASTER dt is averaged over dt to either side with Hann's
+    weights and a local line, which keeps what the monitor would take for slower motion out; any
+    other is interpolated by straight lines. Neighbours more than GAP_RATIO steps apart, of the
+    source or of the grid, whichever is longer, have a gap between them, which is never bridged: it
+    waits for `delay`, and then the grid begins anew with the first sample behind it. A source
+    slower than RATE_RATIO dt gives samples of which nothing is known, and a reason.
+    """
+
+    def __init__(self, dt: float, delay: float) -> None:
+        self.dt, self.delay, self.counts = dt, delay, Counts()
+        self._rows: list[tuple[float, float, Sample]] = []
+        self._grid: float | None = None
+        self._newest = self._newest_arrived = -np.inf
+        self._offset = 0.0
+        self._steps: deque[float] = deque(maxlen=INTERVALS)
+        self._interval = dt
+        self._recent: deque[float] = deque(maxlen=REMEMBERED)
+        self._leap: tuple[float, Sample] | None = None
+        self._back: tuple[float, float, int] | None = None
+
+    @property
+    def interval(self) -> float:
+        """Interval at which the source has been sampling [s]; the monitor's own before that."""
+        return self._interval
+
+    @property
+    def deadline(self) -> float | None:
+        """When, by the clock of arrivals, what waits is given up; None where nothing waits."""
+        if self._grid is None:
+            return None
+        following = self._following(self._grid)
+        return None if following is None else self._deadline(self._grid, following)
+
+    def push(self, arrived: float, sample: Sample) -> list[Sample]:
+        """Take a sample; return those of the grid that are settled by now, in order."""
+        settled = self.advance(arrived)
+        for when, one in self._in_time(arrived, sample):
+            settled += self._take(when, one)
+        return settled
+
+    def advance(self, now: float) -> list[Sample]:
+        """Return the samples of the grid that are settled at `now`, in order."""
+        settled: list[Sample] = []
+        while self._grid is not None and self._settle(self._grid, now, settled):
+            pass
+        return settled
+
+    # --- the source's clock -------------------------------------------------------------------
+
+    def _in_time(self, arrived: float, sample: Sample) -> list[tuple[float, Sample]]:
+        """The samples to use now, on the flight's clock: this one, none, or the held one too."""
+        t = sample.t + self._offset
+        if self._grid is None:
+            return [(arrived, sample)]
+        if t in self._recent:
+            self.counts.repeated += 1
+            return []
+        if t - self._newest > arrived - self._newest_arrived + STEP_S:
+            return self._leapt(arrived, sample)
+        if t <= self._grid - self.dt:
+            return self._went_back(arrived, sample)
+        self._drop_leap()
+        self._back = None
+        return [(arrived, sample._replace(t=t))]
+
+    def _leapt(self, arrived: float, sample: Sample) -> list[tuple[float, Sample]]:
+        """A time far ahead is believed when the next one follows it."""
+        held, self._leap = self._leap, (arrived, sample)
+        if held is None:
+            return []
+        if not 0.0 < sample.t - held[1].t < STEP_S:
+            self.counts.implausible_times += 1
+            return []
+        self._leap = None
+        self._step(*held)
+        return [
+            (when, one._replace(t=one.t + self._offset)) for when, one in (held, (arrived, sample))
+        ]
+
+    def _drop_leap(self) -> None:
+        if self._leap is not None:
+            self._leap = None
+            self.counts.implausible_times += 1
+
+    def _went_back(self, arrived: float, sample: Sample) -> list[tuple[float, Sample]]:
+        """A time that has passed is late, unless only such times come any more."""
+        begun, last, n = self._back or (arrived, -np.inf, 0)
+        if sample.t <= last:
+            begun, n = arrived, 0
+        self._back = begun, sample.t, n + 1
+        if n + 1 < BACK_SAMPLES or arrived - begun < BACK_S:
+            self.counts.late += 1
+            return []
+        self._back = None
+        self._step(arrived, sample)
+        return [(arrived, sample._replace(t=sample.t + self._offset))]
+
+    def _step(self, arrived: float, sample: Sample) -> None:
+        """The source's clock stepped: the flight's goes on by the times of arrival, after a gap."""
+        self.counts.clock_steps += 1
+        passed = max(arrived - self._newest_arrived, 2.0 * self.dt)
+        self._offset = self._newest + passed - sample.t
+        self._grid = self._newest + passed
+        self._rows.clear()
+        self._recent.clear()
+        self._steps.clear()
+
+    # --- the grid -----------------------------------------------------------------------------
+
+    def _take(self, arrived: float, sample: Sample) -> list[Sample]:
+        t = sample.t
+        self.counts.accepted += 1
+        self._recent.append(t)
+        if self._grid is None:
+            self._grid = t
+        if t < self._newest:
+            self.counts.out_of_order += 1
+        else:
+            if np.isfinite(self._newest):
+                self._steps.append(t - self._newest)
+                self._interval = median_low(self._steps)
+                if len(self._steps) < FEW_INTERVALS:
+                    self._interval = min(self._interval, self.dt)
+            self._newest, self._newest_arrived = t, arrived
+        insort(self._rows, (t, arrived, sample), key=_time)
+        return self.advance(arrived)
+
+    def _settle(self, grid: float, now: float, settled: list[Sample]) -> bool:
+        """Settle one time of the grid, if it can be; whether it was."""
+        following = self._following(grid)
+        if following is None:
+            return False
+        t, _, sample = self._rows[following]
+        expired = now >= self._deadline(grid, following)
+        if self._interval <= FASTER * self.dt and not self._begins(following):
+            if not expired and self._newest < grid + self.dt - self._interval:
+                return False
+            known = self._average(grid, following)
+        elif abs(t - grid) <= ON_GRID * self.dt:
+            known = sample
+        else:
+            known = self._between(grid, following)
+        if known is None:
+            if not expired:
+                return False
+            self.counts.missing += max(1, round((t - grid) / self.dt))
+            self._grid = t
+            del self._rows[:following]
+            return True
+        slow = self._interval > RATE_RATIO * self.dt
+        settled.append(known._replace(y=UNKNOWN, reason=self._too_slow()) if slow else known)
+        self._grid = known.t + self.dt
+        del self._rows[: max(0, bisect_left(self._rows, known.t - self.dt, key=_time) - 1)]
+        return True
+
+    def _begins(self, following: int) -> bool:
+        """Whether nothing came before this row: the flight begins, or goes on after a gap."""
+        return following == 0
+
+    def _average(self, grid: float, following: int) -> Sample | None:
+        """Hann's average with a local line; None across a gap."""
+        first = bisect_left(self._rows, grid - self.dt, key=_time)
+        stop = bisect_left(self._rows, grid + self.dt, key=_time)
+        if not first < following < stop:
+            return self._between(grid, following)
+        after, before = self._rows[following], self._rows[following - 1]
+        if after[0] - before[0] > GAP_RATIO * self.dt:
+            return None
+        rows = self._rows[first:stop]
+        nearest = after if after[0] - grid < grid - before[0] else before
+        tau = np.array([row[0] for row in rows]) - grid
+        y = np.array([row[2].y for row in rows])
+        weights = 1.0 + np.cos(np.pi * tau / self.dt)
+        return Sample(grid, _local_line(weights, tau, y), nearest[2].attitude)
+
+    def _between(self, grid: float, following: int) -> Sample | None:
+        """On the line between two neighbours; None across a gap, or where they came too late."""
+        t, _, after = self._rows[following]
+        if following == 0:
+            return after if abs(t - grid) <= ON_GRID * self.dt else None
+        t_before, _, before = self._rows[following - 1]
+        is_gap = t - t_before > GAP_RATIO * max(self._interval, self.dt)
+        if is_gap or t - grid > self.delay:
+            return None
+        share = (grid - t_before) / (t - t_before)
+        y = before.y + share * (after.y - before.y)
+        return Sample(grid, y, (after if share > 0.5 else before).attitude)
+
+    def _following(self, grid: float) -> int | None:
+        """Number of the first row at or after a time of the grid; None before it came."""
+        found = bisect_left(self._rows, grid - ON_GRID * self.dt, key=_time)
+        return found if found < len(self._rows) else None
+
+    def _deadline(self, grid: float, following: int) -> float:
+        """When a time of the grid is given up: by the first arrival that was measured after it."""
+        t, arrived, _ = min(self._rows[following:], key=lambda row: row[1])
+        return arrived + max(0.0, self.delay - (t - grid))
+
+    def _too_slow(self) -> str:
+        return (
+            f"the source samples each {self._interval:.4g} s, the monitor needs a sample each "
+            f"{self.dt:.4g} s: send at {1.0 / self.dt:.4g} Hz"
+        )
+
+
+def _time(row: tuple[float, float, Sample]) -> float:
+    return row[0]
+
+
+def _local_line(weights: Array, tau: Array, y: Array) -> Array:
+    """(k,) value at tau 0 of the weighted line through each column; unknown values have no weight.
+
+    weights, tau: (n,).   y: (n, k), NaN where unknown.
+    """
+    known = np.isfinite(y)
+    w = weights[:, None] * known
+    s0, s1, s2 = w.sum(axis=0), tau @ w, (tau * tau) @ w
+    values = np.where(known, y, 0.0)
+    sum_y, sum_ty = (w * values).sum(axis=0), tau @ (w * values)
+    determinant = s0 * s2 - s1 * s1
+    with np.errstate(invalid="ignore", divide="ignore"):
+        line = (s2 * sum_y - s1 * sum_ty) / determinant
+        mean = sum_y / s0
+    even = determinant <= 1e-12 * s0 * s2
+    return np.where(s0 > 0.0, np.where(even, mean, line), np.nan)

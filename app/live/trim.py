@@ -1,0 +1,127 @@
+"""Where a manoeuvre begins and what its trim is, from the samples so far.
+
+Offline a recording is searched as a whole (app.scoring.manoeuvres). In flight a manoeuvre begins
+with the first departure of a surface from its rest, and trim is the mean of the rest before it.
+"""
+
+from collections import deque
+
+import numpy as np
+
+from app.scoring.manoeuvres import BEGINNING, OTHER, RESTED, SHARE, SMALLEST
+from app.scoring.planned_test import SURFACES, PlannedTest
+from app.scoring.segments import AFTERWARDS
+from core.channels import N_CHANNELS
+from core.types import Array
+
+GUARD_S = 0.2
+"""Before the present sample, left out of trim: a departure has begun before it is one [s]."""
+DEPARTED_SAMPLES = 2
+"""In a row, so that one wild sample is no departure."""
+NOISES = 5.0
+"""Standard deviations of the rest that are no departure."""
+TRAVEL = 2.0
+"""Times what a departure is: surfaces that travel less within the trim segment rest."""
+MOVING = "the surfaces move: trim is measured as soon as they rest"
+RESTING = "no manoeuvre is under way: it begins with the first movement of a surface"
+
+
+class CausalTrim:
+    """Phases of a flight: rest, in which trim is measured, and manoeuvres, with the trim before.
+
+    manoeuvre: 1, 2, 3 ... of the one under way; 0 at rest.   trim: (6,); None while not known.
+    """
+
+    def __init__(self, planned: PlannedTest) -> None:
+        self.planned, self.manoeuvre = planned, 0
+        self.trim: Array | None = None
+        dt = planned.dt
+        self._n_trim = max(2, round(planned.trim_segment_s / dt))
+        self._n_rest = self._n_trim + round(GUARD_S / dt)
+        self._rest: deque[Array] = deque(maxlen=self._n_rest)
+        self._flown: deque[Array] = deque(maxlen=round(RESTED / dt))
+        amplitudes = planned.amplitudes
+        sizes = np.where(amplitudes > 0.0, amplitudes, OTHER * amplitudes.max())
+        self._limits = self._threshold = np.maximum(BEGINNING * SHARE * sizes, SMALLEST)
+        self._departed = self._n_begun = self._length = 0
+
+    @property
+    def level(self) -> Array:
+        """Trim (6,); 0 while it is not known."""
+        return np.zeros(N_CHANNELS) if self.trim is None else self.trim
+
+    @property
+    def reason(self) -> str:
+        """Why no manoeuvre is under way."""
+        if self.trim is not None:
+            return RESTING
+        if len(self._rest) == self._n_rest:
+            return MOVING
+        needed = self._n_rest * self.planned.dt
+        return f"trim is measured: it needs {needed:.3g} s of rest before the manoeuvre"
+
+    def update(self, y: Array) -> bool:
+        """Take the next sample (6,); whether a manoeuvre begins with it."""
+        if self.manoeuvre and not self._is_over(y):
+            return False
+        if self.trim is not None and self._departs(y, self.trim):
+            return self.begin()
+        self._rest.append(y)
+        self._measure()
+        return False
+
+    def begin(self) -> bool:
+        """A manoeuvre begins now, with the trim there is; whether none was under way."""
+        if self.manoeuvre > 0:
+            return False
+        self._n_begun += 1
+        self.manoeuvre, self._departed = self._n_begun, 0
+        if self.trim is None:
+            self.trim = _mean(np.array(self._rest)) if self._rest else np.zeros(N_CHANNELS)
+        self._length = 0
+        self._flown.clear()
+        return True
+
+    def _departs(self, y: Array, trim: Array) -> bool:
+        moved = np.abs(y - trim)[SURFACES,] > self._limits
+        self._departed = self._departed + 1 if moved.any() else 0
+        return self._departed >= DEPARTED_SAMPLES
+
+    def _measure(self) -> None:
+        """Trim of the rest, but for its newest part; not known while the surfaces move."""
+        if len(self._rest) < self._n_rest:
+            return
+        rest = np.array([*self._rest][: self._n_trim])
+        surfaces = np.nan_to_num(rest[:, SURFACES])
+        self._limits = np.maximum(self._threshold, NOISES * surfaces.std(axis=0))
+        if (np.ptp(surfaces, axis=0) <= TRAVEL * self._threshold).all():
+            self.trim = _mean(rest)
+        elif self._departed == 0:
+            self.trim = None
+
+    def _is_over(self, y: Array) -> bool:
+        """Whether the manoeuvre ended before this sample; the rest after it is measured anew."""
+        self._length += 1
+        self._flown.append(y)
+        duration, dt = self.planned.duration, self.planned.dt
+        if duration is not None:
+            over = self._length > round((duration - self.planned.trim_segment_s) / dt)
+        else:
+            over = self._length > AFTERWARDS / dt and self._rests()
+        if over:
+            self.manoeuvre, self.trim = 0, None
+            self._rest.clear()
+        return over
+
+    def _rests(self) -> bool:
+        if len(self._flown) < RESTED / self.planned.dt:
+            return False
+        surfaces = np.nan_to_num(np.array(self._flown)[:, SURFACES])
+        return bool((np.ptp(surfaces, axis=0) <= self._threshold).all())
+
+
+def _mean(rest: Array) -> Array:
+    """(6,) mean of what is known; 0 for a channel of which nothing is."""
+    known = np.isfinite(rest)
+    total = np.where(known, rest, 0.0).sum(axis=0)
+    return total / np.maximum(known.sum(axis=0), 1)
