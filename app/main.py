@@ -25,6 +25,7 @@ from app.http.sessions import Sessions
 from app.integrity import Integrity
 from app.jobs.jobs import Jobs
 from app.links import describe_links
+from app.live.journal import Journals
 from app.metrics import Measured, Metrics
 from app.recordings.recordings import Recordings
 from app.recordings.scored import ScoredRecordings
@@ -36,6 +37,7 @@ from app.routes import (
     flights,
     health,
     jobs,
+    live_samples,
     markers,
     monitors,
     people,
@@ -128,7 +130,7 @@ def _routes() -> tuple[BaseRoute, ...]:
     """
     api = APIRouter()
     kept = (datasets, monitors, recordings, scorings, scored_files, markers, storage)
-    for part in (catalog, *kept, jobs, flights, flight_stream, people, audit, health):
+    for part in (catalog, *kept, jobs, flights, flight_stream, live_samples, people, audit, health):
         api.include_router(part.router)
     api.include_router(scene_router())
     for _ in iter_route_contexts(api.routes):
@@ -156,10 +158,19 @@ async def _lifespan(app: FastAPI) -> AsyncIterator[None]:
         parts.push_async_callback(asyncio.to_thread, work.close)
         scenes = app.state.scenes = Scenes(settings.max_flights)
         await parts.enter_async_context(scenes.lifespan())
+        journals = Journals(settings.data_dir / "live")
+        parts.push_async_callback(asyncio.to_thread, journals.close)
         aloft = app.state.flights = Flights(
-            store, scenes, settings.max_flights, scored=app.state.scored, look=look
+            store,
+            scenes,
+            settings.max_flights,
+            scored=app.state.scored,
+            look=look,
+            journals=journals,
+            host=settings.host,
         )
         await parts.enter_async_context(aloft)
+        await aloft.resume_all()
         looking = asyncio.create_task(look.repeat(lambda: bool(aloft.under_way())))
         parts.callback(looking.cancel)
         if rule := retention_rule(settings.retain_days, settings.retain_gb):

@@ -1,6 +1,6 @@
 """What goes over a flight's WebSocket: JSON objects told apart by `type`.
 
-Down: hello, frames, state, status, alarm, marker, transport, reset, heartbeat, waiting, end.
+Down: hello, frames, state, status, alarm, marker, transport, live, reset, heartbeat, waiting, end.
 Up: credit, resume.
 Times `t` are the flight's own [s]; `seq` numbers the samples flown, one up a sample, whatever the
 transport does; `sent` and the heartbeat's `server_time` are the server's.
@@ -139,6 +139,33 @@ class Frame(Message):
     sent: float | None
 
 
+class LiveStatus(Message):
+    """How a live source does."""
+
+    delay: float = Field(
+        description="[s] that a sample waits for others at most; subtracted from the lead shown"
+    )
+    interval: float | None = Field(
+        description="[s] at which the source samples; null before the first sample"
+    )
+    lag: float = Field(
+        description="[s] by which the newest sample came later than the quickest of the last minute"
+    )
+    manoeuvre: int = Field(description="1, 2, 3 ... of the one under way; 0 for none")
+    trim: Literal["detected", "none"]
+    needed: list[str] = Field(description="channels that the monitor cannot do without")
+    names: list[str] = Field(description="of what a batch holds, time first")
+    batches: int = Field(description="that came, without repeated ones")
+    last_sequence: int | None = Field(description="largest number of a batch; null for none")
+    malformed: int = Field(description="messages that were no batch")
+    foreign: int = Field(description="datagrams of somebody else than the source")
+    counts: dict[str, int] = Field(description="samples by kind, see the README")
+    udp: str | None = Field(description="host:port that listens for datagrams; null for none")
+    problem: str = Field(
+        description="why the journal takes nothing at present; empty while it does"
+    )
+
+
 class Hello(Message):
     """First message: everything a display needs to draw this flight."""
 
@@ -149,7 +176,9 @@ class Hello(Message):
     channels: list[ChannelLimit]
     epsilon: float
     n_unsafe: int
-    lead: float = Field(description="[s] ahead that y_hat forecasts and alerts warn")
+    lead: float = Field(
+        description="[s] ahead that alerts warn: the monitor's, less what live samples may wait"
+    )
     dt: float
     stale_after: float = Field(
         description="[s] without a sample before what is shown is stale, at speed 1; below, three "
@@ -185,6 +214,7 @@ class Hello(Message):
     credit: int = Field(
         description="messages of frames that may come before the client grants more"
     )
+    live: LiveStatus | None = Field(default=None, description="of a live flight")
 
 
 class Frames(Message):
@@ -197,6 +227,13 @@ class Frames(Message):
     seq: int = Field(description="of the last frame")
     conflated: int
     frames: list[Frame]
+
+
+class LiveChange(Message):
+    """How the live source does, where that changed; once a second at most."""
+
+    type: Literal["live"] = "live"
+    live: LiveStatus
 
 
 class StateChange(Message):

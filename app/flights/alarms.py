@@ -89,6 +89,16 @@ class Alarms:
             if ALARM_LEVELS[kind] is Level.WARNING:
                 onsets.restart()
 
+    def restore(self, alarms: list[Alarm]) -> None:
+        """Take the alarms of a flight that goes on."""
+        for alarm in alarms:
+            self._number = max(self._number, alarm.number)
+            if alarm.acknowledged is None:
+                self._open[alarm.id] = alarm
+                self._onsets[alarm.kind].latch(alarm.id, alarm.seq)
+            else:
+                self._closed = [*self._closed, alarm][-CLOSED_KEPT:]
+
     def update(
         self,
         seq: int,

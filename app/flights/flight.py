@@ -22,6 +22,7 @@ from app.messages import (
     FlightMarker,
     Heartbeat,
     Hello,
+    LiveStatus,
     MarkerSet,
     MeasuredExceedance,
     Mode,
@@ -133,6 +134,16 @@ class Flight(ABC):
         """Samples first..last of the source, flown yet or not; `seq` is their number in it."""
 
     @property
+    def lead(self) -> float:
+        """How far ahead an alert is shown [s]."""
+        return self.plan.monitor.lead
+
+    @property
+    def live(self) -> LiveStatus | None:
+        """How its source does, of a live flight."""
+        return None
+
+    @property
     def id(self) -> str:
         """Its id in the store."""
         return self.plan.id
@@ -216,7 +227,7 @@ class Flight(ABC):
             channels=limited_channels(monitor.specification),
             epsilon=plan.epsilon,
             n_unsafe=monitor.n_unsafe,
-            lead=monitor.lead,
+            lead=self.lead,
             dt=self.dt,
             stale_after=patience(self.dt),
             validity="checked" if self.is_checked else "not calibrated",
@@ -236,6 +247,7 @@ class Flight(ABC):
             markers=self.markers.at_hand,
             marker_kinds=list(FLIGHT_MARKERS.values()),
             credit=CREDIT,
+            live=self.live,
         ).encode()
 
     # --- flying -------------------------------------------------------------------------------
@@ -252,9 +264,20 @@ class Flight(ABC):
         """One sample: recorded, checked for alarms, encoded. `_show` follows once a burst."""
         seq = self.head + 1
         self.recorder.add(seq, y, assessment)
-        self._set_state(assessment.state, assessment.reason)
-        self._recent.append(encode_frame(plain_frame(seq, y, assessment, round(due * 1e3, 3))))
+        self._follow(y, assessment, exceedance, attitude, round(due * 1e3, 3))
         self._ring(self.alarms.update(seq, index, assessment, exceedance, self.clock))
+
+    def _follow(
+        self,
+        y: Array,
+        assessment: Assessment,
+        exceedance: MeasuredExceedance | None,
+        attitude: Angles,
+        sent: float | None = None,
+    ) -> None:
+        """One sample as it is shown. sent: monotonic milliseconds; None where it was long ago."""
+        self._set_state(assessment.state, assessment.reason)
+        self._recent.append(encode_frame(plain_frame(self.head + 1, y, assessment, sent)))
         self.t, self._assessment, self._pose = assessment.t, assessment, (attitude, y)
         self._exceeds = exceedance is not None
         if self._exceeds:

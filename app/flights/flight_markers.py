@@ -20,6 +20,11 @@ class FlightMarkers:
         """Those that wait for the store and the last stored ones, in the order set."""
         return list(self._markers.values())
 
+    def restore(self, markers: list[FlightMarker]) -> None:
+        """Take the markers of a flight that goes on."""
+        self._markers |= {marker.number: marker for marker in markers[-KEPT:]}
+        self._number = max(self._markers, default=0)
+
     def add(
         self, kind: FlightMarkerKey, seq: int, t: float, created: str, by: str, text: str | None
     ) -> FlightMarker:

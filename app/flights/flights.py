@@ -2,7 +2,8 @@
 
 import asyncio
 import logging
-from collections.abc import Callable
+import time
+from collections.abc import Awaitable, Callable
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from dataclasses import dataclass, field
@@ -13,15 +14,17 @@ import numpy as np
 from app.flights.clock import Clock, MonotonicClock, Timer
 from app.flights.flight import Flight, FlightPlan, patience
 from app.flights.flight_markers import of_store
-from app.flights.live import LiveSource
+from app.flights.live import LiveFlight, LiveSetup
 from app.flights.playback import Script
 from app.flights.recorder import INTERVAL_S, Recorder
 from app.flights.request import FlightRequest
 from app.flights.sources import Opening, aircraft_of, mode_of, trim_angles
+from app.flights.transport import NotPossible
+from app.live.journal import Journals, lines_of
 from app.messages import Alarm, FlightMarker, MeasuredExceedance, plain_frame
 from app.recordings.scored import ScoredRecordings
 from app.store.alarms import StoredAlarm
-from app.store.flights import FlightInfo, UnderWay
+from app.store.flights import INTERRUPTED, FlightInfo, UnderWay
 from app.store.look import StoreLook
 from app.store.store import NotFound, Store, StoreError
 from core.certificate import check_use
@@ -40,6 +43,8 @@ STOPPING = "the server is stopping"
 RECORDING_THREADS = 2
 """One may wait for the disk while the other stores an alarm."""
 MOST_DIGITS = 12
+RESUMED_WITHIN_S = 600.0
+"""A live flight whose last batch is older is not gone on with when the server starts [s]."""
 
 
 class TooManyFlights(RuntimeError):
@@ -71,13 +76,16 @@ class Flights:
         clock: Clock | None = None,
         scored: ScoredRecordings | None = None,
         look: StoreLook | None = None,
+        journals: Journals | None = None,
+        host: str = "127.0.0.1",
     ) -> None:
-        self._look = look
+        self._look, self._journals, self._host = look, journals, host
         self.store, self.max_flights, self._scored = store, max_flights, scored
         self._scenes, self._clock = scenes, clock or MonotonicClock()
         self._flights: dict[str, Flight] = {}
         self._starting = 0
         self._closing = False
+        self._resuming = asyncio.Lock()
         self._stopping: set[asyncio.Task[None]] = set()
         self._endings: dict[str, _Ending] = {}
         self._recording = ThreadPoolExecutor(RECORDING_THREADS, "recorder")
@@ -148,11 +156,81 @@ class Flights:
             epsilon = monitor.check_epsilon(request.epsilon)
             if not request.accept_useless:
                 check_use(monitor.evaluation, epsilon)
-            opening = Opening(self.store, self._scored, request.monitor, monitor, epsilon)
+            opening = self._opening(request.monitor, monitor, epsilon)
             script, name = await asyncio.to_thread(request.source.open, opening)
             source = request.source.model_dump(exclude_none=True)
             plan = await self._plan(request, request.name or name, source, epsilon)
             return await self._start(plan, request.source.flight, script)
+        finally:
+            self._starting -= 1
+
+    def _opening(self, monitor_id: str, monitor: Monitor, epsilon: float) -> Opening:
+        return Opening(
+            self.store, self._scored, monitor_id, monitor, epsilon, self._journals, self._host
+        )
+
+    async def live(self, flight_id: str) -> LiveFlight:
+        """A live flight that takes samples; one that a killed server flew goes on.
+
+        NotFound; NotPossible where it is over, or not live.
+        """
+        async with self._resuming:
+            flight = self.get(flight_id)
+            if flight is None:
+                flight = await self._resume(flight_id)
+        if not isinstance(flight, LiveFlight):
+            raise NotPossible(f"flight {flight_id} is not live: it takes no samples")
+        if flight.is_over:
+            raise NotPossible("the flight is over: start another one")
+        return flight
+
+    async def resume_all(self) -> None:
+        """Go on with the live flights that were under way when the server was killed."""
+        if self._journals is None:
+            return
+        for info in await asyncio.to_thread(self.store.flights.all):
+            if info.status == INTERRUPTED and source_of(info).get("kind") == "live":
+                path = self._journals.path(info.id)
+                if path.exists() and time.time() - path.stat().st_mtime < RESUMED_WITHIN_S:
+                    try:
+                        await self.live(info.id)
+                    except Exception:
+                        LOG.exception("flight %s is not resumed", info.id)
+
+    async def _resume(self, flight_id: str) -> Flight:
+        """Go on with a live flight whose server was killed, by its journal."""
+        info = await asyncio.to_thread(self.store.flights.info, flight_id)
+        source = source_of(info)
+        journals = self._journals
+        if source.get("kind") != "live" or info.status != INTERRUPTED or journals is None:
+            raise NotPossible(f"flight {flight_id} takes no samples: it is over, or not live")
+        self._take_place()
+        try:
+            monitor = await asyncio.to_thread(self._monitor, info.monitor_id)
+            request = FlightRequest.model_validate({"source": source, "monitor": info.monitor_id})
+            opening = self._opening(info.monitor_id, monitor, info.epsilon)
+            setup, name = await asyncio.to_thread(request.source.open, opening)
+            alarms, markers = await self.alarms(flight_id), await self.markers(flight_id)
+            about = await asyncio.to_thread(self.store.monitors.info, info.monitor_id)
+            plan = FlightPlan(
+                flight_id,
+                flight_name(info) or name,
+                source,
+                monitor,
+                info.monitor_id,
+                about.name,
+                info.epsilon,
+            )
+            stored = -1 if info.head is None else info.head
+
+            async def go_on(flight: Flight) -> None:
+                assert isinstance(flight, LiveFlight)
+                lines = lines_of(journals.path(flight_id))
+                unrecorded = await asyncio.to_thread(flight.restore, lines, stored, alarms, markers)
+                await asyncio.to_thread(self.store.flights.resume, flight_id)
+                flight.resume(unrecorded)
+
+            return await self._start(plan, request.source.flight, setup, go_on)
         finally:
             self._starting -= 1
 
@@ -203,6 +281,8 @@ class Flights:
                 f"{flight.recorder.waiting_words} wait for the store"
             )
         await asyncio.to_thread(self.store.flights.delete, flight_id)
+        if self._journals is not None:
+            await asyncio.to_thread(self._journals.delete, flight_id)
 
     async def alarms(self, flight_id: str) -> list[Alarm]:
         """All alarms of a flight, under way or ended, in the order raised; NotFound."""
@@ -302,7 +382,11 @@ class Flights:
         )
 
     async def _start(
-        self, plan: FlightPlan, make: Callable[..., Flight], source: Script | LiveSource
+        self,
+        plan: FlightPlan,
+        make: Callable[..., Flight],
+        source: Script | LiveSetup,
+        begin: Callable[[Flight], Awaitable[None]] | None = None,
     ) -> Flight:
         try:
             scene = await asyncio.to_thread(self._open_scene, plan, patience(source.dt))
@@ -310,7 +394,10 @@ class Flights:
             when_over = self._when_over(plan.id)
             flight = make(plan, source, recorder, self._clock, when_over, scene)
             self._flights[plan.id] = flight
-            flight.start()
+            if begin is None:
+                flight.start()
+            else:
+                await begin(flight)
         except BaseException:
             self._flights.pop(plan.id, None)
             await asyncio.to_thread(self.store.flights.end, plan.id, "failed")

@@ -1,54 +1,115 @@
-"""The flight of a live source: assessed sample by sample, stale as soon as the source is late."""
+"""The flight of a live source: assessed as its samples arrive, stale as soon as they do not.
+
+Every batch goes into the journal as it came, with the time of its arrival, and then through the
+scorer; what is shown follows from the journal alone, so that it can be had again from it, after the
+server was killed as well.
+"""
 
 import asyncio
-from collections.abc import AsyncIterator
-from typing import Any, NamedTuple, Protocol
+from collections import deque
+from collections.abc import Iterable
+from contextlib import suppress
+from datetime import datetime
+from functools import partial
+from hashlib import sha256
+from typing import Any, NamedTuple
+
+import msgspec
 
 from app.flights.exceedance import exceedance
-from app.flights.flight import LEVEL, Flight, FlightPlan, patience
+from app.flights.flight import Angles, Flight, FlightPlan, patience
 from app.flights.transport import NotPossible
-from app.messages import TransportState
-from core.monitor import State
+from app.flights.udp import UdpReceiver
+from app.live.batches import Batch, ChannelReader, decode_batch
+from app.live.journal import Journal, JournalFull, Journals, lines_of
+from app.live.scorer import CausalScorer, LiveAssessed, TrimRule
+from app.messages import Alarm, FlightMarker, LiveChange, LiveStatus, MeasuredExceedance, TransportState
+from app.scoring.planned_test import limits_of, needed_channels
+from app.telemetry.recording import TelemetryError
+from core.channels import KEYS
+from core.monitor import Assessment, Monitor, State
+from core.simulation.attitude import DisplayAttitude
 from core.types import Array
 
+P, R = KEYS.index("p"), KEYS.index("r")
+LATE_S = 1.0
+"""Samples that come so much later than the quickest did are no longer shown as now [s]."""
+LAG_OVER, LAG_PARTS = 60.0, 6
+"""The quickest arrival is looked for over so long [s], in so many parts: clocks drift apart."""
+SEQUENCES_KEPT = 200_000
+"""Newest batches whose repetition is recognised."""
+FORMAT = 1
 
-class Sample(NamedTuple):
-    """One sample of a live source. y: (6,).   attitude: phi, theta, psi [rad] where measured."""
 
-    t: float
-    y: Array
-    attitude: tuple[float, float, float] | None = None
+class SequenceConflict(ValueError):
+    """A sequence number that was used for another batch."""
 
 
-class LiveSource(Protocol):
-    """Samples as they come; the flight ends when they do."""
+class Received(NamedTuple):
+    """What became of a batch. stored: done once it is durable; None for nothing to wait for."""
+
+    sequence: int | None
+    n_samples: int
+    repeated: bool
+    stored: "asyncio.Future[None]"
+
+
+class LiveSetup(NamedTuple):
+    """What a live flight is flown with. delay: [s], DELAY_INTERVALS of the monitor if None.
+
+    udp: port to listen at, 0 for any; None for none.   host: where it listens.
+    """
+
+    monitor: Monitor
+    epsilon: float
+    reader: ChannelReader
+    journals: Journals
+    theta0: float
+    delay: float | None = None
+    trim: TrimRule = "detected"
+    udp: int | None = None
+    host: str = "127.0.0.1"
+    theta: dict[str, float] | None = None
 
     @property
     def dt(self) -> float:
-        """Interval at which samples should come [s]."""
-        ...
+        """Interval of the monitor [s]."""
+        return self.monitor.dt
 
-    @property
-    def theta(self) -> dict[str, float] | None:
-        """Parameters of a simulated aircraft, by name."""
-        ...
-
-    def __aiter__(self) -> AsyncIterator[Sample]:
-        """Yield the samples, each as soon as it is there."""
-        ...
+    def scorer(self) -> CausalScorer:
+        """A scorer for a flight from its beginning."""
+        return CausalScorer(self.monitor, self.epsilon, self.delay, self.trim)
 
 
 class LiveFlight(Flight):
-    """A flight that only plays, at the pace of its source, and is over when that ends."""
+    """A flight that only plays, at the pace of its source.
 
-    def __init__(self, plan: FlightPlan, source: LiveSource, *about: Any, **more: Any) -> None:
+    Its batches come through `receive`; the flight goes on until somebody ends it.
+    """
+
+    def __init__(self, plan: FlightPlan, setup: LiveSetup, *about: Any, **more: Any) -> None:
+        self.scorer = setup.scorer()
         super().__init__(plan, *about, **more)
-        self.dt, self.theta = source.dt, source.theta
-        self.is_checked = plan.monitor.support is not None
-        self._source = source
-        self._patience = patience(source.dt)
-        self._came = 0.0
-        self._task: asyncio.Task[None] | None = None
+        self.dt, self.is_checked = setup.dt, plan.monitor.support is not None
+        self._setup, self._patience = setup, patience(setup.dt)
+        limited = needed_channels(setup.monitor, limits_of(setup.monitor))
+        self.needed = [key for key, is_needed in zip(KEYS, limited, strict=True) if is_needed]
+        self._display = DisplayAttitude(setup.theta0)
+        self._began = self._came = self.clock.now()
+        self._journal: Journal | None = None
+        self._udp: UdpReceiver | None = None
+        self._port = setup.udp
+        self._sequences: dict[int, bytes] = {}
+        self._quickest: deque[tuple[int, float]] = deque(maxlen=LAG_PARTS)
+        self._lag = 0.0
+        self._n_malformed = self._n_batches = 0
+        self._has_begun = False
+        self._told: LiveStatus | None = None
+
+    @property
+    def lead(self) -> float:
+        """How far ahead an alert is shown [s]: less what a sample may wait for others."""
+        return self.scorer.lead
 
     @property
     def transport(self) -> TransportState:
@@ -66,12 +127,98 @@ class LiveFlight(Flight):
             seekable=False,
         )
 
+    @property
+    def live(self) -> LiveStatus:
+        """How its source does."""
+        return LiveStatus(
+            delay=self.scorer.delay,
+            interval=self.scorer.interval if self._has_begun else None,
+            lag=round(self._lag, 3),
+            manoeuvre=self.scorer.manoeuvre,
+            trim=self._setup.trim,
+            needed=self.needed,
+            names=self._setup.reader.names,
+            batches=self._n_batches,
+            last_sequence=max(self._sequences, default=None),
+            malformed=self._n_malformed,
+            foreign=self._udp.n_foreign if self._udp else 0,
+            counts=self.scorer.counts.to_plain(),
+            udp=self._udp.address if self._udp else None,
+            problem=self._journal.problem if self._journal else "",
+        )
+
     def start(self) -> None:
-        """Begin to take samples."""
-        self._beat()
-        self._came = self.clock.now()
-        self._watch_out()
-        self._task = asyncio.get_running_loop().create_task(self._fly_source())
+        """Open the journal and wait for samples. OSError."""
+        self._journal = self._setup.journals.open(self.id)
+        self._record({"format": FORMAT, "flight": self.id, "began": self.clock.utc()})
+        self._begin_to_listen()
+
+    def restore(
+        self,
+        lines: Iterable[dict[str, Any]],
+        stored: int,
+        alarms: list[Alarm],
+        markers: list[FlightMarker],
+    ) -> list[LiveAssessed]:
+        """Become the flight that a killed server flew; for a thread. What is not recorded yet.
+
+        lines: of its journal.   stored: newest sample of its record.   alarms, markers: of its record.
+        """
+        header, *rest = lines
+        unrecorded = []
+        for line in rest:
+            for assessed in self._again(line):
+                if self.head < stored:
+                    self._follow(*self._flown(assessed))
+                else:
+                    unrecorded.append(assessed)
+        self.alarms.restore(alarms)
+        self.markers.restore(markers)
+        passed = _seconds_between(header["began"], self.clock.utc())
+        last = float(rest[-1]["a"]) if rest else 0.0
+        self._began = self.clock.now() - max(passed, last)
+        return unrecorded
+
+    def resume(self, unrecorded: list[LiveAssessed]) -> None:
+        """Go on as the flight that was restored. OSError."""
+        self._journal = self._setup.journals.open(self.id)
+        self._record({"e": "resumed"})
+        for assessed in unrecorded:
+            self._fly_one(assessed, self.clock.now())
+        self._begin_to_listen()
+        self._set_state(State.STALE, "the server was started again: it waits for the source")
+
+    def receive(self, content: bytes | str, via: str) -> Received:
+        """Take a batch: score what it settles, show it, and write it into the journal.
+
+        TelemetryError; SequenceConflict; JournalFull: nothing of it was taken.
+        """
+        try:
+            batch = decode_batch(content)
+            if (known := self._known(batch)) is not None:
+                return known
+            if not self._has_begun:
+                self._setup.reader.check(batch, self.needed)
+            samples = self._setup.reader.samples(batch)
+        except TelemetryError:
+            self._n_malformed += 1
+            raise
+        line = {"v": via, "s": batch.sequence, "b": batch.values}
+        written = self._record(line)
+        self._note_batch(batch)
+        now = self._came = self.clock.now()
+        assessed = [one for each in samples for one in self.scorer.push(line["a"], each)]
+        self._show_all(assessed, now)
+        self._settle_later()
+        return Received(batch.sequence, len(samples), False, written)
+
+    def begin_manoeuvre(self, by: str) -> asyncio.Future[None]:
+        """A manoeuvre begins now: somebody says so. NotPossible while one is under way."""
+        if self._setup.trim == "none":
+            raise NotPossible("the samples of this flight are from trim: all of it is assessed")
+        if not self.scorer.begin():
+            raise NotPossible(f"manoeuvre {self.scorer.manoeuvre} is under way")
+        return self._record({"e": "manoeuvre", "by": by})
 
     def act(self, action: str, value: float | bool | None = None) -> None:
         """Refuse: nobody steers a live source."""
@@ -84,26 +231,137 @@ class LiveFlight(Flight):
         raise NotPossible("a live source has no samples but those that came: see assessments")
 
     async def stop(self, reason: str) -> None:
-        """End the flight: the source is left, watchers are told, the record is completed."""
+        """End the flight: what waits is settled, watchers are told, the record is completed."""
+        if not self.is_over and self._journal is not None:
+            self._show_all(self.scorer.advance(self._arrival()), self.clock.now())
+            self._record({"e": "end", "reason": reason})
         self._halt(reason)
-        if self._task is not None:
-            self._task.cancel()
-            await asyncio.gather(self._task, return_exceptions=True)
+        if self._udp is not None:
+            self._udp.close()
+        if self._journal is not None:
+            journal, self._journal = self._journal, None
+            await asyncio.to_thread(journal.close)
         await super().stop(reason)
 
-    async def _fly_source(self) -> None:
-        stream = self.plan.monitor.stream(self.plan.epsilon)
-        try:
-            async for t, y, attitude in self._source:
-                self._came = self.clock.now()
-                assessment = stream.update(t, y)
-                exceeded = exceedance(self.plan.monitor.limits, y, y)
-                self._fly(y, assessment, exceeded, self._came, self.head + 1, attitude or LEVEL)
-                self._show()
-        except Exception:
-            self._fail()
+    # --- the journal --------------------------------------------------------------------------
+
+    def _arrival(self) -> float:
+        """Time since the flight began [s]: by it everything is settled."""
+        return self.clock.now() - self._began
+
+    def _record(self, line: dict[str, Any]) -> asyncio.Future[None]:
+        """Write a line with the time of its arrival, which is added to it."""
+        line["a"] = self._arrival()
+        return self._open_journal.append(line)
+
+    @property
+    def _open_journal(self) -> Journal:
+        if self._journal is None:
+            raise NotPossible("the flight is over: start another one")
+        return self._journal
+
+    def _again(self, line: dict[str, Any]) -> list[LiveAssessed]:
+        """What a line of the journal settled."""
+        if "b" in line:
+            self._note_batch(Batch(line["s"], line["b"]))
+        self._port = line.get("port", self._port)
+        return settled_by(line, self.scorer, self._setup.reader)
+
+    def _note_batch(self, batch: Batch) -> None:
+        """Remember a batch, so that it is known when it comes again."""
+        self._has_begun = True
+        self._n_batches += 1
+        if batch.sequence is not None:
+            self._sequences[batch.sequence] = _digest(batch)
+            if len(self._sequences) > SEQUENCES_KEPT:
+                del self._sequences[next(iter(self._sequences))]
+
+    def _known(self, batch: Batch) -> Received | None:
+        """What is answered to a batch that came before. SequenceConflict."""
+        known = self._sequences.get(batch.sequence) if batch.sequence is not None else None
+        if known is None:
+            return None
+        if known != _digest(batch):
+            raise SequenceConflict(
+                f"sequence {batch.sequence} was used for another batch: number each batch anew; "
+                f"the newest is {max(self._sequences)}"
+            )
+        return Received(batch.sequence, 0, True, self._open_journal.settled())
+
+    # --- showing ------------------------------------------------------------------------------
+
+    def _begin_to_listen(self) -> None:
+        if self._port is not None:
+            self._udp = UdpReceiver(self._setup.host, self._port, self._receive_datagram)
+            self._record({"e": "listening", "port": self._udp.port})
+        self._beat()
+        self._came = self.clock.now()
+        self._watch_out()
+
+    def _receive_datagram(self, content: bytes) -> bool:
+        """Take a datagram, a batch a line; whether one was a batch."""
+        n_taken = 0
+        for line in content.splitlines():
+            with suppress(TelemetryError, SequenceConflict, NotPossible, JournalFull):
+                self.receive(line, "udp")
+                n_taken += 1
+        return n_taken > 0
+
+    def _show_all(self, assessed: list[LiveAssessed], now: float) -> None:
+        if not assessed:
+            return
+        for one in assessed:
+            self._fly_one(one, now)
+        self._note_lag(now - self._began, assessed[-1].assessment.t)
+        self._show()
+
+    def _fly_one(self, assessed: LiveAssessed, due: float) -> None:
+        y, assessment, exceeded, attitude = self._flown(assessed)
+        self._fly(y, assessment, exceeded, due, self.head + 1, attitude)
+
+    def _flown(
+        self, assessed: LiveAssessed
+    ) -> tuple[Array, Assessment, MeasuredExceedance | None, Angles]:
+        y, recorded = assessed.y, assessed.recorded
+        exceeded = exceedance(self.plan.monitor.limits, y, recorded)
+        return y, assessed.assessment, exceeded, self._attitude(assessed)
+
+    def _attitude(self, assessed: LiveAssessed) -> Angles:
+        if assessed.attitude is not None:
+            return assessed.attitude
+        recorded = assessed.recorded
+        angles = self._display.update(assessed.assessment.t, float(recorded[P]), float(recorded[R]))
+        return angles.phi, angles.theta, angles.psi
+
+    def _note_lag(self, arrived: float, t: float) -> None:
+        """How much later than the quickest sample this one came; too late is not now."""
+        part, age = int(arrived / (LAG_OVER / LAG_PARTS)), arrived - t
+        if self._quickest and self._quickest[-1][0] == part:
+            age_before = self._quickest.pop()[1]
+            self._quickest.append((part, min(age, age_before)))
         else:
-            self._end("ended", "the source ended")
+            self._quickest.append((part, age))
+        self._lag = age - min(each for _, each in self._quickest)
+        if self._lag > LATE_S:
+            self._set_state(State.STALE, f"samples come {self._lag:.1f} s late")
+
+    def _settle_later(self) -> None:
+        """Settle what waits when its time is up."""
+        deadline = self.scorer.deadline
+        if deadline is None:
+            self._stop_timer("settle")
+        else:
+            self._call_at("settle", self._began + deadline, partial(self._settle, deadline))
+
+    def _settle(self, deadline: float) -> None:
+        self._show_all(self.scorer.advance(max(deadline, self._arrival())), self.clock.now())
+        self._settle_later()
+
+    def _beat(self) -> None:
+        super()._beat()
+        if (now := self.live) != self._told:
+            self._told = now
+            self._tell(LiveChange(live=now).encode())
 
     def _watch_out(self) -> None:
         """Say `stale` as soon as the source is late; look again when it could be."""
@@ -115,7 +373,36 @@ class LiveFlight(Flight):
             is_new = self.state is not State.STALE
             if is_new:
                 self._set_state(State.STALE, reason)
-            self._ring(self.alarms.note_late(self.head, self.t, reason, self.clock))
+            if self._has_begun:
+                self._ring(self.alarms.note_late(self.head, self.t, reason, self.clock))
             if is_new:
                 self._show()
         self._call_at("watch out", when, self._watch_out)
+
+
+def _digest(batch: Batch) -> bytes:
+    return sha256(msgspec.json.encode(batch.values)).digest()[:8]
+
+
+def settled_by(
+    line: dict[str, Any], scorer: CausalScorer, reader: ChannelReader
+) -> list[LiveAssessed]:
+    """What a line of a journal settles."""
+    if "b" in line:
+        samples = reader.samples(Batch(line["s"], line["b"]))
+        return [one for each in samples for one in scorer.push(line["a"], each)]
+    settled = scorer.advance(line["a"])
+    if line.get("e") == "manoeuvre":
+        scorer.begin()
+    return settled
+
+
+def assessed_again(setup: LiveSetup, flight_id: str) -> list[LiveAssessed]:
+    """What a journal's flight shows through a monitor, by what had come at each moment. OSError."""
+    scorer = setup.scorer()
+    lines = lines_of(setup.journals.path(flight_id))
+    return [one for line in lines for one in settled_by(line, scorer, setup.reader)]
+
+
+def _seconds_between(earlier: str, later: str) -> float:
+    return (datetime.fromisoformat(later) - datetime.fromisoformat(earlier)).total_seconds()

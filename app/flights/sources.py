@@ -1,4 +1,4 @@
-"""Where a flight's samples come from: a simulated rollout, a stored one, a scored recording.
+"""Where a flight's samples come from: a simulated or stored rollout, a recording, a live source.
 
 A source is what is asked for over the wire, and knows how it is opened and flown.
 """
@@ -12,16 +12,20 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
 from app.flights.flight import Flight
-from app.flights.live import LiveSource
+from app.flights.live import LiveFlight, LiveSetup
 from app.flights.playback import AssessedTrack, Script
 from app.flights.recorded_playback import RecordedScript
 from app.flights.replay import TrackFlight
 from app.flights.track import SourceError, Track, times
 from app.json_codec import Whole
+from app.live.batches import ChannelReader
+from app.live.journal import Journals
+from app.live.scorer import TrimRule
 from app.messages import Mode
 from app.recipes import from_plain
 from app.recordings.scored import ScoredRecordings
 from app.store.store import Store
+from app.telemetry.mapping.mapping import Mapping
 from core.channels import KEYS
 from core.collection import DatasetRecipe, Rollouts, Simulator
 from core.monitor import Monitor
@@ -29,18 +33,24 @@ from core.simulation.aircraft import Aircraft, PublishedAircraft
 from core.simulation.attitude import attitude
 from core.types import Array
 
+FIRST_FREE_PORT = 1024
 BATCH, MOST_BATCHES = 256, 64
 """Rollouts made at a time, and at most so many times, until one has the outcome asked for."""
 
 
 class Opening(NamedTuple):
-    """By what a source is opened. scored: recordings, None where none are kept."""
+    """By what a source is opened.
+
+    scored: recordings, journals: of live flights; None where none are kept.   host: of the server.
+    """
 
     store: Store
     scored: ScoredRecordings | None
     monitor_id: str
     monitor: Monitor
     epsilon: float
+    journals: Journals | None = None
+    host: str = "127.0.0.1"
 
 
 class Source(BaseModel, ABC):
@@ -54,7 +64,7 @@ class Source(BaseModel, ABC):
     """What people must never take it for another of."""
 
     @abstractmethod
-    def open(self, opening: Opening) -> tuple[Script | LiveSource, str]:
+    def open(self, opening: Opening) -> tuple[Script | LiveSetup, str]:
         """Return what is flown, and what people call it; slow, for a thread.
 
         SourceError where there is no such flight or the monitor cannot fly it; RecipeError for a
@@ -174,6 +184,60 @@ class Recorded(Source):
         return script, store.recordings.info(self.recording).name
 
 
+class Live(Source):
+    """Samples as they arrive by REST, WebSocket or UDP.
+
+    Channels are named as in telemetry, in SI units, unless a recording's mapping says otherwise.
+    """
+
+    flight = LiveFlight
+    kind: Literal["live"]
+    recording: str | None = Field(
+        default=None, description="id of a recording by whose mapping the channels are read"
+    )
+    delay: float | None = Field(
+        default=None,
+        ge=0.0,
+        description="[s] that a sample waits for others at most, subtracted from the lead; 1.5 "
+        "intervals of the monitor if absent",
+    )
+    trim: TrimRule = Field(
+        default="detected",
+        description="`detected`: each manoeuvre is assessed from the trim before it; `none`: the "
+        "samples are from trim, and all are assessed",
+    )
+    udp: Whole | None = Field(
+        default=None, ge=0, le=65535, description="port to listen at for datagrams; 0: any free"
+    )
+
+    def open(self, opening: Opening) -> tuple[LiveSetup, str]:
+        """Make ready to receive."""
+        if opening.journals is None:
+            raise SourceError("no live flights are kept here: fly a simulated source")
+        if self.udp is not None and 0 < self.udp < FIRST_FREE_PORT:
+            raise SourceError(
+                f"UDP port {self.udp} was asked for: give one from {FIRST_FREE_PORT} on, or 0"
+            )
+        mapping, name = None, "live"
+        if self.recording is not None:
+            info = opening.store.recordings.info(self.recording)
+            mapping, name = Mapping.from_plain(info.mapping), f"live, as {info.name}"
+        monitor = opening.monitor
+        setup = LiveSetup(
+            monitor,
+            opening.epsilon,
+            ChannelReader(mapping),
+            opening.journals,
+            trim_angles(monitor.dataset_recipe)[1],
+            self.delay,
+            self.trim,
+            self.udp,
+            opening.host,
+        )
+        setup.scorer()  # refuses a delay as long as the lead
+        return setup, name
+
+
 def simulate(recipe: DatasetRecipe, request: Simulated) -> Track:
     """Fly the test once; SourceError where no rollout has the outcome or a parameter is unknown."""
     simulator = Simulator(recipe)
@@ -279,6 +343,7 @@ SOURCES: dict[str, type[Source]] = {
     "simulated": Simulated,
     "replay": Replay,
     "recording": Recorded,
+    "live": Live,
 }
 
 

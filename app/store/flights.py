@@ -14,6 +14,7 @@ from app.store.assessments import SAMPLE, StoredAssessments, pack, reasons_of, r
 from app.store.repository import Entry, Repository, check_not_kept, columns, complete, fetch
 from app.store.tables import assessment_chunks, flights, monitors, new_id, now
 
+INTERRUPTED = "interrupted"
 CHUNK = 1000
 """Most samples in one blob."""
 
@@ -74,6 +75,13 @@ class FlightRepository(Repository):
             over = {"status": status, "ended": now(), "exceeded_t": exceeded_t}
             connection.execute(update(flights).where(running).values(**over))
             return fetch_flight(connection, flight_id)
+
+    def resume(self, flight_id: str) -> None:
+        """Note that an interrupted flight goes on; nothing for any other."""
+        interrupted = (flights.c.id == flight_id) & (flights.c.status == INTERRUPTED)
+        with self._writing() as connection:
+            running = {"status": "running", "ended": None}
+            connection.execute(update(flights).where(interrupted).values(**running))
 
     def info(self, flight_id: str) -> FlightInfo:
         """What a flight is; NotFound."""
@@ -194,7 +202,7 @@ class FlightRepository(Repository):
     def recover(self) -> None:
         """Note as interrupted what nobody flies any more: the process that flew it died."""
         running = flights.c.status == "running"
-        interrupted = {"status": "interrupted", "ended": now()}
+        interrupted = {"status": INTERRUPTED, "ended": now()}
         with self._deleting() as connection:
             connection.execute(update(flights).where(running).values(**interrupted))
 
@@ -222,5 +230,5 @@ def _flights() -> Select:
     n_stored = func.sum(chunk.last_seq - chunk.first_seq + 1)
     n_lost = func.max(chunk.last_seq) + 1 - n_stored
     lost = select(func.coalesce(n_lost, 0)).where(of_flight).scalar_subquery()
-    known = case((flights.c.status != "interrupted", lost))
+    known = case((flights.c.status != INTERRUPTED, lost))
     return select(*columns(flights, FlightInfo), head.label("head"), known.label("lost"))

@@ -2,6 +2,7 @@
 
 import heapq
 from collections.abc import Callable
+from datetime import UTC, datetime, timedelta
 from functools import cache
 from itertools import count
 from pathlib import Path
@@ -23,6 +24,7 @@ from tests.support import oscillator
 from tests.support.oscillator import DT, N_SAMPLES, Array
 
 EPSILON = 0.3
+BEGAN = datetime(2030, 1, 1, tzinfo=UTC)
 T = times(N_SAMPLES, DT)
 
 
@@ -70,7 +72,7 @@ class ScriptedClock(Clock):
         return entry
 
     def utc(self) -> str:
-        return f"2030-01-01T00:00:00Z+{self.time - 1000:g}"
+        return (BEGAN + timedelta(seconds=self.time - 1000.0)).isoformat()
 
     def advance(self, seconds: float) -> None:
         """Let time pass, making every call when it is due."""

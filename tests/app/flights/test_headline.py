@@ -16,7 +16,7 @@ from app.store.alarms import StoredAlarm
 from core.monitor import State
 from core.monitor.assessment import REASONS, STATES
 from core.monitor.status import ALARM_LEVELS, BETWEEN, Level
-from tests.app.flights.test_live import Live, Sample
+from tests.app.flights.test_live import Live
 from tests.support.flying import EPSILON, Flown, exact_monitor, failing_flight, store_with
 from tests.support.oscillator import DT, N_SAMPLES, NY, Array
 from tests.support.samples import SAMPLE_LIKE
@@ -144,10 +144,13 @@ def test_an_alarm_stays_the_headline_until_it_is_acknowledged() -> None:
     assert flown.flight.headline.status == statuses(flown)[-1] == "not_calibrated"
 
 
-def test_a_live_flight_that_stops_is_stale_not_exceeding_and_keeps_its_alarm() -> None:
+def test_a_live_flight_that_stops_is_stale_not_exceeding_and_keeps_its_alarm(
+    tmp_path: Path,
+) -> None:
     async def fly() -> None:
-        live = Live(exact_monitor())
-        await live.give(*(Sample(k * DT, ny(0.0)) for k in range(5)), Sample(5 * DT, ny(0.529)))
+        live = Live(tmp_path)
+        for k in range(6):
+            live.push(k, ny(0.529 if k == 5 else 0.0))
         assert live.flight.headline.status == "exceeding"
         live.advance(5.0)
         assert live.flight.headline.status == "alarm"
@@ -158,17 +161,18 @@ def test_a_live_flight_that_stops_is_stale_not_exceeding_and_keeps_its_alarm() -
         live.seen.take()
         assert statuses(live)[-3:] == ["exceeding", "alarm", "stale"]
         assert kinds(live) == ["limit", "stale", "limit"]
-        await live.flight.stop("done")
+        await live.close()
 
     asyncio.run(fly())
 
 
-def test_a_caution_waits_in_amber_after_its_cause_has_ended() -> None:
+def test_a_caution_waits_in_amber_after_its_cause_has_ended(tmp_path: Path) -> None:
     async def fly() -> None:
-        live = Live(exact_monitor())
-        await live.give(Sample(0.0, ny(0.0)))
+        live = Live(tmp_path)
+        live.push(0, ny(0.0))
         live.advance(5.0)
-        await live.give(*(Sample(5.0 + k * DT, ny(0.0)) for k in range(5)))
+        for k in range(1, 6):
+            live.push(k, ny(0.0), t=5.0 + k * DT)
         assert (live.flight.headline.status, live.flight.headline.level) == ("caution", "caution")
         (told,) = live.seen.of("alarm")
         assert (told["alarm"]["seq"], told["alarm"]["level"]) == (0, "caution")
@@ -176,7 +180,7 @@ def test_a_caution_waits_in_amber_after_its_cause_has_ended() -> None:
         live.flight.acknowledge("1", "FTE", "now")
         live.seen.take()
         assert statuses(live)[-3:] == ["stale", "caution", "not_calibrated"]
-        await live.flight.stop("done")
+        await live.close()
 
     asyncio.run(fly())
 

@@ -1,142 +1,294 @@
-"""Flights of live sources: scored as the batch, stale by the clock, over with their source."""
+"""Live flights: the batch's bits, stale by the clock, durable, the same again from the journal."""
 
 import asyncio
-from collections.abc import AsyncIterator
+import json
+import socket
+from collections.abc import Callable, Coroutine
+from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
-from app.flights.live import LiveFlight, Sample
+from app.flights.live import LiveFlight, LiveSetup, SequenceConflict, assessed_again
 from app.flights.transport import NotPossible
-from core.monitor import Monitor, State
+from app.live.batches import ChannelReader
+from app.live.journal import Journals, lines_of
+from app.telemetry.mapping.mapping import ChannelSource, Mapping, TimeSource
+from app.telemetry.recording import TelemetryError
+from core.channels import KEYS
+from core.monitor import State
 from tests.support.flying import (
     EPSILON,
     ScriptedClock,
     Seen,
     SilentRecorder,
     T,
+    exact_monitor,
+    failing_flight,
     plan,
 )
 from tests.support.oscillator import DT, N_SAMPLES, Array
+from tests.support.patience import PATIENCE
 
 
-class Scripted:
-    """A live source that gives what a test puts in; None ends it, an exception is raised."""
-
-    dt = DT
-    theta = None
-
-    def __init__(self) -> None:
-        self.queue: asyncio.Queue[Sample | Exception | None] = asyncio.Queue()
-
-    async def __aiter__(self) -> AsyncIterator[Sample]:
-        while (item := await self.queue.get()) is not None:
-            if isinstance(item, Exception):
-                raise item
-            yield item
+def batch(k: int, y: Array, **more: Any) -> str:
+    channels = dict(zip(KEYS, y.tolist(), strict=True))
+    return json.dumps({"sequence": k, "t": T[k], **channels, **more})
 
 
 class Live:
-    """A live flight with its source, clock and watcher."""
+    """A live flight with its clock and watcher."""
 
-    def __init__(self, monitor: Monitor) -> None:
-        self.clock, self.source = ScriptedClock(), Scripted()
+    def __init__(self, root: Path, reader: ChannelReader | None = None, **more: Any) -> None:
+        self.clock, self.journals = ScriptedClock(), Journals(root)
         self.over: list[tuple[str, str]] = []
         self.recorder = SilentRecorder(self.clock)
-        self.flight = LiveFlight(
-            plan(monitor),
-            self.source,
-            self.recorder,
-            self.clock,
-            lambda *how: self.over.append(how),
-        )
+        about = {"trim": "none"} | more
+        reader = reader or ChannelReader()
+        monitor = exact_monitor()
+        self.setup = LiveSetup(monitor, EPSILON, reader, self.journals, 0.0, **about)
+        self.flight = self.another(self.recorder)
         self.seen = Seen(self.flight.watch())
         self.flight.start()
 
-    async def give(self, *items: Any) -> None:
-        for item in items:
-            self.source.queue.put_nowait(item)
-        while not self.source.queue.empty():
-            await asyncio.sleep(0)
-        for _ in range(5):
-            await asyncio.sleep(0)
+    def another(self, recorder: SilentRecorder) -> LiveFlight:
+        about = recorder, self.clock, lambda *how: self.over.append(how)
+        return LiveFlight(plan(exact_monitor()), self.setup, *about)
+
+    def push(self, k: int, y: Array, **more: Any) -> Any:
+        """Sample k as it is due."""
+        self.clock.advance(DT)
+        received = self.flight.receive(batch(k, y, **more), "rest")
         self.seen.take()
+        return received
 
     def advance(self, seconds: float) -> None:
         self.clock.advance(seconds)
         self.seen.take()
 
+    async def close(self) -> None:
+        await self.flight.stop("enough")
+        self.seen.take()
+        self.journals.close()
 
-def test_a_live_source_is_scored_as_the_batch_and_ends_the_flight(
-    exact: Monitor, failing: Array
-) -> None:
-    async def fly() -> None:
-        live = Live(exact)
+
+def flown(fly: Callable[[Live, Array], Coroutine[Any, Any, None]], root: Path, **more: Any) -> None:
+    async def run() -> None:
+        live = Live(root, **more)
+        await fly(live, failing_flight())
+        await live.close()
+
+    asyncio.run(run())
+
+
+def test_a_live_source_is_scored_as_the_batch_and_shown_at_once(tmp_path: Path) -> None:
+    async def fly(live: Live, y: Array) -> None:
         for k in range(N_SAMPLES):
-            live.clock.advance(DT)
-            await live.give(Sample(k * DT, failing[k]))
-        expected = exact.assess(T, failing, EPSILON)
+            live.push(k, y[k])
+            assert live.seen.frames[-1]["t"] == T[k]
+        expected = exact_monitor().assess(T, y, EPSILON)
         assert [f["p_value"] for f in live.seen.frames] == expected.p_value.tolist()
         assert len(live.seen.of("alarm")) == 1
-        await live.give(None)
-        assert live.over == [("ended", "the source ended")]
-        assert live.seen.messages[-1] == {"type": "end", "reason": "the source ended"}
         assert len(live.recorder.waiting(0, 1000)) == N_SAMPLES
+        await live.close()
+        assert live.seen.messages[-1] == {"type": "end", "reason": "enough"}
 
-    asyncio.run(fly())
+    flown(fly, tmp_path)
 
 
-def test_a_late_source_is_stale_by_the_clock_and_recovers(exact: Monitor, failing: Array) -> None:
-    async def fly() -> None:
-        live = Live(exact)
-        await live.give(Sample(0.0, failing[0]))
+def test_the_journal_alone_gives_the_bits_that_were_shown(tmp_path: Path) -> None:
+    async def fly(live: Live, y: Array) -> None:
+        rng = np.random.default_rng(3)
+        for k in rng.permutation(N_SAMPLES):
+            live.clock.advance(float(rng.exponential(DT)))
+            live.flight.receive(batch(int(k), y[k]), "rest")
+            live.seen.take()
+        await live.close()
+        again = assessed_again(live.setup, live.flight.id)
+        assert [one.assessment.t for one in again] == [f["t"] for f in live.seen.frames]
+        assert [one.assessment.p_value for one in again] == [f["p_value"] for f in live.seen.frames]
+
+    flown(fly, tmp_path)
+
+
+def test_a_flight_of_a_killed_server_goes_on_with_the_same_bits(tmp_path: Path) -> None:
+    async def fly(live: Live, y: Array) -> None:
+        for k in range(40):
+            await live.push(k, y[k]).stored
+        live.clock.freeze(1.0)
+        recorder = SilentRecorder(live.clock)
+        flight = live.another(recorder)
+        lines = lines_of(live.journals.path(flight.id))
+        flight.resume(flight.restore(lines, 29, [], []))
+        assert (flight.state, flight.head) == (State.STALE, 39)
+        assert [sample.seq for sample in recorder.waiting(0, 1000)] == [*range(30, 40)]
+        assert flight.live.last_sequence == 39
+        assert flight.receive(batch(39, y[39]), "rest").repeated
+        with pytest.raises(SequenceConflict, match="the newest is 39"):
+            flight.receive(batch(39, y[0]), "rest")
+        flight.receive(batch(40, y[40]), "rest")
+        expected = exact_monitor().assess(T, y, EPSILON)
+        newest = recorder.waiting(40, 40)[0].assessment
+        assert newest.p_value == expected[40].p_value
+        await flight.stop("enough")
+
+    flown(fly, tmp_path)
+
+
+def test_a_late_source_is_stale_by_the_clock_and_recovers(tmp_path: Path) -> None:
+    async def fly(live: Live, y: Array) -> None:
+        live.push(0, y[0])
         live.advance(0.2)
         assert live.flight.state is State.OK
         live.advance(0.1)
         assert live.seen.of("state")[-1]["state"] == "stale"
         assert live.seen.of("state")[-1]["reason"] == "no sample came for 0.25 s"
+        assert live.seen.of("alarm")[-1]["alarm"]["kind"] == "stale"
         live.advance(10.0)
         assert [m["state"] for m in live.seen.of("state")].count("stale") == 1
-        await live.give(Sample(10.3, failing[1]))
+        live.push(60, y[60], t=10.35)
         assert live.seen.of("state")[-1]["state"] == "warming_up"
-        await live.flight.stop("enough")
 
-    asyncio.run(fly())
+    flown(fly, tmp_path)
 
 
-def test_a_source_that_never_comes_is_stale(exact: Monitor) -> None:
-    async def fly() -> None:
-        live = Live(exact)
+def test_a_source_that_never_comes_is_stale_without_an_alarm(tmp_path: Path) -> None:
+    async def fly(live: Live, y: Array) -> None:
         live.advance(0.3)
         assert live.seen.of("state")[-1]["state"] == "stale"
-        await live.flight.stop("enough")
+        assert not live.seen.of("alarm")
+
+    flown(fly, tmp_path)
+
+
+def test_samples_that_come_long_after_the_quickest_are_not_shown_as_now(tmp_path: Path) -> None:
+    async def fly(live: Live, y: Array) -> None:
+        for k in range(20):
+            live.push(k, y[k])
         live.advance(5.0)
-        assert live.seen.messages[-1]["type"] == "end"
+        live.push(20, y[20])
+        assert live.flight.state is State.STALE
+        assert live.flight.reason == "samples come 5.0 s late"
+        assert live.flight.live.lag == pytest.approx(5.0)
 
-    asyncio.run(fly())
+    flown(fly, tmp_path)
 
 
-def test_a_source_that_breaks_fails_the_flight(
-    exact: Monitor, caplog: pytest.LogCaptureFixture
+def test_what_waits_is_settled_by_the_clock(tmp_path: Path) -> None:
+    async def fly(live: Live, y: Array) -> None:
+        for k in (0, 1, 3):
+            live.push(k, y[k])
+        assert live.flight.head == 1
+        live.advance(1.5 * DT)
+        assert live.flight.head == 2
+        assert live.seen.frames[-1]["t"] == T[3]
+
+    flown(fly, tmp_path)
+
+
+def test_a_flight_begins_with_all_channels_and_then_names_what_is_missing(tmp_path: Path) -> None:
+    async def fly(live: Live, y: Array) -> None:
+        with pytest.raises(TelemetryError, match="gives no value of beta"):
+            live.flight.receive(batch(0, y[0], beta=None), "rest")
+        with pytest.raises(TelemetryError, match="beta of 20 rad is implausible: look at its unit"):
+            live.flight.receive(batch(0, y[0], beta=20.0), "rest")
+        live.push(0, y[0])
+        live.push(1, y[1], beta=None)
+        assert live.flight.reason == "beta is missing"
+        live.push(2, y[2], beta=20.0)
+        assert live.flight.reason == "beta of 20 rad is implausible"
+        assert live.flight.live.malformed == 2
+
+    flown(fly, tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("content", "error"),
+    [
+        (b"{", "no JSON"),
+        (b"[1]", "no JSON object"),
+        (b'{"sequence": -1, "t": 0}', "number the batches"),
+        (b'{"sequence": 1, "beta": 0}', "no time 't'"),
+        (b'{"t": [0, 1], "beta": [0]}', "send as many"),
+        (b'{"t": [0, "x"], "beta": [0, 1]}', "no number"),
+        (b'{"t": null, "beta": 1}', "missing or infinite"),
+        (b'{"a":{"a":{"a":{"a":{"a":{"a":1}}}}}}', "too deep"),
+    ],
+)
+def test_what_is_no_batch_is_refused_with_what_is_needed(
+    tmp_path: Path, content: bytes, error: str
 ) -> None:
-    async def fly() -> None:
-        live = Live(exact)
-        await live.give(OSError("the cable is out"))
-        assert live.over[0][0] == "failed"
-        assert live.seen.messages[-1]["type"] == "end"
+    async def fly(live: Live, y: Array) -> None:
+        with pytest.raises(TelemetryError, match=error):
+            live.flight.receive(content, "rest")
 
-    asyncio.run(fly())
-    assert "the cable is out" in caplog.text
+    flown(fly, tmp_path)
 
 
-def test_a_live_flight_cannot_be_steered(exact: Monitor) -> None:
-    async def fly() -> None:
-        live = Live(exact)
+def test_channels_are_read_by_a_mapping_with_units_signs_and_derivations(tmp_path: Path) -> None:
+    channels = {
+        key: ChannelSource(f"{key}_deg", unit, -1 if key == "r" else 1)
+        for key, unit in zip(KEYS[:5], ("deg", "rad/s", "rad/s", "g", "rad"), strict=True)
+    }
+    channels["delta_r_left"] = ChannelSource("left", "rad")
+    channels["delta_r"] = ChannelSource(derivation="delta_r_of_left")
+    reader = ChannelReader(Mapping(channels, {"": TimeSource("clock", "ms")}))
+
+    async def fly(live: Live, y: Array) -> None:
+        for k in range(2):
+            sent = {f"{key}_deg": float(y[k, KEYS.index(key)]) for key in KEYS[:5]}
+            sent |= {"left": float(y[k, 5]), "clock": 1e3 * T[k], "sequence": k}
+            sent["beta_deg"] = float(np.degrees(sent["beta_deg"]))
+            sent["r_deg"] = -sent["r_deg"]
+            live.flight.receive(json.dumps(sent), "rest")
+        live.seen.take()
+        assert live.seen.frames[1]["t"] == pytest.approx(T[1])
+        assert live.seen.frames[1]["y"] == pytest.approx(y[1].tolist())
+
+    flown(fly, tmp_path, reader=reader)
+
+
+def test_a_mapping_that_needs_the_future_is_refused() -> None:
+    channels = {
+        "phi": ChannelSource("phi", "rad"),
+        "p": ChannelSource(derivation="p_from_attitude"),
+    }
+    with pytest.raises(TelemetryError, match="samples of the future"):
+        ChannelReader(Mapping(channels, {"": TimeSource("t")}))
+
+
+def test_datagrams_of_one_sender_are_taken_and_others_are_counted(tmp_path: Path) -> None:
+    async def fly(live: Live, y: Array) -> None:
+        host, port = str(live.flight.live.udp).split(":")
+        with (
+            socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender,
+            socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as other,
+        ):
+            other.bind(("127.0.0.2", 0))
+            lines = [batch(k, y[k]) for k in range(4)]
+            sender.sendto(b"nonsense", (host, int(port)))
+            sender.sendto("\n".join(lines[:2]).encode(), (host, int(port)))
+            other.sendto(lines[2].encode(), (host, int(port)))
+            sender.sendto(lines[3].encode(), (host, int(port)))
+            async with asyncio.timeout(PATIENCE):
+                while live.flight.live.batches < 3:
+                    await asyncio.sleep(0.001)
+        assert (live.flight.live.malformed, live.flight.live.foreign) == (1, 1)
+
+    flown(fly, tmp_path, udp=0)
+
+
+def test_a_live_flight_cannot_be_steered_and_takes_nothing_when_it_is_over(tmp_path: Path) -> None:
+    async def fly(live: Live, y: Array) -> None:
         with pytest.raises(NotPossible, match="cannot be steered"):
             live.flight.act("pause")
         with pytest.raises(NotPossible, match="see assessments"):
             live.flight.source_frames(0, 1)
-        assert not live.flight.transport.seekable
-        await live.flight.stop("enough")
+        with pytest.raises(NotPossible, match="all of it is assessed"):
+            live.flight.begin_manoeuvre("FTE")
+        await live.close()
+        with pytest.raises(NotPossible, match="over"):
+            live.flight.receive(batch(0, y[0]), "rest")
 
-    asyncio.run(fly())
+    flown(fly, tmp_path)

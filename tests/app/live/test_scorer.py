@@ -1,4 +1,4 @@
-"""What a monitor says of a live source: the batch's bits, manoeuvres detected, trim of their own."""
+"""A live source through a monitor: the batch's bits, manoeuvres detected, each with its trim."""
 
 import numpy as np
 import pytest
@@ -99,7 +99,7 @@ def test_somebody_can_say_that_a_manoeuvre_begins() -> None:
 
 def test_the_next_manoeuvre_has_its_own_trim_and_number() -> None:
     monitor = attas.trained()
-    t, flown = flights(2)
+    flown = flights(2)[1]
     second = flown[1] + 0.5 * TRIM
     between = np.linspace(flown[0, -1], second[0], 400)
     both = np.concatenate([flown[0], between, second])

@@ -1,0 +1,65 @@
+"""Batches by UDP: a datagram each, as plotting tools and simple range scripts send them."""
+
+import asyncio
+import logging
+import socket
+from collections.abc import Callable
+
+LOG = logging.getLogger("forewarn")
+LARGEST = 65_535
+AT_ONCE = 64
+"""Datagrams that are taken before others have their turn."""
+RECEIVE_BUFFER = 4 * 2**20
+
+
+class UdpReceiver:
+    """Receives the datagrams of one sender: the first whose datagram is a batch.
+
+    take: called with each datagram; whether it was a batch.   n_foreign: datagrams of others.
+    OSError where the port cannot be had.
+    """
+
+    def __init__(self, host: str, port: int, take: Callable[[bytes], bool]) -> None:
+        self._take, self._sender = take, ""
+        self.n_foreign = 0
+        family = socket.AF_INET6 if ":" in host else socket.AF_INET
+        self._socket = socket.socket(family, socket.SOCK_DGRAM)
+        try:
+            self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, RECEIVE_BUFFER)
+            self._socket.bind((host, port))
+            self._socket.setblocking(False)
+            self._loop = asyncio.get_running_loop()
+            self._loop.add_reader(self._socket, self._receive)
+        except BaseException:
+            self._socket.close()
+            raise
+
+    @property
+    def address(self) -> str:
+        """Where it listens, host:port."""
+        host, port = self._socket.getsockname()[:2]
+        return f"[{host}]:{port}" if ":" in host else f"{host}:{port}"
+
+    @property
+    def port(self) -> int:
+        """Port it listens at."""
+        return self._socket.getsockname()[1]
+
+    def close(self) -> None:
+        """Listen no more."""
+        self._loop.remove_reader(self._socket)
+        self._socket.close()
+
+    def _receive(self) -> None:
+        for _ in range(AT_ONCE):
+            try:
+                content, sender = self._socket.recvfrom(LARGEST)
+            except BlockingIOError:
+                return
+            except OSError as error:
+                LOG.warning("UDP at %s: %s", self.address, error)
+                return
+            if self._sender not in ("", sender[0]):
+                self.n_foreign += 1
+            elif self._take(content):
+                self._sender = sender[0]

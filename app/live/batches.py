@@ -1,0 +1,230 @@
+"""Batches as sources send them: JSON objects, their channels by the mapping of the flight."""
+
+from collections.abc import Collection
+from dataclasses import dataclass
+from math import isfinite
+from typing import Any, NamedTuple
+
+import msgspec
+import numpy as np
+
+from app.live.resampling import Angles, Sample
+from app.telemetry.mapping.applying import derivation_order
+from app.telemetry.mapping.derivations import DERIVATIONS
+from app.telemetry.mapping.mapping import ChannelSource, Mapping
+from app.telemetry.plausibility import BOUNDS
+from app.telemetry.recording import ATTITUDE, TelemetryError
+from app.telemetry.targets import TARGETS
+from app.telemetry.units import convert
+from core.channels import KEYS
+
+MOST_SAMPLES = 10_000
+"""In one batch."""
+TIMES = ("t", "timestamp", "time")
+"""Names of the time where no mapping says which it is [s]."""
+DEEPEST = 4
+WITH_MEMORY = ("p_from_attitude", "r_from_attitude")
+"""Derivations by slopes, which need samples of the future."""
+
+Values = dict[str, list[Any]]
+NAN = float("nan")
+_NUMBER = {float: float, int: float}
+_BOUNDS = np.array([BOUNDS[key] for key in KEYS])
+_decoder = msgspec.json.Decoder()
+
+
+class Batch(NamedTuple):
+    """What a source sent at once. sequence: its number; None where the source gives none."""
+
+    sequence: int | None
+    values: Values
+
+
+def decode_batch(content: bytes | str) -> Batch:
+    """Read a batch: {"sequence": n, name: value or list of values, ...}, objects within by a/b.
+
+    TelemetryError says what is wrong.
+    """
+    try:
+        plain = _decoder.decode(content)
+    except (msgspec.DecodeError, RecursionError, UnicodeDecodeError) as error:
+        raise TelemetryError(
+            f"the batch is no JSON ({error}): send an object such as "
+            '{"sequence": 1, "t": 0.02, "beta": 0.01, ...}'
+        ) from None
+    if not isinstance(plain, dict):
+        raise TelemetryError("the batch is no JSON object: send names with values, one list each")
+    sequence = plain.pop("sequence", None)
+    if sequence is not None and (type(sequence) is not int or not 0 <= sequence <= 2**53):
+        raise TelemetryError(
+            f"sequence is {str(sequence)[:40]!r}: number the batches of a flight 0, 1, 2 ..."
+        )
+    values: Values = {}
+    _flatten(plain, "", values, DEEPEST)
+    return Batch(sequence, values)
+
+
+def _flatten(plain: dict[str, Any], prefix: str, values: Values, depth: int) -> None:
+    for name, value in plain.items():
+        if isinstance(value, dict):
+            if depth == 0:
+                raise TelemetryError(f"{prefix}{name} lies too deep: send flatter objects")
+            _flatten(value, f"{prefix}{name}/", values, depth - 1)
+        elif isinstance(value, list):
+            if len(value) > MOST_SAMPLES:
+                raise TelemetryError(
+                    f"{prefix}{name} has {len(value)} samples: send {MOST_SAMPLES} at most"
+                )
+            values[prefix + name] = value
+        else:
+            values[prefix + name] = [value]
+
+
+@dataclass(frozen=True)
+class _Direct:
+    """A channel taken from one signal: value * scale + shift."""
+
+    name: str
+    scale: float = 1.0
+    shift: float = 0.0
+
+    def __call__(self, values: Values, n: int) -> list[float]:
+        return [value * self.scale + self.shift for value in _numbers(values, self.name, n)]
+
+
+class ChannelReader:
+    """Turns batches into samples by a mapping, or by our own names in SI units where it is None.
+
+    TelemetryError for a mapping that live samples cannot be read by.
+    """
+
+    def __init__(self, mapping: Mapping | None = None) -> None:
+        if mapping is None:
+            self._time: _Direct | None = None
+            self._direct = {key: _Direct(key) for key in (*KEYS, *ATTITUDE)}
+            self._derived: dict[str, ChannelSource] = {}
+            return
+        self._time = _time_of(mapping)
+        self._direct = {
+            key: _direct(key, source) for key, source in mapping.channels.items() if source.signal
+        }
+        self._derived = {key: mapping.channels[key] for key in derivation_order(mapping)}
+        for key, source in self._derived.items():
+            if source.derivation in WITH_MEMORY:
+                raise TelemetryError(
+                    f"{key} is derived by slopes, which use samples of the future: a live flight "
+                    "needs a source that sends it"
+                )
+
+    @property
+    def names(self) -> list[str]:
+        """Names of what a batch holds: time, and each signal that is read."""
+        time = self._time.name if self._time else TIMES[0]
+        return [time, *(direct.name for direct in self._direct.values())]
+
+    def check(self, batch: Batch, needed: Collection[str]) -> None:
+        """Whether a flight can begin with a batch. TelemetryError names what is missing or odd."""
+        samples = self.samples(batch)
+        lacking = [
+            key for key in needed if all(np.isnan(sample.y[KEYS.index(key)]) for sample in samples)
+        ]
+        if not lacking:
+            return
+        odd = next((sample.reason for sample in samples if sample.reason), "")
+        from_ = {key: d.name for key, d in self._direct.items()}
+        named = " and ".join(
+            key if from_.get(key, key) == key else f"{key} ({from_[key]})" for key in lacking
+        )
+        sent = ", ".join([*batch.values][:20]) or "nothing"
+        raise TelemetryError(
+            f"{odd}: look at its unit"
+            if odd
+            else f"the batch gives no value of {named}; it holds {sent}: "
+            f"the flight begins with a batch of all that its monitor needs, {', '.join(needed)}"
+        )
+
+    def samples(self, batch: Batch) -> list[Sample]:
+        """The samples of a batch, in its order, implausible values missing. TelemetryError."""
+        values = batch.values
+        times = self._times(values)
+        n = len(times)
+        channels = {key: read(values, n) for key, read in self._direct.items()}
+        if self._derived:
+            self._derive(channels, times)
+        rows = zip(*(channels.get(key) or [NAN] * n for key in (*KEYS, *ATTITUDE)), strict=True)
+        return [_sample(t, row) for t, row in zip(times, rows, strict=True)]
+
+    def _times(self, values: Values) -> list[float]:
+        name = self._time.name if self._time else next((t for t in TIMES if t in values), TIMES[0])
+        given = values.get(name)
+        if not given:
+            sent = ", ".join([*values][:20]) or "nothing"
+            raise TelemetryError(f"the batch has no time {name!r}, only {sent}: send it [s]")
+        direct = self._time or _Direct(name)
+        times = direct(values, len(given))
+        if not all(map(isfinite, times)):
+            raise TelemetryError(f"{name} has a missing or infinite value: send each sample's time")
+        return times
+
+    def _derive(self, channels: dict[str, list[float]], times: list[float]) -> None:
+        t = np.array(times)
+        for key, source in self._derived.items():
+            way = DERIVATIONS[source.derivation]
+            helps = way.helps if all(one in channels for one in way.helps) else ()
+            inputs = {need: np.array(channels[need]) for need in (*way.needs, *helps)}
+            derived = source.sign * way.apply(t, inputs) - source.bias
+            channels[key] = derived.tolist()
+
+
+def _direct(key: str, source: ChannelSource) -> _Direct:
+    scale, shift = _factor(source.unit, TARGETS[key].unit, f"{key} ({source.signal})")
+    sign = source.sign
+    return _Direct(source.signal, sign * scale, sign * shift - source.bias)
+
+
+def _time_of(mapping: Mapping) -> _Direct:
+    sources = [source for source in mapping.times.values() if source.signal]
+    if len(sources) != 1:
+        raise TelemetryError(
+            f"the mapping has {len(sources)} signals of time: a live flight needs one, which is "
+            "sent with each sample"
+        )
+    (source,) = sources
+    scale, shift = _factor(source.unit, "s", f"the time {source.signal}")
+    return _Direct(source.signal, scale, shift)
+
+
+def _factor(unit: str, target: str, what: str) -> tuple[float, float]:
+    try:
+        zero, one = convert(np.array([0.0, 1.0]), unit, target).tolist()
+    except TelemetryError as error:
+        raise TelemetryError(f"unit of {what}: {error}") from None
+    return one - zero, zero
+
+
+def _numbers(values: Values, name: str, n: int) -> list[float]:
+    """n numbers, NaN where there is none. TelemetryError."""
+    given = values.get(name)
+    if given is None:
+        return [NAN] * n
+    if len(given) != n:
+        raise TelemetryError(f"{name} has {len(given)} samples and the time has {n}: send as many")
+    try:
+        return [NAN if v is None else _NUMBER[type(v)](v) for v in given]
+    except (KeyError, OverflowError):
+        raise TelemetryError(f"{name} holds what is no number: send one or null a sample") from None
+
+
+def _sample(t: float, row: tuple[float, ...]) -> Sample:
+    y, reason = np.array(row[: len(KEYS)]), ""
+    if not (np.abs(y) <= _BOUNDS).all():
+        odd = np.abs(y) > _BOUNDS
+        if odd.any():
+            i = int(odd.argmax())
+            reason = f"{KEYS[i]} of {y[i]:.4g} {TARGETS[KEYS[i]].unit} is implausible"
+            y[odd] = np.nan
+    angles: Angles | None = None
+    phi, theta, psi = row[len(KEYS) :]
+    if isfinite(phi) and isfinite(theta):
+        angles = phi, theta, psi if isfinite(psi) else 0.0
+    return Sample(t, y, angles, reason)

@@ -1,0 +1,192 @@
+"""The journal of a live flight: every batch as it came, with the time of its arrival.
+
+    live/<flight>.jsonl     a line of JSON each: what the flight is, batches, events
+
+A line is acknowledged once it is on the disk. One thread writes for all flights, so that a slow
+disk delays acknowledgements and nothing else; what a full disk refuses waits and is tried again.
+"""
+
+import asyncio
+import logging
+import os
+import threading
+from collections.abc import Iterator
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+import msgspec
+
+LOG = logging.getLogger("forewarn")
+MOST_WAITING = 64 * 2**20
+"""Bytes of one flight that may wait for the disk; more is refused, not lost."""
+RETRY_S = 1.0
+COMMIT_S = 0.01
+"""Lines that come within so long are made durable together."""
+ENDING = ".jsonl"
+_encoder = msgspec.json.Encoder()
+
+
+class JournalFull(OSError):
+    """As much waits for the disk as may: the source keeps the rest and repeats it."""
+
+
+class Journals:
+    """The journals under one folder, and the thread that writes them."""
+
+    def __init__(self, root: Path) -> None:
+        self.root = root
+        self._dirty: set[Journal] = set()
+        self._wake, self._closed = threading.Event(), False
+        self._lock = threading.Lock()
+        self._thread: threading.Thread | None = None
+
+    def open(self, flight_id: str) -> "Journal":
+        """The journal of a flight, to go on writing; its torn last line is cut off. OSError."""
+        self.root.mkdir(parents=True, exist_ok=True, mode=0o700)
+        return Journal(self, self.path(flight_id))
+
+    def path(self, flight_id: str) -> Path:
+        """The file of a flight's journal."""
+        return self.root / f"{flight_id}{ENDING}"
+
+    def delete(self, flight_id: str) -> None:
+        """Delete a journal; nothing where there is none."""
+        self.path(flight_id).unlink(missing_ok=True)
+
+    def close(self) -> None:
+        """Write what waits, once more, and stop."""
+        self._closed = True
+        self._wake.set()
+        if self._thread is not None:
+            self._thread.join()
+
+    def _note(self, journal: "Journal") -> None:
+        with self._lock:
+            self._dirty.add(journal)
+            if self._thread is None:
+                self._thread = threading.Thread(target=self._write, name="journal", daemon=True)
+                self._thread.start()
+        self._wake.set()
+
+    def _write(self) -> None:
+        while True:
+            self._wake.wait()
+            if not self._closed:
+                threading.Event().wait(COMMIT_S)
+            self._wake.clear()
+            with self._lock:
+                dirty, self._dirty = self._dirty, set()
+            failed = {journal for journal in dirty if not journal.commit()}
+            if self._closed:
+                return
+            if failed:
+                with self._lock:
+                    self._dirty |= failed
+                threading.Timer(RETRY_S, self._wake.set).start()
+
+
+class Journal:
+    """One flight's journal. `append` is called in the event loop, `commit` in the thread."""
+
+    def __init__(self, journals: Journals, path: Path) -> None:
+        self._journals, self.path = journals, path
+        self._file = os.open(path, os.O_RDWR | os.O_CREAT, 0o600)
+        self._size = _whole(self._file)
+        os.ftruncate(self._file, self._size)
+        self._lock = threading.Lock()
+        self._waiting: list[tuple[bytes, asyncio.Future[None]]] = []
+        self._bytes = 0
+        self.problem = ""
+
+    def append(self, line: dict[str, Any]) -> asyncio.Future[None]:
+        """Write a line; the future is done once it is on the disk. JournalFull."""
+        text = _encoder.encode(line) + b"\n"
+        if self._bytes + len(text) > MOST_WAITING:
+            raise JournalFull(
+                f"{self._bytes} bytes of this flight wait for the disk, which takes none "
+                f"({self.problem}): make space, and repeat what was not acknowledged"
+            )
+        future: asyncio.Future[None] = asyncio.get_running_loop().create_future()
+        with self._lock:
+            self._waiting.append((text, future))
+            self._bytes += len(text)
+        self._journals._note(self)
+        return future
+
+    def settled(self) -> asyncio.Future[None]:
+        """Done once all that was appended so far is on the disk."""
+        with self._lock:
+            if self._waiting:
+                return self._waiting[-1][1]
+        future: asyncio.Future[None] = asyncio.get_running_loop().create_future()
+        future.set_result(None)
+        return future
+
+    def commit(self) -> bool:
+        """Make what waits durable; whether the disk took it."""
+        with self._lock:
+            waiting = [*self._waiting]
+        if not waiting:
+            return True
+        content = b"".join(text for text, _ in waiting)
+        try:
+            _write_all(self._file, content, self._size)
+            os.fdatasync(self._file)
+        except OSError as error:
+            self._refused(error)
+            return False
+        self._size += len(content)
+        self.problem = ""
+        with self._lock:
+            del self._waiting[: len(waiting)]
+            self._bytes -= len(content)
+        with suppress(RuntimeError):  # the loop is gone: nobody waits any more
+            waiting[0][1].get_loop().call_soon_threadsafe(_resolve, [one for _, one in waiting])
+        return True
+
+    def close(self) -> None:
+        """Release the file, after a last attempt to write what waits."""
+        self.commit()
+        os.close(self._file)
+
+    def _refused(self, error: OSError) -> None:
+        if not self.problem:
+            LOG.error("%s is not written: %s; tried again", self.path, error)
+        self.problem = error.strerror or str(error)
+        with suppress(OSError):
+            os.ftruncate(self._file, self._size)
+
+
+def lines_of(path: Path) -> Iterator[dict[str, Any]]:
+    """The lines of a journal, in order, without a torn last one. OSError."""
+    with path.open("rb") as file:
+        for line in file:
+            if not line.endswith(b"\n"):
+                return
+            yield msgspec.json.decode(line)
+
+
+def _resolve(futures: list[asyncio.Future[None]]) -> None:
+    for future in futures:
+        if not future.done():
+            future.set_result(None)
+
+
+def _write_all(file: int, content: bytes, offset: int) -> None:
+    done = 0
+    while done < len(content):
+        done += os.pwrite(file, content[done:], offset + done)
+
+
+def _whole(file: int) -> int:
+    """Bytes up to the end of the last whole line."""
+    size = os.fstat(file).st_size
+    while size:
+        start = max(0, size - 65536)
+        block = os.pread(file, size - start, start)
+        found = block.rfind(b"\n")
+        if found >= 0:
+            return start + found + 1
+        size = start
+    return 0

@@ -1,0 +1,122 @@
+"""Live samples: batches over REST, acknowledged once they are durable, and manoeuvres marked."""
+
+import asyncio
+from typing import Annotated
+
+from fastapi import APIRouter, Body, Request, Response
+from pydantic import BaseModel, ConfigDict, Field
+
+from app.flights.flights import Flights, TooManyFlights
+from app.flights.live import LiveFlight, SequenceConflict
+from app.flights.transport import NotPossible
+from app.http.problems import Problem, problem_responses
+from app.live.journal import JournalFull
+from app.messages import LiveStatus
+from app.routes.flights import FlightsDep
+from app.telemetry.recording import TelemetryError
+
+router = APIRouter(prefix="/api/v1/flights", tags=["flights"])
+DURABLE_WITHIN_S = 5.0
+EXAMPLE = {
+    "sequence": 1,
+    "t": [0.0, 0.02],
+    "beta": [0.0, 0.001],
+    "p": [0.0, 0.0],
+    "r": [0.0, 0.002],
+    "Ny": [0.0, 0.001],
+    "delta_a": [0.0, 0.0],
+    "delta_r": [0.0, 0.01],
+}
+
+
+class SamplesTaken(BaseModel):
+    """A batch that is durable: it is not lost, whatever happens to the server."""
+
+    sequence: int | None
+    accepted: int = Field(description="samples; 0 of a batch that had come before")
+    repeated: bool = Field(description="whether it had come before")
+
+
+class ManoeuvreMark(BaseModel):
+    """Who says that a manoeuvre begins."""
+
+    model_config = ConfigDict(extra="forbid", strict=True)
+
+    by: str = Field(default="operator", min_length=1, max_length=200)
+
+
+@router.post(
+    "/{flight_id}/samples",
+    responses=problem_responses(404, 409, 422, 429, 503),
+    openapi_extra={
+        "requestBody": {
+            "required": True,
+            "content": {
+                "application/json": {
+                    "schema": {
+                        "type": "object",
+                        "description": "`sequence` numbers the batch; a number, null or a list of "
+                        "them for the time and each channel",
+                        "properties": {"sequence": {"type": "integer", "minimum": 0}},
+                        "additionalProperties": True,
+                    },
+                    "example": EXAMPLE,
+                }
+            },
+        }
+    },
+)
+async def push_samples(flight_id: str, request: Request, flights: FlightsDep) -> SamplesTaken:
+    """Push a batch into a live flight; it is shown at once and answered when it is durable.
+
+    A batch that is repeated under its number is taken once; 409 for another batch of that number.
+    503: it is shown, but not durable yet: repeat it until it is answered with 200.
+    """
+    flight = await _live(flight_id, flights)
+    try:
+        received = flight.receive(await request.body(), "rest")
+    except NotPossible as error:
+        raise Problem(409, str(error), "urn:forewarn:not-live") from error
+    except SequenceConflict as error:
+        raise Problem(409, str(error), "urn:forewarn:sequence") from error
+    except TelemetryError as error:
+        raise Problem(422, str(error), "urn:forewarn:telemetry") from error
+    except JournalFull as error:
+        raise Problem(503, str(error), "urn:forewarn:not-durable") from error
+    try:
+        await asyncio.wait_for(asyncio.shield(received.stored), DURABLE_WITHIN_S)
+    except TimeoutError:
+        problem = flight.live.problem or "the disk is slow"
+        text = f"the batch is not durable yet ({problem}): repeat it under the same sequence"
+        raise Problem(503, text, "urn:forewarn:not-durable") from None
+    return SamplesTaken(
+        sequence=received.sequence, accepted=received.n_samples, repeated=received.repeated
+    )
+
+
+@router.get("/{flight_id}/samples", responses=problem_responses(404, 409, 422, 429))
+async def read_live(flight_id: str, flights: FlightsDep) -> LiveStatus:
+    """How the source of a live flight does, and which batch came last: go on after that one."""
+    return (await _live(flight_id, flights)).live
+
+
+@router.post("/{flight_id}/manoeuvre", status_code=204, responses=problem_responses(404, 409, 422))
+async def begin_manoeuvre(
+    flight_id: str, flights: FlightsDep, who: Annotated[ManoeuvreMark | None, Body()] = None
+) -> Response:
+    """Say that a manoeuvre begins now, where the surfaces have not shown it."""
+    flight = await _live(flight_id, flights)
+    try:
+        await flight.begin_manoeuvre((who or ManoeuvreMark()).by)
+    except NotPossible as error:
+        raise Problem(409, str(error), "urn:forewarn:not-live") from error
+    return Response(status_code=204)
+
+
+async def _live(flight_id: str, flights: Flights) -> LiveFlight:
+    try:
+        return await flights.live(flight_id)
+    except TooManyFlights as error:
+        raise Problem(429, str(error), "urn:forewarn:too-many-flights") from error
+    except NotPossible as error:
+        raise Problem(409, str(error), "urn:forewarn:not-live") from error

@@ -1,0 +1,91 @@
+"""The journal: durable before it is acknowledged, whole lines only, nothing lost to a full disk."""
+
+import asyncio
+import errno
+import os
+from pathlib import Path
+
+import pytest
+
+from app.live import journal as module
+from app.live.journal import JournalFull, Journals, lines_of
+
+
+def test_what_is_acknowledged_is_in_the_file(tmp_path: Path) -> None:
+    async def write() -> None:
+        journals = Journals(tmp_path)
+        journal = journals.open("a")
+        for n in range(5):
+            await journal.append({"n": n})
+            assert [line["n"] for line in lines_of(journal.path)] == [*range(n + 1)]
+        journals.close()
+
+    asyncio.run(write())
+
+
+def test_a_torn_last_line_is_cut_off_and_writing_goes_on(tmp_path: Path) -> None:
+    async def write() -> None:
+        path = tmp_path / "a.jsonl"
+        path.write_bytes(b'{"n":0}\n{"n":1}\n{"n":2')
+        assert [line["n"] for line in lines_of(path)] == [0, 1]
+        journals = Journals(tmp_path)
+        await journals.open("a").append({"n": 2})
+        assert path.read_bytes() == b'{"n":0}\n{"n":1}\n{"n":2}\n'
+        journals.close()
+
+    asyncio.run(write())
+
+
+def test_what_a_full_disk_refuses_waits_and_is_written_when_there_is_space(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    monkeypatch.setattr(module, "RETRY_S", 0.01)
+    is_full, real = [True], os.pwrite
+
+    def pwrite(file: int, content: bytes, offset: int) -> int:
+        if is_full[0]:
+            real(file, content[:3], offset)
+            raise OSError(errno.ENOSPC, "No space left on device")
+        return real(file, content, offset)
+
+    monkeypatch.setattr(module.os, "pwrite", pwrite)
+
+    async def write() -> None:
+        journals = Journals(tmp_path)
+        journal = journals.open("a")
+        written = journal.append({"n": 0})
+        while not journal.problem:
+            await asyncio.sleep(0.001)
+        assert not written.done()
+        assert journal.path.read_bytes() == b""
+        is_full[0] = False
+        await written
+        assert journal.problem == ""
+        assert journal.path.read_bytes() == b'{"n":0}\n'
+        journals.close()
+
+    asyncio.run(write())
+    assert "No space left" in caplog.text
+
+
+def test_more_than_may_wait_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(module, "MOST_WAITING", 20)
+
+    async def write() -> None:
+        journal = Journals(tmp_path).open("a")
+        with pytest.raises(JournalFull, match="repeat what was not acknowledged"):
+            journal.append({"text": "x" * 30})
+
+    asyncio.run(write())
+
+
+def test_closing_writes_what_waits(tmp_path: Path) -> None:
+    async def write() -> None:
+        journals = Journals(tmp_path)
+        journal = journals.open("a")
+        journal.append({"n": 0})
+        journal.close()
+        assert [line["n"] for line in lines_of(journal.path)] == [0]
+        journals.close()
+
+    asyncio.run(write())
