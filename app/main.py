@@ -45,6 +45,7 @@ from app.routes import (
     scored_files,
     scorings,
     storage,
+    uplink,
 )
 from app.routes.scene import scene_router
 from app.scene.scene import Scenes
@@ -130,7 +131,8 @@ def _routes() -> tuple[BaseRoute, ...]:
     """
     api = APIRouter()
     kept = (datasets, monitors, recordings, scorings, scored_files, markers, storage)
-    for part in (catalog, *kept, jobs, flights, flight_stream, live_samples, people, audit, health):
+    flown = (flights, flight_stream, live_samples, uplink)
+    for part in (catalog, *kept, jobs, *flown, people, audit, health):
         api.include_router(part.router)
     api.include_router(scene_router())
     for _ in iter_route_contexts(api.routes):

@@ -23,7 +23,14 @@ from app.flights.udp import UdpReceiver
 from app.live.batches import Batch, ChannelReader, decode_batch
 from app.live.journal import Journal, JournalFull, Journals, lines_of
 from app.live.scorer import CausalScorer, LiveAssessed, TrimRule
-from app.messages import Alarm, FlightMarker, LiveChange, LiveStatus, MeasuredExceedance, TransportState
+from app.messages import (
+    Alarm,
+    FlightMarker,
+    LiveChange,
+    LiveStatus,
+    MeasuredExceedance,
+    TransportState,
+)
 from app.scoring.planned_test import limits_of, needed_channels
 from app.telemetry.recording import TelemetryError
 from core.channels import KEYS
@@ -45,7 +52,7 @@ class SequenceConflict(ValueError):
     """A sequence number that was used for another batch."""
 
 
-class Received(NamedTuple):
+class TakenBatch(NamedTuple):
     """What became of a batch. stored: done once it is durable; None for nothing to wait for."""
 
     sequence: int | None
@@ -162,7 +169,7 @@ class LiveFlight(Flight):
     ) -> list[LiveAssessed]:
         """Become the flight that a killed server flew; for a thread. What is not recorded yet.
 
-        lines: of its journal.   stored: newest sample of its record.   alarms, markers: of its record.
+        lines: of its journal.   stored: newest sample of its record.   alarms, markers: of that.
         """
         header, *rest = lines
         unrecorded = []
@@ -188,7 +195,7 @@ class LiveFlight(Flight):
         self._begin_to_listen()
         self._set_state(State.STALE, "the server was started again: it waits for the source")
 
-    def receive(self, content: bytes | str, via: str) -> Received:
+    def receive(self, content: bytes | str, via: str) -> TakenBatch:
         """Take a batch: score what it settles, show it, and write it into the journal.
 
         TelemetryError; SequenceConflict; JournalFull: nothing of it was taken.
@@ -210,7 +217,7 @@ class LiveFlight(Flight):
         assessed = [one for each in samples for one in self.scorer.push(line["a"], each)]
         self._show_all(assessed, now)
         self._settle_later()
-        return Received(batch.sequence, len(samples), False, written)
+        return TakenBatch(batch.sequence, len(samples), False, written)
 
     def begin_manoeuvre(self, by: str) -> asyncio.Future[None]:
         """A manoeuvre begins now: somebody says so. NotPossible while one is under way."""
@@ -276,7 +283,7 @@ class LiveFlight(Flight):
             if len(self._sequences) > SEQUENCES_KEPT:
                 del self._sequences[next(iter(self._sequences))]
 
-    def _known(self, batch: Batch) -> Received | None:
+    def _known(self, batch: Batch) -> TakenBatch | None:
         """What is answered to a batch that came before. SequenceConflict."""
         known = self._sequences.get(batch.sequence) if batch.sequence is not None else None
         if known is None:
@@ -286,7 +293,7 @@ class LiveFlight(Flight):
                 f"sequence {batch.sequence} was used for another batch: number each batch anew; "
                 f"the newest is {max(self._sequences)}"
             )
-        return Received(batch.sequence, 0, True, self._open_journal.settled())
+        return TakenBatch(batch.sequence, 0, True, self._open_journal.settled())
 
     # --- showing ------------------------------------------------------------------------------
 

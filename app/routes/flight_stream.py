@@ -27,7 +27,7 @@ async def stream(websocket: WebSocket, flight_id: str) -> None:
     await websocket.accept()
     flight = flights.get(flight_id)
     if flight is None:
-        await _close(websocket, NO_SUCH_FLIGHT, f"no flight {flight_id} is under way")
+        await close(websocket, NO_SUCH_FLIGHT, f"no flight {flight_id} is under way")
         return
     watcher = flight.watch()
     try:
@@ -69,10 +69,11 @@ async def _receive(websocket: WebSocket, watcher: Watcher) -> None:
     except WebSocketDisconnect:
         pass
     except (MessageError, KeyError):
-        await _close(websocket, WS_1008_POLICY_VIOLATION, "what was sent is no credit or resume")
+        await close(websocket, WS_1008_POLICY_VIOLATION, "what was sent is no credit or resume")
 
 
-async def _close(websocket: WebSocket, code: int, reason: str) -> None:
+async def close(websocket: WebSocket, code: int, reason: str) -> None:
+    """Say why and close; nothing where the other side is gone."""
     try:
         await websocket.send({"type": "websocket.send", "text": End(reason=reason).encode()})
         await websocket.close(code, reason)

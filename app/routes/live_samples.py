@@ -12,6 +12,7 @@ from app.flights.transport import NotPossible
 from app.http.problems import Problem, problem_responses
 from app.live.journal import JournalFull
 from app.messages import LiveStatus
+from app.routes.dependencies import PersonDep, signature
 from app.routes.flights import FlightsDep
 from app.telemetry.recording import TelemetryError
 
@@ -102,12 +103,15 @@ async def read_live(flight_id: str, flights: FlightsDep) -> LiveStatus:
 
 @router.post("/{flight_id}/manoeuvre", status_code=204, responses=problem_responses(404, 409, 422))
 async def begin_manoeuvre(
-    flight_id: str, flights: FlightsDep, who: Annotated[ManoeuvreMark | None, Body()] = None
+    flight_id: str,
+    flights: FlightsDep,
+    person: PersonDep,
+    who: Annotated[ManoeuvreMark | None, Body()] = None,
 ) -> Response:
     """Say that a manoeuvre begins now, where the surfaces have not shown it."""
     flight = await _live(flight_id, flights)
     try:
-        await flight.begin_manoeuvre((who or ManoeuvreMark()).by)
+        await flight.begin_manoeuvre(signature(person, (who or ManoeuvreMark()).by))
     except NotPossible as error:
         raise Problem(409, str(error), "urn:forewarn:not-live") from error
     return Response(status_code=204)

@@ -1,0 +1,162 @@
+"""Live samples over REST and WebSocket: taken once, durable when answered, or refused."""
+
+import json
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import numpy as np
+import pytest
+from starlette.testclient import TestClient, WebSocketTestSession
+from starlette.websockets import WebSocketDisconnect
+
+from app.live.journal import lines_of
+from app.routes.uplink import MOST_MALFORMED
+from core.channels import KEYS
+from tests.app.flights.test_flights import monitor
+from tests.support.api import api, problem, store_of
+
+URL = "/api/v1/flights"
+HEADERS = {"host": "127.0.0.1:8000", "origin": "http://127.0.0.1:8000"}
+DT = 0.05
+
+
+def batch(sequence: int | None, first: int = 0, n: int = 1, **more: Any) -> dict[str, Any]:
+    t = DT * (first + np.arange(n))
+    channels = {key: (0.001 * np.sin(5.0 * t)).tolist() for key in KEYS}
+    numbered = {} if sequence is None else {"sequence": sequence}
+    return {**numbered, "t": t.tolist(), **channels, **more}
+
+
+class Range:
+    """A server with a live flight, and the folder of its data."""
+
+    def __init__(self, client: TestClient, root: Path) -> None:
+        self.client, self.root = client, root
+        self.monitor_id = store_of(client).monitors.add(monitor(), "F-16 doublet").id
+        self.id = self.start().json()["id"]
+
+    def start(self, **source: Any) -> Any:
+        source = {"kind": "live", "trim": "none"} | source
+        return self.client.post(URL, json={"source": source, "monitor": self.monitor_id})
+
+    def push(self, body: Any) -> Any:
+        return self.client.post(f"{URL}/{self.id}/samples", json=body)
+
+    def uplink(self, flight: str = "") -> Any:
+        path = f"{URL}/{flight or self.id}/uplink"
+        return self.client.websocket_connect(path, headers=HEADERS)
+
+    def lines(self) -> list[dict[str, Any]]:
+        return [*lines_of(self.root / "live" / f"{self.id}.jsonl")]
+
+
+@pytest.fixture
+def range_(tmp_path: Path) -> Iterator[Range]:
+    with api(tmp_path) as client:
+        yield Range(client, tmp_path)
+
+
+def test_a_batch_is_durable_when_it_is_answered_and_taken_once(range_: Range) -> None:
+    assert range_.push(batch(1, n=5)).json() == {"sequence": 1, "accepted": 5, "repeated": False}
+    assert [line["s"] for line in range_.lines() if "b" in line] == [1]
+    assert range_.push(batch(1, n=5)).json() == {"sequence": 1, "accepted": 0, "repeated": True}
+    assert "sequence 1 was used" in problem(range_.push(batch(1, n=4)), 409)
+    frames = range_.client.get(f"{URL}/{range_.id}/assessments").json()["frames"]
+    assert [frame["t"] for frame in frames] == [k * DT for k in range(5)]
+    now = range_.client.get(f"{URL}/{range_.id}/samples").json()
+    assert (now["last_sequence"], now["counts"]["accepted"]) == (1, 5)
+
+
+def test_what_is_no_batch_is_refused_and_the_flight_goes_on(range_: Range) -> None:
+    assert "gives no value of Ny" in problem(range_.push(batch(1, Ny=None)), 422)
+    assert "no JSON object" in problem(range_.push([1, 2]), 422)
+    assert range_.push(batch(1)).status_code == 200
+
+
+def test_only_a_live_flight_that_is_under_way_takes_samples(range_: Range) -> None:
+    body = {"source": {"kind": "simulated"}, "monitor": range_.monitor_id}
+    other = range_.client.post(URL, json=body).json()["id"]
+    refused = range_.client.post(f"{URL}/{other}/samples", json=batch(1))
+    assert "is not live" in problem(refused, 409)
+    problem(range_.client.post(f"{URL}/nowhere/samples", json=batch(1)), 404)
+    assert range_.client.post(f"{URL}/{range_.id}/end").status_code == 200
+    assert "takes no samples" in problem(range_.push(batch(1)), 409)
+    assert range_.lines()[-1]["e"] == "end"
+
+
+def test_a_source_that_cannot_be_is_refused_before_the_flight(range_: Range) -> None:
+    assert "UDP port 80" in problem(range_.start(udp=80), 422)
+    assert "subtracted from the lead" in problem(range_.start(delay=10.0), 422)
+    problem(range_.start(recording="nothing"), 404)
+
+
+def test_a_manoeuvre_is_begun_by_hand_once(range_: Range) -> None:
+    range_.id = range_.start(trim="detected").json()["id"]
+    range_.push(batch(0, n=20))
+    begin = f"{URL}/{range_.id}/manoeuvre"
+    assert range_.client.post(begin, json={"by": "FTE"}).status_code == 204
+    assert "manoeuvre 1 is under way" in problem(range_.client.post(begin), 409)
+    assert range_.client.get(f"{URL}/{range_.id}/samples").json()["manoeuvre"] == 1
+    assert [line["by"] for line in range_.lines() if line.get("e") == "manoeuvre"] == ["FTE"]
+
+
+def test_a_deleted_flight_leaves_no_journal(range_: Range) -> None:
+    range_.push(batch(1))
+    range_.client.post(f"{URL}/{range_.id}/end")
+    assert range_.client.delete(f"{URL}/{range_.id}").status_code == 204
+    assert not [*(range_.root / "live").iterdir()]
+
+
+def test_an_uplink_is_told_what_is_durable_and_where_to_go_on(range_: Range) -> None:
+    range_.push(batch(7))
+    with range_.uplink() as socket:
+        hello = msgspec.json.decode(socket.receive_text())
+        assert (hello["type"], hello["last_sequence"]) == ("welcome", 7)
+        for k in range(8, 20):
+            socket.send_text(json.dumps(batch(k, first=k)))
+        socket.send_text(json.dumps(batch(7)))
+        stored, repeated = [], []
+        while len(stored) < 13:
+            message = msgspec.json.decode(socket.receive_text())
+            assert message["type"] == "stored"
+            stored += message["sequences"]
+            repeated += message["repeated"]
+        assert (stored, repeated) == ([*range(8, 20), 7], [7])
+        assert {line["s"] for line in range_.lines() if "b" in line} == {*range(7, 20)}
+        socket.send_text("nonsense")
+        refused = msgspec.json.decode(socket.receive_text())
+        assert (refused["type"], "no JSON" in refused["reason"]) == ("refused", True)
+
+
+def closed_with(socket: WebSocketTestSession) -> int:
+    """Code by which the server closes, after what it still says."""
+    try:
+        while True:
+            socket.receive_text()
+    except WebSocketDisconnect as closed:
+        return closed.code
+
+
+def test_a_source_that_floods_with_nonsense_is_closed(range_: Range) -> None:
+    with range_.uplink() as socket:
+        for _ in range(MOST_MALFORMED):
+            socket.send_text("nonsense")
+        assert closed_with(socket) == 1008
+
+
+def test_an_uplink_to_no_live_flight_is_closed_with_a_reason(range_: Range) -> None:
+    with range_.uplink("nowhere") as socket:
+        assert msgspec.json.decode(socket.receive_text())["type"] == "end"
+        assert closed_with(socket) == 4404
+
+
+def test_watchers_of_a_live_flight_are_told_how_its_source_does(range_: Range) -> None:
+    range_.push(batch(1, n=3))
+    path = f"{URL}/{range_.id}/stream"
+    with range_.client.websocket_connect(path, headers=HEADERS) as socket:
+        hello = msgspec.json.decode(socket.receive_text())
+    assert hello["live"]["last_sequence"] == 1
+    assert hello["lead"] == pytest.approx(monitor().lead - hello["live"]["delay"])
+    assert hello["mode"] == "live"
