@@ -139,6 +139,13 @@ class Frame(Message):
     sent: float | None
 
 
+class ManoeuvreBegun(Message):
+    """Where a manoeuvre of a live flight began."""
+
+    number: int = Field(description="1, 2, 3 ... in the order begun")
+    t: float = Field(description="[s] of its first sample")
+
+
 class LiveStatus(Message):
     """How a live source does."""
 
@@ -153,6 +160,12 @@ class LiveStatus(Message):
     )
     manoeuvre: int = Field(description="1, 2, 3 ... of the one under way; 0 for none")
     trim: Literal["detected", "none"]
+    begun: list[ManoeuvreBegun] = Field(
+        default_factory=list, description="the newest manoeuvres, that under way included"
+    )
+    resumed: int = Field(
+        default=0, description="times that the flight went on after its server was killed"
+    )
     needed: list[str] = Field(description="channels that the monitor cannot do without")
     names: list[str] = Field(description="of what a batch holds, time first")
     batches: int = Field(description="that came, without repeated ones")
@@ -230,7 +243,7 @@ class Frames(Message):
 
 
 class LiveChange(Message):
-    """How the live source does, where that changed; once a second at most."""
+    """How the live source does, where that changed: each second, and as a manoeuvre begins."""
 
     type: Literal["live"] = "live"
     live: LiveStatus
@@ -343,8 +356,8 @@ class Resume(Message):
 
 
 DOWN: tuple[type[Message], ...] = (
-    Hello, Frames, StateChange, StatusChange, AlarmRaised, MarkerSet, TransportChange, Reset,
-    Heartbeat, Waiting, End,
+    Hello, Frames, StateChange, StatusChange, AlarmRaised, MarkerSet, TransportChange, LiveChange,
+    Reset, Heartbeat, Waiting, End,
 )  # fmt: skip
 """What the server sends on a flight's stream."""
 UP: tuple[type[Message], ...] = (Credit, Resume)

@@ -84,6 +84,7 @@ class Flight(ABC):
     on_over: called once when the flight is over by itself, with status and reason.
     is_checked: whether it is judged by its monitor's validity.   exceeded_t: first exceedance that
     it has come to [s], flown or passed, sought back since or not; None for none.
+    _late: why the samples that come are not of now; empty while they are.
     """
 
     dt: float
@@ -105,7 +106,7 @@ class Flight(ABC):
         self.markers = FlightMarkers()
         self.is_over = False
         self.t = 0.0
-        self.state, self.reason = State.WARMING_UP, "no sample has come yet"
+        self.state, self.reason, self._late = State.WARMING_UP, "no sample has come yet", ""
         self._assessment: Assessment | None = None
         self._exceeds = False
         self.exceeded_t: float | None = None
@@ -276,7 +277,8 @@ class Flight(ABC):
         sent: float | None = None,
     ) -> None:
         """One sample as it is shown. sent: monotonic milliseconds; None where it was long ago."""
-        self._set_state(assessment.state, assessment.reason)
+        late = (State.STALE, self._late) if self._late else None
+        self._set_state(*(late or (assessment.state, assessment.reason)))
         self._recent.append(encode_frame(plain_frame(self.head + 1, y, assessment, sent)))
         self.t, self._assessment, self._pose = assessment.t, assessment, (attitude, y)
         self._exceeds = exceedance is not None

@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
+from pydantic import ValidationError
 
 from app.flights.clock import Clock, MonotonicClock, Timer
 from app.flights.flight import Flight, FlightPlan, patience
@@ -21,7 +22,7 @@ from app.flights.request import FlightRequest
 from app.flights.sources import Opening, aircraft_of, mode_of, trim_angles
 from app.flights.transport import NotPossible
 from app.live.journal import Journals, lines_of
-from app.messages import Alarm, FlightMarker, MeasuredExceedance, plain_frame
+from app.messages import Alarm, FlightMarker, LiveStatus, MeasuredExceedance, plain_frame
 from app.recordings.scored import ScoredRecordings
 from app.store.alarms import StoredAlarm
 from app.store.flights import INTERRUPTED, FlightInfo, UnderWay
@@ -183,6 +184,17 @@ class Flights:
         if flight.is_over:
             raise NotPossible("the flight is over: start another one")
         return flight
+
+    async def live_status(self, flight_id: str) -> LiveStatus | None:
+        """How the source of a live flight does, or did at its end; None where nobody knows."""
+        flight = self.get(flight_id)
+        if flight is not None or self._journals is None:
+            return flight.live if flight else None
+        end = await asyncio.to_thread(self._journals.last, flight_id)
+        try:
+            return LiveStatus.model_validate(end["live"])
+        except (KeyError, ValidationError):
+            return None
 
     async def resume_all(self) -> None:
         """Go on with the live flights that were under way when the server was killed."""

@@ -28,6 +28,7 @@ from app.messages import (
     FlightMarker,
     LiveChange,
     LiveStatus,
+    ManoeuvreBegun,
     MeasuredExceedance,
     TransportState,
 )
@@ -43,6 +44,8 @@ LATE_S = 1.0
 """Samples that come so much later than the quickest did are no longer shown as now [s]."""
 LAG_OVER, LAG_PARTS = 60.0, 6
 """The quickest arrival is looked for over so long [s], in so many parts: clocks drift apart."""
+BEGUN_KEPT = 50
+"""Newest manoeuvres whose beginnings are told."""
 SEQUENCES_KEPT = 200_000
 """Newest batches whose repetition is recognised."""
 FORMAT = 1
@@ -109,7 +112,8 @@ class LiveFlight(Flight):
         self._sequences: dict[int, bytes] = {}
         self._quickest: deque[tuple[int, float]] = deque(maxlen=LAG_PARTS)
         self._lag = 0.0
-        self._n_malformed = self._n_batches = 0
+        self._n_malformed = self._n_batches = self._n_resumed = 0
+        self._begun: deque[ManoeuvreBegun] = deque(maxlen=BEGUN_KEPT)
         self._has_begun = False
         self._told: LiveStatus | None = None
 
@@ -143,6 +147,8 @@ class LiveFlight(Flight):
             lag=round(self._lag, 3),
             manoeuvre=self.scorer.manoeuvre,
             trim=self._setup.trim,
+            begun=list(self._begun),
+            resumed=self._n_resumed,
             needed=self.needed,
             names=self._setup.reader.names,
             batches=self._n_batches,
@@ -190,6 +196,7 @@ class LiveFlight(Flight):
         """Go on as the flight that was restored. OSError."""
         self._journal = self._setup.journals.open(self.id)
         self._record({"e": "resumed"})
+        self._n_resumed += 1
         for assessed in unrecorded:
             self._fly_one(assessed, self.clock.now())
         self._begin_to_listen()
@@ -241,7 +248,7 @@ class LiveFlight(Flight):
         """End the flight: what waits is settled, watchers are told, the record is completed."""
         if not self.is_over and self._journal is not None:
             self._show_all(self.scorer.advance(self._arrival()), self.clock.now())
-            self._record({"e": "end", "reason": reason})
+            self._record({"e": "end", "reason": reason, "live": self.live.model_dump()})
         self._halt(reason)
         if self._udp is not None:
             self._udp.close()
@@ -272,6 +279,7 @@ class LiveFlight(Flight):
         if "b" in line:
             self._note_batch(Batch(line["s"], line["b"]))
         self._port = line.get("port", self._port)
+        self._n_resumed += line.get("e") == "resumed"
         return settled_by(line, self.scorer, self._setup.reader)
 
     def _note_batch(self, batch: Batch) -> None:
@@ -317,9 +325,12 @@ class LiveFlight(Flight):
     def _show_all(self, assessed: list[LiveAssessed], now: float) -> None:
         if not assessed:
             return
+        self._note_lag(now - self._began, assessed[-1].assessment.t)
+        n_begun = self._newest_manoeuvre
         for one in assessed:
             self._fly_one(one, now)
-        self._note_lag(now - self._began, assessed[-1].assessment.t)
+        if self._newest_manoeuvre != n_begun:
+            self._tell_live()
         self._show()
 
     def _fly_one(self, assessed: LiveAssessed, due: float) -> None:
@@ -330,8 +341,16 @@ class LiveFlight(Flight):
         self, assessed: LiveAssessed
     ) -> tuple[Array, Assessment, MeasuredExceedance | None, Angles]:
         y, recorded = assessed.y, assessed.recorded
+        if assessed.manoeuvre > self._newest_manoeuvre:
+            begun = ManoeuvreBegun(number=assessed.manoeuvre, t=assessed.assessment.t)
+            self._begun.append(begun)
         exceeded = exceedance(self.plan.monitor.limits, y, recorded)
         return y, assessed.assessment, exceeded, self._attitude(assessed)
+
+    @property
+    def _newest_manoeuvre(self) -> int:
+        """Number of the manoeuvre that began last; 0 for none."""
+        return self._begun[-1].number if self._begun else 0
 
     def _attitude(self, assessed: LiveAssessed) -> Angles:
         if assessed.attitude is not None:
@@ -349,8 +368,7 @@ class LiveFlight(Flight):
         else:
             self._quickest.append((part, age))
         self._lag = age - min(each for _, each in self._quickest)
-        if self._lag > LATE_S:
-            self._set_state(State.STALE, f"samples come {self._lag:.1f} s late")
+        self._late = f"samples come {self._lag:.1f} s late" if self._lag > LATE_S else ""
 
     def _settle_later(self) -> None:
         """Settle what waits when its time is up."""
@@ -366,18 +384,21 @@ class LiveFlight(Flight):
 
     def _beat(self) -> None:
         super()._beat()
+        self._tell_live()
+
+    def _tell_live(self) -> None:
         if (now := self.live) != self._told:
             self._told = now
             self._tell(LiveChange(live=now).encode())
 
     def _watch_out(self) -> None:
-        """Say `stale` as soon as the source is late; look again when it could be."""
+        """Say `stale` as soon as a source that had begun is late; look again when it could be."""
         now = self.clock.now()
         when = self._came + self._patience
         if when <= now:
             when = now + self._patience
             reason = f"no sample came for {self._patience:g} s"
-            is_new = self.state is not State.STALE
+            is_new = self._has_begun and self.state is not State.STALE
             if is_new:
                 self._set_state(State.STALE, reason)
             if self._has_begun:

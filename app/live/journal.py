@@ -50,6 +50,19 @@ class Journals:
         """The file of a flight's journal."""
         return self.root / f"{flight_id}{ENDING}"
 
+    def last(self, flight_id: str) -> dict[str, Any]:
+        """The last line of a flight's journal; empty where there is none."""
+        try:
+            file = os.open(self.path(flight_id), os.O_RDONLY)
+        except FileNotFoundError:
+            return {}
+        try:
+            end = _whole(file)
+            start = _whole(file, end - 1)
+            return msgspec.json.decode(os.pread(file, end - start, start)) if end else {}
+        finally:
+            os.close(file)
+
     def delete(self, flight_id: str) -> None:
         """Delete a journal; nothing where there is none."""
         self.path(flight_id).unlink(missing_ok=True)
@@ -179,9 +192,9 @@ def _write_all(file: int, content: bytes, offset: int) -> None:
         done += os.pwrite(file, content[done:], offset + done)
 
 
-def _whole(file: int) -> int:
-    """Bytes up to the end of the last whole line."""
-    size = os.fstat(file).st_size
+def _whole(file: int, size: int | None = None) -> int:
+    """Bytes up to the end of the last whole line, of the first `size`; of all if None."""
+    size = os.fstat(file).st_size if size is None else max(0, size)
     while size:
         start = max(0, size - 65536)
         block = os.pread(file, size - start, start)

@@ -20,7 +20,7 @@ from app.flights.request import FlightRequest
 from app.flights.sources import mode_of
 from app.flights.transport import NotPossible, TransportError
 from app.http.problems import Problem, problem_responses
-from app.messages import Alarm, FlightMarker, Frame, Mode, TransportState
+from app.messages import Alarm, FlightMarker, Frame, LiveStatus, Mode, TransportState
 from app.recipes import RecipeError
 from app.routes.dependencies import PersonDep, json_from, signature
 from app.store.flights import FlightInfo, UnderWay
@@ -108,6 +108,11 @@ class FlightStatus(BaseModel):
         f"{INTERVAL_S:g} s as a rule, is missing",
     )
     unwritten: int | None = Field(default=None, description="samples that wait for the store")
+    live: LiveStatus | None = Field(
+        default=None,
+        description="of one live flight: how its source does, or did at its end; null in the list "
+        "of all, and where the server was killed during it",
+    )
 
 
 class TransportRequest(BaseModel):
@@ -191,7 +196,8 @@ async def list_flights(flights: FlightsDep) -> list[FlightStatus]:
 async def read_flight(flight_id: str, flights: FlightsDep) -> FlightStatus:
     """One flight."""
     info = await asyncio.to_thread(flights.store.flights.info, flight_id)
-    return (await _statuses(flights, [info]))[0]
+    status = (await _statuses(flights, [info]))[0]
+    return status.model_copy(update={"live": await flights.live_status(flight_id)})
 
 
 @router.post("/{flight_id}/end", responses=problem_responses(404, 422, 503))

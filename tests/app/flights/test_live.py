@@ -18,6 +18,7 @@ from app.telemetry.mapping.mapping import ChannelSource, Mapping, TimeSource
 from app.telemetry.recording import TelemetryError
 from core.channels import KEYS
 from core.monitor import State
+from core.monitor.status import Status
 from tests.support.flying import (
     EPSILON,
     ScriptedClock,
@@ -123,7 +124,7 @@ def test_a_flight_of_a_killed_server_goes_on_with_the_same_bits(tmp_path: Path) 
         flight.resume(flight.restore(lines, 29, [], []))
         assert (flight.state, flight.head) == (State.STALE, 39)
         assert [sample.seq for sample in recorder.waiting(0, 1000)] == [*range(30, 40)]
-        assert flight.live.last_sequence == 39
+        assert (flight.live.last_sequence, flight.live.resumed) == (39, 1)
         assert flight.receive(batch(39, y[39]), "rest").repeated
         with pytest.raises(SequenceConflict, match="the newest is 39"):
             flight.receive(batch(39, y[0]), "rest")
@@ -153,10 +154,14 @@ def test_a_late_source_is_stale_by_the_clock_and_recovers(tmp_path: Path) -> Non
     flown(fly, tmp_path)
 
 
-def test_a_source_that_never_comes_is_stale_without_an_alarm(tmp_path: Path) -> None:
+def test_a_source_that_has_not_begun_is_waited_for(tmp_path: Path) -> None:
     async def fly(live: Live, y: Array) -> None:
         live.advance(0.3)
-        assert live.seen.of("state")[-1]["state"] == "stale"
+        assert (live.flight.state, live.flight.reason) == (
+            State.WARMING_UP,
+            "no sample has come yet",
+        )
+        assert not live.seen.of("state")
         assert not live.seen.of("alarm")
 
     flown(fly, tmp_path)
@@ -171,6 +176,11 @@ def test_samples_that_come_long_after_the_quickest_are_not_shown_as_now(tmp_path
         assert live.flight.state is State.STALE
         assert live.flight.reason == "samples come 5.0 s late"
         assert live.flight.live.lag == pytest.approx(5.0)
+        n_told = len(live.seen.of("state"))
+        for k in range(21, 30):
+            live.push(k, y[k])
+            assert Status.STALE in (live.flight.headline.status, *live.flight.headline.beside)
+        assert {said["state"] for said in live.seen.of("state")[n_told:]} <= {"stale"}
 
     flown(fly, tmp_path)
 

@@ -84,6 +84,9 @@ def test_only_a_live_flight_that_is_under_way_takes_samples(range_: Range) -> No
     assert range_.client.post(f"{URL}/{range_.id}/end").status_code == 200
     assert "takes no samples" in problem(range_.push(batch(1)), 409)
     assert range_.lines()[-1]["e"] == "end"
+    over = range_.client.get(f"{URL}/{range_.id}").json()
+    assert over["live"]["counts"]["accepted"] == 0
+    assert range_.client.get(f"{URL}/{other}").json()["live"] is None
 
 
 def test_a_source_that_cannot_be_is_refused_before_the_flight(range_: Range) -> None:
@@ -98,7 +101,9 @@ def test_a_manoeuvre_is_begun_by_hand_once(range_: Range) -> None:
     begin = f"{URL}/{range_.id}/manoeuvre"
     assert range_.client.post(begin, json={"by": "FTE"}).status_code == 204
     assert "manoeuvre 1 is under way" in problem(range_.client.post(begin), 409)
-    assert range_.client.get(f"{URL}/{range_.id}/samples").json()["manoeuvre"] == 1
+    range_.push(batch(1, first=20))
+    live = range_.client.get(f"{URL}/{range_.id}/samples").json()
+    assert (live["manoeuvre"], live["begun"]) == (1, [{"number": 1, "t": 20 * DT}])
     assert [line["by"] for line in range_.lines() if line.get("e") == "manoeuvre"] == ["FTE"]
 
 
