@@ -13,6 +13,7 @@ from app.telemetry.mapping.applying import derivation_order
 from app.telemetry.mapping.derivations import DERIVATIONS
 from app.telemetry.mapping.mapping import ChannelSource, Mapping
 from app.telemetry.plausibility import BOUNDS
+from app.telemetry.readers.journal import TIMES
 from app.telemetry.recording import ATTITUDE, TelemetryError
 from app.telemetry.targets import TARGETS
 from app.telemetry.units import convert
@@ -20,8 +21,6 @@ from core.channels import KEYS
 
 MOST_SAMPLES = 10_000
 """In one batch."""
-TIMES = ("t", "timestamp", "time")
-"""Names of the time where no mapping says which it is [s]."""
 DEEPEST = 4
 WITH_MEMORY = ("p_from_attitude", "r_from_attitude")
 """Derivations by slopes, which need samples of the future."""
@@ -99,6 +98,7 @@ class ChannelReader:
     """
 
     def __init__(self, mapping: Mapping | None = None) -> None:
+        self.mapping = mapping
         if mapping is None:
             self._time: _Direct | None = None
             self._direct = {key: _Direct(key) for key in (*KEYS, *ATTITUDE)}

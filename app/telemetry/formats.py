@@ -99,11 +99,17 @@ def _is_ch10(head: bytes) -> bool:
     return words[0] == 0xEB25 and sum(words[:11]) & 0xFFFF == words[11]
 
 
+def _is_journal(head: bytes) -> bool:
+    """A line of JSON whose beginning is that of Forewarn's journals."""
+    line = head.partition(b"\n")[0]
+    return line.startswith(b'{"format":') and b'"flight":' in line and b'"began":' in line
+
+
 def _is_text(head: bytes) -> bool:
-    """UTF-16, or hardly any control characters, in UTF-8 or an 8-bit code."""
+    """UTF-16, or hardly any control characters, in UTF-8 or an 8-bit code; no journal."""
     if wide_encoding(head):
         return True
-    return len(head.translate(None, CONTROLS)) >= 0.99 * len(head)
+    return not _is_journal(head) and len(head.translate(None, CONTROLS)) >= 0.99 * len(head)
 
 
 PACKED = {
@@ -179,6 +185,13 @@ FORMATS: dict[str, Format] = {
             ".ch10",
             extra="ch10",
             experimental=True,
+        ),
+        Format(
+            "journal",
+            "journal of a live flight",
+            (".jsonl",),
+            _is_journal,
+            ".journal",
         ),
     )
 }

@@ -1,5 +1,6 @@
-"""Small Parquet tables of most types and encodings."""
+"""Small Parquet tables of most types and encodings, and journals of live flights."""
 
+import json
 from collections.abc import Callable
 from datetime import UTC, date, datetime, time, timedelta
 from decimal import Decimal
@@ -51,6 +52,22 @@ def pandas(path: Path) -> None:
     pq.write_table(table.replace_schema_metadata({"pandas": text}), path, compression="gzip")
 
 
+def journal(path: Path, mapping: dict[str, Any] | None = None, per_batch: int = 1) -> None:
+    """Batches with late, missing and odd values, an event and a torn last line."""
+    header = {"format": 1, "flight": "f", "began": "2030-01-01T00:00:00+00:00", "mapping": mapping}
+    lines: list[dict[str, Any]] = [header | {"a": 0.0}]
+    for k in range(0, N, per_batch):
+        t = T[k : k + per_batch].tolist()
+        values = {"t": t, "beta": [None if v > 0.3 else 0.1 * v for v in t], "p": [k] * len(t)}
+        lines.append({"v": "rest", "s": k, "b": values | {"mode": ["auto"] * len(t)}, "a": t[-1]})
+    lines.insert(5, {"e": "manoeuvre", "by": "FTE", "t": 0.06, "a": 0.07})
+    path.write_text("\n".join(map(json.dumps, lines)) + '\n{"v": "rest", "b": {"t": [')
+
+
+MAPPED = {
+    "channels": {"beta": {"signal": "beta", "unit": "deg", "sign": 1}},
+    "times": {"": {"signal": "t", "unit": "ms"}},
+}
 TABLES: dict[str, Callable[[Path], object]] = {
     "plain.parquet": lambda path: numbers(path, compression="none", use_dictionary=False),
     "snappy.parquet": lambda path: numbers(path, compression="snappy", data_page_version="2.0"),
@@ -59,4 +76,6 @@ TABLES: dict[str, Callable[[Path], object]] = {
     ),
     "types.parquet": types,
     "pandas.pq": pandas,
+    "live.jsonl": journal,
+    "mapped.jsonl": lambda path: journal(path, MAPPED, per_batch=4),
 }

@@ -37,6 +37,7 @@ HEADS = {
     "ulog": b"ULog\x01\x12\x35\x01" + bytes(99),
     "mdf4": b"MDF     4.10    forewarn" + bytes(99),
     "ch10": CH10 + bytes(99),
+    "journal": b'{"format":1,"flight":"f","began":"2030-01-01T00:00:00+00:00","a":0.0}\n',
     "csv": TABLE.encode(),
 }
 MATLAB73 = b"MATLAB 7.3 MAT-file".ljust(512) + HEADS["hdf5"]
