@@ -115,7 +115,7 @@ class Flight(ABC):
         self._watchers: set[Watcher] = set()
         self._timers: dict[str, Timer] = {}
         self._pose: tuple[Angles, Array] | None = None
-        self._headline = self.headline
+        self._facts, self._headline = self.facts, self.headline
 
     @property
     @abstractmethod
@@ -323,8 +323,11 @@ class Flight(ABC):
         self._stage(lambda scene: scene.show(self.t, attitude, *angles, *risk, self.facts))
 
     def _tell_headline(self) -> None:
-        if self.headline != self._headline:
-            self._headline = self.headline
+        if (facts := self.facts) == self._facts:
+            return
+        self._facts, now = facts, headline(facts)
+        if now != self._headline:
+            self._headline = now
             self._tell(StatusChange(**_plain(self._headline)).encode())
 
     def _stage(self, act: "Callable[[Scene], object]") -> None:

@@ -155,7 +155,7 @@ class Recorder:
                 raised.stored()
 
     async def flush(self) -> bool:
-        """Write all that waits now; whether the store took it."""
+        """Write all that waits now, not what comes meanwhile; whether the store took it."""
         try:
             await self._flush()
         except Exception as error:
@@ -198,7 +198,8 @@ class Recorder:
     async def _flush(self) -> None:
         async with self._writing:
             await self.store_alarms()
-            while self._samples:
+            newest = self._samples[-1].seq if self._samples else -1
+            while self._samples and self._samples[0].seq <= newest:
                 await self._write_some()
 
     def _schedule(self) -> None:

@@ -7,6 +7,7 @@ import asyncio
 import math
 import re
 import socket
+from collections import deque
 from collections.abc import Awaitable, Callable, Mapping, MutableMapping
 from dataclasses import dataclass, field
 from functools import partial
@@ -38,6 +39,9 @@ HOST = re.compile(r"(?:\[([0-9A-Fa-f:.]+)\]|([0-9A-Za-z._-]+))(?::[0-9]{0,5})?")
 PULSE = "/healthz"
 """Answered without a token: a probe learns nothing from it."""
 REFUSED, SESSION_OVER = 4403, 4401
+OVER = "the session or its token is over: log in again"
+MOST_READ_AHEAD = 16
+"""Messages of a WebSocket."""
 """WebSocket close codes; before the handshake they become HTTP 403."""
 
 PAGE_POLICY = (
@@ -121,10 +125,11 @@ class Guard:
         if scope["type"] == "http":
             return await self.app(scope, receive, send)
         over = asyncio.ensure_future(self._wait_for_end(admission, session))
+        watched = _Watched(over, receive, send)
         try:
-            return await self.app(scope, *_until(over, receive, send))
+            return await self.app(scope, watched.receive, watched.send)
         finally:
-            over.cancel()
+            watched.close()
 
     def check_host(self, headers: Headers) -> None:
         """Refuse a Host that is not this server's: a name that was rebound to this address.
@@ -281,30 +286,56 @@ def _is_address(name: str, settings: Settings) -> bool:
     return address.is_loopback or not settings.is_local
 
 
-def _until(over: asyncio.Future[None], receive: Receive, send: Send) -> tuple[Receive, Send]:
+class _Watched:
     """Receive and send of a WebSocket that is closed once its session is over.
 
-    The application is told as if the client had left; what it sends then goes nowhere.
+    The application is told as if the client had left; what either side sends then goes nowhere.
+    One task reads for the whole connection: a task a message would cost more than the message.
     """
 
-    async def receiving() -> Message:
-        coming = asyncio.ensure_future(receive())
-        try:
-            await asyncio.wait((coming, over), return_when=asyncio.FIRST_COMPLETED)
-            message = coming.result() if coming.done() else {"type": ""}
-            if not over.done() or message["type"] == "websocket.disconnect":
+    def __init__(self, over: asyncio.Future[None], receive: Receive, send: Send) -> None:
+        self._over, self._receive, self._send = over, receive, send
+        self._messages: deque[Message] = deque()
+        self._come, self._room = asyncio.Event(), asyncio.Event()
+        self._reading: asyncio.Future[None] | None = None
+        over.add_done_callback(lambda _: self._come.set())
+
+    async def receive(self) -> Message:
+        """The next message of the client, or that it is gone."""
+        if self._reading is None:
+            self._reading = asyncio.ensure_future(self._read())
+        while not (self._messages or self._over.done()):
+            self._come.clear()
+            await self._come.wait()
+        if self._messages:
+            message = self._messages.popleft()
+            self._room.set()
+            if not self._over.done() or message["type"] == "websocket.disconnect":
                 return message
-        finally:
-            coming.cancel()
-        reason = "the session or its token is over: log in again"
-        await send({"type": "websocket.close", "code": SESSION_OVER, "reason": reason})
-        return {"type": "websocket.disconnect", "code": SESSION_OVER, "reason": reason}
+        await self._send({"type": "websocket.close", "code": SESSION_OVER, "reason": OVER})
+        return {"type": "websocket.disconnect", "code": SESSION_OVER, "reason": OVER}
 
-    async def sending(message: Message) -> None:
-        if not over.done():
-            await send(message)
+    async def send(self, message: Message) -> None:
+        """Send, as long as the session lasts."""
+        if not self._over.done():
+            await self._send(message)
 
-    return receiving, sending
+    def close(self) -> None:
+        """Read no more."""
+        self._over.cancel()
+        if self._reading is not None:
+            self._reading.cancel()
+
+    async def _read(self) -> None:
+        while True:
+            message = await self._receive()
+            self._messages.append(message)
+            self._come.set()
+            if message["type"] == "websocket.disconnect":
+                return
+            while len(self._messages) >= MOST_READ_AHEAD:
+                self._room.clear()
+                await self._room.wait()
 
 
 def _noted(send: Send, note: Callable[[int], None]) -> Send:

@@ -88,7 +88,10 @@ class _Direct:
     shift: float = 0.0
 
     def __call__(self, values: Values, n: int) -> list[float]:
-        return [value * self.scale + self.shift for value in _numbers(values, self.name, n)]
+        numbers = _numbers(values, self.name, n)
+        if self.scale == 1.0 and self.shift == 0.0:
+            return numbers
+        return [value * self.scale + self.shift for value in numbers]
 
 
 class ChannelReader:
@@ -209,6 +212,8 @@ def _numbers(values: Values, name: str, n: int) -> list[float]:
         return [NAN] * n
     if len(given) != n:
         raise TelemetryError(f"{name} has {len(given)} samples and the time has {n}: send as many")
+    if all(type(value) is float for value in given):
+        return given
     try:
         return [NAN if v is None else _NUMBER[type(v)](v) for v in given]
     except (KeyError, OverflowError):

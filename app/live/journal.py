@@ -10,6 +10,7 @@ import asyncio
 import logging
 import os
 import threading
+import time
 from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
@@ -21,8 +22,8 @@ LOG = logging.getLogger("forewarn")
 MOST_WAITING = 64 * 2**20
 """Bytes of one flight that may wait for the disk; more is refused, not lost."""
 RETRY_S = 1.0
-COMMIT_S = 0.01
-"""Lines that come within so long are made durable together."""
+PAUSE_S = 0.002
+"""For each flight that has lines to write: what comes within so long is written together [s]."""
 ENDING = ".jsonl"
 _encoder = msgspec.json.Encoder()
 
@@ -75,6 +76,8 @@ class Journals:
             self._thread.join()
 
     def _note(self, journal: "Journal") -> None:
+        if journal in self._dirty:
+            return
         with self._lock:
             self._dirty.add(journal)
             if self._thread is None:
@@ -86,7 +89,7 @@ class Journals:
         while True:
             self._wake.wait()
             if not self._closed:
-                threading.Event().wait(COMMIT_S)
+                time.sleep(PAUSE_S * (1 + len(self._dirty)))
             self._wake.clear()
             with self._lock:
                 dirty, self._dirty = self._dirty, set()

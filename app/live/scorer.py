@@ -130,12 +130,14 @@ class CausalScorer:
 
     def _explained(self, assessment: Assessment, sample: Sample) -> Assessment:
         """Say which channels are missing, or why all are."""
+        if assessment.reason != NOT_FINITE:
+            return assessment
         missing = [
             key
             for key, value, needed in zip(KEYS, sample.y, self._needed, strict=True)
             if needed and not np.isfinite(value)
         ]
-        if assessment.reason != NOT_FINITE or not missing:
+        if not missing:
             return assessment
         verb = "is" if len(missing) == 1 else "are"
         return replace(

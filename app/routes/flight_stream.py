@@ -66,7 +66,7 @@ async def _receive(websocket: WebSocket, watcher: Watcher) -> None:
                 watcher.grant(message.n)
             else:
                 watcher.resume(message.seq)
-    except WebSocketDisconnect:
+    except (WebSocketDisconnect, RuntimeError):
         pass
     except (MessageError, KeyError):
         await close(websocket, WS_1008_POLICY_VIOLATION, "what was sent is no credit or resume")
