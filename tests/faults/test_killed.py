@@ -16,7 +16,7 @@ from tests.faults.conftest import keep_monitor
 from tests.faults.server import running
 from tests.support.patience import PATIENCE
 
-N_KILLS, N_LONG = 2, 60
+N_KILLS, N_LONG = 2, 10
 MOST_ALARMS = 4
 
 

@@ -1,7 +1,9 @@
 """Live samples over REST and WebSocket: taken once, durable when answered, or refused."""
 
 import json
+import sqlite3
 from collections.abc import Iterator
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
@@ -93,6 +95,14 @@ def test_a_source_that_cannot_be_is_refused_before_the_flight(range_: Range) -> 
     assert "UDP port 80" in problem(range_.start(udp=80), 422)
     assert "subtracted from the lead" in problem(range_.start(delay=10.0), 422)
     problem(range_.start(recording="nothing"), 404)
+
+
+def test_a_database_that_another_program_locks_delays_no_acknowledgement(range_: Range) -> None:
+    with closing(sqlite3.connect(range_.root / "forewarn.db")) as other:
+        other.execute("BEGIN EXCLUSIVE")
+        assert range_.push(batch(1, n=5)).status_code == 200
+        other.rollback()
+    assert len(range_.client.get(f"{URL}/{range_.id}/assessments").json()["frames"]) == 5
 
 
 def test_a_manoeuvre_is_begun_by_hand_once(range_: Range) -> None:
