@@ -21,6 +21,7 @@ COMMANDS = {
     "validity-matrix": "fly every published aircraft through the monitor of every other",
     "fault-table": "put each sensor of simulated flights at fault, and say by what that is found",
     "serve": "serve the page and the API",
+    "push": "push a recording into a live flight, as a source does",
     "backup": "write database and recordings into one file, also while the server runs",
     "restore": "put a backup back in its place, whole or not at all",
     "token": "make, list and revoke the tokens of people",

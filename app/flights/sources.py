@@ -220,8 +220,9 @@ class Live(Source):
             )
         mapping, name = None, "live"
         if self.recording is not None:
-            info = opening.store.recordings.info(self.recording)
-            mapping, name = Mapping.from_plain(info.mapping), f"live, as {info.name}"
+            recordings = opening.store.recordings
+            mapping = Mapping.from_plain(recordings.mapped_columns(self.recording).mapping)
+            name = f"live, as {recordings.info(self.recording).name}"
         monitor = opening.monitor
         setup = LiveSetup(
             monitor,

@@ -63,6 +63,16 @@ def decode_batch(content: bytes | str) -> Batch:
     return Batch(sequence, values)
 
 
+def sequence_of(content: bytes | str) -> int | None:
+    """Number of what may be no batch; None where it says none."""
+    try:
+        plain = _decoder.decode(content)
+    except (msgspec.DecodeError, RecursionError, UnicodeDecodeError):
+        return None
+    sequence = plain.get("sequence") if isinstance(plain, dict) else None
+    return sequence if type(sequence) is int else None
+
+
 def _flatten(plain: dict[str, Any], prefix: str, values: Values, depth: int) -> None:
     for name, value in plain.items():
         if isinstance(value, dict):

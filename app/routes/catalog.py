@@ -2,13 +2,14 @@
 
 from dataclasses import dataclass
 from functools import cache
-from typing import Annotated, Any
+from typing import Annotated, Any, NamedTuple
 
 from fastapi import APIRouter, Response
 from pydantic import BaseModel, Field
 from pydantic.json_schema import models_json_schema
 
 from app.catalog import catalog
+from app.live.messages import UPLINK_DOWN, UPLINK_UP
 from app.messages import DOWN, UP
 from app.routes.dependencies import json_response
 from app.routes.recording_models import Derivable
@@ -117,42 +118,71 @@ async def describe_streams():
     return json_response(_streams())
 
 
+class _Socket(NamedTuple):
+    """A WebSocket of a flight. send: what the server sends.   receive: what it takes."""
+
+    name: str
+    description: str
+    send: tuple[type[BaseModel], ...]
+    receive: tuple[type[BaseModel], ...]
+
+
+SOCKETS = (
+    _Socket(
+        "stream",
+        "Text frames of JSON. A message of frames costs one credit: give it back.",
+        DOWN,
+        UP,
+    ),
+    _Socket(
+        "uplink",
+        "The source of a live flight: a batch a message, acknowledged once it is durable.",
+        UPLINK_DOWN,
+        UPLINK_UP,
+    ),
+)
+
+
 @cache
 def _streams() -> dict[str, Any]:
-    """AsyncAPI 3.0 of what a flight's stream sends (down) and takes (up)."""
+    """AsyncAPI 3.0 of what each WebSocket of a flight sends (down) and takes (up)."""
+    kinds = dict.fromkeys(kind for each in SOCKETS for kind in (*each.send, *each.receive))
     _, schemas = models_json_schema(
-        [(kind, "validation") for kind in DOWN + UP], ref_template="#/components/schemas/{model}"
+        [(kind, "validation") for kind in kinds], ref_template="#/components/schemas/{model}"
     )
-    names = {"send": [kind.__name__ for kind in DOWN], "receive": [kind.__name__ for kind in UP]}
-    channel = {
-        "address": "/api/v1/flights/{flight_id}/stream",
-        "description": "Text frames of JSON. A message of frames costs one credit: give it back.",
-        "parameters": {"flight_id": {"description": "a flight that is under way"}},
-        "messages": {
-            name: {"$ref": f"#/components/messages/{name}"}
-            for part in names.values()
-            for name in part
-        },
-    }
     messages = {
-        name: {
+        kind.__name__: {
             "contentType": "application/json",
-            "payload": {"$ref": f"#/components/schemas/{name}"},
+            "payload": {"$ref": f"#/components/schemas/{kind.__name__}"},
         }
-        for part in names.values()
-        for name in part
+        for kind in kinds
     }
     return {
         "asyncapi": "3.0.0",
         "info": {"title": "Forewarn", "version": __version__},
-        "channels": {"flight": channel},
+        "channels": {each.name: _described(each) for each in SOCKETS},
         "operations": {
-            action: {
+            f"{action}_{each.name}": {
                 "action": action,
-                "channel": {"$ref": "#/channels/flight"},
-                "messages": [{"$ref": f"#/channels/flight/messages/{name}"} for name in part],
+                "channel": {"$ref": f"#/channels/{each.name}"},
+                "messages": [
+                    {"$ref": f"#/channels/{each.name}/messages/{kind.__name__}"} for kind in part
+                ],
             }
-            for action, part in names.items()
+            for each in SOCKETS
+            for action, part in (("send", each.send), ("receive", each.receive))
         },
         "components": {"messages": messages, "schemas": schemas["$defs"]},
+    }
+
+
+def _described(channel: _Socket) -> dict[str, Any]:
+    return {
+        "address": f"/api/v1/flights/{{flight_id}}/{channel.name}",
+        "description": channel.description,
+        "parameters": {"flight_id": {"description": "a flight that is under way"}},
+        "messages": {
+            kind.__name__: {"$ref": f"#/components/messages/{kind.__name__}"}
+            for kind in (*channel.send, *channel.receive)
+        },
     }

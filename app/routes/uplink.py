@@ -2,9 +2,9 @@
 
 import asyncio
 from collections import deque
+from typing import Literal
 
 import anyio
-import msgspec
 from fastapi import APIRouter, WebSocket
 from starlette.status import WS_1008_POLICY_VIOLATION
 from starlette.websockets import WebSocketDisconnect
@@ -12,7 +12,10 @@ from starlette.websockets import WebSocketDisconnect
 from app.flights.flights import Flights, TooManyFlights
 from app.flights.live import LiveFlight, SequenceConflict, TakenBatch
 from app.flights.transport import NotPossible
+from app.live.batches import sequence_of
 from app.live.journal import JournalFull
+from app.live.messages import Refused, Stored, Welcome
+from app.messages import Message
 from app.routes.flight_stream import NO_SUCH_FLIGHT, close
 from app.store.store import NotFound
 from app.telemetry.recording import TelemetryError
@@ -23,33 +26,11 @@ ACKNOWLEDGED_S = 0.02
 MOST_MALFORMED = 100
 """Messages that are no batch, within MALFORMED_S, after which the source is closed."""
 MALFORMED_S = 1.0
+Refusal = TelemetryError | SequenceConflict | JournalFull
 MOST_REASON = 120
 """Characters of a close reason, of which a WebSocket takes 123 bytes."""
 MOST_UNACKNOWLEDGED = 10_000
 """Batches of one source that may wait for the disk; it is not read further meanwhile."""
-
-
-class Stored(msgspec.Struct, tag="stored"):
-    """Batches that are durable, by sequence; `repeated` had come before."""
-
-    sequences: list[int]
-    repeated: list[int]
-    count: int
-    """batches in all, those without a number included"""
-
-
-class Refused(msgspec.Struct, tag="refused"):
-    """A message that was not taken, and why."""
-
-    reason: str
-
-
-class Welcome(msgspec.Struct, tag="welcome"):
-    """First message: go on after this batch. last_sequence: null before the first."""
-
-    flight: str
-    last_sequence: int | None
-    names: list[str]
 
 
 @router.websocket("/{flight_id}/uplink")
@@ -63,7 +44,8 @@ async def uplink(websocket: WebSocket, flight_id: str) -> None:
         await close(websocket, NO_SUCH_FLIGHT, str(error))
         return
     now = flight.live
-    await _say(websocket, Welcome(flight_id, now.last_sequence, now.names))
+    welcome = Welcome(flight=flight_id, last_sequence=now.last_sequence, names=now.names)
+    await _say(websocket, welcome)
     source = _Source(websocket, flight)
     async with anyio.create_task_group() as both:
         both.start_soon(source.acknowledge)
@@ -79,6 +61,7 @@ class _Source:
         self._waiting: deque[TakenBatch] = deque()
         self._come = asyncio.Event()
         self._room = asyncio.Event()
+        self._is_gone = False
         self._malformed: deque[float] = deque(maxlen=MOST_MALFORMED)
 
     async def receive(self) -> None:
@@ -90,17 +73,17 @@ class _Source:
                 return
             if message["type"] == "websocket.disconnect":
                 return
+            content = message.get("text") or message.get("bytes") or b""
             try:
-                content = message.get("text") or message.get("bytes") or b""
                 self._waiting.append(self._flight.receive(content, "websocket"))
                 self._come.set()
             except (TelemetryError, SequenceConflict, JournalFull) as error:
-                if not await self._refuse(str(error)):
+                if not await self._refuse(error, sequence_of(content)):
                     return
             except NotPossible as error:
                 await close(self._websocket, NO_SUCH_FLIGHT, str(error))
                 return
-            while len(self._waiting) > MOST_UNACKNOWLEDGED:
+            while len(self._waiting) > MOST_UNACKNOWLEDGED and not self._is_gone:
                 self._room.clear()
                 await self._room.wait()
 
@@ -116,7 +99,8 @@ class _Source:
                     await _say(self._websocket, self._durable())
                     self._room.set()
         except (WebSocketDisconnect, RuntimeError):
-            return
+            self._is_gone = True
+            self._room.set()
 
     def _durable(self) -> Stored:
         """Take what is durable from the front of what waits."""
@@ -130,21 +114,34 @@ class _Source:
             count=len(done),
         )
 
-    async def _refuse(self, reason: str) -> bool:
+    async def _refuse(self, error: Refusal, sequence: int | None) -> bool:
         """Say why; whether the source may go on."""
-        now = asyncio.get_running_loop().time()
-        self._malformed.append(now)
-        is_flood = len(self._malformed) == MOST_MALFORMED
-        if is_flood and now - self._malformed[0] < MALFORMED_S:
+        reason = str(error)
+        if not isinstance(error, JournalFull) and self._floods():
             text = f"{MOST_MALFORMED} messages within {MALFORMED_S:g} s were no batch: {reason}"
             await close(self._websocket, WS_1008_POLICY_VIOLATION, text[:MOST_REASON])
             return False
         try:
-            await _say(self._websocket, Refused(reason))
+            refused = Refused(sequence=sequence, status=_status(error), reason=reason)
+            await _say(self._websocket, refused)
         except (WebSocketDisconnect, RuntimeError):
             return False
         return True
 
+    def _floods(self) -> bool:
+        """Note one more that is no batch; whether they are too many."""
+        now = asyncio.get_running_loop().time()
+        self._malformed.append(now)
+        is_full = len(self._malformed) == MOST_MALFORMED
+        return is_full and now - self._malformed[0] < MALFORMED_S
 
-async def _say(websocket: WebSocket, message: msgspec.Struct) -> None:
-    await websocket.send({"type": "websocket.send", "text": msgspec.json.encode(message).decode()})
+
+def _status(error: Refusal) -> Literal[409, 422, 503]:
+    """As over REST."""
+    if isinstance(error, JournalFull):
+        return 503
+    return 409 if isinstance(error, SequenceConflict) else 422
+
+
+async def _say(websocket: WebSocket, message: Message) -> None:
+    await websocket.send({"type": "websocket.send", "text": message.encode()})

@@ -88,6 +88,7 @@ def test_the_stream_is_described_message_by_message(tmp_path):
         described = client.get("/api/v1/asyncapi.json").json()
     schemas = described["components"]["schemas"]
     assert {"Hello", "Frames", "Heartbeat", "Waiting", "Credit", "Resume"} <= schemas.keys()
+    assert {"Welcome", "Stored", "Refused", "SentBatch"} <= schemas.keys()
     for operation in described["operations"].values():
         for message in operation["messages"]:
             name = message["$ref"].rpartition("/")[2]
@@ -98,3 +99,7 @@ def test_the_stream_is_described_message_by_message(tmp_path):
     jsonschema_rs.validate(whole, {"type": "credit", "n": 1})
     with pytest.raises(jsonschema_rs.ValidationError):
         jsonschema_rs.validate(whole, {"type": "credit", "n": 0})
+    whole["$ref"] = "#/components/schemas/SentBatch"
+    jsonschema_rs.validate(whole, {"sequence": 1, "t": [0.0], "beta": [None], "body": {"p": 0.1}})
+    with pytest.raises(jsonschema_rs.ValidationError):
+        jsonschema_rs.validate(whole, {"sequence": 1, "t": "now"})

@@ -140,9 +140,15 @@ def test_an_uplink_is_told_what_is_durable_and_where_to_go_on(range_: Range) -> 
             repeated += message["repeated"]
         assert (stored, repeated) == ([*range(8, 20), 7], [7])
         assert {line["s"] for line in range_.lines() if "b" in line} == {*range(7, 20)}
-        socket.send_text("nonsense")
-        refused = msgspec.json.decode(socket.receive_text())
-        assert (refused["type"], "no JSON" in refused["reason"]) == ("refused", True)
+        for text, refusal in (
+            ("nonsense", (None, 422)),
+            (json.dumps(batch(20, first=20) | {"p": ["x"]}), (20, 422)),
+            (json.dumps(batch(7, first=20)), (7, 409)),
+        ):
+            socket.send_text(text)
+            refused = msgspec.json.decode(socket.receive_text())
+            assert refused["type"] == "refused"
+            assert (refused["sequence"], refused["status"]) == refusal
 
 
 def closed_with(socket: WebSocketTestSession) -> int:

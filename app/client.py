@@ -1,0 +1,457 @@
+"""A live source in a few lines, for programs of the range.
+
+    with LiveClient("http://127.0.0.1:8000", token) as client:
+        client.start(monitor)
+        client.send(t=0.02, beta=0.001, p=0.0, r=0.0, Ny=0.0, delta_a=0.0, delta_r=0.01)
+
+Every sample waits in memory until the server says that it is durable. After a broken connection,
+or a server that was killed, what it did not acknowledge is sent again under the same numbers, so
+that nothing is lost and nothing is taken twice.
+"""
+
+import asyncio
+import random
+import socket
+import threading
+from collections import deque
+from collections.abc import Mapping
+from contextlib import suppress
+from types import TracebackType
+from typing import Any, Literal, NamedTuple, Self
+from urllib.parse import urlsplit
+
+import httpx2
+import msgspec
+from websockets.asyncio.client import ClientConnection, connect
+from websockets.exceptions import ConnectionClosed, InvalidStatus, WebSocketException
+
+Way = Literal["websocket", "rest", "udp"]
+MOST_WAITING = 200_000
+"""Samples that are not durable yet; `send` waits where more would be."""
+MOST_VALUES = 8_000
+"""In one batch: 200 kB at most, of the 256 kB that a message may have."""
+MOST_VALUES_UDP = 40
+"""In one datagram, so that it fits a packet."""
+FIRST_WAIT_S, LONGEST_WAIT_S = 0.1, 5.0
+"""Between two attempts to connect."""
+REQUEST_S, PING_S = 15.0, 5.0
+PATIENCE_S = 60.0
+"""That closing waits for acknowledgements, from the last one on."""
+WRONG = frozenset({400, 401, 403, 404, 409, 410})
+"""Answers after which the same again makes no sense."""
+UNREADABLE = frozenset({413, 422})
+"""Answers to a batch that is none: it is left out, and counted."""
+
+
+class PushFailed(OSError):
+    """Samples that cannot be pushed; one sentence: why, and what to do."""
+
+
+class LiveClient:
+    """Pushes samples into one live flight, in the background. PushFailed.
+
+    url: of the server.   token: of somebody who may push samples, where the server asks for one.
+    way: `websocket`; `rest`; `udp`: as datagrams, and what got lost by WebSocket in the end.
+    patience: that leaving waits for acknowledgements, from the last one on [s].
+    """
+
+    def __init__(
+        self,
+        url: str = "http://127.0.0.1:8000",
+        token: str | None = None,
+        *,
+        way: Way = "websocket",
+        patience: float = PATIENCE_S,
+    ) -> None:
+        self.url, self.way, self.patience = url.rstrip("/"), way, patience
+        self.flight = ""
+        self.problem = ""
+        """Why nothing is acknowledged at present; empty where it is."""
+        self.broken = 0
+        """Connections that broke."""
+        headers = {"Authorization": f"Bearer {token}"} if token else {}
+        self._options: dict[str, Any] = {"headers": headers, "timeout": REQUEST_S}
+        self._options |= {"trust_env": False, "base_url": f"{self.url}/api/v1"}
+        self._headers = headers
+        self._samples = _Outbox(MOST_VALUES_UDP if way == "udp" else MOST_VALUES)
+        self._thread: threading.Thread | None = None
+        self._loop: asyncio.AbstractEventLoop | None = None
+        self._closing = self._flushing = False
+        self._come, self._stop = asyncio.Event(), asyncio.Event()
+
+    # --- the flight ---------------------------------------------------------------------------
+
+    def start(self, monitor: str, *, name: str | None = None, **source: Any) -> str:
+        """Start a live flight through a monitor, by its id; return the flight's.
+
+        source: further fields of the source: recording, delay, trim, udp.
+        """
+        if self.way == "udp":
+            source = {"udp": 0} | source
+        source = {"kind": "live"} | {key: x for key, x in source.items() if x is not None}
+        body = {"source": source, "monitor": monitor} | ({"name": name} if name else {})
+        return self.join(self._ask("POST", "/flights", body)["id"])
+
+    def join(self, flight: str) -> str:
+        """Push into a flight that was started, after what it has; return its id."""
+        self.flight = flight
+        self._samples.begin_after(self.status()["last_sequence"])
+        return flight
+
+    def status(self) -> dict[str, Any]:
+        """How the server finds the source: last_sequence, names, counts by kind, ..."""
+        return self._ask("GET", f"/flights/{self.flight}/samples")
+
+    def end(self) -> None:
+        """End the flight, once everything is durable."""
+        self.flush()
+        self._ask("POST", f"/flights/{self.flight}/end")
+
+    @property
+    def address(self) -> str:
+        """Of the page that shows the flight."""
+        return f"{self.url}/#/fly/{self.flight}"
+
+    # --- samples ------------------------------------------------------------------------------
+
+    def send(self, sample: Mapping[str, float | None] | None = None, /, **values: Any) -> None:
+        """Push a sample: a number or None by name, in the units of the flight's mapping.
+
+        Returns at once, but where MOST_WAITING samples are not durable yet.
+        """
+        if self._thread is None:
+            if not self.flight:
+                raise PushFailed("no flight was named: call start or join before send")
+            self._thread = threading.Thread(target=self._work, name="live client", daemon=True)
+            self._thread.start()
+        named = {**(sample or {}), **values}
+        self._samples.put({k: None if x is None else float(x) for k, x in named.items()})
+        self._wake()
+
+    @property
+    def sent(self) -> int:
+        """Samples given to `send`."""
+        return self._samples.n_put
+
+    @property
+    def durable(self) -> int:
+        """Samples that the server has on its disk."""
+        return self._samples.n_durable
+
+    @property
+    def refused(self) -> int:
+        """Samples that the server could not read, see `refusal`."""
+        return self._samples.n_refused
+
+    @property
+    def refusal(self) -> str:
+        """Why the last of them was refused."""
+        return self._samples.refusal
+
+    def flush(self, patience: float | None = None) -> bool:
+        """Wait until nothing waits; False where nothing was acknowledged for `patience` [s]."""
+        self._flushing = True
+        self._wake()
+        try:
+            return self._samples.wait(self.patience if patience is None else patience)
+        finally:
+            self._flushing = False
+
+    def close(self) -> None:
+        """Stop, whatever waits."""
+        self._closing = True
+        if self._thread is not None:
+            self._call("_stop")
+            self._thread.join()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        try:
+            if kind is None and not self.flush():
+                n, of = self.sent - self.durable, self.sent
+                why = self.problem or self.refusal
+                raise PushFailed(f"{n} of {of} samples are not known to be durable: {why}")
+        finally:
+            self.close()
+
+    # --- in the background --------------------------------------------------------------------
+
+    def _wake(self) -> None:
+        self._call("_come")
+
+    def _call(self, event: Literal["_come", "_stop"]) -> None:
+        if self._loop is not None:
+            with suppress(RuntimeError):  # it has ended
+                self._loop.call_soon_threadsafe(getattr(self, event).set)
+
+    def _work(self) -> None:
+        try:
+            asyncio.run(self._until_closed())
+        except Exception as error:
+            self._samples.fail(str(error) or repr(error))
+
+    async def _until_closed(self) -> None:
+        self._come, self._stop = asyncio.Event(), asyncio.Event()
+        self._loop = asyncio.get_running_loop()
+        pushing = asyncio.create_task(self._keep_pushing())
+        stopping = asyncio.create_task(self._stop.wait())
+        if not self._closing:
+            await asyncio.wait((pushing, stopping), return_when=asyncio.FIRST_COMPLETED)
+        for task in (pushing, stopping):
+            task.cancel()
+        for outcome in await asyncio.gather(pushing, stopping, return_exceptions=True):
+            if isinstance(outcome, Exception):
+                raise outcome
+
+    async def _keep_pushing(self) -> None:
+        """Push, and begin again after each fault, later and later until something is durable."""
+        wait, link = FIRST_WAIT_S, {"rest": self._by_rest, "udp": self._by_udp}
+        while True:
+            n_durable = self._samples.n_durable
+            try:
+                await link.get(self.way, self._by_websocket)()
+            except PushFailed:
+                raise
+            except (OSError, WebSocketException, httpx2.HTTPError, _Again) as error:
+                self.problem = str(error) or repr(error)
+            self._samples.rewind()
+            if self._samples.n_durable > n_durable:
+                wait = FIRST_WAIT_S
+            self.broken += 1
+            await asyncio.sleep(wait * random.uniform(0.5, 1.0))
+            wait = min(2.0 * wait, LONGEST_WAIT_S)
+
+    async def _next(self) -> "_Batch":
+        while (batch := self._samples.take()) is None:
+            self._come.clear()
+            await self._come.wait()
+        return batch
+
+    async def _by_rest(self) -> None:
+        async with httpx2.AsyncClient(**self._options) as http:
+            while True:
+                batch = await self._next()
+                answer = await http.post(f"/flights/{self.flight}/samples", content=batch.text)
+                reason = "" if answer.is_success else _detail(answer)
+                self._note(batch.sequence, answer.status_code, reason)
+
+    async def _by_websocket(self) -> None:
+        address = f"ws{self.url.removeprefix('http')}/api/v1/flights/{self.flight}/uplink"
+        about: dict[str, Any] = {"additional_headers": self._headers, "compression": None}
+        about |= {"ping_interval": PING_S, "ping_timeout": PING_S, "close_timeout": 1.0}
+        try:
+            async with connect(address, proxy=None, **about) as socket:
+                await self._talk(socket)
+            reason = "the server closed the uplink"
+        except ConnectionClosed as error:
+            reason = str(error)
+        except InvalidStatus as error:
+            reason = f"the uplink was answered by {error.response.status_code}"
+            is_refused = error.response.status_code in WRONG
+            await asyncio.to_thread(self.status)
+            if is_refused:
+                raise PushFailed(f"{reason}: use the token of an operator") from None
+        await asyncio.to_thread(self.status)
+        raise _Again(reason)
+
+    async def _talk(self, socket: ClientConnection) -> None:
+        sending = asyncio.create_task(self._send_all(socket))
+        try:
+            async for text in socket:
+                message = msgspec.json.decode(text)
+                if message["type"] == "stored":
+                    for sequence in message["sequences"]:
+                        self._note(sequence, 200, "")
+                elif message["type"] == "refused":
+                    self._note(message["sequence"], message["status"], message["reason"])
+        finally:
+            sending.cancel()
+
+    async def _send_all(self, socket: ClientConnection) -> None:
+        with suppress(WebSocketException):  # who receives is told too
+            while True:
+                await socket.send((await self._next()).text, text=True)
+
+    async def _by_udp(self) -> None:
+        """Send datagrams; where somebody waits for them, repeat by WebSocket what got lost."""
+        to = (await asyncio.to_thread(self.status))["udp"]
+        if to is None:
+            raise PushFailed("the flight listens to no datagrams: start it with `udp`")
+        host, port = urlsplit(self.url).hostname or "", int(to.rpartition(":")[2])
+        family, *_, target = (await asyncio.to_thread(socket.getaddrinfo, host, port))[0]
+        with socket.socket(family, socket.SOCK_DGRAM) as sender:
+            while True:
+                if (self._flushing or self._samples.is_full) and not self._samples.is_empty:
+                    await self._repeat_lost()
+                elif (batch := self._samples.take()) is not None:
+                    sender.sendto(batch.text, target)
+                    await asyncio.sleep(0.0)
+                else:
+                    self._come.clear()
+                    await self._come.wait()
+
+    async def _repeat_lost(self) -> None:
+        self._samples.rewind()
+        repeating = asyncio.create_task(self._by_websocket())
+        try:
+            while not (repeating.done() or self._samples.is_empty):
+                await asyncio.wait((repeating,), timeout=0.02)
+            if repeating.done():
+                repeating.result()
+        finally:
+            repeating.cancel()
+            await asyncio.wait((repeating,))
+
+    def _note(self, sequence: int | None, status: int, reason: str) -> None:
+        """What the server says of a batch. PushFailed; _Again."""
+        if status == 200:
+            self.problem = ""
+            self._samples.acknowledge(sequence)
+        elif status in UNREADABLE and sequence is not None:
+            self._samples.refuse(sequence, reason)
+        elif status in WRONG | UNREADABLE:
+            raise PushFailed(reason)
+        else:
+            raise _Again(reason)
+
+    def _ask(self, method: str, path: str, body: Any = None) -> Any:
+        """Answer of a call. PushFailed; OSError where the server is not there."""
+        try:
+            with httpx2.Client(**self._options) as http:
+                answer = http.request(method, path, json=body)
+        except httpx2.HTTPError as error:
+            raise ConnectionError(f"{self.url} does not answer ({error}): is it served?") from error
+        if answer.status_code in WRONG | UNREADABLE:
+            raise PushFailed(_detail(answer))
+        if not answer.is_success:
+            raise ConnectionError(_detail(answer))
+        return answer.json()
+
+
+class _Again(Exception):
+    """What was sent is to be sent again."""
+
+
+class _Batch(NamedTuple):
+    """Samples as they go out. sequence: its number.   n: samples in it."""
+
+    sequence: int
+    n: int
+    text: bytes
+
+
+class _Outbox:
+    """Samples that are not durable: waiting, then in batches that are not acknowledged.
+
+    `put` and `wait` are of the caller's thread, the others of the one that sends.
+    """
+
+    def __init__(self, most_values: int) -> None:
+        self._most_values = most_values
+        self._changed = threading.Condition()
+        self._waiting: deque[dict[str, float | None]] = deque()
+        self._open: dict[int, _Batch] = {}
+        self._unsent: deque[_Batch] = deque()
+        self._sequence = 0
+        self.n_put = self.n_durable = self.n_refused = 0
+        self.refusal = self._failure = ""
+
+    @property
+    def _n_open(self) -> int:
+        return self.n_put - self.n_durable - self.n_refused
+
+    @property
+    def is_full(self) -> bool:
+        """Whether no more may wait."""
+        return self._n_open >= MOST_WAITING
+
+    @property
+    def is_empty(self) -> bool:
+        """Whether nothing waits."""
+        return self._n_open == 0
+
+    def begin_after(self, last: int | None) -> None:
+        """Number batches from the one after `last`."""
+        self._sequence = 0 if last is None else last + 1
+
+    def put(self, sample: dict[str, float | None]) -> None:
+        """Take a sample, as soon as there is room. PushFailed."""
+        with self._changed:
+            self._changed.wait_for(lambda: self._failure or not self.is_full)
+            self._check()
+            self._waiting.append(sample)
+            self.n_put += 1
+
+    def wait(self, patience: float) -> bool:
+        """Wait until nothing waits; False where `patience` [s] went by without news. PushFailed."""
+        with self._changed:
+            while not self.is_empty:
+                self._check()
+                n_open = self._n_open
+                if not self._changed.wait(patience) and n_open == self._n_open:
+                    return False
+            self._check()
+            return self.n_refused == 0
+
+    def take(self) -> _Batch | None:
+        """The next batch to send; None where there is none."""
+        with self._changed:
+            if not self._unsent and self._waiting:
+                self._unsent.append(self._made())
+            return self._unsent.popleft() if self._unsent else None
+
+    def rewind(self) -> None:
+        """Send again what is not acknowledged, in order."""
+        with self._changed:
+            self._unsent = deque(self._open.values())
+
+    def acknowledge(self, sequence: int | None) -> None:
+        """A batch is durable."""
+        with self._changed:
+            if sequence is not None and (batch := self._open.pop(sequence, None)):
+                self.n_durable += batch.n
+                self._changed.notify_all()
+
+    def refuse(self, sequence: int, reason: str) -> None:
+        """A batch is none, and left out."""
+        with self._changed:
+            if batch := self._open.pop(sequence, None):
+                self.n_refused += batch.n
+                self.refusal = reason
+                self._changed.notify_all()
+
+    def fail(self, reason: str) -> None:
+        """Nothing goes on: tell who puts and waits."""
+        with self._changed:
+            self._failure = reason
+            self._changed.notify_all()
+
+    def _check(self) -> None:
+        if self._failure:
+            raise PushFailed(self._failure)
+
+    def _made(self) -> _Batch:
+        """A batch of what waits, as many samples as it may have; None of a name that one lacks."""
+        most = max(1, self._most_values // max(1, len(self._waiting[0])))
+        samples = [self._waiting.popleft() for _ in range(min(most, len(self._waiting)))]
+        names = dict.fromkeys(name for sample in samples for name in sample)
+        columns = {name: [sample.get(name) for sample in samples] for name in names}
+        text = msgspec.json.encode(columns | {"sequence": self._sequence})
+        batch = _Batch(self._sequence, len(samples), text)
+        self._open[batch.sequence] = batch
+        self._sequence += 1
+        return batch
+
+
+def _detail(answer: httpx2.Response) -> str:
+    """What a problem document says, or what came instead of one."""
+    with suppress(ValueError, KeyError, TypeError):
+        return f"{answer.json()['detail']} ({answer.status_code})"
+    return f"the server answered {answer.status_code}"

@@ -1,0 +1,155 @@
+"""The command that pushes a recording into a live flight, as its source would have in flight."""
+
+import argparse
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import suppress
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+from app.client import LiveClient, PushFailed
+from app.commands.recorded_rows import RecordedRows, own_rows, si_rows
+from app.commands.results import add_json, print_result
+
+INTERRUPTED = 130
+FASTEST = "max"
+LAST_S = 2.0
+"""That an interrupted push waits for acknowledgements."""
+
+
+@dataclass(frozen=True)
+class Pushed:
+    """What came of it, in samples. broken: connections that were.   refusal: why the last was."""
+
+    flight: str
+    address: str
+    samples: int
+    sent: int
+    durable: int
+    refused: int
+    refusal: str
+    broken: int
+    seconds: float
+
+
+def add(parser: argparse.ArgumentParser) -> None:
+    """Add the command's options."""
+    parser.add_argument("file", type=Path, metavar="FILE", help="telemetry in any format read")
+    into = parser.add_mutually_exclusive_group(required=True)
+    into.add_argument("--flight", metavar="ID", help="live flight that was started")
+    into.add_argument("--monitor", metavar="ID", help="start a live flight through this monitor")
+    ways = parser.add_mutually_exclusive_group()
+    for way, words in (
+        ("websocket", "by WebSocket (the default)"),
+        ("rest", "by REST"),
+        ("udp", "as datagrams; those that get lost by WebSocket, in the end"),
+    ):
+        ways.add_argument(f"--{way}", dest="way", action="store_const", const=way, help=words)
+    parser.add_argument(
+        "--rate", default="1x", metavar="1x|4x|...|max", help="times as fast as it was recorded"
+    )
+    parser.add_argument(
+        "--server", default="http://127.0.0.1:8000", metavar="URL", help="%(default)s if absent"
+    )
+    parser.add_argument("--token", help="of a person who may push samples")
+    parser.add_argument("--name", help="of the flight that is started")
+    parser.add_argument("--mapping", type=Path, metavar="FILE.json", help="which signal is what")
+    parser.add_argument(
+        "--as-is",
+        action="store_true",
+        help="send the file's own names and numbers: the flight maps them",
+    )
+    parser.add_argument(
+        "--recording",
+        metavar="ID",
+        help="on the server, by whose mapping the flight that is started reads its samples",
+    )
+    parser.add_argument("--end", action="store_true", help="end the flight when all is durable")
+    add_json(parser)
+    parser.set_defaults(way="websocket")
+
+
+def run(options: argparse.Namespace) -> int:
+    """Push the file; 0 only where every sample of it is durable."""
+    rate = _rate(options.rate)
+    if options.monitor and options.as_is and not options.recording:
+        raise ValueError("--as-is needs a flight that maps the names: give --recording ID too")
+    if options.recording and not options.as_is:
+        raise ValueError("--recording maps the file's own names: give --as-is too")
+    client = LiveClient(options.server, options.token, way=options.way)
+    rows = None if options.as_is else si_rows(options.file, options.mapping)
+    if options.flight:
+        client.join(options.flight)
+    else:
+        client.start(options.monitor, name=options.name, recording=options.recording)
+    if rows is None:
+        rows = own_rows(options.file, options.mapping, client.status()["names"])
+    for note in rows.notes:
+        print(note, file=sys.stderr)
+    print(f"pushing into {client.address}", file=sys.stderr if options.json else sys.stdout)
+    sys.stdout.flush()
+    began, is_interrupted = time.monotonic(), False
+    try:
+        _push(client, rows, rate)
+        if options.end and client.durable == len(rows.t):
+            client.end()
+    except KeyboardInterrupt:
+        is_interrupted = True
+        with suppress(PushFailed, KeyboardInterrupt):
+            client.flush(LAST_S)
+    finally:
+        client.close()
+    pushed = Pushed(
+        client.flight,
+        client.address,
+        len(rows.t),
+        client.sent,
+        client.durable,
+        client.refused,
+        client.refusal,
+        client.broken,
+        round(time.monotonic() - began, 3),
+    )
+    text = "\n".join(_lines(pushed, client, is_interrupted))
+    print_result(options, text, asdict(pushed) | {"interrupted": is_interrupted})
+    if is_interrupted:
+        return INTERRUPTED
+    return 0 if pushed.durable == pushed.samples else 1
+
+
+def _rate(text: str) -> float:
+    """Times as fast as recorded; infinite for as fast as can be."""
+    if text == FASTEST:
+        return float("inf")
+    with suppress(ValueError):
+        if 0.0 < (rate := float(text.removesuffix("x"))) < float("inf"):
+            return rate
+    raise ValueError(f"--rate {text!r}: write 1x, 4x, ... or {FASTEST}")
+
+
+def _push(client: LiveClient, rows: RecordedRows, rate: float) -> None:
+    """Send each sample when it is due, by the time that passed since the first, and wait."""
+    begun, problem = time.monotonic(), ""
+    times = rows.t.tolist()
+    for t, row in zip(times, rows.values.tolist(), strict=True):
+        due = begun + (t - times[0]) / rate
+        if (wait := due - time.monotonic()) > 0.0:
+            time.sleep(wait)
+        client.send(dict(zip(rows.names, row, strict=True)))
+        if client.problem != problem:
+            problem = client.problem
+            print(f"forewarn: {problem or 'samples are taken again'}", file=sys.stderr)
+    client.flush()
+
+
+def _lines(pushed: Pushed, client: LiveClient, is_interrupted: bool) -> Iterator[str]:
+    if is_interrupted:
+        yield f"interrupted: {pushed.sent} of {pushed.samples} samples were sent"
+    yield f"durable: {pushed.durable} of {pushed.samples} samples, in {pushed.seconds:.1f} s"
+    if pushed.refused:
+        yield f"refused: {pushed.refused}: {pushed.refusal}"
+    if pushed.broken:
+        yield f"connections that broke: {pushed.broken}"
+    if client.problem:
+        yield f"not acknowledged: {pushed.sent - pushed.durable - pushed.refused}: {client.problem}"

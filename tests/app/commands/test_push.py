@@ -1,0 +1,156 @@
+"""`forewarn push`: a recording as its source sent it, when each sample is due; all is durable."""
+
+import json
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import httpx2
+import numpy as np
+import pytest
+
+from app.cli import main
+from app.client import LiveClient
+from app.commands import push
+from app.commands.recorded_rows import si_rows
+from app.commands.sample_flight import TRIM_S, table
+from core.channels import KEYS
+from core.collection import DatasetRecipe, evaluation_flights
+from tests.support.live_server import LiveServer, journal_samples, live_server
+
+pytestmark = pytest.mark.usefixtures("read_here")
+Y = evaluation_flights(DatasetRecipe(seed=0), 1).y[0]
+DT = DatasetRecipe().dt
+
+
+@pytest.fixture(scope="module")
+def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[LiveServer]:
+    with live_server(tmp_path_factory.mktemp("data")) as server:
+        yield server
+
+
+@pytest.fixture(scope="module")
+def file(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("file") / "flight.csv"
+    path.write_text(table(Y, DT))
+    return path
+
+
+def pushed(capsys: pytest.CaptureFixture, *words: Any) -> tuple[int, dict[str, Any]]:
+    """Exit and printed result of a push."""
+    code = main(["push", *map(str, words), "--json"])
+    return code, json.loads(capsys.readouterr().out)
+
+
+def test_a_file_is_pushed_in_si_units_and_is_durable(server: LiveServer, file: Path, capsys):
+    options = ["--monitor", server.monitor_id, "--server", server.url, "--rate", "max", "--end"]
+    code, result = pushed(capsys, file, *options, "--name", "twice")
+    assert (code, result["durable"], result["interrupted"]) == (0, result["samples"], False)
+    assert result["address"] == f"{server.url}/#/fly/{result['flight']}"
+    flight = httpx2.get(f"{server.url}/api/v1/flights/{result['flight']}").json()
+    assert (flight["name"], flight["progress"]) == ("twice", "ended")
+    for i, key in enumerate(KEYS):
+        sent = journal_samples(server.root, result["flight"], key)
+        assert sent[-len(Y) :] == pytest.approx(Y[:, i].tolist(), abs=1e-9)
+
+
+def test_own_names_are_read_by_the_recording_of_the_flight(server: LiveServer, file: Path, capsys):
+    recordings = f"{server.url}/api/v1/recordings"
+    sent = httpx2.post(recordings, files={"file": ("f.csv", file.read_bytes())}).json()
+    confirmed = httpx2.put(f"{recordings}/{sent['id']}/mapping", json=sent["mapping"])
+    confirmed.raise_for_status()
+    options = ["--server", server.url, "--rate", "max", "--as-is"]
+    assert main(["push", str(file), "--monitor", server.monitor_id, *options]) == 1
+    assert "give --recording ID too" in capsys.readouterr().err
+    more = ["--monitor", server.monitor_id, "--recording", sent["id"]]
+    code, result = pushed(capsys, file, *options, *more)
+    assert (code, result["refused"]) == (0, 0)
+    beta = np.radians(journal_samples(server.root, result["flight"], "beta_deg"))
+    assert beta[-len(Y) :] == pytest.approx(Y[:, 0], abs=1e-9)
+    frames = httpx2.get(f"{server.url}/api/v1/flights/{result['flight']}/assessments").json()
+    assert frames["frames"][-1]["y"] == pytest.approx(Y[-1].tolist(), abs=1e-9)
+
+
+class Watched:
+    """A client that notes when each sample comes, by a clock that only sleeping moves."""
+
+    problem = ""
+
+    def __init__(self, slow: float = 0.0) -> None:
+        self.now, self.slow, self.sent = 100.0, slow, []
+
+    def monotonic(self) -> float:
+        return self.now
+
+    def sleep(self, seconds: float) -> None:
+        self.now += seconds
+
+    def send(self, sample: dict[str, float]) -> None:
+        self.sent.append((self.now, sample["t"]))
+        self.now += self.slow
+
+    def flush(self) -> bool:
+        return True
+
+
+@pytest.mark.parametrize("rate", [1.0, 4.0, float("inf")])
+def test_each_sample_is_sent_when_it_is_due_without_drift(
+    rate: float, file: Path, monkeypatch: pytest.MonkeyPatch
+):
+    client, rows = Watched(slow=0.25 * DT / rate), si_rows(file, None)
+    monkeypatch.setattr(push, "time", client)
+    push._push(client, rows, rate)  # pyright: ignore[reportArgumentType]
+    assert len(client.sent) == len(rows.t)
+    for now, t in client.sent:
+        assert now - 100.0 == pytest.approx((t - rows.t[0]) / rate, abs=1e-9)
+
+
+def test_what_was_sent_is_said_when_it_is_interrupted(
+    server: LiveServer, file: Path, capsys, monkeypatch: pytest.MonkeyPatch
+):
+    send = LiveClient.send
+
+    def interrupted(self: LiveClient, sample: Any) -> None:
+        if self.sent == 5:
+            raise KeyboardInterrupt
+        send(self, sample)
+
+    monkeypatch.setattr(LiveClient, "send", interrupted)
+    options = ["--monitor", server.monitor_id, "--server", server.url, "--rate", "max"]
+    assert main(["push", str(file), *options]) == 130
+    printed = capsys.readouterr().out
+    n = len(Y) + round(TRIM_S / DT)
+    assert f"interrupted: 5 of {n} samples were sent" in printed
+    assert f"durable: 5 of {n} samples" in printed
+
+
+def test_what_is_refused_is_counted_and_is_no_success(server: LiveServer, tmp_path: Path, capsys):
+    path = tmp_path / "beta.csv"
+    path.write_text("t_s,beta_deg\n" + "".join(f"{0.02 * k},{k % 3}\n" for k in range(50)))
+    options = ["--monitor", server.monitor_id, "--server", server.url, "--rate", "max"]
+    code, result = pushed(capsys, path, *options)
+    assert (code, result["durable"], result["refused"]) == (1, 0, 50)
+    assert "gives no value of" in result["refusal"]
+    assert main(["push", str(path), *options, "--rate", "0x"]) == 1
+    assert "write 1x, 4x" in capsys.readouterr().err
+
+
+def test_channels_of_other_clocks_come_on_lines_between_their_samples(tmp_path: Path):
+    import h5py
+
+    path = tmp_path / "flight.h5"
+    with h5py.File(path, "w") as written:
+        for name, dt, signals in (
+            ("air", 0.02, {"beta": "deg", "Ny": "g"}),
+            ("body", 0.04, {"p": "deg/s", "r": "deg/s"}),
+        ):
+            t = dt * np.arange(round(4.0 / dt))
+            for key, unit in {"time": "s", **signals}.items():
+                values = t if key == "time" else np.sin(2.0 * t)
+                written[f"{name}/{key}"] = values
+                written[f"{name}/{key}"].attrs["units"] = unit
+    rows = si_rows(path, None)
+    assert len(rows.t) == 200
+    assert any("On lines between their own samples: p, r" in note for note in rows.notes)
+    p = np.degrees(rows.values[:, rows.names.index("p")])
+    assert p[:190] == pytest.approx(np.sin(2.0 * rows.t[:190]), abs=1e-3)

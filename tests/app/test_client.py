@@ -1,0 +1,107 @@
+"""The client of live sources: everything it was given is durable, or it says so."""
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from app.client import LiveClient, PushFailed, Way
+from app.settings import Settings
+from app.store.store import open_store
+from core.channels import KEYS
+from tests.support.live_server import LiveServer, journal_samples, live_server
+
+DT = 0.05
+REST = dict.fromkeys(KEYS, 0.0)
+
+
+@pytest.fixture(scope="module")
+def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[LiveServer]:
+    with live_server(tmp_path_factory.mktemp("data")) as server:
+        yield server
+
+
+def send(client: LiveClient, first: int, n: int) -> None:
+    for k in range(first, first + n):
+        client.send(REST, t=DT * k)
+
+
+@pytest.mark.parametrize("way", ["websocket", "rest", "udp"])
+def test_all_that_was_sent_is_durable_once_the_client_is_left(server: LiveServer, way: Way) -> None:
+    with LiveClient(server.url, way=way) as client:
+        flight = client.start(server.monitor_id, trim="none")
+        send(client, 0, 400)
+    assert (client.sent, client.durable, client.refused) == (400, 400, 0)
+    assert sorted(journal_samples(server.root, flight)) == [DT * k for k in range(400)]
+
+
+def test_a_second_client_goes_on_after_the_first(server: LiveServer) -> None:
+    with LiveClient(server.url) as client:
+        flight = client.start(server.monitor_id, trim="none")
+        send(client, 0, 10)
+    with LiveClient(server.url) as client:
+        client.join(flight)
+        send(client, 10, 10)
+    assert journal_samples(server.root, flight) == [DT * k for k in range(20)]
+
+
+def test_a_sample_that_is_none_is_left_out_and_told(server: LiveServer) -> None:
+    client = LiveClient(server.url)
+    client.start(server.monitor_id)
+    client.send(REST, t=0.0, beta=None)
+    assert not client.flush()
+    send(client, 1, 1)
+    with pytest.raises(PushFailed, match=r"1 of 2 samples .* gives no value of beta"):
+        client.__exit__(None, None, None)
+    assert (client.durable, client.refused) == (1, 1)
+
+
+@pytest.mark.parametrize("way", ["websocket", "rest"])
+def test_a_flight_that_was_ended_takes_no_more(server: LiveServer, way: Way) -> None:
+    client = LiveClient(server.url, way=way)
+    client.start(server.monitor_id)
+    send(client, 0, 1)
+    client.end()
+    send(client, 1, 1)
+    with pytest.raises(PushFailed, match="takes no samples"):
+        client.flush()
+    client.close()
+    assert (client.sent, client.durable) == (2, 1)
+
+
+def test_numbers_that_another_source_uses_are_told(server: LiveServer) -> None:
+    one, other = LiveClient(server.url), LiveClient(server.url)
+    other.join(one.start(server.monitor_id))
+    send(one, 0, 1)
+    assert one.flush()
+    send(other, 1, 1)
+    with pytest.raises(PushFailed, match="sequence 0 was used"):
+        other.flush()
+    one.close()
+    other.close()
+
+
+def test_a_server_that_is_not_there_and_a_flight_that_is_not_are_told(server: LiveServer) -> None:
+    with pytest.raises(ConnectionError, match="is it served"):
+        LiveClient("http://127.0.0.1:9").start("m")
+    with pytest.raises(PushFailed, match="no monitor"):
+        LiveClient(server.url).start("nothing")
+    with pytest.raises(PushFailed, match="call start or join"):
+        LiveClient(server.url).send(t=0.0)
+
+
+def test_a_token_of_a_viewer_may_not_push(tmp_path: Path) -> None:
+    store = open_store(Settings(data_dir=tmp_path).url)
+    _, operator = store.tokens.add("Op", "operator", None)
+    _, viewer = store.tokens.add("Vi", "viewer", None)
+    store.close()
+    with live_server(tmp_path) as server:
+        with LiveClient(server.url, operator) as client:
+            flight = client.start(server.monitor_id)
+            send(client, 0, 1)
+        watching = LiveClient(server.url, viewer)
+        watching.join(flight)
+        send(watching, 1, 1)
+        with pytest.raises(PushFailed, match="use the token of an operator"):
+            watching.flush()
+        watching.close()
