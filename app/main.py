@@ -173,6 +173,7 @@ async def _lifespan(app: FastAPI) -> AsyncIterator[None]:
         )
         await parts.enter_async_context(aloft)
         await aloft.resume_all()
+        await aloft.make_recordings()
         looking = asyncio.create_task(look.repeat(lambda: bool(aloft.under_way())))
         parts.callback(looking.cancel)
         if rule := retention_rule(settings.retain_days, settings.retain_gb):

@@ -15,12 +15,14 @@ from pydantic import ValidationError
 from app.flights.clock import Clock, MonotonicClock, Timer
 from app.flights.flight import Flight, FlightPlan, patience
 from app.flights.flight_markers import of_store
+from app.flights.flight_recordings import RESUMED_WITHIN_S, FlightRecordings
 from app.flights.live import LiveFlight, LiveSetup
 from app.flights.playback import Script
 from app.flights.recorder import INTERVAL_S, Recorder
 from app.flights.request import FlightRequest
-from app.flights.sources import Opening, aircraft_of, mode_of, trim_angles
+from app.flights.sources import Live, Opening, aircraft_of, mode_of, trim_angles
 from app.flights.transport import NotPossible
+from app.live.again import header_of
 from app.live.journal import Journals, lines_of
 from app.messages import Alarm, FlightMarker, LiveStatus, MeasuredExceedance, plain_frame
 from app.recordings.scored import ScoredRecordings
@@ -44,8 +46,6 @@ STOPPING = "the server is stopping"
 RECORDING_THREADS = 2
 """One may wait for the disk while the other stores an alarm."""
 MOST_DIGITS = 12
-RESUMED_WITHIN_S = 600.0
-"""A live flight whose last batch is older is not gone on with when the server starts [s]."""
 
 
 class TooManyFlights(RuntimeError):
@@ -90,6 +90,11 @@ class Flights:
         self._stopping: set[asyncio.Task[None]] = set()
         self._endings: dict[str, _Ending] = {}
         self._recording = ThreadPoolExecutor(RECORDING_THREADS, "recorder")
+        self._recordings = (
+            None
+            if scored is None or journals is None
+            else FlightRecordings(scored.recordings, journals)
+        )
         self._lost_before = 0
 
     async def __aenter__(self) -> Self:
@@ -209,6 +214,38 @@ class Flights:
                     except Exception:
                         LOG.exception("flight %s is not resumed", info.id)
 
+    async def make_recordings(self) -> None:
+        """Make the recordings of live flights that are over and have none, in the background."""
+        if self._recordings is None:
+            return
+        try:
+            waiting = await asyncio.to_thread(self._recordings.waiting)
+        except (StoreError, OSError) as error:
+            LOG.warning("live flights become recordings at the next start: %s", error)
+            return
+        for flight_id in waiting:
+            self._make_recording(flight_id)
+
+    def _make_recording(self, flight_id: str) -> None:
+        """Have a live flight that is over become a recording, in the background."""
+        if self._recordings is None or self._closing:
+            return
+        task = asyncio.create_task(self._recordings.make(flight_id))
+        self._stopping.add(task)
+        task.add_done_callback(self._stopping.discard)
+
+    async def end(self, flight_id: str) -> None:
+        """End a flight; one of a killed server is gone on with first, so that its record is whole.
+
+        As `stop` and `live`.
+        """
+        if self.get(flight_id) is None:
+            info = await asyncio.to_thread(self.store.flights.info, flight_id)
+            is_live = source_of(info).get("kind") == "live" and self._journals is not None
+            if is_live and info.status == INTERRUPTED and info.recording_id is None:
+                await self.live(flight_id)
+        await self.stop(flight_id)
+
     async def _resume(self, flight_id: str) -> Flight:
         """Go on with a live flight whose server was killed, by its journal."""
         info = await asyncio.to_thread(self.store.flights.info, flight_id)
@@ -216,12 +253,20 @@ class Flights:
         journals = self._journals
         if source.get("kind") != "live" or info.status != INTERRUPTED or journals is None:
             raise NotPossible(f"flight {flight_id} takes no samples: it is over, or not live")
+        making = self._recordings.under_way if self._recordings else None
+        if info.recording_id is not None or making == flight_id:
+            raise NotPossible(
+                f"flight {flight_id} takes no samples: it was interrupted and is a recording now"
+            )
         self._take_place()
         try:
             monitor = await asyncio.to_thread(self._monitor, info.monitor_id)
             request = FlightRequest.model_validate({"source": source, "monitor": info.monitor_id})
             opening = self._opening(info.monitor_id, monitor, info.epsilon)
-            setup, name = await asyncio.to_thread(request.source.open, opening)
+            live, path = request.source, journals.path(flight_id)
+            assert isinstance(live, Live)
+            header = await asyncio.to_thread(header_of, path)
+            setup, name = await asyncio.to_thread(live.open_again, opening, header or {})
             alarms, markers = await self.alarms(flight_id), await self.markers(flight_id)
             about = await asyncio.to_thread(self.store.monitors.info, info.monitor_id)
             plan = FlightPlan(
@@ -237,7 +282,7 @@ class Flights:
 
             async def go_on(flight: Flight) -> None:
                 assert isinstance(flight, LiveFlight)
-                lines = lines_of(journals.path(flight_id))
+                lines = lines_of(path)
                 unrecorded = await asyncio.to_thread(flight.restore, lines, stored, alarms, markers)
                 await asyncio.to_thread(self.store.flights.resume, flight_id)
                 flight.resume(unrecorded)
@@ -273,6 +318,8 @@ class Flights:
                 raise
             self._lost_before += flight.recorder.lost
             del self._flights[flight_id], self._endings[flight_id]
+            if isinstance(flight, LiveFlight):
+                self._make_recording(flight_id)
 
     def _stop_later(self, flight_id: str, ending: "_Ending") -> None:
         """Try again to complete the record of a flight that is over."""

@@ -20,6 +20,7 @@ from app.flights.exceedance import exceedance
 from app.flights.flight import Angles, Flight, FlightPlan, patience
 from app.flights.transport import NotPossible
 from app.flights.udp import UdpReceiver
+from app.live.again import settled_by, shown_again
 from app.live.batches import Batch, ChannelReader, decode_batch
 from app.live.journal import Journal, JournalFull, Journals, lines_of
 from app.live.scorer import CausalScorer, LiveAssessed, TrimRule
@@ -68,6 +69,7 @@ class LiveSetup(NamedTuple):
     """What a live flight is flown with. delay: [s], DELAY_INTERVALS of the monitor if None.
 
     udp: port to listen at, 0 for any; None for none.   host: where it listens.
+    aircraft: as people call the one whose mapping is used.
     """
 
     monitor: Monitor
@@ -80,6 +82,7 @@ class LiveSetup(NamedTuple):
     udp: int | None = None
     host: str = "127.0.0.1"
     theta: dict[str, float] | None = None
+    aircraft: str | None = None
 
     @property
     def dt(self) -> float:
@@ -106,6 +109,7 @@ class LiveFlight(Flight):
         self.needed = [key for key, is_needed in zip(KEYS, limited, strict=True) if is_needed]
         self._display = DisplayAttitude(setup.theta0)
         self._began = self._came = self.clock.now()
+        self._settled = 0.0
         self._journal: Journal | None = None
         self._udp: UdpReceiver | None = None
         self._port = setup.udp
@@ -163,8 +167,23 @@ class LiveFlight(Flight):
     def start(self) -> None:
         """Open the journal and wait for samples. OSError."""
         self._journal = self._setup.journals.open(self.id)
-        self._record({"format": FORMAT, "flight": self.id, "began": self.clock.utc()})
+        self._record(self._header())
         self._begin_to_listen()
+
+    def _header(self) -> dict[str, Any]:
+        """What the journal begins with: all that says how its lines are read and scored."""
+        plan, mapping = self.plan, self._setup.reader.mapping
+        return {
+            "format": FORMAT,
+            "flight": self.id,
+            "began": self.clock.utc(),
+            "name": plan.name,
+            "aircraft": self._setup.aircraft,
+            "monitor": plan.monitor_id,
+            "epsilon": plan.epsilon,
+            "source": plan.source,
+            "mapping": mapping.to_plain() if mapping else None,
+        }
 
     def restore(
         self,
@@ -230,9 +249,14 @@ class LiveFlight(Flight):
         """A manoeuvre begins now: somebody says so. NotPossible while one is under way."""
         if self._setup.trim == "none":
             raise NotPossible("the samples of this flight are from trim: all of it is assessed")
-        if not self.scorer.begin():
+        now = self._arrival()
+        self._show_all(self.scorer.advance(now), self.clock.now())
+        if self.scorer.manoeuvre > 0:
             raise NotPossible(f"manoeuvre {self.scorer.manoeuvre} is under way")
-        return self._record({"e": "manoeuvre", "by": by})
+        t = self.t if self.head >= 0 else None
+        written = self._record({"e": "manoeuvre", "by": by, "t": t}, now)
+        self.scorer.begin()
+        return written
 
     def act(self, action: str, value: float | bool | None = None) -> None:
         """Refuse: nobody steers a live source."""
@@ -261,11 +285,11 @@ class LiveFlight(Flight):
 
     def _arrival(self) -> float:
         """Time since the flight began [s]: by it everything is settled."""
-        return self.clock.now() - self._began
+        return max(self.clock.now() - self._began, self._settled)
 
-    def _record(self, line: dict[str, Any]) -> asyncio.Future[None]:
-        """Write a line with the time of its arrival, which is added to it."""
-        line["a"] = self._arrival()
+    def _record(self, line: dict[str, Any], arrived: float | None = None) -> asyncio.Future[None]:
+        """Write a line with the time of its arrival, now or as given, which is added to it."""
+        line["a"] = self._arrival() if arrived is None else arrived
         return self._open_journal.append(line)
 
     @property
@@ -379,7 +403,8 @@ class LiveFlight(Flight):
             self._call_at("settle", self._began + deadline, partial(self._settle, deadline))
 
     def _settle(self, deadline: float) -> None:
-        self._show_all(self.scorer.advance(max(deadline, self._arrival())), self.clock.now())
+        self._settled = max(deadline, self._arrival())
+        self._show_all(self.scorer.advance(self._settled), self.clock.now())
         self._settle_later()
 
     def _beat(self) -> None:
@@ -412,24 +437,10 @@ def _digest(batch: Batch) -> bytes:
     return sha256(msgspec.json.encode(batch.values)).digest()[:8]
 
 
-def settled_by(
-    line: dict[str, Any], scorer: CausalScorer, reader: ChannelReader
-) -> list[LiveAssessed]:
-    """What a line of a journal settles."""
-    if "b" in line:
-        samples = reader.samples(Batch(line["s"], line["b"]))
-        return [one for each in samples for one in scorer.push(line["a"], each)]
-    settled = scorer.advance(line["a"])
-    if line.get("e") == "manoeuvre":
-        scorer.begin()
-    return settled
-
-
 def assessed_again(setup: LiveSetup, flight_id: str) -> list[LiveAssessed]:
     """What a journal's flight shows through a monitor, by what had come at each moment. OSError."""
-    scorer = setup.scorer()
     lines = lines_of(setup.journals.path(flight_id))
-    return [one for line in lines for one in settled_by(line, scorer, setup.reader)]
+    return [one.assessed for one in shown_again(lines, setup.scorer(), setup.reader)]
 
 
 def _seconds_between(earlier: str, later: str) -> float:

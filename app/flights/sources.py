@@ -218,11 +218,12 @@ class Live(Source):
             raise SourceError(
                 f"UDP port {self.udp} was asked for: give one from {FIRST_FREE_PORT} on, or 0"
             )
-        mapping, name = None, "live"
+        mapping, name, aircraft = None, "live", None
         if self.recording is not None:
-            recordings = opening.store.recordings
-            mapping = Mapping.from_plain(recordings.mapped_columns(self.recording).mapping)
-            name = f"live, as {recordings.info(self.recording).name}"
+            info = opening.store.recordings.info(self.recording)
+            columns = opening.store.recordings.mapped_columns(self.recording)
+            mapping, aircraft = Mapping.from_plain(columns.mapping), info.aircraft
+            name = f"live, as {info.name}"
         monitor = opening.monitor
         setup = LiveSetup(
             monitor,
@@ -234,9 +235,22 @@ class Live(Source):
             self.trim,
             self.udp,
             opening.host,
+            aircraft=aircraft,
         )
         setup.scorer()  # refuses a delay as long as the lead
         return setup, name
+
+    def open_again(self, opening: Opening, header: dict[str, Any]) -> tuple[LiveSetup, str]:
+        """Make ready as a flight was before: by the mapping that its journal says.
+
+        That of an old journal is the recording's of now.
+        """
+        if "mapping" not in header:
+            return self.open(opening)
+        setup, name = self.model_copy(update={"recording": None}).open(opening)
+        plain = header["mapping"]
+        reader = ChannelReader(None if plain is None else Mapping.from_plain(plain))
+        return setup._replace(reader=reader, aircraft=header.get("aircraft")), name
 
 
 def simulate(recipe: DatasetRecipe, request: Simulated) -> Track:

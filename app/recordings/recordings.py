@@ -14,9 +14,11 @@ from pathlib import Path
 from typing import Any, Self
 
 from app.recordings.files import RecordingFiles, spacious
+from app.recordings.flown_journal import FlownJournal, share
 from app.recordings.mapped_columns import propose_mapping, signature, with_mapping
 from app.recordings.mapped_recording import MappedRecording, RecentMappings
 from app.recordings.upload import Received, receive
+from app.recordings.verified import digest_of
 from app.recordings.workers import Busy, Workers, to_its_end
 from app.store.recordings import MappedColumns
 from app.store.store import NotFound, Store, StoreError
@@ -104,13 +106,41 @@ class Recordings:
             stored, mapped = await self.readers.run(self._read, folder, upload)
             if await upload.is_abandoned():
                 raise Abandoned
-            await to_its_end(self._admit, recording_id, upload, received, stored)
+            about = upload.name, upload.aircraft, received, stored
+            await to_its_end(self._admit, recording_id, *about)
             self._recent.add(recording_id, mapped)
         except BaseException:
             await to_its_end(self._drop, recording_id)
             raise
         finally:
             self._uploads.discard(task)
+        return recording_id
+
+    def take(self, flown: FlownJournal) -> str:
+        """Keep the journal of a flight that is over, its mapping confirmed; for a thread.
+
+        Returns its id. NoSpace; TelemetryError where it holds no samples to speak of; StoreError.
+        """
+        recording_id = new_id()
+        try:
+            size = flown.path.stat().st_size
+            folder = self._begin(recording_id, size)
+            share(flown.path, folder / "file")
+            received = Received(size, digest_of(folder / "file"))
+            with spacious():
+                read_file(folder / "file", folder / "columns", name=flown.name)
+            columns = open_columns(folder / "columns")
+            proposed, _ = propose_mapping(columns, None)
+            mapped = MappedRecording.of(columns, flown.mapping_for(columns))
+            confirmed = replace(
+                with_mapping(proposed, mapped),
+                mapping_state="confirmed",
+                confirmed_over=find_warnings(columns, mapped.mapping, mapped.applied),
+            )
+            self._admit(recording_id, flown.name, flown.aircraft, received, confirmed, flown)
+        except BaseException:
+            self._drop(recording_id)
+            raise
         return recording_id
 
     def columns(self, recording_id: str) -> Columns:
@@ -187,22 +217,29 @@ class Recordings:
         return propose_mapping(columns, self.store.mappings.find(upload.aircraft, key))
 
     def _admit(
-        self, recording_id: str, upload: Upload, received: Received, mapped: MappedColumns
+        self,
+        recording_id: str,
+        name: str,
+        aircraft: str | None,
+        received: Received,
+        mapped: MappedColumns,
+        flown: FlownJournal | None = None,
     ) -> None:
         """Put a recording in its place, first the row that is not seen, then the folder."""
         folder = self.files.incoming / recording_id
         self.store.recordings.begin(
             recording_id,
-            upload.name,
+            name,
             received.size,
             received.digest,
             open_columns(folder / "columns").contents.format,
-            upload.aircraft,
+            aircraft,
             mapped,
         )
         with spacious():
             self.files.admit(recording_id)
-        self.store.recordings.complete(recording_id)
+        of_flight = (flown.flight_id, flown.markers) if flown else ()
+        self.store.recordings.complete(recording_id, *of_flight)
 
     def _drop(self, recording_id: str) -> None:
         """Leave nothing of a recording that did not come in."""

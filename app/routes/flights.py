@@ -108,6 +108,9 @@ class FlightStatus(BaseModel):
         f"{INTERVAL_S:g} s as a rule, is missing",
     )
     unwritten: int | None = Field(default=None, description="samples that wait for the store")
+    recording: str | None = Field(
+        default=None, description="id of the recording that a live flight became when it was over"
+    )
     live: LiveStatus | None = Field(
         default=None,
         description="of one live flight: how its source does, or did at its end; null in the list "
@@ -200,14 +203,20 @@ async def read_flight(flight_id: str, flights: FlightsDep) -> FlightStatus:
     return status.model_copy(update={"live": await flights.live_status(flight_id)})
 
 
-@router.post("/{flight_id}/end", responses=problem_responses(404, 422, 503))
+@router.post("/{flight_id}/end", responses=problem_responses(404, 409, 422, 429, 503))
 async def end_flight(flight_id: str, flights: FlightsDep) -> FlightStatus:
     """End a flight under way and keep its record; one that is over stays as it ended.
 
-    503 where the record could not be completed: the flight is over, and what waits is written as
-    soon as the store takes it.
+    A live flight that was interrupted is completed by its journal first. A live flight then becomes
+    a recording, in the background. 503 where the record could not be completed: the flight is over,
+    and what waits is written as soon as the store takes it.
     """
-    await flights.stop(flight_id)
+    try:
+        await flights.end(flight_id)
+    except TooManyFlights as error:
+        raise Problem(429, str(error), "urn:forewarn:too-many-flights") from error
+    except NotPossible as error:
+        raise Problem(409, str(error), "urn:forewarn:not-live") from error
     return await read_flight(flight_id, flights)
 
 
@@ -355,6 +364,7 @@ def _status(
         ended=info.ended,
         head=-1 if info.head is None else info.head,
         lost=info.lost,
+        recording=info.recording,
     )
     if flight is None:
         return status

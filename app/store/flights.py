@@ -12,7 +12,7 @@ from app.store.answers import note_deleted, was_deleted
 from app.store.arrays import from_blob, to_blob
 from app.store.assessments import SAMPLE, StoredAssessments, pack, reasons_of, runs_of
 from app.store.repository import Entry, Repository, check_not_kept, columns, complete, fetch
-from app.store.tables import assessment_chunks, flights, monitors, new_id, now
+from app.store.tables import assessment_chunks, flights, monitors, new_id, now, recordings
 
 INTERRUPTED = "interrupted"
 CHUNK = 1000
@@ -42,6 +42,10 @@ class FlightInfo(Entry):
     """first exceedance that it had come to when it ended [s], passed by a seek or flown"""
     keep: bool
     """whether it is kept for ever"""
+    recording_id: str | None
+    """recording that its journal became, there still or deleted since; null: none so far"""
+    recording: str | None
+    """id of that recording; null where there is none"""
     head: int | None
     """newest sample number stored; null before the first"""
     lost: int | None
@@ -231,4 +235,11 @@ def _flights() -> Select:
     n_lost = func.max(chunk.last_seq) + 1 - n_stored
     lost = select(func.coalesce(n_lost, 0)).where(of_flight).scalar_subquery()
     known = case((flights.c.status != INTERRUPTED, lost))
-    return select(*columns(flights, FlightInfo), head.label("head"), known.label("lost"))
+    made = recordings.c.id == flights.c.recording_id
+    recording = select(recordings.c.id).where(made, recordings.c.complete).scalar_subquery()
+    return select(
+        *columns(flights, FlightInfo),
+        recording.label("recording"),
+        head.label("head"),
+        known.label("lost"),
+    )

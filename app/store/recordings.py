@@ -3,8 +3,9 @@
 The files themselves lie in the data directory, see `app.recordings.files`.
 """
 
+from collections.abc import Iterable
 from dataclasses import asdict, dataclass, fields
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 from sqlalchemy import Connection, Select, delete, func, insert, select, update
 
@@ -18,7 +19,10 @@ from app.store.repository import (
     complete,
     fetch,
 )
-from app.store.tables import now, recordings, scorings
+from app.store.tables import flights, markers, now, recordings, scorings
+
+if TYPE_CHECKING:
+    from app.store.markers import Marker
 
 MappingState = Literal["proposed", "remembered", "confirmed"]
 
@@ -48,6 +52,8 @@ class RecordingInfo(Entry):
     """id of an earlier upload of the same bytes"""
     keep: bool
     """whether it is kept for ever"""
+    flight_id: str | None
+    """id of the live flight that it was, if that is stored still; null of an upload"""
 
 
 @dataclass(frozen=True)
@@ -97,11 +103,22 @@ class RecordingRepository(Repository):
         with self._writing() as connection:
             connection.execute(insert(recordings).values(**row, **asdict(mapped), complete=False))
 
-    def complete(self, recording_id: str) -> None:
-        """Let a recording be seen: its folder is in its place."""
+    def complete(
+        self, recording_id: str, flight_id: str | None = None, remarks: Iterable["Marker"] = ()
+    ) -> None:
+        """Let a recording be seen: its folder is in its place.
+
+        flight_id: of the live flight that it was.   remarks: markers that it has from there.
+        """
         this = recordings.c.id == recording_id
+        rows = [asdict(marker) | {"recording_id": recording_id} for marker in remarks]
         with self._writing() as connection:
             connection.execute(update(recordings).where(this).values(complete=True))
+            if flight_id is not None:
+                flown = update(flights).where(flights.c.id == flight_id)
+                connection.execute(flown.values(recording_id=recording_id))
+            if rows:
+                connection.execute(insert(markers), rows)
 
     def info(self, recording_id: str) -> RecordingInfo:
         """What a recording is; NotFound."""
@@ -178,7 +195,9 @@ def _recordings() -> Select:
         .scalar_subquery()
     )
     same_as = func.nullif(first, recordings.c.id).label("same_as")
-    return select(*columns(recordings, RecordingInfo), n_scorings, same_as)
+    flown = select(flights.c.id).where(flights.c.recording_id == recordings.c.id)
+    flight_id = flown.limit(1).scalar_subquery().label("flight_id")
+    return select(*columns(recordings, RecordingInfo), n_scorings, same_as, flight_id)
 
 
 def fetch_recording(connection: Connection, recording_id: str) -> RecordingInfo:

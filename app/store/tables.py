@@ -200,6 +200,7 @@ flights = Table(
     _time("ended"),
     Column("exceeded_t", Float),
     Column("keep", Boolean, nullable=False, server_default=false()),
+    Column("recording_id", String(2 * ID_BYTES), index=True),
 )
 
 assessment_chunks = Table(

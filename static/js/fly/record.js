@@ -56,6 +56,7 @@ export function showFlightRecord(element, { flight, why, api, navigate }) {
       acknowledgeButton,
       h("button", { type: "button", class: "button button-small button-primary", onclick: again, ...needs("POST /flights") }, "Fly it again"),
       h("a", { class: "button button-small", href: "#/fly" }, "All flights"),
+      ...(flight.recording ? [h("a", { class: "button button-small", href: `#/recordings/${flight.recording}` }, "Its recording")] : []),
       createKeepButton({ api, path, keep: flight.keep, fail, attributes: { class: "button button-small" } }),
       h("button", { type: "button", class: "button button-small button-danger", onclick: () => askToConfirm("Delete this record?", "Its samples, assessments and alarms are gone for good.", "Delete the record", remove), ...needs("DELETE /flights/{}") }, "Delete the record"),
       failure),

@@ -41,12 +41,16 @@ export function recordingFacts(recording, catalog) {
         ".",
       )
     : null;
+  const flown = recording.flight_id
+    ? h("p", {}, "It came live: ", h("a", { href: `#/fly/${recording.flight_id}` }, "the flight as it was shown"), ".")
+    : null;
   const remarks = [...contents.notes, ...contents.ignored.map((words) => `Left out: ${words}`)];
   return h(
     "section",
     { class: "panel stack-tight", "aria-label": "File" },
     factList(entries),
     h("p", { class: "dim" }, "SHA-256 ", h("span", { class: "hash" }, recording.digest)),
+    flown,
     twin,
     sentences(remarks),
     badRows(recording.bad_rows),

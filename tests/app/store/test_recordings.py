@@ -24,7 +24,20 @@ def test_a_recording_is_seen_once_its_folder_is_in_its_place(store: Store) -> No
     info = store.recordings.info("a")
     assert store.recordings.all() == [info]
     assert info == RecordingInfo(
-        "a", "flight.csv", info.created, 3, "d", "csv", None, 12.5, "proposed", None, 0, None, False
+        "a",
+        "flight.csv",
+        info.created,
+        3,
+        "d",
+        "csv",
+        None,
+        12.5,
+        "proposed",
+        None,
+        0,
+        None,
+        False,
+        None,
     )
     assert store.recordings.mapped_columns("a") == replace(
         MAPPED, statistics=[[3, 1, 0.0, None, None]]

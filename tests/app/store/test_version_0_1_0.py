@@ -107,7 +107,9 @@ def test_every_sample_and_alarm_of_the_flight_is_there(store: Store) -> None:
     answer = ANSWERS[f"flights/{FLIGHT}"]
     named = answer["source"] | {"name": answer["name"]}
     flown = answer | {"source": named, "lost": 0}
-    assert_answers(store.flights.info(FLIGHT), flown, "exceeded_t", "keep")
+    assert_answers(
+        store.flights.info(FLIGHT), flown, "exceeded_t", "keep", "recording", "recording_id"
+    )
     stored = store.flights.assessments(FLIGHT)
     frames = ANSWERS[f"flights/{FLIGHT}/assessments"]["frames"]
     assert len(stored) == len(frames) == 121
@@ -126,7 +128,7 @@ def test_every_sample_and_alarm_of_the_flight_is_there(store: Store) -> None:
 
 def test_recording_scoring_and_markers_are_there(store: Store) -> None:
     answer = ANSWERS[f"recordings/{RECORDING}"]
-    assert_answers(store.recordings.info(RECORDING), answer, "confirmed_over", "keep")
+    assert_answers(store.recordings.info(RECORDING), answer, "confirmed_over", "keep", "flight_id")
     assert store.recordings.mapped_columns(RECORDING).mapping == in_the_words_of_today(
         answer["mapping"]
     )

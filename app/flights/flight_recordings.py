@@ -1,0 +1,123 @@
+"""Live flights as recordings: when one is over, its journal becomes a recording by itself.
+
+What fails, on a full disk say, leaves the journal as it is and is tried again at the next start.
+"""
+
+import asyncio
+import logging
+import time
+from datetime import UTC, datetime, timedelta
+
+from app.live.again import header_of
+from app.live.journal import Journals, lines_of
+from app.recordings.flown_journal import FlownJournal
+from app.recordings.recordings import Recordings
+from app.recordings.workers import to_its_end
+from app.store.flights import INTERRUPTED, FlightInfo
+from app.store.markers import Marker
+from app.store.store import NotFound
+from app.store.tables import new_id, now, time_text
+from app.telemetry.mapping.mapping import Mapping
+from app.telemetry.recording import TelemetryError
+from core.flight_markers import FLIGHT_MARKERS
+
+LOG = logging.getLogger("forewarn")
+RESUMED_WITHIN_S = 600.0
+"""A live flight whose last batch is older is not gone on with when the server starts [s]."""
+
+
+class FlightRecordings:
+    """Makes recordings of live flights, one at a time."""
+
+    def __init__(self, recordings: Recordings, journals: Journals) -> None:
+        self._recordings, self._journals = recordings, journals
+        self._store = recordings.store
+        self._turn = asyncio.Lock()
+        self.under_way: str | None = None
+        """id of the flight whose journal is being read"""
+
+    async def make(self, flight_id: str) -> None:
+        """Make the recording of a flight that is over, unless there is or was one.
+
+        A failure is logged.
+        """
+        async with self._turn:
+            self.under_way = flight_id
+            try:
+                await to_its_end(self.make_now, flight_id)
+            except NotFound:
+                LOG.info("flight %s is gone before it became a recording", flight_id)
+            except TelemetryError as error:
+                LOG.info("flight %s becomes no recording: %s", flight_id, error)
+            except Exception:
+                LOG.exception("flight %s becomes a recording at the next start", flight_id)
+            finally:
+                self.under_way = None
+
+    def make_now(self, flight_id: str) -> str | None:
+        """Make the recording of a flight that is over; return its id, None for no live flight.
+
+        For a thread. NotFound; StoreError; NoSpace; TelemetryError where nothing came.
+        """
+        info, path = self._store.flights.info(flight_id), self._journals.path(flight_id)
+        if info.recording_id is not None or info.status == "running" or not path.exists():
+            return info.recording_id
+        header = header_of(path) or {}
+        mapping, aircraft = self._read_by(info, header)
+        name = str(info.source.get("name", header.get("name", "live")))
+        markers = self._markers(flight_id, str(header.get("began", now())))
+        flown = FlownJournal(flight_id, path, name, aircraft, mapping, markers)
+        return self._recordings.take(flown)
+
+    def waiting(self) -> list[str]:
+        """Ids of flights that are over and became no recording yet, the oldest first. StoreError.
+
+        One that was interrupted a short while ago may go on still.
+        """
+        return [info.id for info in reversed(self._store.flights.all()) if self._waits(info)]
+
+    def _waits(self, info: FlightInfo) -> bool:
+        path = self._journals.path(info.id)
+        if info.recording_id is not None or info.status == "running" or not path.exists():
+            return False
+        age = time.time() - path.stat().st_mtime
+        return info.status != INTERRUPTED or age >= RESUMED_WITHIN_S
+
+    def _read_by(
+        self, info: FlightInfo, header: dict[str, object]
+    ) -> tuple[Mapping | None, str | None]:
+        """The mapping that a flight was read by, and its aircraft; an old journal has neither."""
+        if "mapping" in header:
+            plain, aircraft = header["mapping"], header.get("aircraft")
+            mapping = None if plain is None else Mapping.from_plain(plain)
+            return mapping, None if aircraft is None else str(aircraft)
+        recording = info.source.get("recording")
+        if recording is None:
+            return None, None
+        plain = self._store.recordings.mapped_columns(recording).mapping
+        return Mapping.from_plain(plain), self._store.recordings.info(recording).aircraft
+
+    def _markers(self, flight_id: str, began: str) -> list[Marker]:
+        """What was called in a flight, and manoeuvres that somebody said begin.
+
+        began: UTC, ISO 8601.
+        """
+        called = [
+            (one.t, f"{FLIGHT_MARKERS[one.kind].word}, {one.by}", one.text, one.created)
+            for one in self._store.flight_markers.of(flight_id)
+        ]
+        zero = datetime.fromisoformat(began)
+        begun = [
+            (
+                float(line["t"]),
+                f"manoeuvre begins, {line['by']}",
+                None,
+                time_text((zero + timedelta(seconds=line["a"])).astimezone(UTC)),
+            )
+            for line in lines_of(self._journals.path(flight_id))
+            if line.get("e") == "manoeuvre" and line.get("t") is not None
+        ]
+        return [
+            Marker(new_id(), created, "marker", t, None, f"{word}: {text}" if text else word)
+            for t, word, text, created in sorted((*called, *begun), key=lambda one: one[0])
+        ]

@@ -1,0 +1,50 @@
+"""What a live flight was shown, again: from its journal, by what had come at each moment."""
+
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from app.live.batches import Batch, ChannelReader
+from app.live.journal import lines_of
+from app.live.scorer import CausalScorer, LiveAssessed
+
+
+class ShownSample(NamedTuple):
+    """A sample and when it was shown: time since the flight began [s]."""
+
+    shown: float
+    assessed: LiveAssessed
+
+
+def header_of(path: Path) -> dict[str, Any] | None:
+    """What a journal says that its flight is; None where it says nothing yet. OSError."""
+    return next(lines_of(path), None)
+
+
+def settled_by(
+    line: dict[str, Any], scorer: CausalScorer, reader: ChannelReader
+) -> list[LiveAssessed]:
+    """What a line of a journal settles."""
+    if "b" in line:
+        samples = reader.samples(Batch(line["s"], line["b"]))
+        return [one for each in samples for one in scorer.push(line["a"], each)]
+    settled = scorer.advance(line["a"])
+    if line.get("e") == "manoeuvre":
+        scorer.begin()
+    return settled
+
+
+def shown_again(
+    lines: Iterable[dict[str, Any]], scorer: CausalScorer, reader: ChannelReader
+) -> Iterator[ShownSample]:
+    """Each sample of a journal as a scorer of its flight's beginning assesses it.
+
+    What waited for others is shown when its time was up, not when the next batch came.
+    """
+    for line in lines:
+        before = None
+        while (deadline := scorer.deadline) not in (None, before) and deadline < line["a"]:
+            yield from (ShownSample(deadline, one) for one in scorer.advance(deadline))
+            before = deadline
+        for assessed in settled_by(line, scorer, reader):
+            yield ShownSample(line["a"], assessed)

@@ -1,0 +1,204 @@
+"""A live flight becomes a recording when it is over: by its mapping, with its markers, once."""
+
+import errno
+import os
+from collections.abc import Iterator
+from pathlib import Path
+from time import sleep
+from typing import Any
+
+import numpy as np
+import pytest
+from starlette.testclient import TestClient
+
+from app.live.journal import Journals
+from app.recordings import flown_journal
+from app.store.flights import INTERRUPTED
+from app.store.tables import flights as flight_rows
+from core.channels import KEYS
+from tests.app.flights.test_flights import monitor
+from tests.support.api import api, problem, store_of
+from tests.support.patience import PATIENCE
+from tests.support.recorded import HEAD, csv_of, uploaded
+
+FLIGHTS, RECORDINGS = "/api/v1/flights", "/api/v1/recordings"
+DT = 0.05
+N = 200
+
+
+def samples(k: int) -> dict[str, Any]:
+    """Sample k under our own names."""
+    return {key: [0.001 * float(np.sin(0.7 * k + i))] for i, key in enumerate(KEYS)}
+
+
+class Range:
+    """A server with a monitor, and live flights that are pushed and ended."""
+
+    def __init__(self, client: TestClient, root: Path) -> None:
+        self.client, self.root = client, root
+        self.store = store_of(client)
+        known = self.store.monitors.all()
+        self.monitor = known[0].id if known else self.store.monitors.add(monitor(), "doublet").id
+
+    def start(self, name: str | None = None, **source: Any) -> str:
+        source = {"kind": "live", "trim": "none"} | source
+        body = {"source": source, "monitor": self.monitor, "name": name}
+        answer = self.client.post(FLIGHTS, json={k: v for k, v in body.items() if v is not None})
+        assert answer.status_code == 201, answer.text
+        return answer.json()["id"]
+
+    def push(self, flight: str, k: int, **values: Any) -> None:
+        sent = {"sequence": k, "t": [k * DT]} | (values or samples(k))
+        assert self.client.post(f"{FLIGHTS}/{flight}/samples", json=sent).status_code == 200
+
+    def end(self, flight: str) -> dict[str, Any]:
+        return self.client.post(f"{FLIGHTS}/{flight}/end").json()
+
+    def recording_of(self, flight: str) -> dict[str, Any]:
+        """The recording that a flight became, as soon as it is there."""
+        for _ in range(int(PATIENCE / 0.02)):
+            if (found := self.client.get(f"{FLIGHTS}/{flight}").json()["recording"]) is not None:
+                return self.client.get(f"{RECORDINGS}/{found}").json()
+            sleep(0.02)
+        raise AssertionError("the flight became no recording")
+
+
+@pytest.fixture
+def range_(tmp_path: Path) -> Iterator[Range]:
+    with api(tmp_path) as client:
+        yield Range(client, tmp_path)
+
+
+def test_a_flight_that_ended_is_a_recording_that_is_scored_and_reported(range_: Range) -> None:
+    flight = range_.start("first flight")
+    for k in range(N):
+        range_.push(flight, k)
+    path = f"{FLIGHTS}/{flight}/markers"
+    marked = range_.client.post(path, json={"kind": "abort", "by": "Ann", "text": "flutter"})
+    assert range_.end(flight)["progress"] == "ended"
+    recording = range_.recording_of(flight)
+    assert recording["flight_id"] == flight
+    assert (recording["name"], recording["format"]) == ("first flight", "journal")
+    assert (recording["mapping_state"], recording["problem"]) == ("confirmed", None)
+    assert [s["name"] for s in recording["contents"]["signals"]] == ["t", *KEYS, "arrived"]
+    (marker,) = range_.client.get(f"{RECORDINGS}/{recording['id']}/markers").json()
+    assert marker["t"] == marked.json()["t"] == (N - 1) * DT
+    assert marker["text"] == "ABORT, Ann: flutter"
+    scored = range_.client.post(
+        f"{RECORDINGS}/{recording['id']}/scorings",
+        json={"monitor": range_.monitor, "manoeuvres": "entire"},
+    )
+    assert scored.status_code == 201, scored.text
+    report = range_.client.get(
+        f"{RECORDINGS}/{recording['id']}/scorings/{scored.json()['id']}/report"
+    )
+    assert "ABORT, Ann: flutter" in report.text
+
+
+def test_it_is_read_by_the_mapping_that_the_flight_was_started_with(range_: Range) -> None:
+    rows = np.array([[samples(k)[key][0] for key in KEYS] for k in range(N)])
+    head = HEAD.replace("beta_rad", "AOS_deg").replace("t_s", "clock_s")
+    first = uploaded(range_.client, csv_of(rows, DT, head), aircraft="PH-LAB")
+    mapping = first["mapping"]
+    mapping["channels"]["beta"] |= {"signal": "AOS_deg", "unit": "deg", "sign": -1}
+    url = f"{RECORDINGS}/{first['id']}/mapping"
+    assert range_.client.put(url, json={"mapping": mapping}).is_success
+    names = dict(zip(KEYS, head.split(",")[1:], strict=True))
+    flight = range_.start(recording=first["id"])
+    for k in range(20):
+        values = {names[key]: values for key, values in samples(k).items()}
+        range_.push(flight, k, clock_s=[k * DT], **values)
+    assert range_.client.delete(f"{RECORDINGS}/{first['id']}").status_code == 409
+    range_.end(flight)
+    recording = range_.recording_of(flight)
+    assert recording["aircraft"] == "PH-LAB"
+    assert recording["mapping"]["channels"]["beta"] == mapping["channels"]["beta"]
+    assert recording["mapping"]["times"] == {"": {"signal": "clock_s", "unit": "s"} | {
+        "rate": 0.0, "start": 0.0,
+    }}  # fmt: skip
+    assert recording["problem"] is None
+
+
+def test_a_manoeuvre_that_was_marked_by_hand_is_a_marker(range_: Range) -> None:
+    flight = range_.start(trim="detected")
+    for k in range(3):
+        range_.push(flight, k)
+    range_.client.post(f"{FLIGHTS}/{flight}/manoeuvre", json={"by": "FTE"})
+    range_.push(flight, 3)
+    range_.end(flight)
+    recording = range_.recording_of(flight)["id"]
+    (marker,) = range_.client.get(f"{RECORDINGS}/{recording}/markers").json()
+    assert (marker["t"], marker["text"]) == (2 * DT, "manoeuvre begins, FTE")
+
+
+def test_what_a_full_disk_refuses_is_made_at_the_next_start_once(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    def full(*_: object) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    with api(tmp_path) as client, monkeypatch.context() as patched:
+        range_ = Range(client, tmp_path)
+        patched.setattr(flown_journal.os, "link", full)
+        patched.setattr(flown_journal.shutil, "copyfile", full)
+        flight = range_.start()
+        for k in range(5):
+            range_.push(flight, k)
+        range_.end(flight)
+    assert "disk of the data directory is full" in caplog.text
+    with api(tmp_path) as client:
+        range_ = Range(client, tmp_path)
+        recording = range_.recording_of(flight)["id"]
+    with api(tmp_path) as client:
+        range_ = Range(client, tmp_path)
+        assert [one["id"] for one in client.get(RECORDINGS).json()] == [recording]
+        assert client.delete(f"{RECORDINGS}/{recording}").status_code == 204
+        assert client.get(f"{FLIGHTS}/{flight}").json()["recording"] is None
+    with api(tmp_path) as client:
+        assert client.get(RECORDINGS).json() == []
+
+
+def test_the_recording_stays_when_its_flight_is_deleted(range_: Range) -> None:
+    flight = range_.start()
+    for k in range(5):
+        range_.push(flight, k)
+    range_.end(flight)
+    recording = range_.recording_of(flight)["id"]
+    assert range_.client.delete(f"{FLIGHTS}/{flight}").status_code == 204
+    left = range_.client.get(f"{RECORDINGS}/{recording}").json()
+    assert (left["flight_id"], left["problem"]) == (None, None)
+
+
+def interrupted(range_: Range) -> str:
+    """A flight whose server was killed, its record a little behind its journal."""
+    flight = range_.start()
+    for k in range(5):
+        range_.push(flight, k)
+    range_.end(flight)
+    range_.recording_of(flight)
+    with range_.store.engine.begin() as connection:
+        values = {"status": INTERRUPTED, "recording_id": None}
+        connection.execute(flight_rows.update().values(**values))
+    return flight
+
+
+def test_an_interrupted_flight_that_is_ended_is_completed_and_becomes_a_recording(
+    range_: Range,
+) -> None:
+    flight = interrupted(range_)
+    assert range_.end(flight)["progress"] == "ended"
+    assert range_.recording_of(flight)["contents"]["groups"][0]["n_rows"] == 5
+
+
+def test_an_interrupted_flight_of_long_ago_becomes_a_recording_and_takes_no_more(
+    tmp_path: Path,
+) -> None:
+    with api(tmp_path) as client:
+        flight = interrupted(Range(client, tmp_path))
+    journal = Journals(tmp_path / "live").path(flight)
+    os.utime(journal, (1e9, 1e9))
+    with api(tmp_path) as client:
+        range_ = Range(client, tmp_path)
+        range_.recording_of(flight)
+        answer = client.post(f"{FLIGHTS}/{flight}/samples", json={"t": [1.0]} | samples(9))
+        assert "is a recording now" in problem(answer, 409)
