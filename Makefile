@@ -20,7 +20,7 @@ study: $(ENOUGH) ## repeat the paper's experiment at a small size and draw its f
 test: $(READY) ## every test but the long campaign of damaged files; a file's tests share a process
 	$(TESTING) $(BIN)/python -m pytest -n 3 --dist loadfile --no-loadscope-reorder --ignore tests/benchmarks $(ALSO)
 
-fuzz: $(READY) ## what repeats facts at length: ten thousand damaged files, calls of every route, sixty kills of the server, laws at every case
+fuzz: $(READY) ## what repeats facts at length: ten thousand damaged files, calls of every route, a hundred and ten kills of the server, laws at every case
 	FOREWARN_CAMPAIGN=1 $(TESTING) $(BIN)/python -m pytest -n 2 --dist loadfile -m "fuzz or (hypothesis and not benchmark)" tests tests/fuzzing/calls.py tests/fuzzing/chains.py $(ALSO)
 
 lint: $(READY) ## style, formatting and the direction of imports

@@ -33,17 +33,14 @@ for verb in ("get", "post", "put", "delete", "request"):
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Spread files of browser tests, which wait, over the first half of those that compute."""
-    folders = [item.nodeid.partition("/")[2] for item in items]
-    waits = [folder.startswith(("browser", "faults")) for folder in folders]
-    n_waiting, n_others = sum(waits), len(items) - sum(waits)
-    seen = {True: 0, False: 0}
-    places = {}
-    for item, waiting in zip(items, waits, strict=True):
-        seen[waiting] += 1
-        share = seen[waiting] / (2 * n_waiting if waiting else n_others)
-        places.setdefault(item.path, share)
-    items.sort(key=lambda item: places[item.path])
+    """Begin with the browser tests: those of one worker share a browser. Then come the faults."""
+    first = ("browser/", "faults/")
+
+    def place(item: pytest.Item) -> int:
+        folder = item.nodeid.partition("/")[2]
+        return next((i for i, name in enumerate(first) if folder.startswith(name)), len(first))
+
+    items.sort(key=place)
 
 
 @pytest.fixture(scope="session")

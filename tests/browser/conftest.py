@@ -2,6 +2,8 @@
 
 import re
 from collections.abc import Iterator
+from contextlib import ExitStack
+from pathlib import Path
 
 import pytest
 from playwright.sync_api import Browser, Page, expect
@@ -22,10 +24,39 @@ def origin() -> Iterator[str]:
         yield address
 
 
-@pytest.fixture(scope="module")  # its event loop must not outlive the browser tests
-def browser() -> Iterator[Browser]:
-    with open_chromium() as chromium:
-        yield chromium
+class _Chromium:
+    """The browser of consecutive files: slow to start, and its event loop must not outlive them."""
+
+    def __init__(self) -> None:
+        self._parts, self._browser = ExitStack(), None
+
+    def open(self) -> Browser:
+        if self._browser is None:
+            self._browser = self._parts.enter_context(open_chromium())
+        return self._browser
+
+    def close(self) -> None:
+        self._parts.close()
+        self._browser = None
+
+
+CHROMIUM = _Chromium()
+HERE = Path(__file__).parent
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_teardown(nextitem: pytest.Item | None) -> Iterator[None]:
+    """Close the browser before a test of another folder."""
+    try:
+        yield
+    finally:
+        if nextitem is None or HERE not in nextitem.path.parents:
+            CHROMIUM.close()
+
+
+@pytest.fixture(scope="module")
+def browser() -> Browser:
+    return CHROMIUM.open()
 
 
 @pytest.fixture
