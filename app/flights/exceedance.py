@@ -19,6 +19,8 @@ def exceedance(limits: Array | None, y: Array, recorded: Array) -> MeasuredExcee
     if exceeds(limits, y):
         judged: Judged = "both" if exceeds(limits, recorded) else "from_trim"
         return _named(limits, y, judged)
+    if recorded is y:
+        return None
     return _named(limits, recorded, "recorded") if exceeds(limits, recorded) else None
 
 

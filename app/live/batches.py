@@ -28,7 +28,7 @@ WITH_MEMORY = ("p_from_attitude", "r_from_attitude")
 Values = dict[str, list[Any]]
 NAN = float("nan")
 _NUMBER = {float: float, int: float}
-_BOUNDS = np.array([BOUNDS[key] for key in KEYS])
+_BOUNDS = tuple(BOUNDS[key] for key in KEYS)
 _decoder = msgspec.json.Decoder()
 
 
@@ -161,11 +161,14 @@ class ChannelReader:
         values = batch.values
         times = self._times(values)
         n = len(times)
-        channels = {key: read(values, n) for key, read in self._direct.items()}
+        channels = {
+            key: read(values, n) for key, read in self._direct.items() if read.name in values
+        }
         if self._derived:
             self._derive(channels, times)
-        rows = zip(*(channels.get(key) or [NAN] * n for key in (*KEYS, *ATTITUDE)), strict=True)
-        return [_sample(t, row) for t, row in zip(times, rows, strict=True)]
+        unknown = [NAN] * n
+        columns = [channels.get(key, unknown) for key in (*KEYS, *ATTITUDE)]
+        return [_sample(t, row) for t, row in zip(times, zip(*columns, strict=True), strict=True)]
 
     def _times(self, values: Values) -> list[float]:
         name = self._time.name if self._time else next((t for t in TIMES if t in values), TIMES[0])
@@ -184,6 +187,8 @@ class ChannelReader:
         for key, source in self._derived.items():
             way = DERIVATIONS[source.derivation]
             helps = way.helps if all(one in channels for one in way.helps) else ()
+            if any(need not in channels for need in way.needs):
+                continue
             inputs = {need: np.array(channels[need]) for need in (*way.needs, *helps)}
             derived = source.sign * way.apply(t, inputs) - source.bias
             channels[key] = derived.tolist()
@@ -232,12 +237,10 @@ def _numbers(values: Values, name: str, n: int) -> list[float]:
 
 def _sample(t: float, row: tuple[float, ...]) -> Sample:
     y, reason = np.array(row[: len(KEYS)]), ""
-    if not (np.abs(y) <= _BOUNDS).all():
-        odd = np.abs(y) > _BOUNDS
-        if odd.any():
-            i = int(odd.argmax())
-            reason = f"{KEYS[i]} of {y[i]:.4g} {TARGETS[KEYS[i]].unit} is implausible"
-            y[odd] = np.nan
+    for i, (value, bound) in enumerate(zip(row, _BOUNDS, strict=False)):
+        if not -bound <= value <= bound and value == value:
+            reason = reason or f"{KEYS[i]} of {value:.4g} {TARGETS[KEYS[i]].unit} is implausible"
+            y[i] = NAN
     angles: Angles | None = None
     phi, theta, psi = row[len(KEYS) :]
     if isfinite(phi) and isfinite(theta):

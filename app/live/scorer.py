@@ -9,14 +9,13 @@ import numpy as np
 from app.live.resampling import DELAY_INTERVALS, Angles, CausalResampler, Counts, Sample
 from app.live.trim import CausalTrim
 from app.scoring.planned_test import limits_of, needed_channels, planned_test
-from core.channels import KEYS, N_CHANNELS
+from core.channels import KEYS
 from core.kernels import assessing
 from core.monitor import Assessment, Monitor, State
 from core.monitor.assessment import REASONS
 from core.types import Array
 
 TrimRule = Literal["detected", "none"]
-NO_TRIM = np.zeros(N_CHANNELS)
 NOT_FINITE = REASONS[assessing.INVALID]
 
 
@@ -59,6 +58,7 @@ class CausalScorer:
         self._resampler = CausalResampler(monitor.dt, self.delay)
         self._trim = CausalTrim(planned_test(monitor)) if trim == "detected" else None
         self._needed = needed_channels(monitor, limits_of(monitor))
+        self._needs_all = bool(self._needed.all())
         self._stream = monitor.stream(epsilon)
         self._history: deque[Sample] = deque(maxlen=monitor.recipe.n_delay + 1)
 
@@ -103,14 +103,14 @@ class CausalScorer:
         return True
 
     def _assess(self, sample: Sample) -> LiveAssessed:
-        trim = NO_TRIM
+        y = sample.y
         if self._trim is not None:
             begins = self._trim.update(sample.y)
             trim = self._trim.level
             if begins:
                 self._restart(trim)
+            y = sample.y - trim
         self._history.append(sample)
-        y = sample.y - trim
         if self._trim is not None and not self._trim.manoeuvre:
             reason = sample.reason or self._trim.reason
             assessment = Assessment(sample.t, None, None, State.WARMING_UP, reason)
@@ -126,7 +126,7 @@ class CausalScorer:
 
     def _read(self, y: Array) -> Array:
         """What the monitor is given: 0 for a channel that it can do without and that is missing."""
-        return np.where(self._needed | np.isfinite(y), y, 0.0)
+        return y if self._needs_all else np.where(self._needed | np.isfinite(y), y, 0.0)
 
     def _explained(self, assessment: Assessment, sample: Sample) -> Assessment:
         """Say which channels are missing, or why all are."""

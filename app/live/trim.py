@@ -14,6 +14,8 @@ from app.scoring.segments import AFTERWARDS
 from core.channels import N_CHANNELS
 from core.types import Array
 
+MEASURED_S = 0.1
+"""Between two measurements of trim at rest [s]."""
 GUARD_S = 0.2
 """Before the present sample, left out of trim: a departure has begun before it is one [s]."""
 DEPARTED_SAMPLES = 2
@@ -43,7 +45,8 @@ class CausalTrim:
         amplitudes = planned.amplitudes
         sizes = np.where(amplitudes > 0.0, amplitudes, OTHER * amplitudes.max())
         self._limits = self._threshold = np.maximum(BEGINNING * SHARE * sizes, SMALLEST)
-        self._departed = self._n_begun = self._length = 0
+        self._departed = self._n_begun = self._length = self._n_since = 0
+        self._n_between = max(1, round(MEASURED_S / dt))
 
     @property
     def level(self) -> Array:
@@ -67,7 +70,10 @@ class CausalTrim:
         if self.trim is not None and self._departs(y, self.trim):
             return self.begin()
         self._rest.append(y)
-        self._measure()
+        self._n_since += 1
+        if self._n_since >= self._n_between and len(self._rest) == self._n_rest:
+            self._n_since = 0
+            self._measure()
         return False
 
     def begin(self) -> bool:
@@ -89,8 +95,6 @@ class CausalTrim:
 
     def _measure(self) -> None:
         """Trim of the rest, but for its newest part; not known while the surfaces move."""
-        if len(self._rest) < self._n_rest:
-            return
         rest = np.array([*self._rest][: self._n_trim])
         surfaces = np.nan_to_num(rest[:, SURFACES])
         self._limits = np.maximum(self._threshold, NOISES * surfaces.std(axis=0))
