@@ -27,6 +27,7 @@ class UdpReceiver:
         try:
             self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, RECEIVE_BUFFER)
             self._socket.bind((host, port))
+            self._bound = self._socket.getsockname()[:2]
             self._socket.setblocking(False)
             self._loop = asyncio.get_running_loop()
             self._loop.add_reader(self._socket, self._receive)
@@ -36,14 +37,14 @@ class UdpReceiver:
 
     @property
     def address(self) -> str:
-        """Where it listens, host:port."""
-        host, port = self._socket.getsockname()[:2]
+        """Where it listens, or did before it was closed, host:port."""
+        host, port = self._bound
         return f"[{host}]:{port}" if ":" in host else f"{host}:{port}"
 
     @property
     def port(self) -> int:
         """Port it listens at."""
-        return self._socket.getsockname()[1]
+        return self._bound[1]
 
     def close(self) -> None:
         """Listen no more."""

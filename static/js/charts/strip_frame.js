@@ -14,7 +14,7 @@
  *   word(text, x, middle, colour), upright(text, x, colour)     text on a plate
  *   triangle(x, up), line(x, colour, dash, thick)
  *   cursors({x, cursor, marks})      the cursor, A and B
- *   flags({flags, x, width})         moments of this channel, or of all: [{key | null, t, word, colour}]; the word of all stands on the risk's strip
+ *   flags({flags, x, width})         moments of this channel, or of all: [{key | null, t, word, colour, thin}]; the word of all stands on the risk's strip
  *   thresholds(epsilon, plot), labels(epsilon)      limits or epsilon: in the plot, in the gutter
  */
 
@@ -118,13 +118,13 @@ export function createStripFrame(canvas, strip) {
 
   /** What no value that is drawn shows: one as recorded beyond its limit. */
   function flags({ flags: given, x, width }) {
-    for (const { key, t, word: text, colour = "alert" } of given) {
+    for (const { key, t, word: text, colour = "alert", thin = false } of given) {
       const at = x(t);
       if ((key !== null && key !== strip.key) || at < 0 || at > width) continue;
       const ink = own.palette[colour];
-      line(at, ink, key === null ? [] : [4, 3], key === null ? 2.5 : 1.5);
+      line(at, ink, key === null ? [] : [4, 3], thin ? 1 : key === null ? 2.5 : 1.5);
       pen.fillStyle = ink;
-      triangle(at, true);
+      if (!thin) triangle(at, true);
       if (key === null && !strip.risk) continue;
       pen.font = `700 12px ${own.palette.font}`;
       const half = pen.measureText(text).width / 2 + 4;

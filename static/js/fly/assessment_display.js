@@ -9,12 +9,15 @@
  * Display
  *   take(frames)               newest last; returns the newest that is shown, or null
  *   restart(t) -> Promise<frames | null>    after a seek or a loop: draws what lies before t [s]
- *   setAssessment({state, reason}, quiet)    changed without a sample
+ *   forget()                   what is shown never was: the strips begin anew
+ *   setAssessment({state, reason}, quiet)    as the server says it, without a sample
  *   setHeadline({status, level, beside})     as the server decided it
  *   setHeard(boolean)          whether the server is heard: false from the first missed heartbeat on
  *   lose(), resume()           the connection; after it the newest sample counts as it did
  *   refresh(wall) -> Headline      draws the gauge; the headline as every view shows it: stale where nothing comes any more
  *   reason, staleAfter             of the newest sample; age that is too great [s]
+ *   cause                          why it is stale; empty where only this page knows
+ *   seq                            of the newest sample; -1 for none
  *   t                          of the newest sample, or where the flight goes on from [s]
  *   timeline, chart, close()
  */
@@ -51,6 +54,7 @@ export function createAssessmentDisplay(panels, { hello, history, alarm, events,
   let decided = hello; // the server's headline
   let linked = true;
   let seen = false; // what is pushed lies before a point that was sought
+  let late = null; // what the server says of samples that are not of now, which come all the same
 
   function take(frames) {
     if (frames.length === 0) return null;
@@ -67,15 +71,19 @@ export function createAssessmentDisplay(panels, { hello, history, alarm, events,
 
   function show(frame) {
     sampled = true;
-    const { state, reason } = frame;
-    if (state !== assessment.state || reason !== assessment.reason)
-      setAssessment({ state, reason });
+    const { state, reason } = late ?? frame;
+    if (state !== assessment.state || reason !== assessment.reason) setAssessment({ state, reason });
+    if (late !== null) {
+      withdraw();
+      return;
+    }
     noted = alertNote();
     gauge.update({ ...frame, note: noted, epsilon });
   }
 
   function headlineNow(wall) {
-    const blank = !sampled && assessment.state === "ok";
+    const begins = hello.mode === "live" && hello.head < 0;
+    const blank = !sampled && (begins || assessment.state === "ok");
     return headlineOf(decided, { stale: !linked || timeline.stale(wall), alarms: alarm.open(), blank });
   }
 
@@ -123,6 +131,17 @@ export function createAssessmentDisplay(panels, { hello, history, alarm, events,
     onExceedance({ key, symbol, t, value, seen });
   }
 
+  /** As the server says it: what it calls stale stays so, until it says otherwise. */
+  function tell(given, quiet) {
+    late = given.state === "stale" ? given : null;
+    setAssessment(given, quiet);
+  }
+
+  function forget() {
+    newest = null;
+    chart.clear();
+  }
+
   function lose() {
     linked = false;
     assessment = LOST;
@@ -132,7 +151,7 @@ export function createAssessmentDisplay(panels, { hello, history, alarm, events,
 
   function resume() {
     linked = true;
-    if (newest === null || assessment.state !== newest.state) return;
+    if (newest === null || late !== null || assessment.state !== newest.state) return;
     chart.push(newest); // not a new sample: only its state, after the loss
     show(newest);
   }
@@ -142,7 +161,8 @@ export function createAssessmentDisplay(panels, { hello, history, alarm, events,
     chart,
     take,
     restart,
-    setAssessment,
+    forget,
+    setAssessment: tell,
     setHeadline: (given) => {
       decided = given;
     },
@@ -156,6 +176,12 @@ export function createAssessmentDisplay(panels, { hello, history, alarm, events,
     },
     get staleAfter() {
       return timeline.staleAfter;
+    },
+    get cause() {
+      return assessment.state === "stale" ? assessment.reason : "";
+    },
+    get seq() {
+      return newest?.seq ?? -1;
     },
     get t() {
       return newest?.t ?? null;

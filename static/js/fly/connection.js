@@ -8,7 +8,7 @@
  *   createConnection(flight, on) -> Connection
  *     on.hello(hello, again)       again: the page already shows this flight
  *     on.frames(frames, message)   new samples, oldest first, each once
- *     on.state(message), on.status(headline), on.alarm(alarm), on.marker(marker), on.transport(transport), on.heartbeat(message)
+ *     on.state(message), on.status(headline), on.alarm(alarm), on.marker(marker), on.transport(transport), on.live(live), on.heartbeat(message)
  *     on.reset({seq, t})           the next frame does not follow the last one: clear the strips
  *     on.link(link)                "connecting" | "open" | "silent" (a heartbeat is missed) | "lost" | "over"
  *     on.over(reason)              the flight is not under way any more; nothing follows
@@ -169,6 +169,7 @@ export function createConnection(flight, on, { Socket = WebSocket } = {}) {
     alarm: (message) => on.alarm?.(message.alarm),
     marker: (message) => on.marker?.(message.marker),
     transport: (message) => on.transport?.(message.transport),
+    live: (message) => on.live?.(message.live),
     end: (message) => finish(message.reason),
   };
 

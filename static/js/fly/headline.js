@@ -56,8 +56,9 @@ export function ofSample({ state, alert, p_value: risk }) {
   return { status, level: LEVELS[status] ?? (status === "ok" ? "none" : "advisory"), beside: [] };
 }
 
-export function resultOf({ verdict, progress, reason, ...headline }) {
+export function resultOf({ verdict, progress, reason, mode, head, ...headline }) {
   const { level } = headline;
+  if (progress === "running" && mode === "live" && head < 0 && CALM.includes(level)) return { words: FACES.no_data.word, level: "advisory" };
   if (!verdict && level === "none" && progress !== "running") return { words: progress.toUpperCase(), level: "off" };
   if (!verdict) return { words: textOf(headline, reason ?? ""), level: LEVEL_OF[level] };
   const shown = level === "warning" ? level : "caution";

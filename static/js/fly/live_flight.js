@@ -10,6 +10,7 @@ import { reason } from "../lib/api.js";
 import { h, put } from "../lib/dom.js";
 import { addDrawer } from "../lib/draw_loop.js";
 import { createEventList } from "../lib/event_list.js";
+import { sentence } from "../lib/monitor_warnings.js";
 import { askToConfirm, state as stateOf } from "../lib/view_states.js";
 import { createAlarmPanel } from "./alarm_panel.js";
 import { createAssessmentDisplay } from "./assessment_display.js";
@@ -17,10 +18,12 @@ import { createConnection } from "./connection.js";
 import { createFlightMarkers, markerEvent, markerFlag } from "./flight_markers.js";
 import { LEVEL_OF, textOf } from "./headline.js";
 import { acknowledgementOf, alertText, createFlightPanels, exceedanceText, limitsOf, recordedFlag, sourceText } from "./panels.js";
+import { createLivePanel } from "./live_panel.js";
 import { createReplayNotes } from "./replay_notes.js";
 import { createSceneFrame } from "./scene_frame.js";
 import { createSeekHistory } from "./seek_history.js";
 import { bindShortcuts, createShortcutList } from "./shortcuts.js";
+import { createSourceAddress } from "./source_address.js";
 import { createStatusStrip } from "./status_strip.js";
 import { bindMuteButton, createTone } from "./tone.js";
 import { createTransportBar } from "./transport_bar.js";
@@ -28,8 +31,8 @@ import { createTransportBar } from "./transport_bar.js";
 const STATUS_EVERY = 200; // ms
 const tone = createTone(); // one for the page: a browser lets it sound once it was touched
 
+const NO_DATA = "NO DATA. The scene begins with the first sample.";
 const LOGGED_OUT = "◆ The login has ended. Nothing shown is live: reload the page to log in again.";
-const STALE = "◆ STALE. No new sample comes: the attitude that was shown here is not that of now.";
 
 export function showLiveFlight(element, { id, api, over }) {
   const path = `/flights/${encodeURIComponent(id)}`;
@@ -51,12 +54,15 @@ export function showLiveFlight(element, { id, api, over }) {
   panels.transport.prepend(panels.calls);
   panels.events.prepend(panels.marker);
   const scene = createSceneFrame(panels.scene, id);
-  const keys = { ...transport.keys, k: alarm.acknowledgeAll, t: () => notes?.write() };
+  const keys = { ...transport.keys, k: alarm.acknowledgeAll, t: () => notes?.write(), g: () => source?.begin() };
   const unbind = [bindControls(panels.status, keys, markers), addDrawer(show)];
   const raised = new Set();
   let hello = null; // these two come together
   let display = null;
   let notes = null; // of a replayed recording
+  let source = null; // of a live flight
+  let address = null;
+  let resumed = 0; // times that the server was started again during it
   let playback = { playing: true, speed: 1 }; // as the transport has it
   let shown = { saying: "", wall: 0 }; // what is said of link and flight, and since when its figures stand
   let recorded = true; // by the last heartbeat
@@ -74,6 +80,7 @@ export function showLiveFlight(element, { id, api, over }) {
     alarm: onAlarm,
     marker: onMarker,
     transport: onTransport,
+    live: onLive,
     heartbeat: onHeartbeat,
     reset: onReset,
     link: onLink,
@@ -87,9 +94,12 @@ export function showLiveFlight(element, { id, api, over }) {
       const history = createSeekHistory(api, path, hello.transport);
       display = createAssessmentDisplay(panels, { hello, history, alarm, events, onExceedance });
       if (hello.source.kind === "recording") showNotes();
+      if (hello.live) showSource();
     }
+    if (hello.head < display.seq) display.forget(); // shown, but not durable when the server was killed
     alarm.describe({ epsilon, lead, warnings, limits: limitsOf(channels), channels });
     onTransport(hello.transport);
+    if (hello.live) onLive(hello.live);
     display.setAssessment({ state, reason: why }, true);
     showEventsUntil(hello.transport.position);
     hello.alarms.forEach(onAlarm);
@@ -97,7 +107,11 @@ export function showLiveFlight(element, { id, api, over }) {
     hello.markers.forEach(onMarker);
     onStatus(hello);
     if (!again) return;
-    events.add({ t: null, text: `connected again ${hello.server_time.slice(11, 19)} UTC` });
+    const when = `${hello.server_time.slice(11, 19)} UTC`;
+    const restarts = hello.live?.resumed ?? 0;
+    if (restarts > resumed) events.add({ t: display.t, text: `the server was started again, connected ${when}; the flight goes on, and its source must too`, level: "caution" });
+    else events.add({ t: null, text: `connected again ${when}` });
+    resumed = restarts;
     scene.wake();
     display.resume();
   }
@@ -110,6 +124,8 @@ export function showLiveFlight(element, { id, api, over }) {
 
   function onFrames(frames, newest) {
     if (newest === null) return;
+    address?.waiting(false);
+    source?.explain(newest.reason);
     showEventsUntil(newest.t);
     transport.moved(newest.t);
     notes?.moved(newest.t);
@@ -161,6 +177,23 @@ export function showLiveFlight(element, { id, api, over }) {
     markEvents();
   }
 
+  function showSource() {
+    resumed = hello.live.resumed;
+    address = createSourceAddress(panels.address, id);
+    address.describe(hello);
+    address.waiting(hello.head < 0);
+    panels.calls.after(panels.live);
+    source = createLivePanel(
+      { line: panels.live, problem: panels.problem },
+      { begin: () => api.post(`${path}/manoeuvre`), address: address.toggle, events, flag: (flag) => display.chart.flag(flag) },
+    );
+  }
+
+  function onLive(live) {
+    if (panels.problem.hidden && live.problem !== "") tone.caution();
+    source.update(live, hello);
+  }
+
   function onTransport(message) {
     playback = message;
     display.timeline.setTransport(message);
@@ -170,6 +203,7 @@ export function showLiveFlight(element, { id, api, over }) {
   function onLink(link) {
     element.dataset.flight = link;
     transport.setUsable(link === "open");
+    source?.setUsable(link === "open");
     alarm.setLinked(link === "open");
     display?.setHeard(link === "open");
     if (link === "lost") display?.lose();
@@ -201,8 +235,10 @@ export function showLiveFlight(element, { id, api, over }) {
   function coverScene(headline, wall) {
     const lost = connection.link === "lost";
     const stale = headline !== null && [headline.status, ...headline.beside].includes("stale");
-    panels.lost.hidden = !lost && !stale;
-    put(panels.lost, lost ? (connection.loggedOut ? LOGGED_OUT : lostText(connection.retryIn(wall))) : STALE);
+    const blank = headline?.status === "no_data" && hello.mode === "live";
+    panels.lost.hidden = !lost && !stale && !blank;
+    panels.lost.toggleAttribute("data-calm", blank);
+    put(panels.lost, lost ? (connection.loggedOut ? LOGGED_OUT : lostText(connection.retryIn(wall))) : blank ? NO_DATA : staleText(display?.cause));
   }
 
   function markEvents() {
@@ -276,6 +312,10 @@ function bindControls(element, keys, markers) {
     for (const release of unbind) release();
     for (const kind of ["pointerdown", "keydown"]) removeEventListener(kind, touch);
   };
+}
+
+function staleText(cause) {
+  return `◆ STALE. ${cause ? sentence(cause) : "No new sample comes."} The attitude that was shown here is not that of now.`;
 }
 
 function lostText(seconds) {

@@ -2,7 +2,8 @@
  * The panels of a flight on the page: strips, scene, gauge, alarm line, events, status, transport.
  *
  * Exports
- *   createFlightPanels(element) -> {status, strips, alarm, scene, lost, gauge, notice, events, calls, marker, transport: elements}
+ *   createFlightPanels(element) -> {status, strips, alarm, problem, address, scene, lost, gauge, notice, events, calls, marker, live, transport: elements}
+ *     problem, address, live: of a live flight; the last is put into the transport there
  *   windowOf({duration, lead}) -> s     width of the strips: a short flight fills them
  *   limitsOf(channels) -> Node[]        "|N_y| 0.5 g", of the limited channels
  *   CAUTION_WORDS {kind: word}          of the alarms that are no warnings
@@ -30,6 +31,9 @@ export function createFlightPanels(element) {
     status: h("section", { "aria-label": "Status" }),
     notice: h("div", { class: "notice", role: "status", hidden: true }),
     alarm: h("section", { "aria-label": "Alarm" }),
+    problem: h("p", { class: "live-problem", role: "alert", hidden: true }),
+    address: h("section", { "aria-label": "Where samples are sent", hidden: true }),
+    live: h("div", { role: "group", "aria-label": "Live source" }),
     strips: h("section", {}),
     scene: h("section", {}),
     lost: h("div", { class: "link-lost", role: "alert", hidden: true }),
@@ -39,7 +43,7 @@ export function createFlightPanels(element) {
     marker: h("p", { class: "marker-last", role: "alert", hidden: true }),
     transport: h("section", { "aria-label": "Transport" }),
   };
-  const left = part("div", "strips-column", panels.alarm, panels.notice, panels.strips);
+  const left = part("div", "strips-column", panels.alarm, panels.problem, panels.notice, panels.address, panels.strips);
   const right = part("div", "side-column", part("div", "scene-cell", panels.scene, panels.lost), part("section", "gauge-panel", panels.gauge), panels.events);
   const view = part("div", "flight", h("h1", { class: "visually-hidden" }, "Flight"), panels.status, part("div", "fly", left, right), panels.transport);
   element.replaceChildren(view);
@@ -95,6 +99,7 @@ export function sourceText(source, name) {
     return `simulated, seed ${source.seed ?? 0}${outcome}`;
   }
   if (source.kind === "recording") return `recording, ${name}`;
+  if (source.kind === "live") return name.startsWith("live") ? name : `live, ${name}`;
   if (source.kind === "replay") return `replay, ${source.outcome} ${source.rollout}`;
   return name;
 }

@@ -17,6 +17,7 @@ import { startFlight } from "../lib/start_flight.js";
 import { askToConfirm, state } from "../lib/view_states.js";
 import { markerEvent, markerFlag, markerText } from "./flight_markers.js";
 import { LEVEL_OF, resultOf } from "./headline.js";
+import { beginningEvent, beginningFlag, lossText } from "./live_panel.js";
 import { acknowledgementOf, alertText, createFlightPanels, exceedanceText, recordedFlag, sourceText, waitingOf, windowOf } from "./panels.js";
 import { createRiskGauge } from "./risk_gauge.js";
 import { createStatusStrip } from "./status_strip.js";
@@ -43,6 +44,7 @@ export function showFlightRecord(element, { flight, why, api, navigate }) {
   showResult(flight);
   panels.alarm.remove();
   panels.transport.remove();
+  panels.address.remove();
   panels.scene.classList.add("scene-panel");
   panels.scene.append(state("empty", "Flight over", "The scene is shown while it flies."));
   panels.notice.hidden = false;
@@ -60,6 +62,7 @@ export function showFlightRecord(element, { flight, why, api, navigate }) {
       createKeepButton({ api, path, keep: flight.keep, fail, attributes: { class: "button button-small" } }),
       h("button", { type: "button", class: "button button-small button-danger", onclick: () => askToConfirm("Delete this record?", "Its samples, assessments and alarms are gone for good.", "Delete the record", remove), ...needs("DELETE /flights/{}") }, "Delete the record"),
       failure),
+    sourceLine(flight),
     ...warningLines(flight),
   ].filter((part) => part !== null));
   const events = createEventList(panels.events, {
@@ -114,6 +117,10 @@ export function showFlightRecord(element, { flight, why, api, navigate }) {
       if (alarm.acknowledged) found.push(acknowledgementOf(alarm));
       const flag = recordedFlag(alarm);
       if (flag) chart.flag(flag);
+    }
+    for (const begun of flight.live?.begun ?? []) {
+      found.push(beginningEvent(begun));
+      chart.flag(beginningFlag(begun));
     }
     for (const marker of markers) {
       found.push(markerEvent(marker));
@@ -208,6 +215,14 @@ export function showFlightRecord(element, { flight, why, api, navigate }) {
 function because(why) {
   if (why.includes("server")) return ": the server stopped";
   return why.startsWith("it was at its end") ? `: ${why}` : "";
+}
+
+/** What came of a live source, and what of it was not used; null for another flight. */
+function sourceLine({ mode, live, lost }) {
+  if (mode !== "live") return null;
+  const words = live ? lossText(live) : ["what came of the source is not known: the server was killed during it"];
+  if (lost > 0) words.push(`samples that could not be recorded: ${lost.toLocaleString("en")}`);
+  return h("p", { class: "source-result" }, h("strong", {}, "Live source: "), words.join(" · "));
 }
 
 /** What the flight came to: never calm where it exceeded its limit. */

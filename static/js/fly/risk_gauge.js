@@ -211,7 +211,8 @@ function whyOf({ key, stale }, { reason, state, p_value: risk, last = risk, epsi
   if (key === "none") return "no sample has been assessed yet";
   if (stale && timeline !== null && Number.isFinite(timeline.age(wall))) {
     const then = Number.isFinite(last) ? `, its risk ${riskText(last, epsilon)}` : "";
-    return `last sample ${timeline.age(wall).toFixed(0)} s ago${then}`;
+    const cause = state === "stale" && reason ? `${reason}; ` : "";
+    return `${cause}last sample ${timeline.age(wall).toFixed(0)} s ago${then}`;
   }
   return reason || (state === "ok" ? "the assessment has no p-value" : "");
 }

@@ -18,6 +18,7 @@ const GROUPS = [
       ["N", "to the next alert"], ["E", "to the next event"], ["T", "note at this moment (replay of a recording)"], ["[ ]", "slower, faster"], ["O", "loop"],
     ],
   ],
+  ["Live flight", [["G", "a manoeuvre begins now"]]],
   [
     "Strips (when chosen: click, or Tab)",
     [

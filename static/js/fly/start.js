@@ -3,12 +3,12 @@
  *
  * Exports
  *   showFlightStart(element, {query, api, navigate}) -> {close()}
- *     query: monitor, dataset, outcome, rollout, seed fill the form in (#/fly?monitor=3f9a)
+ *     query: kind, monitor, dataset, outcome, rollout, seed fill the form in (#/fly?monitor=3f9a)
  */
 
 import { reason } from "../lib/api.js";
 import { h, put } from "../lib/dom.js";
-import { needs } from "../lib/me.js";
+import { asksForToken, needs } from "../lib/me.js";
 import { warningLines, warningMark, warningsAt, warningWords } from "../lib/monitor_warnings.js";
 import { startFlight } from "../lib/start_flight.js";
 import { errorLine, state } from "../lib/view_states.js";
@@ -17,6 +17,7 @@ import { resultOf } from "./headline.js";
 import { sourceText } from "./panels.js";
 
 const REFRESH = 2000; // ms
+const WAIT = 1.5; // intervals of the monitor that a sample waits for others unless said otherwise
 const SILENCE = 5000; // ms without an answer, after which nothing listed is known to be so
 
 export function showFlightStart(element, { query, api, navigate }) {
@@ -32,11 +33,11 @@ export function showFlightStart(element, { query, api, navigate }) {
 
   async function load() {
     try {
-      const [monitors, datasets] = await Promise.all([api.get("/monitors"), api.get("/datasets")]);
+      const [monitors, datasets, recordings] = await Promise.all([api.get("/monitors"), api.get("/datasets"), api.get("/recordings")]);
       names = new Map(monitors.map(({ id, name }) => [id, name]));
       await refresh();
       if (closed) return;
-      const start = monitors.length === 0 ? noMonitor() : startForm({ monitors, datasets, query, api, navigate });
+      const start = monitors.length === 0 ? noMonitor() : startForm({ monitors, datasets, recordings, query, api, navigate });
       page.replaceChildren(h("div", { class: "columns start-columns" }, start, flights));
     } catch (error) {
       if (closed) return;
@@ -114,11 +115,11 @@ function flightRow(flight, names, verb) {
   );
 }
 
-function startForm({ monitors, datasets, query, api, navigate }) {
+function startForm({ monitors, datasets, recordings, query, api, navigate }) {
   const monitor = select("monitor", monitors.map((one) => [one.id, `${one.name} (${one.lead} s ahead, ${one.n_unsafe} failures) ${warningWords(one)}`]), query.get("monitor"));
   const epsilon = h("input", { id: "epsilon", type: "number", step: "any", min: 0, max: 1 });
   const served = h("p", { class: "hint" });
-  const kind = select("kind", [["simulated", "a fresh simulated flight"], ["replay", "replay of a stored rollout"]], query.get("dataset") ? "replay" : "simulated");
+  const kind = radios("kind", [["simulated", "Simulated"], ["replay", "Replay"], ["live", "Live"]], query.get("kind") ?? (query.get("dataset") ? "replay" : "simulated"));
   const outcome = select("outcome", [["unsafe", "exceeds its limit"], ["safe", "stays within its limit"], ["any", "as it comes"]], query.get("outcome"));
   const seed = h("input", { id: "seed", type: "number", min: 0, step: 1, value: query.get("seed") ?? 1, required: true });
   const dataset = select("dataset", datasets.map(({ id, name, n_unsafe: unsafe, n_safe: safe }) => [id, `${name} (${unsafe} unsafe, ${safe} safe)`]), query.get("dataset"));
@@ -127,6 +128,7 @@ function startForm({ monitors, datasets, query, api, navigate }) {
   const none = h("p", { class: "error" }, "No stored dataset has this monitor's sample interval: fly a fresh simulation, or make a dataset.");
   const simulated = h("div", { class: "stack" }, field("Seed", seed, h("p", { class: "hint" }, "The same seed is the same flight.")));
   const replayed = h("div", { class: "stack" }, field("Dataset", dataset), field("Rollout", rollout, range), none);
+  const live = createLiveFields(recordings);
   const failure = errorLine();
   const warnings = h("div");
   const go = h("button", { class: "button button-primary" }, "Start the flight");
@@ -143,7 +145,11 @@ function startForm({ monitors, datasets, query, api, navigate }) {
     const promise = epsilon.value >= now.smallest_epsilon ? guarantee({ epsilon: Number(epsilon.value), lead: now.lead }) : "";
     put(served, `This monitor is calibrated on ${now.n_unsafe} failures, which serve an epsilon of ${least} or more. ${promise}`);
     const replay = kind.value === "replay";
-    simulated.hidden = seed.disabled = replay;
+    const isLive = kind.value === "live";
+    live.element.hidden = !isLive;
+    outcomes.hidden = outcome.disabled = isLive;
+    live.adapt(now);
+    simulated.hidden = seed.disabled = replay || isLive;
     replayed.hidden = dataset.disabled = rollout.disabled = !replay;
     for (const option of outcome.options) option.disabled = option.hidden = replay && option.value === "any";
     if (replay && outcome.value === "any") outcome.value = "unsafe";
@@ -175,33 +181,80 @@ function startForm({ monitors, datasets, query, api, navigate }) {
     event.preventDefault();
     failure.show("");
     go.disabled = true;
-    const source =
-      kind.value === "replay"
-        ? { kind: "replay", dataset: dataset.value, outcome: outcome.value, rollout: Number(rollout.value) }
-        : { kind: "simulated", seed: Number(seed.value), outcome: outcome.value };
+    const sources = {
+      live: live.source,
+      replay: () => ({ kind: "replay", dataset: dataset.value, outcome: outcome.value, rollout: Number(rollout.value) }),
+      simulated: () => ({ kind: "simulated", seed: Number(seed.value), outcome: outcome.value }),
+    };
     try {
-      await startFlight({ api, navigate }, { source, monitor: monitor.value, epsilon: Number(epsilon.value) });
+      await startFlight({ api, navigate }, { source: sources[kind.value](), monitor: monitor.value, epsilon: Number(epsilon.value) });
     } catch (error) {
       failure.show(reason(error));
       go.disabled = false;
     }
   }
 
+  const outcomes = field("Outcome", outcome);
   const form = h(
     "form",
     { class: "panel form", novalidate: true, onsubmit: start, onchange: adapt, oninput: adapt, "aria-label": "Start a flight", ...needs("POST /flights"), "data-keeps-input": true },
     h("h1", {}, "Start a flight"),
     field("Monitor", monitor, warnings),
-    field("Source", kind, h("p", { class: "hint" }, "To replay a recording, open it on the ", h("a", { href: "#/recordings" }, "Recordings page"), ".")),
-    field("Outcome", outcome),
+    h("div", { class: "field" },
+      h("fieldset", { class: "source-choice" }, h("legend", {}, "Source"), kind.labels),
+      h("p", { class: "hint" }, "A fresh simulated flight, a stored rollout, or samples as a range sends them. To replay a recording, open it on the ", h("a", { href: "#/recordings" }, "Recordings page"), ".")),
+    outcomes,
     simulated,
     replayed,
+    live.element,
     field("ε, the accepted miss rate", epsilon, served),
     h("div", { class: "row" }, go),
     failure.element,
   );
   adapt();
   return form;
+}
+
+/** What a live flight may be told beside its monitor; all of it may be left as it is. */
+function createLiveFields(recordings) {
+  const mapping = select("mapping", [["", "our own names, SI units"], ...recordings.map(({ id, name }) => [id, `as ${name}`])]);
+  const trim = select("trim", [["detected", "measured at rest before each manoeuvre"], ["none", "samples are from trim already"]]);
+  const delay = h("input", { id: "delay", type: "number", min: 0, step: "any" });
+  const waits = h("p", { class: "hint" });
+  const udp = select("udp", [["any", "any free port"], ["none", "not listened to"], ["port", "the port"]], asksForToken() ? "none" : "any");
+  const port = h("input", { id: "port", type: "number", min: 1024, max: 65_535, step: 1, value: 9870, "aria-label": "UDP port" });
+  const unguarded = h("p", { class: "hint" }, "A datagram carries no token: whoever reaches the port can send.");
+  const optional = h(
+    "details",
+    {},
+    h("summary", {}, "Channels, trim, delay, UDP"),
+    h("div", { class: "stack" },
+      field("Channels", mapping, h("p", { class: "hint" }, "Names, units and signs: ours, or those of a recording's mapping.")),
+      field("Trim", trim),
+      field("Longest wait for a sample [s]", delay, waits),
+      field("UDP datagrams", udp, port, unguarded)),
+  );
+  const element = h("div", { class: "stack" }, h("p", { class: "hint" }, "The flight waits for its first sample and shows where to send it."), optional);
+
+  function adapt({ dt, lead }) {
+    delay.placeholder = String(Number((WAIT * dt).toFixed(4)));
+    const wait = delay.value === "" ? WAIT * dt : Number(delay.value);
+    put(waits, `For samples that come late or out of order. It is subtracted from the lead: alerts warn ${Number((lead - wait).toFixed(3))} s ahead.`);
+    port.hidden = port.disabled = udp.value !== "port";
+    unguarded.hidden = udp.value === "none";
+  }
+
+  return {
+    element,
+    adapt,
+    source: () => ({
+      kind: "live",
+      trim: trim.value,
+      ...(mapping.value && { recording: mapping.value }),
+      ...(delay.value !== "" && { delay: Number(delay.value) }),
+      ...(udp.value !== "none" && { udp: udp.value === "any" ? 0 : Number(port.value) }),
+    }),
+  };
 }
 
 function field(label, control, ...notes) {
@@ -213,4 +266,16 @@ function select(id, choices, chosen) {
   for (const [value, text] of choices) control.append(h("option", { value }, text));
   if (choices.some(([value]) => value === chosen)) control.value = chosen;
   return control;
+}
+
+/** Choices that are seen at once. Returns {labels, value}. */
+function radios(name, choices, chosen) {
+  const known = choices.some(([value]) => value === chosen) ? chosen : choices[0][0];
+  const inputs = choices.map(([value]) => h("input", { type: "radio", name, value, checked: value === known }));
+  return {
+    labels: inputs.map((input, k) => h("label", {}, input, choices[k][1])),
+    get value() {
+      return inputs.find(({ checked }) => checked).value;
+    },
+  };
 }

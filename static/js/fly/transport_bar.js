@@ -59,6 +59,7 @@ export function createTransportBar(element, { act, end }) {
   });
 
   async function send(action, value) {
+    if (!transport.seekable) return; // nobody steers a live source
     failure.hidden = true;
     try {
       await act(action, value); // what it changed comes by the stream, in order

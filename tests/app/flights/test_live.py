@@ -269,7 +269,10 @@ def test_a_mapping_that_needs_the_future_is_refused() -> None:
 
 
 def test_datagrams_of_one_sender_are_taken_and_others_are_counted(tmp_path: Path) -> None:
+    flights: list[LiveFlight] = []
+
     async def fly(live: Live, y: Array) -> None:
+        flights.append(live.flight)
         host, port = str(live.flight.live.udp).split(":")
         with (
             socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender,
@@ -287,6 +290,7 @@ def test_datagrams_of_one_sender_are_taken_and_others_are_counted(tmp_path: Path
         assert (live.flight.live.malformed, live.flight.live.foreign) == (1, 1)
 
     flown(fly, tmp_path, udp=0)
+    assert str(flights[0].live.udp).startswith("127.0.0.1:")
 
 
 def test_a_live_flight_cannot_be_steered_and_takes_nothing_when_it_is_over(tmp_path: Path) -> None:

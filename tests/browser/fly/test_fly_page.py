@@ -563,7 +563,7 @@ def test_without_a_monitor_the_page_leads_to_training(fly: Fly) -> None:
 def test_a_refused_flight_says_what_is_needed(fly: Fly, allowed_errors: list[str]) -> None:
     allowed_errors.append("422")
     fly.page.goto(f"{fly.site.http}/#/fly")
-    fly.page.get_by_label("Source").select_option("replay")
+    fly.page.get_by_role("radio", name="Replay").check()
     fly.page.get_by_label("Rollout").fill("39")
     fly.page.get_by_label("accepted miss rate").fill("0.001")
     fly.page.get_by_role("button", name="Start the flight").click()

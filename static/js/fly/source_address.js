@@ -1,0 +1,119 @@
+/**
+ * Where a live flight takes its samples: addresses, channels and ready-made commands, each to copy.
+ *
+ * Exports
+ *   createSourceAddress(element, flight) -> {describe({channels, live, source}), waiting(boolean), toggle() -> bool}
+ *     describe: as hello has them.   waiting: no sample has come yet, and nothing else is to be seen
+ *     toggle(): opened again or closed; whether it is open
+ */
+
+import { symbolNodes } from "../charts/readout.js";
+import { h, put } from "../lib/dom.js";
+import { asksForToken } from "../lib/me.js";
+
+const ANY = /^(0\.0\.0\.0|\[::\]):/; // every address of the server
+const COPIED = 1500; // ms that it is said
+
+export function createSourceAddress(element, flight) {
+  element.classList.add("source-address");
+  element.hidden = true;
+  let isWaiting = false;
+  let isOpen = false;
+
+  function describe({ channels, live, source }) {
+    const title = h("h2", {}, isWaiting ? "NO DATA: waiting for the first sample" : "Where samples are sent");
+    const told = "Send samples to one of these addresses: the flight begins with the first one. The button Address shows this again.";
+    element.replaceChildren(
+      title,
+      h("p", { class: "dim" }, told),
+      h("div", { class: "source-parts" }, h("section", {}, ...addresses(flight, live), ...commands(flight, live)), channelTable(channels, live, source)),
+    );
+  }
+
+  function show() {
+    element.hidden = !isWaiting && !isOpen;
+    element.parentElement?.toggleAttribute("data-waiting", isWaiting);
+  }
+
+  return {
+    describe,
+    waiting: (is) => {
+      if (is === isWaiting) return;
+      isWaiting = is;
+      const title = element.querySelector("h2");
+      if (title !== null) put(title, is ? "NO DATA: waiting for the first sample" : "Where samples are sent");
+      show();
+    },
+    toggle: () => {
+      isOpen = !isOpen;
+      show();
+      return isOpen;
+    },
+  };
+}
+
+function addresses(flight, { udp }) {
+  const path = `${location.host}/api/v1/flights/${flight}`;
+  const socket = location.protocol === "https:" ? "wss" : "ws";
+  return [
+    copied("REST, POST", `${location.origin}/api/v1/flights/${flight}/samples`),
+    copied("WebSocket", `${socket}://${path}/uplink`),
+    udp === null
+      ? h("div", { class: "source-line" }, h("span", { class: "source-name" }, "UDP"), h("span", { class: "dim" }, "not asked for when the flight was started"))
+      : copied("UDP, JSON lines", udp.replace(ANY, `${location.hostname}:`)),
+  ];
+}
+
+function commands(flight, live) {
+  const token = asksForToken() ? ` -H "Authorization: Bearer $FOREWARN_TOKEN"` : "";
+  const [time, ...names] = live.names;
+  const sent = names.filter((name) => live.needed.includes(name) || !ATTITUDE.includes(name));
+  const batch = Object.fromEntries([["sequence", 0], [time, 0], ...sent.map((name) => [name, 0])]);
+  const curl = `curl ${location.origin}/api/v1/flights/${flight}/samples${token} -d '${JSON.stringify(batch)}'`;
+  return [
+    copied("Command, for a recording at its own pace", `forewarn push FILE --flight ${flight} --server ${location.origin}`),
+    copied("Command, for one sample", curl),
+  ];
+}
+
+const ATTITUDE = ["phi", "theta", "psi"];
+
+/** Names, units and which of them the monitor needs; of a mapping its signals, in its units. */
+function channelTable(channels, { names, needed }, { recording }) {
+  const [time, ...others] = names;
+  const rows = recording === undefined ? ownRows(channels, needed) : others.map((name) => [name, "", "in the unit of its mapping", ""]);
+  return h(
+    "table",
+    { class: "table source-channels" },
+    h("thead", {}, h("tr", {}, ...["name", "channel", "unit", "needed"].map((word) => h("th", {}, word)))),
+    h("tbody", {}, ...[[time, "time of the sample", "s", "✓ needed"], ...rows].map((row) => h("tr", {}, ...row.map((cell) => h("td", {}, cell))))),
+  );
+}
+
+function ownRows(channels, needed) {
+  const rows = channels.map(({ key, symbol, label, unit }) => [key, h("span", {}, ...symbolNodes(symbol), `, ${label}`), unit, needed.includes(key) ? "✓ needed" : "optional"]);
+  return [...rows, [ATTITUDE.join(", "), "attitude, for the scene", "rad", "optional"]];
+}
+
+function copied(name, text) {
+  const code = h("code", {}, text);
+  const button = h("button", { type: "button", class: "button button-small", "aria-label": `Copy: ${name}`, onclick: copy }, "Copy");
+
+  async function copy() {
+    put(button, (await intoClipboard(text, code)) ? "✓ Copied" : "Press Ctrl+C");
+    setTimeout(() => put(button, "Copy"), COPIED);
+  }
+
+  return h("div", { class: "source-line" }, h("span", { class: "source-name" }, name), code, button);
+}
+
+/** A page that came by http from another machine has no clipboard of its own: the text is chosen instead. */
+async function intoClipboard(text, code) {
+  try {
+    await navigator.clipboard.writeText(text);
+    return true;
+  } catch {
+    getSelection().selectAllChildren(code);
+    return document.execCommand("copy");
+  }
+}

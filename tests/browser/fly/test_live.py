@@ -1,0 +1,151 @@
+"""Live flights on the page: started, waited for, marked, late, not durable, and their record."""
+
+import errno
+import json
+import os
+import re
+import socket
+from collections.abc import Iterator
+from typing import Any
+
+import pytest
+from playwright.sync_api import Page, WebSocketRoute, expect
+
+from app.live import journal
+from core.channels import KEYS
+from tests.browser.fly.test_fly_page import EPSILON, SCROLL_SIZE, Fly, site, stored
+from tests.browser.site import Site
+
+__all__ = ["site", "stored"]
+DT = 0.05
+LATE = "samples come 1.5 s late"
+
+
+def batch(sequence: int, first: int, n: int = 1) -> dict[str, Any]:
+    """Samples at rest."""
+    t = [DT * k for k in range(first, first + n)]
+    return {"sequence": sequence, "t": t, **{key: [0.0] * n for key in KEYS}}
+
+
+class Live(Fly):
+    """The page of a live flight, and what its source sends."""
+
+    def begin(self, **source: Any) -> None:
+        monitor = self.ask("GET", "/monitors")[0]["id"]
+        order = {"source": {"kind": "live", **source}, "monitor": monitor, "epsilon": EPSILON}
+        self.flight = self.ask("POST", "/flights", order)["id"]
+        self.page.goto(f"{self.site.http}/#/fly/{self.flight}")
+        self.connected()
+
+    def send(self, sequence: int, first: int, n: int = 1) -> None:
+        self.ask("POST", f"/flights/{self.flight}/samples", batch(sequence, first, n))
+
+    def figure(self, item: str) -> Any:
+        return self.page.locator(f'.live-item[data-item="{item}"] .live-value')
+
+
+@pytest.fixture
+def live(page: Page, site: Site) -> Iterator[Live]:
+    live = Live(page, site)
+    yield live
+    live.end()
+
+
+@pytest.fixture
+def own_live(own_page: Page, site: Site) -> Iterator[Live]:
+    live = Live(own_page, site)
+    yield live
+    live.end()
+
+
+def test_a_live_flight_takes_two_clicks_and_says_where_to_send_until_the_first_sample(
+    live: Live,
+) -> None:
+    page = live.page
+    page.goto(f"{live.site.http}/#/fly")
+    page.get_by_role("radio", name="Live").check()
+    page.get_by_role("button", name="Start the flight").click()
+    live.connected()
+    live.flight = page.url.rsplit("/", 1)[-1]
+    address = page.locator(".source-address")
+    expect(address).to_contain_text(f"/api/v1/flights/{live.flight}/uplink")
+    expect(address).to_contain_text(f"forewarn push FILE --flight {live.flight}")
+    expect(address.locator("tr", has_text="sideslip")).to_contain_text("rad")
+    live.gauge_says("NO DATA")
+    live.assert_no_number()
+    for width, height in ((1280, 720), (1024, 768), (640, 360)):
+        page.set_viewport_size({"width": width, "height": height})
+        assert page.evaluate(SCROLL_SIZE)[0] <= width
+    command = address.locator("code", has_text="curl").inner_text()
+    found = re.fullmatch(r"curl \S+(/api/v1/\S+) -d '(.*)'", command, re.DOTALL)
+    assert found is not None
+    page.request.post(live.site.http + found[1], data=found[2])
+    expect(address).to_be_hidden()
+    live.send(1, 1, 9)
+    expect(live.figure("rate")).to_have_text("20.0 Hz")
+    expect(page.locator('[data-action="play"]')).to_be_hidden()
+    page.get_by_role("button", name="Address").click()
+    expect(address).to_be_visible()
+    live.end()
+    expect(page.locator(".source-result")).to_have_text(
+        "Live source: 10 samples used, of 2 batches"
+    )
+
+
+def test_a_key_begins_a_manoeuvre_which_is_listed_and_cannot_begin_twice(live: Live) -> None:
+    live.begin()
+    live.send(0, 0, 5)
+    expect(live.figure("phase")).to_contain_text("trim is measured")
+    button = live.page.get_by_role("button", name="Manoeuvre begins")
+    expect(button).to_be_enabled()
+    live.page.keyboard.press("g")
+    expect(button).to_be_disabled()
+    live.send(1, 5, 5)
+    live.event("manoeuvre 1 begins").wait_for()
+    assert live.event_time("manoeuvre 1 begins") == pytest.approx(5 * DT)
+    expect(live.figure("phase")).to_have_text("manoeuvre 1 under way")
+
+
+def test_samples_that_are_not_durable_are_said_so_until_they_are(
+    live: Live, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refuse(*_: Any) -> int:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    live.begin(udp=0)
+    address, port = live.ask("GET", f"/flights/{live.flight}/samples")["udp"].split(":")
+    warning = live.page.locator(".live-problem")
+    with monkeypatch.context() as disk, socket.socket(type=socket.SOCK_DGRAM) as source:
+        disk.setattr(journal.os, "pwrite", refuse)
+        source.sendto(json.dumps(batch(0, 0)).encode(), (address, int(port)))
+        expect(warning).to_contain_text("NOT DURABLE: the disk takes nothing (No space left")
+    expect(warning).to_be_hidden()
+    expect(live.figure("batches")).to_have_text("1")
+
+
+def test_late_samples_and_a_server_that_was_started_again_are_told(own_live: Live) -> None:
+    live = own_live
+    routes: list[WebSocketRoute] = []
+
+    def pass_on(route: WebSocketRoute) -> None:
+        server = route.connect_to_server()
+        route.on_message(server.send)
+        server.on_message(lambda text: route.send(altered(json.loads(str(text)))))
+        routes.append(route)
+
+    def altered(message: dict[str, Any]) -> str:
+        if message["type"] == "state":
+            message |= {"state": "stale", "reason": LATE}
+        if message["type"] == "hello":
+            message["live"]["resumed"] = len(routes) - 1
+        return json.dumps(message)
+
+    live.page.route_web_socket(re.compile("/stream$"), pass_on)
+    live.begin(trim="none")
+    live.send(0, 0, 40)
+    expect(live.page.locator(".transport-time")).to_have_text("1.95 s")
+    expect(live.page.locator(".gauge-reason")).to_contain_text(LATE)
+    live.assert_no_number()
+    routes[-1].close(code=1011)
+    live.event("the server was started again").wait_for()
+    expect(live.figure("resumed")).to_have_text("1")
