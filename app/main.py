@@ -160,7 +160,7 @@ async def _lifespan(app: FastAPI) -> AsyncIterator[None]:
         parts.push_async_callback(asyncio.to_thread, work.close)
         scenes = app.state.scenes = Scenes(settings.max_flights)
         await parts.enter_async_context(scenes.lifespan())
-        journals = Journals(settings.data_dir / "live")
+        journals = app.state.journals = Journals(settings.data_dir / "live")
         parts.push_async_callback(asyncio.to_thread, journals.close)
         aloft = app.state.flights = Flights(
             store,
@@ -177,7 +177,7 @@ async def _lifespan(app: FastAPI) -> AsyncIterator[None]:
         looking = asyncio.create_task(look.repeat(lambda: bool(aloft.under_way())))
         parts.callback(looking.cancel)
         if rule := retention_rule(settings.retain_days, settings.retain_gb):
-            parts.callback(asyncio.create_task(retain_daily(kept, rule)).cancel)
+            parts.callback(asyncio.create_task(retain_daily(kept, journals, rule)).cancel)
         integrity = app.state.integrity = Integrity(store, kept.files)
         await asyncio.to_thread(integrity.look)
         integrity.start()

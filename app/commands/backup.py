@@ -23,7 +23,7 @@ def add(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> int:
     """Back up; the server may run."""
     settings = place_of(options)
-    backup = back_up(settings.url, settings.data_dir / "recordings", options.place)
+    backup = back_up(settings.url, settings.data_dir, options.place)
     counts = ", ".join(f"{n} {name}" for name, n in backup.manifest.counts.items())
     lines = [
         f"wrote and verified {backup.path}: {backup.size / MIB:,.1f} MiB; {counts}",

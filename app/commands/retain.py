@@ -6,6 +6,7 @@ from datetime import UTC, datetime
 
 from app.commands.results import add_json, print_result
 from app.commands.stored_data import add_place, place_of
+from app.live.journal import Journals
 from app.recordings.recordings import Recordings
 from app.store.database import StoreError, address
 from app.store.schema import current_revision
@@ -36,10 +37,11 @@ def run(options: argparse.Namespace) -> int:
         raise StoreError(f"{settings.data_dir} holds no database yet: give --data-dir")
     store = open_store(settings.url, recover=False)
     recordings = Recordings(store, settings.data_dir / "recordings")
+    journals = Journals(settings.data_dir / "live")
     if options.dry_run:
-        chosen = choose(everything(recordings), rule, datetime.now(UTC))
+        chosen = choose(everything(recordings, journals), rule, datetime.now(UTC))
     else:
-        chosen = retain(recordings, rule)
+        chosen = retain(recordings, journals, rule)
     store.close()
     verb = "would delete" if options.dry_run else "deleted"
     n_kept = sum(one.keep for one in chosen.stays)

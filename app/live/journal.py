@@ -64,6 +64,14 @@ class Journals:
         finally:
             os.close(file)
 
+    def size(self, flight_id: str) -> int:
+        """Bytes that a journal takes; 0 where there is none, or its recording has them too."""
+        try:
+            status = self.path(flight_id).stat()
+        except FileNotFoundError:
+            return 0
+        return status.st_size if status.st_nlink == 1 else 0
+
     def delete(self, flight_id: str) -> None:
         """Delete a journal; nothing where there is none."""
         self.path(flight_id).unlink(missing_ok=True)

@@ -10,6 +10,7 @@ from app import json_codec
 from app.http.people import Person
 from app.http.problems import Problem
 from app.jobs.jobs import Jobs
+from app.live.journal import Journals
 from app.recordings.recordings import Recordings
 from app.recordings.scored import ScoredRecordings
 from app.settings import Settings
@@ -35,6 +36,10 @@ def _recordings(request: Request) -> Recordings:
     return request.app.state.recordings
 
 
+def _journals(request: Request) -> Journals:
+    return request.app.state.journals
+
+
 def _scored(request: Request) -> ScoredRecordings:
     return request.app.state.scored
 
@@ -47,6 +52,7 @@ StoreDep = Annotated[Store, Depends(_store)]
 JobsDep = Annotated[Jobs, Depends(_jobs)]
 SettingsDep = Annotated[Settings, Depends(_settings)]
 RecordingsDep = Annotated[Recordings, Depends(_recordings)]
+JournalsDep = Annotated[Journals, Depends(_journals)]
 ScoredDep = Annotated[ScoredRecordings, Depends(_scored)]
 PersonDep = Annotated[Person, Depends(_person)]
 

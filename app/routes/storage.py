@@ -6,7 +6,7 @@ from fastapi import APIRouter
 from pydantic import BaseModel, ConfigDict
 
 from app.http.problems import problem_responses
-from app.routes.dependencies import RecordingsDep, SettingsDep, StoreDep
+from app.routes.dependencies import JournalsDep, RecordingsDep, SettingsDep, StoreDep
 from app.upkeep.usage import DiskSpace, StorageUsage, space_of, usage_of
 
 router = APIRouter(prefix="/api/v1", tags=["storage"])
@@ -21,12 +21,14 @@ class Keeping(BaseModel):
 
 
 @router.get("/storage")
-async def read_storage(recordings: RecordingsDep, settings: SettingsDep) -> StorageUsage:
-    """What database, recordings and each kind take, what is largest and oldest, and what is left.
+async def read_storage(
+    recordings: RecordingsDep, journals: JournalsDep, settings: SettingsDep
+) -> StorageUsage:
+    """What database, files and each kind take, what is largest and oldest, and what is left.
 
     Sizes are in bytes. A warning is said where the disk is short.
     """
-    return await asyncio.to_thread(usage_of, recordings, settings.data_dir)
+    return await asyncio.to_thread(usage_of, recordings, journals, settings.data_dir)
 
 
 @router.get("/storage/space")

@@ -2,6 +2,7 @@
 
     forewarn.db               the database, as it was at one moment
     recordings/<id>/...       the folders of the recordings that it knows
+    live/<flight>.jsonl       the journals of the live flights that it knows
     manifest.json             program, schema, time, and size and SHA-256 of each part
 
 Behind the tar's end stand a word and the SHA-256 of everything before them, so that a byte that was
@@ -11,17 +12,19 @@ lost or changed anywhere is found. `tar xf` reads the file too.
 import hashlib
 import io
 import json
+import os
 import tarfile
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field
 from pathlib import Path, PurePosixPath
-from typing import Any, BinaryIO
+from typing import Any, BinaryIO, cast
 
 from app.store.database import Damaged, StoreError
 
 FORMAT = 1
 MANIFEST, DATABASE, RECORDINGS = "manifest.json", "forewarn.db", "recordings"
+JOURNALS = "live"
 WORD = b"forewarn backup sha256 "
 TRAILER_BYTES = len(WORD) + 64
 PIECE_BYTES = 2**20
@@ -97,9 +100,9 @@ class ArchiveWriter:
     def add(self, path: str, source: Path) -> ArchivePart:
         """Add a file as it is now; one that grows is cut where it ended. FileNotFoundError."""
         with source.open("rb") as file:
-            size = source.stat().st_size
-            content: Any = Digested(file)
-            self._tar.addfile(_entry(path, size), content)
+            status = source.stat()
+            size, content = status.st_size, cast(Any, Digested(file))
+            self._tar.addfile(_entry(path, size, status.st_mtime), content)
         part = ArchivePart(path, size, content.sha256)
         self.parts.append(part)
         return part
@@ -124,9 +127,11 @@ class Archive:
             self._copy(part, lambda piece: None)
 
     def extract(self, part: ArchivePart, target: Path) -> None:
-        """Write a part to a new file. Damaged."""
+        """Write a part to a new file, as old as it was. Damaged."""
         with target.open("xb") as file:
             self._copy(part, file.write)
+        modified = self._tar.getmember(part.path).mtime
+        os.utime(target, (modified, modified))
 
     def _copy(self, part: ArchivePart, take: Callable[[bytes], object]) -> None:
         content: Any = self._tar.extractfile(part.path)
@@ -197,13 +202,14 @@ def _manifest(path: Path, tar: tarfile.TarFile) -> Manifest:
 
 
 def _is_part(name: str) -> bool:
-    """Whether this is the database or a file in a recording's folder."""
+    """Whether this is the database, a file in a recording's folder, or a journal."""
     parts = PurePosixPath(name).parts
     inside = len(parts) > 2 and parts[0] == RECORDINGS and ".." not in parts
-    return name == DATABASE or (inside and str(PurePosixPath(*parts)) == name)
+    journal = len(parts) == 2 and parts[0] == JOURNALS and parts[1] != ".."
+    return name == DATABASE or ((inside or journal) and str(PurePosixPath(*parts)) == name)
 
 
-def _entry(path: str, size: int) -> tarfile.TarInfo:
+def _entry(path: str, size: int, modified: float = 0.0) -> tarfile.TarInfo:
     entry = tarfile.TarInfo(path)
-    entry.size, entry.mode = size, 0o600
+    entry.size, entry.mode, entry.mtime = size, 0o600, modified
     return entry

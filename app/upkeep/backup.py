@@ -1,8 +1,8 @@
-"""A backup: database and recordings of one moment in one file, while the server runs.
+"""A backup: database, recordings and journals of one moment in one file, while the server runs.
 
 The database is copied first, as it is at one moment. What it knows of recordings does not change
-after that but by deletion: what was deleted before it was copied is told by the database, and the
-backup begins anew.
+after that but by deletion, and a journal only grows: it holds all that the database knows of its
+flight. What was deleted before it was copied is told by the database, and the backup begins anew.
 """
 
 import os
@@ -12,8 +12,10 @@ from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 
+from app.live.journal import Journals
 from app.recordings.files import RecordingFiles, sync
 from app.store.database import Damaged, StoreError, address, copy_database, file_of
+from app.store.flights import FlightInfo
 from app.store.recordings import RecordingInfo
 from app.store.schema import current_revision, needs_upgrade
 from app.store.store import NotFound, Store, open_store
@@ -21,6 +23,7 @@ from app.store.tables import now
 from app.upkeep.archive import (
     DATABASE,
     FORMAT,
+    JOURNALS,
     RECORDINGS,
     ArchivePart,
     ArchiveWriter,
@@ -62,8 +65,10 @@ def destination(path: Path) -> Path:
     return path
 
 
-def back_up(url: str, recordings: Path, path: Path) -> Backup:
-    """Write a backup of a database and its recordings' folder; see `destination` for path.
+def back_up(url: str, data_dir: Path, path: Path) -> Backup:
+    """Write a backup of a database and of what lies in the data directory.
+
+    path: see `destination`.
 
     It comes into its place once it was read again and is as it was written. StoreError.
     """
@@ -78,7 +83,7 @@ def back_up(url: str, recordings: Path, path: Path) -> Backup:
     try:
         for _ in range(ATTEMPTS):
             with suppress(Changed):
-                manifest, damaged = _write(url, RecordingFiles(recordings), copy, part)
+                manifest, damaged = _write(url, data_dir, copy, part)
                 with open_archive(part) as archive:
                     archive.check()
                 os.replace(part, path)
@@ -92,11 +97,13 @@ def back_up(url: str, recordings: Path, path: Path) -> Backup:
         for left in (part, copy, *(copy.with_name(copy.name + end) for end in ("-wal", "-shm"))):
             left.unlink(missing_ok=True)
     raise StoreError(
-        f"recordings were deleted during each of {ATTEMPTS} attempts: try again when that is over"
+        f"recordings or flights were deleted during each of {ATTEMPTS} attempts: try again when "
+        "that is over"
     )
 
 
-def _write(url: str, files: RecordingFiles, copy: Path, part: Path) -> tuple[Manifest, list[str]]:
+def _write(url: str, data_dir: Path, copy: Path, part: Path) -> tuple[Manifest, list[str]]:
+    files, journals = RecordingFiles(data_dir / RECORDINGS), Journals(data_dir / JOURNALS)
     copy_database(address(url), copy, "choose a place with space for twice the database")
     check_pages(copy)
     damaged: list[str] = []
@@ -110,6 +117,8 @@ def _write(url: str, files: RecordingFiles, copy: Path, part: Path) -> tuple[Man
         ):
             for recording in snapshot.recordings.all():
                 damaged += _add_recording(writer, files, snapshot, live, recording)
+            for flight in snapshot.flights.all():
+                damaged += _add_journal(writer, journals, live, flight)
             counts = {
                 "flights": len(snapshot.flights.all()),
                 "recordings": len(snapshot.recordings.all()),
@@ -153,6 +162,20 @@ def _add_recording(
             _see_that_it_is_there(live, info.id, scorings)
             damaged.append(f"recording {info.name}: its {what} is missing")
     return damaged
+
+
+def _add_journal(
+    writer: ArchiveWriter, journals: Journals, live: Store, info: FlightInfo
+) -> list[str]:
+    """Add the journal of a live flight; say that it is missing. Changed."""
+    path = journals.path(info.id)
+    if info.source.get("kind") != "live" or _add(writer, f"{JOURNALS}/{path.name}", path):
+        return []
+    try:
+        live.flights.info(info.id)
+    except NotFound:
+        raise Changed from None
+    return [f"flight {info.id}: its journal is missing"]
 
 
 def _add(writer: ArchiveWriter, name: str, path: Path) -> ArchivePart | None:

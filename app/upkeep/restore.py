@@ -17,7 +17,7 @@ from pathlib import Path
 from app.recordings.files import sync
 from app.store.database import StoreError, address, file_of
 from app.store.schema import migrations, revisions
-from app.upkeep.archive import DATABASE, RECORDINGS, Archive, Manifest, open_archive
+from app.upkeep.archive import DATABASE, JOURNALS, RECORDINGS, Archive, Manifest, open_archive
 from app.upkeep.backup import check_pages
 from core.whole_file import write_whole
 
@@ -34,7 +34,7 @@ class Restored:
 
 
 def restore(backup: Path, data_dir: Path, url: str, *, replace: bool = False) -> Restored:
-    """Put database and recordings of a backup into a data directory.
+    """Put database, recordings and journals of a backup into a data directory.
 
     replace: where something is there already, keep it aside. StoreError, and nothing was changed:
     for a backup that is damaged or of a newer program, a database that a server has open, and a
@@ -47,8 +47,8 @@ def restore(backup: Path, data_dir: Path, url: str, *, replace: bool = False) ->
     with open_archive(backup) as archive:
         _check_schema(backup, archive.manifest)
         finish(data_dir)
-        recordings = data_dir / RECORDINGS
-        there = [path for path in (*_files_of(database), recordings) if _is_something(path)]
+        folders = [data_dir / RECORDINGS, data_dir / JOURNALS]
+        there = [path for path in (*_files_of(database), *folders) if _is_something(path)]
         if there and not replace:
             raise StoreError(
                 f"{there[0]} is there already: give --replace, which keeps it aside, or another "
@@ -61,7 +61,7 @@ def restore(backup: Path, data_dir: Path, url: str, *, replace: bool = False) ->
         aside = f"replaced-{datetime.now(UTC):%Y%m%dT%H%M%S%fZ}"
         with _alone(database):
             moves = [(path, path.parent / aside / path.name) for path in there]
-            moves += zip(unpacked, (recordings, database), strict=True)
+            moves += zip(unpacked, (*folders, database), strict=True)
             text = json.dumps([[str(old), str(new)] for old, new in moves])
             write_whole(data_dir / MOVES, text.encode())
             sync(data_dir)
@@ -113,10 +113,10 @@ def _check_schema(backup: Path, manifest: Manifest) -> None:
         )
 
 
-def _unpack(archive: Archive, data_dir: Path, database: Path) -> tuple[Path, Path]:
+def _unpack(archive: Archive, data_dir: Path, database: Path) -> tuple[Path, ...]:
     """Write all parts beside their place, as the disk holds them. StoreError.
 
-    Returns where recordings and database are.
+    Returns where recordings, journals and database are; there may be no journals.
     """
     places = [directory / UNPACKED for directory in (data_dir, database.parent)]
     recordings, copy = places[0] / RECORDINGS, places[1] / DATABASE
@@ -140,7 +140,7 @@ def _unpack(archive: Archive, data_dir: Path, database: Path) -> tuple[Path, Pat
         if isinstance(error, OSError) and not isinstance(error, StoreError):
             raise StoreError(f"it cannot be unpacked ({error}); nothing was changed") from error
         raise
-    return recordings, copy
+    return recordings, places[0] / JOURNALS, copy
 
 
 def _clear(places: Iterable[Path]) -> None:

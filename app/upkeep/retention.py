@@ -1,9 +1,10 @@
 """Retention: which flights and recordings go because they are old, or all are too much.
 
 By age goes what ended, or came in, before so many days. By size the oldest go until what is left
-takes no more than so much. Never goes what is kept for ever, a flight under way, and a recording
-that a flight which stays replays: what is referenced stays. Monitors and datasets are no matter of
-retention. Space in SQLite's file that a flight leaves is used again, and the file keeps its size.
+takes no more than so much. Never goes what is kept for ever, a flight under way, the recording of a
+live flight that is kept, and one that a flight which stays replays: what is referenced stays.
+Monitors and datasets are no matter of retention. Space in SQLite's file that a flight leaves is
+used again, and the file keeps its size.
 """
 
 import asyncio
@@ -15,6 +16,7 @@ from datetime import UTC, datetime, timedelta
 from math import inf
 from typing import Literal
 
+from app.live.journal import Journals
 from app.recordings.recordings import Recordings
 from app.store.flights import FlightInfo, UnderWay
 from app.store.store import InUse, KeptForEver, NotFound, StoreError
@@ -49,7 +51,8 @@ def retention_rule(days: float, size_gb: float) -> RetentionRule:
 class Retained:
     """A flight or a recording as retention sees it. since: UTC, when it ended or came in.
 
-    needed: it is under way or kept for ever.   replays: id of the recording that a flight replays.
+    needed: it is under way or kept for ever, or its flight is.   replays: id of the recording that
+    a flight replays.
     """
 
     kind: RetainedKind
@@ -75,11 +78,12 @@ class Retention:
         return sum(one.size for one in self.goes)
 
 
-def everything(recordings: Recordings) -> list[Retained]:
-    """All flights and recordings."""
+def everything(recordings: Recordings, journals: Journals) -> list[Retained]:
+    """All flights, with their journals, and recordings."""
     store, files = recordings.store, recordings.files
-    sizes = store.keeping.sizes()["flights"]
-    return [_flight(info, sizes.get(info.id, 0)) for info in store.flights.all()] + [
+    sizes, flights = store.keeping.sizes()["flights"], store.flights.all()
+    flown = {info.recording for info in flights if info.keep}
+    return [_flight(info, sizes.get(info.id, 0) + journals.size(info.id)) for info in flights] + [
         Retained(
             "recording",
             info.id,
@@ -87,7 +91,7 @@ def everything(recordings: Recordings) -> list[Retained]:
             info.created,
             files.size(info.id),
             info.keep,
-            info.keep,
+            info.keep or info.id in flown,
         )
         for info in store.recordings.all()
     ]
@@ -134,14 +138,15 @@ def choose(all_of_it: Iterable[Retained], rule: RetentionRule, now: datetime) ->
     return Retention([one for one in ordered if one.id in goes], stays)
 
 
-def retain(recordings: Recordings, rule: RetentionRule) -> Retention:
+def retain(recordings: Recordings, journals: Journals, rule: RetentionRule) -> Retention:
     """Delete what goes by a rule; what someone kept or flies meanwhile stays. StoreError."""
-    chosen = choose(everything(recordings), rule, datetime.now(UTC))
+    chosen = choose(everything(recordings, journals), rule, datetime.now(UTC))
     gone = []
     for one in sorted(chosen.goes, key=lambda one: one.kind):  # flights first
         try:
             if one.kind == "flight":
                 recordings.store.flights.delete(one.id)
+                journals.delete(one.id)
             else:
                 recordings.delete(one.id)
         except (KeptForEver, InUse, UnderWay, NotFound) as error:
@@ -152,12 +157,12 @@ def retain(recordings: Recordings, rule: RetentionRule) -> Retention:
     return Retention(gone, [*chosen.stays, *(one for one in chosen.goes if one not in gone)])
 
 
-async def retain_daily(recordings: Recordings, rule: RetentionRule) -> None:
+async def retain_daily(recordings: Recordings, journals: Journals, rule: RetentionRule) -> None:
     """Delete by a rule once a day, the first time a while after the start; never returns."""
     await asyncio.sleep(FIRST_AFTER_S)
     while True:
         try:
-            await asyncio.to_thread(retain, recordings, rule)
+            await asyncio.to_thread(retain, recordings, journals, rule)
         except (StoreError, OSError) as error:
             LOG.warning("retention is tried again tomorrow: %s", error)
         await asyncio.sleep(DAY_S)

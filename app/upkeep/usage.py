@@ -5,6 +5,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
+from app.live.journal import Journals
 from app.recordings.files import SPARE_BYTES
 from app.recordings.recordings import Recordings
 from app.store.database import file_of
@@ -40,13 +41,15 @@ class StorageUsage:
     """What is stored takes so much [bytes].
 
     database: SQLite's file and its log; null for another database.   reusable: of that, what was
-    deleted and is used again before the file grows.   largest, oldest: flights and recordings.
+    deleted and is used again before the file grows.   journals: of live flights, in whose size they
+    are; not of one that is a recording, which takes it.   largest, oldest: flights and recordings.
     """
 
     space: DiskSpace
     database: int | None
     reusable: int | None
     recordings: int
+    journals: int
     kinds: list[KindUsage]
     largest: list[Retained]
     oldest: list[Retained]
@@ -63,9 +66,9 @@ def space_of(data_dir: Path) -> DiskSpace:
     return DiskSpace(disk.total, disk.free, words if disk.free < SHORT_BYTES else "")
 
 
-def usage_of(recordings: Recordings, data_dir: Path) -> StorageUsage:
+def usage_of(recordings: Recordings, journals: Journals, data_dir: Path) -> StorageUsage:
     """What everything takes. StoreError."""
-    store, there = recordings.store, everything(recordings)
+    store, there = recordings.store, everything(recordings, journals)
     sizes = store.keeping.sizes()
     kinds = [
         _kind("flight", [one for one in there if one.kind == "flight"]),
@@ -81,6 +84,7 @@ def usage_of(recordings: Recordings, data_dir: Path) -> StorageUsage:
         database=None if database is None else _size(database),
         reusable=store.keeping.reusable(),
         recordings=kinds[1].size,
+        journals=sum(journals.size(info.id) for info in store.flights.all()),
         kinds=kinds,
         largest=sorted(there, key=lambda one: -one.size)[:MOST_LISTED],
         oldest=sorted(there, key=lambda one: one.since)[:MOST_LISTED],

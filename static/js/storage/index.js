@@ -41,13 +41,14 @@ export function show(element, { api }) {
   }
 }
 
-function factsOf({ space, database, reusable, recordings }) {
+function factsOf({ space, database, reusable, recordings, journals }) {
   return [
     ["Free on the disk", bytesText(space.free)],
     ["Of", bytesText(space.total)],
     ["Database", database === null ? "another server's" : bytesText(database)],
     ["of it used again", reusable === null ? "–" : bytesText(reusable)],
     ["Recordings", bytesText(recordings)],
+    ["Live flights that are no recording yet", bytesText(journals)],
   ];
 }
 

@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 
 from app.cli import main
+from app.live.journal import Journals
 from app.settings import Settings
 from app.store.store import Store, StoreError, open_store
 from app.upkeep import restore as module
@@ -38,21 +39,21 @@ class Kept:
         return Settings(data_dir=self.data).url
 
     def back_up(self, name: str = "b.fwbackup") -> Path:
-        return back_up(self.url, self.data / "recordings", self.root / name).path
+        return back_up(self.url, self.data, self.root / name).path
 
 
 def content_of(data_dir: Path) -> tuple[list[str], dict[str, str]]:
     """Every row of the database but of the audit log, which is written a moment later than it is
-    answered, and the digest of every file of the recordings.
+    answered, and the digest of every file of the recordings and journals.
     """
     with sqlite3.connect(data_dir / "forewarn.db") as database:
         dumped = database.iterdump()
         rows = [row for row in dumped if not row.startswith('INSERT INTO "audit')]
     database.close()
-    root = data_dir / "recordings"
     files = {
-        str(path.relative_to(root)): hashlib.sha256(path.read_bytes()).hexdigest()
-        for path in root.rglob("*")
+        str(path.relative_to(data_dir)): hashlib.sha256(path.read_bytes()).hexdigest()
+        for root in ("recordings", "live")
+        for path in (data_dir / root).rglob("*")
         if path.is_file()
     }
     return rows, files
@@ -67,7 +68,11 @@ def kept(tmp_path_factory: pytest.TempPathFactory, dataset: Dataset, flights: np
         monitor = train(replace(dataset, recipe={}), MonitorRecipe(epsilon=0.2))
         tested = replace(monitor, evaluation=EVALUATION)
         monitor_id = store.monitors.add(tested, "oscillator").id
-        flight = store.flights.add({}, monitor_id, 0.3)
+        flight = store.flights.add({"kind": "live"}, monitor_id, 0.3)
+        journals: Journals = client.app.state.journals  # pyright: ignore
+        journals.root.mkdir()
+        journals.path(flight).write_bytes(b'{"format":1}\n{"b":')
+        os.utime(journals.path(flight), (1e9, 1e9))
         append(store, flight, 0, 100)
         store.flights.end(flight)
         recording = uploaded(client, csv_of(flights[0]))["id"]
@@ -89,7 +94,10 @@ def restored(kept: Kept, target: Settings, **how: bool) -> Path | None:
 def test_what_is_restored_equals_what_was_backed_up(kept: Kept, target: Settings) -> None:
     assert restored(kept, target) is None
     assert content_of(target.data_dir) == content_of(kept.data)
-    assert sorted(path.name for path in target.data_dir.iterdir()) == ["forewarn.db", "recordings"]
+    there = sorted(path.name for path in target.data_dir.iterdir())
+    assert there == ["forewarn.db", "live", "recordings"]
+    (journal,) = (target.data_dir / "live").iterdir()
+    assert journal.stat().st_mtime == 1e9
     with api(target.data_dir) as client:
         (recording,) = client.get("/api/v1/recordings").json()
         path = f"/api/v1/recordings/{recording['id']}/scorings"
@@ -130,6 +138,17 @@ def test_a_backup_is_of_one_moment_while_a_writer_writes(
         again.close()
     assert heads == sorted(heads)
     assert heads[0] >= 50
+
+
+def test_a_journal_that_is_missing_is_said(tmp_path: Path, dataset: Dataset) -> None:
+    kept = Kept(tmp_path)
+    store = open_store(kept.url)
+    monitor = store.monitors.add(train(dataset), "oscillator").id
+    flight = store.flights.add({"kind": "live"}, monitor, 0.3)
+    store.close()
+    (kept.data / "recordings").mkdir()
+    told = back_up(kept.url, kept.data, tmp_path / "b.fwbackup")
+    assert told.damaged == [f"flight {flight}: its journal is missing"]
 
 
 def test_a_byte_changed_or_lost_anywhere_is_refused(
@@ -213,7 +232,7 @@ def test_a_database_that_a_server_has_open_is_not_replaced(kept: Kept, tmp_path:
     assert restored(kept, settings, replace=True) is not None
 
 
-@pytest.mark.parametrize("n_moves", range(5))
+@pytest.mark.parametrize("n_moves", range(6))
 def test_a_restore_that_dies_between_its_moves_is_completed_by_whoever_opens_next(
     kept: Kept, target: Settings, monkeypatch: pytest.MonkeyPatch, n_moves: int
 ) -> None:
@@ -233,7 +252,7 @@ def test_a_restore_that_dies_between_its_moves_is_completed_by_whoever_opens_nex
         try:
             restored(kept, target, replace=True)
         except KeyboardInterrupt:
-            assert n_moves < 4
+            assert n_moves < 5
             assert (target.data_dir / MOVES).exists()
     with api(target.data_dir) as client:
         assert len(client.get("/api/v1/recordings").json()) == 1
@@ -291,7 +310,7 @@ def die_while_writing(data: Path, path: Path) -> None:
         return part
 
     ArchiveWriter.add = added  # pyright: ignore
-    back_up(Settings(data_dir=data).url, data / "recordings", path)
+    back_up(Settings(data_dir=data).url, data, path)
 
 
 def test_a_kill_while_it_is_written_leaves_no_backup_and_the_next_one_clears_up(
@@ -304,7 +323,7 @@ def test_a_kill_while_it_is_written_leaves_no_backup_and_the_next_one_clears_up(
     assert process.exitcode == -signal.SIGKILL
     assert not path.exists()
     assert list(tmp_path.glob("killed.fwbackup.part*"))
-    back_up(kept.url, kept.data / "recordings", path)
+    back_up(kept.url, kept.data, path)
     assert list(tmp_path.iterdir()) == [path]
 
 
@@ -337,7 +356,7 @@ def test_a_damaged_recording_is_backed_up_as_it_is_and_told(kept: Kept, tmp_path
     file.write_bytes(b"x")
     (samples,) = (settings.data_dir / "recordings").glob("*/scorings/*[!s].npy")
     samples.unlink()
-    told = back_up(settings.url, settings.data_dir / "recordings", tmp_path / "b").damaged
+    told = back_up(settings.url, settings.data_dir, tmp_path / "b").damaged
     assert [line.partition(": ")[2][:8] for line in told] == ["its file", "its scor"]
 
 

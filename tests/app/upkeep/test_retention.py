@@ -2,6 +2,7 @@
 
 import asyncio
 import json
+import os
 from collections.abc import Iterator
 from datetime import UTC, datetime
 from pathlib import Path
@@ -183,10 +184,11 @@ def test_what_is_kept_between_the_choice_and_the_deletion_stays(
     stocked: Stocked, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     recordings = stocked.client.app.state.recordings  # pyright: ignore
-    listed = everything(recordings)
-    monkeypatch.setattr("app.upkeep.retention.everything", lambda _: listed)
+    journals = stocked.client.app.state.journals  # pyright: ignore
+    listed = everything(recordings, journals)
+    monkeypatch.setattr("app.upkeep.retention.everything", lambda *_: listed)
     stocked.store.keeping.set_flight(stocked.flights[0], True)
-    done = retain(recordings, retention_rule(365.0, 0.0))
+    done = retain(recordings, journals, retention_rule(365.0, 0.0))
     assert [one.id for one in done.goes] == [stocked.recordings[0]]
     assert stocked.flights[0] in [one.id for one in done.stays]
     assert stocked.flights[0] in stocked.there()
@@ -216,6 +218,32 @@ def test_the_storage_says_what_everything_takes(
     assert "GB left" in stocked.client.get("/api/v1/storage/space").json()["warning"]
 
 
+def test_the_journal_of_a_live_flight_counts_and_goes_with_it(stocked: Stocked) -> None:
+    recordings = stocked.client.app.state.recordings  # pyright: ignore
+    journals = stocked.client.app.state.journals  # pyright: ignore
+    flight = stocked.flights[0]
+    before = {one.id: one.size for one in everything(recordings, journals)}
+    journals.root.mkdir()
+    journals.path(flight).write_bytes(b"x" * 1000)
+    after = {one.id: one.size for one in everything(recordings, journals)}
+    assert after[flight] == before[flight] + 1000
+    assert stocked.client.get("/api/v1/storage").json()["journals"] == 1000
+    os.link(journals.path(flight), stocked.data / "shared")
+    assert {one.id: one.size for one in everything(recordings, journals)} == before
+    retain(recordings, journals, retention_rule(365.0, 0.0))
+    assert not journals.path(flight).exists()
+
+
+def test_the_recording_of_a_flight_that_is_kept_stays(stocked: Stocked) -> None:
+    recordings = stocked.client.app.state.recordings  # pyright: ignore
+    journals = stocked.client.app.state.journals  # pyright: ignore
+    recording = stocked.recordings[0]
+    stocked.store.recordings.complete(recording, stocked.flights[0])
+    stocked.store.keeping.set_flight(stocked.flights[0], True)
+    retain(recordings, journals, retention_rule(365.0, 0.0))
+    assert recording in [info.id for info in stocked.store.recordings.all()]
+
+
 def test_settings_say_a_rule_and_nothing_goes_without_one() -> None:
     assert not retention_rule(0.0, 0.0)
     assert retention_rule(30.0, 2.5) == RetentionRule(30.0, int(2.5 * GB))
@@ -235,7 +263,7 @@ def test_the_server_deletes_once_a_day_where_it_is_configured(
         if len(waits) == 3:
             raise asyncio.CancelledError
 
-    def retained(_: Any, rule: RetentionRule) -> None:
+    def retained(_: Any, __: Any, rule: RetentionRule) -> None:
         rules.append(rule)
         if len(rules) == 1:
             raise StoreError("the disk is full")
@@ -244,12 +272,12 @@ def test_the_server_deletes_once_a_day_where_it_is_configured(
         day.setattr(retention.asyncio, "sleep", sleep)
         day.setattr(retention, "retain", retained)
         with pytest.raises(asyncio.CancelledError):
-            asyncio.run(retention.retain_daily(server, retention_rule(30.0, 0.0)))
+            asyncio.run(retention.retain_daily(server, server, retention_rule(30.0, 0.0)))
     assert waits == [retention.FIRST_AFTER_S, retention.DAY_S, retention.DAY_S]
     assert rules == [RetentionRule(older_than=30.0)] * 2
     began: list[RetentionRule] = []
 
-    async def begin(_: Any, rule: RetentionRule) -> None:
+    async def begin(_: Any, __: Any, rule: RetentionRule) -> None:
         began.append(rule)
 
     monkeypatch.setattr("app.main.retain_daily", begin)
