@@ -36,7 +36,7 @@ class Sources:
                 batch = {"sequence": k, "t": due, **dict(zip(KEYS, row, strict=True))}
                 await socket.send(json.dumps(batch))
                 self.sent += 1
-            async with asyncio.timeout(30):
+            async with asyncio.timeout(120):
                 await acknowledging
 
     async def acknowledge(self, socket: object) -> None:

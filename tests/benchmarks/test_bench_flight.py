@@ -88,7 +88,7 @@ def watched(
 ) -> tuple[np.ndarray, dict[str, Any]]:
     """Latencies [ms] from when a sample was due to when its watcher had it, and what it cost."""
     command = [sys.executable, "-m", "tests.benchmarks.watching_clients", server.address]
-    command += [str(SECONDS), str(each), str(frozen_each), *flights]
+    command += [str(SECONDS), str(each), str(frozen_each), "sent", *flights]
     process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
     time.sleep(SECONDS / 4)
     begin, cpu = time.monotonic(), server.cpu_s
