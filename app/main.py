@@ -56,6 +56,8 @@ from app.upkeep.restore import finish
 from app.upkeep.retention import retain_daily, retention_rule
 from core import __version__
 
+GOING_ON_S = 5.0
+"""[s] That the server waits for live flights to go on before it answers; long ones take longer."""
 HERE = Path(__file__).parent
 STATIC = next(path for path in (HERE / "static", HERE.parent / "static") if path.is_dir())
 """The page: inside the installed package, or at the repository's root."""
@@ -140,6 +142,12 @@ def _routes() -> tuple[BaseRoute, ...]:
     return tuple(api.routes)
 
 
+async def _go_on(aloft: Flights) -> None:
+    """Go on with the live flights that a killed server flew; others become recordings."""
+    await aloft.resume_all()
+    await aloft.make_recordings()
+
+
 @asynccontextmanager
 async def _lifespan(app: FastAPI) -> AsyncIterator[None]:
     """Open the parts of the application; close them in the opposite order."""
@@ -172,8 +180,9 @@ async def _lifespan(app: FastAPI) -> AsyncIterator[None]:
             host=settings.host,
         )
         await parts.enter_async_context(aloft)
-        await aloft.resume_all()
-        await aloft.make_recordings()
+        going_on = asyncio.create_task(_go_on(aloft))
+        parts.callback(going_on.cancel)
+        await asyncio.wait([going_on], timeout=GOING_ON_S)
         looking = asyncio.create_task(look.repeat(lambda: bool(aloft.under_way())))
         parts.callback(looking.cancel)
         if rule := retention_rule(settings.retain_days, settings.retain_gb):

@@ -180,10 +180,10 @@ class Flights:
 
         NotFound; NotPossible where it is over, or not live.
         """
-        async with self._resuming:
-            flight = self.get(flight_id)
-            if flight is None:
-                flight = await self._resume(flight_id)
+        flight = self.get(flight_id)
+        if flight is None or (isinstance(flight, LiveFlight) and flight.is_restoring):
+            async with self._resuming:
+                flight = self.get(flight_id) or await self._resume(flight_id)
         if not isinstance(flight, LiveFlight):
             raise NotPossible(f"flight {flight_id} is not live: it takes no samples")
         if flight.is_over:
@@ -282,6 +282,7 @@ class Flights:
 
             async def go_on(flight: Flight) -> None:
                 assert isinstance(flight, LiveFlight)
+                flight.is_restoring = True
                 lines = lines_of(path)
                 unrecorded = await asyncio.to_thread(flight.restore, lines, stored, alarms, markers)
                 await asyncio.to_thread(self.store.flights.resume, flight_id)

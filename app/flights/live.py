@@ -18,6 +18,7 @@ import msgspec
 
 from app.flights.exceedance import exceedance
 from app.flights.flight import Angles, Flight, FlightPlan, patience
+from app.flights.track import SourceError
 from app.flights.transport import NotPossible
 from app.flights.udp import UdpReceiver
 from app.live.again import settled_by, shown_again
@@ -111,6 +112,7 @@ class LiveFlight(Flight):
         self._began = self._came = self.clock.now()
         self._settled = 0.0
         self._journal: Journal | None = None
+        self.is_restoring = False
         self._udp: UdpReceiver | None = None
         self._port = setup.udp
         self._sequences: dict[int, bytes] = {}
@@ -166,7 +168,7 @@ class LiveFlight(Flight):
 
     def start(self) -> None:
         """Open the journal and wait for samples. OSError."""
-        self._journal = self._setup.journals.open(self.id)
+        self._open()
         self._record(self._header())
         self._begin_to_listen()
 
@@ -213,11 +215,12 @@ class LiveFlight(Flight):
 
     def resume(self, unrecorded: list[LiveAssessed]) -> None:
         """Go on as the flight that was restored. OSError."""
-        self._journal = self._setup.journals.open(self.id)
+        self._open()
         self._record({"e": "resumed"})
         self._n_resumed += 1
         for assessed in unrecorded:
             self._fly_one(assessed, self.clock.now())
+        self.is_restoring = False
         self._begin_to_listen()
         self._set_state(State.STALE, "the server was started again: it waits for the source")
 
@@ -329,9 +332,25 @@ class LiveFlight(Flight):
 
     # --- showing ------------------------------------------------------------------------------
 
-    def _begin_to_listen(self) -> None:
+    def _open(self) -> None:
+        """Have the port and the journal, or neither. SourceError; OSError."""
         if self._port is not None:
-            self._udp = UdpReceiver(self._setup.host, self._port, self._receive_datagram)
+            try:
+                self._udp = UdpReceiver(self._setup.host, self._port, self._receive_datagram)
+            except OSError as error:
+                raise SourceError(
+                    f"UDP port {self._port} of {self._setup.host} cannot be had "
+                    f"({error.strerror}): give another one, or 0 for any that is free"
+                ) from None
+        try:
+            self._journal = self._setup.journals.open(self.id)
+        except OSError:
+            if self._udp is not None:
+                self._udp.close()
+            raise
+
+    def _begin_to_listen(self) -> None:
+        if self._udp is not None:
             self._record({"e": "listening", "port": self._udp.port})
         self._beat()
         self._came = self.clock.now()

@@ -2,8 +2,8 @@
 
 python -m tests.benchmarks.watching_clients ADDRESS SECONDS WATCHERS FROZEN SINCE FLIGHT...
 
-WATCHERS, FROZEN: of each flight.   SINCE: `sent`, when the server had the sample; `t`, its own time, where that is the machine's
-monotonic clock.
+WATCHERS, FROZEN: of each flight.   SINCE: `sent`, when the server had the sample; `t`, its own
+time, where that is the machine's monotonic clock.
 """
 
 import asyncio

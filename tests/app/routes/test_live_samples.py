@@ -93,6 +93,11 @@ def test_only_a_live_flight_that_is_under_way_takes_samples(range_: Range) -> No
 
 def test_a_source_that_cannot_be_is_refused_before_the_flight(range_: Range) -> None:
     assert "UDP port 80" in problem(range_.start(udp=80), 422)
+    flight = range_.start(udp=0).json()["id"]
+    port = range_.client.get(f"{URL}/{flight}/samples").json()["udp"].split(":")[1]
+    assert f"UDP port {port} of 127.0.0.1 cannot be had" in problem(
+        range_.start(udp=int(port)), 422
+    )
     assert "subtracted from the lead" in problem(range_.start(delay=10.0), 422)
     problem(range_.start(recording="nothing"), 404)
 
