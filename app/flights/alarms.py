@@ -106,17 +106,20 @@ class Alarms:
         assessment: Assessment,
         exceedance: MeasuredExceedance | None,
         clock: Clock,
+        late: str = "",
     ) -> list[Alarm]:
         """Take a sample; return the alarms that it raises, an exceedance first.
 
         index: the sample's number in its source, which a loop meets again.   exceedance: of it.
+        late: why the sample is not of now; empty where it is.
         """
         t, state, reason = assessment.t, assessment.state, assessment.reason
         active: dict[AlarmKind, tuple[float, bool]] = {"limit": (t, exceedance is not None)}
         if state is State.OK:
             active["risk"] = t, bool(assessment.alert)
         active["invalid"] = t, state is State.INVALID and reason != BETWEEN
-        active["stale"] = clock.now(), state is State.STALE
+        active["stale"] = clock.now(), bool(late) or state is State.STALE
+        reasons: dict[AlarmKind, str] = {"invalid": reason, "stale": late or reason}
         return [
             self._raise(
                 kind,
@@ -125,7 +128,7 @@ class Alarms:
                 t=t,
                 p_value=assessment.p_value,
                 exceedance=exceedance if kind == "limit" else None,
-                reason=reason if ALARM_LEVELS[kind] is Level.CAUTION else None,
+                reason=reasons.get(kind),
                 raised=clock.utc(),
             )
             for kind, (when, is_active) in active.items()

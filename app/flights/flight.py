@@ -266,7 +266,8 @@ class Flight(ABC):
         seq = self.head + 1
         self.recorder.add(seq, y, assessment)
         self._follow(y, assessment, exceedance, attitude, round(due * 1e3, 3))
-        self._ring(self.alarms.update(seq, index, assessment, exceedance, self.clock))
+        about = assessment, exceedance, self.clock, self._late
+        self._ring(self.alarms.update(seq, index, *about))
 
     def _follow(
         self,

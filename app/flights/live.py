@@ -116,6 +116,7 @@ class LiveFlight(Flight):
         self._udp: UdpReceiver | None = None
         self._port = setup.udp
         self._sequences: dict[int, bytes] = {}
+        self._last_sequence: int | None = None
         self._quickest: deque[tuple[int, float]] = deque(maxlen=LAG_PARTS)
         self._lag = 0.0
         self._n_malformed = self._n_batches = self._n_resumed = 0
@@ -158,7 +159,7 @@ class LiveFlight(Flight):
             needed=self.needed,
             names=self._setup.reader.names,
             batches=self._n_batches,
-            last_sequence=max(self._sequences, default=None),
+            last_sequence=self._last_sequence,
             malformed=self._n_malformed,
             foreign=self._udp.n_foreign if self._udp else 0,
             counts=self.scorer.counts.to_plain(),
@@ -315,6 +316,7 @@ class LiveFlight(Flight):
         self._n_batches += 1
         if batch.sequence is not None:
             self._sequences[batch.sequence] = _digest(batch)
+            self._last_sequence = max(batch.sequence, self._last_sequence or 0)
             if len(self._sequences) > SEQUENCES_KEPT:
                 del self._sequences[next(iter(self._sequences))]
 
@@ -326,7 +328,7 @@ class LiveFlight(Flight):
         if known != _digest(batch):
             raise SequenceConflict(
                 f"sequence {batch.sequence} was used for another batch: number each batch anew; "
-                f"the newest is {max(self._sequences)}"
+                f"the newest is {self._last_sequence}"
             )
         return TakenBatch(batch.sequence, 0, True, self._open_journal.settled())
 

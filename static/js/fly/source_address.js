@@ -65,13 +65,13 @@ function addresses(flight, { udp }) {
 }
 
 function commands(flight, live) {
-  const token = asksForToken() ? ` -H "Authorization: Bearer $FOREWARN_TOKEN"` : "";
+  const [header, option] = asksForToken() ? [` -H "Authorization: Bearer $TOKEN"`, ` --token "$TOKEN"`] : ["", ""];
   const [time, ...names] = live.names;
   const sent = names.filter((name) => live.needed.includes(name) || !ATTITUDE.includes(name));
   const batch = Object.fromEntries([["sequence", 0], [time, 0], ...sent.map((name) => [name, 0])]);
-  const curl = `curl ${location.origin}/api/v1/flights/${flight}/samples${token} -d '${JSON.stringify(batch)}'`;
+  const curl = `curl ${location.origin}/api/v1/flights/${flight}/samples${header} -d '${JSON.stringify(batch)}'`;
   return [
-    copied("Command, for a recording at its own pace", `forewarn push FILE --flight ${flight} --server ${location.origin}`),
+    copied("Command, for a recording at its own pace", `forewarn push FILE --flight ${flight} --server ${location.origin}${option}`),
     copied("Command, for one sample", curl),
   ];
 }

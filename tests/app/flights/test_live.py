@@ -167,6 +167,18 @@ def test_a_source_that_has_not_begun_is_waited_for(tmp_path: Path) -> None:
     flown(fly, tmp_path)
 
 
+def test_a_source_that_falls_behind_raises_one_caution(tmp_path: Path) -> None:
+    async def fly(live: Live, y: Array) -> None:
+        for k in range(40):
+            live.clock.advance(DT)
+            live.push(k, y[k])
+        raised = {m["alarm"]["id"]: m["alarm"] for m in live.seen.of("alarm")}
+        (caution,) = (alarm for alarm in raised.values() if alarm["kind"] == "stale")
+        assert caution["reason"].startswith("samples come 1.0")
+
+    flown(fly, tmp_path)
+
+
 def test_samples_that_come_long_after_the_quickest_are_not_shown_as_now(tmp_path: Path) -> None:
     async def fly(live: Live, y: Array) -> None:
         for k in range(20):
