@@ -46,7 +46,7 @@ class SentBatch(BaseModel):
     """A number, null or a list of them for the time and each channel; objects within by `a/b`."""
 
     model_config = ConfigDict(extra="allow")
-    __pydantic_extra__: dict[str, Values | dict[str, Values]]
+    __pydantic_extra__: dict[str, Values | dict[str, Values]]  # pyright: ignore[reportIncompatibleVariableOverride]
 
     sequence: int | None = Field(
         default=None, ge=0, description="numbers the batch: repeated, it is taken once"

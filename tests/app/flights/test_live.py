@@ -45,7 +45,7 @@ class Live:
         self.clock, self.journals = ScriptedClock(), Journals(root)
         self.over: list[tuple[str, str]] = []
         self.recorder = SilentRecorder(self.clock)
-        about = {"trim": "none"} | more
+        about: dict[str, Any] = {"trim": "none"} | more
         reader = reader or ChannelReader()
         monitor = exact_monitor()
         self.setup = LiveSetup(monitor, EPSILON, reader, self.journals, 0.0, **about)

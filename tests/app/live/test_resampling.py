@@ -1,6 +1,7 @@
 """Live samples on the monitor's times: bits, gaps, order, clocks, and nothing of the future."""
 
 import numpy as np
+import numpy.typing as npt
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -18,10 +19,11 @@ def at(t: float) -> Array:
     return np.sin((1.0 + np.arange(N_CHANNELS)) * t)
 
 
-def flown(times: Array, arrivals: Array | None = None, delay: float = DELAY) -> tuple:
-    resampler = CausalResampler(DT, delay)
+def flown(times: npt.ArrayLike, arrivals: npt.ArrayLike | None = None) -> tuple:
+    resampler = CausalResampler(DT, DELAY)
     out: list[Sample] = []
-    for t, arrived in zip(times, times if arrivals is None else arrivals, strict=True):
+    came = np.asarray(times if arrivals is None else arrivals)
+    for t, arrived in zip(np.asarray(times), came, strict=True):
         out += resampler.push(float(arrived), Sample(float(t), at(float(t))))
     return out, resampler
 
@@ -77,9 +79,11 @@ def test_a_missing_sample_is_a_gap_after_the_delay_and_one_too_late_is_left_out(
     resampler = CausalResampler(DT, DELAY)
     for k in (0, 1, 3):
         resampler.push(k * DT, Sample(k * DT, at(k * DT)))
-    assert resampler.deadline == pytest.approx(3 * DT + DELAY - DT)
-    assert not resampler.advance(resampler.deadline - 1e-6)
-    (after,) = resampler.advance(resampler.deadline)
+    deadline = resampler.deadline
+    assert deadline is not None
+    assert deadline == pytest.approx(3 * DT + DELAY - DT)
+    assert not resampler.advance(deadline - 1e-6)
+    (after,) = resampler.advance(deadline)
     assert after.t == 3 * DT
     assert not resampler.push(0.1, Sample(2 * DT, at(2 * DT)))
     assert (resampler.counts.missing, resampler.counts.late) == (1, 1)

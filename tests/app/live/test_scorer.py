@@ -1,6 +1,7 @@
 """A live source through a monitor: the batch's bits, manoeuvres detected, each with its trim."""
 
 import numpy as np
+import numpy.typing as npt
 import pytest
 
 from app.live.resampling import Sample
@@ -16,7 +17,7 @@ from tests.support.oscillator import DT
 TRIM = np.array([0.01, -0.02, 0.005, 0.03, 0.02, -0.04])
 
 
-def assessed(scorer: CausalScorer, t: Array, y: Array) -> list[LiveAssessed]:
+def assessed(scorer: CausalScorer, t: npt.NDArray, y: Array) -> list[LiveAssessed]:
     said = []
     for when, row in zip(t.tolist(), y, strict=True):
         said += scorer.push(when, Sample(when, row))
