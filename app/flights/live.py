@@ -7,7 +7,7 @@ server was killed as well.
 
 import asyncio
 from collections import deque
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from contextlib import suppress
 from datetime import datetime
 from functools import partial
@@ -200,18 +200,17 @@ class LiveFlight(Flight):
         lines: of its journal.   stored: newest sample of its record.   alarms, markers: of that.
         """
         header, *rest = lines
+        passed = _seconds_between(header["began"], self.clock.utc())
+        arrival = max(passed, float(rest[-1]["a"]) if rest else 0.0)
+        self._began = self.clock.now() - arrival
         unrecorded = []
-        for line in rest:
-            for assessed in self._again(line):
-                if self.head < stored:
-                    self._follow(*self._flown(assessed))
-                else:
-                    unrecorded.append(assessed)
+        for assessed in self._settled_until(rest, arrival):
+            if self.head < stored:
+                self._follow(*self._flown(assessed))
+            else:
+                unrecorded.append(assessed)
         self.alarms.restore(alarms)
         self.markers.restore(markers)
-        passed = _seconds_between(header["began"], self.clock.utc())
-        last = float(rest[-1]["a"]) if rest else 0.0
-        self._began = self.clock.now() - max(passed, last)
         return unrecorded
 
     def resume(self, unrecorded: list[LiveAssessed]) -> None:
@@ -301,6 +300,14 @@ class LiveFlight(Flight):
         if self._journal is None:
             raise NotPossible("the flight is over: start another one")
         return self._journal
+
+    def _settled_until(
+        self, lines: Iterable[dict[str, Any]], arrival: float
+    ) -> Iterator[LiveAssessed]:
+        """What lines of the journal settled, and then the clock alone, which wrote none."""
+        for line in lines:
+            yield from self._again(line)
+        yield from self.scorer.advance(arrival)
 
     def _again(self, line: dict[str, Any]) -> list[LiveAssessed]:
         """What a line of the journal settled."""

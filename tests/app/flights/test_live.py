@@ -137,6 +137,22 @@ def test_a_flight_of_a_killed_server_goes_on_with_the_same_bits(tmp_path: Path) 
     flown(fly, tmp_path)
 
 
+def test_what_the_clock_settled_before_a_kill_is_not_recorded_twice(tmp_path: Path) -> None:
+    async def fly(live: Live, y: Array) -> None:
+        for k in (0, 1, 3):
+            await live.push(k, y[k]).stored
+        live.advance(1.5 * DT)
+        assert live.flight.head == 2
+        recorder = SilentRecorder(live.clock)
+        flight = live.another(recorder)
+        flight.resume(flight.restore(lines_of(live.journals.path(flight.id)), 2, [], []))
+        flight.receive(batch(4, y[4]), "rest")
+        assert [sample.seq for sample in recorder.waiting(0, 1000)] == [3]
+        await flight.stop("enough")
+
+    flown(fly, tmp_path)
+
+
 def test_a_late_source_is_stale_by_the_clock_and_recovers(tmp_path: Path) -> None:
     async def fly(live: Live, y: Array) -> None:
         live.push(0, y[0])
