@@ -1,6 +1,7 @@
 """The command that pushes a recording into a live flight, as its source would have in flight."""
 
 import argparse
+import os
 import sys
 import time
 from collections.abc import Iterator
@@ -13,6 +14,7 @@ from app.commands.recorded_rows import RecordedRows, own_rows, si_rows
 from app.commands.results import add_json, print_result
 
 INTERRUPTED = 130
+TOKEN = "FOREWARN_TOKEN"
 FASTEST = "max"
 LAST_S = 2.0
 """That an interrupted push waits for acknowledgements."""
@@ -52,7 +54,7 @@ def add(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--server", default="http://127.0.0.1:8000", metavar="URL", help="%(default)s if absent"
     )
-    parser.add_argument("--token", help="of a person who may push samples")
+    parser.add_argument("--token", help=f"of who may push samples; {TOKEN} if absent")
     parser.add_argument("--name", help="of the flight that is started")
     parser.add_argument("--mapping", type=Path, metavar="FILE.json", help="which signal is what")
     parser.add_argument(
@@ -77,7 +79,8 @@ def run(options: argparse.Namespace) -> int:
         raise ValueError("--as-is needs a flight that maps the names: give --recording ID too")
     if options.recording and not options.as_is:
         raise ValueError("--recording maps the file's own names: give --as-is too")
-    client = LiveClient(options.server, options.token, way=options.way)
+    token = options.token or os.environ.get(TOKEN)
+    client = LiveClient(options.server, token, way=options.way)
     rows = None if options.as_is else si_rows(options.file, options.mapping)
     if options.flight:
         client.join(options.flight)
