@@ -274,8 +274,9 @@ class LiveFlight(Flight):
     async def stop(self, reason: str) -> None:
         """End the flight: what waits is settled, watchers are told, the record is completed."""
         if not self.is_over and self._journal is not None:
-            self._show_all(self.scorer.advance(self._arrival()), self.clock.now())
-            self._record({"e": "end", "reason": reason, "live": self.live.model_dump()})
+            arrived = self._arrival()
+            self._show_all(self.scorer.advance(arrived), self.clock.now())
+            self._record({"e": "end", "reason": reason, "live": self.live.model_dump()}, arrived)
         self._halt(reason)
         if self._udp is not None:
             self._udp.close()

@@ -118,7 +118,8 @@ class Journal:
         self._file = os.open(path, os.O_RDWR | os.O_CREAT, 0o600)
         self._size = _whole(self._file)
         os.ftruncate(self._file, self._size)
-        self._lock = threading.Lock()
+        self._lock, self._writing = threading.Lock(), threading.Lock()
+        self._is_closing = self._is_closed = False
         self._waiting: list[tuple[bytes, asyncio.Future[None]]] = []
         self._bytes = 0
         self.problem = ""
@@ -149,6 +150,17 @@ class Journal:
 
     def commit(self) -> bool:
         """Make what waits durable; whether the disk took it."""
+        with self._writing:
+            if self._is_closed:
+                return True
+            if not self._commit():
+                return False
+            if self._is_closing:
+                os.close(self._file)
+                self._is_closed = True
+            return True
+
+    def _commit(self) -> bool:
         with self._lock:
             waiting = [*self._waiting]
         if not waiting:
@@ -170,9 +182,9 @@ class Journal:
         return True
 
     def close(self) -> None:
-        """Release the file, after a last attempt to write what waits."""
+        """Take no more, and release the file as soon as all that waits is written."""
+        self._is_closing = True
         self.commit()
-        os.close(self._file)
 
     def _refused(self, error: OSError) -> None:
         if not self.problem:

@@ -36,9 +36,9 @@ def test_a_torn_last_line_is_cut_off_and_writing_goes_on(tmp_path: Path) -> None
     asyncio.run(write())
 
 
-def test_what_a_full_disk_refuses_waits_and_is_written_when_there_is_space(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
-) -> None:
+@pytest.fixture
+def is_full(monkeypatch: pytest.MonkeyPatch) -> list[bool]:
+    """Whether the disk is full, which writes three bytes and refuses; tried again at once."""
     monkeypatch.setattr(module, "RETRY_S", 0.01)
     is_full, real = [True], os.pwrite
 
@@ -49,7 +49,12 @@ def test_what_a_full_disk_refuses_waits_and_is_written_when_there_is_space(
         return real(file, content, offset)
 
     monkeypatch.setattr(module.os, "pwrite", pwrite)
+    return is_full
 
+
+def test_what_a_full_disk_refuses_waits_and_is_written_when_there_is_space(
+    tmp_path: Path, is_full: list[bool], caplog: pytest.LogCaptureFixture
+) -> None:
     async def write() -> None:
         journals = Journals(tmp_path)
         journal = journals.open("a")
@@ -66,6 +71,26 @@ def test_what_a_full_disk_refuses_waits_and_is_written_when_there_is_space(
 
     asyncio.run(write())
     assert "No space left" in caplog.text
+
+
+def test_what_a_full_disk_refuses_at_the_end_of_a_flight_goes_into_its_own_file(
+    tmp_path: Path, is_full: list[bool]
+) -> None:
+    async def write() -> None:
+        journals = Journals(tmp_path)
+        journal = journals.open("a")
+        written = journal.append({"n": 0})
+        journal.close()
+        other = os.open(tmp_path / "other", os.O_RDWR | os.O_CREAT)  # the next free number
+        is_full[0] = False
+        await written
+        os.close(other)
+        assert (tmp_path / "other").read_bytes() == b""
+        assert journal.path.read_bytes() == b'{"n":0}\n'
+        journals.close()
+        assert journal._is_closed
+
+    asyncio.run(write())
 
 
 def test_more_than_may_wait_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
