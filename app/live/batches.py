@@ -19,8 +19,8 @@ from app.telemetry.targets import TARGETS
 from app.telemetry.units import convert
 from core.channels import KEYS
 
-MOST_SAMPLES = 10_000
-"""In one batch."""
+MOST_SAMPLES = 1_000
+"""In one batch: more would keep other flights waiting."""
 DEEPEST = 4
 WITH_MEMORY = ("p_from_attitude", "r_from_attitude")
 """Derivations by slopes, which need samples of the future."""
