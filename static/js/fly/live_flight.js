@@ -96,7 +96,7 @@ export function showLiveFlight(element, { id, api, over }) {
       if (hello.source.kind === "recording") showNotes();
       if (hello.live) showSource();
     }
-    if (hello.head < display.seq) display.forget(); // shown, but not durable when the server was killed
+    if (hello.head < display.seq) forgetFrom(hello.head);
     alarm.describe({ epsilon, lead, warnings, limits: limitsOf(channels), channels });
     onTransport(hello.transport);
     if (hello.live) onLive(hello.live);
@@ -114,6 +114,13 @@ export function showLiveFlight(element, { id, api, over }) {
     resumed = restarts;
     scene.wake();
     display.resume();
+  }
+
+  /** What was shown and was not durable when the server was killed never was: its source repeats it. */
+  function forgetFrom(head) {
+    const n = display.seq - head;
+    events.add({ t: null, text: `${n} samples that were shown were not durable when the server was killed: their source must repeat them`, level: "caution" });
+    display.forget();
   }
 
   function onStatus(headline) {
