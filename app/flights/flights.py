@@ -285,7 +285,7 @@ class Flights:
                 flight.is_restoring = True
                 lines = lines_of(path)
                 unrecorded = await asyncio.to_thread(flight.restore, lines, stored, alarms, markers)
-                await asyncio.to_thread(self.store.flights.resume, flight_id)
+                await asyncio.to_thread(self.store.flights.resume, flight_id, flight.head)
                 flight.resume(unrecorded)
 
             return await self._start(plan, request.source.flight, setup, go_on)

@@ -80,12 +80,16 @@ class FlightRepository(Repository):
             connection.execute(update(flights).where(running).values(**over))
             return fetch_flight(connection, flight_id)
 
-    def resume(self, flight_id: str) -> None:
-        """Note that an interrupted flight goes on; nothing for any other."""
+    def resume(self, flight_id: str, head: int) -> None:
+        """Note that an interrupted flight goes on after sample head; nothing for any other.
+
+        What is stored beyond was never acknowledged: it is taken out, and comes again.
+        """
         interrupted = (flights.c.id == flight_id) & (flights.c.status == INTERRUPTED)
         with self._writing() as connection:
             running = {"status": "running", "ended": None}
-            connection.execute(update(flights).where(interrupted).values(**running))
+            if connection.execute(update(flights).where(interrupted).values(**running)).rowcount:
+                _cut(connection, flight_id, head)
 
     def info(self, flight_id: str) -> FlightInfo:
         """What a flight is; NotFound."""
@@ -209,6 +213,22 @@ class FlightRepository(Repository):
         interrupted = {"status": INTERRUPTED, "ended": now()}
         with self._deleting() as connection:
             connection.execute(update(flights).where(running).values(**interrupted))
+
+
+def _cut(connection: Connection, flight_id: str, head: int) -> None:
+    """Take out the samples after head."""
+    chunk = assessment_chunks.c
+    beyond = (chunk.flight_id == flight_id) & (chunk.last_seq > head)
+    query = select(chunk.first_seq, chunk.content, chunk.reasons).where(beyond)
+    rows = connection.execute(query.where(chunk.first_seq <= head)).all()
+    connection.execute(delete(assessment_chunks).where(beyond))
+    for first, content, runs in rows:
+        samples = from_blob(content)
+        texts = reasons_of(samples["state"], runs or ())[: head + 1 - first]
+        kept = samples[: head + 1 - first]
+        row = {"flight_id": flight_id, "first_seq": first, "last_seq": head}
+        row |= {"content": to_blob(kept), "reasons": runs_of(kept["state"], texts)}
+        connection.execute(insert(assessment_chunks).values(**row))
 
 
 def replays_of(connection: Connection, kind: str, identity: str) -> list[tuple[str, str]]:

@@ -34,6 +34,24 @@ def test_reasons_come_back_across_chunks_and_default_to_what_the_state_says(
     assert store.flights.assessments(flight, n).reasons == REASONS
 
 
+def test_a_flight_that_goes_on_keeps_nothing_beyond_its_newest_sample_that_is_durable(
+    store: Store, trained: Monitor
+) -> None:
+    flight = flown(store, trained)
+    for first in (0, 40, 80):
+        append(store, flight, first, 40)
+    before = store.flights.assessments(flight, 0, 49)
+    store.flights.recover()
+    store.flights.resume(flight, 49)
+    after = store.flights.assessments(flight)
+    assert (after.seq.tolist(), after.reasons) == (before.seq.tolist(), before.reasons)
+    assert np.array_equal(after.y, before.y)
+    append(store, flight, 50, 5)
+    assert store.flights.info(flight).head == 54
+    store.flights.resume(flight, 10)
+    assert store.flights.info(flight).head == 54
+
+
 def test_state_codes_mean_what_stored_flights_mean_by_them() -> None:
     assert [state.value for state in STATES[:4]] == ["ok", "warming_up", "stale", "invalid"]
 
