@@ -323,6 +323,15 @@ class Flight(ABC):
         risk = p_value, self.plan.epsilon, alert, self.state, self.reason
         self._stage(lambda scene: scene.show(self.t, attitude, *angles, *risk, self.facts))
 
+    def _miss(self, seconds: float) -> None:
+        """Say that no sample came for so long [s]."""
+        reason, is_new = f"no sample came for {seconds:g} s", self.state is not State.STALE
+        if is_new:
+            self._set_state(State.STALE, reason)
+        self._ring(self.alarms.note_late(self.head, self.t, reason, self.clock))
+        if is_new:
+            self._show()
+
     def _tell_headline(self) -> None:
         if (facts := self.facts) == self._facts:
             return

@@ -24,6 +24,7 @@ from app.flights.udp import UdpReceiver
 from app.live.again import settled_by, shown_again
 from app.live.batches import Batch, ChannelReader, decode_batch
 from app.live.journal import Journal, JournalFull, Journals, lines_of
+from app.live.lag import Lag
 from app.live.scorer import CausalScorer, LiveAssessed, TrimRule
 from app.messages import (
     Alarm,
@@ -42,10 +43,6 @@ from core.simulation.attitude import DisplayAttitude
 from core.types import Array
 
 P, R = KEYS.index("p"), KEYS.index("r")
-LATE_S = 1.0
-"""Samples that come so much later than the quickest did are no longer shown as now [s]."""
-LAG_OVER, LAG_PARTS = 60.0, 6
-"""The quickest arrival is looked for over so long [s], in so many parts: clocks drift apart."""
 BEGUN_KEPT = 50
 """Newest manoeuvres whose beginnings are told."""
 SEQUENCES_KEPT = 200_000
@@ -117,8 +114,7 @@ class LiveFlight(Flight):
         self._port = setup.udp
         self._sequences: dict[int, bytes] = {}
         self._last_sequence: int | None = None
-        self._quickest: deque[tuple[int, float]] = deque(maxlen=LAG_PARTS)
-        self._lag = 0.0
+        self._lag = Lag()
         self._n_malformed = self._n_batches = self._n_resumed = 0
         self._begun: deque[ManoeuvreBegun] = deque(maxlen=BEGUN_KEPT)
         self._has_begun = False
@@ -151,7 +147,7 @@ class LiveFlight(Flight):
         return LiveStatus(
             delay=self.scorer.delay,
             interval=self.scorer.interval if self._has_begun else None,
-            lag=round(self._lag, 3),
+            lag=round(self._lag.now, 3),
             manoeuvre=self.scorer.manoeuvre,
             trim=self._setup.trim,
             begun=list(self._begun),
@@ -378,7 +374,8 @@ class LiveFlight(Flight):
     def _show_all(self, assessed: list[LiveAssessed], now: float) -> None:
         if not assessed:
             return
-        self._note_lag(now - self._began, assessed[-1].assessment.t)
+        self._lag.note(now - self._began, assessed[-1].assessment.t)
+        self._late = self._lag.reason
         n_begun = self._newest_manoeuvre
         for one in assessed:
             self._fly_one(one, now)
@@ -412,17 +409,6 @@ class LiveFlight(Flight):
         angles = self._display.update(assessed.assessment.t, float(recorded[P]), float(recorded[R]))
         return angles.phi, angles.theta, angles.psi
 
-    def _note_lag(self, arrived: float, t: float) -> None:
-        """How much later than the quickest sample this one came; too late is not now."""
-        part, age = int(arrived / (LAG_OVER / LAG_PARTS)), arrived - t
-        if self._quickest and self._quickest[-1][0] == part:
-            age_before = self._quickest.pop()[1]
-            self._quickest.append((part, min(age, age_before)))
-        else:
-            self._quickest.append((part, age))
-        self._lag = age - min(each for _, each in self._quickest)
-        self._late = f"samples come {self._lag:.1f} s late" if self._lag > LATE_S else ""
-
     def _settle_later(self) -> None:
         """Settle what waits when its time is up."""
         deadline = self.scorer.deadline
@@ -451,14 +437,8 @@ class LiveFlight(Flight):
         when = self._came + self._patience
         if when <= now:
             when = now + self._patience
-            reason = f"no sample came for {self._patience:g} s"
-            is_new = self._has_begun and self.state is not State.STALE
-            if is_new:
-                self._set_state(State.STALE, reason)
             if self._has_begun:
-                self._ring(self.alarms.note_late(self.head, self.t, reason, self.clock))
-            if is_new:
-                self._show()
+                self._miss(self._patience)
         self._call_at("watch out", when, self._watch_out)
 
 

@@ -52,6 +52,17 @@ class Script(ABC):
     def assessment(self, k: int) -> Assessment:
         """What the monitor says of sample k."""
 
+    def late(self, k: int) -> str:
+        """Why sample k was not of now when it was shown; empty where it was."""
+        return ""
+
+    def stale_after(self, k: int) -> float | None:
+        """How long after sample k its source was stale [s]; None where it was not before the next.
+
+        k: -1 before the first.
+        """
+        return None
+
     def next_alert(self, k: int) -> int | None:
         """First sample after k at which an alert begins."""
         later = self.alerts[self.alerts > k]

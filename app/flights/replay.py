@@ -10,6 +10,7 @@ from app.flights.flight import Flight, FlightPlan, patience
 from app.flights.playback import Script
 from app.flights.transport import Due, NotPossible, Transport, TransportError
 from app.messages import TransportChange, TransportState, plain_frame
+from core.monitor import State
 
 TICK_S = 0.016
 """[s] Samples due within this time go out together."""
@@ -110,6 +111,7 @@ class TrackFlight(Flight):
                 if not transport.playing:
                     self._stage(lambda scene: scene.hold())
             due = transport.next_due(now)
+            self._await_stale()
             self._stop_timer("left")
             if due is None:
                 self._stop_timer("tick")
@@ -118,6 +120,15 @@ class TrackFlight(Flight):
                 self._call_at("tick", max(due, self._flown + TICK_S), self._tick)
         except Exception:
             self._fail()
+
+    def _await_stale(self) -> None:
+        """Say `stale` where the source was, before the next sample."""
+        after = self._script.stale_after(self._transport.index)
+        if after is None or not self._transport.playing:
+            self._stop_timer("stale")
+        elif self.state is not State.STALE:
+            when = self._flown + after / self._transport.speed
+            self._call_at("stale", when, lambda: self._miss(patience(self.dt)))
 
     def _wait_at_end(self) -> None:
         """Be over in LEFT_S unless steered, where it is at its end."""
@@ -138,6 +149,7 @@ class TrackFlight(Flight):
             self._pass(k)
         self._furthest = max(self._furthest, k)
         exceeded = script.exceedance(k, self.plan.monitor.limits)
+        self._late = script.late(k)
         self._fly(script.y(k), script.assessment(k), exceeded, due.due, k, script.attitude(k))
 
     def _pass(self, k: int) -> None:

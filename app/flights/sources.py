@@ -16,8 +16,10 @@ from app.flights.live import LiveFlight, LiveSetup
 from app.flights.playback import AssessedTrack, Script
 from app.flights.recorded_playback import RecordedScript
 from app.flights.replay import TrackFlight
+from app.flights.shown_flight import ShownFlight
 from app.flights.track import SourceError, Track, times
 from app.json_codec import Whole
+from app.live.again import header_of
 from app.live.batches import ChannelReader
 from app.live.journal import Journals
 from app.live.scorer import TrimRule
@@ -253,6 +255,36 @@ class Live(Source):
         return setup._replace(reader=reader, aircraft=header.get("aircraft")), name
 
 
+class FlownLive(Source):
+    """A live flight that is over, by its journal: with the delays, gaps and stale times it had.
+
+    By its own monitor and epsilon it shows what it showed; another monitor says what it would have.
+    """
+
+    mode = "replay"
+    kind: Literal["journal"]
+    flight_id: str = Field(description="of the live flight")
+
+    def open(self, opening: Opening) -> tuple[Script, str]:
+        """Score its journal by what had come at each moment."""
+        setup = journal_setup(opening, self.flight_id)
+        source = opening.store.flights.info(self.flight_id).source
+        return ShownFlight(setup, self.flight_id), f"{source.get('name', 'live')}, as shown"
+
+
+def journal_setup(opening: Opening, flight_id: str) -> LiveSetup:
+    """How the journal of a live flight that is over is read and scored. NotFound; SourceError."""
+    info, journals = opening.store.flights.info(flight_id), opening.journals
+    if info.source.get("kind") != "live" or journals is None or not journals.has(flight_id):
+        raise SourceError(f"flight {flight_id} has no journal: choose a live flight that is over")
+    if info.status == "running":
+        raise SourceError(f"flight {flight_id} is under way: end it, then score or replay it")
+    known = Live.model_fields
+    live = Live.model_validate({key: info.source[key] for key in info.source if key in known})
+    setup, _ = live.open_again(opening, header_of(journals.path(flight_id)) or {})
+    return setup
+
+
 def simulate(recipe: DatasetRecipe, request: Simulated) -> Track:
     """Fly the test once; SourceError where no rollout has the outcome or a parameter is unknown."""
     simulator = Simulator(recipe)
@@ -359,6 +391,7 @@ SOURCES: dict[str, type[Source]] = {
     "replay": Replay,
     "recording": Recorded,
     "live": Live,
+    "journal": FlownLive,
 }
 
 

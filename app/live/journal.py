@@ -64,6 +64,10 @@ class Journals:
         finally:
             os.close(file)
 
+    def has(self, flight_id: str) -> bool:
+        """Whether there is a journal of a flight."""
+        return self.path(flight_id).exists()
+
     def size(self, flight_id: str) -> int:
         """Bytes that a journal takes; 0 where there is none, or its recording has them too."""
         try:

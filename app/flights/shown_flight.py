@@ -1,0 +1,168 @@
+"""A live flight that is over, again from its journal: what was shown, and when.
+
+The same monitor gives the same bits; another one says what it would have shown by what had come at
+each moment. Played, each sample comes with the delay that it had, and the source is stale where it
+was.
+"""
+
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+
+from app.flights.flight import patience
+from app.flights.live import LiveSetup
+from app.flights.playback import Angles, Script, onsets
+from app.flights.recorder import CODES
+from app.flights.track import SourceError
+from app.live.again import ShownSample, shown_again
+from app.live.journal import lines_of
+from app.live.lag import Lag
+from app.store.assessments import StoredAssessments
+from core.channels import KEYS, N_CHANNELS
+from core.monitor import Assessment, State
+from core.monitor.assessment import STATES
+from core.monitor.validity import exceeds
+from core.simulation.attitude import DisplayAttitude
+from core.types import Array
+
+P, R = KEYS.index("p"), KEYS.index("r")
+SHOWN = np.dtype(
+    [
+        ("shown", "<f8"),
+        ("t", "<f8"),
+        ("y", "<f8", (N_CHANNELS,)),
+        ("recorded", "<f8", (N_CHANNELS,)),
+        ("p_value", "<f8"),
+        ("alert", "?"),
+        ("state", "u1"),
+        ("y_hat", "<f8", (N_CHANNELS,)),
+        ("attitude", "<f8", (3,)),
+        ("manoeuvre", "<i4"),
+    ]
+)
+"""One sample as it was shown; `shown` is the time since the flight began [s]."""
+UNKNOWN = np.full(N_CHANNELS, np.nan)
+
+
+class ShownFlight(Script):
+    """What the journal of a flight shows through a monitor. Slow to make, for a thread.
+
+    Its times are those of the flight, each later by what its sample came later than the quickest.
+    SourceError where nothing is shown; OSError.
+    """
+
+    def __init__(self, setup: LiveSetup, flight_id: str) -> None:
+        self.dt, self.delay = setup.dt, setup.scorer().delay
+        self.is_checked = setup.monitor.support is not None
+        self.reasons: list[str] = []
+        self._came: list[float] = []
+        self.samples = np.fromiter(self._read(setup, flight_id), SHOWN)
+        if not len(self.samples):
+            raise SourceError(f"flight {flight_id} shows no sample: nothing came that settles one")
+        shown = self.samples["shown"]
+        self._began = float((shown - self.samples["t"]).min())
+        self.t = np.maximum.accumulate(shown - self._began)
+        limits = setup.monitor.limits
+        over = np.zeros(len(shown), bool)
+        if limits is not None:
+            both = self.samples["y"], self.samples["recorded"]
+            over = np.logical_or(*(exceeds(limits, np.nan_to_num(values)) for values in both))
+        self.alerts, self.exceedances = onsets(self.samples["alert"]), onsets(over)
+        self._late = self._lags()
+
+    def y(self, k: int) -> Array:
+        """Sample k from trim, (6,)."""
+        return self.samples["y"][k]
+
+    def recorded(self, k: int) -> Array:
+        """Sample k as it came, (6,)."""
+        return self.samples["recorded"][k]
+
+    def attitude(self, k: int) -> Angles:
+        """As it came; an angle that did not is integrated from the rates."""
+        phi, theta, psi = self.samples["attitude"][k].tolist()
+        return phi, theta, psi
+
+    def assessment(self, k: int) -> Assessment:
+        """What was said of sample k."""
+        sample, reason = self.samples[k], self.reasons[k]
+        t, state = float(sample["t"]), STATES[int(sample["state"])]
+        if state is not State.OK:
+            return Assessment(t, None, None, state, reason)
+        y_hat = None if np.isnan(sample["y_hat"]).all() else sample["y_hat"]
+        p_value, alert = float(sample["p_value"]), bool(sample["alert"])
+        return Assessment(t, p_value, alert, state, reason, y_hat)
+
+    def late(self, k: int) -> str:
+        """Why sample k was not of now."""
+        return self._late.get(k, "")
+
+    def stale_after(self, k: int) -> float | None:
+        """How long after sample k was shown its source was said to be stale [s]."""
+        if k < 0:
+            return None
+        shown, wait = self.samples["shown"], patience(self.dt)
+        following = float(shown[k + 1]) if k + 1 < len(shown) else np.inf
+        for i in range(int(np.searchsorted(self._came, shown[k], "right")) - 1, len(self._came)):
+            stale = self._came[max(i, 0)] + wait
+            if stale >= following:
+                return None
+            if i + 1 == len(self._came) or self._came[i + 1] > stale:
+                return max(0.0, stale - float(shown[k]))
+        return None
+
+    def is_as(self, stored: StoredAssessments) -> bool:
+        """Whether all that a record holds is what is said here, bit for bit."""
+        if len(stored) and stored.seq[-1] >= len(self.samples):
+            return False
+        again, names = self.samples[stored.seq], ("t", "y", "p_value", "alert", "state", "y_hat")
+        return tuple(self.reasons[k] for k in stored.seq) == stored.reasons and all(
+            again[name].tobytes() == getattr(stored, name).tobytes() for name in names
+        )
+
+    def _read(self, setup: LiveSetup, flight_id: str) -> Iterator[tuple[Any, ...]]:
+        display, known = DisplayAttitude(setup.theta0), dict[str, str]()
+        for one in shown_again(self._lines(setup, flight_id), setup.scorer(), setup.reader):
+            reason = one.assessed.assessment.reason
+            self.reasons.append(known.setdefault(reason, reason))
+            yield _row(one, display)
+
+    def _lines(self, setup: LiveSetup, flight_id: str) -> Iterator[dict[str, Any]]:
+        for line in lines_of(setup.journals.path(flight_id)):
+            if "b" in line:
+                self._came.append(line["a"])
+            yield line
+
+    def _lags(self) -> dict[int, str]:
+        """Why samples were not of now, by number; those that came together by their last."""
+        lag, shown, reasons = Lag(), self.samples["shown"], {}
+        first = 0
+        for stop in (*(np.flatnonzero(np.diff(shown)) + 1).tolist(), len(shown)):
+            lag.note(float(shown[first]), float(self.samples["t"][stop - 1]))
+            if lag.reason:
+                reasons |= dict.fromkeys(range(first, stop), lag.reason)
+            first = stop
+        return reasons
+
+
+def _row(one: ShownSample, display: DisplayAttitude) -> tuple[Any, ...]:
+    """A sample as SHOWN."""
+    assessed, assessment = one.assessed, one.assessed.assessment
+    angles = assessed.attitude
+    if angles is None:
+        p, r = float(assessed.recorded[P]), float(assessed.recorded[R])
+        at = display.update(assessment.t, p, r)
+        angles = at.phi, at.theta, at.psi
+    return (
+        one.shown,
+        assessment.t,
+        assessed.y,
+        assessed.recorded,
+        np.nan if assessment.p_value is None else assessment.p_value,
+        bool(assessment.alert),
+        CODES[assessment.state],
+        UNKNOWN if assessment.y_hat is None else assessment.y_hat,
+        angles,
+        assessed.manoeuvre,
+    )

@@ -1,0 +1,31 @@
+"""How much later samples of a source come than the quickest of them did."""
+
+from collections import deque
+
+LATE_S = 1.0
+"""Samples that come so much later than the quickest did are no longer shown as now [s]."""
+LAG_OVER, LAG_PARTS = 60.0, 6
+"""The quickest arrival is looked for over so long [s], in so many parts: clocks drift apart."""
+
+
+class Lag:
+    """The lag of a source [s]: the age of its newest sample, less that of the quickest of late."""
+
+    def __init__(self) -> None:
+        self._quickest: deque[tuple[int, float]] = deque(maxlen=LAG_PARTS)
+        self.now = 0.0
+
+    @property
+    def reason(self) -> str:
+        """Why what is shown is not now; empty where it is."""
+        return f"samples come {self.now:.1f} s late" if self.now > LATE_S else ""
+
+    def note(self, arrived: float, t: float) -> None:
+        """A sample of t came at `arrived`, each by a clock of its own [s]."""
+        part, age = int(arrived / (LAG_OVER / LAG_PARTS)), arrived - t
+        if self._quickest and self._quickest[-1][0] == part:
+            age_before = self._quickest.pop()[1]
+            self._quickest.append((part, min(age, age_before)))
+        else:
+            self._quickest.append((part, age))
+        self.now = age - min(each for _, each in self._quickest)
