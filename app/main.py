@@ -38,6 +38,7 @@ from app.routes import (
     health,
     jobs,
     live_samples,
+    live_scores,
     markers,
     monitors,
     people,
@@ -133,7 +134,7 @@ def _routes() -> tuple[BaseRoute, ...]:
     """
     api = APIRouter()
     kept = (datasets, monitors, recordings, scorings, scored_files, markers, storage)
-    flown = (flights, flight_stream, live_samples, uplink)
+    flown = (flights, flight_stream, live_samples, live_scores, uplink)
     for part in (catalog, *kept, jobs, *flown, people, audit, health):
         api.include_router(part.router)
     api.include_router(scene_router())

@@ -20,7 +20,15 @@ from app.flights.live import LiveFlight, LiveSetup
 from app.flights.playback import Script
 from app.flights.recorder import INTERVAL_S, Recorder
 from app.flights.request import FlightRequest
-from app.flights.sources import Live, Opening, aircraft_of, mode_of, trim_angles
+from app.flights.shown_flight import ShownFlight
+from app.flights.sources import (
+    Live,
+    Opening,
+    aircraft_of,
+    journal_setup,
+    mode_of,
+    trim_angles,
+)
 from app.flights.transport import NotPossible
 from app.live.again import header_of
 from app.live.journal import Journals, lines_of
@@ -213,6 +221,21 @@ class Flights:
                         await self.live(info.id)
                     except Exception:
                         LOG.exception("flight %s is not resumed", info.id)
+
+    def show_again(
+        self, flight_id: str, monitor_id: str | None, epsilon: float | None
+    ) -> tuple[ShownFlight, Opening]:
+        """Score a live flight that is over by what had come at each moment; for a thread.
+
+        monitor_id, epsilon: those of the flight if None; of another monitor its own epsilon.
+        NotFound; SourceError where it has no journal; LimitsUnknown; ValueError for the epsilon.
+        """
+        info = self.store.flights.info(flight_id)
+        is_own = monitor_id in (None, info.monitor_id)
+        monitor = self._monitor(monitor_id or info.monitor_id)
+        epsilon = info.epsilon if is_own and epsilon is None else monitor.check_epsilon(epsilon)
+        opening = self._opening(monitor_id or info.monitor_id, monitor, epsilon)
+        return ShownFlight(journal_setup(opening, flight_id), flight_id), opening
 
     async def make_recordings(self) -> None:
         """Make the recordings of live flights that are over and have none, in the background."""

@@ -83,6 +83,7 @@ ALLOWED: dict[Role, tuple[str, ...]] = {
         f"POST {FLIGHT}/manoeuvre",
         SAMPLES,
         UPLINK,
+        f"POST {FLIGHT}/score",
         f"POST {API}/monitors/{{id}}/score",
         f"POST {API}/recordings",
         f"POST {RECORDING}/scorings",
@@ -114,7 +115,11 @@ ALLOWED: dict[Role, tuple[str, ...]] = {
     ),
 }
 """By the least role that may; the names in braces are free, `:path` goes across slashes."""
-CHANGES_NOTHING = (f"POST {RECORDING}/preview", f"POST {API}/monitors/{{id}}/score")
+CHANGES_NOTHING = (
+    f"POST {RECORDING}/preview",
+    f"POST {API}/monitors/{{id}}/score",
+    f"POST {FLIGHT}/score",
+)
 """Not safe by their method, and yet they only compute."""
 LOGGED_ONCE = (SAMPLES, UPLINK)
 """Of these the audit log has the first of each person and flight."""

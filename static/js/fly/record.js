@@ -56,7 +56,8 @@ export function showFlightRecord(element, { flight, why, api, navigate }) {
     h("p", {}, h("strong", {}, `This flight ${HOW[flight.progress] ?? "is over"}${because(why)}. `), "Its record is shown."),
     h("div", { class: "row" },
       acknowledgeButton,
-      h("button", { type: "button", class: "button button-small button-primary", onclick: again, ...needs("POST /flights") }, "Fly it again"),
+      ...(flight.source.kind === "live" ? [h("button", { type: "button", class: "button button-small button-primary", onclick: () => again({ kind: "journal", flight_id: flight.id }), ...needs("POST /flights") }, "Replay it as it was shown")] : []),
+      h("button", { type: "button", class: `button button-small${flight.source.kind === "live" ? "" : " button-primary"}`, onclick: () => again(flight.source, flight.name), ...needs("POST /flights") }, flight.source.kind === "live" ? "Start another like it" : "Fly it again"),
       h("a", { class: "button button-small", href: "#/fly" }, "All flights"),
       ...(flight.recording ? [h("a", { class: "button button-small", href: `#/recordings/${flight.recording}` }, "Its recording")] : []),
       createKeepButton({ api, path, keep: flight.keep, fail, attributes: { class: "button button-small" } }),
@@ -183,10 +184,10 @@ export function showFlightRecord(element, { flight, why, api, navigate }) {
     return frames;
   }
 
-  async function again() {
+  async function again(source, name) {
     try {
-      const { source: flown, monitor, epsilon, name } = flight;
-      await startFlight({ api, navigate }, { source: flown, monitor, epsilon, name });
+      const { monitor, epsilon } = flight;
+      await startFlight({ api, navigate }, { source, monitor, epsilon, ...(name ? { name } : {}) });
     } catch (error) {
       fail(error);
     }

@@ -1,0 +1,122 @@
+"""Live flights that are over, scored again by what had come at each moment."""
+
+from typing import Annotated, Any
+
+import numpy as np
+from fastapi import APIRouter, Body, Response
+from pydantic import BaseModel, ConfigDict, Field
+
+from app.flights.flights import Flights
+from app.http.problems import Problem, problem_responses
+from app.messages import Frame, plain_frame
+from app.routes.dependencies import RecordingsDep, json_response
+from app.routes.flights import MOST_FRAMES, First, FlightsDep, Last
+
+router = APIRouter(prefix="/api/v1/flights", tags=["flights"])
+
+
+class LiveScoreRequest(BaseModel):
+    """By which monitor, at which accepted miss rate: those of the flight if absent."""
+
+    model_config = ConfigDict(
+        extra="forbid", strict=True, json_schema_extra={"examples": [{"epsilon": 0.1}]}
+    )
+
+    monitor: str | None = Field(default=None, description="id")
+    epsilon: float | None = Field(
+        default=None, gt=0, lt=1, description="of another monitor: its own if absent"
+    )
+
+
+class ShownFrame(Frame):
+    """A frame of the flight and when it was shown, or would have been."""
+
+    shown: float = Field(description="[s] since the flight began")
+    manoeuvre: int = Field(description="1, 2 ...; 0 between manoeuvres")
+
+
+class AlertInterval(BaseModel):
+    """An alert from its first sample to its last."""
+
+    start: float = Field(description="[s]")
+    end: float = Field(description="[s]")
+
+
+class LiveScore(BaseModel):
+    """What a monitor says of a live flight by what had come at each moment; nothing is kept."""
+
+    flight: str = Field(description="id")
+    monitor: str = Field(description="id")
+    epsilon: float
+    delay: float = Field(description="[s] that a sample waits for others at most")
+    lead: float = Field(description="how far ahead an alert is shown [s]: less the delay")
+    as_shown: bool | None = Field(
+        description="whether all that is recorded of the flight is this, bit for bit; null for "
+        "another monitor or epsilon than its own"
+    )
+    n_samples: int
+    alerts: list[AlertInterval]
+    exceeded_t: float | None = Field(description="[s] of the first measured exceedance")
+    first: int
+    next: int | None = Field(description="number to ask for when there may be more, else null")
+    frames: list[ShownFrame]
+
+
+@router.post(
+    "/{flight_id}/score", response_model=LiveScore, responses=problem_responses(404, 422, 429)
+)
+async def score_live(
+    flight_id: str,
+    flights: FlightsDep,
+    recordings: RecordingsDep,
+    request: Annotated[LiveScoreRequest | None, Body()] = None,
+    first: First = 0,
+    last: Last = None,
+) -> Response:
+    """Score a live flight that is over from its journal, as in flight: nothing of the future.
+
+    By its own monitor these are the bits that were shown; another one says what it would have. The
+    journal holds each batch as it came with its time of arrival. Nothing is stored.
+    """
+    asked = request or LiveScoreRequest()
+    work = recordings.workers.run
+    try:
+        answer = await work(_answer, flights, flight_id, asked, first, last)
+    except ValueError as error:
+        raise Problem(422, str(error), "urn:forewarn:source") from error
+    return json_response(answer)
+
+
+def _answer(
+    flights: Flights, flight_id: str, request: LiveScoreRequest, first: int, last: int | None
+) -> dict[str, Any]:
+    shown, opening = flights.show_again(flight_id, request.monitor, request.epsilon)
+    info = flights.store.flights.info(flight_id)
+    is_own = (opening.monitor_id, opening.epsilon) == (info.monitor_id, info.epsilon)
+    samples, n = shown.samples, len(shown.samples)
+    asked = n if last is None else min(last + 1, n)
+    stop = max(first, min(first + MOST_FRAMES, asked))
+    alert = samples["alert"]
+    ends = np.flatnonzero(alert & ~np.append(alert[1:], False))
+    exceeded = shown.exceedances[:1]
+    return {
+        "flight": flight_id,
+        "monitor": opening.monitor_id,
+        "epsilon": opening.epsilon,
+        "delay": shown.delay,
+        "lead": opening.monitor.lead - shown.delay,
+        "as_shown": shown.is_as(flights.store.flights.assessments(flight_id)) if is_own else None,
+        "n_samples": n,
+        "alerts": [
+            {"start": float(samples["t"][begin]), "end": float(samples["t"][end])}
+            for begin, end in zip(shown.alerts, ends, strict=True)
+        ],
+        "exceeded_t": float(samples["t"][exceeded[0]]) if len(exceeded) else None,
+        "first": first,
+        "next": stop if first < stop < asked else None,
+        "frames": [
+            plain_frame(k, shown.y(k), shown.assessment(k), None)
+            | {"shown": float(samples["shown"][k]), "manoeuvre": int(samples["manoeuvre"][k])}
+            for k in range(min(first, n), min(stop, n))
+        ],
+    }
