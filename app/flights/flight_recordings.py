@@ -10,6 +10,7 @@ from datetime import UTC, datetime, timedelta
 
 from app.live.again import header_of
 from app.live.journal import Journals, lines_of
+from app.recordings.files import NoSpace
 from app.recordings.flown_journal import FlownJournal
 from app.recordings.recordings import Recordings
 from app.recordings.workers import to_its_end
@@ -62,6 +63,8 @@ class FlightRecordings:
         info, path = self._store.flights.info(flight_id), self._journals.path(flight_id)
         if info.recording_id is not None or info.status == "running" or not path.exists():
             return info.recording_id
+        if not self._journals.is_whole(flight_id):
+            raise NoSpace(f"the journal of flight {flight_id} waits for the disk")
         header = header_of(path) or {}
         mapping, aircraft = self._read_by(info, header)
         name = str(info.source.get("name", header.get("name", "live")))

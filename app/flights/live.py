@@ -272,7 +272,9 @@ class LiveFlight(Flight):
         if not self.is_over and self._journal is not None:
             arrived = self._arrival()
             self._show_all(self.scorer.advance(arrived), self.clock.now())
-            self._record({"e": "end", "reason": reason, "live": self.live.model_dump()}, arrived)
+            end = {"e": "end", "reason": reason, "live": self.live.model_dump()}
+            with suppress(JournalFull):
+                self._record(end, arrived)
         self._halt(reason)
         if self._udp is not None:
             self._udp.close()

@@ -1,6 +1,7 @@
 """What a live flight was shown, again: from its journal, by what had come at each moment."""
 
 from collections.abc import Iterable, Iterator
+from math import inf
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -39,12 +40,22 @@ def shown_again(
 ) -> Iterator[ShownSample]:
     """Each sample of a journal as a scorer of its flight's beginning assesses it.
 
-    What waited for others is shown when its time was up, not when the next batch came.
+    What waited for others is shown when its time was up, not when the next batch came; so is what
+    waited at the end of a journal that says of no end: the server was killed.
     """
+    is_ended = False
     for line in lines:
-        before = None
-        while (deadline := scorer.deadline) not in (None, before) and deadline < line["a"]:
-            yield from (ShownSample(deadline, one) for one in scorer.advance(deadline))
-            before = deadline
+        yield from _settled_alone(scorer, line["a"])
         for assessed in settled_by(line, scorer, reader):
             yield ShownSample(line["a"], assessed)
+        is_ended = line.get("e") == "end"
+    if not is_ended:
+        yield from _settled_alone(scorer, inf)
+
+
+def _settled_alone(scorer: CausalScorer, until: float) -> Iterator[ShownSample]:
+    """What the clock settled before a time."""
+    before = None
+    while (deadline := scorer.deadline) is not None and before != deadline < until:
+        yield from (ShownSample(deadline, one) for one in scorer.advance(deadline))
+        before = deadline

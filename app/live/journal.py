@@ -38,6 +38,7 @@ class Journals:
     def __init__(self, root: Path) -> None:
         self.root = root
         self._dirty: set[Journal] = set()
+        self._opened: dict[str, Journal] = {}
         self._wake, self._closed = threading.Event(), False
         self._lock = threading.Lock()
         self._thread: threading.Thread | None = None
@@ -45,7 +46,13 @@ class Journals:
     def open(self, flight_id: str) -> "Journal":
         """The journal of a flight, to go on writing; its torn last line is cut off. OSError."""
         self.root.mkdir(parents=True, exist_ok=True, mode=0o700)
-        return Journal(self, self.path(flight_id))
+        journal = self._opened[flight_id] = Journal(self, self.path(flight_id))
+        return journal
+
+    def is_whole(self, flight_id: str) -> bool:
+        """Whether nothing of a journal waits for the disk, nor will: it was closed."""
+        journal = self._opened.get(flight_id)
+        return journal is None or journal.is_closed
 
     def path(self, flight_id: str) -> Path:
         """The file of a flight's journal."""
@@ -78,6 +85,7 @@ class Journals:
 
     def delete(self, flight_id: str) -> None:
         """Delete a journal; nothing where there is none."""
+        self._opened.pop(flight_id, None)
         self.path(flight_id).unlink(missing_ok=True)
 
     def close(self) -> None:
@@ -115,7 +123,10 @@ class Journals:
 
 
 class Journal:
-    """One flight's journal. `append` is called in the event loop, `commit` in the thread."""
+    """One flight's journal. `append` is called in the event loop, `commit` in the thread.
+
+    is_closed: whether it takes no more, and all of it is on the disk.
+    """
 
     def __init__(self, journals: Journals, path: Path) -> None:
         self._journals, self.path = journals, path
@@ -123,7 +134,7 @@ class Journal:
         self._size = _whole(self._file)
         os.ftruncate(self._file, self._size)
         self._lock, self._writing = threading.Lock(), threading.Lock()
-        self._is_closing = self._is_closed = False
+        self._is_closing = self.is_closed = False
         self._waiting: list[tuple[bytes, asyncio.Future[None]]] = []
         self._bytes = 0
         self.problem = ""
@@ -155,13 +166,13 @@ class Journal:
     def commit(self) -> bool:
         """Make what waits durable; whether the disk took it."""
         with self._writing:
-            if self._is_closed:
+            if self.is_closed:
                 return True
             if not self._commit():
                 return False
-            if self._is_closing:
+            if self._is_closing and not self._waiting:
                 os.close(self._file)
-                self._is_closed = True
+                self.is_closed = True
             return True
 
     def _commit(self) -> bool:

@@ -119,6 +119,17 @@ def test_the_journal_gives_the_bits_that_were_shown(
     assert not again.is_as(record)
 
 
+def test_what_the_clock_settled_before_a_kill_is_there_too(tmp_path: Path) -> None:
+    live, record = flown(with_gaps, tmp_path)
+    path = live.setup.journals.path(live.flight.id)
+    lines = path.read_bytes().splitlines(keepends=True)
+    waiting = next(k for k, line in enumerate(lines) if b'"s":53,' in line)  # for 52
+    path.write_bytes(b"".join(lines[: waiting + 1]))
+    again = ShownFlight(live.setup, live.flight.id)
+    assert again.samples["t"][-1] == T[53]
+    assert again.samples["t"].tolist() == record.t[: len(again.t)].tolist()
+
+
 def test_another_monitor_says_what_it_would_have_by_what_had_come(tmp_path: Path) -> None:
     live, record = flown(with_gaps, tmp_path)
     other = train(oscillator.collect(np.random.default_rng(5), n_unsafe=12))

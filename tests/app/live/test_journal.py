@@ -88,7 +88,7 @@ def test_what_a_full_disk_refuses_at_the_end_of_a_flight_goes_into_its_own_file(
         assert (tmp_path / "other").read_bytes() == b""
         assert journal.path.read_bytes() == b'{"n":0}\n'
         journals.close()
-        assert journal._is_closed
+        assert journal.is_closed
 
     asyncio.run(write())
 
@@ -112,5 +112,29 @@ def test_closing_writes_what_waits(tmp_path: Path) -> None:
         journal.close()
         assert [line["n"] for line in lines_of(journal.path)] == [0]
         journals.close()
+
+    asyncio.run(write())
+
+
+def test_what_comes_while_the_thread_writes_is_written_before_the_file_is_closed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    async def write() -> None:
+        journals = Journals(tmp_path)
+        monkeypatch.setattr(journals, "_note", lambda journal: None)
+        journal = journals.open("a")
+        journal.append({"n": 0})
+
+        def sync(file: int) -> None:
+            monkeypatch.setattr(module.os, "fdatasync", lambda file: None)
+            journal.append({"n": 1})
+            journal._is_closing = True
+
+        monkeypatch.setattr(module.os, "fdatasync", sync)
+        journal.commit()
+        assert not journals.is_whole("a")
+        journal.close()
+        assert journals.is_whole("a")
+        assert [line["n"] for line in lines_of(journal.path)] == [0, 1]
 
     asyncio.run(write())
