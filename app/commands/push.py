@@ -92,7 +92,7 @@ def run(options: argparse.Namespace) -> int:
         print(note, file=sys.stderr)
     print(f"pushing into {client.address}", file=sys.stderr if options.json else sys.stdout)
     sys.stdout.flush()
-    began, is_interrupted = time.monotonic(), False
+    began, is_interrupted, failure = time.monotonic(), False, ""
     try:
         _push(client, rows, rate)
         if options.end and client.durable == len(rows.t):
@@ -101,6 +101,9 @@ def run(options: argparse.Namespace) -> int:
         is_interrupted = True
         with suppress(PushFailed, KeyboardInterrupt):
             client.flush(LAST_S)
+    except PushFailed as error:
+        failure = str(error)
+        print(f"forewarn: {failure}", file=sys.stderr)
     finally:
         client.close()
     pushed = Pushed(
@@ -115,10 +118,12 @@ def run(options: argparse.Namespace) -> int:
         round(time.monotonic() - began, 3),
     )
     text = "\n".join(_lines(pushed, client, is_interrupted))
-    print_result(options, text, asdict(pushed) | {"interrupted": is_interrupted})
+    print_result(
+        options, text, asdict(pushed) | {"interrupted": is_interrupted, "failure": failure}
+    )
     if is_interrupted:
         return INTERRUPTED
-    return 0 if pushed.durable == pushed.samples else 1
+    return 0 if pushed.durable == pushed.samples and not failure else 1
 
 
 def _rate(text: str) -> float:

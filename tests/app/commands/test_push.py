@@ -124,6 +124,23 @@ def test_what_was_sent_is_said_when_it_is_interrupted(
     assert f"durable: 5 of {n} samples" in printed
 
 
+def test_a_flight_that_somebody_ends_is_told_with_what_is_durable(
+    server: LiveServer, file: Path, capsys, monkeypatch: pytest.MonkeyPatch
+):
+    send = LiveClient.send
+
+    def ending(self: LiveClient, sample: Any) -> None:
+        if self.sent == 5:
+            self.end()
+        send(self, sample)
+
+    monkeypatch.setattr(LiveClient, "send", ending)
+    options = ["--monitor", server.monitor_id, "--server", server.url, "--rate", "max"]
+    code, result = pushed(capsys, file, *options)
+    assert (code, result["durable"]) == (1, 5)
+    assert "takes no samples" in result["failure"]
+
+
 def test_what_is_refused_is_counted_and_is_no_success(server: LiveServer, tmp_path: Path, capsys):
     path = tmp_path / "beta.csv"
     path.write_text("t_s,beta_deg\n" + "".join(f"{0.02 * k},{k % 3}\n" for k in range(50)))
