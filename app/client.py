@@ -30,6 +30,8 @@ MOST_WAITING = 200_000
 """Samples that are not durable yet; `send` waits where more would be."""
 MOST_VALUES = 8_000
 """In one batch: 200 kB at most, of the 256 kB that a message may have."""
+MOST_IN_BATCH = 500
+"""Samples: the server takes 1000."""
 MOST_VALUES_UDP = 40
 """In one datagram, so that it fits a packet."""
 FIRST_WAIT_S, LONGEST_WAIT_S = 0.1, 5.0
@@ -440,7 +442,8 @@ class _Outbox:
     def _made(self) -> _Batch:
         """A batch of what waits, as many samples as it may have; None of a name that one lacks."""
         most = max(1, self._most_values // max(1, len(self._waiting[0])))
-        samples = [self._waiting.popleft() for _ in range(min(most, len(self._waiting)))]
+        most = min(most, MOST_IN_BATCH, len(self._waiting))
+        samples = [self._waiting.popleft() for _ in range(most)]
         names = dict.fromkeys(name for sample in samples for name in sample)
         columns = {name: [sample.get(name) for sample in samples] for name in names}
         text = msgspec.json.encode(columns | {"sequence": self._sequence})

@@ -2,10 +2,13 @@
 
 from collections.abc import Iterator
 from pathlib import Path
+from typing import get_args
 
 import pytest
 
 from app.client import LiveClient, PushFailed, Way
+from app.live.batches import MOST_SAMPLES
+from app.serving import LARGEST_MESSAGE
 from app.settings import Settings
 from app.store.store import open_store
 from core.channels import KEYS
@@ -26,13 +29,24 @@ def send(client: LiveClient, first: int, n: int) -> None:
         client.send(REST, t=DT * k)
 
 
-@pytest.mark.parametrize("way", ["websocket", "rest", "udp"])
+@pytest.mark.parametrize("way", get_args(Way))
 def test_all_that_was_sent_is_durable_once_the_client_is_left(server: LiveServer, way: Way) -> None:
     with LiveClient(server.url, way=way) as client:
         flight = client.start(server.monitor_id, trim="none")
         send(client, 0, 400)
     assert (client.sent, client.durable, client.refused) == (400, 400, 0)
     assert sorted(journal_samples(server.root, flight)) == [DT * k for k in range(400)]
+
+
+@pytest.mark.parametrize("way", get_args(Way))
+def test_the_largest_batch_of_a_client_is_one_for_the_server(way: Way) -> None:
+    client = LiveClient(way=way)
+    for k in range(2 * MOST_SAMPLES):
+        client._samples.put({"t": DT * k, **REST})
+    batch = client._samples.take()
+    assert batch is not None
+    assert 1 <= batch.n <= MOST_SAMPLES
+    assert len(batch.text) <= (1400 if way == "udp" else LARGEST_MESSAGE)
 
 
 def test_a_second_client_goes_on_after_the_first(server: LiveServer) -> None:
