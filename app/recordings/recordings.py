@@ -238,8 +238,10 @@ class Recordings:
         )
         with spacious():
             self.files.admit(recording_id)
-        of_flight = (flown.flight_id, flown.markers) if flown else ()
-        self.store.recordings.complete(recording_id, *of_flight)
+        if flown is None:
+            self.store.recordings.complete(recording_id)
+        else:
+            self.store.recordings.complete(recording_id, flown.flight_id, flown.markers)
 
     def _drop(self, recording_id: str) -> None:
         """Leave nothing of a recording that did not come in."""
