@@ -26,7 +26,7 @@ from tests.support.flying import EPSILON, ScriptedClock, Seen, SilentRecorder, p
 from tests.support.repetition import IS_CAMPAIGN
 
 DT = monitor().dt
-EXAMPLES = 2000 if IS_CAMPAIGN else 25
+EXAMPLES, CONNECTIONS = (2000, 300) if IS_CAMPAIGN else (25, 15)
 NAMES = st.sampled_from(("t", "timestamp", "sequence", *KEYS, "phi", "theta", "psi", "other"))
 NUMBERS = st.one_of(
     st.floats(),
@@ -114,7 +114,7 @@ def range_(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Range]:
         yield Range(client, root)
 
 
-@settings(max_examples=EXAMPLES)
+@settings(max_examples=CONNECTIONS)
 @given(st.lists(st.tuples(MESSAGES, st.booleans()), max_size=12))
 def test_every_message_of_an_uplink_is_answered_and_the_flight_goes_on(
     range_: Range, messages: list[tuple[bytes, bool]]
