@@ -170,7 +170,9 @@ class LiveStatus(Message):
     names: list[str] = Field(description="of what a batch holds, time first")
     batches: int = Field(description="that came, without repeated ones")
     last_sequence: int | None = Field(description="largest number of a batch; null for none")
-    malformed: int = Field(description="messages that were no batch")
+    malformed: int = Field(
+        description="messages that were no batch, or had the number of another one"
+    )
     foreign: int = Field(description="datagrams of somebody else than the source")
     counts: dict[str, int] = Field(description="samples by kind, see the README")
     udp: str | None = Field(description="host:port that listens for datagrams; null for none")

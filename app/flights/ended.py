@@ -1,6 +1,7 @@
 """What can be said of flights that are over: their headline and their verdict, from the record."""
 
 from collections.abc import Iterable, Mapping, Sequence
+from datetime import datetime
 from typing import Any
 
 import numpy as np
@@ -104,6 +105,7 @@ def verdict(
     jumped: bool = False,
     promised: float = 0.0,
     withdrawn: bool = False,
+    live: bool = False,
 ) -> Verdict | None:
     """Whether a limit was exceeded, and how long before it the first alarm of a risk was.
 
@@ -111,13 +113,14 @@ def verdict(
     jumped: what came before the first exceedance was not flown, so nobody could have been warned
     by what was raised together with it.
     withdrawn: by then the monitor was not applicable, and without an alarm it has not missed it.
+    live: nobody was warned before an alarm was raised, however old its sample was by then.
     """
     first, raw = first_exceedance(alarms), _first(alarms)
     if first is None:
         text = exceedance_verdict("quiet", None, exceeded=False, recorded=True)
         return None if raw is None else Verdict(exceeded_t=raw.t, lead=None, text=text)
     ahead = sorted(
-        (a.t, a.t)
+        (_warned(a, first, live),) * 2
         for a in alarms
         if a.kind == "risk" and a.t <= first.t and not (jumped and a.seq >= first.seq)
     )
@@ -126,6 +129,14 @@ def verdict(
     came, lead = outcome(tuple(ahead), RecordedExceedance(first.t, "", 0.0), promised)
     came = "invalid" if withdrawn and not ahead else came
     return Verdict(exceeded_t=first.t, lead=lead, text=exceedance_verdict(came, lead))
+
+
+def _warned(risk: StoredAlarm, exceedance: StoredAlarm, live: bool) -> float:
+    """Flight time at which an alarm warned of an exceedance [s]."""
+    if not live:
+        return risk.t
+    raised = datetime.fromisoformat(exceedance.raised) - datetime.fromisoformat(risk.raised)
+    return max(risk.t, exceedance.t - max(0.0, raised.total_seconds()))
 
 
 def first_exceedance(alarms: Sequence[StoredAlarm]) -> StoredAlarm | None:
@@ -147,7 +158,8 @@ def _verdict(
     first = first_exceedance(alarms)
     if first is not None:
         jumped, withdrawn = _before(store, info, first.seq, monitor.dt)
-        return verdict(alarms, jumped, monitor.lead, withdrawn)
+        live = info.source.get("kind") == "live"
+        return verdict(alarms, jumped, monitor.lead, withdrawn, live)
     if info.exceeded_t is not None and _first(alarms) is None:
         return Verdict(exceeded_t=info.exceeded_t, lead=None, text=NOT_FLOWN)
     return verdict(alarms)

@@ -120,7 +120,8 @@ class Flights:
 
     async def _close(self, flight_id: str) -> None:
         try:
-            await self.stop(flight_id, "ended", STOPPING)
+            is_live = isinstance(self.get(flight_id), LiveFlight)
+            await self.stop(flight_id, INTERRUPTED if is_live else "ended", STOPPING)
         except Exception:
             LOG.exception("flight %s ended, but its record is not complete", flight_id)
             if flight := self._flights.pop(flight_id, None):
@@ -266,7 +267,8 @@ class Flights:
             info = await asyncio.to_thread(self.store.flights.info, flight_id)
             is_live = source_of(info).get("kind") == "live" and self._journals is not None
             if is_live and info.status == INTERRUPTED and info.recording_id is None:
-                await self.live(flight_id)
+                with suppress(NotPossible):  # nothing is left to go on with
+                    await self.live(flight_id)
         await self.stop(flight_id)
 
     async def _resume(self, flight_id: str) -> Flight:
@@ -288,6 +290,11 @@ class Flights:
             opening = self._opening(info.monitor_id, monitor, info.epsilon)
             live, path = request.source, journals.path(flight_id)
             assert isinstance(live, Live)
+            if not path.exists():
+                raise NotPossible(
+                    f"flight {flight_id} takes no samples: it was interrupted, and its journal "
+                    "is missing"
+                )
             header = await asyncio.to_thread(header_of, path)
             setup, name = await asyncio.to_thread(live.open_again, opening, header or {})
             alarms, markers = await self.alarms(flight_id), await self.markers(flight_id)
@@ -342,7 +349,7 @@ class Flights:
                 raise
             self._lost_before += flight.recorder.lost
             del self._flights[flight_id], self._endings[flight_id]
-            if isinstance(flight, LiveFlight):
+            if isinstance(flight, LiveFlight) and ending.status != INTERRUPTED:
                 self._make_recording(flight_id)
 
     def _stop_later(self, flight_id: str, ending: "_Ending") -> None:

@@ -114,7 +114,7 @@ class LiveFlight(Flight):
         self._port = setup.udp
         self._sequences: dict[int, bytes] = {}
         self._last_sequence: int | None = None
-        self._lag = Lag()
+        self._lag = Lag(self.scorer.lead)
         self._n_malformed = self._n_batches = self._n_resumed = 0
         self._begun: deque[ManoeuvreBegun] = deque(maxlen=BEGUN_KEPT)
         self._has_begun = False
@@ -232,14 +232,16 @@ class LiveFlight(Flight):
             if not self._has_begun:
                 self._setup.reader.check(batch, self.needed)
             samples = self._setup.reader.samples(batch)
-        except TelemetryError:
+        except (TelemetryError, SequenceConflict):
             self._n_malformed += 1
             raise
         line = {"v": via, "s": batch.sequence, "b": batch.values}
         written = self._record(line)
         self._note_batch(batch)
-        now = self._came = self.clock.now()
+        now, n_before = self.clock.now(), self.scorer.counts.accepted
         assessed = [one for each in samples for one in self.scorer.push(line["a"], each)]
+        if self.scorer.counts.accepted > n_before:
+            self._came = now
         self._show_all(assessed, now)
         self._settle_later()
         return TakenBatch(batch.sequence, len(samples), False, written)
@@ -396,7 +398,10 @@ class LiveFlight(Flight):
         if assessed.manoeuvre > self._newest_manoeuvre:
             begun = ManoeuvreBegun(number=assessed.manoeuvre, t=assessed.assessment.t)
             self._begun.append(begun)
-        exceeded = exceedance(self.plan.monitor.limits, y, recorded)
+        limits = self.plan.monitor.limits
+        exceeded = exceedance(limits, y, recorded)
+        if exceeded is None and assessed.exceeding is not None:
+            exceeded = exceedance(limits, *assessed.exceeding)
         return y, assessed.assessment, exceeded, self._attitude(assessed)
 
     @property

@@ -69,7 +69,7 @@ class ShownFlight(Script):
             both = self.samples["y"], self.samples["recorded"]
             over = np.logical_or(*(exceeds(limits, np.nan_to_num(values)) for values in both))
         self.alerts, self.exceedances = onsets(self.samples["alert"]), onsets(over)
-        self._late = self._lags()
+        self._late = self._lags(setup.scorer().lead)
 
     def y(self, k: int) -> Array:
         """Sample k from trim, (6,)."""
@@ -134,9 +134,9 @@ class ShownFlight(Script):
                 self._came.append(line["a"])
             yield line
 
-    def _lags(self) -> dict[int, str]:
+    def _lags(self, late: float) -> dict[int, str]:
         """Why samples were not of now, by number; those that came together by their last."""
-        lag, shown, reasons = Lag(), self.samples["shown"], {}
+        lag, shown, reasons = Lag(late), self.samples["shown"], {}
         first = 0
         for stop in (*(np.flatnonzero(np.diff(shown)) + 1).tolist(), len(shown)):
             lag.note(float(shown[first]), float(self.samples["t"][stop - 1]))

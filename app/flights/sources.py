@@ -239,7 +239,7 @@ class Live(Source):
             opening.host,
             aircraft=aircraft,
         )
-        setup.scorer()  # refuses a delay as long as the lead
+        setup.scorer().warm_up()  # refuses a delay as long as the lead
         return setup, name
 
     def open_again(self, opening: Opening, header: dict[str, Any]) -> tuple[LiveSetup, str]:

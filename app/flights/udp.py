@@ -9,18 +9,20 @@ LOG = logging.getLogger("forewarn")
 LARGEST = 65_535
 AT_ONCE = 64
 """Datagrams that are taken before others have their turn."""
+SILENT_S = 1.0
+"""A sender that sent no batch for so long may be followed by another one, at another port."""
 RECEIVE_BUFFER = 4 * 2**20
 
 
 class UdpReceiver:
-    """Receives the datagrams of one sender: the first whose datagram is a batch.
+    """Receives the datagrams of one sender, the first that sends a batch, until it is silent.
 
     take: called with each datagram; whether it was a batch.   n_foreign: datagrams of others.
     OSError where the port cannot be had.
     """
 
     def __init__(self, host: str, port: int, take: Callable[[bytes], bool]) -> None:
-        self._take, self._sender = take, ""
+        self._take, self._sender, self._heard = take, None, 0.0
         self.n_foreign = 0
         family = socket.AF_INET6 if ":" in host else socket.AF_INET
         self._socket = socket.socket(family, socket.SOCK_DGRAM)
@@ -60,7 +62,9 @@ class UdpReceiver:
             except OSError as error:
                 LOG.warning("UDP at %s: %s", self.address, error)
                 return
-            if self._sender not in ("", sender[0]):
+            now = self._loop.time()
+            is_other = self._sender not in (None, sender)
+            if is_other and now - self._heard < SILENT_S:
                 self.n_foreign += 1
             elif self._take(content):
-                self._sender = sender[0]
+                self._sender, self._heard = sender, now

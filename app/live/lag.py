@@ -2,23 +2,24 @@
 
 from collections import deque
 
-LATE_S = 1.0
-"""Samples that come so much later than the quickest did are no longer shown as now [s]."""
 LAG_OVER, LAG_PARTS = 60.0, 6
 """The quickest arrival is looked for over so long [s], in so many parts: clocks drift apart."""
 
 
 class Lag:
-    """The lag of a source [s]: the age of its newest sample, less that of the quickest of late."""
+    """The lag of a source [s]: the age of its newest sample, less that of the quickest of late.
 
-    def __init__(self) -> None:
+    late: what comes so much later than the quickest did is no longer shown as now [s].
+    """
+
+    def __init__(self, late: float) -> None:
         self._quickest: deque[tuple[int, float]] = deque(maxlen=LAG_PARTS)
-        self.now = 0.0
+        self._late, self.now = late, 0.0
 
     @property
     def reason(self) -> str:
         """Why what is shown is not now; empty where it is."""
-        return f"samples come {self.now:.1f} s late" if self.now > LATE_S else ""
+        return f"samples come {self.now:.1f} s late" if self.now > self._late else ""
 
     def note(self, arrived: float, t: float) -> None:
         """A sample of t came at `arrived`, each by a clock of its own [s]."""

@@ -27,7 +27,8 @@ FASTER = 0.75
 STEP_S = 1.0
 """A source's time that runs ahead of its arrival by more has stepped [s]."""
 BACK_S, BACK_SAMPLES = 0.25, 3
-"""A source whose samples are all old for so long, and so many, has set its clock back."""
+"""A source whose samples are all old, or of times that others had, for so long, and so many, has
+set its clock back."""
 INTERVALS, FEW_INTERVALS, REMEMBERED = 15, 3, 256
 """Of the source that tell its rate, fewer that do not tell it is slow, times that are known."""
 UNKNOWN = np.full(N_CHANNELS, np.nan)
@@ -52,11 +53,11 @@ class Counts:
     accepted: int = 0
     """samples that were used"""
     repeated: int = 0
-    """samples of a time that had come before, left out"""
+    """samples that had come before, left out"""
     out_of_order: int = 0
     """samples that came after a later one, and were used"""
     late: int = 0
-    """samples that came when their time had been passed, left out"""
+    """samples that came when their time had been passed or was taken by another, left out"""
     missing: int = 0
     """times of the monitor at which nothing was known"""
     clock_steps: int = 0
@@ -92,7 +93,7 @@ class CausalResampler:
         self._offset = 0.0
         self._steps: deque[float] = deque(maxlen=INTERVALS)
         self._interval = dt
-        self._recent: deque[float] = deque(maxlen=REMEMBERED)
+        self._recent: deque[tuple[float, Array]] = deque(maxlen=REMEMBERED)
         self._leap: tuple[float, Sample] | None = None
         self._back: tuple[float, float, int] | None = None
 
@@ -130,9 +131,11 @@ class CausalResampler:
         t = sample.t + self._offset
         if self._grid is None:
             return [(arrived, sample)]
-        if t in self._recent:
-            self.counts.repeated += 1
-            return []
+        if (known := self._y_at(t)) is not None:
+            if np.array_equal(known, sample.y, equal_nan=True):
+                self.counts.repeated += 1
+                return []
+            return self._went_back(arrived, sample)
         if t - self._newest > arrived - self._newest_arrived + STEP_S:
             return self._leapt(arrived, sample)
         if t <= self._grid - self.dt:
@@ -140,6 +143,12 @@ class CausalResampler:
         self._drop_leap()
         self._back = None
         return [(arrived, sample._replace(t=t))]
+
+    def _y_at(self, t: float) -> Array | None:
+        """What came before with this time, where that was not long ago."""
+        if t > self._newest:
+            return None
+        return next((y for known, y in reversed(self._recent) if known == t), None)
 
     def _leapt(self, arrived: float, sample: Sample) -> list[tuple[float, Sample]]:
         """A time far ahead is believed when the next one follows it."""
@@ -188,7 +197,7 @@ class CausalResampler:
     def _take(self, arrived: float, sample: Sample) -> list[Sample]:
         t = sample.t
         self.counts.accepted += 1
-        self._recent.append(t)
+        self._recent.append((t, sample.y))
         if self._grid is None:
             self._grid = t
         if t < self._newest:

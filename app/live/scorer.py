@@ -13,6 +13,7 @@ from core.channels import KEYS
 from core.kernels import assessing
 from core.monitor import Assessment, Monitor, State
 from core.monitor.assessment import REASONS
+from core.monitor.validity import exceeds
 from core.types import Array
 
 TrimRule = Literal["detected", "none"]
@@ -23,6 +24,8 @@ class LiveAssessed(NamedTuple):
     """A sample on the monitor's grid and what is said of it.
 
     y: (6,) from trim.   recorded: (6,) trim included.   manoeuvre: 1, 2 ...; 0 for none.
+    exceeding: y and recorded of a sample that came since the one before this and exceeds a limit
+    although it is none of the grid: between two of them, or late; None for none.
     """
 
     y: Array
@@ -30,6 +33,7 @@ class LiveAssessed(NamedTuple):
     assessment: Assessment
     attitude: Angles | None
     manoeuvre: int
+    exceeding: tuple[Array, Array] | None = None
 
 
 class CausalScorer:
@@ -59,6 +63,8 @@ class CausalScorer:
         self._trim = CausalTrim(planned_test(monitor)) if trim == "detected" else None
         self._needed = needed_channels(monitor, limits_of(monitor))
         self._needs_all = bool(self._needed.all())
+        self._limits = monitor.limits
+        self._exceeding: tuple[Array, Array] | None = None
         self._stream = monitor.stream(epsilon)
         self._history: deque[Sample] = deque(maxlen=monitor.recipe.n_delay + 1)
 
@@ -87,9 +93,22 @@ class CausalScorer:
         """1, 2, 3 ... of the manoeuvre under way; 0 for none."""
         return self._trim.manoeuvre if self._trim else 0
 
+    def warm_up(self) -> None:
+        """Compile what a sample needs: a flight under way would stand still meanwhile."""
+        stream, dt = self.monitor.stream(self.epsilon), self.monitor.dt
+        for k in range(self.monitor.recipe.n_delay + 2):
+            stream.update(k * dt, self._read(np.zeros(len(KEYS))))
+        if self._limits is not None:
+            exceeds(self._limits, np.zeros(len(KEYS)))
+
     def push(self, arrived: float, sample: Sample) -> list[LiveAssessed]:
         """Take a sample as it arrives; return what is settled by it."""
-        return [*map(self._assess, self._resampler.push(arrived, sample))]
+        settled = self._resampler.push(arrived, sample)
+        if self._limits is not None:
+            y = sample.y if self._trim is None else sample.y - self._trim.level
+            if exceeds(self._limits, y) or exceeds(self._limits, sample.y):
+                self._exceeding = y, sample.y
+        return [*map(self._assess, settled)]
 
     def advance(self, now: float) -> list[LiveAssessed]:
         """Return what is settled at `now`, of the clock of arrivals."""
@@ -112,11 +131,13 @@ class CausalScorer:
             y = sample.y - trim
         self._history.append(sample)
         if self._trim is not None and not self._trim.manoeuvre:
-            reason = sample.reason or self._trim.reason
-            assessment = Assessment(sample.t, None, None, State.WARMING_UP, reason)
+            missing = sample.reason or self._missing(sample.y)
+            state = State.INVALID if missing else State.WARMING_UP
+            assessment = Assessment(sample.t, None, None, state, missing or self._trim.reason)
         else:
             assessment = self._explained(self._stream.update(sample.t, self._read(y)), sample)
-        return LiveAssessed(y, sample.y, assessment, sample.attitude, self.manoeuvre)
+        exceeding, self._exceeding = self._exceeding, None
+        return LiveAssessed(y, sample.y, assessment, sample.attitude, self.manoeuvre, exceeding)
 
     def _restart(self, trim: Array) -> None:
         """Judge what comes as a flight of its own, which has a history."""
@@ -132,14 +153,15 @@ class CausalScorer:
         """Say which channels are missing, or why all are."""
         if assessment.reason != NOT_FINITE:
             return assessment
-        missing = [
-            key
-            for key, value, needed in zip(KEYS, sample.y, self._needed, strict=True)
-            if needed and not np.isfinite(value)
-        ]
-        if not missing:
-            return assessment
+        missing = sample.reason or self._missing(sample.y)
+        return replace(assessment, reason=missing) if missing else assessment
+
+    def _missing(self, y: Array) -> str:
+        """Which channels are missing that the monitor needs; empty where none is."""
+        known = np.isfinite(y)
+        if known.all():
+            return ""
+        wanted = zip(KEYS, known, self._needed, strict=True)
+        missing = [key for key, is_known, is_needed in wanted if is_needed and not is_known]
         verb = "is" if len(missing) == 1 else "are"
-        return replace(
-            assessment, reason=sample.reason or f"{' and '.join(missing)} {verb} missing"
-        )
+        return f"{' and '.join(missing)} {verb} missing" if missing else ""

@@ -1,6 +1,7 @@
 """The headline of a flight, the alarms of its channels, and what is said of it once it is over."""
 
 import asyncio
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -245,6 +246,17 @@ def test_the_verdict_of_a_flight_that_exceeded_says_how_it_was_warned(
     found = verdict(alarms)
     assert found is not None
     assert found.text == text
+
+
+def test_a_live_flight_was_warned_when_the_alarm_was_raised_not_when_its_sample_was_taken() -> None:
+    raised = {"risk": "2030-01-01T00:00:09.494Z", "limit": "2030-01-01T00:00:09.514Z"}
+    alarms = [
+        replace(stored(kind, t), raised=raised[kind])
+        for kind, t in (("risk", 6.25), ("limit", 7.7))
+    ]
+    found = verdict(alarms, promised=0.25, live=True)
+    assert found is not None
+    assert found.text == "LIMIT EXCEEDED, warned 0.02 s before: too late"
 
 
 @pytest.mark.parametrize(("promised", "late"), [(0.25, False), (0.31, False), (0.5, True)])

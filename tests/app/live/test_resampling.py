@@ -112,6 +112,17 @@ def test_a_clock_that_is_set_back_or_ahead_is_a_step_and_the_flight_goes_on() ->
     assert out[-1].t == pytest.approx(arrivals[-1], abs=0.05)
 
 
+def test_a_clock_that_is_set_back_among_times_that_came_is_a_step_not_a_repetition() -> None:
+    resampler, out = CausalResampler(DT, DELAY), []
+    arrivals = np.arange(200) * DT
+    for k, arrived in enumerate(arrivals.tolist()):
+        t = arrived if k < 100 else arrivals[k - 50]
+        out += resampler.push(arrived, Sample(float(t), at(arrived)))
+    assert resampler.counts.clock_steps == 1
+    assert resampler.counts.repeated == 0
+    assert out[-1].t == pytest.approx(arrivals[-1], abs=0.05)
+
+
 def test_one_wild_time_is_not_believed() -> None:
     arrivals = np.arange(60) * DT
     times = arrivals.copy()

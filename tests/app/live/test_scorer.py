@@ -48,6 +48,15 @@ def test_missing_channels_are_named() -> None:
     assert said[30].assessment.reason.endswith("missing")
 
 
+def test_missing_channels_are_named_at_rest_as_well() -> None:
+    t, flown = flights(1)
+    y = flown[0][:50].copy()
+    y[45:, 1] = np.nan
+    said = assessed(CausalScorer(attas.trained(), 0.1), t[:50], y)
+    assert said[44].assessment.state is State.WARMING_UP
+    assert (said[45].assessment.state, said[45].assessment.reason) == ("invalid", "p is missing")
+
+
 def flights(n: int = 40) -> tuple[Array, Array]:
     """Test flights of the real recipe with a trim, and their times."""
     rollouts = attas.fly(n, seed=5)

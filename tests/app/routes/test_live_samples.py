@@ -110,6 +110,28 @@ def test_a_database_that_another_program_locks_delays_no_acknowledgement(range_:
     assert len(range_.client.get(f"{URL}/{range_.id}/assessments").json()["frames"]) == 5
 
 
+def test_a_live_flight_goes_on_when_its_server_was_stopped_and_is_up_again(tmp_path: Path) -> None:
+    with api(tmp_path) as client:
+        before = Range(client, tmp_path)
+        before.push(batch(0, n=5))
+    with api(tmp_path) as client:
+        flight = client.get(f"{URL}/{before.id}").json()
+        assert (flight["progress"], flight["head"], flight["state"]) == ("running", 4, "stale")
+        answer = client.post(f"{URL}/{before.id}/samples", json=batch(1, first=5))
+        assert answer.json()["accepted"] == 1
+
+
+def test_an_interrupted_flight_without_its_journal_is_over(tmp_path: Path) -> None:
+    with api(tmp_path) as client:
+        before = Range(client, tmp_path)
+        before.push(batch(0, n=5))
+    (tmp_path / "live" / f"{before.id}.jsonl").unlink()
+    with api(tmp_path) as client:
+        refused = client.post(f"{URL}/{before.id}/samples", json=batch(1, first=5))
+        assert "its journal is missing" in problem(refused, 409)
+        assert client.post(f"{URL}/{before.id}/end").json()["progress"] == "interrupted"
+
+
 def test_a_manoeuvre_is_begun_by_hand_once(range_: Range) -> None:
     range_.id = range_.start(trim="detected").json()["id"]
     range_.push(batch(0, n=20))
