@@ -9,13 +9,18 @@ from contextlib import suppress
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Self
 
-import numpy as np
 from pydantic import ValidationError
 
 from app.flights.clock import Clock, MonotonicClock, Timer
 from app.flights.flight import Flight, FlightPlan, patience
-from app.flights.flight_markers import of_store
 from app.flights.flight_recordings import RESUMED_WITHIN_S, FlightRecordings
+from app.flights.flight_records import (
+    ACCEPT_USELESS,
+    NAME,
+    FlightRecords,
+    flight_name,
+    source_of,
+)
 from app.flights.live import LiveFlight, LiveSetup
 from app.flights.playback import Script
 from app.flights.recorder import INTERVAL_S, Recorder
@@ -32,28 +37,23 @@ from app.flights.sources import (
 from app.flights.transport import NotPossible
 from app.live.again import header_of
 from app.live.journal import Journals, lines_of
-from app.messages import Alarm, FlightMarker, LiveStatus, MeasuredExceedance, plain_frame
+from app.messages import FlightMarker, LiveStatus
 from app.recordings.scored import ScoredRecordings
-from app.store.alarms import StoredAlarm
-from app.store.flights import INTERRUPTED, FlightInfo, UnderWay
+from app.store.flights import INTERRUPTED, UnderWay
 from app.store.look import StoreLook
 from app.store.store import NotFound, Store, StoreError
 from core.certificate import check_use
 from core.flight_markers import FlightMarkerKey
-from core.monitor import Assessment, Monitor, State
-from core.monitor.assessment import STATES
+from core.monitor import Monitor
 from core.simulation.attitude import SurfaceSigns, surface_signs
 
 if TYPE_CHECKING:
     from app.scene.scene import Scene, Scenes
 
 LOG = logging.getLogger("forewarn")
-NAME, ACCEPT_USELESS = "name", "accept_useless"
-"""Kept with the source of a stored flight."""
 STOPPING = "the server is stopping"
 RECORDING_THREADS = 2
 """One may wait for the disk while the other stores an alarm."""
-MOST_DIGITS = 12
 
 
 class TooManyFlights(RuntimeError):
@@ -98,6 +98,7 @@ class Flights:
         self._stopping: set[asyncio.Task[None]] = set()
         self._endings: dict[str, _Ending] = {}
         self._recording = ThreadPoolExecutor(RECORDING_THREADS, "recorder")
+        self.records = FlightRecords(store, self._flights, self._recording)
         self._recordings = (
             None
             if scored is None or journals is None
@@ -297,7 +298,8 @@ class Flights:
                 )
             header = await asyncio.to_thread(header_of, path)
             setup, name = await asyncio.to_thread(live.open_again, opening, header or {})
-            alarms, markers = await self.alarms(flight_id), await self.markers(flight_id)
+            alarms = await self.records.alarms(flight_id)
+            markers = await self.records.markers(flight_id)
             about = await asyncio.to_thread(self.store.monitors.info, info.monitor_id)
             plan = FlightPlan(
                 flight_id,
@@ -374,41 +376,6 @@ class Flights:
         if self._journals is not None:
             await asyncio.to_thread(self._journals.delete, flight_id)
 
-    async def alarms(self, flight_id: str) -> list[Alarm]:
-        """All alarms of a flight, under way or ended, in the order raised; NotFound."""
-        flight = self.get(flight_id)
-        at_hand = flight.alarms.at_hand if flight else []
-        stored = await asyncio.to_thread(self.store.alarms.of, flight_id)
-        alarms = {one.number: _alarm(one) for one in stored}
-        alarms |= {alarm.number: alarm for alarm in at_hand}
-        return [alarms[number] for number in sorted(alarms)]
-
-    async def acknowledge(self, flight_id: str, alarm_id: str, by: str) -> Alarm:
-        """Acknowledge an alarm of a flight, under way or ended, once that is stored.
-
-        The first acknowledgement stays. NotFound; StoreError: it is not acknowledged.
-        """
-        flight = self.get(flight_id)
-        if flight is not None:
-            await flight.recorder.store_alarms()
-        if not (alarm_id.isascii() and alarm_id.isdigit()) or len(alarm_id) > MOST_DIGITS:
-            raise NotFound(f"flight {flight_id} has no alarm {alarm_id}")
-        stored = await asyncio.get_running_loop().run_in_executor(
-            self._recording, self.store.alarms.acknowledge_number, flight_id, int(alarm_id), by
-        )
-        if flight is not None:
-            with suppress(KeyError):
-                flight.acknowledge(alarm_id, stored.by or by, stored.acknowledged or "")
-        return _alarm(stored)
-
-    async def markers(self, flight_id: str) -> list[FlightMarker]:
-        """All markers of a flight, under way or ended, in the order set; NotFound."""
-        flight = self.get(flight_id)
-        at_hand = flight.markers.at_hand if flight else []
-        stored = await asyncio.to_thread(self.store.flight_markers.of, flight_id)
-        markers = {one.number: of_store(one) for one in stored}
-        return list((markers | {one.number: one for one in at_hand}).values())
-
     async def mark(
         self, flight_id: str, kind: FlightMarkerKey, by: str, text: str | None
     ) -> FlightMarker:
@@ -426,16 +393,6 @@ class Flights:
                 "stored as soon as that is so, do not set it again"
             ) from error
         return marker.model_copy(update={"stored": True})
-
-    async def frames(self, flight_id: str, first: int, last: int) -> list[dict[str, Any]]:
-        """Frames first..last of what was flown, as streamed; NotFound."""
-        flight = self.get(flight_id)
-        waiting = flight.recorder.waiting(first, last) if flight else []
-        stored = await asyncio.to_thread(self._stored_frames, flight_id, first, last)
-        head = stored[-1]["seq"] if stored else -1
-        return stored + [
-            plain_frame(seq, y, assessment, None) for seq, y, assessment in waiting if seq > head
-        ]
 
     # --- starting -----------------------------------------------------------------------------
 
@@ -524,54 +481,3 @@ class Flights:
         except (RuntimeError, OSError):
             LOG.exception("flight %s flies without a scene", plan.id)
             return None
-
-    def _stored_frames(self, flight_id: str, first: int, last: int) -> list[dict[str, Any]]:
-        stored = self.store.flights.assessments(flight_id, first, last)
-        frames = []
-        for i, code in enumerate(stored.state.tolist()):
-            ok = STATES[code] is State.OK
-            y_hat = stored.y_hat[i] if ok and np.isfinite(stored.y_hat[i]).all() else None
-            assessment = Assessment(
-                float(stored.t[i]),
-                float(stored.p_value[i]) if ok else None,
-                bool(stored.alert[i]) if ok else None,
-                STATES[code],
-                stored.reasons[i],
-                y_hat,
-            )
-            frames.append(plain_frame(int(stored.seq[i]), stored.y[i], assessment, None))
-        return frames
-
-
-def _alarm(stored: StoredAlarm) -> Alarm:
-    """An alarm of the store as it is sent."""
-    return Alarm(
-        id=str(stored.number),
-        number=stored.number,
-        seq=stored.seq,
-        t=stored.t,
-        p_value=stored.p_value,
-        kind=stored.kind,
-        level=stored.level,
-        exceedance=MeasuredExceedance(**stored.exceedance) if stored.exceedance else None,
-        reason=stored.reason,
-        raised=stored.raised,
-        acknowledged=stored.acknowledged,
-        by=stored.by,
-        stored=True,
-    )
-
-
-def flight_name(info: FlightInfo) -> str:
-    """What people call a stored flight."""
-    return str(info.source.get(NAME, info.source.get("kind", "flight")))
-
-
-def source_of(info: FlightInfo) -> dict[str, Any]:
-    """The source of a stored flight as it was asked for."""
-    return {key: info.source[key] for key in info.source if key not in (NAME, ACCEPT_USELESS)}
-
-
-def accepts_useless(info: FlightInfo) -> bool:
-    """Whether a stored flight was started although its monitor is of no use."""
-    return bool(info.source.get(ACCEPT_USELESS, False))

@@ -8,13 +8,8 @@ from pydantic import BaseModel, ConfigDict, Field, StrictBool
 
 from app.flights.ended import Record, Verdict, records
 from app.flights.flight import Flight
-from app.flights.flights import (
-    Flights,
-    TooManyFlights,
-    accepts_useless,
-    flight_name,
-    source_of,
-)
+from app.flights.flight_records import accepts_useless, flight_name, source_of
+from app.flights.flights import Flights, TooManyFlights
 from app.flights.recorder import INTERVAL_S
 from app.flights.request import FlightRequest
 from app.flights.sources import mode_of
@@ -253,7 +248,8 @@ async def read_assessments(
     `next` is the first number to ask for when there may be more, else null.
     """
     stop = _last(first, last)
-    return await _frames_response(await flights.frames(flight_id, first, stop), first, stop, last)
+    frames = await flights.records.frames(flight_id, first, stop)
+    return await _frames_response(frames, first, stop, last)
 
 
 @router.get(
@@ -277,7 +273,7 @@ async def read_source(
 @router.get("/{flight_id}/alarms", responses=problem_responses(404, 422))
 async def list_alarms(flight_id: str, flights: FlightsDep) -> list[Alarm]:
     """All alarms of a flight, in the order raised."""
-    return await flights.alarms(flight_id)
+    return await flights.records.alarms(flight_id)
 
 
 @router.post(
@@ -295,13 +291,13 @@ async def acknowledge(
     It is stored before it is answered; 503 says that it is not, and the alarm stays open.
     """
     by = signature(person, (who or Acknowledgement()).by)
-    return await flights.acknowledge(flight_id, alarm_id, by)
+    return await flights.records.acknowledge(flight_id, alarm_id, by)
 
 
 @router.get("/{flight_id}/markers", responses=problem_responses(404, 422))
 async def list_flight_markers(flight_id: str, flights: FlightsDep) -> list[FlightMarker]:
     """All markers that were set in a flight, in the order set."""
-    return await flights.markers(flight_id)
+    return await flights.records.markers(flight_id)
 
 
 @router.post("/{flight_id}/markers", status_code=201, responses=problem_responses(404, 422, 503))

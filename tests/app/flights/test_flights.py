@@ -132,9 +132,9 @@ def test_frames_are_whole_before_and_after_they_reach_the_store(run: Callable) -
         hangar.clock.advance(1.0)
         await flight.recorder.flush()
         hangar.clock.advance(1.0)
-        half_stored = await hangar.flights.frames(flight.id, 5, 1000)
+        half_stored = await hangar.flights.records.frames(flight.id, 5, 1000)
         await flight.recorder.flush()
-        stored = await hangar.flights.frames(flight.id, 5, 1000)
+        stored = await hangar.flights.records.frames(flight.id, 5, 1000)
         assert [frame["seq"] for frame in half_stored] == list(range(5, 41))
         expected = flight.source_frames(5, 40)
         for frames in (half_stored, stored):
@@ -161,7 +161,7 @@ def test_a_write_while_frames_are_read_repeats_none(
             return read(*what)
 
         monkeypatch.setattr(hangar.store.flights, "assessments", read_after_a_write)
-        frames = await hangar.flights.frames(flight.id, 0, 1000)
+        frames = await hangar.flights.records.frames(flight.id, 0, 1000)
         assert [frame["seq"] for frame in frames] == list(range(21))
 
     run(test)
@@ -173,20 +173,20 @@ def test_alarms_are_the_same_during_and_after_the_flight(run: Callable) -> None:
         flight = await flights.start(hangar.request())
         for _ in range(130):
             hangar.clock.advance(0.05)
-        (alarm,) = (await flights.alarms(flight.id))[:1]
+        (alarm,) = (await flights.records.alarms(flight.id))[:1]
         assert alarm.acknowledged is None
-        told = await flights.acknowledge(flight.id, alarm.id, "FTE")
+        told = await flights.records.acknowledge(flight.id, alarm.id, "FTE")
         assert told.by == "FTE"
         stored = hangar.store.alarms.of(flight.id)[0]
         assert (stored.number, stored.seq, stored.p_value) == (1, alarm.seq, alarm.p_value)
         assert stored.by == "FTE"
         await flights.stop(flight.id)
-        after = (await flights.alarms(flight.id))[0]
+        after = (await flights.records.alarms(flight.id))[0]
         assert (after.id, after.seq, after.t, after.by) == (alarm.id, alarm.seq, alarm.t, "FTE")
-        again = await flights.acknowledge(flight.id, alarm.id, "pilot")
+        again = await flights.records.acknowledge(flight.id, alarm.id, "pilot")
         assert again.by == "FTE"
         with pytest.raises(NotFound, match="has no alarm 99"):
-            await flights.acknowledge(flight.id, "99", "FTE")
+            await flights.records.acknowledge(flight.id, "99", "FTE")
 
     run(test)
 
@@ -197,7 +197,7 @@ def test_an_alarm_nobody_saw_can_be_acknowledged_after_the_flight(run: Callable)
         for _ in range(130):
             hangar.clock.advance(0.05)
         await hangar.flights.stop(flight.id)
-        told = await hangar.flights.acknowledge(flight.id, "1", "FTE")
+        told = await hangar.flights.records.acknowledge(flight.id, "1", "FTE")
         assert told.by == hangar.store.alarms.of(flight.id)[0].by == "FTE"
 
     run(test)
@@ -217,10 +217,10 @@ def test_an_acknowledgement_that_is_not_stored_is_not_made(
         with monkeypatch.context() as full:
             full.setattr(hangar.store.alarms, "acknowledge", refuse)
             with pytest.raises(StoreError, match="full"):
-                await hangar.flights.acknowledge(flight.id, "1", "FTE")
+                await hangar.flights.records.acknowledge(flight.id, "1", "FTE")
         n_open = flight.alarms.n_open(Level.WARNING)
         assert hangar.store.alarms.of(flight.id)[0].by is None
-        told = await hangar.flights.acknowledge(flight.id, "1", "FTE")
+        told = await hangar.flights.records.acknowledge(flight.id, "1", "FTE")
         assert (told.by, told.stored, flight.alarms.n_open(Level.WARNING)) == (
             "FTE",
             True,

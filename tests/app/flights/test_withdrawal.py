@@ -288,9 +288,9 @@ def test_the_record_keeps_the_reason(tmp_path: Path) -> None:
                 FlightRequest(source=source, monitor=monitor, epsilon=EPSILON)
             )
             hangar.clock.advance(2.0)
-            flown = await flights.frames(flight.id, 0, 1000)
+            flown = await flights.records.frames(flight.id, 0, 1000)
             await flights.stop(flight.id)
-            stored = await flights.frames(flight.id, 0, 1000)
+            stored = await flights.records.frames(flight.id, 0, 1000)
         told = [(frame["state"], frame["reason"]) for frame in flown]
         assert told == [(frame["state"], frame["reason"]) for frame in stored]
         assert "by its forecast of delta_r" in told[-1][1]

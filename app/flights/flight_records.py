@@ -1,0 +1,128 @@
+"""What was flown, under way or over: frames, alarms and markers, stored or about to be."""
+
+import asyncio
+from collections.abc import Mapping
+from concurrent.futures import Executor
+from contextlib import suppress
+from typing import Any
+
+import numpy as np
+
+from app.flights.flight import Flight
+from app.flights.flight_markers import of_store
+from app.messages import Alarm, FlightMarker, MeasuredExceedance, plain_frame
+from app.store.alarms import StoredAlarm
+from app.store.flights import FlightInfo
+from app.store.store import NotFound, Store
+from core.monitor import Assessment, State
+from core.monitor.assessment import STATES
+
+NAME, ACCEPT_USELESS = "name", "accept_useless"
+"""Kept with the source of a stored flight."""
+MOST_DIGITS = 12
+
+
+class FlightRecords:
+    """The records of a server's flights.
+
+    under_way: flights by id, as they come and go.   threads: where an acknowledgement is written.
+    """
+
+    def __init__(self, store: Store, under_way: Mapping[str, Flight], threads: Executor) -> None:
+        self._store, self._under_way, self._threads = store, under_way, threads
+
+    async def alarms(self, flight_id: str) -> list[Alarm]:
+        """All alarms of a flight, under way or ended, in the order raised; NotFound."""
+        flight = self._under_way.get(flight_id)
+        at_hand = flight.alarms.at_hand if flight else []
+        stored = await asyncio.to_thread(self._store.alarms.of, flight_id)
+        alarms = {one.number: _alarm(one) for one in stored}
+        alarms |= {alarm.number: alarm for alarm in at_hand}
+        return [alarms[number] for number in sorted(alarms)]
+
+    async def acknowledge(self, flight_id: str, alarm_id: str, by: str) -> Alarm:
+        """Acknowledge an alarm of a flight, under way or ended, once that is stored.
+
+        The first acknowledgement stays. NotFound; StoreError: it is not acknowledged.
+        """
+        flight = self._under_way.get(flight_id)
+        if flight is not None:
+            await flight.recorder.store_alarms()
+        if not (alarm_id.isascii() and alarm_id.isdigit()) or len(alarm_id) > MOST_DIGITS:
+            raise NotFound(f"flight {flight_id} has no alarm {alarm_id}")
+        stored = await asyncio.get_running_loop().run_in_executor(
+            self._threads, self._store.alarms.acknowledge_number, flight_id, int(alarm_id), by
+        )
+        if flight is not None:
+            with suppress(KeyError):
+                flight.acknowledge(alarm_id, stored.by or by, stored.acknowledged or "")
+        return _alarm(stored)
+
+    async def markers(self, flight_id: str) -> list[FlightMarker]:
+        """All markers of a flight, under way or ended, in the order set; NotFound."""
+        flight = self._under_way.get(flight_id)
+        at_hand = flight.markers.at_hand if flight else []
+        stored = await asyncio.to_thread(self._store.flight_markers.of, flight_id)
+        markers = {one.number: of_store(one) for one in stored}
+        return list((markers | {one.number: one for one in at_hand}).values())
+
+    async def frames(self, flight_id: str, first: int, last: int) -> list[dict[str, Any]]:
+        """Frames first..last of what was flown, as streamed; NotFound."""
+        flight = self._under_way.get(flight_id)
+        waiting = flight.recorder.waiting(first, last) if flight else []
+        stored = await asyncio.to_thread(self._stored_frames, flight_id, first, last)
+        head = stored[-1]["seq"] if stored else -1
+        return stored + [
+            plain_frame(seq, y, assessment, None) for seq, y, assessment in waiting if seq > head
+        ]
+
+    def _stored_frames(self, flight_id: str, first: int, last: int) -> list[dict[str, Any]]:
+        stored = self._store.flights.assessments(flight_id, first, last)
+        frames = []
+        for i, code in enumerate(stored.state.tolist()):
+            ok = STATES[code] is State.OK
+            y_hat = stored.y_hat[i] if ok and np.isfinite(stored.y_hat[i]).all() else None
+            assessment = Assessment(
+                float(stored.t[i]),
+                float(stored.p_value[i]) if ok else None,
+                bool(stored.alert[i]) if ok else None,
+                STATES[code],
+                stored.reasons[i],
+                y_hat,
+            )
+            frames.append(plain_frame(int(stored.seq[i]), stored.y[i], assessment, None))
+        return frames
+
+
+def _alarm(stored: StoredAlarm) -> Alarm:
+    """An alarm of the store as it is sent."""
+    return Alarm(
+        id=str(stored.number),
+        number=stored.number,
+        seq=stored.seq,
+        t=stored.t,
+        p_value=stored.p_value,
+        kind=stored.kind,
+        level=stored.level,
+        exceedance=MeasuredExceedance(**stored.exceedance) if stored.exceedance else None,
+        reason=stored.reason,
+        raised=stored.raised,
+        acknowledged=stored.acknowledged,
+        by=stored.by,
+        stored=True,
+    )
+
+
+def flight_name(info: FlightInfo) -> str:
+    """What people call a stored flight."""
+    return str(info.source.get(NAME, info.source.get("kind", "flight")))
+
+
+def source_of(info: FlightInfo) -> dict[str, Any]:
+    """The source of a stored flight as it was asked for."""
+    return {key: info.source[key] for key in info.source if key not in (NAME, ACCEPT_USELESS)}
+
+
+def accepts_useless(info: FlightInfo) -> bool:
+    """Whether a stored flight was started although its monitor is of no use."""
+    return bool(info.source.get(ACCEPT_USELESS, False))
