@@ -1,6 +1,7 @@
 """Serving: the listening socket, the server around the application, one server a data directory."""
 
 import asyncio
+import gc
 import socket
 from collections.abc import Awaitable, Callable, Iterator
 from contextlib import contextmanager
@@ -143,6 +144,8 @@ def serve(
         listening = listening or listen(settings)
         here = address_of(listening, settings)
         server = Server(create_app(settings), lambda app: opened(app, here))
+        gc.collect()
+        gc.freeze()  # what is loaded stays: a sample never waits until all of it was looked through
         try:
             with asyncio.Runner(loop_factory=_loop_factory()) as runner:
                 runner.run(server.serve(sockets=[listening]))
