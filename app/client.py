@@ -37,6 +37,8 @@ MOST_VALUES_UDP = 40
 FIRST_WAIT_S, LONGEST_WAIT_S = 0.1, 5.0
 """Between two attempts to connect."""
 REQUEST_S, PING_S = 15.0, 5.0
+START_S = 180.0
+"""That a flight may take to start: the server's first one compiles what a sample needs."""
 PATIENCE_S = 60.0
 """That closing waits for acknowledgements, from the last one on."""
 WRONG = frozenset({400, 401, 403, 404, 409, 410})
@@ -92,7 +94,7 @@ class LiveClient:
             source = {"udp": 0} | source
         source = {"kind": "live"} | {key: x for key, x in source.items() if x is not None}
         body = {"source": source, "monitor": monitor} | ({"name": name} if name else {})
-        return self.join(self._ask("POST", "/flights", body)["id"])
+        return self.join(self._ask("POST", "/flights", body, START_S)["id"])
 
     def join(self, flight: str) -> str:
         """Push into a flight that was started, after what it has; return its id."""
@@ -323,11 +325,11 @@ class LiveClient:
         else:
             raise _Again(reason)
 
-    def _ask(self, method: str, path: str, body: Any = None) -> Any:
+    def _ask(self, method: str, path: str, body: Any = None, within_s: float = REQUEST_S) -> Any:
         """Answer of a call. PushFailed; OSError where the server is not there."""
         try:
             with httpx2.Client(**self._options) as http:
-                answer = http.request(method, path, json=body)
+                answer = http.request(method, path, json=body, timeout=within_s)
         except httpx2.HTTPError as error:
             raise ConnectionError(f"{self.url} does not answer ({error}): is it served?") from error
         if answer.status_code in WRONG | UNREADABLE:

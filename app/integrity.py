@@ -16,7 +16,7 @@ from typing import Literal
 from app.recordings.files import RecordingFiles
 from app.recordings.samples import check_samples
 from app.recordings.verified import digest_of
-from app.store.database import Interrupted, check_pages, look_at_pages
+from app.store.database import Damaged, Interrupted, check_pages, look_at_pages
 from app.store.store import NotFound, Store, StoreError
 
 LOG = logging.getLogger("forewarn")
@@ -172,12 +172,15 @@ class Integrity:
             self._thread.join()
 
     def check_all(self) -> None:
-        """Check every page and every item. Stopped; StoreError where nothing can be listed."""
+        """Check every page, and every item that can be listed. Stopped; StoreError."""
         pace = self._pace
         self._note_pages(check_pages(self.store.engine, pace.stopped, pace.rest))
-        for item in all_items(self.store, self.files, pace.rest):
-            self._take(item)
-            pace.rest()
+        try:
+            for item in all_items(self.store, self.files, pace.rest):
+                self._take(item)
+                pace.rest()
+        except Damaged as error:
+            self._note_pages([str(error)])
 
     def _run(self) -> None:
         if self._pace.stopped.wait(BEGIN_AFTER_S):

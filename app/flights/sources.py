@@ -21,6 +21,7 @@ from app.flights.track import SourceError, Track, times
 from app.json_codec import Whole
 from app.live.again import header_of
 from app.live.batches import ChannelReader
+from app.live.compiling import make_ready
 from app.live.journal import Journals
 from app.live.scorer import TrimRule
 from app.messages import Mode
@@ -239,7 +240,8 @@ class Live(Source):
             opening.host,
             aircraft=aircraft,
         )
-        setup.scorer().warm_up()  # refuses a delay as long as the lead
+        setup.scorer()  # refuses a delay as long as the lead
+        make_ready(monitor)
         return setup, name
 
     def open_again(self, opening: Opening, header: dict[str, Any]) -> tuple[LiveSetup, str]:

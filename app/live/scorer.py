@@ -93,14 +93,6 @@ class CausalScorer:
         """1, 2, 3 ... of the manoeuvre under way; 0 for none."""
         return self._trim.manoeuvre if self._trim else 0
 
-    def warm_up(self) -> None:
-        """Compile what a sample needs: a flight under way would stand still meanwhile."""
-        stream, dt = self.monitor.stream(self.epsilon), self.monitor.dt
-        for k in range(self.monitor.recipe.n_delay + 2):
-            stream.update(k * dt, self._read(np.zeros(len(KEYS))))
-        if self._limits is not None:
-            exceeds(self._limits, np.zeros(len(KEYS)))
-
     def push(self, arrived: float, sample: Sample) -> list[LiveAssessed]:
         """Take a sample as it arrives; return what is settled by it."""
         settled = self._resampler.push(arrived, sample)

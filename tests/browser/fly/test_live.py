@@ -136,8 +136,9 @@ def test_late_samples_and_a_server_that_was_started_again_are_told(own_live: Liv
     def altered(message: dict[str, Any]) -> str:
         if message["type"] == "state":
             message |= {"state": "stale", "reason": LATE}
-        if message["type"] == "hello":
+        if message["type"] in ("hello", "live"):
             message["live"]["resumed"] = len(routes) - 1
+        if message["type"] == "hello":
             message["head"] -= 3 * (len(routes) - 1)
         return json.dumps(message)
 

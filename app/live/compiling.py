@@ -1,0 +1,57 @@
+"""The kernels that a live sample needs, compiled before the first flight that needs them."""
+
+import logging
+import os
+import subprocess
+import sys
+from contextlib import suppress
+from pathlib import Path
+
+import numpy as np
+
+from core.channels import N_CHANNELS
+from core.kernels.compiled import cache_directory
+from core.monitor import Monitor
+from core.monitor.validity import exceeds
+
+LOG = logging.getLogger("forewarn")
+COMPILED = "live"
+"""A file among the compiled kernels: those of a live sample are there."""
+APART = """
+import sys
+from app.live.compiling import warm_up
+from core.monitor.loading import from_bytes
+warm_up(from_bytes(sys.stdin.buffer.read()))
+"""
+
+
+def make_ready(monitor: Monitor) -> None:
+    """Have all kernels of a sample compiled and loaded; for a thread.
+
+    They are compiled once on a machine, in a process of its own: compiling holds the interpreter,
+    and the flights under way would stand still meanwhile.
+    """
+    done = Path(os.environ.get("NUMBA_CACHE_DIR") or cache_directory()) / COMPILED
+    if not done.exists():
+        apart = subprocess.run(
+            [sys.executable, "-c", APART],
+            input=monitor.to_bytes(),
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.PIPE,
+            check=False,
+        )
+        if apart.returncode:
+            LOG.warning("kernels are compiled in flight: %s", apart.stderr.decode()[-500:])
+        else:
+            with suppress(OSError):
+                done.touch()
+    warm_up(monitor)
+
+
+def warm_up(monitor: Monitor) -> None:
+    """Assess a sample or two of nothing."""
+    stream, nothing = monitor.stream(monitor.recipe.epsilon), np.zeros(N_CHANNELS)
+    for k in range(monitor.recipe.n_delay + 2):
+        stream.update(k * monitor.dt, nothing)
+    if monitor.limits is not None:
+        exceeds(monitor.limits, nothing)
