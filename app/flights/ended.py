@@ -119,14 +119,15 @@ def verdict(
     if first is None:
         text = exceedance_verdict("quiet", None, exceeded=False, recorded=True)
         return None if raw is None else Verdict(exceeded_t=raw.t, lead=None, text=text)
-    ahead = sorted(
-        (_warned(a, first, live),) * 2
+    warned = sorted(
+        _warned(a, first, live)
         for a in alarms
         if a.kind == "risk" and a.t <= first.t and not (jumped and a.seq >= first.seq)
     )
+    ahead = tuple((t, t) for t in warned)
     if jumped and not ahead:
         return Verdict(exceeded_t=first.t, lead=None, text=NOT_FLOWN)
-    came, lead = outcome(tuple(ahead), RecordedExceedance(first.t, "", 0.0), promised)
+    came, lead = outcome(ahead, RecordedExceedance(first.t, "", 0.0), promised)
     came = "invalid" if withdrawn and not ahead else came
     return Verdict(exceeded_t=first.t, lead=lead, text=exceedance_verdict(came, lead))
 
