@@ -79,7 +79,6 @@ class LiveSetup(NamedTuple):
     trim: TrimRule = "detected"
     udp: int | None = None
     host: str = "127.0.0.1"
-    theta: dict[str, float] | None = None
     aircraft: str | None = None
 
     @property

@@ -10,7 +10,7 @@ import numpy as np
 
 from app.scoring.manoeuvres import BEGINNING, OTHER, RESTED, SHARE, SMALLEST
 from app.scoring.planned_test import SURFACES, PlannedTest
-from app.scoring.segments import AFTERWARDS
+from app.scoring.segments import AFTERWARDS, mean_of_rest
 from core.channels import N_CHANNELS
 from core.types import Array
 
@@ -82,8 +82,10 @@ class CausalTrim:
             return False
         self._n_begun += 1
         self.manoeuvre, self._departed = self._n_begun, 0
-        if self.trim is None:
-            self.trim = _mean(np.array(self._rest)) if self._rest else np.zeros(N_CHANNELS)
+        if self.trim is None and self._rest:
+            self.trim = np.nan_to_num(mean_of_rest(np.array(self._rest)))
+        elif self.trim is None:
+            self.trim = np.zeros(N_CHANNELS)
         self._length = 0
         self._flown.clear()
         return True
@@ -99,7 +101,7 @@ class CausalTrim:
         surfaces = np.nan_to_num(rest[:, SURFACES])
         self._limits = np.maximum(self._threshold, NOISES * surfaces.std(axis=0))
         if (np.ptp(surfaces, axis=0) <= TRAVEL * self._threshold).all():
-            self.trim = _mean(rest)
+            self.trim = np.nan_to_num(mean_of_rest(rest))
         elif self._departed == 0:
             self.trim = None
 
@@ -122,10 +124,3 @@ class CausalTrim:
             return False
         surfaces = np.nan_to_num(np.array(self._flown)[:, SURFACES])
         return bool((np.ptp(surfaces, axis=0) <= self._threshold).all())
-
-
-def _mean(rest: Array) -> Array:
-    """(6,) mean of what is known; 0 for a channel of which nothing is."""
-    known = np.isfinite(rest)
-    total = np.where(known, rest, 0.0).sum(axis=0)
-    return total / np.maximum(known.sum(axis=0), 1)

@@ -21,7 +21,7 @@ from app.scoring.scored import (
     packed,
 )
 from app.scoring.seen import could_not_warn, not_seen
-from app.scoring.segments import Segment, segments
+from app.scoring.segments import Segment, mean_of_rest, segments
 from app.scoring.validity import validity
 from app.scoring.wording import guarantee, remarks, withdrawn
 from app.telemetry.recording import ATTITUDE, Recording
@@ -116,7 +116,7 @@ def _judge(flight: Ready, segment: Segment) -> JudgedSegment:
     """Assess a segment as a flight of its own, then ask whether that was right."""
     part = slice(segment.first, segment.last + 1)
     t, recorded = flight.recording.t[part], flight.recording.y
-    trim = np.zeros(len(KEYS)) if segment.rest is None else _mean(recorded[segment.rest])
+    trim = np.zeros(len(KEYS)) if segment.rest is None else mean_of_rest(recorded[segment.rest])
     y = recorded[part] - trim
     y_read = np.where(flight.needed, y, 0.0) if not flight.needed.all() else y
     assessments = flight.monitor.assess(t, y_read, withdraw=False)
@@ -145,14 +145,6 @@ def _outside(flight: Ready, judged: list[JudgedSegment]) -> tuple[RecordedExceed
     t = flight.recording.t
     intervals = [(float(t[each.first]), float(t[each.stop - 1])) for each in judged]
     return outside(flight.traces, flight.planned.limits, intervals, [each.trim for each in judged])
-
-
-def _mean(rest: Array) -> Array:
-    """(6,) mean of each channel's known samples, NaN where there is none."""
-    known = np.isfinite(rest)
-    count = known.sum(axis=0)
-    total = np.where(known, rest, 0.0).sum(axis=0)
-    return np.where(count > 0, total / np.maximum(count, 1), np.nan)
 
 
 def _scored(

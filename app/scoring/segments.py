@@ -9,6 +9,7 @@ from app.scoring.planned_test import SURFACES, PlannedTest
 from app.scoring.recipe import Interval, ScoringRecipe, in_words
 from app.scoring.scored import MOST_MANOEUVRES
 from app.telemetry.recording import Recording, TelemetryError
+from core.types import Array
 
 ON_GRID = 1e-6
 """Of a step: times so close to a sample are the sample's."""
@@ -146,3 +147,11 @@ def _marked(
             )
         rest = slice(first, min(first + max(1, round(seconds / dt)), stop))
     return Segment(interval.name, first, stop - 1, None, rest)
+
+
+def mean_of_rest(rest: Array) -> Array:
+    """Trim of a rest (n, 6): (6,) mean of each channel's known samples, NaN where there is none."""
+    known = np.isfinite(rest)
+    count = known.sum(axis=0)
+    total = np.where(known, rest, 0.0).sum(axis=0)
+    return np.where(count > 0, total / np.maximum(count, 1), np.nan)
