@@ -6,6 +6,7 @@ Times `t` are the flight's own [s]; `seq` numbers the samples flown, one up a sa
 transport does; `sent` and the heartbeat's `server_time` are the server's.
 """
 
+from collections.abc import Sequence
 from dataclasses import asdict
 from typing import Annotated, Any, Literal
 
@@ -121,6 +122,31 @@ class TransportState(Message):
     seekable: bool = Field(description="false for a live source: it only plays")
 
 
+class DisplayAssessment(Message):
+    """What a monitor that is flown for display says of a sample; it raises no alarm."""
+
+    p_value: float | None = Field(description="null unless state is `ok`, as alert is")
+    alert: bool | None
+    state: State
+    reason: str
+
+
+class FlownMonitor(Message):
+    """A monitor of a flight: its one alarm authority, or one that is flown for display."""
+
+    id: str
+    name: str
+    authority: bool = Field(description="whether its alerts are alarms; one monitor of a flight is")
+    lead: float = Field(
+        description="[s] ahead that its alerts warn, less what live samples may wait"
+    )
+    epsilon: float = Field(description="accepted miss rate")
+    alert_above: float = Field(description="risk above which it alerts")
+    n_unsafe: int
+    validity: Literal["checked", "not calibrated"]
+    warnings: list[str] = Field(description="what speaks against relying on it")
+
+
 class Frame(Message):
     """One sample and what the monitor says of it; SI units, N_y in g, channels in order.
 
@@ -137,6 +163,11 @@ class Frame(Message):
     reason: str
     y_hat: Outputs | None
     sent: float | None
+    display: list[DisplayAssessment] = Field(
+        default_factory=list,
+        description="of the monitors flown for display, in the order of `monitors`; left out "
+        "where there are none",
+    )
 
 
 class ManoeuvreBegun(Message):
@@ -203,6 +234,9 @@ class Hello(Message):
         description="whether the flight becomes `invalid` once it is unlike those of training"
     )
     monitor: dict[str, str]
+    monitors: list[FlownMonitor] = Field(
+        description="the alarm authority, then those flown for display"
+    )
     warnings: list[str] = Field(
         description="what the monitor's test flights say against relying on it at this epsilon, "
         "or that it was not tested; what is wrong, a colon, figures and remedy"
@@ -383,9 +417,20 @@ def decode(text: str) -> Credit | Resume:
         raise MessageError("send credit with n, or resume with seq, as JSON") from error
 
 
-def plain_frame(seq: int, y: Any, assessment: Assessment, sent: float | None) -> dict[str, Any]:
+def validity_word(is_checked: bool) -> Literal["checked", "not calibrated"]:
+    """Whether a monitor's validity is calibrated, in words."""
+    return "checked" if is_checked else "not calibrated"
+
+
+def plain_frame(
+    seq: int,
+    y: Any,
+    assessment: Assessment,
+    sent: float | None,
+    display: Sequence[Assessment] = (),
+) -> dict[str, Any]:
     """Return a Frame as plain data; unchecked, since this is done for every sample."""
-    return {
+    frame = {
         "seq": seq,
         "t": assessment.t,
         "y": y,
@@ -396,6 +441,17 @@ def plain_frame(seq: int, y: Any, assessment: Assessment, sent: float | None) ->
         "y_hat": assessment.y_hat,
         "sent": sent,
     }
+    if display:
+        frame["display"] = [
+            {
+                "p_value": one.p_value,
+                "alert": one.alert,
+                "state": one.state.value,
+                "reason": one.reason,
+            }
+            for one in display
+        ]
+    return frame
 
 
 def encode_frame(frame: dict[str, Any]) -> str:

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from app.flights.alarms import Alarms
 from app.flights.clock import Clock, Timer
+from app.flights.display_monitors import DisplayMonitor, flown_monitor
 from app.flights.flight_markers import FlightMarkers
 from app.flights.recorder import Recorder
 from app.flights.watcher import CREDIT, RecentFrames, Watcher
@@ -20,6 +21,7 @@ from app.messages import (
     AlarmRaised,
     End,
     FlightMarker,
+    FlownMonitor,
     Heartbeat,
     Hello,
     LiveStatus,
@@ -32,6 +34,7 @@ from app.messages import (
     encode_frame,
     limited_channels,
     plain_frame,
+    validity_word,
 )
 from core.certificate import warnings_of
 from core.channels import KEYS
@@ -64,8 +67,9 @@ def patience(dt: float, speed: float = 1.0) -> float:
 class FlightPlan:
     """What is flown and through what.
 
-    source: as it was asked for, in plain data.   monitor_name: what people call the monitor.
-    mode: whether what is flown is live, replayed or simulated.
+    source: as it was asked for, in plain data.   monitor: the alarm authority.
+    monitor_name: what people call it.   mode: whether what is flown is live, replayed or simulated.
+    display: monitors that raise no alarm.
     """
 
     id: str
@@ -76,6 +80,7 @@ class FlightPlan:
     monitor_name: str
     epsilon: float
     mode: Mode = "live"
+    display: tuple[DisplayMonitor, ...] = ()
 
 
 class Flight(ABC):
@@ -138,6 +143,22 @@ class Flight(ABC):
     def lead(self) -> float:
         """How far ahead an alert is shown [s]."""
         return self.plan.monitor.lead
+
+    @property
+    def monitors(self) -> list[FlownMonitor]:
+        """The alarm authority, then the monitors that are flown for display."""
+        plan = self.plan
+        delay = plan.monitor.lead - self.lead
+        own = DisplayMonitor(plan.monitor_id, plan.monitor_name, plan.monitor, plan.epsilon)
+        return [
+            flown_monitor(
+                *one,
+                warnings_of(one.monitor.evaluation, one.epsilon),
+                delay=delay,
+                is_authority=one is own,
+            )
+            for one in (own, *plan.display)
+        ]
 
     @property
     def live(self) -> LiveStatus | None:
@@ -231,8 +252,9 @@ class Flight(ABC):
             lead=self.lead,
             dt=self.dt,
             stale_after=patience(self.dt),
-            validity="checked" if self.is_checked else "not calibrated",
+            validity=validity_word(self.is_checked),
             monitor={"id": plan.monitor_id, "name": plan.monitor_name},
+            monitors=self.monitors,
             warnings=warnings_of(monitor.evaluation, plan.epsilon),
             source=plan.source,
             mode=plan.mode,
@@ -261,11 +283,15 @@ class Flight(ABC):
         due: float,
         index: int,
         attitude: Angles,
+        display: tuple[Assessment, ...] = (),
     ) -> None:
-        """One sample: recorded, checked for alarms, encoded. `_show` follows once a burst."""
+        """One sample: recorded, checked for alarms, encoded. `_show` follows once a burst.
+
+        display: what the monitors say of it that raise no alarm.
+        """
         seq = self.head + 1
-        self.recorder.add(seq, y, assessment)
-        self._follow(y, assessment, exceedance, attitude, round(due * 1e3, 3))
+        self.recorder.add(seq, y, assessment, display)
+        self._follow(y, assessment, exceedance, attitude, display, round(due * 1e3, 3))
         about = assessment, exceedance, self.clock, self._late
         self._ring(self.alarms.update(seq, index, *about))
 
@@ -275,12 +301,13 @@ class Flight(ABC):
         assessment: Assessment,
         exceedance: MeasuredExceedance | None,
         attitude: Angles,
+        display: tuple[Assessment, ...] = (),
         sent: float | None = None,
     ) -> None:
         """One sample as it is shown. sent: monotonic milliseconds; None where it was long ago."""
         late = (State.STALE, self._late) if self._late else None
         self._set_state(*(late or (assessment.state, assessment.reason)))
-        self._recent.append(encode_frame(plain_frame(self.head + 1, y, assessment, sent)))
+        self._recent.append(encode_frame(plain_frame(self.head + 1, y, assessment, sent, display)))
         self.t, self._assessment, self._pose = assessment.t, assessment, (attitude, y)
         self._exceeds = exceedance is not None
         if self._exceeds:

@@ -12,6 +12,7 @@ from app.flights.flight import Flight
 from app.flights.flight_markers import of_store
 from app.messages import Alarm, FlightMarker, MeasuredExceedance, plain_frame
 from app.store.alarms import StoredAlarm
+from app.store.assessments import StoredDisplay
 from app.store.flights import FlightInfo
 from app.store.store import NotFound, Store
 from core.monitor import Assessment, State
@@ -73,7 +74,9 @@ class FlightRecords:
         stored = await asyncio.to_thread(self._stored_frames, flight_id, first, last)
         head = stored[-1]["seq"] if stored else -1
         return stored + [
-            plain_frame(seq, y, assessment, None) for seq, y, assessment in waiting if seq > head
+            plain_frame(one.seq, one.y, one.assessment, None, one.display)
+            for one in waiting
+            if one.seq > head
         ]
 
     def _stored_frames(self, flight_id: str, first: int, last: int) -> list[dict[str, Any]]:
@@ -90,8 +93,17 @@ class FlightRecords:
                 stored.reasons[i],
                 y_hat,
             )
-            frames.append(plain_frame(int(stored.seq[i]), stored.y[i], assessment, None))
+            display = [_displayed(one, i, assessment.t) for one in stored.display]
+            frames.append(plain_frame(int(stored.seq[i]), stored.y[i], assessment, None, display))
         return frames
+
+
+def _displayed(stored: StoredDisplay, i: int, t: float) -> Assessment:
+    """What a monitor that was flown for display said of stored sample i."""
+    p_value, alert, code = stored.samples[i].tolist()
+    ok = STATES[code] is State.OK
+    said = (p_value, alert) if ok else (None, None)
+    return Assessment(t, *said, STATES[code], stored.reasons[i])
 
 
 def _alarm(stored: StoredAlarm) -> Alarm:

@@ -3,7 +3,7 @@
 import asyncio
 import logging
 import time
-from collections.abc import Awaitable, Callable
+from collections.abc import Awaitable, Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from dataclasses import dataclass, field
@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, Self
 from pydantic import ValidationError
 
 from app.flights.clock import Clock, MonotonicClock, Timer
+from app.flights.display_monitors import DisplayMonitor, check_alike, check_limits
 from app.flights.flight import Flight, FlightPlan, patience
 from app.flights.flight_recordings import RESUMED_WITHIN_S, FlightRecordings
 from app.flights.flight_records import (
@@ -58,10 +59,6 @@ RECORDING_THREADS = 2
 
 class TooManyFlights(RuntimeError):
     """As many flights are under way as may be."""
-
-
-class LimitsUnknown(ValueError):
-    """A monitor whose limits are not known, as a flight's only monitor."""
 
 
 @dataclass
@@ -172,10 +169,12 @@ class Flights:
             epsilon = monitor.check_epsilon(request.epsilon)
             if not request.accept_useless:
                 check_use(monitor.evaluation, epsilon)
-            opening = self._opening(request.monitor, monitor, epsilon)
+            shown = [(one, None) for one in request.monitors]
+            display = await asyncio.to_thread(self._display, monitor, shown)
+            opening = self._opening(request.monitor, monitor, epsilon)._replace(display=display)
             script, name = await asyncio.to_thread(request.source.open, opening)
             source = request.source.model_dump(exclude_none=True)
-            plan = await self._plan(request, request.name or name, source, epsilon)
+            plan = await self._plan(request, request.name or name, source, epsilon, display)
             return await self._start(plan, request.source.flight, script)
         finally:
             self._starting -= 1
@@ -288,7 +287,11 @@ class Flights:
         try:
             monitor = await asyncio.to_thread(self._monitor, info.monitor_id)
             request = FlightRequest.model_validate({"source": source, "monitor": info.monitor_id})
+            of_flight = await asyncio.to_thread(self.store.flights.display, [flight_id])
+            shown = of_flight.get(flight_id, [])
+            display = await asyncio.to_thread(self._display, monitor, shown)
             opening = self._opening(info.monitor_id, monitor, info.epsilon)
+            opening = opening._replace(display=display)
             live, path = request.source, journals.path(flight_id)
             assert isinstance(live, Live)
             if not path.exists():
@@ -309,6 +312,7 @@ class Flights:
                 info.monitor_id,
                 about.name,
                 info.epsilon,
+                display=display,
             )
             stored = -1 if info.head is None else info.head
 
@@ -409,24 +413,42 @@ class Flights:
     def _monitor(self, monitor_id: str) -> Monitor:
         """The monitor of a flight. NotFound; LimitsUnknown: it could not say what it warns of."""
         monitor = self.store.monitors.get(monitor_id)
-        if monitor.limits is None:
-            raise LimitsUnknown(
-                f"monitor {monitor_id} does not say which limits it was trained for, so nothing "
-                "could be said of an exceedance: fly a monitor that does, or train it again"
-            )
+        check_limits(monitor_id, monitor)
         return monitor
 
+    def _display(
+        self, authority: Monitor, shown: Sequence[tuple[str, float | None]]
+    ) -> tuple[DisplayMonitor, ...]:
+        """The monitors of a flight for display; for a thread. NotFound; SourceError; LimitsUnknown.
+
+        shown: id of each and its epsilon, its own if None.
+        """
+        monitors = self.store.monitors
+        display = tuple(
+            DisplayMonitor(one, monitors.info(one).name, monitor, monitor.check_epsilon(epsilon))
+            for one, epsilon in shown
+            for monitor in (monitors.get(one),)
+        )
+        check_alike(authority, display)
+        return display
+
     async def _plan(
-        self, request: FlightRequest, name: str, source: dict[str, Any], epsilon: float
+        self,
+        request: FlightRequest,
+        name: str,
+        source: dict[str, Any],
+        epsilon: float,
+        display: tuple[DisplayMonitor, ...],
     ) -> FlightPlan:
         monitor_id = request.monitor
         monitor = await asyncio.to_thread(self.store.monitors.get, monitor_id)
         info = await asyncio.to_thread(self.store.monitors.info, monitor_id)
         stored = {**source, NAME: name, ACCEPT_USELESS: request.accept_useless}
-        flight_id = await asyncio.to_thread(self.store.flights.add, stored, monitor_id, epsilon)
-        return FlightPlan(
-            flight_id, name, source, monitor, monitor_id, info.name, epsilon, mode_of(source)
-        )
+        used = [(shown.id, shown.epsilon) for shown in display]
+        add = self.store.flights.add
+        flight_id = await asyncio.to_thread(add, stored, monitor_id, epsilon, used)
+        about = monitor, monitor_id, info.name, epsilon, mode_of(source), display
+        return FlightPlan(flight_id, name, source, *about)
 
     async def _start(
         self,

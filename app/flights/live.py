@@ -16,6 +16,7 @@ from typing import Any, NamedTuple
 
 import msgspec
 
+from app.flights.display_monitors import DisplayMonitor
 from app.flights.exceedance import exceedance
 from app.flights.flight import Angles, Flight, FlightPlan, patience
 from app.flights.track import SourceError
@@ -35,7 +36,6 @@ from app.messages import (
     MeasuredExceedance,
     TransportState,
 )
-from app.scoring.planned_test import limits_of, needed_channels
 from app.telemetry.recording import TelemetryError
 from core.channels import KEYS
 from core.monitor import Assessment, Monitor, State
@@ -67,7 +67,7 @@ class LiveSetup(NamedTuple):
     """What a live flight is flown with. delay: [s], DELAY_INTERVALS of the monitor if None.
 
     udp: port to listen at, 0 for any; None for none.   host: where it listens.
-    aircraft: as people call the one whose mapping is used.
+    aircraft: as people call the one whose mapping is used.   display: monitors that raise no alarm.
     """
 
     monitor: Monitor
@@ -80,6 +80,7 @@ class LiveSetup(NamedTuple):
     udp: int | None = None
     host: str = "127.0.0.1"
     aircraft: str | None = None
+    display: tuple[DisplayMonitor, ...] = ()
 
     @property
     def dt(self) -> float:
@@ -88,7 +89,8 @@ class LiveSetup(NamedTuple):
 
     def scorer(self) -> CausalScorer:
         """A scorer for a flight from its beginning."""
-        return CausalScorer(self.monitor, self.epsilon, self.delay, self.trim)
+        display = [(shown.monitor, shown.epsilon) for shown in self.display]
+        return CausalScorer(self.monitor, self.epsilon, self.delay, self.trim, display)
 
 
 class LiveFlight(Flight):
@@ -102,8 +104,7 @@ class LiveFlight(Flight):
         super().__init__(plan, *about, **more)
         self.dt, self.is_checked = setup.dt, plan.monitor.support is not None
         self._setup, self._patience = setup, patience(setup.dt)
-        limited = needed_channels(setup.monitor, limits_of(setup.monitor))
-        self.needed = [key for key, is_needed in zip(KEYS, limited, strict=True) if is_needed]
+        self.needed = self.scorer.needed
         self._display = DisplayAttitude(setup.theta0)
         self._began = self._came = self.clock.now()
         self._settled = 0.0
@@ -179,6 +180,7 @@ class LiveFlight(Flight):
             "aircraft": self._setup.aircraft,
             "monitor": plan.monitor_id,
             "epsilon": plan.epsilon,
+            "monitors": [{"monitor": one.id, "epsilon": one.epsilon} for one in plan.display],
             "source": plan.source,
             "mapping": mapping.to_plain() if mapping else None,
         }
@@ -201,7 +203,7 @@ class LiveFlight(Flight):
         unrecorded = []
         for assessed in self._settled_until(rest, arrival):
             if self.head < stored:
-                self._follow(*self._flown(assessed))
+                self._follow(*self._flown(assessed), assessed.display)
             else:
                 unrecorded.append(assessed)
         self.alarms.restore(alarms)
@@ -388,7 +390,8 @@ class LiveFlight(Flight):
 
     def _fly_one(self, assessed: LiveAssessed, due: float) -> None:
         y, assessment, exceeded, attitude = self._flown(assessed)
-        self._fly(y, assessment, exceeded, due, self.head + 1, attitude)
+        about = due, self.head + 1, attitude, assessed.display
+        self._fly(y, assessment, exceeded, *about)
 
     def _flown(
         self, assessed: LiveAssessed

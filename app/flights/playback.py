@@ -4,6 +4,7 @@ Whatever the transport does, a sample has the history of the flight, not that of
 """
 
 from abc import ABC, abstractmethod
+from collections.abc import Iterable
 
 import numpy as np
 
@@ -52,6 +53,10 @@ class Script(ABC):
     def assessment(self, k: int) -> Assessment:
         """What the monitor says of sample k."""
 
+    def display(self, k: int) -> tuple[Assessment, ...]:
+        """What the monitors say of sample k that are flown for display."""
+        return ()
+
     def late(self, k: int) -> str:
         """Why sample k was not of now when it was shown; empty where it was."""
         return ""
@@ -78,14 +83,24 @@ class Script(ABC):
 
 
 class AssessedTrack(Script):
-    """A track through a monitor, assessed and judged whole; slow to make, for a thread."""
+    """A track through a monitor, assessed and judged whole; slow to make, for a thread.
 
-    def __init__(self, track: Track, monitor: Monitor, epsilon: float) -> None:
+    display: further monitors, each with its epsilon.
+    """
+
+    def __init__(
+        self,
+        track: Track,
+        monitor: Monitor,
+        epsilon: float,
+        display: Iterable[tuple[Monitor, float]] = (),
+    ) -> None:
         self.t, self.dt, self.theta = track.t, track.dt, track.theta
         if track.fail_index is not None:
             self.fail_t = float(track.t[track.fail_index])
         self._track = track
         self._assessments = monitor.assess(track.t, track.y, epsilon)
+        self._display = [one.assess(track.t, track.y, at) for one, at in display]
         self.alerts = onsets(self._assessments.alert)
         limits = monitor.limits
         over = np.zeros(len(track.t), bool) if limits is None else exceeds(limits, track.y)
@@ -104,6 +119,10 @@ class AssessedTrack(Script):
     def assessment(self, k: int) -> Assessment:
         """What the batch says of sample k."""
         return self._assessments[k]
+
+    def display(self, k: int) -> tuple[Assessment, ...]:
+        """What each batch says of sample k."""
+        return tuple(assessments[k] for assessments in self._display)
 
 
 def onsets(active: Flags) -> Indices:

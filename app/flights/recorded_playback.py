@@ -30,7 +30,8 @@ class RecordedScript(Script):
     samples: as app.scoring stores them, mapped.   manoeuvres: plain, see app.scoring.
     forecasts: whether the monitor makes forecasts.   outside: recorded exceedances that begin in no
     manoeuvre, plain.   biases: (6,) that the mapping subtracted of what was recorded.
-    theta0: pitch at trim [rad], for the display.
+    theta0: pitch at trim [rad], for the scene.   display: the same recording as further monitors
+    scored it, which are flown for display.
     """
 
     def __init__(
@@ -43,6 +44,7 @@ class RecordedScript(Script):
         outside: Sequence[Mapping[str, Any]] = (),
         biases: Sequence[float] = (0.0,) * len(KEYS),
         theta0: float = 0.0,
+        display: Sequence["RecordedScript"] = (),
     ) -> None:
         self.t, self.dt = np.ascontiguousarray(samples["t"]), dt
         judged = [s["exceedance"] for s in manoeuvres if s["exceedance"] is not None]
@@ -58,6 +60,7 @@ class RecordedScript(Script):
         self.exceedances = np.array(beyond, np.int64)
         self._display = DisplayAttitude(theta0)
         self._displayed = -1
+        self._display_scripts = display
         known = [s.get("trim") or () for s in manoeuvres]
         trims = [[value or 0.0 for value in trim] or [0.0] * len(KEYS) for trim in known]
         self._offsets = np.array([*trims, [0.0] * len(KEYS)]) + biases
@@ -114,6 +117,10 @@ class RecordedScript(Script):
             return Assessment(t, None, None, state, why)
         y_hat = sample["y_hat"] if self._forecasts else None
         return Assessment(t, float(sample["p_value"]), bool(sample["alert"]), state, y_hat=y_hat)
+
+    def display(self, k: int) -> tuple[Assessment, ...]:
+        """What was said of sample k when each scored the recording."""
+        return tuple(script.assessment(k) for script in self._display_scripts)
 
     def _integrated(self, k: int) -> Angles:
         """Go on from the sample shown before, or come from a while ahead of a jump."""

@@ -9,21 +9,23 @@ samples of the last INTERVAL_S at most, and no alarm that was announced as store
 import asyncio
 import logging
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
 from typing import Any, NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 
 from app.flights.clock import Clock, Timer
 from app.flights.flight_markers import to_store
 from app.messages import Alarm, FlightMarker
+from app.store.assessments import DISPLAY, StoredDisplay
 from app.store.look import StoreLook
 from app.store.store import NotFound, Store, StoreError
 from core.channels import N_CHANNELS
 from core.monitor import Assessment
 from core.monitor.assessment import STATES
-from core.types import Array
+from core.types import Array, Flags
 
 LOG = logging.getLogger("forewarn")
 INTERVAL_S = 2.0
@@ -34,6 +36,7 @@ BATCH = 10_000
 MOST_WAITING = 200_000
 UNKNOWN = np.full(N_CHANNELS, np.nan)
 CODES = {state: code for code, state in enumerate(STATES)}
+Columns = tuple[Array, Flags, npt.NDArray[np.uint8]]
 
 
 class RecordedSample(NamedTuple):
@@ -42,6 +45,7 @@ class RecordedSample(NamedTuple):
     seq: int
     y: Array
     assessment: Assessment
+    display: tuple[Assessment, ...] = ()
 
 
 class Raised:
@@ -110,9 +114,11 @@ class Recorder:
         parts = [f"{n} {name}{'s' * (n > 1)}" for name, n in counts.items() if n]
         return " and ".join(parts) or "status and time of its end"
 
-    def add(self, seq: int, y: Array, assessment: Assessment) -> None:
+    def add(
+        self, seq: int, y: Array, assessment: Assessment, display: tuple[Assessment, ...] = ()
+    ) -> None:
         """Take a sample; it is written with the next batch."""
-        self._samples.append(RecordedSample(seq, y, assessment))
+        self._samples.append(RecordedSample(seq, y, assessment, display))
         if len(self._samples) > MOST_WAITING:
             del self._samples[:BATCH]
             self.lost += BATCH
@@ -253,19 +259,15 @@ class Recorder:
 
     def _write(self, batch: list[RecordedSample]) -> None:
         assessments = [sample.assessment for sample in batch]
+        display = [
+            _to_store(column) for column in zip(*(sample.display for sample in batch), strict=True)
+        ]
         self._store.flights.append(
             self._flight_id,
             batch[0].seq,
             np.array([assessment.t for assessment in assessments]),
             np.array([sample.y for sample in batch]),
-            np.array(
-                [
-                    np.nan if assessment.p_value is None else assessment.p_value
-                    for assessment in assessments
-                ]
-            ),
-            np.array([bool(assessment.alert) for assessment in assessments]),
-            np.array([CODES[assessment.state] for assessment in assessments], np.uint8),
+            *_said(assessments),
             np.array(
                 [
                     UNKNOWN if assessment.y_hat is None else assessment.y_hat
@@ -273,6 +275,7 @@ class Recorder:
                 ]
             ),
             [assessment.reason for assessment in assessments],
+            display,
         )
 
     def _write_event(self, event: Alarm | FlightMarker) -> None:
@@ -297,3 +300,19 @@ class Recorder:
             number=alarm.number,
             raised=alarm.raised,
         )
+
+
+def _said(assessments: Sequence[Assessment]) -> Columns:
+    """p-value, alert and code of the state of each, as they are stored."""
+    return (
+        np.array([np.nan if one.p_value is None else one.p_value for one in assessments]),
+        np.array([bool(one.alert) for one in assessments]),
+        np.array([CODES[one.state] for one in assessments], np.uint8),
+    )
+
+
+def _to_store(assessments: Sequence[Assessment]) -> StoredDisplay:
+    samples = np.empty(len(assessments), DISPLAY)
+    for name, column in zip(DISPLAY.names or (), _said(assessments), strict=True):
+        samples[name] = column
+    return StoredDisplay(samples, tuple(one.reason for one in assessments))

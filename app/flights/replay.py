@@ -68,7 +68,9 @@ class TrackFlight(Flight):
         """Samples first..last of the source, flown yet or not; `seq` is their number in it."""
         script = self._script
         span = range(max(first, 0), min(last + 1, len(script.t)))
-        return [plain_frame(k, script.y(k), script.assessment(k), None) for k in span]
+        return [
+            plain_frame(k, script.y(k), script.assessment(k), None, script.display(k)) for k in span
+        ]
 
     def _do(self, action: str, value: float | bool | None, now: float) -> None:
         transport = self._transport
@@ -150,7 +152,8 @@ class TrackFlight(Flight):
         self._furthest = max(self._furthest, k)
         exceeded = script.exceedance(k, self.plan.monitor.limits)
         self._late = script.late(k)
-        self._fly(script.y(k), script.assessment(k), exceeded, due.due, k, script.attitude(k))
+        said = script.assessment(k), exceeded, due.due, k, script.attitude(k), script.display(k)
+        self._fly(script.y(k), *said)
 
     def _pass(self, k: int) -> None:
         """Raise the alarms of what a seek to sample k passes: the first of each kind, if new."""

@@ -56,6 +56,7 @@ class ShownFlight(Script):
         self.dt, self.delay = setup.dt, setup.scorer().delay
         self.is_checked = setup.monitor.support is not None
         self.reasons: list[str] = []
+        self._display: list[tuple[Assessment, ...]] = []
         self._came: list[float] = []
         self.samples = np.fromiter(self._read(setup, flight_id), SHOWN)
         if not len(self.samples):
@@ -94,6 +95,10 @@ class ShownFlight(Script):
         p_value, alert = float(sample["p_value"]), bool(sample["alert"])
         return Assessment(t, p_value, alert, state, reason, y_hat)
 
+    def display(self, k: int) -> tuple[Assessment, ...]:
+        """What was said of sample k for display."""
+        return self._display[k]
+
     def late(self, k: int) -> str:
         """Why sample k was not of now."""
         return self._late.get(k, "")
@@ -126,6 +131,7 @@ class ShownFlight(Script):
         for one in shown_again(self._lines(setup, flight_id), setup.scorer(), setup.reader):
             reason = one.assessed.assessment.reason
             self.reasons.append(known.setdefault(reason, reason))
+            self._display.append(one.assessed.display)
             yield _row(one, display)
 
     def _lines(self, setup: LiveSetup, flight_id: str) -> Iterator[dict[str, Any]]:

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, NamedTuple,
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
+from app.flights.display_monitors import DisplayMonitor
 from app.flights.flight import Flight
 from app.flights.live import LiveFlight, LiveSetup
 from app.flights.playback import AssessedTrack, Script
@@ -27,6 +28,7 @@ from app.live.scorer import TrimRule
 from app.messages import Mode
 from app.recipes import from_plain
 from app.recordings.scored import ScoredRecordings
+from app.store.scorings import ScoringInfo
 from app.store.store import Store
 from app.telemetry.mapping.mapping import Mapping
 from core.channels import KEYS
@@ -45,6 +47,7 @@ class Opening(NamedTuple):
     """By what a source is opened.
 
     scored: recordings, journals: of live flights; None where none are kept.   host: of the server.
+    display: monitors that raise no alarm.
     """
 
     store: Store
@@ -54,6 +57,7 @@ class Opening(NamedTuple):
     epsilon: float
     journals: Journals | None = None
     host: str = "127.0.0.1"
+    display: tuple[DisplayMonitor, ...] = ()
 
 
 class Source(BaseModel, ABC):
@@ -81,7 +85,8 @@ class TrackSource(Source):
     def open(self, opening: Opening) -> tuple[Script, str]:
         """Make the track and assess it."""
         track = self.track(opening.store, opening.monitor)
-        return AssessedTrack(track, opening.monitor, opening.epsilon), self.name()
+        display = [(shown.monitor, shown.epsilon) for shown in opening.display]
+        return AssessedTrack(track, opening.monitor, opening.epsilon, display), self.name()
 
     def track(self, store: Store, monitor: Monitor) -> Track:
         """Make the track; SourceError where the monitor has another interval."""
@@ -183,8 +188,30 @@ class Recorded(Source):
             outside=info.outside_exceedances,
             biases=[info.mapping["channels"].get(key, {}).get("bias", 0.0) for key in KEYS],
             theta0=trim_angles(monitor.dataset_recipe)[1],
+            display=[self._displayed(shown, info, opening) for shown in opening.display],
         )
         return script, store.recordings.info(self.recording).name
+
+    def _displayed(
+        self, shown: DisplayMonitor, info: ScoringInfo, opening: Opening
+    ) -> RecordedScript:
+        """The recording as a monitor for display scored it: the newest scoring of the same samples.
+
+        SourceError where there is none.
+        """
+        assert opening.scored is not None
+        flown = opening.scored.samples(info)
+        for other in opening.store.scorings.of(self.recording):
+            by = other.monitor_id, other.epsilon, other.mapping
+            if other.damage or by != (shown.id, shown.epsilon, info.mapping):
+                continue
+            samples = opening.scored.samples(other)
+            if all(np.array_equal(samples[name], flown[name], True) for name in ("t", "y")):
+                return RecordedScript(samples, other.manoeuvres, other.dt, forecasts=False)
+        raise SourceError(
+            f"monitor {shown.name} ({shown.id}) has not scored this recording as it is flown, at "
+            f"epsilon {shown.epsilon:g}: score it by that monitor first, over the same manoeuvres"
+        )
 
 
 class Live(Source):
@@ -239,9 +266,11 @@ class Live(Source):
             self.udp,
             opening.host,
             aircraft=aircraft,
+            display=opening.display,
         )
         setup.scorer()  # refuses a delay as long as the lead
-        make_ready(monitor)
+        for one in (monitor, *(shown.monitor for shown in opening.display)):
+            make_ready(one)
         return setup, name
 
     def open_again(self, opening: Opening, header: dict[str, Any]) -> tuple[LiveSetup, str]:

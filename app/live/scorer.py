@@ -1,6 +1,7 @@
 """What a monitor says of a live source, sample by sample, and the same again from its record."""
 
 from collections import deque
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Literal, NamedTuple
 
@@ -26,6 +27,7 @@ class LiveAssessed(NamedTuple):
     y: (6,) from trim.   recorded: (6,) trim included.   manoeuvre: 1, 2 ...; 0 for none.
     exceeding: y and recorded of a sample that came since the one before this and exceeds a limit
     although it is none of the grid: between two of them, or late; None for none.
+    display: what further monitors say of it, which raise no alarm.
     """
 
     y: Array
@@ -34,6 +36,57 @@ class LiveAssessed(NamedTuple):
     attitude: Angles | None
     manoeuvre: int
     exceeding: tuple[Array, Array] | None = None
+    display: tuple[Assessment, ...] = ()
+
+
+class GridMonitor:
+    """One monitor of a live source, on the samples of its grid."""
+
+    def __init__(self, monitor: Monitor, epsilon: float) -> None:
+        self.monitor, self.epsilon = monitor, epsilon
+        self.needed = needed_channels(monitor, limits_of(monitor))
+        self._needs_all = bool(self.needed.all())
+        self._stream = monitor.stream(epsilon)
+        self._history: deque[Sample] = deque(maxlen=monitor.recipe.n_delay + 1)
+
+    def restart(self, trim: Array) -> None:
+        """Judge what comes as a flight of its own, which has a history."""
+        self._stream = self.monitor.stream(self.epsilon)
+        for sample in self._history:
+            self._stream.update(sample.t, self._read(sample.y - trim))
+
+    def assess(self, sample: Sample, y: Array) -> Assessment:
+        """What is said of a sample, y (6,) from trim."""
+        self._history.append(sample)
+        return self._explained(self._stream.update(sample.t, self._read(y)), sample)
+
+    def wait(self, sample: Sample, reason: str) -> Assessment:
+        """What is said of a sample while no manoeuvre is under way, and why."""
+        self._history.append(sample)
+        missing = sample.reason or self._missing(sample.y)
+        state = State.INVALID if missing else State.WARMING_UP
+        return Assessment(sample.t, None, None, state, missing or reason)
+
+    def _read(self, y: Array) -> Array:
+        """What the monitor is given: 0 for a channel that it can do without and that is missing."""
+        return y if self._needs_all else np.where(self.needed | np.isfinite(y), y, 0.0)
+
+    def _explained(self, assessment: Assessment, sample: Sample) -> Assessment:
+        """Say which channels are missing, or why all are."""
+        if assessment.reason != NOT_FINITE:
+            return assessment
+        missing = sample.reason or self._missing(sample.y)
+        return replace(assessment, reason=missing) if missing else assessment
+
+    def _missing(self, y: Array) -> str:
+        """Which channels are missing that the monitor needs; empty where none is."""
+        known = np.isfinite(y)
+        if known.all():
+            return ""
+        wanted = zip(KEYS, known, self.needed, strict=True)
+        missing = [key for key, is_known, is_needed in wanted if is_needed and not is_known]
+        verb = "is" if len(missing) == 1 else "are"
+        return f"{' and '.join(missing)} {verb} missing" if missing else ""
 
 
 class CausalScorer:
@@ -42,7 +95,8 @@ class CausalScorer:
     delay: most that a sample waits for others [s]; DELAY_INTERVALS of the monitor's if None.
     trim: `detected`: nothing is said at rest, each manoeuvre has the trim before it and is judged
     as a flight of its own; `none`: the samples are from trim as they come, and all are assessed.
-    ValueError for a delay that is negative or not below the monitor's lead.
+    display: further monitors with their epsilons, which see the same samples from the same trim.
+    ValueError for a delay that is negative or not below the lead of each monitor.
     """
 
     def __init__(
@@ -51,27 +105,33 @@ class CausalScorer:
         epsilon: float,
         delay: float | None = None,
         trim: TrimRule = "detected",
+        display: Sequence[tuple[Monitor, float]] = (),
     ) -> None:
         self.monitor, self.epsilon = monitor, epsilon
         self.delay = DELAY_INTERVALS * monitor.dt if delay is None else delay
-        if not 0.0 <= self.delay < monitor.lead:
+        shortest = min(monitor.lead, *(one.lead for one, _ in display), np.inf)
+        if not 0.0 <= self.delay < shortest:
             raise ValueError(
                 f"a delay of {self.delay:g} s was given: it is subtracted from the lead of "
-                f"{monitor.lead:g} s, so give 0 or more, and less than that"
+                f"{shortest:g} s, so give 0 or more, and less than that"
             )
         self._resampler = CausalResampler(monitor.dt, self.delay)
         self._trim = CausalTrim(planned_test(monitor)) if trim == "detected" else None
-        self._needed = needed_channels(monitor, limits_of(monitor))
-        self._needs_all = bool(self._needed.all())
         self._limits = monitor.limits
         self._exceeding: tuple[Array, Array] | None = None
-        self._stream = monitor.stream(epsilon)
-        self._history: deque[Sample] = deque(maxlen=monitor.recipe.n_delay + 1)
+        self._authority = GridMonitor(monitor, epsilon)
+        self._display = [GridMonitor(*shown) for shown in display]
 
     @property
     def lead(self) -> float:
         """How far ahead an alert is shown [s]: the monitor's lead less the delay."""
         return self.monitor.lead - self.delay
+
+    @property
+    def needed(self) -> list[str]:
+        """Channels that one of the monitors cannot do without."""
+        needed = np.logical_or.reduce([one.needed for one in (self._authority, *self._display)])
+        return [key for key, is_needed in zip(KEYS, needed, strict=True) if is_needed]
 
     @property
     def counts(self) -> Counts:
@@ -121,39 +181,17 @@ class CausalScorer:
             if begins:
                 self._restart(trim)
             y = sample.y - trim
-        self._history.append(sample)
         if self._trim is not None and not self._trim.manoeuvre:
-            missing = sample.reason or self._missing(sample.y)
-            state = State.INVALID if missing else State.WARMING_UP
-            assessment = Assessment(sample.t, None, None, state, missing or self._trim.reason)
+            reason = self._trim.reason
+            assessment = self._authority.wait(sample, reason)
+            display = tuple(shown.wait(sample, reason) for shown in self._display)
         else:
-            assessment = self._explained(self._stream.update(sample.t, self._read(y)), sample)
+            assessment = self._authority.assess(sample, y)
+            display = tuple(shown.assess(sample, y) for shown in self._display)
         exceeding, self._exceeding = self._exceeding, None
-        return LiveAssessed(y, sample.y, assessment, sample.attitude, self.manoeuvre, exceeding)
+        about = assessment, sample.attitude, self.manoeuvre, exceeding, display
+        return LiveAssessed(y, sample.y, *about)
 
     def _restart(self, trim: Array) -> None:
-        """Judge what comes as a flight of its own, which has a history."""
-        self._stream = self.monitor.stream(self.epsilon)
-        for sample in self._history:
-            self._stream.update(sample.t, self._read(sample.y - trim))
-
-    def _read(self, y: Array) -> Array:
-        """What the monitor is given: 0 for a channel that it can do without and that is missing."""
-        return y if self._needs_all else np.where(self._needed | np.isfinite(y), y, 0.0)
-
-    def _explained(self, assessment: Assessment, sample: Sample) -> Assessment:
-        """Say which channels are missing, or why all are."""
-        if assessment.reason != NOT_FINITE:
-            return assessment
-        missing = sample.reason or self._missing(sample.y)
-        return replace(assessment, reason=missing) if missing else assessment
-
-    def _missing(self, y: Array) -> str:
-        """Which channels are missing that the monitor needs; empty where none is."""
-        known = np.isfinite(y)
-        if known.all():
-            return ""
-        wanted = zip(KEYS, known, self._needed, strict=True)
-        missing = [key for key, is_known, is_needed in wanted if is_needed and not is_known]
-        verb = "is" if len(missing) == 1 else "are"
-        return f"{' and '.join(missing)} {verb} missing" if missing else ""
+        for monitor in (self._authority, *self._display):
+            monitor.restart(trim)

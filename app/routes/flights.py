@@ -6,6 +6,7 @@ from typing import Annotated, Any, Literal
 from fastapi import APIRouter, Depends, Query, Request, Response
 from pydantic import BaseModel, ConfigDict, Field, StrictBool
 
+from app.flights.display_monitors import flown_monitors
 from app.flights.ended import Record, Verdict, records
 from app.flights.flight import Flight
 from app.flights.flight_records import accepts_useless, flight_name, source_of
@@ -15,7 +16,7 @@ from app.flights.request import FlightRequest
 from app.flights.sources import mode_of
 from app.flights.transport import NotPossible, TransportError
 from app.http.problems import Problem, problem_responses
-from app.messages import Alarm, FlightMarker, Frame, LiveStatus, Mode, TransportState
+from app.messages import Alarm, FlightMarker, FlownMonitor, Frame, LiveStatus, Mode, TransportState
 from app.recipes import RecipeError
 from app.routes.dependencies import PersonDep, json_from, signature
 from app.store.flights import FlightInfo, UnderWay
@@ -70,7 +71,10 @@ class FlightStatus(BaseModel):
     )
     source: dict[str, Any]
     mode: Mode = Field(description="whether its samples are measured, replayed or simulated")
-    monitor: str = Field(description="id")
+    monitor: str = Field(description="id of the alarm authority")
+    monitors: list[FlownMonitor] = Field(
+        description="the alarm authority, then those flown for display"
+    )
     warnings: list[str] = Field(
         description="what the monitor's test flights say against relying on it at this epsilon, "
         "or that it was not tested"
@@ -329,16 +333,14 @@ async def _frames_response(
 
 async def _statuses(flights: Flights, stored: list[FlightInfo]) -> list[FlightStatus]:
     over = await asyncio.to_thread(records, flights.store, stored)
-    used = [(info.monitor_id, info.epsilon) for info in stored]
-    warnings = await asyncio.to_thread(flights.store.monitors.warnings, used)
+    monitors = await asyncio.to_thread(flown_monitors, flights.store, stored)
     return [
-        _status(info, flights.get(info.id), over.get(info.id), warnings[pair])
-        for info, pair in zip(stored, used, strict=True)
+        _status(info, flights.get(info.id), over.get(info.id), monitors[info.id]) for info in stored
     ]
 
 
 def _status(
-    info: FlightInfo, flight: Flight | None, record: Record | None, warnings: list[str]
+    info: FlightInfo, flight: Flight | None, record: Record | None, monitors: list[FlownMonitor]
 ) -> FlightStatus:
     status = FlightStatus(
         id=info.id,
@@ -352,7 +354,8 @@ def _status(
         source=source_of(info),
         mode=mode_of(info.source),
         monitor=info.monitor_id,
-        warnings=warnings,
+        monitors=monitors,
+        warnings=monitors[0].warnings,
         epsilon=info.epsilon,
         keep=info.keep,
         accept_useless=accepts_useless(info),
@@ -367,6 +370,7 @@ def _status(
     return status.model_copy(
         update={
             "head": flight.head,
+            "monitors": flight.monitors,
             "theta": flight.theta,
             "fail_t": flight.fail_t,
             "state": flight.state,

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from app.store.arrays import from_blob, to_blob
 from core.channels import N_CHANNELS
 from core.monitor.assessment import REASONS
 from core.types import Array
@@ -23,6 +24,22 @@ SAMPLE = np.dtype(
     ]
 )
 """One assessed sample as it is stored; `state` is a code into core.monitor.assessment.STATES."""
+DISPLAY = np.dtype([("p_value", "<f8"), ("alert", "?"), ("state", "u1")])
+"""What a monitor that is flown for display says of a sample, as SAMPLE."""
+
+
+@dataclass(frozen=True, eq=False)
+class StoredDisplay:
+    """Assessments of one monitor that is flown for display."""
+
+    samples: npt.NDArray
+    """(n,) of DISPLAY"""
+    reasons: tuple[str, ...]
+    """(n,) why a sample was not assessed"""
+
+    def part(self, wanted: slice) -> "StoredDisplay":
+        """Those of some samples."""
+        return StoredDisplay(self.samples[wanted], self.reasons[wanted])
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,6 +62,8 @@ class StoredAssessments:
     """(n, 6), NaN where there is no forecast"""
     reasons: tuple[str, ...]
     """(n,) why a sample was not assessed"""
+    display: tuple[StoredDisplay, ...] = ()
+    """of each monitor that is flown for display, in the order of the flight"""
 
     def __len__(self) -> int:
         return len(self.seq)
@@ -64,6 +83,38 @@ def pack(*fields: Any) -> npt.NDArray:
         else:
             samples[name] = values
     return samples
+
+
+def display_columns(display: Sequence[StoredDisplay]) -> dict[str, Any]:
+    """What a chunk holds of monitors that are flown for display; nulls where there is none."""
+    if not display:
+        return {"display": None, "display_reasons": None}
+    return {
+        "display": to_blob(np.stack([one.samples for one in display], axis=1)),
+        "display_reasons": [runs_of(one.samples["state"], one.reasons) for one in display],
+    }
+
+
+def display_of(blob: bytes | None, runs: Sequence[Any] | None) -> list[StoredDisplay]:
+    """What `display_columns` stored, a monitor each."""
+    if blob is None:
+        return []
+    samples = from_blob(blob)
+    return [
+        StoredDisplay(column, tuple(reasons_of(column["state"], (runs or [])[m] or ())))
+        for m, column in enumerate(samples.T)
+    ]
+
+
+def joined(parts: Sequence[Sequence[StoredDisplay]]) -> list[StoredDisplay]:
+    """Assessments of chunk after chunk, as many monitors in each, as one of each monitor."""
+    return [
+        StoredDisplay(
+            np.concatenate([one.samples for one in column]),
+            tuple(text for one in column for text in one.reasons),
+        )
+        for column in zip(*parts, strict=True)
+    ]
 
 
 def runs_of(state: npt.NDArray, reasons: Sequence[str]) -> list[list[Any]] | None:

@@ -10,9 +10,27 @@ from sqlalchemy import Connection, Select, case, delete, func, insert, select, u
 
 from app.store.answers import note_deleted, was_deleted
 from app.store.arrays import from_blob, to_blob
-from app.store.assessments import SAMPLE, StoredAssessments, pack, reasons_of, runs_of
+from app.store.assessments import (
+    SAMPLE,
+    StoredAssessments,
+    StoredDisplay,
+    display_columns,
+    display_of,
+    joined,
+    pack,
+    reasons_of,
+    runs_of,
+)
 from app.store.repository import Entry, Repository, check_not_kept, columns, complete, fetch
-from app.store.tables import assessment_chunks, flights, monitors, new_id, now, recordings
+from app.store.tables import (
+    assessment_chunks,
+    display_monitors,
+    flights,
+    monitors,
+    new_id,
+    now,
+    recordings,
+)
 
 INTERRUPTED = "interrupted"
 CHUNK = 1000
@@ -55,15 +73,40 @@ class FlightInfo(Entry):
 class FlightRepository(Repository):
     """Flights by id."""
 
-    def add(self, source: dict[str, Any], monitor_id: str, epsilon: float) -> str:
-        """Store a flight that runs from now on; return its id. NotFound for the monitor."""
+    def add(
+        self,
+        source: dict[str, Any],
+        monitor_id: str,
+        epsilon: float,
+        display: Sequence[tuple[str, float]] = (),
+    ) -> str:
+        """Store a flight that runs from now on; return its id. NotFound for a monitor.
+
+        display: id and epsilon of each monitor that is flown for display.
+        """
         flight_id = new_id()
         row = {"id": flight_id, "source": source, "monitor_id": monitor_id, "epsilon": epsilon}
         with self._writing() as connection:
-            query = select(monitors.c.id).where(complete(monitors, monitor_id))
-            fetch(connection, query, "monitor", monitor_id)
+            for used in (monitor_id, *(shown for shown, _ in display)):
+                query = select(monitors.c.id).where(complete(monitors, used))
+                fetch(connection, query, "monitor", used)
             connection.execute(insert(flights).values(**row, status="running", created=now()))
+            for position, (shown, at) in enumerate(display):
+                row = {"flight_id": flight_id, "position": position}
+                row |= {"monitor_id": shown, "epsilon": at}
+                connection.execute(insert(display_monitors).values(**row))
         return flight_id
+
+    def display(self, flight_ids: Iterable[str]) -> dict[str, list[tuple[str, float]]]:
+        """Id and epsilon of the monitors that flights are shown by, of those that have any."""
+        own, wanted = display_monitors.c, set(flight_ids)
+        query = select(own.flight_id, own.monitor_id, own.epsilon).order_by(own.position)
+        found: dict[str, list[tuple[str, float]]] = {}
+        with self._reading() as connection:
+            for flight_id, monitor_id, epsilon in connection.execute(query):
+                if flight_id in wanted:
+                    found.setdefault(flight_id, []).append((monitor_id, epsilon))
+        return found
 
     def end(
         self, flight_id: str, status: str = "ended", exceeded_t: float | None = None
@@ -129,12 +172,14 @@ class FlightRepository(Repository):
         state: npt.ArrayLike,
         y_hat: npt.ArrayLike | None = None,
         reasons: Sequence[str] | None = None,
+        display: Sequence[StoredDisplay] = (),
     ) -> None:
         """Store the next samples of a flight, numbered from first_seq.
 
         t: (n,) [s].   y: (n, 6).   p_value: (n,), NaN where there is none.   alert: (n,) bool.
         state: (n,) codes into STATES.   y_hat: (n, 6), None or NaN where there is no forecast.
         reasons: (n,) why a sample was not assessed; None: what its state says.
+        display: of each monitor that is flown for display.
         NotFound; ValueError for other shapes and for samples that are already stored.
         """
         samples = pack(t, y, p_value, alert, state, y_hat)
@@ -145,6 +190,7 @@ class FlightRepository(Repository):
                 "last_seq": first_seq + min(i + CHUNK, len(samples)) - 1,
                 "content": to_blob(samples[i : i + CHUNK]),
                 "reasons": runs_of(samples["state"][i : i + CHUNK], (reasons or ())[i : i + CHUNK]),
+                **display_columns([one.part(slice(i, i + CHUNK)) for one in display]),
             }
             for i in range(0, len(samples), CHUNK)
         ]
@@ -164,7 +210,8 @@ class FlightRepository(Repository):
     ) -> StoredAssessments:
         """Return the stored samples first_seq to last_seq, both included. NotFound."""
         chunk = assessment_chunks.c
-        query = select(chunk.first_seq, chunk.content, chunk.reasons).where(
+        shown = chunk.display, chunk.display_reasons
+        query = select(chunk.first_seq, chunk.content, chunk.reasons, *shown).where(
             chunk.flight_id == flight_id, chunk.last_seq >= first_seq
         )
         if last_seq is not None:
@@ -185,9 +232,11 @@ class FlightRepository(Repository):
             np.searchsorted(seq, first_seq),
             None if last_seq is None else np.searchsorted(seq, last_seq, "right"),
         )
+        display = joined([display_of(row.display, row.display_reasons) for row in rows])
         return StoredAssessments(
             seq=seq[wanted],
             reasons=tuple(reasons[wanted]),
+            display=tuple(one.part(wanted) for one in display),
             **{name: np.ascontiguousarray(samples[name][wanted]) for name in SAMPLE.names or ()},
         )
 
@@ -219,15 +268,16 @@ def _cut(connection: Connection, flight_id: str, head: int) -> None:
     """Take out the samples after head."""
     chunk = assessment_chunks.c
     beyond = (chunk.flight_id == flight_id) & (chunk.last_seq > head)
-    query = select(chunk.first_seq, chunk.content, chunk.reasons).where(beyond)
+    shown = chunk.display, chunk.display_reasons
+    query = select(chunk.first_seq, chunk.content, chunk.reasons, *shown).where(beyond)
     rows = connection.execute(query.where(chunk.first_seq <= head)).all()
     connection.execute(delete(assessment_chunks).where(beyond))
-    for first, content, runs in rows:
-        samples = from_blob(content)
-        texts = reasons_of(samples["state"], runs or ())[: head + 1 - first]
-        kept = samples[: head + 1 - first]
+    for first, content, runs, *display in rows:
+        samples, wanted = from_blob(content), slice(head + 1 - first)
+        texts, kept = reasons_of(samples["state"], runs or ())[wanted], samples[wanted]
         row = {"flight_id": flight_id, "first_seq": first, "last_seq": head}
         row |= {"content": to_blob(kept), "reasons": runs_of(kept["state"], texts)}
+        row |= display_columns([one.part(wanted) for one in display_of(*display)])
         connection.execute(insert(assessment_chunks).values(**row))
 
 

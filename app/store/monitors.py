@@ -15,6 +15,7 @@ from app.store.database import Damaged
 from app.store.repository import Entry, InUse, Repository, Writer, columns, complete, fetch
 from app.store.tables import (
     datasets,
+    display_monitors,
     flights,
     monitor_parts,
     monitors,
@@ -287,7 +288,9 @@ def _info(row: Row, epsilon: float | None = None) -> MonitorInfo:
 
 def _users(connection: Connection, monitor_id: str) -> list[tuple[str, str]]:
     """Flights and scorings of a monitor, in words, with their ids."""
-    flown = select(flights.c.id, flights.c.status).where(flights.c.monitor_id == monitor_id)
+    shown = select(display_monitors.c.flight_id).where(display_monitors.c.monitor_id == monitor_id)
+    of_it = (flights.c.monitor_id == monitor_id) | flights.c.id.in_(shown)
+    flown = select(flights.c.id, flights.c.status).where(of_it)
     scored = (
         select(scorings.c.id, recordings.c.name)
         .join(recordings, recordings.c.id == scorings.c.recording_id)

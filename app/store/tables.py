@@ -203,6 +203,15 @@ flights = Table(
     Column("recording_id", String(2 * ID_BYTES), index=True),
 )
 
+display_monitors = Table(
+    "display_monitors",
+    metadata,
+    _part_of("flights"),
+    Column("position", Integer, primary_key=True, autoincrement=False),
+    _refers_to("monitors", "RESTRICT"),
+    Column("epsilon", Float, nullable=False),
+)
+
 assessment_chunks = Table(
     "assessment_chunks",
     metadata,
@@ -211,6 +220,8 @@ assessment_chunks = Table(
     Column("last_seq", BigInteger, nullable=False),
     Column("content", LargeBinary, nullable=False),
     _plain("reasons", nullable=True),
+    Column("display", LargeBinary),
+    _plain("display_reasons", nullable=True),
 )
 
 alarms = Table(

@@ -1,13 +1,15 @@
 """A scored recording is flown over REST as any flight: what is shown is what was scored."""
 
 from collections.abc import Iterator
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
 from starlette.testclient import TestClient
 
-from core.monitor import Monitor
+from core.collection import collect
+from core.monitor import Monitor, MonitorRecipe, train
 from core.simulation.aircraft import PublishedAircraft
 from tests.support.api import api, problem, store_of
 from tests.support.attas import TEST, fly
@@ -18,6 +20,7 @@ URL = "/api/v1/flights"
 START = 3358.4
 """[s] A recording whose clock does not begin at zero."""
 PHI, THETA = 0.21, 0.06
+DISPLAYED = ("p_value", "alert", "state", "reason")
 OUTCOMES = ["quiet", "timely_alert", "invalid"]
 
 
@@ -127,6 +130,22 @@ def test_it_begins_at_its_own_first_time(field: Airfield, flight: str):
     assert transport["duration"] == pytest.approx(field.scoring["end"] - field.scoring["start"])
     assert transport["n_samples"] == field.scoring["n_samples"]
     assert status["fail_t"] == field.scoring["manoeuvres"][1]["exceedance"]["t"]
+
+
+def test_a_monitor_for_display_shows_what_it_scored(field: Airfield):
+    further = train(collect(replace(TEST, n_unsafe=30)), MonitorRecipe(t_early=0.5))
+    monitor = store_of(field.client).monitors.add(further, "further ahead").id
+    refused = field.order(monitors=[monitor])
+    assert "score it by that monitor first" in problem(refused, 422)
+    scoring = field.client.post(f"{field.path}/scorings", json={"monitor": monitor}).json()
+    path = f"{field.path}/scorings/{scoring['id']}/assessments"
+    kept = field.client.get(path).json()["frames"]
+    flight = field.order(monitors=[monitor]).json()["id"]
+    shown = field.client.get(f"{URL}/{flight}/source").json()["frames"]
+    said = [{key: frame[key] for key in DISPLAYED} for frame in kept]
+    assert [frame["display"][0] for frame in shown] == said
+    assert sum(one["p_value"] is not None for one in said) > 100
+    field.client.post(f"{URL}/{flight}/end")
 
 
 def test_its_verdict_is_that_of_the_recording_s_page(field: Airfield):

@@ -1,0 +1,110 @@
+"""Monitors that a flight is shown by, beside the one that raises its alarms.
+
+Several monitors say more than one, of several warning lead times say, but a list of them keeps no
+promise: each may miss, and each may alert on a safe flight. One alone is the alarm authority.
+"""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+from app.flights.track import SourceError
+from app.messages import FlownMonitor, validity_word
+from app.store.flights import FlightInfo
+from app.store.monitors import MonitorInfo
+from app.store.store import Store
+from core.monitor import Monitor
+
+ALIKE = {"aircraft": "another aircraft", "maneuver": "another manoeuvre"}
+"""What of their datasets' recipes monitors of one flight have in common."""
+
+
+class LimitsUnknown(ValueError):
+    """A monitor whose limits are not known, so that nothing could be said of an exceedance."""
+
+
+class DisplayMonitor(NamedTuple):
+    """A monitor that is flown for display, at its own accepted miss rate."""
+
+    id: str
+    name: str
+    monitor: Monitor
+    epsilon: float
+
+
+def check_limits(monitor_id: str, monitor: Monitor) -> None:
+    """LimitsUnknown for a monitor that could not say what it warns of."""
+    if monitor.limits is None:
+        raise LimitsUnknown(
+            f"monitor {monitor_id} does not say which limits it was trained for, so nothing "
+            "could be said of an exceedance: fly a monitor that does, or train it again"
+        )
+
+
+def check_alike(authority: Monitor, display: Sequence[DisplayMonitor]) -> None:
+    """Whether monitors can see the same flight. SourceError; LimitsUnknown."""
+    for shown in display:
+        check_limits(shown.id, shown.monitor)
+        if other := _unlike(authority, shown.monitor):
+            raise SourceError(
+                f"monitor {shown.name} ({shown.id}) is of {other} than the alarm authority: fly "
+                "monitors of one aircraft, manoeuvre and sample interval together"
+            )
+
+
+def _unlike(authority: Monitor, other: Monitor) -> str:
+    if other.dt != authority.dt:
+        return f"another sample interval, {other.dt:g} s and not {authority.dt:g} s,"
+    recipes = authority.dataset_recipe, other.dataset_recipe
+    unlike = (word for part, word in ALIKE.items() if len({repr(r.get(part)) for r in recipes}) > 1)
+    return next(unlike, "")
+
+
+def alert_above(monitor: Monitor | MonitorInfo, epsilon: float) -> float:
+    """Risk above which a monitor alerts at an accepted miss rate: the one place that says so."""
+    return epsilon
+
+
+def flown_monitor(
+    monitor_id: str,
+    name: str,
+    monitor: Monitor | MonitorInfo,
+    epsilon: float,
+    warnings: list[str],
+    *,
+    delay: float = 0.0,
+    is_authority: bool = False,
+) -> FlownMonitor:
+    """A monitor of a flight as it is sent. delay: that live samples may wait [s]."""
+    return FlownMonitor(
+        id=monitor_id,
+        name=name,
+        authority=is_authority,
+        lead=monitor.lead - delay,
+        epsilon=epsilon,
+        alert_above=alert_above(monitor, epsilon),
+        n_unsafe=monitor.n_unsafe,
+        validity=validity_word(monitor.support is not None),
+        warnings=warnings,
+    )
+
+
+def flown_monitors(store: Store, flights: Sequence[FlightInfo]) -> dict[str, list[FlownMonitor]]:
+    """The monitors of stored flights, by id of the flight: the alarm authority first."""
+    shown = store.flights.display(info.id for info in flights)
+    used = {info.id: [(info.monitor_id, info.epsilon), *shown.get(info.id, ())] for info in flights}
+    warnings = store.monitors.warnings(pair for pairs in used.values() for pair in pairs)
+    monitors = {monitor.id: monitor for monitor in store.monitors.all()} if used else {}
+    return {
+        flight_id: [
+            flown_monitor(
+                monitor_id,
+                monitors[monitor_id].name,
+                monitors[monitor_id],
+                epsilon,
+                warnings[monitor_id, epsilon],
+                is_authority=position == 0,
+            )
+            for position, (monitor_id, epsilon) in enumerate(pairs)
+        ]
+        for flight_id, pairs in used.items()
+    }
