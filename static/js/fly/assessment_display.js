@@ -28,6 +28,7 @@ import { shownState } from "../charts/readout.js";
 import { formatTime, riskText } from "../lib/numbers.js";
 import { headlineOf } from "./headline.js";
 import { windowOf } from "./panels.js";
+import { createRiskAhead } from "./risk_ahead.js";
 import { createRiskGauge } from "./risk_gauge.js";
 
 const LOST = { state: "stale", reason: "connection lost" };
@@ -38,6 +39,8 @@ export function createAssessmentDisplay(panels, { hello, history, alarm, events,
   const timeline = createTimeline({ seconds: windowOf(hello), staleAfter: hello.stale_after, start: hello.transport.start });
   timeline.begin(performance.now());
   const gauge = createRiskGauge(panels.gauge, { timeline, led: true });
+  const ahead = createRiskAhead(panels.ahead);
+  ahead.describe(hello.monitors);
   const chart = createStripChart(panels.strips, {
     channels,
     epsilon,
@@ -65,6 +68,7 @@ export function createAssessmentDisplay(panels, { hello, history, alarm, events,
     }
     chart.push(frames);
     newest = frames.at(-1);
+    ahead.take(newest);
     show(newest);
     return newest;
   }
@@ -117,6 +121,7 @@ export function createAssessmentDisplay(panels, { hello, history, alarm, events,
 
   async function restart(t) {
     newest = null;
+    ahead.take(null);
     origin = t;
     const read = await history.readBefore(t);
     if (read === null) return null;
@@ -139,6 +144,7 @@ export function createAssessmentDisplay(panels, { hello, history, alarm, events,
 
   function forget() {
     newest = null;
+    ahead.take(null);
     chart.clear();
   }
 
@@ -190,6 +196,7 @@ export function createAssessmentDisplay(panels, { hello, history, alarm, events,
       if (linked && newest !== null && alertNote() !== noted) show(newest);
       const headline = headlineNow(wall);
       gauge.draw(wall, headline);
+      ahead.draw(headline.status === "stale" || headline.beside.includes("stale"));
       return headline;
     },
     close: () => {

@@ -19,6 +19,7 @@ import { markerEvent, markerFlag, markerText } from "./flight_markers.js";
 import { LEVEL_OF, resultOf } from "./headline.js";
 import { beginningEvent, beginningFlag, lossText } from "./live_panel.js";
 import { acknowledgementOf, alertText, createFlightPanels, exceedanceText, recordedFlag, sourceText, waitingOf, windowOf } from "./panels.js";
+import { summaryLines } from "./risk_ahead.js";
 import { createRiskGauge } from "./risk_gauge.js";
 import { createStatusStrip } from "./status_strip.js";
 
@@ -112,6 +113,7 @@ export function showFlightRecord(element, { flight, why, api, navigate }) {
       panels.strips.replaceChildren(state("empty", "Nothing was recorded", "The flight ended before its first sample."));
       return;
     }
+    panels.notice.append(...summaryLines(flight.monitors, longest));
     const found = draw(channels, monitor, longest, passes);
     for (const alarm of alarms) {
       found.push({ t: alarm.t, text: alertText(alarm, flight.epsilon, channels), level: LEVEL_OF[alarm.level], seen: true });
@@ -187,7 +189,8 @@ export function showFlightRecord(element, { flight, why, api, navigate }) {
   async function again(source, name) {
     try {
       const { monitor, epsilon } = flight;
-      await startFlight({ api, navigate }, { source, monitor, epsilon, ...(name ? { name } : {}) });
+      const monitors = flight.monitors.filter(({ authority }) => !authority).map(({ id }) => id);
+      await startFlight({ api, navigate }, { source, monitor, monitors, epsilon, ...(name ? { name } : {}) });
     } catch (error) {
       fail(error);
     }

@@ -133,6 +133,7 @@ function startForm({ monitors, datasets, recordings, query, api, navigate }) {
   const warnings = h("div");
   const go = h("button", { class: "button button-primary" }, "Start the flight");
   const chosen = () => monitors.find(({ id }) => id === monitor.value);
+  const display = createDisplayChoice(monitors);
   let epsilonOf = "";
   let warned = ""; // the monitor and the epsilon that the warnings are of
 
@@ -141,6 +142,7 @@ function startForm({ monitors, datasets, recordings, query, api, navigate }) {
     if (epsilonOf !== now.id) epsilon.value = now.epsilon;
     epsilonOf = now.id;
     warn(now);
+    display.adapt(now);
     const least = Number(now.smallest_epsilon.toPrecision(3));
     const promise = epsilon.value >= now.smallest_epsilon ? guarantee({ epsilon: Number(epsilon.value), lead: now.lead }) : "";
     put(served, `This monitor is calibrated on ${now.n_unsafe} failures, which serve an epsilon of ${least} or more. ${promise}`);
@@ -187,7 +189,7 @@ function startForm({ monitors, datasets, recordings, query, api, navigate }) {
       simulated: () => ({ kind: "simulated", seed: Number(seed.value), outcome: outcome.value }),
     };
     try {
-      await startFlight({ api, navigate }, { source: sources[kind.value](), monitor: monitor.value, epsilon: Number(epsilon.value) });
+      await startFlight({ api, navigate }, { source: sources[kind.value](), monitor: monitor.value, monitors: display.chosen(), epsilon: Number(epsilon.value) });
     } catch (error) {
       failure.show(reason(error));
       go.disabled = false;
@@ -200,6 +202,7 @@ function startForm({ monitors, datasets, recordings, query, api, navigate }) {
     { class: "panel form", novalidate: true, onsubmit: start, onchange: adapt, oninput: adapt, "aria-label": "Start a flight", ...needs("POST /flights"), "data-keeps-input": true },
     h("h1", {}, "Start a flight"),
     field("Monitor", monitor, warnings),
+    display.element,
     h("div", { class: "field" },
       h("fieldset", { class: "source-choice" }, h("legend", {}, "Source"), kind.labels),
       h("p", { class: "hint" }, "A fresh simulated flight, a stored rollout, or samples as a range sends them. To replay a recording, open it on the ", h("a", { href: "#/recordings" }, "Recordings page"), ".")),
@@ -213,6 +216,25 @@ function startForm({ monitors, datasets, recordings, query, api, navigate }) {
   );
   adapt();
   return form;
+}
+
+/** Further monitors of the same test, which are shown beside the one that raises the alarms. */
+function createDisplayChoice(monitors) {
+  const boxes = monitors.map((monitor) => ({ monitor, box: h("input", { type: "checkbox", value: monitor.id }) }));
+  const lines = boxes.map(({ monitor, box }) => h("label", { class: "display-choice" }, box, `${Number(monitor.lead.toFixed(3))} s ahead: ${monitor.name} `, warningMark(monitor)));
+  const element = h("details", {}, h("summary", {}, "Further monitors, for display"),
+    h("div", { class: "stack" }, h("p", { class: "hint" }, "Of the same aircraft, manoeuvre and sample interval. They show their risk and raise no alarm."), ...lines));
+  const test = ({ dt, dataset_recipe: { aircraft, maneuver } }) => JSON.stringify([dt, aircraft, maneuver]);
+
+  function adapt(now) {
+    boxes.forEach(({ monitor, box }, k) => {
+      lines[k].hidden = box.disabled = monitor.id === now.id || test(monitor) !== test(now);
+      if (box.disabled) box.checked = false;
+    });
+    element.hidden = boxes.every(({ box }) => box.disabled);
+  }
+
+  return { element, adapt, chosen: () => boxes.filter(({ box }) => box.checked).map(({ box }) => box.value) };
 }
 
 /** What a live flight may be told beside its monitor; all of it may be left as it is. */

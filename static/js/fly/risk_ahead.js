@@ -1,0 +1,109 @@
+/**
+ * The risk against time ahead: a row for each monitor of a flight, by how far ahead it warns.
+ *
+ * A bar and a number only where the sample was assessed, else a word. One monitor raises the alarms,
+ * which its row says; what the others say is for display only.
+ *
+ * Exports
+ *   createRiskAhead(element) -> RiskAhead
+ *   rolesOf(monitor) -> string     "raises the alarms" or "display only"
+ *   summaryLines(monitors, frames) -> elements     what each said of a flight that is over
+ *
+ * RiskAhead
+ *   describe(monitors)    as hello has them, the alarm authority first; nothing is shown of a single one
+ *   take(frame)           the newest sample; null for none
+ *   draw(stale)           stale: nothing that is shown is of now
+ */
+
+import { shownState, STATE_WORDS } from "../charts/readout.js";
+import { h, put } from "../lib/dom.js";
+import { formatTime, riskText } from "../lib/numbers.js";
+
+const share = (risk) => `${100 * Math.sqrt(Math.min(1, Math.max(0, risk)))}%`; // as on the gauge
+
+export const rolesOf = ({ authority }) => (authority ? "raises the alarms" : "display only");
+
+export function createRiskAhead(element) {
+  element.classList.add("risk-ahead");
+  element.setAttribute("aria-label", "Risk against time ahead");
+  element.hidden = true;
+  let rows = [];
+  let newest = null;
+
+  function describe(monitors) {
+    rows = monitors.map((monitor, position) => rowOf(monitor, position)).sort((a, b) => a.monitor.lead - b.monitor.lead);
+    element.hidden = rows.length < 2;
+    element.replaceChildren(h("h2", { class: "risk-ahead-heading" }, "risk against time ahead"), h("ul", {}, ...rows.map((row) => row.line)));
+    draw(false);
+  }
+
+  function draw(stale) {
+    if (element.hidden) return;
+    for (const row of rows) show(row, readingOf(row, stale));
+  }
+
+  /** What its monitor says of the newest sample, or the word for why nothing can be said. */
+  function readingOf({ position }, stale) {
+    if (newest === null) return { state: "none", reason: "" };
+    const assessment = assessmentOf(newest, position);
+    if (assessment === undefined) return { state: "none", reason: "" };
+    return stale ? { state: "stale", reason: "nothing that is shown is of now" } : { ...assessment, state: shownState(assessment) };
+  }
+
+  return {
+    describe,
+    take: (frame) => {
+      newest = frame;
+    },
+    draw,
+  };
+}
+
+const assessmentOf = (frame, position) => (position === 0 ? frame : frame.display?.[position - 1]);
+
+function rowOf(monitor, position) {
+  const value = h("span", { class: "ahead-value" });
+  const bar = h("span", { class: "ahead-bar" });
+  const threshold = h("span", { class: "ahead-threshold" });
+  threshold.style.left = share(monitor.alert_above);
+  const line = h(
+    "li",
+    { class: "ahead-row", "data-authority": monitor.authority },
+    h("span", { class: "ahead-lead" }, `${formatTime(monitor.lead, 0.01)} s`),
+    h("span", { class: "ahead-track", title: `alerts above ${monitor.alert_above}` }, bar, threshold),
+    value,
+    h("span", { class: "ahead-name", title: monitor.name }, monitor.name),
+    h("span", { class: "ahead-role" }, rolesOf(monitor)),
+  );
+  return { monitor, position, line, value, bar };
+}
+
+function show({ monitor, line, value, bar }, { state, reason, p_value: risk, alert }) {
+  const assessed = state === "ok" && Number.isFinite(risk);
+  const over = assessed && alert === true;
+  const words = state === "ok" ? "NOT ASSESSED" : (STATE_WORDS[state] ?? state);
+  put(value, assessed ? `${over ? "▲ above " : ""}${riskText(risk, monitor.alert_above)}` : words);
+  const title = assessed ? "" : reason;
+  if (value.title !== title) value.title = title;
+  if (line.dataset.state !== state) line.dataset.state = state;
+  line.toggleAttribute("data-alert", over);
+  bar.hidden = !assessed;
+  if (assessed) bar.style.width = share(risk);
+}
+
+export function summaryLines(monitors, frames) {
+  if (monitors.length < 2) return [];
+  return monitors.map((monitor, position) => {
+    let highest = -Infinity;
+    let first = null;
+    for (const frame of frames) {
+      const { p_value: risk, alert } = assessmentOf(frame, position) ?? {};
+      if (Number.isFinite(risk)) highest = Math.max(highest, risk);
+      if (alert) first ??= frame.t;
+    }
+    const threshold = monitor.alert_above;
+    const alerted = first === null ? `never above ${threshold}` : `first above ${threshold} at ${formatTime(first, 0.01)} s`;
+    const words = highest < 0 ? "nothing was assessed" : `${alerted}, highest risk ${riskText(highest, threshold)}`;
+    return h("p", { class: "ahead-summary" }, h("strong", {}, `${formatTime(monitor.lead, 0.01)} s ahead: `), `${monitor.name}, ${rolesOf(monitor)}: ${words}.`);
+  });
+}

@@ -1,0 +1,74 @@
+"""The risk against time ahead on the page: a row a monitor, one of which raises the alarms."""
+
+from collections.abc import Iterator
+
+import pytest
+from playwright.sync_api import Page, expect
+
+from core.collection import collect
+from core.monitor import MonitorRecipe, train
+from tests.browser.fly.test_fly_page import RECIPE, Fly, site, stored
+from tests.browser.site import Site
+
+__all__ = ["site", "stored"]
+LONG = "rudder doublet at sea level, trained again after the change of the yaw damper"
+
+
+@pytest.fixture
+def fly(page: Page, site: Site) -> Iterator[Fly]:
+    fly = Fly(page, site)
+    yield fly
+    fly.end()
+
+
+@pytest.fixture(scope="module")
+def further(site: Site) -> str:
+    """A monitor that looks further ahead."""
+    monitor = train(collect(RECIPE), MonitorRecipe(t_early=0.5))
+    return site.store.monitors.add(monitor, LONG).id
+
+
+@pytest.mark.usefixtures("further")
+def test_a_row_a_monitor_by_its_lead_and_which_raises_the_alarms(fly: Fly, site: Site) -> None:
+    page = fly.page
+    page.goto(f"{site.http}/#/fly")
+    page.get_by_label("Monitor", exact=True).select_option(label=_label(page, "doublet (0.25"))
+    page.get_by_text("Further monitors, for display").click()
+    page.get_by_label("0.5 s ahead").check()
+    page.get_by_role("button", name="Start the flight").click()
+    page.locator('[data-flight="open"]').wait_for()
+    fly.flight = page.url.rsplit("/", 1)[1]
+    fly.steer("pause", None)
+    fly.steer("seek", 1.5)
+    rows = page.locator(".ahead-row")
+    expect(rows.locator(".ahead-lead")).to_have_text(["0.25 s", "0.50 s"])
+    expect(rows.locator(".ahead-role")).to_have_text(["raises the alarms", "display only"])
+    expect(rows.locator(".ahead-name").last).to_have_attribute("title", LONG)
+    frame = fly.ask("GET", f"/flights/{fly.flight}/assessments")["frames"][-1]
+    risks = [frame["p_value"], frame["display"][0]["p_value"]]
+    for row, risk in zip(rows.all(), risks, strict=True):
+        expect(row.locator(".ahead-value")).to_contain_text(f"{risk:.{2 + (risk < 0.1)}f}")
+    fly.end()
+    summary = page.locator(".ahead-summary")
+    expect(summary).to_have_count(2)
+    expect(summary.last).to_contain_text(f"0.50 s ahead: {LONG}, display only: ")
+
+
+def test_no_row_shows_a_number_while_nothing_comes(fly: Fly, site: Site, further: str) -> None:
+    own = next(one["id"] for one in fly.ask("GET", "/monitors") if one["name"] == "doublet")
+    source = {"kind": "live", "trim": "none"}
+    asked = {"source": source, "monitor": own, "monitors": [further]}
+    fly.flight = fly.ask("POST", "/flights", asked)["id"]
+    fly.page.goto(f"{site.http}/#/fly/{fly.flight}")
+    values = fly.page.locator(".ahead-value")
+    expect(values).to_have_text(["NO DATA", "NO DATA"])
+    channels = dict.fromkeys(("beta", "p", "r", "Ny", "delta_a", "delta_r"), [0.0] * 9)
+    batch = {"t": [0.02 * k for k in range(9)], **channels}
+    fly.ask("POST", f"/flights/{fly.flight}/samples", batch)
+    expect(values).to_have_text(["STALE", "STALE"])
+
+
+def _label(page: Page, begin: str) -> str:
+    options = page.locator("#monitor option")
+    expect(options.first).to_be_attached()
+    return next(text for text in options.all_text_contents() if text.startswith(begin))
