@@ -409,7 +409,7 @@ _CLIENT: TypeAdapter[Credit | Resume] = TypeAdapter(
 )
 
 
-def decode(text: str) -> Credit | Resume:
+def decode(text: bytes | str) -> Credit | Resume:
     """Read a client's message; MessageError where it is none."""
     try:
         return _CLIENT.validate_json(text)

@@ -12,16 +12,14 @@ from typing import Any
 import uvicorn
 from fastapi import FastAPI
 from filelock import FileLock, Timeout
-from uvicorn.protocols.websockets.auto import AutoWebSocketsProtocol
 
 from app.http.bounded_protocol import BoundedHttp
+from app.http.direct_websocket import DirectWebSocket
 from app.main import create_app
 from app.settings import Settings, SettingsError
 from app.store.database import address, file_of
 from app.store.store import open_store
 
-SEND_BUFFER = 32_768
-"""Bytes that the kernel holds for a watcher who does not read; more would be minutes old."""
 UNANSWERED_MS = 5_000
 """A connection whose peer answers nothing for so long is given up."""
 LARGEST_MESSAGE = 262_144
@@ -32,25 +30,6 @@ GRACE = 1
 BACKLOG = 128
 
 Opened = Callable[[FastAPI], Awaitable[None]]
-_WebSocketProtocol: Any = AutoWebSocketsProtocol
-
-
-class Watching(_WebSocketProtocol):
-    """A WebSocket whose kernel buffer is small; that of an answer, a file maybe, is not."""
-
-    def connection_made(self, transport: asyncio.BaseTransport) -> None:
-        """Take a connection over, once it has asked for a WebSocket."""
-        connection = transport.get_extra_info("socket")
-        connection.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, SEND_BUFFER)
-        super().connection_made(transport)
-
-    def send_receive_event_to_app(self) -> None:
-        """Pass a whole message on; a text that is none ends the connection, without a traceback."""
-        if self.curr_msg_data_type == "text" and not _is_utf8(b"".join(self.frames)):
-            self.conn.send_close(1007)
-            self.handle_parser_exception()
-            return
-        super().send_receive_event_to_app()
 
 
 class Server(uvicorn.Server):
@@ -68,7 +47,7 @@ class Server(uvicorn.Server):
                 proxy_headers=False,
                 http=http,
                 timeout_keep_alive=settings.idle_seconds,  # pyright: ignore[reportArgumentType]
-                ws=Watching,
+                ws=DirectWebSocket,
                 ws_max_size=LARGEST_MESSAGE,
                 ws_per_message_deflate=False,
                 timeout_graceful_shutdown=PATIENCE + GRACE,
@@ -191,14 +170,6 @@ def _locked(what: Path, path: Path, option: str) -> Iterator[None]:
         yield
     finally:
         lock.release()
-
-
-def _is_utf8(data: bytes) -> bool:
-    try:
-        data.decode()
-    except UnicodeDecodeError:
-        return False
-    return True
 
 
 def _loop_factory() -> Callable[[], asyncio.AbstractEventLoop] | None:

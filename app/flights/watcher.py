@@ -7,7 +7,6 @@ the newest, and counted. Alarms, changes of state and of transport need no credi
 out: a watcher that does not take them is closed, and finds them again when it reconnects.
 """
 
-import asyncio
 from collections import deque
 from collections.abc import Callable
 
@@ -70,7 +69,10 @@ class RecentFrames:
 
 
 class Watcher:
-    """What one connection is to be sent next; the connection pulls it with `messages`."""
+    """What one connection is to be sent next; it pulls that with `take`.
+
+    on_news: called when there may be something to take.
+    """
 
     def __init__(self, recent: RecentFrames) -> None:
         self._recent = recent
@@ -80,7 +82,7 @@ class Watcher:
         self._waiting: deque[str] = deque()
         self._heartbeat: Callable[[int], str] | None = None
         self._conflated = 0
-        self._wake = asyncio.Event()
+        self.on_news: Callable[[], object] | None = None
         self.credit, self._is_told = CREDIT, False
         self.ended = False
         self.overrun = False
@@ -94,23 +96,22 @@ class Watcher:
     def wake(self) -> None:
         """There are new frames."""
         self._conflating = self._conflating or not self.credit
-        self._wake.set()
+        self._tell_news()
 
     def grant(self, n: int) -> None:
         """The client took n messages of frames."""
         self.credit, self._is_told = min(self.credit + n, CREDIT), False
-        self._wake.set()
+        self._tell_news()
 
     def resume(self, seq: int) -> None:
         """Send what followed seq; where that is not kept, or is too late to ask, reset and all."""
-        recent = self._recent
+        recent, self._conflating = self._recent, False
         if self._started or not recent.first - 1 <= seq <= recent.head:
-            self.tell(recent.reset())
             self._next = recent.first
+            self.tell(recent.reset())
         else:
             self._next = seq + 1
-        self._conflating = False
-        self._wake.set()
+            self._tell_news()
 
     def tell(self, text: str) -> None:
         """Send this before any further frame; close a watcher that takes nothing."""
@@ -119,12 +120,12 @@ class Watcher:
             self._waiting.clear()
         if not self.ended:
             self._waiting.append(text)
-        self._wake.set()
+        self._tell_news()
 
     def beat(self, heartbeat: Callable[[int], str]) -> None:
         """Send a heartbeat, given the count of frames left out; the newest only."""
         self._heartbeat = heartbeat
-        self._wake.set()
+        self._tell_news()
 
     def before_reset(self) -> None:
         """Frames are about to be forgotten: take those that this watcher can still be sent."""
@@ -139,20 +140,15 @@ class Watcher:
         self.before_reset()
         self.tell(text)
         self._heartbeat, self.ended = None, True
-        self._wake.set()
+        self._tell_news()
 
-    async def next_message(self) -> str | None:
-        """Wait for the next message; None at the end."""
-        while True:
-            text = self._take()
-            if text is not None:
-                return text
-            if self.ended:
-                return None
-            self._wake.clear()
-            await self._wake.wait()
+    @property
+    def is_done(self) -> bool:
+        """Whether nothing follows what was taken."""
+        return self.ended and not self._waiting
 
-    def _take(self) -> str | None:
+    def take(self) -> str | None:
+        """The next message; None where there is none yet, or none any more."""
         if self._waiting:
             return self._waiting.popleft()
         if self._heartbeat is not None:
@@ -163,6 +159,10 @@ class Watcher:
         if self.credit and self._next <= self._recent.head:
             return self._frames()
         return None
+
+    def _tell_news(self) -> None:
+        if self.on_news is not None:
+            self.on_news()
 
     @property
     def _must_be_told(self) -> bool:

@@ -135,30 +135,38 @@ class Journal:
         os.ftruncate(self._file, self._size)
         self._lock, self._writing = threading.Lock(), threading.Lock()
         self._is_closing = self.is_closed = False
-        self._waiting: list[tuple[bytes, asyncio.Future[None]]] = []
+        self._waiting: list[bytes] = []
+        self._groups: list[asyncio.Future[None]] = []
+        self._is_grouping = False
         self._bytes = 0
         self.problem = ""
 
     def append(self, line: dict[str, Any]) -> asyncio.Future[None]:
-        """Write a line; the future is done once it is on the disk. JournalFull."""
+        """Write a line; the future is done once it is on the disk. JournalFull.
+
+        Lines that are written together share it.
+        """
         text = _encoder.encode(line) + b"\n"
         if self._bytes + len(text) > MOST_WAITING:
             raise JournalFull(
                 f"{self._bytes} bytes of this flight wait for the disk, which takes none "
                 f"({self.problem}): make space, and repeat what was not acknowledged"
             )
-        future: asyncio.Future[None] = asyncio.get_running_loop().create_future()
         with self._lock:
-            self._waiting.append((text, future))
+            if not self._is_grouping:
+                self._groups.append(asyncio.get_running_loop().create_future())
+                self._is_grouping = True
+            self._waiting.append(text)
             self._bytes += len(text)
+            group = self._groups[-1]
         self._journals._note(self)
-        return future
+        return group
 
     def settled(self) -> asyncio.Future[None]:
         """Done once all that was appended so far is on the disk."""
         with self._lock:
             if self._waiting:
-                return self._waiting[-1][1]
+                return self._groups[-1]
         future: asyncio.Future[None] = asyncio.get_running_loop().create_future()
         future.set_result(None)
         return future
@@ -177,10 +185,10 @@ class Journal:
 
     def _commit(self) -> bool:
         with self._lock:
-            waiting = [*self._waiting]
-        if not waiting:
+            n_lines, n_groups = len(self._waiting), len(self._groups)
+            content, self._is_grouping = b"".join(self._waiting), False
+        if not content:
             return True
-        content = b"".join(text for text, _ in waiting)
         try:
             _write_all(self._file, content, self._size)
             os.fdatasync(self._file)
@@ -190,10 +198,11 @@ class Journal:
         self._size += len(content)
         self.problem = ""
         with self._lock:
-            del self._waiting[: len(waiting)]
+            del self._waiting[:n_lines]
             self._bytes -= len(content)
+            groups, self._groups = self._groups[:n_groups], self._groups[n_groups:]
         with suppress(RuntimeError):  # the loop is gone: nobody waits any more
-            waiting[0][1].get_loop().call_soon_threadsafe(_resolve, [one for _, one in waiting])
+            groups[0].get_loop().call_soon_threadsafe(_resolve, groups)
         return True
 
     def close(self) -> None:

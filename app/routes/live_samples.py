@@ -111,7 +111,8 @@ async def begin_manoeuvre(
     """Say that a manoeuvre begins now, where the surfaces have not shown it."""
     flight = await _live(flight_id, flights)
     try:
-        await flight.begin_manoeuvre(signature(person, (who or ManoeuvreMark()).by))
+        written = flight.begin_manoeuvre(signature(person, (who or ManoeuvreMark()).by))
+        await asyncio.shield(written)
     except NotPossible as error:
         raise Problem(409, str(error), "urn:forewarn:not-live") from error
     return Response(status_code=204)

@@ -4,25 +4,21 @@ import asyncio
 from collections import deque
 from typing import Literal
 
-import anyio
 from fastapi import APIRouter, WebSocket
 from starlette.status import WS_1008_POLICY_VIOLATION
-from starlette.websockets import WebSocketDisconnect
 
 from app.flights.flights import Flights, TooManyFlights
 from app.flights.live import LiveFlight, SequenceConflict, TakenBatch
 from app.flights.transport import NotPossible
+from app.http.connection import Connection, accepted
 from app.live.batches import sequence_of
 from app.live.journal import JournalFull
 from app.live.messages import Refused, Stored, Welcome
-from app.messages import Message
-from app.routes.flight_stream import NO_SUCH_FLIGHT, close
+from app.routes.flight_stream import NO_SUCH_FLIGHT, dismiss, refuse
 from app.store.store import NotFound
 from app.telemetry.recording import TelemetryError
 
 router = APIRouter(prefix="/api/v1/flights", tags=["flights"])
-ACKNOWLEDGED_S = 0.02
-"""Batches that are durable within so long are acknowledged together."""
 MOST_MALFORMED = 100
 """Messages that are no batch, within MALFORMED_S, after which the source is closed."""
 MALFORMED_S = 1.0
@@ -37,70 +33,53 @@ MOST_UNACKNOWLEDGED = 10_000
 async def uplink(websocket: WebSocket, flight_id: str) -> None:
     """Push batches into a live flight: each message as the body of `samples`."""
     flights: Flights = websocket.app.state.flights
-    await websocket.accept()
+    connection = await accepted(websocket)
     try:
         flight = await flights.live(flight_id)
     except (NotFound, NotPossible, TooManyFlights) as error:
-        await close(websocket, NO_SUCH_FLIGHT, str(error))
+        await refuse(connection, NO_SUCH_FLIGHT, str(error))
         return
     now = flight.live
     welcome = Welcome(flight=flight_id, last_sequence=now.last_sequence, names=now.names)
-    await _say(websocket, welcome)
-    source = _Source(websocket, flight)
-    async with anyio.create_task_group() as both:
-        both.start_soon(source.acknowledge)
-        await source.receive()
-        both.cancel_scope.cancel()
+    connection.send(welcome.encode())
+    await connection.run(_Source(connection, flight).take)
 
 
 class _Source:
     """One connection of a source."""
 
-    def __init__(self, websocket: WebSocket, flight: LiveFlight) -> None:
-        self._websocket, self._flight = websocket, flight
+    def __init__(self, connection: Connection, flight: LiveFlight) -> None:
+        self._connection, self._flight = connection, flight
         self._waiting: deque[TakenBatch] = deque()
-        self._come = asyncio.Event()
-        self._room = asyncio.Event()
-        self._is_gone = False
+        self._newest: asyncio.Future[None] | None = None
         self._malformed: deque[float] = deque(maxlen=MOST_MALFORMED)
 
-    async def receive(self) -> None:
-        """Take batches until the source leaves, or floods with what is none."""
-        while True:
-            try:
-                message = await self._websocket.receive()
-            except RuntimeError:
-                return
-            if message["type"] == "websocket.disconnect":
-                return
-            content = message.get("text") or message.get("bytes") or b""
-            try:
-                self._waiting.append(self._flight.receive(content, "websocket"))
-                self._come.set()
-            except (TelemetryError, SequenceConflict, JournalFull) as error:
-                if not await self._refuse(error, sequence_of(content)):
-                    return
-            except NotPossible as error:
-                await close(self._websocket, NO_SUCH_FLIGHT, str(error))
-                return
-            while len(self._waiting) > MOST_UNACKNOWLEDGED and not self._is_gone:
-                self._room.clear()
-                await self._room.wait()
-
-    async def acknowledge(self) -> None:
-        """Say what is durable, as soon as it is."""
+    def take(self, content: bytes | str) -> None:
+        """Take a batch, unless the source is being closed."""
+        if self._connection.is_closing:
+            return
         try:
-            while True:
-                await self._come.wait()
-                await asyncio.sleep(ACKNOWLEDGED_S)
-                self._come.clear()
-                while self._waiting:
-                    await asyncio.shield(self._waiting[0].stored)
-                    await _say(self._websocket, self._durable())
-                    self._room.set()
-        except (WebSocketDisconnect, RuntimeError):
-            self._is_gone = True
-            self._room.set()
+            taken = self._flight.receive(content, "websocket")
+        except (TelemetryError, SequenceConflict, JournalFull) as error:
+            self._refuse(error, sequence_of(content))
+        except NotPossible as error:
+            dismiss(self._connection, NO_SUCH_FLIGHT, str(error)[:MOST_REASON])
+        else:
+            self._waiting.append(taken)
+            if taken.stored is not self._newest:
+                self._newest = taken.stored
+                self._newest.add_done_callback(self._acknowledge)
+            if len(self._waiting) > MOST_UNACKNOWLEDGED:
+                self._connection.pause()
+
+    def _acknowledge(self, _: asyncio.Future[None]) -> None:
+        """Say what is durable, as soon as it is."""
+        was_full = len(self._waiting) > MOST_UNACKNOWLEDGED
+        stored = self._durable()
+        if stored.count:
+            self._connection.send(stored.encode())
+        if was_full and len(self._waiting) <= MOST_UNACKNOWLEDGED:
+            self._connection.resume()
 
     def _durable(self) -> Stored:
         """Take what is durable from the front of what waits."""
@@ -114,19 +93,15 @@ class _Source:
             count=len(done),
         )
 
-    async def _refuse(self, error: Refusal, sequence: int | None) -> bool:
-        """Say why; whether the source may go on."""
+    def _refuse(self, error: Refusal, sequence: int | None) -> None:
+        """Say why; a source that floods with what is no batch is closed."""
         reason = str(error)
         if not isinstance(error, JournalFull) and self._floods():
             text = f"{MOST_MALFORMED} messages within {MALFORMED_S:g} s were no batch: {reason}"
-            await close(self._websocket, WS_1008_POLICY_VIOLATION, text[:MOST_REASON])
-            return False
-        try:
-            refused = Refused(sequence=sequence, status=_status(error), reason=reason)
-            await _say(self._websocket, refused)
-        except (WebSocketDisconnect, RuntimeError):
-            return False
-        return True
+            dismiss(self._connection, WS_1008_POLICY_VIOLATION, text[:MOST_REASON])
+            return
+        refused = Refused(sequence=sequence, status=_status(error), reason=reason)
+        self._connection.send(refused.encode())
 
     def _floods(self) -> bool:
         """Note one more that is no batch; whether they are too many."""
@@ -141,7 +116,3 @@ def _status(error: Refusal) -> Literal[409, 422, 503]:
     if isinstance(error, JournalFull):
         return 503
     return 409 if isinstance(error, SequenceConflict) else 422
-
-
-async def _say(websocket: WebSocket, message: Message) -> None:
-    await websocket.send({"type": "websocket.send", "text": message.encode()})

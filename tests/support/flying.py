@@ -99,7 +99,7 @@ class Seen:
     def take(self, credit: bool = True) -> list[dict[str, Any]]:
         """Take what can be had now, giving credit back for frames unless told not to."""
         new: list[dict[str, Any]] = []
-        while (text := self.watcher._take()) is not None:
+        while (text := self.watcher.take()) is not None:
             new.append(msgspec.json.decode(text))
             if credit and new[-1]["type"] == "frames":
                 self.watcher.grant(1)

@@ -34,7 +34,7 @@ def test_the_same_message_is_encoded_once_for_all() -> None:
     recent = RecentFrames()
     watchers = [Watcher(recent) for _ in range(3)]
     append(recent, *watchers)
-    first, *others = [watcher._take() for watcher in watchers]
+    first, *others = [watcher.take() for watcher in watchers]
     assert all(text is first for text in others)
 
 
@@ -200,7 +200,7 @@ def test_a_client_that_gives_no_credit_is_told_with_the_next_heartbeat() -> None
 
     for _ in range(CREDIT + 3):
         append(recent, watcher)
-        while (text := watcher._take()) is not None:
+        while (text := watcher.take()) is not None:
             assert "frames" in text
     assert beaten() == ["waiting", "heartbeat"]
     assert '"type": "credit"' in seen.messages[-2]["reason"]
