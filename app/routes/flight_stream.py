@@ -46,6 +46,8 @@ class _Screen:
     def show(self) -> None:
         """Send what there is, as long as it leaves soon."""
         connection, watcher = self._connection, self._watcher
+        if connection.is_closing:
+            return
         while connection.has_room and (text := watcher.take()) is not None:
             connection.send(text)
         if not watcher.is_done:
