@@ -38,7 +38,6 @@ from core.monitor import MonitorRecipe, train
 PACKAGES = ("numpy", "scipy", "numba", "fastapi", "uvicorn", "sqlalchemy", "viser", "websockets")
 TESTED = {
     "alembic": "1.20",
-    "anyio": "4.16",
     "control": "0.10",
     "fastapi": "0.165",
     "fastapi-offline": "1.7",
