@@ -9,10 +9,15 @@ import numpy as np
 from scipy.special import betaincinv
 
 from core.amplitude import suggest_amplitude
+from core.card import Card, CardError
+from core.channels import KEYS
 from core.dataset import Dataset
 from core.planned_test import DatasetRecipe, Rollouts, Simulator
 from core.recipe import to_plain
 from core.seeds import Branch, stream
+from core.simulation.imperfections import channel_array
+from core.simulation.maneuver import COLUMN, Steps
+from core.simulation.rollout import roll_out
 from core.types import Indices
 
 Progress = Callable[[int, int], object]
@@ -23,6 +28,8 @@ CHUNK_STEPS = 2_000_000
 CERTAINTY = 1e-6
 FRESH_BATCH, MOST_FRESH = 1_000, 20_000
 """Fresh flights of a batch, and in all unless asked for more."""
+CARD_PLANTS = 500
+"""Aircraft whose step response a card knows: more change no digit of a monitor's power."""
 
 
 class CollectionError(ValueError):
@@ -85,6 +92,44 @@ def fresh(recipe: DatasetRecipe, most: int = MOST_FRESH) -> Iterator[Rollouts]:
 def evaluation_flights(recipe: DatasetRecipe, n: int) -> Rollouts:
     """Roll out n flights that neither train a monitor of this recipe nor calibrate its validity."""
     return Simulator(recipe).rollouts(n, stream(recipe.seed, Branch.TEST))
+
+
+def card_of(recipe: DatasetRecipe, n_plants: int = CARD_PLANTS) -> Card:
+    """The card of the planned manoeuvre, for monitors that know what input is still to come.
+
+    n_plants: aircraft whose response to its first step is simulated.
+    CardError for a manoeuvre that is no sequence of steps of one surface.
+    """
+    maneuver = recipe.maneuver
+    if not isinstance(maneuver, Steps) or not (switches := maneuver.switches):
+        raise CardError(
+            f"the manoeuvre {type(maneuver).__name__} is no sequence of steps, so that responses "
+            "to each cannot be told apart: choose the predictor linear"
+        )
+    simulator, rng = Simulator(recipe), stream(recipe.seed, Branch.CARD)
+    times, steps = np.array(switches).T
+    n_lags = maneuver.n_samples(recipe.dt) - round(times[0] / recipe.dt)
+    factor = 1.0 + maneuver.amplitude_jitter * rng.standard_normal(n_plants)
+    command = np.zeros((n_plants, n_lags, len(COLUMN)))
+    command[..., COLUMN[maneuver.surface]] = (np.deg2rad(steps[0]) * factor)[:, None]
+    responses = roll_out(
+        simulator.plant.plants(simulator.plant.sample(n_plants, rng)),
+        simulator.controller,
+        recipe.control_law.actuator,
+        command,
+        recipe.dt,
+        pedal_lag_s=maneuver.pedal_lag_s,
+    )
+    return Card(
+        surface=KEYS.index({"aileron": "delta_a", "rudder": "delta_r"}[maneuver.surface]),
+        switch_times=times,
+        steps=np.deg2rad(steps),
+        duration_s=maneuver.duration_s,
+        dt=recipe.dt,
+        timing_jitter_s=maneuver.timing_jitter_s,
+        noise_std=channel_array(recipe.noise),
+        step_responses=responses,
+    )
 
 
 def _chunks(simulator: Simulator, executor: Executor | None) -> Iterator[Rollouts]:

@@ -21,6 +21,8 @@ class Branch(IntEnum):
     """Rollouts that an amplitude is suggested from."""
     PAIRS = 5
     """Flights of one aircraft through the monitor of another; below it one stream for each pair."""
+    CARD = 6
+    """Aircraft whose response to the card's first step a monitor knows."""
 
 
 def stream(seed: int, branch: Branch, *below: int) -> np.random.Generator:

@@ -11,6 +11,7 @@ from core.collection import (
     MOST_FRESH,
     DatasetRecipe,
     Rollouts,
+    card_of,
     collect,
     evaluation_flights,
     fresh,
@@ -102,9 +103,10 @@ def train_and_test(
     Neither of both without a recipe; no flight is flown where n_test is 0.
     """
     progress("training", 0, 3)
-    monitor = train(dataset, recipe)
-    monitor.check_epsilon()
     simulated = recipe_of(dataset)
+    card = card_of(simulated) if simulated and recipe.predictor.reads_card else None
+    monitor = train(dataset, recipe, card=card)
+    monitor.check_epsilon()
     if simulated is None:
         return Training(dataset, monitor, not_calibrated=NO_RECIPE)
     monitor, not_calibrated = _with_validity(monitor, dataset, simulated, progress)

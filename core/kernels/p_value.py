@@ -41,6 +41,12 @@ def _simple_p(alphas, s):
 
 
 @jit
+def simple_p(alphas, s):
+    """Simple p-value of a score; NaN for none."""
+    return _simple_p(alphas, s)
+
+
+@jit
 def _exact_p(fitted, exact, z, s):
     """p-value with z joined to the unsafe points; never above the simple one at the same s."""
     count = exact.always

@@ -158,8 +158,8 @@ class Assessments:
         }
 
     def withdrawn_from(self, lost: Withdrawal | None) -> "Assessments":
-        """Return them with nothing said from a sample on."""
-        if lost is None:
+        """Return them with nothing said from a sample on, or from one before it if it is so."""
+        if lost is None or (self.withdrawal is not None and self.withdrawal.first <= lost.first):
             return self
         after = slice(lost.first, None)
         arrays = {name: getattr(self, name).copy() for name in _NOTHING}

@@ -101,7 +101,7 @@ def check_alphas(alphas: Array, n_early: object) -> None:
 
 
 def _check_exact(recipe: MonitorRecipe, exact: Transduction, alphas: Array) -> None:
-    wanted = recipe.p_value == "exact" and recipe.score.channel < 0
+    wanted = recipe.p_value == "exact" and recipe.score.looks_up_neighbors
     if wanted != bool(len(exact.start)):
         raise ValueError(f"its p-value is {recipe.p_value}, its section transduction says not so")
     if not wanted:

@@ -5,7 +5,8 @@ from pathlib import Path
 from typing import Any
 
 from core.kernels.p_value import SIMPLE, Transduction
-from core.monitor import portable
+from core.kernels.response_filter import CardResponses
+from core.monitor import portable, response_filter
 from core.monitor.file_checks import (
     check_arrays,
     check_evaluation,
@@ -68,6 +69,7 @@ def _rebuild(sections: Mapping[str, Section]) -> Monitor:
         support=_support(sections.get("validity"), recipe.predictor.forecasts),
         evaluation=_evaluation(sections.get("evaluation")),
         inputs=_inputs(sections.get("input")),
+        card=_card(sections.get("card"), recipe, header["h"]),
         **{key: header[key] for key in portable.MONITOR_FIELDS} | {"dt": float(header["dt"])},
         **arrays,
     )
@@ -93,6 +95,13 @@ def _support(section: Section | None, forecasts: bool) -> Support | None:
         check_innovation(support.innovation)
     check_support(support)
     return support
+
+
+def _card(section: Section | None, recipe: MonitorRecipe, h: int) -> CardResponses | None:
+    """The card's responses; None where the predictor reads no card."""
+    if recipe.predictor.reads_card != (section is not None):
+        raise ValueError("its predictor and its section card do not fit together")
+    return section and response_filter.of_section(section, h, recipe.score)
 
 
 def _inputs(section: Section | None) -> InputSupport | None:

@@ -9,12 +9,13 @@ import numpy as np
 import numpy.typing as npt
 
 from core.channels import N_CHANNELS
-from core.kernels import assessing, peak_risk
+from core.kernels import assessing, peak_risk, response_filter
 from core.kernels.assessing import Fitted
 from core.kernels.deviation import Reference, first_beyond
 from core.kernels.innovation import NO_INNOVATION, Innovation
 from core.kernels.nearest import Tree, build
-from core.kernels.p_value import SIMPLE, Transduction
+from core.kernels.p_value import SIMPLE, Transduction, simple_p
+from core.kernels.response_filter import CardResponses
 from core.monitor import portable
 from core.monitor.assessment import (
     REASONS,
@@ -25,10 +26,11 @@ from core.monitor.assessment import (
     Withdrawal,
     withdrawn,
 )
-from core.monitor.calibration import check_epsilon, smallest_epsilon
+from core.monitor.calibration import check_epsilon, p_values, smallest_epsilon
 from core.monitor.flown_input import FlownInput, InputSupport
 from core.monitor.predictor import Affine
 from core.monitor.recipe import MonitorRecipe
+from core.monitor.response_filter import LOST, to_section
 from core.monitor.support import NOT_CALIBRATED, Support, ValidityBasis
 from core.monitor.validity import (
     RunningValidity,
@@ -62,6 +64,8 @@ class Monitor:
     and then it never withdraws.
     evaluation: what fresh flights said of it, as plain data; None where none were flown.
     inputs: how surfaces moved in fresh flights; None where that is not known.
+    card: responses to the test card; None for predictors that read none. Scores are then of what
+    is left of the card, and `fitted` says what a sample is like.
     """
 
     recipe: MonitorRecipe
@@ -87,6 +91,7 @@ class Monitor:
     support: Support | None = None
     evaluation: dict[str, Any] | None = None
     inputs: InputSupport | None = None
+    card: CardResponses | None = field(repr=False, default=None)
 
     @property
     def alphas(self) -> Array:
@@ -187,18 +192,24 @@ class Monitor:
         z, s, p, unsafe, safe = assessing.score_all(
             self.fitted, self.exact, y[fresh], state[fresh] == assessing.OK, self.recipe.n_delay
         )
+        y_hat, lost = np.full((len(y), N_CHANNELS), np.nan), None
+        if self.card is not None:
+            scores = np.full(len(y), np.nan)
+            first = response_filter.follow(self.card, t, y, state, self.dt, scores, y_hat)
+            lost = Withdrawal(first, LOST) if first < len(y) else None
+            s, p = scores[fresh], p_values(scores[fresh], self.alphas)
+        elif self.recipe.predictor.forecasts:
+            y_hat[fresh] = z * self.scale
         result = Assessments(
             t=t,
             state=state,
             p_value=_spread(p, fresh, np.nan),
             alert=_spread(p > epsilon, fresh, False),
             score=_spread(s, fresh, np.nan),
-            y_hat=np.full((len(y), N_CHANNELS), np.nan),
+            y_hat=y_hat,
             nearest_unsafe=_spread(unsafe, fresh, -1),
             nearest_safe=_spread(safe, fresh, -1),
-        )
-        if self.recipe.predictor.forecasts:
-            result.y_hat[fresh] = z * self.scale
+        ).withdrawn_from(lost)
         return result.withdrawn_from(self.withdrawal(t, y, result)) if withdraw else result
 
     def withdrawal(self, t: Array, y: Array, assessments: Assessments) -> Withdrawal | None:
@@ -275,6 +286,8 @@ class Monitor:
 
         y: (n, n_samples, 6).   last: (n,).   Returns (n,); +inf where last < 0.
         """
+        if self.card is not None:
+            return response_filter.lowest_scores(self.card, y, np.zeros_like(last), last)
         nothing = np.full(len(y), -1)
         return peak_risk.lowest_scores(
             self.fitted, y, self.recipe.n_delay, np.zeros_like(last), last, nothing, np.empty(0)
@@ -282,6 +295,8 @@ class Monitor:
 
     def highest_p_values(self, y: Array, last: Indices) -> Array:
         """Highest p-value of each trajectory over samples 0..last, not withdrawn; 0 if last < 0."""
+        if self.card is not None:
+            return np.where(last < 0, 0.0, p_values(self.lowest_scores(y, last), self.alphas))
         return peak_risk.highest_p_values(
             self.fitted, self.exact, np.ascontiguousarray(y), self.recipe.n_delay, last
         )
@@ -309,6 +324,8 @@ class Monitor:
             plain = {"always": self.exact.always, "running": self.exact.running}
             exact = {name: getattr(self.exact, name) for name in portable.EXACT_ARRAYS}
             sections.append(portable.Section("transduction", 1, True, plain, exact))
+        if self.card is not None:
+            sections.append(to_section(self.card))
         if self.support is not None:
             sections.append(self.support.to_section())
         if self.inputs is not None:
@@ -363,6 +380,9 @@ class Stream:
         basis, self._limits = monitor.validity_basis, monitor.limits
         self._validity = basis and RunningValidity(basis)
         self._reason = ""
+        card = monitor.card
+        self._estimate = card and response_filter.begin(len(card.steps))
+        self._card_clock, self._y_hat = np.zeros(2), np.empty(N_CHANNELS)
 
     def update(self, t: float, y: npt.ArrayLike) -> Assessment:
         """Assess the next sample.
@@ -377,6 +397,9 @@ class Stream:
         if self._reason:
             return withdrawn(float(t), self._reason)
         assessment = self._assess(float(t), y)
+        if assessment.reason == LOST:
+            self._reason = LOST
+            return assessment
         if self._validity is not None:
             if self._validity.update(y, assessment):
                 self._reason = in_words(self._validity.verdict.reasons)
@@ -397,16 +420,33 @@ class Stream:
             y,
             self._point,
         )
+        monitor, y_hat = self.monitor, None
+        if self._estimate is not None:
+            s = response_filter.update(
+                monitor.card,
+                self._estimate,
+                self._card_clock,
+                monitor.dt,
+                t,
+                y,
+                code,
+                self._y_hat,
+            )
+            if self._estimate.counts[response_filter.LOST]:
+                return withdrawn(t, LOST)
+            p = simple_p(self._fitted.alphas, s)
+            y_hat = self._y_hat.copy() if np.isfinite(self._y_hat[0]) else None
+        elif monitor.recipe.predictor.forecasts:
+            y_hat = self._point * monitor.scale
         if code != assessing.OK:
             return Assessment(t, None, None, STATES[code], REASONS[code])
-        monitor, z = self.monitor, self._point
         unsafe, safe = self._status[2], self._status[3]
         return Assessment(
             t=t,
             p_value=p,
             alert=p > self.epsilon,
             state=STATES[code],
-            y_hat=z * monitor.scale if monitor.recipe.predictor.forecasts else None,
+            y_hat=y_hat,
             score=s,
             nearest_unsafe=monitor.unsafe_exemplar(unsafe, self._clock[2]) if unsafe >= 0 else None,
             nearest_safe=monitor.safe_exemplar(safe, self._clock[3]) if safe >= 0 else None,

@@ -30,6 +30,7 @@ VERSIONS = {
     "transduction": 1,
     "validity": 2,
     "input": 1,
+    "card": 1,
     "evaluation": 1,
 }
 """Newest version of each section that this program knows."""

@@ -24,6 +24,8 @@ class Predictor(ABC):
     """Whether the mapped point is an output y, channel by channel."""
     forecasts: ClassVar[bool] = False
     """Whether that output is the one t_early ahead."""
+    reads_card: ClassVar[bool] = False
+    """Whether it knows the input that is still to come."""
 
     @abstractmethod
     def fit(self, o: Array, y_ahead: Array) -> Affine:
@@ -58,6 +60,17 @@ class Linear(Predictor):
         found = np.linalg.lstsq(triangle[:, :n_o], triangle[:, n_o:], rcond=RANK_TOLERANCE)
         solution = np.asarray(found[0], np.float64)
         return Affine(solution, y_mean - o_mean @ solution)
+
+
+@dataclass(frozen=True)
+class ResponseFilter(Linear):
+    """Forecast of what is left of the test card, from how the aircraft responded so far.
+
+    A Kalman filter of the aircraft's response to one step of the input, for manoeuvres made of
+    steps. The map fitted beside it serves validity, and names the rollouts that a sample is like.
+    """
+
+    reads_card: ClassVar[bool] = True
 
 
 def _triangle(rows: Array) -> Array:
@@ -119,5 +132,6 @@ PREDICTORS = family(
         "identity": Identity(),
         "pca": PrincipalComponents(),
         "last_output": LastOutput(),
+        "response_filter": ResponseFilter(),
     },
 )

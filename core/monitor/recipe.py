@@ -29,7 +29,8 @@ class MonitorRecipe:
     p_value: PValue = "simple"
     """p-value rule: `simple`, or the `exact` transductive one, never larger. With trajectory
     calibration the exact one judges a flight by its riskiest moment so far, so it hardly falls
-    again. Scores of a magnitude look up no neighbours and have the simple one either way."""
+    again. Scores of a magnitude or of the card look up no neighbours and have the simple one
+    either way."""
     scaling: Scaling = "safe_std"
     """scaling of the channels: by their standard deviation on safe flights, or none, as in the
     paper; `safe_std` or `raw`."""
@@ -49,8 +50,20 @@ class MonitorRecipe:
                     f"{name}={getattr(self, name)!r} was given: choose "
                     f"{' or '.join(get_args(choices))}"
                 )
-        if self.score.channel >= 0 and not self.predictor.maps_to_outputs:
-            raise ValueError(
-                "the score negative_magnitude reads an output: choose the predictor linear or "
-                "last_output"
-            )
+        if wrong := mismatch(self.predictor, self.score):
+            raise ValueError(wrong)
+
+
+def mismatch(predictor: Predictor, score: Score) -> str:
+    """Why a predictor and a score make no monitor; empty where they do."""
+    if score.reads_card != predictor.reads_card:
+        return (
+            "the predictor response_filter goes with the score rest_of_card or card_window, and "
+            "these with no other predictor"
+        )
+    if score.channel >= 0 and not predictor.maps_to_outputs:
+        return (
+            "the score negative_magnitude reads an output: choose the predictor linear or "
+            "last_output"
+        )
+    return ""

@@ -1,8 +1,9 @@
 """Scores: how close a mapped point is to a failure; low means close."""
 
 from dataclasses import dataclass
-from typing import ClassVar, Literal
+from typing import Annotated, ClassVar, Literal
 
+from core.bounds import Bounds, check_bounds
 from core.channels import KEYS
 from core.recipe import family
 
@@ -16,11 +17,22 @@ class Score:
 
     unsafe_weight: ClassVar[float] = 0.0
     safe_weight: ClassVar[float] = 0.0
+    reads_card: ClassVar[bool] = False
+    """Whether it is of a forecast of the card; distances then only say what a sample is like."""
 
     @property
     def channel(self) -> int:
         """Index of the channel whose magnitude is the score; -1 for a score of distances."""
         return -1
+
+    @property
+    def looks_up_neighbors(self) -> bool:
+        """Whether it is of distances."""
+        return self.channel < 0 and not self.reads_card
+
+    def window(self, h: int) -> int:
+        """Samples of the card that are looked ahead, with a lead of h; 0 for what is left of it."""
+        return 0
 
 
 @dataclass(frozen=True)
@@ -58,6 +70,35 @@ class NegativeMagnitude(Score):
         return KEYS.index(self.key)
 
 
+@dataclass(frozen=True)
+class RestOfCard(NearestNeighbor):
+    """How surely a limit is exceeded in what is left of the card.
+
+    Minus the largest (|forecast| - limit) / deviation of the forecast.
+    """
+
+    reads_card: ClassVar[bool] = True
+
+
+@dataclass(frozen=True)
+class CardWindow(RestOfCard):
+    """How probably a limit is exceeded within the lead and a little more.
+
+    Minus the log odds of it, over the times at which the pilot may switch next.
+    """
+
+    n_after: Annotated[int, Bounds(least=0, words="it must be 0 or more")] = 4
+    """samples after the lead: looked ahead too."""
+
+    def __post_init__(self) -> None:
+        """Refuse a window that ends before the lead."""
+        check_bounds(self)
+
+    def window(self, h: int) -> int:
+        """The lead and the samples after it."""
+        return h + self.n_after
+
+
 SCORES = family(
     "score",
     Score,
@@ -66,5 +107,7 @@ SCORES = family(
         "unsafe_distance": UnsafeDistance(),
         "safe_distance": SafeDistance(),
         "negative_magnitude": NegativeMagnitude(),
+        "rest_of_card": RestOfCard(),
+        "card_window": CardWindow(),
     },
 )

@@ -7,8 +7,10 @@ from typing import Any
 import numpy as np
 
 from core import __version__
+from core.card import Card
 from core.channels import N_CHANNELS
 from core.dataset import Dataset
+from core.kernels import response_filter
 from core.kernels.assessing import Fitted, weighted_distances
 from core.kernels.mapping import map_samples
 from core.kernels.p_value import SIMPLE, Transduction
@@ -24,6 +26,7 @@ from core.monitor.observation import (
 )
 from core.monitor.predictor import Affine, Predictor
 from core.monitor.recipe import MonitorRecipe
+from core.monitor.response_filter import NO_CARD, fit_card
 from core.monitor.support import calibrate
 from core.types import Array, Indices
 
@@ -59,6 +62,7 @@ def train(
     recipe: MonitorRecipe | None = None,
     fresh: FreshFlights | None = None,
     *,
+    card: Card | None = None,
     safe: SafeObservations | None = None,
 ) -> Monitor:
     """Fit the predictor on safe observations, then calibrate the score on the failures.
@@ -66,11 +70,13 @@ def train(
     Calibration data chooses nothing: scale and predictor come from safe observations only.
     fresh: batches of fresh flights that validity is calibrated on, see `with_validity`; without
     them the monitor cannot tell whether a flight is like those it was trained on.
+    card: the test card, for predictors that read it, see core.collection.card_of.
     safe: those of this dataset and of a recipe that differs in predictor and score at most, to
     share them among monitors.
-    ValueError where the dataset has no unsafe or no safe rollout, or fresh flights are too few.
+    ValueError where the dataset has no unsafe or no safe rollout, fresh flights are too few, or the
+    card is missing.
     """
-    monitor = _calibrated(dataset, recipe or MonitorRecipe(), safe)
+    monitor = _calibrated(dataset, recipe or MonitorRecipe(), safe, card)
     return monitor if fresh is None else with_validity(monitor, dataset, fresh)
 
 
@@ -93,8 +99,12 @@ def _noted(fresh: FreshFlights, inputs: FreshInputs) -> FreshFlights:
         yield y, fail_index, *rest
 
 
-def _calibrated(dataset: Dataset, recipe: MonitorRecipe, safe: SafeObservations | None) -> Monitor:
+def _calibrated(
+    dataset: Dataset, recipe: MonitorRecipe, safe: SafeObservations | None, card: Card | None
+) -> Monitor:
     _check(dataset, recipe)
+    if recipe.predictor.reads_card and card is None:
+        raise ValueError(NO_CARD)
     h, n_delay = lead_steps(recipe.t_early, dataset.dt), recipe.n_delay
     safe = safe or SafeObservations(dataset, recipe)
     affine = safe.fit(recipe.predictor)
@@ -111,9 +121,14 @@ def _calibrated(dataset: Dataset, recipe: MonitorRecipe, safe: SafeObservations 
     own = np.full(len(last), -1)
     own[timely] = np.arange(len(timely))
     first = np.maximum(last, 0) if recipe.calibration == "pointwise" else np.zeros_like(last)
-    alphas = lowest_scores(fitted, dataset.unsafe, n_delay, first, last, own, np.empty(0))
+    responses = None
+    if recipe.predictor.reads_card and card is not None:
+        responses = fit_card(card, dataset.safe, dataset.specification, recipe.score, h)
+        alphas = response_filter.lowest_scores(responses, dataset.unsafe, first, last)
+    else:
+        alphas = lowest_scores(fitted, dataset.unsafe, n_delay, first, last, own, np.empty(0))
     exact = SIMPLE
-    if recipe.p_value == "exact" and recipe.score.channel < 0:
+    if recipe.p_value == "exact" and recipe.score.looks_up_neighbors:
         running = recipe.calibration == "trajectory"
         exact = _transduction(
             fitted, affine, dataset.unsafe, n_delay, timely, first, last, alphas, running
@@ -136,6 +151,7 @@ def _calibrated(dataset: Dataset, recipe: MonitorRecipe, safe: SafeObservations 
         n_early=len(last) - len(timely),
         fitted=fitted._replace(alphas=np.sort(alphas)),
         exact=exact,
+        card=responses,
         dataset_recipe=dataset.recipe,
         dataset_digest=dataset.digest(),
         seed=dataset.seed,

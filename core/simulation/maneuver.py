@@ -163,6 +163,17 @@ class Steps(OneSurface, ABC):
     def levels(self) -> tuple[float, ...]:
         """Level of each segment, in amplitudes."""
 
+    @property
+    def switches(self) -> tuple[tuple[float, float], ...]:
+        """Each change of the command as planned: time [s] and step [deg]."""
+        found, time, before = [], self.lead_in_s, 0.0
+        for duration, level in zip((*self.segments_s, inf), (*self.levels, 0.0), strict=True):
+            if level != before and duration > 0.0 and time < self.duration_s:
+                found.append((time, (level - before) * self.amplitude_deg))
+                before = level
+            time += duration
+        return tuple(found)
+
     def shape(self, elapsed: Array, segments: Array) -> Array:
         """The level of the segment that each time falls into; trim before and after."""
         edges = np.cumsum(segments, axis=1) - TIME_GUARD

@@ -18,6 +18,7 @@ from core.monitor import Monitor, MonitorRecipe, load, train
 from core.monitor.innovation import fit_innovation
 from core.monitor.portable import MonitorFileError, Section, pack, unpack
 from core.monitor.predictor import PREDICTORS, PrincipalComponents
+from core.monitor.recipe import mismatch
 from core.monitor.score import SCORES, NegativeMagnitude
 from core.monitor.support import Support
 from core.recipe import from_plain, to_plain
@@ -198,7 +199,7 @@ def test_a_recipe_survives_json(name: str) -> None:
 def test_every_pair_of_predictor_and_score_survives_json() -> None:
     for predictor in PREDICTORS.values():
         for score in SCORES.values():
-            if score.channel < 0 or predictor.maps_to_outputs:
+            if not mismatch(predictor, score):
                 recipe = MonitorRecipe(predictor=predictor, score=score)
                 assert (
                     from_plain(MonitorRecipe(), json.loads(json.dumps(to_plain(recipe)))) == recipe

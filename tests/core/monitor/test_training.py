@@ -30,6 +30,9 @@ TWIN_SCORES = {
     "safe_distance": "safe only",
     "negative_magnitude": "|Ny|",
 }
+OF_POINTS = [name for name, score in SCORES.items() if not score.reads_card]
+OF_OBSERVATIONS = [name for name, predictor in PREDICTORS.items() if not predictor.reads_card]
+"""Those that know no test card."""
 MODES = list(product(("pointwise", "trajectory"), ("simple", "exact")))
 
 
@@ -93,8 +96,8 @@ class Twin:
 
 
 @pytest.mark.parametrize("scaling", ["raw", "safe_std"])
-@pytest.mark.parametrize("score", SCORES)
-@pytest.mark.parametrize("predictor", PREDICTORS)
+@pytest.mark.parametrize("score", OF_POINTS)
+@pytest.mark.parametrize("predictor", OF_OBSERVATIONS)
 def test_monitor_equals_the_plain_twin(
     predictor: str, score: str, scaling: str, dataset: Dataset, flights: Array
 ) -> None:
@@ -136,7 +139,7 @@ def test_this_file_joins_a_point_to_the_failures_as_the_plain_twin_does(
     assert peer.p_values(y, list(range(N_SAMPLES))) == expected.tolist()
 
 
-@pytest.mark.parametrize("score", SCORES)
+@pytest.mark.parametrize("score", OF_POINTS)
 def test_ties_count_in_every_p_value(score: str) -> None:
     """Small whole numbers, so that scores tie in plenty and floats are exact."""
     rng = np.random.default_rng(31)
@@ -161,7 +164,7 @@ def test_ties_count_in_every_p_value(score: str) -> None:
         assert len(np.intersect1d(peer.scores(y[0]), peer.alphas)) > 0
 
 
-@pytest.mark.parametrize("score", SCORES)
+@pytest.mark.parametrize("score", OF_POINTS)
 @pytest.mark.parametrize(("calibration", "p_value"), MODES)
 def test_the_extremes_of_a_flight_are_those_of_its_samples(
     calibration: str, p_value: str, score: str, dataset: Dataset
@@ -183,7 +186,7 @@ def test_the_extremes_of_a_flight_are_those_of_its_samples(
 # --- laws ----------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("score", SCORES)
+@pytest.mark.parametrize("score", OF_POINTS)
 @pytest.mark.parametrize("calibration", ["pointwise", "trajectory"])
 def test_exact_p_value_is_never_above_the_simple_one(
     calibration: str, score: str, dataset: Dataset, flights: Array
@@ -203,7 +206,7 @@ def test_exact_p_value_is_never_above_the_simple_one(
         assert (exact < simple).any() == (score == "nearest_neighbor")
 
 
-@pytest.mark.parametrize("predictor", PREDICTORS)
+@pytest.mark.parametrize("predictor", OF_OBSERVATIONS)
 def test_trajectory_calibration_alerts_no_more_than_pointwise(
     predictor: str, dataset: Dataset, flights: Array
 ) -> None:
@@ -240,7 +243,7 @@ def test_shuffling_rollouts_changes_no_p_value(
     assert (unsafe[rollouts] == one.unsafe_where[before.nearest_unsafe, 0]).all()
 
 
-@pytest.mark.parametrize("predictor", PREDICTORS)
+@pytest.mark.parametrize("predictor", OF_OBSERVATIONS)
 @pytest.mark.parametrize(("calibration", "p_value"), MODES)
 def test_scaled_monitor_does_not_care_for_radians_or_degrees(
     predictor: str, calibration: str, p_value: str, dataset: Dataset, flights: Array
@@ -283,7 +286,7 @@ def test_a_failure_at_h_is_warned_of_at_its_first_sample(dataset: Dataset) -> No
     assert monitor.unsafe_where[0].tolist() == [0, 0]
 
 
-@pytest.mark.parametrize("score", SCORES)
+@pytest.mark.parametrize("score", OF_POINTS)
 @pytest.mark.parametrize(("calibration", "p_value"), MODES)
 def test_one_failure_is_enough_for_epsilon_one_half(
     calibration: str, p_value: str, score: str, dataset: Dataset, flights: Array
@@ -351,8 +354,8 @@ def test_still_and_doubled_channels_do_no_harm(dataset: Dataset, flights: Array)
         return y
 
     spoiled = replace(dataset, unsafe=spoil(dataset.unsafe), safe=spoil(dataset.safe))
-    for predictor in PREDICTORS.values():
-        monitor = train(spoiled, MonitorRecipe(predictor=predictor))
+    for predictor in OF_OBSERVATIONS:
+        monitor = train(spoiled, MonitorRecipe(predictor=PREDICTORS[predictor]))
         assert np.isfinite(monitor.alphas).all()
         assert monitor.scale[4] == 1
         assert np.isfinite(monitor.p_values(spoil(flights[0]))).all()

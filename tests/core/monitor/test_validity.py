@@ -16,6 +16,7 @@ from core.monitor import Assessments, Monitor, MonitorRecipe, State, train
 from core.monitor.assessment import STATES
 from core.monitor.innovation import fit_innovation
 from core.monitor.predictor import PREDICTORS
+from core.monitor.recipe import mismatch
 from core.monitor.score import SCORES
 from core.monitor.support import LEVEL, Support, SupportError, ValidityBasis, calibrate
 from core.monitor.training import with_validity
@@ -27,7 +28,7 @@ P, DELTA_A = KEYS.index("p"), KEYS.index("delta_a")
 PAIRS = [
     (predictor, score)
     for predictor, score in product(PREDICTORS, SCORES)
-    if SCORES[score].channel < 0 or PREDICTORS[predictor].maps_to_outputs
+    if not mismatch(PREDICTORS[predictor], SCORES[score]) and not SCORES[score].reads_card
 ]
 
 

@@ -1,0 +1,376 @@
+"""The response filter: what is left of a test card, forecast from the samples flown so far.
+
+The outputs of a manoeuvre made of steps are a sum of step responses, one for each switch of the
+input. Those of the aircraft in flight are unknown but for their distribution: a mean and a few
+principal components, whose coefficients are estimated from the samples by a Kalman filter in
+information form. When the pilot switches is seen in the surface, a sample or so late.
+"""
+
+from math import erf, log, sqrt
+from typing import NamedTuple
+
+import numpy as np
+
+from core.kernels import N_CHANNELS
+from core.kernels.assessing import INVALID, OK, STALE
+from core.kernels.compiled import in_chunks, inlined, jit
+from core.kernels.lanes import (
+    WIDTH,
+    add,
+    address,
+    fma,
+    load,
+    multiply,
+    pick,
+    splat,
+    store,
+    total,
+)
+from core.types import Array, Indices
+
+FLIGHTS_A_TASK = 32
+NONE = -np.inf
+"""Danger before the card has begun and after it has ended."""
+TAKEN, SWITCHED, SIGN, LOST = range(4)
+"""Counts of a flight: samples taken; switches seen; the sign of its first step against the card's,
+0 until it is seen; whether a switch may have passed unseen."""
+FINEST_SHARE = 1e-4
+MARGIN_WEIGHT = 0.02
+"""Shares closer to 0 or 1 than the first are told apart by the mean margin, with this weight."""
+
+
+class CardResponses(NamedTuple):
+    """A card, and how the aircraft that may fly it respond to its first step.
+
+    mean: (n_lags, 6).   components: (n_lags, 6, 8), their coefficients of unit variance.
+    residual: (n_lags, 6) variance of what components leave.   noise: (6,) variance of a sample.
+    steps: (n_switches,) each step as a multiple of the first.
+    apart: (n_switches,) planned samples since the switch before it.
+    later: (n_switches, n_lags, n_cases) the same for equally likely pilots who have let so many
+    samples pass without it.
+    tail: samples that are forecast after the last switch.   surface: channel that the card moves.
+    seen_after: samples by which a switch shows in it.   share: of the mean response by then from
+    which on it does.   least_apart: samples between two switches.   limits: (6,).   h: lead.
+    window: samples that the score looks ahead; 0 for the rest of the card.
+    """
+
+    mean: Array
+    components: Array
+    residual: Array
+    noise: Array
+    steps: Array
+    apart: Indices
+    later: Indices
+    tail: int
+    surface: int
+    seen_after: int
+    share: float
+    least_apart: int
+    limits: Array
+    h: int
+    window: int
+
+
+class CardEstimate(NamedTuple):
+    """What the samples of one flight say of its coefficients.
+
+    information: (8, 8).   vector: (8,).   root: (8, 8) transpose of R, with R'R their covariance.
+    mean: (8,).   switches, plan: (n_switches,) samples, as seen and with those to come.
+    counts: see TAKEN.   work: (8,).
+    """
+
+    information: Array
+    vector: Array
+    root: Array
+    mean: Array
+    switches: Indices
+    plan: Indices
+    counts: Indices
+    work: Array
+
+
+@jit
+def begin(n_switches):
+    """The estimate before the first sample: that of the aircraft that may fly."""
+    return CardEstimate(
+        np.eye(WIDTH),
+        np.zeros(WIDTH),
+        np.eye(WIDTH),
+        np.zeros(WIDTH),
+        np.zeros(n_switches, np.int64),
+        np.zeros(n_switches, np.int64),
+        np.zeros(4, np.int64),
+        np.zeros(WIDTH),
+    )
+
+
+@inlined
+def _respond(card, components, switches, n, sample, c):
+    """Mean of channel c after n switches, variance of what components leave, and their weights."""
+    longest = card.mean.shape[0] - 1
+    mean, variance, weights = 0.0, 0.0, splat(0.0)
+    for j in range(n):
+        lag = min(sample - switches[j], longest)
+        if lag > 0:
+            step = card.steps[j]
+            mean += step * card.mean[lag, c]
+            variance += step * step * card.residual[lag, c]
+            at = (lag * N_CHANNELS + c) * WIDTH
+            weights = fma(splat(step), load(components, at), weights)
+    return mean, variance, weights
+
+
+@inlined
+def _spread(root, weights):
+    """Variance of the estimate of this combination of the coefficients."""
+    even, odd = splat(0.0), splat(0.0)
+    for k in range(0, WIDTH, 2):
+        even = fma(load(root, k * WIDTH), splat(pick(weights, k)), even)
+        odd = fma(load(root, (k + 1) * WIDTH), splat(pick(weights, k + 1)), odd)
+    both = add(even, odd)
+    return total(multiply(both, both))
+
+
+@jit
+def _look_for_switch(card, estimate, y):
+    """Note the card's next switch once its surface shows it."""
+    counts, switches = estimate.counts, estimate.switches
+    n, sample = counts[SWITCHED], counts[TAKEN]
+    at, c = sample - card.seen_after, card.surface
+    if n == switches.shape[0] or at < 0:
+        return
+    shown = card.mean[card.seen_after, c]
+    if n == 0:
+        if abs(y[c]) > card.share * abs(shown):
+            counts[SIGN] = 1 if y[c] * shown > 0.0 else -1
+            switches[0] = at
+            counts[SWITCHED] = 1
+    elif at - switches[n - 1] >= card.least_apart:
+        mean, _, weights = _respond(card, address(card.components), switches, n, sample, c)
+        expected = mean + total(multiply(weights, load(address(estimate.mean), 0)))
+        off = counts[SIGN] * y[c] - expected
+        if off / (card.steps[n] * shown) > card.share:
+            switches[n] = at
+            counts[SWITCHED] = n + 1
+
+
+@jit
+def _learn(card, estimate, y):
+    """Add a sample y (6,) to the information."""
+    counts, components = estimate.counts, address(card.components)
+    information, vector = address(estimate.information), address(estimate.vector)
+    for c in range(N_CHANNELS):
+        mean, variance, weights = _respond(
+            card, components, estimate.switches, counts[SWITCHED], counts[TAKEN], c
+        )
+        precision = 1.0 / (variance + card.noise[c])
+        off = (counts[SIGN] * y[c] - mean) * precision
+        store(vector, 0, fma(weights, splat(off), load(vector, 0)))
+        for k in range(WIDTH):
+            row = load(information, k * WIDTH)
+            store(information, k * WIDTH, fma(weights, splat(pick(weights, k) * precision), row))
+
+
+@jit
+def _solve(estimate):
+    """Bring mean and root up to the information, by Cholesky's decomposition."""
+    lower, root, half = estimate.information.copy(), estimate.root, estimate.work
+    for i in range(WIDTH):
+        for j in range(i + 1):
+            rest = lower[i, j]
+            for k in range(j):
+                rest -= lower[i, k] * lower[j, k]
+            lower[i, j] = sqrt(rest) if i == j else rest / lower[j, j]
+    for i in range(WIDTH):
+        half[i] = 0.0
+        for j in range(i + 1):
+            rest = 1.0 if i == j else 0.0
+            for k in range(j, i):
+                rest -= lower[i, k] * root[j, k]
+            root[j, i] = rest / lower[i, i]
+            half[i] += root[j, i] * estimate.vector[j]
+    for j in range(WIDTH):
+        estimate.mean[j] = 0.0
+        for i in range(j, WIDTH):
+            estimate.mean[j] += root[j, i] * half[i]
+
+
+@jit
+def _plan_on(card, estimate, now, wait):
+    """Write the switches seen by sample `now`, and those to come, into the plan.
+
+    wait: samples from the last one seen to the next.
+    """
+    counts, plan = estimate.counts, estimate.plan
+    for j in range(plan.shape[0]):
+        if j < counts[SWITCHED]:
+            plan[j] = estimate.switches[j]
+        elif j == counts[SWITCHED]:
+            plan[j] = max(plan[j - 1] + wait, now)
+        else:
+            plan[j] = plan[j - 1] + card.apart[j]
+
+
+@jit
+def _largest_margin(card, estimate, first, last):
+    """By how much a limit is exceeded at most in samples first..last, in deviations."""
+    components, root = address(card.components), address(estimate.root)
+    coefficients, n, largest = load(address(estimate.mean), 0), estimate.plan.shape[0], NONE
+    for c in range(N_CHANNELS):
+        limit = card.limits[c]
+        if limit == np.inf:
+            continue
+        for sample in range(first, last + 1):
+            mean, variance, weights = _respond(card, components, estimate.plan, n, sample, c)
+            mean += total(multiply(weights, coefficients))
+            variance += _spread(root, weights)
+            if variance > 0.0:
+                largest = max(largest, (abs(mean) - limit) / sqrt(variance))
+    return largest
+
+
+@jit
+def _danger(card, estimate):
+    """How surely a limit will be exceeded; NONE before the card begins and after it."""
+    counts, m = estimate.counts, estimate.switches.shape[0]
+    n, sample = counts[SWITCHED], counts[TAKEN]
+    if n == 0:
+        return NONE
+    pending = n < m
+    if card.window == 0:
+        _plan_on(card, estimate, sample, card.apart[n] if pending else 0)
+        return _largest_margin(card, estimate, sample + 1, estimate.plan[m - 1] + card.tail)
+    passed = min(sample - estimate.switches[n - 1], card.later.shape[1] - 1)
+    share, margins, n_cases = 0.0, 0.0, card.later.shape[2] if pending else 1
+    for case in range(n_cases):
+        _plan_on(card, estimate, sample, card.later[n, passed, case] if pending else 0)
+        last = min(sample + card.window, estimate.plan[m - 1] + card.tail)
+        margin = _largest_margin(card, estimate, sample + 1, last)
+        share += 0.5 * (1.0 + erf(margin / sqrt(2.0))) / n_cases
+        margins += margin / n_cases
+    return log((share + FINEST_SHARE) / (1.0 - share + FINEST_SHARE)) + MARGIN_WEIGHT * margins
+
+
+@inlined
+def _take(card, estimate, y, known):
+    """Take the next sample y (6,), known or not, and return the danger of what is left."""
+    if known:
+        _look_for_switch(card, estimate, y)
+        if estimate.counts[SWITCHED] > 0:
+            _learn(card, estimate, y)
+            _solve(estimate)
+    danger = _danger(card, estimate)
+    estimate.counts[TAKEN] += 1
+    return danger
+
+
+@jit
+def _forecast(card, estimate, ahead, y_hat):
+    """Write the outputs `ahead` samples after the last one taken; NaN before the card begins."""
+    counts, m = estimate.counts, estimate.switches.shape[0]
+    n, sample = counts[SWITCHED], counts[TAKEN] - 1
+    if n == 0:
+        y_hat[:] = np.nan
+        return
+    _plan_on(card, estimate, sample, card.apart[n] if n < m else 0)
+    components, coefficients = address(card.components), load(address(estimate.mean), 0)
+    for c in range(N_CHANNELS):
+        mean, _, weights = _respond(card, components, estimate.plan, m, sample + ahead, c)
+        y_hat[c] = counts[SIGN] * (mean + total(multiply(weights, coefficients)))
+
+
+@jit
+def update(card, estimate, clock, dt, t, y, code, y_hat):
+    """Take one sample of a flight, and return its score; NaN where there is none.
+
+    clock: (2,) time of the last sample; samples in a row that were not there.
+    code: its state.   y_hat: (6,) out, the outputs h samples later.
+    The flight is lost (counts[LOST]) where a switch may have passed unseen.
+    """
+    counts, m = estimate.counts, estimate.switches.shape[0]
+    y_hat[:] = np.nan
+    if code == STALE or counts[LOST]:
+        return np.nan
+    if counts[TAKEN] > 0 and np.isfinite(t):
+        skipped = max(int(round((t - clock[0]) / dt)) - 1, 0)
+        counts[TAKEN] += skipped
+        clock[1] += skipped
+    if np.isfinite(t):
+        clock[0] = t
+    known = code != INVALID
+    if known and clock[1] >= card.least_apart and counts[SWITCHED] < m:
+        shown = card.mean[card.seen_after, card.surface]
+        if counts[SWITCHED] > 0 or abs(y[card.surface]) > card.share * abs(shown):
+            counts[LOST] = 1
+            return np.nan
+    clock[1] = 0.0 if known else clock[1] + 1.0
+    danger = _take(card, estimate, y, known)
+    if code != OK:
+        return np.nan
+    _forecast(card, estimate, card.h, y_hat)
+    return -danger
+
+
+@jit
+def follow(card, t, y, codes, dt, s, y_hat):
+    """Score a trajectory, as `update` does sample by sample; returns the first that is lost.
+
+    t: (n,).   y: (n, 6).   codes: (n,).   s: (n,), y_hat: (n, 6) out.   n where none is lost.
+    """
+    estimate, clock = begin(card.steps.shape[0]), np.zeros(2)
+    for i in range(t.shape[0]):
+        s[i] = update(card, estimate, clock, dt, t[i], y[i], codes[i], y_hat[i])
+        if estimate.counts[LOST]:
+            s[i:] = np.nan
+            y_hat[i:] = np.nan
+            return i
+    return t.shape[0]
+
+
+@jit
+def squares(card, y, off, expected):
+    """Squares of what samples are off the forecast made before them, and their expectation.
+
+    y: (n, n_samples, 6) of whole flights.
+    off, expected: (n * n_samples, 6) out, in rows; returns how many rows were written.
+    """
+    row = 0
+    for i in range(y.shape[0]):
+        estimate = begin(card.steps.shape[0])
+        components, root = address(card.components), address(estimate.root)
+        for t in range(y.shape[1]):
+            _look_for_switch(card, estimate, y[i, t])
+            if estimate.counts[SWITCHED] > 0:
+                coefficients = load(address(estimate.mean), 0)
+                for c in range(N_CHANNELS):
+                    mean, variance, weights = _respond(
+                        card, components, estimate.switches, estimate.counts[SWITCHED], t, c
+                    )
+                    mean += total(multiply(weights, coefficients))
+                    off[row, c] = (estimate.counts[SIGN] * y[i, t, c] - mean) ** 2
+                    expected[row, c] = variance + card.noise[c] + _spread(root, weights)
+                row += 1
+                _learn(card, estimate, y[i, t])
+                _solve(estimate)
+            estimate.counts[TAKEN] += 1
+    return row
+
+
+@jit
+def _lowest_some(card, y, first, last, start, stop, lowest):
+    for i in range(start, stop):
+        estimate = begin(card.steps.shape[0])
+        for t in range(last[i] + 1):
+            danger = _take(card, estimate, y[i, t], True)
+            if t >= first[i]:
+                lowest[i] = min(lowest[i], -danger)
+
+
+def lowest_scores(card: CardResponses, y: Array, first: Indices, last: Indices) -> Array:
+    """Lowest score of each trajectory over its samples first..last; the score is -danger.
+
+    y: (n, n_samples, 6), finite over samples 0..last.   first, last: (n,); +inf if last < first.
+    """
+    lowest = np.full(len(y), np.inf)
+    in_chunks(len(y), FLIGHTS_A_TASK, lambda a, b: _lowest_some(card, y, first, last, a, b, lowest))
+    return lowest

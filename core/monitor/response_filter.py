@@ -1,0 +1,199 @@
+"""The response filter of a card, fitted: components, noise, and what a monitor's file keeps."""
+
+from statistics import NormalDist
+from typing import Any
+
+import numpy as np
+
+from core.card import Card
+from core.channels import N_CHANNELS
+from core.kernels.lanes import WIDTH
+from core.kernels.response_filter import CardResponses, squares
+from core.monitor.portable import Section
+from core.monitor.score import Score
+from core.specification import Specification, magnitudes_of
+from core.types import Array, Indices
+
+LIMITED_WEIGHT = 2.0
+"""Of a channel with a limit among the others, where components are chosen."""
+FINEST = 1e-3
+"""Least deviation of a sample, as a share of its channel's; and of a channel that never moves, in
+its SI unit (N_y in g)."""
+SEEN = 8.0
+"""A switch shows once the surface has answered by so many deviations of its noise."""
+N_CASES = 5
+"""Times at which the pilot may switch next."""
+MOST_FLIGHTS = 200
+"""Safe rollouts that the noise is estimated from."""
+CHI_SQUARE_MEDIAN = NormalDist().inv_cdf(0.75) ** 2
+"""Median of the square of a normal deviate."""
+NO_CARD = (
+    "the predictor response_filter needs the test card: train(dataset, recipe, "
+    "card=card_of(dataset_recipe)), or choose the predictor linear where there is none"
+)
+LOST = (
+    "too many samples were missing while an input of the test card was due: what is left of the "
+    "card cannot be forecast; wait for the next manoeuvre"
+)
+ARRAYS = ("mean", "components", "residual", "noise", "steps", "apart", "later", "limits")
+NUMBERS = ("tail", "surface", "seen_after", "least_apart", "h", "window")
+MOST_SAMPLES = 100_000
+
+
+def fit_card(
+    card: Card, safe: Array, specification: Specification, score: Score, h: int
+) -> CardResponses:
+    """Fit the responses of a card to a step, and the noise of the samples.
+
+    safe: (n, n_samples, 6) safe rollouts, which tell how far samples are off beside the sensors'
+    noise: gusts, lags and gains that step responses do not have.
+    ValueError where the specification has no limits.
+    """
+    limits = magnitudes_of(specification)
+    if limits is None:
+        raise ValueError(
+            "the predictor response_filter forecasts limited channels and the specification has no "
+            "limits: choose the predictor linear"
+        )
+    responses = card.step_responses
+    mean, deviation = responses.mean(axis=0), responses.std(axis=(0, 1))
+    floor = FINEST * np.where(deviation > 0, deviation, 1.0)
+    noise = np.hypot(card.noise_std, floor)
+    components, residual = _components(responses - mean, noise, np.isfinite(limits))
+    apart = np.round(np.diff(card.switch_times, prepend=card.switch_times[0]) / card.dt)
+    apart = apart.astype(np.int64)
+    last = round(card.switch_times[0] / card.dt) + int(apart.sum())
+    seen_after = _seen_after(mean[:, card.surface], noise[card.surface])
+    fitted = CardResponses(
+        mean=np.ascontiguousarray(mean),
+        components=components,
+        residual=residual,
+        noise=noise**2,
+        steps=card.steps / card.steps[0],
+        apart=apart,
+        later=_later(apart, card.timing_jitter_s / card.dt, len(mean)),
+        tail=max(round(card.duration_s / card.dt) - last, 0),
+        surface=card.surface,
+        seen_after=seen_after,
+        share=_share(mean[:, card.surface], seen_after),
+        least_apart=max(1, int(apart[1:].min() // 4)) if len(apart) > 1 else 1,
+        limits=limits,
+        h=h,
+        window=score.window(h),
+    )
+    return fitted._replace(noise=fitted.noise + _excess(fitted, safe[:MOST_FLIGHTS]))
+
+
+def _components(off: Array, noise: Array, limited: Array) -> tuple[Array, Array]:
+    """Principal components of responses in units of the noise, and variance of what they leave.
+
+    off: (n, n_lags, 6) from the mean.   limited: (6,) channels that count more.
+    Returns (n_lags, 6, 8), those that are not there zeros; and (n_lags, 6).
+    """
+    n, n_lags, _ = off.shape
+    units = np.where(limited, 1 / LIMITED_WEIGHT, 1.0) * noise
+    vectors = np.linalg.svd((off / units).reshape(n, -1), full_matrices=False)[0][:, :WIDTH]
+    components = np.zeros((WIDTH, n_lags, N_CHANNELS))
+    found = np.sqrt(n) * vectors
+    components[: found.shape[1]] = np.tensordot(found.T / n, off, 1)
+    residual = off - np.tensordot(found, components[: found.shape[1]], 1)
+    return np.ascontiguousarray(components.transpose(1, 2, 0)), residual.var(axis=0)
+
+
+def _seen_after(response: Array, noise: float) -> int:
+    """Samples by which a switch shows in its surface.   response: (n_lags,) of it."""
+    shows = np.abs(response) > SEEN * noise
+    return int(shows.argmax()) if shows.any() else len(response) - 1
+
+
+def _share(response: Array, seen_after: int) -> float:
+    """Midway from what the surface has answered a sample before to what it has by then."""
+    return float(0.5 * (1 + response[seen_after - 1] / response[seen_after]))
+
+
+def _later(apart: Indices, deviation: float, n_lags: int) -> Indices:
+    """(n_switches, n_lags, N_CASES) samples from a switch to the next, given that so many passed.
+
+    apart: (n_switches,) as planned.   deviation: of the pilot's timing [samples].
+    """
+    later = np.maximum(apart[:, None, None], np.arange(n_lags)[None, :, None])
+    later = np.repeat(later, N_CASES, axis=2)
+    if deviation <= 0:
+        return later
+    pilot, cases = NormalDist(), (np.arange(N_CASES) + 0.5) / N_CASES
+    for j, planned in enumerate(apart.tolist()):
+        for passed in range(n_lags):
+            before = pilot.cdf((passed - 0.5 - planned) / deviation)
+            if before > 1 - 1e-7:
+                later[j, passed] = passed + np.arange(N_CASES)
+                continue
+            shares = np.clip(before + (1 - before) * cases, 1e-9, 1 - 1e-9)
+            due = planned + deviation * np.array([pilot.inv_cdf(share) for share in shares])
+            later[j, passed] = np.maximum(passed, np.round(due))
+    return later
+
+
+def _excess(fitted: CardResponses, safe: Array) -> Array:
+    """(6,) variance of samples off their forecasts beyond what is expected; by medians."""
+    off = np.empty((safe.shape[0] * safe.shape[1], N_CHANNELS))
+    expected = np.empty_like(off)
+    n = squares(fitted, np.ascontiguousarray(safe), off, expected)
+    if n == 0:
+        raise ValueError(
+            "no safe rollout shows the first step of the test card in its surface: give rollouts "
+            "of the card's own manoeuvre"
+        )
+    found = np.median(off[:n], axis=0) / CHI_SQUARE_MEDIAN
+    return np.maximum(found - np.median(expected[:n], axis=0), 0.0)
+
+
+def to_section(fitted: CardResponses) -> Section:
+    """Return the section of a monitor's file."""
+    header: dict[str, Any] = {name: getattr(fitted, name) for name in NUMBERS}
+    arrays = {name: getattr(fitted, name) for name in ARRAYS}
+    return Section("card", 1, True, header | {"share": fitted.share}, arrays)
+
+
+def of_section(section: Section, h: int, score: Score) -> CardResponses:
+    """Rebuild it; ValueError where no kernel may read it.
+
+    h, score: of the monitor.
+    """
+    header = {name: section.header[name] for name in (*NUMBERS, "share")}
+    arrays = {name: np.ascontiguousarray(section.arrays[name]) for name in ARRAYS}
+    n_lags, m = len(arrays["mean"]), len(arrays["steps"])
+    shapes = {
+        "mean": (n_lags, N_CHANNELS),
+        "components": (n_lags, N_CHANNELS, WIDTH),
+        "residual": (n_lags, N_CHANNELS),
+        "noise": (N_CHANNELS,),
+        "steps": (m,),
+        "apart": (m,),
+        "later": (m, n_lags, arrays["later"].shape[-1]),
+        "limits": (N_CHANNELS,),
+    }
+    for name, shape in shapes.items():
+        kind = np.int64 if name in ("apart", "later") else np.float64
+        if arrays[name].dtype != kind or arrays[name].shape != shape or not arrays[name].size:
+            raise ValueError(f"card {name} is {arrays[name].dtype} {arrays[name].shape}")
+        if name != "limits" and not np.isfinite(arrays[name]).all():
+            raise ValueError(f"card {name} holds what is no finite number")
+    for name in NUMBERS:
+        if type(header[name]) is not int or not 0 <= header[name] <= MOST_SAMPLES:
+            raise ValueError(f"card {name} is {header[name]!r} instead of 0 to {MOST_SAMPLES}")
+    for name in ("apart", "later"):
+        if not 0 <= arrays[name].min() <= arrays[name].max() <= MOST_SAMPLES:
+            raise ValueError(f"card {name} holds numbers outside 0 to {MOST_SAMPLES} samples")
+    if header["h"] != h or header["window"] != score.window(h) or header["tail"] > n_lags:
+        raise ValueError("card h, window or tail is not that of the monitor")
+    if not (header["surface"] < N_CHANNELS and 1 <= header["seen_after"] < n_lags):
+        raise ValueError("card surface or seen_after is out of range")
+    if type(header["share"]) is not float or not 0 < header["share"] <= 1:
+        raise ValueError(f"card share is {header['share']!r}")
+    if not (arrays["noise"] > 0).all() or (arrays["residual"] < 0).any() or arrays["steps"][0] != 1:
+        raise ValueError("card noise, residual or steps hold what no training gives")
+    if not arrays["mean"][header["seen_after"], header["surface"]]:
+        raise ValueError("card mean says that the first step moves nothing")
+    if np.isnan(arrays["limits"]).any() or (arrays["limits"] <= 0).any():
+        raise ValueError("card limits hold what is no limit")
+    return CardResponses(**arrays, **header)
