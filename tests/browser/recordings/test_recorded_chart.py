@@ -81,18 +81,20 @@ def test_a_wheel_zooms_where_the_pointer_is_and_a_drag_moves(scored: Page) -> No
 
 def test_a_narrower_window_asks_for_finer_tiles(scored: Page) -> None:
     scored.set_viewport_size({"width": 420, "height": 800})  # fewer pixels than samples
-    scored.reload()
+    with scored.expect_request(lambda request: seconds_of_bin(request) > 0) as first:
+        scored.reload()
     drawn(scored)
-    with scored.expect_request(lambda request: 0 < seconds_of_tiles(request) < 6):
-        press(scored, "+", "+", "+", "+")
+    entire = seconds_of_bin(first.value)
+    with scored.expect_request(lambda request: 0 < seconds_of_bin(request) < 0.7 * entire):
+        press(scored, "+")
 
 
-def seconds_of_tiles(request: Request) -> float:
-    """Length of time that a request for tiles asks for; 0 for any other request."""
+def seconds_of_bin(request: Request) -> float:
+    """Length of the bins that a request for tiles asks for; 0 for any other request."""
     if "/tiles?" not in request.url:
         return 0
     query = dict(part.split("=") for part in request.url.split("?")[1].split("&"))
-    return float(query["end"]) - float(query["start"])
+    return (float(query["end"]) - float(query["start"])) / float(query["bins"])
 
 
 def test_next_goes_from_event_to_event(scored: Page, scoring: dict[str, Any]) -> None:

@@ -101,8 +101,8 @@ export function createTileCache({ load, start, end, dt, offset = 0, arrived, fai
     const set = best(view, pixels);
     const [from, to] = clipped(view);
     const enough = set && covers(set, from, to) && set.fine <= 1.05 * finest(view, pixels);
+    clearTimeout(timer); // for a window that is shown no longer
     if (enough || broken || to <= from) return;
-    clearTimeout(timer);
     if (sets.length === 0)
       fetchFor({ start, end }, pixels); // what the overview shows for good
     else timer = setTimeout(() => fetchFor(view, pixels), REST);
