@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, settings
 
+from app.store import reserve
 from app.telemetry.readers import isolation, worker
 from core.dataset import Dataset
 from core.monitor import Monitor
@@ -77,6 +78,14 @@ def attas() -> "Monitor":
     """A transport's monitor for a rudder doublet, its validity calibrated."""
 
     return trained()
+
+
+@pytest.fixture(scope="session", autouse=True)
+def hold_little() -> Iterator[None]:
+    """A server here holds the least reserve: writing the full one is a third of its start."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(reserve, "RESERVE_BYTES", reserve.LEAST_BYTES)
+        yield
 
 
 @pytest.fixture(scope="session")

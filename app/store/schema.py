@@ -25,6 +25,7 @@ from app.store.tables import metadata
 
 if TYPE_CHECKING:
     from alembic.config import Config
+    from alembic.script import ScriptDirectory
 
 COPY = ".before-"
 """Between the name of a database and the revision that its copy has."""
@@ -61,11 +62,17 @@ def newest_revision() -> str:
 
 
 @cache
-def revisions(directory: Path) -> tuple[str, ...]:
-    """Revisions that a directory of migrations leads to, the newest first."""
+def scripts(directory: Path) -> "ScriptDirectory":
+    """The migrations of a directory, read once: they are many files."""
     from alembic.script import ScriptDirectory
 
-    return tuple(script.revision for script in ScriptDirectory(directory).walk_revisions())
+    return ScriptDirectory(directory)
+
+
+@cache
+def revisions(directory: Path) -> tuple[str, ...]:
+    """Revisions that a directory of migrations leads to, the newest first."""
+    return tuple(script.revision for script in scripts(directory).walk_revisions())
 
 
 def current_revision(url: URL) -> str | None:
@@ -106,19 +113,18 @@ def bring_up_to_date(url: URL) -> None:
     """
     from alembic import command, util
     from alembic.migration import MigrationContext
-    from alembic.script import ScriptDirectory
 
     with ONE_AT_A_TIME:
         if not needs_upgrade(url):
             return
-        config = configuration()
         keep_copy(url)
         with migrating(url) as connection:
             if not inspect(connection).get_table_names():  # nor has another process made any
-                metadata.create_all(connection)
-                script = ScriptDirectory.from_config(config)
+                metadata.create_all(connection, checkfirst=False)
+                script = scripts(migrations())
                 MigrationContext.configure(connection).stamp(script, "head")
                 return
+            config = configuration()
             config.attributes["connection"] = connection
             try:
                 command.upgrade(config, "head")

@@ -31,7 +31,10 @@ def short(monkeypatch: pytest.MonkeyPatch) -> Callable[[], None]:
     return now
 
 
-def test_the_reserve_is_of_a_size_and_private(store: Store) -> None:
+def test_the_reserve_is_of_a_size_and_private(
+    store: Store, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(module, "RESERVE_BYTES", RESERVE_BYTES)  # tests hold less
     store.reserve.make()
     path = store.reserve.path
     assert path is not None
