@@ -25,18 +25,19 @@ class Running(NamedTuple):
     client: httpx2.Client
 
 
-def _serve(data_dir: Path, port: int, opened: Connection) -> None:
+def _serve(settings: Settings, opened: Connection) -> None:
     async def say(_: object, address: str) -> None:
         opened.send(address)
 
-    serve(Settings(data_dir=data_dir, port=port, max_jobs=0), say)
+    serve(settings, say)
 
 
 @contextmanager
-def running(data_dir: Path, port: int = 0) -> Iterator[Running]:
+def running(data_dir: Path, port: int = 0, max_jobs: int = 0) -> Iterator[Running]:
     """A server of this directory; killed at the end, if it still runs."""
     receiver, sender = PROCESSES.Pipe(duplex=False)
-    process = PROCESSES.Process(target=_serve, args=(data_dir, port, sender))
+    settings = Settings(data_dir=data_dir, port=port, max_jobs=max_jobs)
+    process = PROCESSES.Process(target=_serve, args=(settings, sender))
     process.start()
     sender.close()
     try:

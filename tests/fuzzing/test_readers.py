@@ -44,7 +44,7 @@ class Extent:
 
 
 SAMPLE = Extent(
-    dict.fromkeys(FORMATS, 25) | {"matlab5": 40},
+    dict.fromkeys(FORMATS, 15) | {"matlab5": 30},
     dict.fromkeys(FORMATS, 1),
     dict.fromkeys(FORMATS, 1),
     2,

@@ -190,10 +190,16 @@ def fit_last_output(observed: Array, paired: Array, ahead: Array) -> Map:
 # --- scores --------------------------------------------------------------------------------------
 
 
+FEW = 50
+"""Points that are sooner gone through than put into a tree."""
+
+
 def nearest(points: Array) -> Map:
     """Squared distance from each row of z to the nearest of `points`; +inf where there is none."""
     if len(points) == 0:
         return lambda z: np.full(len(z), np.inf)
+    if len(points) <= FEW:
+        return lambda z: ((z[:, None] - points) ** 2).sum(axis=-1).min(axis=1)
     tree = KDTree(points)
 
     def squared_distance(z: Array) -> Array:

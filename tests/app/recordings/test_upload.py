@@ -3,7 +3,6 @@
 import asyncio
 import json
 import shutil
-import signal
 import socket
 import threading
 import time
@@ -17,7 +16,8 @@ from app.recordings.recordings import Recordings
 from app.settings import Settings
 from app.store.store import open_store
 from core.monitor import MonitorRecipe, train
-from tests.support.api import api, command, problem, served, store_of
+from tests.faults.server import running
+from tests.support.api import api, problem, served, store_of
 from tests.support.patience import PATIENCE
 from tests.support.recorded import OCTETS, RECORDINGS, csv_of, kept_files, upload, uploaded
 
@@ -118,7 +118,8 @@ def test_a_server_that_is_killed_leaves_nothing_half_done_after_its_next_start(
     store = open_store(Settings(data_dir=tmp_path).url)
     monitor = store.monitors.add(train(dataset, MonitorRecipe(epsilon=0.2)), "oscillator").id
     store.close()
-    with command("serve", "--data-dir", str(tmp_path), "--port", "0") as (process, address):
+    with running(tmp_path, max_jobs=1) as (process, server):
+        address = str(server.base_url).rstrip("/")
         query = {"name": "whole.csv"}
         kept = httpx2.post(
             f"{address}{RECORDINGS}", params=query, content=file, headers=OCTETS, timeout=PATIENCE
@@ -133,8 +134,8 @@ def test_a_server_that_is_killed_leaves_nothing_half_done_after_its_next_start(
         until(lambda: httpx2.get(f"{address}{job}").json()["status"] == "running", address)
         with half_sent(address):
             until(lambda: some_came(tmp_path), address)
-            process.send_signal(signal.SIGKILL)
-            process.wait(PATIENCE)
+            process.kill()
+            process.join(PATIENCE)
     assert coming_in(tmp_path)
     with api(tmp_path) as client:
         assert client.get(job).json()["status"] == "interrupted"

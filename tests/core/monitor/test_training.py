@@ -86,8 +86,9 @@ class Twin:
     def joined(self, z: Array, lowest: float) -> float:
         """Exact p of a flight whose lowest score so far is given: calibrate anew, with z unsafe."""
         unsafe = [twin.error_points(twin.without(self.flights, i)) for i in range(len(self.alphas))]
+        to_safe = twin.nearest(self.safe)
         alphas = [
-            self.score(twin.nearest(np.vstack([points, z])), twin.nearest(self.safe))(flight).min()
+            self.score(twin.nearest(np.vstack([points, z])), to_safe)(flight).min()
             if len(flight)
             else np.inf
             for flight, points in zip(self.flights, unsafe, strict=True)
