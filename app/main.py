@@ -37,6 +37,7 @@ from app.routes import (
     flights,
     health,
     jobs,
+    limit_sets,
     live_samples,
     live_scores,
     markers,
@@ -133,7 +134,7 @@ def _routes() -> tuple[BaseRoute, ...]:
     pydantic's warnings meanwhile, and that holds for all threads: not safe among them.
     """
     api = APIRouter()
-    kept = (datasets, monitors, recordings, scorings, scored_files, markers, storage)
+    kept = (datasets, monitors, limit_sets, recordings, scorings, scored_files, markers, storage)
     flown = (flights, flight_stream, live_samples, live_scores, uplink)
     for part in (catalog, *kept, jobs, *flown, people, audit, health):
         api.include_router(part.router)

@@ -1,6 +1,7 @@
 """What goes over a flight's WebSocket: JSON objects told apart by `type`.
 
-Down: hello, frames, state, status, alarm, marker, transport, live, reset, heartbeat, waiting, end.
+Down: hello, frames, state, status, alarm, marker, transport, live, limits, reset, heartbeat,
+waiting, end.
 Up: credit, resume.
 Times `t` are the flight's own [s]; `seq` numbers the samples flown, one up a sample, whatever the
 transport does; `sent` and the heartbeat's `server_time` are the server's.
@@ -212,6 +213,25 @@ class LiveStatus(Message):
     )
 
 
+class LimitsStatus(Message):
+    """Which limits hold for the newest sample, where a limit set is in force."""
+
+    number: int = Field(description="1, 2, 3 ... in the order put in force during the flight")
+    limit_set: str = Field(description="id")
+    name: str = Field(description="of the limit set")
+    version: int
+    case: str = Field(description="name of the flight condition; empty where it is none of them")
+    limits: dict[str, float | None] | None = Field(
+        description="by channel; null where it cannot be told which hold"
+    )
+    reason: str = Field(description="why it cannot be told; empty where it can")
+    fixed: dict[str, float] = Field(description="flight conditions that are declared")
+    seq: int = Field(description="first sample that this version holds for")
+    t: float = Field(description="[s] of the sample before; 0 before the first")
+    created: str = Field(description="UTC, ISO 8601")
+    by: str = Field(description="who put it in force")
+
+
 class Hello(Message):
     """First message: everything a display needs to draw this flight."""
 
@@ -264,6 +284,9 @@ class Hello(Message):
         description="messages of frames that may come before the client grants more"
     )
     live: LiveStatus | None = Field(default=None, description="of a live flight")
+    limits: LimitsStatus | None = Field(
+        default=None, description="null where the monitor's own limits are those in force"
+    )
 
 
 class Frames(Message):
@@ -283,6 +306,14 @@ class LiveChange(Message):
 
     type: Literal["live"] = "live"
     live: LiveStatus
+
+
+class LimitsChange(Message):
+    """Another version of a limit set was put in force, or another flight condition holds."""
+
+    type: Literal["limits"] = "limits"
+    limits: LimitsStatus
+    channels: list[ChannelLimit] = Field(description="as in hello, with the limits that hold")
 
 
 class StateChange(Message):
@@ -393,7 +424,7 @@ class Resume(Message):
 
 DOWN: tuple[type[Message], ...] = (
     Hello, Frames, StateChange, StatusChange, AlarmRaised, MarkerSet, TransportChange, LiveChange,
-    Reset, Heartbeat, Waiting, End,
+    LimitsChange, Reset, Heartbeat, Waiting, End,
 )  # fmt: skip
 """What the server sends on a flight's stream."""
 UP: tuple[type[Message], ...] = (Credit, Resume)

@@ -13,9 +13,11 @@ from typing import TYPE_CHECKING, Any
 from app.flights.alarms import Alarms
 from app.flights.clock import Clock, Timer
 from app.flights.display_monitors import DisplayMonitor, flown_monitor
+from app.flights.flight_limits import status_of, to_store
 from app.flights.flight_markers import FlightMarkers
 from app.flights.recorder import Recorder
 from app.flights.watcher import CREDIT, RecentFrames, Watcher
+from app.live.limits_in_force import ChangeOfLimits, LimitsInForce, Ruling
 from app.messages import (
     Alarm,
     AlarmRaised,
@@ -24,6 +26,8 @@ from app.messages import (
     FlownMonitor,
     Heartbeat,
     Hello,
+    LimitsChange,
+    LimitsStatus,
     LiveStatus,
     MarkerSet,
     MeasuredExceedance,
@@ -41,6 +45,7 @@ from core.channels import KEYS
 from core.flight_markers import FLIGHT_MARKERS, FlightMarkerKey
 from core.monitor import Assessment, Monitor, State
 from core.monitor.status import Facts, Headline, Level, headline
+from core.specification import Specification
 from core.types import Array
 
 if TYPE_CHECKING:
@@ -69,7 +74,8 @@ class FlightPlan:
 
     source: as it was asked for, in plain data.   monitor: the alarm authority.
     monitor_name: what people call it.   mode: whether what is flown is live, replayed or simulated.
-    display: monitors that raise no alarm.
+    display: monitors that raise no alarm.   limits, by: put in force at the start, and by whom;
+    None for the monitor's own.
     """
 
     id: str
@@ -81,6 +87,8 @@ class FlightPlan:
     epsilon: float
     mode: Mode = "live"
     display: tuple[DisplayMonitor, ...] = ()
+    limits: ChangeOfLimits | None = None
+    by: str = ""
 
 
 class Flight(ABC):
@@ -109,6 +117,8 @@ class Flight(ABC):
         self.plan, self.scene = plan, scene
         self.recorder, self.alarms, self.clock = recorder, Alarms(), clock
         self.markers = FlightMarkers()
+        self.limits_at_hand: list[LimitsInForce] = []
+        self._ruling: Ruling | None = None
         self.is_over = False
         self.t = 0.0
         self.state, self.reason, self._late = State.WARMING_UP, "no sample has come yet", ""
@@ -136,6 +146,14 @@ class Flight(ABC):
         """Do an action of the transport; TransportError says what is wrong with it."""
 
     @abstractmethod
+    def _settle_before(self) -> None:
+        """Assess what waits, by the limits that held for it."""
+
+    @abstractmethod
+    def _take_limits(self, in_force: LimitsInForce) -> Ruling:
+        """Hold what comes against other limits; return the ruling of now. NotPossible."""
+
+    @abstractmethod
     def source_frames(self, first: int, last: int) -> list[dict[str, Any]]:
         """Samples first..last of the source, flown yet or not; `seq` is their number in it."""
 
@@ -159,6 +177,11 @@ class Flight(ABC):
             )
             for one in (own, *plan.display)
         ]
+
+    @property
+    def limits(self) -> LimitsStatus | None:
+        """Which limits hold; None where the monitor's own do."""
+        return None if self._ruling is None else status_of(self._ruling)
 
     @property
     def live(self) -> LiveStatus | None:
@@ -232,6 +255,42 @@ class Flight(ABC):
         self.recorder.add_marker(marker, partial(self._note_marker, marker.number))
         return marker
 
+    def put_in_force(self, change: ChangeOfLimits, by: str) -> LimitsInForce:
+        """Hold the samples from the next one on against a limit set; everyone is told. NotPossible.
+
+        What was declared of the flight condition stays, unless it is declared anew.
+        """
+        self._settle_before()
+        before = self.limits_at_hand[-1].fixed if self.limits_at_hand else {}
+        in_force = LimitsInForce(
+            len(self.limits_at_hand) + 1,
+            *change[:-1],
+            fixed={**before, **(change.fixed or {})},
+            seq=self.head + 1,
+            t=self.t,
+            created=self.clock.utc(),
+            by=by,
+        )
+        ruling = self._take_limits(in_force)
+        self.limits_at_hand.append(in_force)
+        self._hold(ruling)
+        self.recorder.add_limits(to_store(in_force))
+        return in_force
+
+    def _hold(self, ruling: Ruling | None) -> None:
+        """Tell everyone which limits hold, where that changed."""
+        if ruling is self._ruling or ruling is None:
+            return
+        self._ruling = ruling
+        channels = limited_channels(ruling.specification)
+        self._tell(LimitsChange(limits=status_of(ruling), channels=channels).encode())
+
+    @property
+    def _specification(self) -> Specification:
+        """What is held against now."""
+        ruling = self._ruling
+        return self.plan.monitor.specification if ruling is None else ruling.specification
+
     def _note_marker(self, number: int, is_stored: bool) -> None:
         if is_stored:
             self._tell(MarkerSet(marker=self.markers.note_stored(number)).encode())
@@ -246,7 +305,7 @@ class Flight(ABC):
             flight=plan.id,
             name=plan.name,
             server_time=self.clock.utc(),
-            channels=limited_channels(monitor.specification),
+            channels=limited_channels(self._specification),
             epsilon=plan.epsilon,
             n_unsafe=monitor.n_unsafe,
             lead=self.lead,
@@ -271,6 +330,7 @@ class Flight(ABC):
             marker_kinds=list(FLIGHT_MARKERS.values()),
             credit=CREDIT,
             live=self.live,
+            limits=self.limits,
         ).encode()
 
     # --- flying -------------------------------------------------------------------------------

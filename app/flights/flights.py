@@ -3,10 +3,10 @@
 import asyncio
 import logging
 import time
-from collections.abc import Awaitable, Callable, Sequence
+from collections.abc import Awaitable, Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, Self
 
 from pydantic import ValidationError
@@ -14,6 +14,7 @@ from pydantic import ValidationError
 from app.flights.clock import Clock, MonotonicClock, Timer
 from app.flights.display_monitors import DisplayMonitor, check_alike, check_limits
 from app.flights.flight import Flight, FlightPlan, patience
+from app.flights.flight_limits import change_of_limits
 from app.flights.flight_recordings import RESUMED_WITHIN_S, FlightRecordings
 from app.flights.flight_records import (
     ACCEPT_USELESS,
@@ -28,6 +29,7 @@ from app.flights.recorder import INTERVAL_S, Recorder
 from app.flights.request import FlightRequest
 from app.flights.shown_flight import ShownFlight
 from app.flights.sources import (
+    FlownLive,
     Live,
     Opening,
     aircraft_of,
@@ -35,9 +37,11 @@ from app.flights.sources import (
     mode_of,
     trim_angles,
 )
+from app.flights.track import SourceError
 from app.flights.transport import NotPossible
 from app.live.again import header_of
 from app.live.journal import Journals, lines_of
+from app.live.limits_in_force import ChangeOfLimits, LimitsInForce
 from app.messages import FlightMarker, LiveStatus
 from app.recordings.scored import ScoredRecordings
 from app.store.flights import INTERRUPTED, UnderWay
@@ -45,6 +49,7 @@ from app.store.look import StoreLook
 from app.store.store import NotFound, Store, StoreError
 from core.certificate import check_use
 from core.flight_markers import FlightMarkerKey
+from core.limit_set import ConditionKey
 from core.monitor import Monitor
 from core.simulation.attitude import SurfaceSigns, surface_signs
 
@@ -157,8 +162,8 @@ class Flights:
             raise NotFound(f"no flight {flight_id!r} is under way: it ended, or never was")
         return flight
 
-    async def start(self, request: FlightRequest) -> Flight:
-        """Start a flight.
+    async def start(self, request: FlightRequest, by: str = "operator") -> Flight:
+        """Start a flight. by: who does.
 
         TooManyFlights; SourceError and RecipeError for the source; ValueError for an epsilon that
         the monitor cannot serve; LimitsUnknown; UselessMonitor; NotFound.
@@ -171,13 +176,54 @@ class Flights:
                 check_use(monitor.evaluation, epsilon)
             shown = [(one, None) for one in request.monitors]
             display = await asyncio.to_thread(self._display, monitor, shown)
-            opening = self._opening(request.monitor, monitor, epsilon)._replace(display=display)
+            limits = await asyncio.to_thread(self._asked_limits, request, monitor)
+            opening = self._opening(request.monitor, monitor, epsilon)
+            opening = opening._replace(display=display, conditions=request.source_names)
             script, name = await asyncio.to_thread(request.source.open, opening)
             source = request.source.model_dump(exclude_none=True)
             plan = await self._plan(request, request.name or name, source, epsilon, display)
+            plan = replace(plan, limits=limits, by=by)
             return await self._start(plan, request.source.flight, script)
         finally:
             self._starting -= 1
+
+    def _asked_limits(self, request: FlightRequest, monitor: Monitor) -> ChangeOfLimits | None:
+        if request.limit_set is None:
+            return None
+        if isinstance(request.source, FlownLive):
+            raise SourceError(
+                "a replay of a live flight is held against the limits that it was: leave limit_set "
+                "out"
+            )
+        asked = request.limit_set, request.limit_set_version, request.declared
+        return change_of_limits(self.store, monitor, *asked)
+
+    async def put_in_force(
+        self,
+        flight_id: str,
+        limit_set: str,
+        version: int | None,
+        fixed: Mapping[ConditionKey, float],
+        by: str,
+    ) -> LimitsInForce:
+        """Hold a flight under way against a limit set from its next sample on.
+
+        NotFound; NotPossible; JournalFull; StoreError: it is in force, and stored as soon as the
+        store takes it.
+        """
+        monitor = self.flying(flight_id).plan.monitor
+        asked = limit_set, version, fixed
+        change = await asyncio.to_thread(change_of_limits, self.store, monitor, *asked)
+        flight = self.flying(flight_id)
+        in_force = flight.put_in_force(change, by)
+        try:
+            await flight.recorder.store_alarms()
+        except StoreError as error:
+            raise StoreError(
+                f"{in_force.words} is in force and shown on every screen, and is not stored yet: "
+                f"{error}; it is stored as soon as that is so, do not put it in force again"
+            ) from error
+        return in_force
 
     def _opening(self, monitor_id: str, monitor: Monitor, epsilon: float) -> Opening:
         return Opening(

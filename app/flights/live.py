@@ -19,6 +19,7 @@ import msgspec
 from app.flights.display_monitors import DisplayMonitor
 from app.flights.exceedance import exceedance
 from app.flights.flight import Angles, Flight, FlightPlan, patience
+from app.flights.flight_limits import to_store
 from app.flights.track import SourceError
 from app.flights.transport import NotPossible
 from app.flights.udp import UdpReceiver
@@ -26,6 +27,7 @@ from app.live.again import settled_by, shown_again
 from app.live.batches import Batch, ChannelReader, decode_batch
 from app.live.journal import Journal, JournalFull, Journals, lines_of
 from app.live.lag import Lag
+from app.live.limits_in_force import LimitsInForce, Ruling
 from app.live.scorer import CausalScorer, LiveAssessed, TrimRule
 from app.messages import (
     Alarm,
@@ -167,6 +169,8 @@ class LiveFlight(Flight):
         """Open the journal and wait for samples. OSError."""
         self._open()
         self._record(self._header())
+        if self.plan.limits is not None:
+            self.put_in_force(self.plan.limits, self.plan.by)
         self._begin_to_listen()
 
     def _header(self) -> dict[str, Any]:
@@ -181,6 +185,7 @@ class LiveFlight(Flight):
             "monitor": plan.monitor_id,
             "epsilon": plan.epsilon,
             "monitors": [{"monitor": one.id, "epsilon": one.epsilon} for one in plan.display],
+            "conditions": dict(self._setup.reader.conditions),
             "source": plan.source,
             "mapping": mapping.to_plain() if mapping else None,
         }
@@ -217,6 +222,9 @@ class LiveFlight(Flight):
         self._n_resumed += 1
         for assessed in unrecorded:
             self._fly_one(assessed, self.clock.now())
+        self._hold(self.scorer.ruling)
+        for in_force in self.limits_at_hand:
+            self.recorder.add_limits(to_store(in_force))
         self.is_restoring = False
         self._begin_to_listen()
         self._set_state(State.STALE, "the server was started again: it waits for the source")
@@ -259,6 +267,14 @@ class LiveFlight(Flight):
         written = self._record({"e": "manoeuvre", "by": by, "t": t}, now)
         self.scorer.begin()
         return written
+
+    def _settle_before(self) -> None:
+        self._settled = self._arrival()
+        self._show_all(self.scorer.advance(self._settled), self.clock.now())
+
+    def _take_limits(self, in_force: LimitsInForce) -> Ruling:
+        self._record({"e": "limits", "limits": in_force.to_plain()}, self._settled)
+        return self.scorer.put_in_force(in_force)
 
     def act(self, action: str, value: float | bool | None = None) -> None:
         """Refuse: nobody steers a live source."""
@@ -315,6 +331,8 @@ class LiveFlight(Flight):
         """What a line of the journal settled."""
         if "b" in line:
             self._note_batch(Batch(line["s"], line["b"]))
+        if line.get("e") == "limits":
+            self.limits_at_hand.append(LimitsInForce.from_plain(line["limits"]))
         self._port = line.get("port", self._port)
         self._n_resumed += line.get("e") == "resumed"
         return settled_by(line, self.scorer, self._setup.reader)
@@ -400,7 +418,9 @@ class LiveFlight(Flight):
         if assessed.manoeuvre > self._newest_manoeuvre:
             begun = ManoeuvreBegun(number=assessed.manoeuvre, t=assessed.assessment.t)
             self._begun.append(begun)
-        limits = self.plan.monitor.limits
+        ruling = assessed.ruling
+        self._hold(ruling)
+        limits = self.plan.monitor.limits if ruling is None else ruling.limits
         exceeded = exceedance(limits, y, recorded)
         if exceeded is None and assessed.exceeding is not None:
             exceeded = exceedance(limits, *assessed.exceeding)

@@ -5,11 +5,13 @@ Whatever the transport does, a sample has the history of the flight, not that of
 
 from abc import ABC, abstractmethod
 from collections.abc import Iterable
+from typing import ClassVar
 
 import numpy as np
 
 from app.flights.exceedance import exceedance
 from app.flights.track import Track
+from app.live.limits_in_force import Ruling
 from app.messages import MeasuredExceedance
 from core.monitor import Assessment, Monitor
 from core.monitor.validity import exceeds
@@ -25,7 +27,8 @@ class Script(ABC):
     t: (n,) rising [s].   dt: sample interval [s].   theta: parameters of a simulated aircraft.
     fail_t: when it exceeds a limit, if known [s].   is_checked: whether it was asked if the flight
     is like those that its monitor was trained on.   alerts, exceedances: rising, samples at which
-    an alert or a measured exceedance begins.
+    an alert or a measured exceedance begins.   shows_rulings: whether it says which limits held for
+    each sample when it was flown.
     """
 
     t: Array
@@ -33,6 +36,7 @@ class Script(ABC):
     is_checked: bool
     alerts: Indices
     exceedances: Indices
+    shows_rulings: ClassVar[bool] = False
     theta: dict[str, float] | None = None
     fail_t: float | None = None
 
@@ -56,6 +60,16 @@ class Script(ABC):
     def display(self, k: int) -> tuple[Assessment, ...]:
         """What the monitors say of sample k that are flown for display."""
         return ()
+
+    def ruling(self, k: int) -> Ruling | None:
+        """Which limits held for sample k when it was flown; None where it was not, or its own."""
+        return None
+
+    def exceeding(self, limits: Array | None) -> Indices:
+        """Samples at which an exceedance of limits begins. limits: (6,), None for none known."""
+        n = len(self.t)
+        over = (k for k in range(n) if self.exceedance(k, limits) is not None)
+        return onsets(_flags(over, n))
 
     def late(self, k: int) -> str:
         """Why sample k was not of now when it was shown; empty where it was."""
@@ -102,9 +116,7 @@ class AssessedTrack(Script):
         self._assessments = monitor.assess(track.t, track.y, epsilon)
         self._display = [one.assess(track.t, track.y, at) for one, at in display]
         self.alerts = onsets(self._assessments.alert)
-        limits = monitor.limits
-        over = np.zeros(len(track.t), bool) if limits is None else exceeds(limits, track.y)
-        self.exceedances = onsets(over)
+        self.exceedances = self.exceeding(monitor.limits)
         self.is_checked = monitor.support is not None
 
     def y(self, k: int) -> Array:
@@ -123,6 +135,18 @@ class AssessedTrack(Script):
     def display(self, k: int) -> tuple[Assessment, ...]:
         """What each batch says of sample k."""
         return tuple(assessments[k] for assessments in self._display)
+
+    def exceeding(self, limits: Array | None) -> Indices:
+        """Samples at which an exceedance begins, of the whole track at once."""
+        if limits is None:
+            return np.empty(0, np.int64)
+        return onsets(exceeds(limits, self._track.y))
+
+
+def _flags(active: Iterable[int], n: int) -> Flags:
+    flags = np.zeros(n, bool)
+    flags[list(active)] = True
+    return flags
 
 
 def onsets(active: Flags) -> Indices:

@@ -9,15 +9,16 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from app.flights.playback import Angles, Script
+from app.flights.playback import Angles, Script, onsets
 from app.messages import Judged, MeasuredExceedance
 from app.recordings.reasons import reason
 from app.scoring.outcome import SAME_TIME
 from core.channels import KEYS
 from core.monitor import Assessment, State
 from core.monitor.assessment import STATES
+from core.monitor.validity import exceeds
 from core.simulation.attitude import WASH_OUT_S, DisplayAttitude
-from core.types import Array
+from core.types import Array, Indices
 
 P, R = KEYS.index("p"), KEYS.index("r")
 RUN_UP_S = 2 * WASH_OUT_S
@@ -90,9 +91,23 @@ class RecordedScript(Script):
             return None
         channel = between["channel"]
         limit = float(limits[KEYS.index(channel)])
+        if abs(between["value"]) < limit:
+            return None
         return MeasuredExceedance(
             channel=channel, value=between["value"], limit=limit, judged=judged
         )
+
+    def exceeding(self, limits: Array | None) -> Indices:
+        """Samples at which an exceedance begins, of the whole recording at once."""
+        if limits is None:
+            return np.empty(0, np.int64)
+        y = self._samples["y"]
+        before = np.searchsorted(self._starts, np.arange(len(y)), "right") - 1
+        recorded = y + self._offsets[np.maximum(before, 0)]
+        over = np.logical_or(*(exceeds(limits, np.nan_to_num(one)) for one in (y, recorded)))
+        for k in (*self._exceedances, *self._recorded_exceedances):
+            over[k] = over[k] or self.exceedance(k, limits) is not None
+        return onsets(over)
 
     def _at(self, t: float) -> int:
         """The first sample at or after a time [s]; the last one where there is none."""

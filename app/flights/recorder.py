@@ -20,6 +20,7 @@ from app.flights.clock import Clock, Timer
 from app.flights.flight_markers import to_store
 from app.messages import Alarm, FlightMarker
 from app.store.assessments import DISPLAY, StoredDisplay
+from app.store.limit_sets import FlightLimits
 from app.store.look import StoreLook
 from app.store.store import NotFound, Store, StoreError
 from core.channels import N_CHANNELS
@@ -39,6 +40,9 @@ CODES = {state: code for code, state in enumerate(STATES)}
 Columns = tuple[Array, Flags, npt.NDArray[np.uint8]]
 
 
+Event = Alarm | FlightMarker | FlightLimits
+
+
 class RecordedSample(NamedTuple):
     """A sample as it waits for the store."""
 
@@ -49,12 +53,12 @@ class RecordedSample(NamedTuple):
 
 
 class Raised:
-    """An alarm or a marker as it waits for the store.
+    """An alarm, a marker or a change of limits as it waits for the store.
 
     announce: called with whether it is stored; once more when it is, if it was not by then.
     """
 
-    def __init__(self, event: Alarm | FlightMarker, announce: Callable[[bool], object]) -> None:
+    def __init__(self, event: Event, announce: Callable[[bool], object]) -> None:
         self.event, self.announce, self.is_announced = event, announce, False
 
     def say(self) -> None:
@@ -108,9 +112,11 @@ class Recorder:
     @property
     def waiting_words(self) -> str:
         """What waits for the store, counted; of a record that lacks nothing else, its end."""
-        n_alarms = sum(isinstance(raised.event, Alarm) for raised in self._raised)
-        n_markers = len(self._raised) - n_alarms
-        counts = {"sample": self.unwritten, "alarm": n_alarms, "marker": n_markers}
+        kinds = {"alarm": Alarm, "marker": FlightMarker, "limit set": FlightLimits}
+        counts = {"sample": self.unwritten} | {
+            name: sum(isinstance(raised.event, kind) for raised in self._raised)
+            for name, kind in kinds.items()
+        }
         parts = [f"{n} {name}{'s' * (n > 1)}" for name, n in counts.items() if n]
         return " and ".join(parts) or "status and time of its end"
 
@@ -138,6 +144,12 @@ class Recorder:
         raised.is_announced = True
         self._take(raised)
 
+    def add_limits(self, put: FlightLimits) -> None:
+        """Store what was put in force, which everyone was told of."""
+        raised = Raised(put, lambda _: None)
+        raised.is_announced = True
+        self._take(raised)
+
     def _take(self, raised: Raised) -> None:
         self._raised.append(raised)
         self._store_alarms_soon(raised)
@@ -152,7 +164,7 @@ class Recorder:
         return [sample for sample in self._samples if first <= sample.seq <= last]
 
     async def store_alarms(self) -> None:
-        """Store every alarm and marker that waits. StoreError."""
+        """Store every alarm, marker and change of limits that waits. StoreError."""
         async with self._storing_alarms:
             while self._raised:
                 raised = self._raised[0]
@@ -278,10 +290,12 @@ class Recorder:
             display,
         )
 
-    def _write_event(self, event: Alarm | FlightMarker) -> None:
+    def _write_event(self, event: Event) -> None:
         try:
             if isinstance(event, Alarm):
                 self._write_alarm(event)
+            elif isinstance(event, FlightLimits):
+                self._store.limit_sets.note(self._flight_id, event)
             else:
                 self._store.flight_markers.add(self._flight_id, to_store(event))
         except NotFound:

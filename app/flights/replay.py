@@ -9,8 +9,9 @@ from typing import Any
 from app.flights.flight import Flight, FlightPlan, patience
 from app.flights.playback import Script
 from app.flights.transport import Due, NotPossible, Transport, TransportError
-from app.messages import TransportChange, TransportState, plain_frame
-from core.monitor import State
+from app.live.limits_in_force import LimitsInForce, LimitsRule, Ruling
+from app.messages import MeasuredExceedance, TransportChange, TransportState, plain_frame
+from core.monitor import Assessment, State
 
 TICK_S = 0.016
 """[s] Samples due within this time go out together."""
@@ -34,6 +35,8 @@ class TrackFlight(Flight):
         self._transport = Transport(script.t, script.dt)
         self._flown = 0.0
         self._furthest = -1
+        self._held: Ruling | None = None
+        self._exceedances = script.exceedances
 
     @property
     def transport(self) -> TransportState:
@@ -54,6 +57,8 @@ class TrackFlight(Flight):
 
     def start(self) -> None:
         """Begin to fly, playing."""
+        if self.plan.limits is not None:
+            self.put_in_force(self.plan.limits, self.plan.by)
         self._beat()
         self.act("play")
 
@@ -69,8 +74,34 @@ class TrackFlight(Flight):
         script = self._script
         span = range(max(first, 0), min(last + 1, len(script.t)))
         return [
-            plain_frame(k, script.y(k), script.assessment(k), None, script.display(k)) for k in span
+            plain_frame(k, script.y(k), assessment, None, display)
+            for k in span
+            for assessment, display in [self._assessed(k)]
         ]
+
+    def _settle_before(self) -> None:
+        """Nothing waits: a sample is assessed when it is due."""
+
+    def _take_limits(self, in_force: LimitsInForce) -> Ruling:
+        if self._script.shows_rulings:
+            raise NotPossible("a replay of a live flight is held against the limits that it was")
+        own = [one.limits for one in (self.plan.monitor, *(d.monitor for d in self.plan.display))]
+        self._held = LimitsRule(in_force, own).at()
+        self._exceedances = self._script.exceeding(self._held.limits)
+        return self._held
+
+    def _ruled(self, k: int) -> Ruling | None:
+        return self._script.ruling(k) or self._held
+
+    def _assessed(self, k: int) -> tuple[Assessment, tuple[Assessment, ...]]:
+        """What the monitors say of sample k by the limits in force."""
+        ruling, about = self._ruled(k), (self._script.assessment(k), self._script.display(k))
+        return about if ruling is None or self._script.shows_rulings else ruling.apply(*about)
+
+    def _exceeded(self, k: int) -> MeasuredExceedance | None:
+        ruling = self._ruled(k)
+        limits = self.plan.monitor.limits if ruling is None else ruling.limits
+        return self._script.exceedance(k, limits)
 
     def _do(self, action: str, value: float | bool | None, now: float) -> None:
         transport = self._transport
@@ -150,25 +181,28 @@ class TrackFlight(Flight):
             self._restart(float(script.t[k]))
             self._pass(k)
         self._furthest = max(self._furthest, k)
-        exceeded = script.exceedance(k, self.plan.monitor.limits)
         self._late = script.late(k)
-        said = script.assessment(k), exceeded, due.due, k, script.attitude(k), script.display(k)
-        self._fly(script.y(k), *said)
+        self._hold(self._ruled(k))
+        assessment, display = self._assessed(k)
+        about = self._exceeded(k), due.due, k, script.attitude(k), display
+        self._fly(script.y(k), assessment, *about)
 
     def _pass(self, k: int) -> None:
         """Raise the alarms of what a seek to sample k passes: the first of each kind, if new."""
         script, passed = self._script, set[int]()
-        for begins in (script.alerts, script.exceedances):
+        for begins in (script.alerts, self._exceedances):
             passed.update(begins[(begins > self._furthest) & (begins < k)][:1].tolist())
         for at in sorted(passed):
-            exceeded = script.exceedance(at, self.plan.monitor.limits)
+            exceeded = self._exceeded(at)
             if exceeded is not None:
                 self._note_exceedance(float(script.t[at]))
-            seq, assessment = self.head + 1, script.assessment(at)
+            seq, (assessment, _) = self.head + 1, self._assessed(at)
             self._ring(self.alarms.update(seq, at, assessment, exceeded, self.clock))
 
     def _next_alert(self) -> int:
         """Sample at which the next alert begins."""
+        if self._held is not None and self._held.reasons[0]:
+            raise NotPossible(f"there is no alert to go to: {self._held.reasons[0]}")
         k = self._script.next_alert(self._transport.index)
         if k is None:
             raise NotPossible(

@@ -18,13 +18,14 @@ from app.flights.track import SourceError
 from app.live.again import ShownSample, shown_again
 from app.live.journal import lines_of
 from app.live.lag import Lag
+from app.live.limits_in_force import Ruling
 from app.store.assessments import StoredAssessments
 from core.channels import KEYS, N_CHANNELS
 from core.monitor import Assessment, State
 from core.monitor.assessment import STATES
 from core.monitor.validity import exceeds
 from core.simulation.attitude import DisplayAttitude
-from core.types import Array
+from core.types import Array, Flags
 
 P, R = KEYS.index("p"), KEYS.index("r")
 SHOWN = np.dtype(
@@ -52,11 +53,14 @@ class ShownFlight(Script):
     SourceError where nothing is shown; OSError.
     """
 
+    shows_rulings = True
+
     def __init__(self, setup: LiveSetup, flight_id: str) -> None:
         self.dt, self.delay = setup.dt, setup.scorer().delay
         self.is_checked = setup.monitor.support is not None
         self.reasons: list[str] = []
         self._display: list[tuple[Assessment, ...]] = []
+        self._rulings: list[Ruling | None] = []
         self._came: list[float] = []
         self.samples = np.fromiter(self._read(setup, flight_id), SHOWN)
         if not len(self.samples):
@@ -64,11 +68,7 @@ class ShownFlight(Script):
         shown = self.samples["shown"]
         self._began = float((shown - self.samples["t"]).min())
         self.t = np.maximum.accumulate(shown - self._began)
-        limits = setup.monitor.limits
-        over = np.zeros(len(shown), bool)
-        if limits is not None:
-            both = self.samples["y"], self.samples["recorded"]
-            over = np.logical_or(*(exceeds(limits, np.nan_to_num(values)) for values in both))
+        over = self._over(setup.monitor.limits)
         self.alerts, self.exceedances = onsets(self.samples["alert"]), onsets(over)
         self._late = self._lags(setup.scorer().lead)
 
@@ -98,6 +98,10 @@ class ShownFlight(Script):
     def display(self, k: int) -> tuple[Assessment, ...]:
         """What was said of sample k for display."""
         return self._display[k]
+
+    def ruling(self, k: int) -> Ruling | None:
+        """Which limits held for sample k."""
+        return self._rulings[k]
 
     def late(self, k: int) -> str:
         """Why sample k was not of now."""
@@ -132,7 +136,23 @@ class ShownFlight(Script):
             reason = one.assessed.assessment.reason
             self.reasons.append(known.setdefault(reason, reason))
             self._display.append(one.assessed.display)
+            self._rulings.append(one.assessed.ruling)
             yield _row(one, display)
+
+    def _over(self, own: Array | None) -> Flags:
+        """(n,) whether a sample exceeds the limits that held for it, its own or others."""
+        over, both = (
+            np.zeros(len(self.samples), bool),
+            (self.samples["y"], self.samples["recorded"]),
+        )
+        held = {id(ruling): ruling for ruling in self._rulings}
+        of_sample = np.array([id(ruling) for ruling in self._rulings])
+        for key, ruling in held.items():
+            limits, here = own if ruling is None else ruling.limits, of_sample == key
+            if limits is not None:
+                exceeding = (exceeds(limits, np.nan_to_num(values[here])) for values in both)
+                over[here] = np.logical_or(*exceeding)
+        return over
 
     def _lines(self, setup: LiveSetup, flight_id: str) -> Iterator[dict[str, Any]]:
         for line in lines_of(setup.journals.path(flight_id)):

@@ -6,6 +6,7 @@ A source is what is asked for over the wire, and knows how it is opened and flow
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import replace
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, NamedTuple, Union
 
 import numpy as np
@@ -21,7 +22,7 @@ from app.flights.shown_flight import ShownFlight
 from app.flights.track import SourceError, Track, times
 from app.json_codec import Whole
 from app.live.again import header_of
-from app.live.batches import ChannelReader
+from app.live.batches import ChannelReader, Names
 from app.live.compiling import make_ready
 from app.live.journal import Journals
 from app.live.scorer import TrimRule
@@ -47,7 +48,8 @@ class Opening(NamedTuple):
     """By what a source is opened.
 
     scored: recordings, journals: of live flights; None where none are kept.   host: of the server.
-    display: monitors that raise no alarm.
+    display: monitors that raise no alarm.   conditions: names by which a live source sends channels
+    of the flight condition, other than their own.
     """
 
     store: Store
@@ -58,6 +60,7 @@ class Opening(NamedTuple):
     journals: Journals | None = None
     host: str = "127.0.0.1"
     display: tuple[DisplayMonitor, ...] = ()
+    conditions: Names = MappingProxyType({})
 
 
 class Source(BaseModel, ABC):
@@ -258,7 +261,7 @@ class Live(Source):
         setup = LiveSetup(
             monitor,
             opening.epsilon,
-            ChannelReader(mapping),
+            ChannelReader(mapping, opening.conditions),
             opening.journals,
             trim_angles(monitor.dataset_recipe)[1],
             self.delay,
@@ -278,11 +281,13 @@ class Live(Source):
 
         That of an old journal is the recording's of now.
         """
+        opening = opening._replace(conditions=header.get("conditions", {}))
         if "mapping" not in header:
             return self.open(opening)
         setup, name = self.model_copy(update={"recording": None}).open(opening)
         plain = header["mapping"]
-        reader = ChannelReader(None if plain is None else Mapping.from_plain(plain))
+        mapping = None if plain is None else Mapping.from_plain(plain)
+        reader = ChannelReader(mapping, opening.conditions)
         return setup._replace(reader=reader, aircraft=header.get("aircraft")), name
 
 

@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 
 from app.live.batches import Batch, ChannelReader
 from app.live.journal import lines_of
+from app.live.limits_in_force import LimitsInForce
 from app.live.scorer import CausalScorer, LiveAssessed
 
 
@@ -32,6 +33,8 @@ def settled_by(
     settled = scorer.advance(line["a"])
     if line.get("e") == "manoeuvre":
         scorer.begin()
+    if line.get("e") == "limits":
+        scorer.put_in_force(LimitsInForce.from_plain(line["limits"]))
     return settled
 
 

@@ -1,5 +1,6 @@
 """Batches as sources send them: JSON objects, their channels by the mapping of the flight."""
 
+import collections.abc as abc
 from collections.abc import Collection
 from dataclasses import dataclass
 from math import isfinite
@@ -18,6 +19,7 @@ from app.telemetry.recording import ATTITUDE, TelemetryError
 from app.telemetry.targets import TARGETS
 from app.telemetry.units import convert
 from core.channels import KEYS
+from core.limit_set import CONDITION_KEYS, ConditionKey
 
 MOST_SAMPLES = 1_000
 """In one batch: more would keep other flights waiting."""
@@ -26,6 +28,7 @@ WITH_MEMORY = ("p_from_attitude", "r_from_attitude")
 """Derivations by slopes, which need samples of the future."""
 
 Values = dict[str, list[Any]]
+Names = abc.Mapping[ConditionKey, str]
 NAN = float("nan")
 _NUMBER = {float: float, int: float}
 _BOUNDS = tuple(BOUNDS[key] for key in KEYS)
@@ -107,11 +110,13 @@ class _Direct:
 class ChannelReader:
     """Turns batches into samples by a mapping, or by our own names in SI units where it is None.
 
-    TelemetryError for a mapping that live samples cannot be read by.
+    conditions: by which name a batch holds a channel of the flight condition, in SI units; its own
+    where it is not said.   TelemetryError for a mapping that live samples cannot be read by.
     """
 
-    def __init__(self, mapping: Mapping | None = None) -> None:
-        self.mapping = mapping
+    def __init__(self, mapping: Mapping | None = None, conditions: Names | None = None) -> None:
+        self.mapping, self.conditions = mapping, conditions or {}
+        self._conditions = [_Direct(self.conditions.get(key, key)) for key in CONDITION_KEYS]
         if mapping is None:
             self._time: _Direct | None = None
             self._direct = {key: _Direct(key) for key in (*KEYS, *ATTITUDE)}
@@ -168,7 +173,15 @@ class ChannelReader:
             self._derive(channels, times)
         unknown = [NAN] * n
         columns = [channels.get(key, unknown) for key in (*KEYS, *ATTITUDE)]
-        return [_sample(t, row) for t, row in zip(times, zip(*columns, strict=True), strict=True)]
+        rows = zip(times, zip(*columns, strict=True), strict=True)
+        samples = [_sample(t, row) for t, row in rows]
+        if any(read.name in values for read in self._conditions):
+            came = [read(values, n) if read.name in values else None for read in self._conditions]
+            return [
+                sample._replace(condition=tuple(c and c[k] for c in came))
+                for k, sample in enumerate(samples)
+            ]
+        return samples
 
     def _times(self, values: Values) -> list[float]:
         name = self._time.name if self._time else next((t for t in TIMES if t in values), TIMES[0])

@@ -37,13 +37,15 @@ UNKNOWN = np.full(N_CHANNELS, np.nan)
 class Sample(NamedTuple):
     """One sample. t: [s].   y: (6,), NaN where unknown.   attitude: phi, theta, psi [rad].
 
-    reason: why it is not known; empty where it is.
+    reason: why it is not known; empty where it is.   condition: values of CONDITION_KEYS that came
+    with it, NaN where they are not known, None where they did not come; None for no condition.
     """
 
     t: float
     y: Array
     attitude: Angles | None = None
     reason: str = ""
+    condition: tuple[float | None, ...] | None = None
 
 
 @dataclass

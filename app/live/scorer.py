@@ -7,6 +7,7 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
+from app.live.limits_in_force import ConditionHold, LimitsInForce, LimitsRule, Ruling
 from app.live.resampling import DELAY_INTERVALS, Angles, CausalResampler, Counts, Sample
 from app.live.trim import CausalTrim
 from app.scoring.planned_test import limits_of, needed_channels, planned_test
@@ -28,6 +29,7 @@ class LiveAssessed(NamedTuple):
     exceeding: y and recorded of a sample that came since the one before this and exceeds a limit
     although it is none of the grid: between two of them, or late; None for none.
     display: what further monitors say of it, which raise no alarm.
+    ruling: which limits hold for it; None where they are the monitor's own.
     """
 
     y: Array
@@ -37,6 +39,7 @@ class LiveAssessed(NamedTuple):
     manoeuvre: int
     exceeding: tuple[Array, Array] | None = None
     display: tuple[Assessment, ...] = ()
+    ruling: Ruling | None = None
 
 
 class GridMonitor:
@@ -118,6 +121,10 @@ class CausalScorer:
         self._resampler = CausalResampler(monitor.dt, self.delay)
         self._trim = CausalTrim(planned_test(monitor)) if trim == "detected" else None
         self._limits = monitor.limits
+        self._rule: LimitsRule | None = None
+        self.ruling: Ruling | None = None
+        """by which the newest sample was held; None for the monitor's own limits"""
+        self._conditions = ConditionHold()
         self._exceeding: tuple[Array, Array] | None = None
         self._authority = GridMonitor(monitor, epsilon)
         self._display = [GridMonitor(*shown) for shown in display]
@@ -153,8 +160,18 @@ class CausalScorer:
         """1, 2, 3 ... of the manoeuvre under way; 0 for none."""
         return self._trim.manoeuvre if self._trim else 0
 
+    def put_in_force(self, in_force: LimitsInForce) -> Ruling:
+        """Hold what is settled from now on against other limits; return the ruling of now."""
+        own = [one.monitor.limits for one in (self._authority, *self._display)]
+        self._rule = LimitsRule(in_force, own)
+        self.ruling = self._rule.at(self._conditions.at(in_force.t))
+        self._limits = self.ruling.limits
+        return self.ruling
+
     def push(self, arrived: float, sample: Sample) -> list[LiveAssessed]:
         """Take a sample as it arrives; return what is settled by it."""
+        if sample.condition is not None:
+            self._conditions.note(sample.t, sample.condition)
         settled = self._resampler.push(arrived, sample)
         if self._limits is not None:
             y = sample.y if self._trim is None else sample.y - self._trim.level
@@ -188,8 +205,13 @@ class CausalScorer:
         else:
             assessment = self._authority.assess(sample, y)
             display = tuple(shown.assess(sample, y) for shown in self._display)
+        ruling = None
+        if self._rule is not None:
+            ruling = self.ruling = self._rule.at(self._conditions.at(sample.t))
+            self._limits = ruling.limits
+            assessment, display = ruling.apply(assessment, display)
         exceeding, self._exceeding = self._exceeding, None
-        about = assessment, sample.attitude, self.manoeuvre, exceeding, display
+        about = assessment, sample.attitude, self.manoeuvre, exceeding, display, ruling
         return LiveAssessed(y, sample.y, *about)
 
     def _restart(self, trim: Array) -> None:

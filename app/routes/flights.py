@@ -16,7 +16,16 @@ from app.flights.request import FlightRequest
 from app.flights.sources import mode_of
 from app.flights.transport import NotPossible, TransportError
 from app.http.problems import Problem, problem_responses
-from app.messages import Alarm, FlightMarker, FlownMonitor, Frame, LiveStatus, Mode, TransportState
+from app.messages import (
+    Alarm,
+    FlightMarker,
+    FlownMonitor,
+    Frame,
+    LimitsStatus,
+    LiveStatus,
+    Mode,
+    TransportState,
+)
 from app.recipes import RecipeError
 from app.routes.dependencies import PersonDep, json_from, signature
 from app.store.flights import FlightInfo, UnderWay
@@ -110,6 +119,10 @@ class FlightStatus(BaseModel):
     recording: str | None = Field(
         default=None, description="id of the recording that a live flight became when it was over"
     )
+    limits: LimitsStatus | None = Field(
+        default=None,
+        description="which limits hold now, where a limit set is in force; null for the monitor's",
+    )
     live: LiveStatus | None = Field(
         default=None,
         description="of one live flight: how its source does, or did at its end; null in the list "
@@ -167,7 +180,7 @@ class MarkerRequest(BaseModel):
 
 @router.post("", status_code=201, responses=problem_responses(404, 422, 429))
 async def start_flight(
-    request: FlightRequest, flights: FlightsDep, response: Response
+    request: FlightRequest, flights: FlightsDep, response: Response, person: PersonDep
 ) -> FlightStatus:
     """Start a flight; it plays at once, at its source's own rate.
 
@@ -175,7 +188,7 @@ async def start_flight(
     it for 10 minutes, nor watches an alarm that waits.
     """
     try:
-        flight = await flights.start(request)
+        flight = await flights.start(request, signature(person, "operator"))
     except TooManyFlights as error:
         raise Problem(429, str(error), "urn:forewarn:too-many-flights") from error
     except RecipeError:
@@ -371,6 +384,7 @@ def _status(
         update={
             "head": flight.head,
             "monitors": flight.monitors,
+            "limits": flight.limits,
             "theta": flight.theta,
             "fail_t": flight.fail_t,
             "state": flight.state,

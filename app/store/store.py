@@ -18,6 +18,7 @@ from app.store.flight_markers import FlightMarkerRepository
 from app.store.flights import FlightRepository
 from app.store.jobs import JobRepository
 from app.store.keeping import KeepingRepository
+from app.store.limit_sets import LimitSetRepository
 from app.store.mappings import MappingRepository
 from app.store.markers import MarkerRepository
 from app.store.monitors import MonitorRepository
@@ -46,6 +47,7 @@ class Store:
         self.flights = FlightRepository(*shared)
         self.alarms = AlarmRepository(*shared)
         self.flight_markers = FlightMarkerRepository(*shared)
+        self.limit_sets = LimitSetRepository(*shared)
         self.recordings = RecordingRepository(*shared)
         self.mappings = MappingRepository(*shared)
         self.scorings = ScoringRepository(*shared)

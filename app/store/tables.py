@@ -268,6 +268,39 @@ flight_markers = Table(
     UniqueConstraint("flight_id", "number"),
 )
 
+limit_sets = Table(
+    "limit_sets",
+    metadata,
+    _id(),
+    Column("name", Text, nullable=False),
+    _time("created", nullable=False),
+)
+
+limit_set_versions = Table(
+    "limit_set_versions",
+    metadata,
+    _part_of("limit_sets"),
+    Column("version", Integer, primary_key=True, autoincrement=False),
+    _time("created", nullable=False),
+    Column("by", Text, nullable=False),
+    Column("text", Text),
+    _plain("cases"),
+)
+
+flight_limits = Table(
+    "flight_limits",
+    metadata,
+    _part_of("flights"),
+    Column("number", Integer, primary_key=True, autoincrement=False),
+    _refers_to("limit_sets", "RESTRICT"),
+    Column("version", Integer, nullable=False),
+    _plain("fixed"),
+    Column("seq", BigInteger, nullable=False),
+    Column("t", Float, nullable=False),
+    _time("created", nullable=False),
+    Column("by", Text, nullable=False),
+)
+
 recordings = Table(
     "recordings",
     metadata,

@@ -91,6 +91,9 @@ WORDS = {
 }
 BETWEEN, NOT_ASSESSED = "between manoeuvres", "NOT ASSESSED"
 """Reason of a sample that is invalid since nothing was to be assessed there, and its word."""
+NOT_APPLICABLE, LIMITS_UNKNOWN = "not applicable", "limits unknown"
+"""What reasons begin with where other limits are in force than the monitor's, or nobody knows which
+are; their words are these."""
 
 AlarmKind = Literal["risk", "limit", "invalid", "stale"]
 """A predicted exceedance, a measured one, a monitor that is not applicable, a late source."""
@@ -140,6 +143,9 @@ def in_words(said: Headline, reason: str = "") -> str:
 def _word(status: Status, said: Headline, reason: str) -> str:
     if status is Status.INVALID and reason == BETWEEN:
         return NOT_ASSESSED
+    if status is Status.INVALID:
+        told = (one for one in (NOT_APPLICABLE, LIMITS_UNKNOWN) if reason.startswith(one))
+        return next(told, WORDS[status]).upper()
     if status is Status.EXCEEDED and said.exceeded_t is not None:
         return f"{WORDS[status]} first at {said.exceeded_t:.2f} s"
     return WORDS[status]

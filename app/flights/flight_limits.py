@@ -1,0 +1,69 @@
+"""The limits that a flight is held against: as they are put in force, sent and stored."""
+
+from collections.abc import Mapping
+from typing import Any
+
+from app.flights.display_monitors import ALIKE
+from app.live.limits_in_force import ChangeOfLimits, LimitsInForce, Ruling
+from app.messages import LimitsStatus
+from app.store.limit_sets import FlightLimits
+from app.store.monitors import MonitorInfo
+from app.store.store import Store
+from core.limit_set import ConditionKey
+from core.monitor import Monitor
+from core.specification import Limits, specification_to_plain
+
+MOST_NAMED = 3
+"""Monitors that are named of those that would serve."""
+
+
+def change_of_limits(
+    store: Store,
+    monitor: Monitor,
+    limit_set: str,
+    version: int | None,
+    fixed: Mapping[ConditionKey, float] | None,
+) -> ChangeOfLimits:
+    """A version of a limit set, the newest if None, for flights of a monitor; for a thread.
+
+    NotFound.
+    """
+    stored = store.limit_sets.version(limit_set, version)
+    limits, monitors = stored.limits, store.monitors.all()
+    serving = tuple(_serving(monitor, case.limits, monitors) for case in limits.cases)
+    return ChangeOfLimits(stored.limit_set, stored.name, stored.version, limits, serving, fixed)
+
+
+def _serving(monitor: Monitor, limits: Limits, stored: list[MonitorInfo]) -> str:
+    """Which stored monitors of the same test have these limits, the most like it in lead first."""
+    plain = specification_to_plain(limits)
+    alike = [
+        one
+        for one in stored
+        if one.dt == monitor.dt
+        and one.specification == plain
+        and all(one.dataset_recipe.get(p) == monitor.dataset_recipe.get(p) for p in ALIKE)
+    ]
+    nearest = sorted(alike, key=lambda one: abs(one.lead - monitor.lead))[:MOST_NAMED]
+    named = [f"{one.name} ({one.id})" for one in nearest]
+    if not named:
+        return "no stored monitor would serve"
+    return f"monitor{'s' * (len(named) > 1)} {' or '.join(named)} would serve"
+
+
+def status_of(ruling: Ruling) -> LimitsStatus:
+    """Which limits hold, as it is sent."""
+    limits: Any = specification_to_plain(ruling.specification)
+    return LimitsStatus(
+        case=ruling.case, limits=limits, reason=ruling.reason, **_about(ruling.in_force)
+    )
+
+
+def to_store(in_force: LimitsInForce) -> FlightLimits:
+    """What was put in force, as it is stored."""
+    return FlightLimits(**_about(in_force))
+
+
+def _about(in_force: LimitsInForce) -> dict[str, Any]:
+    names = "number", "limit_set", "name", "version", "seq", "t", "created", "by"
+    return {name: getattr(in_force, name) for name in names} | {"fixed": dict(in_force.fixed)}

@@ -1,0 +1,216 @@
+"""The limits in force during a flight, by its condition, and which monitors warn of them.
+
+A monitor's own limits are frozen: its promise is about them alone. Where others are in force it is
+not applicable; where nobody can tell which are, nothing is said.
+"""
+
+from collections import deque
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from math import isfinite
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from core.channels import BY_KEY
+from core.limit_set import (
+    CONDITION_KEYS,
+    MISSING,
+    NO_CONDITION,
+    STALE,
+    Condition,
+    ConditionKey,
+    LimitSet,
+    limit_set_from_plain,
+    limit_set_to_plain,
+)
+from core.monitor import Assessment, State
+from core.monitor.assessment import withdrawn
+from core.monitor.status import LIMITS_UNKNOWN, NOT_APPLICABLE
+from core.specification import Limits
+from core.types import Array
+
+HELD_S = 1.0
+"""How long a value of a condition's channel counts that is not followed by another [s]."""
+ROUNDING = 1e-9
+
+
+@dataclass(frozen=True)
+class LimitsInForce:
+    """A version of a limit set as it was put in force during a flight.
+
+    number: 1, 2, 3 ... in its flight.   seq: first sample that it holds for.   t: of the sample
+    before [s].   serving: of each case, which stored monitors would serve, in words.
+    fixed: values of conditions that are declared and not measured.   created: UTC, ISO 8601.
+    """
+
+    number: int
+    limit_set: str
+    name: str
+    version: int
+    limits: LimitSet
+    serving: tuple[str, ...]
+    fixed: Mapping[ConditionKey, float]
+    seq: int
+    t: float
+    created: str
+    by: str
+
+    @property
+    def words(self) -> str:
+        """How people call it."""
+        return f"limit set {self.name} version {self.version}"
+
+    def to_plain(self) -> dict[str, Any]:
+        """Return JSON's types."""
+        return vars(self) | {
+            "limits": limit_set_to_plain(self.limits),
+            "serving": list(self.serving),
+            "fixed": dict(self.fixed),
+        }
+
+    @classmethod
+    def from_plain(cls, plain: Mapping[str, Any]) -> "LimitsInForce":
+        """Rebuild it."""
+        limits = limit_set_from_plain(plain["limits"])
+        return cls(**{**plain, "limits": limits, "serving": tuple(plain["serving"])})
+
+
+@dataclass(frozen=True, eq=False)
+class Ruling:
+    """Which limits hold for a sample.
+
+    limits: (6,); None where that cannot be told.   case: name of the flight condition; empty where
+    there is none.   reasons: of each monitor why it is not applicable; empty where it is.
+    """
+
+    in_force: LimitsInForce
+    limits: Array | None
+    case: str
+    reasons: tuple[str, ...]
+    specification: Limits | None = None
+
+    @property
+    def reason(self) -> str:
+        """Why it cannot be told which limits hold; empty where it can."""
+        return self.reasons[0] if self.limits is None else ""
+
+    def apply(
+        self, assessment: Assessment, display: Sequence[Assessment] = ()
+    ) -> tuple[Assessment, tuple[Assessment, ...]]:
+        """What the monitors say, withdrawn where they are not applicable."""
+        ruled = [
+            withdrawn(one.t, reason) if reason and one.state is not State.STALE else one
+            for one, reason in zip((assessment, *display), self.reasons, strict=True)
+        ]
+        return ruled[0], tuple(ruled[1:])
+
+
+class LimitsRule:
+    """Which limits hold for each sample of a flight, while one version of a set is in force.
+
+    own: (6,) limits of each monitor of the flight, the alarm authority first.
+    """
+
+    def __init__(self, in_force: LimitsInForce, own: Sequence[Array | None]) -> None:
+        self.in_force, self._own = in_force, own
+        fixed = in_force.fixed
+        self._fixed = tuple(fixed.get(key) for key in CONDITION_KEYS)
+        self._rulings: dict[int | str, Ruling] = {}
+        self._last: tuple[Condition, Ruling] | None = None
+
+    def at(self, measured: Condition = NO_CONDITION) -> Ruling:
+        """The ruling at a condition; what is declared goes before what is measured."""
+        if self._last is not None and self._last[0] == measured:
+            return self._last[1]
+        condition = tuple(
+            value if declared is None else declared
+            for declared, value in zip(self._fixed, measured, strict=True)
+        )
+        ruling = self._ruling(condition)
+        self._last = measured, ruling
+        return ruling
+
+    def _ruling(self, condition: Condition) -> Ruling:
+        limits = self.in_force.limits
+        found = limits.find(condition)
+        key = limits.why_none(condition) if found is None else found
+        if key not in self._rulings:
+            if len(self._rulings) > 2 * len(limits.cases):
+                self._rulings.clear()
+            self._rulings[key] = self._made(key)
+        return self._rulings[key]
+
+    def _made(self, key: int | str) -> Ruling:
+        in_force = self.in_force
+        if isinstance(key, str):
+            reason = f"{LIMITS_UNKNOWN}: {key} ({in_force.words})"
+            return Ruling(in_force, None, "", (reason,) * len(self._own))
+        case = in_force.limits.cases[key]
+        magnitudes = case.limits.magnitudes
+        reasons = tuple(
+            ""
+            if own is not None and np.array_equal(own, magnitudes)
+            else f"{NOT_APPLICABLE}: {words_of(magnitudes)} in force ({in_force.words}, "
+            f"{case.name}), the monitor warns of {words_of(own)}; {in_force.serving[key]}"
+            for own in self._own
+        )
+        return Ruling(in_force, magnitudes, case.name, reasons, case.limits)
+
+
+class ConditionHold:
+    """The measured condition at each time of a live flight, by what had come by then.
+
+    A value holds until the next one of its channel, HELD_S at most.
+    """
+
+    def __init__(self) -> None:
+        self._values: dict[int, deque[tuple[float, float]]] = {}
+
+    def note(self, t: float, condition: Sequence[float | None]) -> None:
+        """Take what came with a sample: NaN where it is not known, None where it did not come."""
+        for k, value in enumerate(condition):
+            if value is not None:
+                self._values.setdefault(k, deque(maxlen=10_000)).append((t, value))
+
+    def at(self, t: float) -> Condition:
+        """The condition at a time of the grid, which rises but for steps of the clock."""
+        if not self._values:
+            return NO_CONDITION
+        return tuple(self._at(k, t) for k in range(len(CONDITION_KEYS)))
+
+    def _at(self, k: int, t: float) -> float | str:
+        values = self._values.get(k)
+        if not values:
+            return MISSING
+        newest = next((i for i in reversed(range(len(values))) if values[i][0] <= t + ROUNDING), -1)
+        if newest < 0:
+            return MISSING
+        for _ in range(newest):
+            values.popleft()
+        when, value = values[0]
+        if not isfinite(value):
+            return MISSING
+        return value if t - when <= HELD_S else STALE
+
+
+class ChangeOfLimits(NamedTuple):
+    """What an engineer asks to be put in force, from the store.
+
+    fixed: declared values; those of before where they are None.
+    """
+
+    limit_set: str
+    name: str
+    version: int
+    limits: LimitSet
+    serving: tuple[str, ...]
+    fixed: Mapping[ConditionKey, float] | None = None
+
+
+def words_of(magnitudes: Array | None) -> str:
+    """`|N_y| 0.5 g`: limits as people read them."""
+    if magnitudes is None:
+        return "no limits that are known"
+    channels = zip(BY_KEY.values(), magnitudes.tolist(), strict=True)
+    return " or ".join(f"|{c.symbol}| {c.read(limit)}" for c, limit in channels if isfinite(limit))

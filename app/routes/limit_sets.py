@@ -1,0 +1,166 @@
+"""Limit sets: versions that never change, and which of them a flight is held against."""
+
+import asyncio
+from typing import Annotated
+
+from fastapi import APIRouter, Path
+from pydantic import BaseModel, ConfigDict, Field
+
+from app.flights.flight_limits import to_store
+from app.flights.transport import NotPossible
+from app.http.problems import Problem, problem_responses
+from app.json_codec import Whole
+from app.live.journal import JournalFull
+from app.messages import LimitsStatus
+from app.routes.dependencies import PersonDep, StoreDep, signature
+from app.routes.flights import FlightsDep
+from app.store.limit_sets import FlightLimits, LimitSetInfo, StoredLimits
+from core.limit_set import ConditionKey, LimitSet, limit_set_from_plain
+
+router = APIRouter(prefix="/api/v1", tags=["limit sets"])
+MOST_CASES = 100
+Finite = Annotated[float, Field(allow_inf_nan=False)]
+CASES = [
+    {"name": "below M 0.8", "ranges": {"mach": [None, 0.8]}, "limits": {"Ny": 0.5}},
+    {"name": "from M 0.8 on", "ranges": {"mach": [0.8, None]}, "limits": {"Ny": 0.4}},
+]
+Ends = Annotated[list[Finite | None], Field(min_length=2, max_length=2)]
+Version = Annotated[int, Path(ge=1, le=2**31)]
+
+
+class ConditionLimits(BaseModel):
+    """A flight condition and the limits that hold there."""
+
+    model_config = ConfigDict(extra="forbid", strict=True)
+
+    name: str = Field(min_length=1, max_length=200, description="how people call the condition")
+    ranges: dict[ConditionKey, Ends] = Field(
+        default_factory=dict,
+        description="from the first number on, below the second, in SI units; null for no end. A "
+        "channel without one does not matter",
+    )
+    limits: dict[str, Finite | None] = Field(
+        description="unsafe from this magnitude on, by channel, in SI units, Ny in g"
+    )
+
+
+class LimitsText(BaseModel):
+    """A version of a limit set: at most one of its conditions may hold at a time."""
+
+    model_config = ConfigDict(
+        extra="forbid", strict=True, json_schema_extra={"examples": [{"cases": CASES}]}
+    )
+
+    cases: list[ConditionLimits] = Field(min_length=1, max_length=MOST_CASES)
+    text: str | None = Field(default=None, min_length=1, max_length=2000, description="why")
+    by: str = Field(
+        default="engineer", min_length=1, max_length=200, description="where nobody is logged in"
+    )
+
+    @property
+    def limits(self) -> LimitSet:
+        """What it says; Problem 422."""
+        try:
+            return limit_set_from_plain([case.model_dump() for case in self.cases])
+        except ValueError as error:
+            raise Problem(422, str(error), "urn:forewarn:limit-set") from error
+
+
+class NewLimitSet(LimitsText):
+    """A limit set with its first version."""
+
+    model_config = ConfigDict(
+        json_schema_extra={"examples": [{"name": "envelope", "cases": CASES}]}
+    )
+
+    name: str = Field(min_length=1, max_length=200)
+
+
+class LimitsRequest(BaseModel):
+    """Which limits a flight under way is to be held against from its next sample on."""
+
+    model_config = ConfigDict(
+        extra="forbid",
+        strict=True,
+        json_schema_extra={"examples": [{"limit_set": "0123456789ab", "fixed": {"mach": 0.6}}]},
+    )
+
+    limit_set: str = Field(description="id")
+    version: Whole | None = Field(default=None, ge=1, description="the newest if absent")
+    fixed: dict[ConditionKey, Finite] = Field(
+        default_factory=dict,
+        description="flight conditions that are declared, in SI units; those that were declared "
+        "before stay",
+    )
+    by: str = Field(
+        default="engineer", min_length=1, max_length=200, description="where nobody is logged in"
+    )
+
+
+@router.get("/limit-sets")
+async def list_limit_sets(store: StoreDep) -> list[LimitSetInfo]:
+    """All limit sets, newest first."""
+    return await asyncio.to_thread(store.limit_sets.all)
+
+
+@router.post("/limit-sets", status_code=201, responses=problem_responses(422))
+async def add_limit_set(new: NewLimitSet, store: StoreDep, person: PersonDep) -> StoredLimits:
+    """Store a limit set with its first version."""
+    about = new.limits, signature(person, new.by), new.text
+    return await asyncio.to_thread(store.limit_sets.add, new.name, *about)
+
+
+@router.get("/limit-sets/{set_id}", responses=problem_responses(404))
+async def read_limit_set(set_id: str, store: StoreDep) -> list[StoredLimits]:
+    """All versions of a limit set, newest first."""
+    return await asyncio.to_thread(store.limit_sets.versions, set_id)
+
+
+@router.post(
+    "/limit-sets/{set_id}/versions", status_code=201, responses=problem_responses(404, 422)
+)
+async def add_version(
+    set_id: str, new: LimitsText, store: StoreDep, person: PersonDep
+) -> StoredLimits:
+    """Store the next version of a limit set; those of before stay as they are."""
+    about = new.limits, signature(person, new.by), new.text
+    return await asyncio.to_thread(store.limit_sets.add_version, set_id, *about)
+
+
+@router.get("/limit-sets/{set_id}/versions/{version}", responses=problem_responses(404, 422))
+async def read_version(set_id: str, version: Version, store: StoreDep) -> StoredLimits:
+    """One version of a limit set."""
+    return await asyncio.to_thread(store.limit_sets.version, set_id, version)
+
+
+@router.get("/flights/{flight_id}/limits", responses=problem_responses(404, 422))
+async def list_flight_limits(flight_id: str, flights: FlightsDep) -> list[FlightLimits]:
+    """All versions of limit sets that were put in force during a flight, in order."""
+    await asyncio.to_thread(flights.store.flights.info, flight_id)
+    stored = await asyncio.to_thread(flights.store.limit_sets.of_flights, [flight_id])
+    found = {put.number: put for put in stored.get(flight_id, [])}
+    flight = flights.get(flight_id)
+    at_hand = [to_store(put) for put in flight.limits_at_hand] if flight else []
+    return list((found | {put.number: put for put in at_hand}).values())
+
+
+@router.put("/flights/{flight_id}/limits", responses=problem_responses(404, 409, 422, 503))
+async def put_in_force(
+    flight_id: str, asked: LimitsRequest, flights: FlightsDep, person: PersonDep
+) -> LimitsStatus:
+    """Hold a flight under way against a limit set, from its next sample on.
+
+    Everyone who watches is told. Monitors with other limits are not applicable from there on. 503
+    says that it is in force and not stored yet; 409 that this flight cannot be held against others.
+    """
+    by = signature(person, asked.by)
+    about = asked.limit_set, asked.version, asked.fixed, by
+    try:
+        await flights.put_in_force(flight_id, *about)
+    except NotPossible as error:
+        raise Problem(409, str(error), "urn:forewarn:limits") from error
+    except JournalFull as error:
+        raise Problem(503, str(error), "urn:forewarn:not-durable") from error
+    limits = flights.flying(flight_id).limits
+    assert limits is not None
+    return limits

@@ -1,0 +1,235 @@
+"""Limits in force: versioned, by flight condition, changed in flight, monitors under them."""
+
+import asyncio
+import json
+from collections.abc import Callable, Coroutine
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from app.flights.flights import Flights
+from app.flights.live import LiveFlight, LiveSetup
+from app.flights.request import FlightRequest
+from app.flights.shown_flight import ShownFlight
+from app.flights.transport import NotPossible
+from app.live.batches import ChannelReader
+from app.live.journal import Journals
+from app.messages import encode_frame
+from app.store.store import Store, open_store
+from core.channels import KEYS
+from core.collection import DatasetRecipe, collect
+from core.limit_set import LimitSet, limit_set_from_plain
+from core.monitor import Monitor, MonitorRecipe, train
+from core.monitor.status import Facts, headline, in_words
+from core.specification import Limits
+from tests.support.flying import ScriptedClock, T, exact_monitor, failing_flight
+from tests.support.oscillator import DT, N_SAMPLES
+
+
+def limit_set(*cases: tuple[str, dict[str, Any], float]) -> LimitSet:
+    return limit_set_from_plain(
+        [{"name": name, "ranges": ranges, "limits": {"Ny": ny}} for name, ranges, ny in cases]
+    )
+
+
+OWN = limit_set(("all", {}, 0.5))
+TIGHT = limit_set(("all", {}, 0.4))
+BY_MACH = limit_set(("slow", {"mach": (None, 0.8)}, 0.5), ("fast", {"mach": (0.8, None)}, 0.4))
+
+
+@cache
+def monitor(t_early: float = 0.25) -> Monitor:
+    recipe = DatasetRecipe(n_unsafe=12, n_obs=10, seed=3)
+    return train(collect(recipe), MonitorRecipe(t_early=t_early, epsilon=0.3))
+
+
+class Range:
+    """Flights over a real store, with a set of the monitor's own limits and more versions."""
+
+    def __init__(self, directory: Path) -> None:
+        self.directory, self.clock = directory, ScriptedClock()
+        self.store: Store = open_store(directory / "store.db")
+        self.limits = self.store.limit_sets.add("envelope", OWN, "Ann").limit_set
+        self.store.limit_sets.add_version(self.limits, TIGHT, "Ben", "after test point 6")
+        self.store.limit_sets.add_version(self.limits, BY_MACH, "Ben")
+
+    def flights(self) -> Flights:
+        return Flights(self.store, clock=self.clock, journals=Journals(self.directory / "live"))
+
+    def add(self, one: Monitor, name: str) -> str:
+        return self.store.monitors.add(one, name).id
+
+    async def fly(self, flights: Flights, **asked: Any) -> Any:
+        source = {"kind": "simulated", "outcome": "unsafe", "seed": 4}
+        request = {"source": source, "limit_set": self.limits} | asked
+        return await flights.start(FlightRequest.model_validate(request), "Ann")
+
+
+@pytest.fixture
+def run(tmp_path: Path) -> Callable[..., None]:
+    def running(test: Callable[[Range], Coroutine[Any, Any, None]]) -> None:
+        asyncio.run(test(Range(tmp_path)))
+
+    return running
+
+
+def test_a_version_is_never_changed(run: Callable) -> None:
+    async def test(place: Range) -> None:
+        stored = place.store.limit_sets.versions(place.limits)
+        assert [one.version for one in stored] == [3, 2, 1]
+        assert [one.limits for one in stored] == [BY_MACH, TIGHT, OWN]
+        assert (stored[1].by, stored[1].text) == ("Ben", "after test point 6")
+        assert [one.newest for one in place.store.limit_sets.all()] == [3]
+
+    run(test)
+
+
+def test_other_limits_hold_from_the_next_sample_on(run: Callable) -> None:
+    """The exceedance is of the limits in force, and monitors of other limits say nothing."""
+
+    async def test(place: Range) -> None:
+        ids = [place.add(monitor(), "own"), place.add(monitor(0.5), "further")]
+        serving = place.add(replace(monitor(), specification=Limits(Ny=0.4)), "tight")
+        async with place.flights() as flights:
+            asked = {"monitor": ids[0], "monitors": ids[1:], "limit_set_version": 1}
+            flight = await place.fly(flights, **asked)
+            place.clock.advance(0.995)
+            changed = flight.head + 1
+            await flights.put_in_force(flight.id, place.limits, 2, {}, "Ben")
+            assert flight.limits.model_dump(include={"version", "by", "seq"}) == {
+                "version": 2,
+                "by": "Ben",
+                "seq": changed,
+            }
+            place.clock.advance(9.0)
+            await flights.stop(flight.id)
+            frames = await flights.records.frames(flight.id, 0, 1000)
+            before, after = frames[:changed], frames[changed:]
+            assert {frame["state"] for frame in before} == {"ok"}
+            for frame in after:
+                for said in (frame, frame["display"][0]):
+                    assert (said["p_value"], said["alert"], said["state"]) == (
+                        None,
+                        None,
+                        "invalid",
+                    )
+                    assert said["reason"] == (
+                        "not applicable: |N_y| 0.4 g in force (limit set envelope version 2, all), "
+                        f"the monitor warns of |N_y| 0.5 g; monitor tight ({serving}) would serve"
+                    )
+            ny = np.array([frame["y"][3] for frame in frames])
+            alarms = [a for a in await flights.records.alarms(flight.id) if a.kind == "limit"]
+            beyond = np.flatnonzero(np.abs(ny) >= np.where(np.arange(len(ny)) < changed, 0.5, 0.4))
+            assert [alarms[0].seq, alarms[0].exceedance.limit] == [beyond[0], 0.4]
+            put = place.store.limit_sets.of_flights([flight.id])[flight.id]
+            assert [(one.number, one.version, one.seq, one.by) for one in put] == [
+                (1, 1, 0, "Ann"),
+                (2, 2, changed, "Ben"),
+            ]
+
+    run(test)
+
+
+def test_the_set_s_own_limits_leave_every_bit_as_it_is(run: Callable) -> None:
+    async def test(place: Range) -> None:
+        own = place.add(monitor(), "own")
+        async with place.flights() as flights:
+            asked = {"monitor": own, "limit_set_version": 3, "condition": {"mach": 0.6}}
+            flight = await place.fly(flights, **asked)
+            place.clock.advance(9.0)
+            plain = await place.fly(flights, monitor=own, limit_set=None)
+            place.clock.advance(9.0)
+            frames = [await flights.records.frames(f.id, 0, 1000) for f in (flight, plain)]
+            said = [[encode_frame({**f, "sent": None}) for f in one] for one in frames]
+            assert said[0] == said[1]
+            alarms = [await flights.records.alarms(f.id) for f in (flight, plain)]
+            assert [[a.kind for a in one] for one in alarms] == [["risk", "limit"]] * 2
+            assert flight.limits.case == "slow"
+
+    run(test)
+
+
+def test_limits_that_cannot_be_told_are_never_calm(run: Callable) -> None:
+    async def test(place: Range) -> None:
+        own = place.add(monitor(), "own")
+        async with place.flights() as flights:
+            flight = await place.fly(flights, monitor=own)
+            place.clock.advance(1.0)
+            assert flight.reason == "limits unknown: mach is missing (limit set envelope version 3)"
+            assert flight.limits.limits is None
+            said = headline(Facts(invalid=True))
+            assert in_words(said, flight.reason) == "LIMITS UNKNOWN"
+            assert [a.kind for a in flight.alarms.at_hand] == ["invalid"]
+            await flights.put_in_force(flight.id, place.limits, None, {"mach": 0.9}, "Ben")
+            place.clock.advance(0.1)
+            assert in_words(said, flight.reason) == "NOT APPLICABLE"
+            assert flight.reason.endswith("; no stored monitor would serve")
+
+    run(test)
+
+
+CONDITION_OF = {**dict.fromkeys(range(20), 0.6), **dict.fromkeys(range(30, 35), 0.9), 45: None}
+"""Mach by number of the sample; it does not come with any other, and 45 says that it is unknown."""
+
+
+def test_a_measured_condition_chooses_the_limits_and_the_journal_says_the_same(
+    run: Callable,
+) -> None:
+    async def test(place: Range) -> None:
+        ids = place.add(exact_monitor(), "oscillator")
+        y, frames = failing_flight(), []
+
+        def push(flight: LiveFlight, k: int) -> Any:
+            place.clock.advance(DT)
+            sample = {"t": T[k]} | dict(zip(KEYS, y[k].tolist(), strict=True))
+            if k in CONDITION_OF:
+                sample["air/M"] = CONDITION_OF[k]
+            return flight.receive(json.dumps(sample), "rest").stored
+
+        source = {"kind": "live", "trim": "none"}
+        asked = {"monitor": ids, "source": source, "condition": {"mach": "air/M"}}
+        async with place.flights() as flights:
+            flight = await place.fly(flights, **asked)
+            for k in range(40):
+                await push(flight, k)
+        async with place.flights() as flights:
+            again = await flights.live(flight.id)
+            assert again.limits.case == "fast"
+            for k in range(40, 50):
+                await push(again, k)
+            await flights.put_in_force(flight.id, place.limits, 1, {}, "Ben")
+            for k in range(50, N_SAMPLES):
+                await push(again, k)
+            await flights.stop(flight.id)
+            frames = await flights.records.frames(flight.id, 0, 1000)
+            put = place.store.limit_sets.of_flights([flight.id])[flight.id]
+            assert [(one.version, one.seq) for one in put] == [(3, 0), (1, 50)]
+            setup = LiveSetup(
+                exact_monitor(),
+                exact_monitor().recipe.epsilon,
+                ChannelReader(None, {"mach": "air/M"}),
+                Journals(place.directory / "live"),
+                0.0,
+                trim="none",
+            )
+            shown = ShownFlight(setup, flight.id)
+            assert shown.is_as(place.store.flights.assessments(flight.id))
+            asked = {"source": {"kind": "journal", "flight_id": flight.id}, "monitor": ids}
+            replay = await flights.start(FlightRequest.model_validate(asked))
+            with pytest.raises(NotPossible, match="held against the limits that it was"):
+                await flights.put_in_force(replay.id, place.limits, 1, {}, "Ben")
+            source_frames = replay.source_frames(0, N_SAMPLES)
+            assert [f["reason"] for f in source_frames] == [f["reason"] for f in frames]
+        expected = exact_monitor().assess(T, y).columns()["p_value"]
+        reasons = ["limits unknown: mach is", "not applicable", ""]
+        for k, frame in enumerate(frames):
+            slow, fast = k < 30 or k >= 50, 30 <= k < 45
+            reason = "" if slow else reasons[1] if fast else f"{reasons[0]} missing"
+            assert frame["reason"].startswith(reason), k
+            assert frame["p_value"] == (expected[k] if slow else None), k
+
+    run(test)
