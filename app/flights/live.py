@@ -20,6 +20,7 @@ from app.flights.display_monitors import DisplayMonitor
 from app.flights.exceedance import exceedance
 from app.flights.flight import Angles, Flight, FlightPlan, patience
 from app.flights.flight_limits import to_store
+from app.flights.recorder import JOURNALLED_S
 from app.flights.track import SourceError
 from app.flights.transport import NotPossible
 from app.flights.udp import UdpReceiver
@@ -104,6 +105,7 @@ class LiveFlight(Flight):
     def __init__(self, plan: FlightPlan, setup: LiveSetup, *about: Any, **more: Any) -> None:
         self.scorer = setup.scorer()
         super().__init__(plan, *about, **more)
+        self.recorder.interval = JOURNALLED_S
         self.dt, self.is_checked = setup.dt, plan.monitor.support is not None
         self._setup, self._patience = setup, patience(setup.dt)
         self.needed = self.scorer.needed
@@ -244,9 +246,10 @@ class LiveFlight(Flight):
         except (TelemetryError, SequenceConflict):
             self._n_malformed += 1
             raise
-        line = {"v": via, "s": batch.sequence, "b": batch.values}
+        values = msgspec.json.encode(batch.values)
+        line = {"v": via, "s": batch.sequence, "b": msgspec.Raw(values)}
         written = self._record(line)
-        self._note_batch(batch)
+        self._note_batch(batch.sequence, values)
         now, n_before = self.clock.now(), self.scorer.counts.accepted
         assessed = [one for each in samples for one in self.scorer.push(line["a"], each)]
         if self.scorer.counts.accepted > n_before:
@@ -330,20 +333,20 @@ class LiveFlight(Flight):
     def _again(self, line: dict[str, Any]) -> list[LiveAssessed]:
         """What a line of the journal settled."""
         if "b" in line:
-            self._note_batch(Batch(line["s"], line["b"]))
+            self._note_batch(line["s"], msgspec.json.encode(line["b"]))
         if line.get("e") == "limits":
             self.limits_at_hand.append(LimitsInForce.from_plain(line["limits"]))
         self._port = line.get("port", self._port)
         self._n_resumed += line.get("e") == "resumed"
         return settled_by(line, self.scorer, self._setup.reader)
 
-    def _note_batch(self, batch: Batch) -> None:
-        """Remember a batch, so that it is known when it comes again."""
+    def _note_batch(self, sequence: int | None, values: bytes) -> None:
+        """Remember a batch, so that it is known when it comes again. values: in JSON."""
         self._has_begun = True
         self._n_batches += 1
-        if batch.sequence is not None:
-            self._sequences[batch.sequence] = _digest(batch)
-            self._last_sequence = max(batch.sequence, self._last_sequence or 0)
+        if sequence is not None:
+            self._sequences[sequence] = _digest(values)
+            self._last_sequence = max(sequence, self._last_sequence or 0)
             if len(self._sequences) > SEQUENCES_KEPT:
                 del self._sequences[next(iter(self._sequences))]
 
@@ -352,7 +355,7 @@ class LiveFlight(Flight):
         known = self._sequences.get(batch.sequence) if batch.sequence is not None else None
         if known is None:
             return None
-        if known != _digest(batch):
+        if known != _digest(msgspec.json.encode(batch.values)):
             raise SequenceConflict(
                 f"sequence {batch.sequence} was used for another batch: number each batch anew; "
                 f"the newest is {self._last_sequence}"
@@ -471,8 +474,8 @@ class LiveFlight(Flight):
         self._call_at("watch out", when, self._watch_out)
 
 
-def _digest(batch: Batch) -> bytes:
-    return sha256(msgspec.json.encode(batch.values)).digest()[:8]
+def _digest(values: bytes) -> bytes:
+    return sha256(values).digest()[:8]
 
 
 def assessed_again(setup: LiveSetup, flight_id: str) -> list[LiveAssessed]:

@@ -1,9 +1,9 @@
 """The recorder: every sample, alarm and marker of a flight into the store, off the loop.
 
 An alarm or a marker is stored at once, an alarm announced when it is; samples are written in
-batches each INTERVAL_S, in order, one at a time. What the store refuses waits and is tried again;
+batches each `interval`, in order, one at a time. What the store refuses waits and is tried again;
 only when MOST_WAITING samples wait are the oldest lost, and counted. A process that dies loses the
-samples of the last INTERVAL_S at most, and no alarm that was announced as stored.
+samples of the last interval at most, and no alarm that was announced as stored.
 """
 
 import asyncio
@@ -30,6 +30,8 @@ from core.types import Array, Flags
 
 LOG = logging.getLogger("forewarn")
 INTERVAL_S = 2.0
+JOURNALLED_S = 8.0
+"""Between batches of a flight whose journal has its samples already [s]."""
 ANNOUNCED_S = 0.25
 """An alarm that a slow disk has not taken by then is announced all the same, as not stored yet."""
 BATCH = 10_000
@@ -78,7 +80,10 @@ class Recorder:
 
     threads: where it writes, so that no other work of the server keeps an alarm waiting.
     look: the newest look at the store, which knows a fault also while nothing waits.
+    interval: samples wait for the next batch at most so long [s].
     """
+
+    interval = INTERVAL_S
 
     def __init__(
         self,
@@ -94,6 +99,7 @@ class Recorder:
         self._raised: deque[Raised] = deque()
         self._writing, self._storing_alarms = asyncio.Lock(), asyncio.Lock()
         self._timer: Timer | None = None
+        self._when = 0.0
         self._task: asyncio.Task[bool] | None = None
         self._alarms_task: asyncio.Task[None] | None = None
         self.lost = 0
@@ -128,7 +134,8 @@ class Recorder:
         if len(self._samples) > MOST_WAITING:
             del self._samples[:BATCH]
             self.lost += BATCH
-        self._schedule()
+        if self._timer is None:
+            self._schedule(self.interval)
 
     def add_alarm(self, alarm: Alarm, announce: Callable[[bool], object]) -> None:
         """Store an alarm and then announce it, see Raised.
@@ -220,9 +227,13 @@ class Recorder:
             while self._samples and self._samples[0].seq <= newest:
                 await self._write_some()
 
-    def _schedule(self) -> None:
-        if self._timer is None:
-            self._timer = self._clock.call_at(self._clock.now() + INTERVAL_S, self._due)
+    def _schedule(self, seconds: float) -> None:
+        """Write after so long [s], unless that is due sooner."""
+        when = self._clock.now() + seconds
+        if self._timer is not None and self._when <= when:
+            return
+        self._stop_timer()
+        self._timer, self._when = self._clock.call_at(when, self._due), when
 
     def _stop_timer(self) -> None:
         if self._timer:
@@ -233,12 +244,12 @@ class Recorder:
         if self._task is None or self._task.done():
             self._task = asyncio.get_running_loop().create_task(self._flush_again())
         else:
-            self._schedule()
+            self._schedule(INTERVAL_S)
 
     async def _flush_again(self) -> bool:
         taken = await self.flush()
         if not taken:
-            self._schedule()
+            self._schedule(INTERVAL_S)
         return taken
 
     def _store_alarms_soon(self, raised: Raised) -> None:
@@ -254,7 +265,7 @@ class Recorder:
             text = "an alarm or a marker of flight %s is not stored: %s"
             LOG.warning(text, self._flight_id, error)
             self.say_alarms()
-            self._schedule()
+            self._schedule(INTERVAL_S)
 
     async def _write_some(self) -> None:
         batch = self._samples[:BATCH]

@@ -106,6 +106,17 @@ class _Direct:
             return numbers
         return [value * self.scale + self.shift for value in numbers]
 
+    def only(self, values: Values) -> float:
+        """The one value of a batch of one sample."""
+        given = values.get(self.name)
+        if given is None:
+            return NAN
+        is_plain = self.scale == 1.0 and self.shift == 0.0
+        if is_plain and len(given) == 1 and type(given[0]) is float:
+            return given[0]
+        (value,) = self(values, 1)
+        return value
+
 
 class ChannelReader:
     """Turns batches into samples by a mapping, or by our own names in SI units where it is None.
@@ -121,11 +132,13 @@ class ChannelReader:
             self._time: _Direct | None = None
             self._direct = {key: _Direct(key) for key in (*KEYS, *ATTITUDE)}
             self._derived: dict[str, ChannelSource] = {}
+            self._columns: list[_Direct | None] = [*self._direct.values()]
             return
         self._time = _time_of(mapping)
         self._direct = {
             key: _direct(key, source) for key, source in mapping.channels.items() if source.signal
         }
+        self._columns = [self._direct.get(key) for key in (*KEYS, *ATTITUDE)]
         self._derived = {key: mapping.channels[key] for key in derivation_order(mapping)}
         for key, source in self._derived.items():
             if source.derivation in WITH_MEMORY:
@@ -166,6 +179,9 @@ class ChannelReader:
         values = batch.values
         times = self._times(values)
         n = len(times)
+        if n == 1 and not self._derived:
+            row = [read.only(values) if read else NAN for read in self._columns]
+            return [_sample(times[0], tuple(row))]
         channels = {
             key: read(values, n) for key, read in self._direct.items() if read.name in values
         }

@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from core.kernels.compiled import in_chunks, inlined, jit
+from core.kernels.compiled import brief, in_chunks, inlined, jit
 from core.kernels.mapping import map_observation
 from core.kernels.nearest import Tree, locate, nearest_at, squared_distance_at
 from core.kernels.p_value import Transduction, p_value_of
@@ -96,7 +96,7 @@ def states(t, y, dt, n_delay):
     return codes
 
 
-@jit
+@brief
 def update(fitted, exact, buffer, status, clock, dt, t, y, z):
     """Take one sample of a stream and assess it.
 

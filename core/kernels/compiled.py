@@ -58,11 +58,31 @@ def prune(directory: Path) -> None:
 
 def jit(function: Callable[..., Any]) -> Any:
     """Compile a kernel once a machine, without the GIL; IEEE arithmetic, so that bits repeat."""
+    return _compiled(function, nogil=True)
+
+
+def brief(function: Callable[..., Any]) -> Any:
+    """Compile a kernel that takes microseconds: having the GIL back would take it longer."""
+    return _compiled(function, nogil=False)
+
+
+def entry(kernel: Any, *arguments: Any) -> Callable[..., Any]:
+    """The compiled code for arguments of these very types, called without looking at them again.
+
+    For a kernel that is called sample by sample; other types are not noticed: they give nonsense.
+    """
+    signature = tuple(map(numba.typeof, arguments))
+    if signature not in kernel.overloads:
+        kernel.compile(signature)
+    return kernel.overloads[signature].entry_point
+
+
+def _compiled(function: Callable[..., Any], nogil: bool) -> Any:
     settings: Any = config
     given = settings.CACHE_DIR
     settings.CACHE_DIR = given or _own_cache()
     try:
-        kernel: Any = numba.njit(cache=True, nogil=True)(function)
+        kernel: Any = numba.njit(cache=True, nogil=nogil)(function)
     finally:
         settings.CACHE_DIR = given
     name = f"{function.__module__}.{function.__qualname__}"

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from core.kernels.compiled import jit
+from core.kernels.compiled import brief, jit
 
 
 @jit
@@ -23,3 +23,15 @@ def first_exceedance(y, limits):
                     first[i] = k
                     break
     return first
+
+
+@brief
+def exceeds_any(limits, y):
+    """Whether a channel exceeds its limit; a value that is missing does not.
+
+    limits, y: (n_channels,).
+    """
+    found = False
+    for c in range(limits.shape[0]):
+        found |= np.isfinite(y[c]) and abs(y[c]) >= limits[c]
+    return found

@@ -13,7 +13,7 @@ import numpy as np
 
 from core.kernels import N_CHANNELS
 from core.kernels.assessing import INVALID, OK, STALE
-from core.kernels.compiled import in_chunks, inlined, jit
+from core.kernels.compiled import brief, in_chunks, inlined, jit
 from core.kernels.lanes import (
     WIDTH,
     add,
@@ -279,7 +279,7 @@ def _forecast(card, estimate, ahead, y_hat):
         y_hat[c] = counts[SIGN] * (mean + total(multiply(weights, coefficients)))
 
 
-@jit
+@brief
 def update(card, estimate, clock, dt, t, y, code, y_hat):
     """Take one sample of a flight, and return its score; NaN where there is none.
 

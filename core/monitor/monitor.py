@@ -1,5 +1,6 @@
 """The trained and calibrated monitor: of a batch, of a stream."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -9,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from core.channels import N_CHANNELS
-from core.kernels import assessing, peak_risk, response_filter
+from core.kernels import assessing, compiled, peak_risk, response_filter
 from core.kernels.assessing import Fitted
 from core.kernels.deviation import Reference, first_beyond
 from core.kernels.innovation import NO_INNOVATION, Innovation
@@ -383,6 +384,12 @@ class Stream:
         card = monitor.card
         self._estimate = card and response_filter.begin(len(card.steps))
         self._card_clock, self._y_hat = np.zeros(2), np.empty(N_CHANNELS)
+        self._unsafe = _Neighbour(monitor.unsafe_exemplar)
+        self._safe = _Neighbour(monitor.safe_exemplar)
+        self._state = self._fitted, self._exact, self._buffer, self._status, self._clock
+        self._dt, y = float(monitor.dt), self._buffer[0]
+        about = self._dt, 0.0, y, self._point
+        self._update = compiled.entry(assessing.update, *self._state, *about)
 
     def update(self, t: float, y: npt.ArrayLike) -> Assessment:
         """Assess the next sample.
@@ -409,17 +416,7 @@ class Stream:
         return assessment
 
     def _assess(self, t: float, y: Array) -> Assessment:
-        code, p, s = assessing.update(
-            self._fitted,
-            self._exact,
-            self._buffer,
-            self._status,
-            self._clock,
-            self.monitor.dt,
-            t,
-            y,
-            self._point,
-        )
+        code, p, s = self._update(*self._state, self._dt, t, y, self._point)
         monitor, y_hat = self.monitor, None
         if self._estimate is not None:
             s = response_filter.update(
@@ -440,7 +437,8 @@ class Stream:
             y_hat = self._point * monitor.scale
         if code != assessing.OK:
             return Assessment(t, None, None, STATES[code], REASONS[code])
-        unsafe, safe = self._status[2], self._status[3]
+        unsafe, safe = self._status[2:].tolist()
+        to_unsafe, to_safe = self._clock[2:4].tolist()
         return Assessment(
             t=t,
             p_value=p,
@@ -448,9 +446,25 @@ class Stream:
             state=STATES[code],
             y_hat=y_hat,
             score=s,
-            nearest_unsafe=monitor.unsafe_exemplar(unsafe, self._clock[2]) if unsafe >= 0 else None,
-            nearest_safe=monitor.safe_exemplar(safe, self._clock[3]) if safe >= 0 else None,
+            nearest_unsafe=self._unsafe.exemplar(unsafe, to_unsafe) if unsafe >= 0 else None,
+            nearest_safe=self._safe.exemplar(safe, to_safe) if safe >= 0 else None,
         )
+
+
+class _Neighbour:
+    """The exemplar of a stream's neighbour, which mostly is that of the sample before."""
+
+    def __init__(self, look_up: Callable[[int, float], Exemplar]) -> None:
+        self._look_up = look_up
+        self._point, self._exemplar = -1, Exemplar(-1, 0.0, 0.0, {})
+
+    def exemplar(self, point: int, distance: float) -> Exemplar:
+        """Of a point at a distance."""
+        known = self._exemplar
+        if point != self._point:
+            self._point, self._exemplar = point, (found := self._look_up(point, distance))
+            return found
+        return Exemplar(known.rollout, known.t, distance, known.theta)
 
 
 def assemble(

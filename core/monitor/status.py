@@ -4,6 +4,7 @@ Levels are those of 14 CFR 25.1322: a warning asks for action now, a caution for
 """
 
 from enum import StrEnum
+from functools import lru_cache
 from typing import Literal, NamedTuple
 
 
@@ -105,6 +106,7 @@ ALARM_LEVELS: dict[AlarmKind, Level] = {
 }
 
 
+@lru_cache(maxsize=1024)
 def headline(facts: Facts) -> Headline:
     """The worst that is true. What a stale sample shows is past: it is never "now"."""
     fresh = not facts.stale

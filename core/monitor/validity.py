@@ -30,6 +30,7 @@ from core.kernels.deviation import (
     n_before,
     take,
 )
+from core.kernels.exceedance import exceeds_any
 from core.monitor.assessment import Assessment, Assessments, Withdrawal, code_of
 from core.monitor.reasons import outside_training, too_little
 from core.monitor.support import ValidityBasis
@@ -162,6 +163,8 @@ def exceeds(limits: Array, y: Array) -> Flags:
 
     limits: (6,).   y: (..., 6).
     """
+    if y.ndim == 1:
+        return exceeds_any(limits, y)
     return np.asarray((np.isfinite(y) & (np.abs(y) >= limits)).any(axis=-1))
 
 

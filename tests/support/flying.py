@@ -170,7 +170,7 @@ class SilentRecorder(Recorder):
     def __init__(self, clock: Clock, store: Any = None) -> None:
         super().__init__(store or as_store(NoStore()), "f", clock)
 
-    def _schedule(self) -> None:
+    def _schedule(self, seconds: float) -> None:
         pass
 
     def _store_alarms_soon(self, raised: Raised) -> None:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from app.flights import recorder as module
-from app.flights.recorder import INTERVAL_S, Recorder
+from app.flights.recorder import INTERVAL_S, JOURNALLED_S, Recorder
 from app.messages import Alarm
 from app.store.look import StoreLook
 from app.store.store import StoreError, open_store
@@ -79,6 +79,26 @@ def test_samples_are_written_by_themselves_after_the_interval() -> None:
         await asyncio.gather(*under_way(recorder))
         assert [chunk[1] for chunk in store.chunks] == [0]
         assert recorder.waiting(0, 100) == []
+
+    asyncio.run(record())
+
+
+def test_a_longer_interval_is_for_what_the_store_takes() -> None:
+    store, clock = NoStore(), ScriptedClock()
+    store.failures = 1
+
+    async def record() -> None:
+        recorder = Recorder(as_store(store), "f", clock)
+        recorder.interval = JOURNALLED_S
+        fill(recorder, 10)
+        clock.advance(JOURNALLED_S - 0.1)
+        assert not under_way(recorder)
+        clock.advance(0.2)
+        assert await asyncio.gather(*under_way(recorder)) == [False]
+        fill(recorder, 5, first=10)
+        clock.advance(INTERVAL_S)
+        assert await asyncio.gather(*under_way(recorder)) == [True]
+        assert recorder.unwritten == 0
 
     asyncio.run(record())
 

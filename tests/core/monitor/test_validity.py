@@ -20,7 +20,7 @@ from core.monitor.recipe import mismatch
 from core.monitor.score import SCORES
 from core.monitor.support import LEVEL, Support, SupportError, ValidityBasis, calibrate
 from core.monitor.training import with_validity
-from core.monitor.validity import RunningValidity, deviation_of
+from core.monitor.validity import RunningValidity, deviation_of, exceeds
 from tests.support import oscillator
 from tests.support.oscillator import DT, N_SAMPLES, NY, TIMES, Array
 
@@ -330,9 +330,9 @@ def test_running_says_what_the_batch_says_of_every_part(
 def test_verdict_and_withdrawal_are_those_of_a_manoeuvre_that_ends_with_its_exceedance(
     monitor: Monitor,
 ) -> None:
-    for seed, exceeds in ((1, False), (2, False), (2, True)):
+    for seed, is_unsafe in ((1, False), (2, False), (2, True)):
         t, y = rough_flight(seed)
-        y[44 if exceeds else 30 :, NY] += 2.0
+        y[44 if is_unsafe else 30 :, NY] += 2.0
         assessments = untouched(monitor, t, y)
         verdict, withdrawal = monitor.judge_and_withdraw(t, y, assessments)
         end = monitor.last_counted(y)
@@ -501,3 +501,12 @@ def test_responses_are_judged_whatever_the_predictor(dataset: Dataset, flights: 
     verdict = monitor.judge(TIMES, y, untouched(monitor, TIMES, y))
     assert verdict.valid is False
     assert verdict.reasons[0].startswith("the responses to the surfaces were off their forecast")
+
+
+def test_one_sample_exceeds_as_a_row_of_many_does() -> None:
+    limits = np.array([np.inf, 1.0, 2.0, np.inf, 0.5, np.inf])
+    values = (0.0, -2.0, 0.5, 1.0, np.nan, np.inf, -np.inf)
+    y = np.random.default_rng(0).choice(values, (200, 6), p=(0.7, *6 * (0.05,)))
+    among_many = exceeds(limits, y)
+    assert 0 < among_many.sum() < len(y)
+    assert [bool(exceeds(limits, row)) for row in y] == among_many.tolist()
