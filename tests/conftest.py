@@ -49,8 +49,11 @@ def pytest_collection() -> Generator[None, object, object]:
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Begin with the browser tests: those of one worker share a browser. Then come the faults."""
-    first = ("browser/", "faults/")
+    """Begin with the browser tests: those of one worker share a browser. Then come long files.
+
+    At the end no worker is to wait for another that has a long file left.
+    """
+    first = ("browser/", "faults/", "fuzzing/", "test_readme.py", "core/monitor/")
 
     def place(item: pytest.Item) -> int:
         folder = item.nodeid.partition("/")[2]
