@@ -1,5 +1,7 @@
 """Whether the sensors of a recording agree by kinematics: its channels put on one even grid."""
 
+from weakref import WeakKeyDictionary
+
 import numpy as np
 
 from app.telemetry.mapping.motion.motion import (
@@ -17,12 +19,21 @@ from core.types import Array
 RATES = ("p", "r")
 """What was derived from the attitude is not compared with it."""
 
+_COMPARED: WeakKeyDictionary[Traces, tuple[SensorCheck, ...]] = WeakKeyDictionary()
+"""What was found of recordings that are still in memory: it does not depend on the monitor."""
+
 
 def compatibility(traces: Traces) -> tuple[SensorCheck, ...]:
-    """Compare the sensors of a recording, of a long one where it moves most.
+    """Compare the sensors of a recording, of a long one where it moves most; once a recording.
 
     traces: repaired.
     """
+    if (checks := _COMPARED.get(traces)) is None:
+        checks = _COMPARED[traces] = _compared(traces)
+    return checks
+
+
+def _compared(traces: Traces) -> tuple[SensorCheck, ...]:
     channels = {
         key: trace
         for key in NAMES

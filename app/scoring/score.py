@@ -1,7 +1,7 @@
 """Scoring: from channels as recorded to a verdict on each manoeuvre. The same in, the same out."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -62,7 +62,15 @@ def score_at_each(
     notes = (*flight.notes, *notes, *outside_note(exceedances))
     checks = compatibility(flight.traces)
     return tuple(
-        replace(_scored(flight, judged, epsilon, notes, exceedances), compatibility=checks)
+        ScoredRecording(
+            *_assessed(flight, judged, epsilon),
+            monitor.dt,
+            epsilon,
+            flight.quality,
+            notes,
+            exceedances[:MOST_OUTSIDE],
+            checks,
+        )
         for epsilon in checked
     )
 
@@ -147,29 +155,17 @@ def _outside(flight: Ready, judged: list[JudgedSegment]) -> tuple[RecordedExceed
     return outside(flight.traces, flight.planned.limits, intervals, [each.trim for each in judged])
 
 
-def _scored(
-    flight: Ready,
-    judged: list[JudgedSegment],
-    epsilon: float,
-    notes: tuple[str, ...],
-    exceedances: tuple[RecordedExceedance, ...],
-) -> ScoredRecording:
+def _assessed(
+    flight: Ready, judged: list[JudgedSegment], epsilon: float
+) -> tuple[npt.NDArray[np.void], tuple[ScoredManoeuvre, ...]]:
+    """Samples and manoeuvres at a miss rate."""
     fields = _between(flight.recording, judged)
     for number, segment in enumerate(judged):
         _fill(fields, number, segment, epsilon)
     samples = packed(fields)
-    manoeuvres = [
+    return samples, tuple(
         _verdict(flight, segment, samples[segment.first : segment.stop], epsilon)
         for segment in judged
-    ]
-    return ScoredRecording(
-        samples,
-        tuple(manoeuvres),
-        flight.monitor.dt,
-        epsilon,
-        flight.quality,
-        notes,
-        exceedances[:MOST_OUTSIDE],
     )
 
 

@@ -3,7 +3,9 @@
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
+from app.scoring import compatibility as module
 from app.scoring.compatibility import compatibility
 from app.scoring.verdict import sensors
 from app.telemetry.timing.repair import repair
@@ -43,6 +45,17 @@ def test_it_is_printed_a_line_a_comparison_and_a_remark() -> None:
     assert "bias 0.05" in lines[1]
     assert lines[1].endswith(" s")
     assert lines[2].endswith("not checked: without heading")
+
+
+def test_a_recording_is_compared_once_however_many_monitors_score_it(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    traces = repair(record("attas_rud1")).traces
+    checks = compatibility(traces)
+    monkeypatch.setattr(module, "check_sensors", lambda _: pytest.fail("compared again"))
+    assert compatibility(traces) is checks
+    with pytest.raises(pytest.fail.Exception, match="compared again"):
+        compatibility(replace(traces))
 
 
 def test_what_was_derived_from_the_attitude_is_not_compared_with_it() -> None:
