@@ -13,11 +13,10 @@ import asyncio
 import random
 import socket
 import threading
-from collections import deque
 from collections.abc import Mapping
 from contextlib import suppress
 from types import TracebackType
-from typing import Any, Literal, NamedTuple, Self
+from typing import Any, Literal, Self
 from urllib.parse import urlsplit
 
 import httpx2
@@ -25,13 +24,11 @@ import msgspec
 from websockets.asyncio.client import ClientConnection, connect
 from websockets.exceptions import ConnectionClosed, InvalidStatus, WebSocketException
 
+from app.outbox import Outbox, OutgoingBatch, PushFailed
+
 Way = Literal["websocket", "rest", "udp"]
-MOST_WAITING = 200_000
-"""Samples that are not durable yet; `send` waits where more would be."""
 MOST_VALUES = 8_000
 """In one batch: 200 kB at most, of the 256 kB that a message may have."""
-MOST_IN_BATCH = 500
-"""Samples: the server takes 1000."""
 MOST_VALUES_UDP = 40
 """In one datagram, so that it fits a packet."""
 FIRST_WAIT_S, LONGEST_WAIT_S = 0.1, 5.0
@@ -45,10 +42,6 @@ WRONG = frozenset({400, 401, 403, 404, 409, 410})
 """Answers after which the same again makes no sense."""
 UNREADABLE = frozenset({413, 422})
 """Answers to a batch that is none: it is left out, and counted."""
-
-
-class PushFailed(OSError):
-    """Samples that cannot be pushed; one sentence: why, and what to do."""
 
 
 class LiveClient:
@@ -77,7 +70,7 @@ class LiveClient:
         self._options: dict[str, Any] = {"headers": headers, "timeout": REQUEST_S}
         self._options |= {"trust_env": False, "base_url": f"{self.url}/api/v1"}
         self._headers = headers
-        self._samples = _Outbox(MOST_VALUES_UDP if way == "udp" else MOST_VALUES)
+        self._samples = Outbox(MOST_VALUES_UDP if way == "udp" else MOST_VALUES)
         self._thread: threading.Thread | None = None
         self._loop: asyncio.AbstractEventLoop | None = None
         self._closing = self._flushing = False
@@ -232,7 +225,7 @@ class LiveClient:
             await asyncio.sleep(wait * random.uniform(0.5, 1.0))
             wait = min(2.0 * wait, LONGEST_WAIT_S)
 
-    async def _next(self) -> "_Batch":
+    async def _next(self) -> OutgoingBatch:
         while (batch := self._samples.take()) is None:
             self._come.clear()
             await self._come.wait()
@@ -341,118 +334,6 @@ class LiveClient:
 
 class _Again(Exception):
     """What was sent is to be sent again."""
-
-
-class _Batch(NamedTuple):
-    """Samples as they go out. sequence: its number.   n: samples in it."""
-
-    sequence: int
-    n: int
-    text: bytes
-
-
-class _Outbox:
-    """Samples that are not durable: waiting, then in batches that are not acknowledged.
-
-    `put` and `wait` are of the caller's thread, the others of the one that sends.
-    """
-
-    def __init__(self, most_values: int) -> None:
-        self._most_values = most_values
-        self._changed = threading.Condition()
-        self._waiting: deque[dict[str, float | None]] = deque()
-        self._open: dict[int, _Batch] = {}
-        self._unsent: deque[_Batch] = deque()
-        self._sequence = 0
-        self.n_put = self.n_durable = self.n_refused = 0
-        self.refusal = self._failure = ""
-
-    @property
-    def _n_open(self) -> int:
-        return self.n_put - self.n_durable - self.n_refused
-
-    @property
-    def is_full(self) -> bool:
-        """Whether no more may wait."""
-        return self._n_open >= MOST_WAITING
-
-    @property
-    def is_empty(self) -> bool:
-        """Whether nothing waits."""
-        return self._n_open == 0
-
-    def begin_after(self, last: int | None) -> None:
-        """Number batches from the one after `last`."""
-        self._sequence = 0 if last is None else last + 1
-
-    def put(self, sample: dict[str, float | None]) -> None:
-        """Take a sample, as soon as there is room. PushFailed."""
-        with self._changed:
-            self._changed.wait_for(lambda: self._failure or not self.is_full)
-            self._check()
-            self._waiting.append(sample)
-            self.n_put += 1
-
-    def wait(self, patience: float) -> bool:
-        """Wait until nothing waits; False where `patience` [s] went by without news. PushFailed."""
-        with self._changed:
-            while not self.is_empty:
-                self._check()
-                n_open = self._n_open
-                if not self._changed.wait(patience) and n_open == self._n_open:
-                    return False
-            self._check()
-            return self.n_refused == 0
-
-    def take(self) -> _Batch | None:
-        """The next batch to send; None where there is none."""
-        with self._changed:
-            if not self._unsent and self._waiting:
-                self._unsent.append(self._made())
-            return self._unsent.popleft() if self._unsent else None
-
-    def rewind(self) -> None:
-        """Send again what is not acknowledged, in order."""
-        with self._changed:
-            self._unsent = deque(self._open.values())
-
-    def acknowledge(self, sequence: int | None) -> None:
-        """A batch is durable."""
-        with self._changed:
-            if sequence is not None and (batch := self._open.pop(sequence, None)):
-                self.n_durable += batch.n
-                self._changed.notify_all()
-
-    def refuse(self, sequence: int, reason: str) -> None:
-        """A batch is none, and left out."""
-        with self._changed:
-            if batch := self._open.pop(sequence, None):
-                self.n_refused += batch.n
-                self.refusal = reason
-                self._changed.notify_all()
-
-    def fail(self, reason: str) -> None:
-        """Nothing goes on: tell who puts and waits."""
-        with self._changed:
-            self._failure = reason
-            self._changed.notify_all()
-
-    def _check(self) -> None:
-        if self._failure:
-            raise PushFailed(self._failure)
-
-    def _made(self) -> _Batch:
-        """A batch of what waits, as many samples as it may have; None of a name that one lacks."""
-        most = max(1, self._most_values // max(1, len(self._waiting[0])))
-        most = min(most, MOST_IN_BATCH, len(self._waiting))
-        samples = [self._waiting.popleft() for _ in range(most)]
-        names = dict.fromkeys(name for sample in samples for name in sample)
-        columns = {name: [sample.get(name) for sample in samples] for name in names}
-        text = msgspec.json.encode(columns | {"sequence": self._sequence})
-        batch = _Batch(self._sequence, len(samples), text)
-        self._open[batch.sequence] = batch
-        self._sequence += 1
-        return batch
 
 
 def _detail(answer: httpx2.Response) -> str:

@@ -1,0 +1,128 @@
+"""Samples on their way to a server: in batches, each there until it is acknowledged."""
+
+import threading
+from collections import deque
+from typing import NamedTuple
+
+import msgspec
+
+MOST_WAITING = 200_000
+"""Samples that are not durable yet; `send` waits where more would be."""
+MOST_IN_BATCH = 500
+"""Samples: the server takes 1000."""
+
+
+class PushFailed(OSError):
+    """Samples that cannot be pushed; one sentence: why, and what to do."""
+
+
+class OutgoingBatch(NamedTuple):
+    """Samples as they go out. sequence: its number.   n: samples in it."""
+
+    sequence: int
+    n: int
+    text: bytes
+
+
+class Outbox:
+    """Samples that are not durable: waiting, then in batches that are not acknowledged.
+
+    `put` and `wait` are of the caller's thread, the others of the one that sends.
+    """
+
+    def __init__(self, most_values: int) -> None:
+        self._most_values = most_values
+        self._changed = threading.Condition()
+        self._waiting: deque[dict[str, float | None]] = deque()
+        self._open: dict[int, OutgoingBatch] = {}
+        self._unsent: deque[OutgoingBatch] = deque()
+        self._sequence = 0
+        self.n_put = self.n_durable = self.n_refused = 0
+        self.refusal = self._failure = ""
+
+    @property
+    def _n_open(self) -> int:
+        return self.n_put - self.n_durable - self.n_refused
+
+    @property
+    def is_full(self) -> bool:
+        """Whether no more may wait."""
+        return self._n_open >= MOST_WAITING
+
+    @property
+    def is_empty(self) -> bool:
+        """Whether nothing waits."""
+        return self._n_open == 0
+
+    def begin_after(self, last: int | None) -> None:
+        """Number batches from the one after `last`."""
+        self._sequence = 0 if last is None else last + 1
+
+    def put(self, sample: dict[str, float | None]) -> None:
+        """Take a sample, as soon as there is room. PushFailed."""
+        with self._changed:
+            self._changed.wait_for(lambda: self._failure or not self.is_full)
+            self._check()
+            self._waiting.append(sample)
+            self.n_put += 1
+
+    def wait(self, patience: float) -> bool:
+        """Wait until nothing waits; False where `patience` [s] went by without news. PushFailed."""
+        with self._changed:
+            while not self.is_empty:
+                self._check()
+                n_open = self._n_open
+                if not self._changed.wait(patience) and n_open == self._n_open:
+                    return False
+            self._check()
+            return self.n_refused == 0
+
+    def take(self) -> OutgoingBatch | None:
+        """The next batch to send; None where there is none."""
+        with self._changed:
+            if not self._unsent and self._waiting:
+                self._unsent.append(self._made())
+            return self._unsent.popleft() if self._unsent else None
+
+    def rewind(self) -> None:
+        """Send again what is not acknowledged, in order."""
+        with self._changed:
+            self._unsent = deque(self._open.values())
+
+    def acknowledge(self, sequence: int | None) -> None:
+        """A batch is durable."""
+        with self._changed:
+            if sequence is not None and (batch := self._open.pop(sequence, None)):
+                self.n_durable += batch.n
+                self._changed.notify_all()
+
+    def refuse(self, sequence: int, reason: str) -> None:
+        """A batch is none, and left out."""
+        with self._changed:
+            if batch := self._open.pop(sequence, None):
+                self.n_refused += batch.n
+                self.refusal = reason
+                self._changed.notify_all()
+
+    def fail(self, reason: str) -> None:
+        """Nothing goes on: tell who puts and waits."""
+        with self._changed:
+            self._failure = reason
+            self._changed.notify_all()
+
+    def _check(self) -> None:
+        if self._failure:
+            raise PushFailed(self._failure)
+
+    def _made(self) -> OutgoingBatch:
+        """A batch of what waits, as many samples as it may have; None of a name that one lacks."""
+        most = max(1, self._most_values // max(1, len(self._waiting[0])))
+        most = min(most, MOST_IN_BATCH, len(self._waiting))
+        samples = [self._waiting.popleft() for _ in range(most)]
+        names = dict.fromkeys(name for sample in samples for name in sample)
+        columns = {name: [sample.get(name) for sample in samples] for name in names}
+        text = msgspec.json.encode(columns | {"sequence": self._sequence})
+        batch = OutgoingBatch(self._sequence, len(samples), text)
+        self._open[batch.sequence] = batch
+        self._sequence += 1
+        return batch
