@@ -15,6 +15,7 @@ from filelock import FileLock, Timeout
 
 from app.http.bounded_protocol import BoundedHttp
 from app.http.direct_websocket import DirectWebSocket
+from app.http.refusals import Refusals
 from app.main import create_app
 from app.settings import Settings, SettingsError
 from app.store.database import address, file_of
@@ -37,7 +38,7 @@ class Server(uvicorn.Server):
 
     def __init__(self, app: FastAPI, opened: Opened | None = None) -> None:
         settings: Settings = app.state.settings
-        http: Any = partial(BoundedHttp, settings)
+        http: Any = partial(BoundedHttp, settings, Refusals())
         super().__init__(
             uvicorn.Config(
                 app,

@@ -2,10 +2,13 @@
 
 Bounded are the header's size and time, the time between requests, and how slowly a body comes.
 Time counts only while the server reads: one that is slow itself gives nobody up.
+
+An address whose requests are refused all the time is read slowly: its refused connections, and new
+ones, wait HELD_S before they are read further. What is not refused goes on as before.
 """
 
 import asyncio
-from typing import Any
+from typing import Any, ClassVar
 
 from uvicorn.protocols.http.httptools_impl import (
     STATUS_LINE,
@@ -14,18 +17,32 @@ from uvicorn.protocols.http.httptools_impl import (
 )
 
 from app.http.problems import Problem, problem_response
+from app.http.refusals import Refusals
 from app.settings import Settings
 
 SLOWEST_BODY = 4096
 """[bytes/s] A body that comes more slowly on the whole is given up."""
 
+PART = 16_384
+"""Bytes that are parsed at once: requests that are asked ahead of their answers take memory."""
+HELD_S = 1.0
+MOST_HELD = 200
+"""New connections that wait; more are dropped."""
+
 
 class BoundedHttp(HttpToolsProtocol):
     """A connection within the settings' `max_header_bytes`, `header_seconds`, `body_seconds`."""
 
-    def __init__(self, settings: Settings, **parts: Any) -> None:
+    _n_held: ClassVar[int] = 0
+    """New connections that wait, of the process."""
+
+    def __init__(self, settings: Settings, refusals: Refusals, **parts: Any) -> None:
         super().__init__(**parts)
-        self.settings = settings
+        self.settings, self._refusals = settings, refusals
+        self._behind, self.app = self.app, self._noting
+        self._address, self._status = "", 0
+        self._unread = b""
+        """What came behind requests that wait for their answers."""
         self._in_head = True
         self._begun = False
         self._plain = 0
@@ -38,7 +55,22 @@ class BoundedHttp(HttpToolsProtocol):
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
         """Begin to wait for the first header."""
         super().connection_made(transport)  # pyright: ignore[reportArgumentType]
-        self._expect_head()
+        self._address = self.client[0] if self.client else ""
+        if not self._refusals.are_many(self._address):
+            self._expect_head()
+        elif BoundedHttp._n_held < MOST_HELD:
+            BoundedHttp._n_held += 1
+            self.flow.pause_reading()
+            self.loop.call_later(HELD_S, self._let_in)
+        else:
+            self.transport.abort()
+
+    def _let_in(self) -> None:
+        """Read a connection that waited."""
+        BoundedHttp._n_held -= 1
+        if not self.transport.is_closing():
+            self.flow.resume_reading()
+            self._expect_head()
 
     def connection_lost(self, exc: Exception | None) -> None:
         """Wait for nothing more, and answer nothing more of what was asked ahead."""
@@ -50,17 +82,60 @@ class BoundedHttp(HttpToolsProtocol):
         super().connection_lost(exc)
 
     def data_received(self, data: bytes) -> None:
-        """Parse what came, no more at once than a header may have."""
+        """Parse what came, no more at once than a header may have, nor far ahead of the answers."""
         most = self.settings.max_header_bytes
+        data, self._unread = self._unread + data, b""
         while data and not self.transport.is_closing():
             if (current := self.transport.get_protocol()) is not self:
                 return current.data_received(data)  # pyright: ignore
             if self._plain >= most:
                 text = f"the header is too large: {most} bytes at most are read"
                 return self._refuse(431, text)
-            part, data = data[: most - self._plain], data[most - self._plain :]
+            if self.pipeline:
+                self._unread = data
+                return self.flow.pause_reading()
+            size = min(PART, most - self._plain)
+            part, data = data[:size], data[size:]
             self._parse(part)
         return None
+
+    def on_response_complete(self) -> None:
+        """Go on with the next request, after a while where most are refused."""
+        if 400 <= self._status < 500:
+            self._refusals.note(self._address)
+            if self._refusals.are_many(self._address):
+                self.flow.pause_reading()
+                self.loop.call_later(HELD_S, self._go_on)
+                return
+        self._go_on()
+
+    def _go_on(self) -> None:
+        """Answer what was asked ahead, and read what follows."""
+        super().on_response_complete()
+        if self._unread:
+            self.flow.pause_reading()
+            if not self.pipeline:
+                self.loop.call_soon(self._read_on)
+
+    def _read_on(self) -> None:
+        if not self.transport.is_closing():
+            self.flow.resume_reading()
+            self.data_received(b"")
+
+    def send_400_response(self, msg: str) -> None:
+        """Refuse what is no HTTP."""
+        self._refusals.note(self._address)
+        super().send_400_response(msg)
+
+    async def _noting(self, scope: Any, receive: Any, send: Any) -> None:
+        """Pass on; remember the status of the answer."""
+
+        async def noting(message: Any) -> None:
+            if message["type"] == "http.response.start":
+                self._status = message["status"]
+            await send(message)
+
+        await self._behind(scope, receive, noting)
 
     def _start_asgi_task(self, cycle: RequestResponseCycle, app: Any) -> None:
         self._answered = cycle

@@ -28,6 +28,10 @@ SETTLE_S = 2.0
 DRAIN_S = 60.0
 EVERY = 4
 TICK_S = 0.001
+ALARM_S = 4.0
+"""Into a run, the first source exceeds a limit; the others follow sample by sample."""
+BEYOND = 2.0
+"""Ny, far beyond its limit [g]."""
 SEQ = re.compile(rb'"seq":(\d+)')
 COUNT = re.compile(rb'"count":(\d+)')
 CONFLATED = re.compile(rb'"conflated":(\d+)')
@@ -118,6 +122,7 @@ class Watcher:
     def __init__(self, load: Load, path: str) -> None:
         self.load, self.socket = load, WebSocket(path, self.take)
         self._messages, self.newest = 0, -1
+        self.alarmed: set[float] = set()
 
     def take(self, text: bytes, now: float) -> None:
         load = self.load
@@ -142,12 +147,14 @@ class Watcher:
         elif text.startswith(b'{"type":"alarm"'):
             at = text.index(b'"t":') + 4
             t = float(text[at : text.index(b",", at)])
-            if t >= load.timed_from:
+            if b'"kind":"limit"' in text and t not in self.alarmed:
+                self.alarmed.add(t)
                 load.alarms_ms.append(1e3 * (now - t))
 
 
 async def push(load: Load, sources: list[WebSocket], rows: list[str]) -> None:
     """Send every source its samples as they are due, the sources evenly apart."""
+    alarming = json.dumps(dict.fromkeys(KEYS, 0.0) | {"Ny": BEYOND})[1:-1]
     start = time.monotonic() + 0.2
     load.timed_from = start + SETTLE_S
     shift, total = load.dt / len(sources), load.n * len(sources)
@@ -159,7 +166,8 @@ async def push(load: Load, sources: list[WebSocket], rows: list[str]) -> None:
             due = start + n * load.dt + i * shift
             if due > now:
                 break
-            text = f'{{"sequence":{n},"t":{due!r},{rows[n % len(rows)]}}}'
+            row = alarming if n == round(ALARM_S / load.dt) + i else rows[n % len(rows)]
+            text = f'{{"sequence":{n},"t":{due!r},{row}}}'
             sources[i].transport.write(masked(text.encode()))
             load.late_ms.append(1e3 * (now - due))
             load.sent += 1

@@ -7,6 +7,7 @@ import subprocess
 import sys
 import threading
 import time
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -116,3 +117,38 @@ def test_a_flood_of_nonsense_from_one_peer_starves_no_other(tmp_path: Path) -> N
     report(f"the same beside {sent[0]} datagrams of nonsense, {malformed} read", beside)
     assert beside["sent"] == beside["acknowledged"]
     assert malformed > 0.5 * sent[0]
+
+
+def flood_http(address: str, path: str, stop: threading.Event, sent: list[int]) -> None:
+    """Requests that are no batch, as fast as one connection takes them, answers unread but away."""
+    body = b"nonsense"
+    request = f"POST {path} HTTP/1.1\r\nHost: localhost\r\nContent-Length: {len(body)}\r\n\r\n"
+    ahead = 100 * (request.encode() + body)
+    host, port = address.removeprefix("http://").rsplit(":", 1)
+    with socket.create_connection((host, int(port))) as sender:
+        sender.settimeout(0.05)
+        while not stop.is_set():
+            with suppress(TimeoutError):
+                sent[0] += sender.send(ahead) // (len(ahead) // 100)
+                sender.recv(1 << 20)
+
+
+def test_a_flood_of_malformed_requests_from_one_peer_starves_no_other(tmp_path: Path) -> None:
+    with serving(tmp_path, dt=0.02) as server:
+        (flooded,) = start(server, 1)
+        alone = flown(server, start(server, 2), 4, 50.0)
+        path, stop, sent = f"/api/v1/flights/{flooded}/samples", threading.Event(), [0]
+        about = server.address, path, stop, sent
+        threads = [threading.Thread(target=flood_http, args=about) for _ in range(4)]
+        flights = start(server, 2)
+        for thread in threads:
+            thread.start()
+        beside = flown(server, flights, 4, 50.0)
+        stop.set()
+        for thread in threads:
+            thread.join()
+        malformed = server.client.get(path, timeout=30).json()["malformed"]
+    report("2 live flights", alone)
+    report(f"the same beside {sent[0]} malformed requests, {malformed} read", beside)
+    assert beside["sent"] == beside["acknowledged"]
+    assert beside["missing"] == 0

@@ -1,0 +1,83 @@
+"""A peer that is refused all the time: it is read slowly, and others as before."""
+
+from pathlib import Path
+
+import pytest
+
+from app.http import bounded_protocol, refusals
+from app.http.bounded_protocol import PART, BoundedHttp
+from app.http.refusals import MOST, MOST_ADDRESSES, WITHIN_S, Refusals
+from tests.app.http.test_bounded_protocol import GET, HOST, connected, read_ok, rest
+from tests.support.api import served
+
+FEW = 10
+WRONG = b"GET /api/v1/flights/none HTTP/1.1\r\n" + HOST + b"\r\n"
+
+
+def test_many_refusals_within_a_second_are_too_many(monkeypatch: pytest.MonkeyPatch) -> None:
+    now = [0.0]
+    monkeypatch.setattr(refusals.time, "monotonic", lambda: now[0])
+    noted = Refusals()
+    for _ in range(MOST - 1):
+        noted.note("a")
+    assert not noted.are_many("a")
+    noted.note("a")
+    assert noted.are_many("a")
+    assert not noted.are_many("b")
+    now[0] = WITHIN_S
+    assert not noted.are_many("a")
+    for k in range(MOST_ADDRESSES):
+        noted.note(str(k))
+    assert len(noted._times) == MOST_ADDRESSES
+
+
+def test_a_flood_of_refused_requests_waits_and_a_connection_that_asks_well_does_not(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(bounded_protocol, "HELD_S", 3600.0)
+    monkeypatch.setattr(refusals, "WITHIN_S", 3600.0)
+    monkeypatch.setattr(refusals, "MOST", FEW)
+    monkeypatch.setattr(BoundedHttp, "_n_held", 0)
+    with (
+        served(tmp_path) as (address, _),
+        connected(address) as flooding,
+        connected(address) as other,
+    ):
+        other.sendall(GET + b"\r\n")
+        read_ok(other, 1)
+        flooding.sendall(FEW * WRONG)
+        answers = b""
+        while answers.count(b"HTTP/1.1 404 ") < FEW:
+            answers += flooding.recv(65536)
+        flooding.sendall(WRONG)
+        with connected(address):
+            while BoundedHttp._n_held == 0:
+                other.sendall(GET + b"\r\n")
+                read_ok(other, 1)
+        flooding.setblocking(False)
+        with pytest.raises(BlockingIOError):
+            flooding.recv(65536)
+
+
+def test_who_was_held_is_read_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(bounded_protocol, "HELD_S", 0.01)
+    monkeypatch.setattr(refusals, "MOST", FEW)
+    with served(tmp_path) as (address, _), connected(address) as flooding:
+        flooding.sendall((FEW + 2) * WRONG + GET + b"Connection: close\r\n\r\n")
+        answers = rest(flooding)
+    assert answers.count(b"HTTP/1.1 404 ") == FEW + 2
+    assert answers.count(b"HTTP/1.1 200 ") == 1
+
+
+def test_requests_far_ahead_of_their_answers_are_not_parsed_yet(tmp_path: Path) -> None:
+    n = 3 * PART // len(GET)
+    most = 0
+    with served(tmp_path) as (address, server), connected(address) as eager:
+        eager.sendall(n * (GET + b"\r\n") + GET + b"Connection: close\r\n\r\n")
+        answers = b""
+        while some := eager.recv(4096):
+            answers += some
+            ahead = [len(one.pipeline) for one in [*server.server_state.connections]]
+            most = max(most, *ahead, 0)
+    assert answers.count(b"HTTP/1.1 200 ") == n + 1
+    assert most <= PART // len(GET) + 1
