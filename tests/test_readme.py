@@ -147,8 +147,10 @@ def test_the_pushes_of_the_readme_are_durable(server: LiveServer, tmp_path: Path
 
 def test_python_of_the_readme_runs(tmp_path: Path, monkeypatch, capsys: pytest.CaptureFixture):
     monkeypatch.chdir(tmp_path)
-    (code,) = blocks("From Python", "python")
-    exec(compile(code, "README.md", "exec"), {})
+    names: dict[str, Any] = {}
+    for code in blocks("From Python", "python"):
+        exec(compile(code, "README.md", "exec"), names)
+    assert names["monitor"].recipe == names["ahead"]
     assert "risk" in capsys.readouterr().out
 
 

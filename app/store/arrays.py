@@ -21,7 +21,10 @@ def to_blob(array: npt.NDArray) -> bytes:
 def from_blob(blob: bytes) -> npt.NDArray:
     """Unpack an array; StoreError where the blob is damaged."""
     try:
-        return np.load(io.BytesIO(blob), allow_pickle=False)
+        try:
+            return np.load(io.BytesIO(blob), allow_pickle=False)
+        except SystemError:  # CPython 3.11, where two threads parse at once, as numpy a header
+            return np.load(io.BytesIO(blob), allow_pickle=False)
     except (ValueError, EOFError) as error:
         raise Damaged(
             f"a stored array is damaged ({error}): restore the database from a backup"

@@ -50,11 +50,13 @@ class BadLine:
             asyncio.create_task(self._carry(near, far_out, left)),
             asyncio.create_task(self._carry(far, near_out, None)),
         ]
-        await asyncio.wait(both, return_when=asyncio.FIRST_COMPLETED)
-        for task in both:
-            task.cancel()
-        for writer in (near_out, far_out):
-            writer.transport.abort()
+        try:
+            await asyncio.wait(both, return_when=asyncio.FIRST_COMPLETED)
+        finally:  # also where the line is taken away under it
+            for task in both:
+                task.cancel()
+            for writer in (near_out, far_out):
+                writer.transport.abort()
 
     async def _carry(
         self, come: asyncio.StreamReader, go: asyncio.StreamWriter, left: int | None

@@ -3,6 +3,7 @@
 from collections.abc import Iterator
 from dataclasses import fields, replace
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 import pytest
@@ -188,6 +189,23 @@ def test_python_objects_are_neither_stored_nor_read() -> None:
     pickled = np.array([1.0]).dumps()
     with pytest.raises(StoreError, match="damaged"):
         from_blob(pickled)
+
+
+def test_an_array_is_read_again_where_the_interpreter_stumbled_over_its_header(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    load, tries = np.load, []
+
+    def stumble_once(*arguments: Any, **options: Any) -> Any:
+        tries.append(1)
+        if len(tries) == 1:
+            raise SystemError("AST constructor recursion depth mismatch (before=54, after=51)")
+        return load(*arguments, **options)
+
+    blob = to_blob(np.arange(3))
+    monkeypatch.setattr(np, "load", stumble_once)
+    assert from_blob(blob).tolist() == [0, 1, 2]
+    assert len(tries) == 2
 
 
 def test_blocks_that_do_not_add_up_are_refused() -> None:
