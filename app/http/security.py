@@ -8,7 +8,7 @@ import math
 import re
 import socket
 from collections import deque
-from collections.abc import Awaitable, Callable, Mapping, MutableMapping
+from collections.abc import Awaitable, Callable, Coroutine, Mapping, MutableMapping
 from dataclasses import dataclass, field
 from functools import partial
 from ipaddress import ip_address
@@ -38,6 +38,8 @@ Application = Callable[[Scope, Receive, Send], Awaitable[None]]
 HOST = re.compile(r"(?:\[([0-9A-Fa-f:.]+)\]|([0-9A-Za-z._-]+))(?::[0-9]{0,5})?")
 PULSE = "/healthz"
 """Answered without a token: a probe learns nothing from it."""
+EVENTS = "/events"
+"""How the path of a stream of events ends."""
 REFUSED, SESSION_OVER = 4403, 4401
 OVER = "the session or its token is over: log in again"
 MOST_READ_AHEAD = 16
@@ -123,7 +125,9 @@ class Guard:
             return await self._refuse(refusal, scope, receive, send)
         send = _noted(send, partial(self.audit.note_answer, connection, person))
         if scope["type"] == "http":
-            return await self.app(scope, receive, send)
+            if not scope["path"].endswith(EVENTS):
+                return await self.app(scope, receive, send)
+            return await self._stream(self._wait_for_end(admission, session), scope, receive, send)
         over = asyncio.ensure_future(self._wait_for_end(admission, session))
         watched = _Watched(over, receive, send)
         try:
@@ -196,6 +200,30 @@ class Guard:
         has = f"{person.name} has the role {person.role}"
         text = f"the role {needed} is needed, {has}: {method} {path}"
         raise Refusal(403, text, "role", {"needed": needed, "role": person.role})
+
+    async def _stream(
+        self, end: Coroutine[Any, Any, None], scope: Scope, receive: Receive, send: Send
+    ) -> None:
+        """Pass on a stream of events, which ends when what let it in does."""
+        is_open = False
+
+        async def sending(message: Message) -> None:
+            nonlocal is_open
+            is_open = message["type"] == "http.response.start" or message.get("more_body", False)
+            await send(message)
+
+        over = asyncio.ensure_future(end)
+        work = asyncio.ensure_future(self.app(scope, receive, sending))
+        try:
+            await asyncio.wait((over, work), return_when=asyncio.FIRST_COMPLETED)
+        finally:
+            for task in (over, work):
+                task.cancel()
+            await asyncio.wait((over, work))
+        if not work.cancelled():
+            work.result()
+        elif is_open:
+            await send({"type": "http.response.body", "body": b""})
 
     async def _wait_for_end(self, admission: Admission, session: str) -> None:
         """Return once a token lets in no more, or the session that it began is over."""

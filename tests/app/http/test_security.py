@@ -235,6 +235,34 @@ def test_a_websocket_ends_with_its_session(ends: str) -> None:
     assert told_route["type"] == "websocket.disconnect"
 
 
+@pytest.mark.parametrize("by_token", [True, False], ids=["with its token", "by itself"])
+def test_a_stream_of_events_ends_with_its_token(by_token: bool) -> None:
+    admission, told = Admission(Person("Ann", "viewer")), []
+    sessions = Sessions(60.0)
+    key = sessions.begin(admission)
+    before = {"type": "http.response.start", "status": 200, "headers": []}
+    event = {"type": "http.response.body", "body": b"data: 1", "more_body": True}
+    last = {"type": "http.response.body", "body": b""}
+
+    async def route(scope: Any, receive: Any, send: Any) -> None:
+        await send(before)
+        await send(event)
+        if by_token:
+            admission.over.set()
+            await asyncio.Event().wait()
+        await send(last)
+
+    async def send(message: Any) -> None:
+        told.append(message)
+
+    headers = [(b"host", b"127.0.0.1"), (b"cookie", f"{COOKIE}={key}".encode())]
+    scope = {"type": "http", "method": "GET", "path": "/api/v1/jobs/j/events"}
+    scope |= {"headers": headers, "query_string": b""}
+    guard = Guard(route, Settings(token=TOKEN), People(TOKEN), sessions, Audit())
+    asyncio.run(asyncio.wait_for(guard(scope, asyncio.Event().wait, send), 30))  # pyright: ignore
+    assert told == [before, event, last]
+
+
 def test_another_site_logs_nobody_out(guarded):
     logged_in(guarded)
     problem(guarded.post("/logout", headers={"sec-fetch-site": "cross-site"}), 403)
