@@ -225,6 +225,9 @@ class LimitsStatus(Message):
         description="by channel; null where it cannot be told which hold"
     )
     reason: str = Field(description="why it cannot be told; empty where it can")
+    since: float | None = Field(
+        description="[s] of the sample before the first one that these hold for; null for all"
+    )
     fixed: dict[str, float] = Field(description="flight conditions that are declared")
     seq: int = Field(description="first sample that this version holds for")
     t: float = Field(description="[s] of the sample before; 0 before the first")

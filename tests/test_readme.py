@@ -97,12 +97,13 @@ def flown(server: LiveServer, **source: Any) -> str:
     return answer.json()["id"]
 
 
-def test_the_curl_script_of_the_readme_pushes_two_batches(server: LiveServer):
-    (script,) = blocks("Live flights", "sh")
+def test_the_curl_scripts_of_the_readme_push_batches_and_change_limits(server: LiveServer):
+    script = "\n".join(blocks("Live flights", "sh"))
     script = script.replace("http://127.0.0.1:8000", server.url)
     run = subprocess.run(["bash", "-ec", script], stdout=subprocess.PIPE, text=True, check=True)
     answers = json.loads(f"[{run.stdout.replace('}{', '},{')}]")
-    first, second, status, ended = answers
+    first, second, status, ended, third, limits, _ = answers
+    assert (third["accepted"], limits["case"], limits["limits"]["Ny"]) == (1, "from M 0.8 on", 0.4)
     assert (first["accepted"], second["accepted"], second["repeated"]) == (1, 2, False)
     assert status["last_sequence"] == 1
     kinds = re.findall(r"^\| `(\w+)` \|", SECTIONS["Live flights"], re.MULTILINE)

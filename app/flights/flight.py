@@ -119,6 +119,7 @@ class Flight(ABC):
         self.markers = FlightMarkers()
         self.limits_at_hand: list[LimitsInForce] = []
         self._ruling: Ruling | None = None
+        self._held_since: float | None = None
         self.is_over = False
         self.t = 0.0
         self.state, self.reason, self._late = State.WARMING_UP, "no sample has come yet", ""
@@ -181,7 +182,7 @@ class Flight(ABC):
     @property
     def limits(self) -> LimitsStatus | None:
         """Which limits hold; None where the monitor's own do."""
-        return None if self._ruling is None else status_of(self._ruling)
+        return None if self._ruling is None else status_of(self._ruling, self._held_since)
 
     @property
     def live(self) -> LiveStatus | None:
@@ -281,9 +282,9 @@ class Flight(ABC):
         """Tell everyone which limits hold, where that changed."""
         if ruling is self._ruling or ruling is None:
             return
-        self._ruling = ruling
-        channels = limited_channels(ruling.specification)
-        self._tell(LimitsChange(limits=status_of(ruling), channels=channels).encode())
+        self._ruling, self._held_since = ruling, self.t if self.head >= 0 else None
+        channels, told = limited_channels(ruling.specification), status_of(ruling, self._held_since)
+        self._tell(LimitsChange(limits=told, channels=channels).encode())
 
     @property
     def _specification(self) -> Specification:

@@ -51,12 +51,11 @@ def _serving(monitor: Monitor, limits: Limits, stored: list[MonitorInfo]) -> str
     return f"monitor{'s' * (len(named) > 1)} {' or '.join(named)} would serve"
 
 
-def status_of(ruling: Ruling) -> LimitsStatus:
-    """Which limits hold, as it is sent."""
+def status_of(ruling: Ruling, since: float | None) -> LimitsStatus:
+    """Which limits hold, as it is sent. since: [s] of the sample before; None for all samples."""
     limits: Any = specification_to_plain(ruling.specification)
-    return LimitsStatus(
-        case=ruling.case, limits=limits, reason=ruling.reason, **_about(ruling.in_force)
-    )
+    told = {"case": ruling.case, "limits": limits, "reason": ruling.reason, "since": since}
+    return LimitsStatus(**told, **_about(ruling.in_force))
 
 
 def to_store(in_force: LimitsInForce) -> FlightLimits:

@@ -144,15 +144,15 @@ class LimitsRule:
     def _made(self, key: int | str) -> Ruling:
         in_force = self.in_force
         if isinstance(key, str):
-            reason = f"{LIMITS_UNKNOWN}: {key} ({in_force.words})"
+            reason = f"{LIMITS_UNKNOWN}: {key}"
             return Ruling(in_force, None, "", (reason,) * len(self._own))
         case = in_force.limits.cases[key]
         magnitudes = case.limits.magnitudes
         reasons = tuple(
             ""
             if own is not None and np.array_equal(own, magnitudes)
-            else f"{NOT_APPLICABLE}: {words_of(magnitudes)} in force ({in_force.words}, "
-            f"{case.name}), the monitor warns of {words_of(own)}; {in_force.serving[key]}"
+            else f"{NOT_APPLICABLE}: {words_of(magnitudes)} in force, the monitor warns of "
+            f"{words_of(own)}; {in_force.serving[key]}"
             for own in self._own
         )
         return Ruling(in_force, magnitudes, case.name, reasons, case.limits)

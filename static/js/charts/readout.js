@@ -12,6 +12,7 @@
  *   cursorsText({a, b}, cursor) -> string     their times [s], and the difference of A and B
  *   symbolNodes(symbol) -> Node[]     "N_y" as N with subscript y
  *   shownState({state, reason}) -> string    "not_assessed" BETWEEN the manoeuvres of a recording
+ *   withdrawnWord(reason) -> string | null    "NOT APPLICABLE" or "LIMITS UNKNOWN", of an invalid sample
  *   STATE_WORDS                       what each state is called on screen
  */
 
@@ -36,8 +37,14 @@ export function shownState({ state, reason }) {
   return state === "invalid" && reason === BETWEEN ? "not_assessed" : state;
 }
 
+const WITHDRAWN = ["not applicable", "limits unknown"]; // what reasons begin with, as the server words them
+
+export function withdrawnWord(reason = "") {
+  return WITHDRAWN.find((words) => reason.startsWith(words))?.toUpperCase() ?? null;
+}
+
 export function createReadout(element, strip) {
-  const { symbol, label, limit, risk } = strip;
+  const { symbol, label, risk } = strip;
   const read = (number) => reading(strip, number);
   element.classList.add("readout");
   const line = child(element, "div", "readout-reading");
@@ -63,7 +70,7 @@ export function createReadout(element, strip) {
     element.dataset.state = now.state;
     element.toggleAttribute("data-alert", known && now.alert);
     element.toggleAttribute("data-exceeded", now.exceeded !== null);
-    element.toggleAttribute("data-over", known && limit !== null && Math.abs(now.value) >= limit);
+    element.toggleAttribute("data-over", known && strip.limit !== null && Math.abs(now.value) >= strip.limit);
     latch.hidden = now.exceeded === null;
     badge.hidden = latch.hidden && !(known && now.alert);
     put(badge, latch.hidden ? "ALERT" : "LIMIT");

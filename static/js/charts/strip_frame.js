@@ -15,7 +15,8 @@
  *   triangle(x, up), line(x, colour, dash, thick)
  *   cursors({x, cursor, marks})      the cursor, A and B
  *   flags({flags, x, width})         moments of this channel, or of all: [{key | null, t, word, colour, thin}]; the word of all stands on the risk's strip
- *   thresholds(epsilon, plot), labels(epsilon)      limits or epsilon: in the plot, in the gutter
+ *   thresholds(epsilon, plot, held), labels(epsilon)      limits or epsilon: in the plot, in the gutter
+ *     held: [{limit, left, right}] what held from where to where [px], where the limit changed; else all along
  */
 
 import { figure } from "../lib/numbers.js";
@@ -144,17 +145,22 @@ export function createStripFrame(canvas, strip) {
     pen.setLineDash([]);
   }
 
-  function thresholds(epsilon, plot) {
-    const colour = strip.risk ? own.palette.epsilon : own.palette.limit;
-    for (const value of levels(epsilon)) {
-      const at = Math.round(y(value));
-      const outside = value < 0 ? own.height - at : at;
-      pen.globalAlpha = 0.07;
-      pen.fillStyle = colour;
-      if (!strip.risk) pen.fillRect(0, value < 0 ? at : 0, plot, outside);
-      pen.globalAlpha = 1;
-      pen.fillRect(0, at - 0.75, plot, 1.5);
+  function thresholds(epsilon, plot, held = null) {
+    for (const value of held === null ? levels(epsilon) : []) threshold(value, 0, plot);
+    for (const { limit, left, right } of held ?? []) {
+      const [from, to] = [Math.max(0, left), Math.min(plot, right)];
+      if (limit !== null && from < to) for (const value of [limit, -limit]) threshold(value, from, to - from);
     }
+  }
+
+  function threshold(value, left, width) {
+    const at = Math.round(y(value));
+    const outside = value < 0 ? own.height - at : at;
+    pen.globalAlpha = 0.07;
+    pen.fillStyle = strip.risk ? own.palette.epsilon : own.palette.limit;
+    if (!strip.risk) pen.fillRect(left, value < 0 ? at : 0, width, outside);
+    pen.globalAlpha = 1;
+    pen.fillRect(left, at - 0.75, width, 1.5);
   }
 
   function levels(epsilon) {

@@ -31,6 +31,11 @@ export function createValueAxis({ limit = null, factor = 1, leastHeight = 0.02, 
     roomy: false,
     fit,
     share,
+    setLimit: (given) => {
+      limit = given;
+      target = range(target.low, target.high);
+      axis.moving = true;
+    },
   };
 
   function range(low, high) {

@@ -30,7 +30,7 @@ import { sentence } from "../lib/monitor_warnings.js";
 import { riskText } from "../lib/numbers.js";
 import { magnitudeIn, quantity } from "../lib/units.js";
 import { errorLine } from "../lib/view_states.js";
-import { CAUTION_WORDS, waitingOf } from "./panels.js";
+import { CAUTION_WORDS, cautionText, waitingOf } from "./panels.js";
 
 const GOES_ON = {
   exceeding: "LIMIT EXCEEDED, it continues, acknowledged",
@@ -105,11 +105,11 @@ export function createAlarmPanel(element, { tone, acknowledge }) {
   /** Of the first of several of a kind, as the headline says it too; `others` wait beside them. */
   function words(alike, others) {
     const first = alike.reduce((one, next) => (next.t < one.t ? next : one));
-    const { t, p_value: risk, kind, exceedance, reason: why } = first;
+    const { t, p_value: risk, kind, exceedance } = first;
     const value = risk === null ? "" : ` ${riskText(risk, flight.epsilon)}`;
     const at = alike.length > 1 ? `first at ${t.toFixed(2)} s, ${alike.length} alarms` : `at ${t.toFixed(2)} s`;
     const more = others > 0 ? `, ${others} more` : "";
-    if (kind in CAUTION_WORDS) return [`${CAUTION_WORDS[kind]} ${at}: ${why}${more}`];
+    if (kind in CAUTION_WORDS) return [`${cautionText(first, ` ${at}`)}${more}`];
     if (kind === "limit") return [`LIMIT EXCEEDED ${at}: `, ...measured(exceedance), more];
     const lead = Number(flight.lead.toFixed(3));
     const what = `ALERT ${at}: risk${value} > ε ${flight.epsilon}, warns ${lead} s before `;

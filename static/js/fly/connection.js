@@ -8,7 +8,7 @@
  *   createConnection(flight, on) -> Connection
  *     on.hello(hello, again)       again: the page already shows this flight
  *     on.frames(frames, message)   new samples, oldest first, each once
- *     on.state(message), on.status(headline), on.alarm(alarm), on.marker(marker), on.transport(transport), on.live(live), on.heartbeat(message)
+ *     on.state(message), on.status(headline), on.alarm(alarm), on.marker(marker), on.transport(transport), on.live(live), on.limits(message), on.heartbeat(message)
  *     on.reset({seq, t})           the next frame does not follow the last one: clear the strips
  *     on.link(link)                "connecting" | "open" | "silent" (a heartbeat is missed) | "lost" | "over"
  *     on.over(reason)              the flight is not under way any more; nothing follows
@@ -170,6 +170,7 @@ export function createConnection(flight, on, { Socket = WebSocket } = {}) {
     marker: (message) => on.marker?.(message.marker),
     transport: (message) => on.transport?.(message.transport),
     live: (message) => on.live?.(message.live),
+    limits: (message) => on.limits?.(message),
     end: (message) => finish(message.reason),
   };
 

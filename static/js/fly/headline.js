@@ -16,7 +16,7 @@
  *   LEVEL_OF {level: data-level}, MARKS {level: sign}
  */
 
-import { shownState } from "../charts/readout.js";
+import { shownState, withdrawnWord } from "../charts/readout.js";
 
 const WORST_FIRST = ["exceeding", "alarm", "risk", "stale", "invalid", "caution", "warming_up", "not_calibrated", "exceeded", "ok"];
 const NOW = ["exceeding", "risk"]; // what a stale sample cannot show
@@ -66,7 +66,8 @@ export function resultOf({ verdict, progress, reason, mode, head, ...headline })
 }
 
 export function wordOf(status, reason = "") {
-  return FACES[status === "invalid" ? shownState({ state: status, reason }) : status].word;
+  const withdrawn = status === "invalid" ? withdrawnWord(reason) : null;
+  return withdrawn ?? FACES[status === "invalid" ? shownState({ state: status, reason }) : status].word;
 }
 
 export function besideOf({ status, beside, exceeded_t: t }, reason = "") {

@@ -15,6 +15,7 @@ import { askToConfirm, state as stateOf } from "../lib/view_states.js";
 import { createAlarmPanel } from "./alarm_panel.js";
 import { createAssessmentDisplay } from "./assessment_display.js";
 import { createConnection } from "./connection.js";
+import { createFlightLimits } from "./flight_limits.js";
 import { createFlightMarkers, markerEvent, markerFlag } from "./flight_markers.js";
 import { LEVEL_OF, textOf } from "./headline.js";
 import { acknowledgementOf, alertText, createFlightPanels, exceedanceText, limitsOf, recordedFlag, sourceText } from "./panels.js";
@@ -51,6 +52,7 @@ export function showLiveFlight(element, { id, api, over }) {
     { buttons: panels.calls, last: panels.marker },
     { set: (kind) => api.post(`${path}/markers`, { kind }), heard: () => tone.caution() },
   );
+  const limits = createFlightLimits(panels.limits, { api, path });
   panels.transport.prepend(panels.calls);
   panels.events.prepend(panels.marker);
   const scene = createSceneFrame(panels.scene, id);
@@ -81,6 +83,7 @@ export function showLiveFlight(element, { id, api, over }) {
     marker: onMarker,
     transport: onTransport,
     live: onLive,
+    limits: onLimits,
     heartbeat: onHeartbeat,
     reset: onReset,
     link: onLink,
@@ -98,6 +101,9 @@ export function showLiveFlight(element, { id, api, over }) {
     }
     if (hello.head < display.seq) forgetFrom(hello.head);
     alarm.describe({ epsilon, lead, warnings, limits: limitsOf(channels), channels });
+    if (again) display.chart.setLimits(channels, hello.limits?.since ?? -Infinity);
+    else if (Number.isFinite(hello.limits?.since)) display.chart.holdFrom(hello.limits.since);
+    limits.show(hello.limits, channels);
     onTransport(hello.transport);
     if (hello.live) onLive(hello.live);
     display.setAssessment({ state, reason: why }, true);
@@ -169,6 +175,16 @@ export function showLiveFlight(element, { id, api, over }) {
     events.add(markerEvent(marker));
     display.chart.flag(markerFlag(marker));
     markEvents();
+  }
+
+  /** Others hold from the next sample on, by hand or by the flight condition. */
+  function onLimits({ limits: inForce, channels }) {
+    hello.channels = channels;
+    const { since } = inForce;
+    display.chart.setLimits(channels, since ?? -Infinity);
+    limits.show(inForce, channels);
+    events.add(limits.event(inForce, since));
+    display.chart.flag({ key: null, t: since ?? inForce.t, word: inForce.limits === null ? "limits unknown" : "limits", colour: "caution" });
   }
 
   function onHeartbeat({ problem, lost }) {

@@ -2,11 +2,12 @@
  * The panels of a flight on the page: strips, scene, gauge, alarm line, events, status, transport.
  *
  * Exports
- *   createFlightPanels(element) -> {status, strips, alarm, problem, address, scene, lost, gauge, ahead, notice, events, calls, marker, live, transport: elements}
+ *   createFlightPanels(element) -> {status, strips, alarm, problem, address, scene, lost, gauge, ahead, notice, limits, events, calls, marker, live, transport: elements}
  *     problem, address, live: of a live flight; the last is put into the transport there
  *   windowOf({duration, lead}) -> s     width of the strips: a short flight fills them
  *   limitsOf(channels) -> Node[]        "|N_y| 0.5 g", of the limited channels
  *   CAUTION_WORDS {kind: word}          of the alarms that are no warnings
+ *   cautionText({kind, reason}, at) -> string    "NOT APPLICABLE at 3.4 s: ..."; at: when, in words
  *   waitingOf(alarms) -> {warnings, cautions}    those that nobody acknowledged
  *   alertText(alarm, epsilon, channels) -> string, exceedanceText({key, value, judged}, channels) -> string
  *   acknowledgementOf(alarm) -> event    when it was acknowledged, and of which alarm
@@ -14,7 +15,7 @@
  *   sourceText(source, name) -> string
  */
 
-import { symbolNodes } from "../charts/readout.js";
+import { symbolNodes, withdrawnWord } from "../charts/readout.js";
 import { h } from "../lib/dom.js";
 import { riskText } from "../lib/numbers.js";
 import { magnitudeIn, quantity } from "../lib/units.js";
@@ -25,10 +26,17 @@ const NARROWEST = 5; // s
 
 export const CAUTION_WORDS = { invalid: "VALIDITY LOST", stale: "STALE" };
 
+export function cautionText({ kind, reason }, at = "") {
+  const withdrawn = kind === "invalid" ? withdrawnWord(reason) : null;
+  const why = withdrawn === null ? reason : reason.slice(withdrawn.length + 2);
+  return `${withdrawn ?? CAUTION_WORDS[kind]}${at}: ${why}`;
+}
+
 export function createFlightPanels(element) {
   const part = (tag, name, ...children) => h(tag, { class: name }, ...children);
   const panels = {
     status: h("section", { "aria-label": "Status" }),
+    limits: h("p", { "aria-label": "Limits in force", hidden: true }),
     notice: h("div", { class: "notice", role: "status", hidden: true }),
     alarm: h("section", { "aria-label": "Alarm" }),
     problem: h("p", { class: "live-problem", role: "alert", hidden: true }),
@@ -44,7 +52,7 @@ export function createFlightPanels(element) {
     marker: h("p", { class: "marker-last", role: "alert", hidden: true }),
     transport: h("section", { "aria-label": "Transport" }),
   };
-  const left = part("div", "strips-column", panels.alarm, panels.problem, panels.notice, panels.address, panels.strips);
+  const left = part("div", "strips-column", panels.alarm, panels.problem, panels.notice, panels.limits, panels.address, panels.strips);
   const right = part("div", "side-column", part("div", "scene-cell", panels.scene, panels.lost), part("section", "gauge-panel", panels.gauge, panels.ahead), panels.events);
   const view = part("div", "flight", h("h1", { class: "visually-hidden" }, "Flight"), panels.status, part("div", "fly", left, right), panels.transport);
   element.replaceChildren(view);
@@ -65,8 +73,9 @@ export function limitsOf(channels) {
   ]);
 }
 
-export function alertText({ kind, reason, p_value: risk, exceedance }, epsilon, channels) {
-  if (kind in CAUTION_WORDS) return `${CAUTION_WORDS[kind].toLowerCase()}: ${reason}`;
+export function alertText(alarm, epsilon, channels) {
+  const { kind, p_value: risk, exceedance } = alarm;
+  if (kind in CAUTION_WORDS) return cautionText(alarm).replace(/^[A-Z ]+/, (word) => word.toLowerCase());
   if (exceedance) {
     return exceedanceText({ ...exceedance, key: exceedance.channel }, channels);
   }

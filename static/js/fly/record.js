@@ -15,6 +15,7 @@ import { needs } from "../lib/me.js";
 import { warningLines } from "../lib/monitor_warnings.js";
 import { startFlight } from "../lib/start_flight.js";
 import { askToConfirm, state } from "../lib/view_states.js";
+import { putLines } from "./flight_limits.js";
 import { markerEvent, markerFlag, markerText } from "./flight_markers.js";
 import { LEVEL_OF, resultOf } from "./headline.js";
 import { beginningEvent, beginningFlag, lossText } from "./live_panel.js";
@@ -100,13 +101,14 @@ export function showFlightRecord(element, { flight, why, api, navigate }) {
 
   async function load() {
     panels.strips.replaceChildren(state("loading", "Reading the record", ""));
-    const [catalog, monitor, alarms, frames, markers] = await Promise.all([
-      api.get("/catalog"), api.get(`/monitors/${flight.monitor}`), api.get(`${path}/alarms`), readFrames(), marked,
+    const [catalog, monitor, alarms, frames, markers, put] = await Promise.all([
+      api.get("/catalog"), api.get(`/monitors/${flight.monitor}`), api.get(`${path}/alarms`), readFrames(), marked, api.get(`${path}/limits`),
     ]);
     if (closed) return;
     shown.monitor = monitor.name;
     status.update(shown);
-    const limits = monitor.dataset_recipe.specification ?? {};
+    const limits = put.length > 0 ? {} : (monitor.dataset_recipe.specification ?? {}); // those that changed: as events and alarms say
+    panels.notice.append(...putLines(put));
     const channels = catalog.channels.map((channel) => ({ ...channel, limit: limits[channel.key] ?? null }));
     const { passes, longest } = longestPass(frames);
     if (longest.length === 0) {
@@ -120,6 +122,10 @@ export function showFlightRecord(element, { flight, why, api, navigate }) {
       if (alarm.acknowledged) found.push(acknowledgementOf(alarm));
       const flag = recordedFlag(alarm);
       if (flag) chart.flag(flag);
+    }
+    for (const { name, version, t, by } of put) {
+      found.push({ t, text: `limits in force: ${name} version ${version}, by ${by}`, seen: true });
+      chart.flag({ key: null, t, word: "limits", colour: "caution" });
     }
     for (const begun of flight.live?.begun ?? []) {
       found.push(beginningEvent(begun));

@@ -15,7 +15,7 @@
  *   draw(stale)           stale: nothing that is shown is of now
  */
 
-import { shownState, STATE_WORDS } from "../charts/readout.js";
+import { shownState, STATE_WORDS, withdrawnWord } from "../charts/readout.js";
 import { h, put } from "../lib/dom.js";
 import { formatTime, riskText } from "../lib/numbers.js";
 
@@ -81,7 +81,8 @@ function rowOf(monitor, position) {
 function show({ monitor, line, value, bar }, { state, reason, p_value: risk, alert }) {
   const assessed = state === "ok" && Number.isFinite(risk);
   const over = assessed && alert === true;
-  const words = state === "ok" ? "NOT ASSESSED" : (STATE_WORDS[state] ?? state);
+  const withdrawn = state === "invalid" ? withdrawnWord(reason) : null;
+  const words = state === "ok" ? "NOT ASSESSED" : (withdrawn ?? STATE_WORDS[state] ?? state);
   put(value, assessed ? `${over ? "▲ above " : ""}${riskText(risk, monitor.alert_above)}` : words);
   const title = assessed ? "" : reason;
   if (value.title !== title) value.title = title;

@@ -13,6 +13,7 @@ import { warningLines, warningMark, warningsAt, warningWords } from "../lib/moni
 import { startFlight } from "../lib/start_flight.js";
 import { errorLine, state } from "../lib/view_states.js";
 import { guarantee } from "./alarm_panel.js";
+import { createLimitChoice } from "./flight_limits.js";
 import { resultOf } from "./headline.js";
 import { sourceText } from "./panels.js";
 
@@ -134,6 +135,10 @@ function startForm({ monitors, datasets, recordings, query, api, navigate }) {
   const go = h("button", { class: "button button-primary" }, "Start the flight");
   const chosen = () => monitors.find(({ id }) => id === monitor.value);
   const display = createDisplayChoice(monitors);
+  const limits = createLimitChoice(api, "the monitor's own");
+  limits.ready.then((n) => {
+    limits.element.hidden = n === 0;
+  });
   let epsilonOf = "";
   let warned = ""; // the monitor and the epsilon that the warnings are of
 
@@ -189,7 +194,7 @@ function startForm({ monitors, datasets, recordings, query, api, navigate }) {
       simulated: () => ({ kind: "simulated", seed: Number(seed.value), outcome: outcome.value }),
     };
     try {
-      await startFlight({ api, navigate }, { source: sources[kind.value](), monitor: monitor.value, monitors: display.chosen(), epsilon: Number(epsilon.value) });
+      await startFlight({ api, navigate }, { source: sources[kind.value](), monitor: monitor.value, monitors: display.chosen(), ...limits.chosen(), epsilon: Number(epsilon.value) });
     } catch (error) {
       failure.show(reason(error));
       go.disabled = false;
@@ -203,6 +208,7 @@ function startForm({ monitors, datasets, recordings, query, api, navigate }) {
     h("h1", {}, "Start a flight"),
     field("Monitor", monitor, warnings),
     display.element,
+    limits.element,
     h("div", { class: "field" },
       h("fieldset", { class: "source-choice" }, h("legend", {}, "Source"), kind.labels),
       h("p", { class: "hint" }, "A fresh simulated flight, a stored rollout, or samples as a range sends them. To replay a recording, open it on the ", h("a", { href: "#/recordings" }, "Recordings page"), ".")),

@@ -4,7 +4,8 @@
  *
  * Exports
  *   createIntake({ring, channels, strips, flight, onExceedance}) -> Intake
- *     strips: [{key, symbol, series, forecast, limit}]   flight: {dt} [s]
+ *     strips: [{key, symbol, series, forecast, limit, held}]; held: [{from, limit}] after what time [s] which
+ *     limit holds, where it changed   flight: {dt} [s]
  *
  * Intake
  *   push(frames) -> how many were stored
@@ -44,8 +45,9 @@ export function createIntake({ ring, channels, strips, flight, onExceedance }) {
     seq = frame.seq ?? null;
     for (const strip of strips) {
       const value = row[strip.series];
-      if (strip.limit === null || Number.isNaN(value)) continue;
-      if (Math.abs(value) >= strip.limit) latch(strip, frame.t, value);
+      const limit = limitAt(strip, frame.t);
+      if (limit === null || Number.isNaN(value)) continue;
+      if (Math.abs(value) >= limit) latch(strip, frame.t, value);
       else release(strip.key);
     }
   }
@@ -101,6 +103,11 @@ export function createIntake({ ring, channels, strips, flight, onExceedance }) {
       seq = null;
     },
   };
+}
+
+/** The limit that held for a sample of t [s]. */
+function limitAt({ held, limit }, t) {
+  return held === undefined ? limit : (held.findLast(({ from }) => t > from)?.limit ?? null);
 }
 
 function number(value) {

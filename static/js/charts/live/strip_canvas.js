@@ -48,10 +48,13 @@ export function createStripCanvas(canvas, strip) {
     for (const band of frame.bands) drawBand(band);
     lastMark = -Infinity;
     for (const band of frame.bands) drawWord(band); // under the trace, which no word may hide
-    face.thresholds(frame.epsilon, frame.width);
+    const held = heldOf(strip);
+    face.thresholds(frame.epsilon, frame.width, held?.map(({ limit, from, to }) => ({ limit, left: frame.x(from), right: frame.x(to) })));
     drawForecast(frame);
     drawTraces(frame);
-    if (strip.limit !== null) drawExceedances(frame);
+    for (const { limit, from, to } of held ?? [{ limit: strip.limit, from: -Infinity, to: Infinity }]) {
+      if (limit !== null) drawExceedances(frame, Math.fround(limit), from, to);
+    }
     face.flags(frame);
     face.line(frame.x(frame.now), face.palette.dim, [], 1);
     face.cursors(frame);
@@ -145,9 +148,8 @@ export function createStripCanvas(canvas, strip) {
     within(face.palette.dim, false);
   }
 
-  /** Fills the trace beyond a limit, and marks each exceedance at the edge: up or down. */
-  function drawExceedances({ ring, visible, samplePx }) {
-    const limit = Math.fround(strip.limit);
+  /** Fills the trace beyond a limit where that held, and marks each exceedance at the edge: up or down. */
+  function drawExceedances({ ring, visible, samplePx }, limit, since, until) {
     const { n, x, from, to } = visible;
     if (n === 0 || !ring.extent(strip.series, from[0], to[n - 1], out)) return;
     if (out[1] < limit && out[0] > -limit) return;
@@ -156,7 +158,8 @@ export function createStripCanvas(canvas, strip) {
     const seen = [false, false];
     const marked = [-Infinity, -Infinity];
     for (let i = 0; i < n; i++) {
-      const known = ring.extent(strip.series, from[i], to[i], out);
+      const holds = ring.time(from[i]) > since && ring.time(from[i]) <= until;
+      const known = holds && ring.extent(strip.series, from[i], to[i], out);
       const over = [known && out[1] >= limit, known && out[0] <= -limit];
       for (const side of [0, 1]) {
         if (over[side]) {
@@ -174,6 +177,11 @@ export function createStripCanvas(canvas, strip) {
   }
 
   return { draw, resize: face.resize, setPalette: face.setPalette, axis };
+}
+
+/** What held from which time to which [s], after it changed; null where one limit always did. */
+function heldOf({ held }) {
+  return held?.map(({ limit, from }, k) => ({ limit, from, to: held[k + 1]?.from ?? Infinity })) ?? null;
 }
 
 function isSilent(kind) {

@@ -20,6 +20,8 @@
  *                                   y_hat likewise, or by key. Returns how many were stored.
  *   setState({state, reason})       when it changes without a sample ("stale" by the server's clock)
  *   setFlight({epsilon, lead, dt, staleAfter}), setTransport({playing, speed})
+ *   holdFrom(t)                     its limits hold for samples after t [s]; what held before is not known
+ *   setLimits(channels, t)          others hold for samples after t [s]: null where none do, or nobody can tell
  *   clear()                         after a seek, a loop, or for another flight
  *   setCursor(t), setWindow(a, b), goLive(), setMark("a" | "b", t)
  *   values(t) -> {key: number}      of the nearest sample; NaN where missing or in a gap
@@ -52,6 +54,7 @@ import { createVisibleSamples } from "./visible_samples.js";
 
 const READOUT_EVERY = 200; // ms; faster digits cannot be read
 const ARIA_EVERY = 1000; // ms
+const CHANGES = 200; // of a limit that are drawn where they held, the newest
 
 export function createStripChart(host, options) {
   const { channels, seconds = 60, history = 180_000 } = options;
@@ -195,9 +198,26 @@ export function createStripChart(host, options) {
       timeline.setFlight(given);
       look += 1;
     },
+    holdFrom: (t) => {
+      for (const strip of strips) {
+        if (!strip.risk) strip.held = [{ from: -Infinity, limit: null }, { from: t, limit: strip.limit }];
+      }
+      look += 1;
+    },
+    setLimits: (given, t) => {
+      for (const strip of strips) {
+        const limit = given.find(({ key }) => key === strip.key)?.limit ?? null;
+        if (strip.risk || limit === strip.limit) continue;
+        strip.held = [...(strip.held ?? [{ from: -Infinity, limit: strip.limit }]).slice(-CHANGES), { from: t, limit }];
+        strip.limit = limit;
+        strip.axis.setLimit(limit);
+      }
+      look += 1;
+    },
     setTransport: (transport, at) => timeline.setTransport(transport, at),
     clear: () => {
       ring.clear();
+      for (const strip of strips) strip.held = undefined;
       timeline.reset();
       intake.clear();
       look += 1;

@@ -1,0 +1,128 @@
+/**
+ * The limits that a flight is held against: the line that names them, and the dialog that changes them.
+ *
+ * Exports
+ *   createFlightLimits(element, {api, path}) -> FlightLimits
+ *   putLines(put) -> elements    what was put in force during a flight that is over
+ *   createLimitChoice(api, own) -> {element, ready, chosen()}    which limit set, at which declared condition
+ *     own: words of what holds without one; null where one must be chosen
+ *     chosen() -> {limit_set, condition} or {}
+ *
+ * FlightLimits
+ *   show(limits, channels)    as hello and the message `limits` have them; limits null: the monitor's own
+ *   event(limits, t) -> event    for the list of events; t: when the condition began to hold [s]
+ */
+
+import { symbolNodes } from "../charts/readout.js";
+import { h, put } from "../lib/dom.js";
+import { may } from "../lib/me.js";
+import { magnitudeIn } from "../lib/units.js";
+import { askToConfirm } from "../lib/view_states.js";
+
+const CHANGE = "PUT /flights/{}/limits";
+const CONDITIONS = [["mach", "Mach number"], ["dynamic_pressure", "Dynamic pressure [Pa]"], ["configuration", "Configuration (number)"]];
+
+export function createFlightLimits(element, { api, path }) {
+  element.classList.add("flight-limits");
+  element.hidden = true;
+  const words = h("span", { class: "flight-limits-words" });
+  const change = h("button", { type: "button", class: "button button-small", onclick: ask, hidden: true }, "Change limits");
+  element.replaceChildren(words, change);
+  if (may(CHANGE)) offer();
+
+  /** Nobody is asked to change limits where none are kept. */
+  async function offer() {
+    const sets = await api.get("/limit-sets").catch(() => []);
+    change.hidden = sets.length === 0;
+    element.hidden = element.hidden && change.hidden;
+  }
+
+  function ask() {
+    const choice = createLimitChoice(api, null);
+    const dialog = askToConfirm(
+      "Hold this flight against other limits?",
+      "From the next sample on. A monitor of other limits is not applicable from there on, and says which would serve.",
+      "Put in force",
+      () => {
+        const { limit_set: set, condition } = choice.chosen();
+        return api.put(`${path}/limits`, { limit_set: set, fixed: condition });
+      },
+      "Leave them",
+    );
+    dialog.querySelector("p").after(choice.element);
+  }
+
+  function show(limits, channels) {
+    const unknown = limits !== null && limits.limits === null;
+    element.hidden = limits === null && change.hidden;
+    element.toggleAttribute("data-unknown", unknown);
+    if (limits === null) {
+      words.replaceChildren("Limits: the monitor's own, ", ...limited(channels));
+      return;
+    }
+    const version = `${limits.name} version ${limits.version}`;
+    const title = `Put in force by ${limits.by}, ${limits.created.slice(0, 19).replace("T", " ")} UTC${declared(limits.fixed)}`;
+    words.title = title;
+    words.replaceChildren(
+      h("strong", {}, unknown ? "◆ LIMITS UNKNOWN: " : "Limits in force: "),
+      ...(unknown ? [`${whyOf(limits)} · ${version}`] : [`${version}, ${limits.case}: `, ...limited(channels)]),
+      h("span", { class: "dim" }, ` · put in force by ${limits.by} at ${limits.t.toFixed(2)} s`),
+    );
+  }
+
+  return { show, event };
+}
+
+function event(inForce, t) {
+  const { name, version, case: condition, by, limits } = inForce;
+  const [words, level] = limits === null ? [`limits unknown, ${whyOf(inForce)}`, "caution"] : [`limits in force: ${condition}`];
+  return { t, text: `${words} (${name} version ${version}, put in force by ${by})`, level, seen: true };
+}
+
+const whyOf = ({ reason }) => reason.replace(/^limits unknown: /, "");
+
+export function putLines(put) {
+  return put.map(({ name, version, by, t, created, fixed }) =>
+    h("p", { class: "ahead-summary" }, h("strong", {}, "Limits: "), `${name} version ${version}${declared(fixed)}, put in force by ${by} at ${t.toFixed(2)} s, ${created.slice(11, 19)} UTC.`));
+}
+
+function declared(fixed) {
+  const values = Object.entries(fixed).map(([key, value]) => `${key} ${value}`);
+  return values.length === 0 ? "" : `, declared ${values.join(", ")}`;
+}
+
+function limited(channels) {
+  return channels
+    .filter(({ limit }) => limit !== null)
+    .flatMap((channel, k) => [document.createTextNode(k > 0 ? " or |" : "|"), ...symbolNodes(channel.symbol), document.createTextNode(`| ${magnitudeIn(channel, channel.limit)}`)]);
+}
+
+export function createLimitChoice(api, own) {
+  const sets = h("select", { id: "limit-set" });
+  const inputs = CONDITIONS.map(([key, label]) => ({ key, label, input: h("input", { id: `condition-${key}`, type: "number", step: "any" }) }));
+  const fields = h("div", { class: "stack" },
+    h("p", { class: "hint" }, "The flight condition, where it is declared; left empty, a live source sends it."),
+    ...inputs.map(({ input, label }) => h("div", { class: "field" }, h("label", { for: input.id }, label), input)));
+  const element = h("div", { class: "stack form" }, h("div", { class: "field" }, h("label", { for: sets.id }, "Limits"), sets), fields);
+  if (own !== null) sets.append(h("option", { value: "" }, own));
+  const adapt = () => {
+    fields.hidden = sets.value === "";
+  };
+  sets.addEventListener("change", adapt);
+  const ready = load();
+
+  async function load() {
+    const stored = await api.get("/limit-sets").catch(() => []);
+    sets.append(...stored.map(({ id, name, newest }) => h("option", { value: id }, `${name}, version ${newest}`)));
+    adapt();
+    return stored.length;
+  }
+
+  function chosen() {
+    if (sets.value === "") return {};
+    const given = inputs.filter(({ input }) => input.value !== "");
+    return { limit_set: sets.value, condition: Object.fromEntries(given.map(({ key, input }) => [key, Number(input.value)])) };
+  }
+
+  return { element, ready, chosen };
+}

@@ -1,0 +1,60 @@
+"""Limits in force on the page: named, changed by an engineer, and monitors that do not apply."""
+
+from collections.abc import Iterator
+
+import pytest
+from playwright.sync_api import Page, expect
+
+from core.limit_set import LimitCase, LimitSet
+from core.specification import Limits
+from tests.browser.fly.test_fly_page import SAFE, Fly, site, stored
+from tests.browser.site import Site
+
+__all__ = ["site", "stored"]
+
+
+@pytest.fixture
+def fly(page: Page, site: Site) -> Iterator[Fly]:
+    fly = Fly(page, site)
+    yield fly
+    fly.end()
+
+
+def test_limits_are_changed_in_flight_and_a_monitor_of_others_says_no_number(
+    fly: Fly, site: Site
+) -> None:
+    cases = (
+        LimitCase("slow", {"mach": (None, 0.8)}, Limits(Ny=0.5)),
+        LimitCase("fast", {"mach": (0.8, None)}, Limits(Ny=0.4)),
+    )
+    site.store.limit_sets.add("envelope", LimitSet(cases), "Ann")
+    page = fly.page
+    fly.watch(SAFE, ("pause", None), ("seek", 1.0))
+    line = page.locator(".flight-limits")
+    expect(line).to_contain_text("Limits: the monitor's own, |Ny| 0.5 g")
+    for mach, words in (("", "◆ LIMITS UNKNOWN: mach is missing"), ("0.9", "fast: |Ny| 0.4 g")):
+        line.get_by_role("button", name="Change limits").click()
+        dialog = page.get_by_role("dialog")
+        expect(dialog.get_by_label("Limits")).to_contain_text("envelope, version 1")
+        dialog.get_by_label("Mach number").fill(mach)
+        dialog.get_by_role("button", name="Put in force").click()
+        expect(dialog).to_have_count(0)
+        expect(line).to_contain_text(words)
+    fly.steer("step", 1)
+    fly.gauge_says("NOT APPLICABLE")
+    expect(page.locator(".gauge-number")).to_have_text("")
+    expect(page.locator(".alarm-banner")).to_contain_text("NOT APPLICABLE at 1.05 s: |N_y| 0.4 g")
+    expect(
+        page.locator(".event", has_text="limits in force: fast (envelope version 1")
+    ).to_have_count(1)
+    page.reload()
+    expect(line).to_contain_text("fast: |Ny| 0.4 g")
+    fly.gauge_says("NOT APPLICABLE")
+    fly.end()
+    record = page.locator(
+        ".notice", has_text="Limits: envelope version 1, declared mach 0.9, put in"
+    )
+    expect(record).to_be_visible()
+    assert [one["by"] for one in fly.ask("GET", f"/flights/{fly.flight}/limits")] == [
+        "engineer"
+    ] * 2
