@@ -177,6 +177,18 @@ class ChannelReader:
     def samples(self, batch: Batch) -> list[Sample]:
         """The samples of a batch, in its order, implausible values missing. TelemetryError."""
         values = batch.values
+        samples = self._samples(values)
+        if any(read.name in values for read in self._conditions):
+            n = len(samples)
+            came = [read(values, n) if read.name in values else None for read in self._conditions]
+            return [
+                sample._replace(condition=tuple(column and column[k] for column in came))
+                for k, sample in enumerate(samples)
+            ]
+        return samples
+
+    def _samples(self, values: Values) -> list[Sample]:
+        """The samples without the flight condition."""
         times = self._times(values)
         n = len(times)
         if n == 1 and not self._derived:
@@ -190,14 +202,7 @@ class ChannelReader:
         unknown = [NAN] * n
         columns = [channels.get(key, unknown) for key in (*KEYS, *ATTITUDE)]
         rows = zip(times, zip(*columns, strict=True), strict=True)
-        samples = [_sample(t, row) for t, row in rows]
-        if any(read.name in values for read in self._conditions):
-            came = [read(values, n) if read.name in values else None for read in self._conditions]
-            return [
-                sample._replace(condition=tuple(c and c[k] for c in came))
-                for k, sample in enumerate(samples)
-            ]
-        return samples
+        return [_sample(t, row) for t, row in rows]
 
     def _times(self, values: Values) -> list[float]:
         name = self._time.name if self._time else next((t for t in TIMES if t in values), TIMES[0])
