@@ -60,9 +60,9 @@ def later(file: bytes) -> bytes:
     return "\n".join([head, *(f"{float(t) + START:.7g},{rest}" for t, rest in moved)]).encode()
 
 
-@pytest.fixture
-def replay(page: Page, site: RecordedSite) -> Iterator[Page]:
-    """The flight of a scored recording with one marker, paused at its start."""
+@pytest.fixture(scope="module")
+def source(site: RecordedSite) -> dict[str, str]:
+    """Of flights: a scored recording with one marker."""
     octets = {"content-type": "application/octet-stream"}
     recording = site.ask(
         "POST", "/recordings", params={"name": "late.csv"}, content=later(site.file), headers=octets
@@ -70,7 +70,12 @@ def replay(page: Page, site: RecordedSite) -> Iterator[Page]:
     scoring = site.score(recording, epsilon=0.1)
     marker = {"t": START + 3.0, "text": "gust <b>here</b>", "kind": "marker"}
     site.ask("POST", f"/recordings/{recording}/markers", json=marker)
-    source = {"kind": "recording", "recording": recording, "scoring": scoring["id"]}
+    return {"kind": "recording", "recording": recording, "scoring": scoring["id"]}
+
+
+@pytest.fixture
+def replay(page: Page, site: RecordedSite, source: dict[str, str]) -> Iterator[Page]:
+    """The flight of the scored recording, paused at its start."""
     order = {"source": source, "monitor": site.monitor, "epsilon": 0.1}
     flight = site.ask("POST", "/flights", json=order)["id"]
     site.ask("POST", f"/flights/{flight}/transport", json={"action": "pause"})
@@ -164,10 +169,9 @@ def test_strips_before_a_point_that_was_sought_are_the_recordings(replay: Page) 
 
 
 def test_a_lost_validity_waits_in_amber_until_it_is_acknowledged(
-    replay: Page, site: RecordedSite
+    replay: Page, site: RecordedSite, source: dict[str, str]
 ) -> None:
     flight = replay.url.rsplit("/", 1)[-1]
-    source = site.ask("GET", f"/flights/{flight}")["source"]
     path = f"/recordings/{source['recording']}/scorings/{source['scoring']}"
     quiet, _, invalid = site.ask("GET", path)["manoeuvres"]
 
