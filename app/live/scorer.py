@@ -201,10 +201,10 @@ class CausalScorer:
         if self._trim is not None and not self._trim.manoeuvre:
             reason = self._trim.reason
             assessment = self._authority.wait(sample, reason)
-            display = tuple(shown.wait(sample, reason) for shown in self._display)
+            display = tuple([shown.wait(sample, reason) for shown in self._display])
         else:
             assessment = self._authority.assess(sample, y)
-            display = tuple(shown.assess(sample, y) for shown in self._display)
+            display = tuple([shown.assess(sample, y) for shown in self._display])
         ruling = None
         if self._rule is not None:
             ruling = self.ruling = self._rule.at(self._conditions.at(sample.t))

@@ -4,7 +4,7 @@ import asyncio
 from typing import Annotated
 
 from fastapi import APIRouter, Path
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field, JsonValue
 
 from app.flights.flight_limits import to_store
 from app.flights.transport import NotPossible
@@ -20,7 +20,7 @@ from core.limit_set import ConditionKey, LimitSet, limit_set_from_plain
 router = APIRouter(prefix="/api/v1", tags=["limit sets"])
 MOST_CASES = 100
 Finite = Annotated[float, Field(allow_inf_nan=False)]
-CASES = [
+CASES: list[JsonValue] = [
     {"name": "below M 0.8", "ranges": {"mach": [None, 0.8]}, "limits": {"Ny": 0.5}},
     {"name": "from M 0.8 on", "ranges": {"mach": [0.8, None]}, "limits": {"Ny": 0.4}},
 ]

@@ -139,7 +139,7 @@ def test_what_is_shown_is_recorded_and_only_the_authority_alarms(tmp_path: Path)
 def _users(store: Any, monitor_id: str) -> list[tuple[str, str]]:
     with pytest.raises(InUse) as refusal:
         store.monitors.delete(monitor_id)
-    return refusal.value.users
+    return [*refusal.value.users]
 
 
 def test_a_live_flight_goes_on_with_its_monitors_and_is_replayed_with_them(tmp_path: Path) -> None:

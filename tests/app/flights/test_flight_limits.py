@@ -124,7 +124,9 @@ def test_other_limits_hold_from_the_next_sample_on(run: Callable) -> None:
             ny = np.array([frame["y"][3] for frame in frames])
             alarms = [a for a in await flights.records.alarms(flight.id) if a.kind == "limit"]
             beyond = np.flatnonzero(np.abs(ny) >= np.where(np.arange(len(ny)) < changed, 0.5, 0.4))
-            assert [alarms[0].seq, alarms[0].exceedance.limit] == [beyond[0], 0.4]
+            exceedance = alarms[0].exceedance
+            assert exceedance is not None
+            assert (alarms[0].seq, exceedance.limit) == (beyond[0], 0.4)
             put = place.store.limit_sets.of_flights([flight.id])[flight.id]
             assert [(one.number, one.version, one.seq, one.by) for one in put] == [
                 (1, 1, 0, "Ann"),
@@ -198,6 +200,7 @@ def test_a_measured_condition_chooses_the_limits_and_the_journal_says_the_same(
                 await push(flight, k)
         async with place.flights() as flights:
             again = await flights.live(flight.id)
+            assert again.limits is not None
             assert (again.limits.case, again.limits.since) == ("fast", T[29])
             for k in range(40, 50):
                 await push(again, k)
