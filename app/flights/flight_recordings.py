@@ -101,7 +101,7 @@ class FlightRecordings:
         return Mapping.from_plain(plain), self._store.recordings.info(recording).aircraft
 
     def _markers(self, flight_id: str, began: str) -> list[Marker]:
-        """What was called in a flight, and manoeuvres that somebody said begin.
+        """What was called in a flight, manoeuvres said to begin, and limits put in force.
 
         began: UTC, ISO 8601.
         """
@@ -120,7 +120,11 @@ class FlightRecordings:
             for line in lines_of(self._journals.path(flight_id))
             if line.get("e") == "manoeuvre" and line.get("t") is not None
         ]
+        held = [
+            (put.t, f"limits in force, {put.by}", f"{put.name} version {put.version}", put.created)
+            for put in self._store.limit_sets.of_flights([flight_id]).get(flight_id, [])
+        ]
         return [
             Marker(new_id(), created, "marker", t, None, f"{word}: {text}" if text else word)
-            for t, word, text, created in sorted((*called, *begun), key=lambda one: one[0])
+            for t, word, text, created in sorted((*called, *begun, *held), key=lambda one: one[0])
         ]

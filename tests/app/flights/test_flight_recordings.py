@@ -119,16 +119,26 @@ def test_it_is_read_by_the_mapping_that_the_flight_was_started_with(range_: Rang
     assert recording["problem"] is None
 
 
-def test_a_manoeuvre_that_was_marked_by_hand_is_a_marker(range_: Range) -> None:
+def test_a_manoeuvre_that_was_marked_and_limits_that_were_put_in_force_are_markers(
+    range_: Range,
+) -> None:
+    case = {"name": "all", "limits": {"Ny": 0.4}}
+    limits = range_.client.post("/api/v1/limit-sets", json={"name": "envelope", "cases": [case]})
     flight = range_.start(trim="detected")
     for k in range(3):
         range_.push(flight, k)
     range_.client.post(f"{FLIGHTS}/{flight}/manoeuvre", json={"by": "FTE"})
     range_.push(flight, 3)
+    asked = {"limit_set": limits.json()["limit_set"], "by": "Ben"}
+    assert range_.client.put(f"{FLIGHTS}/{flight}/limits", json=asked).status_code == 200
+    range_.push(flight, 4)
     range_.end(flight)
     recording = range_.recording_of(flight)["id"]
-    (marker,) = range_.client.get(f"{RECORDINGS}/{recording}/markers").json()
-    assert (marker["t"], marker["text"]) == (2 * DT, "manoeuvre begins, FTE")
+    markers = range_.client.get(f"{RECORDINGS}/{recording}/markers").json()
+    assert [(marker["t"], marker["text"]) for marker in markers] == [
+        (2 * DT, "manoeuvre begins, FTE"),
+        (3 * DT, "limits in force, Ben: envelope version 1"),
+    ]
 
 
 def test_what_a_full_disk_refuses_is_made_at_the_next_start_once(
