@@ -7,7 +7,7 @@ from itertools import product
 import numpy as np
 import pytest
 
-from core.card import Card, CardError
+from core.card import CardError
 from core.collection import card_of, collect, evaluation_flights, fresh
 from core.evaluation import evaluate
 from core.kernels.response_filter import SIGN, SWITCHED, begin, update
@@ -284,7 +284,7 @@ def test_a_manoeuvre_that_is_no_steps_has_no_card(name: str):
 def test_a_card_whose_parts_do_not_fit_is_refused(part: str, value: Array, words: str):
     card = card_of(RECIPE, 4)
     with pytest.raises(CardError, match=words):
-        Card(**vars(card) | {part: value})
+        replace(card, **{part: value})
 
 
 def test_what_cannot_be_forecast_is_refused_with_what_to_do():
@@ -318,9 +318,9 @@ def test_a_file_that_no_kernel_may_read_is_refused():
     for name, value in damaged():
         good = to_section(monitor.card)
         bad = (
-            good._replace(arrays=good.arrays | {name: value})
+            good._replace(arrays={**good.arrays, name: value})
             if isinstance(value, np.ndarray)
-            else good._replace(header=good.header | {name: value})
+            else good._replace(header={**good.header, name: value})
         )
         sections = [bad if part.name == "card" else part for part in monitor._sections()]
         with pytest.raises(MonitorFileError, match="cannot rebuild"):
