@@ -6,7 +6,6 @@ import numpy as np
 import numpy.typing as npt
 from scipy.special import betaincinv, stdtrit
 
-from core.monitor.calibration import check_epsilon, smallest_epsilon
 from core.monitor.monitor import Monitor
 from core.types import Array, Indices
 
@@ -124,12 +123,12 @@ def evaluate(
     epsilons: (n_eps,); unless given, those of EPSILONS that the monitor's failures can serve.
     """
     if epsilons is None:
-        epsilons = EPSILONS[smallest_epsilon(monitor.n_unsafe) <= EPSILONS + 1e-9]
-    served = np.array([check_epsilon(epsilon, monitor.n_unsafe) for epsilon in epsilons])
+        epsilons = EPSILONS[monitor.smallest_epsilon <= EPSILONS + 1e-9]
+    above = np.array([monitor.alert_above(epsilon) for epsilon in epsilons])
     is_unsafe = fail_index < y.shape[1]
     last = np.where(is_unsafe, fail_index - monitor.h, y.shape[1] - 1)
     heard = np.minimum(last, monitor.first_withdrawn(y, fail_index) - 1)
-    silent = monitor.highest_p_values(y, heard)[:, None] <= served
+    silent = monitor.highest_p_values(y, heard)[:, None] <= above
     is_missed = silent & (heard == last)[:, None]
     return Evaluation(
         epsilons=np.asarray(epsilons),
@@ -150,8 +149,8 @@ def leads(monitor: Monitor, y: Array, fail_index: Indices, epsilon: float | None
     count, negative infinity where none came by the failure.
     """
     times = []
-    epsilon = monitor.check_epsilon(epsilon)
+    above = monitor.alert_above(epsilon)
     for i in np.flatnonzero(fail_index < y.shape[1]):
-        alerts = monitor.p_values(y[i, : fail_index[i] + 1]) > epsilon
+        alerts = monitor.p_values(y[i, : fail_index[i] + 1]) > above
         times.append((fail_index[i] - alerts.argmax()) * monitor.dt if alerts.any() else -np.inf)
     return np.array(times, float)

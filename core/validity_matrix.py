@@ -194,6 +194,6 @@ def _counts(monitor: Monitor, y: Array, fail_index: Indices) -> Indices:
     invalid = monitor.first_withdrawn(y, fail_index) < y.shape[1]
     risk = monitor.highest_p_values(y[fails], fail_index[fails] - monitor.h)
     missed = np.zeros(len(y), bool)
-    missed[fails] = risk <= monitor.check_epsilon()
+    missed[fails] = risk <= monitor.alert_above()
     kinds = ~fails, fails, invalid & ~fails, invalid & fails, missed, missed & ~invalid
     return np.array([np.count_nonzero(kind) for kind in kinds])

@@ -100,7 +100,7 @@ def monitor_request(plain: dict[str, Any], store: Store, max_bytes: int) -> Moni
         assert requested.id
         n_unsafe = store.datasets.info(requested.id).n_unsafe
     try:
-        check_epsilon(recipe.epsilon, n_unsafe)
+        check_epsilon(recipe.epsilon, n_unsafe, recipe.guarantee)
     except (ValueError, OverflowError) as error:
         raise RecipeError(str(error)) from None
     return MonitorRequest(name or f"{recipe.t_early:g} s ahead", requested, recipe, n_test)

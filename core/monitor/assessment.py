@@ -58,6 +58,7 @@ class Assessment:
     """What the monitor says of one sample.
 
     t: time [s].   p_value, alert, score: None unless state is `ok`.
+    alert_above: p-value above which it is an alert; None where there is none.
     y_hat: (6,) forecast of the outputs t_early ahead; None where the predictor makes none.
     nearest_unsafe, nearest_safe: exemplars; None where the score looks up no neighbours.
     """
@@ -71,6 +72,7 @@ class Assessment:
     score: float | None = None
     nearest_unsafe: Exemplar | None = None
     nearest_safe: Exemplar | None = None
+    alert_above: float | None = None
 
     def as_dict(self) -> dict[str, Any]:
         """Return the wire form: plain numbers, the forecast by channel key."""
@@ -78,6 +80,7 @@ class Assessment:
             "t": self.t,
             "p_value": self.p_value,
             "alert": self.alert,
+            "alert_above": self.alert_above,
             "state": self.state.value,
             "reason": self.reason,
             "y_hat": None
@@ -109,6 +112,7 @@ class Assessments:
     alert: (n,) false unless `ok`.   y_hat: (n, 6), NaN where there is no forecast.
     nearest_unsafe, nearest_safe: (n,) point numbers of the monitor; -1 where there is none.
     withdrawal: from where on the flight is invalid for being outside training; None if it is not.
+    alert_above: p-value above which a sample alerts.
     """
 
     t: Array
@@ -120,6 +124,7 @@ class Assessments:
     nearest_unsafe: Indices
     nearest_safe: Indices
     withdrawal: Withdrawal | None = None
+    alert_above: float = np.nan
 
     def __len__(self) -> int:
         return len(self.t)
@@ -134,7 +139,8 @@ class Assessments:
             return Assessment(t, None, None, state, reason)
         y_hat = self.y_hat[k] if np.isfinite(self.y_hat[k]).all() else None
         p_value, alert, score = (float(self.p_value[k]), bool(self.alert[k]), float(self.score[k]))
-        return Assessment(t, p_value, alert, state, reason, y_hat, score)
+        said = p_value, alert, state, reason, y_hat, score
+        return Assessment(t, *said, alert_above=self.alert_above)
 
     def columns(self) -> dict[str, list[Any]]:
         """Return what `as_dict` says of each sample but exemplars, a list a field.
@@ -151,6 +157,7 @@ class Assessments:
             "t": self.t.tolist(),
             "p_value": _where(known, self.p_value),
             "alert": _where(known, self.alert),
+            "alert_above": [self.alert_above if k else None for k in known.tolist()],
             "state": [STATES[code].value for code in self.state.tolist()],
             "reason": reasons,
             "y_hat": _where(forecast, self.y_hat),

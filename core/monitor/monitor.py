@@ -27,7 +27,7 @@ from core.monitor.assessment import (
     Withdrawal,
     withdrawn,
 )
-from core.monitor.calibration import check_epsilon, p_values, smallest_epsilon
+from core.monitor.calibration import alert_above, check_epsilon, p_values, smallest_epsilon
 from core.monitor.flown_input import FlownInput, InputSupport
 from core.monitor.predictor import Affine
 from core.monitor.recipe import MonitorRecipe
@@ -159,7 +159,7 @@ class Monitor:
     @property
     def smallest_epsilon(self) -> float:
         """Smallest epsilon its failures can serve."""
-        return smallest_epsilon(self.n_unsafe)
+        return smallest_epsilon(self.n_unsafe, self.recipe.guarantee)
 
     def p_values(self, y: npt.ArrayLike) -> Array:
         """p-value of each sample of a trajectory sampled at the monitor's dt.
@@ -187,7 +187,7 @@ class Monitor:
         t, y = np.ascontiguousarray(t, np.float64), _checked(y)
         if t.shape != (len(y),):
             raise ValueError(f"t has shape {t.shape}: it needs one time a sample, ({len(y)},)")
-        epsilon = self.check_epsilon(epsilon)
+        above = self.alert_above(epsilon)
         state = assessing.states(t, y, self.dt, self.recipe.n_delay)
         fresh = state != assessing.STALE
         z, s, p, unsafe, safe = assessing.score_all(
@@ -205,11 +205,12 @@ class Monitor:
             t=t,
             state=state,
             p_value=_spread(p, fresh, np.nan),
-            alert=_spread(p > epsilon, fresh, False),
+            alert=_spread(p > above, fresh, False),
             score=_spread(s, fresh, np.nan),
             y_hat=y_hat,
             nearest_unsafe=_spread(unsafe, fresh, -1),
             nearest_safe=_spread(safe, fresh, -1),
+            alert_above=above,
         ).withdrawn_from(lost)
         return result.withdrawn_from(self.withdrawal(t, y, result)) if withdraw else result
 
@@ -276,11 +277,28 @@ class Monitor:
 
     def stream(self, epsilon: float | None = None) -> "Stream":
         """Start assessing one flight, sample by sample."""
-        return Stream(self, self.check_epsilon(epsilon))
+        return Stream(self, self.alert_above(epsilon))
 
     def check_epsilon(self, epsilon: float | None = None) -> float:
-        """Return the epsilon to alert at, the recipe's unless given; ValueError if too small."""
-        return check_epsilon(self.recipe.epsilon if epsilon is None else epsilon, self.n_unsafe)
+        """Return the promised miss rate, the recipe's unless given; ValueError if too small."""
+        epsilon = self.recipe.epsilon if epsilon is None else epsilon
+        self.alert_above(epsilon)
+        return check_epsilon(epsilon, self.n_unsafe, self.recipe.guarantee)
+
+    def alert_above(self, epsilon: float | None = None) -> float:
+        """Return the p-value above which it alerts; ValueError where it cannot serve the epsilon.
+
+        epsilon: promised miss rate, the recipe's unless given.
+        """
+        epsilon = self.recipe.epsilon if epsilon is None else epsilon
+        above = alert_above(epsilon, self.n_unsafe, self.recipe.guarantee)
+        if self.recipe.guarantee != "average" and above < (self.n_early + 1) / (self.n_unsafe + 1):
+            raise ValueError(
+                f"epsilon={epsilon:g} with 95 % confidence would alert on every flight: "
+                f"{self.n_early} of {self.n_unsafe} failures came before any warning could; "
+                "shorten t_early or raise epsilon"
+            )
+        return above
 
     def lowest_scores(self, y: Array, last: Indices) -> Array:
         """Lowest score of each trajectory over samples 0..last.
@@ -370,9 +388,9 @@ class Stream:
     not calibrated, that never happens.
     """
 
-    def __init__(self, monitor: Monitor, epsilon: float) -> None:
+    def __init__(self, monitor: Monitor, alert_above: float) -> None:
         self.monitor = monitor
-        self.epsilon = epsilon
+        self.alert_above = alert_above
         self._fitted, self._exact = monitor.fitted, monitor.exact
         self._buffer = np.zeros((monitor.recipe.n_delay + 1, N_CHANNELS))
         self._status = np.array([0, 0, -1, -1])
@@ -442,7 +460,8 @@ class Stream:
         return Assessment(
             t=t,
             p_value=p,
-            alert=p > self.epsilon,
+            alert=p > self.alert_above,
+            alert_above=self.alert_above,
             state=STATES[code],
             y_hat=y_hat,
             score=s,

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 from typing import Annotated, Literal, get_args
 
 from core.bounds import Bounds, check_bounds
+from core.monitor.calibration import Guarantee
 from core.monitor.predictor import PREDICTORS, Predictor
 from core.monitor.score import SCORES, Score
 
@@ -36,6 +37,9 @@ class MonitorRecipe:
     paper; `safe_std` or `raw`."""
     epsilon: Annotated[float, MISS_RATE] = 0.1
     """accepted miss rate epsilon: share of failing flights on which silence is accepted."""
+    guarantee: Guarantee = "average"
+    """promise on the miss rate: at most epsilon on `average` over many monitors trained alike, or
+    of this very one with `95%` confidence, which alerts more and needs more failures."""
 
     def __post_init__(self) -> None:
         """Refuse what no dataset could make right."""
@@ -44,6 +48,7 @@ class MonitorRecipe:
             ("calibration", Calibration),
             ("p_value", PValue),
             ("scaling", Scaling),
+            ("guarantee", Guarantee),
         ):
             if getattr(self, name) not in get_args(choices):
                 raise ValueError(

@@ -9,8 +9,18 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from scipy import stats
 
-from core.monitor.calibration import check_epsilon, p_values, rank, smallest_epsilon, threshold
+from core.monitor.calibration import (
+    alert_above,
+    check_epsilon,
+    confident_rank,
+    failures_needed,
+    p_values,
+    rank,
+    smallest_epsilon,
+    threshold,
+)
 
 LEVELS = st.integers(-5, 5).map(float) | st.just(inf)
 
@@ -107,3 +117,34 @@ def test_the_ends_of_epsilon_are_refused_or_kept() -> None:
         check_epsilon(5e-324, 50)
     largest = float(np.nextafter(1, 0))
     assert check_epsilon(largest, 50) == largest
+
+
+# --- the promise of one monitor ------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("n", "j"), [(28, 0), (29, 1), (50, 2), (100, 5), (200, 13), (500, 39)])
+def test_ranks_of_the_promise_with_confidence(n: int, j: int) -> None:
+    """Published ranks at epsilon 0.1, and the Beta quantile that each stands for."""
+    assert confident_rank(0.1, n) == j
+    if j:
+        assert stats.beta(j, n + 1 - j).sf(0.1) <= 0.05 < stats.beta(j + 1, n - j).sf(0.1)
+        assert alert_above(0.1, n, "95%") == j / (n + 1)
+
+
+@pytest.mark.parametrize(("epsilon", "n"), [(0.1, 29), (0.05, 59), (0.02, 149), (0.01, 299)])
+def test_failures_that_the_promise_with_confidence_needs(epsilon: float, n: int) -> None:
+    assert failures_needed(epsilon, "95%") == n
+    assert confident_rank(epsilon, n - 1) == 0 < confident_rank(epsilon, n)
+    assert smallest_epsilon(n, "95%") <= epsilon < smallest_epsilon(n - 1, "95%")
+    with pytest.raises(ValueError, match=f"95 % confidence needs at least {n} unsafe rollouts"):
+        alert_above(epsilon, n - 1, "95%")
+
+
+def test_the_promise_with_confidence_holds_for_all_but_one_monitor_in_twenty() -> None:
+    """Of uniform scores that chose nothing, a monitor's own miss rate is known exactly."""
+    rng, n, epsilon = np.random.default_rng(4), 100, 0.1
+    alphas = np.sort(rng.random((20_000, n)), axis=1)
+    j = confident_rank(epsilon, n)
+    share = (1 - alphas[:, n - j] > epsilon).mean()  # it alerts iff s <= alpha_(n + 1 - j)
+    assert 0.02 < share <= 0.05 + 3 * np.sqrt(0.05 * 0.95 / 20_000)
+    assert (1 - alphas[:, rank(epsilon, n) - 1] > epsilon).mean() > 0.4

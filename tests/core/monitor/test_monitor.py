@@ -1,5 +1,7 @@
 """A trained monitor over a flight: stream and batch agree, and each state is what it says."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -8,6 +10,8 @@ from hypothesis import strategies as st
 from core.dataset import Dataset
 from core.monitor import Assessments, Monitor, MonitorRecipe, State, train
 from core.monitor.assessment import REASONS, STATES, Withdrawal
+from core.monitor.calibration import confident_rank
+from core.monitor.loading import from_bytes
 from core.monitor.predictor import PREDICTORS
 from core.monitor.score import SCORES
 from tests.support import oscillator
@@ -228,3 +232,34 @@ def test_a_trajectory_of_another_shape_is_refused(dataset: Dataset) -> None:
     with pytest.raises(ValueError, match=r"t has shape \(2,\): it needs one time a sample"):
         monitor.assess([0, 1], np.zeros((3, 6)))
     assert monitor.p_values(np.zeros((0, 6))).shape == (0,)
+
+
+# --- the promise of one monitor ------------------------------------------------------------------
+
+
+def test_a_monitor_that_promises_with_confidence_alerts_above_its_rank(
+    dataset: Dataset, flights: Array
+) -> None:
+    sure = train(dataset, MonitorRecipe(epsilon=0.3, guarantee="95%"))
+    n = sure.n_unsafe
+    above = confident_rank(0.3, n) / (n + 1)
+    assert sure.alert_above() == above < 0.3
+    assert sure.check_epsilon() == 0.3
+    kept = from_bytes(sure.to_bytes())
+    assert kept.recipe.guarantee == "95%"
+    for y in flights[:3]:
+        batch = assert_stream_equals_batch(kept, TIMES, y)
+        assert (batch.alert == (batch.p_value > above)).all()
+        assert batch[5].alert_above == above == kept.stream().update(0.0, y[0]).alert_above
+
+
+def test_a_promise_with_confidence_that_would_always_alert_is_refused(dataset: Dataset) -> None:
+    sure = train(dataset, MonitorRecipe(epsilon=0.3, guarantee="95%"))
+    early = replace(sure, n_early=confident_rank(0.3, sure.n_unsafe))
+    for ask in (early.stream, early.check_epsilon, early.alert_above):
+        with pytest.raises(ValueError, match=r"would alert on every flight: .* came before any"):
+            ask()
+    with pytest.raises(ValueError, match="95 % confidence needs at least 59 unsafe rollouts"):
+        sure.stream(0.05)
+    with pytest.raises(ValueError, match="guarantee='sure' was given: choose average or 95%"):
+        MonitorRecipe(guarantee="sure")  # pyright: ignore[reportArgumentType]
