@@ -37,10 +37,14 @@ KINDS: dict[str, str] = {
     "unsafe_distance": "distance to the nearest unsafe",
     "safe_distance": "distance from the nearest safe",
     "negative_magnitude": "magnitude of one channel",
+    "response_filter": "test card, by a filter of the response",
+    "rest_of_card": "margin in what is left of the card",
+    "card_window": "margin within the lead and a little more",
 }
 """Of the members whose key, with blanks for underscores, does not say it in the field's words."""
 CHOICES: dict[str, dict[Hashable, str]] = {
     "calibration": {"trajectory": "as flown", "pointwise": "one sample (paper)"},
+    "guarantee": {"average": "on average over monitors", "95%": "of this monitor, 95 % confident"},
     "p_value": {"simple": "simple", "exact": "exact"},
     "scaling": {"safe_std": "standard deviation", "raw": "none (paper)"},
     "n_states": {3: "3: β, p, r", 4: "4: β, p, r, φ"},

@@ -18,6 +18,7 @@ from core.channels import CHANNELS
 from core.flight_markers import FlightMarkerKey, FlightMarkerKind
 from core.monitor import Assessment
 from core.monitor.assessment import State
+from core.monitor.calibration import Guarantee
 from core.monitor.status import AlarmKind, Level, Status
 from core.specification import Limits, Specification
 
@@ -243,7 +244,10 @@ class Hello(Message):
     name: str
     server_time: str
     channels: list[ChannelLimit]
-    epsilon: float
+    epsilon: float = Field(description="accepted miss rate")
+    guarantee: Guarantee = Field(
+        description="whether the miss rate is promised on average or of the monitor itself"
+    )
     n_unsafe: int
     lead: float = Field(
         description="[s] ahead that alerts warn: the monitor's, less what live samples may wait"

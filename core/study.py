@@ -181,7 +181,9 @@ def _part(recipe: StudyRecipe, seed: int, test_seed: int) -> Part:
     """One dataset, its monitors of every method, and their evaluation on the same fresh flights."""
     dataset = collect(replace(recipe.dataset, seed=seed))
     flights = Simulator(recipe.dataset).rollouts(recipe.n_test, np.random.default_rng(test_seed))
-    epsilons = EPSILONS[smallest_epsilon(recipe.dataset.n_unsafe) - 1e-9 <= EPSILONS]
+    epsilons = EPSILONS[
+        smallest_epsilon(recipe.dataset.n_unsafe, recipe.monitor.guarantee) - 1e-9 <= EPSILONS
+    ]
     safe = SafeObservations(dataset, recipe.monitor)
     compared = methods(recipe.dataset.specification)
     monitors = [

@@ -25,6 +25,7 @@ from app.recipes import (
 )
 from core.channels import BY_KEY, KEYS
 from core.mistyped import instead_of
+from core.monitor.calibration import Guarantee
 from core.monitor.predictor import PREDICTORS
 from core.monitor.score import SCORES
 from core.simulation.aircraft import AIRCRAFT, MatrixAircraft
@@ -65,6 +66,7 @@ SHARED: tuple[tuple[str, str, Any, Any, str], ...] = (
     ("--p-value", "monitor.p_value", str, ("simple", "exact"), "conformal p-value"),
     ("--scaling", "monitor.scaling", str, ("safe_std", "raw"), "units of distances"),
     ("--epsilon", "monitor.epsilon", float, None, "accepted miss rate"),
+    ("--guarantee", "monitor.guarantee", str, get_args(Guarantee), "promise on the miss rate"),
 )
 VALUE = re.compile(r"([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*([A-Za-z°/]*)")
 """A number and the unit that may stand behind it."""

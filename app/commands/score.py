@@ -93,6 +93,7 @@ def _plain(scoring: Scored) -> dict[str, Any]:
         "monitor": str(scoring.path),
         "label": scoring.label,
         "epsilon": recording.epsilon,
+        "alert_above": recording.alert_above,
         "assessed": is_assessed(scoring),
         "manoeuvres": [manoeuvre.to_plain() for manoeuvre in recording.manoeuvres],
         "outside_exceedances": [asdict(found) for found in recording.outside_exceedances],
@@ -132,7 +133,7 @@ def _files(file: str, scoring: Scored, with_png: bool) -> dict[str, bytes]:
             for m in scored.manoeuvres
         ],
         planned_test(monitor).limits,
-        scored.epsilon,
+        scored.alert_above,
         monitor.lead,
         " ".join(["scored:", file, scoring.label]).strip(),
     )

@@ -60,8 +60,8 @@ def _unlike(authority: Monitor, other: Monitor) -> str:
 
 
 def alert_above(monitor: Monitor | MonitorInfo, epsilon: float) -> float:
-    """Risk above which a monitor alerts at an accepted miss rate: the one place that says so."""
-    return epsilon
+    """Risk above which a monitor alerts that promises this miss rate."""
+    return monitor.alert_above(epsilon)
 
 
 def flown_monitor(

@@ -126,6 +126,7 @@ class Flight(ABC):
         self._assessment: Assessment | None = None
         self._exceeds = False
         self.exceeded_t: float | None = None
+        self._alert_above = plan.monitor.alert_above(plan.epsilon)
         self._on_over = on_over
         self._recent = RecentFrames()
         self._watchers: set[Watcher] = set()
@@ -308,6 +309,7 @@ class Flight(ABC):
             server_time=self.clock.utc(),
             channels=limited_channels(self._specification),
             epsilon=plan.epsilon,
+            guarantee=monitor.recipe.guarantee,
             n_unsafe=monitor.n_unsafe,
             lead=self.lead,
             dt=self.dt,
@@ -408,7 +410,7 @@ class Flight(ABC):
         if self.state is State.STALE:
             p_value = alert = None
         angles = float(y[BETA]), float(y[DELTA_A]), float(y[DELTA_R])
-        risk = p_value, self.plan.epsilon, alert, self.state, self.reason
+        risk = p_value, self._alert_above, alert, self.state, self.reason
         self._stage(lambda scene: scene.show(self.t, attitude, *angles, *risk, self.facts))
 
     def _miss(self, seconds: float) -> None:

@@ -32,8 +32,10 @@ def answers(
     """
     used = [(info.monitor_id, info.epsilon) for info in infos]
     warnings = scored.store.monitors.warnings(used)
+    above = scored.store.monitors.alerts_above(used)
     return [
         _answer(info, warnings[pair], verified or scored.verified(info))
+        | {"alert_above": above[pair]}
         for info, pair in zip(infos, used, strict=True)
     ]
 

@@ -35,7 +35,7 @@ LEAST = 1.5
 
 
 def overview(
-    samples: npt.NDArray, manoeuvres: Sequence[Plain], limits: Array, epsilon: float
+    samples: npt.NDArray, manoeuvres: Sequence[Plain], limits: Array, alert_above: float
 ) -> Markup:
     """Limited channels and risk of the entire recording, its manoeuvres named or numbered."""
     t = samples["t"]
@@ -47,13 +47,13 @@ def overview(
         strip.fill("manoeuvre", intervals)
         strip.line("measured", t, y)
         strip.levels("limit", _limits(c, limits[c]))
-    risk_strip(chart, TALL, samples, epsilon, intervals)
+    risk_strip(chart, TALL, samples, alert_above, intervals)
     chart.name([(manoeuvre["start"], manoeuvre["name"]) for manoeuvre in manoeuvres])
     return chart.svg("The limited channels and the risk over the entire recording")
 
 
 def manoeuvre(
-    samples: npt.NDArray, manoeuvre: Plain, limits: Array, epsilon: float, lead: float
+    samples: npt.NDArray, manoeuvre: Plain, limits: Array, alert_above: float, lead: float
 ) -> Markup:
     """Every channel of one manoeuvre with forecasts and limits, and the risk below."""
     part = samples[manoeuvre["first"] : manoeuvre["last"] + 1]
@@ -66,7 +66,7 @@ def manoeuvre(
         strip = channel_strip(chart, LOW, c, part, limits[c], lead)
         strip.moments("exceedance", exceedance)
         strip.moments("late", late)
-    risk = risk_strip(chart, LOW, part, epsilon)
+    risk = risk_strip(chart, LOW, part, alert_above)
     risk.moments("exceedance", exceedance)
     risk.moments("late", late)
     return chart.svg(f"Channels, forecasts, limits and risk of {manoeuvre['name']}")
@@ -129,7 +129,7 @@ def risk_strip(
     chart: StripChart,
     height: float,
     samples: npt.NDArray,
-    epsilon: float,
+    alert_above: float,
     intervals: Sequence[tuple[float, float]] = (),
 ) -> Strip:
     """The risk, grey where it was withdrawn, hatched where a manoeuvre goes without."""
@@ -141,7 +141,7 @@ def risk_strip(
     strip.fill("manoeuvre", intervals)
     strip.fill("silent", [(t[begin], t[end]) for begin, end in silent])
     strip.fill("alert", [(t[begin], t[end]) for begin, end in alerts])
-    strip.levels("epsilon", [epsilon])
+    strip.levels("epsilon", [alert_above])
     strip.line("withdrawn", t, samples["withdrawn"])
     strip.line("measured", t, samples["p_value"])
     begins = [begin for begin, _ in alerts]

@@ -96,7 +96,9 @@ def report(subject: ReportSubject) -> str:
         faults=figures.faults(quality),
         sensors=(quality or {}).get("compatibility", []),
         tolerances=(quality or {}).get("compatibility_tolerances", ""),
-        overview=figures.overview(subject.samples, manoeuvres, limits, epsilon),
+        overview=figures.overview(
+            subject.samples, manoeuvres, limits, monitor.alert_above(epsilon)
+        ),
         sections=[
             (
                 number + 1,
@@ -119,8 +121,8 @@ def _counts_the_day(mapping: Mapping[str, Any]) -> bool:
 
 
 def _figure(subject: ReportSubject, manoeuvre: Mapping[str, Any], limits: Array) -> Markup:
-    epsilon, lead = subject.scoring["epsilon"], subject.monitor.lead
-    return figures.manoeuvre(subject.samples, manoeuvre, limits, epsilon, lead)
+    above = subject.monitor.alert_above(subject.scoring["epsilon"])
+    return figures.manoeuvre(subject.samples, manoeuvre, limits, above, subject.monitor.lead)
 
 
 def _symbol(symbol: str) -> Markup:

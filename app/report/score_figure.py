@@ -52,7 +52,7 @@ def score_figure(
     samples: npt.NDArray,
     maneuvers: Sequence[FlownManeuver],
     limits: Array,
-    epsilon: float,
+    alert_above: float,
     lead: float,
     title: str,
 ) -> Drawing:
@@ -66,7 +66,7 @@ def score_figure(
         strip = channel_strip(chart, TALL, c, samples, float(limits[c]), lead, intervals)
         strip.moments("exceedance", exceedances)
         strip.moments("late", exceedances - lead)
-    risk = risk_strip(chart, TALL, samples, epsilon, intervals)
+    risk = risk_strip(chart, TALL, samples, alert_above, intervals)
     risk.moments("exceedance", exceedances)
     risk.moments("late", exceedances - lead)
     chart.name([(maneuver.start, maneuver.name) for maneuver in maneuvers])

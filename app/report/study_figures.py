@@ -109,7 +109,7 @@ def study_rollouts(result: "StudyResult", limits: Array) -> Figure:
             t = np.arange(flights.y.shape[1]) * monitor.dt
             assessments = monitor.assess(t, flights.y[flight])
             draw_flight(
-                axes, monitor, flights.y[flight], assessments, limits, monitor.check_epsilon()
+                axes, monitor, flights.y[flight], assessments, limits, monitor.alert_above()
             )
             axes[0].set_title(f"{title} (test flight {flight})")
             fail = flights.fail_index[flight]

@@ -67,7 +67,8 @@ class AssessedSample(BaseModel):
 
     t: float = Field(description="[s]")
     p_value: float | None = Field(description="risk, higher is worse; null unless state is `ok`")
-    alert: bool | None = Field(description="whether p_value exceeds epsilon")
+    alert: bool | None = Field(description="whether p_value exceeds alert_above")
+    alert_above: float | None = Field(description="null unless state is `ok`")
     state: Literal["ok", "warming_up", "stale", "invalid"]
     reason: str = Field(description="why the state is not `ok`")
     y_hat: ForecastByChannel | None = Field(description="forecast t_early ahead")
@@ -174,7 +175,10 @@ async def delete_monitor(monitor_id: str, store: StoreDep) -> None:
     "/{monitor_id}/calibration", response_model=Calibration, responses=problem_responses(404)
 )
 async def read_calibration(monitor_id: str, store: StoreDep):
-    """Sorted calibration scores and the smallest epsilon that they can serve."""
+    """Sorted calibration scores, the smallest epsilon that they can serve, and the own one.
+
+    `alert_above`: risk above which it alerts, to keep its `guarantee` at its epsilon.
+    """
 
     def read() -> dict[str, Any]:
         monitor = store.monitors.get(monitor_id)
@@ -184,6 +188,8 @@ async def read_calibration(monitor_id: str, store: StoreDep):
             "n_early": monitor.n_early,
             "smallest_epsilon": monitor.smallest_epsilon,
             "epsilon": monitor.recipe.epsilon,
+            "guarantee": monitor.recipe.guarantee,
+            "alert_above": monitor.alert_above(),
             "lead": monitor.lead,
         }
 
@@ -198,6 +204,7 @@ async def read_evaluation(monitor_id: str, store: StoreDep) -> dict[str, Any]:
     `warnings` beside each count say where the monitor is worse than its promise or of no use.
     404 for a monitor that came as a file and was never flown here.
     """
+    info = await asyncio.to_thread(store.monitors.info, monitor_id)
     found = await asyncio.to_thread(store.monitors.evaluation, monitor_id)
     if found is None:
         raise Problem(
@@ -205,7 +212,9 @@ async def read_evaluation(monitor_id: str, store: StoreDep) -> dict[str, Any]:
         )
     curves = found["curves"]
     curves["warnings"] = [warnings_of(found, epsilon) for epsilon in curves["epsilon"]]
+    curves["alert_above"] = [info.alert_above(epsilon) for epsilon in curves["epsilon"]]
     found["at_epsilon"]["warnings"] = warnings_of(found, found["epsilon"])
+    found["at_epsilon"]["alert_above"] = info.alert_above(found["epsilon"])
     return found
 
 

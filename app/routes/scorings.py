@@ -71,6 +71,7 @@ class Scoring(BaseModel):
     )
     monitor_digest: str = Field(description="SHA-256 of the portable monitor")
     epsilon: float
+    alert_above: float = Field(description="risk above which a sample alerts")
     lead: float = Field(description="promised by the monitor [s]")
     dt: float = Field(description="[s]")
     created: str = Field(description="UTC, ISO 8601")

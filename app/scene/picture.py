@@ -72,7 +72,7 @@ class Shown(NamedTuple):
     delta_a: float
     delta_r: float
     p_value: float | None
-    epsilon: float
+    alert_above: float
     alert: bool
     state: State
     reason: str
@@ -110,7 +110,9 @@ def caption(shown: Shown) -> Caption:
         return Caption(both, "", shown.reason or "no risk can be given")
     word = f"{both}{' PAUSED' * shown.paused}".strip()
     return Caption(
-        word, f"RISK {as_text(shown.p_value, shown.epsilon)}", f"alert above {shown.epsilon:.3g}"
+        word,
+        f"RISK {as_text(shown.p_value, shown.alert_above)}",
+        f"alert above {shown.alert_above:.3g}",
     )
 
 
@@ -123,12 +125,12 @@ def label(shown: Shown) -> str:
     return next((text for text in texts if len(text) <= LONGEST_LABEL), first)
 
 
-def as_text(p_value: float, epsilon: float) -> str:
+def as_text(p_value: float, alert_above: float) -> str:
     """Two digits, or as many as it takes for the number not to read 0 or across the threshold."""
     text = ""
     for digits in range(2, 6):
         text = f"{p_value:.{digits}f}"
-        if float(text) > 0.0 and (float(text) > epsilon) == (p_value > epsilon):
+        if float(text) > 0.0 and (float(text) > alert_above) == (p_value > alert_above):
             break
     return text
 
@@ -314,8 +316,8 @@ class Picture:
         self._threshold = scene.add_mesh_simple(
             "/column/threshold", *torus(COLUMN_RADIUS * 1.75, 0.09), color=LIMIT, **common
         )
-        self._epsilon = scene.add_label(
-            "/column/epsilon", "", font_screen_scale=0.9, anchor="center-right"
+        self._threshold = scene.add_label(
+            "/column/threshold", "", font_screen_scale=0.9, anchor="center-right"
         )
         self._headline = scene.add_label(
             "/column/headline",
@@ -362,10 +364,10 @@ class Picture:
         known = colour != GREY
         level = height(shown.p_value) if known and shown.p_value is not None else COLUMN_HEIGHT
         self._set(self._fill, color=colour, scale=(1.0, 1.0, max(level, 0.02)), visible=True)
-        at = (0.0, 0.0, -height(shown.epsilon))
+        at = (0.0, 0.0, -height(shown.alert_above))
         self._set(self._threshold, position=at)
         beside = (0.0, -2.2 * COLUMN_RADIUS, at[2])
-        self._set(self._epsilon, text=f"ε {shown.epsilon:.3g}", position=beside)
+        self._set(self._threshold, text=f"> {shown.alert_above:.3g}", position=beside)
         urgent = COLOURS[shown.headline.level]
         self._paint_ring(urgent)
         words = caption(shown)

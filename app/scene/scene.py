@@ -71,7 +71,7 @@ class Scene:
         delta_a: float,
         delta_r: float,
         p_value: float | None,
-        epsilon: float,
+        alert_above: float,
         alert: bool | None,
         state: State | str,
         reason: str = "",
@@ -91,7 +91,7 @@ class Scene:
         with self._latest:
             if not all(map(isfinite, (t, *attitude, beta, delta_a, delta_r))):
                 pose = self._shown[:5]
-            assessment = p_value, epsilon, bool(alert), State(state), reason
+            assessment = p_value, alert_above, bool(alert), State(state), reason
             self._shown = Shown(*pose, *assessment, facts=facts)
             self._came = self._clock()
 

@@ -66,6 +66,7 @@ def score_at_each(
             *_assessed(flight, judged, epsilon),
             monitor.dt,
             epsilon,
+            monitor.alert_above(epsilon),
             flight.quality,
             notes,
             exceedances[:MOST_OUTSIDE],
@@ -159,9 +160,9 @@ def _assessed(
     flight: Ready, judged: list[JudgedSegment], epsilon: float
 ) -> tuple[npt.NDArray[np.void], tuple[ScoredManoeuvre, ...]]:
     """Samples and manoeuvres at a miss rate."""
-    fields = _between(flight.recording, judged)
+    fields, above = _between(flight.recording, judged), flight.monitor.alert_above(epsilon)
     for number, segment in enumerate(judged):
-        _fill(fields, number, segment, epsilon)
+        _fill(fields, number, segment, above)
     samples = packed(fields)
     return samples, tuple(
         _verdict(flight, segment, samples[segment.first : segment.stop], epsilon)
@@ -170,7 +171,7 @@ def _assessed(
 
 
 def _fill(
-    fields: dict[str, npt.NDArray[Any]], number: int, judged: JudgedSegment, epsilon: float
+    fields: dict[str, npt.NDArray[Any]], number: int, judged: JudgedSegment, alert_above: float
 ) -> None:
     """Put the assessments of a segment in their place: those that stand, and those withdrawn."""
     n, assessments = judged.n_assessed, judged.assessments
@@ -182,7 +183,7 @@ def _fill(
     fields["withdrawn"][withdrawn] = assessments.p_value[n:]
     fields["state"][kept] = assessments.state[:n]
     fields["p_value"][kept] = assessments.p_value[:n]
-    fields["alert"][kept] = assessments.p_value[:n] > epsilon
+    fields["alert"][kept] = assessments.p_value[:n] > alert_above
 
 
 def _between(recording: Recording, judged: list[JudgedSegment]) -> dict[str, npt.NDArray[Any]]:
@@ -226,7 +227,11 @@ def _verdict(
     first = (
         []
         if withdrawal is None
-        else [withdrawn(judged.assessments, withdrawal.first, limited, epsilon)]
+        else [
+            withdrawn(
+                judged.assessments, withdrawal.first, limited, flight.monitor.alert_above(epsilon)
+            )
+        ]
     )
     why = ""
     if not flight.planned.limits_known:

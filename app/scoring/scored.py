@@ -131,6 +131,7 @@ class ScoredRecording:
     """A recording as a monitor scored it.
 
     samples: (n,) of SAMPLE, one each dt [s].   notes: what was assumed and done, oldest first.
+    alert_above: risk above which a sample alerts.
     quality: of the recorded times and channels.
     outside_exceedances: those that begin in no manoeuvre, by their first recorded sample.
     compatibility: whether its sensors agree.
@@ -140,6 +141,7 @@ class ScoredRecording:
     manoeuvres: tuple[ScoredManoeuvre, ...]
     dt: float
     epsilon: float
+    alert_above: float
     quality: Quality
     notes: tuple[str, ...] = field(default=())
     outside_exceedances: tuple[RecordedExceedance, ...] = ()

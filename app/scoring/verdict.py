@@ -10,6 +10,7 @@ from core.channels import BY_KEY, CHANNELS
 from core.compatibility import TOLERANCES, SensorCheck
 from core.equation_error import Estimate
 from core.monitor import Monitor
+from core.monitor.calibration import smallest_epsilon
 from core.monitor.flown_input import amplitude_in_words
 
 OUTCOMES = {
@@ -100,7 +101,7 @@ def _lines(
         times = f"{times}, {time_of_day(manoeuvre.start)} to {time_of_day(manoeuvre.end)}"
     yield f"{manoeuvre.name}, {times}: {_outcome(manoeuvre)}"
     if manoeuvre.peak_risk is not None:
-        yield from _risk(monitor, scored.epsilon, manoeuvre, manoeuvre.peak_risk, of_day)
+        yield from _risk(monitor, scored.alert_above, manoeuvre, manoeuvre.peak_risk, of_day)
     elif manoeuvre.withdrawn_t is None:
         yield f"  {NOTHING}"
     else:
@@ -134,16 +135,16 @@ def _lines(
 
 
 def _risk(
-    monitor: Monitor, epsilon: float, manoeuvre: ScoredManoeuvre, peak: float, of_day: bool
+    monitor: Monitor, alert_above: float, manoeuvre: ScoredManoeuvre, peak: float, of_day: bool
 ) -> Iterator[str]:
-    least = peak <= monitor.smallest_epsilon
+    least = peak <= smallest_epsilon(monitor.n_unsafe)
     when = ", never above its least" if least else f" at {manoeuvre.peak_t:.2f} s"
     yield f"  peak risk          {peak:.3f}{when}"
     alerts = manoeuvre.alerts
     if not alerts:
-        yield f"  first alert        none (risk above epsilon {epsilon:g})"
+        yield f"  first alert        none (risk above {alert_above:g})"
         return
-    yield f"  first alert        at {_time(alerts[0][0], of_day)} (risk above epsilon {epsilon:g})"
+    yield f"  first alert        at {_time(alerts[0][0], of_day)} (risk above {alert_above:g})"
     if len(alerts) > 1:
         begin, end = alerts[-1]
         yield f"  alerts             {len(alerts)}, the last one {begin:.2f} to {end:.2f} s"

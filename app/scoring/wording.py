@@ -11,6 +11,12 @@ from app.scoring.segments import Segment
 from core.channels import BY_KEY
 from core.monitor import Assessments, Monitor
 from core.monitor.assessment import STATES, State
+from core.monitor.calibration import Guarantee
+
+PROMISED: dict[Guarantee, str] = {
+    "average": "on average over calibration sets",
+    "95%": "with 95 % confidence in this monitor's own calibration set",
+}
 
 
 def guarantee(monitor: Monitor, validity: Validity, epsilon: float) -> str:
@@ -25,13 +31,13 @@ def guarantee(monitor: Monitor, validity: Validity, epsilon: float) -> str:
     proviso = f" Whether it applies here is not wholly known: {'; '.join(open_)}." if open_ else ""
     return (
         "Of flights like the simulated ones that exceed a limit, at most a share "
-        f"{epsilon:.4g} has no alert {monitor.lead:g} s or more before, on average over "
-        f"calibration sets; at most a share {level:.4g} of such flights is called invalid for its "
-        f"observations.{proviso}"
+        f"{epsilon:.4g} has no alert {monitor.lead:g} s or more before, "
+        f"{PROMISED[monitor.recipe.guarantee]}; at most a share {level:.4g} of such flights is "
+        f"called invalid for its observations.{proviso}"
     )
 
 
-def withdrawn(assessments: Assessments, first: int, limited: Limited, epsilon: float) -> str:
+def withdrawn(assessments: Assessments, first: int, limited: Limited, alert_above: float) -> str:
     """What became of the alert of a segment to which the monitor is not applicable, if it had one.
 
     first: the first sample that is withdrawn; an alert before it stands.
@@ -39,16 +45,16 @@ def withdrawn(assessments: Assessments, first: int, limited: Limited, epsilon: f
     without, p_value = "without the withdrawal", assessments.p_value
     if np.isnan(p_value).all():
         return f"{without} there would be no risk either: no sample could be assessed"
-    over = np.flatnonzero(p_value > epsilon)
+    over = np.flatnonzero(p_value > alert_above)
     if not len(over):
         peak = int(np.nanargmax(p_value))
         return (
-            f"{without} the risk would have stayed at or below epsilon {epsilon:.4g}, at most "
+            f"{without} the risk would have stayed at or below {alert_above:.4g}, at most "
             f"{p_value[peak]:.3f} at {assessments.t[peak]:.2f} s"
         )
     t, exceedance = float(assessments.t[over[0]]), limited.exceedance
     stands = over[0] < first
-    when = f"{without} the risk would have exceeded epsilon {epsilon:.4g} at {t:.2f} s"
+    when = f"{without} the risk would have exceeded {alert_above:.4g} at {t:.2f} s"
     if stands:
         when = f"the alert at {t:.2f} s stands"
     if exceedance is not None:

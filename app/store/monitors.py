@@ -2,7 +2,7 @@
 
 import hashlib
 from collections import OrderedDict
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import asdict, dataclass, replace
 from threading import Lock
 from typing import Any
@@ -25,7 +25,8 @@ from app.store.tables import (
     scorings,
 )
 from core.certificate import warnings_of
-from core.monitor import Monitor
+from core.monitor import Monitor, MonitorRecipe
+from core.monitor.calibration import Guarantee, alert_above
 from core.monitor.loading import from_bytes
 from core.monitor.portable import MonitorFileError
 from core.specification import PlainSpecification, specification_to_plain
@@ -92,6 +93,15 @@ class MonitorInfo(Entry):
     warnings: list[str]
     """what its evaluation says against relying on it, at its epsilon or the one that was asked for;
     also that it has none"""
+
+    def alert_above(self, epsilon: float) -> float:
+        """Risk above which it alerts that promises this miss rate, which it can serve."""
+        return alert_above(epsilon, self.n_unsafe, guarantee_of(self.recipe))
+
+
+def guarantee_of(recipe: Mapping[str, Any]) -> Guarantee:
+    """The promise of a monitor's recipe as plain data; older ones promise on average."""
+    return recipe.get("guarantee", MonitorRecipe.guarantee)
 
 
 class MonitorRepository(Repository):
@@ -231,6 +241,23 @@ class MonitorRepository(Repository):
             tested = {row.id: _evaluation(row.evaluation) for row in rows}
         return {
             (monitor_id, epsilon): warnings_of(tested.get(monitor_id), epsilon)
+            for monitor_id, epsilon in pairs
+        }
+
+    def alerts_above(self, used: Iterable[tuple[str, float]]) -> dict[tuple[str, float], float]:
+        """Risk above which each monitor alerts at the epsilon it is used with.
+
+        used: pairs of id and epsilon, which the monitor can serve.
+        """
+        pairs = set(used)
+        query = select(monitors.c.id, monitors.c.n_unsafe, monitors.c.recipe)
+        asked = monitors.c.id.in_({monitor_id for monitor_id, _ in pairs})
+        with self._reading() as connection:
+            known = {row.id: row for row in connection.execute(query.where(asked))}
+        return {
+            (monitor_id, epsilon): alert_above(
+                epsilon, known[monitor_id].n_unsafe, guarantee_of(known[monitor_id].recipe)
+            )
             for monitor_id, epsilon in pairs
         }
 

@@ -5,7 +5,7 @@ from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
-from scipy.special import bdtr
+from scipy.special import bdtr, betaincinv
 
 from core.types import Array
 
@@ -52,11 +52,17 @@ def confident_rank(epsilon: float, n_unsafe: int) -> int:
     return int(np.count_nonzero(missed <= 1 - CONFIDENCE + 1e-12))
 
 
-def smallest_epsilon(n_unsafe: int, guarantee: Guarantee = "average") -> float:
-    """Smallest miss rate that n_unsafe failures can serve; below it every sample would alert."""
+def smallest_epsilon(n_unsafe: int, guarantee: Guarantee = "average", n_early: int = 0) -> float:
+    """Smallest miss rate that n_unsafe failures can serve; below it every sample would alert.
+
+    n_early: failures before any warning; the promise with confidence is refused for them, the one
+    on average only alerts always.
+    """
     if guarantee == "average":
         return 1 / (n_unsafe + 1)
-    return 1 - (1 - CONFIDENCE) ** (1 / n_unsafe)
+    if n_early >= n_unsafe:
+        return 1.0
+    return float(betaincinv(n_early + 1, n_unsafe - n_early, CONFIDENCE))
 
 
 def failures_needed(epsilon: float, guarantee: Guarantee = "average") -> int:

@@ -159,7 +159,7 @@ class Monitor:
     @property
     def smallest_epsilon(self) -> float:
         """Smallest epsilon its failures can serve."""
-        return smallest_epsilon(self.n_unsafe, self.recipe.guarantee)
+        return smallest_epsilon(self.n_unsafe, self.recipe.guarantee, self.n_early)
 
     def p_values(self, y: npt.ArrayLike) -> Array:
         """p-value of each sample of a trajectory sampled at the monitor's dt.

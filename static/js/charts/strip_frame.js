@@ -15,7 +15,7 @@
  *   triangle(x, up), line(x, colour, dash, thick)
  *   cursors({x, cursor, marks})      the cursor, A and B
  *   flags({flags, x, width})         moments of this channel, or of all: [{key | null, t, word, colour, thin}]; the word of all stands on the risk's strip
- *   thresholds(epsilon, plot, held), labels(epsilon)      limits or epsilon: in the plot, in the gutter
+ *   thresholds(alertAbove, plot, held), labels(alertAbove)      limits or alertAbove: in the plot, in the gutter
  *     held: [{limit, left, right}] what held from where to where [px], where the limit changed; else all along
  */
 
@@ -145,8 +145,8 @@ export function createStripFrame(canvas, strip) {
     pen.setLineDash([]);
   }
 
-  function thresholds(epsilon, plot, held = null) {
-    for (const value of held === null ? levels(epsilon) : []) threshold(value, 0, plot);
+  function thresholds(alertAbove, plot, held = null) {
+    for (const value of held === null ? levels(alertAbove) : []) threshold(value, 0, plot);
     for (const { limit, left, right } of held ?? []) {
       const [from, to] = [Math.max(0, left), Math.min(plot, right)];
       if (limit !== null && from < to) for (const value of [limit, -limit]) threshold(value, from, to - from);
@@ -163,12 +163,12 @@ export function createStripFrame(canvas, strip) {
     pen.fillRect(left, at - 0.75, width, 1.5);
   }
 
-  function levels(epsilon) {
-    if (strip.risk) return Number.isFinite(epsilon) ? [epsilon] : [];
+  function levels(alertAbove) {
+    if (strip.risk) return Number.isFinite(alertAbove) ? [alertAbove] : [];
     return strip.limit === null ? [] : [strip.limit, -strip.limit];
   }
 
-  function labels(epsilon) {
+  function labels(alertAbove) {
     pen.font = `12px ${own.palette.font}`;
     pen.textAlign = "right";
     pen.textBaseline = "middle";
@@ -182,11 +182,11 @@ export function createStripFrame(canvas, strip) {
       pen.fillText(text, -6, at);
     };
     if (strip.risk) {
-      if (Number.isFinite(epsilon)) label(epsilon, `ε ${epsilon}`, own.palette.epsilon, "700");
+      if (Number.isFinite(alertAbove)) label(alertAbove, `> ${figure(alertAbove)}`, own.palette.epsilon, "700");
       for (const value of [0, 1, 0.5, 0.1]) label(value, String(value), own.palette.dim);
       return;
     }
-    for (const value of levels(epsilon)) label(value, signed(value * axis.factor), own.palette.limit, "700");
+    for (const value of levels(alertAbove)) label(value, signed(value * axis.factor), own.palette.limit, "700");
     const isZero = (value) => Math.abs(value) < axis.step / 2;
     const ticks = axisTicks(axis);
     if (ticks.some(isZero)) label(0, "0", own.palette.dim);

@@ -8,10 +8,10 @@
  * Exports
  *   createAlarmPanel(element, {tone, acknowledge}) -> AlarmPanel
  *     acknowledge(alarm) -> Promise    tells the server; the alarm comes back acknowledged
- *   guarantee({epsilon, lead}) -> string
+ *   guarantee({epsilon, lead, guarantee}) -> string
  *
  * AlarmPanel
- *   describe({epsilon, lead, warnings, limits, channels})   warnings: of the monitor; limits: nodes, |N_y| 0.5 g; of the flight
+ *   describe({epsilon, alertAbove, guarantee, lead, warnings, limits, channels})   warnings: of the monitor; limits: nodes, |N_y| 0.5 g; of the flight
  *   setState({state, reason, last})    of the newest assessment: whether the guarantee stands; last: the reason of its sample
  *   take(alarm)          raised or acknowledged
  *   setHeadline({status, beside})   of the flight: what goes on after it was acknowledged
@@ -27,7 +27,7 @@ import { reason } from "../lib/api.js";
 import { h, put } from "../lib/dom.js";
 import { needs } from "../lib/me.js";
 import { sentence } from "../lib/monitor_warnings.js";
-import { riskText } from "../lib/numbers.js";
+import { figure, riskText } from "../lib/numbers.js";
 import { magnitudeIn, quantity } from "../lib/units.js";
 import { errorLine } from "../lib/view_states.js";
 import { CAUTION_WORDS, cautionText, waitingOf } from "./panels.js";
@@ -37,11 +37,16 @@ const GOES_ON = {
   risk: "ALERT continues, acknowledged",
 };
 
-export function guarantee({ epsilon, lead }) {
+const PROMISED = {
+  average: "on average over calibration sets",
+  "95%": "with 95 % confidence in this monitor",
+};
+
+export function guarantee({ epsilon, lead, guarantee: kept = "average" }) {
   const share = `${Number((100 * epsilon).toPrecision(3))} %`;
   return (
     `Of flights that fail, at most ${share} get no alert at least ${Number(lead.toFixed(3))} s ahead, ` +
-    "on average over calibration sets, for flights drawn like the simulated ones. " +
+    `${PROMISED[kept]}, for flights drawn like the simulated ones. ` +
     "Risk is not the probability of failure."
   );
 }
@@ -57,7 +62,7 @@ export function createAlarmPanel(element, { tone, acknowledge }) {
   const failure = errorLine();
   element.append(banner, calm, failure.element);
   const alarms = new Map();
-  let flight = { epsilon: NaN, lead: 0, warnings: [], limits: [], channels: [] };
+  let flight = { epsilon: NaN, alertAbove: NaN, lead: 0, warnings: [], limits: [], channels: [] };
   let assessment = { state: null, reason: "" };
   let status = "";
   let holds = []; // what the headline and what stands beside it say
@@ -106,13 +111,13 @@ export function createAlarmPanel(element, { tone, acknowledge }) {
   function words(alike, others) {
     const first = alike.reduce((one, next) => (next.t < one.t ? next : one));
     const { t, p_value: risk, kind, exceedance } = first;
-    const value = risk === null ? "" : ` ${riskText(risk, flight.epsilon)}`;
+    const value = risk === null ? "" : ` ${riskText(risk, flight.alertAbove)}`;
     const at = alike.length > 1 ? `first at ${t.toFixed(2)} s, ${alike.length} alarms` : `at ${t.toFixed(2)} s`;
     const more = others > 0 ? `, ${others} more` : "";
     if (kind in CAUTION_WORDS) return [`${cautionText(first, ` ${at}`)}${more}`];
     if (kind === "limit") return [`LIMIT EXCEEDED ${at}: `, ...measured(exceedance), more];
     const lead = Number(flight.lead.toFixed(3));
-    const what = `ALERT ${at}: risk${value} > ε ${flight.epsilon}, warns ${lead} s before `;
+    const what = `ALERT ${at}: risk${value} > ${figure(flight.alertAbove)}, warns ${lead} s before `;
     return [what, ...flight.limits.map((node) => node.cloneNode(true)), more];
   }
 

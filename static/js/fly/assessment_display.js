@@ -35,7 +35,8 @@ const LOST = { state: "stale", reason: "connection lost" };
 const ALARMED = ["stale", "invalid"]; // cautions, which are listed as alarms
 
 export function createAssessmentDisplay(panels, { hello, history, alarm, events, onExceedance }) {
-  const { channels, epsilon, lead, dt } = hello;
+  const { channels, lead, dt } = hello;
+  const alertAbove = hello.monitors[0].alert_above;
   const timeline = createTimeline({ seconds: windowOf(hello), staleAfter: hello.stale_after, start: hello.transport.start });
   timeline.begin(performance.now());
   const gauge = createRiskGauge(panels.gauge, { timeline, led: true });
@@ -43,7 +44,7 @@ export function createAssessmentDisplay(panels, { hello, history, alarm, events,
   ahead.describe(hello.monitors);
   const chart = createStripChart(panels.strips, {
     channels,
-    epsilon,
+    alertAbove,
     lead,
     dt,
     timeline,
@@ -82,7 +83,7 @@ export function createAssessmentDisplay(panels, { hello, history, alarm, events,
       return;
     }
     noted = alertNote();
-    gauge.update({ ...frame, note: noted, epsilon });
+    gauge.update({ ...frame, note: noted, alertAbove });
   }
 
   function headlineNow(wall) {
@@ -94,7 +95,7 @@ export function createAssessmentDisplay(panels, { hello, history, alarm, events,
   /** The number is the risk now. An alert may last one sample, too short for an eye: while it waits, it stands below. */
   function alertNote() {
     const alert = alarm.alert();
-    return alert === null ? "" : `now; at the alert of ${formatTime(alert.t, 0.01)} s ${riskText(alert.p_value, epsilon)}`;
+    return alert === null ? "" : `now; at the alert of ${formatTime(alert.t, 0.01)} s ${riskText(alert.p_value, alertAbove)}`;
   }
 
   /** What the monitor can say now; a word in place of a number where it can say nothing. */
@@ -115,7 +116,7 @@ export function createAssessmentDisplay(panels, { hello, history, alarm, events,
   }
 
   function withdraw() {
-    gauge.update({ ...assessment, p_value: null, last: newest?.p_value, said: lastReason(), epsilon });
+    gauge.update({ ...assessment, p_value: null, last: newest?.p_value, said: lastReason(), alertAbove });
     chart.setState(assessment);
   }
 

@@ -100,7 +100,7 @@ export function showLiveFlight(element, { id, api, over }) {
       if (hello.live) showSource();
     }
     if (hello.head < display.seq) forgetFrom(hello.head);
-    alarm.describe({ epsilon, lead, warnings, limits: limitsOf(channels), channels });
+    alarm.describe({ epsilon, alertAbove: alertAbove(), guarantee: hello.guarantee, lead, warnings, limits: limitsOf(channels), channels });
     if (again) display.chart.setLimits(channels, hello.limits?.since ?? -Infinity);
     else if (Number.isFinite(hello.limits?.since)) display.chart.holdFrom(hello.limits.since);
     limits.show(hello.limits, channels);
@@ -155,12 +155,16 @@ export function showLiveFlight(element, { id, api, over }) {
     onFrames([], await display.restart(t));
   }
 
+  function alertAbove() {
+    return hello.monitors[0].alert_above;
+  }
+
   function onAlarm(raisedAlarm) {
     const { number, t, level, kind, acknowledged } = raisedAlarm;
     const fresh = !raised.has(number);
     raised.add(number);
     alarm.take(raisedAlarm);
-    if (fresh) events.add({ t, text: alertText(raisedAlarm, hello.epsilon, hello.channels), level: LEVEL_OF[level] });
+    if (fresh) events.add({ t, text: alertText(raisedAlarm, alertAbove(), hello.channels), level: LEVEL_OF[level] });
     if (acknowledged) {
       events.add(acknowledgementOf(raisedAlarm));
       if (kind === "limit") display.chart.acknowledge();

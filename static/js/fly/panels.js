@@ -9,7 +9,7 @@
  *   CAUTION_WORDS {kind: word}          of the alarms that are no warnings
  *   cautionText({kind, reason}, at) -> string    "NOT APPLICABLE at 3.4 s: ..."; at: when, in words
  *   waitingOf(alarms) -> {warnings, cautions}    those that nobody acknowledged
- *   alertText(alarm, epsilon, channels) -> string, exceedanceText({key, value, judged}, channels) -> string
+ *   alertText(alarm, alertAbove, channels) -> string, exceedanceText({key, value, judged}, channels) -> string
  *   acknowledgementOf(alarm) -> event    when it was acknowledged, and of which alarm
  *   recordedFlag(alarm) -> {key, t, word} | null    the strips' mark of an exceedance as recorded, not from trim
  *   sourceText(source, name) -> string
@@ -73,13 +73,13 @@ export function limitsOf(channels) {
   ]);
 }
 
-export function alertText(alarm, epsilon, channels) {
+export function alertText(alarm, alertAbove, channels) {
   const { kind, p_value: risk, exceedance } = alarm;
   if (kind in CAUTION_WORDS) return cautionText(alarm).replace(/^[A-Z ]+/, (word) => word.toLowerCase());
   if (exceedance) {
     return exceedanceText({ ...exceedance, key: exceedance.channel }, channels);
   }
-  return risk === null ? "alert" : `alert, risk ${riskText(risk, epsilon)}`;
+  return risk === null ? "alert" : `alert, risk ${riskText(risk, alertAbove)}`;
 }
 
 export function acknowledgementOf({ t, number, level, by, acknowledged }) {

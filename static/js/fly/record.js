@@ -40,6 +40,7 @@ export function showFlightRecord(element, { flight, why, api, navigate }) {
   const source = sourceText(flight.source, flight.name);
   const nothing = { age: NaN, latency: NaN, conflated: 0, lost: flight.lost, unwritten: 0, problem: "", utc: null };
   const shown = { mode: flight.mode, source, monitor: flight.monitor, warnings: flight.warnings, link: "over", staleAfter: 1, playing: false, live: false, headline: null, figures: nothing };
+  const alertAbove = flight.monitors[0].alert_above;
   let chart = null;
   let closed = false;
 
@@ -80,7 +81,7 @@ export function showFlightRecord(element, { flight, why, api, navigate }) {
   function showResult(now) {
     shown.result = resultOf(now);
     status.update(shown);
-    gauge.update({ state: "over", reason: "the flight has ended", epsilon: flight.epsilon, result: shown.result });
+    gauge.update({ state: "over", reason: "the flight has ended", alertAbove, result: shown.result });
   }
 
   const marked = api.get(`${path}/markers`);
@@ -118,7 +119,7 @@ export function showFlightRecord(element, { flight, why, api, navigate }) {
     panels.notice.append(...summaryLines(flight.monitors, longest));
     const found = draw(channels, monitor, longest, passes);
     for (const alarm of alarms) {
-      found.push({ t: alarm.t, text: alertText(alarm, flight.epsilon, channels), level: LEVEL_OF[alarm.level], seen: true });
+      found.push({ t: alarm.t, text: alertText(alarm, alertAbove, channels), level: LEVEL_OF[alarm.level], seen: true });
       if (alarm.acknowledged) found.push(acknowledgementOf(alarm));
       const flag = recordedFlag(alarm);
       if (flag) chart.flag(flag);
@@ -171,7 +172,7 @@ export function showFlightRecord(element, { flight, why, api, navigate }) {
     const found = [];
     panels.strips.replaceChildren();
     chart = createStripChart(panels.strips, {
-      channels, epsilon: flight.epsilon, lead, dt, seconds: windowOf({ duration: last - first, lead }),
+      channels, alertAbove, lead, dt, seconds: windowOf({ duration: last - first, lead }),
       onExceedance: (exceedance) =>
         found.push({ t: exceedance.t, text: exceedanceText(exceedance, channels), level: "alert", seen: true }),
     });

@@ -8,7 +8,7 @@
  * Exports
  *   createRiskGauge(element, {timeline, scale, led}) -> {update(reading), draw(wall, headline), clear(), destroy()}
  *     led: it is drawn by `draw` alone, with a flight's headline; else by itself, with that of the sample alone
- *     reading: {p_value, epsilon, state, alert, reason, note, result}, any frame with its epsilon will do;
+ *     reading: {p_value, alertAbove, state, alert, reason, note, result}, any frame with its alertAbove will do;
  *     note stands below the number; last, said: risk and reason of the last sample, where nothing follows it; result: {words, level}, what a flight that is over came to; state
  *       ok, warming_up, stale, invalid (between manoeuvres: NOT ASSESSED), over (the flight has ended), or null for no data.
  *     timeline: the strips' clock; with it the gauge turns stale by itself when samples stop.
@@ -17,7 +17,7 @@
 
 import { shownState } from "../charts/readout.js";
 import { addDrawer } from "../lib/draw_loop.js";
-import { riskText } from "../lib/numbers.js";
+import { figure, riskText } from "../lib/numbers.js";
 import { besideOf, FACES, headlineOf, ofSample, wordOf } from "./headline.js";
 
 const NS = "http://www.w3.org/2000/svg";
@@ -25,7 +25,7 @@ const CENTRE = { x: 170, y: 150 };
 const RADIUS = 122;
 const FROM = -205; // degrees, clockwise from three o'clock
 const SWEEP = 230;
-const MARGIN = 30; // of the dial on either side, for epsilon's label
+const MARGIN = 30; // of the dial on either side, for alertAbove's label
 
 const WITHOUT = { over: { word: "OVER", shape: "dash" }, none: FACES.no_data };
 
@@ -48,7 +48,7 @@ const SHAPES = {
 /**
  * @typedef {object} Reading
  * @property {string | null} state  ok, warming_up, stale, invalid; null: no data
- * @property {number | null} [p_value] @property {number | null} [epsilon]
+ * @property {number | null} [p_value] @property {number | null} [alertAbove]
  * @property {boolean | null} [alert] @property {string} [reason]
  */
 
@@ -95,11 +95,11 @@ export function createRiskGauge(element, { timeline = null, scale = "sqrt", led 
   function render(wall, headline = null) {
     const face = faceOf(wall, headline);
     const { key, assessed } = face;
-    const { p_value: risk = null, epsilon = null } = reading;
-    const digits = assessed ? riskText(risk, epsilon) : "";
+    const { p_value: risk = null, alertAbove = null } = reading;
+    const digits = assessed ? riskText(risk, alertAbove) : "";
     const why = assessed ? (reading.note ?? "") : whyOf(face, reading, timeline, wall);
     const drawn = `${key} ${face.level} ${face.beside} ${assessed}`;
-    const now = `${drawn}|${digits}|${epsilon}|${why}|${reading.alert}`;
+    const now = `${drawn}|${digits}|${alertAbove}|${why}|${reading.alert}`;
     if (now === shown) return;
     if (drawn !== shown.split("|")[0]) drawFace(face);
     shown = now;
@@ -107,14 +107,14 @@ export function createRiskGauge(element, { timeline = null, scale = "sqrt", led 
     number.textContent = digits;
     number.setAttribute("font-size", digits.length > 4 ? "54" : "74");
     reason.textContent = why;
-    drawThreshold(epsilon, assessed);
+    drawThreshold(alertAbove, assessed);
     if (assessed) {
       const at = Math.max(0.001, share(Math.min(1, Math.max(0, risk))));
       bar.setAttribute("d", arc(0, at));
       const tip = polar(at, RADIUS - 13);
       needle.setAttribute("transform", `translate(${tip.x} ${tip.y}) rotate(${angle(at) - 90})`);
     }
-    speak(face, digits, epsilon, why);
+    speak(face, digits, alertAbove, why);
   }
 
   /** What is shown: the word, its level, what stands beside it, and whether there is a number. */
@@ -160,25 +160,25 @@ export function createRiskGauge(element, { timeline = null, scale = "sqrt", led 
     spoken.textContent = `${text} ${also}`.trim().toLowerCase(); // spoken when it changes, not at 50 Hz
   }
 
-  function drawThreshold(epsilon, assessed) {
-    const known = Number.isFinite(epsilon);
+  function drawThreshold(alertAbove, assessed) {
+    const known = Number.isFinite(alertAbove);
     for (const part of [threshold, thresholdText]) show(part, known);
     show(beyond, known && assessed);
     if (!known) return;
-    const at = share(epsilon);
+    const at = share(alertAbove);
     const [inner, outer, text] = [RADIUS - 18, RADIUS + 16, RADIUS + 30].map((r) => polar(at, r));
     threshold.setAttribute("d", `M${inner.x} ${inner.y}L${outer.x} ${outer.y}`);
     thresholdText.setAttribute("x", String(text.x));
     thresholdText.setAttribute("y", String(text.y + 4));
     thresholdText.setAttribute("text-anchor", at < 0.42 ? "end" : at > 0.58 ? "start" : "middle");
-    thresholdText.textContent = `ε ${epsilon}`;
+    thresholdText.textContent = `> ${figure(alertAbove)}`;
     const room = MARGIN + Math.min(text.x, 340 - text.x);
     thresholdText.style.fontSize = `${Math.min(18, room / (0.58 * thresholdText.textContent.length))}px`;
     beyond.setAttribute("d", arc(at, 1));
   }
 
-  function speak({ word: said, assessed }, digits, epsilon, why) {
-    const threshold = Number.isFinite(epsilon) ? `, alerts above ${epsilon}` : "";
+  function speak({ word: said, assessed }, digits, alertAbove, why) {
+    const threshold = Number.isFinite(alertAbove) ? `, alerts above ${figure(alertAbove)}` : "";
     svg.setAttribute("role", assessed ? "meter" : "img"); // a meter must have a value
     svg.setAttribute("aria-label", assessed ? "risk, higher is worse" : `risk not assessed: ${why || said}`);
     const meter = {
@@ -198,7 +198,7 @@ export function createRiskGauge(element, { timeline = null, scale = "sqrt", led 
   return {
     update,
     draw: render,
-    clear: () => update({ state: null, epsilon: reading.epsilon }),
+    clear: () => update({ state: null, alertAbove: reading.alertAbove }),
     destroy: () => {
       stop();
       element.replaceChildren();
@@ -207,10 +207,10 @@ export function createRiskGauge(element, { timeline = null, scale = "sqrt", led 
 }
 
 /** @param {Reading} reading */
-function whyOf({ key, stale }, { reason, state, p_value: risk, last = risk, epsilon }, timeline, wall) {
+function whyOf({ key, stale }, { reason, state, p_value: risk, last = risk, alertAbove }, timeline, wall) {
   if (key === "none") return "no sample has been assessed yet";
   if (stale && timeline !== null && Number.isFinite(timeline.age(wall))) {
-    const then = Number.isFinite(last) ? `, its risk ${riskText(last, epsilon)}` : "";
+    const then = Number.isFinite(last) ? `, its risk ${riskText(last, alertAbove)}` : "";
     const cause = state === "stale" && reason ? `${reason}; ` : "";
     return `${cause}last sample ${timeline.age(wall).toFixed(0)} s ago${then}`;
   }

@@ -149,7 +149,7 @@ function startForm({ monitors, datasets, recordings, query, api, navigate }) {
     warn(now);
     display.adapt(now);
     const least = Number(now.smallest_epsilon.toPrecision(3));
-    const promise = epsilon.value >= now.smallest_epsilon ? guarantee({ epsilon: Number(epsilon.value), lead: now.lead }) : "";
+    const promise = epsilon.value >= now.smallest_epsilon ? guarantee({ epsilon: Number(epsilon.value), lead: now.lead, guarantee: now.recipe.guarantee }) : "";
     put(served, `This monitor is calibrated on ${now.n_unsafe} failures, which serve an epsilon of ${least} or more. ${promise}`);
     const replay = kind.value === "replay";
     const isLive = kind.value === "live";

@@ -7,8 +7,8 @@
  *   formatValue(value, decimals 3) -> string     a reading with a true minus; a dash when missing
  *   formatTime(t, step) -> string    "12.50", "3:05" from two minutes on, "1:03:05" from an
  *       hour on; as fine as `step` [s] needs
- *   riskText(risk, epsilon) -> string     two or three digits; more where rounding would put
- *       the risk on the wrong side of epsilon
+ *   riskText(risk, alertAbove) -> string     two or three digits; more where rounding would put
+ *       the risk on the wrong side of what it alerts above
  *   rounded(number) -> number     to as many digits as people write
  *   secondsText(t), durationText(seconds), bytesText(n)
  */
@@ -68,10 +68,10 @@ export function formatTime(t, step) {
   return `${sign}${Math.floor(minutes / 60)}:${String(minutes % 60).padStart(2, "0")}:${seconds}`;
 }
 
-export function riskText(risk, epsilon) {
+export function riskText(risk, alertAbove) {
   for (let places = risk < 0.1 ? 3 : 2; places < 6; places++) {
     const text = risk.toFixed(places);
-    if (!Number.isFinite(epsilon) || risk > epsilon === Number(text) > epsilon) return text;
+    if (!Number.isFinite(alertAbove) || risk > alertAbove === Number(text) > alertAbove) return text;
   }
   return String(risk);
 }

@@ -1,29 +1,53 @@
 /**
  * The monitor's rule in numbers: rank, threshold, and how one calibration set's miss rate scatters.
  *
+ * guarantee: "average" over calibration sets, or "95%": of the monitor itself with that confidence.
+ *
  * Exports
- *   rank(epsilon, n) -> k                alert iff score <= alpha_(k); n + 1 means always
- *   threshold(epsilon, alphas) -> score  alphas sorted, null: too early to be warned of
- *   neededFor(epsilon) -> n              failures that can serve epsilon
- *   scatter(epsilon, n) -> [low, high]   5-95 % of the miss rate of monitors calibrated on n failures
+ *   rank(epsilon, n, guarantee) -> k                alert iff score <= alpha_(k); n + 1 means always
+ *   alertAbove(epsilon, n, guarantee) -> risk       the same rule, as a risk
+ *   threshold(epsilon, alphas, guarantee) -> score  alphas sorted, null: too early to be warned of
+ *   neededFor(epsilon, guarantee) -> n              failures that can serve epsilon
+ *   leastFor(n, guarantee) -> epsilon               that n failures can serve
+ *   scatter(epsilon, n, guarantee) -> [low, high]   5-95 % of the miss rate of monitors calibrated
+ *       on n failures
  */
 
-export function rank(epsilon, n) {
-  return n + 1 - Math.floor(epsilon * (n + 1) + 1e-9);
+const DOUBT = 0.05;
+
+export function rank(epsilon, n, guarantee = "average") {
+  return n + 1 - allowed(epsilon, n, guarantee);
 }
 
-export function threshold(epsilon, alphas) {
-  const k = rank(epsilon, alphas.length);
+/** Failures whose score may lie above the threshold. */
+function allowed(epsilon, n, guarantee) {
+  if (guarantee === "average") return Math.floor(epsilon * (n + 1) + 1e-9);
+  let [j, missed] = [0, 1 - atLeast(1, n, epsilon)]; // P(at most j of n failures are missed)
+  while (j < n && missed <= DOUBT + 1e-12) missed = 1 - atLeast(++j + 1, n, epsilon);
+  return j;
+}
+
+export function alertAbove(epsilon, n, guarantee = "average") {
+  return guarantee === "average" ? epsilon : allowed(epsilon, n, guarantee) / (n + 1);
+}
+
+export function threshold(epsilon, alphas, guarantee = "average") {
+  const k = rank(epsilon, alphas.length, guarantee);
   return k > alphas.length ? Infinity : (alphas[k - 1] ?? Infinity);
 }
 
-export function neededFor(epsilon) {
-  return Math.ceil(1 / epsilon - 1 - 1e-9);
+export function neededFor(epsilon, guarantee = "average") {
+  const n = guarantee === "average" ? 1 / epsilon - 1 : Math.log(DOUBT) / Math.log1p(-epsilon);
+  return Math.ceil(n - 1e-9);
 }
 
-export function scatter(epsilon, n) {
+export function leastFor(n, guarantee = "average") {
+  return guarantee === "average" ? 1 / (n + 1) : 1 - DOUBT ** (1 / n);
+}
+
+export function scatter(epsilon, n, guarantee = "average") {
   // the miss rate given the calibration set is Beta(j, n + 1 - j), j failures above the threshold
-  const j = n + 1 - rank(epsilon, n);
+  const j = allowed(epsilon, n, guarantee);
   return j < 1 ? [0, 0] : [quantile(0.05, j, n), quantile(0.95, j, n)];
 }
 

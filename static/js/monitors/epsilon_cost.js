@@ -10,7 +10,7 @@
 import { h, svg } from "../lib/dom.js";
 import { warningLines } from "../lib/monitor_warnings.js";
 import { figure, interval, percent } from "../lib/numbers.js";
-import { neededFor, rank, scatter, threshold } from "./calibration_rule.js";
+import { alertAbove, neededFor, rank, scatter, threshold } from "./calibration_rule.js";
 
 const MEASURES = [
   {
@@ -88,6 +88,7 @@ export function createEpsilonCost({ monitor, calibration, evaluation, changed })
     guarantee,
     served(monitor),
   );
+  const promised = monitor.recipe.guarantee ?? "average";
   const cost = { element, epsilon: points[slider.value].epsilon };
   move();
   return cost;
@@ -95,32 +96,32 @@ export function createEpsilonCost({ monitor, calibration, evaluation, changed })
   function move() {
     const point = points[slider.value];
     const { epsilon } = point;
-    const k = rank(epsilon, monitor.n_unsafe);
-    const level = threshold(epsilon, calibration.alphas);
+    const k = rank(epsilon, monitor.n_unsafe, promised);
+    const level = threshold(epsilon, calibration.alphas, promised);
     cost.epsilon = epsilon;
     reading.textContent = `ε = ${figure(epsilon)}`;
     slider.setAttribute("aria-valuetext", `epsilon ${figure(epsilon)}`);
     rule.textContent =
-      `Alert if risk > ${figure(epsilon)}, that is if the score is at most ${Number.isFinite(level) ? figure(level) : "anything"} (rank ${k} of ${monitor.n_unsafe}).` +
+      `Alert if risk > ${figure(alertAbove(epsilon, monitor.n_unsafe, promised))}, that is if the score is at most ${Number.isFinite(level) ? figure(level) : "anything"} (rank ${k} of ${monitor.n_unsafe}).` +
       (Number(slider.value) === own ? " This is the monitor's own epsilon." : "");
     for (const { show } of rows) show(point, epsilon);
     warnings.replaceChildren(...warningLines({ warnings: point.warnings ?? [] }));
-    const [low, high] = scatter(epsilon, monitor.n_unsafe);
+    const [low, high] = scatter(epsilon, monitor.n_unsafe, promised);
     const range = `${percent(low, 0)} and ${percent(high, 0)} (5–95 %)`;
     guarantee.textContent =
-      `Promised on average over calibration sets: at most ${percent(epsilon)} missed. ` +
+      `Promised ${promised === "average" ? "on average over calibration sets" : "with 95 % confidence in this monitor"}: at most ${percent(epsilon)} missed. ` +
       `One monitor calibrated on ${monitor.n_unsafe} failures may miss between ${range}` +
       (evaluation ? ": what this one did miss stands above." : ".");
     changed({ epsilon, rank: k, threshold: level });
   }
 }
 
-function served({ n_unsafe, smallest_epsilon }) {
+function served({ n_unsafe, smallest_epsilon, recipe }) {
   const half = smallest_epsilon / 2;
   return h(
     "p",
     { class: "hint" },
-    `The smallest epsilon that ${n_unsafe} failures can serve is ${figure(smallest_epsilon)}. For ${figure(half, 2)} train on at least ${neededFor(Number(half.toPrecision(2)))}.`,
+    `The smallest epsilon that ${n_unsafe} failures can serve is ${figure(smallest_epsilon)}. For ${figure(half, 2)} train on at least ${neededFor(Number(half.toPrecision(2)), recipe.guarantee)}.`,
   );
 }
 

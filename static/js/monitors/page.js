@@ -140,7 +140,7 @@ function guarantee(monitor) {
       h(
         "li",
         {},
-        "on average over calibration sets, for flights drawn like the simulated ones: this aircraft and its uncertainty, this manoeuvre, this simulated pilot. A different aircraft, manoeuvre or pilot is outside it.",
+        `${monitor.recipe.guarantee === "95%" ? "with 95 % confidence in this monitor" : "on average over calibration sets"}, for flights drawn like the simulated ones: this aircraft and its uncertainty, this manoeuvre, this simulated pilot. A different aircraft, manoeuvre or pilot is outside it.`,
       ),
       h(
         "li",

@@ -15,7 +15,7 @@ import { loadingView } from "../lib/loading_view.js";
 import { needs } from "../lib/me.js";
 import { figure } from "../lib/numbers.js";
 import { errorLine, link, pageOf } from "../lib/view_states.js";
-import { neededFor } from "./calibration_rule.js";
+import { leastFor, neededFor } from "./calibration_rule.js";
 
 const MAIN = ["t_early", "epsilon"];
 const TEST = {
@@ -163,15 +163,15 @@ function createTrainForm({ api, catalog, datasets, like, chosen, onsubmit }) {
   tell();
 
   function tell() {
-    const { epsilon } = fields.read();
+    const { epsilon, guarantee } = fields.read();
     const n = source.failures();
-    const enough = n !== null && epsilon > 0 && n >= neededFor(epsilon);
+    const enough = n !== null && epsilon > 0 && n >= neededFor(epsilon, guarantee);
     served.textContent =
       !(epsilon > 0 && epsilon < 1) || n === null
         ? ""
         : enough
-          ? `${n} failures serve an epsilon of ${figure(1 / (n + 1))} or more.`
-          : `An epsilon of ${figure(epsilon)} needs at least ${neededFor(epsilon)} unsafe rollouts; ${n} are asked for: raise one of them.`;
+          ? `${n} failures serve an epsilon of ${figure(leastFor(n, guarantee))} or more.`
+          : `An epsilon of ${figure(epsilon)} needs at least ${neededFor(epsilon, guarantee)} unsafe rollouts; ${n} are asked for: raise one of them.`;
     served.classList.toggle("error", !enough && served.textContent !== "");
   }
 

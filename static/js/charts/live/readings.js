@@ -11,6 +11,7 @@
  */
 
 import { put } from "../../lib/dom.js";
+import { figure } from "../../lib/numbers.js";
 import { magnitudeIn, quantity } from "../../lib/units.js";
 import { createReadout, cursorsText, STATE_WORDS } from "../readout.js";
 
@@ -81,7 +82,7 @@ export function createReadings(strips, { rowOf, bar }, { ring, timeline, flight,
       const known = last >= 0 && !withdrawn;
       const value = known ? ring.value(strip.series, last) : NaN;
       const words = { state, age, value, alert: strip.risk && intake.status.alert && known && state !== "stale" };
-      const text = description(strip, words, flight.epsilon, intake.exceedances.get(strip.key));
+      const text = description(strip, words, flight.alertAbove, intake.exceedances.get(strip.key));
       rowOf[k].canvas.setAttribute("aria-label", text);
     });
   }
@@ -89,7 +90,7 @@ export function createReadings(strips, { rowOf, bar }, { ring, timeline, flight,
   return { show, describe, valueAt };
 }
 
-function description(strip, { state, age, value, alert }, epsilon, exceedance) {
+function description(strip, { state, age, value, alert }, alertAbove, exceedance) {
   const { risk, label, symbol, limit } = strip;
   const name = risk ? "risk, higher is worse" : `${label} ${symbol}`;
   const reading = Number.isFinite(value) ? quantity(strip, value) : "no value";
@@ -97,7 +98,7 @@ function description(strip, { state, age, value, alert }, epsilon, exceedance) {
   const last = state === "stale" && Number.isFinite(value) ? "last value " : "";
   const parts = [`${name}: ${last}${reading}`, state === "stale" ? `${word} for ${age}` : word];
   if (alert) parts.push("alert");
-  if (risk && Number.isFinite(epsilon)) parts.push(`alerts above ${epsilon}`);
+  if (risk && Number.isFinite(alertAbove)) parts.push(`alerts above ${figure(alertAbove)}`);
   if (limit !== null) parts.push(`limit ±${magnitudeIn(strip, limit)}`);
   if (exceedance) parts.push(`limit exceeded at ${exceedance.t.toFixed(2)} s`);
   return parts.join(", ");

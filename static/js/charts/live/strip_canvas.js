@@ -19,7 +19,7 @@
  * @property {{x0: number, x1: number, kind: string, word: string}[]} bands
  * @property {number[]} ticks  times of the vertical grid [s]
  * @property {{key: string | null, t: number, word: string, colour?: string}[]} flags  moments that are marked
- * @property {number} epsilon @property {number} cursor @property {{a: number, b: number}} marks [s]
+ * @property {number} alertAbove @property {number} cursor @property {{a: number, b: number}} marks [s]
  */
 
 import { createStripFrame, GUTTER, SPARSE } from "../strip_frame.js";
@@ -49,7 +49,7 @@ export function createStripCanvas(canvas, strip) {
     lastMark = -Infinity;
     for (const band of frame.bands) drawWord(band); // under the trace, which no word may hide
     const held = heldOf(strip);
-    face.thresholds(frame.epsilon, frame.width, held?.map(({ limit, from, to }) => ({ limit, left: frame.x(from), right: frame.x(to) })));
+    face.thresholds(frame.alertAbove, frame.width, held?.map(({ limit, from, to }) => ({ limit, left: frame.x(from), right: frame.x(to) })));
     drawForecast(frame);
     drawTraces(frame);
     for (const { limit, from, to } of held ?? [{ limit: strip.limit, from: -Infinity, to: Infinity }]) {
@@ -59,7 +59,7 @@ export function createStripCanvas(canvas, strip) {
     face.line(frame.x(frame.now), face.palette.dim, [], 1);
     face.cursors(frame);
     pen.restore();
-    face.labels(frame.epsilon);
+    face.labels(frame.alertAbove);
   }
 
   function fitAxis({ ring, visible, wall }) {

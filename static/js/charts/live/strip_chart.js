@@ -6,7 +6,7 @@
  *
  * options
  *   channels     [{key, symbol, unit, label, limit | null}], in the order of a frame's `y`
- *   epsilon, lead [s], dt [s]       as the flight's hello says
+ *   alertAbove, lead [s], dt [s]       as the flight's hello says
  *   seconds 60   default width of the live window   history 180000   samples kept
  *   order        keys from top to bottom, "risk" among them; default: limited channels, others, risk
  *   forecasts    keys whose forecast is drawn; default: the limited channels
@@ -19,7 +19,7 @@
  *   push(frame | frames, wall)      {t, y, p_value, alert, state, y_hat, seq}; y by channel order;
  *                                   y_hat likewise, or by key. Returns how many were stored.
  *   setState({state, reason})       when it changes without a sample ("stale" by the server's clock)
- *   setFlight({epsilon, lead, dt, staleAfter}), setTransport({playing, speed})
+ *   setFlight({alertAbove, lead, dt, staleAfter}), setTransport({playing, speed})
  *   holdFrom(t)                     its limits hold for samples after t [s]; what held before is not known
  *   setLimits(channels, t)          others hold for samples after t [s]: null where none do, or nobody can tell
  *   clear()                         after a seek, a loop, or for another flight
@@ -58,7 +58,7 @@ const CHANGES = 200; // of a limit that are drawn where they held, the newest
 
 export function createStripChart(host, options) {
   const { channels, seconds = 60, history = 180_000 } = options;
-  const flight = { epsilon: options.epsilon ?? NaN, lead: options.lead ?? 0, dt: options.dt ?? 0.02 };
+  const flight = { alertAbove: options.alertAbove ?? NaN, lead: options.lead ?? 0, dt: options.dt ?? 0.02 };
   const timeline = options.timeline ?? createTimeline({ seconds });
   timeline.setFlight({ lead: flight.lead, dt: flight.dt });
   const strips = arrange(options);
@@ -119,9 +119,9 @@ export function createStripChart(host, options) {
     const start = first * step;
     const x = (t) => (t - start) / step;
     const { marks } = timeline;
-    const { dt, lead, epsilon } = flight;
+    const { dt, lead, alertAbove } = flight;
     const cursor = timeline.cursorAt(view);
-    return { ring, visible, wall, step, first, start, width: plot, x, now: view.now, lead, epsilon,
+    return { ring, visible, wall, step, first, start, width: plot, x, now: view.now, lead, alertAbove,
       cursor, marks, flags, samplePx: dt / step, bands: [], ticks: [] };
   }
 

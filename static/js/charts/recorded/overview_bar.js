@@ -4,7 +4,7 @@
  * Exports
  *   createOverviewBar(canvas, {timeWindow, start, end, key}) -> {draw(frame), resize(...), setPalette(p)}
  *     key: the series drawn, "risk" or a channel's
- *     frame: {set: TileSet | null, manoeuvres, epsilon, view, marks}
+ *     frame: {set: TileSet | null, manoeuvres, alertAbove, view, marks}
  *
  * Press or drag to move the window there. It is for the pointer: keys on the strips do the same.
  */
@@ -34,7 +34,7 @@ export function createOverviewBar(canvas, { timeWindow, start, end, key }) {
     timeWindow.setWindow(t - (to - from) / 2, t + (to - from) / 2);
   }
 
-  function draw({ set, manoeuvres, epsilon, view }) {
+  function draw({ set, manoeuvres, alertAbove, view }) {
     pen.setTransform(size.ratio, 0, 0, size.ratio, 0, 0);
     pen.fillStyle = palette.panel;
     pen.fillRect(0, 0, size.width, size.height);
@@ -46,7 +46,7 @@ export function createOverviewBar(canvas, { timeWindow, start, end, key }) {
     pen.translate(GUTTER, 0);
     pen.fillStyle = palette.grid;
     pen.fillRect(0, 0, width(), size.height);
-    if (set) drawSeries(set, epsilon);
+    if (set) drawSeries(set, alertAbove);
     for (const manoeuvre of manoeuvres) {
       pen.fillStyle = palette.text;
       const [x0, x1] = [x(manoeuvre.start), x(manoeuvre.end)];
@@ -55,7 +55,7 @@ export function createOverviewBar(canvas, { timeWindow, start, end, key }) {
     drawWindow(view);
   }
 
-  function drawSeries(set, epsilon) {
+  function drawSeries(set, alertAbove) {
     const risk = key === "risk";
     const shown = set.series(key);
     const low = risk ? 0 : Math.min(...finite(shown.low));
@@ -76,7 +76,7 @@ export function createOverviewBar(canvas, { timeWindow, start, end, key }) {
       if (risk && withdrawn[i] >= 0) column(y(withdrawn[i]), room, palette.stale);
       if (!Number.isFinite(shown.high[i])) continue;
       if (risk) {
-        column(y(shown.high[i]), room, shown.high[i] > epsilon ? palette.alert : palette.trace);
+        column(y(shown.high[i]), room, shown.high[i] > alertAbove ? palette.alert : palette.trace);
         continue;
       }
       const before = Number.isFinite(shown.high[i - 1]) ? i - 1 : i; // the trace does not break

@@ -2,18 +2,18 @@
  * What a recording's chart says in numbers and words: readouts, the tool bar, what a screen reader says.
  *
  * Exports
- *   createReadings(strips, {rowOf, bar}, {timeWindow, epsilon, manoeuvres}) -> {show(sets), describe(sets)}
+ *   createReadings(strips, {rowOf, bar}, {timeWindow, alertAbove, manoeuvres}) -> {show(sets), describe(sets)}
  *     sets: [TileSet | null] as drawn.   manoeuvres: [[{start, end, withdrawn}] | null] of each source
  */
 
 import { h, put } from "../../lib/dom.js";
-import { durationText, formatTime, formatValue } from "../../lib/numbers.js";
+import { durationText, figure, formatTime, formatValue } from "../../lib/numbers.js";
 import { magnitudeIn, reading, shownIn } from "../../lib/units.js";
 import { cursorsText, symbolNodes } from "../readout.js";
 
 const NOTHING = { low: NaN, high: NaN };
 
-export function createReadings(strips, { rowOf, bar }, { timeWindow, epsilon, manoeuvres }) {
+export function createReadings(strips, { rowOf, bar }, { timeWindow, alertAbove, manoeuvres }) {
   const readouts = strips.map((strip, k) => createTileReadout(rowOf[k].readout, strip));
 
   function show(sets) {
@@ -62,7 +62,7 @@ export function createReadings(strips, { rowOf, bar }, { timeWindow, epsilon, ma
       const range = rangeText(strip, sets[0]?.rangeOf(key, view) ?? NOTHING);
       const name = risk ? "risk, higher is worse" : `${label} ${symbol}`;
       const parts = [`${name}: ${range === "–" ? "no value in view" : `${range} ${unit} in view`}`];
-      if (risk && Number.isFinite(epsilon)) parts.push(`alerts above ${epsilon}`);
+      if (risk && Number.isFinite(alertAbove)) parts.push(`alerts above ${figure(alertAbove)}`);
       if (risk && withdrawn) parts.push("withdrawn where invalid");
       if (limit !== null) parts.push(`limit ±${magnitudeIn(strip, limit)}`);
       rowOf[n].canvas.setAttribute("aria-label", parts.join(", "));

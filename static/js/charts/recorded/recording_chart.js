@@ -9,7 +9,7 @@
  *   sources     one or two: [{load(start, end, bins) -> Promise<tiles>, start, end, dt, offset, manoeuvres}]
  *               start, end: in the chart's time, which is the recording's own less `offset` [s];
  *               manoeuvres: [{start, end, withdrawn}] of its manoeuvres in the chart's time, or null
- *   epsilon     of the risk strip, which is there where it is in `order`
+ *   alertAbove     of the risk strip, which is there where it is in `order`
  *   label       what a screen reader calls it
  *   flags       [{key, t, word}]    moments that are marked in a channel's strip
  *   key         of what is shown: drawn anew, as in other units, its window and cursors are as they were
@@ -45,7 +45,7 @@ const NARROW_AFTER = 400; // ms until an axis that is too wide narrows
 const EDGE = 0.03; // of the window: what lies nearer to its edge is brought inside
 
 export function createRecordingChart(host, options) {
-  const { sources, epsilon = NaN } = options;
+  const { sources, alertAbove = NaN } = options;
   const start = Math.min(...sources.map((source) => source.start));
   const end = Math.max(...sources.map((source) => source.end));
   const dt = Math.min(...sources.map((source) => source.dt));
@@ -63,7 +63,7 @@ export function createRecordingChart(host, options) {
   const layout = layOutRecording(host, strips, options.label ?? "Recording");
   const { rowOf } = layout;
   const lane = createEventLane(layout.lane, { chosen: (item) => options.chosen?.(item) });
-  const readings = createReadings(strips, layout, { timeWindow, epsilon, manoeuvres });
+  const readings = createReadings(strips, layout, { timeWindow, alertAbove, manoeuvres });
   const canvases = strips.map((strip, k) => createTileStrip(rowOf[k].canvas, strip));
   const timeAxis = createTimeAxis(layout.axis);
   const overview = createOverviewBar(layout.overview, {
@@ -146,7 +146,7 @@ export function createRecordingChart(host, options) {
       width: plot,
       bands: bandsOf(traces[0], manoeuvres[0], x, anyManoeuvres),
       ticks: ticks.times,
-      epsilon,
+      alertAbove,
       cursor: timeWindow.cursorAt(view),
       marks: timeWindow.marks,
       flags: options.flags ?? [],
@@ -154,7 +154,7 @@ export function createRecordingChart(host, options) {
     };
     for (const canvas of canvases) canvas.draw(frame);
     timeAxis.draw(frame, ticks);
-    overview.draw({ set: caches[0].entire(), manoeuvres: manoeuvres[0] ?? [], epsilon, view });
+    overview.draw({ set: caches[0].entire(), manoeuvres: manoeuvres[0] ?? [], alertAbove, view });
     lane.place(view);
   }
 

@@ -7,7 +7,7 @@
  * Exports
  *   createTileStrip(canvas, strip) -> {draw(frame), resize(width, height, ratio), setPalette(p)}
  *     strip: {key, axis, limit, risk}
- *     frame: {traces: [Piece | null], x, width, bands, ticks, epsilon, cursor, marks, flags, wall}
+ *     frame: {traces: [Piece | null], x, width, bands, ticks, alertAbove, cursor, marks, flags, wall}
  *   pieceOf({set, manoeuvres}, {view, x, step}) -> Piece | null    the bins of a set in the window, once
  *     for all strips; manoeuvres: [{start, end}] of its manoeuvres, or null where all counts
  */
@@ -35,7 +35,7 @@ export function createTileStrip(canvas, strip) {
     pen.clip();
     for (const band of frame.bands) drawBand(band);
     for (const band of frame.bands) drawWord(band, frame.width);
-    face.thresholds(frame.epsilon, frame.width);
+    face.thresholds(frame.alertAbove, frame.width);
     pieces.forEach((piece, k) => piece && drawTrace(piece, frame, k));
     if (strip.limit !== null && pieces[0]) {
       pen.fillStyle = face.palette.alert;
@@ -44,7 +44,7 @@ export function createTileStrip(canvas, strip) {
     face.flags(frame);
     face.cursors(frame);
     pen.restore();
-    face.labels(frame.epsilon);
+    face.labels(frame.alertAbove);
   }
 
   function fitAxis(pieces, wall) {
@@ -83,10 +83,10 @@ export function createTileStrip(canvas, strip) {
     drawTiles(pen, y, withdrawn);
     pen.strokeStyle = pen.fillStyle = colour;
     drawTiles(pen, y, { ...piece, dashed });
-    if (!Number.isFinite(frame.epsilon) || dashed) return;
-    pen.save(); // above epsilon the risk is red
+    if (!Number.isFinite(frame.alertAbove) || dashed) return;
+    pen.save(); // above alertAbove the risk is red
     pen.beginPath();
-    pen.rect(0, 0, frame.width, y(frame.epsilon));
+    pen.rect(0, 0, frame.width, y(frame.alertAbove));
     pen.clip();
     pen.strokeStyle = pen.fillStyle = face.palette.alert;
     drawTiles(pen, y, piece);

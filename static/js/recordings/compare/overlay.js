@@ -97,7 +97,7 @@ export function createOverlay({ api, compared }) {
     chart = createRecordingChart(host, {
       channels: below.channels,
       order: stripOrder(below.channels),
-      epsilon: below.epsilon,
+      alertAbove: below.alert_above,
       sources: shown.map(({ scoring, offset }) => ({
         ...scoringSource(api, scoring, offset),
         manoeuvres: manoeuvresOf(scoring, offset),
@@ -141,8 +141,8 @@ export function createOverlay({ api, compared }) {
 }
 
 function limitsDiffer(scorings) {
-  const limits = scorings.map(({ channels, epsilon }) =>
-    JSON.stringify([channels.map(({ limit }) => limit), epsilon]),
+  const limits = scorings.map(({ channels, alert_above: above }) =>
+    JSON.stringify([channels.map(({ limit }) => limit), above]),
   );
   const words = "Limits, ε, alerts and manoeuvres in the strips are those of the first.";
   return h("span", {}, new Set(limits).size > 1 ? words : "");

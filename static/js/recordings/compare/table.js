@@ -108,10 +108,10 @@ function outside(scoring) {
   return words ? h("span", { class: "hint hint-line outside-line" }, "◆ ", formatted(words)) : null;
 }
 
-function peakText(manoeuvre, epsilon) {
+function peakText(manoeuvre, alertAbove) {
   if (isWithdrawn(manoeuvre)) return "withdrawn";
   const { peak_risk: risk } = manoeuvre;
-  return risk === null ? "–" : riskText(risk, epsilon);
+  return risk === null ? "–" : riskText(risk, alertAbove);
 }
 
 function same(other, n, recording, manoeuvre, number) {
@@ -152,7 +152,7 @@ function cell(scoring, n) {
   const lines = [
     ["warning lead time", leadText(manoeuvre, scoring.lead)],
     ["first alert", firstAlertText(manoeuvre)],
-    ["peak risk", peakText(manoeuvre, scoring.epsilon)],
+    ["peak risk", peakText(manoeuvre, scoring.alert_above)],
     ["applicability", `${word}${p}`],
   ];
   return h("td", {}, outcomeChip(manoeuvre), recipeList(lines, "recipe compare-lines"));

@@ -13,9 +13,9 @@ import { riskText, secondsText } from "../../lib/numbers.js";
 import { quantity } from "../../lib/units.js";
 import { AS_RECORDED, verdictOf } from "../words.js";
 
-export function eventsOf({ manoeuvres, outside_exceedances: outside, channels, epsilon }) {
+export function eventsOf({ manoeuvres, outside_exceedances: outside, channels, alert_above: alertAbove }) {
   return [
-    ...manoeuvres.flatMap((manoeuvre, k) => ofManoeuvre(manoeuvre, k, channels, epsilon)),
+    ...manoeuvres.flatMap((manoeuvre, k) => ofManoeuvre(manoeuvre, k, channels, alertAbove)),
     ...outside.map((exceedance) =>
       ofExceedance(exceedance, channels, " outside every manoeuvre"),
     ),
@@ -32,7 +32,7 @@ function ofManoeuvre(
   { name, start, alerts, exceedance, recorded_exceedance: raw, peak_t: t, peak_risk: risk, validity, withdrawn_t: withdrawn },
   manoeuvre,
   channels,
-  epsilon,
+  alertAbove,
 ) {
   const events = [{ t: start, text: `${name} begins`, level: "", manoeuvre }];
   if (validity.valid === false) {
@@ -60,7 +60,7 @@ function ofManoeuvre(
   if (validity.valid !== false && Number.isFinite(t) && t > start) {
     events.push({
       t,
-      text: `peak risk of ${name}: ${riskText(risk, epsilon)}`,
+      text: `peak risk of ${name}: ${riskText(risk, alertAbove)}`,
       level: "",
       manoeuvre,
     });

@@ -138,9 +138,9 @@ export function createScoringList({ api, recording, scorings, changed, navigate 
   }
 }
 
-function peakOf({ manoeuvres, epsilon }) {
+function peakOf({ manoeuvres, alert_above: alertAbove }) {
   const risks = manoeuvres.map(({ peak_risk: risk }) => risk).filter((risk) => risk !== null);
-  if (risks.length) return riskText(Math.max(...risks), epsilon);
+  if (risks.length) return riskText(Math.max(...risks), alertAbove);
   return manoeuvres.length ? h("span", { class: "dim" }, "withdrawn") : "–";
 }
 

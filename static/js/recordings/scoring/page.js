@@ -99,7 +99,7 @@ export function showScoring(element, { id, query, api, navigate }) {
         channels: scoring.channels,
         order: stripOrder(scoring.channels),
         sources: [{ ...scoringSource(api, scoring), manoeuvres: manoeuvresOf(scoring) }],
-        epsilon: scoring.epsilon,
+        alertAbove: scoring.alert_above,
         flags: flagsOf(scoring),
         label: `${recording.name} as ${scoring.monitor_name} assessed it`,
         key: scoring.id,

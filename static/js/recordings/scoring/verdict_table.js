@@ -98,7 +98,7 @@ export function createVerdictTable(scoring, { show }) {
           h("span", { class: "hint hint-line" }, `${secondsText(start)} to ${secondsText(end)}`),
         ),
         cell(1, outcomeChip(manoeuvre)),
-        cell(2, riskWords(risk, peak, withdrawn, scoring.epsilon)),
+        cell(2, riskWords(risk, peak, withdrawn, scoring.alert_above)),
         cell(3, firstAlertText(manoeuvre)),
         cell(4, exceedance ? exceedanceWords(exceedance, scoring.channels) : noExceedance(manoeuvre, scoring.channels)),
         cell(5, leadText(manoeuvre, scoring.lead)),
@@ -153,10 +153,10 @@ function why(manoeuvre, isShort) {
   );
 }
 
-function riskWords(risk, t, withdrawn, epsilon) {
+function riskWords(risk, t, withdrawn, alertAbove) {
   if (withdrawn) return h("span", { class: "dim" }, "withdrawn");
   if (risk === null || risk === undefined) return "–";
-  return `${riskText(risk, epsilon)} at ${secondsText(t)}`;
+  return `${riskText(risk, alertAbove)} at ${secondsText(t)}`;
 }
 
 function noExceedance({ outcome, amplitude, recorded_exceedance: raw }, channels) {
