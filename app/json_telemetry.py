@@ -77,6 +77,7 @@ class AssessedRow(msgspec.Struct, gc=False):
     t: float
     p_value: float | None
     alert: bool | None
+    alert_above: float | None
     state: str
     reason: str
     y_hat: Any

@@ -70,7 +70,7 @@ def show(scene: Scene, t: float = 1.0, **changes) -> None:
         "delta_a": radians(2.0),
         "delta_r": radians(-4.0),
         "p_value": 0.04,
-        "epsilon": 0.1,
+        "alert_above": 0.1,
         "alert": False,
         "state": "ok",
         "reason": "",

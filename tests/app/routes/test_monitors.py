@@ -10,6 +10,7 @@ from app.recipes import as_ordered, from_plain
 from core.channels import KEYS
 from core.collection import DatasetRecipe, evaluation_flights
 from core.monitor import MonitorRecipe, train
+from core.monitor.calibration import confident_rank
 from core.monitor.loading import from_bytes
 from core.monitor.portable import pack, unpack
 from tests.support.api import api, finished, problem, store_of
@@ -172,6 +173,23 @@ def test_a_channel_left_out_is_missed(client, stored):
     del body["r"]
     assert "channel r is missing" in problem(
         client.post(f"/api/v1/monitors/{stored}/score", json=body), 422
+    )
+
+
+def test_a_promise_with_confidence_is_told_with_the_risk_it_alerts_above(client, monitor):
+    sure = replace(monitor, recipe=replace(monitor.recipe, epsilon=0.3, guarantee="95%"))
+    stored = store_of(client).monitors.add(sure, "sure").id
+    above = confident_rank(0.3, monitor.n_unsafe) / (monitor.n_unsafe + 1)
+    found = client.get(f"/api/v1/monitors/{stored}/calibration").json()
+    assert (found["guarantee"], found["alert_above"]) == ("95%", above)
+    assert found["smallest_epsilon"] == pytest.approx(1 - 0.05 ** (1 / monitor.n_unsafe))
+    assert client.get(f"/api/v1/monitors/{stored}").json()["recipe"]["guarantee"] == "95%"
+    y = monitor.unsafe_points[:1].repeat(20, axis=0)
+    said = client.post(f"/api/v1/monitors/{stored}/score", json=telemetry(y, monitor.dt)).json()
+    assert {sample["alert_above"] for sample in said["assessments"]} <= {above, None}
+    assert any(sample["alert_above"] for sample in said["assessments"])
+    problem(
+        client.post(f"/api/v1/monitors/{stored}/score?epsilon=0.05", json=telemetry(y, 0.05)), 422
     )
 
 

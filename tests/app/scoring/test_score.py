@@ -19,6 +19,7 @@ from core.collection import Simulator
 from core.monitor import Monitor, MonitorRecipe
 from core.monitor import validity as core_validity
 from core.monitor.assessment import STATES, State
+from core.monitor.calibration import confident_rank
 from core.monitor.predictor import PREDICTORS
 from core.monitor.score import SCORES
 from core.planned_test import SensorNoise
@@ -460,6 +461,17 @@ def test_several_epsilons_differ_in_their_alerts_alone(attas: Monitor, calm: np.
         assert alone.samples.tobytes() == scored.samples.tobytes()
     with pytest.raises(ValueError, match="needs at least 999"):
         score(attas, recorded(calm), ScoringRecipe(epsilon=0.001))
+
+
+def test_a_promise_with_confidence_alerts_above_its_rank(attas: Monitor, calm: np.ndarray):
+    sure = replace(attas, recipe=replace(attas.recipe, guarantee="95%"))
+    scored = score(sure, recorded(calm), ScoringRecipe(epsilon=0.5))
+    above = confident_rank(0.5, sure.n_unsafe) / (sure.n_unsafe + 1)
+    assert (scored.epsilon, scored.alert_above) == (0.5, above)
+    samples = scored.samples
+    assert (samples["alert"] == (samples["p_value"] > above)).all()
+    assert "at most a share 0.5 has no alert" in (promise := scored.manoeuvres[0].guarantee)
+    assert "with 95 % confidence in this monitor's own calibration set" in promise
 
 
 def test_the_same_order_gives_the_same_bytes(attas: Monitor, calm: np.ndarray):

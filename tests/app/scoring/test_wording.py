@@ -34,10 +34,10 @@ def reached(t: float) -> Limited:
 @pytest.mark.parametrize(
     ("limited", "end"),
     [
-        (NONE, "epsilon 0.1 at 8.20 s"),
-        (reached(8.51), "epsilon 0.1 at 8.20 s, 0.31 s before the limit"),
-        (reached(8.2), "epsilon 0.1 at 8.20 s, 0.00 s before the limit"),
-        (reached(8.0), "epsilon 0.1 at 8.20 s, 0.20 s after the limit"),
+        (NONE, "0.1 at 8.20 s"),
+        (reached(8.51), "0.1 at 8.20 s, 0.31 s before the limit"),
+        (reached(8.2), "0.1 at 8.20 s, 0.00 s before the limit"),
+        (reached(8.0), "0.1 at 8.20 s, 0.20 s after the limit"),
     ],
 )
 def test_an_alert_that_was_withdrawn_is_told_with_its_lead(limited: Limited, end: str):
@@ -53,7 +53,7 @@ def test_an_alert_before_the_withdrawal_stands():
 
 def test_so_is_a_silence():
     words = withdrawn(said(np.nan, 0.05, 0.031), 1, NONE, 0.1)
-    assert words.endswith("stayed at or below epsilon 0.1, at most 0.050 at 8.10 s")
+    assert words.endswith("stayed at or below 0.1, at most 0.050 at 8.10 s")
     assert "no sample could be assessed" in withdrawn(said(np.nan, np.nan), 0, NONE, 0.1)
 
 
@@ -88,8 +88,10 @@ def test_exceedances_and_trim_are_told_in_the_units_that_people_read():
         "doublet", 8.0, 9.0, 0, 9, (None, float(np.radians(1.5)), 0.0, 0.0213, 0.0, 0.0),
         Validity(True), "missed", "promised", peak_risk=0.2, peak_t=8.1, exceedance=SKID,
     )  # fmt: skip
-    scored: Any = SimpleNamespace(manoeuvres=(manoeuvre,), outside_exceedances=(SKID,), epsilon=0.1)
-    monitor: Any = SimpleNamespace(smallest_epsilon=0.01, lead=0.25)
+    scored: Any = SimpleNamespace(
+        manoeuvres=(manoeuvre,), outside_exceedances=(SKID,), alert_above=0.1
+    )
+    monitor: Any = SimpleNamespace(n_unsafe=99, lead=0.25)
     lines = verdict(monitor, scored)
     assert "  exceedance         at 8.50 s (beta -7 deg)" in lines
     assert any(line.startswith("  trim               p 1.5 deg/s, ") for line in lines)

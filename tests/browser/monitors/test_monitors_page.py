@@ -13,7 +13,7 @@ from scipy import stats
 
 from app.catalog import catalog
 from app.store.store import Store
-from core.monitor.calibration import rank
+from core.monitor.calibration import alert_above, failures_needed, rank, smallest_epsilon
 from tests.browser.site import open_site
 
 SMALL = {"n_unsafe": 40, "seed": 5}
@@ -276,6 +276,25 @@ def test_the_slider_tells_what_the_stored_evaluation_says(page: Page, site: Site
         expect(page.locator(".plot-rule-text", has_text="ε =").first).to_contain_text(
             f"{curves['epsilon']:g}"
         )
+
+
+def test_the_page_knows_the_rule_of_either_promise(page: Page, site: Site) -> None:
+    """Rank, threshold and failures needed, as core computes them."""
+    page.goto(site.http)
+    told = page.evaluate(
+        """async (pairs) => {
+             const rule = await import("/js/monitors/calibration_rule.js");
+             return pairs.map(([epsilon, n]) => [
+               rule.alertAbove(epsilon, n, "95%"), rule.neededFor(epsilon, "95%"),
+               rule.leastFor(n, "95%"), rule.rank(epsilon, n), rule.neededFor(epsilon)]);
+           }""",
+        pairs := [[0.1, 29], [0.1, 50], [0.05, 500], [0.02, 149], [0.3, 1000], [0.01, 2000]],
+    )
+    for (epsilon, n), (above, needed, least, k, on_average) in zip(pairs, told, strict=True):
+        assert above == alert_above(epsilon, n, "95%")
+        assert needed == failures_needed(epsilon, "95%")
+        assert least == pytest.approx(smallest_epsilon(n, "95%"))
+        assert (k, on_average) == (rank(epsilon, n), failures_needed(epsilon))
 
 
 def test_every_unsafe_rollout_that_is_drawn_ends_with_a_cross(page: Page, site: Site) -> None:

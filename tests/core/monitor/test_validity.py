@@ -301,7 +301,8 @@ def test_support_changes_no_assessment(monitor: Monitor, dataset: Dataset, fligh
         one, other = (m.assess(TIMES, y) for m in (monitor, bare))
         assert one.withdrawal is other.withdrawal is None
         for name in set(Assessments.__dataclass_fields__) - {"withdrawal"}:
-            assert getattr(one, name).tobytes() == getattr(other, name).tobytes()
+            same, bits = (np.asarray(getattr(each, name)).tobytes() for each in (one, other))
+            assert same == bits
 
 
 @pytest.mark.parametrize(("predictor", "score"), PAIRS)
