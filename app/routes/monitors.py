@@ -204,7 +204,6 @@ async def read_evaluation(monitor_id: str, store: StoreDep) -> dict[str, Any]:
     `warnings` beside each count say where the monitor is worse than its promise or of no use.
     404 for a monitor that came as a file and was never flown here.
     """
-    info = await asyncio.to_thread(store.monitors.info, monitor_id)
     found = await asyncio.to_thread(store.monitors.evaluation, monitor_id)
     if found is None:
         raise Problem(
@@ -212,9 +211,7 @@ async def read_evaluation(monitor_id: str, store: StoreDep) -> dict[str, Any]:
         )
     curves = found["curves"]
     curves["warnings"] = [warnings_of(found, epsilon) for epsilon in curves["epsilon"]]
-    curves["alert_above"] = [info.alert_above(epsilon) for epsilon in curves["epsilon"]]
     found["at_epsilon"]["warnings"] = warnings_of(found, found["epsilon"])
-    found["at_epsilon"]["alert_above"] = info.alert_above(found["epsilon"])
     return found
 
 
