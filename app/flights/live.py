@@ -27,6 +27,7 @@ from app.flights.udp import UdpReceiver
 from app.live.again import settled_by, shown_again
 from app.live.batches import Batch, ChannelReader, decode_batch
 from app.live.journal import Journal, JournalFull, Journals, lines_of
+from app.live.known_batches import KnownBatches
 from app.live.lag import Lag
 from app.live.limits_in_force import LimitsInForce, Ruling
 from app.live.scorer import CausalScorer, LiveAssessed, TrimRule
@@ -48,8 +49,6 @@ from core.types import Array
 P, R = KEYS.index("p"), KEYS.index("r")
 BEGUN_KEPT = 50
 """Newest manoeuvres whose beginnings are told."""
-SEQUENCES_KEPT = 200_000
-"""Newest batches whose repetition is recognised."""
 FORMAT = 1
 
 
@@ -116,7 +115,7 @@ class LiveFlight(Flight):
         self.is_restoring = False
         self._udp: UdpReceiver | None = None
         self._port = setup.udp
-        self._sequences: dict[int, bytes] = {}
+        self._known_batches = KnownBatches()
         self._last_sequence: int | None = None
         self._lag = Lag(self.scorer.lead)
         self._n_malformed = self._n_batches = self._n_resumed = 0
@@ -345,14 +344,12 @@ class LiveFlight(Flight):
         self._has_begun = True
         self._n_batches += 1
         if sequence is not None:
-            self._sequences[sequence] = _digest(values)
+            self._known_batches.note(sequence, _digest(values))
             self._last_sequence = max(sequence, self._last_sequence or 0)
-            if len(self._sequences) > SEQUENCES_KEPT:
-                del self._sequences[next(iter(self._sequences))]
 
     def _known(self, batch: Batch) -> TakenBatch | None:
         """What is answered to a batch that came before. SequenceConflict."""
-        known = self._sequences.get(batch.sequence) if batch.sequence is not None else None
+        known = self._known_batches.digest(batch.sequence) if batch.sequence is not None else None
         if known is None:
             return None
         if known != _digest(msgspec.json.encode(batch.values)):
@@ -474,8 +471,8 @@ class LiveFlight(Flight):
         self._call_at("watch out", when, self._watch_out)
 
 
-def _digest(values: bytes) -> bytes:
-    return sha256(values).digest()[:8]
+def _digest(values: bytes) -> int:
+    return int.from_bytes(sha256(values).digest()[:8])
 
 
 def assessed_again(setup: LiveSetup, flight_id: str) -> list[LiveAssessed]:
