@@ -14,6 +14,7 @@ from app.commands.results import add_json, print_result
 from app.jobs.requests import N_TEST
 from app.jobs.training import FlownTest, Training, simulate, train_and_test
 from app.recipes import from_plain
+from app.scoring.wording import PROMISED
 from core.certificate import warnings_of
 from core.collection import DatasetRecipe
 from core.dataset import Dataset
@@ -71,6 +72,8 @@ def summary(training: Training) -> dict[str, Any]:
         "n_early": monitor.n_early,
         "lead": monitor.lead,
         "epsilon": monitor.recipe.epsilon,
+        "guarantee": monitor.recipe.guarantee,
+        "alert_above": monitor.alert_above(),
         "smallest_epsilon": monitor.smallest_epsilon,
         "validity": "calibrated" if monitor.support else training.not_calibrated,
         "evaluation": monitor.evaluation,
@@ -86,6 +89,8 @@ def report(training: Training) -> str:
         f"calibrated on {monitor.n_unsafe} failures, {monitor.n_early} of them earlier than the "
         f"warning lead time of {monitor.lead:g} s; smallest epsilon {monitor.smallest_epsilon:.3g}",
         _validity_line(training),
+        f"alerts above a risk of {monitor.alert_above():.3g}, for a miss rate of at most "
+        f"{monitor.recipe.epsilon:g} {PROMISED[monitor.recipe.guarantee]}",
     ]
     lines += _test_lines(test, monitor.lead) if test else []
     warnings = warnings_of(monitor.evaluation, monitor.recipe.epsilon)

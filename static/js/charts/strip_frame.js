@@ -182,7 +182,7 @@ export function createStripFrame(canvas, strip) {
       pen.fillText(text, -6, at);
     };
     if (strip.risk) {
-      if (Number.isFinite(alertAbove)) label(alertAbove, `> ${figure(alertAbove)}`, own.palette.epsilon, "700");
+      if (Number.isFinite(alertAbove)) label(alertAbove, figure(alertAbove, 2), own.palette.epsilon, "700");
       for (const value of [0, 1, 0.5, 0.1]) label(value, String(value), own.palette.dim);
       return;
     }

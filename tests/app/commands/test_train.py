@@ -33,7 +33,9 @@ def test_train_writes_a_monitor_that_knows_its_recipe(tmp_path: Path, capsys):
     assert (monitor.n_unsafe, monitor.h, monitor.seed) == (60, 6, 7)
     assert to_plain(monitor.recipe)["predictor"] == {"kind": "identity"}
     assert monitor.dataset_recipe["aircraft"]["kind"] == "f16_sl_h0_v502"
-    assert "calibrated on 60 failures" in capsys.readouterr().out
+    said = capsys.readouterr().out
+    assert "calibrated on 60 failures" in said
+    assert "alerts above a risk of 0.1, for a miss rate of at most 0.1 on average" in said
 
 
 def test_printed_recipe_makes_the_same_monitor(tmp_path: Path, capsys):
