@@ -29,6 +29,7 @@ from core.channels import CHANNELS
 from core.collection import DatasetRecipe
 from core.flight_markers import FLIGHT_MARKERS
 from core.monitor import MonitorRecipe
+from core.monitor.recipe import METHODS
 from core.recipe import FAMILIES, Family
 from core.simulation.aircraft import Aircraft
 from core.specification import SPECIFICATIONS, Limits
@@ -76,6 +77,15 @@ def catalog() -> dict[str, Any]:
             }
             for name, recipe in RECIPES.items()
         },
+        "methods": [
+            {
+                "kind": kind,
+                "label": labels.METHODS[kind],
+                "predictor": to_plain(predictor),
+                "score": to_plain(score),
+            }
+            for kind, (predictor, score) in METHODS.items()
+        ],
         "flight_markers": [asdict(kind) for kind in FLIGHT_MARKERS.values()],
         "telemetry": _telemetry(),
     }

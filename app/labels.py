@@ -42,6 +42,11 @@ KINDS: dict[str, str] = {
     "card_window": "margin within the lead and a little more",
 }
 """Of the members whose key, with blanks for underscores, does not say it in the field's words."""
+METHODS = {
+    "test_card": "forecast of the test card: for doublets, pulses and other steps",
+    "outputs_ahead": "forecast of the outputs against past failures: for any manoeuvre",
+}
+"""Of core.monitor.recipe.METHODS."""
 CHOICES: dict[str, dict[Hashable, str]] = {
     "calibration": {"trajectory": "as flown", "pointwise": "one sample (paper)"},
     "guarantee": {"average": "on average over monitors", "95%": "of this monitor, 95 % confident"},

@@ -15,7 +15,7 @@ from app.recipes import (
 )
 from app.store.store import Store
 from core.amplitude import WANTED_SHARE, Suggestion, suggest_amplitude
-from core.collection import LARGEST_CHUNK, DatasetRecipe, Simulator
+from core.collection import LARGEST_CHUNK, DatasetRecipe, Simulator, card_of
 from core.dataset import Dataset
 from core.monitor import MonitorRecipe
 from core.monitor.calibration import check_epsilon
@@ -103,7 +103,23 @@ def monitor_request(plain: dict[str, Any], store: Store, max_bytes: int) -> Moni
         check_epsilon(recipe.epsilon, n_unsafe, recipe.guarantee)
     except (ValueError, OverflowError) as error:
         raise RecipeError(str(error)) from None
+    if recipe.predictor.reads_card:
+        _check_card(requested, store)
     return MonitorRequest(name or f"{recipe.t_early:g} s ahead", requested, recipe, n_test)
+
+
+def _check_card(requested: RequestedDataset, store: Store) -> None:
+    """RecipeError where the planned manoeuvre has no test card."""
+    recipe = requested.recipe or recipe_of(store.datasets.get(requested.id or ""))
+    if recipe is None:
+        raise RecipeError(
+            "monitor.predictor: the dataset has no recipe, so its test card is not "
+            "known; choose the predictor linear"
+        )
+    try:
+        card_of(recipe, 2)
+    except ValueError as error:
+        raise RecipeError(f"monitor.predictor: {error}") from None
 
 
 def study_request(plain: dict[str, Any], store: Store, max_bytes: int) -> StudyRecipe:

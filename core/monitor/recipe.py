@@ -59,6 +59,13 @@ class MonitorRecipe:
             raise ValueError(wrong)
 
 
+METHODS: dict[str, tuple[Predictor, Score]] = {
+    "test_card": (PREDICTORS["response_filter"], SCORES["card_window"]),
+    "outputs_ahead": (PREDICTORS["linear"], SCORES["nearest_neighbor"]),
+}
+"""Pairs of predictor and score that people choose by name, the recommended one first."""
+
+
 def mismatch(predictor: Predictor, score: Score) -> str:
     """Why a predictor and a score make no monitor; empty where they do."""
     if score.reads_card != predictor.reads_card:

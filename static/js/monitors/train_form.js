@@ -95,6 +95,12 @@ function createTrainForm({ api, catalog, datasets, like, chosen, onsubmit }) {
     chosen,
     initial: like?.dataset_recipe,
   });
+  const method = h(
+    "select",
+    { id: "method", name: "method", oninput: choose },
+    catalog.methods.map(({ kind, label }, k) => h("option", { value: kind }, k === 0 ? `${label} (recommended)` : label)),
+    h("option", { value: "" }, "predictor and score as chosen below"),
+  );
   const name = h("input", {
     type: "text",
     id: "monitor-name",
@@ -127,6 +133,7 @@ function createTrainForm({ api, catalog, datasets, like, chosen, onsubmit }) {
         { class: "field-grid" },
         MAIN.map(fields.element),
         source.size,
+        h("div", { class: "field" }, h("label", { for: "method" }, "method"), method),
         h(
           "div",
           { class: "field" },
@@ -139,7 +146,7 @@ function createTrainForm({ api, catalog, datasets, like, chosen, onsubmit }) {
     h(
       "details",
       { class: "panel fold" },
-      h("summary", {}, "Predictor, score, calibration, test flights"),
+      h("summary", {}, "Predictor, score, promise, calibration, test flights"),
       h("div", { class: "columns" }, families.map(fields.element)),
       h(
         "div",
@@ -162,8 +169,16 @@ function createTrainForm({ api, catalog, datasets, like, chosen, onsubmit }) {
   );
   tell();
 
+  function choose() {
+    const { predictor, score } = catalog.methods.find(({ kind }) => kind === method.value) ?? {};
+    if (predictor) fields.put("predictor", predictor);
+    if (score) fields.put("score", score);
+  }
+
   function tell() {
-    const { epsilon, guarantee } = fields.read();
+    const { epsilon, guarantee, predictor, score } = fields.read();
+    const now = catalog.methods.find((one) => one.predictor.kind === predictor.kind && one.score.kind === score.kind);
+    method.value = now?.kind ?? "";
     const n = source.failures();
     const enough = n !== null && epsilon > 0 && n >= neededFor(epsilon, guarantee);
     served.textContent =

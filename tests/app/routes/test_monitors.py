@@ -193,6 +193,24 @@ def test_a_promise_with_confidence_is_told_with_the_risk_it_alerts_above(client,
     )
 
 
+def test_a_test_card_needs_a_manoeuvre_of_steps(client):
+    card = {"predictor": {"kind": "response_filter"}, "score": {"kind": "card_window"}}
+    order = {"dataset": DATASET | {"n_unsafe": 20}, "n_test": 60} | card
+    job = finished(client, client.post("/api/v1/monitors", json=order))
+    assert job["status"] == "done", job
+    trained = store_of(client).monitors.get(job["result"]["monitor"])
+    assert trained.card is not None
+    again = order | {"dataset": job["result"]["dataset"]}
+    assert finished(client, client.post("/api/v1/monitors", json=again))["status"] == "done"
+    sweep = order | {"dataset": DATASET | {"maneuver": {"kind": "frequency_sweep"}}}
+    told = problem(client.post("/api/v1/monitors", json=sweep), 422)
+    assert "no sequence of steps" in told
+    assert told.endswith("choose the predictor linear")
+    alone = order | {"score": {"kind": "nearest_neighbor"}}
+    told = problem(client.post("/api/v1/monitors", json=alone), 422)
+    assert "goes with the score rest_of_card or card_window" in told
+
+
 def test_calibration_is_the_monitors_own(client, stored, monitor):
     found = client.get(f"/api/v1/monitors/{stored}/calibration").json()
     alphas = [np.inf if alpha is None else alpha for alpha in found["alphas"]]

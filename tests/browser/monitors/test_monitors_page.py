@@ -22,6 +22,8 @@ DRAWN = 40
 SLOW = 60_000
 """[ms] A first training compiles kernels."""
 
+PAIR = ("predictor", "score")
+
 
 @dataclass(frozen=True)
 class Site:
@@ -88,7 +90,7 @@ def test_a_monitor_is_trained_through_the_form_and_shown(page: Page, fresh: str)
     field(page, "dataset.n_unsafe").fill("30")
     field(page, "monitor.epsilon").fill("0.2")
     page.get_by_label("name of the monitor").fill("first card")
-    page.get_by_text("Predictor, score, calibration, test flights").click()
+    page.get_by_text("Predictor, score, promise, calibration, test flights").click()
     field(page, "monitor.n_test").fill("200")
     page.get_by_role("button", name="Train", exact=True).click()
     expect(page.locator(".job .progress")).to_be_visible()
@@ -276,6 +278,21 @@ def test_the_slider_tells_what_the_stored_evaluation_says(page: Page, site: Site
         expect(page.locator(".plot-rule-text", has_text="ε =").first).to_contain_text(
             f"{curves['epsilon']:g}"
         )
+
+
+def test_a_method_is_a_predictor_and_a_score_that_go_together(page: Page, site: Site) -> None:
+    page.goto(f"{site.http}/#/monitors/new")
+    method = page.get_by_label("method", exact=True)
+    expect(method).to_have_value("outputs_ahead")
+    predictor, score = (page.locator(f'[name="monitor.{part}.kind"]') for part in PAIR)
+    method.select_option("test_card")
+    expect(predictor).to_have_value("response_filter")
+    expect(score).to_have_value("card_window")
+    page.get_by_text("Predictor, score, promise, calibration, test flights").click()
+    score.select_option("rest_of_card")
+    expect(method).to_have_value("")
+    method.select_option("outputs_ahead")
+    expect(predictor).to_have_value("linear")
 
 
 def test_the_page_knows_the_rule_of_either_promise(page: Page, site: Site) -> None:
