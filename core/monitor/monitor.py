@@ -31,7 +31,7 @@ from core.monitor.calibration import alert_above, check_epsilon, p_values, small
 from core.monitor.flown_input import FlownInput, InputSupport
 from core.monitor.predictor import Affine
 from core.monitor.recipe import MonitorRecipe
-from core.monitor.response_filter import LOST, to_section
+from core.monitor.response_filter import LOST, RunningCard, to_section
 from core.monitor.support import NOT_CALIBRATED, Support, ValidityBasis
 from core.monitor.validity import (
     RunningValidity,
@@ -399,9 +399,7 @@ class Stream:
         basis, self._limits = monitor.validity_basis, monitor.limits
         self._validity = basis and RunningValidity(basis)
         self._reason = ""
-        card = monitor.card
-        self._estimate = card and response_filter.begin(len(card.steps))
-        self._card_clock, self._y_hat = np.zeros(2), np.empty(N_CHANNELS)
+        self._card = monitor.card and RunningCard(monitor.card, monitor.dt)
         self._unsafe = _Neighbour(monitor.unsafe_exemplar)
         self._safe = _Neighbour(monitor.safe_exemplar)
         self._state = self._fitted, self._exact, self._buffer, self._status, self._clock
@@ -436,21 +434,11 @@ class Stream:
     def _assess(self, t: float, y: Array) -> Assessment:
         code, p, s = self._update(*self._state, self._dt, t, y, self._point)
         monitor, y_hat = self.monitor, None
-        if self._estimate is not None:
-            s = response_filter.update(
-                monitor.card,
-                self._estimate,
-                self._card_clock,
-                monitor.dt,
-                t,
-                y,
-                code,
-                self._y_hat,
-            )
-            if self._estimate.counts[response_filter.LOST]:
+        if self._card is not None:
+            s, y_hat = self._card.update(t, y, code)
+            if self._card.lost:
                 return withdrawn(t, LOST)
             p = simple_p(self._fitted.alphas, s)
-            y_hat = self._y_hat.copy() if np.isfinite(self._y_hat[0]) else None
         elif monitor.recipe.predictor.forecasts:
             y_hat = self._point * monitor.scale
         if code != assessing.OK:

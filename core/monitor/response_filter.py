@@ -1,5 +1,7 @@
 """The response filter of a card, fitted: components, noise, and what a monitor's file keeps."""
 
+from collections.abc import Callable
+from math import isfinite
 from statistics import NormalDist
 from typing import Any
 
@@ -7,8 +9,10 @@ import numpy as np
 
 from core.card import Card
 from core.channels import N_CHANNELS
+from core.kernels.compiled import entry
 from core.kernels.lanes import WIDTH
-from core.kernels.response_filter import CardResponses, squares
+from core.kernels.response_filter import LOST as LOST_AT
+from core.kernels.response_filter import CardResponses, begin, squares, update
 from core.monitor.portable import Section
 from core.monitor.score import Score
 from core.specification import Specification, magnitudes_of
@@ -145,6 +149,29 @@ def _excess(fitted: CardResponses, safe: Array) -> Array:
         )
     found = np.median(off[:n], axis=0) / CHI_SQUARE_MEDIAN
     return np.maximum(found - np.median(expected[:n], axis=0), 0.0)
+
+
+class RunningCard:
+    """The forecast of one flight's card, sample by sample.
+
+    dt: [s].   lost: whether a switch may have passed unseen; nothing is forecast from then on.
+    """
+
+    def __init__(self, card: CardResponses, dt: float) -> None:
+        self._estimate, self._y_hat = begin(len(card.steps)), np.empty(N_CHANNELS)
+        self._state = card, self._estimate, np.zeros(2), float(dt)
+        nothing = 0.0, self._y_hat, 0, self._y_hat
+        self._update: Callable[..., float] = entry(update, *self._state, *nothing)
+        self.lost = False
+
+    def update(self, t: float, y: Array, code: int) -> tuple[float, Array | None]:
+        """Take the next sample; returns its score, NaN for none, and the outputs h samples ahead.
+
+        y: (6,) float64, contiguous.   code: its state.
+        """
+        s = self._update(*self._state, t, y, code, self._y_hat)
+        self.lost = bool(self._estimate.counts[LOST_AT])
+        return s, self._y_hat.copy() if isfinite(self._y_hat[0]) else None
 
 
 def to_section(fitted: CardResponses) -> Section:
