@@ -147,7 +147,7 @@ def test_what_a_full_disk_refuses_is_made_at_the_next_start_once(
     def full(*_: object) -> None:
         raise OSError(errno.ENOSPC, "No space left on device")
 
-    with api(tmp_path) as client, monkeypatch.context() as patched:
+    with monkeypatch.context() as patched, api(tmp_path) as client:  # until the server is down
         range_ = Range(client, tmp_path)
         patched.setattr(flown_journal.os, "link", full)
         patched.setattr(flown_journal.shutil, "copyfile", full)
