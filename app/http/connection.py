@@ -72,7 +72,11 @@ class Connection(ABC):
         finally:
             for pump in pumps:
                 pump.cancel()
-            await asyncio.gather(*pumps, return_exceptions=True)
+            # not `gather`: cancelled itself, it would raise a pump's cancellation and not its own
+            ended, _ = await asyncio.wait(pumps)
+            for pump in ended:
+                if not pump.cancelled():
+                    pump.exception()
 
     async def _say_goodbye(self) -> None:
         assert self._close is not None
