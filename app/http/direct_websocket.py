@@ -12,7 +12,7 @@ from collections.abc import Callable
 from typing import Any, ClassVar
 
 from uvicorn.protocols.websockets.websockets_sansio_impl import WebSocketsSansIOProtocol
-from websockets.frames import Frame, Opcode, apply_mask
+from websockets.frames import Frame, Opcode, apply_mask  # pyright: ignore[reportPrivateImportUsage]
 
 EXTENSION = "forewarn.direct"
 SEND_BUFFER = 32_768
@@ -104,7 +104,8 @@ class DirectWebSocket(WebSocketsSansIOProtocol):
         """Offer the application the direct way."""
         super().handle_connect(event)
         if not self.close_sent:
-            self.scope["extensions"][EXTENSION] = self  # pyright: ignore[reportArgumentType]
+            scope: Any = self.scope
+            scope["extensions"][EXTENSION] = self
 
     def send_receive_event_to_app(self) -> None:
         """Pass a whole message on; a text that is none ends the connection, without a traceback."""

@@ -188,7 +188,7 @@ async def main(address: str, seconds: float, hz: float, each: int, *flights: str
     watchers = [Watcher(load, f"{path}/stream") for path in paths for _ in range(each)]
     sources = [WebSocket(f"{path}/uplink", load.stored) for path in paths]
     for socket in (*(watcher.socket for watcher in watchers), *sources):
-        await loop.create_connection(lambda socket=socket: socket, host, port)
+        await loop.create_connection(lambda socket=socket: socket, host or "", port or 0)
         await socket.open
     await push(load, sources, values(round(10 * hz)))
     cpu_s, expected = time.process_time(), load.sent * each

@@ -4,6 +4,7 @@ import asyncio
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -84,7 +85,8 @@ def stored(live: Live) -> StoredAssessments:
         [CODES[one.state] for one in said],
         [missing if one.y_hat is None else one.y_hat for one in said],
     )
-    fields = {name: np.ascontiguousarray(packed[name]) for name in packed.dtype.names or ()}
+    names = packed.dtype.names or ()
+    fields: dict[str, Any] = {name: np.ascontiguousarray(packed[name]) for name in names}
     seq = np.array([one.seq for one in samples])
     return StoredAssessments(seq=seq, reasons=tuple(one.reason for one in said), **fields)
 

@@ -12,7 +12,9 @@ from app.http.connection import Connection
 class Waiting(Connection):
     """Two pumps, one of which takes a moment to end."""
 
-    has_room = True
+    @property
+    def has_room(self) -> bool:
+        return True
 
     def send(self, text: str) -> None: ...
 

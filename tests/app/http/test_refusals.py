@@ -1,6 +1,7 @@
 """A peer that is refused all the time: it is read slowly, and others as before."""
 
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -77,7 +78,8 @@ def test_requests_far_ahead_of_their_answers_are_not_parsed_yet(tmp_path: Path) 
         answers = b""
         while some := eager.recv(4096):
             answers += some
-            ahead = [len(one.pipeline) for one in [*server.server_state.connections]]
+            connections: list[Any] = [*server.server_state.connections]
+            ahead = [len(one.pipeline) for one in connections]
             most = max(most, *ahead, 0)
     assert answers.count(b"HTTP/1.1 200 ") == n + 1
     assert most <= PART // len(GET) + 1

@@ -126,7 +126,8 @@ def test_the_forecast_of_a_flight_without_noise_comes_true():
 
 def gappy(y: Array, kind: int) -> tuple[Array, Array]:
     """Times and samples of a flight with missing, invalid or no broken samples."""
-    t, y = np.arange(len(y)) * 0.05, y.copy()
+    t = np.arange(len(y), dtype=np.float64) * 0.05
+    y = y.copy()
     if kind == 1:
         y[40:43, 2] = np.nan
     elif kind == 2:
