@@ -104,6 +104,7 @@ export function createAlarmPanel(element, { tone, acknowledge }) {
       return "The guarantee is withdrawn: the monitor was not applicable to the last sample.";
     if (state === "not_assessed" || (holds.includes("invalid") && wasBetween)) return "No guarantee between manoeuvres: nothing is assessed there.";
     if (state === "invalid") return `The guarantee is withdrawn: ${assessment.reason || "the monitor is not applicable here"}`;
+    if (state === "stale") return "No guarantee while no sample of now comes: nothing is assessed.";
     return flight.warnings.length ? `◆ ${flight.warnings.map(sentence).join(" ")}` : guarantee(flight);
   }
 

@@ -69,7 +69,7 @@ function rowOf(monitor, position) {
   const line = h(
     "li",
     { class: "ahead-row", "data-authority": monitor.authority },
-    h("span", { class: "ahead-lead" }, `${formatTime(monitor.lead, 0.01)} s`),
+    h("span", { class: "ahead-lead" }, `${Number(monitor.lead.toFixed(3))} s`),
     h("span", { class: "ahead-track", title: `alerts above ${monitor.alert_above}` }, bar, threshold),
     value,
     h("span", { class: "ahead-name", title: monitor.name }, monitor.name),
@@ -105,6 +105,6 @@ export function summaryLines(monitors, frames) {
     const threshold = monitor.alert_above;
     const alerted = first === null ? `never above ${threshold}` : `first above ${threshold} at ${formatTime(first, 0.01)} s`;
     const words = highest < 0 ? "nothing was assessed" : `${alerted}, highest risk ${riskText(highest, threshold)}`;
-    return h("p", { class: "ahead-summary" }, h("strong", {}, `${formatTime(monitor.lead, 0.01)} s ahead: `), `${monitor.name}, ${rolesOf(monitor)}: ${words}.`);
+    return h("p", { class: "ahead-summary" }, h("strong", {}, `${Number(monitor.lead.toFixed(3))} s ahead: `), `${monitor.name}, ${rolesOf(monitor)}: ${words}.`);
   });
 }

@@ -3,7 +3,7 @@
  *
  * Exports
  *   bindShortcuts(actions, urgent) -> unbind    {key: act}; ignored while a text or a dialog takes the keys
- *     urgent: those that a list or a box that has the focus does not keep back, and that a held key does once
+ *     urgent: those that a list, a box that has the focus, or a dialog but the list does not keep back, and that a held key does once
  *   createShortcutList(urgent) -> {dialog, open()}     urgent() -> [[key, what]], known once it is opened
  */
 
@@ -37,14 +37,14 @@ export function bindShortcuts(actions, urgent = {}) {
   const press = (event) => {
     if (event.ctrlKey || event.metaKey || event.altKey || event.defaultPrevented) return;
     const { target } = event;
-    if (document.querySelector("dialog[open]") !== null) return;
-    if (target.closest(TYPED)) return;
+    if (target.closest(TYPED) || document.querySelector("dialog.shortcuts[open]") !== null) return;
     const now = urgent[event.key.toLowerCase()];
     if (now !== undefined) {
       event.preventDefault();
       if (!event.repeat) now();
       return;
     }
+    if (document.querySelector("dialog[open]") !== null) return;
     if (target.closest("input:not([type=range]), select")) return;
     if ([" ", "Enter"].includes(event.key) && target.closest("button, a, summary")) return;
     const act = actions[event.key.length === 1 ? event.key.toLowerCase() : event.key];

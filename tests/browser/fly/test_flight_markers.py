@@ -49,6 +49,15 @@ def test_a_key_and_a_button_mark_the_flight_on_every_screen_and_in_its_record(fl
     expect(page.locator(".event", has_text="ABORT (safety of flight)")).to_have_count(1)
 
 
+def test_abort_is_set_while_a_question_is_open(fly: Fly) -> None:
+    page = fly.page
+    fly.watch(SAFE, ("pause", None), ("seek", 0.0))
+    page.evaluate("document.body.appendChild(document.createElement('dialog')).showModal()")
+    page.keyboard.press("x")
+    expect(page.locator(".marker-last")).to_have_text(ABORT)
+    page.evaluate("document.querySelector('body > dialog').remove()")
+
+
 def test_no_key_marks_while_a_text_is_typed_or_modified_or_held(fly: Fly) -> None:
     page = fly.page
     fly.watch(SAFE, ("pause", None))

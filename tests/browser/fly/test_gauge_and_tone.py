@@ -22,6 +22,7 @@ def test_the_guarantee_is_shown_only_while_it_stands(strips: Open) -> None:
           { state: 'invalid', reason: 'unlike training' },
           { state: 'invalid', reason: 'between manoeuvres' },
           { state: 'ok', reason: '' },
+          { state: 'stale', reason: 'no sample came for 1 s' },
         ].map((now) => {
           panel.setState(now);
           return element.querySelector('.alarm-calm').textContent;
@@ -32,6 +33,7 @@ def test_the_guarantee_is_shown_only_while_it_stands(strips: Open) -> None:
     assert texts[1].endswith("The guarantee is withdrawn: unlike training")
     assert texts[2].endswith("No guarantee between manoeuvres: nothing is assessed there.")
     assert texts[3] == texts[0]
+    assert "No guarantee while no sample of now comes" in texts[4]
 
 
 def test_warnings_come_before_cautions_each_with_its_own_tone(strips: Open) -> None:

@@ -41,7 +41,7 @@ def test_a_row_a_monitor_by_its_lead_and_which_raises_the_alarms(fly: Fly, site:
     fly.steer("pause", None)
     fly.steer("seek", 1.5)
     rows = page.locator(".ahead-row")
-    expect(rows.locator(".ahead-lead")).to_have_text(["0.25 s", "0.50 s"])
+    expect(rows.locator(".ahead-lead")).to_have_text(["0.25 s", "0.5 s"])
     expect(rows.locator(".ahead-role")).to_have_text(["raises the alarms", "display only"])
     expect(rows.locator(".ahead-name").last).to_have_attribute("title", LONG)
     frame = fly.ask("GET", f"/flights/{fly.flight}/assessments")["frames"][-1]
@@ -51,7 +51,7 @@ def test_a_row_a_monitor_by_its_lead_and_which_raises_the_alarms(fly: Fly, site:
     fly.end()
     summary = page.locator(".ahead-summary")
     expect(summary).to_have_count(2)
-    expect(summary.last).to_contain_text(f"0.50 s ahead: {LONG}, display only: ")
+    expect(summary.last).to_contain_text(f"0.5 s ahead: {LONG}, display only: ")
 
 
 def test_no_row_shows_a_number_while_nothing_comes(fly: Fly, site: Site, further: str) -> None:
