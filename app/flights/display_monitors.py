@@ -59,11 +59,6 @@ def _unlike(authority: Monitor, other: Monitor) -> str:
     return next(unlike, "")
 
 
-def alert_above(monitor: Monitor | MonitorInfo, epsilon: float) -> float:
-    """Risk above which a monitor alerts that promises this miss rate."""
-    return monitor.alert_above(epsilon)
-
-
 def flown_monitor(
     monitor_id: str,
     name: str,
@@ -81,7 +76,7 @@ def flown_monitor(
         authority=is_authority,
         lead=monitor.lead - delay,
         epsilon=epsilon,
-        alert_above=alert_above(monitor, epsilon),
+        alert_above=monitor.alert_above(epsilon),
         n_unsafe=monitor.n_unsafe,
         validity=validity_word(monitor.support is not None),
         warnings=warnings,

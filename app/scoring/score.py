@@ -55,6 +55,7 @@ def score_at_each(
 ) -> tuple[ScoredRecording, ...]:
     """Score once at each miss rate, for the price of one: only alerts depend on it."""
     checked = [monitor.check_epsilon(epsilon) for epsilon in epsilons]
+    levels = [(epsilon, monitor.alert_above(epsilon)) for epsilon in checked]
     flight = Ready.of(monitor, recorded)
     chosen, notes = segments(flight.recording, flight.planned, recipe)
     judged = [_judge(flight, segment) for segment in chosen]
@@ -63,16 +64,16 @@ def score_at_each(
     checks = compatibility(flight.traces)
     return tuple(
         ScoredRecording(
-            *_assessed(flight, judged, epsilon),
+            *_assessed(flight, judged, epsilon, above),
             monitor.dt,
             epsilon,
-            monitor.alert_above(epsilon),
+            above,
             flight.quality,
             notes,
             exceedances[:MOST_OUTSIDE],
             checks,
         )
-        for epsilon in checked
+        for epsilon, above in levels
     )
 
 
@@ -157,15 +158,15 @@ def _outside(flight: Ready, judged: list[JudgedSegment]) -> tuple[RecordedExceed
 
 
 def _assessed(
-    flight: Ready, judged: list[JudgedSegment], epsilon: float
+    flight: Ready, judged: list[JudgedSegment], epsilon: float, alert_above: float
 ) -> tuple[npt.NDArray[np.void], tuple[ScoredManoeuvre, ...]]:
-    """Samples and manoeuvres at a miss rate."""
-    fields, above = _between(flight.recording, judged), flight.monitor.alert_above(epsilon)
+    """Samples and manoeuvres at a miss rate, and the risk to alert above for it."""
+    fields = _between(flight.recording, judged)
     for number, segment in enumerate(judged):
-        _fill(fields, number, segment, above)
+        _fill(fields, number, segment, alert_above)
     samples = packed(fields)
     return samples, tuple(
-        _verdict(flight, segment, samples[segment.first : segment.stop], epsilon)
+        _verdict(flight, segment, samples[segment.first : segment.stop], epsilon, alert_above)
         for segment in judged
     )
 
@@ -211,7 +212,11 @@ def _between(recording: Recording, judged: list[JudgedSegment]) -> dict[str, npt
 
 
 def _verdict(
-    flight: Ready, judged: JudgedSegment, part: npt.NDArray[np.void], epsilon: float
+    flight: Ready,
+    judged: JudgedSegment,
+    part: npt.NDArray[np.void],
+    epsilon: float,
+    alert_above: float,
 ) -> ScoredManoeuvre:
     known = np.isfinite(part["p_value"])
     peak = int(np.nanargmax(part["p_value"])) if known.any() else None
@@ -227,11 +232,7 @@ def _verdict(
     first = (
         []
         if withdrawal is None
-        else [
-            withdrawn(
-                judged.assessments, withdrawal.first, limited, flight.monitor.alert_above(epsilon)
-            )
-        ]
+        else [withdrawn(judged.assessments, withdrawal.first, limited, alert_above)]
     )
     why = ""
     if not flight.planned.limits_known:
