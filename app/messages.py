@@ -154,6 +154,7 @@ class Frame(Message):
 
     Null where a value is unknown; p_value, alert and y_hat are null unless state is `ok`.
     `sent`: monotonic milliseconds of the server when the sample was due, null in a record.
+    `taken`: the same of when it was taken, where that is known to be earlier: of a live source.
     """
 
     seq: int
@@ -165,6 +166,11 @@ class Frame(Message):
     reason: str
     y_hat: Outputs | None
     sent: float | None
+    taken: float | None = Field(
+        default=None,
+        description="monotonic milliseconds of the server when a live source took it: it was due "
+        "by as much later as its source lags; left out elsewhere",
+    )
     display: list[DisplayAssessment] = Field(
         default_factory=list,
         description="of the monitors flown for display, in the order of `monitors`; left out "
@@ -466,8 +472,9 @@ def plain_frame(
     assessment: Assessment,
     sent: float | None,
     display: Sequence[Assessment] = (),
+    taken: float | None = None,
 ) -> dict[str, Any]:
-    """Return a Frame as plain data; unchecked, since this is done for every sample."""
+    """Return a Frame as plain data; unchecked, since this is done for every sample. taken: [s]."""
     frame = {
         "seq": seq,
         "t": assessment.t,
@@ -479,6 +486,8 @@ def plain_frame(
         "y_hat": assessment.y_hat,
         "sent": sent,
     }
+    if taken is not None:
+        frame["taken"] = round(taken * 1e3, 3)
     if display:
         frame["display"] = [
             {

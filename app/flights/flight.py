@@ -56,6 +56,8 @@ HEARTBEAT_S = 1.0
 BETA, DELTA_A, DELTA_R = (KEYS.index(key) for key in ("beta", "delta_a", "delta_r"))
 Angles = tuple[float, float, float]
 LEVEL: Angles = (0.0, 0.0, 0.0)
+NOTHING_COMES = "no sample comes"
+"""Why a flight is stale to which nothing comes any more; for how long, each display counts."""
 STALE_INTERVALS, STALE_S = 3.0, 0.25
 """A source is late when nothing came for so many intervals, and so long [s]."""
 
@@ -370,11 +372,22 @@ class Flight(ABC):
         """One sample as it is shown. sent: monotonic milliseconds; None where it was long ago."""
         late = (State.STALE, self._late) if self._late else None
         self._set_state(*(late or (assessment.state, assessment.reason)))
-        self._recent.append(encode_frame(plain_frame(self.head + 1, y, assessment, sent, display)))
+        frame = plain_frame(self.head + 1, y, assessment, sent, display, self._taken(assessment.t))
+        self._recent.append(encode_frame(frame))
         self.t, self._assessment, self._pose = assessment.t, assessment, (attitude, y)
         self._exceeds = exceedance is not None
         if self._exceeds:
             self._note_exceedance(assessment.t)
+
+    def _taken(self, t: float) -> float | None:
+        """When the sample of t was taken, by the flight's clock [s]; None where it is when due."""
+        return None
+
+    @property
+    def age(self) -> float | None:
+        """Since the newest sample was taken [s]; None where none came, or none is awaited."""
+        taken = None if self.head < 0 or self.is_over else self._taken(self.t)
+        return None if taken is None else max(self.clock.now() - taken, 0.0)
 
     def _note_exceedance(self, t: float) -> None:
         self.exceeded_t = t if self.exceeded_t is None else min(t, self.exceeded_t)
@@ -416,8 +429,8 @@ class Flight(ABC):
     def _miss(self, seconds: float) -> None:
         """Say that no sample came for so long [s]."""
         reason, is_new = f"no sample came for {seconds:g} s", self.state is not State.STALE
-        if is_new:
-            self._set_state(State.STALE, reason)
+        if is_new or self.reason == self._late:
+            self._set_state(State.STALE, NOTHING_COMES)
         self._ring(self.alarms.note_late(self.head, self.t, reason, self.clock))
         if is_new:
             self._show()

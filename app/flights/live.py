@@ -337,7 +337,10 @@ class LiveFlight(Flight):
             self.limits_at_hand.append(LimitsInForce.from_plain(line["limits"]))
         self._port = line.get("port", self._port)
         self._n_resumed += line.get("e") == "resumed"
-        return settled_by(line, self.scorer, self._setup.reader)
+        settled = settled_by(line, self.scorer, self._setup.reader)
+        if settled:
+            self._lag.note(line["a"], settled[-1].assessment.t)
+        return settled
 
     def _note_batch(self, sequence: int | None, values: bytes) -> None:
         """Remember a batch, so that it is known when it comes again. values: in JSON."""
@@ -393,6 +396,9 @@ class LiveFlight(Flight):
                 self.receive(line, "udp")
                 n_taken += 1
         return n_taken > 0
+
+    def _taken(self, t: float) -> float:
+        return self._began + self._lag.taken(t)
 
     def _show_all(self, assessed: list[LiveAssessed], now: float) -> None:
         if not assessed:

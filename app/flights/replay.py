@@ -159,7 +159,7 @@ class TrackFlight(Flight):
         after = self._script.stale_after(self._transport.index)
         if after is None or not self._transport.playing:
             self._stop_timer("stale")
-        elif self.state is not State.STALE:
+        elif self.state is not State.STALE or self.reason == self._late:
             when = self._flown + after / self._transport.speed
             self._call_at("stale", when, lambda: self._miss(patience(self.dt)))
 

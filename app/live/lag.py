@@ -29,4 +29,8 @@ class Lag:
             self._quickest.append((part, min(age, age_before)))
         else:
             self._quickest.append((part, age))
-        self.now = age - min(each for _, each in self._quickest)
+        self.now = arrived - self.taken(t)
+
+    def taken(self, t: float) -> float:
+        """When a sample of t was taken, by the clock of the arrivals [s]: had it come at once."""
+        return t + min((age for _, age in self._quickest), default=0.0)

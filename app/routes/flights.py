@@ -75,6 +75,10 @@ class FlightStatus(BaseModel):
     reason: str = Field(
         default="", description="why its newest sample was not assessed; empty where it was"
     )
+    age: float | None = Field(
+        default=None,
+        description="[s] since the newest sample of a live flight was taken; null for any other",
+    )
     verdict: Verdict | None = Field(
         default=None, description="of a flight that is over and exceeded its limit"
     )
@@ -389,6 +393,7 @@ def _status(
             "fail_t": flight.fail_t,
             "state": flight.state,
             "reason": flight.reason,
+            "age": flight.age,
             "transport": flight.transport,
             "watchers": flight.n_watchers,
             "open_alarms": flight.alarms.n_open(Level.WARNING),

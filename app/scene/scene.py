@@ -126,10 +126,10 @@ class Scene:
         """What is to be seen now: what came last, or STALE where that is too long ago."""
         with self._latest:
             came, shown, patience = self._came, self._shown, self._stale_after_s
-        late = self._clock() - came > patience
-        if not late or shown.paused or shown.state is State.STALE:
+        silent = self._clock() - came
+        if silent <= patience or shown.paused or shown.state is State.STALE:
             return shown
-        reason = f"no sample for {patience:g} s"
+        reason = f"no sample for {max(silent // 1.0, patience):g} s"
         facts = shown.facts and shown.facts._replace(stale=True)
         late = {"p_value": None, "alert": False, "state": State.STALE, "reason": reason}
         return shown._replace(**late, facts=facts)

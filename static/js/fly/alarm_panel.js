@@ -14,6 +14,7 @@
  *   describe({epsilon, alertAbove, guarantee, lead, warnings, limits, channels})   warnings: of the monitor; limits: nodes, |N_y| 0.5 g; of the flight
  *   setState({state, reason, last})    of the newest assessment: whether the guarantee stands; last: the reason of its sample
  *   take(alarm)          raised or acknowledged
+ *   setStale(words)      why the newest sample is not of now and how old it is; empty where it is of now
  *   setHeadline({status, beside})   of the flight: what goes on after it was acknowledged
  *   setLinked(boolean)   false: nobody knows whether there are new alarms
  *   acknowledgeAll()     all open warnings; all open cautions where there are none
@@ -67,6 +68,7 @@ export function createAlarmPanel(element, { tone, acknowledge }) {
   let status = "";
   let holds = []; // what the headline and what stands beside it say
   let shown = "";
+  let stale = "";
 
   const waiting = () => waitingOf([...alarms.values()]);
   const heard = new Set(); // cautions
@@ -85,7 +87,7 @@ export function createAlarmPanel(element, { tone, acknowledge }) {
     banner.toggleAttribute("data-acknowledged", held);
     button.hidden = held;
     const alike = open.filter(({ kind }) => kind === latest?.kind);
-    const now = `${alike.map(({ number }) => number)} of ${open.length}`;
+    const now = `${alike.map(({ number }) => number)} of ${open.length} ${latest?.kind === "stale" ? stale : ""}`;
     if (latest === undefined) put(text, held ? GOES_ON[status] : "");
     else if (now !== shown) text.replaceChildren(...words(alike, open.length - alike.length));
     shown = now;
@@ -115,7 +117,8 @@ export function createAlarmPanel(element, { tone, acknowledge }) {
     const value = risk === null ? "" : ` ${riskText(risk, flight.alertAbove)}`;
     const at = alike.length > 1 ? `first at ${t.toFixed(2)} s, ${alike.length} alarms` : `at ${t.toFixed(2)} s`;
     const more = others > 0 ? `, ${others} more` : "";
-    if (kind in CAUTION_WORDS) return [`${cautionText(first, ` ${at}`)}${more}`];
+    const goesOn = kind === "stale" && stale !== "" ? { reason: stale } : {};
+    if (kind in CAUTION_WORDS) return [`${cautionText({ ...first, ...goesOn }, ` ${at}`)}${more}`];
     if (kind === "limit") return [`LIMIT EXCEEDED ${at}: `, ...measured(exceedance), more];
     const lead = Number(flight.lead.toFixed(3));
     const what = `ALERT ${at}: risk${value} > ${figure(flight.alertAbove)}, warns ${lead} s before `;
@@ -161,6 +164,11 @@ export function createAlarmPanel(element, { tone, acknowledge }) {
     },
     setLinked: (linked) => put(quiet, linked ? "No alarm waits. " : "◆ Not connected: new alarms are not known. "),
     take,
+    setStale: (words) => {
+      if (words === stale) return;
+      stale = words;
+      render();
+    },
     setHeadline: (now) => {
       const next = [now.status, ...now.beside];
       if (next.join() === holds.join()) return;

@@ -17,7 +17,7 @@
  *   link, attempt, retryIn(wall) -> s     where it is; while lost, which attempt comes next and when
  *   loggedOut    it is lost since the login ended: it does not connect again
  *   figures(wall) -> {age, latency, conflated, lost, unwritten, problem, utc}
- *     age      s since the newest sample was due at the server; NaN before any
+ *     age      s since the newest sample was taken, growing while nothing comes; NaN before any
  *     latency  ms from due to here, above the quickest message of the last minute plus half a
  *              round trip; NaN before any
  *     conflated, lost   samples left out for this display, samples the server could not record
@@ -43,7 +43,7 @@ export function createConnection(flight, on, { Socket = WebSocket } = {}) {
   let socket = null;
   let seen = -1; // newest seq taken
   let knowsFlight = false;
-  let newest = null; // {sent, latency} of the newest live frame
+  let newest = null; // {taken, latency} of the newest frame; latency NaN where it came late on purpose
   let backlog = -1; // head at hello: frames up to it come late on purpose
   let heard = 0;
   let beat = 0; // when the last heartbeat came
@@ -146,9 +146,8 @@ export function createConnection(flight, on, { Socket = WebSocket } = {}) {
       const last = frames.at(-1);
       if (last !== undefined) {
         seen = last.seq;
-        if (last.sent !== null && last.seq > backlog) {
-          newest = { sent: last.sent, latency: clock.latency(last.sent) };
-        }
+        const { sent, taken = sent } = last;
+        if (taken !== null) newest = { taken, latency: sent !== null && last.seq > backlog ? clock.latency(sent) : NaN };
         on.frames?.(frames, message);
       }
       send({ type: "credit", n: 1 });
@@ -188,7 +187,7 @@ export function createConnection(flight, on, { Socket = WebSocket } = {}) {
 
   function figures(wall = performance.now()) {
     return {
-      age: newest === null ? NaN : Math.max(0, clock.since(newest.sent, wall)) / 1000,
+      age: newest === null ? NaN : Math.max(0, clock.since(newest.taken, wall)) / 1000,
       latency: newest === null ? NaN : newest.latency,
       conflated: counts.before + counts.conflated,
       lost: counts.lost,

@@ -13,6 +13,7 @@
  *   besideOf(headline, reason) -> string     what stands beside its word: "STALE · EXCEEDED first at 8.76 s"
  *   textOf(headline, reason) -> string       "▲ ALARM · STALE · EXCEEDED first at 8.76 s"
  *   resultOf(flight) -> {words, level}       what a flight came to: its verdict, else its headline; data-level
+ *   staleText(cause, age) -> string          why it is stale, and how old the newest sample is [s], NaN if unknown: the same everywhere
  *   LEVEL_OF {level: data-level}, MARKS {level: sign}
  */
 
@@ -54,6 +55,11 @@ export function ofSample({ state, alert, p_value: risk }) {
   const assessed = state !== "ok" || Number.isFinite(risk);
   const status = !assessed || !(state in FACES) ? "invalid" : state === "ok" && alert ? "risk" : state;
   return { status, level: LEVELS[status] ?? (status === "ok" ? "none" : "advisory"), beside: [] };
+}
+
+export function staleText(cause, age) {
+  const old = Number.isFinite(age) ? [`the newest is ${age.toFixed(1)} s old`] : [];
+  return [cause || "no new sample comes", ...old].join("; ");
 }
 
 export function resultOf({ verdict, progress, reason, mode, head, ...headline }) {

@@ -17,7 +17,7 @@ import { createAssessmentDisplay } from "./assessment_display.js";
 import { createConnection } from "./connection.js";
 import { createFlightLimits } from "./flight_limits.js";
 import { createFlightMarkers, markerEvent, markerFlag } from "./flight_markers.js";
-import { LEVEL_OF, textOf } from "./headline.js";
+import { LEVEL_OF, staleText, textOf } from "./headline.js";
 import { acknowledgementOf, alertText, createFlightPanels, exceedanceText, limitsOf, recordedFlag, sourceText } from "./panels.js";
 import { createLivePanel } from "./live_panel.js";
 import { createReplayNotes } from "./replay_notes.js";
@@ -97,7 +97,10 @@ export function showLiveFlight(element, { id, api, over }) {
       const history = createSeekHistory(api, path, hello.transport);
       display = createAssessmentDisplay(panels, { hello, history, alarm, events, onExceedance });
       if (hello.source.kind === "recording") showNotes();
-      if (hello.live) showSource();
+      if (hello.live) {
+        showSource();
+        display.timeline.setAge((wall) => connection.figures(wall).age);
+      }
     }
     if (hello.head < display.seq) forgetFrom(hello.head);
     alarm.describe({ epsilon, alertAbove: alertAbove(), guarantee: hello.guarantee, lead, warnings, limits: limitsOf(channels), channels });
@@ -265,7 +268,7 @@ export function showLiveFlight(element, { id, api, over }) {
     const blank = headline?.status === "no_data" && hello.mode === "live";
     panels.lost.hidden = !lost && !stale && !blank;
     panels.lost.toggleAttribute("data-calm", blank);
-    put(panels.lost, lost ? (connection.loggedOut ? LOGGED_OUT : lostText(connection.retryIn(wall))) : blank ? NO_DATA : staleText(display?.cause));
+    put(panels.lost, lost ? (connection.loggedOut ? LOGGED_OUT : lostText(connection.retryIn(wall))) : blank ? NO_DATA : coverText(display?.cause, connection.figures(wall).age));
   }
 
   function markEvents() {
@@ -291,7 +294,11 @@ export function showLiveFlight(element, { id, api, over }) {
     if (saying === shown.saying && wall - shown.wall < STATUS_EVERY) return;
     shown = { saying, wall };
     coverScene(headline, wall);
-    if (headline !== null) follow(headline, display.reason);
+    if (headline !== null) {
+      follow(headline, display.reason);
+      const stale = [headline.status, ...headline.beside].includes("stale");
+      alarm.setStale(stale ? staleText(display.cause, display.timeline.age(wall)) : "");
+    }
     status.update({
       mode: hello?.mode,
       source: hello === null ? "–" : sourceText(hello.source, hello.name),
@@ -341,8 +348,8 @@ function bindControls(element, keys, markers) {
   };
 }
 
-function staleText(cause) {
-  return `◆ STALE. ${cause ? sentence(cause) : "No new sample comes."} The attitude that was shown here is not that of now.`;
+function coverText(cause, age) {
+  return `◆ STALE. ${sentence(staleText(cause, age))} The attitude that was shown here is not that of now.`;
 }
 
 function lostText(seconds) {

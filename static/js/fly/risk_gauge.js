@@ -18,7 +18,7 @@
 import { shownState } from "../charts/readout.js";
 import { addDrawer } from "../lib/draw_loop.js";
 import { figure, riskText } from "../lib/numbers.js";
-import { besideOf, FACES, headlineOf, ofSample, wordOf } from "./headline.js";
+import { besideOf, FACES, headlineOf, ofSample, staleText, wordOf } from "./headline.js";
 
 const NS = "http://www.w3.org/2000/svg";
 const CENTRE = { x: 170, y: 150 };
@@ -211,8 +211,7 @@ function whyOf({ key, stale }, { reason, state, p_value: risk, last = risk, aler
   if (key === "none") return "no sample has been assessed yet";
   if (stale && timeline !== null && Number.isFinite(timeline.age(wall))) {
     const then = Number.isFinite(last) ? `, its risk ${riskText(last, alertAbove)}` : "";
-    const cause = state === "stale" && reason ? `${reason}; ` : "";
-    return `${cause}last sample ${timeline.age(wall).toFixed(0)} s ago${then}`;
+    return staleText(state === "stale" ? reason : "", timeline.age(wall)) + then;
   }
   return reason || (state === "ok" ? "the assessment has no p-value" : "");
 }

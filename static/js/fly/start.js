@@ -14,7 +14,7 @@ import { startFlight } from "../lib/start_flight.js";
 import { errorLine, state } from "../lib/view_states.js";
 import { guarantee } from "./alarm_panel.js";
 import { createLimitChoice } from "./flight_limits.js";
-import { resultOf } from "./headline.js";
+import { resultOf, staleText } from "./headline.js";
 import { sourceText } from "./panels.js";
 
 const REFRESH = 2000; // ms
@@ -55,6 +55,10 @@ export function showFlightStart(element, { query, api, navigate }) {
     if (flights.dataset.signature !== signature) {
       flights.dataset.signature = signature;
       flights.replaceChildren(silent, ...flightLists(all, names));
+    }
+    for (const flight of all.filter(({ age }) => age !== null)) {
+      const place = flights.querySelector(`[data-flight="${flight.id}"] .flight-stale`);
+      if (place !== null) put(place, ageText(flight));
     }
   }
 
@@ -108,12 +112,18 @@ function flightRow(flight, names, verb) {
   const about = `${monitor} at ε ${flight.epsilon}, ${flight.created.slice(0, 16).replace("T", " ")} UTC`;
   return h(
     "li",
-    { class: "flight-row" },
+    { class: "flight-row", "data-flight": flight.id },
     h("span", { class: "chip mode", "data-mode": flight.mode }, flight.mode.toUpperCase()),
     h("span", { class: "chip", "data-level": level }, h("span", { class: "was", hidden: true }, "was "), words),
-    h("span", { class: "flight-name" }, source.includes(flight.name) ? source : `${flight.name} (${source})`, h("span", { class: "dim flight-detail" }, about), warningMark(flight)),
+    h("span", { class: "flight-name" }, source.includes(flight.name) ? source : `${flight.name} (${source})`, h("span", { class: "dim flight-detail" }, about), h("span", { class: "flight-stale flight-detail" }, ageText(flight)), warningMark(flight)),
     h("a", { class: "button button-small", href: `#/fly/${flight.id}`, "aria-label": `${verb}: ${flight.name}` }, verb),
   );
+}
+
+/** Of a flight whose samples are not of now, in the words of its own page. */
+function ageText({ status, beside, state, reason: why, age }) {
+  const isStale = age !== null && [status, ...beside].includes("stale");
+  return isStale ? staleText(state === "stale" ? why : "", age) : "";
 }
 
 function startForm({ monitors, datasets, recordings, query, api, navigate }) {

@@ -27,7 +27,7 @@ const ITEMS = [
   ["monitor", "monitor", "Which monitor assesses it; where its validity is calibrated, it says INVALID of a flight unlike those of training"],
   ["test", "monitor's test", "What the monitor's test flights say against relying on it"],
   ["utc", "UTC", "The server's date and time"],
-  ["age", "data age", "Time since the newest sample was due"],
+  ["age", "data age", "Time since the newest sample was taken; it grows while none comes"],
   ["latency", "latency", "Newest sample: from the server's clock to this page"],
   ["conflated", "left out", "Samples left out of this display because it was slow; all were assessed and recorded"],
   ["record", "record", RECORD],

@@ -106,6 +106,39 @@ def test_a_key_begins_a_manoeuvre_which_is_listed_and_cannot_begin_twice(live: L
     expect(live.figure("phase")).to_have_text("manoeuvre 1 under way")
 
 
+def test_a_source_that_died_is_as_old_in_each_place_and_grows_older(own_live: Live) -> None:
+    live = own_live
+    live.begin(trim="none")
+    live.send(0, 0, 40)
+    places = {
+        ".alarm-text": r"STALE at 1\.95 s: no sample comes; the newest is ([\d.]+) s old",
+        ".gauge-reason": r"no sample comes; the newest is ([\d.]+) s old",
+        ".link-lost": r"STALE\. No sample comes; the newest is ([\d.]+) s old",
+        '[data-item="age"] .status-value': r"([\d.]+) s",
+        ".readout-detail": r"last value, ([\d.]+) s old",
+    }
+    for place, words in places.items():
+        expect(live.page.locator(place).first).to_have_text(re.compile(words))
+
+    def ages() -> list[float]:
+        texts = live.page.evaluate(
+            "(places) => places.map((place) => document.querySelector(place).textContent)",
+            list(places),
+        )
+        found = map(re.search, places.values(), texts)
+        return [float(one[1]) for one in found if one is not None]
+
+    before = ages()
+    assert max(before) - min(before) < 0.6
+    words = re.compile(r"the newest is [3-9][\d.]* s old")
+    expect(live.page.locator(".alarm-text")).to_have_text(words)
+    assert all(later > earlier for earlier, later in zip(before, ages(), strict=True))
+    live.page.reload()
+    expect(live.page.locator(".alarm-text")).to_have_text(words)
+    live.page.goto(f"{live.site.http}/#/fly")
+    expect(live.page.locator(f'[data-flight="{live.flight}"] .flight-stale')).to_have_text(words)
+
+
 def test_samples_that_are_not_durable_are_said_so_until_they_are(
     live: Live, monkeypatch: pytest.MonkeyPatch
 ) -> None:

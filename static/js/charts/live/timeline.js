@@ -19,7 +19,8 @@
  *   setTransport({playing, speed})        what the server's transport says
  *   playing                               whether the flight's clock runs
  *   now(wall) -> t | NaN                  flight time at the right edge; NaN before any sample
- *   age(wall) -> s | NaN                  wall seconds since the newest sample arrived
+ *   setAge(ageAt)                         ageAt(wall) -> s | NaN: how old the newest sample is, where more is known than when it arrived
+ *   age(wall) -> s | NaN                  age of the newest sample; since it arrived unless more is known
  *   staleAfter                            age from which on it is too great [s], as the server counts
  *   stale(wall) -> boolean                whether it is, for a flight that plays
  *   reset()                               forget the flight: window live, no cursors
@@ -45,6 +46,7 @@ export function createTimeline({ seconds = 60, dt = 0.02, lead = 0, staleAfter =
   const { changed } = cursors;
   let width = seconds;
   let settled = -Infinity;
+  let ageAt = () => NaN;
   let held = null; // start of a held window [s]
 
   const timeline = {
@@ -65,11 +67,17 @@ export function createTimeline({ seconds = 60, dt = 0.02, lead = 0, staleAfter =
       return clock.playing;
     },
     now,
-    age: (wall) => (wall - clock.arrived) / 1000,
+    setAge: (given) => {
+      ageAt = given;
+    },
+    age: (wall) => {
+      const known = ageAt(wall);
+      return Number.isFinite(known) ? known : silence(wall);
+    },
     get staleAfter() {
       return Math.max(flight.staleAfter, (INTERVALS * flight.dt) / clock.speed);
     },
-    stale: (wall) => clock.playing && wall > settled && timeline.age(wall) > timeline.staleAfter,
+    stale: (wall) => clock.playing && wall > settled && silence(wall) > timeline.staleAfter,
     reset: () => {
       Object.assign(clock, { t: NaN, wall: NaN, newest: NaN, arrived: NaN });
       if (held !== null) width = seconds; // a live window keeps its zoom over a loop
@@ -87,6 +95,8 @@ export function createTimeline({ seconds = 60, dt = 0.02, lead = 0, staleAfter =
       changed();
     },
   };
+
+  const silence = (wall) => (wall - clock.arrived) / 1000;
 
   function now(wall) {
     if (!clock.playing) return clock.t;
