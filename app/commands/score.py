@@ -17,6 +17,7 @@ from app.commands.scoring_options import SETTINGS, add_scoring_options, request_
 from app.recordings.exports import export
 from app.recordings.mapping_memory import MappingMemory
 from app.recordings.scored_file import Scored, ScoredFile, ScoreRequest, score_file
+from app.scoring.limits_history import pieces_of
 from app.scoring.planned_test import planned_test
 from app.scoring.verdict import sensors, verdict
 from app.telemetry.mapping.typed_rate import counts_the_day
@@ -132,12 +133,13 @@ def _files(file: str, scoring: Scored, with_png: bool) -> dict[str, bytes]:
             FlownManeuver(m.name, m.start, m.end, m.exceedance and m.exceedance.t)
             for m in scored.manoeuvres
         ],
-        planned_test(monitor).limits,
+        pieces_of(planned_test(monitor).limits, scored.limits_in_force),
         scored.alert_above,
         monitor.lead,
         " ".join(["scored:", file, scoring.label]).strip(),
     )
-    files = {"assessments.csv": export(scored.samples, {}, "csv"), "scored.svg": drawing.svg}
+    about = {"limits_in_force": scored.limits_in_force}
+    files = {"assessments.csv": export(scored.samples, about, "csv"), "scored.svg": drawing.svg}
     if with_png:
         files["scored.png"] = png(drawing)
     return {str(Path(scoring.label) / name): content for name, content in files.items()}

@@ -17,7 +17,6 @@ from app.flights.flight_limits import status_of, to_store
 from app.flights.flight_markers import FlightMarkers
 from app.flights.recorder import Recorder
 from app.flights.watcher import CREDIT, RecentFrames, Watcher
-from app.live.limits_in_force import ChangeOfLimits, LimitsInForce, Ruling
 from app.messages import (
     Alarm,
     AlarmRaised,
@@ -40,6 +39,7 @@ from app.messages import (
     plain_frame,
     validity_word,
 )
+from app.scoring.limits_in_force import ChangeOfLimits, LimitsInForce, Ruling
 from core.certificate import warnings_of
 from core.channels import KEYS
 from core.flight_markers import FLIGHT_MARKERS, FlightMarkerKey

@@ -4,8 +4,8 @@ from collections.abc import Mapping
 from typing import Any
 
 from app.flights.display_monitors import ALIKE
-from app.live.limits_in_force import ChangeOfLimits, LimitsInForce, Ruling
 from app.messages import LimitsStatus
+from app.scoring.limits_in_force import ChangeOfLimits, LimitsInForce, Ruling
 from app.store.limit_sets import FlightLimits
 from app.store.monitors import MonitorInfo
 from app.store.store import Store

@@ -41,9 +41,9 @@ from app.flights.track import SourceError
 from app.flights.transport import NotPossible
 from app.live.again import header_of
 from app.live.journal import Journals, lines_of
-from app.live.limits_in_force import ChangeOfLimits, LimitsInForce
 from app.messages import FlightMarker, LiveStatus
 from app.recordings.scored import ScoredRecordings
+from app.scoring.limits_in_force import ChangeOfLimits, LimitsInForce
 from app.store.flights import INTERRUPTED, UnderWay
 from app.store.look import StoreLook
 from app.store.store import NotFound, Store, StoreError

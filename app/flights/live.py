@@ -29,7 +29,6 @@ from app.live.batches import Batch, ChannelReader, decode_batch
 from app.live.journal import Journal, JournalFull, Journals, lines_of
 from app.live.known_batches import KnownBatches
 from app.live.lag import Lag
-from app.live.limits_in_force import LimitsInForce, Ruling
 from app.live.scorer import CausalScorer, LiveAssessed, TrimRule
 from app.messages import (
     Alarm,
@@ -40,6 +39,7 @@ from app.messages import (
     MeasuredExceedance,
     TransportState,
 )
+from app.scoring.limits_in_force import LimitsInForce, Ruling
 from app.telemetry.recording import TelemetryError
 from core.channels import KEYS
 from core.monitor import Assessment, Monitor, State

@@ -5,14 +5,13 @@ Whatever the transport does, a sample has the history of the flight, not that of
 
 from abc import ABC, abstractmethod
 from collections.abc import Iterable
-from typing import ClassVar
 
 import numpy as np
 
 from app.flights.exceedance import exceedance
 from app.flights.track import Track
-from app.live.limits_in_force import Ruling
 from app.messages import MeasuredExceedance
+from app.scoring.limits_in_force import Ruling
 from core.monitor import Assessment, Monitor
 from core.monitor.validity import exceeds
 from core.types import Array, Flags, Indices
@@ -36,7 +35,7 @@ class Script(ABC):
     is_checked: bool
     alerts: Indices
     exceedances: Indices
-    shows_rulings: ClassVar[bool] = False
+    shows_rulings: bool = False
     theta: dict[str, float] | None = None
     fail_t: float | None = None
 

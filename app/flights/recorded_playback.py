@@ -12,6 +12,8 @@ import numpy.typing as npt
 from app.flights.playback import Angles, Script, onsets
 from app.messages import Judged, MeasuredExceedance
 from app.recordings.reasons import reason
+from app.scoring.limits_history import HeldLimits
+from app.scoring.limits_in_force import Ruling
 from app.scoring.outcome import SAME_TIME
 from core.channels import KEYS
 from core.monitor import Assessment, State
@@ -32,7 +34,7 @@ class RecordedScript(Script):
     forecasts: whether the monitor makes forecasts.   outside: recorded exceedances that begin in no
     manoeuvre, plain.   biases: (6,) that the mapping subtracted of what was recorded.
     theta0: pitch at trim [rad], for the scene.   display: the same recording as further monitors
-    scored it, which are flown for display.
+    scored it, which are flown for display.   held: limits that were in force; None for none.
     """
 
     def __init__(
@@ -46,8 +48,10 @@ class RecordedScript(Script):
         biases: Sequence[float] = (0.0,) * len(KEYS),
         theta0: float = 0.0,
         display: Sequence["RecordedScript"] = (),
+        held: HeldLimits | None = None,
     ) -> None:
         self.t, self.dt = np.ascontiguousarray(samples["t"]), dt
+        self._held, self.shows_rulings = held, held is not None
         judged = [s["exceedance"] for s in manoeuvres if s["exceedance"] is not None]
         self.fail_t = min((exceedance["t"] for exceedance in judged), default=None)
         raw = [found for s in manoeuvres if (found := s.get("recorded_exceedance")) is not None]
@@ -70,6 +74,10 @@ class RecordedScript(Script):
     def y(self, k: int) -> Array:
         """Sample k as it was assessed, from trim, (6,)."""
         return self._samples["y"][k]
+
+    def ruling(self, k: int) -> Ruling | None:
+        """Which limits held for sample k."""
+        return None if self._held is None else self._held.ruling(float(self.t[k]))
 
     def recorded(self, k: int) -> Array:
         """Sample k, bias and trim included, (6,): between manoeuvres, trim of the one before."""

@@ -9,8 +9,8 @@ from typing import Any
 from app.flights.flight import Flight, FlightPlan, patience
 from app.flights.playback import Script
 from app.flights.transport import Due, NotPossible, Transport, TransportError
-from app.live.limits_in_force import LimitsInForce, LimitsRule, Ruling
 from app.messages import MeasuredExceedance, TransportChange, TransportState, plain_frame
+from app.scoring.limits_in_force import LimitsInForce, LimitsRule, Ruling
 from core.monitor import Assessment, State
 
 TICK_S = 0.016

@@ -18,7 +18,7 @@ from app.flights.track import SourceError
 from app.live.again import ShownSample, shown_again
 from app.live.journal import lines_of
 from app.live.lag import Lag
-from app.live.limits_in_force import Ruling
+from app.scoring.limits_in_force import Ruling
 from app.store.assessments import StoredAssessments
 from core.channels import KEYS, N_CHANNELS
 from core.monitor import Assessment, State

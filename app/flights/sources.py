@@ -183,6 +183,7 @@ class Recorded(Source):
                 f"this recording was scored by monitor {info.monitor_name} ({info.monitor_id}) at "
                 f"epsilon {info.epsilon:g}: fly it with these, or score it again"
             )
+        own = [monitor.limits, *(shown.monitor.limits for shown in opening.display)]
         script = RecordedScript(
             opening.scored.samples(info),
             info.manoeuvres,
@@ -192,6 +193,7 @@ class Recorded(Source):
             biases=[info.mapping["channels"].get(key, {}).get("bias", 0.0) for key in KEYS],
             theta0=trim_angles(monitor.dataset_recipe)[1],
             display=[self._displayed(shown, info, opening) for shown in opening.display],
+            held=opening.scored.held(info, own),
         )
         return script, store.recordings.info(self.recording).name
 

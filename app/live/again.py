@@ -7,8 +7,8 @@ from typing import Any, NamedTuple
 
 from app.live.batches import Batch, ChannelReader
 from app.live.journal import lines_of
-from app.live.limits_in_force import LimitsInForce
 from app.live.scorer import CausalScorer, LiveAssessed
+from app.scoring.limits_in_force import LimitsInForce
 
 
 class ShownSample(NamedTuple):

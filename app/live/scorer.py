@@ -7,9 +7,9 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
-from app.live.limits_in_force import ConditionHold, LimitsInForce, LimitsRule, Ruling
 from app.live.resampling import DELAY_INTERVALS, Angles, CausalResampler, Counts, Sample
 from app.live.trim import CausalTrim
+from app.scoring.limits_in_force import ConditionHold, LimitsInForce, LimitsRule, Ruling
 from app.scoring.planned_test import limits_of, needed_channels, planned_test
 from core.channels import KEYS
 from core.kernels import assessing

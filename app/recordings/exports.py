@@ -6,15 +6,17 @@ unit, so that the file can be scored again; the other two keep both beside each 
 
 import io
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
 
+from app.scoring.limits_history import pieces_of
 from core.channels import CHANNELS
 from core.monitor.assessment import STATES
+from core.types import Array
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -59,11 +61,16 @@ def export(samples: npt.NDArray, about: Mapping[str, Any], form: str) -> bytes:
 
     about: plain data kept with them where the format has a place: hashes, epsilon, monitor.
     """
-    return EXPORTS[form].pack(columns(samples), about)
+    return EXPORTS[form].pack(columns(samples, about.get("limits_in_force")), about)
 
 
-def columns(samples: npt.NDArray) -> list[ExportColumn]:
-    """The columns of stored samples in their order; attitude only where there is any."""
+def columns(
+    samples: npt.NDArray, in_force: Sequence[Mapping[str, Any]] | None = None
+) -> list[ExportColumn]:
+    """The columns of stored samples in their order; attitude only where there is any.
+
+    in_force: limits that were, see app.scoring.limits_history; a column each channel with one.
+    """
     units = {channel.key: channel.unit for channel in CHANNELS}
     states = np.array([state.value for state in STATES])
     measured = [
@@ -90,6 +97,20 @@ def columns(samples: npt.NDArray) -> list[ExportColumn]:
         ExportColumn("withdrawn_p_value", "", samples["withdrawn"]),
         *predicted,
         *attitude,
+        *_limits(samples["t"], in_force or ()),
+    ]
+
+
+def _limits(t: Array, in_force: Sequence[Mapping[str, Any]]) -> list[ExportColumn]:
+    """The limit in force of each channel that had one, at each time; NaN where none held."""
+    limits = np.full((len(t), len(CHANNELS)), np.nan)
+    for piece in pieces_of(np.full(len(CHANNELS), np.inf), in_force):
+        limits[(t >= piece.start) & (t <= piece.end)] = piece.limits
+    limits[np.isinf(limits)] = np.nan
+    return [
+        ExportColumn(f"limit_{channel.key}", channel.unit, limits[:, c], from_trim=True)
+        for c, channel in enumerate(CHANNELS)
+        if np.isfinite(limits[:, c]).any()
     ]
 
 

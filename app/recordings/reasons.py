@@ -20,6 +20,9 @@ def reason(code: int, t: float, manoeuvre: int, manoeuvres: Sequence[Mapping[str
     if manoeuvre < 0:
         return BETWEEN
     scored = manoeuvres[manoeuvre]
+    held = [one for one in scored.get("limits_in_force", ()) if one["start"] <= t]
+    if held and held[-1]["reason"]:
+        return held[-1]["reason"]
     validity, begin = scored["validity"], scored.get("withdrawn_t", t)
     if validity["valid"] is not False or begin is None or t < begin:
         return REASONS[code]

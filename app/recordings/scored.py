@@ -7,6 +7,7 @@ request leads to the same samples, so one that was carried out before is answere
 import hashlib
 import json
 from bisect import bisect_left, bisect_right
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 
 import numpy as np
@@ -24,6 +25,7 @@ from app.recordings.samples import (
 )
 from app.recordings.tiles import TILE, Window, window
 from app.scoring import ScoredRecording, ScoringRecipe, score
+from app.scoring.limits_history import HeldLimits, LimitsHistory
 from app.store.monitors import MonitorInfo
 from app.store.recordings import MappedColumns, RecordingInfo
 from app.store.scorings import ScoringInfo
@@ -32,6 +34,7 @@ from app.telemetry.mapping.mapping import Mapping
 from core import __version__
 from core.kernels.compiled import threads
 from core.monitor import Monitor
+from core.types import Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,7 +119,7 @@ class ScoredRecordings:
             return stored, False
         mapping = Mapping.from_plain(of.mapped.mapping)
         recorded = self.recordings.mapped(recording_id, mapping).scorable()
-        scored = score(of.monitor, recorded, of.recipe)
+        scored = score(of.monitor, recorded, of.recipe, self._history(recording_id, mapping))
         folder, scoring_id = self.files.scorings(recording_id), new_id()
         self.files.require(2 * scored.samples.nbytes)
         hashed = threads().submit(digest, scored.samples)
@@ -130,6 +133,15 @@ class ScoredRecordings:
         if stored.id != scoring_id:
             remove(folder, scoring_id)
         return stored, stored.id == scoring_id
+
+    def held(self, info: ScoringInfo, own: Sequence[Array | None]) -> HeldLimits | None:
+        """Which limits were in force when, for monitors of `own` limits; None for no limit set."""
+        history = self._history(info.recording_id, Mapping.from_plain(info.mapping))
+        return None if history is None else history.held(own)
+
+    def _history(self, recording_id: str, mapping: Mapping) -> LimitsHistory | None:
+        with self.recordings.present(recording_id):
+            return LimitsHistory.of(self.recordings.columns(recording_id), mapping)
 
     def _ingredients(
         self, recording_id: str, monitor_id: str, recipe: ScoringRecipe
@@ -171,4 +183,5 @@ def _entry(
         quality=quality_of(scored),
         manoeuvres=[plain(manoeuvre.to_plain()) for manoeuvre in scored.manoeuvres],
         outside_exceedances=[asdict(exceedance) for exceedance in scored.outside_exceedances],
+        limits_in_force=None if (held := scored.limits_in_force) is None else list(held),
     )

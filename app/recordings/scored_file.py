@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 
 from app.recordings.mapping_memory import MappingMemory
 from app.scoring import MissingChannels, ScoredRecording, ScoringRecipe, score_at_each
+from app.scoring.limits_history import LimitsHistory
 from app.scoring.planned_test import planned_test
 from app.telemetry.contents import Columns, Contents, open_columns
 from app.telemetry.mapping.applying import apply_mapping
@@ -101,7 +102,8 @@ def score_file(request: ScoreRequest, memory: MappingMemory | None = None) -> Sc
         try:
             recorded = repair(apply_mapping(columns, mapping))
             applied = True
-            scored = tuple(_score(request, monitors, recorded))
+            history = LimitsHistory.of(columns, mapping)
+            scored = tuple(_score(request, monitors, recorded, history))
         except TelemetryError as error:
             message = f"{request.file}: {error}{_why(error, proposal)}"
             if proposal and (not applied or isinstance(error, MissingChannels)):
@@ -164,11 +166,14 @@ def labels(request: ScoreRequest) -> list[str]:
 
 
 def _score(
-    request: ScoreRequest, monitors: list[Monitor], recorded: RepairedTraces
+    request: ScoreRequest,
+    monitors: list[Monitor],
+    recorded: RepairedTraces,
+    history: LimitsHistory | None,
 ) -> Iterator[Scored]:
     label = iter(labels(request))
     for path, monitor in zip(request.monitors, monitors, strict=True):
-        for scored in score_at_each(monitor, recorded, request.recipe, request.epsilons):
+        for scored in score_at_each(monitor, recorded, request.recipe, request.epsilons, history):
             yield Scored(next(label), path, monitor, scored)
 
 

@@ -7,7 +7,7 @@ from typing import Any
 from app.scoring.outcome import verdict_of
 from app.telemetry.mapping.derivations import DERIVATIONS
 from app.telemetry.targets import TARGETS
-from core.channels import KEYS
+from core.channels import BY_KEY, KEYS
 from core.monitor.flown_input import amplitude_in_words
 
 Plain = Mapping[str, Any]
@@ -173,6 +173,37 @@ def alerts(manoeuvres: Sequence[Plain]) -> list[dict[str, Any]]:
                     else None,
                 }
             )
+    return rows
+
+
+def exceeded_own(manoeuvres: Sequence[Plain], key: str, limit: float) -> list[tuple[Plain, Plain]]:
+    """Manoeuvres in which a limit of the monitor's own was exceeded, each with its exceedance."""
+    first = [
+        (one, one.get("own_exceedance") or one["exceedance"])
+        for one in manoeuvres
+        if one["exceedance"] or one.get("own_exceedance")
+    ]
+    return [
+        (one, exceedance)
+        for one, exceedance in first
+        if exceedance["channel"] == key and abs(exceedance["value"]) >= limit
+    ]
+
+
+def limits_in_force(in_force: Sequence[Plain], manoeuvres: Sequence[Plain]) -> list[dict[str, Any]]:
+    """Which limits of a set held when, and the manoeuvres in which they were first exceeded."""
+    rows = []
+    for one in in_force:
+        name = (
+            f"{one['name']} version {one['version']}, {one['case'] or 'flight condition unknown'}"
+        )
+        exceeded = [
+            manoeuvre
+            for manoeuvre in manoeuvres
+            if (first := manoeuvre["exceedance"]) and one["start"] <= first["t"] < one["end"]
+        ]
+        limits = [{"channel": BY_KEY[key], "limit": v} for key, v in (one["limits"] or {}).items()]
+        rows.append(dict(one) | {"limits": limits, "words": name, "exceeded": exceeded})
     return rows
 
 

@@ -10,6 +10,7 @@ from markupsafe import Markup
 
 from app.report.envelope import Array, runs
 from app.report.strip_chart import Strip, StripChart
+from app.scoring.limits_history import LimitPiece
 from core.channels import CHANNELS
 from core.monitor.assessment import STATES, State
 
@@ -35,25 +36,33 @@ LEAST = 1.5
 
 
 def overview(
-    samples: npt.NDArray, manoeuvres: Sequence[Plain], limits: Array, alert_above: float
+    samples: npt.NDArray,
+    manoeuvres: Sequence[Plain],
+    limits: Sequence[LimitPiece],
+    alert_above: float,
 ) -> Markup:
     """Limited channels and risk of the entire recording, its manoeuvres named or numbered."""
     t = samples["t"]
     chart = StripChart(float(t[0]), float(t[-1]))
     intervals = [(manoeuvre["start"], manoeuvre["end"]) for manoeuvre in manoeuvres]
-    for c in np.flatnonzero(np.isfinite(limits)).tolist() or [3]:
+    limited = np.isfinite([piece.limits for piece in limits]).any(axis=0)
+    for c in np.flatnonzero(limited).tolist() or [3]:
         strip, y = chart.strip(TALL, _label(c)), _shown(samples["y"], c)
-        strip.show(y, *_limits(c, limits[c]))
+        strip.show(y, *_levels(c, limits))
         strip.fill("manoeuvre", intervals)
         strip.line("measured", t, y)
-        strip.levels("limit", _limits(c, limits[c]))
+        _draw_limits(strip, c, limits)
     risk_strip(chart, TALL, samples, alert_above, intervals)
     chart.name([(manoeuvre["start"], manoeuvre["name"]) for manoeuvre in manoeuvres])
     return chart.svg("The limited channels and the risk over the entire recording")
 
 
 def manoeuvre(
-    samples: npt.NDArray, manoeuvre: Plain, limits: Array, alert_above: float, lead: float
+    samples: npt.NDArray,
+    manoeuvre: Plain,
+    limits: Sequence[LimitPiece],
+    alert_above: float,
+    lead: float,
 ) -> Markup:
     """Every channel of one manoeuvre with forecasts and limits, and the risk below."""
     part = samples[manoeuvre["first"] : manoeuvre["last"] + 1]
@@ -63,7 +72,7 @@ def manoeuvre(
     late = [t - lead for t in exceedance]
     explain_traces(chart, lead, bool(exceedance))
     for c in range(len(CHANNELS)):
-        strip = channel_strip(chart, LOW, c, part, limits[c], lead)
+        strip = channel_strip(chart, LOW, c, part, limits, lead)
         strip.moments("exceedance", exceedance)
         strip.moments("late", late)
     risk = risk_strip(chart, LOW, part, alert_above)
@@ -110,18 +119,18 @@ def channel_strip(
     height: float,
     c: int,
     samples: npt.NDArray,
-    limit: float,
+    limits: Sequence[LimitPiece],
     lead: float,
     intervals: Sequence[tuple[float, float]] = (),
 ) -> Strip:
     """One channel: measured, forecast where it comes to lie, and limits, over shaded intervals."""
     t, y, y_hat = samples["t"], _shown(samples["y"], c), _shown(samples["y_hat"], c)
     strip = chart.strip(height, _label(c))
-    strip.show(y, y_hat[t + lead <= t[-1]], *_limits(c, limit))
+    strip.show(y, y_hat[t + lead <= t[-1]], *_levels(c, limits, chart.start, chart.end))
     strip.fill("manoeuvre", intervals)
     strip.line("forecast", t + lead, y_hat)
     strip.line("measured", t, y)
-    strip.levels("limit", _limits(c, limit))
+    _draw_limits(strip, c, limits)
     return strip
 
 
@@ -154,10 +163,18 @@ def _shown(y: Array, c: int) -> Array:
     return y[:, c] * CHANNELS[c].display_factor
 
 
-def _limits(c: int, limit: float) -> list[float]:
-    """Both limits of a channel in the unit that people read it in; none where there is none."""
-    shown = float(limit) * CHANNELS[c].display_factor
-    return [shown, -shown] if np.isfinite(shown) else []
+def _levels(
+    c: int, limits: Sequence[LimitPiece], start: float = -np.inf, end: float = np.inf
+) -> list[float]:
+    """Limits of a channel that hold between two times [s], either sign, as people read them."""
+    here = [piece.limits[c] for piece in limits if piece.start <= end and piece.end >= start]
+    shown = np.unique(np.array(here)[np.isfinite(here)]) * CHANNELS[c].display_factor
+    return [*shown.tolist(), *(-shown).tolist()]
+
+
+def _draw_limits(strip: Strip, c: int, limits: Sequence[LimitPiece]) -> None:
+    """Each limit of a channel where it held."""
+    strip.steps("limit", [(p.start, p.end, level) for p in limits for level in _levels(c, [p])])
 
 
 def _label(c: int) -> str:

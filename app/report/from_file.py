@@ -66,6 +66,7 @@ def _scoring(one: Scored, mapping: Mapping) -> dict[str, Any]:
         "quality": quality_of(scored),
         "manoeuvres": [plain(manoeuvre.to_plain()) for manoeuvre in scored.manoeuvres],
         "outside_exceedances": [asdict(exceedance) for exceedance in scored.outside_exceedances],
+        "limits_in_force": scored.limits_in_force,
         "digest": digest(scored.samples),
     }
 

@@ -10,8 +10,8 @@ from markupsafe import Markup, escape
 from app.labels import choice_label, kind_label
 from app.recipes import to_plain
 from app.report import facts, figures
-from app.report.envelope import Array
 from app.report.subject import PROPOSED, ReportSubject
+from app.scoring.limits_history import LimitPiece, pieces_of
 from app.scoring.planned_test import limits_of
 from app.scoring.verdict import amplitude_of
 from app.telemetry.mapping.mapping import TimeSource
@@ -40,7 +40,8 @@ TEMPLATES = Environment(
 def report(subject: ReportSubject) -> str:
     """Return the report as HTML that needs no other file."""
     monitor, scoring, recording = subject.monitor, subject.scoring, subject.recording
-    limits = limits_of(monitor)
+    limits, in_force = limits_of(monitor), scoring.get("limits_in_force")
+    held = pieces_of(limits, in_force)
     manoeuvres, epsilon = scoring["manoeuvres"], scoring["epsilon"]
     outside = scoring["outside_exceedances"]
     drawn = facts.drawn(manoeuvres)
@@ -67,10 +68,15 @@ def report(subject: ReportSubject) -> str:
         certificate=certificate(subject.evaluation, epsilon),
         warnings=warnings_of(subject.evaluation, epsilon),
         limits=[
-            {"channel": channel, "limit": float(limit)}
+            {
+                "channel": channel,
+                "limit": float(limit),
+                "exceeded": facts.exceeded_own(manoeuvres, channel.key, float(limit)),
+            }
             for channel, limit in zip(CHANNELS, limits, strict=True)
             if limit < float("inf")
         ],
+        in_force=facts.limits_in_force(in_force or [], manoeuvres),
         look_ahead=max((s.get("look_ahead", 0.0) for s in manoeuvres), default=0.0),
         headline=facts.headline(manoeuvres, outside),
         of_day=_counts_the_day(scoring["mapping"]),
@@ -96,14 +102,12 @@ def report(subject: ReportSubject) -> str:
         faults=figures.faults(quality),
         sensors=(quality or {}).get("compatibility", []),
         tolerances=(quality or {}).get("compatibility_tolerances", ""),
-        overview=figures.overview(
-            subject.samples, manoeuvres, limits, monitor.alert_above(epsilon)
-        ),
+        overview=figures.overview(subject.samples, manoeuvres, held, monitor.alert_above(epsilon)),
         sections=[
             (
                 number + 1,
                 manoeuvre,
-                _figure(subject, manoeuvre, limits) if number in drawn else None,
+                _figure(subject, manoeuvre, held) if number in drawn else None,
             )
             for number, manoeuvre in enumerate(manoeuvres)
         ],
@@ -120,7 +124,9 @@ def _counts_the_day(mapping: Mapping[str, Any]) -> bool:
     )
 
 
-def _figure(subject: ReportSubject, manoeuvre: Mapping[str, Any], limits: Array) -> Markup:
+def _figure(
+    subject: ReportSubject, manoeuvre: Mapping[str, Any], limits: list[LimitPiece]
+) -> Markup:
     above = subject.monitor.alert_above(subject.scoring["epsilon"])
     return figures.manoeuvre(subject.samples, manoeuvre, limits, above, subject.monitor.lead)
 

@@ -14,8 +14,8 @@ from markupsafe import escape
 
 from app.report.figures import channel_strip, explain_traces, risk_strip
 from app.report.strip_chart import WIDTH, StripChart
+from app.scoring.limits_history import LimitPiece
 from core.channels import CHANNELS
-from core.types import Array
 
 TALL, TOP = 72.0, 34.0
 """Height of a strip, and above the first for the legend and the manoeuvres' names [px]."""
@@ -51,19 +51,19 @@ class NoPngError(ValueError):
 def score_figure(
     samples: npt.NDArray,
     maneuvers: Sequence[FlownManeuver],
-    limits: Array,
+    limits: Sequence[LimitPiece],
     alert_above: float,
     lead: float,
     title: str,
 ) -> Drawing:
-    """Draw every channel, forecast and limit and the risk. limits: (6,).   lead [s]."""
+    """Draw every channel, forecast and limit and the risk. lead [s]."""
     t = samples["t"]
     chart = StripChart(float(t[0]), float(t[-1]), top=TOP)
     intervals = [(maneuver.start, maneuver.end) for maneuver in maneuvers]
     exceedances = np.array([m.exceedance for m in maneuvers if m.exceedance is not None])
     explain_traces(chart, lead, bool(len(exceedances)))
     for c in range(len(CHANNELS)):
-        strip = channel_strip(chart, TALL, c, samples, float(limits[c]), lead, intervals)
+        strip = channel_strip(chart, TALL, c, samples, limits, lead, intervals)
         strip.moments("exceedance", exceedances)
         strip.moments("late", exceedances - lead)
     risk = risk_strip(chart, TALL, samples, alert_above, intervals)

@@ -59,6 +59,17 @@ class Strip:
         heights = self.y(np.array([*values], np.float64)).tolist()
         self._draw(kind, [f"M{self.chart.left:g} {y:.1f}H{WIDTH - RIGHT:g}" for y in heights])
 
+    def steps(self, kind: str, values: Iterable[tuple[float, float, float]]) -> None:
+        """A line from, to [s] at each value."""
+        path = []
+        for start, end, value in values:
+            first, last = max(start, self.chart.start), min(end, self.chart.end)
+            if first < last:
+                left, right = self.chart.x(np.array([first, last])).tolist()
+                y = float(self.y(np.array([value]))[0])
+                path.append(f"M{left:.1f} {y:.1f}H{right:.1f}")
+        self._draw(kind, path)
+
     def moments(self, kind: str, times: Iterable[float]) -> None:
         """A line over the whole height at each time."""
         at = self.chart.x(np.array([*times], np.float64)).tolist()

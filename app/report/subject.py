@@ -62,6 +62,7 @@ def about(recording: Mapping[str, Any], scoring: Mapping[str, Any]) -> dict[str,
         "samples_sha256": scoring["digest"],
         "mapping": scoring["mapping"],
         "manoeuvres": scoring["manoeuvres"],
+        "limits_in_force": scoring.get("limits_in_force"),
         "notes": scoring["notes"],
         "program": scoring["version"],
     }

@@ -104,6 +104,11 @@ class Scoring(BaseModel):
         description="exceedances outside every manoeuvre: t [s], channel and value of the first "
         "recorded sample of each time, from the trim of the manoeuvre before"
     )
+    limits_in_force: list[dict[str, Any]] | None = Field(
+        description="of a live flight with a limit set: limits by channel from start to end [s], "
+        "by which exceedances are judged; null limits where nobody can tell which held; reason: "
+        "why the monitor is not applicable under them, empty where it is. Null without a limit set"
+    )
 
 
 class ScoredFrame(Frame):

@@ -2,13 +2,16 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, Literal, NamedTuple
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 import numpy as np
 
 from app.telemetry.traces import Traces
 from core.channels import CHANNELS
 from core.types import Array, Flags
+
+if TYPE_CHECKING:
+    from app.scoring.limits_history import HeldLimits
 
 Outcome = Literal[
     "timely_alert", "late_alert", "missed", "false_alert", "quiet", "unseen", "invalid", "unknown"
@@ -28,11 +31,15 @@ SAME_TIME = 1e-6
 
 @dataclass(frozen=True)
 class RecordedExceedance:
-    """The first recorded sample that exceeds a limit. t: [s].   value: from trim, in its unit."""
+    """The first recorded sample that exceeds a limit. t: [s].   value: from trim, in its unit.
+
+    limit: that it exceeds, where a limit set was in force; None for the monitor's own.
+    """
 
     t: float
     channel: str
     value: float
+    limit: float | None = None
 
 
 class Hole(NamedTuple):
@@ -72,29 +79,50 @@ class Limited(NamedTuple):
     as_recorded: RecordedExceedance | None = None
 
 
-def against_limits(traces: Traces, limits: Array, trim: Array, start: float, end: float) -> Limited:
+def against_limits(
+    traces: Traces,
+    limits: Array,
+    trim: Array,
+    start: float,
+    end: float,
+    held: "HeldLimits | None" = None,
+) -> Limited:
     """Judge the recording's own samples, not those resampled for the monitor.
 
     traces: repaired.   limits, trim: (6,).   start, end: [s], both included.
+    held: the limits that held when, instead of `limits`; a peak each of them.
     """
     exceedances: list[RecordedExceedance] = []
     raw: list[RecordedExceedance] = []
     peaks: list[Peak] = []
     holes: list[Hole] = []
-    for c in np.flatnonzero(np.isfinite(limits)):
-        key, trace = CHANNELS[c].key, traces.channels[CHANNELS[c].key]
+    every = [limits] if held is None else held.during(start, end)
+    for c in np.flatnonzero(np.isfinite(every).any(axis=0)):
+        key = CHANNELS[c].key
+        magnitudes = dict.fromkeys(float(one[c]) for one in every if np.isfinite(one[c]))
+        if held is not None and key not in traces.channels:
+            peaks += [Peak(key, None, limit, 0.0) for limit in magnitudes]
+            continue
+        trace = traces.channels[key]
         part = slice(*np.searchsorted(trace.t, (start - SAME_TIME, end + SAME_TIME)).tolist())
         known = np.isfinite(trace.values[part])
         t, values = trace.t[part][known], trace.values[part][known]
         value, recorded = values - trim[c], values + trace.bias
+        limit = np.full(len(t), limits[c]) if held is None else held.at(t)[:, c]
         for judged, found in ((value, exceedances), (recorded, raw)):
-            over = np.flatnonzero(np.abs(judged) >= limits[c])
+            over = np.flatnonzero(np.abs(judged) >= limit)
             if len(over):
-                found.append(RecordedExceedance(float(t[over[0]]), key, float(judged[over[0]])))
-        from_trim = value[np.isfinite(value)]
-        largest = float(np.abs(from_trim).max()) if len(from_trim) else None
-        as_recorded = float(np.abs(recorded).max(initial=0.0))
-        peaks.append(Peak(key, largest, float(limits[c]), as_recorded, trace.bias))
+                i = over[0]
+                told = None if held is None else float(limit[i])
+                found.append(RecordedExceedance(float(t[i]), key, float(judged[i]), told))
+        for magnitude in magnitudes:
+            here = limit == magnitude
+            if len(t) and not here.any():
+                continue
+            from_trim = value[here & np.isfinite(value)]
+            largest = float(np.abs(from_trim).max()) if len(from_trim) else None
+            as_recorded = float(np.abs(recorded[here]).max(initial=0.0))
+            peaks.append(Peak(key, largest, magnitude, as_recorded, trace.bias))
         holes += _holes(key, t, start, end)
     first, first_raw = (
         min(found, key=lambda exceedance: exceedance.t, default=None)

@@ -5,6 +5,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from app.scoring.limits_history import HeldLimits
 from app.scoring.outcome import SAME_TIME, RecordedExceedance
 from app.telemetry.traces import Traces
 from core.channels import BY_KEY, CHANNELS
@@ -19,29 +20,42 @@ MOST_OUTSIDE = 1000
 
 
 def outside(
-    traces: Traces, limits: Array, intervals: Sequence[tuple[float, float]], trims: Sequence[Array]
+    traces: Traces,
+    limits: Array,
+    intervals: Sequence[tuple[float, float]],
+    trims: Sequence[Array],
+    held: HeldLimits | None = None,
 ) -> tuple[RecordedExceedance, ...]:
     """The first recorded sample of each exceedance that begins in none of the manoeuvres.
 
     traces: repaired.   limits: (6,).   intervals: start and end of each manoeuvre, in order [s].
     trims: (6,) of each; between two, the one before counts, ahead of the first, its own.
+    held: the limits that held when, instead of `limits`.
     One that began in a manoeuvre and goes on after it is that manoeuvre's.
     """
     starts, ends = np.array(intervals, np.float64).T
     subtracted = np.nan_to_num(np.array(trims))
     exceedances = []
-    for c in np.flatnonzero(np.isfinite(limits)):
-        key, trace = CHANNELS[c].key, traces.channels[CHANNELS[c].key]
+    every = limits[None] if held is None else held.limits
+    for c in np.flatnonzero(np.isfinite(every).any(axis=0)):
+        key = CHANNELS[c].key
+        if key not in traces.channels:
+            continue
+        trace = traces.channels[key]
         known = np.isfinite(trace.values)
         t, values = trace.t[known], trace.values[known]
         number = np.maximum(np.searchsorted(starts - SAME_TIME, t, "right") - 1, 0)
         value = values - subtracted[number, c]
-        over = np.flatnonzero(np.abs(value) >= limits[c])
+        limit = np.full(len(t), limits[c]) if held is None else held.at(t)[:, c]
+        over = np.flatnonzero(np.abs(value) >= limit)
         begins = over[np.diff(t[over], prepend=-np.inf) > APART]
         of = number[begins]
         inside = (t[begins] >= starts[of] - SAME_TIME) & (t[begins] <= ends[of] + SAME_TIME)
         exceedances += [
-            RecordedExceedance(float(t[i]), key, float(value[i])) for i in begins[~inside]
+            RecordedExceedance(
+                float(t[i]), key, float(value[i]), None if held is None else float(limit[i])
+            )
+            for i in begins[~inside]
         ]
     return tuple(sorted(exceedances, key=lambda exceedance: exceedance.t))
 

@@ -4,6 +4,7 @@ from collections.abc import Collection
 from dataclasses import dataclass
 from typing import Self
 
+from app.scoring.limits_history import HeldLimits, LimitsHistory
 from app.scoring.planned_test import PlannedTest, needed_channels, planned_test
 from app.telemetry.mapping.derivations import DERIVATIONS
 from app.telemetry.recording import Recording, TelemetryError
@@ -41,6 +42,7 @@ class Ready:
     """A recording and the monitor that is to judge it.
 
     traces: repaired.   recording: on the monitor's grid.   needed: (6,) channels it reads.
+    held: the limits that were in force when; None where no limit set was.
     """
 
     monitor: Monitor
@@ -50,9 +52,12 @@ class Ready:
     recording: Recording
     needed: Flags
     notes: tuple[str, ...]
+    held: HeldLimits | None = None
 
     @classmethod
-    def of(cls, monitor: Monitor, repaired: RepairedTraces) -> Self:
+    def of(
+        cls, monitor: Monitor, repaired: RepairedTraces, history: LimitsHistory | None = None
+    ) -> Self:
         """MissingChannels; TelemetryError where one is too slow."""
         traces, quality = repaired.traces, repaired.quality
         planned = planned_test(monitor)
@@ -66,4 +71,5 @@ class Ready:
         notes = list(recording.notes)
         if absent:
             notes.append(f"Not recorded, and the monitor does not read it: {', '.join(absent)}.")
-        return cls(monitor, planned, traces, quality, recording, needed, tuple(notes))
+        held = None if history is None else history.held([monitor.limits])
+        return cls(monitor, planned, traces, quality, recording, needed, tuple(notes), held)

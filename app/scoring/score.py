@@ -1,6 +1,6 @@
 """Scoring: from channels as recorded to a verdict on each manoeuvre. The same in, the same out."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -9,7 +9,15 @@ import numpy.typing as npt
 
 from app.scoring.assessed_segment import AssessedSegment
 from app.scoring.compatibility import compatibility
-from app.scoring.outcome import Limited, RecordedExceedance, against_limits, outcome, runs
+from app.scoring.limits_history import LimitsHistory
+from app.scoring.outcome import (
+    SAME_TIME,
+    Limited,
+    RecordedExceedance,
+    against_limits,
+    outcome,
+    runs,
+)
 from app.scoring.outside import MOST_OUTSIDE, outside, outside_note
 from app.scoring.ready import Ready
 from app.scoring.recipe import Interval, ScoringRecipe
@@ -22,29 +30,34 @@ from app.scoring.scored import (
 )
 from app.scoring.seen import could_not_warn, not_seen
 from app.scoring.segments import Segment, mean_of_rest, segments
-from app.scoring.validity import validity
-from app.scoring.wording import guarantee, remarks, withdrawn
+from app.scoring.validity import under_limits, validity
+from app.scoring.wording import guarantee, limits_remarks, remarks, withdrawn
 from app.telemetry.recording import ATTITUDE, Recording
 from app.telemetry.timing.repair import RepairedTraces
 from core.channels import KEYS
 from core.monitor import Assessments, Monitor
 from core.monitor.assessment import STATES, State, Withdrawal
 from core.monitor.flown_input import FlownInput, amplitude
-from core.types import Array
+from core.types import Array, Flags
 
 INVALID = STATES.index(State.INVALID)
 
 
 def score(
-    monitor: Monitor, recorded: RepairedTraces, recipe: ScoringRecipe | None = None
+    monitor: Monitor,
+    recorded: RepairedTraces,
+    recipe: ScoringRecipe | None = None,
+    history: LimitsHistory | None = None,
 ) -> ScoredRecording:
     """Score a recording.
 
-    recorded: in SI units.   TelemetryError where the monitor cannot be given what it
-    needs, or the recipe does not fit the recording; ValueError for an epsilon it cannot serve.
+    recorded: in SI units.   history: limits that were in force, None for the monitor's own: by them
+    an exceedance is judged, and the monitor says nothing where they are others.
+    TelemetryError where the monitor cannot be given what it needs, or the recipe does not fit the
+    recording; ValueError for an epsilon it cannot serve.
     """
     recipe = recipe or ScoringRecipe()
-    return score_at_each(monitor, recorded, recipe, (recipe.epsilon,))[0]
+    return score_at_each(monitor, recorded, recipe, (recipe.epsilon,), history)[0]
 
 
 def score_at_each(
@@ -52,16 +65,18 @@ def score_at_each(
     recorded: RepairedTraces,
     recipe: ScoringRecipe,
     epsilons: Sequence[float | None],
+    history: LimitsHistory | None = None,
 ) -> tuple[ScoredRecording, ...]:
     """Score once at each miss rate, for the price of one: only alerts depend on it."""
     checked = [monitor.check_epsilon(epsilon) for epsilon in epsilons]
     levels = [(epsilon, monitor.alert_above(epsilon)) for epsilon in checked]
-    flight = Ready.of(monitor, recorded)
+    flight = Ready.of(monitor, recorded, history)
     chosen, notes = segments(flight.recording, flight.planned, recipe)
     judged = [_judge(flight, segment) for segment in chosen]
     exceedances = _outside(flight, judged)
     notes = (*flight.notes, *notes, *outside_note(exceedances))
-    checks = compatibility(flight.traces)
+    checks, t = compatibility(flight.traces), flight.recording.t
+    held = flight.held and tuple(flight.held.intervals(float(t[0]), float(t[-1])))
     return tuple(
         ScoredRecording(
             *_assessed(flight, judged, epsilon, above),
@@ -72,6 +87,7 @@ def score_at_each(
             notes,
             exceedances[:MOST_OUTSIDE],
             checks,
+            held,
         )
         for epsilon, above in levels
     )
@@ -95,6 +111,8 @@ class JudgedSegment:
 
     assessments: of all its samples.   withdrawal: from which one on nothing is said; None where
     all is.   inputs: how the surfaces were moved, those that the manoeuvre moves.
+    silent: (n,) where nothing is said since the monitor's limits were not those in force.
+    in_force: limits that were, in plain data.   own: by the monitor's limits, where others were.
     """
 
     segment: Segment
@@ -105,6 +123,9 @@ class JudgedSegment:
     validity: Validity
     withdrawal: Withdrawal | None
     inputs: tuple[FlownInput, ...]
+    silent: Flags
+    in_force: tuple[dict[str, Any], ...] = ()
+    own: Limited | None = None
 
     @property
     def first(self) -> int:
@@ -117,9 +138,11 @@ class JudgedSegment:
         return self.segment.last + 1
 
     @property
-    def n_assessed(self) -> int:
-        """Samples from the first on of which something is said."""
-        return self.stop - self.first if self.withdrawal is None else self.withdrawal.first
+    def withdrawn(self) -> Flags:
+        """(n,) samples of which nothing is said: not applicable, for whatever reason."""
+        if self.withdrawal is None:
+            return self.silent
+        return self.silent | (np.arange(len(self.silent)) >= self.withdrawal.first)
 
 
 def _judge(flight: Ready, segment: Segment) -> JudgedSegment:
@@ -131,7 +154,8 @@ def _judge(flight: Ready, segment: Segment) -> JudgedSegment:
     y_read = np.where(flight.needed, y, 0.0) if not flight.needed.all() else y
     assessments = flight.monitor.assess(t, y_read, withdraw=False)
     limits = flight.planned.limits
-    limited = against_limits(flight.traces, limits, trim, float(t[0]), float(t[-1]))
+    about = flight.traces, limits, trim, float(t[0]), float(t[-1])
+    limited, silent, in_force = against_limits(*about, flight.held), np.zeros(len(t), bool), ()
     assessed = AssessedSegment(
         flight.monitor,
         flight.planned,
@@ -145,16 +169,37 @@ def _judge(flight: Ready, segment: Segment) -> JudgedSegment:
         {channel.key: channel.held for channel in flight.quality.channels},
     )
     verdict, withdrawal = validity(assessed)
+    own = None
+    if flight.held is not None:
+        silent = flight.held.silent(t)
+        in_force = tuple(flight.held.intervals(float(t[0]), float(t[-1])))
+        verdict = under_limits(verdict, in_force)
+        own = against_limits(*about) if silent.any() else None
+        withdrawal = _for_good(silent, withdrawal, in_force)
     inputs = flight.monitor.flown_input(
         y, flight.monitor.last_counted(y_read), flight.planned.amplitudes
     )
-    return JudgedSegment(segment, trim, y, assessments, limited, verdict, withdrawal, inputs)
+    said = assessments, limited, verdict, withdrawal, inputs
+    return JudgedSegment(segment, trim, y, *said, silent, in_force, own)
+
+
+def _for_good(
+    silent: Flags, withdrawal: Withdrawal | None, in_force: Sequence[Mapping[str, Any]]
+) -> Withdrawal | None:
+    """From where on nothing is said up to the end: where the limits are others, if that is so."""
+    if not silent[-1]:
+        return withdrawal
+    first = int(np.flatnonzero(~silent)[-1]) + 1 if not silent.all() else 0
+    if withdrawal is not None and withdrawal.first <= first:
+        return withdrawal
+    return Withdrawal(first, in_force[-1]["reason"])
 
 
 def _outside(flight: Ready, judged: list[JudgedSegment]) -> tuple[RecordedExceedance, ...]:
     t = flight.recording.t
     intervals = [(float(t[each.first]), float(t[each.stop - 1])) for each in judged]
-    return outside(flight.traces, flight.planned.limits, intervals, [each.trim for each in judged])
+    trims = [each.trim for each in judged]
+    return outside(flight.traces, flight.planned.limits, intervals, trims, flight.held)
 
 
 def _assessed(
@@ -175,16 +220,15 @@ def _fill(
     fields: dict[str, npt.NDArray[Any]], number: int, judged: JudgedSegment, alert_above: float
 ) -> None:
     """Put the assessments of a segment in their place: those that stand, and those withdrawn."""
-    n, assessments = judged.n_assessed, judged.assessments
+    assessments, gone = judged.assessments, judged.withdrawn
     every = slice(judged.first, judged.stop)
-    kept, withdrawn = slice(judged.first, judged.first + n), slice(judged.first + n, judged.stop)
     fields["manoeuvre"][every] = number
-    fields["y"][every], fields["y_hat"][every] = judged.y, assessments.y_hat
-    fields["y_hat"][withdrawn] = np.nan
-    fields["withdrawn"][withdrawn] = assessments.p_value[n:]
-    fields["state"][kept] = assessments.state[:n]
-    fields["p_value"][kept] = assessments.p_value[:n]
-    fields["alert"][kept] = assessments.p_value[:n] > alert_above
+    fields["y"][every] = judged.y
+    fields["y_hat"][every] = np.where(gone[:, None], np.nan, assessments.y_hat)
+    fields["withdrawn"][every] = np.where(gone, assessments.p_value, np.nan)
+    fields["state"][every] = np.where(gone, INVALID, assessments.state)
+    fields["p_value"][every] = np.where(gone, np.nan, assessments.p_value)
+    fields["alert"][every] = ~gone & (assessments.p_value > alert_above)
 
 
 def _between(recording: Recording, judged: list[JudgedSegment]) -> dict[str, npt.NDArray[Any]]:
@@ -222,24 +266,24 @@ def _verdict(
     peak = int(np.nanargmax(part["p_value"])) if known.any() else None
     alerts = runs(part["t"], part["alert"])
     limited, promised = judged.limited, flight.monitor.lead
-    withdrawal = judged.withdrawal
+    withdrawal, own = judged.withdrawal, judged.own
     result, lead = outcome(alerts, limited.exceedance, promised)
-    is_withdrawn = withdrawal is not None
-    if not flight.planned.limits_known:
+    limits_known = flight.planned.limits_known or bool(judged.in_force)
+    if not limits_known:
         result, lead = "unknown", None
-    elif is_withdrawn and not alerts:
+    elif not alerts and (withdrawal is not None or _was_silent(judged)):
         result, lead = "invalid", None
-    first = (
-        []
-        if withdrawal is None
-        else [withdrawn(judged.assessments, withdrawal.first, limited, alert_above)]
-    )
+    elif limited.exceedance is None and own is not None and own.exceedance is not None:
+        result, lead = "invalid", None  # the alert was of limits that were in force no longer
+    first = list(limits_remarks(judged.in_force, own, flight.monitor.limits))
+    if withdrawal is not None:
+        first.append(withdrawn(judged.assessments, withdrawal.first, limited, alert_above))
     why = ""
-    if not flight.planned.limits_known:
+    if not limits_known:
         pass
     elif limited.exceedance is None:
         why = not_seen(limited, judged.assessments, alerts, flight.monitor.dt)
-    elif not is_withdrawn:
+    elif withdrawal is None and not _was_silent(judged):
         why = could_not_warn(limited, limited.exceedance, judged.assessments, alerts, promised)
     if why:
         result, lead = "unseen", None
@@ -263,6 +307,8 @@ def _verdict(
         look_ahead=flight.recording.look_ahead,
         withdrawn_t=None if withdrawal is None else float(part["t"][withdrawal.first]),
         withdrawn_reason="" if withdrawal is None else withdrawal.reason,
+        limits_in_force=judged.in_force,
+        own_exceedance=None if own is None else own.exceedance,
         remarks=(
             *first,
             *(remark for flown in judged.inputs for remark in flown.remarks),
@@ -270,3 +316,11 @@ def _verdict(
         ),
         amplitude=amplitude(judged.inputs),
     )
+
+
+def _was_silent(judged: JudgedSegment) -> bool:
+    """Whether the monitor was not applicable for the limits before the exceedance, or at all."""
+    exceedance, silent = judged.limited.exceedance, judged.silent
+    if exceedance is None:
+        return bool(silent.any())
+    return bool(silent[judged.assessments.t <= exceedance.t + SAME_TIME].any())

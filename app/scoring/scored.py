@@ -84,6 +84,9 @@ class ScoredManoeuvre:
     could come so much later; 0 where they are as recorded.
     withdrawn_t: first sample of which nothing is said any more [s]; None where there is none.
     withdrawn_reason: why, by what was known at that time; `validity` is of the whole manoeuvre.
+    limits_in_force: those of a limit set, in plain data, see HeldLimits.intervals; by them an
+    exceedance is judged, and nothing is said where they are others than the monitor's.
+    own_exceedance: of the monitor's own limits, where others were in force meanwhile.
     amplitude: largest deflection as a share of the planned; None where that is not known.
     remarks: what limits the verdict.   guarantee: what is promised, or that nothing is.
     """
@@ -108,6 +111,8 @@ class ScoredManoeuvre:
     amplitude: float | None = None
     recorded_exceedance: RecordedExceedance | None = None
     withdrawn_reason: str = ""
+    limits_in_force: tuple[dict[str, Any], ...] = ()
+    own_exceedance: RecordedExceedance | None = None
 
     @property
     def exceedance_verdict(self) -> str:
@@ -122,7 +127,8 @@ class ScoredManoeuvre:
         plain = asdict(self)
         plain["validity"]["reasons"] = list(self.validity.reasons)
         plain["validity"]["checks"] = [asdict(check) for check in self.validity.checks]
-        lists = {"trim": list(self.trim), "remarks": list(self.remarks)}
+        names = "trim", "remarks", "limits_in_force"
+        lists = {name: list(getattr(self, name)) for name in names}
         return plain | lists | {"alerts": [list(run) for run in self.alerts]}
 
 
@@ -135,6 +141,7 @@ class ScoredRecording:
     quality: of the recorded times and channels.
     outside_exceedances: those that begin in no manoeuvre, by their first recorded sample.
     compatibility: whether its sensors agree.
+    limits_in_force: over the whole recording, as in ScoredManoeuvre; None where no limit set was.
     """
 
     samples: npt.NDArray[np.void]
@@ -146,6 +153,7 @@ class ScoredRecording:
     notes: tuple[str, ...] = field(default=())
     outside_exceedances: tuple[RecordedExceedance, ...] = ()
     compatibility: tuple[SensorCheck, ...] = ()
+    limits_in_force: tuple[dict[str, Any], ...] | None = None
 
 
 def packed(fields: Mapping[str, npt.NDArray[Any]]) -> npt.NDArray[np.void]:

@@ -1,5 +1,9 @@
 """Validity of a manoeuvre: every condition of the guarantee, one verdict."""
 
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Any
+
 import numpy as np
 
 from app.scoring.assessed_segment import AssessedSegment
@@ -9,6 +13,9 @@ from app.scoring.scored import OBSERVATIONS, Check, Validity
 from core.channels import KEYS
 from core.monitor.assessment import Withdrawal
 from core.monitor.validity import ValidityVerdict, in_words
+
+LIMITS = "limits in force"
+"""Name of the check whether they are the monitor's own."""
 
 
 def validity(assessed: AssessedSegment) -> tuple[Validity, Withdrawal | None]:
@@ -44,6 +51,19 @@ def validity(assessed: AssessedSegment) -> tuple[Validity, Withdrawal | None]:
         checks=checks,
     )
     return result, Withdrawal(0, in_words(failed)) if failed else withdrawal
+
+
+def under_limits(verdict: Validity, in_force: Sequence[Mapping[str, Any]]) -> Validity:
+    """The same under a limit set: not applicable where its limits are not the monitor's.
+
+    in_force: plain, see HeldLimits.intervals.
+    """
+    reasons = tuple(dict.fromkeys(one["reason"] for one in in_force if one["reason"]))
+    if not reasons:
+        return verdict
+    check = Check(LIMITS, False, "; ".join(reasons))
+    checks, reasons = (*verdict.checks, check), (*reasons, *verdict.reasons)
+    return replace(verdict, valid=False, reasons=reasons, checks=checks)
 
 
 def support(assessed: AssessedSegment) -> tuple[ValidityVerdict, Withdrawal | None]:

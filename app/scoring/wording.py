@@ -1,9 +1,11 @@
 """What a person should know of a scored segment, in sentences that do not flatter."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 
+from app.scoring.limits_in_force import words_of
 from app.scoring.outcome import SAME_TIME, Limited, Peak
 from app.scoring.planned_test import PlannedTest
 from app.scoring.scored import Validity
@@ -12,6 +14,7 @@ from core.channels import BY_KEY
 from core.monitor import Assessments, Monitor
 from core.monitor.assessment import STATES, State
 from core.monitor.calibration import Guarantee
+from core.types import Array
 
 PROMISED: dict[Guarantee, str] = {
     "average": "on average over calibration sets",
@@ -106,6 +109,52 @@ def remarks(
             f"{planned.trim_segment_s:g} s are planned"
         )
     return tuple(lines)
+
+
+def limits_remarks(
+    in_force: Sequence[Mapping[str, Any]],
+    own: Limited | None,
+    limits: Array | None,
+) -> list[str]:
+    """Where other limits were in force than the monitor's: both, and what each says.
+
+    in_force: plain, see HeldLimits.intervals.   own: by the monitor's limits (6,), where others
+    were in force; None elsewhere.
+    """
+    if own is None:
+        return []
+    told = [
+        f"from {one['start']:.2f} to {one['end']:.2f} s {_in_force(one)} in force, the monitor "
+        f"warns of {words_of(limits)}"
+        for one in in_force
+        if one["reason"]
+    ]
+    exceeded = own.exceedance
+    if limits is None:
+        mine = ""
+    elif exceeded is None:
+        mine = f"; the monitor's own {words_of(limits)} was not exceeded"
+    else:
+        value = BY_KEY[exceeded.channel].read(exceeded.value)
+        mine = (
+            f"; the monitor's own {words_of(limits)} was exceeded at {exceeded.t:.2f} s "
+            f"({exceeded.channel} {value})"
+        )
+    return [
+        *told,
+        "exceedances are judged by the limits in force, alerts and misses by the monitor's own, "
+        f"where these were in force{mine}",
+    ]
+
+
+def _in_force(one: Mapping[str, Any]) -> str:
+    name = f"limit set {one['name']} version {one['version']}"
+    if one["limits"] is None:
+        return f"nobody can tell which limits of {name} were"
+    limits = " or ".join(
+        f"|{BY_KEY[key].symbol}| {BY_KEY[key].read(limit)}" for key, limit in one["limits"].items()
+    )
+    return f"{limits} ({name}, {one['case']}) was"
 
 
 def _not_exceeded(peaks: Sequence[Peak]) -> list[str]:

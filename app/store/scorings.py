@@ -59,6 +59,8 @@ class ScoringInfo(Entry):
     outside_exceedances: list[dict[str, Any]]
     """those that begin in no manoeuvre: t [s], channel and value of the first recorded sample, from
     the trim of the manoeuvre before"""
+    limits_in_force: list[dict[str, Any]] | None = None
+    """those of a limit set, from start to end; null where none was, or of an older program"""
     row_digest: str | None = None
     """SHA-256 of all else that is said here; null of a scoring that an older program stored"""
 
@@ -78,6 +80,8 @@ class ScoringInfo(Entry):
 
     def _digest(self) -> str:
         said = json.loads(to_text(asdict(replace(self, row_digest=None))))
+        if said["limits_in_force"] is None:  # so that what older programs stored stays whole
+            del said["limits_in_force"]
         return hashlib.sha256(json.dumps(said, sort_keys=True).encode()).hexdigest()
 
 

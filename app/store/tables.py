@@ -358,6 +358,7 @@ scorings = Table(
     _plain("quality", nullable=True),
     _plain("manoeuvres"),
     _plain("outside_exceedances"),
+    _plain("limits_in_force", nullable=True),
     UniqueConstraint("recording_id", "request_digest"),
 )
 

@@ -9,6 +9,7 @@ from collections.abc import Callable
 from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -70,6 +71,8 @@ class Contents:
     start: time zero where the file says it, else "": in ISO 8601, or "234:15:35:50.7", "15:35:50.7"
         or "35:50.7" where its clock has no year, no date or no hour.
     bad_rows: the first MOST_LISTED of n_bad_rows.   ignored: what was left out, with the reason.
+    limits: limit sets that were put in force meanwhile, plain, see app.scoring.limits_in_force.
+    conditions: name of the signal of a channel of the flight condition where it is not its own.
     """
 
     format: str
@@ -80,6 +83,8 @@ class Contents:
     n_bad_rows: int = 0
     ignored: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
+    limits: tuple[dict[str, Any], ...] = ()
+    conditions: dict[str, str] = field(default_factory=dict)
 
 
 @dataclass(eq=False)
@@ -165,6 +170,8 @@ class ColumnWriter:
         n_bad_rows: int = 0,
         ignored: tuple[str, ...] = (),
         notes: tuple[str, ...] = (),
+        limits: tuple[dict[str, Any], ...] = (),
+        conditions: dict[str, str] | None = None,
     ) -> Contents:
         """Write what the columns are, which makes the folder whole. TelemetryError if empty."""
         groups = []
@@ -188,6 +195,8 @@ class ColumnWriter:
             n_bad_rows=n_bad_rows or len(bad_rows),
             ignored=tuple(printable(text, LONGEST_TEXT) for text in ignored),
             notes=tuple(printable(text, LONGEST_TEXT) for text in (*self.notes, *notes)),
+            limits=limits,
+            conditions=conditions or {},
         )
         text = json.dumps(asdict(contents), ensure_ascii=False)
         (self.folder / CONTENTS).write_text(text, encoding="utf-8")
@@ -236,6 +245,7 @@ def open_columns(folder: Path) -> Columns:
                 "bad_rows": tuple(BadRow(**row) for row in plain["bad_rows"]),
                 "ignored": tuple(plain["ignored"]),
                 "notes": tuple(plain["notes"]),
+                "limits": tuple(plain.get("limits", ())),
             }
         ),
     )

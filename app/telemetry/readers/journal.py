@@ -38,7 +38,7 @@ def read(path: Path, writer: ColumnWriter) -> Contents:
         header = _plain(_line(file))
         if header is None:
             raise TelemetryError("its first line is damaged: export the journal again")
-        rows = _Rows(writer, *_declared(header))
+        rows, limits = _Rows(writer, *_declared(header)), list[dict[str, Any]]()
         while line := _line(file):
             number += 1
             if not line.endswith(b"\n"):
@@ -46,6 +46,7 @@ def read(path: Path, writer: ColumnWriter) -> Contents:
                 break
             plain = _plain(line)
             if plain is not None and "b" not in plain:
+                limits += [plain["limits"]] if isinstance(plain.get("limits"), dict) else []
                 continue
             if plain is not None and rows.add(plain):
                 n_good += 1
@@ -60,6 +61,8 @@ def read(path: Path, writer: ColumnWriter) -> Contents:
         n_bad_rows=bad.n,
         ignored=listed(ignored),
         notes=(*notes, *bad.notes(n_good)),
+        limits=tuple(limits),
+        conditions=_conditions(header),
     )
 
 
@@ -76,6 +79,13 @@ def _declared(header: dict[str, Any]) -> tuple[tuple[str, ...], dict[str, str]]:
         return tuple(times), read | times
     except (AttributeError, KeyError, TypeError):
         raise TelemetryError("the journal's mapping is damaged: export it again") from None
+
+
+def _conditions(header: dict[str, Any]) -> dict[str, str]:
+    """Names of the signals of the flight condition, as the flight read them."""
+    named = header.get("conditions")
+    named = named if isinstance(named, dict) else {}
+    return {key: name for key, name in named.items() if isinstance(name, str)}
 
 
 def _line(file: BinaryIO) -> bytes:

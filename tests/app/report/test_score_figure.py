@@ -10,10 +10,12 @@ import pytest
 from app.report.figures import channel_strip
 from app.report.score_figure import Drawing, FlownManeuver, NoPngError, png, score_figure
 from app.report.strip_chart import StripChart
+from app.scoring.limits_history import pieces_of
 from core.channels import CHANNELS
 from tests.support.oscillator import DT
 from tests.support.samples import SAMPLE_LIKE
 
+TEN_DEGREES = pieces_of(np.full(6, np.radians(10.0)), None)
 LIMITS = np.array([np.inf, np.inf, np.inf, 0.5, np.inf, np.inf])
 LEAD = 0.25
 
@@ -26,7 +28,9 @@ def drawing() -> Drawing:
     samples["y_hat"] = samples["y"]
     samples["withdrawn"] = np.nan
     doublet = FlownManeuver("<doublet> & more", 2.0, 6.0, 4.0)
-    return score_figure(samples, [doublet], LIMITS, 0.1, LEAD, "scored: <flight>.csv")
+    return score_figure(
+        samples, [doublet], pieces_of(LIMITS, None), 0.1, LEAD, "scored: <flight>.csv"
+    )
 
 
 def test_it_is_a_file_of_its_own(drawing: Drawing) -> None:
@@ -52,14 +56,14 @@ def test_every_channel_and_each_moment_is_drawn(drawing: Drawing) -> None:
 def test_a_strip_is_scaled_in_the_unit_that_its_label_says(c: int) -> None:
     samples = np.zeros(3, SAMPLE_LIKE)
     samples["t"] = range(3)
-    strip = channel_strip(StripChart(0.0, 2.0), 72.0, c, samples, np.radians(10.0), 0.25)
+    strip = channel_strip(StripChart(0.0, 2.0), 72.0, c, samples, TEN_DEGREES, 0.25)
     unit = {"rad": "deg", "rad/s": "deg/s", "g": "g"}[CHANNELS[c].unit]
     assert strip.label == f"{CHANNELS[c].symbol} [{unit}]"
     largest = 10.0 if unit != "g" else np.radians(10.0)
     assert (strip.low, strip.high) == pytest.approx((-1.12 * largest, 1.12 * largest))
     samples["y"] = samples["y_hat"] = np.radians(10.0) / 2
     level = strip.y(np.array([largest / 2]))[0]
-    drawn = channel_strip(StripChart(0.0, 2.0), 72.0, c, samples, np.radians(10.0), 0.25)
+    drawn = channel_strip(StripChart(0.0, 2.0), 72.0, c, samples, TEN_DEGREES, 0.25)
     assert f"{level:.1f}" in "".join(drawn.svg([])).split('class="measured"')[1]
 
 
