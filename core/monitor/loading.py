@@ -5,7 +5,6 @@ from pathlib import Path
 from typing import Any
 
 from core.kernels.p_value import SIMPLE, Transduction
-from core.kernels.response_filter import CardResponses
 from core.monitor import portable, response_filter
 from core.monitor.file_checks import (
     check_arrays,
@@ -19,6 +18,7 @@ from core.monitor.file_checks import (
 )
 from core.monitor.flown_input import InputSupport
 from core.monitor.monitor import Monitor, assemble
+from core.monitor.peak_forecast import PeakForecast
 from core.monitor.portable import MonitorFileError, Section
 from core.monitor.predictor import Affine
 from core.monitor.recipe import MonitorRecipe
@@ -69,7 +69,7 @@ def _rebuild(sections: Mapping[str, Section]) -> Monitor:
         support=_support(sections.get("validity"), recipe.predictor.forecasts),
         evaluation=_evaluation(sections.get("evaluation")),
         inputs=_inputs(sections.get("input")),
-        card=_card(sections.get("card"), recipe, header["h"]),
+        forecast=_forecast(sections.get("card"), recipe, header["h"]),
         **{key: header[key] for key in portable.MONITOR_FIELDS} | {"dt": float(header["dt"])},
         **arrays,
     )
@@ -97,8 +97,8 @@ def _support(section: Section | None, forecasts: bool) -> Support | None:
     return support
 
 
-def _card(section: Section | None, recipe: MonitorRecipe, h: int) -> CardResponses | None:
-    """The card's responses; None where the predictor reads no card."""
+def _forecast(section: Section | None, recipe: MonitorRecipe, h: int) -> PeakForecast | None:
+    """The forecast of what is left of the card; None where the predictor makes none."""
     if recipe.predictor.reads_card != (section is not None):
         raise ValueError("its predictor and its section card do not fit together")
     return section and response_filter.of_section(section, h, recipe.score)

@@ -10,13 +10,12 @@ import numpy as np
 import numpy.typing as npt
 
 from core.channels import N_CHANNELS
-from core.kernels import assessing, compiled, peak_risk, response_filter
+from core.kernels import assessing, compiled, peak_risk
 from core.kernels.assessing import Fitted
 from core.kernels.deviation import Reference, first_beyond
 from core.kernels.innovation import NO_INNOVATION, Innovation
 from core.kernels.nearest import Tree, build
 from core.kernels.p_value import SIMPLE, Transduction, simple_p
-from core.kernels.response_filter import CardResponses
 from core.monitor import portable
 from core.monitor.assessment import (
     REASONS,
@@ -29,9 +28,9 @@ from core.monitor.assessment import (
 )
 from core.monitor.calibration import alert_above, check_epsilon, p_values, smallest_epsilon
 from core.monitor.flown_input import FlownInput, InputSupport
+from core.monitor.peak_forecast import LOST, PeakForecast
 from core.monitor.predictor import Affine
 from core.monitor.recipe import MonitorRecipe
-from core.monitor.response_filter import LOST, RunningCard, to_section
 from core.monitor.support import NOT_CALIBRATED, Support, ValidityBasis
 from core.monitor.validity import (
     RunningValidity,
@@ -65,8 +64,8 @@ class Monitor:
     and then it never withdraws.
     evaluation: what fresh flights said of it, as plain data; None where none were flown.
     inputs: how surfaces moved in fresh flights; None where that is not known.
-    card: responses to the test card; None for predictors that read none. Scores are then of what
-    is left of the card, and `fitted` says what a sample is like.
+    forecast: of what is left of the manoeuvre; None for predictors that make none. Scores are then
+    of it, and `fitted` says what a sample is like.
     """
 
     recipe: MonitorRecipe
@@ -92,7 +91,7 @@ class Monitor:
     support: Support | None = None
     evaluation: dict[str, Any] | None = None
     inputs: InputSupport | None = None
-    card: CardResponses | None = field(repr=False, default=None)
+    forecast: PeakForecast | None = field(repr=False, default=None)
 
     @property
     def alphas(self) -> Array:
@@ -194,13 +193,15 @@ class Monitor:
             self.fitted, self.exact, y[fresh], state[fresh] == assessing.OK, self.recipe.n_delay
         )
         y_hat, lost = np.full((len(y), N_CHANNELS), np.nan), None
-        if self.card is not None:
-            scores = np.full(len(y), np.nan)
-            first = response_filter.follow(self.card, t, y, state, self.dt, scores, y_hat)
-            lost = Withdrawal(first, LOST) if first < len(y) else None
-            s, p = scores[fresh], p_values(scores[fresh], self.alphas)
-        elif self.recipe.predictor.forecasts:
+        if self.recipe.predictor.forecasts:
             y_hat[fresh] = z * self.scale
+        if self.forecast is not None:
+            followed = self.forecast.follow(t, y, state, self.dt)
+            lost = Withdrawal(followed.lost, LOST) if followed.lost < len(y) else None
+            state, s = followed.state, followed.score[fresh]
+            p = p_values(s, self.alphas)
+            if self.forecast.has_outputs:
+                y_hat = followed.y_hat
         result = Assessments(
             t=t,
             state=state,
@@ -305,8 +306,8 @@ class Monitor:
 
         y: (n, n_samples, 6).   last: (n,).   Returns (n,); +inf where last < 0.
         """
-        if self.card is not None:
-            return response_filter.lowest_scores(self.card, y, np.zeros_like(last), last)
+        if self.forecast is not None:
+            return self.forecast.lowest_scores(y, np.zeros_like(last), last)
         nothing = np.full(len(y), -1)
         return peak_risk.lowest_scores(
             self.fitted, y, self.recipe.n_delay, np.zeros_like(last), last, nothing, np.empty(0)
@@ -314,7 +315,7 @@ class Monitor:
 
     def highest_p_values(self, y: Array, last: Indices) -> Array:
         """Highest p-value of each trajectory over samples 0..last, not withdrawn; 0 if last < 0."""
-        if self.card is not None:
+        if self.forecast is not None:
             return np.where(last < 0, 0.0, p_values(self.lowest_scores(y, last), self.alphas))
         return peak_risk.highest_p_values(
             self.fitted, self.exact, np.ascontiguousarray(y), self.recipe.n_delay, last
@@ -343,8 +344,8 @@ class Monitor:
             plain = {"always": self.exact.always, "running": self.exact.running}
             exact = {name: getattr(self.exact, name) for name in portable.EXACT_ARRAYS}
             sections.append(portable.Section("transduction", 1, True, plain, exact))
-        if self.card is not None:
-            sections.append(to_section(self.card))
+        if self.forecast is not None:
+            sections.append(self.forecast.to_section())
         if self.support is not None:
             sections.append(self.support.to_section())
         if self.inputs is not None:
@@ -399,7 +400,9 @@ class Stream:
         basis, self._limits = monitor.validity_basis, monitor.limits
         self._validity = basis and RunningValidity(basis)
         self._reason = ""
-        self._card = monitor.card and RunningCard(monitor.card, monitor.dt)
+        self._forecast = monitor.forecast and monitor.forecast.begin(monitor.dt)
+        has_outputs = monitor.forecast is not None and monitor.forecast.has_outputs
+        self._maps_ahead = monitor.recipe.predictor.forecasts and not has_outputs
         self._unsafe = _Neighbour(monitor.unsafe_exemplar)
         self._safe = _Neighbour(monitor.safe_exemplar)
         self._state = self._fitted, self._exact, self._buffer, self._status, self._clock
@@ -433,14 +436,14 @@ class Stream:
 
     def _assess(self, t: float, y: Array) -> Assessment:
         code, p, s = self._update(*self._state, self._dt, t, y, self._point)
-        monitor, y_hat = self.monitor, None
-        if self._card is not None:
-            s, y_hat = self._card.update(t, y, code)
-            if self._card.lost:
+        y_hat = self._point * self.monitor.scale if self._maps_ahead else None
+        if self._forecast is not None:
+            s, code = self._forecast.update(t, y, code)
+            if self._forecast.lost:
                 return withdrawn(t, LOST)
             p = simple_p(self._fitted.alphas, s)
-        elif monitor.recipe.predictor.forecasts:
-            y_hat = self._point * monitor.scale
+            if not self._maps_ahead:
+                y_hat = self._forecast.y_hat
         if code != assessing.OK:
             return Assessment(t, None, None, STATES[code], REASONS[code])
         unsafe, safe = self._status[2:].tolist()

@@ -1,18 +1,20 @@
 """The response filter of a card, fitted: components, noise, and what a monitor's file keeps."""
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from math import isfinite
 from statistics import NormalDist
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
 from core.card import Card
 from core.channels import N_CHANNELS
+from core.kernels import response_filter as kernels
 from core.kernels.compiled import entry
 from core.kernels.lanes import WIDTH
-from core.kernels.response_filter import LOST as LOST_AT
 from core.kernels.response_filter import CardResponses, begin, squares, update
+from core.monitor.peak_forecast import Followed, PeakForecast, RunningForecast
 from core.monitor.portable import Section
 from core.monitor.score import Score
 from core.specification import Specification, magnitudes_of
@@ -35,10 +37,6 @@ NO_CARD = (
     "the predictor response_filter needs the test card: train(dataset, recipe, "
     "card=card_of(dataset_recipe)), or choose the predictor linear where there is none"
 )
-LOST = (
-    "too many samples were missing while an input of the test card was due: what is left of the "
-    "card cannot be forecast; wait for the next manoeuvre"
-)
 ARRAYS = ("mean", "components", "residual", "noise", "steps", "apart", "later", "limits")
 NUMBERS = ("tail", "surface", "seen_after", "least_apart", "h", "window")
 MOST_SAMPLES = 100_000
@@ -46,7 +44,7 @@ MOST_SAMPLES = 100_000
 
 def fit_card(
     card: Card, safe: Array, specification: Specification, score: Score, h: int
-) -> CardResponses:
+) -> "CardForecast":
     """Fit the responses of a card to a step, and the noise of the samples.
 
     safe: (n, n_samples, 6) safe rollouts, which tell how far samples are off beside the sensors'
@@ -85,7 +83,8 @@ def fit_card(
         h=h,
         window=score.window(h),
     )
-    return fitted._replace(noise=fitted.noise + _excess(fitted, safe[:MOST_FLIGHTS]))
+    excess = _excess(fitted, safe[:MOST_FLIGHTS])
+    return CardForecast(fitted._replace(noise=fitted.noise + excess))
 
 
 def _components(off: Array, noise: Array, limited: Array) -> tuple[Array, Array]:
@@ -151,37 +150,53 @@ def _excess(fitted: CardResponses, safe: Array) -> Array:
     return np.maximum(found - np.median(expected[:n], axis=0), 0.0)
 
 
-class RunningCard:
-    """The forecast of one flight's card, sample by sample.
-
-    dt: [s].   lost: whether a switch may have passed unseen; nothing is forecast from then on.
-    """
+class RunningCard(RunningForecast):
+    """The forecast of one flight's card; lost where a switch may have passed unseen."""
 
     def __init__(self, card: CardResponses, dt: float) -> None:
-        self._estimate, self._y_hat = begin(len(card.steps)), np.empty(N_CHANNELS)
+        self._estimate, self._ahead = begin(len(card.steps)), np.empty(N_CHANNELS)
         self._state = card, self._estimate, np.zeros(2), float(dt)
-        nothing = 0.0, self._y_hat, 0, self._y_hat
+        nothing = 0.0, self._ahead, 0, self._ahead
         self._update: Callable[..., float] = entry(update, *self._state, *nothing)
-        self.lost = False
 
-    def update(self, t: float, y: Array, code: int) -> tuple[float, Array | None]:
-        """Take the next sample; returns its score, NaN for none, and the outputs h samples ahead.
-
-        y: (6,) float64, contiguous.   code: its state.
-        """
-        s = self._update(*self._state, t, y, code, self._y_hat)
-        self.lost = bool(self._estimate.counts[LOST_AT])
-        return s, self._y_hat.copy() if isfinite(self._y_hat[0]) else None
+    def update(self, t: float, y: Array, code: int) -> tuple[float, int]:
+        """Take the next sample."""
+        s = self._update(*self._state, t, y, code, self._ahead)
+        self.lost = bool(self._estimate.counts[kernels.LOST])
+        self.y_hat = self._ahead.copy() if isfinite(self._ahead[0]) else None
+        return s, code
 
 
-def to_section(fitted: CardResponses) -> Section:
-    """Return the section of a monitor's file."""
-    header: dict[str, Any] = {name: getattr(fitted, name) for name in NUMBERS}
-    arrays = {name: getattr(fitted, name) for name in ARRAYS}
-    return Section("card", 1, True, header | {"share": fitted.share}, arrays)
+@dataclass(frozen=True, eq=False)
+class CardForecast(PeakForecast):
+    """The response filter of a card.   card: what its kernels need."""
+
+    section: ClassVar[str] = "card"
+    has_outputs: ClassVar[bool] = True
+    card: CardResponses
+
+    def begin(self, dt: float) -> RunningCard:
+        """Begin a flight."""
+        return RunningCard(self.card, dt)
+
+    def follow(self, t: Array, y: Array, state: Indices, dt: float) -> Followed:
+        """Score a flight."""
+        score, y_hat = np.full(len(t), np.nan), np.full((len(t), N_CHANNELS), np.nan)
+        lost = kernels.follow(self.card, t, y, state, dt, score, y_hat)
+        return Followed(score, state, y_hat, lost)
+
+    def lowest_scores(self, y: Array, first: Indices, last: Indices) -> Array:
+        """Lowest score of each trajectory."""
+        return kernels.lowest_scores(self.card, y, first, last)
+
+    def to_section(self) -> Section:
+        """Return the section of a monitor's file."""
+        header: dict[str, Any] = {name: getattr(self.card, name) for name in NUMBERS}
+        arrays = {name: getattr(self.card, name) for name in ARRAYS}
+        return Section(self.section, 1, True, header | {"share": self.card.share}, arrays)
 
 
-def of_section(section: Section, h: int, score: Score) -> CardResponses:
+def of_section(section: Section, h: int, score: Score) -> CardForecast:
     """Rebuild it; ValueError where no kernel may read it.
 
     h, score: of the monitor.
@@ -223,4 +238,4 @@ def of_section(section: Section, h: int, score: Score) -> CardResponses:
         raise ValueError("card mean says that the first step moves nothing")
     if np.isnan(arrays["limits"]).any() or (arrays["limits"] <= 0).any():
         raise ValueError("card limits hold what is no limit")
-    return CardResponses(**arrays, **header)
+    return CardForecast(CardResponses(**arrays, **header))

@@ -10,7 +10,6 @@ from core import __version__
 from core.card import Card
 from core.channels import N_CHANNELS
 from core.dataset import Dataset
-from core.kernels import response_filter
 from core.kernels.assessing import Fitted, weighted_distances
 from core.kernels.mapping import map_samples
 from core.kernels.p_value import SIMPLE, Transduction
@@ -24,6 +23,7 @@ from core.monitor.observation import (
     observations_at,
     outputs_ahead,
 )
+from core.monitor.peak_forecast import PeakForecast
 from core.monitor.predictor import Affine, Predictor
 from core.monitor.recipe import MonitorRecipe
 from core.monitor.response_filter import NO_CARD, fit_card
@@ -103,9 +103,8 @@ def _calibrated(
     dataset: Dataset, recipe: MonitorRecipe, safe: SafeObservations | None, card: Card | None
 ) -> Monitor:
     _check(dataset, recipe)
-    if recipe.predictor.reads_card and card is None:
-        raise ValueError(NO_CARD)
     h, n_delay = lead_steps(recipe.t_early, dataset.dt), recipe.n_delay
+    forecast = _fit_forecast(dataset, recipe, h, card)
     safe = safe or SafeObservations(dataset, recipe)
     affine = safe.fit(recipe.predictor)
 
@@ -121,10 +120,8 @@ def _calibrated(
     own = np.full(len(last), -1)
     own[timely] = np.arange(len(timely))
     first = np.maximum(last, 0) if recipe.calibration == "pointwise" else np.zeros_like(last)
-    responses = None
-    if recipe.predictor.reads_card and card is not None:
-        responses = fit_card(card, dataset.safe, dataset.specification, recipe.score, h)
-        alphas = response_filter.lowest_scores(responses, dataset.unsafe, first, last)
+    if forecast is not None:
+        alphas = forecast.lowest_scores(dataset.unsafe, first, last)
     else:
         alphas = lowest_scores(fitted, dataset.unsafe, n_delay, first, last, own, np.empty(0))
     exact = SIMPLE
@@ -151,13 +148,24 @@ def _calibrated(
         n_early=len(last) - len(timely),
         fitted=fitted._replace(alphas=np.sort(alphas)),
         exact=exact,
-        card=responses,
+        forecast=forecast,
         dataset_recipe=dataset.recipe,
         dataset_digest=dataset.digest(),
         seed=dataset.seed,
         version=__version__,
         specification=dataset.specification,
     )
+
+
+def _fit_forecast(
+    dataset: Dataset, recipe: MonitorRecipe, h: int, card: Card | None
+) -> PeakForecast | None:
+    """Fit what forecasts the rest of the manoeuvre; None for predictors that do not."""
+    if not recipe.predictor.reads_card:
+        return None
+    if card is None:
+        raise ValueError(NO_CARD)
+    return fit_card(card, dataset.safe, dataset.specification, recipe.score, h)
 
 
 def _transduction(

@@ -199,7 +199,7 @@ def test_a_test_card_needs_a_manoeuvre_of_steps(client):
     job = finished(client, client.post("/api/v1/monitors", json=order))
     assert job["status"] == "done", job
     trained = store_of(client).monitors.get(job["result"]["monitor"])
-    assert trained.card is not None
+    assert trained.forecast is not None
     again = order | {"dataset": job["result"]["dataset"]}
     assert finished(client, client.post("/api/v1/monitors", json=again))["status"] == "done"
     sweep = order | {"dataset": DATASET | {"maneuver": {"kind": "frequency_sweep"}}}

@@ -10,12 +10,13 @@ import pytest
 from core.card import CardError
 from core.collection import card_of, collect, evaluation_flights, fresh
 from core.evaluation import evaluate
-from core.kernels.response_filter import SIGN, SWITCHED, begin, update
+from core.kernels.response_filter import SIGN, SWITCHED, CardResponses, begin, update
 from core.monitor import Monitor, MonitorRecipe, State, train
 from core.monitor.loading import from_bytes
+from core.monitor.peak_forecast import LOST
 from core.monitor.portable import MonitorFileError, pack
 from core.monitor.predictor import PREDICTORS
-from core.monitor.response_filter import LOST, to_section
+from core.monitor.response_filter import CardForecast
 from core.monitor.score import SCORES
 from core.planned_test import DatasetRecipe, SensorNoise, Simulator
 from core.simulation.maneuver import MANEUVERS, BankToBank, Doublet, Multistep3211, Step
@@ -44,6 +45,11 @@ def trained(score: str = "rest_of_card") -> Monitor:
     return train(collect(RECIPE), asked(score), fresh(RECIPE), card=card_of(RECIPE))
 
 
+def card_in(monitor: Monitor) -> CardResponses:
+    assert isinstance(monitor.forecast, CardForecast)
+    return monitor.forecast.card
+
+
 @cache
 def flights() -> Array:
     return evaluation_flights(RECIPE, 200).y
@@ -51,10 +57,9 @@ def flights() -> Array:
 
 def seen(monitor: Monitor, y: Array) -> tuple[Array, int]:
     """The switches that a flight's samples show, and the sign of the first step."""
-    assert monitor.card is not None
     estimate, clock, y_hat = begin(3), np.zeros(2), np.empty(6)
     for k, sample in enumerate(y):
-        update(monitor.card, estimate, clock, monitor.dt, k * monitor.dt, sample, 0, y_hat)
+        update(card_in(monitor), estimate, clock, monitor.dt, k * monitor.dt, sample, 0, y_hat)
     return estimate.switches[: estimate.counts[SWITCHED]], int(estimate.counts[SIGN])
 
 
@@ -63,8 +68,7 @@ def seen(monitor: Monitor, y: Array) -> tuple[Array, int]:
 
 def twin_score(monitor: Monitor, y: Array, switches: Array) -> float:
     """Score of the last sample by one solution of the normal equations, all switches known."""
-    card = monitor.card
-    assert card is not None
+    card = card_in(monitor)
     rows, off, now = [], [], len(y) - 1
 
     def respond(k: int, c: int, at: Array) -> tuple[float, float, Array]:
@@ -307,17 +311,16 @@ def damaged() -> list[tuple[str, object]]:
     found: list[tuple[str, object]] = [(name, value) for name, value in product(counts, (-1, 1e9))]
     found += [("share", 2.0), ("share", "half"), ("surface", 6), ("seen_after", 0)]
     for name in ("mean", "components", "residual", "noise", "steps"):
-        found += [(name, np.full_like(getattr(trained().card, name), np.nan))]
-        found += [(name, getattr(trained().card, name)[:-1])]
-    later = trained().card.later  # pyright: ignore[reportOptionalMemberAccess]
+        found += [(name, np.full_like(getattr(card_in(trained()), name), np.nan))]
+        found += [(name, getattr(card_in(trained()), name)[:-1])]
+    later = card_in(trained()).later
     return [*found, ("later", -later), ("later", later.astype(float)), ("limits", -np.ones(6))]
 
 
 def test_a_file_that_no_kernel_may_read_is_refused():
     monitor = trained()
-    assert monitor.card is not None
     for name, value in damaged():
-        good = to_section(monitor.card)
+        good = CardForecast(card_in(monitor)).to_section()
         bad = (
             good._replace(arrays={**good.arrays, name: value})
             if isinstance(value, np.ndarray)

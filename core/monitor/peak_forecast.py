@@ -1,0 +1,75 @@
+"""What predictors that forecast the rest of a manoeuvre have in common: a state for each flight."""
+
+from abc import ABC, abstractmethod
+from typing import ClassVar, NamedTuple
+
+from core.monitor.portable import Section
+from core.types import Array, Indices
+
+LOST = (
+    "too many samples were missing while an input of the test card was due: what is left of the "
+    "card cannot be forecast; wait for the next manoeuvre"
+)
+
+
+class Followed(NamedTuple):
+    """What a forecast says of every sample of a flight.
+
+    score: (n,) low means close to a failure; NaN unless `ok`.   state: (n,) codes.
+    y_hat: (n, 6) outputs h samples later, NaN for none.   lost: first sample from which on nothing
+    is forecast any more; n where there is none.
+    """
+
+    score: Array
+    state: Indices
+    y_hat: Array
+    lost: int
+
+
+class RunningForecast(ABC):
+    """The forecast of one flight, sample by sample.
+
+    y_hat: (6,) outputs h samples after the last sample; None for none.
+    lost: whether nothing can be forecast any more.
+    """
+
+    y_hat: Array | None = None
+    lost: bool = False
+
+    @abstractmethod
+    def update(self, t: float, y: Array, code: int) -> tuple[float, int]:
+        """Take the next sample; returns its score, NaN for none, and its state.
+
+        y: (6,) float64, contiguous.   code: its state so far.
+        """
+
+
+class PeakForecast(ABC):
+    """A fitted forecast of what is left of a manoeuvre, whose peak is scored."""
+
+    section: ClassVar[str]
+    """Name of its section in a monitor's file."""
+    has_outputs: ClassVar[bool] = False
+    """Whether it forecasts the outputs too."""
+
+    @abstractmethod
+    def begin(self, dt: float) -> RunningForecast:
+        """Begin a flight sampled at dt [s]."""
+
+    @abstractmethod
+    def follow(self, t: Array, y: Array, state: Indices, dt: float) -> Followed:
+        """Return what `begin(dt).update` says sample by sample.
+
+        t: (n,) [s].   y: (n, 6).   state: (n,) codes so far.   dt: [s].
+        """
+
+    @abstractmethod
+    def lowest_scores(self, y: Array, first: Indices, last: Indices) -> Array:
+        """Lowest score of each trajectory over its samples first..last.
+
+        y: (n, n_samples, 6), finite over samples 0..last.   first, last: (n,).   +inf for none.
+        """
+
+    @abstractmethod
+    def to_section(self) -> Section:
+        """Return the section of a monitor's file."""
