@@ -1,11 +1,12 @@
-"""A viewer's page in a real Chromium: who is logged in, what is not offered, what is refused."""
+"""Each role's page in a real Chromium: who is logged in, what is offered, what is refused."""
 
 from pathlib import Path
 
 import httpx2
 import pytest
-from playwright.sync_api import Page, expect
+from playwright.sync_api import Locator, Page, expect
 
+from app.store.tokens import Role
 from core.collection import DatasetRecipe, collect
 from core.monitor import MonitorRecipe, train
 from tests.browser.site import open_site
@@ -20,42 +21,84 @@ def stored() -> dict[str, str]:
     return {"forewarn.scene": "hidden"}
 
 
-def test_a_viewer_sees_all_and_is_offered_nothing_that_changes_a_shared_flight(
-    page: Page, tmp_path: Path, allowed_errors: list[str]
+CONTROLS = (
+    "Play",
+    "To the start",
+    "One sample back",
+    "Loop",
+    "End flight",
+    "KNOCK IT OFF",
+    "ABORT",
+)
+LIMITS = {"name": "envelope", "cases": [{"name": "any", "limits": {"Ny": 0.4}}]}
+
+
+def test_each_role_sees_all_and_is_offered_what_it_may_do_and_no_more(
+    own_page: Page, tmp_path: Path, allowed_errors: list[str]
 ) -> None:
+    page = own_page
     allowed_errors.append("403 (Forbidden)")
     with open_site(tmp_path, TOKEN) as site:
         dataset = collect(DatasetRecipe(n_unsafe=40, n_obs=10, seed=3))
         monitor = site.store.monitors.add(train(dataset, MonitorRecipe()), "doublet").id
         source = {"kind": "simulated", "seed": 7, "outcome": "unsafe"}
-        flights = f"{site.http}/api/v1/flights"
+        api = f"{site.http}/api/v1"
+        flights = f"{api}/flights"
         started = httpx2.post(flights, headers=OWN, json={"source": source, "monitor": monitor})
         flight = started.raise_for_status().json()["id"]
+        httpx2.post(f"{api}/limit-sets", headers=OWN, json=LIMITS).raise_for_status()
         steer = f"{flights}/{flight}/transport"
         for action in ("pause", "next_alert"):
             httpx2.post(steer, headers=OWN, json={"action": action}).raise_for_status()
+        tokens = site.store.tokens
 
-        vi, _ = site.store.tokens.add("Vi", "viewer")
-        page.goto(f"{site.http}/login?link={site.store.tokens.make_link(vi.id)}")
-        page.goto(f"{site.http}/#/fly/{flight}")
-        expect(page.locator("#me")).to_have_text("Vi · viewer")
-        page.locator('[data-flight="open"]').wait_for()
-        expect(page.locator(".alarm-banner")).to_contain_text("ALERT")
-        expect(page.get_by_role("button", name="Acknowledge")).to_be_hidden()
-        expect(page.get_by_role("button", name="KNOCK IT OFF")).to_be_hidden()
-        for button in ("Play", "To the start", "End flight"):
-            expect(page.get_by_role("button", name=button)).to_be_disabled()
+        def log_in(name: str, role: Role) -> str:
+            token, _ = tokens.add(name, role)
+            page.goto(f"{site.http}/login?link={tokens.make_link(token.id)}")
+            page.goto(f"{site.http}/#/fly/{flight}")
+            expect(page.locator("#me")).to_have_text(f"{name} · {role}")
+            page.locator('[data-flight="open"]').wait_for()
+            expect(page.locator(".alarm-banner")).to_contain_text("ALERT")
+            return token.id
 
-        refused = "he role operator is needed, Vi has the role viewer"
+        def button(name: str) -> Locator:
+            return page.get_by_role("button", name=name)
+
+        vi = log_in("Vi", "viewer")
+        for name in (*CONTROLS, "Acknowledge", "Change limits", "Note here"):
+            expect(button(name)).to_have_count(0)
+        expect(page.get_by_role("slider")).to_have_count(0)
+        refused = "This takes the role operator, and you are logged in as viewer."
         page.keyboard.press("k")
-        expect(page.locator(".flight .error:visible").first).to_contain_text(refused)
+        expect(page.locator(".alarm-panel .error")).to_have_text(f"Not acknowledged. {refused}")
+        page.keyboard.press("x")
+        expect(page.get_by_text(f"ABORT was not set. {refused}")).to_be_visible()
         page.keyboard.press("n")
-        expect(page.locator(".transport-error:visible")).to_contain_text(refused)
+        page.get_by_role("button", name="Keys").click()
+        keys = page.locator("dialog.shortcuts")
+        expect(keys).to_contain_text("this list")
+        expect(keys).not_to_contain_text("play or pause")
+        expect(keys).not_to_contain_text("acknowledge")
         (alarm, *_) = httpx2.get(f"{flights}/{flight}/alarms", headers=OWN).json()
         assert alarm["by"] is None
-
-        site.store.tokens.revoke(vi.id)
-        expect(page.locator(".flight")).to_contain_text("The login has ended")
-        httpx2.post(f"{flights}/{flight}/end", headers=OWN).raise_for_status()
+        tokens.revoke(vi)
+        expect(page.locator(".link-lost")).to_contain_text("The login has ended")
+        expect(page.locator('[data-item="state"] .status-value')).to_contain_text("STALE")
+        expect(page.locator('[data-item="record"] .status-value')).to_have_text("–")
+        expect(page.locator(".gauge-number")).to_have_text("")
+        expect(page.locator(".alarm-panel")).not_to_contain_text("No alarm waits")
         allowed_errors.extend(["401 (Unauthorized)", "WebSocket connection to"])
+
+        log_in("Op", "operator")
+        for name in CONTROLS:
+            expect(button(name)).to_be_enabled()
+        expect(button("Change limits")).to_have_count(0)
+        page.keyboard.press("k")
+        expect(page.locator(".event", has_text="acknowledged by Op").first).to_be_visible()
+
+        log_in("Eng", "engineer")
+        for name in (*CONTROLS, "Change limits"):
+            expect(button(name)).to_be_enabled()
+        httpx2.post(f"{flights}/{flight}/end", headers=OWN).raise_for_status()
+        expect(button("Delete the record")).to_be_visible()
         page.goto("about:blank")

@@ -14,7 +14,7 @@
  *   offer(kinds)     that may be set: {kind, word, meaning, level, shortcut}
  *   take(marker) -> bool     shows the newest of the most urgent; whether it was new
  *   keys             {key: act}, filled by offer
- *   shortcuts()      [[key, meaning]] for the list of keys
+ *   shortcuts()      [[key, meaning, request]] for the list of keys
  */
 
 import { reason } from "../lib/api.js";
@@ -22,6 +22,7 @@ import { h, put } from "../lib/dom.js";
 import { needs } from "../lib/me.js";
 import { LEVEL_OF } from "./headline.js";
 
+const SET = "POST /flights/{}/markers";
 const STORED_LATE = 503; // shown, and not stored yet
 
 export function createFlightMarkers({ buttons, last }, { set, heard }) {
@@ -39,7 +40,7 @@ export function createFlightMarkers({ buttons, last }, { set, heard }) {
   function button({ kind, word, meaning, level, shortcut }) {
     const key = shortcut.toUpperCase();
     const title = `${word}: ${meaning}. Sets a marker; the flight goes on (key ${key})`;
-    const element = h("button", { type: "button", class: "button button-small marker-button", "data-level": LEVEL_OF[level], "data-marker": kind, title, ...needs("POST /flights/{}/markers") },
+    const element = h("button", { type: "button", class: "button button-small marker-button", "data-level": LEVEL_OF[level], "data-marker": kind, title, ...needs(SET) },
       word, h("span", { class: "marker-key" }, ` [${key}]`));
     let asked = false;
     const press = async () => {
@@ -72,7 +73,7 @@ export function createFlightMarkers({ buttons, last }, { set, heard }) {
     return isNew;
   }
 
-  return { offer, take, keys, shortcuts: () => kinds.map(({ word, meaning, shortcut }) => [shortcut.toUpperCase(), `${word}: ${meaning}`]) };
+  return { offer, take, keys, shortcuts: () => kinds.map(({ word, meaning, shortcut }) => [shortcut.toUpperCase(), `${word}: ${meaning}`, SET]) };
 }
 
 export function markerText({ word, meaning, t, created, by, text }) {

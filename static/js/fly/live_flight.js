@@ -277,7 +277,7 @@ export function showLiveFlight(element, { id, api, over }) {
   }
 
   function go(t) {
-    if (hello?.transport.seekable) transport.seek(t);
+    if (transport.steers()) transport.seek(t);
     else display?.chart.setWindow(t - 5, t + 5);
     display?.chart.setCursor(t);
   }

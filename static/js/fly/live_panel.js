@@ -76,9 +76,8 @@ export function createLivePanel({ line, problem }, { begin, address, events, fla
 
   function update(given, { lead }) {
     live = given;
-    const { interval, lag, delay, counts } = live;
-    show("rate", interval === null ? "–" : `${rate(1 / interval)} Hz`);
-    show("lag", `${lag.toFixed(2)} s`, lag > LATE ? "caution" : "");
+    const { delay, counts } = live;
+    showNow();
     show("delay", `${Number(delay.toFixed(3))} s`);
     show("lead", `${Number(lead.toFixed(3))} s`);
     show("batches", live.batches.toLocaleString("en"));
@@ -90,6 +89,13 @@ export function createLivePanel({ line, problem }, { begin, address, events, fla
     showManoeuvre();
     showProblem();
     live.begun.filter(({ number }) => !known.has(number)).forEach(mark);
+  }
+
+  /** What is known only as long as the server is heard. */
+  function showNow() {
+    const { interval, lag } = live;
+    show("rate", !usable || interval === null ? "–" : `${rate(1 / interval)} Hz`);
+    show("lag", usable ? `${lag.toFixed(2)} s` : "–", usable && lag > LATE ? "caution" : "");
   }
 
   function showManoeuvre() {
@@ -135,7 +141,9 @@ export function createLivePanel({ line, problem }, { begin, address, events, fla
     },
     setUsable: (is) => {
       usable = is;
-      if (live !== null) showManoeuvre();
+      if (live === null) return;
+      showNow();
+      showManoeuvre();
     },
   };
 }

@@ -14,9 +14,11 @@
 import { reason } from "../lib/api.js";
 import { h, put } from "../lib/dom.js";
 import { keepDraft } from "../lib/drafts.js";
+import { may, needs } from "../lib/me.js";
 import { errorLine } from "../lib/view_states.js";
 import { readScoring } from "../recordings/scoring/source.js";
 
+const NOTE = "POST /recordings/{}/markers";
 const SAME = 1e-6; // s
 
 export function createReplayNotes({ api, source, now, add: addEvent, marked, fail }) {
@@ -58,7 +60,7 @@ export function createReplayNotes({ api, source, now, add: addEvent, marked, fai
     },
     "Note here",
   );
-  const element = h("div", { class: "replay-notes" }, open, form);
+  const element = h("div", { class: "replay-notes", ...needs(NOTE) }, open, form);
   load().catch((error) => !closed && fail(error));
 
   async function load() {
@@ -96,6 +98,7 @@ export function createReplayNotes({ api, source, now, add: addEvent, marked, fai
   }
 
   function write() {
+    if (!may(NOTE)) return;
     at = now();
     put(when, `${at.toFixed(2)} s`);
     failure.show("");

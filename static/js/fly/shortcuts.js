@@ -8,17 +8,21 @@
  */
 
 import { h } from "../lib/dom.js";
+import { may } from "../lib/me.js";
 
+const STEER = "POST /flights/{}/transport";
+/** [what, [key, what it does, the request that it makes of the server, if any]]. */
 const GROUPS = [
-  ["Alarm", [["K", "acknowledge the alarm"], ["M", "mute or unmute the tone"]]],
+  ["Alarm", [["K", "acknowledge the alarm", "POST /flights/{}/alarms/{}/acknowledge"], ["M", "mute or unmute the tone"]]],
   [
     "Transport",
     [
-      ["Space", "play or pause"], [", .", "one sample back, on"], ["0", "to the start"],
-      ["N", "to the next alert"], ["E", "to the next event"], ["T", "note at this moment (replay of a recording)"], ["[ ]", "slower, faster"], ["O", "loop"],
+      ["Space", "play or pause", STEER], [", .", "one sample back, on", STEER], ["0", "to the start", STEER],
+      ["N", "to the next alert", STEER], ["E", "to the next event", STEER], ["T", "note at this moment (replay of a recording)", "POST /recordings/{}/markers"],
+      ["[ ]", "slower, faster", STEER], ["O", "loop", STEER],
     ],
   ],
-  ["Live flight", [["G", "a manoeuvre begins now"]]],
+  ["Live flight", [["G", "a manoeuvre begins now", "POST /flights/{}/manoeuvre"]]],
   [
     "Strips (when chosen: click, or Tab)",
     [
@@ -68,7 +72,9 @@ export function createShortcutList(urgent) {
     );
   const dialog = h("dialog", { class: "shortcuts", "aria-label": "Keyboard shortcuts" }, h("h2", {}, "Keyboard shortcuts"), box, close);
   const open = () => {
-    box.replaceChildren(...[["Marker, for all who watch", urgent()], ...GROUPS].map(group));
+    const allowed = ([, , route]) => route === undefined || may(route);
+    const groups = [["Marker, for all who watch", urgent()], ...GROUPS].map(([name, keys]) => [name, keys.filter(allowed)]);
+    box.replaceChildren(...groups.filter(([, keys]) => keys.length > 0).map(group));
     dialog.showModal();
   };
   return { dialog, open };

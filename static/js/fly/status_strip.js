@@ -82,7 +82,7 @@ export function createStatusStrip(element) {
     const known = linked && Number.isFinite(figures.latency);
     show("latency", known ? `${Math.round(figures.latency)} ms` : "–", !known ? "off" : figures.latency > LATE ? "caution" : "");
     show("conflated", `${figures.conflated.toLocaleString("en")} samples`, figures.conflated > 0 ? "caution" : "");
-    show("record", ...recordOf(figures));
+    show("record", ...(live && link === "lost" ? ["–", "off"] : recordOf(figures)));
     items.record.box.title = figures.problem === "" ? RECORD : sentence(figures.problem);
   }
 

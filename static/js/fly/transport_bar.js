@@ -10,6 +10,7 @@
  *   show(transport)      as the server says it
  *   moved(t)             a sample of time t [s] has come
  *   arrived()            what comes from now on follows the last seek
+ *   steers()             whether who looks on can steer it
  *   t                    time shown [s]: that of the newest sample, or the one sought
  *   mark(times)          [{t, level}] drawn above the slider; "To the next event" goes from one to the next
  *   setUsable(boolean)   false while there is no connection
@@ -18,8 +19,9 @@
 
 import { reason } from "../lib/api.js";
 import { h, put } from "../lib/dom.js";
-import { may } from "../lib/me.js";
+import { may, needs } from "../lib/me.js";
 
+const STEER = "POST /flights/{}/transport";
 const SPEEDS = [0.1, 0.2, 0.5, 1, 2, 5, 10];
 
 export function createTransportBar(element, { act, end }) {
@@ -47,7 +49,7 @@ export function createTransportBar(element, { act, end }) {
   const track = h("div", { class: "scrub-track" }, marks, slider);
   const time = h("span", { class: "transport-time" });
   const failure = h("span", { class: "error transport-error", role: "status", hidden: true });
-  const stop = h("button", { type: "button", class: "button button-small", title: "End this flight; its record is kept", onclick: end }, "End flight");
+  const stop = h("button", { type: "button", class: "button button-small", title: "End this flight; its record is kept", onclick: end, ...needs("POST /flights/{}/end") }, "End flight");
   element.append(back, stepBack, play, step, next, event, loop, speed, track, time, stop, failure);
 
   slider.addEventListener("input", () => {
@@ -58,8 +60,11 @@ export function createTransportBar(element, { act, end }) {
     dragging = false;
   });
 
+  /** Nobody steers a live source, nor does a viewer what others watch. */
+  const steers = () => transport.seekable && may(STEER);
+
   async function send(action, value) {
-    if (!transport.seekable) return; // nobody steers a live source
+    if (!steers()) return;
     failure.hidden = true;
     try {
       await act(action, value); // what it changed comes by the stream, in order
@@ -72,6 +77,7 @@ export function createTransportBar(element, { act, end }) {
 
   /** One seek at a time; while it is under way only the newest wish is kept. */
   async function seek(t) {
+    if (!steers()) return;
     wanted = sought = t;
     showTime(t);
     if (seeking) return;
@@ -93,6 +99,7 @@ export function createTransportBar(element, { act, end }) {
   }
 
   function toNextEvent() {
+    if (!steers()) return Promise.resolve();
     const later = marked.find((t) => t > shownTime() + 1e-6);
     if (later !== undefined) return seek(later);
     put(failure, "No event follows. Seek back to find one.");
@@ -108,7 +115,7 @@ export function createTransportBar(element, { act, end }) {
 
   function show(now) {
     transport = now;
-    const { playing, duration, seekable } = now;
+    const { playing, duration } = now;
     put(play, playing ? "❚❚" : "▶");
     play.setAttribute("aria-label", playing ? "Pause" : "Play");
     play.title = `${playing ? "Pause" : "Play"} (key space)`;
@@ -120,8 +127,8 @@ export function createTransportBar(element, { act, end }) {
     speed.value = String(now.speed);
     slider.min = String(now.start);
     slider.max = String(now.start + (duration ?? 1));
-    for (const part of [back, stepBack, play, step, next, loop, speed, track]) part.hidden = !seekable;
-    event.hidden = !seekable || marked.length === 0;
+    for (const part of [back, stepBack, play, step, next, loop, speed, track]) part.hidden = !steers();
+    event.hidden = !steers() || marked.length === 0;
     moved(now.position);
   }
 
@@ -143,9 +150,9 @@ export function createTransportBar(element, { act, end }) {
   }
 
   function mark(times) {
-    const { start, duration, seekable } = transport;
+    const { start, duration } = transport;
     marked = times.map(({ t }) => t).sort((a, b) => a - b);
-    event.hidden = !seekable || marked.length === 0;
+    event.hidden = !steers() || marked.length === 0;
     marks.replaceChildren(
       ...times
         .filter(() => duration > 0)
@@ -169,6 +176,7 @@ export function createTransportBar(element, { act, end }) {
 
   return {
     show,
+    steers,
     moved,
     arrived,
     mark,
@@ -179,8 +187,7 @@ export function createTransportBar(element, { act, end }) {
     },
     setUsable: (usable) => {
       if (!usable) sought = null;
-      for (const part of [back, stepBack, play, step, next, event, loop, speed, slider]) part.disabled = !usable || !may("POST /flights/{}/transport");
-      stop.disabled = !usable || !may("POST /flights/{}/end");
+      for (const part of [back, stepBack, play, step, next, event, loop, speed, slider, stop]) part.disabled = !usable;
       failure.hidden = true;
     },
   };

@@ -18,6 +18,7 @@
 const BASE = "/api/v1";
 const JSON_TYPE = "application/json";
 const ENDED = ["done", "failed", "cancelled", "interrupted"];
+const ROLE = "urn:forewarn:role";
 const NO_ANSWER =
   "The server does not answer. Check that `forewarn serve` is running, then try again.";
 
@@ -60,6 +61,9 @@ async function problemOf(response) {
 }
 
 export function refusal(status, problem) {
+  if (problem.type === ROLE) {
+    return new ApiError(`This takes the role ${problem.needed}, and you are logged in as ${problem.role}.`, status, problem);
+  }
   if (status === 401) {
     return new ApiError("This server asks for its token. Open /login and enter it.", 401, problem);
   }
