@@ -94,6 +94,17 @@ def evaluation_flights(recipe: DatasetRecipe, n: int) -> Rollouts:
     return Simulator(recipe).rollouts(n, stream(recipe.seed, Branch.TEST))
 
 
+def stopped_flights(
+    recipe: DatasetRecipe, n: int, which: Indices, neutral_from: Indices
+) -> Indices:
+    """Fly some of these n flights again, the same but that the manoeuvre is stopped on the way.
+
+    which: (m,) numbers.   neutral_from: (m,) sample from which on the controls are held neutral.
+    Returns (m,) their first sample that exceeds a limit, n_samples where none does.
+    """
+    return Simulator(recipe).stopped(n, stream(recipe.seed, Branch.TEST), which, neutral_from)
+
+
 def card_of(recipe: DatasetRecipe, n_plants: int = CARD_PLANTS) -> Card:
     """The card of the planned manoeuvre, for monitors that know what input is still to come.
 

@@ -141,16 +141,33 @@ def evaluate(
     )
 
 
-def leads(monitor: Monitor, y: Array, fail_index: Indices, epsilon: float | None = None) -> Array:
+def first_alerts(
+    monitor: Monitor, y: Array, fail_index: Indices, epsilon: float | None = None
+) -> Indices:
+    """First sample of each flight at which the monitor alerts, by its failure if it fails.
+
+    y, fail_index: as in `evaluate`.   Returns (n,); n_samples where it does not alert.
+    """
+    above, n_samples = monitor.alert_above(epsilon), y.shape[1]
+    last = np.minimum(fail_index, n_samples - 1)
+    heard = np.minimum(last, monitor.first_withdrawn(y, fail_index) - 1)
+    found = np.full(len(y), n_samples)
+    which = np.flatnonzero(monitor.highest_p_values(y, heard) > above)
+    y, silent, alerted = y[which], np.full(len(which), -1), heard[which]
+    while (apart := alerted - silent > 1).any():
+        between = np.where(apart, (silent + alerted) // 2, alerted)
+        alerts = monitor.highest_p_values(y, between) > above
+        silent, alerted = np.where(alerts, silent, between), np.where(alerts, between, alerted)
+    found[which] = alerted
+    return found
+
+
+def leads(alerts: Indices, fail_index: Indices, n_samples: int, dt: float) -> Array:
     """Time from the first alert to the failure of each failing flight.
 
-    y, fail_index: as in `evaluate`.
+    alerts: (n,) as `first_alerts` finds them.   fail_index: (n,).   dt: [s].
     Returns (n_unsafe,) [s], shorter than the monitor's lead where the alert came too late to
     count, negative infinity where none came by the failure.
     """
-    times = []
-    above = monitor.alert_above(epsilon)
-    for i in np.flatnonzero(fail_index < y.shape[1]):
-        alerts = monitor.p_values(y[i, : fail_index[i] + 1]) > above
-        times.append((fail_index[i] - alerts.argmax()) * monitor.dt if alerts.any() else -np.inf)
-    return np.array(times, float)
+    alerts, fails = alerts[fail_index < n_samples], fail_index[fail_index < n_samples]
+    return np.where(alerts < n_samples, (fails - alerts) * dt, -np.inf)

@@ -177,8 +177,9 @@ class DatasetRecipe:
 class Simulator:
     """The planned test made ready to roll out on random aircraft."""
 
-    def __init__(self, recipe: DatasetRecipe) -> None:
-        self.recipe = recipe
+    def __init__(self, recipe: DatasetRecipe, spread: float = 1.0) -> None:
+        """spread: of D_theta about its middle, as a multiple of the recipe's."""
+        self.recipe, self.spread = recipe, spread
         self.plant = recipe.aircraft.uncertain_plant()
         self.controller = recipe.control_law.controller(self.plant)
         check_usable(
@@ -194,30 +195,14 @@ class Simulator:
 
     def rollouts(self, n: int, rng: np.random.Generator) -> Rollouts:
         """Roll out n aircraft drawn from D_theta."""
-        recipe = self.recipe
-        if not recipe.imperfections.are_none:
-            return self._flown(n, rng)
-        theta = self.plant.sample(n, rng)
-        y = roll_out(
-            self.plant.plants(theta),
-            self.controller,
-            recipe.control_law.actuator,
-            recipe.maneuver.pilot(recipe.dt, n, rng),
-            recipe.dt,
-            pedal_lag_s=recipe.maneuver.pedal_lag_s,
-            substeps=recipe.substeps,
-        )
-        first = recipe.specification.first_exceedance(y)
-        if recipe.substeps > 1:
-            first = -(-first // recipe.substeps)
-            y = np.ascontiguousarray(y[:, :: recipe.substeps])
-            first = np.minimum(first, y.shape[1])
-        recipe.noise.add_to(y, rng)
-        return Rollouts(y, first, theta)
-
-    def _flown(self, n: int, rng: np.random.Generator) -> Rollouts:
-        """Roll out n aircraft as they would be flown and recorded."""
-        return self.recorded(n, rng, lambda y, trim: None)
+        if not self.recipe.imperfections.are_none:
+            return self.recorded(n, rng, lambda y, trim: None)
+        drawn = self._drawn(n, rng)
+        y = self._outputs(drawn)
+        first = self._first_exceedance(y, drawn)
+        y = np.ascontiguousarray(y[:, :: self.recipe.substeps])
+        self.recipe.noise.add_to(y, rng)
+        return Rollouts(y, first, drawn.theta)
 
     def recorded(
         self, n: int, rng: np.random.Generator, look: Callable[[Array, Array], object]
@@ -229,26 +214,83 @@ class Simulator:
         """
         recipe, imperfections = self.recipe, self.recipe.imperfections
         every, step = recipe.substeps, recipe.dt / recipe.substeps
-        theta = self.plant.sample(n, rng)
-        planned = recipe.maneuver.pilot(recipe.dt, n, rng)
-        lead_in = round(recipe.maneuver.lead_in_s / recipe.dt)
-        commands, rest = imperfections.fly(planned, n, recipe.dt, lead_in, rng)
-        n_steps = (commands.shape[1] - 1) * every + 1
-        y = roll_out(
-            self.plant.plants(theta),
-            self.controller,
-            recipe.control_law.actuator,
-            commands,
-            recipe.dt,
-            pedal_lag_s=recipe.maneuver.pedal_lag_s,
-            substeps=every,
-            gust=imperfections.gusts(self.gust, n, n_steps, step, rng),
-        )
+        drawn = self._drawn(n, rng)
         start = imperfections.run_up(recipe.dt) * every
+        y = self._outputs(drawn)
         trim = y[:, start].copy()
-        first = recipe.specification.first_exceedance(from_trim(y, start, every, rest))
+        first = self._first_exceedance(y, drawn)
         trim -= y[:, start]
         look(y[:, start::every], trim)
-        first = np.minimum(-(-first // every), planned.shape[1])
         noise = channel_array(recipe.noise)
-        return Rollouts(imperfections.record(y, start, every, rest, noise, step, rng), first, theta)
+        out = imperfections.record(y, start, every, drawn.rest, noise, step, rng)
+        return Rollouts(out, first, drawn.theta)
+
+    def stopped(
+        self, n: int, rng: np.random.Generator, which: Indices, neutral_from: Indices
+    ) -> Indices:
+        """Fly some of the n flights again that `rollouts` draws from rng, and stop the manoeuvre.
+
+        which: (m,) numbers of these flights.   neutral_from: (m,) sample from which on the pilot
+        holds neutral controls; how fast they get there is the manoeuvre's pedal lag.
+        Returns (m,) their first sample that exceeds a limit, n_samples where none does.
+        """
+        stop = np.full(n, np.iinfo(np.int64).max)
+        stop[which] = neutral_from
+        drawn = self._drawn(n, rng, stop).some(which)
+        return self._first_exceedance(self._outputs(drawn), drawn)
+
+    def _drawn(self, n: int, rng: np.random.Generator, stop: Indices | None = None) -> "_Drawn":
+        """What chance decides of n flights.   stop: (n,) sample of the first neutral command."""
+        recipe, imperfections = self.recipe, self.recipe.imperfections
+        theta = self.plant.sample(n, rng)
+        if self.spread != 1.0:
+            theta = self.plant.nominal + self.spread * (theta - self.plant.nominal)
+        pilot = recipe.maneuver.pilot(recipe.dt, n, rng)
+        if stop is not None:
+            held = np.arange(pilot.shape[1]) < stop[:, np.newaxis]
+            pilot = np.where(held[..., np.newaxis], pilot, 0.0)
+        if imperfections.are_none:
+            return _Drawn(theta, pilot, np.zeros(n, np.int64), None)
+        every, step = recipe.substeps, recipe.dt / recipe.substeps
+        lead_in = round(recipe.maneuver.lead_in_s / recipe.dt)
+        commands, rest = imperfections.fly(pilot, n, recipe.dt, lead_in, rng)
+        n_steps = (commands.shape[1] - 1) * every + 1
+        return _Drawn(theta, commands, rest, imperfections.gusts(self.gust, n, n_steps, step, rng))
+
+    def _outputs(self, drawn: "_Drawn") -> Array:
+        """True outputs (n, n_steps, 6), the run-up's before."""
+        recipe = self.recipe
+        return roll_out(
+            self.plant.plants(drawn.theta),
+            self.controller,
+            recipe.control_law.actuator,
+            drawn.commands,
+            recipe.dt,
+            pedal_lag_s=recipe.maneuver.pedal_lag_s,
+            substeps=recipe.substeps,
+            gust=drawn.gust,
+        )
+
+    def _first_exceedance(self, y: Array, drawn: "_Drawn") -> Indices:
+        """(n,) first sample that exceeds a limit, n_samples for none; y is from trim then."""
+        recipe, every = self.recipe, self.recipe.substeps
+        if not recipe.imperfections.are_none:
+            y = from_trim(y, recipe.imperfections.run_up(recipe.dt) * every, every, drawn.rest)
+        first = -(-recipe.specification.first_exceedance(y) // every)
+        return np.minimum(first, recipe.maneuver.n_samples(recipe.dt))
+
+
+class _Drawn(NamedTuple):
+    """What chance decides of flights: theta (n, n_parameters), commands (1 or n, n_samples, 2) with
+    those of the run-up, samples at rest (n,), gust (n, n_steps) or None."""
+
+    theta: Array
+    commands: Array
+    rest: Indices
+    gust: Array | None
+
+    def some(self, which: Indices) -> "_Drawn":
+        """Return those of these numbers."""
+        commands = self.commands if len(self.commands) == 1 else self.commands[which]
+        gust = None if self.gust is None else self.gust[which]
+        return _Drawn(self.theta[which], commands, self.rest[which], gust)

@@ -23,6 +23,10 @@ class Branch(IntEnum):
     """Flights of one aircraft through the monitor of another; below it one stream for each pair."""
     CARD = 6
     """Aircraft whose response to the card's first step a monitor knows."""
+    REACTION = 7
+    """How fast the crews react to the alerts on a monitor's test flights."""
+    ROBUSTNESS = 8
+    """Flights that differ from the planned test; below it one stream for each difference."""
 
 
 def stream(seed: int, branch: Branch, *below: int) -> np.random.Generator:

@@ -19,7 +19,7 @@ from app.commands import serve as serve_command
 from app.commands.progress import progress_bar
 from app.http.login import COOKIE
 from app.jobs.requests import dataset_name
-from app.jobs.training import fly_test, simulate, train_and_test
+from app.jobs.training import simulate, train_and_test
 from app.recipes import to_plain
 from app.serving import alone, listen, serve
 from app.settings import Settings
@@ -30,6 +30,7 @@ from core import __version__
 from core.channels import KEYS
 from core.collection import DatasetRecipe, Rollouts
 from core.dataset import Dataset
+from core.evaluation import evaluate
 from core.kernels.compiled import cache_directory
 from core.monitor import MonitorRecipe, train
 from core.monitor.training import with_validity
@@ -143,7 +144,7 @@ def train_on_noise() -> None:
         unsafe.y, unsafe.fail_index, safe.y, times, unsafe.theta, safe.theta, DATASET.dt, ("x",)
     )
     monitor = with_validity(train(dataset, MONITOR), dataset, repeat(flights, 100))
-    fly_test(monitor, flights)
+    evaluate(monitor, flights.y, flights.fail_index)
     monitor.stream().update(0.0, y[0, 0])
 
 

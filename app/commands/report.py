@@ -19,7 +19,7 @@ from app.recordings.scored_file import ScoredFile, ScoreRequest, labels, score_f
 from app.report.from_file import file_subjects
 from app.report.page import report
 from app.report.subject import about
-from core.collection import DatasetRecipe, evaluation_flights
+from core.collection import DatasetRecipe
 from core.monitor import Monitor
 from core.whole_file import write_whole
 
@@ -136,5 +136,4 @@ def evaluation(monitor: Monitor, n_test: int) -> dict[str, Any] | None:
         return None
     if not (n_test and monitor.dataset_recipe):
         return None
-    test = fly_test(monitor, evaluation_flights(recipe, n_test))
-    return test.as_plain(n_test, monitor.lead, monitor.dt)
+    return fly_test(monitor, recipe, n_test).as_plain(n_test, monitor.lead, monitor.dt)

@@ -18,8 +18,10 @@ from app.scoring.wording import PROMISED
 from core.certificate import warnings_of
 from core.collection import DatasetRecipe
 from core.dataset import Dataset
-from core.evaluation import clopper_pearson
+from core.evaluation import Evaluation, clopper_pearson
 from core.monitor import MonitorRecipe
+from core.prevention import Prevention
+from core.robustness import DIFFERENCES
 
 
 @dataclass(frozen=True)
@@ -128,7 +130,35 @@ def _test_lines(test: FlownTest, lead: float) -> list[str]:
         _share("no alert", silent, counts.n_safe, "of safe flights"),
         _share("P(fail | alert)", caught, caught + counts.false_alerts[0], "of alerts"),
         _lead_line(test.leads, lead),
+        *_prevention_lines(test.prevention),
+        *(
+            _robustness_line(DIFFERENCES[name].words, counts)
+            for name, counts in test.robustness.items()
+        ),
     ]
+
+
+def _prevention_lines(found: Prevention) -> list[str]:
+    if not found.n_unsafe:
+        return []
+    shares = ", ".join(
+        f"{prevented / found.n_unsafe:.0%} ({reaction_s:g} s)"
+        for reaction_s, prevented in zip(found.reactions_s, found.prevented, strict=True)
+    )
+    return [
+        f"  prevented          {shares} of failing flights, by mean reaction to an alert",
+        _share("stopped", found.stopped, found.n_safe, "of safe flights, to no purpose"),
+    ]
+
+
+def _robustness_line(words: str, counts: Evaluation) -> str:
+    if not counts.n_unsafe:
+        return f"  {words}: none failed"
+    missed, invalid = (int(n[0]) / counts.n_unsafe for n in (counts.misses, counts.withdrawn))
+    return (
+        f"  {words}: missed {missed:.1%}, invalid before an alert {invalid:.1%} of "
+        f"{counts.n_unsafe} failing flights"
+    )
 
 
 def _withdrawn_line(withdrawn: int, n_unsafe: int) -> list[str]:

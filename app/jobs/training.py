@@ -1,7 +1,8 @@
 """Training a monitor from a dataset, and what fresh flights say of it, as data."""
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -15,12 +16,16 @@ from core.collection import (
     collect,
     evaluation_flights,
     fresh,
+    stopped_flights,
 )
 from core.dataset import Dataset
-from core.evaluation import EPSILONS, Evaluation, evaluate, leads
+from core.evaluation import EPSILONS, Evaluation, clopper_pearson, evaluate, first_alerts, leads
 from core.monitor import Monitor, MonitorRecipe, train
 from core.monitor.support import SupportError
 from core.monitor.training import with_validity
+from core.prevention import Prevention, prevention
+from core.robustness import DIFFERENCES, robustness
+from core.seeds import Branch, stream
 from core.types import Array
 
 Progress = Callable[[str, int, int], object]
@@ -36,12 +41,16 @@ class FlownTest:
 
     at_epsilon: counts at the monitor's own epsilon.   curves: counts over the grid of epsilons.
     leads: (n_unsafe,) [s] from the first alert to the failure, -inf where there was none.
+    prevention: which failures its alerts prevent.
+    robustness: counts at its own epsilon over flights that differ from the planned test.
     """
 
     epsilon: float
     at_epsilon: Evaluation
     curves: Evaluation
     leads: Array
+    prevention: Prevention
+    robustness: dict[str, Evaluation] = field(default_factory=dict)
 
     def as_plain(self, n_test: int, lead: float, dt: float) -> dict[str, Any]:
         """Return JSON's types, None for what could not be counted.
@@ -58,6 +67,13 @@ class FlownTest:
             "at_epsilon": {key: values[0] for key, values in _curves(self.at_epsilon).items()},
             "curves": _curves(self.curves),
             "leads": _histogram(self.leads, lead, dt),
+            "prevention": _prevention(self.prevention),
+            "robustness": {
+                name: {"words": DIFFERENCES[name].words, "n_unsafe": counts.n_unsafe}
+                | {"n_safe": counts.n_safe}
+                | {key: values[0] for key, values in _curves(counts).items()}
+                for name, counts in self.robustness.items()
+            },
         }
 
 
@@ -113,7 +129,7 @@ def train_and_test(
     if n_test == 0:
         return Training(dataset, monitor, not_calibrated=not_calibrated)
     progress(f"flying {n_test} fresh flights", 2, 3)
-    test = fly_test(monitor, evaluation_flights(simulated, n_test))
+    test = fly_test(monitor, simulated, n_test)
     progress("done", 3, 3)
     evaluation = test.as_plain(n_test, monitor.lead, monitor.dt) | {
         "unsafe_rate": dataset.unsafe_rate,
@@ -144,17 +160,42 @@ def _told(batches: Iterator[Rollouts], progress: Progress) -> Iterator[Rollouts]
         progress(f"calibrating validity on fresh flights: {made} so far", 1, 3)
 
 
-def fly_test(monitor: Monitor, flights: Rollouts) -> FlownTest:
-    """Fly fresh flights through a monitor, at its epsilon and over the grid it can serve."""
-    epsilon = monitor.check_epsilon()
+def fly_test(monitor: Monitor, recipe: DatasetRecipe, n: int) -> FlownTest:
+    """Fly n fresh flights of a planned test, and as many of each difference from it.
+
+    Counts are of the monitor's own epsilon and of the grid it can serve.
+    """
+    epsilon, flights = monitor.check_epsilon(), evaluation_flights(recipe, n)
     grid = EPSILONS[monitor.smallest_epsilon - 1e-9 <= EPSILONS]
     both = evaluate(monitor, flights.y, flights.fail_index, np.append(grid, epsilon))
+    alerts, fails = first_alerts(monitor, flights.y, flights.fail_index), flights.fail_index
     return FlownTest(
         epsilon=epsilon,
         at_epsilon=_part(both, slice(-1, None)),
         curves=_part(both, slice(0, -1)),
-        leads=leads(monitor, flights.y, flights.fail_index),
+        leads=leads(alerts, fails, flights.y.shape[1], monitor.dt),
+        prevention=prevention(
+            alerts,
+            fails,
+            flights.y.shape[1],
+            monitor.dt,
+            partial(stopped_flights, recipe, n),
+            stream(recipe.seed, Branch.REACTION),
+        ),
+        robustness=robustness(monitor, recipe, n),
     )
+
+
+def _prevention(found: Prevention) -> dict[str, Any]:
+    return {
+        "reactions_s": found.reactions_s.tolist(),
+        "n_unsafe": found.n_unsafe,
+        "n_safe": found.n_safe,
+        "stopped": found.stopped,
+        "prevented": found.prevented.tolist(),
+        "prevented_interval": clopper_pearson(found.prevented, found.n_unsafe).tolist(),
+        "caused": found.caused.tolist(),
+    }
 
 
 def _part(whole: Evaluation, at: slice) -> Evaluation:

@@ -225,6 +225,26 @@ def check_evaluation(evaluation: Mapping[str, Any]) -> None:
         raise ValueError("evaluation curves have unequal lengths")
     _check_counts([evaluation["epsilon"]], {key: [count] for key, count in at.items()}, evaluation)
     _check_counts(curves["epsilon"], curves, evaluation)
+    if "prevention" in evaluation:
+        _check_prevention(evaluation["prevention"])
+    for other in evaluation.get("robustness", {}).values():
+        if not (type(other["words"]) is str and _is_count(other["n_unsafe"])):
+            raise ValueError("evaluation robustness has no words, or no count of flights")
+        one = {key: [count] for key, count in other.items()}
+        _check_counts([other["epsilon"]], one, other)
+
+
+def _check_prevention(found: Mapping[str, Any]) -> None:
+    """Refuse reactions and counts that are not of so many flights."""
+    n_unsafe, n_safe, stopped = found["n_unsafe"], found["n_safe"], found["stopped"]
+    if not (_is_count(n_unsafe) and _is_count(n_safe) and _is_count(stopped, n_safe)):
+        raise ValueError("evaluation prevention counts more than its flights")
+    rows = zip(found["reactions_s"], found["prevented"], found["caused"], strict=True)
+    for reaction_s, prevented, caused in rows:
+        if not (_is_number(reaction_s) and reaction_s > 0):
+            raise ValueError(f"evaluation prevention is of a reaction of {reaction_s!r} s")
+        if not (_is_count(prevented, n_unsafe) and _is_count(caused, stopped)):
+            raise ValueError("evaluation prevention counts more than its flights")
 
 
 def _check_counts(

@@ -1,17 +1,19 @@
 """The flown input against the planned one: how far, how evenly and how long surfaces moved.
 
-Compared by conformal rank with what fresh flights did, from below as from above. It withdraws
+Compared by conformal rank with what fresh flights did, from below as from above. That withdraws
 nothing: a doublet of half the amplitude is flown by the same aircraft, and tells less of its limit.
+An input that begins in the other direction does, see `InputDirection`.
 """
 
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Self
+from typing import Any, Self
 
 import numpy as np
 
 from core.channels import CHANNELS, KEYS, Channel
+from core.monitor.input_direction import BEGUN, InputDirection, begins
 from core.monitor.portable import Section
 from core.monitor.support import LEVEL, WORST_LEVEL
 from core.types import Array, Flags, Indices
@@ -62,12 +64,14 @@ class InputSupport:
     safe, unsafe: (n, k, 3) of fresh flights that stayed safe, and of those that failed up to their
     failure, each measure sorted: peak [rad], largest deflection to the other side as a share of the
     peak, time beyond half the peak [s].
+    direction: in which they began to move; None in older files.
     """
 
     surfaces: Indices
     usual: Array
     safe: Array
     unsafe: Array
+    direction: InputDirection | None = None
 
     def check(self) -> None:
         """Refuse arrays that do not fit together; ValueError."""
@@ -83,16 +87,24 @@ class InputSupport:
             raise ValueError(f"input planned is {self.usual.dtype} {self.usual.shape}")
         if not (np.isfinite(self.usual).all() and (self.usual > 0).all()):
             raise ValueError("input planned holds what is no peak")
+        if self.direction is not None:
+            self.direction.check()
 
     def to_section(self) -> Section:
         """Return the section of a monitor's file; a program that does not know it may ignore it."""
-        arrays = {name: getattr(self, field) for name, field in ARRAYS.items()}
+        arrays: dict[str, Any] = {name: getattr(self, field) for name, field in ARRAYS.items()}
+        if self.direction is not None:
+            arrays |= {"begun": self.direction.begun, "flights": self.direction.flights}
         return Section("input", 1, False, {}, arrays)
 
     @classmethod
     def of_section(cls, section: Section) -> Self:
         """Rebuild it; ValueError where it makes no sense."""
-        support = cls(**{field: section.arrays[name] for name, field in ARRAYS.items()})
+        arrays: dict[str, Any] = {field: section.arrays[name] for name, field in ARRAYS.items()}
+        if "begun" in section.arrays:
+            direction = section.arrays["begun"], section.arrays["flights"]
+            arrays["direction"] = InputDirection(arrays["surfaces"], *direction)
+        support = cls(**arrays)
         support.check()
         return support
 
@@ -185,11 +197,17 @@ class FreshInputs:
         self.dt = dt
         self._measures: list[Array] = []
         self._fails: list[Flags] = []
+        self._begun = np.empty(0)
+        self._begins = np.zeros((len(SURFACES), 2), np.int64)
 
     def take(self, y: Array, fail_index: Indices) -> None:
         """y: (n, n_samples, 6).   fail_index: (n,), n_samples for a safe flight."""
         last = np.minimum(fail_index, y.shape[1] - 1)
-        self._measures.append(measures(y, last, self.dt, SURFACES))
+        found = measures(y, last, self.dt, SURFACES)
+        if not self._measures:
+            self._begun = BEGUN * np.median(found[..., PEAK], axis=0)
+        self._begins += begins(y, last, list(SURFACES), self._begun)
+        self._measures.append(found)
         self._fails.append(fail_index < y.shape[1])
 
     @property
@@ -201,7 +219,9 @@ class FreshInputs:
             return None
         main = np.flatnonzero(usual >= MAIN * usual.max())
         safe, unsafe = (np.sort(found[kind][:, main], axis=0) for kind in (~fails, fails))
-        return InputSupport(np.array(SURFACES)[main], usual[main], safe, unsafe)
+        surfaces = np.array(SURFACES)[main]
+        direction = InputDirection(surfaces, self._begun[main], self._begins[main])
+        return InputSupport(surfaces, usual[main], safe, unsafe, direction)
 
 
 def _bounds(peers: Array, tail: float) -> tuple[float, float]:

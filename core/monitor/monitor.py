@@ -114,7 +114,10 @@ class Monitor:
         if self.support is None:
             return None
         reference = self.reference(self.support.innovation, self.support.sigma)
-        return ValidityBasis(self.support, reference, self.training_max_abs, self.safe_points)
+        direction = self.inputs and self.inputs.direction
+        return ValidityBasis(
+            self.support, reference, self.training_max_abs, self.safe_points, direction
+        )
 
     def reference(
         self, innovation: Innovation = NO_INNOVATION, sigma: Array | None = None
@@ -365,7 +368,11 @@ class Monitor:
             return np.full(len(y), y.shape[1])
         last = np.minimum(fail_index, y.shape[1] - 1)
         basis = self.validity_basis
-        return first_beyond(basis.reference, y, last, basis.support.bounds())
+        first = first_beyond(basis.reference, y, last, basis.support.bounds())
+        if basis.direction is None:
+            return first
+        wrong = basis.direction.first_wrong_of(y)
+        return np.minimum(first, np.where(wrong <= last, wrong, y.shape[1]))
 
     def unsafe_exemplar(self, point: int, distance: float) -> Exemplar:
         """The failed rollout behind an unsafe point, at the sample t_early before it failed."""

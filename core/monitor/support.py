@@ -11,6 +11,7 @@ from core.channels import N_CHANNELS
 from core.kernels.deviation import Reference, farthest
 from core.kernels.innovation import NO_INNOVATION, Innovation
 from core.monitor.calibration import p_values
+from core.monitor.input_direction import InputDirection
 from core.monitor.portable import Section
 from core.types import Array, Indices
 
@@ -148,12 +149,14 @@ class ValidityBasis:
     """What a flight is compared with: all that a monitor remembers of its training.
 
     training_max_abs: (6,) largest magnitude of each channel.   safe_points: (n, d) mapped.
+    direction: in which its inputs begin; None where that is not known.
     """
 
     support: Support
     reference: Reference
     training_max_abs: Array
     safe_points: Array
+    direction: InputDirection | None = None
 
 
 def calibrate(

@@ -3,6 +3,7 @@
 A flight drawn like the simulated ones, safe or failing, is called invalid with a probability of at
 most the level, over a whole manoeuvre and so at any moment of it: its statistics only ever grow. A
 longer flight than those of training has more samples to deviate in, and is called so more often.
+A flight whose input begins in another direction than that of every fresh flight is invalid too.
 
 Once a flight is invalid, it is so to its end: nothing more is said of it. What counts ends with the
 first sample that exceeds a limit, as it did for the flights behind the bounds. The guarantee is
@@ -16,7 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from core.channels import KEYS, N_CHANNELS
-from core.kernels.assessing import STALE
+from core.kernels.assessing import OK, STALE
 from core.kernels.deviation import (
     AT,
     DISTANCE,
@@ -32,6 +33,7 @@ from core.kernels.deviation import (
 )
 from core.kernels.exceedance import exceeds_any
 from core.monitor.assessment import Assessment, Assessments, Withdrawal, code_of
+from core.monitor.input_direction import RunningDirection, WrongInput
 from core.monitor.reasons import outside_training, too_little
 from core.monitor.support import ValidityBasis
 from core.types import Array, Flags
@@ -81,7 +83,8 @@ def judge(
     a limit, if one does, as failing flights are calibrated up to there.
     """
     deviation, _ = deviation_of(basis, t, y, assessments, end)
-    return _verdict(basis, deviation, level, _outlier(deviation, assessments))
+    wrong = _wrong_input(basis, y, assessments, end)
+    return _verdict(basis, deviation, level, _outlier(deviation, assessments), wrong)
 
 
 def judge_and_withdraw(
@@ -96,8 +99,9 @@ def judge_and_withdraw(
     Arguments as of `judge`.
     """
     deviation, largest = deviation_of(basis, t, y, assessments, end)
-    verdict = _verdict(basis, deviation, None, _outlier(deviation, assessments))
-    return verdict, _withdrawal(basis, t, y, assessments, largest)
+    wrong = _wrong_input(basis, y, assessments, end)
+    verdict = _verdict(basis, deviation, None, _outlier(deviation, assessments), wrong)
+    return verdict, _withdrawal(basis, t, y, assessments, largest, wrong)
 
 
 def _outlier(deviation: Deviation, assessments: Assessments) -> Array | None:
@@ -106,10 +110,24 @@ def _outlier(deviation: Deviation, assessments: Assessments) -> Array | None:
     return assessments.y_hat[at] if at >= 0 else None
 
 
-def _first_outside(basis: ValidityBasis, largest: Array) -> int | None:
-    """First sample at which a statistic lies beyond its bound. largest: (n, 2)."""
+def _first_outside(basis: ValidityBasis, largest: Array, wrong: WrongInput | None) -> int | None:
+    """First sample at which a statistic lies beyond its bound, or the input is wrong.
+
+    largest: (n, 2).
+    """
     beyond = (largest > basis.support.bounds()).any(axis=1)
-    return int(beyond.argmax()) if beyond.any() else None
+    first = [int(beyond.argmax())] if beyond.any() else []
+    return min(first + ([] if wrong is None else [wrong.sample]), default=None)
+
+
+def _wrong_input(
+    basis: ValidityBasis, y: Array, assessments: Assessments, end: int | None
+) -> WrongInput | None:
+    """What is wrong with the input of a manoeuvre, in samples up to `end` that were assessed."""
+    if basis.direction is None:
+        return None
+    n = len(assessments) if end is None else end + 1
+    return basis.direction.first_wrong(assessments.t, y[:n], assessments.state[:n] == OK)
 
 
 def deviation_of(
@@ -146,14 +164,23 @@ def withdrawal(
     Arguments as of `judge`. It is the sample at which `RunningValidity` becomes invalid.
     """
     _, largest = deviation_of(basis, t, y, assessments, end)
-    return _withdrawal(basis, t, y, assessments, largest)
+    wrong = _wrong_input(basis, y, assessments, end)
+    return _withdrawal(basis, t, y, assessments, largest, wrong)
 
 
 def _withdrawal(
-    basis: ValidityBasis, t: Array, y: Array, assessments: Assessments, largest: Array
+    basis: ValidityBasis,
+    t: Array,
+    y: Array,
+    assessments: Assessments,
+    largest: Array,
+    wrong: WrongInput | None,
 ) -> Withdrawal | None:
-    """The first sample beyond a bound, and why, by what was known at it. largest: (n, 2)."""
-    if (first := _first_outside(basis, largest)) is None:
+    """The first sample that is outside training, and why, by what was known at it.
+
+    largest: (n, 2).
+    """
+    if (first := _first_outside(basis, largest, wrong)) is None:
         return None
     return Withdrawal(first, in_words(judge(basis, t, y, assessments, end=first).reasons))
 
@@ -186,6 +213,8 @@ class RunningValidity:
         self._history = np.zeros((n_before(basis.reference) + 1, N_CHANNELS))
         self._deviation: Deviation = begin(basis.reference)
         self._outlier: Array | None = None
+        self._direction = basis.direction and RunningDirection(basis.direction)
+        self._wrong: WrongInput | None = None
 
     def update(self, y: Array, assessment: Assessment) -> bool:
         """Take the next sample. Returns whether the flight is invalid, from now or before on.
@@ -204,16 +233,27 @@ class RunningValidity:
         )
         if self._deviation.peaks[AT, DISTANCE] == self._deviation.counts[SAMPLES] - 1:
             self._outlier = assessment.y_hat
-        return residual > self._residual_bound or distance > self._distance_bound
+        if self._direction is not None and assessment.state == "ok":
+            sample = int(self._deviation.counts[SAMPLES]) - 1
+            self._wrong = self._wrong or self._direction.update(sample, assessment.t, y)
+        return (
+            residual > self._residual_bound
+            or distance > self._distance_bound
+            or self._wrong is not None
+        )
 
     @property
     def verdict(self) -> ValidityVerdict:
         """The verdict so far."""
-        return _verdict(self.basis, self._deviation, self.level, self._outlier)
+        return _verdict(self.basis, self._deviation, self.level, self._outlier, self._wrong)
 
 
 def _verdict(
-    basis: ValidityBasis, deviation: Deviation, level: float | None, outlier: Array | None
+    basis: ValidityBasis,
+    deviation: Deviation,
+    level: float | None,
+    outlier: Array | None,
+    wrong: WrongInput | None,
 ) -> ValidityVerdict:
     support = basis.support
     level = support.check_level(level)
@@ -221,26 +261,38 @@ def _verdict(
     p = support.p_values(largest[None])
     residual_p, distance_p = (None if np.isnan(value) else float(value) for value in p[0])
     outside = outside_training(basis, deviation, bounds, level, outlier)
+    combined = float(support.combined(p)[0])
+    if wrong is not None:
+        outside, combined = [wrong.words, *outside], min(combined, wrong.p_value)
     unseen = too_little(basis, deviation)
-    worst, channel = _worst(basis, deviation, bounds)
-    there = deviation.peaks[AT, worst] >= 0
+    sample, t, channel = wrong[:3] if wrong else _worst(basis, deviation, bounds)
     return ValidityVerdict(
         valid=False if outside else None if unseen else True,
         level=level,
-        p_value=float(support.combined(p)[0]),
+        p_value=combined,
         residual_p=residual_p,
         distance_p=distance_p,
         residual=None if residual_p is None else float(largest[0]),
         distance=float(largest[1]),
-        sample=int(deviation.peaks[AT, worst]) if there else None,
-        t=float(deviation.peaks[WHEN, worst]) if there else None,
-        channel=channel if there else None,
+        sample=sample,
+        t=t,
+        channel=channel,
         reasons=tuple(outside or unseen),
     )
 
 
-def _worst(basis: ValidityBasis, deviation: Deviation, bounds: Array) -> tuple[int, str | None]:
-    """What comes closest to its bound, or is farthest beyond it: row of peaks, and its channel."""
+def _worst(
+    basis: ValidityBasis, deviation: Deviation, bounds: Array
+) -> tuple[int | None, float | None, str | None]:
+    """What comes closest to its bound, or is farthest beyond it: sample, time [s] and channel."""
+    row, channel = _worst_row(basis, deviation, bounds)
+    if deviation.peaks[AT, row] < 0:
+        return None, None, None
+    return int(deviation.peaks[AT, row]), float(deviation.peaks[WHEN, row]), channel
+
+
+def _worst_row(basis: ValidityBasis, deviation: Deviation, bounds: Array) -> tuple[int, str | None]:
+    """Row of peaks, and its channel."""
     with np.errstate(divide="ignore", invalid="ignore"):
         residual_share, distance_share = np.nan_to_num(deviation.largest / bounds)
     if distance_share >= residual_share:

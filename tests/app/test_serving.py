@@ -15,10 +15,10 @@ from app import serving
 from app.cli import main
 from app.commands import demo
 from app.commands.demo import NAME, prepare
-from app.jobs.training import fly_test
 from app.serving import Server, address_of, alone, listen
 from app.settings import Settings, SettingsError
 from app.store.store import open_store
+from core.evaluation import evaluate
 from tests.support.api import command, served
 from tests.support.patience import PATIENCE
 
@@ -165,6 +165,6 @@ def test_kernels_of_training_are_compiled_by_another_process_where_none_are(tmp_
 
 def test_what_is_compiled_ahead_trains_and_flies_a_monitor(monkeypatch):
     flown = []
-    monkeypatch.setattr(demo, "fly_test", lambda *test: flown.append(fly_test(*test)))
+    monkeypatch.setattr(demo, "evaluate", lambda *test: flown.append(evaluate(*test)))
     demo.train_on_noise()
-    assert (flown[0].curves.n_unsafe, flown[0].curves.n_safe) == (100, 300)
+    assert (flown[0].n_unsafe, flown[0].n_safe) == (100, 300)

@@ -11,6 +11,7 @@ from core.evaluation import (
     clopper_pearson,
     clustered_interval,
     evaluate,
+    first_alerts,
     leads,
 )
 from core.monitor import Monitor, MonitorRecipe, train
@@ -158,11 +159,13 @@ def test_an_alert_at_the_first_sample_is_in_time_for_a_failure_at_h(by_hand: Mon
 
 
 def test_leads_run_from_the_first_alert_to_the_failure(by_hand: Monitor) -> None:
-    expected = [0.2, 0.1, 0.0, 0.1]
-    assert leads(by_hand, *flights_by_hand(), 0.1) == pytest.approx(expected, abs=1e-12)
     y, fail = flights_by_hand()
+    found = leads(first_alerts(by_hand, y, fail, 0.1), fail, 8, 0.1)
+    assert found / 0.1 * by_hand.dt == pytest.approx([0.2, 0.1, 0.0, 0.1], abs=1e-12)
     y[:, 5, 3] = 0.2
-    assert leads(by_hand, y[2:3], fail[2:3], 0.1).tolist() == [-np.inf]
+    alerts = first_alerts(by_hand, y[2:3], fail[2:3], 0.1)
+    assert alerts.tolist() == [8]
+    assert leads(alerts, fail[2:3], 8, 0.1).tolist() == [-np.inf]
 
 
 def test_intervals_stand_beside_their_rates() -> None:
@@ -207,11 +210,22 @@ def test_evaluation_at_an_epsilon_out_of_reach_is_refused(dataset: Dataset) -> N
 
 def test_leads_are_whole_samples_of_failing_flights_only(dataset: Dataset) -> None:
     monitor = train(dataset)
-    found = leads(monitor, dataset.unsafe, dataset.fail_index)
+    alerts = first_alerts(monitor, dataset.unsafe, dataset.fail_index)
+    found = leads(alerts, dataset.fail_index, N_SAMPLES, monitor.dt)
     assert found.shape == (12,)
     timely = found >= monitor.lead - 1e-9
     result = evaluate(monitor, dataset.unsafe, dataset.fail_index, np.array([0.1]))
     assert (~timely).sum() == result.misses[0]
     np.testing.assert_allclose(found / DT, np.round(found / DT), atol=1e-9)
-    safe = np.full(len(dataset.safe), N_SAMPLES)
-    assert leads(monitor, dataset.safe, safe).shape == (0,)
+
+
+@pytest.mark.parametrize("p_value", ["simple", "exact"])
+def test_the_first_alert_is_that_of_the_stream(p_value: str, dataset: Dataset) -> None:
+    monitor = train(dataset, MonitorRecipe(p_value=p_value))  # pyright: ignore
+    y = oscillator.fly(np.random.default_rng(22), 60)[1]
+    fail = oscillator.fail_indices(y)
+    found = first_alerts(monitor, y, fail, 0.2)
+    for i, end in enumerate(fail.tolist()):
+        alerts = monitor.p_values(y[i, : end + 1]) > monitor.alert_above(0.2)
+        assert found[i] == (alerts.argmax() if alerts.any() else N_SAMPLES)
+    assert 0 < (found < N_SAMPLES).sum() < len(y)

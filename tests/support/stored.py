@@ -48,6 +48,26 @@ EVALUATION = {
     "n_safe": 200,
     "at_epsilon": {"misses": 9, "false_alerts": 20, "withdrawn": 0},
     "curves": {"epsilon": [0.05], "misses": [4], "false_alerts": [50], "withdrawn": [0]},
+    "prevention": {
+        "reactions_s": [0.25, 0.5, 1.0, 1.5, 2.5],
+        "n_unsafe": 100,
+        "n_safe": 200,
+        "stopped": 20,
+        "prevented": [90, 60, 30, 10, 0],
+        "prevented_interval": [[0.82, 0.95], [0.5, 0.7], [0.21, 0.4], [0.05, 0.18], [0.0, 0.04]],
+        "caused": [0, 1, 0, 0, 0],
+    },
+    "robustness": {
+        "doubled_noise": {
+            "words": "sensor noise twice as large",
+            "n_unsafe": 90,
+            "n_safe": 210,
+            "epsilon": 0.1,
+            "misses": 5,
+            "false_alerts": 30,
+            "withdrawn": 20,
+        },
+    },
 }
 """Of a monitor that keeps its promise, as it is stored."""
 

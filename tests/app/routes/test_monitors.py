@@ -8,7 +8,7 @@ import pytest
 from app.jobs.training import fly_test
 from app.recipes import as_ordered, from_plain
 from core.channels import KEYS
-from core.collection import DatasetRecipe, evaluation_flights
+from core.collection import DatasetRecipe
 from core.monitor import MonitorRecipe, train
 from core.monitor.calibration import confident_rank
 from core.monitor.loading import from_bytes
@@ -67,7 +67,7 @@ def test_a_recipe_becomes_a_trained_and_tested_monitor(client):
     assert info["support"] == {"n_safe": n_safe, "n_unsafe": n_unsafe, "level": 0.02}
     assert info in client.get("/api/v1/monitors").json()
     found = client.get(f"/api/v1/monitors/{made['monitor']}/evaluation").json()
-    test = fly_test(twin, evaluation_flights(from_plain(DatasetRecipe(), as_ordered(DATASET)), 60))
+    test = fly_test(twin, from_plain(DatasetRecipe(), as_ordered(DATASET)), 60)
     assert found["n_unsafe"] + found["n_safe"] == 60
     assert found["curves"]["misses"] == test.curves.misses.tolist()
     assert found["curves"]["power"] == test.curves.power.tolist()

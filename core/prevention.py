@@ -1,0 +1,69 @@
+"""What an alert prevents: flights flown again, with the controls neutral after a reaction."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from core.types import Array, Indices
+
+REACTIONS_S = (0.25, 0.5, 1.0, 1.5, 2.5)
+"""Mean times from an alert to neutral controls [s]: from a switch that acts by itself to a call
+over the radio."""
+VARIATION = 0.3
+"""Standard deviation of a reaction time, as a share of its mean; it is Gamma distributed."""
+
+Stopped = Callable[[Indices, Indices], Indices]
+"""Flies flights again, see core.collection.stopped_flights: (m,) numbers and (m,) samples of the
+first neutral command to the (m,) first samples that exceed a limit."""
+
+
+@dataclass(frozen=True, eq=False)
+class Prevention:
+    """Counts over fresh flights at one epsilon, for each mean reaction time.
+
+    reactions_s: (n_reactions,) [s].   n_unsafe, n_safe: flights that fail, and that do not, where
+    nobody reacts.   stopped: safe flights that an alert stops.
+    prevented: (n_reactions,) failing flights that do not fail, as their alert stops them in time.
+    caused: (n_reactions,) safe flights that fail since they were stopped.
+    """
+
+    reactions_s: Array
+    n_unsafe: int
+    n_safe: int
+    stopped: int
+    prevented: Indices
+    caused: Indices
+
+
+def prevention(
+    alerts: Indices,
+    fail_index: Indices,
+    n_samples: int,
+    dt: float,
+    stopped: Stopped,
+    rng: np.random.Generator,
+    reactions_s: tuple[float, ...] = REACTIONS_S,
+) -> Prevention:
+    """Fly the flights with an alert again, and count which failures that prevents.
+
+    alerts, fail_index: (n,) first alert and first exceedance, n_samples for none.   dt: [s].
+    rng: of the reaction times.
+    """
+    is_unsafe = fail_index < n_samples
+    which = np.flatnonzero(alerts < n_samples)
+    unit = rng.gamma(VARIATION**-2, VARIATION**2, len(which))
+    prevented, caused = [], []
+    for mean in reactions_s:
+        neutral_from = np.ceil(alerts[which] + mean * unit / dt - 1e-9).astype(np.int64)
+        fails = stopped(which, neutral_from) < n_samples
+        prevented.append(np.count_nonzero(is_unsafe[which] & ~fails))
+        caused.append(np.count_nonzero(~is_unsafe[which] & fails))
+    return Prevention(
+        reactions_s=np.array(reactions_s),
+        n_unsafe=int(is_unsafe.sum()),
+        n_safe=int((~is_unsafe).sum()),
+        stopped=int(np.count_nonzero(~is_unsafe[which])),
+        prevented=np.array(prevented),
+        caused=np.array(caused),
+    )

@@ -1,0 +1,62 @@
+"""Robustness: what a monitor says of flights that differ from the planned test it is made for."""
+
+from collections.abc import Callable
+from dataclasses import asdict, dataclass, replace
+
+import numpy as np
+
+from core.evaluation import Evaluation, evaluate
+from core.monitor.monitor import Monitor
+from core.planned_test import DatasetRecipe, SensorNoise, Simulator
+from core.seeds import Branch, stream
+
+
+def _as_planned(recipe: DatasetRecipe) -> DatasetRecipe:
+    return recipe
+
+
+def _opposite(recipe: DatasetRecipe) -> DatasetRecipe:
+    return replace(recipe, maneuver=recipe.maneuver.with_peak(-recipe.maneuver.peak_deg))
+
+
+def _noisier(recipe: DatasetRecipe) -> DatasetRecipe:
+    return replace(
+        recipe, noise=SensorNoise(**{key: 2 * std for key, std in asdict(recipe.noise).items()})
+    )
+
+
+@dataclass(frozen=True)
+class Difference:
+    """A way in which flights differ from the planned test.
+
+    words: what differs.   number: of its stream of random numbers, which never changes.
+    recipe: from the planned test to the one flown.   spread: of theta, as a multiple.
+    """
+
+    words: str
+    number: int
+    recipe: Callable[[DatasetRecipe], DatasetRecipe] = _as_planned
+    spread: float = 1.0
+
+
+DIFFERENCES = {
+    "opposite_input": Difference("input in the opposite direction", 0, _opposite),
+    "wider_theta": Difference("derivatives scatter 1.5 times as far", 1, spread=1.5),
+    "doubled_noise": Difference("sensor noise twice as large", 2, _noisier),
+}
+
+
+def robustness(
+    monitor: Monitor, recipe: DatasetRecipe, n: int, epsilon: float | None = None
+) -> dict[str, Evaluation]:
+    """Fly n flights of each difference through the monitor, and count at one epsilon.
+
+    recipe: the planned test that it is made for.   epsilon: the monitor's own unless given.
+    """
+    at, found = np.array([monitor.check_epsilon(epsilon)]), {}
+    for name, difference in DIFFERENCES.items():
+        simulator = Simulator(difference.recipe(recipe), difference.spread)
+        rng = stream(recipe.seed, Branch.ROBUSTNESS, difference.number)
+        flights = simulator.rollouts(n, rng)
+        found[name] = evaluate(monitor, flights.y, flights.fail_index, at)
+    return found

@@ -1,0 +1,80 @@
+"""What an alert prevents: by hand, and by flights that are stopped."""
+
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+import pytest
+
+from core.collection import DatasetRecipe, evaluation_flights, stopped_flights
+from core.prevention import VARIATION, prevention
+from core.types import Indices
+
+RECIPE = DatasetRecipe(n_unsafe=30, seed=4)
+N = 40
+
+
+@pytest.mark.parametrize("recipe", [RECIPE, RECIPE.as_flown()], ids=["bare", "as flown"])
+def test_a_stopped_flight_is_the_same_until_it_is_stopped(recipe: DatasetRecipe) -> None:
+    flown = evaluation_flights(recipe, N)
+    n_samples, which = flown.y.shape[1], np.flatnonzero(flown.is_unsafe)
+    again = partial(stopped_flights, recipe, N, which)
+    assert (again(np.full(len(which), n_samples)) == flown.fail_index[which]).all()
+    assert (again(np.zeros_like(which)) == n_samples).all()
+    late = again(flown.fail_index[which])
+    assert (late == flown.fail_index[which]).all()
+    assert len(which) >= 5
+
+
+def test_an_input_that_has_acted_is_not_taken_back() -> None:
+    """Neutral controls just before the failure come too late, early ones do not."""
+    flown = evaluation_flights(RECIPE, N)
+    which = np.flatnonzero(flown.is_unsafe)
+    late = stopped_flights(RECIPE, N, which, flown.fail_index[which] - 1)
+    assert (late == flown.fail_index[which]).any()
+
+
+def test_failures_are_counted_as_prevented_where_the_stopped_flight_holds() -> None:
+    fails = np.array([5, 7, 9, 10, 10, 10])
+    alerts = np.array([2, 10, 6, 3, 10, 4])
+    asked: list[tuple[Indices, Indices]] = []
+
+    def stopped(which: Indices, neutral_from: Indices) -> Indices:
+        asked.append((which, neutral_from))
+        return np.array([10, 9, 10, 8])
+
+    found = prevention(alerts, fails, 10, 0.1, stopped, np.random.default_rng(0), (0.3, 0.6))
+    assert (found.n_unsafe, found.n_safe, found.stopped) == (3, 3, 2)
+    assert found.prevented.tolist() == [1, 1]
+    assert found.caused.tolist() == [1, 1]
+    assert asked[0][0].tolist() == [0, 2, 3, 5]
+    assert (asked[0][1] > [2, 6, 3, 4]).all()
+    assert (asked[1][1] > asked[0][1]).all()
+
+
+def test_reactions_have_their_mean_and_scatter() -> None:
+    n, seen = 20_000, []
+    prevention(
+        np.zeros(n, np.int64),
+        np.zeros(n, np.int64),
+        9,
+        1e-4,
+        lambda which, neutral_from: seen.append(neutral_from * 1e-4) or which,
+        np.random.default_rng(1),
+        (0.5,),
+    )
+    assert seen[0].mean() == pytest.approx(0.5, rel=0.01)
+    assert seen[0].std() == pytest.approx(0.5 * VARIATION, rel=0.03)
+
+
+def test_a_faster_reaction_prevents_more() -> None:
+    recipe = replace(RECIPE, seed=6)
+    flown = evaluation_flights(recipe, 300)
+    n_samples = flown.y.shape[1]
+    alerts = np.where(flown.is_unsafe, np.maximum(flown.fail_index - 10, 0), n_samples)
+    again = partial(stopped_flights, recipe, 300)
+    found = prevention(alerts, flown.fail_index, n_samples, 0.05, again, np.random.default_rng(2))
+    assert (np.diff(found.prevented) <= 0).all()
+    assert found.prevented[0] > 0.5 * found.n_unsafe
+    assert found.prevented[-1] < 0.2 * found.n_unsafe
+    assert found.stopped == 0

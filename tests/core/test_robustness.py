@@ -1,0 +1,39 @@
+"""Flights that differ from the planned test: what is flown, and what the monitor says of them."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from core.collection import DatasetRecipe, collect, fresh
+from core.monitor import MonitorRecipe, train
+from core.planned_test import SensorNoise, Simulator
+from core.robustness import DIFFERENCES, robustness
+
+RECIPE = DatasetRecipe(n_unsafe=30, noise=SensorNoise(beta=0.001, Ny=0.004), seed=4)
+
+
+def test_each_difference_is_the_planned_test_but_for_one_thing() -> None:
+    recipes = {name: difference.recipe(RECIPE) for name, difference in DIFFERENCES.items()}
+    assert recipes["opposite_input"].maneuver.peak_deg == -RECIPE.maneuver.peak_deg
+    assert recipes["doubled_noise"].noise == SensorNoise(beta=0.002, Ny=0.008)
+    assert recipes["wider_theta"] == RECIPE
+    assert replace(recipes["opposite_input"], maneuver=RECIPE.maneuver) == RECIPE
+    assert len({difference.number for difference in DIFFERENCES.values()}) == len(DIFFERENCES)
+
+
+def test_a_wider_theta_is_drawn_about_the_same_middle() -> None:
+    narrow, wide = (
+        Simulator(RECIPE, spread).rollouts(50, np.random.default_rng(3)).theta
+        for spread in (1.0, 1.5)
+    )
+    nominal = Simulator(RECIPE).plant.nominal
+    np.testing.assert_allclose(wide - nominal, 1.5 * (narrow - nominal), atol=1e-12)
+
+
+def test_an_opposite_input_is_invalid_and_not_silent() -> None:
+    monitor = train(collect(RECIPE), MonitorRecipe(t_early=0.5), fresh(RECIPE))
+    found = robustness(monitor, RECIPE, 200)
+    opposite = found["opposite_input"]
+    assert opposite.n_unsafe + opposite.n_safe == 200
+    assert opposite.withdrawn[0] > 0.9 * opposite.n_unsafe
+    assert found["doubled_noise"].withdrawn[0] < 0.2 * found["doubled_noise"].n_unsafe
