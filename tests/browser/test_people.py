@@ -72,7 +72,7 @@ def test_each_role_sees_all_and_is_offered_what_it_may_do_and_no_more(
         page.keyboard.press("k")
         expect(page.locator(".alarm-panel .error")).to_have_text(f"Not acknowledged. {refused}")
         page.keyboard.press("x")
-        expect(page.get_by_text(f"ABORT was not set. {refused}")).to_be_visible()
+        expect(page.get_by_text(f"ABORT WAS NOT SET. {refused} Call it by voice.")).to_be_visible()
         page.keyboard.press("n")
         page.get_by_role("button", name="Keys").click()
         keys = page.locator("dialog.shortcuts")

@@ -4,6 +4,8 @@
  * Exports
  *   GUTTER  width of the value axis left of the plot [px]
  *   SPARSE  px between marks of the same kind
+ *   stacked(labels, rows) -> labels, the most urgent first, each with its row: {left, right [px], colour}
+ *     what would overlap stands a row lower; where no row is left, in the last one, to be drawn under the others
  *   createStripFrame(canvas, strip) -> StripFrame     strip: {key, axis, limit, risk}
  *
  * StripFrame
@@ -25,6 +27,9 @@ import { axisTicks } from "./value_axis.js";
 
 export const GUTTER = 46;
 export const SPARSE = 22;
+const FIRST_ROW = 24; // px, middle of the topmost row of words
+const ROW = 18;
+const URGENT = ["alert", "caution", "text"]; // colours of words, the most urgent first
 const PAD = 5; // px above and below the range
 
 export function createStripFrame(canvas, strip) {
@@ -119,6 +124,8 @@ export function createStripFrame(canvas, strip) {
 
   /** What no value that is drawn shows: one as recorded beyond its limit. */
   function flags({ flags: given, x, width }) {
+    const labels = [];
+    pen.font = `700 12px ${own.palette.font}`;
     for (const { key, t, word: text, colour = "alert", thin = false } of given) {
       const at = x(t);
       if ((key !== null && key !== strip.key) || at < 0 || at > width) continue;
@@ -127,10 +134,13 @@ export function createStripFrame(canvas, strip) {
       pen.fillStyle = ink;
       if (!thin) triangle(at, true);
       if (key === null && !strip.risk) continue;
-      pen.font = `700 12px ${own.palette.font}`;
       const half = pen.measureText(text).width / 2 + 4;
-      word(text, Math.min(Math.max(at, half), Math.max(width - half, half)), 24, ink);
+      const middle = Math.min(Math.max(at, half), Math.max(width - half, half));
+      labels.push({ text, colour, ink, middle, left: middle - half, right: middle + half });
     }
+    const rows = Math.max(1, Math.floor((own.height - FIRST_ROW + ROW / 2) / ROW));
+    const placed = stacked(labels, rows);
+    for (const { text, middle, ink, row } of placed.reverse()) word(text, middle, FIRST_ROW + ROW * row, ink);
   }
 
   function line(x, colour, dash, thick) {
@@ -207,4 +217,15 @@ function round(value, step) {
   const places = Math.min(6, Math.max(0, Math.ceil(-Math.log10(step) - 1e-9)));
   const text = Math.abs(value).toFixed(places);
   return value < -step / 1000 ? `−${text}` : text;
+}
+
+export function stacked(labels, rows) {
+  const rank = ({ colour }) => URGENT.indexOf(colour);
+  const placed = [];
+  for (const label of [...labels].sort((a, b) => rank(a) - rank(b))) {
+    const isFree = (row) => !placed.some((one) => one.row === row && one.left < label.right && label.left < one.right);
+    const free = Array.from({ length: rows }, (_, row) => row).find(isFree);
+    placed.push({ ...label, row: free ?? rows - 1 });
+  }
+  return placed;
 }

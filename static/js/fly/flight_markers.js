@@ -4,9 +4,9 @@
  * Their words come from the server. A marker neither ends nor pauses the flight.
  *
  * Exports
- *   createFlightMarkers({buttons, last}, {set, heard}) -> FlightMarkers
- *     buttons, last: elements.   set(kind) -> Promise    tells the server; the marker comes by the stream
- *     heard(marker)    one that is new was set, by whomever
+ *   createFlightMarkers({buttons, last, refused}, {set, heard, unheard}) -> FlightMarkers
+ *     buttons, last, refused: elements; the last says, as loudly as a marker, that one was not set.   set(kind) -> Promise    tells the server; the marker comes by the stream
+ *     heard(marker)    one that is new was set, by whomever.   unheard()    one was not set
  *   markerEvent(marker) -> event, markerFlag(marker) -> flag    for the event list and the strips
  *   markerText(marker) -> string     "ABORT (safety of flight) at 3.42 s, 12:01:03 UTC, by operator"
  *
@@ -23,10 +23,10 @@ import { needs } from "../lib/me.js";
 import { LEVEL_OF } from "./headline.js";
 
 const SET = "POST /flights/{}/markers";
+const ANSWERED = 1000; // ms
 const STORED_LATE = 503; // shown, and not stored yet
 
-export function createFlightMarkers({ buttons, last }, { set, heard }) {
-  const failure = h("span", { class: "error transport-error", role: "alert", hidden: true });
+export function createFlightMarkers({ buttons, last, refused }, { set, heard, unheard }) {
   const keys = {};
   const known = new Map(); // by number
   let kinds = [];
@@ -34,10 +34,11 @@ export function createFlightMarkers({ buttons, last }, { set, heard }) {
   function offer(given) {
     if (kinds.length > 0) return;
     kinds = given;
-    buttons.replaceChildren(...kinds.map(button), failure);
+    buttons.replaceChildren(...kinds.map(button));
   }
 
-  function button({ kind, word, meaning, level, shortcut }) {
+  function button(about) {
+    const { kind, word, meaning, level, shortcut } = about;
     const key = shortcut.toUpperCase();
     const title = `${word}: ${meaning}. Sets a marker; the flight goes on (key ${key})`;
     const element = h("button", { type: "button", class: "button button-small marker-button", "data-level": LEVEL_OF[level], "data-marker": kind, title, ...needs(SET) },
@@ -46,18 +47,28 @@ export function createFlightMarkers({ buttons, last }, { set, heard }) {
     const press = async () => {
       if (asked) return;
       asked = element.disabled = true;
-      failure.hidden = true;
+      refused.hidden = true;
+      const late = setTimeout(() => refuse(about, `${word} IS NOT CONFIRMED. The server has not answered yet: call it by voice.`), ANSWERED);
       try {
         await set(kind);
+        refused.hidden = true;
       } catch (error) {
-        put(failure, error.status === STORED_LATE ? reason(error) : `${word} was not set. ${reason(error)}`);
-        failure.hidden = false;
+        refuse(about, error.status === STORED_LATE ? reason(error) : `${word} WAS NOT SET. ${reason(error)} Call it by voice.`);
       }
+      clearTimeout(late);
       asked = element.disabled = false;
     };
     element.addEventListener("click", press);
     keys[shortcut] = press;
     return element;
+  }
+
+  function refuse({ kind, level }, words) {
+    put(refused, words);
+    refused.dataset.kind = kind;
+    refused.dataset.level = LEVEL_OF[level];
+    refused.hidden = false;
+    unheard();
   }
 
   function take(marker) {
@@ -69,6 +80,7 @@ export function createFlightMarkers({ buttons, last }, { set, heard }) {
     last.dataset.level = LEVEL_OF[shown.level];
     last.title = markerText(shown);
     put(last, `${shown.word} at ${shown.t.toFixed(2)} s, by ${shown.by}${set.every(({ stored }) => stored) ? "" : " · not stored yet"}`);
+    if (marker.kind === refused.dataset.kind) refused.hidden = true; // set after all, by whomever
     if (isNew) heard(marker);
     return isNew;
   }

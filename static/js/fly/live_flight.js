@@ -49,8 +49,8 @@ export function showLiveFlight(element, { id, api, over }) {
     end: () => askToConfirm("End this flight?", "Its record is kept, and it can be flown again.", "End flight", () => api.post(`${path}/end`, {})),
   });
   const markers = createFlightMarkers(
-    { buttons: panels.calls, last: panels.marker },
-    { set: (kind) => api.post(`${path}/markers`, { kind }), heard: () => tone.caution() },
+    { buttons: panels.calls, last: panels.marker, refused: panels.refused },
+    { set: (kind) => api.post(`${path}/markers`, { kind }), heard: () => tone.caution(), unheard: () => tone.caution() },
   );
   const limits = createFlightLimits(panels.limits, { api, path });
   panels.transport.prepend(panels.calls);
@@ -169,7 +169,7 @@ export function showLiveFlight(element, { id, api, over }) {
     alarm.take(raisedAlarm);
     if (fresh) events.add({ t, text: alertText(raisedAlarm, alertAbove(), hello.channels), level: LEVEL_OF[level] });
     if (acknowledged) {
-      events.add(acknowledgementOf(raisedAlarm));
+      events.add(acknowledgementOf(raisedAlarm, hello.mode === "live"));
       if (kind === "limit") display.chart.acknowledge();
     }
     const flag = recordedFlag(raisedAlarm);

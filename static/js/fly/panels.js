@@ -2,15 +2,15 @@
  * The panels of a flight on the page: strips, scene, gauge, alarm line, events, status, transport.
  *
  * Exports
- *   createFlightPanels(element) -> {status, strips, alarm, problem, address, scene, lost, gauge, ahead, notice, limits, events, calls, marker, live, transport: elements}
- *     problem, address, live: of a live flight; the last is put into the transport there
+ *   createFlightPanels(element) -> {status, strips, alarm, refused, problem, address, scene, lost, gauge, ahead, notice, limits, events, calls, marker, live, transport: elements}
+ *     refused: of a marker that was not set.   problem, address, live: of a live flight; the last is put into the transport there
  *   windowOf({duration, lead}) -> s     width of the strips: a short flight fills them
  *   limitsOf(channels) -> Node[]        "|N_y| 0.5 g", of the limited channels
  *   CAUTION_WORDS {kind: word}          of the alarms that are no warnings
  *   cautionText({kind, reason}, at) -> string    "NOT APPLICABLE at 3.4 s: ..."; at: when, in words
  *   waitingOf(alarms) -> {warnings, cautions}    those that nobody acknowledged
  *   alertText(alarm, alertAbove, channels) -> string, exceedanceText({key, value, judged}, channels) -> string
- *   acknowledgementOf(alarm) -> event    when it was acknowledged, and of which alarm
+ *   acknowledgementOf(alarm, isLive) -> event    when it was acknowledged, and of which alarm; isLive: the flight's time is that of the day
  *   recordedFlag(alarm) -> {key, t, word} | null    the strips' mark of an exceedance as recorded, not from trim
  *   sourceText(source, name) -> string
  */
@@ -39,6 +39,7 @@ export function createFlightPanels(element) {
     limits: h("p", { "aria-label": "Limits in force", hidden: true }),
     notice: h("div", { class: "notice", role: "status", hidden: true }),
     alarm: h("section", { "aria-label": "Alarm" }),
+    refused: h("p", { class: "marker-refused", role: "alert", hidden: true }),
     problem: h("p", { class: "live-problem", role: "alert", hidden: true }),
     address: h("section", { "aria-label": "Where samples are sent", hidden: true }),
     live: h("div", { role: "group", "aria-label": "Live source" }),
@@ -52,7 +53,7 @@ export function createFlightPanels(element) {
     marker: h("p", { class: "marker-last", role: "alert", hidden: true }),
     transport: h("section", { "aria-label": "Transport" }),
   };
-  const left = part("div", "strips-column", panels.alarm, panels.problem, panels.notice, panels.limits, panels.address, panels.strips);
+  const left = part("div", "strips-column", panels.alarm, panels.refused, panels.problem, panels.notice, panels.limits, panels.address, panels.strips);
   const right = part("div", "side-column", part("div", "scene-cell", panels.scene, panels.lost), part("section", "gauge-panel", panels.gauge, panels.ahead), panels.events);
   const view = part("div", "flight", h("h1", { class: "visually-hidden" }, "Flight"), panels.status, part("div", "fly", left, right), panels.transport);
   element.replaceChildren(view);
@@ -82,10 +83,11 @@ export function alertText(alarm, alertAbove, channels) {
   return risk === null ? "alert" : `alert, risk ${riskText(risk, alertAbove)}`;
 }
 
-export function acknowledgementOf({ t, number, level, by, acknowledged }) {
+export function acknowledgementOf({ t, number, level, by, raised, acknowledged }, isLive) {
   const what = level === "caution" ? "caution" : "alarm";
   const text = `${what} ${number} of ${t.toFixed(2)} s acknowledged by ${by}`;
-  return { t, when: `${acknowledged.slice(11, 19)} UTC`, text, seen: true };
+  const at = isLive ? t + (Date.parse(acknowledged) - Date.parse(raised)) / 1000 : t;
+  return { t, at, when: `${acknowledged.slice(11, 19)} UTC`, text, seen: true };
 }
 
 export function recordedFlag({ t, exceedance }) {

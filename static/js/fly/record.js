@@ -41,6 +41,7 @@ export function showFlightRecord(element, { flight, why, api, navigate }) {
   const nothing = { age: NaN, latency: NaN, conflated: 0, lost: flight.lost, unwritten: 0, problem: "", utc: null };
   const shown = { mode: flight.mode, source, monitor: flight.monitor, warnings: flight.warnings, link: "over", staleAfter: 1, playing: false, live: false, headline: null, figures: nothing };
   const alertAbove = flight.monitors[0].alert_above;
+  const isLive = flight.mode === "live";
   let chart = null;
   let closed = false;
 
@@ -120,7 +121,7 @@ export function showFlightRecord(element, { flight, why, api, navigate }) {
     const found = draw(channels, monitor, longest, passes);
     for (const alarm of alarms) {
       found.push({ t: alarm.t, text: alertText(alarm, alertAbove, channels), level: LEVEL_OF[alarm.level], seen: true });
-      if (alarm.acknowledged) found.push(acknowledgementOf(alarm));
+      if (alarm.acknowledged) found.push(acknowledgementOf(alarm, isLive));
       const flag = recordedFlag(alarm);
       if (flag) chart.flag(flag);
     }
@@ -152,7 +153,7 @@ export function showFlightRecord(element, { flight, why, api, navigate }) {
     acknowledgeButton.disabled = true;
     failure.hidden = true;
     try {
-      for (const { id } of waiting) events.add(acknowledgementOf(await api.post(`${path}/alarms/${id}/acknowledge`)));
+      for (const { id } of waiting) events.add(acknowledgementOf(await api.post(`${path}/alarms/${id}/acknowledge`), isLive));
       const over = await api.get(path);
       showResult(over);
       const now = verdictLine(over);

@@ -1,11 +1,11 @@
 /**
- * What happened, newest first: alerts, exceedances, changes of state, acknowledgements.
+ * What happened, by its time, newest first: alerts, exceedances, changes of state, acknowledgements.
  *
  * Exports
  *   createEventList(element, {go, label, most}) -> {add(event), times(level) -> [t], showUntil(t), clear()}
  *     go(t)    called when an event is chosen.   label: what the list is called.   most: events kept
  *     showUntil(t)    those later than t [s] are set apart under a heading of their own, until t has passed them
- *     event: {t [s] | null, when, text, level "alert" | "caution" | "", seen}; when: said in the place of t; the same one again (a loop
+ *     event: {t [s] | null, at, when, text, level "alert" | "caution" | "", seen}; at: by which it is sorted, t unless given; when: said in the place of t; the same one again (a loop
  *     flies past it each time round) is counted, not repeated, and not even counted where `seen`
  */
 
@@ -26,14 +26,23 @@ export function createEventList(element, { go, label = "Events, newest first", m
   const ahead = h("section", { hidden: true }, h("h3", { class: "event-later-title" }, "Later than the time shown, seen before"), later);
   element.append(title, empty, list, ahead);
   const known = new Map();
+  const timeOf = new WeakMap(); // of items, by which they are sorted; null for none
   let until = Infinity;
 
   const isLater = ({ t }) => t !== null && t > until + SAME;
 
   function place(event) {
     event.later = isLater(event);
-    (event.later ? later : list).prepend(event.item);
+    insert(event, event.later ? later : list);
     ahead.hidden = later.childElementCount === 0;
+  }
+
+  /** By the time of the event, newest first; what has none stays where it was added. */
+  function insert({ item, at }, into) {
+    timeOf.set(item, at);
+    const newer = at === null ? [] : [...into.children].filter((one) => one !== item && timeOf.get(one) > at + SAME);
+    if (newer.length > 0) newer.at(-1).after(item);
+    else into.prepend(item);
   }
 
   function showUntil(t) {
@@ -42,7 +51,7 @@ export function createEventList(element, { go, label = "Events, newest first", m
     moved.sort((a, b) => a.t - b.t).forEach(place);
   }
 
-  function add({ t, when, text, level = "", seen = false }) {
+  function add({ t, at = t, when, text, level = "", seen = false }) {
     const key = `${t === null ? "" : t.toFixed(3)} ${text}`;
     const again = known.get(key);
     if (again !== undefined && seen) return;
@@ -72,7 +81,7 @@ export function createEventList(element, { go, label = "Events, newest first", m
             ...parts,
           );
     const item = h("li", { class: "event", "data-level": level }, body);
-    const event = { item, count, times: 1, t, level };
+    const event = { item, count, times: 1, t, at, level };
     known.set(key, event);
     place(event);
     empty.hidden = true;

@@ -49,6 +49,41 @@ def test_what_lies_ahead_of_the_time_shown_is_set_apart_until_it_is_passed(strip
     ]
 
 
+def test_events_stand_in_the_order_of_their_time_whenever_they_are_told(strips: Open) -> None:
+    told = strips().evaluate("""async () => {
+      const { createEventList } = await import("/static/js/lib/event_list.js");
+      const { acknowledgementOf } = await import("/static/js/fly/panels.js");
+      const host = document.createElement("section");
+      const events = createEventList(host, { go: () => {} });
+      const alarm = { t: 2, number: 1, level: "warning", by: "Op",
+        raised: "2026-01-01T00:00:00Z", acknowledged: "2026-01-01T00:00:05Z" };
+      for (const t of [2, 9, 4, 6]) events.add({ t, text: `at ${t}` });
+      events.add(acknowledgementOf(alarm, true));
+      return [...host.querySelectorAll(".event-text")].map((one) => one.textContent);
+    }""")
+    assert told == ["at 9", "alarm 1 of 2.00 s acknowledged by Op", "at 6", "at 4", "at 2"]
+
+
+def test_words_of_moments_that_are_close_stand_one_below_the_other_the_most_urgent_first(
+    strips: Open,
+) -> None:
+    rows = strips().evaluate("""async () => {
+      const { stacked } = await import("/static/js/charts/strip_frame.js");
+      const labels = [
+        { text: "manoeuvre 1", colour: "text", left: 0, right: 80 },
+        { text: "ABORT", colour: "alert", left: 60, right: 110 },
+        { text: "KNOCK IT OFF", colour: "caution", left: 70, right: 160 },
+        { text: "limits", colour: "caution", left: 200, right: 240 },
+      ];
+      const told = (placed) => placed.map(({ text, row }) => [text, row]);
+      return [3, 1].map((rows) => told(stacked(labels, rows)));
+    }""")
+    apart, crowded = rows
+    assert apart == [["ABORT", 0], ["KNOCK IT OFF", 1], ["limits", 0], ["manoeuvre 1", 2]]
+    assert [row for _, row in crowded] == [0, 0, 0, 0]
+    assert crowded[0] == ["ABORT", 0]  # drawn last, over the others
+
+
 def plain(said: Headline) -> dict[str, Any]:
     return said._asdict() | {"beside": list(said.beside)}
 

@@ -1,9 +1,10 @@
 """ABORT and KNOCK IT OFF on the page: by key and button, on every screen, and in the record."""
 
+import re
 from collections.abc import Iterator
 
 import pytest
-from playwright.sync_api import Page, expect
+from playwright.sync_api import Page, Route, expect
 
 from tests.browser.fly.test_fly_page import SAFE, Fly, site, stored
 from tests.browser.site import Site
@@ -47,6 +48,35 @@ def test_a_key_and_a_button_mark_the_flight_on_every_screen_and_in_its_record(fl
     expect(record).to_have_count(2)
     expect(record.first).to_contain_text("ABORT (safety of flight) at 0.00 s")
     expect(page.locator(".event", has_text="ABORT (safety of flight)")).to_have_count(1)
+
+
+def test_an_abort_that_was_not_set_is_said_as_loudly_as_one_that_was(
+    fly: Fly, allowed_errors: list[str]
+) -> None:
+    allowed_errors += ["ERR_FAILED", "503 (Service"]
+    page = fly.page
+    fly.watch(SAFE, ("pause", None), ("seek", 0.0))
+    held: list[Route] = []
+    page.route("**/markers", lambda route: held.append(route))
+    page.keyboard.press("x")
+    refused = page.locator(".marker-refused")
+    expect(refused).to_have_text(re.compile("^ABORT IS NOT CONFIRMED"))
+    held.pop().abort()
+    expect(refused).to_have_text(re.compile(r"^ABORT WAS NOT SET\..*Call it by voice\.$"))
+    page.unroute("**/markers")
+    page.keyboard.press("q")
+    expect(page.locator(".marker-last")).to_contain_text("KNOCK IT OFF")
+    size = "(one) => [Number.parseFloat(getComputedStyle(one).fontSize), one.dataset.level]"
+    page.route("**/markers", lambda route: route.abort())
+    page.keyboard.press("x")
+    expect(refused).to_contain_text("WAS NOT SET")
+    font, level = refused.evaluate(size)
+    assert font >= page.locator(".marker-last").evaluate(size)[0]
+    assert level == "alert"
+    page.unroute("**/markers")
+    page.keyboard.press("x")
+    expect(refused).to_be_hidden()
+    expect(page.locator(".marker-last")).to_have_text(ABORT)
 
 
 def test_abort_is_set_while_a_question_is_open(fly: Fly) -> None:
