@@ -304,10 +304,19 @@ class Flights:
         self._stopping.add(task)
         task.add_done_callback(self._stopping.discard)
 
-    async def end(self, flight_id: str) -> None:
+    async def end_reason(self, flight_id: str) -> str:
+        """Why a live flight that is over ended and by whom; empty where its journal does not say.
+
+        OSError.
+        """
+        if self.get(flight_id) is not None or self._journals is None:
+            return ""
+        return str((await asyncio.to_thread(self._journals.last, flight_id)).get("reason", ""))
+
+    async def end(self, flight_id: str, by: str) -> None:
         """End a flight; one of a killed server is gone on with first, so that its record is whole.
 
-        As `stop` and `live`.
+        by: who ends it, as its watchers and its journal are told.   As `stop` and `live`.
         """
         if self.get(flight_id) is None:
             info = await asyncio.to_thread(self.store.flights.info, flight_id)
@@ -315,7 +324,7 @@ class Flights:
             if is_live and info.status == INTERRUPTED and info.recording_id is None:
                 with suppress(NotPossible):  # nothing is left to go on with
                     await self.live(flight_id)
-        await self.stop(flight_id)
+        await self.stop(flight_id, reason=f"the flight was ended by {by}")
 
     async def _resume(self, flight_id: str) -> Flight:
         """Go on with a live flight whose server was killed, by its journal."""

@@ -120,6 +120,11 @@ class FlightStatus(BaseModel):
         f"{INTERVAL_S:g} s as a rule, is missing",
     )
     unwritten: int | None = Field(default=None, description="samples that wait for the store")
+    end_reason: str = Field(
+        default="",
+        description="of one live flight that is over: why, and by whom; empty in the list of all, "
+        "and where its journal does not say",
+    )
     recording: str | None = Field(
         default=None, description="id of the recording that a live flight became when it was over"
     )
@@ -160,6 +165,14 @@ class FramesPart(BaseModel):
 
 class Acknowledgement(BaseModel):
     """Who has seen an alarm, where nobody is logged in; else it is who is."""
+
+    model_config = ConfigDict(extra="forbid", strict=True)
+
+    by: str = Field(default="operator", min_length=1, max_length=200)
+
+
+class EndRequest(BaseModel):
+    """Who ends a flight, where nobody is logged in; else it is who is."""
 
     model_config = ConfigDict(extra="forbid", strict=True)
 
@@ -216,11 +229,14 @@ async def read_flight(flight_id: str, flights: FlightsDep) -> FlightStatus:
     """One flight."""
     info = await asyncio.to_thread(flights.store.flights.info, flight_id)
     status = (await _statuses(flights, [info]))[0]
-    return status.model_copy(update={"live": await flights.live_status(flight_id)})
+    live, why = await flights.live_status(flight_id), await flights.end_reason(flight_id)
+    return status.model_copy(update={"live": live, "end_reason": why})
 
 
 @router.post("/{flight_id}/end", responses=problem_responses(404, 409, 422, 429, 503))
-async def end_flight(flight_id: str, flights: FlightsDep) -> FlightStatus:
+async def end_flight(
+    flight_id: str, flights: FlightsDep, person: PersonDep, who: EndRequest | None = None
+) -> FlightStatus:
     """End a flight under way and keep its record; one that is over stays as it ended.
 
     A live flight that was interrupted is completed by its journal first. A live flight then becomes
@@ -228,7 +244,7 @@ async def end_flight(flight_id: str, flights: FlightsDep) -> FlightStatus:
     and what waits is written as soon as the store takes it.
     """
     try:
-        await flights.end(flight_id)
+        await flights.end(flight_id, signature(person, (who or EndRequest()).by))
     except TooManyFlights as error:
         raise Problem(429, str(error), "urn:forewarn:too-many-flights") from error
     except NotPossible as error:

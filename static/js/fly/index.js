@@ -38,7 +38,7 @@ export function show(element, context) {
         return;
       }
       if (flight.progress === "running") replace(showLiveFlight, { over: open });
-      else replace(showFlightRecord, { flight, why });
+      else replace(showFlightRecord, { flight, why, reopen: open });
     } catch (error) {
       if (!closed) fail(error, why);
     }

@@ -2,12 +2,12 @@
  * The record of a flight that is over: its strips and events, to read and to fly again.
  *
  * Exports
- *   showFlightRecord(element, {flight, why, api, navigate}) -> {close()}
- *     flight: as the server has it.   why: how it ended, if the page saw it
+ *   showFlightRecord(element, {flight, why, reopen, api, navigate}) -> {close()}
+ *     flight: as the server has it.   why: how it ended, if the page saw it.   reopen(): read it again, it is not as it was
  */
 
 import { createStripChart } from "../charts/live/strip_chart.js";
-import { reason } from "../lib/api.js";
+import { ApiError, reason } from "../lib/api.js";
 import { h, put } from "../lib/dom.js";
 import { createEventList } from "../lib/event_list.js";
 import { createKeepButton } from "../lib/keep_button.js";
@@ -31,7 +31,7 @@ const HOW = {
 };
 const MOST = 100_000; // samples of a record that are drawn
 
-export function showFlightRecord(element, { flight, why, api, navigate }) {
+export function showFlightRecord(element, { flight, why, reopen, api, navigate }) {
   const path = `/flights/${encodeURIComponent(flight.id)}`;
   const panels = createFlightPanels(element);
   element.dataset.flight = "over";
@@ -42,6 +42,7 @@ export function showFlightRecord(element, { flight, why, api, navigate }) {
   const shown = { mode: flight.mode, source, monitor: flight.monitor, warnings: flight.warnings, link: "over", staleAfter: 1, playing: false, live: false, headline: null, figures: nothing };
   const alertAbove = flight.monitors[0].alert_above;
   const isLive = flight.mode === "live";
+  const isOpen = isLive && flight.progress === "interrupted" && flight.recording === null; // its source may go on with it, and somebody may end it
   let chart = null;
   let closed = false;
 
@@ -57,9 +58,10 @@ export function showFlightRecord(element, { flight, why, api, navigate }) {
   let waiting = [];
   panels.notice.append(...[
     verdictLine(flight),
-    h("p", {}, h("strong", {}, `This flight ${HOW[flight.progress] ?? "is over"}${because(why)}. `), "Its record is shown."),
+    h("p", {}, h("strong", {}, `This flight ${HOW[flight.progress] ?? "is over"}${because(flight.end_reason || why)}${endedAt(flight)}. `), "Its record is shown."),
     h("div", { class: "row" },
       acknowledgeButton,
+      ...(isOpen ? [h("button", { type: "button", class: "button button-small button-primary", title: "Its record is completed from what the server had taken before it was killed", onclick: askToEnd, ...needs("POST /flights/{}/end") }, "End flight")] : []),
       ...(flight.source.kind === "live" ? [h("button", { type: "button", class: "button button-small button-primary", onclick: () => again({ kind: "journal", flight_id: flight.id }), ...needs("POST /flights") }, "Replay it as it was shown")] : []),
       h("button", { type: "button", class: `button button-small${flight.source.kind === "live" ? "" : " button-primary"}`, onclick: () => again(flight.source, flight.name), ...needs("POST /flights") }, flight.source.kind === "live" ? "Start another like it" : "Fly it again"),
       h("a", { class: "button button-small", href: "#/fly" }, "All flights"),
@@ -204,6 +206,16 @@ export function showFlightRecord(element, { flight, why, api, navigate }) {
     }
   }
 
+  function askToEnd() {
+    askToConfirm("End this flight?", "The server was killed during it. Its record is completed by all that was taken; no source can go on with it.", "End flight", endNow);
+  }
+
+  async function endNow() {
+    const { progress } = await api.post(`${path}/end`);
+    if (progress === "interrupted") throw new ApiError("Nothing is left to go on with: its journal is missing. Its record stays as it is.", 0);
+    reopen();
+  }
+
   async function remove() {
     await api.delete(path);
     navigate("#/fly");
@@ -225,8 +237,15 @@ export function showFlightRecord(element, { flight, why, api, navigate }) {
 }
 
 function because(why) {
+  const [, by] = why.match(/^the flight was ended( by .*)$/) ?? [];
+  if (by !== undefined) return by;
   if (why.includes("server")) return ": the server stopped";
   return why.startsWith("it was at its end") ? `: ${why}` : "";
+}
+
+/** When somebody ended it, of a live flight. */
+function endedAt({ mode, progress, ended }) {
+  return mode === "live" && progress === "ended" && ended !== null ? `, ${ended.slice(0, 19).replace("T", " ")} UTC` : "";
 }
 
 /** What came of a live source, and what of it was not used; null for another flight. */

@@ -196,7 +196,11 @@ def test_an_interrupted_flight_that_is_ended_is_completed_and_becomes_a_recordin
     range_: Range,
 ) -> None:
     flight = interrupted(range_)
-    assert range_.end(flight)["progress"] == "ended"
+    before = range_.client.get(f"{FLIGHTS}/{flight}").json()["ended"]
+    ended = range_.client.post(f"{FLIGHTS}/{flight}/end", json={"by": "Ann"}).json()
+    assert ended["progress"] == "ended"
+    assert ended["end_reason"] == "the flight was ended by Ann"
+    assert ended["ended"] > before
     assert range_.recording_of(flight)["contents"]["groups"][0]["n_rows"] == 5
 
 

@@ -12,7 +12,10 @@ import pytest
 from playwright.sync_api import Page, WebSocketRoute, expect
 
 from app.live import journal
+from app.store.flights import INTERRUPTED
+from app.store.tables import flights
 from core.channels import KEYS
+from tests.browser.chromium import wait_until
 from tests.browser.fly.test_fly_page import EPSILON, SCROLL_SIZE, Fly, site, stored
 from tests.browser.site import Site
 
@@ -154,6 +157,28 @@ def test_samples_that_are_not_durable_are_said_so_until_they_are(
         expect(warning).to_contain_text("NOT DURABLE: the disk takes nothing (No space left")
     expect(warning).to_be_hidden()
     expect(live.figure("batches")).to_have_text("1")
+
+
+def test_an_interrupted_flight_is_ended_on_its_page_which_says_by_whom_and_when(live: Live) -> None:
+    live.begin(trim="none")
+    live.send(0, 0, 5)
+    live.end()
+    notice = live.page.locator(".notice")
+    expect(notice).to_contain_text(re.compile(r"was ended by operator, 20[\d-]+ [\d:]+ UTC\."))
+    wait_until(
+        live.page,
+        f"""fetch('/api/v1/flights/{live.flight}')
+        .then((answer) => answer.json()).then(({{ recording }}) => recording !== null)""",
+    )
+    with live.site.store.engine.begin() as connection:
+        values = {"status": INTERRUPTED, "recording_id": None}
+        changed = flights.update().where(flights.c.id == live.flight).values(**values)
+        connection.execute(changed)
+    live.page.reload()
+    expect(notice).to_contain_text("was interrupted")
+    live.page.get_by_role("button", name="End flight").click()
+    live.page.get_by_role("dialog").get_by_role("button", name="End flight").click()
+    expect(notice).to_contain_text("was ended by operator")
 
 
 def test_late_samples_and_a_server_that_was_started_again_are_told(own_live: Live) -> None:
