@@ -62,6 +62,37 @@ class MeasuredExceedance(Message):
     )
 
 
+class ChannelExceedances(Message):
+    """What a flight came to in one channel, of its measured exceedances; SI units, N_y in g."""
+
+    channel: str = Field(description="key")
+    n: int = Field(description="exceedances, each from its first sample on")
+    first_t: float = Field(description="[s] at which the first began")
+    last_t: float = Field(description="[s] at which the newest began")
+    worst: float = Field(description="value that is furthest beyond the limit in force with it")
+    worst_t: float = Field(description="[s]")
+    limit: float = Field(description="that the worst one exceeds")
+
+
+class LatchedExceedance(Message):
+    """An exceedance from trim that a strip shows until it was acknowledged and is over."""
+
+    channel: str = Field(description="key")
+    t: float = Field(description="[s] at which it began")
+    value: float = Field(description="largest since, in the channel's `unit`")
+    over: bool = Field(description="whether the newest sample exceeds the limit")
+    acknowledged: bool
+
+
+class LimitsFrom(Message):
+    """Limits that hold, or held, during a flight."""
+
+    t: float | None = Field(description="[s] of the sample before the first one; null for all")
+    limits: dict[str, float | None] | None = Field(
+        description="by channel; null where it could not be told which hold"
+    )
+
+
 class Alarm(Message):
     """A latched warning or caution: it stays until someone acknowledges it."""
 
@@ -288,6 +319,14 @@ class Hello(Message):
     exceeded_t: float | None = Field(
         default=None,
         description="[s] of the first exceedance that the flight has come to, sought back or not",
+    )
+    exceedances: list[ChannelExceedances] = Field(
+        description="that the flight has come to, of each channel that had one"
+    )
+    latched: list[LatchedExceedance] = Field(description="as strips that saw all of it show them")
+    held: list[LimitsFrom] = Field(
+        description="limits since the flight began or was sought, the newest changes; empty where "
+        "they are those of `channels` all along"
     )
     head: int = Field(description="newest seq; -1 before the first sample")
     alarms: list[Alarm] = Field(description="all that are open, and the last acknowledged ones")

@@ -4,14 +4,16 @@ Several monitors say more than one, of several warning lead times say, but a lis
 promise: each may miss, and each may alert on a safe flight. One alone is the alarm authority.
 """
 
-from collections.abc import Sequence
-from typing import NamedTuple
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from typing import Any, NamedTuple
 
 from app.flights.track import SourceError
+from app.live.resampling import DELAY_INTERVALS
 from app.messages import FlownMonitor, validity_word
 from app.store.flights import FlightInfo
 from app.store.monitors import MonitorInfo
-from app.store.store import Store
+from app.store.store import NotFound, Store
 from core.monitor import Monitor
 
 ALIKE = {"aircraft": "another aircraft", "maneuver": "another manoeuvre"}
@@ -89,6 +91,7 @@ def flown_monitors(store: Store, flights: Sequence[FlightInfo]) -> dict[str, lis
     used = {info.id: [(info.monitor_id, info.epsilon), *shown.get(info.id, ())] for info in flights}
     warnings = store.monitors.warnings(pair for pairs in used.values() for pair in pairs)
     monitors = {monitor.id: monitor for monitor in store.monitors.all()} if used else {}
+    delays = {info.id: _delay(store, info.source, monitors[info.monitor_id].dt) for info in flights}
     return {
         flight_id: [
             flown_monitor(
@@ -97,9 +100,21 @@ def flown_monitors(store: Store, flights: Sequence[FlightInfo]) -> dict[str, lis
                 monitors[monitor_id],
                 epsilon,
                 warnings[monitor_id, epsilon],
+                delay=delays[flight_id],
                 is_authority=position == 0,
             )
             for position, (monitor_id, epsilon) in enumerate(pairs)
         ]
         for flight_id, pairs in used.items()
     }
+
+
+def _delay(store: Store, source: Mapping[str, Any], dt: float) -> float:
+    """How long the samples of a flight could wait [s]: live, or as a live one was shown."""
+    if source.get("kind") == "journal":
+        with suppress(NotFound):
+            return _delay(store, store.flights.info(source["flight_id"]).source, dt)
+    if source.get("kind") not in ("live", "journal"):
+        return 0.0
+    delay = source.get("delay")
+    return DELAY_INTERVALS * dt if delay is None else delay

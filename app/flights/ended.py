@@ -7,6 +7,8 @@ from typing import Any
 import numpy as np
 from pydantic import BaseModel, Field
 
+from app.flights.exceedance import of_alarms
+from app.messages import ChannelExceedances, MeasuredExceedance
 from app.scoring.outcome import (
     EXCEEDED,
     Outcome,
@@ -47,6 +49,9 @@ class Record(BaseModel):
 
     headline: Headline
     verdict: Verdict | None
+    exceedances: list[ChannelExceedances] = Field(
+        description="that it came to, of each channel that had one"
+    )
     reason: str = Field(description="why its newest sample was not assessed; empty where it was")
     open_alarms: int = Field(description="warnings that wait for their acknowledgement")
     open_cautions: int = Field(description="cautions that wait for theirs")
@@ -94,9 +99,21 @@ def _record(
     return Record(
         headline=headline(facts),
         verdict=found,
+        exceedances=_of_channels(info, alarms),
         reason=reason,
         open_alarms=warnings,
         open_cautions=cautions,
+    )
+
+
+def _of_channels(info: FlightInfo, alarms: Sequence[StoredAlarm]) -> list[ChannelExceedances]:
+    """As they were noted in flight; of a flight that was cut short, by its alarms."""
+    if info.exceedances is not None:
+        return [ChannelExceedances(**one) for one in info.exceedances]
+    return of_alarms(
+        (alarm.t, MeasuredExceedance(**alarm.exceedance))
+        for alarm in sorted(alarms, key=lambda alarm: alarm.t)
+        if alarm.exceedance is not None
     )
 
 

@@ -5,6 +5,7 @@ Where the samples come from, and when, is the matter of TrackFlight and LiveFlig
 
 import logging
 from abc import ABC, abstractmethod
+from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
@@ -13,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 from app.flights.alarms import Alarms
 from app.flights.clock import Clock, Timer
 from app.flights.display_monitors import DisplayMonitor, flown_monitor
+from app.flights.exceedance import Exceedances
 from app.flights.flight_limits import status_of, to_store
 from app.flights.flight_markers import FlightMarkers
 from app.flights.recorder import Recorder
@@ -26,6 +28,7 @@ from app.messages import (
     Heartbeat,
     Hello,
     LimitsChange,
+    LimitsFrom,
     LimitsStatus,
     LiveStatus,
     MarkerSet,
@@ -45,7 +48,7 @@ from core.channels import KEYS
 from core.flight_markers import FLIGHT_MARKERS, FlightMarkerKey
 from core.monitor import Assessment, Monitor, State
 from core.monitor.status import Facts, Headline, Level, headline
-from core.specification import Specification
+from core.specification import Specification, specification_to_plain
 from core.types import Array
 
 if TYPE_CHECKING:
@@ -53,6 +56,8 @@ if TYPE_CHECKING:
 
 LOG = logging.getLogger("forewarn")
 HEARTBEAT_S = 1.0
+MOST_HELD = 200
+"""Changes of the limits that who joins is told, the newest."""
 BETA, DELTA_A, DELTA_R = (KEYS.index(key) for key in ("beta", "delta_a", "delta_r"))
 Angles = tuple[float, float, float]
 LEVEL: Angles = (0.0, 0.0, 0.0)
@@ -128,6 +133,9 @@ class Flight(ABC):
         self._assessment: Assessment | None = None
         self._exceeds = False
         self.exceeded_t: float | None = None
+        self.exceedances = Exceedances()
+        self._has_restarted = False
+        self._limits_held: deque[LimitsFrom] = deque(maxlen=MOST_HELD)
         self._alert_above = plan.monitor.alert_above(plan.epsilon)
         self._on_over = on_over
         self._recent = RecentFrames()
@@ -186,6 +194,12 @@ class Flight(ABC):
     def limits(self) -> LimitsStatus | None:
         """Which limits hold; None where the monitor's own do."""
         return None if self._ruling is None else status_of(self._ruling, self._held_since)
+
+    @property
+    def limits_held(self) -> list[LimitsFrom] | None:
+        """Which limits held from when on; empty for the monitor's own, None where times do not
+        tell, since it was sought under a limit set."""
+        return None if self._has_restarted else list(self._limits_held)
 
     @property
     def live(self) -> LiveStatus | None:
@@ -247,6 +261,8 @@ class Flight(ABC):
         """Take an acknowledgement that is stored and tell everyone; KeyError if not at hand."""
         alarm, is_first = self.alarms.acknowledge(alarm_id, by, utc)
         if is_first:
+            if alarm.kind == "limit":
+                self.exceedances.acknowledge()
             self._tell(AlarmRaised(alarm=alarm).encode())
             self._tell_headline()
             self._stage(lambda scene: scene.restate(self.facts))
@@ -285,9 +301,19 @@ class Flight(ABC):
         """Tell everyone which limits hold, where that changed."""
         if ruling is self._ruling or ruling is None:
             return
+        own = specification_to_plain(self._specification)
+        if not self._limits_held and isinstance(own, dict):
+            self._limits_held.append(LimitsFrom(t=None, limits=own))
         self._ruling, self._held_since = ruling, self.t if self.head >= 0 else None
+        held: Any = specification_to_plain(ruling.specification)
+        self._limits_held.append(LimitsFrom(t=self._held_since, limits=held))
         channels, told = limited_channels(ruling.specification), status_of(ruling, self._held_since)
         self._tell(LimitsChange(limits=told, channels=channels).encode())
+
+    @property
+    def _limits(self) -> Array | None:
+        """(6,) what is held against now; None where nobody can tell."""
+        return self.plan.monitor.limits if self._ruling is None else self._ruling.limits
 
     @property
     def _specification(self) -> Specification:
@@ -329,6 +355,9 @@ class Flight(ABC):
             state=self.state,
             reason=self.reason,
             **_plain(self.headline),
+            exceedances=self.exceedances.of_channels,
+            latched=self.exceedances.latched,
+            held=list(self._limits_held),
             head=self.head,
             alarms=self.alarms.at_hand,
             markers=self.markers.at_hand,
@@ -376,6 +405,7 @@ class Flight(ABC):
         self._recent.append(encode_frame(frame))
         self.t, self._assessment, self._pose = assessment.t, assessment, (attitude, y)
         self._exceeds = exceedance is not None
+        self.exceedances.update(assessment.t, y, self._limits, exceedance)
         if self._exceeds:
             self._note_exceedance(assessment.t)
 
@@ -411,6 +441,10 @@ class Flight(ABC):
             watcher.before_reset()
         self._tell(self._recent.restart(t))
         self.alarms.restart()
+        self.exceedances.restart()
+        self._has_restarted = self._has_restarted or len(self._limits_held) > 0
+        for newest in list(self._limits_held)[-1:]:
+            self._limits_held = deque([newest.model_copy(update={"t": None})], MOST_HELD)
 
     def _show(self) -> None:
         """Let watchers and scene have what is new."""

@@ -404,7 +404,8 @@ class Flights:
                     await asyncio.to_thread(self._scenes.close, flight_id)
                 ending.has_stopped = True
             try:
-                await flight.recorder.complete(ending.status, flight.exceeded_t)
+                came_to = flight.exceeded_t, flight.exceedances.of_channels, flight.limits_held
+                await flight.recorder.complete(ending.status, *came_to)
             except StoreError:
                 self._stop_later(flight_id, ending)
                 raise

@@ -27,7 +27,8 @@ class Script(ABC):
     fail_t: when it exceeds a limit, if known [s].   is_checked: whether it was asked if the flight
     is like those that its monitor was trained on.   alerts, exceedances: rising, samples at which
     an alert or a measured exceedance begins.   shows_rulings: whether it says which limits held for
-    each sample when it was flown.
+    each sample when it was flown.   delay: that a live flight stated [s], by
+    which its lead is less than the monitor's.
     """
 
     t: Array
@@ -36,6 +37,7 @@ class Script(ABC):
     alerts: Indices
     exceedances: Indices
     shows_rulings: bool = False
+    delay: float = 0.0
     theta: dict[str, float] | None = None
     fail_t: float | None = None
 

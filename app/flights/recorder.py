@@ -18,7 +18,7 @@ import numpy.typing as npt
 
 from app.flights.clock import Clock, Timer
 from app.flights.flight_markers import to_store
-from app.messages import Alarm, FlightMarker
+from app.messages import Alarm, ChannelExceedances, FlightMarker, LimitsFrom
 from app.store.assessments import DISPLAY, StoredDisplay
 from app.store.limit_sets import FlightLimits
 from app.store.look import StoreLook
@@ -195,10 +195,17 @@ class Recorder:
             self._refusal = ""
         return True
 
-    async def complete(self, status: str, exceeded_t: float | None = None) -> None:
+    async def complete(
+        self,
+        status: str,
+        exceeded_t: float | None = None,
+        exceedances: Sequence[ChannelExceedances] = (),
+        held: Sequence[LimitsFrom] | None = None,
+    ) -> None:
         """Write all that is left and how the flight ended. StoreError: it can be tried again.
 
-        exceeded_t: first exceedance that it had come to [s].
+        exceeded_t: first exceedance that it had come to [s].   exceedances: of its channels.
+        held: which limits did; None where that is not known.
         """
         if not await self.flush():
             raise StoreError(
@@ -206,7 +213,9 @@ class Recorder:
                 f"takes none ({self.problem}); they are written as soon as it does"
             )
         self._stop_timer()
-        await self._run(self._store.flights.end, self._flight_id, status, exceeded_t)
+        told = [one.model_dump() for one in exceedances]
+        limits = None if held is None else [one.model_dump() for one in held]
+        await self._run(self._store.flights.end, self._flight_id, status, exceeded_t, told, limits)
 
     def give_up(self) -> None:
         """Count as lost what the store refused to the last."""

@@ -39,6 +39,11 @@ class TrackFlight(Flight):
         self._exceedances = script.exceedances
 
     @property
+    def lead(self) -> float:
+        """How far ahead an alert is shown [s]: less the delay that a live flight stated."""
+        return self.plan.monitor.lead - self._script.delay
+
+    @property
     def transport(self) -> TransportState:
         """Where it is in its source."""
         transport, script = self._transport, self._script
@@ -196,6 +201,7 @@ class TrackFlight(Flight):
             exceeded = self._exceeded(at)
             if exceeded is not None:
                 self._note_exceedance(float(script.t[at]))
+                self.exceedances.pass_by(float(script.t[at]), exceeded)
             seq, (assessment, _) = self.head + 1, self._assessed(at)
             self._ring(self.alarms.update(seq, at, assessment, exceeded, self.clock))
 

@@ -18,9 +18,11 @@ from app.flights.transport import NotPossible, TransportError
 from app.http.problems import Problem, problem_responses
 from app.messages import (
     Alarm,
+    ChannelExceedances,
     FlightMarker,
     FlownMonitor,
     Frame,
+    LimitsFrom,
     LimitsStatus,
     LiveStatus,
     Mode,
@@ -81,6 +83,15 @@ class FlightStatus(BaseModel):
     )
     verdict: Verdict | None = Field(
         default=None, description="of a flight that is over and exceeded its limit"
+    )
+    exceedances: list[ChannelExceedances] = Field(
+        default_factory=list,
+        description="how many it has come to, the newest and the worst, of each channel with any",
+    )
+    limits_held: list[LimitsFrom] | None = Field(
+        default=None,
+        description="which limits did, of a flight that is over: empty where the monitor's own; "
+        "null where nobody knows, as it was cut short or sought",
     )
     source: dict[str, Any]
     mode: Mode = Field(description="whether its samples are measured, replayed or simulated")
@@ -381,6 +392,12 @@ def _status(
         progress=info.status,
         **_plain(flight, record),
         verdict=record.verdict if record else None,
+        limits_held=info.limits_held,
+        exceedances=record.exceedances
+        if record
+        else flight.exceedances.of_channels
+        if flight
+        else [],
         reason=record.reason if record else "",
         open_alarms=record.open_alarms if record else None,
         open_cautions=record.open_cautions if record else None,

@@ -185,12 +185,12 @@ def _plain(ruling: Ruling) -> dict[str, Any]:
 
 
 def _measured(columns: Columns, mapping: ChannelMapping, name: str) -> ConditionSeries:
-    """The values of a signal in the order of their times; what is no number did not come."""
+    """The values of a signal in the order of their times, infinite where nobody knew it."""
     group = columns.contents.groups[columns.signal(name).group]
     source = mapping.times.get(group.name, TimeSource())
     clock, unit = (source.signal, source.unit) if source.signal else (group.time, "s")
     t, values = convert(columns.values(clock), unit, "s"), columns.values(name)
-    known = np.isfinite(values) & np.isfinite(t)
+    known = ~np.isnan(values) & np.isfinite(t)
     order = np.argsort(t[known], kind="stable")
     return ConditionSeries(t[known][order], values[known][order])
 
@@ -202,7 +202,8 @@ def _at(measured: ConditionSeries | None, t: Array) -> tuple[Array, np.ndarray]:
     newest = np.searchsorted(measured.t, t + 2 * ROUNDING, "right") - 1
     at = np.maximum(newest, 0)
     late = t - measured.t[at] > HELD_S
-    words = np.where(newest < 0, MISSING, np.where(late, STALE, KNOWN))
+    unknown = (newest < 0) | np.isinf(measured.values[at])
+    words = np.where(unknown, MISSING, np.where(late, STALE, KNOWN))
     return np.where(words == KNOWN, measured.values[at], 0.0), words
 
 

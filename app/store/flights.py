@@ -58,6 +58,10 @@ class FlightInfo(Entry):
     """UTC, ISO 8601"""
     exceeded_t: float | None
     """first exceedance that it had come to when it ended [s], passed by a seek or flown"""
+    exceedances: list[dict[str, Any]] | None
+    """those that it had come to, of each channel; null where that was not kept: interrupted"""
+    limits_held: list[dict[str, Any]] | None
+    """limits from when on; empty for the monitor's own, null where that was not kept"""
     keep: bool
     """whether it is kept for ever"""
     recording_id: str | None
@@ -109,17 +113,24 @@ class FlightRepository(Repository):
         return found
 
     def end(
-        self, flight_id: str, status: str = "ended", exceeded_t: float | None = None
+        self,
+        flight_id: str,
+        status: str = "ended",
+        exceeded_t: float | None = None,
+        exceedances: list[dict[str, Any]] | None = None,
+        limits_held: list[dict[str, Any]] | None = None,
     ) -> FlightInfo:
         """Note that a flight is over and how; one that has ended stays as it ended. NotFound.
 
-        exceeded_t: first exceedance that it had come to [s].
+        exceeded_t: first exceedance that it had come to [s].   exceedances: of its channels, plain.
+        limits_held: which limits held from when on, plain.
         """
         if not status or status == "running":
             raise ValueError(f"a flight cannot end as {status!r}: say how it ended, in one word")
         running = (flights.c.id == flight_id) & (flights.c.status == "running")
         with self._writing() as connection:
             over = {"status": status, "ended": now(), "exceeded_t": exceeded_t}
+            over |= {"exceedances": exceedances, "limits_held": limits_held}
             connection.execute(update(flights).where(running).values(**over))
             return fetch_flight(connection, flight_id)
 

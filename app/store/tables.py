@@ -199,6 +199,8 @@ flights = Table(
     _time("created", nullable=False),
     _time("ended"),
     Column("exceeded_t", Float),
+    _plain("exceedances", nullable=True),
+    _plain("limits_held", nullable=True),
     Column("keep", Boolean, nullable=False, server_default=false()),
     Column("recording_id", String(2 * ID_BYTES), index=True),
 )

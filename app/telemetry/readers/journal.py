@@ -7,6 +7,7 @@ Rows are in the order of their arrival, whose time is a signal of its own (`a` o
 """
 
 from collections import Counter
+from math import inf
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -18,6 +19,7 @@ from app.telemetry.readers.signal_tables import listed
 from app.telemetry.readers.text_tables.rows import BadRows
 from app.telemetry.recording import TelemetryError
 from app.telemetry.targets import TARGETS
+from core.limit_set import CONDITION_KEYS
 
 TIMES = ("t", "timestamp", "time")
 """Names of the time where no mapping says which it is [s]."""
@@ -38,7 +40,8 @@ def read(path: Path, writer: ColumnWriter) -> Contents:
         header = _plain(_line(file))
         if header is None:
             raise TelemetryError("its first line is damaged: export the journal again")
-        rows, limits = _Rows(writer, *_declared(header)), list[dict[str, Any]]()
+        conditions, limits = _conditions(header), list[dict[str, Any]]()
+        rows = _Rows(writer, *_declared(header), frozenset(conditions.values()))
         while line := _line(file):
             number += 1
             if not line.endswith(b"\n"):
@@ -62,7 +65,7 @@ def read(path: Path, writer: ColumnWriter) -> Contents:
         ignored=listed(ignored),
         notes=(*notes, *bad.notes(n_good)),
         limits=tuple(limits),
-        conditions=_conditions(header),
+        conditions=conditions,
     )
 
 
@@ -85,7 +88,8 @@ def _conditions(header: dict[str, Any]) -> dict[str, str]:
     """Names of the signals of the flight condition, as the flight read them."""
     named = header.get("conditions")
     named = named if isinstance(named, dict) else {}
-    return {key: name for key, name in named.items() if isinstance(name, str)}
+    own = {key: key for key in CONDITION_KEYS}
+    return own | {key: name for key, name in named.items() if isinstance(name, str)}
 
 
 def _line(file: BinaryIO) -> bytes:
@@ -108,9 +112,18 @@ class _Rows:
     """Batches on their way to the writer. A signal begins with its first number.
 
     times: names that the time may have; that of the first batch is its name in all.
+    conditions: names of which null says that the value is unknown, which infinity stands for; NaN
+    where none came.
     """
 
-    def __init__(self, writer: ColumnWriter, times: tuple[str, ...], units: dict[str, str]) -> None:
+    def __init__(
+        self,
+        writer: ColumnWriter,
+        times: tuple[str, ...],
+        units: dict[str, str],
+        conditions: frozenset[str] = frozenset(),
+    ) -> None:
+        self._conditions = conditions
         self._writer, self._times, self._units = writer, times, units
         self._group, self._time = writer.add_group(), ""
         self._signals: dict[str, int] = {}
@@ -161,6 +174,8 @@ class _Rows:
             self._n_unequal[name] += 1
             return
         numbers = [v if type(v) is float else _number(v) for v in column]
+        if name in self._conditions:
+            numbers = [inf if v != v else v for v in numbers]
         if name not in self._signals:
             if all(v != v for v in numbers):
                 self._no_numbers.setdefault(name, str(column[:1])[1:60])

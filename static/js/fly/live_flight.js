@@ -105,13 +105,14 @@ export function showLiveFlight(element, { id, api, over }) {
     if (hello.head < display.seq) forgetFrom(hello.head);
     alarm.describe({ epsilon, alertAbove: alertAbove(), guarantee: hello.guarantee, lead, warnings, limits: limitsOf(channels), channels });
     if (again) display.chart.setLimits(channels, hello.limits?.since ?? -Infinity);
-    else if (Number.isFinite(hello.limits?.since)) display.chart.holdFrom(hello.limits.since);
+    if (hello.held.length > 0) display.chart.setHeld(hello.held);
     limits.show(hello.limits, channels);
     onTransport(hello.transport);
     if (hello.live) onLive(hello.live);
     display.setAssessment({ state, reason: why }, true);
     showEventsUntil(hello.transport.position);
     hello.alarms.forEach(onAlarm);
+    display.chart.latch(hello.latched, hello.head);
     markers.offer(hello.marker_kinds);
     hello.markers.forEach(onMarker);
     onStatus(hello);

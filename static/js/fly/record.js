@@ -7,13 +7,16 @@
  */
 
 import { createStripChart } from "../charts/live/strip_chart.js";
+import { symbolNodes } from "../charts/readout.js";
 import { ApiError, reason } from "../lib/api.js";
 import { h, put } from "../lib/dom.js";
 import { createEventList } from "../lib/event_list.js";
 import { createKeepButton } from "../lib/keep_button.js";
 import { needs } from "../lib/me.js";
 import { warningLines } from "../lib/monitor_warnings.js";
+import { secondsText } from "../lib/numbers.js";
 import { startFlight } from "../lib/start_flight.js";
+import { magnitudeIn, quantity } from "../lib/units.js";
 import { askToConfirm, state } from "../lib/view_states.js";
 import { putLines } from "./flight_limits.js";
 import { markerEvent, markerFlag, markerText } from "./flight_markers.js";
@@ -111,8 +114,11 @@ export function showFlightRecord(element, { flight, why, reopen, api, navigate }
     if (closed) return;
     shown.monitor = monitor.name;
     status.update(shown);
-    const limits = put.length > 0 ? {} : (monitor.dataset_recipe.specification ?? {}); // those that changed: as events and alarms say
+    const held = flight.limits_held ?? [];
+    const newest = held.findLast((one) => one.limits !== null)?.limits ?? {};
+    const limits = put.length > 0 ? newest : (monitor.dataset_recipe.specification ?? {});
     panels.notice.append(...putLines(put));
+    panels.notice.append(...exceedanceLines(flight.exceedances, catalog.channels));
     const channels = catalog.channels.map((channel) => ({ ...channel, limit: limits[channel.key] ?? null }));
     const { passes, longest } = longestPass(frames);
     if (longest.length === 0) {
@@ -120,7 +126,7 @@ export function showFlightRecord(element, { flight, why, reopen, api, navigate }
       return;
     }
     panels.notice.append(...summaryLines(flight.monitors, longest));
-    const found = draw(channels, monitor, longest, passes);
+    const found = draw(channels, { lead: flight.monitors[0].lead, dt: monitor.dt }, longest, passes, held);
     for (const alarm of alarms) {
       found.push({ t: alarm.t, text: alertText(alarm, alertAbove, channels), level: LEVEL_OF[alarm.level], seen: true });
       if (alarm.acknowledged) found.push(acknowledgementOf(alarm, isLive));
@@ -170,7 +176,7 @@ export function showFlightRecord(element, { flight, why, reopen, api, navigate }
   }
 
   /** Draws the strips. Returns the exceedances found on the way, as events. */
-  function draw(channels, { lead, dt }, frames, passes) {
+  function draw(channels, { lead, dt }, frames, passes, held) {
     const [first, last] = [frames[0].t, frames.at(-1).t];
     const found = [];
     panels.strips.replaceChildren();
@@ -180,6 +186,7 @@ export function showFlightRecord(element, { flight, why, reopen, api, navigate }
         found.push({ t: exceedance.t, text: exceedanceText(exceedance, channels), level: "alert", seen: true }),
     });
     chart.setTransport({ playing: false, speed: 1 });
+    if (held.length > 0) chart.setHeld(held);
     chart.push(frames);
     chart.setWindow(first, Math.max(last, first + dt) + lead);
     if (passes > 1) events.add({ t: null, text: `flown in ${passes} passes; the longest is shown` });
@@ -261,6 +268,16 @@ function verdictLine(flight) {
   if (!flight.verdict && flight.level === "none") return null;
   const { words, level } = resultOf(flight);
   return h("strong", { class: "chip verdict", "data-level": level }, words);
+}
+
+/** How many, the newest and the worst, of each channel: the verdict tells of the first alone. */
+function exceedanceLines(exceedances, channels) {
+  return exceedances.map(({ channel: key, n, first_t: first, last_t: last, worst, worst_t: at, limit }) => {
+    const channel = channels.find((one) => one.key === key);
+    const when = n === 1 ? `once, at ${secondsText(first)}` : `${n} times, first at ${secondsText(first)}, last at ${secondsText(last)}`;
+    const most = `worst ${quantity(channel, worst)} at ${secondsText(at)}, limit ${magnitudeIn(channel, limit)}`;
+    return h("p", { class: "exceedance-summary" }, h("strong", {}, ...symbolNodes(channel.symbol), " exceeded: "), `${when}; ${most}.`);
+  });
 }
 
 /** Passes of rising time, between which the flight was sought or looped: the longest, the last of equals. */

@@ -19,7 +19,11 @@ from app.flights.transport import NotPossible
 from app.live.batches import ChannelReader
 from app.live.journal import Journals
 from app.messages import encode_frame
+from app.scoring.limits_history import LimitsHistory
 from app.store.store import Store, open_store
+from app.telemetry.contents import open_columns
+from app.telemetry.mapping.mapping import Mapping, TimeSource
+from app.telemetry.reading import read_file
 from core.channels import KEYS
 from core.collection import DatasetRecipe, collect
 from core.limit_set import LimitSet, limit_set_from_plain
@@ -221,6 +225,14 @@ def test_a_measured_condition_chooses_the_limits_and_the_journal_says_the_same(
             )
             shown = ShownFlight(setup, flight.id)
             assert shown.is_as(place.store.flights.assessments(flight.id))
+            journal = place.directory / "live" / f"{flight.id}.jsonl"
+            read_file(journal, place.directory / "columns", name="flown")
+            mapping = Mapping({}, {"": TimeSource("t")})
+            history = LimitsHistory.of(open_columns(place.directory / "columns"), mapping)
+            assert history is not None
+            held = history.held([exact_monitor().limits])
+            rulings = [held.ruling(frame["t"]) for frame in frames]
+            assert [one and one.reasons[0] for one in rulings] == [f["reason"] for f in frames]
             asked = {"source": {"kind": "journal", "flight_id": flight.id}, "monitor": ids}
             replay = await flights.start(FlightRequest.model_validate(asked))
             with pytest.raises(NotPossible, match="held against the limits that it was"):

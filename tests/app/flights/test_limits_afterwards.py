@@ -53,6 +53,7 @@ class Flown:
             path_shown = f"{FLIGHTS}/{self.flight}/assessments"
             self.shown = client.get(path_shown, params=query).json()["frames"]
             self.alarms = client.get(f"{FLIGHTS}/{self.flight}/alarms").json()
+            self.record = client.get(f"{FLIGHTS}/{self.flight}").json()
             self.report = client.get(f"{path}/report").text
             self.csv = client.get(f"{path}/export").text
             self.replayed = self._replayed(place)
@@ -133,6 +134,17 @@ def test_its_report_names_both_limits_and_draws_those_in_force(flown: Flown) -> 
         begin, end = re.findall(r"M([\d.]+) [\d.]+H([\d.]+)", path)[::2]
         assert begin[1] == end[0]
         assert float(end[1]) < 500.0
+
+
+def test_its_record_tells_the_limits_that_held_its_exceedances_and_its_lead(flown: Flown) -> None:
+    held = [
+        (one["t"], one["limits"] and one["limits"]["Ny"]) for one in flown.record["limits_held"]
+    ]
+    changes = [(79 * DT, TIGHT), (pytest.approx(139 * DT), None)]
+    assert held == [(None, OWN), (None, None), (None, OWN), *changes]
+    (told,) = flown.record["exceedances"]
+    assert (told["channel"], told["n"], told["first_t"]) == ("Ny", 1, 90 * DT)
+    assert flown.record["monitors"][0]["lead"] == pytest.approx(flown.scoring["lead"] - 1.5 * DT)
 
 
 def test_its_exports_say_the_limit_of_each_sample(flown: Flown) -> None:

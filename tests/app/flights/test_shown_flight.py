@@ -159,6 +159,10 @@ def test_a_replay_has_the_delays_and_is_stale_where_the_source_was(tmp_path: Pat
     about = recorder, clock, lambda *how: over.append(how)
     flight = TrackFlight(plan(exact_monitor(), epsilon=EPSILON), script, *about)
     seen = Seen(flight.watch())
+    seen.take()
+    hellos = seen.messages[0], live.seen.messages[0]
+    leads = [(hello["lead"], hello["monitors"][0]["lead"]) for hello in hellos]
+    assert leads[0] == leads[1] == pytest.approx((exact_monitor().lead - 1.5 * DT,) * 2)
     flight.start()
     for _ in range(1000):
         clock.advance(0.01)

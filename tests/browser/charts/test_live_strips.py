@@ -283,6 +283,31 @@ def test_an_exceedance_that_goes_on_stays_latched_when_it_is_acknowledged(strips
     assert run(page, "return h.chart.exceedances()") == []
 
 
+def test_who_joins_late_shows_what_was_latched_and_the_limits_that_held(strips: Open) -> None:
+    """And not as new what frames of the past show that somebody acknowledged."""
+    page = strips()
+    run(
+        page,
+        """
+        const held = [[null, 0.5], [1, 0.3], [2, null]];
+        h.chart.setHeld(held.map(([t, Ny]) => ({ t, limits: Ny && { Ny } })));
+        const latched = { channel: 'Ny', t: 0.2, value: 0.7, over: false, acknowledged: false };
+        h.chart.latch([latched], 119);
+        for (let k = 20; k < 130; k++) {
+          const frame = { ...h.frame(k / 50), seq: k };
+          frame.y[3] = k < 60 ? 0.4 : k < 90 ? 0.8 : 0.1;
+          h.chart.push(frame, 1000);
+        }
+        h.draw(1000);
+        """,
+    )
+    latched = [{"key": "Ny", "t": 0.2, "value": 0.7}]
+    assert run(page, "return h.chart.exceedances()") == latched
+    assert readout(page, "Ny", "latch") == "▲ 0.20 s, peak 0.700"
+    assert run(page, "return h.pixels('Ny', 'limit')[0]") > 100
+    assert run(page, "return h.pixels('Ny', 'alert')[0]") > 20
+
+
 def test_an_exceedance_as_recorded_alone_is_marked_in_its_strip(strips: Open) -> None:
     page = strips()
     red = "return h.pixels('Ny', 'alert')[0]"

@@ -1,5 +1,6 @@
 """Limits in force on the page: named, changed by an engineer, and monitors that do not apply."""
 
+import re
 from collections.abc import Iterator
 
 import pytest
@@ -55,6 +56,8 @@ def test_limits_are_changed_in_flight_and_a_monitor_of_others_says_no_number(
         ".notice", has_text="Limits: envelope version 1, declared mach 0.9, put in"
     )
     expect(record).to_be_visible()
+    strip = page.locator('.strip[data-key="Ny"] canvas')
+    expect(strip).to_have_attribute("aria-label", re.compile("limit ±0.4"))
     assert [one["by"] for one in fly.ask("GET", f"/flights/{fly.flight}/limits")] == [
         "engineer"
     ] * 2

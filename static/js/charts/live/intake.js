@@ -12,6 +12,7 @@
  *   status -> {state, alert}          of the newest frame, or as set by setStatus({state, alert})
  *   exceedances -> Map of key -> {t, value, over}     the first exceedance and the peak since; over: it goes on
  *   acknowledge()                     forgets those that are over; one that goes on stays until it is
+ *   restore([{channel, t, value, over, acknowledged}], seq)    latched up to sample seq, by who saw them all
  *   clear()
  */
 
@@ -26,6 +27,7 @@ export function createIntake({ ring, channels, strips, flight, onExceedance }) {
   const exceedances = new Map();
   let status = NO_DATA;
   let seq = null;
+  let told = -1; // newest sample whose exceedances were told
 
   function push(frames) {
     const before = ring.count();
@@ -43,6 +45,7 @@ export function createIntake({ ring, channels, strips, flight, onExceedance }) {
     status = { state: shownState(frame), alert: frame.alert === true && frame.state === "ok" };
     if (!stored) return;
     seq = frame.seq ?? null;
+    if (seq !== null && seq <= told) return;
     for (const strip of strips) {
       const value = row[strip.series];
       const limit = limitAt(strip, frame.t);
@@ -87,10 +90,23 @@ export function createIntake({ ring, channels, strips, flight, onExceedance }) {
     }
   }
 
+  /** Those latched up to a sample; frames up to that one latch and release nothing more. */
+  function restore(given, until) {
+    told = until;
+    const known = new Set(exceedances.keys());
+    exceedances.clear();
+    for (const { channel: key, t, value, over, acknowledged } of given) {
+      const { symbol } = strips.find((strip) => strip.key === key) ?? { symbol: key };
+      if (!known.has(key)) onExceedance?.({ key, symbol, t, value });
+      exceedances.set(key, { t, value, over, acknowledged });
+    }
+  }
+
   return {
     push,
     exceedances,
     acknowledge,
+    restore,
     get status() {
       return status;
     },
@@ -101,6 +117,7 @@ export function createIntake({ ring, channels, strips, flight, onExceedance }) {
       exceedances.clear();
       status = NO_DATA;
       seq = null;
+      told = -1;
     },
   };
 }

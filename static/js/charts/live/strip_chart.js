@@ -20,7 +20,8 @@
  *                                   y_hat likewise, or by key. Returns how many were stored.
  *   setState({state, reason})       when it changes without a sample ("stale" by the server's clock)
  *   setFlight({alertAbove, lead, dt, staleAfter}), setTransport({playing, speed})
- *   holdFrom(t)                     its limits hold for samples after t [s]; what held before is not known
+ *   setHeld([{t, limits}])          which limits by key held for samples after t [s], null for all, since the flight began
+ *   latch([{channel, t, value, over, acknowledged}], seq)    exceedances up to sample seq, which came before it did
  *   setLimits(channels, t)          others hold for samples after t [s]: null where none do, or nobody can tell
  *   clear()                         after a seek, a loop, or for another flight
  *   setCursor(t), setWindow(a, b), goLive(), setMark("a" | "b", t)
@@ -198,10 +199,18 @@ export function createStripChart(host, options) {
       timeline.setFlight(given);
       look += 1;
     },
-    holdFrom: (t) => {
+    setHeld: (held) => {
       for (const strip of strips) {
-        if (!strip.risk) strip.held = [{ from: -Infinity, limit: null }, { from: t, limit: strip.limit }];
+        if (strip.risk) continue;
+        const each = held.map(({ t, limits }) => ({ from: t ?? -Infinity, limit: limits?.[strip.key] ?? null }));
+        if (each.every(({ limit }) => limit === strip.limit)) continue;
+        strip.held = each.filter(({ limit }, k) => k === 0 || limit !== each[k - 1].limit);
+        strip.axis.setLimit(Math.max(...each.map(({ limit }) => limit ?? 0)) || null);
       }
+      look += 1;
+    },
+    latch: (given, seq) => {
+      intake.restore(given, seq);
       look += 1;
     },
     setLimits: (given, t) => {

@@ -1,0 +1,114 @@
+"""Every exceedance of a flight is told, channel by channel, to who watches and who joins late."""
+
+import json
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+
+from app.flights.ended import records
+from app.flights.exceedance import Exceedances, exceedance
+from app.messages import ChannelExceedances, Hello
+from core.channels import KEYS
+from tests.app.flights.test_flight_limits import Range
+from tests.app.flights.test_flight_limits import run as run_range
+from tests.support.flying import T, exact_monitor
+from tests.support.oscillator import DT
+
+NY, P = KEYS.index("Ny"), KEYS.index("p")
+LIMITS = np.full(6, np.inf)
+LIMITS[[NY, P]] = 0.5, 1.0
+run = run_range
+
+
+def sampled(*values: tuple[float, float]) -> Exceedances:
+    """Samples of (Ny, p), a second each."""
+    log = Exceedances()
+    for t, (ny, p) in enumerate(values):
+        y = np.zeros(6)
+        y[[NY, P]] = ny, p
+        log.update(float(t), y, LIMITS, exceedance(LIMITS, y, y))
+    return log
+
+
+def test_each_channel_tells_how_many_the_newest_and_the_worst() -> None:
+    log = sampled((0.5, 0), (0.9, 2), (0, 2), (-0.6, 0), (0, 0), (0.7, 0))
+    ny, p = log.of_channels
+    assert (ny.channel, ny.n, ny.first_t, ny.last_t) == ("Ny", 3, 0.0, 5.0)
+    assert (ny.worst, ny.worst_t, ny.limit) == (0.9, 1.0, 0.5)
+    assert (p.channel, p.n, p.first_t, p.last_t, p.worst) == ("p", 1, 1.0, 1.0, 2.0)
+
+
+def test_what_a_seek_comes_to_again_is_counted_once() -> None:
+    log = sampled((0, 0), (0.6, 0), (0, 0))
+    log.restart()
+    y = np.array([0, 0, 0, 0.6, 0, 0])
+    log.update(1.0, y, LIMITS, exceedance(LIMITS, y, y))
+    assert [one.n for one in log.of_channels] == [1]
+
+
+def test_an_exceedance_is_latched_until_it_was_acknowledged_and_is_over() -> None:
+    log = sampled((0.6, 0), (0.8, 0), (0, 0))
+    (latched,) = log.latched
+    assert (latched.t, latched.value, latched.over) == (0.0, 0.8, False)
+    log.acknowledge()
+    assert log.latched == []
+    log = sampled((0.6, 0))
+    log.acknowledge()
+    assert [one.acknowledged for one in log.latched] == [True]
+    log.update(1.0, np.zeros(6), LIMITS, None)
+    assert log.latched == []
+
+
+def test_who_joins_late_is_told_what_the_others_saw_and_the_record_counts_it(
+    run: Callable[..., None],
+) -> None:
+    """Limits by Mach: 0.5 g, from sample 20 on 0.4 g, and 0.45 g four times, twice beyond it."""
+
+    async def test(place: Range) -> None:
+        asked: dict[str, Any] = {"monitor": place.add(exact_monitor(), "oscillator")}
+        asked |= {"source": {"kind": "live", "trim": "none"}}
+        async with place.flights() as flights:
+            flight = await place.fly(flights, **asked)
+            for k in range(40):
+                place.clock.advance(DT)
+                sample = {"t": T[k], "mach": 0.7 if k < 20 else 0.9} | dict.fromkeys(KEYS, 0.01)
+                sample["Ny"] = 0.45 if k in (5, 10, 25, 30, 31) else 0.01
+                await flight.receive(json.dumps(sample), "rest").stored
+            hello = Hello.model_validate_json(flight.watch().take() or "")
+            assert [(one.t, one.limits and one.limits["Ny"]) for one in hello.held] == [
+                (None, 0.5),
+                (None, None),
+                (None, 0.5),
+                (T[19], 0.4),
+            ]
+            (latched,) = hello.latched
+            assert (latched.channel, latched.t, latched.over) == ("Ny", T[25], False)
+            await flights.stop(flight.id)
+            info = place.store.flights.info(flight.id)
+        (told,) = records(place.store, [info])[flight.id].exceedances
+        expected = {"n": 2, "first_t": T[25], "last_t": T[30], "worst": 0.45, "worst_t": T[25]}
+        assert told == ChannelExceedances(channel="Ny", limit=0.4, **expected)
+        assert hello.exceedances == [told]
+
+    run(test)
+
+
+@pytest.mark.parametrize("kept", [True, False])
+def test_of_a_flight_that_was_cut_short_its_alarms_tell(
+    kept: bool, run: Callable[..., None]
+) -> None:
+    async def test(place: Range) -> None:
+        own = place.add(exact_monitor(), "oscillator")
+        flight = place.store.flights.add({"kind": "live"}, own, 0.3)
+        named = {"channel": "Ny", "value": 0.6, "limit": 0.5, "judged": "from_trim"}
+        kept_ = [{"channel": "Ny", "n": 4, "first_t": 1.0, "last_t": 9.0}]
+        kept_[0] |= {"worst": 0.9, "worst_t": 2.0, "limit": 0.5}
+        for number, t in ((1, 2.0), (2, 4.0)):
+            place.store.alarms.add(flight, number, t, None, "limit", exceedance=named)
+        place.store.flights.end(flight, "interrupted", 2.0, kept_ if kept else None)
+        (told,) = records(place.store, [place.store.flights.info(flight)])[flight].exceedances
+        assert (told.n, told.last_t, told.worst) == ((4, 9.0, 0.9) if kept else (2, 4.0, 0.6))
+
+    run(test)
