@@ -14,6 +14,7 @@ INTERRUPTED, MISTYPED = 130, 2
 
 COMMANDS = {
     "study": "repeat the paper's experiment: five methods",
+    "sweep": "say how early planned tests can be warned of, by which method and at what cost",
     "train": "simulate, train and test a monitor; write its file",
     "score": "score recorded telemetry with monitors",
     "report": "score recorded telemetry and report it in one HTML file that prints to a clean PDF",

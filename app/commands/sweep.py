@@ -1,0 +1,155 @@
+"""The command that says how early planned tests can be warned of, by which method, at what cost."""
+
+import argparse
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, fields
+from typing import get_args
+
+from app.commands.progress import progress_bar
+from app.commands.tables import add_table_options, names, print_table, recipe_of
+from core.lead_sweep import METHODS, TESTS, Cell, PlannedTestSweep, SweepRecipe, sweep
+from core.monitor.calibration import Guarantee
+
+USELESS = 0.2
+"""A share of safe flights without an alert below which an alert tells nothing."""
+
+
+@dataclass(frozen=True)
+class Row:
+    """One method at one lead on one planned test, for one reaction time.
+
+    earliest_s: time from the first input by which 5 % of the failing flights have failed [s].
+    lead: in effect [s].   power_at_epsilon: power where just epsilon is missed of these flights.
+    reaction_s: mean [s].   prevented: share of the failing flights.
+    """
+
+    test: str
+    earliest_s: float
+    method: str
+    lead: float
+    n_unsafe: int
+    n_safe: int
+    miss_rate: float
+    miss_low: float
+    miss_high: float
+    power: float
+    power_low: float
+    power_high: float
+    power_at_epsilon: float
+    reaction_s: float
+    prevented: float
+
+
+def add(parser: argparse.ArgumentParser) -> None:
+    """Add the command's options."""
+    usual = SweepRecipe()
+    for name, known in (("tests", TESTS), ("methods", METHODS)):
+        parser.add_argument(
+            f"--{name}", type=names, metavar="NAMES", help=f"of {'; '.join(known)}; all if absent"
+        )
+    for option, name, words in (
+        ("leads", "leads_s", "warning lead times"),
+        ("reactions", "reactions_s", "mean times from an alert to neutral controls"),
+    ):
+        default = getattr(usual, name)
+        parser.add_argument(
+            f"--{option}",
+            dest=name,
+            type=seconds,
+            metavar="SECONDS",
+            default=default,
+            help=f"{words} (default: {','.join(f'{time:g}' for time in default)})",
+        )
+    parser.add_argument(
+        "--imperfections",
+        choices=("none", "usual"),
+        default=usual.imperfections,
+        help=f"of a real flight, in training as in testing (default: {usual.imperfections})",
+    )
+    parser.add_argument("--epsilon", type=float, default=usual.epsilon, help="promised miss rate")
+    parser.add_argument(
+        "--guarantee", choices=get_args(Guarantee), default=usual.guarantee, help="promise on it"
+    )
+    numbers = {
+        "n_unsafe": "unsafe rollouts that each monitor is calibrated on",
+        "n_monitors": "monitors of each method and lead",
+        "n_test": "fresh test flights of each monitor",
+        "seed": "seed of every random draw",
+    }
+    add_table_options(parser, usual, numbers)
+
+
+def seconds(text: str) -> tuple[float, ...]:
+    """Times with commas between them [s]."""
+    return tuple(float(time) for time in text.split(","))
+
+
+def run(options: argparse.Namespace) -> int:
+    """Train and test every monitor; print the tables."""
+    recipe = recipe_of(SweepRecipe, options)
+    with progress_bar("monitors") as progress:
+        found = sweep(recipe, progress=progress)
+    rows = [row for name, test in found.items() for row in rows_of(name, test, recipe)]
+    print_table(options, rows, in_words(found, recipe), [asdict(row) for row in rows])
+    return 0
+
+
+def rows_of(name: str, found: PlannedTestSweep, recipe: SweepRecipe) -> list[Row]:
+    """One row a cell and reaction time."""
+    rows = []
+    for (method, _), cell in found.cells.items():
+        miss, power = cell.miss_interval.tolist(), cell.power_interval.tolist()
+        shares = zip(recipe.reactions_s, cell.prevented_share.tolist(), strict=True)
+        for reaction_s, prevented in shares:
+            counts = int(cell.n_unsafe.sum()), int(cell.n_safe.sum())
+            at = float(cell.power_at_epsilon.mean())
+            rates = cell.miss_rate, *miss, cell.power, *power, at
+            known = name, found.earliest_s, method, cell.lead, *counts, *rates
+            row = dict(zip((field.name for field in fields(Row)), known, strict=False))
+            rows.append(Row(**row, reaction_s=reaction_s, prevented=prevented))  # pyright: ignore
+    return rows
+
+
+def in_words(found: Mapping[str, PlannedTestSweep], recipe: SweepRecipe) -> str:
+    """A table a planned test, a line a lead and method, and where nothing is left to gain."""
+    promised = {"average": "on average", "95%": "with 95 % confidence"}[recipe.guarantee]
+    lines = [
+        f"{recipe.n_monitors} monitors of {recipe.n_unsafe} failures each, epsilon "
+        f"{recipe.epsilon:g} {promised}, {recipe.n_test} fresh flights each",
+        "missed: of failing flights; no alert: of safe flights (in brackets where just epsilon is "
+        "missed); prevented: of failing flights, by the mean reaction to the alert",
+    ]
+    reactions = "".join(f"{f'{reaction:g} s':>7}" for reaction in recipe.reactions_s)
+    for name, test in found.items():
+        lines += [
+            "",
+            f"{name}: {test.unsafe_share:.0%} of flights fail, 1 in 20 of these within "
+            f"{test.earliest_s:.2f} s of the first input",
+            f"  {'lead':>6}  {'method':26} {'missed':>7} {'no alert':>16}   prevented{reactions}",
+        ]
+        lines += [_line(method, cell) for (method, _), cell in test.cells.items()]
+        lines += _hopeless(test)
+    return "\n".join(lines)
+
+
+def _line(method: str, cell: Cell) -> str:
+    prevented = "".join(f"{share:7.2f}" for share in cell.prevented_share)
+    no_alert = f"{cell.power:.3f} ({cell.power_at_epsilon.mean():.3f})"
+    return (
+        f"  {cell.lead:4.2f} s  {method:26} {cell.miss_rate:7.3f} {no_alert:>16}            "
+        f"{prevented}"
+    )
+
+
+def _hopeless(test: PlannedTestSweep) -> list[str]:
+    """What to do about leads at which no method lets safe flights pass."""
+    best: dict[float, float] = {}
+    for cell in test.cells.values():
+        best[cell.lead] = max(best.get(cell.lead, 0.0), cell.power)
+    leads = [f"{lead:g}" for lead, power in best.items() if power < USELESS]
+    if not leads:
+        return []
+    return [
+        f"  no method has power left {', '.join(leads)} s ahead: a shorter lead, or clear the "
+        "point before it is flown"
+    ]

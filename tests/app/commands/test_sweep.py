@@ -1,0 +1,43 @@
+"""`forewarn sweep`: its table, its rows, and what it refuses."""
+
+import csv
+import json
+
+import pytest
+
+from app.cli import main
+
+SMALL = [
+    "sweep",
+    "--tests",
+    "ATTAS",
+    "--leads",
+    "0.25,1.6",
+    "--n-monitors",
+    "1",
+    "--n-test",
+    "60",
+    "--n-unsafe",
+    "25",
+]
+
+
+def test_a_table_says_what_each_method_costs_and_where_nothing_helps(capsys, tmp_path) -> None:
+    out = tmp_path / "sweep.csv"
+    assert main([*SMALL, "--reactions", "0.25,2", "-o", str(out)]) == 0
+    text = capsys.readouterr().out
+    assert "ATTAS: " in text
+    assert "no method has power left 1.6 s ahead" in text
+    rows = list(csv.DictReader(out.read_text().splitlines()))
+    assert {row["method"] for row in rows} >= {"linear + nearest neighbor", "test card: rest"}
+    assert {float(row["reaction_s"]) for row in rows} == {0.25, 2.0}
+    assert all(0 <= float(row["prevented"]) <= 1 for row in rows)
+    assert main([*SMALL, "--methods", "fortune"]) != 0
+    assert "'fortune' was given: choose linear + nearest neighbor" in capsys.readouterr().err
+
+
+def test_json_has_the_same_rows(capsys) -> None:
+    assert main([*SMALL, "--methods", "predicted magnitude", "--json"]) == 0
+    rows = json.loads(capsys.readouterr().out)
+    assert [row["lead"] for row in rows] == pytest.approx([0.25] * 5 + [1.6] * 5)
+    assert {row["method"] for row in rows} == {"predicted magnitude"}

@@ -1,0 +1,102 @@
+"""The sweep over leads: its counts are those of monitors that are trained and tested one by one."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from core import lead_sweep
+from core.collection import card_of, collect, evaluation_flights
+from core.evaluation import evaluate
+from core.lead_sweep import METHODS, TESTS, PlannedTestSweep, SweepRecipe, sweep
+from core.monitor import MonitorRecipe, train
+from core.seeds import monitor_seeds
+from core.simulation.maneuver import FrequencySweep
+
+SMALL = SweepRecipe(
+    tests=("F-16",),
+    leads_s=(0.25, 1.3),
+    methods=("linear + nearest neighbor", "test card: rest"),
+    epsilon=0.1,
+    n_unsafe=30,
+    n_monitors=2,
+    n_test=80,
+)
+
+
+@pytest.fixture(scope="module")
+def small() -> PlannedTestSweep:
+    return sweep(SMALL)["F-16"]
+
+
+def test_a_cell_counts_what_each_monitor_alone_does(small: PlannedTestSweep) -> None:
+    for name in SMALL.methods:
+        predictor, score = METHODS[name]
+        recipe = MonitorRecipe(t_early=0.25, epsilon=0.1, predictor=predictor, score=score)
+        cell = small.cells[name, 0.25]
+        for number, (seed, _) in enumerate(monitor_seeds(SMALL.seed, SMALL.n_monitors)):
+            test = replace(TESTS["F-16"], seed=seed, n_unsafe=SMALL.n_unsafe)
+            monitor = train(collect(test), recipe, card=card_of(test))
+            flights = evaluation_flights(test, SMALL.n_test)
+            alone = evaluate(monitor, flights.y, flights.fail_index, np.array([0.1]))
+            assert cell.misses[number] == alone.misses[0]
+            assert cell.false_alerts[number] == alone.false_alerts[0]
+            assert (cell.n_unsafe[number], cell.n_safe[number]) == (alone.n_unsafe, alone.n_safe)
+        assert cell.prevented.shape == (2, len(SMALL.reactions_s))
+        assert (np.diff(cell.prevented_share) <= 0).all()
+
+
+def test_where_failures_come_before_the_lead_no_method_has_power(small: PlannedTestSweep) -> None:
+    assert 0.8 < small.earliest_s < 1.3
+    cells = [cell for (_, lead), cell in small.cells.items() if lead == 1.3]
+    assert len(cells) == 2
+    assert max(cell.power for cell in cells) < 0.2 < small.cells[SMALL.methods[1], 0.25].power
+
+
+def test_power_at_a_share_of_misses_by_hand() -> None:
+    lowest = np.array([0.1, 0.3, 0.2, 0.9, 0.25, 0.05, 0.5])
+    is_unsafe = np.array([True, True, True, True, False, False, False])
+    assert lead_sweep._power_at(0.25, lowest, is_unsafe) == pytest.approx(1 / 3)
+    assert lead_sweep._power_at(0.5, lowest, is_unsafe) == pytest.approx(2 / 3)
+    assert lead_sweep._power_at(0.01, lowest, is_unsafe) == 0.0
+    assert np.isnan(lead_sweep._power_at(0.1, lowest[:4], is_unsafe[:4]))
+
+
+def test_a_manoeuvre_without_a_card_leaves_methods_of_cards_out() -> None:
+    test = replace(TESTS["F-16"], maneuver=FrequencySweep(amplitude_deg=9.5))
+    found = sweep(replace(SMALL, n_monitors=1, leads_s=(0.25,)), {"own": test})
+    assert list(found["own"].cells) == [("linear + nearest neighbor", 0.25)]
+
+
+def test_it_repeats_for_a_seed_and_tells_its_progress(small: PlannedTestSweep) -> None:
+    told: list[tuple[int, int]] = []
+    again = sweep(SMALL, progress=lambda *done: told.append(done))["F-16"]
+    assert told == [(4, 8), (8, 8)]
+    for key, cell in small.cells.items():
+        assert (cell.misses == again.cells[key].misses).all()
+        assert (cell.prevented == again.cells[key].prevented).all()
+
+
+def test_what_progress_raises_cancels() -> None:
+    def cancel(*_: int) -> None:
+        raise InterruptedError
+
+    with pytest.raises(InterruptedError):
+        sweep(replace(SMALL, leads_s=(0.25,)), progress=cancel)
+
+
+@pytest.mark.parametrize(
+    ("wrong", "words"),
+    [
+        ({"methods": ("fortune",)}, "method 'fortune' was given: choose linear"),
+        ({"tests": ("F-15",)}, "planned test 'F-15' was given: choose F-16"),
+        ({"leads_s": ()}, "leads_s"),
+        ({"leads_s": (0.0,)}, "give one time above 0 s"),
+        ({"reactions_s": (float("nan"),)}, "reactions_s"),
+        ({"epsilon": 0.01}, "needs at least 99 unsafe rollouts"),
+        ({"n_monitors": 0}, "n_monitors"),
+    ],
+)
+def test_what_makes_no_sweep_is_refused(wrong: dict, words: str) -> None:
+    with pytest.raises(ValueError, match=words):
+        replace(SMALL, **wrong)
