@@ -28,6 +28,7 @@ from core.bounds import bounds_of
 from core.channels import CHANNELS
 from core.collection import DatasetRecipe
 from core.flight_markers import FLIGHT_MARKERS
+from core.limit_set import CONDITIONS
 from core.monitor import MonitorRecipe
 from core.monitor.recipe import METHODS
 from core.recipe import FAMILIES, Family
@@ -68,6 +69,7 @@ def catalog() -> dict[str, Any]:
     return {
         "version": __version__,
         "channels": [asdict(channel) for channel in CHANNELS],
+        "conditions": [asdict(channel) for channel in CONDITIONS.values()],
         "families": families,
         "recipes": {
             name: {

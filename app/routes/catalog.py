@@ -16,6 +16,7 @@ from app.routes.recording_models import Derivable
 from core import __version__
 from core.channels import Channel
 from core.flight_markers import FlightMarkerKind
+from core.limit_set import ConditionChannel
 
 STREAMS: dict[int | str, dict[str, Any]] = {
     200: {"content": {"application/json": {"schema": {"type": "object"}}}}
@@ -94,6 +95,9 @@ class Catalog(BaseModel):
 
     version: str
     channels: list[Channel]
+    conditions: list[ConditionChannel] = Field(
+        description="what the conditions of a limit set are told by"
+    )
     families: dict[str, ListedFamily]
     recipes: dict[str, RecipeForm]
     flight_markers: list[FlightMarkerKind] = Field(

@@ -1,6 +1,6 @@
 /**
  * The page: one address a view (#/fly, #/fly/{flight}, #/recordings/{id}, #/monitors/{id},
- * #/datasets/{id}, #/storage), its theme.
+ * #/datasets/{id}, #/limits/{id}, #/storage), its theme.
  *
  * A view's module exports show(element, {id, query, api, navigate}) -> {close()}. `query` holds what
  * follows a question mark (#/fly?monitor=3f9a); navigate("#/fly/3f9a") goes elsewhere.
@@ -15,6 +15,7 @@ const VIEWS = {
   fly: { title: "Fly", load: () => import("./fly/index.js") },
   recordings: { title: "Recordings", load: () => import("./recordings/index.js") },
   monitors: { title: "Monitors", load: () => import("./monitors/index.js") },
+  limits: { title: "Limit sets", load: () => import("./limits/index.js") },
   storage: { title: "Storage", load: () => import("./storage/index.js") },
   datasets: { title: "Datasets", load: () => import("./datasets/index.js") },
 };

@@ -14,13 +14,13 @@
  */
 
 import { symbolNodes } from "../charts/readout.js";
+import { loadCatalog } from "../lib/catalog.js";
 import { h, put } from "../lib/dom.js";
 import { may } from "../lib/me.js";
 import { magnitudeIn } from "../lib/units.js";
 import { askToConfirm } from "../lib/view_states.js";
 
 const CHANGE = "PUT /flights/{}/limits";
-const CONDITIONS = [["mach", "Mach number"], ["dynamic_pressure", "Dynamic pressure [Pa]"], ["configuration", "Configuration (number)"]];
 
 export function createFlightLimits(element, { api, path }) {
   element.classList.add("flight-limits");
@@ -99,12 +99,13 @@ function limited(channels) {
 
 export function createLimitChoice(api, own) {
   const sets = h("select", { id: "limit-set" });
-  const inputs = CONDITIONS.map(([key, label]) => ({ key, label, input: h("input", { id: `condition-${key}`, type: "number", step: "any" }) }));
-  const fields = h("div", { class: "stack" },
-    h("p", { class: "hint" }, "The flight condition, where it is declared; left empty, a live source sends it."),
-    ...inputs.map(({ input, label }) => h("div", { class: "field" }, h("label", { for: input.id }, label), input)));
+  let inputs = [];
+  const fields = h("div", { class: "stack" }, h("p", { class: "hint" }, "The flight condition, where it is declared; left empty, a live source sends it."));
   const element = h("div", { class: "stack form" }, h("div", { class: "field" }, h("label", { for: sets.id }, "Limits"), sets), fields);
-  if (own !== null) sets.append(h("option", { value: "" }, own));
+  if (own !== null) {
+    sets.append(h("option", { value: "" }, own));
+    sets.after(h("p", { class: "hint" }, "Limits by flight condition are kept as ", h("a", { href: "#/limits" }, "limit sets"), ", each version with who made it and when."));
+  }
   const adapt = () => {
     fields.hidden = sets.value === "";
   };
@@ -112,7 +113,9 @@ export function createLimitChoice(api, own) {
   const ready = load();
 
   async function load() {
-    const stored = await api.get("/limit-sets").catch(() => []);
+    const [{ conditions }, stored] = await Promise.all([loadCatalog(api), api.get("/limit-sets").catch(() => [])]);
+    inputs = conditions.map(({ key, label, unit }) => ({ key, words: `${label}${unit && ` [${unit}]`}`, input: h("input", { id: `condition-${key}`, type: "number", step: "any" }) }));
+    fields.append(...inputs.map(({ input, words }) => h("div", { class: "field" }, h("label", { for: input.id }, words), input)));
     sets.append(...stored.map(({ id, name, newest }) => h("option", { value: id }, `${name}, version ${newest}`)));
     adapt();
     return stored.length;

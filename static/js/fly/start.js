@@ -8,7 +8,7 @@
 
 import { reason } from "../lib/api.js";
 import { h, put } from "../lib/dom.js";
-import { asksForToken, needs } from "../lib/me.js";
+import { asksForToken, may, needs } from "../lib/me.js";
 import { warningLines, warningMark, warningsAt, warningWords } from "../lib/monitor_warnings.js";
 import { startFlight } from "../lib/start_flight.js";
 import { errorLine, state } from "../lib/view_states.js";
@@ -147,7 +147,7 @@ function startForm({ monitors, datasets, recordings, query, api, navigate }) {
   const display = createDisplayChoice(monitors);
   const limits = createLimitChoice(api, "the monitor's own");
   limits.ready.then((n) => {
-    limits.element.hidden = n === 0;
+    limits.element.hidden = n === 0 && !may("POST /limit-sets");
   });
   let epsilonOf = "";
   let warned = ""; // the monitor and the epsilon that the warnings are of

@@ -36,6 +36,7 @@ export function showMonitors(element, { api, navigate }) {
       [
         link("Train a monitor", "#/monitors/new", true),
         link("Compare five methods", "#/monitors/compare"),
+        link("Limit sets", "#/limits"),
         uploader(),
       ],
       jobs.element,
