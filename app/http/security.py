@@ -53,7 +53,9 @@ PAGE_POLICY = (
     "form-action 'self'; frame-ancestors 'none'"
 )
 API_POLICY = "default-src 'none'; frame-ancestors 'none'"
-POLICIES = (("/api/", API_POLICY), ("/scene/", API_POLICY), ("/", PAGE_POLICY))
+SCENE_POLICY = "default-src 'none'; frame-ancestors 'self'"
+"""Of a scene that is not shown: the page whose frame it is in must be able to tell why."""
+POLICIES = (("/api/", API_POLICY), ("/scene/", SCENE_POLICY), ("/", PAGE_POLICY))
 """Content security policy by the start of the path, the first that fits; what a route says itself
 (the scene's client, which needs inline code) stays."""
 

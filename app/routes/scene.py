@@ -35,6 +35,11 @@ CONTENT_SECURITY_POLICY = (
 STYLE = b"<style>#webgl-software-rendering{display:none}</style>"
 """A notice that the browser draws without a GPU would hide the risk for good."""
 
+SCRIPT = b"""<script>globalThis.Function = new Proxy(Function, {
+  apply: () => () => () => {}, construct: () => () => {} })</script>"""
+"""Nothing is made of text in a frame that may evaluate none: the client's sorter of splats,
+which no scene has, would ask for that while it loads, and its refusal stands in the console."""
+
 CheckOrigin = Callable[[WebSocket], Any]
 
 
@@ -48,8 +53,9 @@ class ClientPage:
 
 @cache
 def client_page() -> ClientPage:
-    """Read the page from the installed viser package, once; one rule of style is added."""
+    """Read the page from the installed viser package, once; STYLE and SCRIPT are added."""
     html = (Path(viser.__file__).parent / "client" / "build" / "index.html").read_bytes()
+    html = html.replace(b"<head>", b"<head>" + SCRIPT, 1)
     html = html.replace(b"</head>", STYLE + b"</head>", 1)
     return ClientPage(html, f'"{hashlib.sha256(html).hexdigest()[:32]}"')
 

@@ -32,6 +32,10 @@ class Site:
         """Its store."""
         return self._server.app.state.store
 
+    def close_scene(self, flight: str) -> None:
+        """Close the scene of a flight that goes on."""
+        self._server.app.state.scenes.close(flight)
+
     def _start(self) -> None:
         started = threading.Event()
 

@@ -40,9 +40,9 @@ export function createSceneFrame(element, flight) {
 
   /** The frame's document is a problem, not a page, where a flight has no scene. */
   function check() {
-    const inside = frame?.contentDocument;
-    if (!inside) return;
-    if (inside.contentType === "text/html") {
+    if (frame === null) return;
+    const inside = frame.contentDocument; // null where the browser shows a page of its own
+    if (inside?.contentType === "text/html") {
       inside.hasFocus = () => true;
       const style = inside.createElement("style");
       style.textContent = STYLE;

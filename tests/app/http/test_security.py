@@ -8,7 +8,7 @@ from starlette.websockets import WebSocketDisconnect
 from app.http.audit import Audit
 from app.http.login import COOKIE
 from app.http.people import Admission, People, Person
-from app.http.security import API_POLICY, PAGE_POLICY, REFUSED, SESSION_OVER, Guard
+from app.http.security import API_POLICY, PAGE_POLICY, REFUSED, SCENE_POLICY, SESSION_OVER, Guard
 from app.http.sessions import Sessions
 from app.http.wrong_tokens import FREE_GUESSES
 from app.settings import Settings
@@ -330,7 +330,12 @@ def test_a_body_too_large_is_refused_before_any_route_runs(client, path):
 
 @pytest.mark.parametrize(
     ("path", "policy"),
-    [("/healthz", PAGE_POLICY), ("/api/v1/catalog", API_POLICY), ("/api/v1/no", API_POLICY)],
+    [
+        ("/healthz", PAGE_POLICY),
+        ("/api/v1/catalog", API_POLICY),
+        ("/api/v1/no", API_POLICY),
+        ("/scene/none/", SCENE_POLICY),
+    ],
 )
 def test_every_answer_has_its_policy_and_headers(client, path, policy):
     headers = client.get(path).headers
@@ -349,7 +354,7 @@ def test_refusals_have_the_headers_too(guarded):
 
 
 def test_no_policy_lets_anything_in_from_outside():
-    for policy in (PAGE_POLICY, API_POLICY):
+    for policy in (PAGE_POLICY, API_POLICY, SCENE_POLICY):
         assert policy.startswith("default-src 'none'")
         assert "http" not in policy
         assert "*" not in policy

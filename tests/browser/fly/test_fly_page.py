@@ -45,7 +45,6 @@ WATCH_CHANGES = """() => {
 }"""
 """What gauge, status line and title say after each change of the page."""
 SCENE = [
-    "'unsafe-eval' is not an allowed source",
     "THREE.Clock: This module has been deprecated",
     "GPU stall due to ReadPixels",
 ]
@@ -646,6 +645,17 @@ def test_the_scene_has_no_panel_of_its_own_and_lets_keys_through(
     fly.event("acknowledged by operator").wait_for()
     page.get_by_role("button", name="Hide scene").click()
     expect(page.locator(".scene-panel iframe")).to_have_count(0)
+
+
+def test_a_flight_whose_scene_is_gone_says_so_in_its_place(
+    own_fly: Fly, allowed_errors: list[str]
+) -> None:
+    allowed_errors.append("status of 404")
+    fly, page = own_fly, own_fly.page
+    fly.watch(SAFE, ("pause", None))
+    fly.site.close_scene(fly.flight)
+    page.get_by_role("button", name="Show scene").click()
+    expect(page.locator(".scene-panel")).to_contain_text("This flight has no scene")
 
 
 def test_an_alert_of_one_sample_stays_long_enough_to_be_seen(fly: Fly) -> None:

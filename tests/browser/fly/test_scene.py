@@ -4,7 +4,6 @@ from playwright.sync_api import Page
 from tests.support.scene_site import Site, scene_site, show
 
 EXPECTED = [
-    "'unsafe-eval' is not an allowed source",  # the client asks, and goes on without
     "THREE.Clock: This module has been deprecated",
     "GPU stall due to ReadPixels",
 ]

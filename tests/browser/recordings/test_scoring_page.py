@@ -8,7 +8,7 @@ from playwright.sync_api import Page, expect
 from tests.browser.recorded_site import RecordedSite
 from tests.browser.recordings.scored_chart import drawn, pixels, press
 
-SCENE = ["'unsafe-eval' is not an allowed source", "THREE.Clock", "GPU stall due to ReadPixels"]
+SCENE = ["THREE.Clock", "GPU stall due to ReadPixels"]
 
 
 def test_every_verdict_has_a_word_and_says_what_is_promised(
