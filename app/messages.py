@@ -17,7 +17,7 @@ from app import json_codec
 from core.channels import CHANNELS
 from core.flight_markers import FlightMarkerKey, FlightMarkerKind
 from core.monitor import Assessment
-from core.monitor.assessment import State
+from core.monitor.assessment import Cause, State
 from core.monitor.calibration import Guarantee
 from core.monitor.status import AlarmKind, Level, Status
 from core.specification import Limits, Specification
@@ -114,6 +114,9 @@ class Alarm(Message):
     )
     exceedance: MeasuredExceedance | None = Field(default=None, description="of kind `limit`")
     reason: str | None = Field(default=None, description="of a caution: why")
+    cause: Cause | None = Field(
+        default=None, description="of a monitor that is not applicable, as of a frame"
+    )
     raised: str = Field(description="UTC, ISO 8601")
     acknowledged: str | None = Field(default=None, description="UTC, ISO 8601")
     by: str | None = None
@@ -162,6 +165,7 @@ class DisplayAssessment(Message):
     alert: bool | None
     state: State
     reason: str
+    cause: Cause | None = Field(default=None, description="as of a frame")
 
 
 class FlownMonitor(Message):
@@ -176,6 +180,9 @@ class FlownMonitor(Message):
     epsilon: float = Field(description="accepted miss rate")
     alert_above: float = Field(description="risk above which it alerts")
     n_unsafe: int
+    limits: dict[str, float | None] | None = Field(
+        description="that it warns of by channel, whatever is in force; null where it says none"
+    )
     validity: Literal["checked", "not calibrated"]
     warnings: list[str] = Field(description="what speaks against relying on it")
 
@@ -195,6 +202,12 @@ class Frame(Message):
     alert: bool | None
     state: State
     reason: str
+    cause: Cause | None = Field(
+        default=None,
+        description="of an invalid sample, where it has a word of its own: nothing was to be "
+        "assessed there (`between_manoeuvres`), other limits are in force than the monitor's "
+        "(`not_applicable`), or nobody can tell which are (`limits_unknown`)",
+    )
     y_hat: Outputs | None
     sent: float | None
     taken: float | None = Field(
@@ -313,6 +326,7 @@ class Hello(Message):
     transport: TransportState
     state: State
     reason: str
+    cause: Cause | None = Field(default=None, description="as of a frame")
     status: Status
     level: Level
     beside: list[Status]
@@ -374,6 +388,7 @@ class StateChange(Message):
     type: Literal["state"] = "state"
     state: State
     reason: str
+    cause: Cause | None = Field(default=None, description="as of a frame")
 
 
 class StatusChange(Message):
@@ -522,6 +537,7 @@ def plain_frame(
         "alert": assessment.alert,
         "state": assessment.state.value,
         "reason": assessment.reason,
+        "cause": assessment.cause,
         "y_hat": assessment.y_hat,
         "sent": sent,
     }
@@ -534,6 +550,7 @@ def plain_frame(
                 "alert": one.alert,
                 "state": one.state.value,
                 "reason": one.reason,
+                "cause": one.cause,
             }
             for one in display
         ]

@@ -17,7 +17,8 @@ from typing import Any
 from app.flights.clock import Clock
 from app.messages import Alarm, MeasuredExceedance
 from core.monitor import Assessment, State
-from core.monitor.status import ALARM_LEVELS, BETWEEN, AlarmKind, Level
+from core.monitor.assessment import Cause
+from core.monitor.status import ALARM_LEVELS, AlarmKind, Level
 
 REJOIN_S = 1.0
 CLOSED_KEPT = 50
@@ -117,7 +118,7 @@ class Alarms:
         active: dict[AlarmKind, tuple[float, bool]] = {"limit": (t, exceedance is not None)}
         if state is State.OK:
             active["risk"] = t, bool(assessment.alert)
-        active["invalid"] = t, state is State.INVALID and reason != BETWEEN
+        active["invalid"] = t, (state is State.INVALID and assessment.cause is not Cause.BETWEEN)
         active["stale"] = clock.now(), bool(late) or state is State.STALE
         reasons: dict[AlarmKind, str] = {"invalid": reason, "stale": late or reason}
         return [
@@ -129,6 +130,7 @@ class Alarms:
                 p_value=assessment.p_value,
                 exceedance=exceedance if kind == "limit" else None,
                 reason=reasons.get(kind),
+                cause=assessment.cause if kind == "invalid" else None,
                 raised=clock.utc(),
             )
             for kind, (when, is_active) in active.items()

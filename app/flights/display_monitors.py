@@ -15,6 +15,7 @@ from app.store.flights import FlightInfo
 from app.store.monitors import MonitorInfo
 from app.store.store import NotFound, Store
 from core.monitor import Monitor
+from core.specification import specification_to_plain
 
 ALIKE = {"aircraft": "another aircraft", "maneuver": "another manoeuvre"}
 """What of their datasets' recipes monitors of one flight have in common."""
@@ -72,6 +73,8 @@ def flown_monitor(
     is_authority: bool = False,
 ) -> FlownMonitor:
     """A monitor of a flight as it is sent. delay: that live samples may wait [s]."""
+    known = monitor.specification
+    plain = known if isinstance(monitor, MonitorInfo) else specification_to_plain(known)
     return FlownMonitor(
         id=monitor_id,
         name=name,
@@ -80,6 +83,7 @@ def flown_monitor(
         epsilon=epsilon,
         alert_above=monitor.alert_above(epsilon),
         n_unsafe=monitor.n_unsafe,
+        limits=plain if isinstance(plain, dict) else None,
         validity=validity_word(monitor.support is not None),
         warnings=warnings,
     )

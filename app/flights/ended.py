@@ -22,8 +22,8 @@ from app.store.flights import FlightInfo
 from app.store.monitors import MonitorInfo
 from app.store.store import NotFound, Store
 from core.monitor import State
-from core.monitor.assessment import REASONS, STATES
-from core.monitor.status import BETWEEN, Facts, Headline, Level, headline
+from core.monitor.assessment import REASONS, STATES, Cause
+from core.monitor.status import Facts, Headline, Level, cause_of, headline
 
 RUNNING = "running"
 BEFORE, JUMP = 20, 5.0
@@ -53,6 +53,7 @@ class Record(BaseModel):
         description="that it came to, of each channel that had one"
     )
     reason: str = Field(description="why its newest sample was not assessed; empty where it was")
+    cause: Cause | None = Field(description="of that reason, as of a frame")
     open_alarms: int = Field(description="warnings that wait for their acknowledgement")
     open_cautions: int = Field(description="cautions that wait for theirs")
 
@@ -101,6 +102,7 @@ def _record(
         verdict=found,
         exceedances=_of_channels(info, alarms),
         reason=reason,
+        cause=cause_of(STATES[last], reason),
         open_alarms=warnings,
         open_cautions=cautions,
     )
@@ -230,9 +232,10 @@ def _before(store: Store, info: FlightInfo, seq: int, dt: float) -> tuple[bool, 
     stored = store.flights.assessments(info.id, max(seq - BEFORE, 0), seq)
     steps = np.diff(stored.t)
     jumped = bool(((steps <= 0.0) | (steps > JUMP * dt)).any())
-    told = (*REASONS, BETWEEN)
     withdrawn = [
-        STATES[code] is State.INVALID and why not in told
+        STATES[code] is State.INVALID
+        and why not in REASONS
+        and cause_of(STATES[code], why) is not Cause.BETWEEN
         for code, why in zip(stored.state[-1:], stored.reasons[-1:], strict=True)
     ]
     return jumped, any(withdrawn)

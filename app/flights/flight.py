@@ -47,6 +47,7 @@ from core.certificate import warnings_of
 from core.channels import KEYS
 from core.flight_markers import FLIGHT_MARKERS, FlightMarkerKey
 from core.monitor import Assessment, Monitor, State
+from core.monitor.assessment import Cause
 from core.monitor.status import Facts, Headline, Level, headline
 from core.specification import Specification, specification_to_plain
 from core.types import Array
@@ -130,6 +131,7 @@ class Flight(ABC):
         self.is_over = False
         self.t = 0.0
         self.state, self.reason, self._late = State.WARMING_UP, "no sample has come yet", ""
+        self.cause: Cause | None = None
         self._assessment: Assessment | None = None
         self._exceeds = False
         self.exceeded_t: float | None = None
@@ -354,6 +356,7 @@ class Flight(ABC):
             transport=self.transport,
             state=self.state,
             reason=self.reason,
+            cause=self.cause,
             **_plain(self.headline),
             exceedances=self.exceedances.of_channels,
             latched=self.exceedances.latched,
@@ -400,7 +403,7 @@ class Flight(ABC):
     ) -> None:
         """One sample as it is shown. sent: monotonic milliseconds; None where it was long ago."""
         late = (State.STALE, self._late) if self._late else None
-        self._set_state(*(late or (assessment.state, assessment.reason)))
+        self._set_state(*(late or (assessment.state, assessment.reason, assessment.cause)))
         frame = plain_frame(self.head + 1, y, assessment, sent, display, self._taken(assessment.t))
         self._recent.append(encode_frame(frame))
         self.t, self._assessment, self._pose = assessment.t, assessment, (attitude, y)
@@ -458,7 +461,8 @@ class Flight(ABC):
             p_value = alert = None
         angles = float(y[BETA]), float(y[DELTA_A]), float(y[DELTA_R])
         risk = p_value, self._alert_above, alert, self.state, self.reason
-        self._stage(lambda scene: scene.show(self.t, attitude, *angles, *risk, self.facts))
+        about = self.facts, self._assessment.cause
+        self._stage(lambda scene: scene.show(self.t, attitude, *angles, *risk, *about))
 
     def _miss(self, seconds: float) -> None:
         """Say that no sample came for so long [s]."""
@@ -487,10 +491,10 @@ class Flight(ABC):
             LOG.exception("flight %s goes on without its scene", self.id)
             self.scene = None
 
-    def _set_state(self, state: State, reason: str) -> None:
+    def _set_state(self, state: State, reason: str, cause: Cause | None = None) -> None:
         if (state, reason) != (self.state, self.reason):
-            self.state, self.reason = state, reason
-            self._tell(StateChange(state=state, reason=reason).encode())
+            self.state, self.reason, self.cause = state, reason, cause
+            self._tell(StateChange(state=state, reason=reason, cause=cause).encode())
 
     # --- time and end -------------------------------------------------------------------------
 

@@ -17,6 +17,7 @@ from app.store.flights import FlightInfo
 from app.store.store import NotFound, Store
 from core.monitor import Assessment, State
 from core.monitor.assessment import STATES
+from core.monitor.status import cause_of
 
 NAME, ACCEPT_USELESS = "name", "accept_useless"
 """Kept with the source of a stored flight."""
@@ -92,6 +93,7 @@ class FlightRecords:
                 STATES[code],
                 stored.reasons[i],
                 y_hat,
+                cause=cause_of(STATES[code], stored.reasons[i]),
             )
             display = [_displayed(one, i, assessment.t) for one in stored.display]
             frames.append(plain_frame(int(stored.seq[i]), stored.y[i], assessment, None, display))
@@ -103,7 +105,8 @@ def _displayed(stored: StoredDisplay, i: int, t: float) -> Assessment:
     p_value, alert, code = stored.samples[i].tolist()
     ok = STATES[code] is State.OK
     said = (p_value, alert) if ok else (None, None)
-    return Assessment(t, *said, STATES[code], stored.reasons[i])
+    state, reason = STATES[code], stored.reasons[i]
+    return Assessment(t, *said, state, reason, cause=cause_of(state, reason))
 
 
 def _alarm(stored: StoredAlarm) -> Alarm:
@@ -118,6 +121,7 @@ def _alarm(stored: StoredAlarm) -> Alarm:
         level=stored.level,
         exceedance=MeasuredExceedance(**stored.exceedance) if stored.exceedance else None,
         reason=stored.reason,
+        cause=cause_of(State.INVALID, stored.reason or "") if stored.kind == "invalid" else None,
         raised=stored.raised,
         acknowledged=stored.acknowledged,
         by=stored.by,

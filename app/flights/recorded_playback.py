@@ -18,6 +18,7 @@ from app.scoring.outcome import SAME_TIME
 from core.channels import KEYS
 from core.monitor import Assessment, State
 from core.monitor.assessment import STATES
+from core.monitor.status import cause_of
 from core.monitor.validity import exceeds
 from core.simulation.attitude import WASH_OUT_S, DisplayAttitude
 from core.types import Array, Indices
@@ -137,7 +138,7 @@ class RecordedScript(Script):
         t, code = float(sample["t"]), int(sample["state"])
         if (state := STATES[code]) is not State.OK:
             why = reason(code, t, int(sample["manoeuvre"]), self._manoeuvres)
-            return Assessment(t, None, None, state, why)
+            return Assessment(t, None, None, state, why, cause=cause_of(state, why))
         y_hat = sample["y_hat"] if self._forecasts else None
         return Assessment(t, float(sample["p_value"]), bool(sample["alert"]), state, y_hat=y_hat)
 

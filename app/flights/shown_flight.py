@@ -23,6 +23,7 @@ from app.store.assessments import StoredAssessments
 from core.channels import KEYS, N_CHANNELS
 from core.monitor import Assessment, State
 from core.monitor.assessment import STATES
+from core.monitor.status import cause_of
 from core.monitor.validity import exceeds
 from core.simulation.attitude import DisplayAttitude
 from core.types import Array, Flags
@@ -90,7 +91,7 @@ class ShownFlight(Script):
         sample, reason = self.samples[k], self.reasons[k]
         t, state = float(sample["t"]), STATES[int(sample["state"])]
         if state is not State.OK:
-            return Assessment(t, None, None, state, reason)
+            return Assessment(t, None, None, state, reason, cause=cause_of(state, reason))
         y_hat = None if np.isnan(sample["y_hat"]).all() else sample["y_hat"]
         p_value, alert = float(sample["p_value"]), bool(sample["alert"])
         return Assessment(t, p_value, alert, state, reason, y_hat)

@@ -16,6 +16,7 @@ from app.scoring.outcome import verdict_of
 from app.store.scorings import ScoringInfo
 from core.channels import KEYS
 from core.monitor.assessment import STATES
+from core.monitor.status import cause_of
 from core.specification import specification_from_plain
 
 OF_ITS_OWN = ("recording_id", "monitor_id", "specification", "request_digest", "row_digest")
@@ -86,7 +87,8 @@ def frames(info: ScoringInfo, samples: Samples, first: int) -> list[dict[str, An
             "p_value": p_value,
             "alert": alert if known[i] else None,
             "state": STATES[state].value,
-            "reason": reason(state, t, manoeuvre, info.manoeuvres),
+            "reason": (why := reason(state, t, manoeuvre, info.manoeuvres)),
+            "cause": cause_of(STATES[state], why),
             "y_hat": y_hat[i] if forecast[i] else None,
             "sent": None,
             "withdrawn": withdrawn,

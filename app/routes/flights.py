@@ -34,6 +34,7 @@ from app.store.flights import FlightInfo, UnderWay
 from core.certificate import UselessMonitor
 from core.flight_markers import FlightMarkerKey
 from core.monitor import State
+from core.monitor.assessment import Cause
 from core.monitor.status import Facts, Level, Status, headline
 
 router = APIRouter(prefix="/api/v1/flights", tags=["flights"])
@@ -77,6 +78,7 @@ class FlightStatus(BaseModel):
     reason: str = Field(
         default="", description="why its newest sample was not assessed; empty where it was"
     )
+    cause: Cause | None = Field(default=None, description="of that reason, as of a frame")
     age: float | None = Field(
         default=None,
         description="[s] since the newest sample of a live flight was taken; null for any other",
@@ -399,6 +401,7 @@ def _status(
         if flight
         else [],
         reason=record.reason if record else "",
+        cause=record.cause if record else None,
         open_alarms=record.open_alarms if record else None,
         open_cautions=record.open_cautions if record else None,
         source=source_of(info),
@@ -426,6 +429,7 @@ def _status(
             "fail_t": flight.fail_t,
             "state": flight.state,
             "reason": flight.reason,
+            "cause": flight.cause,
             "age": flight.age,
             "transport": flight.transport,
             "watchers": flight.n_watchers,

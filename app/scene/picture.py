@@ -16,7 +16,7 @@ from app.scene.airframes import AIRFRAMES
 from app.scene.ground_track import TRAIL_POINTS, GroundTrack
 from app.scene.quaternion import body_to_earth, product, turn
 from app.scene.shapes import arrow, circle, compass, slip_scale, torus, tube
-from core.monitor.assessment import State
+from core.monitor.assessment import Cause, State
 from core.monitor.status import Facts, Headline, Level, Status, headline, in_words
 from core.simulation.aircraft import AircraftClass
 from core.simulation.attitude import Attitude, SurfaceSigns
@@ -78,6 +78,7 @@ class Shown(NamedTuple):
     reason: str
     paused: bool = False
     facts: Facts | None = None
+    cause: Cause | None = None
 
     @property
     def headline(self) -> Headline:
@@ -105,7 +106,7 @@ class Caption(NamedTuple):
 def caption(shown: Shown) -> Caption:
     """A number only where the sample could be assessed, a word wherever it is not calm."""
     now = shown.headline
-    both = "" if now.status is Status.OK else in_words(now, shown.reason)
+    both = "" if now.status is Status.OK else in_words(now, shown.cause)
     if shown.state is not State.OK or shown.p_value is None:
         return Caption(both, "", shown.reason or "no risk can be given")
     word = f"{both}{' PAUSED' * shown.paused}".strip()
@@ -119,8 +120,8 @@ def caption(shown: Shown) -> Caption:
 def label(shown: Shown) -> str:
     """As much of the caption as the narrowest scene has room for, what is of now in any case."""
     words, now = caption(shown), shown.headline
-    first = in_words(now._replace(exceeded_t=None), shown.reason)
-    headline = in_words(now, shown.reason)
+    first = in_words(now._replace(exceeded_t=None), shown.cause)
+    headline = in_words(now, shown.cause)
     texts = (f"{words.word} {words.risk}".strip(), words.word, headline, first)
     return next((text for text in texts if len(text) <= LONGEST_LABEL), first)
 

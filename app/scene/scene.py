@@ -15,7 +15,7 @@ from typing import Self
 
 from app.scene.picture import Picture, Shown
 from app.scene.server import address, open_server
-from core.monitor.assessment import State
+from core.monitor.assessment import Cause, State
 from core.monitor.status import Facts
 from core.simulation.aircraft import AircraftClass
 from core.simulation.attitude import Attitude, SurfaceSigns
@@ -76,12 +76,14 @@ class Scene:
         state: State | str,
         reason: str = "",
         facts: Facts | None = None,
+        cause: Cause | None = None,
     ) -> None:
         """Show this from the next drawing on; an earlier one that was not drawn yet is dropped.
 
         t: flight time [s].   attitude: phi, theta, psi [rad].   beta, delta_a, delta_r: [rad].
         p_value, alert: None unless state is `ok`; `ok` without a finite p-value shows as INVALID.
         facts: what the flight's headline is decided from; of this sample alone unless given.
+        cause: why the sample is invalid, where there is a word of its own for it.
         Angles that are not finite keep the last pose.
         After `close` this does nothing. Costs a few microseconds and never waits.
         """
@@ -92,7 +94,7 @@ class Scene:
             if not all(map(isfinite, (t, *attitude, beta, delta_a, delta_r))):
                 pose = self._shown[:5]
             assessment = p_value, alert_above, bool(alert), State(state), reason
-            self._shown = Shown(*pose, *assessment, facts=facts)
+            self._shown = Shown(*pose, *assessment, facts=facts, cause=cause)
             self._came = self._clock()
 
     def wait(self, stale_after_s: float) -> None:

@@ -25,7 +25,7 @@ from core.limit_set import (
     limit_set_to_plain,
 )
 from core.monitor import Assessment, State
-from core.monitor.assessment import withdrawn
+from core.monitor.assessment import Cause, withdrawn
 from core.monitor.status import LIMITS_UNKNOWN, NOT_APPLICABLE
 from core.specification import Limits
 from core.types import Array
@@ -95,12 +95,17 @@ class Ruling:
         """Why it cannot be told which limits hold; empty where it can."""
         return self.reasons[0] if self.limits is None else ""
 
+    @property
+    def cause(self) -> Cause:
+        """Why a monitor is withdrawn by it."""
+        return Cause.LIMITS_UNKNOWN if self.limits is None else Cause.NOT_APPLICABLE
+
     def apply(
         self, assessment: Assessment, display: Sequence[Assessment] = ()
     ) -> tuple[Assessment, tuple[Assessment, ...]]:
         """What the monitors say, withdrawn where they are not applicable."""
         ruled = [
-            withdrawn(one.t, reason) if reason and one.state is not State.STALE else one
+            withdrawn(one.t, reason, self.cause) if reason and one.state is not State.STALE else one
             for one, reason in zip((assessment, *display), self.reasons, strict=True)
         ]
         return ruled[0], tuple(ruled[1:])

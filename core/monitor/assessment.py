@@ -19,6 +19,14 @@ class State(StrEnum):
     INVALID = "invalid"
 
 
+class Cause(StrEnum):
+    """Why a sample is `invalid`, where views have a word of its own for it."""
+
+    BETWEEN = "between_manoeuvres"
+    NOT_APPLICABLE = "not_applicable"
+    LIMITS_UNKNOWN = "limits_unknown"
+
+
 STATES = tuple(State)
 """States in the order of the compiled path's codes."""
 _CODES = {state: code for code, state in enumerate(STATES)}
@@ -59,6 +67,7 @@ class Assessment:
 
     t: time [s].   p_value, alert, score: None unless state is `ok`.
     alert_above: p-value above which it is an alert; None where there is none.
+    cause: the kind of reason of an invalid sample, where views tell it apart; else None.
     y_hat: (6,) forecast of the outputs t_early ahead; None where the predictor makes none.
     nearest_unsafe, nearest_safe: exemplars; None where the score looks up no neighbours.
     """
@@ -73,6 +82,7 @@ class Assessment:
     nearest_unsafe: Exemplar | None = None
     nearest_safe: Exemplar | None = None
     alert_above: float | None = None
+    cause: Cause | None = None
 
     def as_dict(self) -> dict[str, Any]:
         """Return the wire form: plain numbers, the forecast by channel key."""
@@ -99,9 +109,9 @@ class Withdrawal(NamedTuple):
     reason: str
 
 
-def withdrawn(t: float, reason: str) -> Assessment:
+def withdrawn(t: float, reason: str, cause: Cause | None = None) -> Assessment:
     """What is said of a sample of which nothing may be said."""
-    return Assessment(t, None, None, State.INVALID, reason)
+    return Assessment(t, None, None, State.INVALID, reason, cause=cause)
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,6 +7,8 @@ from enum import StrEnum
 from functools import lru_cache
 from typing import Literal, NamedTuple
 
+from core.monitor.assessment import Cause, State
+
 
 class Status(StrEnum):
     """What a headline can say, the worst first."""
@@ -90,11 +92,29 @@ WORDS = {
     Status.EXCEEDED: "EXCEEDED",
     Status.OK: "OK",
 }
-BETWEEN, NOT_ASSESSED = "between manoeuvres", "NOT ASSESSED"
-"""Reason of a sample that is invalid since nothing was to be assessed there, and its word."""
+BETWEEN = "between manoeuvres"
+"""Reason of a sample that is invalid since nothing was to be assessed there."""
 NOT_APPLICABLE, LIMITS_UNKNOWN = "not applicable", "limits unknown"
 """What reasons begin with where other limits are in force than the monitor's, or nobody knows which
-are; their words are these."""
+are."""
+CAUSE_WORDS = {
+    Cause.BETWEEN: "NOT ASSESSED",
+    Cause.NOT_APPLICABLE: "NOT APPLICABLE",
+    Cause.LIMITS_UNKNOWN: "LIMITS UNKNOWN",
+}
+"""What stands in place of INVALID."""
+
+
+def cause_of(state: State, reason: str) -> Cause | None:
+    """The cause of an assessment that was stored, of which the reason in words is kept alone."""
+    if state is not State.INVALID:
+        return None
+    if reason == BETWEEN:
+        return Cause.BETWEEN
+    if reason.startswith(f"{NOT_APPLICABLE}:"):
+        return Cause.NOT_APPLICABLE
+    return Cause.LIMITS_UNKNOWN if reason.startswith(f"{LIMITS_UNKNOWN}:") else None
+
 
 AlarmKind = Literal["risk", "limit", "invalid", "stale"]
 """A predicted exceedance, a measured one, a monitor that is not applicable, a late source."""
@@ -131,23 +151,20 @@ def headline(facts: Facts) -> Headline:
     return Headline(worst, level, beside, facts.exceeded_t)
 
 
-def in_words(said: Headline, reason: str = "") -> str:
+def in_words(said: Headline, cause: Cause | None = None) -> str:
     """A headline as every view words it: `ALARM · STALE · EXCEEDED first at 8.76 s`.
 
-    reason: of the newest sample, which tells INVALID from NOT ASSESSED.
+    cause: of the newest sample, by which INVALID has a word of its own.
     """
-    words = [_word(status, said, reason) for status in (said.status, *said.beside)]
+    words = [_word(status, said, cause) for status in (said.status, *said.beside)]
     if said.exceeded_t is not None and said.status not in (Status.EXCEEDING, Status.EXCEEDED):
-        words.append(_word(Status.EXCEEDED, said, reason))
+        words.append(_word(Status.EXCEEDED, said, cause))
     return " · ".join(words)
 
 
-def _word(status: Status, said: Headline, reason: str) -> str:
-    if status is Status.INVALID and reason == BETWEEN:
-        return NOT_ASSESSED
-    if status is Status.INVALID:
-        told = (one for one in (NOT_APPLICABLE, LIMITS_UNKNOWN) if reason.startswith(one))
-        return next(told, WORDS[status]).upper()
+def _word(status: Status, said: Headline, cause: Cause | None) -> str:
+    if status is Status.INVALID and cause is not None:
+        return CAUSE_WORDS[cause]
     if status is Status.EXCEEDED and said.exceeded_t is not None:
         return f"{WORDS[status]} first at {said.exceeded_t:.2f} s"
     return WORDS[status]

@@ -46,13 +46,13 @@ export function sample(t, growth = 0.06) {
   ];
 }
 
-export function frame(t, { growth = 0.06, state = "ok", reason = "" } = {}) {
+export function frame(t, { growth = 0.06, state = "ok", reason = "", cause = null } = {}) {
   const y = sample(t, growth);
   const ahead = sample(t + lead, growth);
   const strongest = Math.max(...[0, 0.5, 1].map((s) => Math.abs(sample(t + s * lead, growth)[3])));
   const p_value = state === "ok" ? Math.min(1, 0.004 + 1.2 * Math.max(0, strongest / 0.5 - 0.35) ** 3) : null;
   return {
-    t, y, p_value, state, alert: p_value === null ? null : p_value > EPSILON, reason,
+    t, y, p_value, state, alert: p_value === null ? null : p_value > EPSILON, reason, cause,
     y_hat: state === "ok" ? ahead.map((value) => 0.96 * value) : null,
   };
 }

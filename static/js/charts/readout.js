@@ -11,8 +11,9 @@
  *     age: of the value [s]
  *   cursorsText({a, b}, cursor) -> string     their times [s], and the difference of A and B
  *   symbolNodes(symbol) -> Node[]     "N_y" as N with subscript y
- *   shownState({state, reason}) -> string    "not_assessed" BETWEEN the manoeuvres of a recording
- *   withdrawnWord(reason) -> string | null    "NOT APPLICABLE" or "LIMITS UNKNOWN", of an invalid sample
+ *   shownState({state, cause}) -> string    "not_assessed" between the manoeuvres of a recording
+ *   stripState({state, cause}) -> string    the same, and the cause where the limits in force are not the monitor's
+ *   withdrawnWord(cause) -> string | null    "NOT APPLICABLE" or "LIMITS UNKNOWN", of an invalid sample
  *   STATE_WORDS                       what each state is called on screen
  */
 
@@ -26,21 +27,25 @@ export const STATE_WORDS = {
   stale: "STALE",
   invalid: "INVALID",
   not_assessed: "NOT ASSESSED",
+  not_applicable: "NOT APPLICABLE",
+  limits_unknown: "LIMITS UNKNOWN",
   paused: "PAUSED",
   none: "NO DATA",
 };
 
-export const BETWEEN = "between manoeuvres"; // as the server calls it
+const WITHDRAWN = ["not_applicable", "limits_unknown"]; // causes of an invalid sample with a word of their own
 
 /** Nothing is withdrawn where nothing was to be assessed. */
-export function shownState({ state, reason }) {
-  return state === "invalid" && reason === BETWEEN ? "not_assessed" : state;
+export function shownState({ state, cause }) {
+  return state === "invalid" && cause === "between_manoeuvres" ? "not_assessed" : state;
 }
 
-const WITHDRAWN = ["not applicable", "limits unknown"]; // what reasons begin with, as the server words them
+export function stripState({ state, cause }) {
+  return state === "invalid" && WITHDRAWN.includes(cause) ? cause : shownState({ state, cause });
+}
 
-export function withdrawnWord(reason = "") {
-  return WITHDRAWN.find((words) => reason.startsWith(words))?.toUpperCase() ?? null;
+export function withdrawnWord(cause) {
+  return WITHDRAWN.includes(cause) ? STATE_WORDS[cause] : null;
 }
 
 export function createReadout(element, strip) {
@@ -67,7 +72,7 @@ export function createReadout(element, strip) {
     element.toggleAttribute("data-last", last);
     put(state, known ? "" : (STATE_WORDS[now.state] ?? now.state));
     state.hidden = known;
-    element.dataset.state = now.state;
+    element.dataset.state = WITHDRAWN.includes(now.state) ? "invalid" : now.state;
     element.toggleAttribute("data-alert", known && now.alert);
     element.toggleAttribute("data-exceeded", now.exceeded !== null);
     element.toggleAttribute("data-over", known && strip.limit !== null && Math.abs(now.value) >= strip.limit);

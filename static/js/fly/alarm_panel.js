@@ -101,7 +101,7 @@ export function createAlarmPanel(element, { tone, acknowledge }) {
 
   function promised() {
     const state = shownState(assessment);
-    const wasBetween = shownState({ state: "invalid", reason: assessment.last }) === "not_assessed";
+    const wasBetween = shownState({ state: "invalid", cause: assessment.last }) === "not_assessed";
     if (holds.includes("invalid") && state === "stale" && !wasBetween)
       return "The guarantee is withdrawn: the monitor was not applicable to the last sample.";
     if (state === "not_assessed" || (holds.includes("invalid") && wasBetween)) return "No guarantee between manoeuvres: nothing is assessed there.";

@@ -10,12 +10,12 @@
  *   take(frames)               newest last; returns the newest that is shown, or null
  *   restart(t) -> Promise<frames | null>    after a seek or a loop: draws what lies before t [s]
  *   forget()                   what is shown never was: the strips begin anew
- *   setAssessment({state, reason}, quiet)    as the server says it, without a sample
+ *   setAssessment({state, reason, cause}, quiet)    as the server says it, without a sample
  *   setHeadline({status, level, beside})     as the server decided it
  *   setHeard(boolean)          whether the server is heard: false from the first missed heartbeat on
  *   lose(), resume()           the connection; after it the newest sample counts as it did
  *   refresh(wall) -> Headline      draws the gauge; the headline as every view shows it: stale where nothing comes any more
- *   reason, staleAfter             of the newest sample; age that is too great [s]
+ *   withdrawal, staleAfter         cause of the newest sample that is invalid; age that is too great [s]
  *   cause                          why it is stale; empty where only this page knows
  *   seq                            of the newest sample; -1 for none
  *   t                          of the newest sample, or where the flight goes on from [s]
@@ -50,7 +50,7 @@ export function createAssessmentDisplay(panels, { hello, history, alarm, events,
     timeline,
     onExceedance: exceeds,
   });
-  let assessment = { state: null, reason: "" };
+  let assessment = { state: null, reason: "", cause: null };
   let newest = null; // frame, without which there is nothing to trust
   let sampled = false; // a sample was shown
   let noted = ""; // below the number on the gauge
@@ -76,8 +76,8 @@ export function createAssessmentDisplay(panels, { hello, history, alarm, events,
 
   function show(frame) {
     sampled = true;
-    const { state, reason } = late ?? frame;
-    if (state !== assessment.state || reason !== assessment.reason) setAssessment({ state, reason });
+    const { state, reason, cause } = late ?? frame;
+    if (state !== assessment.state || reason !== assessment.reason) setAssessment({ state, reason, cause });
     if (late !== null) {
       withdraw();
       return;
@@ -99,10 +99,10 @@ export function createAssessmentDisplay(panels, { hello, history, alarm, events,
   }
 
   /** What the monitor can say now; a word in place of a number where it can say nothing. */
-  function setAssessment({ state, reason }, quiet = false) {
-    const changed = shownState({ state, reason }) !== shownState(assessment);
-    assessment = { state, reason };
-    alarm.setState({ ...assessment, last: lastReason() });
+  function setAssessment({ state, reason, cause = null }, quiet = false) {
+    const changed = shownState({ state, cause }) !== shownState(assessment);
+    assessment = { state, reason, cause };
+    alarm.setState({ ...assessment, last: lastCause() });
     if (state !== "ok") withdraw();
     if (!changed || quiet || ALARMED.includes(shownState(assessment))) return;
     const why = reason ? `: ${reason}` : "";
@@ -111,12 +111,12 @@ export function createAssessmentDisplay(panels, { hello, history, alarm, events,
   }
 
   /** By which the newest sample is worded, also once nothing follows it. */
-  function lastReason() {
-    return assessment.state === "stale" && newest !== null ? newest.reason : assessment.reason;
+  function lastCause() {
+    return assessment.state === "stale" && newest !== null ? newest.cause : assessment.cause;
   }
 
   function withdraw() {
-    gauge.update({ ...assessment, p_value: null, last: newest?.p_value, said: lastReason(), alertAbove });
+    gauge.update({ ...assessment, p_value: null, last: newest?.p_value, said: lastCause(), alertAbove });
     chart.setState(assessment);
   }
 
@@ -152,7 +152,7 @@ export function createAssessmentDisplay(panels, { hello, history, alarm, events,
   function lose() {
     linked = false;
     assessment = LOST;
-    alarm.setState({ ...assessment, last: lastReason() });
+    alarm.setState({ ...assessment, last: lastCause() });
     withdraw();
   }
 
@@ -178,8 +178,8 @@ export function createAssessmentDisplay(panels, { hello, history, alarm, events,
     },
     lose,
     resume,
-    get reason() {
-      return lastReason();
+    get withdrawal() {
+      return lastCause();
     },
     get staleAfter() {
       return timeline.staleAfter;

@@ -9,9 +9,9 @@
  *     stale: the browser hears nothing new.   alarms: how many warnings wait, as it knows
  *     blank: no sample is shown yet, and nothing is said to explain it: nothing calm is said either
  *   ofSample({state, alert}) -> Headline     of a sample alone, where nothing more is known
- *   wordOf(status, reason) -> string         INVALID is called NOT ASSESSED between manoeuvres
- *   besideOf(headline, reason) -> string     what stands beside its word: "STALE · EXCEEDED first at 8.76 s"
- *   textOf(headline, reason) -> string       "▲ ALARM · STALE · EXCEEDED first at 8.76 s"
+ *   wordOf(status, cause) -> string          INVALID has a word of its own for some causes, as NOT ASSESSED between manoeuvres
+ *   besideOf(headline, cause) ->  string     what stands beside its word: "STALE · EXCEEDED first at 8.76 s"
+ *   textOf(headline, cause) ->  string       "▲ ALARM · STALE · EXCEEDED first at 8.76 s"
  *   resultOf(flight) -> {words, level}       what a flight came to: its verdict, else its headline; data-level
  *   staleText(cause, age) -> string          why it is stale, and how old the newest sample is [s], NaN if unknown: the same everywhere
  *   LEVEL_OF {level: data-level}, MARKS {level: sign}
@@ -62,31 +62,31 @@ export function staleText(cause, age) {
   return [cause || "no new sample comes", ...old].join("; ");
 }
 
-export function resultOf({ verdict, progress, reason, mode, head, ...headline }) {
+export function resultOf({ verdict, progress, cause, mode, head, ...headline }) {
   const { level } = headline;
   if (progress === "running" && mode === "live" && head < 0 && CALM.includes(level)) return { words: FACES.no_data.word, level: "advisory" };
   if (!verdict && level === "none" && progress !== "running") return { words: progress.toUpperCase(), level: "off" };
-  if (!verdict) return { words: textOf(headline, reason ?? ""), level: LEVEL_OF[level] };
+  if (!verdict) return { words: textOf(headline, cause), level: LEVEL_OF[level] };
   const shown = level === "warning" ? level : "caution";
   return { words: MARKS[shown] + verdict.text, level: LEVEL_OF[shown] };
 }
 
-export function wordOf(status, reason = "") {
-  const withdrawn = status === "invalid" ? withdrawnWord(reason) : null;
-  return withdrawn ?? FACES[status === "invalid" ? shownState({ state: status, reason }) : status].word;
+export function wordOf(status, cause = null) {
+  const withdrawn = status === "invalid" ? withdrawnWord(cause) : null;
+  return withdrawn ?? FACES[status === "invalid" ? shownState({ state: status, cause }) : status].word;
 }
 
-export function besideOf({ status, beside, exceeded_t: t }, reason = "") {
+export function besideOf({ status, beside, exceeded_t: t }, cause = null) {
   const exceeded = Number.isFinite(t) && status !== "exceeding" && status !== "exceeded";
-  return [...beside.map((one) => wordOf(one, reason)), ...(exceeded ? [exceededAt(t)] : [])].join(" · ");
+  return [...beside.map((one) => wordOf(one, cause)), ...(exceeded ? [exceededAt(t)] : [])].join(" · ");
 }
 
-export function textOf(headline, reason = "") {
-  return MARKS[headline.level] + [worstOf(headline, reason), besideOf(headline, reason)].filter(Boolean).join(" · ");
+export function textOf(headline, cause = null) {
+  return MARKS[headline.level] + [worstOf(headline, cause), besideOf(headline, cause)].filter(Boolean).join(" · ");
 }
 
-function worstOf({ status, exceeded_t: t }, reason = "") {
-  return status === "exceeded" && Number.isFinite(t) ? exceededAt(t) : wordOf(status, reason);
+function worstOf({ status, exceeded_t: t }, cause = null) {
+  return status === "exceeded" && Number.isFinite(t) ? exceededAt(t) : wordOf(status, cause);
 }
 
 /** True on both sides of the cursor: the flight may have been sought to before it since. */

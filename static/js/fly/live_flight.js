@@ -92,7 +92,7 @@ export function showLiveFlight(element, { id, api, over }) {
 
   function onHello(message, again) {
     hello = message;
-    const { channels, epsilon, lead, warnings, state, reason: why } = hello;
+    const { channels, epsilon, lead, warnings, state, reason: why, cause } = hello;
     if (!again) {
       const history = createSeekHistory(api, path, hello.transport);
       display = createAssessmentDisplay(panels, { hello, history, alarm, events, onExceedance });
@@ -103,13 +103,13 @@ export function showLiveFlight(element, { id, api, over }) {
       }
     }
     if (hello.head < display.seq) forgetFrom(hello.head);
-    alarm.describe({ epsilon, alertAbove: alertAbove(), guarantee: hello.guarantee, lead, warnings, limits: limitsOf(channels), channels });
+    alarm.describe({ epsilon, alertAbove: alertAbove(), guarantee: hello.guarantee, lead, warnings, limits: limitsOf(warnedOf()), channels });
     if (again) display.chart.setLimits(channels, hello.limits?.since ?? -Infinity);
     if (hello.held.length > 0) display.chart.setHeld(hello.held);
     limits.show(hello.limits, channels);
     onTransport(hello.transport);
     if (hello.live) onLive(hello.live);
-    display.setAssessment({ state, reason: why }, true);
+    display.setAssessment({ state, reason: why, cause }, true);
     showEventsUntil(hello.transport.position);
     hello.alarms.forEach(onAlarm);
     display.chart.latch(hello.latched, hello.head);
@@ -157,6 +157,12 @@ export function showLiveFlight(element, { id, api, over }) {
     showEventsUntil(t);
     transport.arrived();
     onFrames([], await display.restart(t));
+  }
+
+  /** The channels with the limits that alerts warn of, whatever is in force. */
+  function warnedOf() {
+    const { limits } = hello.monitors[0];
+    return hello.channels.map((channel) => ({ ...channel, limit: limits?.[channel.key] ?? null }));
   }
 
   function alertAbove() {
@@ -251,9 +257,9 @@ export function showLiveFlight(element, { id, api, over }) {
   }
 
   /** Alarm line and title follow the headline; of a caution that is no alarm of the server's the tone is given here. */
-  function follow(headline, why) {
+  function follow(headline, cause) {
     alarm.setHeadline(headline);
-    const words = headline.level === "none" ? "" : `${textOf(headline, why)} – `;
+    const words = headline.level === "none" ? "" : `${textOf(headline, cause)} – `;
     const title = `${words}${hello.name} – Forewarn`;
     if (document.title !== title) document.title = title;
     const isStale = ({ status: one, beside }) => [one, ...beside].includes("stale");
@@ -291,12 +297,12 @@ export function showLiveFlight(element, { id, api, over }) {
   /** All that says how the flight is, in one update: gauge, link, status, title, alarm line, scene. */
   function show(wall) {
     const headline = display?.refresh(wall) ?? null;
-    const saying = `${connection.link} ${headline === null ? "" : textOf(headline, display.reason)}`;
+    const saying = `${connection.link} ${headline === null ? "" : textOf(headline, display.withdrawal)}`;
     if (saying === shown.saying && wall - shown.wall < STATUS_EVERY) return;
     shown = { saying, wall };
     coverScene(headline, wall);
     if (headline !== null) {
-      follow(headline, display.reason);
+      follow(headline, display.withdrawal);
       const stale = [headline.status, ...headline.beside].includes("stale");
       alarm.setStale(stale ? staleText(display.cause, display.timeline.age(wall)) : "");
     }
@@ -310,7 +316,7 @@ export function showLiveFlight(element, { id, api, over }) {
       playing: playback.playing,
       live: true,
       headline,
-      reason: display?.reason,
+      cause: display?.withdrawal,
       staleAfter: display?.staleAfter ?? Infinity,
       figures: connection.figures(wall),
     });

@@ -26,8 +26,8 @@ const NARROWEST = 5; // s
 
 export const CAUTION_WORDS = { invalid: "VALIDITY LOST", stale: "STALE" };
 
-export function cautionText({ kind, reason }, at = "") {
-  const withdrawn = kind === "invalid" ? withdrawnWord(reason) : null;
+export function cautionText({ kind, reason, cause }, at = "") {
+  const withdrawn = kind === "invalid" ? withdrawnWord(cause) : null;
   const why = withdrawn === null ? reason : reason.slice(withdrawn.length + 2);
   return `${withdrawn ?? CAUTION_WORDS[kind]}${at}: ${why}`;
 }

@@ -78,10 +78,10 @@ function rowOf(monitor, position) {
   return { monitor, position, line, value, bar };
 }
 
-function show({ monitor, line, value, bar }, { state, reason, p_value: risk, alert }) {
+function show({ monitor, line, value, bar }, { state, reason, cause, p_value: risk, alert }) {
   const assessed = state === "ok" && Number.isFinite(risk);
   const over = assessed && alert === true;
-  const withdrawn = state === "invalid" ? withdrawnWord(reason) : null;
+  const withdrawn = state === "invalid" ? withdrawnWord(cause) : null;
   const words = state === "ok" ? "NOT ASSESSED" : (withdrawn ?? STATE_WORDS[state] ?? state);
   put(value, assessed ? `${over ? "▲ above " : ""}${riskText(risk, monitor.alert_above)}` : words);
   const title = assessed ? "" : reason;

@@ -9,7 +9,7 @@
  *   createRiskGauge(element, {timeline, scale, led}) -> {update(reading), draw(wall, headline), clear(), destroy()}
  *     led: it is drawn by `draw` alone, with a flight's headline; else by itself, with that of the sample alone
  *     reading: {p_value, alertAbove, state, alert, reason, note, result}, any frame with its alertAbove will do;
- *     note stands below the number; last, said: risk and reason of the last sample, where nothing follows it; result: {words, level}, what a flight that is over came to; state
+ *     note stands below the number; last, said: risk and cause of the last sample, where nothing follows it; result: {words, level}, what a flight that is over came to; state
  *       ok, warming_up, stale, invalid (between manoeuvres: NOT ASSESSED), over (the flight has ended), or null for no data.
  *     timeline: the strips' clock; with it the gauge turns stale by itself when samples stop.
  *     scale "sqrt" | "linear": spacing of 0..1, as on the risk strip.
@@ -98,7 +98,7 @@ export function createRiskGauge(element, { timeline = null, scale = "sqrt", led 
     const { p_value: risk = null, alertAbove = null } = reading;
     const digits = assessed ? riskText(risk, alertAbove) : "";
     const why = assessed ? (reading.note ?? "") : whyOf(face, reading, timeline, wall);
-    const drawn = `${key} ${face.level} ${face.beside} ${assessed}`;
+    const drawn = `${key} ${face.word} ${face.level} ${face.beside} ${assessed}`;
     const now = `${drawn}|${digits}|${alertAbove}|${why}|${reading.alert}`;
     if (now === shown) return;
     if (drawn !== shown.split("|")[0]) drawFace(face);
@@ -126,15 +126,15 @@ export function createRiskGauge(element, { timeline = null, scale = "sqrt", led 
       return { key, ...WITHOUT[key], level: OVER_LEVELS[level] ?? "", beside: words, assessed: false };
     }
     const late = timeline !== null && timeline.stale(wall);
-    const why = reading.said ?? reading.reason;
+    const cause = reading.said ?? reading.cause;
     const said = headline ?? headlineOf(ofSample(reading), { stale: late, alarms: 0 });
     const withdrawn = [said.status, ...said.beside].some((one) => one === "stale" || one === "invalid");
     return {
-      key: said.status === "invalid" ? shownState({ state: "invalid", reason: why }) : said.status,
-      word: wordOf(said.status, why),
+      key: said.status === "invalid" ? shownState({ state: "invalid", cause }) : said.status,
+      word: wordOf(said.status, cause),
       shape: FACES[said.status].shape,
       level: said.level,
-      beside: said.status === "exceeded" ? firstText(said) : besideOf(said, why),
+      beside: said.status === "exceeded" ? firstText(said) : besideOf(said, cause),
       stale: said.status === "stale" || said.beside.includes("stale"),
       assessed: !withdrawn && state === "ok" && Number.isFinite(risk),
     };

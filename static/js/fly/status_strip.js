@@ -3,7 +3,7 @@
  *
  * Exports
  *   createStatusStrip(element) -> {update(status)}
- *     status: {mode, source, monitor, warnings, validity, link, staleAfter, playing, live, headline, reason, result,
+ *     status: {mode, source, monitor, warnings, validity, link, staleAfter, playing, live, headline, cause, result,
  *              figures: {age [s], latency [ms], conflated, lost, unwritten, problem, utc: Date | null}}
  *     lost: null where nobody knows how many: the server was killed
  *     mode: "live", "replay" or "simulated"; only live data have an age and a latency, only a flight
@@ -55,7 +55,7 @@ export function createStatusStrip(element) {
   const mode = h("strong", { class: "mode", title: "Where the samples come from" });
   element.prepend(mode);
 
-  function update({ mode: from, source, monitor, warnings = [], validity = "checked", link, staleAfter, playing, live, headline, reason, result, figures }) {
+  function update({ mode: from, source, monitor, warnings = [], validity = "checked", link, staleAfter, playing, live, headline, cause, result, figures }) {
     const linked = live && link === "open";
     put(mode, from === undefined ? "" : live ? from.toUpperCase() : "RECORD");
     mode.dataset.mode = live ? (from ?? "") : "record";
@@ -71,7 +71,7 @@ export function createStatusStrip(element) {
     show("test", warningWords({ warnings }), "caution");
     if (result) show("state", result.words, result.level);
     else if (headline === null) show("state", "–", "off");
-    else show("state", textOf(headline, reason), LEVEL_OF[headline.level]);
+    else show("state", textOf(headline, cause), LEVEL_OF[headline.level]);
     items.state.box.toggleAttribute("data-long", items.state.value.textContent.length > LONG);
     show("link", ...linkOf(live, link));
     show("utc", figures.utc === null ? "–" : figures.utc.toISOString().slice(11, 19));

@@ -7,7 +7,8 @@ import pytest
 from app.flights.alarms import CLOSED_KEPT, REJOIN_S, Alarms
 from app.messages import MeasuredExceedance
 from core.monitor import Assessment, State
-from core.monitor.status import BETWEEN, Level
+from core.monitor.assessment import Cause
+from core.monitor.status import BETWEEN, Level, cause_of
 from tests.support.flying import ScriptedClock
 
 DT = 0.1
@@ -32,6 +33,7 @@ class Script:
                 word == "1" if ok else None,
                 State.OK if ok else State.INVALID,
                 "" if ok else BETWEEN,
+                cause=None if ok else Cause.BETWEEN,
             )
             alarms = self.alarms.update(self.seq, sample, said, None, self.clock)
             raised += [alarm.seq for alarm in alarms]
@@ -45,7 +47,7 @@ def exceed(alarms: Alarms, script: str, state: State = State.INVALID) -> list[tu
     """Fly samples beyond a limit (1) or within (0), not assessed; seq and kind raised."""
     raised, clock = [], ScriptedClock()
     for seq, word in enumerate(script):
-        said = Assessment(seq * DT, None, None, state, BETWEEN)
+        said = Assessment(seq * DT, None, None, state, BETWEEN, cause=Cause.BETWEEN)
         over = OVER if word == "1" else None
         raised += [(a.seq, a.kind) for a in alarms.update(seq, seq, said, over, clock)]
     return raised
@@ -173,7 +175,8 @@ def states(alarms: Alarms, script: str, seq: int = 0) -> list[tuple[int, str]]:
     for k, word in enumerate(script, start=seq):
         state, reason = STATES.get(word, (State.OK, ""))
         ok = state is State.OK
-        said = Assessment(k * DT, 0.1 if ok else None, False if ok else None, state, reason)
+        values = (0.1, False) if ok else (None, None)
+        said = Assessment(k * DT, *values, state, reason, cause=cause_of(state, reason))
         raised += [(a.seq, a.kind) for a in alarms.update(k, k, said, None, clock)]
         clock.advance(DT)
     return raised

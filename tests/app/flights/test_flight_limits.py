@@ -168,11 +168,12 @@ def test_limits_that_cannot_be_told_are_never_calm(run: Callable) -> None:
             assert flight.reason == "limits unknown: mach is missing"
             assert flight.limits.limits is None
             said = headline(Facts(invalid=True))
-            assert in_words(said, flight.reason) == "LIMITS UNKNOWN"
+            assert in_words(said, flight.cause) == "LIMITS UNKNOWN"
+            assert [one.limits and one.limits["Ny"] for one in flight.monitors] == [0.5]
             assert [a.kind for a in flight.alarms.at_hand] == ["invalid"]
             await flights.put_in_force(flight.id, place.limits, None, {"mach": 0.9}, "Ben")
             place.clock.advance(0.1)
-            assert in_words(said, flight.reason) == "NOT APPLICABLE"
+            assert in_words(said, flight.cause) == "NOT APPLICABLE"
             assert flight.reason.endswith("; no stored monitor would serve")
 
     run(test)

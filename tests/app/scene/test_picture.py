@@ -31,7 +31,7 @@ from app.scene.picture import (
 from app.scene.quaternion import body_to_earth, matrix, turn
 from app.scene.scene import Scene
 from app.scene.shapes import arrow, compass, torus, tube
-from core.monitor.assessment import State
+from core.monitor.assessment import Cause, State
 from core.monitor.status import BETWEEN, Facts
 from core.simulation.attitude import Attitude, SurfaceSigns
 from tests.support.scene_site import show
@@ -309,13 +309,14 @@ class TestThePicture:
             p_value=None,
             alert=None,
             reason=BETWEEN,
+            cause=Cause.BETWEEN,
             facts=facts._replace(stale=True, invalid=True),
         )
         scene.draw()
         assert nodes(scene)._headline.text == "ALARM · STALE · NOT ASSESSED"
 
     def test_nothing_is_invalid_between_manoeuvres(self, scene):
-        show(scene, state="invalid", p_value=None, alert=None, reason=BETWEEN)
+        show(scene, state="invalid", p_value=None, alert=None, reason=BETWEEN, cause=Cause.BETWEEN)
         scene.draw()
         assert nodes(scene)._headline.text == "NOT ASSESSED"
 

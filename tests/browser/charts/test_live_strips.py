@@ -146,7 +146,7 @@ def test_between_manoeuvres_the_word_is_not_assessed_and_stands_once(strips: Ope
           words.push(text);
           return write.call(this, text, ...at);
         };
-        h.feed(0, 15, 1000, { state: 'invalid', reason: 'between manoeuvres' });
+        h.feed(0, 15, 1000, { state: 'invalid', cause: 'between_manoeuvres' });
         h.draw(1000);
         return words;
         """,
@@ -159,6 +159,13 @@ def test_between_manoeuvres_the_word_is_not_assessed_and_stands_once(strips: Ope
     run(page, "h.draw(1200)")
     assert readout(page, "risk", "state") == "INVALID"
     assert page.locator("#gauge .gauge-word").text_content() == "INVALID"
+    for k, word in enumerate(("NOT APPLICABLE", "LIMITS UNKNOWN")):
+        cause = word.lower().replace(" ", "_")
+        about = f"{{ state: 'invalid', reason: 'why', cause: '{cause}' }}"
+        wall = 1500 + 300 * k
+        run(page, f"h.feed({15.2 + k}, {16.2 + k}, {wall}, {about}); h.draw({wall})")
+        assert readout(page, "risk", "state") == word
+        assert page.locator("#gauge .gauge-word").text_content() == word
 
 
 def test_zero_is_not_on_an_axis_that_does_not_include_it(strips: Open) -> None:

@@ -2,10 +2,9 @@
 
 from typing import Any
 
+from core.monitor.assessment import Cause
 from core.monitor.status import (
-    BETWEEN,
     LEVELS,
-    NOT_ASSESSED,
     WORDS,
     Facts,
     Headline,
@@ -33,9 +32,9 @@ SORTED = """async () => {
   }
   return shown;
 }"""
-WORDED = """async ([headlines, reason]) => {
+WORDED = """async ([headlines, cause]) => {
   const { textOf } = await import("/static/js/fly/headline.js");
-  return headlines.map((one) => textOf(one, reason).replace(/^[▲◆✓] /, ""));
+  return headlines.map((one) => textOf(one, cause).replace(/^[▲◆✓] /, ""));
 }"""
 
 
@@ -90,7 +89,7 @@ def plain(said: Headline) -> dict[str, Any]:
 
 def test_a_list_calls_a_flight_between_manoeuvres_as_its_page_does(strips: Open) -> None:
     invalid = plain(headline(Facts(invalid=True)))
-    flight = invalid | {"progress": "ended", "verdict": None, "reason": BETWEEN}
+    flight = invalid | {"progress": "ended", "verdict": None, "cause": Cause.BETWEEN}
     told = strips().evaluate(
         """async (flight) => {
           const { resultOf } = await import("/static/js/fly/headline.js");
@@ -107,9 +106,9 @@ def test_page_and_scene_word_a_headline_alike(strips: Open) -> None:
     several = [headline(facts), headline(Facts(exceeded_t=8.76)), headline(Facts(exceeds=True))]
     calm = headline(Facts(calibrated=False, exceeded_t=8.76))
     page = strips()
-    for reason in ("", BETWEEN):
+    for cause in (None, *Cause):
         said = [*alone, *several, calm]
-        words = page.evaluate(WORDED, [[plain(one) for one in said], reason])
-        assert words == [in_words(one, reason) for one in said]
-    assert in_words(Headline(Status.INVALID, Level.CAUTION), BETWEEN) == NOT_ASSESSED
+        words = page.evaluate(WORDED, [[plain(one) for one in said], cause])
+        assert words == [in_words(one, cause) for one in said]
+    assert in_words(Headline(Status.INVALID, Level.CAUTION), Cause.BETWEEN) == "NOT ASSESSED"
     assert set(WORDS) == set(Status)

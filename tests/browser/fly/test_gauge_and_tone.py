@@ -20,7 +20,7 @@ def test_the_guarantee_is_shown_only_while_it_stands(strips: Open) -> None:
         return [
           { state: 'ok', reason: '' },
           { state: 'invalid', reason: 'unlike training' },
-          { state: 'invalid', reason: 'between manoeuvres' },
+          { state: 'invalid', cause: 'between_manoeuvres' },
           { state: 'ok', reason: '' },
           { state: 'stale', reason: 'no sample came for 1 s' },
         ].map((now) => {

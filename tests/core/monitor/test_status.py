@@ -4,8 +4,8 @@ from itertools import product
 
 import pytest
 
+from core.monitor.assessment import Cause
 from core.monitor.status import (
-    BETWEEN,
     LEVELS,
     Facts,
     Headline,
@@ -86,7 +86,7 @@ def test_a_flight_that_exceeded_is_never_calm_and_says_when(facts: Facts) -> Non
 def test_between_manoeuvres_nothing_is_called_invalid() -> None:
     invalid = headline(Facts(invalid=True, stale=True))
     assert in_words(invalid) == "STALE · INVALID"
-    assert in_words(invalid, BETWEEN) == "STALE · NOT ASSESSED"
+    assert in_words(invalid, Cause.BETWEEN) == "STALE · NOT ASSESSED"
 
 
 def test_red_is_for_warnings_that_ask_for_action_now() -> None:

@@ -6,7 +6,7 @@
  *     newest: time of the newest sample [s], null before any.   staleFor: its age in words, or ""
  */
 
-import { ALERT, INVALID, THINNED, UNASSESSED, WARMING_UP } from "./ring_buffer.js";
+import { ALERT, INVALID, LIMITS_UNKNOWN, NOT_APPLICABLE, THINNED, UNASSESSED, WARMING_UP } from "./ring_buffer.js";
 
 export function bandsOf(frame, { newest, staleFor }) {
   const { samplePx, visible } = frame;
@@ -19,6 +19,8 @@ export function bandsOf(frame, { newest, staleFor }) {
     ...named(visible.runs(WARMING_UP, samplePx, now), "warming", "WARMING UP"),
     ...named(visible.runs(UNASSESSED, samplePx, now), "unassessed", "NOT ASSESSED"),
     ...named(visible.runs(INVALID, samplePx, now), "invalid", "INVALID"),
+    ...named(visible.runs(NOT_APPLICABLE, samplePx, now), "invalid", "NOT APPLICABLE"),
+    ...named(visible.runs(LIMITS_UNKNOWN, samplePx, now), "invalid", "LIMITS UNKNOWN"),
     ...named(visible.runs(ALERT, samplePx, now), "alert", "ALERT"),
   ];
   if (newest === null) bands.push({ x0: 0, x1: frame.width, kind: "stale", word: "NO DATA" });

@@ -16,8 +16,8 @@
  *   clear()
  */
 
-import { shownState } from "../readout.js";
-import { ALERT, GAP, INVALID, THINNED, UNASSESSED, WARMING_UP } from "./ring_buffer.js";
+import { stripState } from "../readout.js";
+import { ALERT, GAP, INVALID, LIMITS_UNKNOWN, NOT_APPLICABLE, THINNED, UNASSESSED, WARMING_UP } from "./ring_buffer.js";
 
 const NO_DATA = { state: "none", alert: false };
 
@@ -42,7 +42,7 @@ export function createIntake({ ring, channels, strips, flight, onExceedance }) {
       row[forecast] = number(frame.y_hat?.[series] ?? frame.y_hat?.[key]);
     }
     const stored = ring.push(frame.t, row, flagsOf(frame));
-    status = { state: shownState(frame), alert: frame.alert === true && frame.state === "ok" };
+    status = { state: stripState(frame), alert: frame.alert === true && frame.state === "ok" };
     if (!stored) return;
     seq = frame.seq ?? null;
     if (seq !== null && seq <= told) return;
@@ -59,10 +59,12 @@ export function createIntake({ ring, channels, strips, flight, onExceedance }) {
     const n = ring.count();
     const thinned = n > 0 && seq !== null && frame.seq != null && frame.seq > seq + 1;
     const missing = n > 0 && !thinned && frame.t - ring.time(n - 1) > 1.5 * flight.dt;
-    const state = shownState(frame);
+    const state = stripState(frame);
     return (
       (state === "invalid" ? INVALID : 0) |
       (state === "not_assessed" ? UNASSESSED : 0) |
+      (state === "not_applicable" ? NOT_APPLICABLE : 0) |
+      (state === "limits_unknown" ? LIMITS_UNKNOWN : 0) |
       (frame.state === "warming_up" ? WARMING_UP : 0) |
       (frame.alert === true && frame.state === "ok" ? ALERT : 0) |
       (missing ? GAP : 0) |

@@ -16,6 +16,7 @@ import { magnitudeIn, quantity } from "../../lib/units.js";
 import { createReadout, cursorsText, STATE_WORDS } from "../readout.js";
 
 const FAR = 3000; // samples
+const UNASSESSED = ["invalid", "not_assessed", "not_applicable", "limits_unknown"];
 
 export function createReadings(strips, { rowOf, bar }, { ring, timeline, flight, intake }) {
   const readouts = strips.map((strip, k) => createReadout(rowOf[k].readout, strip));
@@ -78,7 +79,7 @@ export function createReadings(strips, { rowOf, bar }, { ring, timeline, flight,
   function describe(state, age) {
     const last = ring.count() - 1;
     strips.forEach((strip, k) => {
-      const withdrawn = strip.risk && (state === "invalid" || state === "not_assessed");
+      const withdrawn = strip.risk && UNASSESSED.includes(state);
       const known = last >= 0 && !withdrawn;
       const value = known ? ring.value(strip.series, last) : NaN;
       const words = { state, age, value, alert: strip.risk && intake.status.alert && known && state !== "stale" };

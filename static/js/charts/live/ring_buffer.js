@@ -7,7 +7,7 @@
  * Everything is allocated once: 4 bytes a value, 9 a sample, and 29 % more for the pyramid.
  *
  * Exports
- *   INVALID, ALERT, GAP, WARMING_UP, THINNED, UNASSESSED, BROKEN   bits of a sample's flags
+ *   INVALID, ALERT, GAP, WARMING_UP, THINNED, UNASSESSED, NOT_APPLICABLE, LIMITS_UNKNOWN, BROKEN   bits of a sample's flags
  *   createRingBuffer({series, capacity}) -> RingBuffer
  *
  * @typedef {object} RingBuffer
@@ -33,6 +33,8 @@ export const WARMING_UP = 8;
 export const THINNED = 16; // samples before this one were left out for display
 export const BROKEN = GAP | THINNED; // nothing is known between this sample and the one before
 export const UNASSESSED = 32; // between the manoeuvres of a recording
+export const NOT_APPLICABLE = 64; // other limits are in force than the monitor's
+export const LIMITS_UNKNOWN = 128; // nobody can tell which are
 
 const SHIFTS = [12, 9, 6, 3]; // coarsest first
 const COARSEST = 1 << SHIFTS[0];

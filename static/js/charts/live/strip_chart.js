@@ -41,7 +41,7 @@ import { addDrawer } from "../../lib/draw_loop.js";
 import { attachControls } from "../input.js";
 import { layOut } from "../layout.js";
 import { readPalette, watchTheme } from "../palette.js";
-import { shownState } from "../readout.js";
+import { stripState } from "../readout.js";
 import { GUTTER } from "../strip_frame.js";
 import { limitedFirst, stripOf } from "../strips.js";
 import { createTimeAxis, timeTicks } from "../time_axis.js";
@@ -191,7 +191,7 @@ export function createStripChart(host, options) {
     push,
     update,
     setState: (given) => {
-      intake.setStatus({ state: shownState(given), alert: false });
+      intake.setStatus({ state: stripState(given), alert: false });
       look += 1;
     },
     setFlight: (given) => {
