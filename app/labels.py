@@ -38,18 +38,21 @@ KINDS: dict[str, str] = {
     "safe_distance": "distance from the nearest safe",
     "negative_magnitude": "magnitude of one channel",
     "response_filter": "test card, by a filter of the response",
-    "rest_of_card": "margin in what is left of the card",
+    "peak_ridge": "peak to come, learned from safe flights",
+    "rest_of_card": "margin in what is left of the manoeuvre",
     "card_window": "margin within the lead and a little more",
 }
 """Of the members whose key, with blanks for underscores, does not say it in the field's words."""
 METHODS = {
     "test_card": "forecast of the test card: for doublets, pulses and other steps",
+    "peak_ahead": "forecast of the peak, learned from safe flights: for any manoeuvre",
     "outputs_ahead": "forecast of the outputs against past failures: for any manoeuvre",
 }
 """Of core.monitor.recipe.METHODS."""
 CHOICES: dict[str, dict[Hashable, str]] = {
     "calibration": {"trajectory": "as flown", "pointwise": "one sample (paper)"},
     "guarantee": {"average": "on average over monitors", "95%": "of this monitor, 95 % confident"},
+    "phase": {"input": "when its input moves a surface", "start": "first sample"},
     "p_value": {"simple": "simple", "exact": "exact"},
     "scaling": {"safe_std": "standard deviation", "raw": "none (paper)"},
     "n_states": {3: "3: β, p, r", 4: "4: β, p, r, φ"},

@@ -53,5 +53,5 @@ class Card:
         if not np.isfinite(responses).all():
             raise CardError(
                 "step_responses holds what is no finite number: an aircraft diverged after the "
-                "first step alone; choose the predictor linear"
+                "first step alone; choose the predictor peak_ridge"
             )

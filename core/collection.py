@@ -28,6 +28,7 @@ CHUNK_STEPS = 2_000_000
 CERTAINTY = 1e-6
 FRESH_BATCH, MOST_FRESH = 1_000, 20_000
 """Fresh flights of a batch, and in all unless asked for more."""
+TRAINING_ROLLOUTS = 2_000
 CARD_PLANTS = 500
 """Aircraft whose step response a card knows: more change no digit of a monitor's power."""
 
@@ -105,6 +106,14 @@ def stopped_flights(
     return Simulator(recipe).stopped(n, stream(recipe.seed, Branch.TEST), which, neutral_from)
 
 
+def training_rollouts(recipe: DatasetRecipe, n: int = TRAINING_ROLLOUTS) -> Rollouts:
+    """Roll out n flights for a forecast of peaks to learn from, which calibrate and test nothing.
+
+    The outputs of those that fail go on behind the failure.
+    """
+    return Simulator(recipe).rollouts(n, stream(recipe.seed, Branch.FORECAST))
+
+
 def card_of(recipe: DatasetRecipe, n_plants: int = CARD_PLANTS) -> Card:
     """The card of the planned manoeuvre, for monitors that know what input is still to come.
 
@@ -115,7 +124,7 @@ def card_of(recipe: DatasetRecipe, n_plants: int = CARD_PLANTS) -> Card:
     if not isinstance(maneuver, Steps) or not (switches := maneuver.switches):
         raise CardError(
             f"the manoeuvre {type(maneuver).__name__} is no sequence of steps, so that responses "
-            "to each cannot be told apart: choose the predictor linear"
+            "to each cannot be told apart: choose the predictor peak_ridge"
         )
     simulator, rng = Simulator(recipe), stream(recipe.seed, Branch.CARD)
     times, steps = np.array(switches).T

@@ -250,7 +250,7 @@ def _part(test: DatasetRecipe, recipe: SweepRecipe, cancelled: Event) -> _Part:
         safe = SafeObservations(dataset, settings)
         for name in recipe.methods:
             predictor, score = METHODS[name]
-            if predictor.reads_card and card is None:
+            if predictor.forecast == "card" and card is None:
                 continue
             if cancelled.is_set():
                 raise InterruptedError("the sweep was cancelled")

@@ -27,6 +27,8 @@ class Branch(IntEnum):
     """How fast the crews react to the alerts on a monitor's test flights."""
     ROBUSTNESS = 8
     """Flights that differ from the planned test; below it one stream for each difference."""
+    FORECAST = 9
+    """Flights that a forecast of peaks learns from, beside those of the collection."""
 
 
 def stream(seed: int, branch: Branch, *below: int) -> np.random.Generator:

@@ -103,7 +103,7 @@ def monitor_request(plain: dict[str, Any], store: Store, max_bytes: int) -> Moni
         check_epsilon(recipe.epsilon, n_unsafe, recipe.guarantee)
     except (ValueError, OverflowError) as error:
         raise RecipeError(str(error)) from None
-    if recipe.predictor.reads_card:
+    if recipe.predictor.forecast == "card":
         _check_card(requested, store)
     return MonitorRequest(name or f"{recipe.t_early:g} s ahead", requested, recipe, n_test)
 
@@ -114,7 +114,7 @@ def _check_card(requested: RequestedDataset, store: Store) -> None:
     if recipe is None:
         raise RecipeError(
             "monitor.predictor: the dataset has no recipe, so its test card is not "
-            "known; choose the predictor linear"
+            "known; choose the predictor peak_ridge"
         )
     try:
         card_of(recipe, 2)

@@ -120,7 +120,7 @@ def train_and_test(
     """
     progress("training", 0, 3)
     simulated = recipe_of(dataset)
-    card = card_of(simulated) if simulated and recipe.predictor.reads_card else None
+    card = card_of(simulated) if simulated and recipe.predictor.forecast == "card" else None
     monitor = train(dataset, recipe, card=card)
     monitor.check_epsilon()
     if simulated is None:

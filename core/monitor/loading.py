@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from core.kernels.p_value import SIMPLE, Transduction
-from core.monitor import portable, response_filter
+from core.monitor import peak_ridge, portable, response_filter
 from core.monitor.file_checks import (
     check_arrays,
     check_evaluation,
@@ -69,7 +69,7 @@ def _rebuild(sections: Mapping[str, Section]) -> Monitor:
         support=_support(sections.get("validity"), recipe.predictor.forecasts),
         evaluation=_evaluation(sections.get("evaluation")),
         inputs=_inputs(sections.get("input")),
-        forecast=_forecast(sections.get("card"), recipe, header["h"]),
+        forecast=_forecast(sections, recipe, header["h"]),
         **{key: header[key] for key in portable.MONITOR_FIELDS} | {"dt": float(header["dt"])},
         **arrays,
     )
@@ -97,11 +97,17 @@ def _support(section: Section | None, forecasts: bool) -> Support | None:
     return support
 
 
-def _forecast(section: Section | None, recipe: MonitorRecipe, h: int) -> PeakForecast | None:
-    """The forecast of what is left of the card; None where the predictor makes none."""
-    if recipe.predictor.reads_card != (section is not None):
-        raise ValueError("its predictor and its section card do not fit together")
-    return section and response_filter.of_section(section, h, recipe.score)
+def _forecast(
+    sections: Mapping[str, Section], recipe: MonitorRecipe, h: int
+) -> PeakForecast | None:
+    """The forecast of what is left of the manoeuvre; None where the predictor makes none."""
+    wanted = recipe.predictor.forecast
+    for name in ("card", "peaks"):
+        if (name in sections) != (name == wanted):
+            raise ValueError(f"its predictor and its section {name} do not fit together")
+    if wanted == "card":
+        return response_filter.of_section(sections["card"], h, recipe.score)
+    return peak_ridge.of_section(sections["peaks"]) if wanted else None
 
 
 def _inputs(section: Section | None) -> InputSupport | None:

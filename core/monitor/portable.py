@@ -31,6 +31,7 @@ VERSIONS = {
     "validity": 2,
     "input": 1,
     "card": 1,
+    "peaks": 1,
     "evaluation": 1,
 }
 """Newest version of each section that this program knows."""

@@ -2,10 +2,11 @@
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import Annotated, ClassVar, Literal, get_args
 
 import numpy as np
 
+from core.bounds import Bounds, check_bounds
 from core.kernels.mapping import Affine
 from core.recipe import family
 from core.types import Array
@@ -14,6 +15,7 @@ N_OUTPUTS = 6
 BLOCK = 256
 """Rows that a QR step takes: fits the cache, and is too small for BLAS to start threads on."""
 RANK_TOLERANCE = 1e-10
+Phase = Literal["input", "start"]
 
 
 @dataclass(frozen=True)
@@ -24,8 +26,9 @@ class Predictor(ABC):
     """Whether the mapped point is an output y, channel by channel."""
     forecasts: ClassVar[bool] = False
     """Whether that output is the one t_early ahead."""
-    reads_card: ClassVar[bool] = False
-    """Whether it knows the input that is still to come."""
+    forecast: ClassVar[Literal["", "card", "peaks"]] = ""
+    """How it forecasts what is left of the manoeuvre: from the test card, or by what the peaks of
+    other flights were; and the section of a monitor's file."""
 
     @abstractmethod
     def fit(self, o: Array, y_ahead: Array) -> Affine:
@@ -70,7 +73,30 @@ class ResponseFilter(Linear):
     steps. The map fitted beside it serves validity, and names the rollouts that a sample is like.
     """
 
-    reads_card: ClassVar[bool] = True
+    forecast: ClassVar[Literal["", "card", "peaks"]] = "card"
+
+
+@dataclass(frozen=True)
+class PeakRidge(Linear):
+    """Forecast of the peak that is still to come, by ridge regression on what was flown so far.
+
+    It is learned from safe flights, for manoeuvres of any kind, without a model of the aircraft. A
+    specification known only by its label takes flights that failed too. The map fitted beside it
+    serves validity, and names the rollouts that a sample is like.
+    """
+
+    forecast: ClassVar[Literal["", "card", "peaks"]] = "peaks"
+    past_s: Annotated[float, Bounds(above=0, below=3600)] = 2.0
+    """past that is read [s]: samples since the input began, so far back at most."""
+    phase: Phase = "input"
+    """begin of the manoeuvre: when its `input` is seen to move a surface, or the `start` of the
+    samples."""
+
+    def __post_init__(self) -> None:
+        """Refuse no past, and a begin of no name."""
+        check_bounds(self)
+        if self.phase not in get_args(Phase):
+            raise ValueError(f"phase={self.phase!r} was given: choose input or start")
 
 
 def _triangle(rows: Array) -> Array:
@@ -133,5 +159,6 @@ PREDICTORS = family(
         "pca": PrincipalComponents(),
         "last_output": LastOutput(),
         "response_filter": ResponseFilter(),
+        "peak_ridge": PeakRidge(),
     },
 )

@@ -61,6 +61,7 @@ class MonitorRecipe:
 
 METHODS: dict[str, tuple[Predictor, Score]] = {
     "test_card": (PREDICTORS["response_filter"], SCORES["card_window"]),
+    "peak_ahead": (PREDICTORS["peak_ridge"], SCORES["rest_of_card"]),
     "outputs_ahead": (PREDICTORS["linear"], SCORES["nearest_neighbor"]),
 }
 """Pairs of predictor and score that people choose by name, the recommended one first."""
@@ -68,10 +69,10 @@ METHODS: dict[str, tuple[Predictor, Score]] = {
 
 def mismatch(predictor: Predictor, score: Score) -> str:
     """Why a predictor and a score make no monitor; empty where they do."""
-    if score.reads_card != predictor.reads_card:
+    if score.reads_card != bool(predictor.forecast):
         return (
-            "the predictor response_filter goes with the score rest_of_card or card_window, and "
-            "these with no other predictor"
+            "the predictors response_filter and peak_ridge go with the score rest_of_card or "
+            "card_window, and these with no other predictor"
         )
     if score.channel >= 0 and not predictor.maps_to_outputs:
         return (

@@ -35,7 +35,7 @@ CHI_SQUARE_MEDIAN = NormalDist().inv_cdf(0.75) ** 2
 """Median of the square of a normal deviate."""
 NO_CARD = (
     "the predictor response_filter needs the test card: train(dataset, recipe, "
-    "card=card_of(dataset_recipe)), or choose the predictor linear where there is none"
+    "card=card_of(dataset_recipe)), or choose the predictor peak_ridge where there is none"
 )
 ARRAYS = ("mean", "components", "residual", "noise", "steps", "apart", "later", "limits")
 NUMBERS = ("tail", "surface", "seen_after", "least_apart", "h", "window")
@@ -55,7 +55,7 @@ def fit_card(
     if limits is None:
         raise ValueError(
             "the predictor response_filter forecasts limited channels and the specification has no "
-            "limits: choose the predictor linear"
+            "limits: choose the predictor peak_ridge, and give train its rollouts"
         )
     responses = card.step_responses
     mean, deviation = responses.mean(axis=0), responses.std(axis=(0, 1))

@@ -72,9 +72,10 @@ class NegativeMagnitude(Score):
 
 @dataclass(frozen=True)
 class RestOfCard(NearestNeighbor):
-    """How surely a limit is exceeded in what is left of the card.
+    """How surely a limit is exceeded in what is left of the card, or of another manoeuvre.
 
-    Minus the largest (|forecast| - limit) / deviation of the forecast.
+    Minus the largest (|forecast| - limit) / deviation of the forecast; of a specification known
+    only by its label, minus the log odds of a failure.
     """
 
     reads_card: ClassVar[bool] = True
@@ -84,7 +85,8 @@ class RestOfCard(NearestNeighbor):
 class CardWindow(RestOfCard):
     """How probably a limit is exceeded within the lead and a little more.
 
-    Minus the log odds of it, over the times at which the pilot may switch next.
+    Minus the log odds of it, over the times at which the pilot may switch next; with a forecast of
+    the peak alone, minus (forecast - limit) / deviation.
     """
 
     n_after: Annotated[int, Bounds(least=0, words="it must be 0 or more")] = 4

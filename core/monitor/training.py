@@ -24,10 +24,12 @@ from core.monitor.observation import (
     outputs_ahead,
 )
 from core.monitor.peak_forecast import PeakForecast
-from core.monitor.predictor import Affine, Predictor
+from core.monitor.peak_ridge import LearnedFlights, fit_peaks
+from core.monitor.predictor import Affine, PeakRidge, Predictor
 from core.monitor.recipe import MonitorRecipe
 from core.monitor.response_filter import NO_CARD, fit_card
 from core.monitor.support import calibrate
+from core.specification import magnitudes_of
 from core.types import Array, Indices
 
 FreshFlights = Iterable[tuple[Array, Indices, *tuple[Any, ...]]]
@@ -63,6 +65,7 @@ def train(
     fresh: FreshFlights | None = None,
     *,
     card: Card | None = None,
+    rollouts: tuple[Array, Indices, *tuple[Any, ...]] | None = None,
     safe: SafeObservations | None = None,
 ) -> Monitor:
     """Fit the predictor on safe observations, then calibrate the score on the failures.
@@ -71,12 +74,16 @@ def train(
     fresh: batches of fresh flights that validity is calibrated on, see `with_validity`; without
     them the monitor cannot tell whether a flight is like those it was trained on.
     card: the test card, for predictors that read it, see core.collection.card_of.
+    rollouts: y (n, n_samples, 6) and fail_index (n,), n_samples for a safe flight, of flights that
+    the dataset does not have, for the predictor peak_ridge: it learns from them beside the safe
+    ones of the dataset, and needs them where the specification is known only by its label, see
+    core.collection.training_rollouts.
     safe: those of this dataset and of a recipe that differs in predictor and score at most, to
     share them among monitors.
     ValueError where the dataset has no unsafe or no safe rollout, fresh flights are too few, or the
     card is missing.
     """
-    monitor = _calibrated(dataset, recipe or MonitorRecipe(), safe, card)
+    monitor = _calibrated(dataset, recipe or MonitorRecipe(), safe, card, rollouts)
     return monitor if fresh is None else with_validity(monitor, dataset, fresh)
 
 
@@ -100,11 +107,15 @@ def _noted(fresh: FreshFlights, inputs: FreshInputs) -> FreshFlights:
 
 
 def _calibrated(
-    dataset: Dataset, recipe: MonitorRecipe, safe: SafeObservations | None, card: Card | None
+    dataset: Dataset,
+    recipe: MonitorRecipe,
+    safe: SafeObservations | None,
+    card: Card | None,
+    rollouts: tuple[Array, Indices, *tuple[Any, ...]] | None,
 ) -> Monitor:
     _check(dataset, recipe)
     h, n_delay = lead_steps(recipe.t_early, dataset.dt), recipe.n_delay
-    forecast = _fit_forecast(dataset, recipe, h, card)
+    forecast = _fit_forecast(dataset, recipe, h, card, rollouts)
     safe = safe or SafeObservations(dataset, recipe)
     affine = safe.fit(recipe.predictor)
 
@@ -158,14 +169,23 @@ def _calibrated(
 
 
 def _fit_forecast(
-    dataset: Dataset, recipe: MonitorRecipe, h: int, card: Card | None
+    dataset: Dataset,
+    recipe: MonitorRecipe,
+    h: int,
+    card: Card | None,
+    rollouts: tuple[Array, Indices, *tuple[Any, ...]] | None,
 ) -> PeakForecast | None:
     """Fit what forecasts the rest of the manoeuvre; None for predictors that do not."""
-    if not recipe.predictor.reads_card:
+    predictor, specification = recipe.predictor, dataset.specification
+    if isinstance(predictor, PeakRidge):
+        limits = magnitudes_of(specification)
+        flights = LearnedFlights.of(dataset.safe, rollouts, judged=limits is not None)
+        return fit_peaks(predictor, flights, limits, recipe.score.window(h), dataset.dt)
+    if predictor.forecast != "card":
         return None
     if card is None:
         raise ValueError(NO_CARD)
-    return fit_card(card, dataset.safe, dataset.specification, recipe.score, h)
+    return fit_card(card, dataset.safe, specification, recipe.score, h)
 
 
 def _transduction(

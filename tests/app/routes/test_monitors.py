@@ -205,10 +205,22 @@ def test_a_test_card_needs_a_manoeuvre_of_steps(client):
     sweep = order | {"dataset": DATASET | {"maneuver": {"kind": "frequency_sweep"}}}
     told = problem(client.post("/api/v1/monitors", json=sweep), 422)
     assert "no sequence of steps" in told
-    assert told.endswith("choose the predictor linear")
+    assert told.endswith("choose the predictor peak_ridge")
     alone = order | {"score": {"kind": "nearest_neighbor"}}
     told = problem(client.post("/api/v1/monitors", json=alone), 422)
-    assert "goes with the score rest_of_card or card_window" in told
+    assert "go with the score rest_of_card or card_window" in told
+
+
+def test_a_forecast_of_the_peak_is_learned_from_the_dataset_alone(client):
+    peaks = {"predictor": {"kind": "peak_ridge"}, "score": {"kind": "rest_of_card"}}
+    order = {"dataset": DATASET | {"n_unsafe": 20}, "n_test": 60} | peaks
+    job = finished(client, client.post("/api/v1/monitors", json=order))
+    assert job["status"] == "done", job
+    trained = store_of(client).monitors.get(job["result"]["monitor"])
+    flown = store_of(client).datasets.get(job["result"]["dataset"]).safe[0]
+    where = f"/api/v1/monitors/{job['result']['monitor']}/score"
+    told = client.post(where, json=telemetry(flown, trained.dt)).json()["assessments"]
+    assert [sample["p_value"] for sample in told if sample["state"] == "ok"]
 
 
 def test_calibration_is_the_monitors_own(client, stored, monitor):

@@ -273,7 +273,7 @@ def test_responses_add_up_to_the_manoeuvre():
 @pytest.mark.parametrize("name", ["rudder_sweep", "table"])
 def test_a_manoeuvre_that_is_no_steps_has_no_card(name: str):
     known = next(m for key, m in MANEUVERS.items() if name.split("_")[-1] in key)
-    with pytest.raises(CardError, match=r"no sequence of steps.*choose the predictor linear"):
+    with pytest.raises(CardError, match=r"no sequence of steps.*choose the predictor peak_ridge"):
         card_of(replace(RECIPE, maneuver=known))
 
 
@@ -294,12 +294,12 @@ def test_a_card_whose_parts_do_not_fit_is_refused(part: str, value: Array, words
 
 def test_what_cannot_be_forecast_is_refused_with_what_to_do():
     dataset, card = collect(RECIPE), card_of(RECIPE)
-    with pytest.raises(ValueError, match=r"needs the test card.*or choose the predictor linear"):
+    with pytest.raises(ValueError, match=r"test card.*or choose the predictor peak_ridge"):
         train(dataset, asked())
-    with pytest.raises(ValueError, match="no limits: choose the predictor linear"):
+    with pytest.raises(ValueError, match="no limits: choose the predictor peak_ridge"):
         train(replace(dataset, specification="departure"), asked(), card=card)
     for pair in (("linear", "rest_of_card"), ("response_filter", "nearest_neighbor")):
-        with pytest.raises(ValueError, match="goes with the score rest_of_card or card_window"):
+        with pytest.raises(ValueError, match="go with the score rest_of_card or card_window"):
             MonitorRecipe(predictor=PREDICTORS[pair[0]], score=SCORES[pair[1]])
 
 

@@ -31,7 +31,7 @@ TWIN_SCORES = {
     "negative_magnitude": "|Ny|",
 }
 OF_POINTS = [name for name, score in SCORES.items() if not score.reads_card]
-OF_OBSERVATIONS = [name for name, predictor in PREDICTORS.items() if not predictor.reads_card]
+OF_OBSERVATIONS = [name for name, predictor in PREDICTORS.items() if not predictor.forecast]
 """Those that know no test card."""
 MODES = list(product(("pointwise", "trajectory"), ("simple", "exact")))
 

@@ -1,0 +1,168 @@
+"""Scores of the peak that a manoeuvre will still have, linear in what has been flown of it.
+
+A phase counts samples since the input began. Each has its own weights of the samples since then;
+where one of those is missing, nothing is scored.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from core.kernels import N_CHANNELS
+from core.kernels.assessing import INVALID, OK, STALE, WARMING_UP
+from core.kernels.compiled import brief, in_chunks, jit
+from core.types import Array, Indices
+
+FLIGHTS_A_TASK = 32
+NONE = np.inf
+"""Score before the input begins, and after the last phase."""
+BEFORE = -1
+TAKEN, PHASE, SIGN, MISSING, LOST = range(5)
+"""Counts of a flight: samples taken; phase of the last one, BEFORE the input began; sign of the
+input; whether the last sample was missing; whether the begin of the input passed unseen."""
+
+
+class PeakWeights(NamedTuple):
+    """Weights of the scores.
+
+    weights: (n_scored, n_past, 6) of the samples, the newest first, each `stride` samples older.
+    offset: (n_scored,).   every: samples from one scored phase to the next, which has the score of
+    the one before it until then.
+    surface: channel that tells when the input begins; -1 where that is a flight's first sample.
+    threshold: magnitude from which on it has begun, in its SI unit.
+    """
+
+    weights: Array
+    offset: Array
+    every: int
+    stride: int
+    surface: int
+    threshold: float
+
+
+class PeakHistory(NamedTuple):
+    """What is remembered of one flight.
+
+    samples: (n, 6) of the last n phases, with the sign of the input.   phases: (n,) of each, BEFORE
+    where there is none.   counts: see TAKEN.   clock: (1,) time of the last sample [s].
+    """
+
+    samples: Array
+    phases: Indices
+    counts: Indices
+    clock: Array
+
+
+@jit
+def begin(peaks):
+    """The history before the first sample."""
+    n = (peaks.weights.shape[1] - 1) * peaks.stride + peaks.every
+    counts = np.zeros(5, np.int64)
+    counts[PHASE] = BEFORE
+    return PeakHistory(np.zeros((n, N_CHANNELS)), np.full(n, BEFORE), counts, np.zeros(1))
+
+
+@jit
+def _take(peaks, history, y, known):
+    """Take the next sample y (6,), known or not."""
+    counts = history.counts
+    if counts[PHASE] >= 0:
+        counts[PHASE] += 1
+    elif peaks.surface < 0:
+        counts[PHASE], counts[SIGN] = counts[TAKEN], 1
+    elif known and abs(y[peaks.surface]) >= peaks.threshold:
+        if counts[TAKEN] == 0 or counts[MISSING] != 0:
+            counts[LOST] = 1
+        counts[PHASE], counts[SIGN] = 0, 1 if y[peaks.surface] > 0.0 else -1
+    counts[TAKEN] += 1
+    counts[MISSING] = 0 if known else 1
+    if known and counts[PHASE] >= 0:
+        at = counts[PHASE] % history.phases.shape[0]
+        history.phases[at] = counts[PHASE]
+        for c in range(N_CHANNELS):
+            history.samples[at, c] = counts[SIGN] * y[c]
+
+
+@jit
+def _score(peaks, history):
+    """Score by the last sample taken; NaN where a sample that it needs is missing."""
+    phase, n = history.counts[PHASE], history.phases.shape[0]
+    k = phase // peaks.every
+    if phase < 0 or k >= peaks.offset.shape[0]:
+        return NONE
+    s = peaks.offset[k]
+    for j in range(peaks.weights.shape[1]):
+        past = k * peaks.every - j * peaks.stride
+        if past < 0:
+            break
+        at = past % n
+        if history.phases[at] != past:
+            return np.nan
+        for c in range(N_CHANNELS):
+            s += peaks.weights[k, j, c] * history.samples[at, c]
+    return s
+
+
+@brief
+def update(peaks, history, dt, t, y, code):
+    """Take one sample of a flight; returns its score, NaN where there is none, and its state.
+
+    code: its state so far; it is WARMING_UP where a sample that the score needs is missing.
+    The flight is lost (counts[LOST]) where the begin of the input passed unseen.
+    """
+    counts, clock = history.counts, history.clock
+    if code == STALE or counts[LOST] != 0:
+        return np.nan, code
+    if counts[TAKEN] > 0 and np.isfinite(t):
+        skipped = max(int(round((t - clock[0]) / dt)) - 1, 0)
+        counts[TAKEN] += skipped
+        if skipped > 0:
+            counts[MISSING] = 1
+            if counts[PHASE] >= 0:
+                counts[PHASE] += skipped
+    if np.isfinite(t):
+        clock[0] = t
+    _take(peaks, history, y, code != INVALID)
+    if code != OK or counts[LOST] != 0:
+        return np.nan, code
+    s = _score(peaks, history)
+    return s, (WARMING_UP if np.isnan(s) else OK)
+
+
+@jit
+def follow(peaks, t, y, codes, dt, s):
+    """Score a trajectory, as `update` does sample by sample; returns the first that is lost.
+
+    t: (n,).   y: (n, 6).   codes: (n,) in and out.   s: (n,) out.   n where none is lost.
+    """
+    history = begin(peaks)
+    for i in range(t.shape[0]):
+        s[i], codes[i] = update(peaks, history, dt, t[i], y[i], codes[i])
+        if history.counts[LOST] != 0:
+            s[i:] = np.nan
+            return i
+    return t.shape[0]
+
+
+@jit
+def _lowest_some(peaks, y, first, last, start, stop, lowest):
+    for i in range(start, stop):
+        history = begin(peaks)
+        for t in range(last[i] + 1):
+            _take(peaks, history, y[i, t], True)
+            if history.counts[LOST] != 0:
+                break
+            if t >= first[i]:
+                lowest[i] = min(lowest[i], _score(peaks, history))
+
+
+def lowest_scores(peaks: PeakWeights, y: Array, first: Indices, last: Indices) -> Array:
+    """Lowest score of each trajectory over its samples first..last.
+
+    y: (n, n_samples, 6), finite over samples 0..last.   first, last: (n,); +inf if last < first.
+    """
+    lowest = np.full(len(y), np.inf)
+    in_chunks(
+        len(y), FLIGHTS_A_TASK, lambda a, b: _lowest_some(peaks, y, first, last, a, b, lowest)
+    )
+    return lowest

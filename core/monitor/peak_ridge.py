@@ -1,0 +1,297 @@
+"""The peak of what is left of a manoeuvre, forecast by ridge regression on what was flown of it.
+
+It needs neither a model of the aircraft nor its step responses, only flights that calibration does
+not use. For each phase the largest |y| / limit that is still to come is regressed on the samples
+since the input began; a specification that is known only by its label has the log odds of a failure
+to come in its place.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+from scipy.special import expit
+
+from core.channels import N_CHANNELS
+from core.kernels import peak_ridge as kernels
+from core.kernels.compiled import entry
+from core.kernels.peak_ridge import LOST, PeakWeights, begin, update
+from core.monitor.flown_input import SURFACES
+from core.monitor.peak_forecast import Followed, PeakForecast, RunningForecast
+from core.monitor.portable import Section
+from core.monitor.predictor import PeakRidge
+from core.types import Array, Flags, Indices
+
+PENALTIES = 10.0 ** np.arange(-1, 5)
+"""Of the squares of standardised weights; leave-one-out residuals choose among them."""
+MOST_FLIGHTS, MOST_PHASES, MOST_PAST = 2_000, 150, 20
+"""LearnedFlights that it is fitted on; phases that have weights; past samples of each."""
+LEAST_SHARE = 0.1
+"""Share of the flights that a phase needs to have weights of its own."""
+LEAST_OF_A_KIND = 5
+"""LearnedFlights that fail, and that do not, to tell them apart by."""
+BEGUN = 0.1
+"""Share of the usual peak of the surface from which on the input has begun."""
+SEEN = 8.0
+"""The same in deviations of the surface at trim, if that is more."""
+MOVES = 0.25
+"""Share of the largest peak of any surface from which on one is moved by the manoeuvre."""
+FINEST = 1e-3
+"""Least deviation of a forecast, in limits."""
+NEWTON_STEPS, SMALL_STEP = 10, 0.01
+"""Steps of Newton's method at most, and of which size the last one is, in log odds."""
+LEAST_WEIGHT = 0.05
+"""Of a flight whose outcome is certain, so that no step goes too far."""
+MOST_SAMPLES = 100_000
+
+
+@dataclass(frozen=True)
+class LearnedFlights:
+    """LearnedFlights that calibration does not use.
+
+    y: (n, n_samples, 6), NaN from a sample after the failure on, if at all.
+    fail_index: (n,) first sample that fails, n_samples for a safe flight.
+    """
+
+    y: Array
+    fail_index: Indices
+
+    @classmethod
+    def of(cls, safe: Array, more: tuple[Array, Indices] | None, judged: bool) -> "LearnedFlights":
+        """Safe rollouts, and more flights; of these the safe ones only where peaks are `judged`.
+
+        A failure's peak may be cut off, and with safe flights alone more safe flights pass.
+        """
+        y, fail_index = (safe[:0], np.empty(0, np.int64)) if more is None else more[:2]
+        if y.shape[1:] != safe.shape[1:]:
+            raise ValueError(
+                f"rollouts of shape {y.shape[1:]} were given: those of the dataset have "
+                f"{safe.shape[1:]}, roll out the same manoeuvre"
+            )
+        use = np.flatnonzero(fail_index >= y.shape[1]) if judged else np.arange(len(y))
+        use = use[:MOST_FLIGHTS]
+        safe = safe[: MOST_FLIGHTS - len(use)]
+        lasting = np.full(len(safe), safe.shape[1])
+        return cls(np.concatenate([y[use], safe]), np.concatenate([fail_index[use], lasting]))
+
+
+def fit_peaks(
+    predictor: PeakRidge, flights: LearnedFlights, limits: Array | None, window: int, dt: float
+) -> "RidgeForecast":
+    """Fit the weights of each phase.
+
+    limits: (6,); None where only fail_index says what failed.
+    window: samples that are looked ahead, 0 for what is left of the manoeuvre.   dt: [s].
+    ValueError where flights do not show when their input began, or too few failed.
+    """
+    y, n_samples = flights.y, flights.y.shape[1]
+    surface, threshold = (-1, 0.0) if predictor.phase == "start" else _begin_of_input(y)
+    start, sign = _starts(y, surface, threshold)
+    if limits is None:
+        fails = flights.fail_index < n_samples
+        if min(fails.sum(), (~fails).sum()) < LEAST_OF_A_KIND:
+            raise ValueError(
+                f"{fails.sum()} of {len(fails)} rollouts failed: for a specification that is known "
+                f"by its label the predictor peak_ridge needs {LEAST_OF_A_KIND} or more of either "
+                "kind beside those that it is calibrated on: train(dataset, recipe, rollouts=...)"
+            )
+        fit, target = log_odds, _fails_later(flights, window).astype(np.float64)
+    else:
+        fit, target = _margin, _peak_later(np.abs(y / limits).max(axis=2), window)
+    every = -(-n_samples // MOST_PHASES)
+    reach = max(1, round(predictor.past_s / dt))
+    stride = -(-reach // MOST_PAST)
+    n_past = -(-reach // stride)
+    weights, offset = [], []
+    for phase in range(0, n_samples, every):
+        now = start + phase
+        use = np.flatnonzero((start >= 0) & (now < np.minimum(flights.fail_index, n_samples - 1)))
+        if len(use) < max(2, LEAST_SHARE * len(y)):
+            break
+        past = phase - stride * np.arange(n_past)
+        past = past[past >= 0]
+        samples = y[use[:, None], start[use, None] + past] * sign[use, None, None]
+        x = samples.reshape(len(use), -1)
+        found, constant = fit(x, target[use, now[use]])
+        weights.append(np.zeros((n_past, N_CHANNELS)))
+        weights[-1][: len(past)] = -found.reshape(-1, N_CHANNELS)
+        offset.append(-constant)
+    if not weights:
+        raise ValueError(
+            "no phase of the manoeuvre is in a tenth of the rollouts: give rollouts that begin "
+            "before their input, or choose phase start"
+        )
+    peaks = PeakWeights(np.array(weights), np.array(offset), every, stride, surface, threshold)
+    return RidgeForecast(peaks)
+
+
+def _begin_of_input(y: Array) -> tuple[int, float]:
+    """The surface that the input moves first, and from which magnitude on it has begun."""
+    deflection = np.abs(y[:, :, list(SURFACES)])
+    peak = np.median(np.nanmax(deflection, axis=1), axis=0)
+    if not peak.any():
+        raise ValueError(
+            "no surface moves in the rollouts, so when the input begins cannot be seen: choose "
+            "phase start"
+        )
+    threshold = np.maximum(BEGUN * peak, SEEN * deflection[:, 0].std(axis=0))
+    first = [_starts(y, c, at)[0] for c, at in zip(SURFACES, threshold, strict=True)]
+    mean = [starts[starts >= 0].mean() if (starts >= 0).any() else np.inf for starts in first]
+    k = int(np.where(peak >= MOVES * peak.max(), mean, np.inf).argmin())
+    return SURFACES[k], float(threshold[k])
+
+
+def _starts(y: Array, surface: int, threshold: float) -> tuple[Indices, Array]:
+    """Sample at which each flight's input begins, -1 where that is not seen; and its sign."""
+    n = np.arange(len(y))
+    if surface < 0:
+        return np.zeros(len(y), np.int64), np.ones(len(y))
+    begun = np.abs(y[:, :, surface]) >= threshold
+    start = np.where(begun.any(axis=1) & ~begun[:, 0], begun.argmax(axis=1), -1)
+    return start, np.where(y[n, start, surface] > 0, 1.0, -1.0)
+
+
+def _peak_later(margin: Array, window: int) -> Array:
+    """(n, n_samples) largest margin after each sample, within a window; 0 after the last one."""
+    later = np.zeros_like(margin)
+    if window == 0:
+        later[:, :-1] = np.fmax.accumulate(margin[:, :0:-1], axis=1)[:, ::-1]
+        return later
+    for ahead in range(1, min(window, margin.shape[1] - 1) + 1):
+        later[:, :-ahead] = np.fmax(later[:, :-ahead], margin[:, ahead:])
+    return later
+
+
+def _fails_later(flights: LearnedFlights, window: int) -> Flags:
+    """(n, n_samples) whether a flight fails after each sample, within a window."""
+    n_samples = flights.y.shape[1]
+    ahead = flights.fail_index[:, None] - np.arange(n_samples)
+    return (flights.fail_index < n_samples)[:, None] & (ahead <= (window or n_samples))
+
+
+def _margin(x: Array, peak: Array) -> tuple[Array, float]:
+    """Weights and constant of (forecast of the peak - 1) / deviation of what it is off."""
+    weights, constant, off = ridge(x, peak, np.ones(len(x)))
+    deviation = max(float(np.sqrt(np.mean(off**2))), FINEST)
+    return weights / deviation, (constant - 1.0) / deviation
+
+
+def log_odds(x: Array, fails: Array) -> tuple[Array, float]:
+    """Weights and constant of the log odds of failing, by penalised logistic regression.
+
+    fails: (n,) 1 or 0.
+    Newton's method, each step a weighted ridge regression. Where hardly any flight fails, or all
+    do, the odds of all of them.
+    """
+    n_failed = int(fails.sum())
+    odds = float(np.log((n_failed + 0.5) / (len(x) - n_failed + 0.5)))
+    weights, constant = np.zeros(x.shape[1]), odds
+    if min(n_failed, len(x) - n_failed) < LEAST_OF_A_KIND:
+        return weights, constant
+    for _ in range(NEWTON_STEPS):
+        logit = x @ weights + constant
+        share = expit(logit)
+        precision = np.maximum(share * (1 - share), LEAST_WEIGHT)
+        weights, constant, _ = ridge(x, logit + (fails - share) / precision, precision)
+        if np.abs(x @ weights + constant - logit).max() < SMALL_STEP:
+            break
+    return weights, constant
+
+
+def ridge(x: Array, target: Array, precision: Array) -> tuple[Array, float, Array]:
+    """Weights, constant and leave-one-out residuals of a ridge regression.
+
+    The penalty is of standardised weights, and is the one of PENALTIES with the least sum of
+    squares of these residuals.   x: (n, m).   target, precision: (n,).
+    """
+    share = precision / precision.sum()
+    mean, center = share @ x, float(share @ target)
+    deviation = np.sqrt(share @ (x - mean) ** 2)
+    moves = deviation > 1e-9 * np.abs(x).max(axis=0)
+    root = np.sqrt(precision)
+    z = (x - mean)[:, moves] / deviation[moves] * root[:, None]
+    values, vectors = np.linalg.eigh(z.T @ z)
+    u, off = z @ vectors, root * (target - center)
+    along, squares = u.T @ off, u**2
+    best: tuple[float, Array, Array] | None = None
+    for penalty in PENALTIES:
+        shrunk = 1 / (np.maximum(values, 0) + penalty)
+        left = np.maximum(1 - share - squares @ shrunk, 1e-9)
+        residual = (off - u @ (along * shrunk)) / left
+        if best is None or residual @ residual < best[0]:
+            best = float(residual @ residual), along * shrunk, residual / root
+    assert best is not None
+    weights = np.zeros(x.shape[1])
+    weights[moves] = vectors @ best[1] / deviation[moves]
+    return weights, center - float(mean @ weights), best[2]
+
+
+class RunningPeaks(RunningForecast):
+    """The forecast of one flight; lost where the begin of the input passed unseen."""
+
+    def __init__(self, peaks: PeakWeights, dt: float) -> None:
+        self._history = begin(peaks)
+        self._state = peaks, self._history, float(dt)
+        arguments = *self._state, 0.0, self._history.samples[0], 0
+        self._update: Callable[..., tuple[float, int]] = entry(update, *arguments)
+
+    def update(self, t: float, y: Array, code: int) -> tuple[float, int]:
+        """Take the next sample."""
+        found = self._update(*self._state, t, y, code)
+        self.lost = bool(self._history.counts[LOST])
+        return found
+
+
+@dataclass(frozen=True, eq=False)
+class RidgeForecast(PeakForecast):
+    """Weights of each phase.   peaks: what its kernels need."""
+
+    section: ClassVar[str] = "peaks"
+    peaks: PeakWeights
+
+    def begin(self, dt: float) -> RunningPeaks:
+        """Begin a flight."""
+        return RunningPeaks(self.peaks, dt)
+
+    def follow(self, t: Array, y: Array, state: Indices, dt: float) -> Followed:
+        """Score a flight."""
+        score, state = np.full(len(t), np.nan), state.copy()
+        lost = kernels.follow(self.peaks, t, y, state, dt, score)
+        return Followed(score, state, np.full((len(t), N_CHANNELS), np.nan), lost)
+
+    def lowest_scores(self, y: Array, first: Indices, last: Indices) -> Array:
+        """Lowest score of each trajectory."""
+        return kernels.lowest_scores(self.peaks, y, first, last)
+
+    def to_section(self) -> Section:
+        """Return the section of a monitor's file."""
+        header = self.peaks._asdict()
+        arrays = {name: header.pop(name) for name in ("weights", "offset")}
+        return Section(self.section, 1, True, header, arrays)
+
+
+def of_section(section: Section) -> RidgeForecast:
+    """Rebuild it; ValueError where no kernel may read it."""
+    counts = {name: section.header[name] for name in ("every", "stride", "surface")}
+    threshold = section.header["threshold"]
+    weights, offset = (np.ascontiguousarray(section.arrays[key]) for key in ("weights", "offset"))
+    if any(type(count) is not int for count in counts.values()) or type(threshold) is not float:
+        raise ValueError("peaks every, stride, surface or threshold is no number of its kind")
+    n_past = weights.shape[1] if weights.ndim == 3 else 0
+    for name, array, shape in (
+        ("weights", weights, (len(offset), n_past, N_CHANNELS)),
+        ("offset", offset, (len(offset),)),
+    ):
+        if array.dtype != np.float64 or array.shape != shape or not array.size:
+            raise ValueError(f"peaks {name} is {array.dtype} {array.shape}")
+        if not np.isfinite(array).all():
+            raise ValueError(f"peaks {name} holds what is no finite number")
+    for name in ("every", "stride"):
+        if not 1 <= counts[name] <= MOST_SAMPLES:
+            raise ValueError(f"peaks {name} is {counts[name]} instead of 1 to {MOST_SAMPLES}")
+    if n_past * counts["stride"] + counts["every"] > MOST_SAMPLES:
+        raise ValueError("peaks weights remember more samples than any flight has")
+    if counts["surface"] not in (-1, *SURFACES) or not 0 <= threshold < np.inf:
+        raise ValueError(f"peaks surface is {counts['surface']}, threshold {threshold}")
+    return RidgeForecast(PeakWeights(weights, offset, **counts, threshold=threshold))
