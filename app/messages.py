@@ -258,6 +258,9 @@ class LiveStatus(Message):
     )
     foreign: int = Field(description="datagrams of somebody else than the source")
     counts: dict[str, int] = Field(description="samples by kind, see the README")
+    unread: list[str] = Field(
+        default_factory=list, description="names that batches held and nothing reads, the first 20"
+    )
     udp: str | None = Field(description="host:port that listens for datagrams; null for none")
     problem: str = Field(
         description="why the journal takes nothing at present; empty while it does"

@@ -7,7 +7,7 @@ server was killed as well.
 
 import asyncio
 from collections import deque
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import suppress
 from datetime import datetime
 from functools import partial
@@ -49,6 +49,8 @@ from core.types import Array
 P, R = KEYS.index("p"), KEYS.index("r")
 BEGUN_KEPT = 50
 """Newest manoeuvres whose beginnings are told."""
+UNREAD_KEPT, LONGEST_NAME = 20, 60
+"""Names that nothing reads which are told, and letters of each."""
 FORMAT = 1
 
 
@@ -57,12 +59,16 @@ class SequenceConflict(ValueError):
 
 
 class TakenBatch(NamedTuple):
-    """What became of a batch. stored: done once it is durable; None for nothing to wait for."""
+    """What became of a batch.
+
+    stored: done once it is durable; None for nothing to wait for.   unread: what nothing reads.
+    """
 
     sequence: int | None
     n_samples: int
     repeated: bool
     stored: "asyncio.Future[None]"
+    unread: Sequence[str] = ()
 
 
 class LiveSetup(NamedTuple):
@@ -120,6 +126,7 @@ class LiveFlight(Flight):
         self._lag = Lag(self.scorer.lead)
         self._n_malformed = self._n_batches = self._n_resumed = 0
         self._begun: deque[ManoeuvreBegun] = deque(maxlen=BEGUN_KEPT)
+        self._unread: dict[str, None] = {}
         self._has_begun = False
         self._told: LiveStatus | None = None
 
@@ -162,6 +169,7 @@ class LiveFlight(Flight):
             malformed=self._n_malformed,
             foreign=self._udp.n_foreign if self._udp else 0,
             counts=self.scorer.counts.to_plain(),
+            unread=list(self._unread),
             udp=self._udp.address if self._udp else None,
             problem=self._journal.problem if self._journal else "",
         )
@@ -255,7 +263,7 @@ class LiveFlight(Flight):
             self._came = now
         self._show_all(assessed, now)
         self._settle_later()
-        return TakenBatch(batch.sequence, len(samples), False, written)
+        return TakenBatch(batch.sequence, len(samples), False, written, self._note_unread(batch))
 
     def begin_manoeuvre(self, by: str) -> asyncio.Future[None]:
         """A manoeuvre begins now: somebody says so. NotPossible while one is under way."""
@@ -333,6 +341,7 @@ class LiveFlight(Flight):
         """What a line of the journal settled."""
         if "b" in line:
             self._note_batch(line["s"], msgspec.json.encode(line["b"]))
+            self._note_unread(Batch(line["s"], line["b"]))
         if line.get("e") == "limits":
             self.limits_at_hand.append(LimitsInForce.from_plain(line["limits"]))
         self._port = line.get("port", self._port)
@@ -349,6 +358,14 @@ class LiveFlight(Flight):
         if sequence is not None:
             self._known_batches.note(sequence, _digest(values))
             self._last_sequence = max(sequence, self._last_sequence or 0)
+
+    def _note_unread(self, batch: Batch) -> list[str]:
+        """What of a batch nothing reads, as much as is told; the flight remembers it."""
+        unread = [name[:LONGEST_NAME] for name in self._setup.reader.unread(batch)[:UNREAD_KEPT]]
+        for name in unread:
+            if len(self._unread) < UNREAD_KEPT:
+                self._unread[name] = None
+        return unread
 
     def _known(self, batch: Batch) -> TakenBatch | None:
         """What is answered to a batch that came before. SequenceConflict."""

@@ -133,6 +133,7 @@ class ChannelReader:
             self._direct = {key: _Direct(key) for key in (*KEYS, *ATTITUDE)}
             self._derived: dict[str, ChannelSource] = {}
             self._columns: list[_Direct | None] = [*self._direct.values()]
+            self._read = {*TIMES, *self._names}
             return
         self._time = _time_of(mapping)
         self._direct = {
@@ -146,12 +147,21 @@ class ChannelReader:
                     f"{key} is derived by slopes, which use samples of the future: a live flight "
                     "needs a source that sends it"
                 )
+        self._read = {self._time.name, *self._names}
+
+    @property
+    def _names(self) -> list[str]:
+        return [read.name for read in (*self._direct.values(), *self._conditions)]
 
     @property
     def names(self) -> list[str]:
         """Names of what a batch holds: time, and each signal that is read."""
         time = self._time.name if self._time else TIMES[0]
         return [time, *(direct.name for direct in self._direct.values())]
+
+    def unread(self, batch: Batch) -> list[str]:
+        """Names of what a batch holds and nothing reads, in its order."""
+        return [name for name in batch.values if name not in self._read]
 
     def check(self, batch: Batch, needed: Collection[str]) -> None:
         """Whether a flight can begin with a batch. TelemetryError names what is missing or odd."""

@@ -27,6 +27,7 @@ class Stored(Message):
     type: Literal["stored"] = "stored"
     sequences: list[int]
     repeated: list[int] = Field(description="those of them that had come before")
+    unread: list[str] = Field(default_factory=list, description="names in them that nothing reads")
     count: int = Field(description="batches in all, those without a number included")
 
 

@@ -95,6 +95,7 @@ class CausalResampler:
         self._offset = 0.0
         self._steps: deque[float] = deque(maxlen=INTERVALS)
         self._interval = dt
+        self._late: deque[float] = deque(maxlen=REMEMBERED)
         self._recent: deque[tuple[float, Array]] = deque(maxlen=REMEMBERED)
         self._leap: tuple[float, Sample] | None = None
         self._back: tuple[float, float, int] | None = None
@@ -179,6 +180,7 @@ class CausalResampler:
         self._back = begun, sample.t, n + 1
         if n + 1 < BACK_SAMPLES or arrived - begun < BACK_S:
             self.counts.late += 1
+            self._late.append(sample.t + self._offset)
             return []
         self._back = None
         self._step(arrived, sample)
@@ -193,6 +195,7 @@ class CausalResampler:
         self._rows.clear()
         self._recent.clear()
         self._steps.clear()
+        self._late.clear()
 
     # --- the grid -----------------------------------------------------------------------------
 
@@ -237,7 +240,7 @@ class CausalResampler:
             del self._rows[:following]
             return True
         slow = self._interval > RATE_RATIO * self.dt
-        settled.append(known._replace(y=UNKNOWN, reason=self._too_slow()) if slow else known)
+        settled.append(known._replace(y=UNKNOWN, reason=self._too_few()) if slow else known)
         self._grid = known.t + self.dt
         del self._rows[: max(0, bisect_left(self._rows, known.t - self.dt, key=_time) - 1)]
         return True
@@ -285,7 +288,15 @@ class CausalResampler:
         t, arrived, _ = min(self._rows[following:], key=lambda row: row[1])
         return arrived + max(0.0, self.delay - (t - grid))
 
-    def _too_slow(self) -> str:
+    def _too_few(self) -> str:
+        """Why samples are too far apart: the source is too slow, or many came too late."""
+        span = sum(self._steps)
+        n_late = len({t for t in self._late if self._newest - span < t < self._newest})
+        if span / (n := len(self._steps) + n_late) <= RATE_RATIO * self.dt:
+            return (
+                f"{n_late} of the last {n} samples came too late to be used, when later ones had "
+                f"been waited for {self.delay:.4g} s: mend the link, or start with a longer delay"
+            )
         return (
             f"the source samples each {self._interval:.4g} s, the monitor needs a sample each "
             f"{self.dt:.4g} s: send at {1.0 / self.dt:.4g} Hz"

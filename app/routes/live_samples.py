@@ -36,6 +36,9 @@ class SamplesTaken(BaseModel):
     sequence: int | None
     accepted: int = Field(description="samples; 0 of a batch that had come before")
     repeated: bool = Field(description="whether it had come before")
+    unread: list[str] = Field(
+        default_factory=list, description="names in it that nothing reads, the first 20"
+    )
 
 
 class ManoeuvreMark(BaseModel):
@@ -91,7 +94,10 @@ async def push_samples(flight_id: str, request: Request, flights: FlightsDep) ->
         text = f"the batch is not durable yet ({problem}): repeat it under the same sequence"
         raise Problem(503, text, "urn:forewarn:not-durable") from None
     return SamplesTaken(
-        sequence=received.sequence, accepted=received.n_samples, repeated=received.repeated
+        sequence=received.sequence,
+        accepted=received.n_samples,
+        repeated=received.repeated,
+        unread=list(received.unread),
     )
 
 

@@ -91,6 +91,7 @@ class _Source:
             sequences=[sequence for sequence, _ in numbered],
             repeated=[sequence for sequence, is_repeated in numbered if is_repeated],
             count=len(done),
+            unread=list(dict.fromkeys(name for one in done for name in one.unread)),
         )
 
     def _refuse(self, error: Refusal, sequence: int | None) -> None:

@@ -42,6 +42,7 @@ const ITEMS = [
   ["malformed", "malformed", "Messages that were no batch"],
   ["foreign", "foreign", "Datagrams of somebody else than the source"],
   ["resumed", "restarts", "Times that the flight went on after its server was killed"],
+  ["unread", "not read", "Names that the source sends and nothing reads: look at the names and the mapping"],
   ["udp", "UDP", "Where it listens for datagrams"],
 ];
 
@@ -49,6 +50,7 @@ export function createLivePanel({ line, problem }, { begin, address, events, fla
   line.classList.add("live-panel");
   const items = new Map();
   const known = new Set(); // manoeuvres
+  const strange = new Set(); // names that nothing reads
   const failure = h("span", { class: "error transport-error", role: "status", hidden: true });
   const beginButton = h("button", { type: "button", class: "button button-small begin-button", title: "Manoeuvre begins now, where the surfaces have not shown it (key G)", onclick: press, ...needs(BEGIN) }, "Manoeuvre begins ", h("span", { class: "marker-key" }, "[G]"));
   const open = h("button", { type: "button", class: "button button-small", "aria-expanded": "false", title: "Where samples are sent", onclick: () => open.setAttribute("aria-expanded", String(address())) }, "Address");
@@ -86,6 +88,11 @@ export function createLivePanel({ line, problem }, { begin, address, events, fla
     count("foreign", live.foreign);
     count("resumed", live.resumed);
     show("udp", live.udp ?? "");
+    const unread = live.unread ?? [];
+    show("unread", unread.join(", "));
+    const told = unread.filter((name) => !strange.has(name));
+    if (told.length > 0) events.add({ t: null, text: `the source sends what nothing reads: ${told.join(", ")}`, seen: true });
+    for (const name of told) strange.add(name);
     showManoeuvre();
     showProblem();
     live.begun.filter(({ number }) => !known.has(number)).forEach(mark);
@@ -156,13 +163,14 @@ export function beginningFlag({ number, t }) {
   return { key: null, t, word: `manoeuvre ${number}`, colour: "text", thin: true };
 }
 
-export function lossText({ batches, counts, malformed, foreign, resumed }) {
+export function lossText({ batches, counts, malformed, foreign, resumed, unread = [] }) {
   const told = KINDS.filter(([kind]) => counts[kind] > 0).map(([kind, name]) => `${name}: ${counts[kind].toLocaleString("en")}`);
   const others = [["malformed messages", malformed], ["foreign datagrams", foreign], ["restarts of the server", resumed]];
   return [
     `${counts.accepted.toLocaleString("en")} samples used, of ${batches.toLocaleString("en")} batches`,
     ...told,
     ...others.filter(([, n]) => n > 0).map(([name, n]) => `${name}: ${n.toLocaleString("en")}`),
+    ...(unread.length > 0 ? [`not read: ${unread.join(", ")}`] : []),
   ];
 }
 

@@ -1,5 +1,7 @@
 """Live samples on the monitor's times: bits, gaps, order, clocks, and nothing of the future."""
 
+import re
+
 import numpy as np
 import numpy.typing as npt
 import pytest
@@ -137,6 +139,16 @@ def test_a_source_that_is_too_slow_says_so_instead_of_a_number() -> None:
     out, _ = flown(np.arange(40) * 2.0 * DT)
     assert np.isnan(out[-1].y).all()
     assert "each 0.04 s, the monitor needs a sample each 0.02 s" in out[-1].reason
+
+
+def test_late_samples_are_told_apart_from_a_source_that_is_too_slow() -> None:
+    times = np.arange(80) * DT
+    arrivals = times + np.where(np.arange(80) % 4 == 0, 0.0, 8.0 * DT)
+    order = np.argsort(arrivals, kind="stable")
+    out, resampler = flown(times[order], arrivals[order])
+    assert np.isnan(out[-1].y).all()
+    assert re.match(r"\d+ of the last \d+ samples came too late to be used", out[-1].reason)
+    assert resampler.counts.late > 40
 
 
 def test_a_link_that_was_out_gives_a_gap_and_no_step() -> None:

@@ -61,14 +61,27 @@ def range_(tmp_path: Path) -> Iterator[Range]:
 
 
 def test_a_batch_is_durable_when_it_is_answered_and_taken_once(range_: Range) -> None:
-    assert range_.push(batch(1, n=5)).json() == {"sequence": 1, "accepted": 5, "repeated": False}
+    taken = {"sequence": 1, "accepted": 5, "repeated": False, "unread": []}
+    assert range_.push(batch(1, n=5)).json() == taken
     assert [line["s"] for line in range_.lines() if "b" in line] == [1]
-    assert range_.push(batch(1, n=5)).json() == {"sequence": 1, "accepted": 0, "repeated": True}
+    assert range_.push(batch(1, n=5)).json() == taken | {"accepted": 0, "repeated": True}
     assert "sequence 1 was used" in problem(range_.push(batch(1, n=4)), 409)
     frames = range_.client.get(f"{URL}/{range_.id}/assessments").json()["frames"]
     assert [frame["t"] for frame in frames] == [k * DT for k in range(5)]
     now = range_.client.get(f"{URL}/{range_.id}/samples").json()
     assert (now["last_sequence"], now["counts"]["accepted"]) == (1, 5)
+
+
+def test_names_that_nothing_reads_are_told_in_the_answer_and_of_the_flight(range_: Range) -> None:
+    odd = {"aoa": [0.1], "Nz": [1.0], "mach": [0.5], "phi": [0.0]}
+    assert range_.push(batch(1, n=1, **odd)).json()["unread"] == ["aoa", "Nz"]
+    assert range_.push(batch(2, n=1, first=1)).json()["unread"] == []
+    with range_.uplink() as uplink:
+        uplink.receive_json()
+        uplink.send_json(batch(3, n=1, first=2, aoa=[0.1], G=[0.0]))
+        assert uplink.receive_json()["unread"] == ["aoa", "G"]
+    live = range_.client.get(f"{URL}/{range_.id}/samples").json()
+    assert live["unread"] == ["aoa", "Nz", "G"]
 
 
 def test_what_is_no_batch_is_refused_and_the_flight_goes_on(range_: Range) -> None:

@@ -85,13 +85,19 @@ def test_a_live_flight_takes_two_clicks_and_says_where_to_send_until_the_first_s
     page.request.post(live.site.http + found[1], data=found[2])
     expect(address).to_be_hidden()
     live.send(1, 1, 9)
+    for sequence in (2, 3):
+        sent = batch(sequence, 8 + sequence) | {"Nz": [1.0]}
+        live.ask("POST", f"/flights/{live.flight}/samples", sent)
+    expect(live.figure("unread")).to_have_text("Nz")
+    told = page.locator(".event", has_text="the source sends what nothing reads: Nz")
+    expect(told).to_have_count(1)
     expect(live.figure("rate")).to_have_text("20.0 Hz")
     expect(page.locator('[data-action="play"]')).to_be_hidden()
     page.get_by_role("button", name="Address").click()
     expect(address).to_be_visible()
     live.end()
     expect(page.locator(".source-result")).to_have_text(
-        "Live source: 10 samples used, of 2 batches"
+        "Live source: 12 samples used, of 4 batches · not read: Nz"
     )
 
 
