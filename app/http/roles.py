@@ -48,6 +48,7 @@ ALLOWED: dict[Role, tuple[str, ...]] = {
         f"GET {API}/monitors/{{id}}",
         f"GET {API}/monitors/{{id}}/calibration",
         f"GET {API}/monitors/{{id}}/evaluation",
+        f"GET {API}/monitors/{{id}}/certificate",
         f"GET {API}/monitors/{{id}}/file",
         f"GET {API}/recordings",
         f"GET {RECORDING}",

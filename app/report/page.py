@@ -14,6 +14,7 @@ from app.report.subject import PROPOSED, ReportSubject
 from app.scoring.limits_history import LimitPiece, pieces_of
 from app.scoring.planned_test import limits_of
 from app.scoring.verdict import amplitude_of
+from app.scoring.wording import PROMISED
 from app.telemetry.mapping.mapping import TimeSource
 from app.telemetry.mapping.typed_rate import counts_the_day, time_of_day
 from core import __version__
@@ -84,6 +85,7 @@ def report(subject: ReportSubject) -> str:
         most_outside=MOST_OUTSIDE,
         proposed=subject.mapped == PROPOSED,
         tested=subject.evaluation is not None,
+        promise=PROMISED[monitor.recipe.guarantee],
         worst=facts.worst(manoeuvres),
         counts=facts.counts(manoeuvres),
         promised=sum(each is True for each in valid),

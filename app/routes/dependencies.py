@@ -18,6 +18,11 @@ from app.store.store import Store
 from app.store.tokens import LOCAL
 
 Result = TypeVar("Result")
+PAGE_TO_PRINT = {
+    "Content-Security-Policy": "default-src 'none'; style-src 'unsafe-inline'; img-src data:; "
+    "frame-ancestors 'self'"
+}
+"""Headers of a page that needs no other file: its style stands in it."""
 
 
 def _store(request: Request) -> Store:

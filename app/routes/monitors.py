@@ -5,6 +5,7 @@ from pathlib import PurePath
 from typing import Annotated, Any, Literal
 
 from fastapi import APIRouter, Query, Request, Response
+from fastapi.responses import HTMLResponse
 from pydantic import BaseModel, Field
 
 from app.catalog import monitor_request_schema
@@ -14,7 +15,9 @@ from app.jobs.requests import monitor_request
 from app.json_telemetry import TelemetryBody, assessed, parse_telemetry
 from app.recipes import to_plain
 from app.recordings.recordings import Recordings
+from app.report.certificate import certificate_page
 from app.routes.dependencies import (
+    PAGE_TO_PRINT,
     JobsDep,
     PlainBody,
     RecordingsDep,
@@ -213,6 +216,27 @@ async def read_evaluation(monitor_id: str, store: StoreDep) -> dict[str, Any]:
     curves["warnings"] = [warnings_of(found, epsilon) for epsilon in curves["epsilon"]]
     found["at_epsilon"]["warnings"] = warnings_of(found, found["epsilon"])
     return found
+
+
+@router.get(
+    "/{monitor_id}/certificate",
+    response_class=HTMLResponse,
+    responses=problem_responses(404),
+)
+async def read_certificate(monitor_id: str, store: StoreDep) -> HTMLResponse:
+    """What fresh flights said of it, as a page that prints; as JSON it is `/evaluation`.
+
+    404 for a monitor that came as a file and was never flown.
+    """
+
+    def render() -> str:
+        info, monitor = store.monitors.info(monitor_id), store.monitors.get(monitor_id)
+        try:
+            return certificate_page(monitor, info.name, info.digest, info.created)
+        except ValueError as error:
+            raise Problem(404, str(error)) from None
+
+    return HTMLResponse(await asyncio.to_thread(render), headers=PAGE_TO_PRINT)
 
 
 @router.get(

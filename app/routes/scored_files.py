@@ -13,7 +13,7 @@ from app.recordings.exports import EXPORTS, export
 from app.report.page import report
 from app.report.stored import stored_subject
 from app.report.subject import about
-from app.routes.dependencies import ScoredDep
+from app.routes.dependencies import PAGE_TO_PRINT, ScoredDep
 
 SAMPLES: dict[int | str, dict[str, Any]] = {
     200: {
@@ -26,9 +26,6 @@ SAMPLES: dict[int | str, dict[str, Any]] = {
 }
 router = APIRouter(
     prefix="/api/v1/recordings/{recording_id}/scorings/{scoring_id}", tags=["recordings"]
-)
-REPORT_POLICY = (
-    "default-src 'none'; style-src 'unsafe-inline'; img-src data:; frame-ancestors 'self'"
 )
 
 
@@ -48,7 +45,7 @@ async def read_report(
 
     def make() -> Response:
         subject = stored_subject(scored, recording_id, scoring_id)
-        headers = {"Content-Security-Policy": REPORT_POLICY}
+        headers = dict(PAGE_TO_PRINT)
         if download:
             headers |= _as_file(f"{PurePath(subject.recording['name']).stem} report.html")
         return Response(report(subject), headers=headers, media_type="text/html")

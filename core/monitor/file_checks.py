@@ -225,6 +225,13 @@ def check_evaluation(evaluation: Mapping[str, Any]) -> None:
         raise ValueError("evaluation curves have unequal lengths")
     _check_counts([evaluation["epsilon"]], {key: [count] for key, count in at.items()}, evaluation)
     _check_counts(curves["epsilon"], curves, evaluation)
+    if "leads" in evaluation:
+        leads = evaluation["leads"]
+        if not all(_is_count(leads[name], n_unsafe) for name in ("n_timely", "n_without")):
+            raise ValueError("evaluation leads count more than its flights")
+        times = [leads[name] for name in ("p05", "median", "p95")]
+        if not (times == [None] * 3 or all(map(_is_number, times))):
+            raise ValueError(f"evaluation leads are {times}")
     if "prevention" in evaluation:
         _check_prevention(evaluation["prevention"])
     for other in evaluation.get("robustness", {}).values():

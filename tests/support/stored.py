@@ -48,6 +48,7 @@ EVALUATION = {
     "n_safe": 200,
     "at_epsilon": {"misses": 9, "false_alerts": 20, "withdrawn": 0},
     "curves": {"epsilon": [0.05], "misses": [4], "false_alerts": [50], "withdrawn": [0]},
+    "leads": {"n_timely": 91, "n_without": 3, "p05": 0.3, "median": 0.4, "p95": 0.9},
     "prevention": {
         "reactions_s": [0.25, 0.5, 1.0, 1.5, 2.5],
         "n_unsafe": 100,

@@ -5,13 +5,14 @@
  *   calibrationFigure(calibration) -> figure, figure.mark({epsilon, rank, threshold})
  *   curvesFigure(evaluation) -> figure, figure.mark({epsilon})     miss rate and safe flights without a false alarm
  *   leadFigure(evaluation)                   time from the alert to the failure
+ *   preventionFigure(evaluation)             share of failures that the alert prevents, by the reaction to it; null where not flown again
  *   methodsFigure(methods, ranking, what)    what: "miss" or "power" of a study
  */
 
 import { barKey, framed, keyOf, sample, SPARE, UNIT_SHARE } from "../charts/figure.js";
 import { createPlot } from "../charts/plot.js";
 import { svg } from "../lib/dom.js";
-import { figure as number } from "../lib/numbers.js";
+import { figure as number, percent } from "../lib/numbers.js";
 
 const METHOD_MARKS = ["circle", "square", "triangle", "diamond", "plus"];
 
@@ -149,6 +150,31 @@ export function leadFigure({ leads, lead, epsilon, n_unsafe }) {
     plot.svg,
     key,
     `${middle} ${n_timely} of ${n_unsafe} failing flights were warned in time, ${n_without} had no alert at all.`,
+  );
+}
+
+export function preventionFigure({ prevention, epsilon }) {
+  if (!prevention?.n_unsafe) return null;
+  const { reactions_s: reactions, prevented, prevented_interval: intervals, n_unsafe } = prevention;
+  const shares = prevented.map((count, k) => [reactions[k], count / n_unsafe]);
+  const plot = createPlot({
+    x: { label: "mean time from the alert to neutral controls [s]", domain: [0, reactions.at(-1) * 1.05] },
+    y: { label: "share of failing flights prevented", ...UNIT_SHARE },
+    label: `Failures prevented: ${shares.map(([reaction, share]) => `${percent(share, 0)} at ${number(reaction)} s`).join(", ")}`,
+  });
+  plot.band(
+    intervals.map(([from, to], k) => [reactions[k], from, to]),
+    "plot-power",
+  );
+  plot.line(shares, "plot-power");
+  plot.marks(shares, "circle", "plot-power");
+  const { stopped, n_safe, caused } = prevention;
+  const harmed = Math.max(...caused);
+  return framed(
+    `Failures that an alert prevents, at ε = ${number(epsilon)}`,
+    plot.svg,
+    keyOf([sample("plot-power", "circle"), "flown again with the controls neutral after a reaction"]),
+    `${stopped} of ${n_safe} safe flights are stopped to no purpose${harmed ? `; stopping made up to ${harmed} of them fail` : ""}. Reactions scatter by 30 % about their mean.`,
   );
 }
 

@@ -11,7 +11,7 @@ import { figure, moment, percent } from "../lib/numbers.js";
 import { warningLines } from "../lib/monitor_warnings.js";
 import { askToConfirm, button, empty, link, pageOf } from "../lib/view_states.js";
 import { createEpsilonCost } from "./epsilon_cost.js";
-import { calibrationFigure, curvesFigure, leadFigure } from "./figures.js";
+import { calibrationFigure, curvesFigure, leadFigure, preventionFigure } from "./figures.js";
 
 export function showMonitor(element, { id, api, navigate }) {
   return loadingView(element, { title: "Monitor", text: "Opening the monitor", build });
@@ -45,6 +45,8 @@ export function showMonitor(element, { id, api, navigate }) {
         { class: "button", href: `/api/v1/monitors/${id}/file`, download: true },
         "Download the file",
       ),
+      evaluation &&
+        h("a", { class: "button", href: `/api/v1/monitors/${id}/certificate`, target: "_blank" }, "Certificate"),
       link("Train one like it", `#/monitors/new?like=${id}`),
       button("Delete", () => remove(monitor), { class: "button button-danger", ...needs("DELETE /monitors/{}") }),
     ];
@@ -67,6 +69,8 @@ export function showMonitor(element, { id, api, navigate }) {
         ),
       curve,
       evaluation && leadFigure(evaluation),
+      evaluation && preventionFigure(evaluation),
+      robustness(evaluation),
     ];
     return pageOf(
       monitor.name,
@@ -119,6 +123,41 @@ function facts({ monitor, dataset, evaluation, catalog }) {
     ["Test flights", evaluation ? evaluation.n_test.toLocaleString("en") : "none"],
   ];
   return factList(entries, "facts panel");
+}
+
+function robustness(evaluation) {
+  const entries = Object.values(evaluation?.robustness ?? {});
+  if (!entries.length) return null;
+  const share = (count, total) => (total ? percent(count / total) : "–");
+  const row = ({ words, n_unsafe, n_safe, misses, withdrawn, false_alerts }) =>
+    h(
+      "tr",
+      {},
+      h("td", {}, words),
+      ...[
+        n_unsafe.toLocaleString("en"),
+        share(misses, n_unsafe),
+        share(withdrawn, n_unsafe),
+        share(n_safe - false_alerts, n_safe),
+      ].map((text) => h("td", { class: "number" }, text)),
+    );
+  const heads = ["Flights that differ by", "failed", "missed", "invalid before an alert", "safe without an alert"];
+  return h(
+    "div",
+    { class: "stack" },
+    h("h2", { class: "panel-title" }, `Flights that differ from the planned test, at ε = ${figure(evaluation.epsilon)}`),
+    h(
+      "div",
+      { class: "table-scroll" },
+      h(
+        "table",
+        { class: "table" },
+        h("thead", {}, h("tr", {}, heads.map((head, k) => h("th", k ? { class: "number" } : {}, head)))),
+        h("tbody", {}, entries.map(row)),
+      ),
+    ),
+    h("p", { class: "hint" }, "The guarantee does not hold for them. Missed is silent and valid: a flight that is called invalid shows no number."),
+  );
 }
 
 function guarantee(monitor) {

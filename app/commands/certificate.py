@@ -1,0 +1,32 @@
+"""The command that writes a monitor's certificate as a page to print."""
+
+import argparse
+import hashlib
+from pathlib import Path
+
+from app.commands.destinations import check_file
+from app.commands.results import add_json, print_result
+from app.report.certificate import certificate_page
+from core.monitor import load
+from core.monitor.portable import read
+from core.whole_file import write_whole
+
+
+def add(parser: argparse.ArgumentParser) -> None:
+    """Add the command's options."""
+    parser.add_argument("monitor", type=Path, metavar="MONITOR.fwm", help="a trained monitor")
+    parser.add_argument("-o", "--out", type=Path, help="HTML file, the monitor's name if absent")
+    add_json(parser)
+
+
+def run(options: argparse.Namespace) -> int:
+    """Write the page; `--json` prints what fresh flights said."""
+    out = check_file(options.out or Path(f"{options.monitor.stem}-certificate.html"))
+    monitor = load(options.monitor)
+    digest = hashlib.sha256(read(options.monitor)).hexdigest()
+    write_whole(out, certificate_page(monitor, options.monitor.stem, digest).encode())
+    found = monitor.evaluation
+    print_result(
+        options, f"written: {out}", {"file": str(out), "digest": digest, "evaluation": found}
+    )
+    return 0

@@ -1,0 +1,48 @@
+"""The certificate of a monitor as a page that prints: what fresh flights said of it."""
+
+from app.recipes import to_plain
+from app.report.page import TEMPLATES
+from app.scoring.wording import PROMISED
+from core import __version__
+from core.certificate import certificate, warnings_of
+from core.channels import CHANNELS
+from core.evaluation import clopper_pearson
+from core.monitor import Monitor
+
+
+def certificate_page(monitor: Monitor, name: str, digest: str, created: str = "") -> str:
+    """Return the certificate as HTML that needs no other file.
+
+    digest: SHA-256 of the monitor's file.   created: when it was trained, UTC in ISO 8601.
+    ValueError for a monitor that was not tested on fresh flights.
+    """
+    found, epsilon = monitor.evaluation, monitor.recipe.epsilon
+    told = certificate(found, epsilon)
+    if found is None or told is None:
+        raise ValueError(
+            f"the monitor {name} was not tested on fresh flights, so there is nothing to certify: "
+            "train it with test flights"
+        )
+    prevention = found.get("prevention")
+    limits = [] if monitor.limits is None else zip(CHANNELS, monitor.limits, strict=True)
+    return TEMPLATES.get_template("certificate.html").render(
+        name=name,
+        digest=digest,
+        created=created,
+        monitor=monitor,
+        recipe=to_plain(monitor.recipe),
+        above=monitor.alert_above(),
+        promised=PROMISED[monitor.recipe.guarantee],
+        limits=[(channel, float(limit)) for channel, limit in limits if limit < float("inf")],
+        told=told,
+        found=found,
+        withdrawn=found["at_epsilon"].get("withdrawn", 0),
+        leads=found.get("leads"),
+        warnings=warnings_of(found, epsilon),
+        prevention=prevention,
+        stopped=clopper_pearson(prevention["stopped"], prevention["n_safe"]).tolist()
+        if prevention
+        else None,
+        robustness=list(found.get("robustness", {}).values()),
+        version=__version__,
+    )

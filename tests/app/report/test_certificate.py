@@ -1,0 +1,65 @@
+"""The certificate: what fresh flights said, on a page, over REST and by the command line."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from app.cli import main
+from app.report.certificate import certificate_page
+from core.monitor import Monitor, MonitorRecipe, train
+from tests.support import oscillator
+from tests.support.api import api, problem
+from tests.support.stored import EVALUATION
+
+
+@pytest.fixture(scope="module")
+def monitor() -> Monitor:
+    recipe = MonitorRecipe(guarantee="95%", epsilon=0.1)
+    trained = train(oscillator.collect(np.random.default_rng(1), n_unsafe=40), recipe)
+    return replace(trained, evaluation=EVALUATION)
+
+
+def test_it_says_what_fresh_flights_said_and_what_is_promised(monitor: Monitor) -> None:
+    page = certificate_page(monitor, "Night <shift>", "ab12", "2026-11-22T10:00:00Z")
+    assert "Night &lt;shift&gt;" in page
+    assert "with 95 % confidence in this monitor&#39;s own calibration set" in page
+    assert "9.0% (9 of 100 failing flights; 95 % interval 4.2% to 16.4%)" in page
+    assert "90.0%" in page  # prevented within 0.25 s
+    assert "20 of 200 safe flights are stopped" in page
+    assert "sensor noise twice as large" in page
+    assert "ab12" in page
+    assert "http" not in page.replace("http-equiv", "")
+
+
+def test_a_monitor_that_was_not_tested_has_none(monitor: Monitor) -> None:
+    with pytest.raises(ValueError, match="nothing to certify: train it with test flights"):
+        certificate_page(replace(monitor, evaluation=None), "it", "")
+
+
+def test_an_evaluation_of_before_has_a_certificate_too(monitor: Monitor) -> None:
+    new = ("prevention", "robustness", "leads")
+    older = {key: value for key, value in EVALUATION.items() if key not in new}
+    page = certificate_page(replace(monitor, evaluation=older), "it", "ab12")
+    assert "What its alerts prevent" not in page
+    assert "Flights that differ" not in page
+
+
+def test_it_is_written_and_served(monitor: Monitor, tmp_path, capsys) -> None:
+    file, out = tmp_path / "it.fwm", tmp_path / "it.html"
+    monitor.save(file)
+    assert main(["certificate", str(file), "-o", str(out), "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert told["evaluation"]["prevention"] == EVALUATION["prevention"]
+    assert told["digest"] in out.read_text()
+    with api(tmp_path / "data") as client:
+        stored = client.post("/api/v1/monitors", content=file.read_bytes()).json()
+        answer = client.get(f"/api/v1/monitors/{stored['id']}/certificate")
+        assert answer.headers["content-type"].startswith("text/html")
+        assert "style-src 'unsafe-inline'" in answer.headers["content-security-policy"]
+        assert told["digest"] in answer.text
+        untested = replace(monitor, evaluation=None).to_bytes()
+        bare = client.post("/api/v1/monitors", content=untested).json()["id"]
+        missing = client.get(f"/api/v1/monitors/{bare}/certificate")
+        assert "nothing to certify" in problem(missing, 404)
