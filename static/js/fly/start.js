@@ -13,6 +13,7 @@ import { warningLines, warningMark, warningsAt, warningWords } from "../lib/moni
 import { startFlight } from "../lib/start_flight.js";
 import { errorLine, state } from "../lib/view_states.js";
 import { guarantee } from "./alarm_panel.js";
+import { createDisplayChoice } from "./display_choice.js";
 import { createLimitChoice } from "./flight_limits.js";
 import { resultOf, staleText } from "./headline.js";
 import { sourceText } from "./panels.js";
@@ -232,25 +233,6 @@ function startForm({ monitors, datasets, recordings, query, api, navigate }) {
   );
   adapt();
   return form;
-}
-
-/** Further monitors of the same test, which are shown beside the one that raises the alarms. */
-function createDisplayChoice(monitors) {
-  const boxes = monitors.map((monitor) => ({ monitor, box: h("input", { type: "checkbox", value: monitor.id }) }));
-  const lines = boxes.map(({ monitor, box }) => h("label", { class: "display-choice" }, box, `${Number(monitor.lead.toFixed(3))} s ahead: ${monitor.name} `, warningMark(monitor)));
-  const element = h("details", {}, h("summary", {}, "Further monitors, for display"),
-    h("div", { class: "stack" }, h("p", { class: "hint" }, "Of the same aircraft, manoeuvre and sample interval. They show their risk and raise no alarm."), ...lines));
-  const test = ({ dt, dataset_recipe: { aircraft, maneuver } }) => JSON.stringify([dt, aircraft, maneuver]);
-
-  function adapt(now) {
-    boxes.forEach(({ monitor, box }, k) => {
-      lines[k].hidden = box.disabled = monitor.id === now.id || test(monitor) !== test(now);
-      if (box.disabled) box.checked = false;
-    });
-    element.hidden = boxes.every(({ box }) => box.disabled);
-  }
-
-  return { element, adapt, chosen: () => boxes.filter(({ box }) => box.checked).map(({ box }) => box.value) };
 }
 
 /** What a live flight may be told beside its monitor; all of it may be left as it is. */

@@ -5,6 +5,7 @@ from typing import Any
 
 from playwright.sync_api import Page, expect
 
+from core.monitor import Monitor
 from tests.browser.recorded_site import RecordedSite
 from tests.browser.recordings.scored_chart import drawn, pixels, press
 
@@ -195,3 +196,21 @@ def test_manoeuvres_of_one_recording_are_matched_by_time_and_of_others_by_order(
         ]);
     }""")
     assert rows == [[0, -1, 0], [1, 0, -1], [-1, 1, -1]]
+
+
+def test_a_recording_is_replayed_with_a_further_monitor_that_has_scored_it(
+    page: Page, recording: str, site: RecordedSite, scoring: dict[str, Any], attas: Monitor
+) -> None:
+    second = site.store.monitors.add(attas, "second look").id
+    own = site.ask("GET", f"/monitors/{second}")["epsilon"]
+    site.score(recording, monitor=second, epsilon=own)
+    page.goto(f"{site.http}/#/recordings/{recording}?scoring={scoring['id']}")
+    page.evaluate("localStorage.setItem('forewarn.scene', 'hidden')")
+    page.get_by_text("Further monitors, for display").click()
+    page.get_by_label("second look").check()
+    page.get_by_role("button", name="Replay").click()
+    page.locator('[data-flight="open"]').wait_for()
+    flight = site.ask("GET", "/flights")[0]
+    assert [one["name"] for one in flight["monitors"]][1:] == ["second look"]
+    expect(page.locator(".gauge-panel")).to_contain_text("second look")
+    site.ask("POST", f"/flights/{flight['id']}/end")

@@ -13,6 +13,7 @@ import { warningMark } from "../../lib/monitor_warnings.js";
 import { figure } from "../../lib/numbers.js";
 import { startFlight } from "../../lib/start_flight.js";
 import { button, empty, errorLine, link, pageOf } from "../../lib/view_states.js";
+import { createDisplayChoice } from "../../fly/display_choice.js";
 import { createNotesPanel, laneOfMarkers } from "../notes_panel.js";
 import { outsideText, trimText, verdictOf } from "../words.js";
 import { eventsOf, flagsOf, laneOf, manoeuvresOf } from "./events.js";
@@ -32,10 +33,13 @@ export function showScoring(element, { id, query, api, navigate }) {
   return loadingView(element, { title: "Scored recording", text: "Opening the scoring", build });
 
   async function build({ keep }) {
-    const [recording, scoring] = await Promise.all([
+    const [recording, scoring, monitors, scorings] = await Promise.all([
       api.get(`/recordings/${id}`),
       readScoring(api, id, query.get("scoring")),
+      api.get("/monitors"),
+      api.get(`/recordings/${id}/scorings`),
     ]);
+    const display = displayOf(scoring, monitors, scorings);
     const { manoeuvres } = scoring;
     const host = h("div", { class: "scored-chart" });
     const events = eventsOf(scoring);
@@ -70,8 +74,9 @@ export function showScoring(element, { id, query, api, navigate }) {
     chart.setEvents(events);
     return pageOf(
       recording.name,
-      actions({ api, navigate }, scoring),
+      actions({ api, navigate }, scoring, display),
       summary(scoring),
+      display.element,
       h("div", { class: "scored" }, host, h("div", { class: "scored-side" }, list, notes.element)),
       h(
         "section",
@@ -146,7 +151,17 @@ export function showScoring(element, { id, query, api, navigate }) {
   }
 }
 
-function actions({ api, navigate }, scoring) {
+/** Monitors that can be replayed beside that of the scoring: those that have scored the recording too. */
+function displayOf({ monitor, epsilon }, monitors, scorings) {
+  const own = monitors.find(({ id }) => id === monitor);
+  const known = monitors.filter((one) => one.id === monitor || scorings.some((other) => other.monitor === one.id && other.epsilon === one.epsilon));
+  const display = createDisplayChoice(own === undefined ? [] : known, " Only those that have scored this recording, over the same manoeuvres and at their own ε, can be replayed with it.");
+  if (own === undefined) display.element.hidden = true;
+  else display.adapt({ ...own, epsilon });
+  return display;
+}
+
+function actions({ api, navigate }, scoring, display) {
   const { id: number, recording: id } = scoring;
   const base = `/api/v1/recordings/${id}/scorings/${number}`;
   const failure = errorLine();
@@ -172,7 +187,7 @@ function actions({ api, navigate }, scoring) {
     try {
       const source = { kind: "recording", recording: id, scoring: scoring.id };
       const { monitor, epsilon } = scoring;
-      await startFlight({ api, navigate }, { source, monitor, epsilon });
+      await startFlight({ api, navigate }, { source, monitor, monitors: display.chosen(), epsilon });
     } catch (error) {
       failure.show(reason(error));
       replay.disabled = false;

@@ -1,0 +1,28 @@
+/**
+ * Further monitors of the same test, which are shown beside the one that raises the alarms.
+ *
+ * Exports
+ *   createDisplayChoice(monitors, more) -> {element, adapt(now), chosen() -> [id]}
+ *     adapt(now): the monitor that raises the alarms.   more: further words of which can be chosen
+ */
+
+import { h } from "../lib/dom.js";
+import { warningMark } from "../lib/monitor_warnings.js";
+
+export function createDisplayChoice(monitors, more = "") {
+  const boxes = monitors.map((monitor) => ({ monitor, box: h("input", { type: "checkbox", value: monitor.id }) }));
+  const lines = boxes.map(({ monitor, box }) => h("label", { class: "display-choice" }, box, `${Number(monitor.lead.toFixed(3))} s ahead: ${monitor.name} `, warningMark(monitor)));
+  const element = h("details", {}, h("summary", {}, "Further monitors, for display"),
+    h("div", { class: "stack" }, h("p", { class: "hint" }, `Of the same aircraft, manoeuvre and sample interval. They show their risk and raise no alarm.${more}`), ...lines));
+  const test = ({ dt, dataset_recipe: { aircraft, maneuver } }) => JSON.stringify([dt, aircraft, maneuver]);
+
+  function adapt(now) {
+    boxes.forEach(({ monitor, box }, k) => {
+      lines[k].hidden = box.disabled = monitor.id === now.id || test(monitor) !== test(now);
+      if (box.disabled) box.checked = false;
+    });
+    element.hidden = boxes.every(({ box }) => box.disabled);
+  }
+
+  return { element, adapt, chosen: () => boxes.filter(({ box }) => box.checked).map(({ box }) => box.value) };
+}
