@@ -1,8 +1,10 @@
 """Flights over REST and WebSocket, in process and against a real server."""
 
 from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
+from threading import Barrier
 from typing import Any
 
 import msgspec
@@ -17,6 +19,7 @@ from core.certificate import UNTESTED
 from tests.app.flights.test_flights import RECIPE, monitor
 from tests.support.api import api, problem, store_of
 from tests.support.flying import ScriptedClock
+from tests.support.patience import PATIENCE
 from tests.support.stored import EVALUATION
 
 URL = "/api/v1/flights"
@@ -192,6 +195,30 @@ def test_a_watcher_that_reconnects_resumes_without_a_gap_or_repeat(server: Serve
     seqs = [frame["seq"] for frame in [*before, *frames_of(backfill + after)]]
     assert seqs == list(range(seqs[0], 81))
     assert not [m for m in backfill + after if m["type"] == "reset"]
+
+
+def test_of_two_who_acknowledge_at_once_all_are_told_the_same_one(server: Server) -> None:
+    flight = server.start()
+    alarms = f"{URL}/{flight['id']}/alarms"
+    with server.watch(flight["id"]) as one, server.watch(flight["id"]) as other:
+        server.advance(6.5)
+        raised = until(one, lambda m: m["type"] == "alarm")[-1]["alarm"]
+        both = Barrier(2)
+
+        def acknowledge(by: str) -> Any:
+            both.wait(PATIENCE)
+            path = f"{alarms}/{raised['id']}/acknowledge"
+            return server.client.post(path, json={"by": by}).json()
+
+        with ThreadPoolExecutor() as threads:
+            told = [*threads.map(acknowledge, ("Ann", "Ben"))]
+        shown = [
+            until(socket, lambda m: m["type"] == "alarm" and m["alarm"]["by"] is not None)[-1]
+            for socket in (one, other)
+        ]
+    assert told[0] == told[1]
+    assert told[0]["by"] in ("Ann", "Ben")
+    assert [message["alarm"] for message in shown] == told
 
 
 def test_an_alarm_is_acknowledged_over_rest_and_told_to_all(server: Server) -> None:
