@@ -63,6 +63,7 @@ export function createLivePanel({ line, problem }, { begin, address, events, fla
   }
   line.append(h("strong", { class: "live-word" }, "LIVE"), beginButton, open, failure);
   line.after(figures);
+  let steps = 0; // of the source's clock that are told
   let live = null;
   let usable = false;
   let why = "";
@@ -93,6 +94,7 @@ export function createLivePanel({ line, problem }, { begin, address, events, fla
     const told = unread.filter((name) => !strange.has(name));
     if (told.length > 0) events.add({ t: null, text: `the source sends what nothing reads: ${told.join(", ")}`, seen: true });
     for (const name of told) strange.add(name);
+    tellSteps(counts.clock_steps);
     showManoeuvre();
     showProblem();
     live.begun.filter(({ number }) => !known.has(number)).forEach(mark);
@@ -103,6 +105,11 @@ export function createLivePanel({ line, problem }, { begin, address, events, fla
     const { interval, lag } = live;
     show("rate", !usable || interval === null ? "–" : `${rate(1 / interval)} Hz`);
     show("lag", usable ? `${lag.toFixed(2)} s` : "–", usable && lag > LATE ? "caution" : "");
+  }
+
+  function tellSteps(n) {
+    if (n > steps) events.add({ t: null, text: `the source's clock stepped, ${n} in all: the flight goes on by the times of arrival, after a gap`, level: "caution", seen: true });
+    steps = n;
   }
 
   function showManoeuvre() {

@@ -165,6 +165,14 @@ def test_samples_that_are_not_durable_are_said_so_until_they_are(
     expect(live.figure("batches")).to_have_text("1")
 
 
+def test_a_step_of_the_source_s_clock_is_listed_and_counted(live: Live) -> None:
+    live.begin(trim="none")
+    live.send(0, 0, 20)
+    live.send(1, 2000, 5)
+    expect(live.figure("clock_steps")).to_have_text("1")
+    live.event("the source's clock stepped, 1 in all").wait_for()
+
+
 def test_an_interrupted_flight_is_ended_on_its_page_which_says_by_whom_and_when(live: Live) -> None:
     live.begin(trim="none")
     live.send(0, 0, 5)
