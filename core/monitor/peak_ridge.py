@@ -26,11 +26,11 @@ from core.types import Array, Flags, Indices
 PENALTIES = 10.0 ** np.arange(-1, 5)
 """Of the squares of standardised weights; leave-one-out residuals choose among them."""
 MOST_FLIGHTS, MOST_PHASES, MOST_PAST = 2_000, 150, 20
-"""LearnedFlights that it is fitted on; phases that have weights; past samples of each."""
+"""Flights that it is fitted on; phases that have weights; past samples of each."""
 LEAST_SHARE = 0.1
 """Share of the flights that a phase needs to have weights of its own."""
 LEAST_OF_A_KIND = 5
-"""LearnedFlights that fail, and that do not, to tell them apart by."""
+"""Flights that fail, and that do not, to tell them apart by."""
 BEGUN = 0.1
 """Share of the usual peak of the surface from which on the input has begun."""
 SEEN = 8.0
@@ -48,7 +48,7 @@ MOST_SAMPLES = 100_000
 
 @dataclass(frozen=True)
 class LearnedFlights:
-    """LearnedFlights that calibration does not use.
+    """Flights that calibration does not use.
 
     y: (n, n_samples, 6), NaN from a sample after the failure on, if at all.
     fail_index: (n,) first sample that fails, n_samples for a safe flight.

@@ -26,7 +26,7 @@ from core.monitor import Monitor, MonitorRecipe, train
 from core.monitor.innovation import fit_innovation
 from core.monitor.loading import from_bytes
 from core.monitor.portable import UNFOLDS_TO, MonitorFileError, Section, pack, unpack
-from core.monitor.predictor import PrincipalComponents
+from core.monitor.predictor import PeakRidge, PrincipalComponents
 from core.monitor.score import SCORES, NegativeMagnitude
 from core.monitor.support import Support
 from tests.support import oscillator
@@ -38,6 +38,9 @@ RECIPES = {
     "exact": MonitorRecipe(p_value="exact", t_early=0.3, n_delay=3, epsilon=0.2),
     "pca": MonitorRecipe(predictor=PrincipalComponents(4), score=SCORES["unsafe_distance"]),
     "magnitude": MonitorRecipe(score=NegativeMagnitude("r")),
+    "peaks": MonitorRecipe(
+        predictor=PeakRidge(past_s=0.3, phase="start"), score=SCORES["rest_of_card"]
+    ),
 }
 
 
