@@ -8,6 +8,7 @@ import logging
 import time
 from datetime import UTC, datetime, timedelta
 
+from app.labels import kind_label
 from app.live.again import header_of
 from app.live.journal import Journals, lines_of
 from app.recordings.files import NoSpace
@@ -23,6 +24,8 @@ from app.telemetry.recording import TelemetryError
 from core.flight_markers import FLIGHT_MARKERS
 
 LOG = logging.getLogger("forewarn")
+UNNAMED = "live"
+"""What a live flight is called that was given no name, or what that begins with."""
 RESUMED_WITHIN_S = 600.0
 """A live flight whose last batch is older is not gone on with when the server starts [s]."""
 
@@ -67,7 +70,7 @@ class FlightRecordings:
             raise NoSpace(f"the journal of flight {flight_id} waits for the disk")
         header = header_of(path) or {}
         mapping, aircraft = self._read_by(info, header)
-        name = str(info.source.get("name", header.get("name", "live")))
+        name = self._name(info, header, aircraft)
         markers = self._markers(flight_id, str(header.get("began", now())))
         flown = FlownJournal(flight_id, path, name, aircraft, mapping, markers)
         return self._recordings.take(flown)
@@ -85,6 +88,18 @@ class FlightRecordings:
             return False
         age = time.time() - path.stat().st_mtime
         return info.status != INTERRUPTED or age >= RESUMED_WITHIN_S
+
+    def _name(self, info: FlightInfo, header: dict[str, object], aircraft: str | None) -> str:
+        """The flight's name; where it was given none, by aircraft, manoeuvre, id and beginning."""
+        given = str(info.source.get("name", header.get("name", UNNAMED)))
+        if given != UNNAMED and not given.startswith(f"{UNNAMED}, "):
+            return given
+        recipe = self._store.monitors.info(info.monitor_id).dataset_recipe
+        kinds = [(recipe.get(part) or {}).get("kind") for part in ("aircraft", "maneuver")]
+        flown, maneuver = [kind_label(kind) if kind else "" for kind in kinds]
+        what = " ".join(word for word in (aircraft or flown, maneuver) if word) or "flight"
+        began = str(header.get("began", info.created))[:16].replace("T", " ")
+        return f"{what}, flight {info.id}, {began} UTC"
 
     def _read_by(
         self, info: FlightInfo, header: dict[str, object]

@@ -47,6 +47,7 @@ from app.scoring.limits_in_force import ChangeOfLimits, LimitsInForce
 from app.store.flights import INTERRUPTED, UnderWay
 from app.store.look import StoreLook
 from app.store.store import NotFound, Store, StoreError
+from app.store.tokens import LOCAL
 from core.certificate import check_use
 from core.flight_markers import FlightMarkerKey
 from core.limit_set import ConditionKey
@@ -162,7 +163,7 @@ class Flights:
             raise NotFound(f"no flight {flight_id!r} is under way: it ended, or never was")
         return flight
 
-    async def start(self, request: FlightRequest, by: str = "operator") -> Flight:
+    async def start(self, request: FlightRequest, by: str = LOCAL) -> Flight:
         """Start a flight. by: who does.
 
         TooManyFlights; SourceError and RecipeError for the source; ValueError for an epsilon that

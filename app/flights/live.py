@@ -24,9 +24,9 @@ from app.flights.recorder import JOURNALLED_S
 from app.flights.track import SourceError
 from app.flights.transport import NotPossible
 from app.flights.udp import UdpReceiver
-from app.live.again import settled_by, shown_again
+from app.live.again import settled_by
 from app.live.batches import Batch, ChannelReader, decode_batch
-from app.live.journal import Journal, JournalFull, Journals, lines_of
+from app.live.journal import Journal, JournalFull, Journals
 from app.live.known_batches import KnownBatches
 from app.live.lag import Lag
 from app.live.scorer import CausalScorer, LiveAssessed, TrimRule
@@ -496,12 +496,6 @@ class LiveFlight(Flight):
 
 def _digest(values: bytes) -> int:
     return int.from_bytes(sha256(values).digest()[:8])
-
-
-def assessed_again(setup: LiveSetup, flight_id: str) -> list[LiveAssessed]:
-    """What a journal's flight shows through a monitor, by what had come at each moment. OSError."""
-    lines = lines_of(setup.journals.path(flight_id))
-    return [one.assessed for one in shown_again(lines, setup.scorer(), setup.reader)]
 
 
 def _seconds_between(earlier: str, later: str) -> float:

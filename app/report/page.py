@@ -12,6 +12,7 @@ from app.recipes import to_plain
 from app.report import facts, figures
 from app.report.subject import PROPOSED, ReportSubject
 from app.scoring.limits_history import LimitPiece, pieces_of
+from app.scoring.outcome import lead_words
 from app.scoring.planned_test import limits_of
 from app.scoring.verdict import amplitude_of
 from app.scoring.wording import PROMISED
@@ -179,6 +180,7 @@ TEMPLATES.filters |= {
     "symbol": _symbol,
     "time": lambda t: f"{t:.2f}",
     "time_of_day": time_of_day,
+    "ahead": lead_words,
     "seconds": lambda t: f"{t:.2f}{GLUE}s",
     "span": lambda begin, end: f"{begin:.2f} to {end:.2f}{GLUE}s",
     "percent": lambda share: f"{share:.1%}",

@@ -31,6 +31,7 @@ from app.messages import (
 from app.recipes import RecipeError
 from app.routes.dependencies import PersonDep, json_from, signature
 from app.store.flights import FlightInfo, UnderWay
+from app.store.tokens import LOCAL
 from core.certificate import UselessMonitor
 from core.flight_markers import FlightMarkerKey
 from core.monitor import State
@@ -181,7 +182,7 @@ class Acknowledgement(BaseModel):
 
     model_config = ConfigDict(extra="forbid", strict=True)
 
-    by: str = Field(default="operator", min_length=1, max_length=200)
+    by: str = Field(default=LOCAL, min_length=1, max_length=200)
 
 
 class EndRequest(BaseModel):
@@ -189,7 +190,7 @@ class EndRequest(BaseModel):
 
     model_config = ConfigDict(extra="forbid", strict=True)
 
-    by: str = Field(default="operator", min_length=1, max_length=200)
+    by: str = Field(default=LOCAL, min_length=1, max_length=200)
 
 
 class MarkerRequest(BaseModel):
@@ -204,7 +205,7 @@ class MarkerRequest(BaseModel):
     kind: FlightMarkerKey = Field(
         description="`abort`: safety of flight; `knock_it_off`: no useful data"
     )
-    by: str = Field(default="operator", min_length=1, max_length=200)
+    by: str = Field(default=LOCAL, min_length=1, max_length=200)
     text: str | None = Field(default=None, min_length=1, max_length=2000)
 
 
@@ -218,7 +219,7 @@ async def start_flight(
     it for 10 minutes, nor watches an alarm that waits.
     """
     try:
-        flight = await flights.start(request, signature(person, "operator"))
+        flight = await flights.start(request, signature(person, LOCAL))
     except TooManyFlights as error:
         raise Problem(429, str(error), "urn:forewarn:too-many-flights") from error
     except RecipeError:

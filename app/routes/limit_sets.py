@@ -15,6 +15,7 @@ from app.messages import LimitsStatus
 from app.routes.dependencies import PersonDep, StoreDep, signature
 from app.routes.flights import FlightsDep
 from app.store.limit_sets import FlightLimits, LimitSetInfo, StoredLimits
+from app.store.tokens import LOCAL
 from core.limit_set import ConditionKey, LimitSet, limit_set_from_plain
 
 router = APIRouter(prefix="/api/v1", tags=["limit sets"])
@@ -54,7 +55,7 @@ class LimitsText(BaseModel):
     cases: list[ConditionLimits] = Field(min_length=1, max_length=MOST_CASES)
     text: str | None = Field(default=None, min_length=1, max_length=2000, description="why")
     by: str = Field(
-        default="engineer", min_length=1, max_length=200, description="where nobody is logged in"
+        default=LOCAL, min_length=1, max_length=200, description="where nobody is logged in"
     )
 
     @property
@@ -93,7 +94,7 @@ class LimitsRequest(BaseModel):
         "before stay",
     )
     by: str = Field(
-        default="engineer", min_length=1, max_length=200, description="where nobody is logged in"
+        default=LOCAL, min_length=1, max_length=200, description="where nobody is logged in"
     )
 
 

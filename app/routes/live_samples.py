@@ -14,6 +14,7 @@ from app.live.journal import JournalFull
 from app.messages import LiveStatus
 from app.routes.dependencies import PersonDep, signature
 from app.routes.flights import FlightsDep
+from app.store.tokens import LOCAL
 from app.telemetry.recording import TelemetryError
 
 router = APIRouter(prefix="/api/v1/flights", tags=["flights"])
@@ -46,7 +47,7 @@ class ManoeuvreMark(BaseModel):
 
     model_config = ConfigDict(extra="forbid", strict=True)
 
-    by: str = Field(default="operator", min_length=1, max_length=200)
+    by: str = Field(default=LOCAL, min_length=1, max_length=200)
 
 
 @router.post(

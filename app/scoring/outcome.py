@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from math import floor
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 import numpy as np
@@ -166,6 +167,11 @@ def outcome(
     return ("timely_alert" if lead >= promised - SAME_TIME else "late_alert"), lead
 
 
+def lead_words(lead: float) -> str:
+    """`1.34`: a lead to the hundredth of a second, rounded down: never more than there was."""
+    return f"{floor(100.0 * (lead + SAME_TIME)) / 100.0:.2f}"
+
+
 def exceedance_verdict(
     outcome: Outcome, lead: float | None, *, exceeded: bool = True, recorded: bool = False
 ) -> str:
@@ -177,9 +183,9 @@ def exceedance_verdict(
     if not exceeded:
         return f"{EXCEEDED} as recorded, not from trim" if recorded else ""
     if outcome == "timely_alert" and lead is not None:
-        return f"{EXCEEDED}, warned {lead:.2f} s before"
+        return f"{EXCEEDED}, warned {lead_words(lead)} s before"
     if outcome == "late_alert" and lead is not None:
-        return f"{EXCEEDED}, warned {lead:.2f} s before: too late"
+        return f"{EXCEEDED}, warned {lead_words(lead)} s before: too late"
     return f"{EXCEEDED}, {UNWARNED.get(outcome, 'no warning')}"
 
 

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator, Sequence
 
-from app.scoring.outcome import RecordedExceedance
+from app.scoring.outcome import RecordedExceedance, lead_words
 from app.scoring.scored import OBSERVATIONS, ScoredManoeuvre, ScoredRecording
 from app.telemetry.mapping.typed_rate import time_of_day
 from app.telemetry.targets import TARGETS
@@ -172,6 +172,7 @@ def _lead(monitor: Monitor, manoeuvre: ScoredManoeuvre) -> str:
     timely = "at least" if manoeuvre.outcome == "timely_alert" else "short of"
     ahead = f"; resampling looks up to {manoeuvre.look_ahead:.2g} s ahead, a flight cannot"
     return (
-        f"{manoeuvre.lead:.2f} s from the first alert, {timely} the promised {monitor.lead:g} s"
+        f"{lead_words(manoeuvre.lead)} s from the first alert, {timely} the promised "
+        f"{monitor.lead:g} s"
         f"{ahead if manoeuvre.look_ahead else ''}"
     )

@@ -12,7 +12,7 @@ import pytest
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import ClientConnection, connect
 
-from app.flights.live import LiveSetup, assessed_again
+from app.flights.live import LiveSetup
 from app.live.batches import ChannelReader
 from app.live.journal import Journals, lines_of
 from app.settings import Settings
@@ -23,6 +23,7 @@ from tests.faults.conftest import keep_monitor
 from tests.faults.server import running
 from tests.faults.test_full_disk import fill, until
 from tests.support.api import problem
+from tests.support.live_server import assessed_again
 from tests.support.patience import PATIENCE
 
 N_KILLS, N_LONG, KILLS_A_FLIGHT = 1, 100, 10

@@ -7,9 +7,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from app.flights.live import LiveSetup, assessed_again
+from app.flights.live import LiveSetup
+from app.live.again import shown_again
 from app.live.batches import ChannelReader
 from app.live.journal import Journals, lines_of
+from app.live.scorer import LiveAssessed
 from app.settings import Settings
 from app.store.store import open_store
 from core.monitor.assessment import STATES
@@ -40,6 +42,12 @@ def journal_samples(root: Path, flight: str, name: str = "t") -> list[float]:
     numbers = [line["s"] for line in lines if line["s"] is not None]
     assert len({*numbers}) == len(numbers)
     return [value for line in lines for value in line["b"][name]]
+
+
+def assessed_again(setup: LiveSetup, flight_id: str) -> list[LiveAssessed]:
+    """What the journal of a flight shows by its setup, by what had come at each moment."""
+    lines = lines_of(setup.journals.path(flight_id))
+    return [one.assessed for one in shown_again(lines, setup.scorer(), setup.reader)]
 
 
 def assert_shown_again(root: Path, flight: str) -> int:

@@ -7,6 +7,7 @@ Rows are in the order of their arrival, whose time is a signal of its own (`a` o
 """
 
 from collections import Counter
+from datetime import UTC, datetime, timedelta
 from math import inf
 from pathlib import Path
 from typing import Any, BinaryIO
@@ -19,6 +20,7 @@ from app.telemetry.readers.signal_tables import listed
 from app.telemetry.readers.text_tables.rows import BadRows
 from app.telemetry.recording import TelemetryError
 from app.telemetry.targets import TARGETS
+from app.telemetry.units import convert
 from core.limit_set import CONDITION_KEYS
 
 TIMES = ("t", "timestamp", "time")
@@ -60,6 +62,7 @@ def read(path: Path, writer: ColumnWriter) -> Contents:
     notes.append(f"The live flight began {header.get('began')}: {ARRIVED} counts from then.")
     return writer.finish(
         "journal",
+        start=_time_zero(header, rows.zero),
         bad_rows=tuple(bad.listed),
         n_bad_rows=bad.n,
         ignored=listed(ignored),
@@ -82,6 +85,15 @@ def _declared(header: dict[str, Any]) -> tuple[tuple[str, ...], dict[str, str]]:
         return tuple(times), read | times
     except (AttributeError, KeyError, TypeError):
         raise TelemetryError("the journal's mapping is damaged: export it again") from None
+
+
+def _time_zero(header: dict[str, Any], zero: float) -> str:
+    """When the source's time was zero, in ISO 8601. zero: [s] since the flight began."""
+    try:
+        began = datetime.fromisoformat(header["began"])
+        return (began + timedelta(seconds=zero)).astimezone(UTC).isoformat(timespec="milliseconds")
+    except (KeyError, TypeError, ValueError, OverflowError):
+        return ""
 
 
 def _conditions(header: dict[str, Any]) -> dict[str, str]:
@@ -124,6 +136,8 @@ class _Rows:
         conditions: frozenset[str] = frozenset(),
     ) -> None:
         self._conditions = conditions
+        self.zero = inf
+        """when the source's time was zero [s] since the flight began, by what came quickest"""
         self._writer, self._times, self._units = writer, times, units
         self._group, self._time = writer.add_group(), ""
         self._signals: dict[str, int] = {}
@@ -145,6 +159,7 @@ class _Rows:
             self._time = time
             self._begin(time)
         n = len(values[time])
+        self._note_zero(arrived, values[time])
         self._take(self._time, values.pop(time), n)
         for name, column in values.items():
             self._take(name, column, n)
@@ -153,6 +168,11 @@ class _Rows:
         if self._n >= BLOCK_ROWS:
             self._flush()
         return True
+
+    def _note_zero(self, arrived: float, times: list[Any]) -> None:
+        newest = max(map(_number, times), default=NAN)
+        seconds = convert(np.array([newest]), self._units.get(self._time) or "s", "s")
+        self.zero = min(self.zero, arrived - float(seconds[0]))
 
     def finish(self) -> list[str]:
         """Write the rest; return what was left out."""

@@ -18,7 +18,7 @@
  */
 
 import { put } from "../lib/dom.js";
-import { formatTime, formatValue } from "../lib/numbers.js";
+import { formatTime, formatValue, leadSeconds } from "../lib/numbers.js";
 import { reading, shownIn } from "../lib/units.js";
 
 export const STATE_WORDS = {
@@ -103,7 +103,7 @@ function details({ a, b, cursor, forecast, lead, state, value, age }, read) {
   if (both) parts.push(`Δ ${read(b - a)}`);
   if (parts.length === 0 && cursor !== undefined) parts.push(`cursor ${read(cursor)}`);
   if (parts.length === 0 && Number.isFinite(forecast) && state === "ok") {
-    parts.push(`in ${lead.toFixed(2)} s ${read(forecast)}`);
+    parts.push(`in ${leadSeconds(lead, 2)} s ${read(forecast)}`);
   }
   if (state === "stale" && Number.isFinite(value)) parts.unshift(`last value, ${age.toFixed(1)} s old`);
   return parts.join("  ");

@@ -28,7 +28,7 @@ import { reason } from "../lib/api.js";
 import { h, put } from "../lib/dom.js";
 import { needs } from "../lib/me.js";
 import { sentence } from "../lib/monitor_warnings.js";
-import { figure, riskText } from "../lib/numbers.js";
+import { figure, leadSeconds, riskText } from "../lib/numbers.js";
 import { magnitudeIn, quantity } from "../lib/units.js";
 import { errorLine } from "../lib/view_states.js";
 import { CAUTION_WORDS, cautionText, waitingOf } from "./panels.js";
@@ -46,7 +46,7 @@ const PROMISED = {
 export function guarantee({ epsilon, lead, guarantee: kept = "average" }) {
   const share = `${Number((100 * epsilon).toPrecision(3))} %`;
   return (
-    `Of flights that fail, at most ${share} get no alert at least ${Number(lead.toFixed(3))} s ahead, ` +
+    `Of flights that fail, at most ${share} get no alert at least ${leadSeconds(lead)} s ahead, ` +
     `${PROMISED[kept]}, for flights drawn like the simulated ones. ` +
     "Risk is not the probability of failure."
   );
@@ -120,7 +120,7 @@ export function createAlarmPanel(element, { tone, acknowledge }) {
     const goesOn = kind === "stale" && stale !== "" ? { reason: stale } : {};
     if (kind in CAUTION_WORDS) return [`${cautionText({ ...first, ...goesOn }, ` ${at}`)}${more}`];
     if (kind === "limit") return [`LIMIT EXCEEDED ${at}: `, ...measured(exceedance), more];
-    const lead = Number(flight.lead.toFixed(3));
+    const lead = leadSeconds(flight.lead);
     const what = `ALERT ${at}: risk${value} > ${figure(flight.alertAbove)}, warns ${lead} s before `;
     return [what, ...flight.limits.map((node) => node.cloneNode(true)), more];
   }

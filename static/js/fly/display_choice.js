@@ -8,10 +8,11 @@
 
 import { h } from "../lib/dom.js";
 import { warningMark } from "../lib/monitor_warnings.js";
+import { leadSeconds } from "../lib/numbers.js";
 
 export function createDisplayChoice(monitors, more = "") {
   const boxes = monitors.map((monitor) => ({ monitor, box: h("input", { type: "checkbox", value: monitor.id }) }));
-  const lines = boxes.map(({ monitor, box }) => h("label", { class: "display-choice" }, box, `${Number(monitor.lead.toFixed(3))} s ahead: ${monitor.name} `, warningMark(monitor)));
+  const lines = boxes.map(({ monitor, box }) => h("label", { class: "display-choice" }, box, `${leadSeconds(monitor.lead)} s ahead: ${monitor.name} `, warningMark(monitor)));
   const element = h("details", {}, h("summary", {}, "Further monitors, for display"),
     h("div", { class: "stack" }, h("p", { class: "hint" }, `Of the same aircraft, manoeuvre and sample interval. They show their risk and raise no alarm.${more}`), ...lines));
   const test = ({ dt, dataset_recipe: { aircraft, maneuver } }) => JSON.stringify([dt, aircraft, maneuver]);

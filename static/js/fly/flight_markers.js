@@ -8,7 +8,7 @@
  *     buttons, last, refused: elements; the last says, as loudly as a marker, that one was not set.   set(kind) -> Promise    tells the server; the marker comes by the stream
  *     heard(marker)    one that is new was set, by whomever.   unheard()    one was not set
  *   markerEvent(marker) -> event, markerFlag(marker) -> flag    for the event list and the strips
- *   markerText(marker) -> string     "ABORT (safety of flight) at 3.42 s, 12:01:03 UTC, by operator"
+ *   markerText(marker) -> string     "ABORT (safety of flight) at 3.42 s, 12:01:03 UTC, by local"
  *
  * FlightMarkers
  *   offer(kinds)     that may be set: {kind, word, meaning, level, shortcut}

@@ -19,6 +19,7 @@
 import { reason as reasonOf } from "../lib/api.js";
 import { h, put } from "../lib/dom.js";
 import { may, needs } from "../lib/me.js";
+import { leadSeconds } from "../lib/numbers.js";
 
 const BEGIN = "POST /flights/{}/manoeuvre";
 const LATE = 0.25; // s of lag that is cautioned of
@@ -82,7 +83,7 @@ export function createLivePanel({ line, problem }, { begin, address, events, fla
     const { delay, counts } = live;
     showNow();
     show("delay", `${Number(delay.toFixed(3))} s`);
-    show("lead", `${Number(lead.toFixed(3))} s`);
+    show("lead", `${leadSeconds(lead)} s`);
     show("batches", live.batches.toLocaleString("en"));
     for (const [kind] of KINDS) count(kind, counts[kind], HARMLESS.includes(kind) ? "" : "caution");
     count("malformed", live.malformed);

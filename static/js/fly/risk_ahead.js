@@ -17,7 +17,7 @@
 
 import { shownState, STATE_WORDS, withdrawnWord } from "../charts/readout.js";
 import { h, put } from "../lib/dom.js";
-import { formatTime, riskText } from "../lib/numbers.js";
+import { formatTime, leadSeconds, riskText } from "../lib/numbers.js";
 
 const share = (risk) => `${100 * Math.sqrt(Math.min(1, Math.max(0, risk)))}%`; // as on the gauge
 
@@ -69,7 +69,7 @@ function rowOf(monitor, position) {
   const line = h(
     "li",
     { class: "ahead-row", "data-authority": monitor.authority },
-    h("span", { class: "ahead-lead" }, `${Number(monitor.lead.toFixed(3))} s`),
+    h("span", { class: "ahead-lead" }, `${leadSeconds(monitor.lead)} s`),
     h("span", { class: "ahead-track", title: `alerts above ${monitor.alert_above}` }, bar, threshold),
     value,
     h("span", { class: "ahead-name", title: monitor.name }, monitor.name),
@@ -94,7 +94,8 @@ function show({ monitor, line, value, bar }, { state, reason, cause, p_value: ri
 
 export function summaryLines(monitors, frames) {
   if (monitors.length < 2) return [];
-  return monitors.map((monitor, position) => {
+  const each = monitors.map((monitor, position) => ({ monitor, position })).sort((a, b) => a.monitor.lead - b.monitor.lead);
+  return each.map(({ monitor, position }) => {
     let highest = -Infinity;
     let first = null;
     for (const frame of frames) {
@@ -105,6 +106,6 @@ export function summaryLines(monitors, frames) {
     const threshold = monitor.alert_above;
     const alerted = first === null ? `never above ${threshold}` : `first above ${threshold} at ${formatTime(first, 0.01)} s`;
     const words = highest < 0 ? "nothing was assessed" : `${alerted}, highest risk ${riskText(highest, threshold)}`;
-    return h("p", { class: "ahead-summary" }, h("strong", {}, `${Number(monitor.lead.toFixed(3))} s ahead: `), `${monitor.name}, ${rolesOf(monitor)}: ${words}.`);
+    return h("p", { class: "ahead-summary" }, h("strong", {}, `${leadSeconds(monitor.lead)} s ahead: `), `${monitor.name}, ${rolesOf(monitor)}: ${words}.`);
   });
 }

@@ -10,6 +10,7 @@ import { reason } from "../lib/api.js";
 import { h, put } from "../lib/dom.js";
 import { asksForToken, may, needs } from "../lib/me.js";
 import { warningLines, warningMark, warningsAt, warningWords } from "../lib/monitor_warnings.js";
+import { leadSeconds } from "../lib/numbers.js";
 import { startFlight } from "../lib/start_flight.js";
 import { errorLine, state } from "../lib/view_states.js";
 import { guarantee } from "./alarm_panel.js";
@@ -259,7 +260,7 @@ function createLiveFields(recordings) {
   function adapt({ dt, lead }) {
     delay.placeholder = String(Number((WAIT * dt).toFixed(4)));
     const wait = delay.value === "" ? WAIT * dt : Number(delay.value);
-    put(waits, `For samples that come late or out of order. It is subtracted from the lead: alerts warn ${Number((lead - wait).toFixed(3))} s ahead.`);
+    put(waits, `For samples that come late or out of order. It is subtracted from the lead: alerts warn ${leadSeconds(lead - wait)} s ahead.`);
     port.hidden = port.disabled = udp.value !== "port";
     unguarded.hidden = udp.value === "none";
   }

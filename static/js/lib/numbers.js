@@ -9,6 +9,7 @@
  *       hour on; as fine as `step` [s] needs
  *   riskText(risk, alertAbove) -> string     two or three digits; more where rounding would put
  *       the risk on the wrong side of what it alerts above
+ *   leadSeconds(lead, decimals 3) -> string     of a warning lead time [s], rounded down: never more than there is
  *   rounded(number) -> number     to as many digits as people write
  *   secondsText(t), durationText(seconds), bytesText(n)
  */
@@ -74,6 +75,12 @@ export function riskText(risk, alertAbove) {
     if (!Number.isFinite(alertAbove) || risk > alertAbove === Number(text) > alertAbove) return text;
   }
   return String(risk);
+}
+
+export function leadSeconds(lead, decimals = 3) {
+  const parts = 10 ** decimals;
+  const down = Math.floor(parts * (lead + 1e-6)) / parts;
+  return decimals === 3 ? String(down) : down.toFixed(decimals);
 }
 
 export function secondsText(t) {

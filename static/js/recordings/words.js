@@ -15,7 +15,7 @@
  */
 
 import { h } from "../lib/dom.js";
-import { figure, secondsText } from "../lib/numbers.js";
+import { figure, leadSeconds, secondsText } from "../lib/numbers.js";
 import { quantity } from "../lib/units.js";
 import { TRIM_SEGMENT } from "./scoring/source.js";
 
@@ -155,5 +155,5 @@ export function leadText(manoeuvre, promised) {
   const ahead = manoeuvre.look_ahead
     ? `; resampling looks up to ${figure(manoeuvre.look_ahead)} s ahead, a flight cannot`
     : "";
-  return `${lead.toFixed(2)} s, ${enough ? "at least" : "short of"} ${figure(promised)} s${ahead}`;
+  return `${leadSeconds(lead, 2)} s, ${enough ? "at least" : "short of"} ${figure(promised)} s${ahead}`;
 }

@@ -13,7 +13,7 @@ from pydantic import ValidationError
 
 from app.flights.display_monitors import DisplayMonitor, check_alike
 from app.flights.flights import Flights
-from app.flights.live import LiveFlight, assessed_again
+from app.flights.live import LiveFlight
 from app.flights.request import FlightRequest
 from app.flights.track import SourceError
 from app.live.journal import Journals
@@ -25,6 +25,7 @@ from core.collection import DatasetRecipe, collect
 from core.monitor import Assessment, Monitor, MonitorRecipe, train
 from tests.support import oscillator
 from tests.support.flying import ScriptedClock, T, exact_monitor, failing_flight
+from tests.support.live_server import assessed_again
 from tests.support.oscillator import N_SAMPLES
 
 LEADS = (0.5, 0.75)

@@ -45,7 +45,7 @@ def test_markers_are_told_stored_kept_and_repeated_and_the_flight_goes_on(
     server.client.post(path, json={"kind": "knock_it_off"})
     listed = server.client.get(path).json()
     assert [(one["number"], one["word"]) for one in listed] == [(1, "ABORT"), (2, "KNOCK IT OFF")]
-    assert listed[1]["by"] == "operator"
+    assert listed[1]["by"] == "local"
     status = server.client.get(f"{URL}/{flight}").json()
     assert (status["progress"], status["transport"]["playing"]) == ("running", True)
     with server.watch(flight) as socket:

@@ -3,6 +3,7 @@
 import errno
 import os
 from collections.abc import Iterator
+from datetime import datetime
 from pathlib import Path
 from time import sleep
 from typing import Any
@@ -255,3 +256,19 @@ def test_it_is_replayed_as_it_was_shown(range_: Range) -> None:
     assert (replay["name"], replay["mode"]) == ("first flight, as shown", "replay")
     frames = range_.client.get(f"{FLIGHTS}/{replay['id']}/source").json()["frames"]
     assert frames == shown
+
+
+def test_a_flight_without_a_name_is_called_by_what_flew_and_when_and_says_its_beginning(
+    range_: Range,
+) -> None:
+    flight = range_.start()
+    for k in range(3):
+        range_.push(flight, k)
+    range_.end(flight)
+    recording = range_.recording_of(flight)
+    created = range_.client.get(f"{FLIGHTS}/{flight}").json()["created"]
+    parts = recording["name"].split(", ")
+    assert parts[-2:] == [f"flight {flight}", f"{created[:16].replace('T', ' ')} UTC"]
+    assert "doublet" in parts[0]
+    begins = datetime.fromisoformat(recording["contents"]["start"])
+    assert abs((begins - datetime.fromisoformat(created)).total_seconds()) < PATIENCE

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from app.flights.live import LiveFlight, LiveSetup, SequenceConflict, assessed_again
+from app.flights.live import LiveFlight, LiveSetup, SequenceConflict
 from app.flights.transport import NotPossible
 from app.live.batches import ChannelReader
 from app.live.journal import Journals, lines_of
@@ -29,6 +29,7 @@ from tests.support.flying import (
     failing_flight,
     plan,
 )
+from tests.support.live_server import assessed_again
 from tests.support.oscillator import DT, N_SAMPLES, Array
 from tests.support.patience import PATIENCE
 

@@ -13,7 +13,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from app.flights.live import LiveFlight, LiveSetup, SequenceConflict, assessed_again
+from app.flights.live import LiveFlight, LiveSetup, SequenceConflict
 from app.live.batches import ChannelReader
 from app.live.journal import Journals, lines_of
 from app.live.scorer import TrimRule
@@ -23,6 +23,7 @@ from tests.app.flights.test_flights import monitor
 from tests.app.routes.test_live_samples import Range
 from tests.support.api import api
 from tests.support.flying import EPSILON, ScriptedClock, Seen, SilentRecorder, plan
+from tests.support.live_server import assessed_again
 from tests.support.repetition import IS_CAMPAIGN
 
 DT = monitor().dt

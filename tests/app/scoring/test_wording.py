@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from app.scoring.outcome import Limited, Peak, RecordedExceedance, against_limits
+from app.scoring.outcome import Limited, Peak, RecordedExceedance, against_limits, lead_words
 from app.scoring.outside import outside_note
 from app.scoring.scored import ScoredManoeuvre, Validity
 from app.scoring.verdict import verdict
@@ -101,3 +101,11 @@ def test_exceedances_and_trim_are_told_in_the_units_that_people_read():
     assert of_day[0].startswith("doublet, 8.00 to 9.00 s, 00:00:08.00 to 00:00:09.00: ")
     assert "  exceedance         at 8.50 s, 00:00:08.50 (beta -7 deg)" in of_day
     assert outside_note((SKID,))[0].endswith("once beta -7 deg at 8.50 s.")
+
+
+@pytest.mark.parametrize(
+    ("lead", "words"), [(1.345, "1.34"), (1.3499, "1.34"), (1.3499999999, "1.35"), (0.3, "0.30")]
+)
+def test_a_lead_is_never_rounded_up(lead: float, words: str) -> None:
+    """But for what floats lost."""
+    assert lead_words(lead) == words

@@ -58,6 +58,4 @@ def test_limits_are_changed_in_flight_and_a_monitor_of_others_says_no_number(
     expect(record).to_be_visible()
     strip = page.locator('.strip[data-key="Ny"] canvas')
     expect(strip).to_have_attribute("aria-label", re.compile("limit ±0.4"))
-    assert [one["by"] for one in fly.ask("GET", f"/flights/{fly.flight}/limits")] == [
-        "engineer"
-    ] * 2
+    assert [one["by"] for one in fly.ask("GET", f"/flights/{fly.flight}/limits")] == ["local"] * 2

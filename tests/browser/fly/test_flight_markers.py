@@ -10,7 +10,7 @@ from tests.browser.fly.test_fly_page import SAFE, Fly, site, stored
 from tests.browser.site import Site
 
 __all__ = ["site", "stored"]
-ABORT = "ABORT at 0.00 s, by operator"
+ABORT = "ABORT at 0.00 s, by local"
 
 
 @pytest.fixture

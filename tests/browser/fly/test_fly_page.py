@@ -190,9 +190,9 @@ def test_an_alarm_stays_seen_and_heard_until_it_is_acknowledged(fly: Fly) -> Non
     fly.page.keyboard.press("k")
     expect(fly.banner).to_be_hidden()
     fly.gauge_says(CALM)
-    fly.event("acknowledged by operator").wait_for()
+    fly.event("acknowledged by local").wait_for()
     alarms = fly.ask("GET", f"/flights/{fly.flight}/alarms")
-    assert [alarm["by"] for alarm in alarms] == ["operator"] * len(alarms)
+    assert [alarm["by"] for alarm in alarms] == ["local"] * len(alarms)
     expect(fly.page.get_by_text("No alarm waits")).to_be_visible()
 
 
@@ -275,10 +275,10 @@ def test_alarms_of_a_flight_that_is_over_are_acknowledged_on_its_record(fly: Fly
     expect(button).to_be_hidden()
     (alarm,) = fly.ask("GET", f"/flights/{fly.flight}/alarms")
     assert alarm["acknowledged"]
-    fly.event(f"alarm 1 of {alarm['t']:.2f} s acknowledged by operator").wait_for()
+    fly.event(f"alarm 1 of {alarm['t']:.2f} s acknowledged by local").wait_for()
     assert "ALARM" not in fly.page.locator(".notice").inner_text()
     fly.page.reload()
-    acknowledged = fly.event("alarm 1 of .* acknowledged by operator").locator(".event-time")
+    acknowledged = fly.event("alarm 1 of .* acknowledged by local").locator(".event-time")
     expect(acknowledged).to_have_text(f"{alarm['acknowledged'][11:19]} UTC")
     expect(button).to_be_hidden()
 
@@ -642,7 +642,7 @@ def test_the_scene_has_no_panel_of_its_own_and_lets_keys_through(
     expect(inside.locator(".mantine-Paper-root").first).to_be_hidden()
     inside.locator("canvas[data-engine]").click(position={"x": 40, "y": 40})
     page.keyboard.press("k")
-    fly.event("acknowledged by operator").wait_for()
+    fly.event("acknowledged by local").wait_for()
     page.get_by_role("button", name="Hide scene").click()
     expect(page.locator(".scene-panel iframe")).to_have_count(0)
 

@@ -178,7 +178,7 @@ def test_an_interrupted_flight_is_ended_on_its_page_which_says_by_whom_and_when(
     live.send(0, 0, 5)
     live.end()
     notice = live.page.locator(".notice")
-    expect(notice).to_contain_text(re.compile(r"was ended by operator, 20[\d-]+ [\d:]+ UTC\."))
+    expect(notice).to_contain_text(re.compile(r"was ended by local, 20[\d-]+ [\d:]+ UTC\."))
     wait_until(
         live.page,
         f"""fetch('/api/v1/flights/{live.flight}')
@@ -192,7 +192,7 @@ def test_an_interrupted_flight_is_ended_on_its_page_which_says_by_whom_and_when(
     expect(notice).to_contain_text("was interrupted")
     live.page.get_by_role("button", name="End flight").click()
     live.page.get_by_role("dialog").get_by_role("button", name="End flight").click()
-    expect(notice).to_contain_text("was ended by operator")
+    expect(notice).to_contain_text("was ended by local")
 
 
 def test_late_samples_and_a_server_that_was_started_again_are_told(own_live: Live) -> None:

@@ -195,4 +195,4 @@ def test_a_lost_validity_waits_in_amber_until_it_is_acknowledged(
     expect(banner).to_be_hidden()
     replay.locator('.event[data-level="caution"]', has_text="validity lost").wait_for()
     *_, caution = site.ask("GET", alarms)
-    assert (caution["kind"], caution["by"]) == ("invalid", "operator")
+    assert (caution["kind"], caution["by"]) == ("invalid", "local")

@@ -22,6 +22,7 @@
  * @property {number} alertAbove @property {number} cursor @property {{a: number, b: number}} marks [s]
  */
 
+import { leadSeconds } from "../../lib/numbers.js";
 import { createStripFrame, GUTTER, SPARSE } from "../strip_frame.js";
 import { createForecast } from "./forecast.js";
 import { createTrace } from "./trace.js";
@@ -85,7 +86,7 @@ export function createStripCanvas(canvas, strip) {
     pen.fillStyle = face.palette.forecast;
     pen.fillRect(x0, 0, x1 - x0, face.height);
     pen.globalAlpha = 1;
-    if (x1 - x0 > 52) word(`+${frame.lead.toFixed(2)} s`, (x0 + x1) / 2, 9, face.palette.forecast);
+    if (x1 - x0 > 52) word(`+${leadSeconds(frame.lead, 2)} s`, (x0 + x1) / 2, 9, face.palette.forecast);
   }
 
   function drawBand({ x0, x1, kind }) {
