@@ -9,6 +9,7 @@ transport does; `sent` and the heartbeat's `server_time` are the server's.
 
 from collections.abc import Sequence
 from dataclasses import asdict
+from functools import lru_cache
 from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
@@ -510,6 +511,7 @@ _CLIENT: TypeAdapter[Credit | Resume] = TypeAdapter(
 )
 
 
+@lru_cache(maxsize=64)
 def decode(text: bytes | str) -> Credit | Resume:
     """Read a client's message; MessageError where it is none."""
     try:

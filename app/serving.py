@@ -29,6 +29,8 @@ PATIENCE = 3
 GRACE = 1
 """[s] What a request then still does is cancelled so much later."""
 BACKLOG = 128
+COLLECTED = 20_000, 50, 10
+"""Objects made before cycles among them are looked for: samples make few, and none waits."""
 
 Opened = Callable[[FastAPI], Awaitable[None]]
 
@@ -126,6 +128,7 @@ def serve(
         server = Server(create_app(settings), lambda app: opened(app, here))
         gc.collect()
         gc.freeze()  # what is loaded stays: a sample never waits until all of it was looked through
+        gc.set_threshold(*COLLECTED)
         try:
             with asyncio.Runner(loop_factory=_loop_factory()) as runner:
                 runner.run(server.serve(sockets=[listening]))

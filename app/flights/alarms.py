@@ -12,6 +12,7 @@ alarm of its own, except while one of its kind waits for its acknowledgement and
 An acknowledged alarm is over: every onset after it rings.
 """
 
+from collections import Counter
 from typing import Any
 
 from app.flights.clock import Clock
@@ -26,23 +27,26 @@ CLOSED_KEPT = 50
 
 
 class Onsets:
-    """Where one condition began: which of its onsets is an alarm of its own."""
+    """Where one condition began: which of its onsets is an alarm of its own.
+
+    is_active: whether it holds at the newest sample.
+    """
 
     def __init__(self) -> None:
-        self._active = False
+        self.is_active = False
         self._last_t: float | None = None
         self._latest = ""
         self._indices: dict[str, int] = {}
 
     def restart(self) -> None:
         """The next sample does not follow the last one."""
-        self._active, self._last_t = False, None
+        self.is_active, self._last_t = False, None
 
     def begins(self, index: int, t: float, active: bool) -> bool:
         """Take a sample; whether it is an onset that rings."""
-        began = active and not self._active
+        began = active and not self.is_active
         rings = began and not self._joins(index, t)
-        self._active = active
+        self.is_active = active
         if active:
             self._last_t = t
         return rings
@@ -67,6 +71,7 @@ class Alarms:
         self._open: dict[str, Alarm] = {}
         self._closed: list[Alarm] = []
         self._number = 0
+        self._n_open = Counter[Level]()
         self._onsets: dict[AlarmKind, Onsets] = {kind: Onsets() for kind in ALARM_LEVELS}
 
     @property
@@ -76,7 +81,7 @@ class Alarms:
 
     def n_open(self, level: Level) -> int:
         """Alarms of a level that nobody acknowledged."""
-        return sum(alarm.level is level for alarm in self._open.values())
+        return self._n_open[level]
 
     def note_stored(self, alarm_id: str) -> None:
         """The store holds this alarm."""
@@ -95,7 +100,7 @@ class Alarms:
         for alarm in alarms:
             self._number = max(self._number, alarm.number)
             if alarm.acknowledged is None:
-                self._open[alarm.id] = alarm
+                self._keep_open(alarm)
                 self._onsets[alarm.kind].latch(alarm.id, alarm.seq)
             else:
                 self._closed = [*self._closed, alarm][-CLOSED_KEPT:]
@@ -115,12 +120,17 @@ class Alarms:
         late: why the sample is not of now; empty where it is.
         """
         t, state, reason = assessment.t, assessment.state, assessment.reason
-        active: dict[AlarmKind, tuple[float, bool]] = {"limit": (t, exceedance is not None)}
-        if state is State.OK:
-            active["risk"] = t, bool(assessment.alert)
-        active["invalid"] = t, (state is State.INVALID and assessment.cause is not Cause.BETWEEN)
-        active["stale"] = clock.now(), bool(late) or state is State.STALE
-        reasons: dict[AlarmKind, str] = {"invalid": reason, "stale": late or reason}
+        conditions: tuple[tuple[AlarmKind, float, bool, str | None], ...] = (
+            ("limit", t, exceedance is not None, None),
+            ("risk", t, bool(assessment.alert), None),
+            (
+                "invalid",
+                t,
+                state is State.INVALID and assessment.cause is not Cause.BETWEEN,
+                reason,
+            ),
+            ("stale", clock.now(), bool(late) or state is State.STALE, late or reason),
+        )
         return [
             self._raise(
                 kind,
@@ -129,12 +139,14 @@ class Alarms:
                 t=t,
                 p_value=assessment.p_value,
                 exceedance=exceedance if kind == "limit" else None,
-                reason=reasons.get(kind),
+                reason=why,
                 cause=assessment.cause if kind == "invalid" else None,
                 raised=clock.utc(),
             )
-            for kind, (when, is_active) in active.items()
-            if self._onsets[kind].begins(index, when, is_active)
+            for kind, when, is_active, why in conditions
+            if (is_active or self._onsets[kind].is_active)
+            and (kind != "risk" or state is State.OK)
+            and self._onsets[kind].begins(index, when, is_active)
         ]
 
     def note_late(self, seq: int, t: float, reason: str, clock: Clock) -> list[Alarm]:
@@ -148,9 +160,13 @@ class Alarms:
         self._number += 1
         number, level = self._number, ALARM_LEVELS[kind]
         alarm = Alarm(id=str(number), number=number, kind=kind, level=level, **about)
-        self._open[alarm.id] = alarm
+        self._keep_open(alarm)
         self._onsets[kind].latch(alarm.id, index)
         return alarm
+
+    def _keep_open(self, alarm: Alarm) -> None:
+        self._open[alarm.id] = alarm
+        self._n_open[alarm.level] += 1
 
     def acknowledge(self, alarm_id: str, by: str, utc: str) -> tuple[Alarm, bool]:
         """Acknowledge; the first one stays. Returns the alarm and whether this was the first.
@@ -161,6 +177,7 @@ class Alarms:
         if alarm is None:
             closed = {alarm.id: alarm for alarm in self._closed}
             return closed[alarm_id], False
+        self._n_open[alarm.level] -= 1
         self._onsets[alarm.kind].release(alarm_id)
         alarm = alarm.model_copy(update={"acknowledged": utc, "by": by})
         self._closed = [*self._closed, alarm][-CLOSED_KEPT:]

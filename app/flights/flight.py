@@ -404,7 +404,8 @@ class Flight(ABC):
         """One sample as it is shown. sent: monotonic milliseconds; None where it was long ago."""
         late = (State.STALE, self._late) if self._late else None
         self._set_state(*(late or (assessment.state, assessment.reason, assessment.cause)))
-        frame = plain_frame(self.head + 1, y, assessment, sent, display, self._taken(assessment.t))
+        taken = self._taken(assessment.t)
+        frame = plain_frame(self._recent.head + 1, y, assessment, sent, display, taken)
         self._recent.append(encode_frame(frame))
         self.t, self._assessment, self._pose = assessment.t, assessment, (attitude, y)
         self._exceeds = exceedance is not None
@@ -459,7 +460,7 @@ class Flight(ABC):
         (attitude, y), p_value, alert = self._pose, self._assessment.p_value, self._assessment.alert
         if self.state is State.STALE:
             p_value = alert = None
-        angles = float(y[BETA]), float(y[DELTA_A]), float(y[DELTA_R])
+        angles = y.item(BETA), y.item(DELTA_A), y.item(DELTA_R)
         risk = p_value, self._alert_above, alert, self.state, self.reason
         about = self.facts, self._assessment.cause
         self._stage(lambda scene: scene.show(self.t, attitude, *angles, *risk, *about))

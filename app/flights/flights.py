@@ -84,7 +84,7 @@ class Flights:
         self,
         store: Store,
         scenes: "Scenes | None" = None,
-        max_flights: int = 20,
+        max_flights: int = 64,
         clock: Clock | None = None,
         scored: ScoredRecordings | None = None,
         look: StoreLook | None = None,

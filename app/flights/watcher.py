@@ -33,6 +33,7 @@ class RecentFrames:
         self._kept = kept
         self._ring: list[str] = []
         self._messages: dict[tuple[int, int, int], str] = {}
+        self._newest = ""
         self.first = 0
         self.head = -1
         self.first_t = 0.0
@@ -47,6 +48,7 @@ class RecentFrames:
             self._ring.append(frame)
         self.first = max(self.first, self.head + 1 - self._kept)
         self._messages.clear()
+        self._newest = ""
 
     def restart(self, t: float) -> str:
         """What comes next, at t [s], does not follow what is kept. Returns the reset to send."""
@@ -57,6 +59,13 @@ class RecentFrames:
     def reset(self) -> str:
         """Return the message that says where the kept frames start."""
         return Reset(seq=self.first, t=self.first_t).encode()
+
+    @property
+    def newest(self) -> str:
+        """The newest frame as one message: what nearly everybody gets."""
+        if not self._newest:
+            self._newest = self.message(self.head, self.head, 0)
+        return self._newest
 
     def message(self, first: int, last: int, conflated: int) -> str:
         """Return frames first..last as one message, encoded once for all who get the same."""
@@ -95,8 +104,10 @@ class Watcher:
 
     def wake(self) -> None:
         """There are new frames."""
-        self._conflating = self._conflating or not self.credit
-        self._tell_news()
+        if not self.credit:
+            self._conflating = True
+        if self.on_news is not None:
+            self.on_news()
 
     def grant(self, n: int) -> None:
         """The client took n messages of frames."""
@@ -156,9 +167,14 @@ class Watcher:
                 return self._tell_of_credit()
             heartbeat, self._heartbeat = self._heartbeat, None
             return heartbeat(self.conflated)
-        if self.credit and self._next <= self._recent.head:
+        recent = self._recent
+        if not self.credit or self._next > recent.head:
+            return None
+        if self._next < recent.head or self._conflating:
             return self._frames()
-        return None
+        self._next, self._started = self._next + 1, True
+        self.credit -= 1
+        return recent.newest
 
     def _tell_news(self) -> None:
         if self.on_news is not None:

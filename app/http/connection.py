@@ -24,11 +24,13 @@ class Connection(ABC):
     """One WebSocket, accepted by `run`'s caller.
 
     `take` is called with each message; `on_room` when `has_room` is true again.
+    is_closing: whether it was asked to close.
     """
 
     def __init__(self, websocket: WebSocket) -> None:
         self._websocket = websocket
         self._close: tuple[int, str] | None = None
+        self.is_closing = False
         self._is_to_close = asyncio.Event()
 
     @property
@@ -52,14 +54,10 @@ class Connection(ABC):
     def _pumps(self, take: Take, on_room: Callable[[], object]) -> list[Awaitable[None]]:
         """What runs until one side is gone."""
 
-    @property
-    def is_closing(self) -> bool:
-        """Whether it was asked to close."""
-        return self._is_to_close.is_set()
-
     def close(self, code: int, reason: str) -> None:
         """Close once all is sent that was to be; the first reason counts."""
         self._close = self._close or (code, reason)
+        self.is_closing = True
         self._is_to_close.set()
 
     async def run(self, take: Take, on_room: Callable[[], object] = _nothing) -> None:

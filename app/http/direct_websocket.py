@@ -12,7 +12,7 @@ from collections.abc import Callable
 from typing import Any, ClassVar
 
 from uvicorn.protocols.websockets.websockets_sansio_impl import WebSocketsSansIOProtocol
-from websockets.frames import Frame, Opcode, apply_mask  # pyright: ignore[reportPrivateImportUsage]
+from websockets.frames import Opcode, apply_mask  # pyright: ignore[reportPrivateImportUsage]
 
 EXTENSION = "forewarn.direct"
 SEND_BUFFER = 32_768
@@ -26,14 +26,17 @@ Take = Callable[[bytes], object]
 
 
 class DirectWebSocket(WebSocketsSansIOProtocol):
-    """A WebSocket; its kernel buffer is small, that of an answer, a file maybe, is not."""
+    """A WebSocket; its kernel buffer is small, that of an answer, a file maybe, is not.
 
-    _encoded: ClassVar[tuple[str, bytes]] = ("", b"")
+    has_room: whether what is sent leaves soon.
+    """
+
+    _encoded: ClassVar[tuple[str, bytes]] = ("", b"\x81\0")
     """What was sent last, as text and as its frame: the next watcher mostly gets the same."""
 
     def __init__(self, *parts: Any, **more: Any) -> None:
         super().__init__(*parts, **more)
-        self.is_reserved = False
+        self.is_reserved, self.has_room = False, True
         self._take: Take | None = None
         self._on_room: Callable[[], object] | None = None
         self._unread = b""
@@ -56,18 +59,13 @@ class DirectWebSocket(WebSocketsSansIOProtocol):
         self._take, self._on_room = take, on_room
         self.resume()
 
-    @property
-    def has_room(self) -> bool:
-        """Whether what is sent leaves soon."""
-        return self.writable.is_set()
-
     def send_text(self, text: str) -> None:
         """Send; nothing where the connection is closing."""
         if self.close_sent or self.transport.is_closing():
             return
         known, frame = DirectWebSocket._encoded
         if known is not text:
-            frame = Frame(Opcode.TEXT, text.encode()).serialize(mask=False)
+            frame = _text_frame(text.encode())
             DirectWebSocket._encoded = text, frame
         self.transport.write(frame)
 
@@ -83,9 +81,15 @@ class DirectWebSocket(WebSocketsSansIOProtocol):
 
     # --- what the server calls ----------------------------------------------------------------
 
+    def pause_writing(self) -> None:
+        """Note that there is no room."""
+        super().pause_writing()
+        self.has_room = False
+
     def resume_writing(self) -> None:
         """Say that there is room again."""
         super().resume_writing()
+        self.has_room = True
         if self._on_room is not None:
             self._on_room()
 
@@ -153,6 +157,16 @@ class DirectWebSocket(WebSocketsSansIOProtocol):
                 self.pause()
                 self.resume()
         self._unread = data[at:]
+
+
+def _text_frame(content: bytes) -> bytes:
+    """A server's frame of a whole text."""
+    n = len(content)
+    if n < 126:
+        return bytes((WHOLE_TEXT, n)) + content
+    if n < 1 << 16:
+        return b"%c\x7e%b%b" % (WHOLE_TEXT, n.to_bytes(2), content)
+    return b"%c\x7f%b%b" % (WHOLE_TEXT, n.to_bytes(8), content)
 
 
 def _payload(data: bytes, at: int) -> tuple[int, int]:

@@ -78,7 +78,9 @@ def sequence_of(content: bytes | str) -> int | None:
 
 def _flatten(plain: dict[str, Any], prefix: str, values: Values, depth: int) -> None:
     for name, value in plain.items():
-        if isinstance(value, dict):
+        if type(value) is float:
+            values[prefix + name] = [value]
+        elif isinstance(value, dict):
             if depth == 0:
                 raise TelemetryError(f"{prefix}{name} lies too deep: send flatter objects")
             _flatten(value, f"{prefix}{name}/", values, depth - 1)
@@ -102,20 +104,14 @@ class _Direct:
 
     def __call__(self, values: Values, n: int) -> list[float]:
         numbers = _numbers(values, self.name, n)
-        if self.scale == 1.0 and self.shift == 0.0:
+        if self.is_plain:
             return numbers
         return [value * self.scale + self.shift for value in numbers]
 
-    def only(self, values: Values) -> float:
-        """The one value of a batch of one sample."""
-        given = values.get(self.name)
-        if given is None:
-            return NAN
-        is_plain = self.scale == 1.0 and self.shift == 0.0
-        if is_plain and len(given) == 1 and type(given[0]) is float:
-            return given[0]
-        (value,) = self(values, 1)
-        return value
+    @property
+    def is_plain(self) -> bool:
+        """Whether values are taken as they are."""
+        return self.scale == 1.0 and self.shift == 0.0
 
 
 class ChannelReader:
@@ -128,6 +124,7 @@ class ChannelReader:
     def __init__(self, mapping: Mapping | None = None, conditions: Names | None = None) -> None:
         self.mapping, self.conditions = mapping, conditions or {}
         self._conditions = [_Direct(self.conditions.get(key, key)) for key in CONDITION_KEYS]
+        self._condition_names = frozenset(read.name for read in self._conditions)
         if mapping is None:
             self._time: _Direct | None = None
             self._direct = {key: _Direct(key) for key in (*KEYS, *ATTITUDE)}
@@ -188,7 +185,7 @@ class ChannelReader:
         """The samples of a batch, in its order, implausible values missing. TelemetryError."""
         values = batch.values
         samples = self._samples(values)
-        if any(read.name in values for read in self._conditions):
+        if not self._condition_names.isdisjoint(values):
             n = len(samples)
             came = [read(values, n) if read.name in values else None for read in self._conditions]
             return [
@@ -202,8 +199,7 @@ class ChannelReader:
         times = self._times(values)
         n = len(times)
         if n == 1 and not self._derived:
-            row = [read.only(values) if read else NAN for read in self._columns]
-            return [_sample(times[0], tuple(row))]
+            return [_sample(times[0], self._row(values))]
         channels = {
             key: read(values, n) for key, read in self._direct.items() if read.name in values
         }
@@ -214,14 +210,29 @@ class ChannelReader:
         rows = zip(times, zip(*columns, strict=True), strict=True)
         return [_sample(t, row) for t, row in rows]
 
+    def _row(self, values: Values) -> tuple[float, ...]:
+        """The one sample of a batch: KEYS and ATTITUDE in order."""
+        row = []
+        for read in self._columns:
+            given = values.get(read.name) if read else None
+            if read is None or given is None:
+                row.append(NAN)
+            elif len(given) == 1 and type(given[0]) is float and read.is_plain:
+                row.append(given[0])
+            else:
+                row += read(values, 1)
+        return tuple(row)
+
     def _times(self, values: Values) -> list[float]:
         name = self._time.name if self._time else next((t for t in TIMES if t in values), TIMES[0])
         given = values.get(name)
         if not given:
             sent = ", ".join([*values][:20]) or "nothing"
             raise TelemetryError(f"the batch has no time {name!r}, only {sent}: send it [s]")
-        direct = self._time or _Direct(name)
-        times = direct(values, len(given))
+        if self._time is None or self._time.is_plain:
+            times = _numbers(values, name, len(given))
+        else:
+            times = self._time(values, len(given))
         if not all(map(isfinite, times)):
             raise TelemetryError(f"{name} has a missing or infinite value: send each sample's time")
         return times

@@ -14,7 +14,7 @@ class Lag:
 
     def __init__(self, late: float) -> None:
         self._quickest: deque[tuple[int, float]] = deque(maxlen=LAG_PARTS)
-        self._late, self.now = late, 0.0
+        self._late, self.now, self._least = late, 0.0, 0.0
 
     @property
     def reason(self) -> str:
@@ -24,13 +24,14 @@ class Lag:
     def note(self, arrived: float, t: float) -> None:
         """A sample of t came at `arrived`, each by a clock of its own [s]."""
         part, age = int(arrived / (LAG_OVER / LAG_PARTS)), arrived - t
-        if self._quickest and self._quickest[-1][0] == part:
-            age_before = self._quickest.pop()[1]
-            self._quickest.append((part, min(age, age_before)))
-        else:
+        if not self._quickest or self._quickest[-1][0] != part:
             self._quickest.append((part, age))
+            self._least = min(each for _, each in self._quickest)
+        elif age < self._quickest[-1][1]:
+            self._quickest[-1] = part, age
+            self._least = min(age, self._least)
         self.now = arrived - self.taken(t)
 
     def taken(self, t: float) -> float:
         """When a sample of t was taken, by the clock of the arrivals [s]: had it come at once."""
-        return t + min((age for _, age in self._quickest), default=0.0)
+        return t + self._least

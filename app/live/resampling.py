@@ -7,7 +7,7 @@ same samples to the bit, in flight and whenever they are resampled again.
 from bisect import bisect_left, insort
 from collections import deque
 from dataclasses import asdict, dataclass
-from statistics import median_low
+from math import isfinite
 from typing import NamedTuple
 
 import numpy as np
@@ -145,7 +145,8 @@ class CausalResampler:
             return self._went_back(arrived, sample)
         self._drop_leap()
         self._back = None
-        return [(arrived, sample._replace(t=t))]
+        is_as_sent = self._offset == 0.0 and t != 0.0
+        return [(arrived, sample if is_as_sent else sample._replace(t=t))]
 
     def _y_at(self, t: float) -> Array | None:
         """What came before with this time, where that was not long ago."""
@@ -208,9 +209,9 @@ class CausalResampler:
         if t < self._newest:
             self.counts.out_of_order += 1
         else:
-            if np.isfinite(self._newest):
+            if isfinite(self._newest):
                 self._steps.append(t - self._newest)
-                self._interval = median_low(self._steps)
+                self._interval = sorted(self._steps)[(len(self._steps) - 1) // 2]
                 if len(self._steps) < FEW_INTERVALS:
                     self._interval = min(self._interval, self.dt)
             self._newest, self._newest_arrived = t, arrived
@@ -223,9 +224,9 @@ class CausalResampler:
         if following is None:
             return False
         t, _, sample = self._rows[following]
-        expired = now >= self._deadline(grid, following)
         if self._interval <= FASTER * self.dt and not self._begins(following):
-            if not expired and self._newest < grid + self.dt - self._interval:
+            is_early = self._newest < grid + self.dt - self._interval
+            if is_early and now < self._deadline(grid, following):
                 return False
             known = self._average(grid, following)
         elif abs(t - grid) <= ON_GRID * self.dt:
@@ -233,7 +234,7 @@ class CausalResampler:
         else:
             known = self._between(grid, following)
         if known is None:
-            if not expired:
+            if now < self._deadline(grid, following):
                 return False
             self.counts.missing += max(1, round((t - grid) / self.dt))
             self._grid = t
@@ -242,7 +243,8 @@ class CausalResampler:
         slow = self._interval > RATE_RATIO * self.dt
         settled.append(known._replace(y=UNKNOWN, reason=self._too_few()) if slow else known)
         self._grid = known.t + self.dt
-        del self._rows[: max(0, bisect_left(self._rows, known.t - self.dt, key=_time) - 1)]
+        if len(self._rows) > 1:
+            del self._rows[: max(0, bisect_left(self._rows, known.t - self.dt, key=_time) - 1)]
         return True
 
     def _begins(self, following: int) -> bool:
@@ -280,8 +282,10 @@ class CausalResampler:
 
     def _following(self, grid: float) -> int | None:
         """Number of the first row at or after a time of the grid; None before it came."""
-        found = bisect_left(self._rows, grid - ON_GRID * self.dt, key=_time)
-        return found if found < len(self._rows) else None
+        rows, from_ = self._rows, grid - ON_GRID * self.dt
+        if not rows or rows[-1][0] < from_:
+            return None
+        return bisect_left(rows, from_, key=_time)
 
     def _deadline(self, grid: float, following: int) -> float:
         """When a time of the grid is given up: by the first arrival that was measured after it."""

@@ -175,7 +175,7 @@ class CausalScorer:
         settled = self._resampler.push(arrived, sample)
         if self._limits is not None:
             y = sample.y if self._trim is None else sample.y - self._trim.level
-            if exceeds(self._limits, y) or exceeds(self._limits, sample.y):
+            if exceeds(self._limits, y) or (y is not sample.y and exceeds(self._limits, sample.y)):
                 self._exceeding = y, sample.y
         return [*map(self._assess, settled)]
 

@@ -50,7 +50,7 @@ class _Screen:
             return
         while connection.has_room and (text := watcher.take()) is not None:
             connection.send(text)
-        if not watcher.is_done:
+        if not (watcher.ended and watcher.is_done):
             return
         if watcher.overrun:
             connection.close(WS_1013_TRY_AGAIN_LATER, "too slow for its alarms")
