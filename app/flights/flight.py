@@ -386,11 +386,12 @@ class Flight(ABC):
 
         display: what the monitors say of it that raise no alarm.
         """
-        seq = self.head + 1
+        seq = self._recent.head + 1
         self.recorder.add(seq, y, assessment, display)
         self._follow(y, assessment, exceedance, attitude, display, round(due * 1e3, 3))
         about = assessment, exceedance, self.clock, self._late
-        self._ring(self.alarms.update(seq, index, *about))
+        if raised := self.alarms.update(seq, index, *about):
+            self._ring(raised)
 
     def _follow(
         self,

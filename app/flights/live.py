@@ -11,7 +11,6 @@ from collections.abc import Iterable, Iterator, Sequence
 from contextlib import suppress
 from datetime import datetime
 from functools import partial
-from hashlib import sha256
 from typing import Any, NamedTuple
 
 import msgspec
@@ -257,9 +256,10 @@ class LiveFlight(Flight):
         line = {"v": via, "s": batch.sequence, "b": msgspec.Raw(values)}
         written = self._record(line)
         self._note_batch(batch.sequence, values)
-        now, n_before = self.clock.now(), self.scorer.counts.accepted
-        assessed = [one for each in samples for one in self.scorer.push(line["a"], each)]
-        if self.scorer.counts.accepted > n_before:
+        now, counts = self.clock.now(), self.scorer.counts
+        n_before, arrived = counts.accepted, line["a"]
+        assessed = [one for each in samples for one in self.scorer.push(arrived, each)]
+        if counts.accepted > n_before:
             self._came = now
         self._show_all(assessed, now)
         self._settle_later()
@@ -437,11 +437,10 @@ class LiveFlight(Flight):
     def _flown(
         self, assessed: LiveAssessed
     ) -> tuple[Array, Assessment, MeasuredExceedance | None, Angles]:
-        y, recorded = assessed.y, assessed.recorded
+        y, recorded, ruling = assessed.y, assessed.recorded, assessed.ruling
         if assessed.manoeuvre > self._newest_manoeuvre:
             begun = ManoeuvreBegun(number=assessed.manoeuvre, t=assessed.assessment.t)
             self._begun.append(begun)
-        ruling = assessed.ruling
         self._hold(ruling)
         limits = self.plan.monitor.limits if ruling is None else ruling.limits
         exceeded = exceedance(limits, y, recorded)
@@ -458,7 +457,8 @@ class LiveFlight(Flight):
         if assessed.attitude is not None:
             return assessed.attitude
         recorded = assessed.recorded
-        angles = self._display.update(assessed.assessment.t, float(recorded[P]), float(recorded[R]))
+        rates = recorded.item(P), recorded.item(R)
+        angles = self._display.update(assessed.assessment.t, *rates)
         return angles.phi, angles.theta, angles.psi
 
     def _settle_later(self) -> None:
@@ -495,7 +495,8 @@ class LiveFlight(Flight):
 
 
 def _digest(values: bytes) -> int:
-    return int.from_bytes(sha256(values).digest()[:8])
+    """Of this process alone, by a key that no source knows; below 2**64."""
+    return hash(values) & 0xFFFF_FFFF_FFFF_FFFF
 
 
 def _seconds_between(earlier: str, later: str) -> float:

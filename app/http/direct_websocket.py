@@ -65,7 +65,7 @@ class DirectWebSocket(WebSocketsSansIOProtocol):
             return
         known, frame = DirectWebSocket._encoded
         if known is not text:
-            frame = _text_frame(text.encode())
+            frame = text_frame(text.encode())
             DirectWebSocket._encoded = text, frame
         self.transport.write(frame)
 
@@ -159,7 +159,7 @@ class DirectWebSocket(WebSocketsSansIOProtocol):
         self._unread = data[at:]
 
 
-def _text_frame(content: bytes) -> bytes:
+def text_frame(content: bytes) -> bytes:
     """A server's frame of a whole text."""
     n = len(content)
     if n < 126:

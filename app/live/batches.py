@@ -31,6 +31,8 @@ Values = dict[str, list[Any]]
 Names = abc.Mapping[ConditionKey, str]
 NAN = float("nan")
 _NUMBER = {float: float, int: float}
+_FLOATS = {float}
+_NOTHING = [NAN]
 _BOUNDS = tuple(BOUNDS[key] for key in KEYS)
 _decoder = msgspec.json.Decoder()
 
@@ -131,12 +133,15 @@ class ChannelReader:
             self._derived: dict[str, ChannelSource] = {}
             self._columns: list[_Direct | None] = [*self._direct.values()]
             self._read = {*TIMES, *self._names}
+            self._plain_names = [*self._direct]
             return
         self._time = _time_of(mapping)
         self._direct = {
             key: _direct(key, source) for key, source in mapping.channels.items() if source.signal
         }
         self._columns = [self._direct.get(key) for key in (*KEYS, *ATTITUDE)]
+        plain = [read.name for read in self._columns if read and read.is_plain]
+        self._plain_names = plain if len(plain) == len(self._columns) else []
         self._derived = {key: mapping.channels[key] for key in derivation_order(mapping)}
         for key, source in self._derived.items():
             if source.derivation in WITH_MEMORY:
@@ -212,16 +217,11 @@ class ChannelReader:
 
     def _row(self, values: Values) -> tuple[float, ...]:
         """The one sample of a batch: KEYS and ATTITUDE in order."""
-        row = []
-        for read in self._columns:
-            given = values.get(read.name) if read else None
-            if read is None or given is None:
-                row.append(NAN)
-            elif len(given) == 1 and type(given[0]) is float and read.is_plain:
-                row.append(given[0])
-            else:
-                row += read(values, 1)
-        return tuple(row)
+        given = [values.get(name, _NOTHING) for name in self._plain_names]
+        row = tuple([one[0] if len(one) == 1 else None for one in given])
+        if row and {*map(type, row)} == _FLOATS:
+            return row
+        return tuple([read(values, 1)[0] if read else NAN for read in self._columns])
 
     def _times(self, values: Values) -> list[float]:
         name = self._time.name if self._time else next((t for t in TIMES if t in values), TIMES[0])
@@ -292,10 +292,10 @@ def _numbers(values: Values, name: str, n: int) -> list[float]:
 
 def _sample(t: float, row: tuple[float, ...]) -> Sample:
     y, reason = np.array(row[: len(KEYS)]), ""
-    for i, (value, bound) in enumerate(zip(row, _BOUNDS, strict=False)):
-        if not -bound <= value <= bound and value == value:
-            reason = reason or f"{KEYS[i]} of {value:.4g} {TARGETS[KEYS[i]].unit} is implausible"
-            y[i] = NAN
+    for i in [i for i, bound in enumerate(_BOUNDS) if not -bound <= row[i] <= bound]:
+        if row[i] == row[i]:
+            text = f"{KEYS[i]} of {row[i]:.4g} {TARGETS[KEYS[i]].unit} is implausible"
+            reason, y[i] = reason or text, NAN
     angles: Angles | None = None
     phi, theta, psi = row[len(KEYS) :]
     if isfinite(phi) and isfinite(theta):

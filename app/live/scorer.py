@@ -15,6 +15,7 @@ from core.channels import KEYS
 from core.kernels import assessing
 from core.monitor import Assessment, Monitor, State
 from core.monitor.assessment import REASONS
+from core.monitor.monitor import Stream
 from core.monitor.validity import exceeds
 from core.types import Array
 
@@ -49,12 +50,12 @@ class GridMonitor:
         self.monitor, self.epsilon = monitor, epsilon
         self.needed = needed_channels(monitor, limits_of(monitor))
         self._needs_all = bool(self.needed.all())
-        self._stream = monitor.stream(epsilon)
+        self._stream = self._new_stream()
         self._history: deque[Sample] = deque(maxlen=monitor.recipe.n_delay + 1)
 
     def restart(self, trim: Array) -> None:
         """Judge what comes as a flight of its own, which has a history."""
-        self._stream = self.monitor.stream(self.epsilon)
+        self._stream = self._new_stream()
         for sample in self._history:
             self._stream.update(sample.t, self._read(sample.y - trim))
 
@@ -69,6 +70,10 @@ class GridMonitor:
         missing = sample.reason or self._missing(sample.y)
         state = State.INVALID if missing else State.WARMING_UP
         return Assessment(sample.t, None, None, state, missing or reason)
+
+    def _new_stream(self) -> Stream:
+        """A stream without exemplars: nobody is shown those of a flight."""
+        return self.monitor.stream(self.epsilon, exemplars=False)
 
     def _read(self, y: Array) -> Array:
         """What the monitor is given: 0 for a channel that it can do without and that is missing."""

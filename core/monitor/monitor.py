@@ -279,9 +279,12 @@ class Monitor:
             y if end is None else y[: end + 1], self.dt, end is not None, planned
         )
 
-    def stream(self, epsilon: float | None = None) -> "Stream":
-        """Start assessing one flight, sample by sample."""
-        return Stream(self, self.alert_above(epsilon))
+    def stream(self, epsilon: float | None = None, exemplars: bool = True) -> "Stream":
+        """Start assessing one flight, sample by sample.
+
+        exemplars: whether they are told; else only those that its validity needs.
+        """
+        return Stream(self, self.alert_above(epsilon), exemplars)
 
     def check_epsilon(self, epsilon: float | None = None) -> float:
         """Return the promised miss rate, the recipe's unless given; ValueError if too small."""
@@ -396,7 +399,7 @@ class Stream:
     not calibrated, that never happens.
     """
 
-    def __init__(self, monitor: Monitor, alert_above: float) -> None:
+    def __init__(self, monitor: Monitor, alert_above: float, exemplars: bool = True) -> None:
         self.monitor = monitor
         self.alert_above = alert_above
         self._fitted, self._exact = monitor.fitted, monitor.exact
@@ -410,6 +413,7 @@ class Stream:
         self._forecast = monitor.forecast and monitor.forecast.begin(monitor.dt)
         has_outputs = monitor.forecast is not None and monitor.forecast.has_outputs
         self._maps_ahead = monitor.recipe.predictor.forecasts and not has_outputs
+        self._tells_unsafe, self._tells_safe = exemplars, exemplars or basis is not None
         self._unsafe = _Neighbour(monitor.unsafe_exemplar)
         self._safe = _Neighbour(monitor.safe_exemplar)
         self._state = self._fitted, self._exact, self._buffer, self._status, self._clock
@@ -453,8 +457,11 @@ class Stream:
                 y_hat = self._forecast.y_hat
         if code != assessing.OK:
             return Assessment(t, None, None, STATES[code], REASONS[code])
-        unsafe, safe = self._status[2:].tolist()
-        to_unsafe, to_safe = self._clock[2:4].tolist()
+        unsafe = safe = None
+        if self._tells_unsafe and (point := self._status.item(2)) >= 0:
+            unsafe = self._unsafe.exemplar(point, self._clock.item(2))
+        if self._tells_safe and (point := self._status.item(3)) >= 0:
+            safe = self._safe.exemplar(point, self._clock.item(3))
         return Assessment(
             t=t,
             p_value=p,
@@ -463,8 +470,8 @@ class Stream:
             state=STATES[code],
             y_hat=y_hat,
             score=s,
-            nearest_unsafe=self._unsafe.exemplar(unsafe, to_unsafe) if unsafe >= 0 else None,
-            nearest_safe=self._safe.exemplar(safe, to_safe) if safe >= 0 else None,
+            nearest_unsafe=unsafe,
+            nearest_safe=safe,
         )
 
 

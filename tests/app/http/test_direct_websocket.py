@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from uvicorn.server import ServerState
 from websockets.frames import Frame, Opcode
 
-from app.http.direct_websocket import EXTENSION, TURN, DirectWebSocket
+from app.http.direct_websocket import EXTENSION, TURN, DirectWebSocket, text_frame
 from app.serving import LARGEST_MESSAGE
 from tests.support.repetition import examples
 
@@ -206,3 +206,9 @@ def test_the_application_is_told_when_there_is_room_again() -> None:
         assert peer.n_rooms == 1
 
     asyncio.run(run())
+
+
+@pytest.mark.parametrize("n", [0, 1, 125, 126, 65_535, 65_536])
+def test_the_frame_of_a_text_is_that_of_the_library(n: int) -> None:
+    content = b"x" * n
+    assert text_frame(content) == Frame(Opcode.TEXT, content).serialize(mask=False)
