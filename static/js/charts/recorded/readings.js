@@ -43,7 +43,8 @@ export function createReadings(strips, { rowOf, bar }, { timeWindow, alertAbove,
     if (Number.isFinite(low) || manoeuvres[0] === null) return "";
     const manoeuvre = manoeuvres[0].find(({ start, end }) => t >= start && t <= end);
     if (!manoeuvre) return "not assessed";
-    return manoeuvre.withdrawn !== null && t >= manoeuvre.withdrawn ? "INVALID" : "";
+    const silent = manoeuvre.silent?.find(({ start, end }) => t >= start && t < end);
+    return silent?.word ?? (manoeuvre.withdrawn !== null && t >= manoeuvre.withdrawn ? "INVALID" : "");
   }
 
   function showBar({ start, end }, cursor) {
@@ -57,14 +58,15 @@ export function createReadings(strips, { rowOf, bar }, { timeWindow, alertAbove,
     const view = timeWindow.view();
     const withdrawn = manoeuvres[0]?.some((manoeuvre) => manoeuvre.withdrawn !== null);
     strips.forEach((strip, n) => {
-      const { key, risk, label, symbol, limit } = strip;
+      const { key, risk, label, symbol, limit, held } = strip;
       const { unit } = shownIn(strip);
       const range = rangeText(strip, sets[0]?.rangeOf(key, view) ?? NOTHING);
       const name = risk ? "risk, higher is worse" : `${label} ${symbol}`;
       const parts = [`${name}: ${range === "–" ? "no value in view" : `${range} ${unit} in view`}`];
       if (risk && Number.isFinite(alertAbove)) parts.push(`alerts above ${figure(alertAbove)}`);
       if (risk && withdrawn) parts.push("withdrawn where invalid");
-      if (limit !== null) parts.push(`limit ±${magnitudeIn(strip, limit)}`);
+      const limits = held ? held.map((one) => one.limit) : [limit];
+      for (const one of new Set(limits)) if (one !== null) parts.push(`limit ±${magnitudeIn(strip, one)}${held ? " in force" : ""}`);
       rowOf[n].canvas.setAttribute("aria-label", parts.join(", "));
     });
   }

@@ -9,6 +9,8 @@
  *   sources     one or two: [{load(start, end, bins) -> Promise<tiles>, start, end, dt, offset, manoeuvres}]
  *               start, end: in the chart's time, which is the recording's own less `offset` [s];
  *               manoeuvres: [{start, end, withdrawn}] of its manoeuvres in the chart's time, or null
+ *   held        [{start, end, limits}]    limits by key that were in force from start to end, null for none known;
+ *               where it is not given, those of the channels hold all along
  *   alertAbove     of the risk strip, which is there where it is in `order`
  *   label       what a screen reader calls it
  *   flags       [{key, t, word}]    moments that are marked in a channel's strip
@@ -58,7 +60,7 @@ export function createRecordingChart(host, options) {
     key: options.key,
   });
   const strips = options.order.map((key) =>
-    stripOf(key, options.channels, { narrowAfter: NARROW_AFTER }),
+    withHeld(stripOf(key, options.channels, { narrowAfter: NARROW_AFTER }), options.held),
   );
   const layout = layOutRecording(host, strips, options.label ?? "Recording");
   const { rowOf } = layout;
@@ -238,4 +240,12 @@ function bindSteps(host, bar, go) {
     event.preventDefault();
     go(direction);
   });
+}
+
+/** A strip with the limits that were in force when, where these were not always the channel's own. */
+function withHeld(strip, held) {
+  if (strip.risk || !held) return strip;
+  const each = held.map(({ start, end, limits }) => ({ from: start, to: end, limit: limits?.[strip.key] ?? null }));
+  strip.axis.setLimit(Math.max(...each.map(({ limit }) => limit ?? 0)) || strip.limit);
+  return { ...strip, held: each };
 }

@@ -3,7 +3,8 @@
  *
  * Exports
  *   bandsOf(piece, manoeuvres, x, all) -> [{x0, x1, kind, word}]     in px, for tile_strip.js
- *     piece: as pieceOf gives it.   manoeuvres: [{start, end, withdrawn}] manoeuvres, or null for none known;
+ *     piece: as pieceOf gives it.   manoeuvres: [{start, end, withdrawn, silent}] manoeuvres, or null for none known;
+ *     silent: [{start, end, word}] where the limits in force are not the monitor's
  *     all: those of every recording laid over each other, for nothing is assessed outside of them
  */
 
@@ -19,7 +20,9 @@ export function bandsOf(piece, manoeuvres, x, all = manoeuvres) {
     manoeuvres.some(
       ({ start, end }) => set.x0[i] >= start - 1e-9 && set.x0[i] + set.step <= end + set.step / 2,
     );
+  const silent = (manoeuvres ?? []).flatMap((manoeuvre) => manoeuvre.silent ?? []);
   const withdrawn = (i) =>
+    silent.some(({ start, end }) => set.x0[i] >= start - set.step && set.x0[i] <= end) ||
     manoeuvres?.some(
       ({ end, withdrawn: from }) => from !== null && set.x0[i] >= from && set.x0[i] <= end,
     );
@@ -34,8 +37,9 @@ export function bandsOf(piece, manoeuvres, x, all = manoeuvres) {
       (i) => set.state[i] === INVALID && inside(i) && !unknown(i) && !withdrawn(i),
     ),
     ...(manoeuvres ?? [])
-      .filter((manoeuvre) => manoeuvre.withdrawn !== null)
-      .map(({ end, withdrawn: from }) => ({ x0: x(from), x1: x(end), kind: "invalid", word: "INVALID" })),
+      .filter((manoeuvre) => manoeuvre.withdrawn !== null && !(manoeuvre.silent ?? []).some(({ start }) => start <= manoeuvre.withdrawn))
+      .map(({ end, withdrawn: from, silent: parts = [] }) => ({ x0: x(from), x1: x(parts[0]?.start ?? end), kind: "invalid", word: "INVALID" })),
+    ...silent.map(({ start, end, word }) => ({ x0: x(start), x1: x(end), kind: "invalid", word })),
     ...named("alert", "ALERT", (i) => set.alert[i] === true),
   ];
 }

@@ -6,7 +6,7 @@
  *
  * Exports
  *   createTileStrip(canvas, strip) -> {draw(frame), resize(width, height, ratio), setPalette(p)}
- *     strip: {key, axis, limit, risk}
+ *     strip: {key, axis, limit, risk, held}    held: [{from, to, limit}] what was in force, instead of `limit`
  *     frame: {traces: [Piece | null], x, width, bands, ticks, alertAbove, cursor, marks, flags, wall}
  *   pieceOf({set, manoeuvres}, {view, x, step}) -> Piece | null    the bins of a set in the window, once
  *     for all strips; manoeuvres: [{start, end}] of its manoeuvres, or null where all counts
@@ -35,11 +35,12 @@ export function createTileStrip(canvas, strip) {
     pen.clip();
     for (const band of frame.bands) drawBand(band);
     for (const band of frame.bands) drawWord(band, frame.width);
-    face.thresholds(frame.alertAbove, frame.width);
+    const held = strip.held?.map(({ from, to, limit }) => ({ limit, left: frame.x(from), right: frame.x(to) })) ?? null;
+    face.thresholds(frame.alertAbove, frame.width, held);
     pieces.forEach((piece, k) => piece && drawTrace(piece, frame, k));
-    if (strip.limit !== null && pieces[0]) {
-      pen.fillStyle = face.palette.alert;
-      drawBeyond(pen, y, pieces[0], strip.limit, face.triangle);
+    pen.fillStyle = face.palette.alert;
+    for (const { from, to, limit } of strip.held ?? [{ from: -Infinity, to: Infinity, limit: strip.limit }]) {
+      if (limit !== null && pieces[0]) drawBeyond(pen, y, during(pieces[0], from, to), limit, face.triangle);
     }
     face.flags(frame);
     face.cursors(frame);
@@ -149,6 +150,14 @@ export function pieceOf({ set, manoeuvres }, { view, x, step }) {
   const wide = Math.max(1.5, set.step / step + 0.5);
   const cut = cutsOf(set, manoeuvres, from, to);
   return { set, manoeuvres, x: set.at.map(x), from, to, wide, cut, dense: set.step / step < DENSE };
+}
+
+/** The bins of a piece that begin from one time on and before another. */
+function during(piece, start, end) {
+  let [from, to] = [piece.from, piece.to];
+  while (from < to && piece.set.x0[from] < start) from += 1;
+  while (to > from && piece.set.x0[to - 1] >= end) to -= 1;
+  return { ...piece, from, to };
 }
 
 /** Whether the trace breaks before a bin: each manoeuvre is drawn from a trim of its own. */

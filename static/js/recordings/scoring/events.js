@@ -5,16 +5,19 @@
  *   eventsOf(scoring) -> [{t, text, level, manoeuvre}]     manoeuvre: its number;
  *       none outside of every manoeuvre
  *   flagsOf(scoring) -> [{key, t, word}]    exceedances as recorded alone, as a chart marks them
- *   manoeuvresOf(scoring, offset) -> [{start, end, withdrawn}]    as a chart takes them; withdrawn: from when on, or null
+ *   heldOf(scoring, offset) -> [{start, end, limits}]    limits in force, as a chart takes them; null without a limit set
+ *   manoeuvresOf(scoring, offset) -> [{start, end, withdrawn, silent}]    as a chart takes them; withdrawn: from when on, or null
  *   laneOf(manoeuvres, {row, offset, id}) -> [item]       for a chart's lane
  */
 
+import { STATE_WORDS } from "../../charts/readout.js";
 import { riskText, secondsText } from "../../lib/numbers.js";
-import { quantity } from "../../lib/units.js";
+import { magnitudeIn, quantity } from "../../lib/units.js";
 import { AS_RECORDED, verdictOf } from "../words.js";
 
-export function eventsOf({ manoeuvres, outside_exceedances: outside, channels, alert_above: alertAbove }) {
+export function eventsOf({ manoeuvres, outside_exceedances: outside, channels, alert_above: alertAbove, limits_in_force: held }) {
   return [
+    ...(held ?? []).map(ofLimits),
     ...manoeuvres.flatMap((manoeuvre, k) => ofManoeuvre(manoeuvre, k, channels, alertAbove)),
     ...outside.map((exceedance) =>
       ofExceedance(exceedance, channels, " outside every manoeuvre"),
@@ -22,20 +25,27 @@ export function eventsOf({ manoeuvres, outside_exceedances: outside, channels, a
   ].sort((a, b) => a.t - b.t);
 }
 
-function ofExceedance({ t, channel, value }, channels, where = "") {
+function ofLimits({ start, name, version, case: condition, limits }) {
+  const set = `${name} version ${version}`;
+  const text = limits === null ? `limits unknown (${set})` : `limits in force: ${condition} (${set})`;
+  return { t: start, text, level: limits === null ? "caution" : "" };
+}
+
+function ofExceedance({ t, channel, value, limit = null }, channels, where = "") {
   const measured = channels.find(({ key }) => key === channel) ?? { symbol: channel };
-  const words = quantity(measured, value);
+  const beside = limit === null ? "" : `, limit ${magnitudeIn(measured, limit)}`;
+  const words = `${quantity(measured, value)}${beside}`;
   return { t, text: `${measured.symbol} exceeds its limit${where}: ${words}`, level: "caution" };
 }
 
 function ofManoeuvre(
-  { name, start, alerts, exceedance, recorded_exceedance: raw, peak_t: t, peak_risk: risk, validity, withdrawn_t: withdrawn },
+  { name, start, alerts, exceedance, recorded_exceedance: raw, peak_t: t, peak_risk: risk, validity, withdrawn_t: withdrawn, limits_in_force: held = [] },
   manoeuvre,
   channels,
   alertAbove,
 ) {
   const events = [{ t: start, text: `${name} begins`, level: "", manoeuvre }];
-  if (validity.valid === false) {
+  if (validity.valid === false && (withdrawn !== null || held.length === 0)) {
     events.push({
       t: withdrawn ?? start,
       text: `${name} is INVALID: the risk is withdrawn from here on`,
@@ -73,13 +83,20 @@ export function flagsOf({ manoeuvres }) {
   return raw.map(({ t, channel }) => ({ key: channel, t, word: AS_RECORDED }));
 }
 
+export function heldOf({ limits_in_force: held }, offset = 0) {
+  return held?.map(({ start, end, limits }) => ({ start: start - offset, end: end - offset, limits })) ?? null;
+}
+
 export function manoeuvresOf({ manoeuvres }, offset = 0) {
-  return manoeuvres.map(({ start, end, validity, withdrawn_t: withdrawn }) => ({
+  return manoeuvres.map(({ start, end, validity, withdrawn_t: withdrawn, limits_in_force: held = [] }) => ({
     start: start - offset,
     end: end - offset,
-    withdrawn: validity.valid === false ? (withdrawn ?? start) - offset : null,
+    withdrawn: validity.valid === false && (withdrawn !== null || held.length === 0) ? (withdrawn ?? start) - offset : null,
+    silent: held.filter(({ reason }) => reason !== "").map((one) => ({ start: one.start - offset, end: one.end - offset, word: wordOf(one) })),
   }));
 }
+
+const wordOf = ({ limits }) => (limits === null ? STATE_WORDS.limits_unknown : STATE_WORDS.not_applicable);
 
 export function laneOf(manoeuvres, { row = 0, offset = 0, id = "manoeuvre" } = {}) {
   return manoeuvres.map((manoeuvre, k) => {

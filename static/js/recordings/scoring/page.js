@@ -16,7 +16,7 @@ import { button, empty, errorLine, link, pageOf } from "../../lib/view_states.js
 import { createDisplayChoice } from "../../fly/display_choice.js";
 import { createNotesPanel, laneOfMarkers } from "../notes_panel.js";
 import { outsideText, trimText, verdictOf } from "../words.js";
-import { eventsOf, flagsOf, laneOf, manoeuvresOf } from "./events.js";
+import { eventsOf, flagsOf, heldOf, laneOf, manoeuvresOf } from "./events.js";
 import { scoringFacts } from "./facts.js";
 import { createSensorTable, sensorChip } from "./sensor_table.js";
 import { readScoring, scoringSource, stripOrder } from "./source.js";
@@ -105,6 +105,7 @@ export function showScoring(element, { id, query, api, navigate }) {
         order: stripOrder(scoring.channels),
         sources: [{ ...scoringSource(api, scoring), manoeuvres: manoeuvresOf(scoring) }],
         alertAbove: scoring.alert_above,
+        held: heldOf(scoring),
         flags: flagsOf(scoring),
         label: `${recording.name} as ${scoring.monitor_name} assessed it`,
         key: scoring.id,
