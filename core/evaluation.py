@@ -6,6 +6,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.special import betaincinv, stdtrit
 
+from core.monitor.group import GROUPINGS
 from core.monitor.monitor import Monitor
 from core.types import Array, Indices
 
@@ -139,6 +140,28 @@ def evaluate(
         false_alerts=(~silent[~is_unsafe]).sum(axis=0),
         withdrawn=(silent & ~is_missed)[is_unsafe].sum(axis=0),
     )
+
+
+def evaluate_groups(
+    monitor: Monitor, y: Array, fail_index: Indices, epsilon: float | None = None
+) -> dict[str, dict[str, Evaluation]]:
+    """Count at one epsilon over the failing flights of each group, by grouping and by its name.
+
+    What is promised of all failing flights is not promised of each group.
+
+    y, fail_index: as in `evaluate`.   epsilon: the monitor's own unless given.
+    Groupings of which the flights are not in two groups at least are left out.
+    """
+    at, fails = np.array([monitor.check_epsilon(epsilon)]), fail_index < y.shape[1]
+    y, fail_index = y[fails], fail_index[fails]
+    found = {
+        rule: {
+            name: evaluate(monitor, y[those], fail_index[those], at)
+            for name, those in grouping.groups(y, fail_index, monitor.specification).items()
+        }
+        for rule, grouping in GROUPINGS.items()
+    }
+    return {rule: groups for rule, groups in found.items() if groups}
 
 
 def first_alerts(

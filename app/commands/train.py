@@ -135,6 +135,11 @@ def _test_lines(test: FlownTest, lead: float) -> list[str]:
             _robustness_line(DIFFERENCES[name].words, counts)
             for name, counts in test.robustness.items()
         ),
+        *(
+            _share("missed", counts.misses[0], counts.n_unsafe, f"of {name}")
+            for groups in test.groups.values()
+            for name, counts in groups.items()
+        ),
     ]
 
 

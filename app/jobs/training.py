@@ -19,7 +19,15 @@ from core.collection import (
     stopped_flights,
 )
 from core.dataset import Dataset
-from core.evaluation import EPSILONS, Evaluation, clopper_pearson, evaluate, first_alerts, leads
+from core.evaluation import (
+    EPSILONS,
+    Evaluation,
+    clopper_pearson,
+    evaluate,
+    evaluate_groups,
+    first_alerts,
+    leads,
+)
 from core.monitor import Monitor, MonitorRecipe, train
 from core.monitor.support import SupportError
 from core.monitor.training import with_validity
@@ -43,6 +51,7 @@ class FlownTest:
     leads: (n_unsafe,) [s] from the first alert to the failure, -inf where there was none.
     prevention: which failures its alerts prevent.
     robustness: counts at its own epsilon over flights that differ from the planned test.
+    groups: counts at its own epsilon over failing flights, by grouping and by a group's name.
     """
 
     epsilon: float
@@ -51,6 +60,7 @@ class FlownTest:
     leads: Array
     prevention: Prevention
     robustness: dict[str, Evaluation] = field(default_factory=dict)
+    groups: dict[str, dict[str, Evaluation]] = field(default_factory=dict)
 
     def as_plain(self, n_test: int, lead: float, dt: float) -> dict[str, Any]:
         """Return JSON's types, None for what could not be counted.
@@ -74,6 +84,18 @@ class FlownTest:
                 | {key: values[0] for key, values in _curves(counts).items()}
                 for name, counts in self.robustness.items()
             },
+            "groups": [
+                {
+                    "rule": rule,
+                    "name": name,
+                    "n_unsafe": counts.n_unsafe,
+                    "misses": int(counts.misses[0]),
+                    "withdrawn": int(counts.withdrawn[0]),
+                    "miss_interval": counts.miss_interval[0].tolist(),
+                }
+                for rule, groups in self.groups.items()
+                for name, counts in groups.items()
+            ],
         }
 
 
@@ -183,6 +205,7 @@ def fly_test(monitor: Monitor, recipe: DatasetRecipe, n: int) -> FlownTest:
             stream(recipe.seed, Branch.REACTION),
         ),
         robustness=robustness(monitor, recipe, n),
+        groups=evaluate_groups(monitor, flights.y, flights.fail_index),
     )
 
 

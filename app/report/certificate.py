@@ -44,5 +44,6 @@ def certificate_page(monitor: Monitor, name: str, digest: str, created: str = ""
         if prevention
         else None,
         robustness=list(found.get("robustness", {}).values()),
+        groups=found.get("groups"),
         version=__version__,
     )

@@ -239,6 +239,23 @@ def check_evaluation(evaluation: Mapping[str, Any]) -> None:
             raise ValueError("evaluation robustness has no words, or no count of flights")
         one = {key: [count] for key, count in other.items()}
         _check_counts([other["epsilon"]], one, other)
+    for group in evaluation.get("groups", []):
+        _check_group(group, n_unsafe)
+
+
+def _check_group(group: Mapping[str, Any], n_unsafe: int) -> None:
+    """Refuse a group without words, without flights, or that counts more than its flights."""
+    if not (type(group["rule"]) is str and type(group["name"]) is str):
+        raise ValueError("evaluation groups have no words")
+    n = group["n_unsafe"]
+    if not (_is_count(n, n_unsafe) and n > 0):
+        raise ValueError(f"evaluation counts {n!r} of {n_unsafe} failing flights in a group")
+    counts = group["misses"], group["withdrawn"]
+    if not (all(_is_count(count) for count in counts) and sum(counts) <= n):
+        raise ValueError("evaluation groups count more than their flights")
+    low, high = group["miss_interval"]
+    if not (_is_number(low) and _is_number(high) and 0 <= low <= high <= 1):
+        raise ValueError(f"evaluation groups have a miss interval of {low!r} to {high!r}")
 
 
 def _check_prevention(found: Mapping[str, Any]) -> None:

@@ -69,6 +69,24 @@ EVALUATION = {
             "withdrawn": 20,
         },
     },
+    "groups": [
+        {
+            "rule": "first_limit",
+            "name": "N_y limit first",
+            "n_unsafe": 80,
+            "misses": 5,
+            "withdrawn": 0,
+            "miss_interval": [0.02, 0.14],
+        },
+        {
+            "rule": "first_limit",
+            "name": "p limit first",
+            "n_unsafe": 20,
+            "misses": 4,
+            "withdrawn": 0,
+            "miss_interval": [0.06, 0.44],
+        },
+    ],
 }
 """Of a monitor that keeps its promise, as it is stored."""
 

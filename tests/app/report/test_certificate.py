@@ -29,6 +29,8 @@ def test_it_says_what_fresh_flights_said_and_what_is_promised(monitor: Monitor) 
     assert "90.0%" in page  # prevented within 0.25 s
     assert "20 of 200 safe flights are stopped" in page
     assert "sensor noise twice as large" in page
+    assert "first limit: p limit first" in page
+    assert "20.0%" in page  # missed of that group
     assert "ab12" in page
     assert "http" not in page.replace("http-equiv", "")
 
@@ -39,11 +41,12 @@ def test_a_monitor_that_was_not_tested_has_none(monitor: Monitor) -> None:
 
 
 def test_an_evaluation_of_before_has_a_certificate_too(monitor: Monitor) -> None:
-    new = ("prevention", "robustness", "leads")
+    new = ("prevention", "robustness", "leads", "groups")
     older = {key: value for key, value in EVALUATION.items() if key not in new}
     page = certificate_page(replace(monitor, evaluation=older), "it", "ab12")
     assert "What its alerts prevent" not in page
     assert "Flights that differ" not in page
+    assert "Missed in each group" not in page
 
 
 def test_it_is_written_and_served(monitor: Monitor, tmp_path, capsys) -> None:

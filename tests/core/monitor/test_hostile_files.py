@@ -125,6 +125,11 @@ NO_SENSE = {
     ("evaluation", ("robustness",)): [[], None, {"other": {}}, {"other": None}],
     ("evaluation", ("robustness", "doubled_noise", "misses")): [-1, 10**9, "4", None],
     ("evaluation", ("robustness", "doubled_noise", "words")): [None, 1],
+    ("evaluation", ("groups",)): [None, 1, [{}], [None]],
+    ("evaluation", ("groups", 0, "n_unsafe")): [0, -1, 101, 4, "80", None],
+    ("evaluation", ("groups", 0, "misses")): [-1, 81, "5", None],
+    ("evaluation", ("groups", 0, "name")): [None, 1],
+    ("evaluation", ("groups", 0, "miss_interval")): [None, [], [0.5, 0.2], [0.1, 2], ["a", "b"]],
     ("evaluation", ("curves",)): [{}, None, [], {"epsilon": [0.1], "misses": []}, {"epsilon": 1}],
     ("evaluation", ("curves", "misses")): [[], [4, 4], ["4"], [-1], [10**9], None, [math.nan]],
 }
