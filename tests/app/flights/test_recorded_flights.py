@@ -20,7 +20,7 @@ URL = "/api/v1/flights"
 START = 3358.4
 """[s] A recording whose clock does not begin at zero."""
 PHI, THETA = 0.21, 0.06
-DISPLAYED = ("p_value", "alert", "state", "reason")
+DISPLAYED = ("p_value", "alert", "state", "reason", "cause")
 OUTCOMES = ["quiet", "timely_alert", "invalid"]
 
 
