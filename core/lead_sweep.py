@@ -37,6 +37,8 @@ from core.types import Array, Flags, Indices
 METHODS: dict[str, tuple[Predictor, Score]] = {
     "linear + nearest neighbor": (PREDICTORS["linear"], SCORES["nearest_neighbor"]),
     "predicted magnitude": (PREDICTORS["linear"], SCORES["negative_magnitude"]),
+    "peaks ahead: window": (PREDICTORS["peak_ridge"], SCORES["card_window"]),
+    "peaks ahead: rest": (PREDICTORS["peak_ridge"], SCORES["rest_of_card"]),
     "test card: window": (PREDICTORS["response_filter"], SCORES["card_window"]),
     "test card: rest": (PREDICTORS["response_filter"], SCORES["rest_of_card"]),
 }

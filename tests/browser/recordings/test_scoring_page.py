@@ -38,7 +38,9 @@ def test_every_verdict_has_a_word_and_says_what_is_promised(
     for label in ("First alert", "Warning lead time", "Peak risk"):
         expect(verdicts.nth(2).locator(f'[data-label="{label}"]')).to_have_text("withdrawn")
     expect(scored.locator(".scored-summary")).to_contain_text("channels are deviations from trim")
-    expect(verdicts.nth(2).locator('[data-ok="false"]')).to_contain_text("✕")
+    expect(verdicts.nth(2).locator('[data-ok="false"]')).to_contain_text(
+        ["✕ manoeuvre", "✕ observations"]
+    )
 
 
 def test_sensors_are_compared_and_remarked_on(scored: Page, scoring: dict[str, Any]) -> None:
