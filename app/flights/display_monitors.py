@@ -73,8 +73,11 @@ def flown_monitor(
     is_authority: bool = False,
 ) -> FlownMonitor:
     """A monitor of a flight as it is sent. delay: that live samples may wait [s]."""
-    known = monitor.specification
-    plain = known if isinstance(monitor, MonitorInfo) else specification_to_plain(known)
+    plain = (
+        monitor.specification
+        if isinstance(monitor, MonitorInfo)
+        else specification_to_plain(monitor.specification)
+    )
     return FlownMonitor(
         id=monitor_id,
         name=name,

@@ -403,8 +403,10 @@ class Flight(ABC):
         sent: float | None = None,
     ) -> None:
         """One sample as it is shown. sent: monotonic milliseconds; None where it was long ago."""
-        late = (State.STALE, self._late) if self._late else None
-        self._set_state(*(late or (assessment.state, assessment.reason, assessment.cause)))
+        if self._late:
+            self._set_state(State.STALE, self._late)
+        else:
+            self._set_state(assessment.state, assessment.reason, assessment.cause)
         taken = self._taken(assessment.t)
         frame = plain_frame(self._recent.head + 1, y, assessment, sent, display, taken)
         self._recent.append(encode_frame(frame))

@@ -218,7 +218,7 @@ class ChannelReader:
     def _row(self, values: Values) -> tuple[float, ...]:
         """The one sample of a batch: KEYS and ATTITUDE in order."""
         given = [values.get(name, _NOTHING) for name in self._plain_names]
-        row = tuple([one[0] if len(one) == 1 else None for one in given])
+        row: tuple[Any, ...] = tuple([one[0] if len(one) == 1 else None for one in given])
         if row and {*map(type, row)} == _FLOATS:
             return row
         return tuple([read(values, 1)[0] if read else NAN for read in self._columns])

@@ -395,7 +395,9 @@ def _status(
         progress=info.status,
         **_plain(flight, record),
         verdict=record.verdict if record else None,
-        limits_held=info.limits_held,
+        limits_held=None
+        if info.limits_held is None
+        else [LimitsFrom(**held) for held in info.limits_held],
         exceedances=record.exceedances
         if record
         else flight.exceedances.of_channels

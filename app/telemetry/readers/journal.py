@@ -150,7 +150,9 @@ class _Rows:
     def add(self, line: dict[str, Any]) -> bool:
         """Take a batch; whether it is one."""
         values, arrived = line["b"], line.get("a")
-        if type(arrived) not in (float, int) or not isinstance(values, dict):
+        if isinstance(arrived, bool) or not isinstance(arrived, float | int):
+            return False
+        if not isinstance(values, dict):
             return False
         time = next((name for name in self._times if name in values), None)
         if time is None or not all(isinstance(column, list) for column in values.values()):

@@ -73,7 +73,7 @@ def test_a_batch_is_durable_when_it_is_answered_and_taken_once(range_: Range) ->
 
 
 def test_names_that_nothing_reads_are_told_in_the_answer_and_of_the_flight(range_: Range) -> None:
-    odd = {"aoa": [0.1], "Nz": [1.0], "mach": [0.5], "phi": [0.0]}
+    odd: dict[str, Any] = {"aoa": [0.1], "Nz": [1.0], "mach": [0.5], "phi": [0.0]}
     assert range_.push(batch(1, n=1, **odd)).json()["unread"] == ["aoa", "Nz"]
     assert range_.push(batch(2, n=1, first=1)).json()["unread"] == []
     with range_.uplink() as uplink:

@@ -8,6 +8,7 @@ import pytest
 from core.channels import KEYS
 from core.collection import DatasetRecipe, collect, fresh
 from core.monitor import Monitor, MonitorRecipe, train
+from core.monitor.assessment import State
 from core.monitor.input_direction import InputDirection, begins
 from core.monitor.loading import from_bytes
 from core.planned_test import Simulator
@@ -45,7 +46,7 @@ def opposite() -> Array:
     ],
 )
 def test_the_first_large_deflection_decides(rudder: tuple[float, ...], first: int | None) -> None:
-    y, t = flight(*rudder), 0.1 * np.arange(4)
+    y, t = flight(*rudder), 0.1 * np.arange(4.0)
     wrong = DIRECTION.first_wrong(t, y, np.ones(4, bool))
     assert (wrong and wrong.sample) == first
     assert DIRECTION.first_wrong_of(y[None]).tolist() == [4 if first is None else first]
@@ -89,7 +90,7 @@ def test_an_opposite_input_is_invalid_from_its_first_deflection_on(
     first = monitor.first_withdrawn(opposite, np.full(len(opposite), n_samples))
     for y, expected in zip(opposite, first.tolist(), strict=True):
         states = [a.state for a in map(monitor.stream().update, t.tolist(), y)]
-        assert states.index("invalid") == expected
+        assert states.index(State.INVALID) == expected
         assessed = monitor.assess(t, y)
         assert np.isnan(assessed.p_value[expected:]).all()
         assert not np.isnan(assessed.p_value[:expected]).any()

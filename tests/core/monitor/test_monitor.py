@@ -209,7 +209,7 @@ def test_the_exemplar_is_the_nearest_failure_at_its_last_timely_sample(
 def test_a_stream_without_exemplars_says_the_rest(dataset: Dataset, flights: Array) -> None:
     monitor = train(dataset)
     told, untold = monitor.stream(), monitor.stream(exemplars=False)
-    none = {"nearest_unsafe": None, "nearest_safe": None}
+    none, expected = {"nearest_unsafe": None, "nearest_safe": None}, {}
     for t, y in zip(TIMES, flights[0], strict=True):
         expected, assessment = told.update(t, y).as_dict(), untold.update(t, y).as_dict()
         assert assessment == expected | none
