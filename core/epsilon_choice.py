@@ -1,0 +1,170 @@
+"""Choosing epsilon: by what a miss and a false alarm cost, or by a target for each.
+
+An epsilon is chosen on one half of the fresh flights and certified on the other, so that what was
+chosen by chance does not certify itself.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.special import betaincinv
+
+from core.evaluation import Evaluation, evaluate
+from core.monitor.monitor import Monitor
+from core.planned_test import Rollouts
+from core.types import Array, Flags
+
+CONFIDENCE = 0.95
+"""That both shares of flights like the fresh ones stay below their targets."""
+MOST_CANDIDATES = 200
+MOST_FLIGHTS = 10_000_000
+"""Flights beyond which a certificate is out of reach."""
+
+
+class ChoiceError(ValueError):
+    """Targets that no epsilon keeps, or that so few flights cannot certify."""
+
+
+@dataclass(frozen=True)
+class Choice:
+    """An epsilon, and what it costs, by flights that had no part in choosing it.
+
+    most_missed, most_false: upper bounds of the shares of failing flights that are missed and of
+    safe flights with an alert, which hold together with 95 % confidence.
+    """
+
+    epsilon: float
+    alert_above: float
+    misses: int
+    n_unsafe: int
+    false_alerts: int
+    n_safe: int
+    most_missed: float
+    most_false: float
+
+
+def choose_by_targets(
+    monitor: Monitor, flights: Rollouts, most_missed: float, most_false: float
+) -> Choice:
+    """Choose the epsilon that keeps two targets with the most room, and certify it.
+
+    flights: fresh ones, which neither trained nor calibrated the monitor; half of them choose.
+    most_missed: share of failing flights that may be missed.   most_false: share of safe flights
+    that may have an alert.
+    ChoiceError where no epsilon keeps both, or with how many flights one could be certified.
+    """
+    for name, target in (("most_missed", most_missed), ("most_false", most_false)):
+        if not 0 < target < 1:
+            raise ChoiceError(f"{name}={target} was given: give a share between 0 and 1")
+    chosen, certified = _halves(monitor, flights, candidates(monitor))
+    room = np.minimum(
+        _room(chosen.miss_rate, most_missed, chosen.n_unsafe),
+        _room(1 - chosen.power, most_false, chosen.n_safe),
+    )
+    best = int(room.argmax())
+    found = _choice(monitor, certified, best)
+    if found.most_missed <= most_missed and found.most_false <= most_false:
+        return found
+    missed, false = (
+        (first + second) / n
+        for first, second, n in (
+            (chosen.misses[best], found.misses, chosen.n_unsafe + found.n_unsafe),
+            (chosen.false_alerts[best], found.false_alerts, chosen.n_safe + found.n_safe),
+        )
+    )
+    both = f"missed {missed:.2%} and false alarms {false:.2%} at epsilon {found.epsilon:.3g}"
+    if missed >= most_missed or false >= most_false:
+        raise ChoiceError(
+            f"no epsilon keeps both targets: {both} come closest to {most_missed:.3g} and "
+            f"{most_false:.3g}; accept more of either, or train for a shorter lead or by another "
+            "method"
+        )
+    share = chosen.n_unsafe / (chosen.n_unsafe + chosen.n_safe)
+    needed = max(
+        _flights_needed(missed, most_missed) / share,
+        _flights_needed(false, most_false) / (1 - share),
+    )
+    if not needed <= MOST_FLIGHTS / 2:
+        many = f"more than {MOST_FLIGHTS:,}"
+    else:
+        many = f"about {round(2 * needed, -2):,.0f}"
+    raise ChoiceError(
+        f"{len(flights.y):,} fresh flights cannot certify both targets: {both} "
+        f"are below them, but with 95 % confidence only {found.most_missed:.2%} and "
+        f"{found.most_false:.2%}; {many} fresh flights would"
+    )
+
+
+def choose_by_costs(
+    monitor: Monitor, flights: Rollouts, unsafe_share: float, cost_of_miss: float
+) -> Choice:
+    """Choose the epsilon of the least expected cost a flight, where a false alarm costs 1.
+
+    flights: fresh ones, as of `choose_by_targets`.   unsafe_share: of flights that fail.
+    """
+    if not (np.isfinite(cost_of_miss) and cost_of_miss > 0):
+        raise ChoiceError(f"a miss that costs {cost_of_miss} was given: give a number above 0")
+    chosen, certified = _halves(monitor, flights, candidates(monitor))
+    cost = unsafe_share * cost_of_miss * chosen.miss_rate
+    return _choice(
+        monitor, certified, int((cost + (1 - unsafe_share) * (1 - chosen.power)).argmin())
+    )
+
+
+def candidates(monitor: Monitor) -> Array:
+    """Miss rates among which to choose: steps of the p-values that its failures can serve."""
+    steps = np.arange(1, monitor.n_unsafe + 1) / (monitor.n_unsafe + 1)
+    served = steps[steps >= monitor.smallest_epsilon - 1e-9]
+    few = np.unique(np.linspace(0, len(served) - 1, MOST_CANDIDATES).astype(int))
+    return served[few]
+
+
+def _halves(monitor: Monitor, flights: Rollouts, epsilons: Array) -> tuple[Evaluation, Evaluation]:
+    """Counts of the flights that choose, and of those that certify: every second one."""
+    second: Flags = np.arange(len(flights.y)) % 2 == 1
+    halves = flights.some(~second), flights.some(second)
+    for half in halves:
+        if not 0 < np.count_nonzero(half.is_unsafe) < len(half.y):
+            raise ChoiceError(
+                f"{len(flights.y)} fresh flights were given, too few of which failed or stayed "
+                "safe: give more"
+            )
+    one, two = (evaluate(monitor, half.y, half.fail_index, epsilons) for half in halves)
+    return one, two
+
+
+def _room(share: Array, target: float, n: int) -> Array:
+    """How far below its target a share is, in standard errors of one that lies at the target."""
+    return (target - share) / np.sqrt(target * (1 - target) / n)
+
+
+def _choice(monitor: Monitor, certified: Evaluation, at: int) -> Choice:
+    epsilon = float(certified.epsilons[at])
+    misses, false = int(certified.misses[at]), int(certified.false_alerts[at])
+    return Choice(
+        epsilon=epsilon,
+        alert_above=monitor.alert_above(epsilon),
+        misses=misses,
+        n_unsafe=certified.n_unsafe,
+        false_alerts=false,
+        n_safe=certified.n_safe,
+        most_missed=upper_bound(misses, certified.n_unsafe),
+        most_false=upper_bound(false, certified.n_safe),
+    )
+
+
+def upper_bound(count: float, n: float) -> float:
+    """Clopper-Pearson upper bound of one of two shares, by Bonferroni's rule 95 % for both."""
+    if count >= n:
+        return 1.0
+    return float(betaincinv(count + 1, n - count, 1 - (1 - CONFIDENCE) / 2))
+
+
+def _flights_needed(share: float, target: float) -> float:
+    """Flights of one kind by which a share that stays as it is would be certified; inf for many."""
+    n = 10.0
+    while upper_bound(share * n, n) > target:
+        n *= 1.05
+        if n > MOST_FLIGHTS:
+            return np.inf
+    return n

@@ -1,0 +1,43 @@
+"""`forewarn choose-epsilon`: both ways to ask, and what it refuses."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from app.cli import main
+from core.collection import DatasetRecipe, collect
+from core.monitor import train
+
+
+@pytest.fixture(scope="module")
+def file(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("monitor") / "it.fwm"
+    train(collect(DatasetRecipe(n_unsafe=40, seed=2))).save(path)
+    return path
+
+
+def test_an_epsilon_is_chosen_by_costs_or_by_targets(file: Path, capsys) -> None:
+    few = ["choose-epsilon", str(file), "--n-test", "400"]
+    assert main([*few, "--cost-of-miss", "5", "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert found["n_unsafe"] + found["n_safe"] == 200
+    assert main([*few, "--most-missed", "0.4", "--most-false-alarms", "0.4"]) == 0
+    text = capsys.readouterr().out
+    assert "on fresh flights that had no part in choosing it" in text
+    assert "with 95 % confidence at most" in text
+
+
+def test_what_cannot_be_chosen_is_one_error(file: Path, tmp_path: Path, capsys) -> None:
+    for options, words in (
+        ([], "give --most-missed with --most-false-alarms, or --cost-of-miss alone"),
+        (["--most-missed", "0.1"], "give --most-missed with --most-false-alarms"),
+        (["--cost-of-miss", "1", "--n-test", "0"], "it must be 1 or more"),
+    ):
+        assert main(["choose-epsilon", str(file), *options]) != 0
+        assert words in capsys.readouterr().err
+    bare = tmp_path / "bare.fwm"
+    replace(train(collect(DatasetRecipe(n_unsafe=20))), dataset_recipe={}).save(bare)
+    assert main(["choose-epsilon", str(bare), "--cost-of-miss", "1"]) != 0
+    assert "does not say which planned test" in capsys.readouterr().err
