@@ -23,7 +23,7 @@ def test_a_limit_set_is_made_versioned_and_chosen_at_the_start_of_a_live_flight(
     form.get_by_label("Why").fill("test card 7")
     form.get_by_role("button", name="Make the limit set").click()
     first = page.get_by_role("region", name="Version 1")
-    expect(first).to_contain_text("By engineer, 20")
+    expect(first).to_contain_text("By local, 20")
     expect(first).to_contain_text(": test card 7")
     expect(first.locator("tbody")).to_contain_text("below 0.8")
     expect(first.locator("tbody")).to_contain_text("0.45 g")

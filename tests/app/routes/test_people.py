@@ -101,7 +101,7 @@ def test_a_websocket_closes_when_its_token_is_revoked(client: TestClient) -> Non
         def leave(self, watcher: Any) -> None:
             pass
 
-        is_done = False
+        ended = is_done = False
 
         def take(self) -> None:
             pass

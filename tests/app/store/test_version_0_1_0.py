@@ -107,9 +107,8 @@ def test_every_sample_and_alarm_of_the_flight_is_there(store: Store) -> None:
     answer = ANSWERS[f"flights/{FLIGHT}"]
     named = answer["source"] | {"name": answer["name"]}
     flown = answer | {"source": named, "lost": 0}
-    assert_answers(
-        store.flights.info(FLIGHT), flown, "exceeded_t", "keep", "recording", "recording_id"
-    )
+    new = "exceeded_t", "exceedances", "keep", "limits_held", "recording", "recording_id"
+    assert_answers(store.flights.info(FLIGHT), flown, *new)
     stored = store.flights.assessments(FLIGHT)
     frames = ANSWERS[f"flights/{FLIGHT}/assessments"]["frames"]
     assert len(stored) == len(frames) == 121
@@ -132,7 +131,7 @@ def test_recording_scoring_and_markers_are_there(store: Store) -> None:
     assert store.recordings.mapped_columns(RECORDING).mapping == in_the_words_of_today(
         answer["mapping"]
     )
-    of_its_own = "specification", "request_digest", "row_digest"
+    of_its_own = "limits_in_force", "specification", "request_digest", "row_digest"
     scorings = ANSWERS[f"recordings/{RECORDING}/scorings"]
     for info, scored in zip(store.scorings.of(RECORDING), scorings, strict=True):
         assert_answers(info, scored, *of_its_own)
