@@ -7,15 +7,12 @@ chosen by chance does not certify itself.
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import betaincinv
 
-from core.evaluation import Evaluation, evaluate
+from core.evaluation import Evaluation, clopper_pearson, evaluate
 from core.monitor.monitor import Monitor
 from core.planned_test import Rollouts
 from core.types import Array, Flags
 
-CONFIDENCE = 0.95
-"""That both shares of flights like the fresh ones stay below their targets."""
 MOST_CANDIDATES = 200
 MOST_FLIGHTS = 10_000_000
 """Flights beyond which a certificate is out of reach."""
@@ -95,16 +92,15 @@ def choose_by_targets(
     )
 
 
-def choose_by_costs(
-    monitor: Monitor, flights: Rollouts, unsafe_share: float, cost_of_miss: float
-) -> Choice:
+def choose_by_costs(monitor: Monitor, flights: Rollouts, cost_of_miss: float) -> Choice:
     """Choose the epsilon of the least expected cost a flight, where a false alarm costs 1.
 
-    flights: fresh ones, as of `choose_by_targets`.   unsafe_share: of flights that fail.
+    flights: fresh ones, as of `choose_by_targets`.
     """
     if not (np.isfinite(cost_of_miss) and cost_of_miss > 0):
         raise ChoiceError(f"a miss that costs {cost_of_miss} was given: give a number above 0")
     chosen, certified = _halves(monitor, flights, candidates(monitor))
+    unsafe_share = flights.is_unsafe.mean()
     cost = unsafe_share * cost_of_miss * chosen.miss_rate
     return _choice(
         monitor, certified, int((cost + (1 - unsafe_share) * (1 - chosen.power)).argmin())
@@ -154,10 +150,11 @@ def _choice(monitor: Monitor, certified: Evaluation, at: int) -> Choice:
 
 
 def upper_bound(count: float, n: float) -> float:
-    """Clopper-Pearson upper bound of one of two shares, by Bonferroni's rule 95 % for both."""
-    if count >= n:
-        return 1.0
-    return float(betaincinv(count + 1, n - count, 1 - (1 - CONFIDENCE) / 2))
+    """Upper bound of one of two shares: both hold with 95 % confidence, by Bonferroni's rule.
+
+    So it is the upper end of the share's own two-sided 95 % interval.
+    """
+    return float(clopper_pearson(count, n)[1])
 
 
 def _flights_needed(share: float, target: float) -> float:

@@ -8,7 +8,7 @@ without an alert, and failures that the alert prevents by the time that people t
 import os
 from collections.abc import Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor, as_completed
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from functools import partial
 from threading import Event
 from typing import Annotated, Literal
@@ -134,6 +134,13 @@ class Cell:
     prevented: Indices
     power_at_epsilon: Array
 
+    @classmethod
+    def pool(cls, cells: list["Cell"]) -> "Cell":
+        """Pool cells of one method and lead, each of monitors of its own."""
+        rows = (field.name for field in fields(cls)[2:])
+        columns = {name: np.concatenate([getattr(cell, name) for cell in cells]) for name in rows}
+        return cls(cells[0].epsilon, cells[0].lead, **columns)
+
     @property
     def miss_rate(self) -> float:
         """Share of all failing flights without a timely alert."""
@@ -174,21 +181,8 @@ class PlannedTestSweep:
     cells: Mapping[tuple[str, float], Cell]
 
 
-@dataclass(frozen=True)
-class _Counted:
-    """Counts of one monitor; fields as of Cell."""
-
-    lead: float
-    misses: int
-    n_unsafe: int
-    n_early: int
-    false_alerts: int
-    n_safe: int
-    prevented: Indices
-    power_at_epsilon: float
-
-
-_Part = tuple[float, float, dict[tuple[str, float], _Counted]]
+_Part = tuple[float, float, dict[tuple[str, float], Cell]]
+"""Of one monitor: earliest_s, unsafe_share and cells of PlannedTestSweep."""
 
 
 def sweep(
@@ -234,7 +228,7 @@ def sweep(
         cancelled.set()
         pool.shutdown(cancel_futures=True)
     found = {name: [part.result() for part in parts if parts[part] == name] for name in tests}
-    return {name: _pooled(recipe.epsilon, own) for name, own in found.items()}
+    return {name: _pooled(own) for name, own in found.items()}
 
 
 def _part_alone(test: DatasetRecipe, recipe: SweepRecipe, cancelled: Event) -> _Part:
@@ -246,7 +240,7 @@ def _part(test: DatasetRecipe, recipe: SweepRecipe, cancelled: Event) -> _Part:
     """One dataset, and its monitors of every method and lead on the same fresh flights."""
     dataset, card = collect(test), _card(test)
     flights = evaluation_flights(test, recipe.n_test)
-    counted: dict[tuple[str, float], _Counted] = {}
+    counted: dict[tuple[str, float], Cell] = {}
     for lead in recipe.leads_s:
         settings = MonitorRecipe(t_early=lead, epsilon=recipe.epsilon, guarantee=recipe.guarantee)
         safe = SafeObservations(dataset, settings)
@@ -273,7 +267,8 @@ def _card(test: DatasetRecipe) -> Card | None:
 
 def _counted(
     monitor: Monitor, flights: Rollouts, test: DatasetRecipe, reactions_s: tuple[float, ...]
-) -> _Counted:
+) -> Cell:
+    """Fly the flights through one monitor."""
     y, fails, n_samples = flights.y, flights.fail_index, flights.y.shape[1]
     is_unsafe = flights.is_unsafe
     last = np.where(is_unsafe, fails - monitor.h, n_samples - 1)
@@ -290,15 +285,16 @@ def _counted(
         stream(test.seed, Branch.REACTION),
         reactions_s,
     )
-    return _Counted(
+    return Cell(
+        epsilon=monitor.recipe.epsilon,
         lead=monitor.lead,
-        misses=int(np.count_nonzero(~alerts[is_unsafe])),
-        n_unsafe=len(unsafe),
-        n_early=int(np.count_nonzero(last[is_unsafe] < 0)),
-        false_alerts=int(np.count_nonzero(alerts[~is_unsafe])),
-        n_safe=int(np.count_nonzero(~is_unsafe)),
-        prevented=reactions.prevented,
-        power_at_epsilon=_power_at(monitor.recipe.epsilon, lowest, is_unsafe),
+        misses=np.array([np.count_nonzero(~alerts[is_unsafe])]),
+        n_unsafe=np.array([len(unsafe)]),
+        n_early=np.array([np.count_nonzero(last[is_unsafe] < 0)]),
+        false_alerts=np.array([np.count_nonzero(alerts[~is_unsafe])]),
+        n_safe=np.array([np.count_nonzero(~is_unsafe)]),
+        prevented=reactions.prevented[np.newaxis],
+        power_at_epsilon=np.array([_power_at(monitor.recipe.epsilon, lowest, is_unsafe)]),
     )
 
 
@@ -311,14 +307,8 @@ def _power_at(epsilon: float, lowest: Array, is_unsafe: Flags) -> float:
     return float(np.mean(safe > threshold))
 
 
-def _pooled(epsilon: float, parts: list[_Part]) -> PlannedTestSweep:
+def _pooled(parts: list[_Part]) -> PlannedTestSweep:
     """One planned test's parts, a monitor each, as one."""
     earliest, unsafe_share, counted = zip(*parts, strict=True)
-    cells = {}
-    for key in counted[0]:
-        rows = [part[key] for part in counted]
-        names = ("misses", "n_unsafe", "n_early", "false_alerts", "n_safe", "prevented")
-        columns = {name: np.array([getattr(row, name) for row in rows]) for name in names}
-        power_at = np.array([row.power_at_epsilon for row in rows])
-        cells[key] = Cell(epsilon, rows[0].lead, power_at_epsilon=power_at, **columns)
+    cells = {key: Cell.pool([part[key] for part in counted]) for key in counted[0]}
     return PlannedTestSweep(float(np.nanmean(earliest)), float(np.mean(unsafe_share)), cells)

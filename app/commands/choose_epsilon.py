@@ -51,8 +51,7 @@ def run(options: argparse.Namespace) -> int:
     if options.cost_of_miss is None:
         found = choose_by_targets(monitor, flights, *targets)
     else:
-        share = float(flights.is_unsafe.mean())
-        found = choose_by_costs(monitor, flights, share, options.cost_of_miss)
+        found = choose_by_costs(monitor, flights, options.cost_of_miss)
     print_result(options, in_words(found), asdict(found))
     return 0
 

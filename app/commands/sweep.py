@@ -2,16 +2,14 @@
 
 import argparse
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass
 from typing import get_args
 
 from app.commands.progress import progress_bar
 from app.commands.tables import add_table_options, names, print_table, recipe_of
+from core.certificate import USELESS
 from core.lead_sweep import METHODS, TESTS, Cell, PlannedTestSweep, SweepRecipe, sweep
 from core.monitor.calibration import Guarantee
-
-USELESS = 0.2
-"""A share of safe flights without an alert below which an alert tells nothing."""
 
 
 @dataclass(frozen=True)
@@ -96,18 +94,29 @@ def run(options: argparse.Namespace) -> int:
 
 def rows_of(name: str, found: PlannedTestSweep, recipe: SweepRecipe) -> list[Row]:
     """One row a cell and reaction time."""
-    rows = []
-    for (method, _), cell in found.cells.items():
-        miss, power = cell.miss_interval.tolist(), cell.power_interval.tolist()
-        shares = zip(recipe.reactions_s, cell.prevented_share.tolist(), strict=True)
-        for reaction_s, prevented in shares:
-            counts = int(cell.n_unsafe.sum()), int(cell.n_safe.sum())
-            at = float(cell.power_at_epsilon.mean())
-            rates = cell.miss_rate, *miss, cell.power, *power, at
-            known = name, found.earliest_s, method, cell.lead, *counts, *rates
-            row = dict(zip((field.name for field in fields(Row)), known, strict=False))
-            rows.append(Row(**row, reaction_s=reaction_s, prevented=prevented))  # pyright: ignore
-    return rows
+    return [
+        Row(
+            test=name,
+            earliest_s=found.earliest_s,
+            method=method,
+            lead=cell.lead,
+            n_unsafe=int(cell.n_unsafe.sum()),
+            n_safe=int(cell.n_safe.sum()),
+            miss_rate=cell.miss_rate,
+            miss_low=float(cell.miss_interval[0]),
+            miss_high=float(cell.miss_interval[1]),
+            power=cell.power,
+            power_low=float(cell.power_interval[0]),
+            power_high=float(cell.power_interval[1]),
+            power_at_epsilon=float(cell.power_at_epsilon.mean()),
+            reaction_s=reaction_s,
+            prevented=prevented,
+        )
+        for (method, _), cell in found.cells.items()
+        for reaction_s, prevented in zip(
+            recipe.reactions_s, cell.prevented_share.tolist(), strict=True
+        )
+    ]
 
 
 def in_words(found: Mapping[str, PlannedTestSweep], recipe: SweepRecipe) -> str:

@@ -13,7 +13,7 @@ from typing import Any, Self
 import numpy as np
 
 from core.channels import CHANNELS, KEYS, Channel
-from core.monitor.input_direction import BEGUN, InputDirection, begins
+from core.monitor.input_direction import BEGUN, InputDirection, begins, deflections
 from core.monitor.portable import Section
 from core.monitor.support import LEVEL, WORST_LEVEL
 from core.types import Array, Flags, Indices
@@ -180,8 +180,7 @@ def measures(y: Array, last: Indices, dt: float, surfaces: Indices | Sequence[in
 
     y: (n, n_samples, 6) from trim.   last: (n,).   dt: [s].   Returns (n, k, 3).
     """
-    counts = np.arange(y.shape[1])[None, :, None] <= last[:, None, None]
-    deflection = np.where(counts, np.nan_to_num(y[:, :, list(surfaces)]), 0.0)
+    deflection = deflections(y, last, surfaces)
     left, right = np.maximum(-deflection, 0).max(axis=1), np.maximum(deflection, 0).max(axis=1)
     peak, other = np.maximum(left, right), np.minimum(left, right)
     moved = peak > 0
@@ -206,7 +205,7 @@ class FreshInputs:
         found = measures(y, last, self.dt, SURFACES)
         if not self._measures:
             self._begun = BEGUN * np.median(found[..., PEAK], axis=0)
-        self._begins += begins(y, last, list(SURFACES), self._begun)
+        self._begins += begins(y, last, SURFACES, self._begun)
         self._measures.append(found)
         self._fails.append(fail_index < y.shape[1])
 

@@ -5,11 +5,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from core.channels import CHANNELS, KEYS
+from core.channels import CHANNELS
+from core.monitor.flown_input import SURFACES
+from core.monitor.input_direction import deflections
 from core.specification import Specification, magnitudes_of
 from core.types import Array, Flags, Indices
-
-SURFACES = [KEYS.index("delta_a"), KEYS.index("delta_r")]
 
 
 @dataclass(frozen=True)
@@ -64,8 +64,7 @@ class LargestDeflection(Grouping):
         """Three groups; none where the deflections scatter by less than .01 deg."""
         if len(y) < len(THIRDS):
             return {}
-        flown = np.arange(y.shape[1]) <= fail_index[:, None]
-        peaks = np.where(flown[..., None], np.abs(y[..., SURFACES]), 0.0).max(axis=1)
+        peaks = np.abs(deflections(y, fail_index, SURFACES)).max(axis=1)
         peak = np.rad2deg(peaks[:, np.median(peaks, axis=0).argmax()])
         low, high = np.quantile(peak, [1 / 3, 2 / 3]).round(2)
         if not peak.min() < low < high < peak.max():

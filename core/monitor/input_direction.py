@@ -1,6 +1,8 @@
 """The direction in which an input begins: a card that is flown the other way is another card."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -70,20 +72,20 @@ class InputDirection:
 
     def first_wrong_of(self, y: Array) -> Indices:
         """(n,) that sample of each trajectory y (n, n_samples, 6); n_samples for none."""
-        deflection = y[..., self.surfaces]
-        moved = np.abs(deflection) >= self.begun
-        first = moved.argmax(axis=1)
-        positive = np.take_along_axis(deflection, first[:, np.newaxis], axis=1)[:, 0] > 0
-        right = self.flights[np.arange(len(self.surfaces)), positive.astype(int)] > 0
-        wrong = moved.any(axis=1) & ~right & (self.flights.sum(axis=1) >= FEWEST)
+        first, value = _first_beyond(y[..., self.surfaces], self.begun)
+        wrong = self._untaken[np.arange(len(self.surfaces)), (value > 0).astype(int)]
         return np.where(wrong, first, y.shape[1]).min(axis=1, initial=y.shape[1])
+
+    @cached_property
+    def _untaken(self) -> Flags:
+        """(k, 2) sides, negative and positive, to which none of enough fresh flights began."""
+        return (self.flights == 0) & (self.flights.sum(axis=1, keepdims=True) >= FEWEST)
 
     def wrong(self, sample: int, t: float, k: int, value: float) -> WrongInput | None:
         """What is wrong with a surface k that begins with this value [rad]; None where nothing."""
-        n = int(self.flights[k].sum())
-        if n < FEWEST or self.flights[k, int(value > 0)]:
+        if not self._untaken[k, int(value > 0)]:
             return None
-        channel = CHANNELS[self.surfaces[k]]
+        n, channel = int(self.flights[k].sum()), CHANNELS[self.surfaces[k]]
         way, other = ("positive", "negative") if value > 0 else ("negative", "positive")
         return WrongInput(
             sample,
@@ -124,14 +126,31 @@ class RunningDirection:
         return None
 
 
-def begins(y: Array, last: Indices, surfaces: list[int], begun: Array) -> Indices:
+def begins(y: Array, last: Indices, surfaces: Sequence[int], begun: Array) -> Indices:
     """(k, 2) flights whose first sample beyond `begun`, of 0..last, is negative, positive.
 
     y: (n, n_samples, 6) from trim.   last: (n,).
     """
-    counts = np.arange(y.shape[1])[np.newaxis, :, np.newaxis] <= last[:, np.newaxis, np.newaxis]
-    deflection = np.where(counts, np.nan_to_num(y[..., surfaces]), 0.0)
-    moved = np.abs(deflection) >= begun
-    first = np.take_along_axis(deflection, moved.argmax(axis=1)[:, np.newaxis], axis=1)[:, 0]
-    first = np.where(moved.any(axis=1), first, 0.0)
+    _, first = _first_beyond(deflections(y, last, surfaces), begun)
     return np.column_stack([(first < 0).sum(axis=0), (first > 0).sum(axis=0)])
+
+
+def deflections(y: Array, last: Indices, surfaces: Sequence[int] | Indices) -> Array:
+    """(n, n_samples, k) surfaces over samples 0..last; 0 after, and where it is not known.
+
+    y: (n, n_samples, 6) from trim.   last: (n,).
+    """
+    counts = np.arange(y.shape[1])[np.newaxis, :, np.newaxis] <= last[:, np.newaxis, np.newaxis]
+    return np.where(counts, np.nan_to_num(y[..., list(surfaces)]), 0.0)
+
+
+def _first_beyond(deflection: Array, begun: Array) -> tuple[Indices, Array]:
+    """First sample of `begun` or more, n_samples for none, and its deflection, 0 for none: (n, k).
+
+    deflection: (n, n_samples, k).   begun: (k,).
+    """
+    moved = np.abs(deflection) >= begun
+    at = moved.argmax(axis=1)
+    value = np.take_along_axis(deflection, at[:, np.newaxis], axis=1)[:, 0]
+    any_moved = moved.any(axis=1)
+    return np.where(any_moved, at, deflection.shape[1]), np.where(any_moved, value, 0.0)

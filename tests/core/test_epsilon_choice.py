@@ -71,8 +71,7 @@ def test_targets_that_no_epsilon_keeps_are_refused(monitor: Monitor, flights: Ro
 
 
 def test_a_dearer_miss_makes_a_smaller_epsilon(monitor: Monitor, flights: Rollouts) -> None:
-    share = float(flights.is_unsafe.mean())
-    cheap, dear = (choose_by_costs(monitor, flights, share, cost) for cost in (0.1, 1000.0))
+    cheap, dear = (choose_by_costs(monitor, flights, cost) for cost in (0.1, 1000.0))
     assert dear.epsilon < cheap.epsilon
     assert dear.misses <= cheap.misses
 
@@ -93,6 +92,6 @@ def test_what_is_no_target_or_cost_is_refused(
     with pytest.raises(ChoiceError, match="give a share between 0 and 1"):
         choose_by_targets(monitor, flights, wrong, 0.1)
     with pytest.raises(ChoiceError, match="give a number above 0"):
-        choose_by_costs(monitor, flights, 0.3, wrong - 1.0)
+        choose_by_costs(monitor, flights, wrong - 1.0)
     with pytest.raises(ChoiceError, match="too few of which failed or stayed safe"):
-        choose_by_costs(monitor, flights.some(slice(2)), 0.3, 1.0)
+        choose_by_costs(monitor, flights.some(slice(2)), 1.0)

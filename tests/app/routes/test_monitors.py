@@ -1,6 +1,7 @@
 import hashlib
 import math
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -9,7 +10,7 @@ from app.jobs.training import fly_test
 from app.recipes import as_ordered, from_plain
 from core.channels import KEYS
 from core.collection import DatasetRecipe
-from core.monitor import MonitorRecipe, train
+from core.monitor import Monitor, MonitorRecipe, train
 from core.monitor.calibration import confident_rank
 from core.monitor.loading import from_bytes
 from core.monitor.portable import pack, unpack
@@ -193,14 +194,19 @@ def test_a_promise_with_confidence_is_told_with_the_risk_it_alerts_above(client,
     )
 
 
-def test_a_test_card_needs_a_manoeuvre_of_steps(client):
-    card = {"predictor": {"kind": "response_filter"}, "score": {"kind": "card_window"}}
-    order = {"dataset": DATASET | {"n_unsafe": 20}, "n_test": 60} | card
+def trained_by(client, part: dict[str, Any]) -> tuple[dict[str, Any], dict[str, Any], Monitor]:
+    """Train a small monitor; its order, the job's result, and the monitor."""
+    order = {"dataset": DATASET | {"n_unsafe": 20}, "n_test": 60} | part
     job = finished(client, client.post("/api/v1/monitors", json=order))
     assert job["status"] == "done", job
-    trained = store_of(client).monitors.get(job["result"]["monitor"])
+    return order, job["result"], store_of(client).monitors.get(job["result"]["monitor"])
+
+
+def test_a_test_card_needs_a_manoeuvre_of_steps(client):
+    card = {"predictor": {"kind": "response_filter"}, "score": {"kind": "card_window"}}
+    order, result, trained = trained_by(client, card)
     assert trained.forecast is not None
-    again = order | {"dataset": job["result"]["dataset"]}
+    again = order | {"dataset": result["dataset"]}
     assert finished(client, client.post("/api/v1/monitors", json=again))["status"] == "done"
     sweep = order | {"dataset": DATASET | {"maneuver": {"kind": "frequency_sweep"}}}
     told = problem(client.post("/api/v1/monitors", json=sweep), 422)
@@ -213,12 +219,9 @@ def test_a_test_card_needs_a_manoeuvre_of_steps(client):
 
 def test_a_forecast_of_the_peak_is_learned_from_the_dataset_alone(client):
     peaks = {"predictor": {"kind": "peak_ridge"}, "score": {"kind": "rest_of_card"}}
-    order = {"dataset": DATASET | {"n_unsafe": 20}, "n_test": 60} | peaks
-    job = finished(client, client.post("/api/v1/monitors", json=order))
-    assert job["status"] == "done", job
-    trained = store_of(client).monitors.get(job["result"]["monitor"])
-    flown = store_of(client).datasets.get(job["result"]["dataset"]).safe[0]
-    where = f"/api/v1/monitors/{job['result']['monitor']}/score"
+    _, result, trained = trained_by(client, peaks)
+    flown = store_of(client).datasets.get(result["dataset"]).safe[0]
+    where = f"/api/v1/monitors/{result['monitor']}/score"
     told = client.post(where, json=telemetry(flown, trained.dt)).json()["assessments"]
     assert [sample["p_value"] for sample in told if sample["state"] == "ok"]
 
