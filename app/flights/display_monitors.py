@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from typing import Any, NamedTuple
 
-from app.flights.track import SourceError
+from app.flights.sources.track import SourceError
 from app.live.resampling import DELAY_INTERVALS
 from app.messages import FlownMonitor, validity_word
 from app.store.flights import FlightInfo

@@ -23,12 +23,12 @@ from app.flights.flight_records import (
     flight_name,
     source_of,
 )
-from app.flights.live import LiveFlight, LiveSetup
-from app.flights.playback import Script
 from app.flights.recorder import INTERVAL_S, Recorder
 from app.flights.request import FlightRequest
 from app.flights.shown_flight import ShownFlight
-from app.flights.sources import (
+from app.flights.sources.live import LiveFlight, LiveSetup
+from app.flights.sources.playback import Script
+from app.flights.sources.source import (
     FlownLive,
     Live,
     Opening,
@@ -37,7 +37,7 @@ from app.flights.sources import (
     mode_of,
     trim_angles,
 )
-from app.flights.track import SourceError
+from app.flights.sources.track import SourceError
 from app.flights.transport import NotPossible
 from app.live.again import header_of
 from app.live.journal import Journals, lines_of

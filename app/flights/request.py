@@ -5,7 +5,7 @@ from typing import Any
 
 from pydantic import BaseModel, ConfigDict, Field, StrictBool, field_validator, model_validator
 
-from app.flights.sources import SourceRequest
+from app.flights.sources.source import SourceRequest
 from app.json_codec import Whole
 from core.limit_set import ConditionKey
 

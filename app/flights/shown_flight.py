@@ -11,10 +11,10 @@ from typing import Any
 import numpy as np
 
 from app.flights.flight import patience
-from app.flights.live import LiveSetup
-from app.flights.playback import Angles, Script, onsets
 from app.flights.recorder import CODES
-from app.flights.track import SourceError
+from app.flights.sources.live import LiveSetup
+from app.flights.sources.playback import Angles, Script, onsets
+from app.flights.sources.track import SourceError
 from app.live.again import ShownSample, shown_again
 from app.live.journal import lines_of
 from app.live.lag import Lag

@@ -13,7 +13,7 @@ from app.flights.flight_records import accepts_useless, flight_name, source_of
 from app.flights.flights import Flights, TooManyFlights
 from app.flights.recorder import INTERVAL_S
 from app.flights.request import FlightRequest
-from app.flights.sources import mode_of
+from app.flights.sources.source import mode_of
 from app.flights.transport import NotPossible, TransportError
 from app.http.problems import Problem, problem_responses
 from app.messages import (

@@ -7,7 +7,7 @@ from fastapi import APIRouter, Body, Request, Response
 from pydantic import BaseModel, ConfigDict, Field
 
 from app.flights.flights import Flights, TooManyFlights
-from app.flights.live import LiveFlight, SequenceConflict
+from app.flights.sources.live import LiveFlight, SequenceConflict
 from app.flights.transport import NotPossible
 from app.http.problems import Problem, problem_responses
 from app.live.journal import JournalFull

@@ -8,7 +8,7 @@ from fastapi import APIRouter, WebSocket
 from starlette.status import WS_1008_POLICY_VIOLATION
 
 from app.flights.flights import Flights, TooManyFlights
-from app.flights.live import LiveFlight, SequenceConflict, TakenBatch
+from app.flights.sources.live import LiveFlight, SequenceConflict, TakenBatch
 from app.flights.transport import NotPossible
 from app.http.connection import Connection, accepted
 from app.live.batches import sequence_of

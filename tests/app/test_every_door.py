@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from starlette.testclient import TestClient
 
-from app.flights.playback import AssessedTrack
-from app.flights.track import Track
+from app.flights.sources.playback import AssessedTrack
+from app.flights.sources.track import Track
 from app.recordings.scored_file import ScoreRequest, score_file
 from app.scoring import ScoringRecipe
 from core.monitor import Assessment, Monitor, State

@@ -12,7 +12,7 @@ import pytest
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import ClientConnection, connect
 
-from app.flights.live import LiveSetup
+from app.flights.sources.live import LiveSetup
 from app.live.batches import ChannelReader
 from app.live.journal import Journals, lines_of
 from app.settings import Settings

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from app.flights.live import LiveSetup
+from app.flights.sources.live import LiveSetup
 from app.live.again import shown_again
 from app.live.batches import ChannelReader
 from app.live.journal import Journals, lines_of

@@ -13,9 +13,9 @@ from pydantic import ValidationError
 
 from app.flights.display_monitors import DisplayMonitor, check_alike
 from app.flights.flights import Flights
-from app.flights.live import LiveFlight
 from app.flights.request import FlightRequest
-from app.flights.track import SourceError
+from app.flights.sources.live import LiveFlight
+from app.flights.sources.track import SourceError
 from app.live.journal import Journals
 from app.live.resampling import Sample
 from app.live.scorer import CausalScorer, TrimRule

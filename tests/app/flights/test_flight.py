@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from app.flights.replay import LEFT_S
+from app.flights.sources.replay import LEFT_S
 from app.flights.transport import CATCH_UP_S, NotPossible, TransportError
 from core.monitor import Monitor, State
 from core.monitor.status import Level

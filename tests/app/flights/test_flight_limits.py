@@ -12,9 +12,9 @@ import numpy as np
 import pytest
 
 from app.flights.flights import Flights
-from app.flights.live import LiveFlight, LiveSetup
 from app.flights.request import FlightRequest
 from app.flights.shown_flight import ShownFlight
+from app.flights.sources.live import LiveFlight, LiveSetup
 from app.flights.transport import NotPossible
 from app.live.batches import ChannelReader
 from app.live.journal import Journals

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from app.flights.flight import HEARTBEAT_S, patience
-from app.flights.track import Track
+from app.flights.sources.track import Track
 from app.flights.transport import NotPossible
 from app.flights.watcher import NEWEST
 from app.messages import Frames, Hello

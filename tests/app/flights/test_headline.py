@@ -11,7 +11,7 @@ import pytest
 
 from app.flights.ended import records, verdict
 from app.flights.exceedance import exceedance
-from app.flights.recorded_playback import RecordedScript
+from app.flights.sources.recorded_playback import RecordedScript
 from app.messages import Judged, MeasuredExceedance
 from app.store.alarms import StoredAlarm
 from core.monitor import State

@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 from app.flights.recorder import CODES
-from app.flights.replay import TrackFlight
 from app.flights.shown_flight import ShownFlight
-from app.flights.track import SourceError
+from app.flights.sources.replay import TrackFlight
+from app.flights.sources.track import SourceError
 from app.store.assessments import StoredAssessments, pack
 from core.monitor import train
 from core.types import Array

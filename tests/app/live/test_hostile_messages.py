@@ -13,7 +13,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from app.flights.live import LiveFlight, LiveSetup, SequenceConflict
+from app.flights.sources.live import LiveFlight, LiveSetup, SequenceConflict
 from app.live.batches import ChannelReader
 from app.live.journal import Journals, lines_of
 from app.live.scorer import TrimRule

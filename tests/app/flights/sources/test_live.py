@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from app.flights.live import LiveFlight, LiveSetup, SequenceConflict
+from app.flights.sources.live import LiveFlight, LiveSetup, SequenceConflict
 from app.flights.transport import NotPossible
 from app.live.batches import ChannelReader
 from app.live.journal import Journals, lines_of

@@ -7,14 +7,14 @@ from typing import Any
 import numpy as np
 import pytest
 
-from app.flights.sources import (
+from app.flights.sources.source import (
     Replay,
     Simulated,
     aircraft_of,
     simulate,
     trim_angles,
 )
-from app.flights.track import SourceError, Track, times
+from app.flights.sources.track import SourceError, Track, times
 from app.recipes import RecipeError, to_plain
 from app.store.store import NotFound, Store, open_store
 from core.collection import DatasetRecipe, Simulator, collect

@@ -7,7 +7,7 @@ samples of that one script: seek, step and loop cannot change a bit of a score.
 from typing import Any
 
 from app.flights.flight import Flight, FlightPlan, patience
-from app.flights.playback import Script
+from app.flights.sources.playback import Script
 from app.flights.transport import Due, NotPossible, Transport, TransportError
 from app.messages import MeasuredExceedance, TransportChange, TransportState, plain_frame
 from app.scoring.limits_in_force import LimitsInForce, LimitsRule, Ruling

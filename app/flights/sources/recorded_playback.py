@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from app.flights.playback import Angles, Script, onsets
+from app.flights.sources.playback import Angles, Script, onsets
 from app.messages import Judged, MeasuredExceedance
 from app.recordings.reasons import reason
 from app.scoring.limits_history import HeldLimits

@@ -14,12 +14,12 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from app.flights.display_monitors import DisplayMonitor
 from app.flights.flight import Flight
-from app.flights.live import LiveFlight, LiveSetup
-from app.flights.playback import AssessedTrack, Script
-from app.flights.recorded_playback import RecordedScript
-from app.flights.replay import TrackFlight
 from app.flights.shown_flight import ShownFlight
-from app.flights.track import SourceError, Track, times
+from app.flights.sources.live import LiveFlight, LiveSetup
+from app.flights.sources.playback import AssessedTrack, Script
+from app.flights.sources.recorded_playback import RecordedScript
+from app.flights.sources.replay import TrackFlight
+from app.flights.sources.track import SourceError, Track, times
 from app.json_codec import Whole
 from app.live.again import header_of
 from app.live.batches import ChannelReader, Names

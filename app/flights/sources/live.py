@@ -20,9 +20,9 @@ from app.flights.exceedance import exceedance
 from app.flights.flight import Angles, Flight, FlightPlan, patience
 from app.flights.flight_limits import to_store
 from app.flights.recorder import JOURNALLED_S
-from app.flights.track import SourceError
+from app.flights.sources.track import SourceError
+from app.flights.sources.udp import UdpReceiver
 from app.flights.transport import NotPossible
-from app.flights.udp import UdpReceiver
 from app.live.again import settled_by
 from app.live.batches import Batch, ChannelReader, decode_batch
 from app.live.journal import Journal, JournalFull, Journals

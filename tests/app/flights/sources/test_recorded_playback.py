@@ -6,8 +6,8 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from app.flights.recorded_playback import RecordedScript
-from app.flights.replay import TrackFlight
+from app.flights.sources.recorded_playback import RecordedScript
+from app.flights.sources.replay import TrackFlight
 from app.flights.transport import NotPossible
 from core.monitor import State
 from core.monitor.assessment import REASONS, STATES

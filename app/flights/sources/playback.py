@@ -9,7 +9,7 @@ from collections.abc import Iterable
 import numpy as np
 
 from app.flights.exceedance import exceedance
-from app.flights.track import Track
+from app.flights.sources.track import Track
 from app.messages import MeasuredExceedance
 from app.scoring.limits_in_force import Ruling
 from core.monitor import Assessment, Monitor

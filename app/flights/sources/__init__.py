@@ -1,0 +1,1 @@
+"""Where a flight's samples come from, and how each kind of source is flown."""
