@@ -3,8 +3,8 @@
 import argparse
 import sys
 
-from app.commands.results import add_json
-from app.commands.stored_data import add_place, place_of
+from app.commands.options.stored_data import add_place, place_of
+from app.commands.output.results import add_json
 from app.routes.audit import as_csv, as_json_lines, utc
 from app.store.store import open_store
 

@@ -4,8 +4,8 @@ import argparse
 import hashlib
 from pathlib import Path
 
-from app.commands.destinations import check_file
-from app.commands.results import add_json, print_result
+from app.commands.options.destinations import check_file
+from app.commands.output.results import add_json, print_result
 from app.report.certificate import certificate_page
 from core.monitor import load
 from core.monitor.portable import read

@@ -4,7 +4,7 @@ import argparse
 from dataclasses import asdict
 from pathlib import Path
 
-from app.commands.results import add_json, print_result
+from app.commands.output.results import add_json, print_result
 from app.recipes import from_plain
 from core.collection import DatasetRecipe, evaluation_flights
 from core.epsilon_choice import Choice, choose_by_costs, choose_by_targets

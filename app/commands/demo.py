@@ -16,7 +16,7 @@ from fastapi import FastAPI
 from httpx2 import ASGITransport, AsyncClient
 
 from app.commands import serve as serve_command
-from app.commands.progress import progress_bar
+from app.commands.output.progress import progress_bar
 from app.http.login import COOKIE
 from app.jobs.requests import dataset_name
 from app.jobs.training import simulate, train_and_test

@@ -21,7 +21,7 @@ from sqlalchemy import make_url
 from websockets.asyncio.client import connect
 
 from app.commands import serve
-from app.commands.results import add_json, print_result
+from app.commands.output.results import add_json, print_result
 from app.integrity import all_items
 from app.jobs.training import simulate
 from app.main import STATIC, create_app

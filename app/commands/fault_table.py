@@ -4,8 +4,8 @@ import argparse
 from collections.abc import Sequence
 from dataclasses import asdict
 
-from app.commands.progress import progress_bar
-from app.commands.tables import add_table_options, names, print_table, recipe_of
+from app.commands.output.progress import progress_bar
+from app.commands.output.tables import add_table_options, names, print_table, recipe_of
 from app.scoring.fault_table import (
     FAULTS,
     KINDS,

@@ -10,8 +10,8 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from app.client import LiveClient, PushFailed
+from app.commands.output.results import add_json, print_result
 from app.commands.recorded_rows import RecordedRows, own_rows, si_rows
-from app.commands.results import add_json, print_result
 
 INTERRUPTED = 130
 TOKEN = "FOREWARN_TOKEN"

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from app.commands.mapping_lines import mapping_lines, read_mapping
+from app.commands.output.mapping_lines import mapping_lines, read_mapping
 from app.telemetry.contents import Columns, open_columns
 from app.telemetry.mapping.applying import apply_mapping
 from app.telemetry.mapping.mapping import Mapping

@@ -4,8 +4,8 @@ import argparse
 from dataclasses import asdict
 from pathlib import Path
 
-from app.commands.results import add_json, print_result
-from app.commands.stored_data import add_place, place_of
+from app.commands.options.stored_data import add_place, place_of
+from app.commands.output.results import add_json, print_result
 from app.upkeep.restore import restore
 
 

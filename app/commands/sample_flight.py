@@ -5,8 +5,8 @@ from pathlib import Path
 
 import numpy as np
 
-from app.commands.destinations import check_file
-from app.commands.results import add_json, print_result
+from app.commands.options.destinations import check_file
+from app.commands.output.results import add_json, print_result
 from core.channels import KEYS
 from core.collection import DatasetRecipe, evaluation_flights
 from core.types import Array

@@ -9,11 +9,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from app.commands.destinations import check_directory
-from app.commands.mapping_lines import contents_lines, mapping_lines
-from app.commands.mapping_request import asking_for_mapping
-from app.commands.results import add_json, print_result
-from app.commands.scoring_options import SETTINGS, add_scoring_options, request_of
+from app.commands.options.destinations import check_directory
+from app.commands.options.mapping_request import asking_for_mapping
+from app.commands.options.scoring import SETTINGS, add_scoring_options, request_of
+from app.commands.output.mapping_lines import contents_lines, mapping_lines
+from app.commands.output.results import add_json, print_result
 from app.recordings.exports import export
 from app.recordings.mapping_memory import MappingMemory
 from app.recordings.scored_file import Scored, ScoredFile, ScoreRequest, score_file

@@ -5,7 +5,7 @@ import argparse
 from fastapi import FastAPI
 
 from app import serving
-from app.commands.stored_data import add_place
+from app.commands.options.stored_data import add_place
 from app.http.people import People
 from app.http.sessions import Sessions
 from app.settings import Settings, read_settings

@@ -3,10 +3,10 @@
 import argparse
 from pathlib import Path
 
-from app.commands.destinations import check_directory
-from app.commands.progress import progress_bar
-from app.commands.recipe_options import add_number, add_recipe_options, plain_recipe, print_recipe
-from app.commands.results import add_json, print_result
+from app.commands.options.destinations import check_directory
+from app.commands.options.recipe import add_number, add_recipe_options, plain_recipe, print_recipe
+from app.commands.output.progress import progress_bar
+from app.commands.output.results import add_json, print_result
 from app.recipes import from_plain
 from app.report.study import summary, write_study
 from core.study import StudyRecipe, study

@@ -5,8 +5,8 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from typing import get_args
 
-from app.commands.progress import progress_bar
-from app.commands.tables import add_table_options, names, print_table, recipe_of
+from app.commands.output.progress import progress_bar
+from app.commands.output.tables import add_table_options, names, print_table, recipe_of
 from core.certificate import USELESS
 from core.lead_sweep import METHODS, TESTS, Cell, PlannedTestSweep, SweepRecipe, sweep
 from core.monitor.calibration import Guarantee

@@ -4,8 +4,8 @@ import argparse
 import getpass
 from dataclasses import asdict
 
-from app.commands.results import add_json, print_result
-from app.commands.stored_data import add_place, place_of
+from app.commands.options.stored_data import add_place, place_of
+from app.commands.output.results import add_json, print_result
 from app.settings import Settings
 from app.store.audit import AuditEntry
 from app.store.store import Store, open_store

@@ -7,10 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from app.commands.destinations import check_file
-from app.commands.progress import progress_bar
-from app.commands.recipe_options import add_number, add_recipe_options, plain_recipe, print_recipe
-from app.commands.results import add_json, print_result
+from app.commands.options.destinations import check_file
+from app.commands.options.recipe import add_number, add_recipe_options, plain_recipe, print_recipe
+from app.commands.output.progress import progress_bar
+from app.commands.output.results import add_json, print_result
 from app.jobs.requests import N_TEST
 from app.jobs.training import FlownTest, Training, simulate, train_and_test
 from app.recipes import from_plain

@@ -5,8 +5,8 @@ from collections.abc import Sequence
 from dataclasses import asdict
 from typing import Any
 
-from app.commands.progress import progress_bar
-from app.commands.tables import add_table_options, names, print_table, recipe_of
+from app.commands.output.progress import progress_bar
+from app.commands.output.tables import add_table_options, names, print_table, recipe_of
 from core.monitor.recipe import MonitorRecipe
 from core.simulation.published import MODELS
 from core.validity_matrix import MatrixRecipe, Pair, pairs

@@ -11,7 +11,7 @@ from typing import Any, get_args
 
 import numpy as np
 
-from app.commands.sample_interval import adjust_to_interval
+from app.commands.options.sample_interval import adjust_to_interval
 from app.recipes import (
     AUTO,
     Imperfect,

@@ -8,8 +8,8 @@ from dataclasses import asdict, fields
 from pathlib import Path
 from typing import Any
 
-from app.commands.destinations import check_file
-from app.commands.results import add_json, print_result
+from app.commands.options.destinations import check_file
+from app.commands.output.results import add_json, print_result
 from core.whole_file import write_whole
 
 

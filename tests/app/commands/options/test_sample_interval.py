@@ -5,7 +5,7 @@ import json
 import pytest
 
 from app.cli import main
-from app.commands.sample_interval import MOST_DELAY
+from app.commands.options.sample_interval import MOST_DELAY
 from core.monitor import MonitorRecipe
 from core.planned_test import DatasetRecipe
 

@@ -3,7 +3,7 @@
 import argparse
 from pathlib import Path
 
-from app.commands.mapping_lines import read_mapping
+from app.commands.output.mapping_lines import read_mapping
 from app.recordings.mapping_memory import MappingMemory
 from app.recordings.scored_file import ScoreRequest
 from app.scoring.recipe import Interval, ScoringRecipe

@@ -1,0 +1,1 @@
+"""What commands share that print: progress, results, tables, lines."""
