@@ -27,6 +27,7 @@ from core.amplitude import WANTED_SHARE
 from core.bounds import bounds_of
 from core.channels import CHANNELS
 from core.collection import DatasetRecipe
+from core.evaluation.study import StudyRecipe
 from core.flight_markers import FLIGHT_MARKERS
 from core.limit_set import CONDITIONS
 from core.monitor import MonitorRecipe
@@ -34,7 +35,6 @@ from core.monitor.recipe import METHODS
 from core.recipe import FAMILIES, Family
 from core.simulation.aircraft import Aircraft
 from core.specification import SPECIFICATIONS, Limits
-from core.study import StudyRecipe
 
 RECIPES: dict[str, Any] = {
     "dataset": DatasetRecipe(),

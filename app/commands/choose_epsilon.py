@@ -7,8 +7,8 @@ from pathlib import Path
 from app.commands.output.results import add_json, print_result
 from app.recipes import from_plain
 from core.collection import DatasetRecipe, evaluation_flights
-from core.epsilon_choice import Choice, choose_by_costs, choose_by_targets
-from core.evaluation import clopper_pearson
+from core.evaluation.epsilon_choice import Choice, choose_by_costs, choose_by_targets
+from core.evaluation.rates import clopper_pearson
 from core.monitor import load
 
 N_FLIGHTS = 10_000

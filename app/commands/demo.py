@@ -30,7 +30,7 @@ from core import __version__
 from core.channels import KEYS
 from core.collection import DatasetRecipe, Rollouts
 from core.dataset import Dataset
-from core.evaluation import evaluate
+from core.evaluation.rates import evaluate
 from core.kernels.compiled import cache_directory
 from core.monitor import MonitorRecipe, train
 from core.monitor.training import with_validity

@@ -21,7 +21,7 @@ from app.scoring.limits_history import pieces_of
 from app.scoring.planned_test import planned_test
 from app.scoring.verdict import sensors, verdict
 from app.telemetry.mapping.typed_rate import counts_the_day
-from core.certificate import warnings_of
+from core.evaluation.certificate import warnings_of
 from core.whole_file import write_whole
 
 MAPPING = "mapping.json"

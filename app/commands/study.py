@@ -9,7 +9,7 @@ from app.commands.output.progress import progress_bar
 from app.commands.output.results import add_json, print_result
 from app.recipes import from_plain
 from app.report.study import summary, write_study
-from core.study import StudyRecipe, study
+from core.evaluation.study import StudyRecipe, study
 
 
 def add(parser: argparse.ArgumentParser) -> None:

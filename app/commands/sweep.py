@@ -7,8 +7,8 @@ from typing import get_args
 
 from app.commands.output.progress import progress_bar
 from app.commands.output.tables import add_table_options, names, print_table, recipe_of
-from core.certificate import USELESS
-from core.lead_sweep import METHODS, TESTS, Cell, PlannedTestSweep, SweepRecipe, sweep
+from core.evaluation.certificate import USELESS
+from core.evaluation.lead_sweep import METHODS, TESTS, Cell, PlannedTestSweep, SweepRecipe, sweep
 from core.monitor.calibration import Guarantee
 
 

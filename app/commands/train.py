@@ -15,13 +15,13 @@ from app.jobs.requests import N_TEST
 from app.jobs.training import FlownTest, Training, simulate, train_and_test
 from app.recipes import from_plain
 from app.scoring.wording import PROMISED
-from core.certificate import warnings_of
 from core.collection import DatasetRecipe
 from core.dataset import Dataset
-from core.evaluation import Evaluation, clopper_pearson
+from core.evaluation.certificate import warnings_of
+from core.evaluation.prevention import Prevention
+from core.evaluation.rates import Evaluation, clopper_pearson
+from core.evaluation.robustness import DIFFERENCES
 from core.monitor import MonitorRecipe
-from core.prevention import Prevention
-from core.robustness import DIFFERENCES
 
 
 @dataclass(frozen=True)

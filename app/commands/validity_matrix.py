@@ -7,9 +7,9 @@ from typing import Any
 
 from app.commands.output.progress import progress_bar
 from app.commands.output.tables import add_table_options, names, print_table, recipe_of
+from core.evaluation.validity_matrix import MatrixRecipe, Pair, pairs
 from core.monitor.recipe import MonitorRecipe
 from core.simulation.published import MODELS
-from core.validity_matrix import MatrixRecipe, Pair, pairs
 
 FEW = 100
 """Exceeding flights below which a bound says little."""

@@ -43,8 +43,8 @@ from app.messages import (
     validity_word,
 )
 from app.scoring.limits_in_force import ChangeOfLimits, LimitsInForce, Ruling
-from core.certificate import warnings_of
 from core.channels import KEYS
+from core.evaluation.certificate import warnings_of
 from core.flight_markers import FLIGHT_MARKERS, FlightMarkerKey
 from core.monitor import Assessment, Monitor, State
 from core.monitor.assessment import Cause

@@ -48,7 +48,7 @@ from app.store.flights import INTERRUPTED, UnderWay
 from app.store.look import StoreLook
 from app.store.store import NotFound, Store, StoreError
 from app.store.tokens import LOCAL
-from core.certificate import check_use
+from core.evaluation.certificate import check_use
 from core.flight_markers import FlightMarkerKey
 from core.limit_set import ConditionKey
 from core.monitor import Monitor

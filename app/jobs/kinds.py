@@ -6,7 +6,7 @@ from app.jobs.jobs import Task, Work
 from app.jobs.requests import DatasetRequest, MonitorRequest, dataset_name
 from app.jobs.training import simulate, train_and_test
 from app.store.store import Store
-from core.study import StudyRecipe, study
+from core.evaluation.study import StudyRecipe, study
 
 
 def dataset_work(request: DatasetRequest, store: Store) -> Work:

@@ -17,10 +17,10 @@ from app.store.store import Store
 from core.amplitude import WANTED_SHARE, Suggestion, suggest_amplitude
 from core.collection import LARGEST_CHUNK, DatasetRecipe, Simulator, card_of
 from core.dataset import Dataset
+from core.evaluation.study import StudyRecipe
 from core.monitor import MonitorRecipe
 from core.monitor.calibration import check_epsilon
 from core.simulation.maneuver import Maneuver
-from core.study import StudyRecipe
 
 LONGEST_NAME = 200
 LARGEST_N_MONITORS = 100

@@ -19,7 +19,8 @@ from core.collection import (
     stopped_flights,
 )
 from core.dataset import Dataset
-from core.evaluation import (
+from core.evaluation.prevention import Prevention, prevention
+from core.evaluation.rates import (
     EPSILONS,
     Evaluation,
     clopper_pearson,
@@ -28,11 +29,10 @@ from core.evaluation import (
     first_alerts,
     leads,
 )
+from core.evaluation.robustness import DIFFERENCES, robustness
 from core.monitor import Monitor, MonitorRecipe, train
 from core.monitor.support import SupportError
 from core.monitor.training import with_validity
-from core.prevention import Prevention, prevention
-from core.robustness import DIFFERENCES, robustness
 from core.seeds import Branch, stream
 from core.types import Array
 

@@ -21,7 +21,7 @@ from app.telemetry.mapping.typed_rate import rate_words
 from app.telemetry.reading import read_file
 from app.telemetry.recording import TelemetryError
 from app.telemetry.timing.repair import RepairedTraces, repair
-from core.certificate import UselessMonitor, check_use
+from core.evaluation.certificate import UselessMonitor, check_use
 from core.monitor import Monitor, load
 from core.simulation.attitude import surface_signs
 

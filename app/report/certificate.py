@@ -4,9 +4,9 @@ from app.recipes import to_plain
 from app.report.page import TEMPLATES
 from app.scoring.wording import PROMISED
 from core import __version__
-from core.certificate import certificate, warnings_of
 from core.channels import CHANNELS
-from core.evaluation import clopper_pearson
+from core.evaluation.certificate import certificate, warnings_of
+from core.evaluation.rates import clopper_pearson
 from core.monitor import Monitor
 
 

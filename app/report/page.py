@@ -19,8 +19,8 @@ from app.scoring.wording import PROMISED
 from app.telemetry.mapping.mapping import TimeSource
 from app.telemetry.mapping.typed_rate import counts_the_day, time_of_day
 from core import __version__
-from core.certificate import certificate, warnings_of
 from core.channels import CHANNELS, Channel, significant
+from core.evaluation.certificate import certificate, warnings_of
 
 CONFIDENT = 0.9
 """Confidence from which a proposal goes without its reasons."""

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from app.recipes import to_plain
-from core.study import MethodResult, StudyResult
+from core.evaluation.study import MethodResult, StudyResult
 from core.whole_file import write_whole
 
 SHOWN = (0.05, 0.1, 0.2, 0.3)

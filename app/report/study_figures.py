@@ -14,7 +14,7 @@ from core.monitor import Assessments, Monitor
 from core.types import Array, Indices
 
 if TYPE_CHECKING:
-    from core.study import MethodResult, StudyResult
+    from core.evaluation.study import MethodResult, StudyResult
 
 
 # Okabe and Ito's colours keep apart for colour-blind eyes; dashes repeat the difference.

@@ -32,7 +32,7 @@ from app.recipes import RecipeError
 from app.routes.dependencies import PersonDep, json_from, signature
 from app.store.flights import FlightInfo, UnderWay
 from app.store.tokens import LOCAL
-from core.certificate import UselessMonitor
+from core.evaluation.certificate import UselessMonitor
 from core.flight_markers import FlightMarkerKey
 from core.monitor import State
 from core.monitor.assessment import Cause

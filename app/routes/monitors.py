@@ -34,8 +34,8 @@ from app.routes.job_answers import ACCEPTED, accepted
 from app.routes.sent_files import CONTENT, OCTETS, sent_file
 from app.store.jobs import JobInfo
 from app.store.monitors import MonitorInfo
-from core.certificate import warnings_of
 from core.channels import KEYS
+from core.evaluation.certificate import warnings_of
 from core.monitor.assessment import Exemplar
 
 router = APIRouter(prefix="/api/v1/monitors", tags=["monitors"])

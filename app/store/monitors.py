@@ -24,7 +24,7 @@ from app.store.tables import (
     recordings,
     scorings,
 )
-from core.certificate import warnings_of
+from core.evaluation.certificate import warnings_of
 from core.monitor import Monitor, MonitorRecipe
 from core.monitor.calibration import Guarantee, alert_above
 from core.monitor.loading import from_bytes

@@ -18,7 +18,7 @@ from app.commands.demo import NAME, prepare
 from app.serving import Server, address_of, alone, listen
 from app.settings import Settings, SettingsError
 from app.store.store import open_store
-from core.evaluation import evaluate
+from core.evaluation.rates import evaluate
 from tests.support.api import command, served
 from tests.support.patience import PATIENCE
 

@@ -5,10 +5,10 @@ import numpy as np
 import pytest
 
 from core.collection import DatasetRecipe
+from core.evaluation.study import StudyRecipe, study
 from core.simulation.aircraft import PublishedAircraft, Uncertainty
 from core.simulation.control_law import CONTROL_LAWS
 from core.simulation.maneuver import Doublet
-from core.study import StudyRecipe, study
 from tests.benchmarks.pairs import in_turns
 from tests.support import plain_twin as twin
 

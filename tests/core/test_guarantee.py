@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 
 from core.collection import DatasetRecipe, Simulator, collect
-from core.evaluation import evaluate
+from core.evaluation.rates import evaluate
+from core.evaluation.study import METHODS, StudyRecipe, StudyResult, study
 from core.monitor import MonitorRecipe, train
 from core.simulation.aircraft import PublishedAircraft
 from core.simulation.control_law import CONTROL_LAWS
 from core.simulation.imperfections import Imperfections
 from core.simulation.maneuver import Doublet
-from core.study import METHODS, StudyRecipe, StudyResult, study
 
 FITS = 16
 PLANTS = {

@@ -64,7 +64,9 @@ def test_study_repeats_to_the_byte_for_a_seed(small_studied, tmp_path: Path):
     assert contents(tmp_path / "again") == small_studied[0]
 
 
-@pytest.mark.parametrize("moment", ["core.study.evaluate", "app.report.study_figures.study_curves"])
+@pytest.mark.parametrize(
+    "moment", ["core.evaluation.study.evaluate", "app.report.study_figures.study_curves"]
+)
 def test_interrupted_study_leaves_nothing_behind(
     moment: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture
 ):

@@ -15,7 +15,7 @@ from starlette.websockets import WebSocketDisconnect
 from app.flights.flights import Flights
 from app.flights.watcher import CREDIT
 from app.messages import Hello
-from core.certificate import UNTESTED
+from core.evaluation.certificate import UNTESTED
 from tests.app.flights.test_flights import RECIPE, monitor
 from tests.support.api import api, problem, store_of
 from tests.support.flying import ScriptedClock

@@ -3,7 +3,7 @@ import threading
 import pytest
 
 from app.store.store import open_store
-from core.study import METHODS
+from core.evaluation.study import METHODS
 from tests.support.api import api, events, finished, problem
 from tests.support.patience import PATIENCE
 

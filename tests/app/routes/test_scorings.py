@@ -11,7 +11,7 @@ from app.recordings import scored as scored_recordings
 from app.recordings.recordings import Recordings
 from app.recordings.samples import open_samples
 from app.recordings.verified import Verified
-from core.certificate import UNTESTED
+from core.evaluation.certificate import UNTESTED
 from core.monitor import MonitorRecipe, train
 from tests.support.api import api, problem, store_of
 from tests.support.oscillator import DT

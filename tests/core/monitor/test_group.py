@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from core.channels import CHANNELS, KEYS
-from core.evaluation import evaluate, evaluate_groups
+from core.evaluation.rates import evaluate, evaluate_groups
 from core.monitor import MonitorRecipe, train
 from core.monitor.group import GROUPINGS, FirstLimit, LargestDeflection
 from core.specification import Limits, Specification

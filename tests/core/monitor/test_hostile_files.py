@@ -20,8 +20,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from core.certificate import warnings_of
 from core.dataset import Dataset
+from core.evaluation.certificate import warnings_of
 from core.monitor import Monitor, MonitorRecipe, train
 from core.monitor.innovation import fit_innovation
 from core.monitor.loading import from_bytes

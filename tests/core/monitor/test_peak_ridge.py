@@ -9,7 +9,7 @@ from threadpoolctl import threadpool_limits
 
 from core.collection import collect, evaluation_flights, fresh, training_rollouts
 from core.dataset import Dataset
-from core.evaluation import evaluate
+from core.evaluation.rates import evaluate
 from core.kernels.peak_ridge import PeakWeights
 from core.monitor import Monitor, MonitorRecipe, State, train
 from core.monitor.loading import from_bytes

@@ -9,7 +9,7 @@ import pytest
 
 from core.card import CardError
 from core.collection import card_of, collect, evaluation_flights, fresh
-from core.evaluation import evaluate
+from core.evaluation.rates import evaluate
 from core.kernels.response_filter import SIGN, SWITCHED, CardResponses, begin, update
 from core.monitor import Monitor, MonitorRecipe, State, train
 from core.monitor.loading import from_bytes

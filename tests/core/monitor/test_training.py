@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from core.dataset import Dataset
-from core.evaluation import evaluate
+from core.evaluation.rates import evaluate
 from core.monitor import MonitorRecipe, train
 from core.monitor.predictor import PREDICTORS
 from core.monitor.score import SCORES

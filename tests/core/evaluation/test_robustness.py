@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 
 from core.collection import DatasetRecipe, collect, fresh
+from core.evaluation.robustness import DIFFERENCES, robustness
 from core.monitor import MonitorRecipe, train
 from core.planned_test import SensorNoise, Simulator
-from core.robustness import DIFFERENCES, robustness
 
 RECIPE = DatasetRecipe(n_unsafe=30, noise=SensorNoise(beta=0.001, Ny=0.004), seed=4)
 

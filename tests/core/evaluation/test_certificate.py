@@ -4,8 +4,8 @@ from typing import Any
 
 import pytest
 
-from core.certificate import UNTESTED, certificate, warnings_of
-from core.evaluation import clopper_pearson
+from core.evaluation.certificate import UNTESTED, certificate, warnings_of
+from core.evaluation.rates import clopper_pearson
 
 
 def evaluation(misses: int, false_alerts: int, n: int = 500, **more: Any) -> dict[str, Any]:

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from core.evaluation import clopper_pearson
+from core.evaluation.rates import clopper_pearson
 
 USELESS = 0.2
 """A monitor is of no use that lets, with 97.5 % confidence, less of the safe flights pass."""

@@ -13,7 +13,7 @@ from core.bounds import Bounds, check_bounds
 from core.channels import KEYS
 from core.collection import DatasetRecipe, Rollouts, Simulator, collect
 from core.dataset import Dataset
-from core.evaluation import EPSILONS, Evaluation, clustered_interval, evaluate
+from core.evaluation.rates import EPSILONS, Evaluation, clustered_interval, evaluate
 from core.kernels.compiled import on_this_thread
 from core.monitor.calibration import smallest_epsilon
 from core.monitor.monitor import Monitor

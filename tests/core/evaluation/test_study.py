@@ -5,11 +5,11 @@ import pytest
 
 from core.collection import DatasetRecipe, Rollouts, Simulator, collect
 from core.dataset import Dataset
-from core.evaluation import EPSILONS, evaluate
+from core.evaluation.rates import EPSILONS, evaluate
+from core.evaluation.study import METHODS, StudyRecipe, StudyResult, study
 from core.monitor import MonitorRecipe, train
 from core.monitor.predictor import PREDICTORS
 from core.monitor.score import SCORES
-from core.study import METHODS, StudyRecipe, StudyResult, study
 from tests.support import plain_twin as twin
 
 TWINS = dict(zip(METHODS, twin.METHODS, strict=True))

@@ -7,14 +7,14 @@ import pytest
 from scipy import stats
 
 from core.collection import DatasetRecipe, card_of, collect, evaluation_flights
-from core.epsilon_choice import (
+from core.evaluation.epsilon_choice import (
     ChoiceError,
     candidates,
     choose_by_costs,
     choose_by_targets,
     upper_bound,
 )
-from core.evaluation import evaluate
+from core.evaluation.rates import evaluate
 from core.monitor import Monitor, MonitorRecipe, train
 from core.monitor.predictor import PREDICTORS
 from core.monitor.score import SCORES

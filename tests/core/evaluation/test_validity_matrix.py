@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from pydantic import TypeAdapter
 
+from core.evaluation.validity_matrix import MatrixRecipe, Pair, pairs
 from core.monitor import MonitorRecipe
 from core.simulation.published import MODELS
-from core.validity_matrix import MatrixRecipe, Pair, pairs
 from tests.support.places import DATA, ROOT
 
 ROUNDING = 2

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from core.collection import DatasetRecipe, evaluation_flights, stopped_flights
-from core.prevention import VARIATION, prevention
+from core.evaluation.prevention import VARIATION, prevention
 from core.types import Indices
 
 RECIPE = DatasetRecipe(n_unsafe=30, seed=4)

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from core.evaluation import Evaluation, clopper_pearson, evaluate
+from core.evaluation.rates import Evaluation, clopper_pearson, evaluate
 from core.monitor.monitor import Monitor
 from core.planned_test import Rollouts
 from core.types import Array, Flags

@@ -5,7 +5,7 @@ import pytest
 from scipy import stats
 
 from core.dataset import Dataset
-from core.evaluation import (
+from core.evaluation.rates import (
     EPSILONS,
     Evaluation,
     clopper_pearson,

@@ -13,7 +13,7 @@ import numpy as np
 from core.amplitude import AmplitudeError, suggest_amplitude
 from core.channels import KEYS
 from core.collection import collect, fresh
-from core.evaluation import clopper_pearson
+from core.evaluation.rates import clopper_pearson
 from core.monitor.monitor import Monitor
 from core.monitor.training import train
 from core.planned_test import DatasetRecipe, Simulator

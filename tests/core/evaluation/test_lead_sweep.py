@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from core import lead_sweep
 from core.collection import card_of, collect, evaluation_flights
-from core.evaluation import evaluate
-from core.lead_sweep import METHODS, TESTS, PlannedTestSweep, SweepRecipe, sweep
+from core.evaluation import lead_sweep
+from core.evaluation.lead_sweep import METHODS, TESTS, PlannedTestSweep, SweepRecipe, sweep
+from core.evaluation.rates import evaluate
 from core.monitor import MonitorRecipe, train
 from core.seeds import monitor_seeds
 from core.simulation.maneuver import FrequencySweep

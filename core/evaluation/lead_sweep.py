@@ -18,7 +18,8 @@ import numpy as np
 from core.bounds import Bounds, check_bounds
 from core.card import Card, CardError
 from core.collection import card_of, collect, evaluation_flights, stopped_flights
-from core.evaluation import clustered_interval, first_alerts
+from core.evaluation.prevention import REACTIONS_S, prevention
+from core.evaluation.rates import clustered_interval, first_alerts
 from core.kernels.compiled import on_this_thread
 from core.monitor.calibration import Guarantee, check_epsilon, p_values
 from core.monitor.monitor import Monitor
@@ -27,7 +28,6 @@ from core.monitor.recipe import MISS_RATE, MonitorRecipe
 from core.monitor.score import SCORES, Score
 from core.monitor.training import SafeObservations, train
 from core.planned_test import DatasetRecipe, Rollouts, SensorNoise
-from core.prevention import REACTIONS_S, prevention
 from core.seeds import Branch, monitor_seeds, stream
 from core.simulation.aircraft import AIRCRAFT
 from core.simulation.control_law import CONTROL_LAWS

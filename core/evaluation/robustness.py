@@ -5,7 +5,7 @@ from dataclasses import asdict, dataclass, replace
 
 import numpy as np
 
-from core.evaluation import Evaluation, evaluate
+from core.evaluation.rates import Evaluation, evaluate
 from core.monitor.monitor import Monitor
 from core.planned_test import DatasetRecipe, SensorNoise, Simulator
 from core.seeds import Branch, stream
