@@ -8,7 +8,7 @@ from app.commands.options.destinations import check_file
 from app.commands.output.results import add_json, print_result
 from app.report.certificate import certificate_page
 from core.monitor import load
-from core.monitor.portable import read
+from core.monitor.file.portable import read
 from core.whole_file import write_whole
 
 

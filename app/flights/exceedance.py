@@ -6,7 +6,7 @@ import numpy as np
 
 from app.messages import ChannelExceedances, Judged, LatchedExceedance, MeasuredExceedance
 from core.channels import KEYS
-from core.monitor.validity import exceeds
+from core.monitor.validity.verdict import exceeds
 from core.types import Array
 
 

@@ -24,7 +24,7 @@ from core.channels import KEYS, N_CHANNELS
 from core.monitor import Assessment, State
 from core.monitor.assessment import STATES
 from core.monitor.status import cause_of
-from core.monitor.validity import exceeds
+from core.monitor.validity.verdict import exceeds
 from core.simulation.attitude import DisplayAttitude
 from core.types import Array, Flags
 

@@ -20,7 +20,7 @@ from app.recordings.upload import Stalled
 from app.recordings.workers import Busy
 from app.telemetry.recording import TelemetryError
 from core.collection import CollectionError
-from core.monitor.portable import MonitorFileError
+from core.monitor.file.portable import MonitorFileError
 
 MEDIA_TYPE = "application/problem+json"
 LOG = logging.getLogger("forewarn")

@@ -31,8 +31,8 @@ from core.evaluation.rates import (
 )
 from core.evaluation.robustness import DIFFERENCES, robustness
 from core.monitor import Monitor, MonitorRecipe, train
-from core.monitor.support import SupportError
 from core.monitor.training import with_validity
+from core.monitor.validity.support import SupportError
 from core.seeds import Branch, stream
 from core.types import Array
 

@@ -12,7 +12,7 @@ import numpy as np
 from core.channels import N_CHANNELS
 from core.kernels.compiled import cache_directory
 from core.monitor import Monitor
-from core.monitor.validity import exceeds
+from core.monitor.validity.verdict import exceeds
 
 LOG = logging.getLogger("forewarn")
 COMPILED = "live"
@@ -20,7 +20,7 @@ COMPILED = "live"
 APART = """
 import sys
 from app.live.compiling import warm_up
-from core.monitor.loading import from_bytes
+from core.monitor.file.loading import from_bytes
 warm_up(from_bytes(sys.stdin.buffer.read()))
 """
 

@@ -16,7 +16,7 @@ from core.kernels import assessing
 from core.monitor import Assessment, Monitor, State
 from core.monitor.assessment import REASONS
 from core.monitor.monitor import Stream
-from core.monitor.validity import exceeds
+from core.monitor.validity.verdict import exceeds
 from core.types import Array
 
 TrimRule = Literal["detected", "none"]

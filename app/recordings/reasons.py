@@ -6,7 +6,7 @@ from typing import Any
 from core.monitor import State
 from core.monitor.assessment import REASONS, STATES
 from core.monitor.status import BETWEEN
-from core.monitor.validity import in_words
+from core.monitor.validity.verdict import in_words
 
 
 def reason(code: int, t: float, manoeuvre: int, manoeuvres: Sequence[Mapping[str, Any]]) -> str:

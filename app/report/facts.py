@@ -8,7 +8,7 @@ from app.scoring.outcome import verdict_of
 from app.telemetry.mapping.derivations import DERIVATIONS
 from app.telemetry.targets import TARGETS
 from core.channels import BY_KEY, KEYS
-from core.monitor.flown_input import amplitude_in_words
+from core.monitor.validity.flown_input import amplitude_in_words
 
 Plain = Mapping[str, Any]
 

@@ -37,7 +37,7 @@ from app.telemetry.timing.repair import RepairedTraces
 from core.channels import KEYS
 from core.monitor import Assessments, Monitor
 from core.monitor.assessment import STATES, State, Withdrawal
-from core.monitor.flown_input import FlownInput, amplitude
+from core.monitor.validity.flown_input import FlownInput, amplitude
 from core.types import Array, Flags
 
 INVALID = STATES.index(State.INVALID)

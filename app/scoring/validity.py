@@ -12,7 +12,7 @@ from app.scoring.planned_test import read_channels
 from app.scoring.scored import OBSERVATIONS, Check, Validity
 from core.channels import KEYS
 from core.monitor.assessment import Withdrawal
-from core.monitor.validity import ValidityVerdict, in_words
+from core.monitor.validity.verdict import ValidityVerdict, in_words
 
 LIMITS = "limits in force"
 """Name of the check whether they are the monitor's own."""

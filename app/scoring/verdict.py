@@ -11,7 +11,7 @@ from core.compatibility import TOLERANCES, SensorCheck
 from core.equation_error import Estimate
 from core.monitor import Monitor
 from core.monitor.calibration import smallest_epsilon
-from core.monitor.flown_input import amplitude_in_words
+from core.monitor.validity.flown_input import amplitude_in_words
 
 OUTCOMES = {
     "false_alert": "alert, no limit exceeded",

@@ -27,8 +27,8 @@ from app.store.tables import (
 from core.evaluation.certificate import warnings_of
 from core.monitor import Monitor, MonitorRecipe
 from core.monitor.calibration import Guarantee, alert_above
-from core.monitor.loading import from_bytes
-from core.monitor.portable import MonitorFileError
+from core.monitor.file.loading import from_bytes
+from core.monitor.file.portable import MonitorFileError
 from core.specification import PlainSpecification, specification_to_plain
 
 PART_BYTES = 1024 * 1024

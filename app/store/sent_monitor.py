@@ -10,8 +10,8 @@ from typing import Any
 from app.telemetry.contents import ColumnWriter
 from app.telemetry.readers import isolation
 from app.telemetry.recording import TelemetryError
-from core.monitor.loading import from_bytes
-from core.monitor.portable import MonitorFileError
+from core.monitor.file.loading import from_bytes
+from core.monitor.file.portable import MonitorFileError
 
 SECONDS, MEMORY = 60.0, 2**30
 """What reading one may take, of time [s] and of the reader's memory [bytes]."""

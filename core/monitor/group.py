@@ -6,8 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from core.channels import CHANNELS
-from core.monitor.flown_input import SURFACES
-from core.monitor.input_direction import deflections
+from core.monitor.validity.flown_input import SURFACES
+from core.monitor.validity.input_direction import deflections
 from core.specification import Specification, magnitudes_of
 from core.types import Array, Flags, Indices
 

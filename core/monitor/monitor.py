@@ -16,7 +16,6 @@ from core.kernels.deviation import Reference, first_beyond
 from core.kernels.innovation import NO_INNOVATION, Innovation
 from core.kernels.nearest import Tree, build
 from core.kernels.p_value import SIMPLE, Transduction, simple_p
-from core.monitor import portable
 from core.monitor.assessment import (
     REASONS,
     STATES,
@@ -27,12 +26,13 @@ from core.monitor.assessment import (
     withdrawn,
 )
 from core.monitor.calibration import alert_above, check_epsilon, p_values, smallest_epsilon
-from core.monitor.flown_input import FlownInput, InputSupport
+from core.monitor.file import portable
 from core.monitor.peak_forecast import LOST, PeakForecast
 from core.monitor.predictor import Affine
 from core.monitor.recipe import MonitorRecipe
-from core.monitor.support import NOT_CALIBRATED, Support, ValidityBasis
-from core.monitor.validity import (
+from core.monitor.validity.flown_input import FlownInput, InputSupport
+from core.monitor.validity.support import NOT_CALIBRATED, Support, ValidityBasis
+from core.monitor.validity.verdict import (
     RunningValidity,
     ValidityVerdict,
     exceeds,

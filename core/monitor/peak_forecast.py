@@ -3,7 +3,7 @@
 from abc import ABC, abstractmethod
 from typing import ClassVar, NamedTuple
 
-from core.monitor.portable import Section
+from core.monitor.file.portable import Section
 from core.types import Array, Indices
 
 LOST = (

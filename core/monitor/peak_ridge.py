@@ -17,10 +17,10 @@ from core.channels import N_CHANNELS
 from core.kernels import peak_ridge as kernels
 from core.kernels.compiled import entry
 from core.kernels.peak_ridge import LOST, PeakWeights, begin, update
-from core.monitor.flown_input import SURFACES
+from core.monitor.file.portable import Section
 from core.monitor.peak_forecast import Followed, PeakForecast, RunningForecast
-from core.monitor.portable import Section
 from core.monitor.predictor import PeakRidge
+from core.monitor.validity.flown_input import SURFACES
 from core.types import Array, Flags, Indices
 
 PENALTIES = 10.0 ** np.arange(-1, 5)

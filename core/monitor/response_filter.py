@@ -14,8 +14,8 @@ from core.kernels import response_filter as kernels
 from core.kernels.compiled import entry
 from core.kernels.lanes import WIDTH
 from core.kernels.response_filter import CardResponses, begin, squares, update
+from core.monitor.file.portable import Section
 from core.monitor.peak_forecast import Followed, PeakForecast, RunningForecast
-from core.monitor.portable import Section
 from core.monitor.score import Score
 from core.specification import Specification, magnitudes_of
 from core.types import Array, Indices

@@ -14,8 +14,6 @@ from core.kernels.assessing import Fitted, weighted_distances
 from core.kernels.mapping import map_samples
 from core.kernels.p_value import SIMPLE, Transduction
 from core.kernels.peak_risk import lowest_scores
-from core.monitor.flown_input import FreshInputs
-from core.monitor.innovation import fit_innovation
 from core.monitor.monitor import Monitor, assemble
 from core.monitor.observation import (
     channel_scale,
@@ -28,7 +26,9 @@ from core.monitor.peak_ridge import LearnedFlights, fit_peaks
 from core.monitor.predictor import Affine, PeakRidge, Predictor
 from core.monitor.recipe import MonitorRecipe
 from core.monitor.response_filter import NO_CARD, fit_card
-from core.monitor.support import calibrate
+from core.monitor.validity.flown_input import FreshInputs
+from core.monitor.validity.innovation import fit_innovation
+from core.monitor.validity.support import calibrate
 from core.specification import magnitudes_of
 from core.types import Array, Indices
 

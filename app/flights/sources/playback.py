@@ -13,7 +13,7 @@ from app.flights.sources.track import Track
 from app.messages import MeasuredExceedance
 from app.scoring.limits_in_force import Ruling
 from core.monitor import Assessment, Monitor
-from core.monitor.validity import exceeds
+from core.monitor.validity.verdict import exceeds
 from core.types import Array, Flags, Indices
 
 Angles = tuple[float, float, float]

@@ -19,7 +19,7 @@ from core.channels import KEYS
 from core.monitor import Assessment, State
 from core.monitor.assessment import STATES
 from core.monitor.status import cause_of
-from core.monitor.validity import exceeds
+from core.monitor.validity.verdict import exceeds
 from core.simulation.attitude import WASH_OUT_S, DisplayAttitude
 from core.types import Array, Indices
 

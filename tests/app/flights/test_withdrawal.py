@@ -22,7 +22,7 @@ from core.channels import KEYS
 from core.collection import DatasetRecipe, Simulator, collect
 from core.monitor import Assessment, Monitor, MonitorRecipe, State, load
 from core.monitor.status import Level
-from core.monitor.support import LEVEL
+from core.monitor.validity.support import LEVEL
 from tests.app.flights.test_flights import Hangar
 from tests.core.monitor.test_validity import supported
 from tests.core.monitor.test_validity_rates import (

@@ -12,8 +12,8 @@ from core.channels import KEYS
 from core.collection import DatasetRecipe
 from core.monitor import Monitor, MonitorRecipe, train
 from core.monitor.calibration import confident_rank
-from core.monitor.loading import from_bytes
-from core.monitor.portable import pack, unpack
+from core.monitor.file.loading import from_bytes
+from core.monitor.file.portable import pack, unpack
 from tests.support.api import api, finished, problem, store_of
 
 DATASET = {"n_unsafe": 12, "n_obs": 20, "seed": 4}

@@ -17,11 +17,11 @@ from app.telemetry.traces import Trace, Traces
 from core.channels import KEYS
 from core.collection import Simulator
 from core.monitor import Monitor, MonitorRecipe
-from core.monitor import validity as core_validity
 from core.monitor.assessment import STATES, State
 from core.monitor.calibration import confident_rank
 from core.monitor.predictor import PREDICTORS
 from core.monitor.score import SCORES
+from core.monitor.validity import validity as core_validity
 from core.planned_test import SensorNoise
 from core.simulation.aircraft import PublishedAircraft
 from core.simulation.maneuver import Doublet

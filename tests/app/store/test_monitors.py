@@ -16,8 +16,8 @@ from app.store.store import NotFound, Store, StoreError
 from app.store.tables import monitor_parts
 from core.dataset import Dataset
 from core.monitor import Monitor
-from core.monitor.portable import MonitorFileError
-from core.monitor.support import Support
+from core.monitor.file.portable import MonitorFileError
+from core.monitor.validity.support import Support
 from tests.support.stored import EVALUATION, count, make_parts_small
 from tests.support.wicked_reader import MAGIC
 

@@ -11,7 +11,7 @@ from core.dataset import Dataset
 from core.monitor import Assessments, Monitor, MonitorRecipe, State, train
 from core.monitor.assessment import REASONS, STATES, Withdrawal
 from core.monitor.calibration import confident_rank
-from core.monitor.loading import from_bytes
+from core.monitor.file.loading import from_bytes
 from core.monitor.predictor import PREDICTORS
 from core.monitor.score import SCORES
 from tests.support import oscillator

@@ -12,7 +12,8 @@ from core.dataset import Dataset
 from core.evaluation.rates import evaluate
 from core.kernels.peak_ridge import PeakWeights
 from core.monitor import Monitor, MonitorRecipe, State, train
-from core.monitor.loading import from_bytes
+from core.monitor.file.loading import from_bytes
+from core.monitor.file.portable import MonitorFileError, pack
 from core.monitor.peak_forecast import LOST
 from core.monitor.peak_ridge import (
     FINEST,
@@ -24,7 +25,6 @@ from core.monitor.peak_ridge import (
     log_odds,
     ridge,
 )
-from core.monitor.portable import MonitorFileError, pack
 from core.monitor.predictor import PREDICTORS, PeakRidge
 from core.monitor.score import SCORES
 from core.planned_test import DatasetRecipe, SensorNoise

@@ -12,9 +12,9 @@ from core.collection import card_of, collect, evaluation_flights, fresh
 from core.evaluation.rates import evaluate
 from core.kernels.response_filter import SIGN, SWITCHED, CardResponses, begin, update
 from core.monitor import Monitor, MonitorRecipe, State, train
-from core.monitor.loading import from_bytes
+from core.monitor.file.loading import from_bytes
+from core.monitor.file.portable import MonitorFileError, pack
 from core.monitor.peak_forecast import LOST
-from core.monitor.portable import MonitorFileError, pack
 from core.monitor.predictor import PREDICTORS
 from core.monitor.response_filter import CardForecast
 from core.monitor.score import SCORES

@@ -13,8 +13,8 @@ from core.channels import KEYS
 from core.collection import DatasetRecipe, Simulator, collect
 from core.kernels.deviation import farthest
 from core.monitor import Monitor, train
-from core.monitor.support import LEVEL
 from core.monitor.training import with_validity
+from core.monitor.validity.support import LEVEL
 from core.planned_test import SensorNoise
 from core.simulation.aircraft import PublishedAircraft
 from core.simulation.control_law import CONTROL_LAWS, RateDamper

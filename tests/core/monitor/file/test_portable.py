@@ -15,12 +15,12 @@ import pytest
 from core import __version__
 from core.dataset import Dataset
 from core.monitor import Monitor, MonitorRecipe, load, train
-from core.monitor.innovation import fit_innovation
-from core.monitor.portable import MonitorFileError, Section, pack, unpack
+from core.monitor.file.portable import MonitorFileError, Section, pack, unpack
 from core.monitor.predictor import PREDICTORS, PrincipalComponents
 from core.monitor.recipe import mismatch
 from core.monitor.score import SCORES, NegativeMagnitude
-from core.monitor.support import Support
+from core.monitor.validity.innovation import fit_innovation
+from core.monitor.validity.support import Support
 from core.recipe import from_plain, to_plain
 from core.specification import Limits, Specification
 from tests.support.oscillator import DT, THETA, Array

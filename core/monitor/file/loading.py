@@ -5,8 +5,9 @@ from pathlib import Path
 from typing import Any
 
 from core.kernels.p_value import SIMPLE, Transduction
-from core.monitor import peak_ridge, portable, response_filter
-from core.monitor.file_checks import (
+from core.monitor import peak_ridge, response_filter
+from core.monitor.file import portable
+from core.monitor.file.checks import (
     check_arrays,
     check_evaluation,
     check_header,
@@ -16,13 +17,13 @@ from core.monitor.file_checks import (
     check_support,
     recipe_of,
 )
-from core.monitor.flown_input import InputSupport
+from core.monitor.file.portable import MonitorFileError, Section
 from core.monitor.monitor import Monitor, assemble
 from core.monitor.peak_forecast import PeakForecast
-from core.monitor.portable import MonitorFileError, Section
 from core.monitor.predictor import Affine
 from core.monitor.recipe import MonitorRecipe
-from core.monitor.support import Support
+from core.monitor.validity.flown_input import InputSupport
+from core.monitor.validity.support import Support
 from core.recipe import from_plain
 from core.specification import specification_from_plain
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from core.monitor import Monitor, load
-from core.monitor.validity import deviation_of
+from core.monitor.validity.verdict import deviation_of
 from core.specification import Limits
 from tests.support.places import VERSION_0_1_0
 

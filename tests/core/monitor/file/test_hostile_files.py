@@ -23,12 +23,12 @@ from hypothesis import strategies as st
 from core.dataset import Dataset
 from core.evaluation.certificate import warnings_of
 from core.monitor import Monitor, MonitorRecipe, train
-from core.monitor.innovation import fit_innovation
-from core.monitor.loading import from_bytes
-from core.monitor.portable import UNFOLDS_TO, MonitorFileError, Section, pack, unpack
+from core.monitor.file.loading import from_bytes
+from core.monitor.file.portable import UNFOLDS_TO, MonitorFileError, Section, pack, unpack
 from core.monitor.predictor import PeakRidge, PrincipalComponents
 from core.monitor.score import SCORES, NegativeMagnitude
-from core.monitor.support import Support
+from core.monitor.validity.innovation import fit_innovation
+from core.monitor.validity.support import Support
 from tests.support import oscillator
 from tests.support.repetition import examples
 from tests.support.stored import EVALUATION

@@ -9,8 +9,8 @@ from core.channels import KEYS
 from core.collection import DatasetRecipe, collect, fresh
 from core.monitor import Monitor, MonitorRecipe, train
 from core.monitor.assessment import State
-from core.monitor.input_direction import InputDirection, begins
-from core.monitor.loading import from_bytes
+from core.monitor.file.loading import from_bytes
+from core.monitor.validity.input_direction import InputDirection, begins
 from core.planned_test import Simulator
 from core.types import Array
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from core.channels import KEYS
-from core.monitor.flown_input import (
+from core.monitor.validity.flown_input import (
     LEVEL,
     MEASURES,
     SURFACES,

@@ -12,7 +12,7 @@ from core.kernels.deviation import (
     WHEN,
     Deviation,
 )
-from core.monitor.support import ValidityBasis
+from core.monitor.validity.support import ValidityBasis
 from core.types import Array
 
 MOST_NAMED = 3

@@ -13,9 +13,9 @@ from typing import Any, Self
 import numpy as np
 
 from core.channels import CHANNELS, KEYS, Channel
-from core.monitor.input_direction import BEGUN, InputDirection, begins, deflections
-from core.monitor.portable import Section
-from core.monitor.support import LEVEL, WORST_LEVEL
+from core.monitor.file.portable import Section
+from core.monitor.validity.input_direction import BEGUN, InputDirection, begins, deflections
+from core.monitor.validity.support import LEVEL, WORST_LEVEL
 from core.types import Array, Flags, Indices
 
 SURFACES = (KEYS.index("delta_a"), KEYS.index("delta_r"))

@@ -33,9 +33,9 @@ from core.kernels.deviation import (
 )
 from core.kernels.exceedance import exceeds_any
 from core.monitor.assessment import Assessment, Assessments, Withdrawal, code_of
-from core.monitor.input_direction import RunningDirection, WrongInput
-from core.monitor.reasons import outside_training, too_little
-from core.monitor.support import ValidityBasis
+from core.monitor.validity.input_direction import RunningDirection, WrongInput
+from core.monitor.validity.reasons import outside_training, too_little
+from core.monitor.validity.support import ValidityBasis
 from core.types import Array, Flags
 
 

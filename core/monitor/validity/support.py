@@ -11,8 +11,8 @@ from core.channels import N_CHANNELS
 from core.kernels.deviation import Reference, farthest
 from core.kernels.innovation import NO_INNOVATION, Innovation
 from core.monitor.calibration import p_values
-from core.monitor.input_direction import InputDirection
-from core.monitor.portable import Section
+from core.monitor.file.portable import Section
+from core.monitor.validity.input_direction import InputDirection
 from core.types import Array, Indices
 
 LEVEL = 0.02

@@ -17,7 +17,7 @@ from core.kernels.p_value import Transduction
 from core.monitor.observation import lead_steps
 from core.monitor.predictor import Affine
 from core.monitor.recipe import MonitorRecipe
-from core.monitor.support import Support
+from core.monitor.validity.support import Support
 from core.recipe import RecipeError
 from core.types import Array
 
