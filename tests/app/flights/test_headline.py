@@ -17,7 +17,7 @@ from app.store.alarms import StoredAlarm
 from core.monitor import State
 from core.monitor.assessment import REASONS, STATES
 from core.monitor.status import ALARM_LEVELS, BETWEEN, Level
-from tests.app.flights.test_live import Live
+from tests.app.flights.sources.test_live import Live
 from tests.support.flying import EPSILON, Flown, exact_monitor, failing_flight, store_with
 from tests.support.oscillator import DT, N_SAMPLES, NY, Array
 from tests.support.samples import SAMPLE_LIKE

@@ -16,8 +16,8 @@ from app.flights.sources.track import SourceError
 from app.store.assessments import StoredAssessments, pack
 from core.monitor import train
 from core.types import Array
-from tests.app.flights import test_live
-from tests.app.flights.test_live import Live, batch
+from tests.app.flights.sources import test_live
+from tests.app.flights.sources.test_live import Live, batch
 from tests.support import oscillator
 from tests.support.flying import (
     EPSILON,

@@ -24,14 +24,14 @@ from core.monitor import Assessment, Monitor, MonitorRecipe, State, load
 from core.monitor.status import Level
 from core.monitor.validity.support import LEVEL
 from tests.app.flights.test_flights import Hangar
-from tests.core.monitor.test_validity import supported
-from tests.core.monitor.test_validity_rates import (
+from tests.core.monitor.validity.test_rates import (
     WRONG_SENSORS,
     amplitude,
     flown_as,
     jumbo,
     recipe_of,
 )
+from tests.core.monitor.validity.test_verdict import supported
 from tests.support import oscillator
 from tests.support.flying import EPSILON, Flown, T, exact_monitor, failing_flight, track
 from tests.support.oscillator import DT, N_SAMPLES, NY, Array

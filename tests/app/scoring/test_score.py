@@ -21,7 +21,7 @@ from core.monitor.assessment import STATES, State
 from core.monitor.calibration import confident_rank
 from core.monitor.predictor import PREDICTORS
 from core.monitor.score import SCORES
-from core.monitor.validity import validity as core_validity
+from core.monitor.validity import verdict as flight_verdict
 from core.planned_test import SensorNoise
 from core.simulation.aircraft import PublishedAircraft
 from core.simulation.maneuver import Doublet
@@ -365,9 +365,9 @@ def test_an_invalid_manoeuvre_is_withdrawn_as_a_stream_is_and_followed_once_and_
     gust = calm.copy()
     gust[100:110, 0] += 0.05
     followed = []
-    follow = core_validity.follow
+    follow = flight_verdict.follow
     monkeypatch.setattr(
-        core_validity, "follow", lambda *given: (followed.append(len(given[2])), follow(*given))[1]
+        flight_verdict, "follow", lambda *given: (followed.append(len(given[2])), follow(*given))[1]
     )
     (manoeuvre,) = (scored := score(attas, recorded(gust))).manoeuvres
     passes = list(followed)
