@@ -103,7 +103,12 @@ def stopped_flights(
     which: (m,) numbers.   neutral_from: (m,) sample from which on the controls are held neutral.
     Returns (m,) their first sample that exceeds a limit, n_samples where none does.
     """
-    return Simulator(recipe).stopped(n, stream(recipe.seed, Branch.TEST), which, neutral_from)
+    return stopping_flights(recipe, n)(which, neutral_from)
+
+
+def stopping_flights(recipe: DatasetRecipe, n: int) -> Callable[[Indices, Indices], Indices]:
+    """The same for several times: draw the n flights once, to fly them again as is asked for."""
+    return Simulator(recipe).stopping(n, stream(recipe.seed, Branch.TEST))
 
 
 def training_rollouts(recipe: DatasetRecipe, n: int = TRAINING_ROLLOUTS) -> Rollouts:

@@ -1,6 +1,7 @@
 """The planned test: a manoeuvre on an uncertain aircraft, what unsafe means, its simulation."""
 
 from collections.abc import Callable
+from copy import deepcopy
 from dataclasses import dataclass, replace
 from math import radians
 from typing import Annotated, NamedTuple
@@ -225,37 +226,67 @@ class Simulator:
         out = imperfections.record(y, start, every, drawn.rest, noise, step, rng)
         return Rollouts(out, first, drawn.theta)
 
-    def stopped(
-        self, n: int, rng: np.random.Generator, which: Indices, neutral_from: Indices
-    ) -> Indices:
-        """Fly some of the n flights again that `rollouts` draws from rng, and stop the manoeuvre.
+    def stopping(self, n: int, rng: np.random.Generator) -> Callable[[Indices, Indices], Indices]:
+        """Draw n flights as `rollouts` does from rng, to fly some again with the manoeuvre stopped.
 
-        which: (m,) numbers of these flights.   neutral_from: (m,) sample from which on the pilot
-        holds neutral controls; how fast they get there is the manoeuvre's pedal lag.
-        Returns (m,) their first sample that exceeds a limit, n_samples where none does.
+        Returns what takes (m,) numbers of these flights, and the (m,) samples from which on the
+        pilot holds neutral controls; how fast they get there is the manoeuvre's pedal lag. It
+        returns (m,) their first sample that exceeds a limit, n_samples where none does.
         """
-        stop = np.full(n, np.iinfo(np.int64).max)
-        stop[which] = neutral_from
-        drawn = self._drawn(n, rng, stop).some(which)
-        return self._first_exceedance(self._outputs(drawn), drawn)
+        theta, pilot = self._planned(n, rng)
+        pilot, as_before = np.broadcast_to(pilot, (n, *pilot.shape[1:])), deepcopy(rng)
+        drawn = self._flown(theta, pilot, rng)
 
-    def _drawn(self, n: int, rng: np.random.Generator, stop: Indices | None = None) -> "_Drawn":
-        """What chance decides of n flights.   stop: (n,) sample of the first neutral command."""
-        recipe, imperfections = self.recipe, self.recipe.imperfections
+        def stopped(which: Indices, neutral_from: Indices) -> Indices:
+            commands = pilot[which]
+            held = np.arange(pilot.shape[1]) < neutral_from[:, np.newaxis]
+            commands[~held] = 0.0
+            again = drawn.some(which)._replace(commands=commands)
+            if not self.recipe.imperfections.are_none:
+                of_all = pilot.copy()
+                of_all[which] = commands
+                of_all, _ = self._inexact(of_all, n, deepcopy(as_before))
+                again = again._replace(commands=of_all[which])
+            return self._first_exceedance(self._outputs(again), again)
+
+        return stopped
+
+    def commands(self, n: int, rng: np.random.Generator) -> Array:
+        """Commands (n, n_samples, 2) [rad] of the n flights that `rollouts` draws from rng.
+
+        Without what imperfections make of them.
+        """
+        _, pilot = self._planned(n, rng)
+        return np.broadcast_to(pilot, (n, *pilot.shape[1:]))
+
+    def _drawn(self, n: int, rng: np.random.Generator) -> "_Drawn":
+        """What chance decides of n flights."""
+        return self._flown(*self._planned(n, rng), rng)
+
+    def _planned(self, n: int, rng: np.random.Generator) -> tuple[Array, Array]:
+        """Theta (n, n_parameters), and the pilot's commands (1 or n, n_samples, 2)."""
+        recipe = self.recipe
         theta = self.plant.sample(n, rng)
         if self.spread != 1.0:
             theta = self.plant.nominal + self.spread * (theta - self.plant.nominal)
-        pilot = recipe.maneuver.pilot(recipe.dt, n, rng)
-        if stop is not None:
-            held = np.arange(pilot.shape[1]) < stop[:, np.newaxis]
-            pilot = np.where(held[..., np.newaxis], pilot, 0.0)
-        if imperfections.are_none:
+        return theta, recipe.maneuver.pilot(recipe.dt, n, rng)
+
+    def _flown(self, theta: Array, pilot: Array, rng: np.random.Generator) -> "_Drawn":
+        """What imperfections make of these flights."""
+        recipe, n = self.recipe, len(theta)
+        if recipe.imperfections.are_none:
             return _Drawn(theta, pilot, np.zeros(n, np.int64), None)
-        every, step = recipe.substeps, recipe.dt / recipe.substeps
+        commands, rest = self._inexact(pilot, n, rng)
+        n_steps, step = (commands.shape[1] - 1) * recipe.substeps + 1, recipe.dt / recipe.substeps
+        return _Drawn(
+            theta, commands, rest, recipe.imperfections.gusts(self.gust, n, n_steps, step, rng)
+        )
+
+    def _inexact(self, pilot: Array, n: int, rng: np.random.Generator) -> tuple[Array, Indices]:
+        """What n pilots make of planned commands, the run-up before them; and samples at rest."""
+        recipe = self.recipe
         lead_in = round(recipe.maneuver.lead_in_s / recipe.dt)
-        commands, rest = imperfections.fly(pilot, n, recipe.dt, lead_in, rng)
-        n_steps = (commands.shape[1] - 1) * every + 1
-        return _Drawn(theta, commands, rest, imperfections.gusts(self.gust, n, n_steps, step, rng))
+        return recipe.imperfections.fly(pilot, n, recipe.dt, lead_in, rng)
 
     def _outputs(self, drawn: "_Drawn") -> Array:
         """True outputs (n, n_steps, 6), the run-up's before."""

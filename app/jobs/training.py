@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -16,7 +15,7 @@ from core.collection import (
     collect,
     evaluation_flights,
     fresh,
-    stopped_flights,
+    stopping_flights,
 )
 from core.dataset import Dataset
 from core.evaluation.prevention import Prevention, prevention
@@ -201,7 +200,7 @@ def fly_test(monitor: Monitor, recipe: DatasetRecipe, n: int) -> FlownTest:
             fails,
             flights.y.shape[1],
             monitor.dt,
-            partial(stopped_flights, recipe, n),
+            stopping_flights(recipe, n),
             stream(recipe.seed, Branch.REACTION),
         ),
         robustness=robustness(monitor, recipe, n),

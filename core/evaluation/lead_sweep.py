@@ -6,10 +6,11 @@ without an alert, and failures that the alert prevents by the time that people t
 """
 
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor, as_completed
 from dataclasses import dataclass, fields, replace
 from functools import partial
+from itertools import chain
 from threading import Event
 from typing import Annotated, Literal
 
@@ -17,21 +18,24 @@ import numpy as np
 
 from core.bounds import Bounds, check_bounds
 from core.card import Card, CardError
-from core.collection import card_of, collect, evaluation_flights, stopped_flights
-from core.evaluation.prevention import REACTIONS_S, prevention
+from core.collection import card_of, collect, evaluation_flights, stopping_flights
+from core.evaluation.prevention import REACTIONS_S, Stopped, prevention
 from core.evaluation.rates import clustered_interval, first_alerts
 from core.kernels.compiled import on_this_thread
-from core.monitor.calibration import Guarantee, check_epsilon, p_values
+from core.monitor.calibration import Guarantee, alert_above, check_epsilon, p_values
 from core.monitor.monitor import Monitor
-from core.monitor.predictor import PREDICTORS, Predictor
+from core.monitor.observation import lead_steps
+from core.monitor.peak_ridge import LearnedFlights, fit_windows
+from core.monitor.predictor import PREDICTORS, PeakRidge, Predictor
 from core.monitor.recipe import MISS_RATE, MonitorRecipe
-from core.monitor.score import SCORES, Score
+from core.monitor.response_filter import fit_card
+from core.monitor.score import SCORES, RestOfCard, Score
 from core.monitor.training import SafeObservations, train
 from core.planned_test import DatasetRecipe, Rollouts, SensorNoise
 from core.seeds import Branch, monitor_seeds, stream
 from core.simulation.aircraft import AIRCRAFT
 from core.simulation.control_law import CONTROL_LAWS
-from core.specification import Limits
+from core.specification import Limits, magnitudes_of
 from core.types import Array, Flags, Indices
 
 METHODS: dict[str, tuple[Predictor, Score]] = {
@@ -181,7 +185,7 @@ class PlannedTestSweep:
     cells: Mapping[tuple[str, float], Cell]
 
 
-_Part = tuple[float, float, dict[tuple[str, float], Cell]]
+_Found = tuple[float, float, dict[tuple[str, float], Cell]]
 """Of one monitor: earliest_s, unsafe_share and cells of PlannedTestSweep."""
 
 
@@ -202,6 +206,7 @@ def sweep(
         tests = {name: TESTS[name] for name in recipe.tests}
         if recipe.imperfections == "usual":
             tests = {name: test.as_flown() for name, test in tests.items()}
+    _check_leads(recipe, tests)
     seeds = monitor_seeds(recipe.seed, recipe.n_monitors)
     each = len(recipe.methods) * len(recipe.leads_s)
     total, done, cancelled = len(tests) * recipe.n_monitors * each, 0, Event()
@@ -231,31 +236,166 @@ def sweep(
     return {name: _pooled(own) for name, own in found.items()}
 
 
-def _part_alone(test: DatasetRecipe, recipe: SweepRecipe, cancelled: Event) -> _Part:
+def _check_leads(recipe: SweepRecipe, tests: Mapping[str, DatasetRecipe]) -> None:
+    longest = max(recipe.leads_s)
+    for name, test in tests.items():
+        if longest >= test.maneuver.duration_s:
+            raise ValueError(
+                f"leads_s={recipe.leads_s} was given: the manoeuvre of {name} lasts "
+                f"{test.maneuver.duration_s:g} s, choose shorter leads"
+            )
+
+
+def _part_alone(test: DatasetRecipe, recipe: SweepRecipe, cancelled: Event) -> _Found:
     with on_this_thread():
-        return _part(test, recipe, cancelled)
+        return _Part(test, recipe).found(cancelled)
 
 
-def _part(test: DatasetRecipe, recipe: SweepRecipe, cancelled: Event) -> _Part:
-    """One dataset, and its monitors of every method and lead on the same fresh flights."""
-    dataset, card = collect(test), _card(test)
-    flights = evaluation_flights(test, recipe.n_test)
-    counted: dict[tuple[str, float], Cell] = {}
-    for lead in recipe.leads_s:
-        settings = MonitorRecipe(t_early=lead, epsilon=recipe.epsilon, guarantee=recipe.guarantee)
-        safe = SafeObservations(dataset, settings)
-        for name in recipe.methods:
-            predictor, score = METHODS[name]
-            if predictor.forecast == "card" and card is None:
-                continue
+@dataclass(frozen=True, eq=False)
+class _Said:
+    """What one monitor says of flights.
+
+    h: lead [samples].   lowest: (n,) lowest timely score.   alerts: (n,) whether it alerts in time.
+    first: (n,) first alert on failing flights, in time or not; n_samples for none.
+    """
+
+    h: int
+    lowest: Array
+    alerts: Flags
+    first: Indices
+
+
+class _Part:
+    """One dataset, and its monitors of every method and lead on the same fresh flights.
+
+    What monitors have in common is computed once: a forecast's scores do not depend on the lead,
+    which only says up to when an alert is in time.
+    """
+
+    def __init__(self, test: DatasetRecipe, recipe: SweepRecipe) -> None:
+        self._test, self._recipe = test, recipe
+        self._dataset = collect(test)
+        self._flights = evaluation_flights(test, recipe.n_test)
+        self._above = alert_above(recipe.epsilon, recipe.n_unsafe, recipe.guarantee)
+
+    def found(self, cancelled: Event) -> _Found:
+        """Train and test the monitors."""
+        flights, recipe, test = self._flights, self._recipe, self._test
+        stopped = stopping_flights(test, recipe.n_test)
+        counted: dict[tuple[str, float], Cell] = {}
+        for key, said in chain(self._by_monitors(), self._by_forecasts()):
             if cancelled.is_set():
                 raise InterruptedError("the sweep was cancelled")
-            chosen = replace(settings, predictor=predictor, score=score)
-            monitor = train(dataset, chosen, card=card, safe=safe)
-            counted[name, lead] = _counted(monitor, flights, test, recipe.reactions_s)
+            counted[key] = _counted(said, flights, test, recipe, stopped)
+        ordered = ((name, lead) for lead in recipe.leads_s for name in recipe.methods)
+        cells = {key: counted[key] for key in ordered if key in counted}
+        return _earliest(flights, test), float(flights.is_unsafe.mean()), cells
+
+    def _by_monitors(self) -> Iterator[tuple[tuple[str, float], _Said]]:
+        """Methods that look at the samples just flown."""
+        recipe = self._recipe
+        names = [name for name in recipe.methods if not METHODS[name][0].forecast]
+        for lead in recipe.leads_s if names else ():
+            settings = MonitorRecipe(
+                t_early=lead, epsilon=recipe.epsilon, guarantee=recipe.guarantee
+            )
+            safe = SafeObservations(self._dataset, settings)
+            for name in names:
+                predictor, score = METHODS[name]
+                chosen = replace(settings, predictor=predictor, score=score)
+                yield (name, lead), self._said_by(train(self._dataset, chosen, safe=safe))
+
+    def _said_by(self, monitor: Monitor) -> _Said:
+        y, fails, n_samples = self._flights.y, self._flights.fail_index, self._flights.y.shape[1]
+        last = _last_timely(self._flights, monitor.h)
+        lowest = monitor.lowest_scores(y, last)
+        level = _highest_alerting(monitor.alphas, self._above)
+        unsafe, first = np.flatnonzero(self._flights.is_unsafe), np.full(len(y), n_samples)
+        always = level == np.inf
+        first[unsafe] = 0 if always else first_alerts(monitor, y[unsafe], fails[unsafe])
+        return _Said(monitor.h, lowest, (last >= 0) & (lowest <= level), first)
+
+    def _by_forecasts(self) -> Iterator[tuple[tuple[str, float], _Said]]:
+        """Methods that forecast what is left of the manoeuvre."""
+        chosen = [(name, *METHODS[name]) for name in self._recipe.methods]
+        for predictor in dict.fromkeys(predictor for _, predictor, _ in chosen):
+            wanted = {
+                (name, lead): (score.window(h), h)
+                for name, own, score in chosen
+                if own == predictor
+                for lead in self._recipe.leads_s
+                for h in (lead_steps(lead, self._test.dt),)
+            }
+            scores = self._scores(predictor, sorted({window for window, _ in wanted.values()}))
+            for key, (window, h) in wanted.items():
+                if scores:
+                    yield key, self._said_by_forecast(*scores[window], h)
+
+    def _scores(self, predictor: Predictor, windows: list[int]) -> dict[int, tuple[Array, Array]]:
+        """Scores of the dataset's failures and of the flights, by window; nothing without a card.
+
+        Each (n, n_samples), of all samples up to the failure.
+        """
+        dataset, flights = self._dataset, self._flights
+        both = (
+            (dataset.unsafe, dataset.fail_index),
+            (flights.y, np.minimum(flights.fail_index, flights.y.shape[1] - 1)),
+        )
+        if predictor.forecast == "card":
+            card = _card(self._test)
+            if card is None:
+                return {}
+            forecast = fit_card(card, dataset.safe, dataset.specification, RestOfCard(), 0)
+            failures, tests = (forecast.scores_within(np.array(windows), *some) for some in both)
+            return dict(zip(windows, zip(failures, tests, strict=True), strict=True))
+        if isinstance(predictor, PeakRidge):
+            learned = LearnedFlights.of(dataset.safe, None, judged=True)
+            limits = magnitudes_of(dataset.specification)
+            forecasts = fit_windows(predictor, learned, limits, windows, dataset.dt)
+            return {
+                window: (forecast.scores(*both[0]), forecast.scores(*both[1]))
+                for window, forecast in zip(windows, forecasts, strict=True)
+            }
+        return {}
+
+    def _said_by_forecast(self, failures: Array, tests: Array, h: int) -> _Said:
+        """failures, tests: scores of all their samples."""
+        alphas = np.sort(_lowest(failures, self._dataset.fail_index - h))
+        return _said_by_scores(tests, self._flights, h, _highest_alerting(alphas, self._above))
+
+
+def _said_by_scores(scores: Array, flights: Rollouts, h: int, level: float) -> _Said:
+    """scores: (n, n_samples) of the flights up to their failure.   level: highest that alerts."""
+    n_samples, last = scores.shape[1], _last_timely(flights, h)
+    lowest = _lowest(scores, last)
+    heard = np.arange(n_samples) <= flights.fail_index[:, np.newaxis]
+    alerts = heard & (scores <= level) & flights.is_unsafe[:, np.newaxis]
+    first = np.where(alerts.any(axis=1), alerts.argmax(axis=1), n_samples)
+    return _Said(h, lowest, (last >= 0) & (lowest <= level), first)
+
+
+def _last_timely(flights: Rollouts, h: int) -> Indices:
+    """(n,) last sample at which an alert counts: in time before a failure, at all otherwise."""
+    return np.where(flights.is_unsafe, flights.fail_index - h, flights.y.shape[1] - 1)
+
+
+def _lowest(scores: Array, last: Indices) -> Array:
+    """(n,) lowest of the scores (n, n_samples) 0..last; +inf where last < 0."""
+    heard = np.arange(scores.shape[1]) <= last[:, np.newaxis]
+    return np.where(heard, scores, np.inf).min(axis=1)
+
+
+def _highest_alerting(alphas: Array, above: float) -> float:
+    """Highest score with a p-value above this, +inf where every score has one."""
+    if p_values(np.inf, alphas) > above:
+        return np.inf
+    return float(alphas[p_values(alphas, alphas) > above].max(initial=-np.inf))
+
+
+def _earliest(flights: Rollouts, test: DatasetRecipe) -> float:
     fails = flights.fail_index[flights.is_unsafe]
     earliest = float(np.quantile(fails, 0.05) * test.dt) if len(fails) else np.nan
-    return earliest - test.maneuver.lead_in_s, float(flights.is_unsafe.mean()), counted
+    return earliest - test.maneuver.lead_in_s
 
 
 def _card(test: DatasetRecipe) -> Card | None:
@@ -266,35 +406,29 @@ def _card(test: DatasetRecipe) -> Card | None:
 
 
 def _counted(
-    monitor: Monitor, flights: Rollouts, test: DatasetRecipe, reactions_s: tuple[float, ...]
+    said: _Said, flights: Rollouts, test: DatasetRecipe, recipe: SweepRecipe, stopped: Stopped
 ) -> Cell:
-    """Fly the flights through one monitor."""
-    y, fails, n_samples = flights.y, flights.fail_index, flights.y.shape[1]
-    is_unsafe = flights.is_unsafe
-    last = np.where(is_unsafe, fails - monitor.h, n_samples - 1)
-    lowest = monitor.lowest_scores(y, last)
-    alerts = (last >= 0) & (p_values(lowest, monitor.alphas) > monitor.alert_above())
-    unsafe, first = np.flatnonzero(is_unsafe), np.full(len(y), n_samples)
-    first[unsafe] = first_alerts(monitor, y[unsafe], fails[unsafe])
+    """Count what is missed, alerted of in vain and prevented."""
+    fails, is_unsafe, n_samples = flights.fail_index, flights.is_unsafe, flights.y.shape[1]
     reactions = prevention(
-        first,
+        said.first,
         fails,
         n_samples,
-        monitor.dt,
-        partial(stopped_flights, test, len(y)),
+        test.dt,
+        stopped,
         stream(test.seed, Branch.REACTION),
-        reactions_s,
+        recipe.reactions_s,
     )
     return Cell(
-        epsilon=monitor.recipe.epsilon,
-        lead=monitor.lead,
-        misses=np.array([np.count_nonzero(~alerts[is_unsafe])]),
-        n_unsafe=np.array([len(unsafe)]),
-        n_early=np.array([np.count_nonzero(last[is_unsafe] < 0)]),
-        false_alerts=np.array([np.count_nonzero(alerts[~is_unsafe])]),
+        epsilon=recipe.epsilon,
+        lead=said.h * test.dt,
+        misses=np.array([np.count_nonzero(~said.alerts[is_unsafe])]),
+        n_unsafe=np.array([np.count_nonzero(is_unsafe)]),
+        n_early=np.array([np.count_nonzero(fails[is_unsafe] < said.h)]),
+        false_alerts=np.array([np.count_nonzero(said.alerts[~is_unsafe])]),
         n_safe=np.array([np.count_nonzero(~is_unsafe)]),
         prevented=reactions.prevented[np.newaxis],
-        power_at_epsilon=np.array([_power_at(monitor.recipe.epsilon, lowest, is_unsafe)]),
+        power_at_epsilon=np.array([_power_at(recipe.epsilon, said.lowest, is_unsafe)]),
     )
 
 
@@ -307,7 +441,7 @@ def _power_at(epsilon: float, lowest: Array, is_unsafe: Flags) -> float:
     return float(np.mean(safe > threshold))
 
 
-def _pooled(parts: list[_Part]) -> PlannedTestSweep:
+def _pooled(parts: list[_Found]) -> PlannedTestSweep:
     """One planned test's parts, a monitor each, as one."""
     earliest, unsafe_share, counted = zip(*parts, strict=True)
     cells = {key: Cell.pool([part[key] for part in counted]) for key in counted[0]}

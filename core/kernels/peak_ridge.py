@@ -166,3 +166,24 @@ def lowest_scores(peaks: PeakWeights, y: Array, first: Indices, last: Indices) -
         len(y), FLIGHTS_A_TASK, lambda a, b: _lowest_some(peaks, y, first, last, a, b, lowest)
     )
     return lowest
+
+
+@jit
+def _scores_some(peaks, y, last, start, stop, scores):
+    for i in range(start, stop):
+        history = begin(peaks)
+        for t in range(last[i] + 1):
+            _take(peaks, history, y[i, t], True)
+            if history.counts[LOST] != 0:
+                break
+            scores[i, t] = _score(peaks, history)
+
+
+def scores(peaks: PeakWeights, y: Array, last: Indices) -> Array:
+    """Score of each sample 0..last of flights (n, n_samples); +inf for the rest.
+
+    y: (n, n_samples, 6), finite over samples 0..last.   last: (n,).
+    """
+    found = np.full(y.shape[:2], np.inf)
+    in_chunks(len(y), FLIGHTS_A_TASK, lambda a, b: _scores_some(peaks, y, last, a, b, found))
+    return found

@@ -230,38 +230,63 @@ def _largest_margin(card, estimate, first, last):
 
 
 @jit
-def _danger(card, estimate):
+def _danger_in_rest(card, estimate):
     """How surely a limit will be exceeded; NONE before the card begins and after it."""
     counts, m = estimate.counts, estimate.switches.shape[0]
     n, sample = counts[SWITCHED], counts[TAKEN]
     if n == 0:
         return NONE
+    _plan_on(card, estimate, sample, card.apart[n] if n < m else 0)
+    return _largest_margin(card, estimate, sample + 1, estimate.plan[m - 1] + card.tail)
+
+
+@jit
+def _dangers_within(card, estimate, windows, dangers):
+    """The same within windows, over the times at which the pilot may switch next.
+
+    windows: (n,) samples, ascending, above 0.   dangers: (n,) out.
+    """
+    counts, m = estimate.counts, estimate.switches.shape[0]
+    n, sample = counts[SWITCHED], counts[TAKEN]
+    if n == 0:
+        dangers[:] = NONE
+        return
     pending = n < m
-    if card.window == 0:
-        _plan_on(card, estimate, sample, card.apart[n] if pending else 0)
-        return _largest_margin(card, estimate, sample + 1, estimate.plan[m - 1] + card.tail)
     passed = min(sample - estimate.switches[n - 1], card.later.shape[1] - 1)
-    share, margins, n_cases = 0.0, 0.0, card.later.shape[2] if pending else 1
+    n_cases = card.later.shape[2] if pending else 1
+    shares, margins = np.zeros(len(windows)), np.zeros(len(windows))
     for case in range(n_cases):
         _plan_on(card, estimate, sample, card.later[n, passed, case] if pending else 0)
-        last = min(sample + card.window, estimate.plan[m - 1] + card.tail)
-        margin = _largest_margin(card, estimate, sample + 1, last)
-        share += 0.5 * (1.0 + erf(margin / sqrt(2.0))) / n_cases
-        margins += margin / n_cases
-    return log((share + FINEST_SHARE) / (1.0 - share + FINEST_SHARE)) + MARGIN_WEIGHT * margins
+        end, seen, margin = estimate.plan[m - 1] + card.tail, sample, NONE
+        for k in range(len(windows)):
+            last = min(sample + windows[k], end)
+            margin = max(margin, _largest_margin(card, estimate, seen + 1, last))
+            seen = max(seen, last)
+            shares[k] += 0.5 * (1.0 + erf(margin / sqrt(2.0))) / n_cases
+            margins[k] += margin / n_cases
+    for k in range(len(windows)):
+        odds = (shares[k] + FINEST_SHARE) / (1.0 - shares[k] + FINEST_SHARE)
+        dangers[k] = log(odds) + MARGIN_WEIGHT * margins[k]
 
 
-@inlined
+@jit
+def _danger(card, estimate):
+    """How surely a limit will be exceeded in what the score looks at."""
+    if card.window == 0:
+        return _danger_in_rest(card, estimate)
+    dangers = np.empty(1)
+    _dangers_within(card, estimate, np.full(1, card.window), dangers)
+    return dangers[0]
+
+
+@jit
 def _take(card, estimate, y, known):
-    """Take the next sample y (6,), known or not, and return the danger of what is left."""
+    """Take the next sample y (6,), known or not, but for the count of those taken."""
     if known:
         _look_for_switch(card, estimate, y)
         if estimate.counts[SWITCHED] > 0:
             _learn(card, estimate, y)
             _solve(estimate)
-    danger = _danger(card, estimate)
-    estimate.counts[TAKEN] += 1
-    return danger
 
 
 @jit
@@ -304,7 +329,9 @@ def update(card, estimate, clock, dt, t, y, code, y_hat):
             counts[LOST] = 1
             return np.nan
     clock[1] = 0.0 if known else clock[1] + 1.0
-    danger = _take(card, estimate, y, known)
+    _take(card, estimate, y, known)
+    danger = _danger(card, estimate)
+    counts[TAKEN] += 1
     if code != OK:
         return np.nan
     _forecast(card, estimate, card.h, y_hat)
@@ -361,9 +388,10 @@ def _lowest_some(card, y, first, last, start, stop, lowest):
     for i in range(start, stop):
         estimate = begin(card.steps.shape[0])
         for t in range(last[i] + 1):
-            danger = _take(card, estimate, y[i, t], True)
+            _take(card, estimate, y[i, t], True)
             if t >= first[i]:
-                lowest[i] = min(lowest[i], -danger)
+                lowest[i] = min(lowest[i], -_danger(card, estimate))
+            estimate.counts[TAKEN] += 1
 
 
 def lowest_scores(card: CardResponses, y: Array, first: Indices, last: Indices) -> Array:
@@ -374,3 +402,33 @@ def lowest_scores(card: CardResponses, y: Array, first: Indices, last: Indices) 
     lowest = np.full(len(y), np.inf)
     in_chunks(len(y), FLIGHTS_A_TASK, lambda a, b: _lowest_some(card, y, first, last, a, b, lowest))
     return lowest
+
+
+@jit
+def _scores_some(card, windows, y, last, start, stop, scores):
+    rest = windows[0] == 0
+    within, dangers = windows[1:] if rest else windows, np.empty(len(windows))
+    for i in range(start, stop):
+        estimate = begin(card.steps.shape[0])
+        for t in range(last[i] + 1):
+            _take(card, estimate, y[i, t], True)
+            if rest:
+                dangers[0] = _danger_in_rest(card, estimate)
+            if len(within) > 0:
+                _dangers_within(card, estimate, within, dangers[len(windows) - len(within) :])
+            scores[:, i, t] = -dangers
+            estimate.counts[TAKEN] += 1
+
+
+def scores_within(card: CardResponses, windows: Indices, y: Array, last: Indices) -> Array:
+    """Score of each sample 0..last of flights, were the card's window another; +inf for the rest.
+
+    windows: (n_windows,) samples, ascending; 0, for the rest of the card, is the first of them.
+    y: (n, n_samples, 6), finite over samples 0..last.   last: (n,).
+    Returns (n_windows, n, n_samples).
+    """
+    scores = np.full((len(windows), *y.shape[:2]), np.inf)
+    in_chunks(
+        len(y), FLIGHTS_A_TASK, lambda a, b: _scores_some(card, windows, y, last, a, b, scores)
+    )
+    return scores

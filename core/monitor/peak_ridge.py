@@ -45,6 +45,9 @@ LEAST_WEIGHT = 0.05
 """Of a flight whose outcome is certain, so that no step goes too far."""
 MOST_SAMPLES = 100_000
 
+Fit = Callable[[Array, list[Array]], list[tuple[Array, float]]]
+"""Regressors (n, m) and targets (n,) to the weights (m,) and constant of each target."""
+
 
 @dataclass(frozen=True)
 class LearnedFlights:
@@ -85,6 +88,17 @@ def fit_peaks(
     window: samples that are looked ahead, 0 for what is left of the manoeuvre.   dt: [s].
     ValueError where flights do not show when their input began, or too few failed.
     """
+    return fit_windows(predictor, flights, limits, [window], dt)[0]
+
+
+def fit_windows(
+    predictor: PeakRidge,
+    flights: LearnedFlights,
+    limits: Array | None,
+    windows: list[int],
+    dt: float,
+) -> list["RidgeForecast"]:
+    """The same for several windows, which share what they regress on."""
     y, n_samples = flights.y, flights.y.shape[1]
     surface, threshold = (-1, 0.0) if predictor.phase == "start" else _begin_of_input(y)
     start, sign = _starts(y, surface, threshold)
@@ -96,14 +110,16 @@ def fit_peaks(
                 f"by its label the predictor peak_ridge needs {LEAST_OF_A_KIND} or more of either "
                 "kind beside those that it is calibrated on: train(dataset, recipe, rollouts=...)"
             )
-        fit, target = log_odds, _fails_later(flights, window).astype(np.float64)
+        fit: Fit = _all_log_odds
+        targets = [_fails_later(flights, window).astype(np.float64) for window in windows]
     else:
-        fit, target = _margin, _peak_later(np.abs(y / limits).max(axis=2), window)
+        margin = np.abs(y / limits).max(axis=2)
+        fit, targets = _margins, [_peak_later(margin, window) for window in windows]
     every = -(-n_samples // MOST_PHASES)
     reach = max(1, round(predictor.past_s / dt))
     stride = -(-reach // MOST_PAST)
     n_past = -(-reach // stride)
-    weights, offset = [], []
+    weights, offsets = [[] for _ in windows], [[] for _ in windows]
     for phase in range(0, n_samples, every):
         now = start + phase
         use = np.flatnonzero((start >= 0) & (now < np.minimum(flights.fail_index, n_samples - 1)))
@@ -113,17 +129,22 @@ def fit_peaks(
         past = past[past >= 0]
         samples = y[use[:, None], start[use, None] + past] * sign[use, None, None]
         x = samples.reshape(len(use), -1)
-        found, constant = fit(x, target[use, now[use]])
-        weights.append(np.zeros((n_past, N_CHANNELS)))
-        weights[-1][: len(past)] = -found.reshape(-1, N_CHANNELS)
-        offset.append(-constant)
-    if not weights:
+        found = fit(x, [target[use, now[use]] for target in targets])
+        for own, offset, (coefficients, constant) in zip(weights, offsets, found, strict=True):
+            own.append(np.zeros((n_past, N_CHANNELS)))
+            own[-1][: len(past)] = -coefficients.reshape(-1, N_CHANNELS)
+            offset.append(-constant)
+    if not weights[0]:
         raise ValueError(
             "no phase of the manoeuvre is in a tenth of the rollouts: give rollouts that begin "
             "before their input, or choose phase start"
         )
-    peaks = PeakWeights(np.array(weights), np.array(offset), every, stride, surface, threshold)
-    return RidgeForecast(peaks)
+    return [
+        RidgeForecast(
+            PeakWeights(np.array(own), np.array(offset), every, stride, surface, threshold)
+        )
+        for own, offset in zip(weights, offsets, strict=True)
+    ]
 
 
 def _begin_of_input(y: Array) -> tuple[int, float]:
@@ -170,11 +191,18 @@ def _fails_later(flights: LearnedFlights, window: int) -> Flags:
     return (flights.fail_index < n_samples)[:, None] & (ahead <= (window or n_samples))
 
 
-def _margin(x: Array, peak: Array) -> tuple[Array, float]:
-    """Weights and constant of (forecast of the peak - 1) / deviation of what it is off."""
-    weights, constant, off = ridge(x, peak, np.ones(len(x)))
-    deviation = max(float(np.sqrt(np.mean(off**2))), FINEST)
-    return weights / deviation, (constant - 1.0) / deviation
+def _margins(x: Array, peaks: list[Array]) -> list[tuple[Array, float]]:
+    """Weights and constants of (forecast of a peak - 1) / deviation of what it is off."""
+    regressors, found = Regressors(x, np.ones(len(x))), []
+    for peak in peaks:
+        weights, constant, off = regressors.ridge(peak)
+        deviation = max(float(np.sqrt(np.mean(off**2))), FINEST)
+        found.append((weights / deviation, (constant - 1.0) / deviation))
+    return found
+
+
+def _all_log_odds(x: Array, fails: list[Array]) -> list[tuple[Array, float]]:
+    return [log_odds(x, each) for each in fails]
 
 
 def log_odds(x: Array, fails: Array) -> tuple[Array, float]:
@@ -200,31 +228,48 @@ def log_odds(x: Array, fails: Array) -> tuple[Array, float]:
 
 
 def ridge(x: Array, target: Array, precision: Array) -> tuple[Array, float, Array]:
-    """Weights, constant and leave-one-out residuals of a ridge regression.
+    """Weights, constant and leave-one-out residuals of a ridge regression, see Regressors.ridge."""
+    return Regressors(x, precision).ridge(target)
 
-    The penalty is of standardised weights, and is the one of PENALTIES with the least sum of
-    squares of these residuals.   x: (n, m).   target, precision: (n,).
+
+class Regressors:
+    """What targets are regressed on, standardised and decomposed once for all targets.
+
+    x: (n, m).   precision: (n,) of the targets.
     """
-    share = precision / precision.sum()
-    mean, center = share @ x, float(share @ target)
-    deviation = np.sqrt(share @ (x - mean) ** 2)
-    moves = deviation > 1e-9 * np.abs(x).max(axis=0)
-    root = np.sqrt(precision)
-    z = (x - mean)[:, moves] / deviation[moves] * root[:, None]
-    values, vectors = np.linalg.eigh(z.T @ z)
-    u, off = z @ vectors, root * (target - center)
-    along, squares = u.T @ off, u**2
-    best: tuple[float, Array, Array] | None = None
-    for penalty in PENALTIES:
-        shrunk = 1 / (np.maximum(values, 0) + penalty)
-        left = np.maximum(1 - share - squares @ shrunk, 1e-9)
-        residual = (off - u @ (along * shrunk)) / left
-        if best is None or residual @ residual < best[0]:
-            best = float(residual @ residual), along * shrunk, residual / root
-    assert best is not None
-    weights = np.zeros(x.shape[1])
-    weights[moves] = vectors @ best[1] / deviation[moves]
-    return weights, center - float(mean @ weights), best[2]
+
+    def __init__(self, x: Array, precision: Array) -> None:
+        self._share = precision / precision.sum()
+        self._mean = self._share @ x
+        deviation = np.sqrt(self._share @ (x - self._mean) ** 2)
+        self._moves = deviation > 1e-9 * np.abs(x).max(axis=0)
+        self._deviation = deviation[self._moves]
+        self._root = np.sqrt(precision)
+        z = (x - self._mean)[:, self._moves] / self._deviation * self._root[:, None]
+        values, self._vectors = np.linalg.eigh(z.T @ z)
+        self._u = z @ self._vectors
+        squares = self._u**2
+        self._shrunk = [1 / (np.maximum(values, 0) + penalty) for penalty in PENALTIES]
+        self._left = [np.maximum(1 - self._share - squares @ s, 1e-9) for s in self._shrunk]
+
+    def ridge(self, target: Array) -> tuple[Array, float, Array]:
+        """Weights, constant and leave-one-out residuals of a ridge regression.
+
+        The penalty is of standardised weights, and is the one of PENALTIES with the least sum of
+        squares of these residuals.   target: (n,).
+        """
+        center = float(self._share @ target)
+        off = self._root * (target - center)
+        along = self._u.T @ off
+        best: tuple[float, Array, Array] | None = None
+        for shrunk, left in zip(self._shrunk, self._left, strict=True):
+            residual = (off - self._u @ (along * shrunk)) / left
+            if best is None or residual @ residual < best[0]:
+                best = float(residual @ residual), along * shrunk, residual / self._root
+        assert best is not None
+        weights = np.zeros(len(self._mean))
+        weights[self._moves] = self._vectors @ best[1] / self._deviation
+        return weights, center - float(self._mean @ weights), best[2]
 
 
 class RunningPeaks(RunningForecast):
@@ -263,6 +308,13 @@ class RidgeForecast(PeakForecast):
     def lowest_scores(self, y: Array, first: Indices, last: Indices) -> Array:
         """Lowest score of each trajectory."""
         return kernels.lowest_scores(self.peaks, y, first, last)
+
+    def scores(self, y: Array, last: Indices) -> Array:
+        """Score of each sample 0..last of flights (n, n_samples); +inf for the rest.
+
+        y: (n, n_samples, 6), finite over samples 0..last.   last: (n,).
+        """
+        return kernels.scores(self.peaks, y, last)
 
     def to_section(self) -> Section:
         """Return the section of a monitor's file."""

@@ -189,6 +189,15 @@ class CardForecast(PeakForecast):
         """Lowest score of each trajectory."""
         return kernels.lowest_scores(self.card, y, first, last)
 
+    def scores_within(self, windows: Indices, y: Array, last: Indices) -> Array:
+        """Score of each sample, were the card's window another: what `fit_card` fits is the same.
+
+        windows: (n_windows,) samples, ascending; 0, for the rest of the card, is the first of them.
+        y: (n, n_samples, 6), finite over samples 0..last.   last: (n,).
+        Returns (n_windows, n, n_samples); +inf after `last`.
+        """
+        return kernels.scores_within(self.card, windows, y, last)
+
     def to_section(self) -> Section:
         """Return the section of a monitor's file."""
         header: dict[str, Any] = {name: getattr(self.card, name) for name in NUMBERS}

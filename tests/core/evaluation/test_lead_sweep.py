@@ -1,16 +1,18 @@
 """The sweep over leads: its counts are those of monitors that are trained and tested one by one."""
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
 
-from core.collection import card_of, collect, evaluation_flights
+from core.collection import card_of, collect, evaluation_flights, stopped_flights
 from core.evaluation import lead_sweep
 from core.evaluation.lead_sweep import METHODS, TESTS, PlannedTestSweep, SweepRecipe, sweep
-from core.evaluation.rates import evaluate
+from core.evaluation.prevention import prevention
+from core.evaluation.rates import evaluate, first_alerts
 from core.monitor import MonitorRecipe, train
-from core.seeds import monitor_seeds
+from core.seeds import Branch, monitor_seeds, stream
 from core.simulation.maneuver import FrequencySweep
 
 SMALL = SweepRecipe(
@@ -44,6 +46,28 @@ def test_a_cell_counts_what_each_monitor_alone_does(small: PlannedTestSweep) -> 
             assert (cell.n_unsafe[number], cell.n_safe[number]) == (alone.n_unsafe, alone.n_safe)
         assert cell.prevented.shape == (2, len(SMALL.reactions_s))
         assert (np.diff(cell.prevented_share) <= 0).all()
+
+
+def test_what_methods_share_changes_no_count_of_theirs() -> None:
+    names = tuple(name for name, (predictor, _) in METHODS.items() if predictor.forecast)
+    recipe = replace(SMALL, methods=names, leads_s=(0.25, 0.6), n_monitors=1)
+    test = replace(TESTS["F-16"].as_flown(), seed=monitor_seeds(0, 1)[0][0], n_unsafe=30)
+    dataset, flights = collect(test), evaluation_flights(test, recipe.n_test)
+    y, fails, n_samples = flights.y, flights.fail_index, flights.y.shape[1]
+    cells = sweep(recipe, {"flown": test})["flown"].cells
+    assert list(cells) == [(name, lead) for lead in recipe.leads_s for name in names]
+    for (name, lead), cell in cells.items():
+        predictor, score = METHODS[name]
+        own = MonitorRecipe(t_early=lead, epsilon=0.1, predictor=predictor, score=score)
+        monitor = train(dataset, own, card=card_of(test))
+        alone = evaluate(monitor, y, fails, np.array([0.1]))
+        assert (cell.misses[0], cell.false_alerts[0]) == (alone.misses[0], alone.false_alerts[0])
+        first = first_alerts(monitor, y, fails)
+        again = partial(stopped_flights, test, recipe.n_test)
+        rng = stream(test.seed, Branch.REACTION)
+        first[~flights.is_unsafe] = n_samples
+        reacted = prevention(first, fails, n_samples, 0.05, again, rng)
+        assert cell.prevented[0].tolist() == reacted.prevented.tolist()
 
 
 def test_where_failures_come_before_the_lead_no_method_has_power(small: PlannedTestSweep) -> None:
@@ -100,3 +124,8 @@ def test_what_progress_raises_cancels() -> None:
 def test_what_makes_no_sweep_is_refused(wrong: dict, words: str) -> None:
     with pytest.raises(ValueError, match=words):
         replace(SMALL, **wrong)
+
+
+def test_a_lead_as_long_as_the_manoeuvre_is_refused_before_anything_is_flown() -> None:
+    with pytest.raises(ValueError, match="the manoeuvre of F-16 lasts 6 s, choose shorter leads"):
+        sweep(replace(SMALL, leads_s=(0.25, 6.0)))
