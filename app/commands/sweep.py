@@ -3,13 +3,25 @@
 import argparse
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
+from pathlib import Path
 from typing import get_args
 
+from app.commands.options.destinations import check_file
 from app.commands.output.progress import progress_bar
 from app.commands.output.tables import add_table_options, names, print_table, recipe_of
 from core.evaluation.certificate import USELESS
-from core.evaluation.lead_sweep import METHODS, TESTS, Cell, PlannedTestSweep, SweepRecipe, sweep
+from core.evaluation.lead_sweep import (
+    CEILING_FLIGHTS,
+    CEILINGS,
+    METHODS,
+    TESTS,
+    Cell,
+    PlannedTestSweep,
+    SweepRecipe,
+    sweep,
+)
 from core.monitor.calibration import Guarantee
+from core.whole_file import write_whole
 
 
 @dataclass(frozen=True)
@@ -64,6 +76,11 @@ def add(parser: argparse.ArgumentParser) -> None:
         default=usual.imperfections,
         help=f"of a real flight, in training as in testing (default: {usual.imperfections})",
     )
+    parser.add_argument(
+        "--ceiling",
+        action="store_true",
+        help="also what a posterior of all derivatives could tell: takes a minute a test",
+    )
     parser.add_argument("--epsilon", type=float, default=usual.epsilon, help="promised miss rate")
     parser.add_argument(
         "--guarantee", choices=get_args(Guarantee), default=usual.guarantee, help="promise on it"
@@ -74,6 +91,9 @@ def add(parser: argparse.ArgumentParser) -> None:
         "n_test": "fresh test flights of each monitor",
         "seed": "seed of every random draw",
     }
+    parser.add_argument(
+        "--figure", type=Path, help="figure written, .png or .svg: power against lead"
+    )
     add_table_options(parser, usual, numbers)
 
 
@@ -85,11 +105,29 @@ def seconds(text: str) -> tuple[float, ...]:
 def run(options: argparse.Namespace) -> int:
     """Train and test every monitor; print the tables."""
     recipe = recipe_of(SweepRecipe, options)
+    if options.figure is not None:
+        _check_figure(options.figure)
     with progress_bar("monitors") as progress:
         found = sweep(recipe, progress=progress)
+    if options.figure is not None:
+        write_whole(options.figure, _figure(options.figure, found, recipe))
     rows = [row for name, test in found.items() for row in rows_of(name, test, recipe)]
     print_table(options, rows, in_words(found, recipe), [asdict(row) for row in rows])
     return 0
+
+
+def _check_figure(path: Path) -> None:
+    check_file(path)
+    if path.suffix not in (".png", ".svg"):
+        raise ValueError(f"{path} was given: a figure's name ends in .png or .svg")
+
+
+def _figure(path: Path, found: Mapping[str, PlannedTestSweep], recipe: SweepRecipe) -> bytes:
+    from app.report.study_figures import render  # matplotlib: a quarter of a second
+    from app.report.sweep_figure import power_against_lead
+
+    kind = path.suffix[1:]
+    return render(power_against_lead(found, recipe), "sweep", [kind])[f"sweep.{kind}"]
 
 
 def rows_of(name: str, found: PlannedTestSweep, recipe: SweepRecipe) -> list[Row]:
@@ -128,6 +166,11 @@ def in_words(found: Mapping[str, PlannedTestSweep], recipe: SweepRecipe) -> str:
         "missed: of failing flights; no alert: of safe flights (in brackets where just epsilon is "
         "missed); prevented: of failing flights, by the mean reaction to the alert",
     ]
+    if recipe.ceiling:
+        lines.append(
+            "ceiling: what a posterior of all derivatives could tell, with just epsilon missed of "
+            f"{CEILING_FLIGHTS} flights"
+        )
     reactions = "".join(f"{f'{reaction:g} s':>7}" for reaction in recipe.reactions_s)
     for name, test in found.items():
         lines += [
@@ -153,7 +196,9 @@ def _line(method: str, cell: Cell) -> str:
 def _hopeless(test: PlannedTestSweep) -> list[str]:
     """What to do about leads at which no method lets safe flights pass."""
     best: dict[float, float] = {}
-    for cell in test.cells.values():
+    for (method, _), cell in test.cells.items():
+        if method in CEILINGS:
+            continue
         best[cell.lead] = max(best.get(cell.lead, 0.0), cell.power)
     leads = [f"{lead:g}" for lead, power in best.items() if power < USELESS]
     if not leads:

@@ -7,18 +7,18 @@ without an alert, and failures that the alert prevents by the time that people t
 
 import os
 from collections.abc import Callable, Iterator, Mapping
-from concurrent.futures import ThreadPoolExecutor, as_completed
+from concurrent.futures import Future, ThreadPoolExecutor, as_completed
 from dataclasses import dataclass, fields, replace
-from functools import partial
 from itertools import chain
 from threading import Event
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
 
 from core.bounds import Bounds, check_bounds
 from core.card import Card, CardError
 from core.collection import card_of, collect, evaluation_flights, stopping_flights
+from core.evaluation.ceiling import Ceiling
 from core.evaluation.prevention import REACTIONS_S, Stopped, prevention
 from core.evaluation.rates import clustered_interval, first_alerts
 from core.kernels.compiled import on_this_thread
@@ -31,7 +31,7 @@ from core.monitor.recipe import MISS_RATE, MonitorRecipe
 from core.monitor.response_filter import fit_card
 from core.monitor.score import SCORES, RestOfCard, Score
 from core.monitor.training import SafeObservations, train
-from core.planned_test import DatasetRecipe, Rollouts, SensorNoise
+from core.planned_test import DatasetRecipe, Rollouts, SensorNoise, Simulator
 from core.seeds import Branch, monitor_seeds, stream
 from core.simulation.aircraft import AIRCRAFT
 from core.simulation.control_law import CONTROL_LAWS
@@ -47,6 +47,10 @@ METHODS: dict[str, tuple[Predictor, Score]] = {
     "test card: rest": (PREDICTORS["response_filter"], SCORES["rest_of_card"]),
 }
 """Methods that are compared, as pairs of predictor and score."""
+CEILINGS = {"ceiling: window": SCORES["card_window"], "ceiling: rest": SCORES["rest_of_card"]}
+"""Names of what methods of such a score hardly get beyond, see core.evaluation.ceiling."""
+CEILING_FLIGHTS, FLIGHTS_A_TASK = 1000, 25
+"""Flights of a ceiling, and some of them that a thread takes at a time."""
 NOISE = SensorNoise(beta=0.001, p=0.004, r=0.001, Ny=0.004, delta_a=0.003, delta_r=0.0003)
 
 
@@ -100,10 +104,18 @@ class SweepRecipe:
     """reaction times: mean from an alert to neutral controls [s]."""
     seed: Annotated[int, Bounds(least=0)] = 0
     """seed of every random draw."""
+    ceiling: bool = False
+    """ceiling: what a posterior of all derivatives could tell, on 1,000 flights; takes a minute a
+    test."""
 
     def __post_init__(self) -> None:
         """Refuse what makes no sweep."""
         check_bounds(self)
+        if self.ceiling and self.imperfections != "none":
+            raise ValueError(
+                f"a ceiling with imperfections={self.imperfections!r} was asked for: it is known "
+                "without imperfections only, leave either out"
+            )
         for what, given, known in (
             ("method", self.methods, METHODS),
             ("planned test", self.tests, TESTS),
@@ -177,7 +189,7 @@ class PlannedTestSweep:
 
     earliest_s: time from the first input by which 5 % of the failing flights have failed [s]: a
     longer lead leaves the manoeuvre.   unsafe_share: of fresh flights that fail.
-    cells: by method and wanted lead [s].
+    cells: by method and wanted lead [s]; those of CEILINGS, if asked for, too.
     """
 
     earliest_s: float
@@ -208,32 +220,40 @@ def sweep(
             tests = {name: test.as_flown() for name, test in tests.items()}
     _check_leads(recipe, tests)
     seeds = monitor_seeds(recipe.seed, recipe.n_monitors)
-    each = len(recipe.methods) * len(recipe.leads_s)
-    total, done, cancelled = len(tests) * recipe.n_monitors * each, 0, Event()
+    made = {name: replace(test, n_unsafe=recipe.n_unsafe) for name, test in tests.items()}
+    one = {name: replace(test, seed=seeds[0][0]) for name, test in made.items()}
+    ceilings = [_CeilingTest(test, recipe) for test in one.values() if recipe.ceiling]
+    each, cancelled = len(recipe.methods) * len(recipe.leads_s), Event()
     pool = ThreadPoolExecutor(os.cpu_count() or 1)
     try:
         parts = {
-            pool.submit(
-                partial(
-                    _part_alone,
-                    replace(test, seed=seed, n_unsafe=recipe.n_unsafe),
-                    recipe,
-                    cancelled,
-                )
-            ): name
-            for seed, _ in seeds
-            for name, test in tests.items()
+            name: [
+                pool.submit(_part_alone, replace(test, seed=seed), recipe, cancelled)
+                for seed, _ in seeds
+            ]
+            for name, test in made.items()
         }
-        for part in as_completed(parts):
-            part.result()
-            done += each
+        chunks = [
+            [pool.submit(ceiling.scores, start, cancelled) for start in ceiling.starts]
+            for ceiling in ceilings
+        ]
+        weights: dict[Future[Any], int] = dict.fromkeys(chain(*chunks), 1)
+        weights |= dict.fromkeys(chain(*parts.values()), each)
+        done = 0
+        for task in as_completed(weights):
+            task.result()
+            done += weights[task]
             if progress:
-                progress(done, total)
+                progress(done, sum(weights.values()))
     finally:
         cancelled.set()
         pool.shutdown(cancel_futures=True)
-    found = {name: [part.result() for part in parts if parts[part] == name] for name in tests}
-    return {name: _pooled(own) for name, own in found.items()}
+    found = {name: _pooled([part.result() for part in own]) for name, own in parts.items()}
+    for name, ceiling, own in zip(found, ceilings, chunks, strict=False):
+        cells = {**found[name].cells, **ceiling.cells([chunk.result() for chunk in own])}
+        by_lead = sorted(cells.items(), key=lambda item: recipe.leads_s.index(item[0][1]))
+        found[name] = replace(found[name], cells=dict(by_lead))
+    return found
 
 
 def _check_leads(recipe: SweepRecipe, tests: Mapping[str, DatasetRecipe]) -> None:
@@ -364,6 +384,50 @@ class _Part:
         return _said_by_scores(tests, self._flights, h, _highest_alerting(alphas, self._above))
 
 
+class _CeilingTest:
+    """What the ceiling says of one planned test's flights, some at a time."""
+
+    def __init__(self, test: DatasetRecipe, recipe: SweepRecipe) -> None:
+        self._test, self._recipe, self._ceiling = test, recipe, Ceiling(test)
+        self._flights = evaluation_flights(test, CEILING_FLIGHTS)
+        rng = stream(test.seed, Branch.TEST)
+        self._commands = Simulator(test).commands(CEILING_FLIGHTS, rng)
+        self._looks = {
+            (name, lead): (score.window(h), h)
+            for lead in recipe.leads_s
+            for h in (lead_steps(lead, test.dt),)
+            for name, score in CEILINGS.items()
+        }
+        self._windows = np.array([window for window, _ in self._looks.values()])
+        fails = self._flights.fail_index
+        latest = fails.max(where=self._flights.is_unsafe, initial=0)
+        self._last = np.minimum(fails, latest)  # later nothing fails: an alert would be in vain
+        self.starts = range(0, CEILING_FLIGHTS, FLIGHTS_A_TASK)
+
+    def scores(self, start: int, cancelled: Event) -> Array:
+        """Scores (n_looks, n, n_samples) of the flights from `start` on."""
+        if cancelled.is_set():
+            raise InterruptedError("the sweep was cancelled")
+        some = slice(start, start + FLIGHTS_A_TASK)
+        with on_this_thread():
+            return self._ceiling.scores(
+                self._flights.y[some], self._commands[some], self._last[some], self._windows
+            )
+
+    def cells(self, scores: list[Array]) -> dict[tuple[str, float], Cell]:
+        """Cells where just the share epsilon of these very failing flights is missed."""
+        flights, test, recipe = self._flights, self._test, self._recipe
+        stopped = stopping_flights(test, CEILING_FLIGHTS)
+        counted: dict[tuple[str, float], Cell] = {}
+        all_scores = np.concatenate(scores, axis=1)
+        for (key, (_, h)), own in zip(self._looks.items(), all_scores, strict=True):
+            lowest = _lowest(own, _last_timely(flights, h))
+            level = _level_at(recipe.epsilon, lowest[flights.is_unsafe])
+            said = _said_by_scores(own, flights, h, level)
+            counted[key] = _counted(said, flights, test, recipe, stopped)
+        return counted
+
+
 def _said_by_scores(scores: Array, flights: Rollouts, h: int, level: float) -> _Said:
     """scores: (n, n_samples) of the flights up to their failure.   level: highest that alerts."""
     n_samples, last = scores.shape[1], _last_timely(flights, h)
@@ -434,11 +498,17 @@ def _counted(
 
 def _power_at(epsilon: float, lowest: Array, is_unsafe: Flags) -> float:
     """Power of the threshold that misses just the share epsilon of these failing flights."""
-    scores, safe = np.sort(lowest[is_unsafe]), lowest[~is_unsafe]
-    if not (len(scores) and len(safe)):
+    failing, safe = lowest[is_unsafe], lowest[~is_unsafe]
+    if not (len(failing) and len(safe)):
         return np.nan
-    threshold = scores[len(scores) - 1 - int(epsilon * len(scores) + 1e-9)]
-    return float(np.mean(safe > threshold))
+    return float(np.mean(safe > _level_at(epsilon, failing)))
+
+
+def _level_at(epsilon: float, failing: Array) -> float:
+    """That threshold, by the lowest scores (n,) of the failing flights; an alert at or below it."""
+    if not len(failing):
+        return -np.inf
+    return float(np.sort(failing)[len(failing) - 1 - int(epsilon * len(failing) + 1e-9)])
 
 
 def _pooled(parts: list[_Found]) -> PlannedTestSweep:

@@ -2,6 +2,8 @@
 
 import csv
 import json
+from pathlib import Path
+from xml.etree import ElementTree
 
 import pytest
 
@@ -23,8 +25,9 @@ SMALL = [
 
 
 def test_a_table_says_what_each_method_costs_and_where_nothing_helps(capsys, tmp_path) -> None:
-    out = tmp_path / "sweep.csv"
-    assert main([*SMALL, "--reactions", "0.25,2", "-o", str(out)]) == 0
+    out, figure = tmp_path / "sweep.csv", tmp_path / "sweep.svg"
+    options = ["--reactions", "0.25,2", "-o", str(out), "--figure", str(figure)]
+    assert main([*SMALL, *options]) == 0
     text = capsys.readouterr().out
     assert "ATTAS: " in text
     assert "no method has power left 1.6 s ahead" in text
@@ -32,6 +35,9 @@ def test_a_table_says_what_each_method_costs_and_where_nothing_helps(capsys, tmp
     assert {row["method"] for row in rows} >= {"linear + nearest neighbor", "test card: rest"}
     assert {float(row["reaction_s"]) for row in rows} == {0.25, 2.0}
     assert all(0 <= float(row["prevented"]) <= 1 for row in rows)
+    assert {"ATTAS", "test card: rest", "1 in 20 has failed"} <= texts(figure)
+    assert main([*SMALL, "--figure", str(out)]) != 0
+    assert "a figure's name ends in .png or .svg" in capsys.readouterr().err
     assert main([*SMALL, "--methods", "fortune"]) != 0
     assert "'fortune' was given: choose linear + nearest neighbor" in capsys.readouterr().err
 
@@ -41,3 +47,9 @@ def test_json_has_the_same_rows(capsys) -> None:
     rows = json.loads(capsys.readouterr().out)
     assert [row["lead"] for row in rows] == pytest.approx([0.25] * 5 + [1.6] * 5)
     assert {row["method"] for row in rows} == {"predicted magnitude"}
+
+
+def texts(figure: Path) -> set[str]:
+    """What stands in a figure."""
+    words = ElementTree.parse(figure).iter("{http://www.w3.org/2000/svg}text")
+    return {"".join(word.itertext()) for word in words}

@@ -8,7 +8,14 @@ import pytest
 
 from core.collection import card_of, collect, evaluation_flights, stopped_flights
 from core.evaluation import lead_sweep
-from core.evaluation.lead_sweep import METHODS, TESTS, PlannedTestSweep, SweepRecipe, sweep
+from core.evaluation.lead_sweep import (
+    CEILINGS,
+    METHODS,
+    TESTS,
+    PlannedTestSweep,
+    SweepRecipe,
+    sweep,
+)
 from core.evaluation.prevention import prevention
 from core.evaluation.rates import evaluate, first_alerts
 from core.monitor import MonitorRecipe, train
@@ -129,3 +136,25 @@ def test_what_makes_no_sweep_is_refused(wrong: dict, words: str) -> None:
 def test_a_lead_as_long_as_the_manoeuvre_is_refused_before_anything_is_flown() -> None:
     with pytest.raises(ValueError, match="the manoeuvre of F-16 lasts 6 s, choose shorter leads"):
         sweep(replace(SMALL, leads_s=(0.25, 6.0)))
+
+
+def test_a_ceiling_misses_just_epsilon_and_stands_beside_its_lead(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(lead_sweep, "CEILING_FLIGHTS", 30)
+    recipe = replace(SMALL, tests=("ATTAS",), n_monitors=1, ceiling=True, methods=SMALL.methods[:1])
+    told: list[tuple[int, int]] = []
+    cells = sweep(recipe, progress=lambda *done: told.append(done))["ATTAS"].cells
+    names = [*SMALL.methods[:1], *CEILINGS]
+    assert list(cells) == [(name, lead) for lead in recipe.leads_s for name in names]
+    assert sorted(told)[-1] == (4, 4)
+    for name in CEILINGS:
+        near, far = (cells[name, lead] for lead in recipe.leads_s)
+        assert near.misses[0] == far.misses[0] == int(0.1 * near.n_unsafe[0])
+        assert near.power == near.power_at_epsilon[0] >= far.power
+        assert near.power > 0.8
+
+
+def test_a_ceiling_of_imperfect_flights_is_refused() -> None:
+    with pytest.raises(ValueError, match="it is known without imperfections only"):
+        replace(SMALL, ceiling=True, imperfections="usual")
