@@ -82,6 +82,7 @@ class AssessedRow(msgspec.Struct, gc=False):
     reason: str
     y_hat: Any
     score: float | None
+    group: str | None
     nearest_unsafe: None = None
     nearest_safe: None = None
 

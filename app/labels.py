@@ -12,6 +12,7 @@ FAMILIES = {
     "specification": "Limits",
     "predictor": "Predictor",
     "score": "Score",
+    "grouping": "Groups of failing flights",
 }
 KINDS: dict[str, str] = {
     **{name: model.title for name, model in MODELS.items()},
@@ -39,6 +40,9 @@ KINDS: dict[str, str] = {
     "negative_magnitude": "magnitude of one channel",
     "response_filter": "test card, by a filter of the response",
     "peak_ridge": "peak to come, learned from safe flights",
+    "pooled": "none, all failures together",
+    "first_limit": "limit exceeded first",
+    "largest_deflection": "largest deflection before the failure",
     "rest_of_card": "margin in what is left of the manoeuvre",
     "card_window": "margin within the lead and a little more",
 }

@@ -76,6 +76,10 @@ class AssessedSample(BaseModel):
     reason: str = Field(description="why the state is not `ok`")
     y_hat: ForecastByChannel | None = Field(description="forecast t_early ahead")
     score: float | None
+    group: str | None = Field(
+        description="the flight's group of failing flights, by whose threshold p_value is; null "
+        "while it is not known, and for monitors without groups"
+    )
     nearest_unsafe: Exemplar | None
     nearest_safe: Exemplar | None
 

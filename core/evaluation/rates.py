@@ -6,7 +6,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.special import betaincinv, stdtrit
 
-from core.monitor.group import GROUPINGS
+from core.monitor.group import GROUPINGS, members
 from core.monitor.monitor import Monitor
 from core.types import Array, Indices
 
@@ -150,18 +150,23 @@ def evaluate_groups(
     What is promised of all failing flights is not promised of each group.
 
     y, fail_index: as in `evaluate`.   epsilon: the monitor's own unless given.
-    Groupings of which the flights are not in two groups at least are left out.
+    Groupings of which the flights are not in two groups at least are left out; of a monitor that is
+    calibrated by groups, these are its own.
     """
     at, fails = np.array([monitor.check_epsilon(epsilon)]), fail_index < y.shape[1]
     y, fail_index = y[fails], fail_index[fails]
-    found = {
-        rule: {
-            name: evaluate(monitor, y[those], fail_index[those], at)
-            for name, those in grouping.groups(y, fail_index, monitor.specification).items()
-        }
-        for rule, grouping in GROUPINGS.items()
-    }
-    return {rule: groups for rule, groups in found.items() if groups}
+    own, found = monitor.groups, {}
+    for rule, grouping in GROUPINGS.items():
+        if own is not None and own.rule.kind == rule:
+            groups = members(own.rule, y, fail_index)
+        else:
+            groups = grouping.groups(y, fail_index, monitor.specification)
+        if groups:
+            found[rule] = {
+                name: evaluate(monitor, y[those], fail_index[those], at)
+                for name, those in groups.items()
+            }
+    return found
 
 
 def first_alerts(

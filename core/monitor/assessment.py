@@ -70,6 +70,8 @@ class Assessment:
     cause: the kind of reason of an invalid sample, where views tell it apart; else None.
     y_hat: (6,) forecast of the outputs t_early ahead; None where the predictor makes none.
     nearest_unsafe, nearest_safe: exemplars; None where the score looks up no neighbours.
+    group: the flight's group of failing flights, by which the p-value is; None where it is not
+    known yet, and for monitors without groups.
     """
 
     t: float
@@ -83,6 +85,7 @@ class Assessment:
     nearest_safe: Exemplar | None = None
     alert_above: float | None = None
     cause: Cause | None = None
+    group: str | None = None
 
     def as_dict(self) -> dict[str, Any]:
         """Return the wire form: plain numbers, the forecast by channel key."""
@@ -97,6 +100,7 @@ class Assessment:
             if self.y_hat is None
             else dict(zip(KEYS, self.y_hat.tolist(), strict=True)),
             "score": self.score,
+            "group": self.group,
             "nearest_unsafe": self.nearest_unsafe and asdict(self.nearest_unsafe),
             "nearest_safe": self.nearest_safe and asdict(self.nearest_safe),
         }
@@ -123,6 +127,7 @@ class Assessments:
     nearest_unsafe, nearest_safe: (n,) point numbers of the monitor; -1 where there is none.
     withdrawal: from where on the flight is invalid for being outside training; None if it is not.
     alert_above: p-value above which a sample alerts.
+    group: (n,) numbers into group_names, -1 while it is not known; None without groups.
     """
 
     t: Array
@@ -135,6 +140,8 @@ class Assessments:
     nearest_safe: Indices
     withdrawal: Withdrawal | None = None
     alert_above: float = np.nan
+    group: Indices | None = None
+    group_names: tuple[str, ...] = ()
 
     def __len__(self) -> int:
         return len(self.t)
@@ -150,7 +157,13 @@ class Assessments:
         y_hat = self.y_hat[k] if np.isfinite(self.y_hat[k]).all() else None
         p_value, alert, score = (float(self.p_value[k]), bool(self.alert[k]), float(self.score[k]))
         said = p_value, alert, state, reason, y_hat, score
-        return Assessment(t, *said, alert_above=self.alert_above)
+        group = self._group_name(k)
+        return Assessment(t, *said, alert_above=self.alert_above, group=group)
+
+    def _group_name(self, k: int) -> str | None:
+        """Name of the group at sample k; None where it is not known."""
+        group = -1 if self.group is None else self.group.item(k)
+        return None if group < 0 else self.group_names[group]
 
     def columns(self) -> dict[str, list[Any]]:
         """Return what `as_dict` says of each sample but exemplars, a list a field.
@@ -172,6 +185,7 @@ class Assessments:
             "reason": reasons,
             "y_hat": _where(forecast, self.y_hat),
             "score": _where(known, self.score),
+            "group": [self._group_name(k) if ok else None for k, ok in enumerate(known.tolist())],
         }
 
     def withdrawn_from(self, lost: Withdrawal | None) -> "Assessments":

@@ -27,6 +27,7 @@ from core.monitor.assessment import (
 )
 from core.monitor.calibration import alert_above, check_epsilon, p_values, smallest_epsilon
 from core.monitor.file import portable
+from core.monitor.group import NO_GROUP, Groups
 from core.monitor.peak_forecast import LOST, PeakForecast
 from core.monitor.predictor import Affine
 from core.monitor.recipe import MonitorRecipe
@@ -66,6 +67,7 @@ class Monitor:
     inputs: how surfaces moved in fresh flights; None where that is not known.
     forecast: of what is left of the manoeuvre; None for predictors that make none. Scores are then
     of it, and `fitted` says what a sample is like.
+    groups: its calibration by groups; None where all failures are pooled.
     """
 
     recipe: MonitorRecipe
@@ -92,10 +94,11 @@ class Monitor:
     evaluation: dict[str, Any] | None = None
     inputs: InputSupport | None = None
     forecast: PeakForecast | None = field(repr=False, default=None)
+    groups: Groups | None = field(repr=False, default=None)
 
     @property
     def alphas(self) -> Array:
-        """(n_unsafe,) sorted calibration scores."""
+        """(n,) sorted calibration scores of all its failures."""
         return self.fitted.alphas
 
     @property
@@ -150,8 +153,8 @@ class Monitor:
 
     @property
     def n_unsafe(self) -> int:
-        """Failures it is calibrated on."""
-        return len(self.alphas)
+        """Failures it is calibrated on; of each group where it has groups."""
+        return len(self.alphas) if self.groups is None else self.groups.n_unsafe
 
     @property
     def lead(self) -> float:
@@ -161,7 +164,12 @@ class Monitor:
     @property
     def smallest_epsilon(self) -> float:
         """Smallest epsilon its failures can serve."""
-        return smallest_epsilon(self.n_unsafe, self.recipe.guarantee, self.n_early)
+        return smallest_epsilon(self.n_unsafe, self.recipe.guarantee, self._most_early)
+
+    @property
+    def _most_early(self) -> int:
+        """Failures that came before any warning could; of the group that has most."""
+        return self.n_early if self.groups is None else self.groups.n_early
 
     def p_values(self, y: npt.ArrayLike) -> Array:
         """p-value of each sample of a trajectory sampled at the monitor's dt.
@@ -205,6 +213,9 @@ class Monitor:
             p = p_values(s, self.alphas)
             if self.forecast.has_outputs:
                 y_hat = followed.y_hat
+        group = None
+        if self.groups is not None:
+            p, group = self.groups.p_values(s, y[fresh])
         result = Assessments(
             t=t,
             state=state,
@@ -215,6 +226,8 @@ class Monitor:
             nearest_unsafe=_spread(unsafe, fresh, -1),
             nearest_safe=_spread(safe, fresh, -1),
             alert_above=above,
+            group=None if group is None else _spread(group, fresh, NO_GROUP),
+            group_names=() if self.groups is None else self.groups.rule.names,
         ).withdrawn_from(lost)
         return result.withdrawn_from(self.withdrawal(t, y, result)) if withdraw else result
 
@@ -299,10 +312,12 @@ class Monitor:
         """
         epsilon = self.recipe.epsilon if epsilon is None else epsilon
         above = alert_above(epsilon, self.n_unsafe, self.recipe.guarantee)
-        if self.recipe.guarantee != "average" and above < (self.n_early + 1) / (self.n_unsafe + 1):
+        if self.recipe.guarantee != "average" and above < (self._most_early + 1) / (
+            self.n_unsafe + 1
+        ):
             raise ValueError(
                 f"epsilon={epsilon:g} with 95 % confidence would alert on every flight: "
-                f"{self.n_early} of {self.n_unsafe} failures came before any warning could; "
+                f"{self._most_early} of {self.n_unsafe} failures came before any warning could; "
                 "shorten t_early or raise epsilon"
             )
         return above
@@ -321,6 +336,8 @@ class Monitor:
 
     def highest_p_values(self, y: Array, last: Indices) -> Array:
         """Highest p-value of each trajectory over samples 0..last, not withdrawn; 0 if last < 0."""
+        if self.groups is not None:
+            return self.groups.highest_p_values(y, last, self.lowest_scores)
         if self.forecast is not None:
             return np.where(last < 0, 0.0, p_values(self.lowest_scores(y, last), self.alphas))
         return peak_risk.highest_p_values(
@@ -352,6 +369,8 @@ class Monitor:
             sections.append(portable.Section("transduction", 1, True, plain, exact))
         if self.forecast is not None:
             sections.append(self.forecast.to_section())
+        if self.groups is not None:
+            sections.append(self.groups.to_section())
         if self.support is not None:
             sections.append(self.support.to_section())
         if self.inputs is not None:
@@ -411,6 +430,7 @@ class Stream:
         self._validity = basis and RunningValidity(basis)
         self._reason = ""
         self._forecast = monitor.forecast and monitor.forecast.begin(monitor.dt)
+        self._groups = monitor.groups and monitor.groups.begin()
         has_outputs = monitor.forecast is not None and monitor.forecast.has_outputs
         self._maps_ahead = monitor.recipe.predictor.forecasts and not has_outputs
         self._tells_unsafe, self._tells_safe = exemplars, exemplars or basis is not None
@@ -447,6 +467,7 @@ class Stream:
 
     def _assess(self, t: float, y: Array) -> Assessment:
         code, p, s = self._update(*self._state, self._dt, t, y, self._point)
+        is_fresh = code != assessing.STALE
         y_hat = self._point * self.monitor.scale if self._maps_ahead else None
         if self._forecast is not None:
             s, code = self._forecast.update(t, y, code)
@@ -455,8 +476,13 @@ class Stream:
             p = simple_p(self._fitted.alphas, s)
             if not self._maps_ahead:
                 y_hat = self._forecast.y_hat
+        if self._groups is not None and is_fresh:
+            self._groups.update(y)
         if code != assessing.OK:
             return Assessment(t, None, None, STATES[code], REASONS[code])
+        group = None
+        if self._groups is not None:
+            p, group = self._groups.p_value(s), self._groups.name
         unsafe = safe = None
         if self._tells_unsafe and (point := self._status.item(2)) >= 0:
             unsafe = self._unsafe.exemplar(point, self._clock.item(2))
@@ -472,6 +498,7 @@ class Stream:
             score=s,
             nearest_unsafe=unsafe,
             nearest_safe=safe,
+            group=group,
         )
 
 

@@ -5,6 +5,7 @@ from typing import Annotated, Literal, get_args
 
 from core.bounds import Bounds, check_bounds
 from core.monitor.calibration import Guarantee
+from core.monitor.group import GROUPINGS, Grouping, Pooled
 from core.monitor.predictor import PREDICTORS, Predictor
 from core.monitor.score import SCORES, Score
 
@@ -40,6 +41,9 @@ class MonitorRecipe:
     guarantee: Guarantee = "average"
     """promise on the miss rate: at most epsilon on `average` over many monitors trained alike, or
     of this very one with `95%` confidence, which alerts more and needs more failures."""
+    groups: Grouping = GROUPINGS["pooled"]
+    """groups of failing flights: the promise holds for each, with a threshold of its own; it needs
+    as many failures in each."""
 
     def __post_init__(self) -> None:
         """Refuse what no dataset could make right."""
@@ -55,8 +59,14 @@ class MonitorRecipe:
                     f"{name}={getattr(self, name)!r} was given: choose "
                     f"{' or '.join(get_args(choices))}"
                 )
+        if not isinstance(self.groups, Pooled) and self._is_exact:
+            raise ValueError("groups need p_value simple: choose that, or groups pooled")
         if wrong := mismatch(self.predictor, self.score):
             raise ValueError(wrong)
+
+    @property
+    def _is_exact(self) -> bool:
+        return self.p_value == "exact" and self.score.looks_up_neighbors
 
 
 METHODS: dict[str, tuple[Predictor, Score]] = {

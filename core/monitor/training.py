@@ -14,6 +14,7 @@ from core.kernels.assessing import Fitted, weighted_distances
 from core.kernels.mapping import map_samples
 from core.kernels.p_value import SIMPLE, Transduction
 from core.kernels.peak_risk import lowest_scores
+from core.monitor.group import Groups, Pooled
 from core.monitor.monitor import Monitor, assemble
 from core.monitor.observation import (
     channel_scale,
@@ -135,6 +136,10 @@ def _calibrated(
         alphas = forecast.lowest_scores(dataset.unsafe, first, last)
     else:
         alphas = lowest_scores(fitted, dataset.unsafe, n_delay, first, last, own, np.empty(0))
+    groups = None
+    if not isinstance(recipe.groups, Pooled):
+        found = recipe.groups.fit(dataset.unsafe, dataset.fail_index, dataset.specification)
+        groups = Groups.calibrate(found, alphas, recipe.epsilon, recipe.guarantee)
     exact = SIMPLE
     if recipe.p_value == "exact" and recipe.score.looks_up_neighbors:
         running = recipe.calibration == "trajectory"
@@ -160,6 +165,7 @@ def _calibrated(
         fitted=fitted._replace(alphas=np.sort(alphas)),
         exact=exact,
         forecast=forecast,
+        groups=groups,
         dataset_recipe=dataset.recipe,
         dataset_digest=dataset.digest(),
         seed=dataset.seed,

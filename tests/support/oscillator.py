@@ -49,10 +49,15 @@ def fail_indices(y: Array) -> Indices:
     return np.where(violates.any(axis=1), violates.argmax(axis=1), y.shape[1])
 
 
-def collect(rng: np.random.Generator, n_unsafe: int, n_obs: int = 20) -> Dataset:
+def collect(
+    rng: np.random.Generator,
+    n_unsafe: int,
+    n_obs: int = 20,
+    specification: Limits = Limits(),  # noqa: B008
+) -> Dataset:
     """Fly until n_unsafe flights failed; keep the safe ones met on the way."""
     theta, y = fly(rng, 20 * n_unsafe + 50)
-    fail = fail_indices(y)
+    fail = specification.first_exceedance(y)
     failed = np.flatnonzero(fail < N_SAMPLES)[:n_unsafe]
     assert len(failed) == n_unsafe
     met = np.arange(len(y)) < failed[-1]
@@ -69,7 +74,7 @@ def collect(rng: np.random.Generator, n_unsafe: int, n_obs: int = 20) -> Dataset
         theta_safe=theta[safe],
         dt=DT,
         theta_names=THETA,
-        specification=Limits(),
+        specification=specification,
         n_safe_met=len(safe),
         seed=7,
         recipe={"aircraft": "oscillator"},

@@ -26,6 +26,7 @@ from app.recipes import (
 from core.channels import BY_KEY, KEYS
 from core.mistyped import instead_of
 from core.monitor.calibration import Guarantee
+from core.monitor.group import GROUPINGS
 from core.monitor.predictor import PREDICTORS
 from core.monitor.score import SCORES
 from core.simulation.aircraft import AIRCRAFT, MatrixAircraft
@@ -67,6 +68,7 @@ SHARED: tuple[tuple[str, str, Any, Any, str], ...] = (
     ("--scaling", "monitor.scaling", str, ("safe_std", "raw"), "units of distances"),
     ("--epsilon", "monitor.epsilon", float, None, "accepted miss rate"),
     ("--guarantee", "monitor.guarantee", str, get_args(Guarantee), "promise on the miss rate"),
+    ("--groups", "monitor.groups.kind", str, tuple(GROUPINGS), "a promise for each group"),
 )
 VALUE = re.compile(r"([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*([A-Za-z°/]*)")
 """A number and the unit that may stand behind it."""

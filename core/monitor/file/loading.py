@@ -18,6 +18,7 @@ from core.monitor.file.checks import (
     recipe_of,
 )
 from core.monitor.file.portable import MonitorFileError, Section
+from core.monitor.group import Groups, Pooled
 from core.monitor.monitor import Monitor, assemble
 from core.monitor.peak_forecast import PeakForecast
 from core.monitor.predictor import Affine
@@ -71,6 +72,7 @@ def _rebuild(sections: Mapping[str, Section]) -> Monitor:
         evaluation=_evaluation(sections.get("evaluation")),
         inputs=_inputs(sections.get("input")),
         forecast=_forecast(sections, recipe, header["h"]),
+        groups=_groups(sections.get("groups"), recipe),
         **{key: header[key] for key in portable.MONITOR_FIELDS} | {"dt": float(header["dt"])},
         **arrays,
     )
@@ -109,6 +111,13 @@ def _forecast(
     if wanted == "card":
         return response_filter.of_section(sections["card"], h, recipe.score)
     return peak_ridge.of_section(sections["peaks"]) if wanted else None
+
+
+def _groups(section: Section | None, recipe: MonitorRecipe) -> Groups | None:
+    """Its calibration by groups; None where all failures are pooled."""
+    if (section is None) != isinstance(recipe.groups, Pooled):
+        raise ValueError("its recipe and its section groups do not fit together")
+    return None if section is None else Groups.of_section(section)
 
 
 def _inputs(section: Section | None) -> InputSupport | None:

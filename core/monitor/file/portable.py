@@ -32,6 +32,7 @@ VERSIONS = {
     "input": 1,
     "card": 1,
     "peaks": 1,
+    "groups": 1,
     "evaluation": 1,
 }
 """Newest version of each section that this program knows."""

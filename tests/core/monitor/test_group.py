@@ -1,15 +1,16 @@
 """Groups of failing flights: who belongs where, and what is missed of each."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
 from core.channels import CHANNELS, KEYS
+from core.dataset import Dataset
 from core.evaluation.rates import evaluate, evaluate_groups
-from core.monitor import MonitorRecipe, train
-from core.monitor.group import GROUPINGS, FirstLimit, LargestDeflection
+from core.monitor import Monitor, MonitorRecipe, train
+from core.monitor.file.loading import from_bytes
+from core.monitor.group import GROUPINGS, DeflectionRule, FirstLimit, LargestDeflection
 from core.specification import Limits, Specification
+from core.types import Array, Indices
 from tests.support import oscillator
 
 NY, P, RUDDER = (KEYS.index(key) for key in ("Ny", "p", "delta_r"))
@@ -57,15 +58,140 @@ def test_deflections_alike_make_no_groups() -> None:
 def test_each_grouping_splits_the_failing_flights_and_their_misses() -> None:
     rng = np.random.default_rng(2)
     specification = Limits(Ny=0.5, p=0.42)
-    dataset = replace(oscillator.collect(rng, n_unsafe=40), specification=specification)
+    dataset = oscillator.collect(rng, n_unsafe=40, specification=specification)
     monitor = train(dataset, MonitorRecipe(epsilon=0.3, t_early=0.5))
     _, y = oscillator.fly(rng, 1500)
     fails = specification.first_exceedance(y)
     whole = evaluate(monitor, y, fails, np.array([0.3]))
     found = evaluate_groups(monitor, y, fails)
-    assert set(found) == set(GROUPINGS)
+    assert set(found) == set(GROUPINGS) - {"pooled"}
     assert whole.misses[0] > 0
     for groups in found.values():
         assert sum(counts.n_unsafe for counts in groups.values()) == whole.n_unsafe
         assert sum(counts.misses[0] for counts in groups.values()) == whole.misses[0]
         assert sum(counts.n_early for counts in groups.values()) == whole.n_early
+
+
+TWO_LIMITS = Limits(Ny=0.5, beta=0.1)
+GROUPED = {
+    "first_limit": GROUPINGS["first_limit"],
+    "largest_deflection": LargestDeflection(3.3, 3.8),
+}
+
+
+@pytest.fixture(scope="module")
+def dataset() -> Dataset:
+    rng = np.random.default_rng(3)
+    return oscillator.collect(rng, n_unsafe=150, specification=TWO_LIMITS)
+
+
+@pytest.fixture(scope="module", params=[*GROUPED, "thirds"])
+def grouped(request: pytest.FixtureRequest, dataset: Dataset) -> Monitor:
+    grouping = GROUPED.get(request.param, LargestDeflection())
+    return train(dataset, MonitorRecipe(epsilon=0.2, groups=grouping))
+
+
+def fresh(seed: int, n: int = 400) -> tuple[Array, Indices]:
+    _, y = oscillator.fly(np.random.default_rng(seed), n)
+    return y, TWO_LIMITS.first_exceedance(y)
+
+
+def plain_groups(rule: object, flight: Array) -> list[set[int]]:
+    """The groups that each sample leaves possible, said once more in plain words."""
+    if not isinstance(rule, DeflectionRule):
+        return [{0, 1}] * len(flight)
+    found, peak, back = [], 0.0, False
+    for value in np.abs(flight[:, rule.surface]):
+        if not back and value >= peak:
+            peak = value
+        own = int(peak >= rule.low) + int(peak >= rule.high)
+        back |= bool(value < peak / 2 and peak >= rule.low / 2) or own == 2
+        found.append({own} if back else set(range(own, 3)))
+    return found
+
+
+def test_the_risk_is_the_highest_over_the_groups_that_are_possible(grouped: Monitor) -> None:
+    groups = grouped.groups
+    assert groups is not None
+    flights, fails = fresh(4, 40)
+    flights[3, 20:23] = np.nan
+    flights[4, 15, groups.rule.surface if isinstance(groups.rule, DeflectionRule) else P] = np.nan
+    last = np.minimum(fails - grouped.h, flights.shape[1] - 1)
+    highest = grouped.highest_p_values(flights[5:], last[5:])
+    for k, flight in enumerate(flights):
+        said = grouped.assess(np.arange(len(flight)) * grouped.dt, flight)
+        stream = grouped.stream()
+        told = [stream.update(i * grouped.dt, y) for i, y in enumerate(flight)]
+        assert [a.p_value for a in told] == said.columns()["p_value"]
+        assert [a.group for a in told] == said.columns()["group"] == [a.group for a in said]
+        for possible, one in zip(plain_groups(groups.rule, flight), told, strict=True):
+            if one.score is not None:
+                counts = [sum(alpha >= one.score for alpha in groups.alphas[g]) for g in possible]
+                assert one.p_value == (1 + max(counts)) / (groups.n_unsafe + 1)
+                assert one.group == (groups.rule.names[min(possible)] if len(counts) == 1 else None)
+        if k >= 5:
+            assert highest[k - 5] == np.nanmax([0.0, *said.p_value[: last[k] + 1]])
+
+
+def test_each_group_is_calibrated_on_as_many_of_its_own_failures(
+    dataset: Dataset, grouped: Monitor
+) -> None:
+    groups, rule = grouped.groups, grouped.recipe.groups
+    assert groups is not None
+    pooled = train(dataset, MonitorRecipe(epsilon=0.2))
+    assert np.array_equal(grouped.alphas, pooled.alphas)
+    assert grouped.n_unsafe == groups.n_unsafe < pooled.n_unsafe
+    of = groups.rule.of(dataset.unsafe, dataset.fail_index)
+    counts = np.bincount(of)
+    if rule == LargestDeflection():
+        assert counts.min() >= groups.n_unsafe >= 48
+    else:
+        assert counts.min() == groups.n_unsafe
+    for alphas in groups.alphas:
+        assert np.isin(alphas, pooled.alphas).all()
+
+
+@pytest.mark.parametrize("rule", GROUPED)
+def test_the_promise_is_kept_in_each_group_where_the_pooled_one_is_broken(rule: str) -> None:
+    epsilon, flights, n_monitors = 0.2, fresh(8, 3000), 8
+    missed = {}
+    for grouping in (GROUPINGS["pooled"], GROUPED[rule]):
+        rates = []
+        for seed in range(n_monitors):
+            rng = np.random.default_rng([5, seed])
+            own = oscillator.collect(rng, n_unsafe=120, specification=TWO_LIMITS)
+            recipe = MonitorRecipe(epsilon=epsilon, groups=grouping)
+            groups = evaluate_groups(train(own, recipe), *flights)[rule]
+            rates.append([float(counts.miss_rate[0]) for counts in groups.values()])
+        missed[grouping] = np.array(rates)
+    error = missed[GROUPED[rule]].std(axis=0, ddof=1) / np.sqrt(n_monitors)
+    assert (missed[GROUPED[rule]].mean(axis=0) <= epsilon + 3 * error).all()
+    assert missed[GROUPINGS["pooled"]].mean(axis=0).max() > epsilon + 0.03
+
+
+def test_a_grouped_monitor_survives_its_file(grouped: Monitor) -> None:
+    again, (y, _) = from_bytes(grouped.to_bytes()), fresh(6, 3)
+    assert again.recipe == grouped.recipe
+    assert again.n_unsafe == grouped.n_unsafe
+    assert again.alert_above() == grouped.alert_above()
+    for flight in y:
+        assert np.array_equal(again.p_values(flight), grouped.p_values(flight), equal_nan=True)
+
+
+def test_a_group_with_too_few_failures_is_refused_with_the_number_that_would_do(
+    dataset: Dataset,
+) -> None:
+    recipe = MonitorRecipe(epsilon=0.015, groups=GROUPINGS["largest_deflection"])
+    told = r"needs at least 66 failures of each group; of 150 .* collect about 2\d\d unsafe"
+    with pytest.raises(ValueError, match=told):
+        train(dataset, recipe)
+    alike = MonitorRecipe(groups=LargestDeflection(80.0, 85.0))
+    with pytest.raises(ValueError, match=r"0 are of the group 'medium .*change its bounds"):
+        train(dataset, alike)
+    one_limit = oscillator.collect(np.random.default_rng(1), n_unsafe=12)
+    with pytest.raises(ValueError, match="all of one group: choose groups pooled"):
+        train(one_limit, MonitorRecipe(groups=GROUPINGS["first_limit"]))
+    with pytest.raises(ValueError, match="groups need p_value simple"):
+        MonitorRecipe(groups=GROUPINGS["first_limit"], p_value="exact")
+    with pytest.raises(ValueError, match="give the smaller one as low_deg"):
+        LargestDeflection(4.0, 3.0)

@@ -25,6 +25,7 @@ from core.evaluation.certificate import warnings_of
 from core.monitor import Monitor, MonitorRecipe, train
 from core.monitor.file.loading import from_bytes
 from core.monitor.file.portable import UNFOLDS_TO, MonitorFileError, Section, pack, unpack
+from core.monitor.group import LargestDeflection
 from core.monitor.predictor import PeakRidge, PrincipalComponents
 from core.monitor.score import SCORES, NegativeMagnitude
 from core.monitor.validity.innovation import fit_innovation
@@ -41,6 +42,7 @@ RECIPES = {
     "peaks": MonitorRecipe(
         predictor=PeakRidge(past_s=0.3, phase="start"), score=SCORES["rest_of_card"]
     ),
+    "groups": MonitorRecipe(groups=LargestDeflection(), epsilon=0.3),
 }
 
 
@@ -179,6 +181,33 @@ def test_an_array_that_makes_no_sense_is_refused(section: str, name: str) -> Non
     array = file[section].arrays[name]
     for change in ARRAYS[section, name]:
         refusal(changed(file, section, (name,), np.ascontiguousarray(change(array))))
+
+
+GROUPS = {
+    ("kind",): ["pooled", None, "first_limit", []],
+    ("rule",): [{}, None, [1]],
+    ("rule", "surface"): [*NUMBERS, 3, 6],
+    ("rule", "low"): [-1.0, 0.0, 1, "1", None, 1e300],
+    ("rule", "high"): [-1.0, 0.0, 10**400, None],
+    ("alphas",): [
+        np.zeros((3, 0)),
+        np.zeros((2, 3)),
+        np.full((3, 2), np.nan),
+        np.eye(3),
+        np.eye(1),
+    ],
+}
+
+
+@pytest.mark.parametrize("path", GROUPS)
+def test_groups_that_make_no_sense_are_refused(path: tuple[str, ...]) -> None:
+    for value in GROUPS[path]:
+        refusal(changed(sections_of("groups"), "groups", path, value))
+    for name, others in (("groups", "simple"), ("simple", "groups")):
+        without = {key: part for key, part in sections_of(name).items() if key != "groups"}
+        if name == "simple":
+            without["groups"] = sections_of(others)["groups"]
+        assert "its section groups do not fit" in refusal(pack(without.values()))
 
 
 @pytest.mark.parametrize(("key", "value"), [("always", 1), ("always", None), ("running", False)])
