@@ -21,7 +21,7 @@ from core.evaluation.certificate import warnings_of
 from core.evaluation.prevention import Prevention
 from core.evaluation.rates import Evaluation, clopper_pearson
 from core.evaluation.robustness import DIFFERENCES
-from core.monitor import MonitorRecipe
+from core.monitor import Monitor, MonitorRecipe
 
 
 @dataclass(frozen=True)
@@ -88,8 +88,9 @@ def report(training: Training) -> str:
     monitor, test = training.monitor, training.test
     lines = [
         _dataset_line(training.dataset),
-        f"calibrated on {monitor.n_unsafe} failures, {monitor.n_early} of them earlier than the "
-        f"warning lead time of {monitor.lead:g} s; smallest epsilon {monitor.smallest_epsilon:.3g}",
+        f"calibrated on {len(monitor.alphas)} failures{_of_groups(monitor)}, {monitor.n_early} of "
+        f"them earlier than the warning lead time of {monitor.lead:g} s; smallest epsilon "
+        f"{monitor.smallest_epsilon:.3g}",
         _validity_line(training),
         f"alerts above a risk of {monitor.alert_above():.3g}, for a miss rate of at most "
         f"{monitor.recipe.epsilon:g} {PROMISED[monitor.recipe.guarantee]}",
@@ -116,6 +117,12 @@ def _validity_line(training: Training) -> str:
         f"validity calibrated on {len(support.safe)} safe and {len(support.unsafe)} failing fresh "
         f"flights: at most {100 * support.level:.2g} % of either are called invalid"
     )
+
+
+def _of_groups(monitor: Monitor) -> str:
+    """How many of them each group has; empty where all are pooled."""
+    groups = monitor.groups
+    return "" if groups is None else f" ({groups.n_unsafe} in each of {len(groups.alphas)} groups)"
 
 
 def _test_lines(test: FlownTest, lead: float) -> list[str]:

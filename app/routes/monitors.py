@@ -1,9 +1,11 @@
 """Monitors: trained and calibrated; scoring telemetry at once."""
 
 import asyncio
+from math import isfinite
 from pathlib import PurePath
 from typing import Annotated, Any, Literal
 
+import numpy as np
 from fastapi import APIRouter, Query, Request, Response
 from fastapi.responses import HTMLResponse
 from pydantic import BaseModel, Field
@@ -36,9 +38,22 @@ from app.store.jobs import JobInfo
 from app.store.monitors import MonitorInfo
 from core.channels import KEYS
 from core.evaluation.certificate import warnings_of
+from core.monitor import Monitor
 from core.monitor.assessment import Exemplar
+from core.types import Array
 
 router = APIRouter(prefix="/api/v1/monitors", tags=["monitors"])
+
+
+class GroupCalibration(BaseModel):
+    """What the failures of one group said of the score."""
+
+    name: str
+    rule: str = Field(description="how failing flights are grouped")
+    alphas: list[float | None]
+    n_unsafe: int = Field(description="as many in each group")
+    n_early: int
+    alert_above: float
 
 
 class Calibration(BaseModel):
@@ -47,11 +62,14 @@ class Calibration(BaseModel):
     alphas: list[float | None] = Field(
         description="sorted calibration scores; null: too early to be warned of"
     )
-    n_unsafe: int
+    n_unsafe: int = Field(description="failures that the promise rests on; of each group")
     n_early: int
     smallest_epsilon: float
     epsilon: float
+    guarantee: str
+    alert_above: float
     lead: float = Field(description="[s]")
+    groups: list[GroupCalibration] = Field(description="empty where all failures are pooled")
 
 
 class ForecastByChannel(BaseModel):
@@ -190,7 +208,7 @@ async def read_calibration(monitor_id: str, store: StoreDep):
     def read() -> dict[str, Any]:
         monitor = store.monitors.get(monitor_id)
         return {
-            "alphas": [alpha if abs(alpha) < float("inf") else None for alpha in monitor.alphas],
+            "alphas": _finite(monitor.alphas),
             "n_unsafe": monitor.n_unsafe,
             "n_early": monitor.n_early,
             "smallest_epsilon": monitor.smallest_epsilon,
@@ -198,9 +216,31 @@ async def read_calibration(monitor_id: str, store: StoreDep):
             "guarantee": monitor.recipe.guarantee,
             "alert_above": monitor.alert_above(),
             "lead": monitor.lead,
+            "groups": _groups(monitor),
         }
 
     return await json_from(read)
+
+
+def _groups(monitor: Monitor) -> list[dict[str, Any]]:
+    groups = monitor.groups
+    if groups is None:
+        return []
+    return [
+        {
+            "name": name,
+            "rule": groups.rule.kind,
+            "alphas": _finite(alphas),
+            "n_unsafe": len(alphas),
+            "n_early": int(np.isposinf(alphas).sum()),
+            "alert_above": monitor.alert_above(),
+        }
+        for name, alphas in zip(groups.rule.names, groups.alphas, strict=True)
+    ]
+
+
+def _finite(alphas: Array) -> list[float | None]:
+    return [alpha if isfinite(alpha) else None for alpha in alphas.tolist()]
 
 
 @router.get("/{monitor_id}/evaluation", responses=problem_responses(404))

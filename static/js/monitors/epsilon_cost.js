@@ -2,9 +2,10 @@
  * What an epsilon costs: a slider over the evaluated ones, with what was measured on fresh flights at each.
  *
  * Exports
- *   createEpsilonCost({monitor, calibration, evaluation, changed}) -> {element, epsilon}
+ *   createEpsilonCost({monitor, calibrations, evaluation, changed}) -> {element, epsilon}
+ *     calibrations: one, or that of each group of failing flights
  *     evaluation: null where the monitor was never flown here
- *     changed({epsilon, rank, threshold})   now and at each move
+ *     changed({epsilon, rank})   now and at each move
  */
 
 import { h, svg } from "../lib/dom.js";
@@ -33,7 +34,7 @@ const MEASURES = [
   },
 ];
 
-export function createEpsilonCost({ monitor, calibration, evaluation, changed }) {
+export function createEpsilonCost({ monitor, calibrations, evaluation, changed }) {
   const points = pointsOf(monitor, evaluation);
   const own = points.findIndex(({ epsilon }) => Math.abs(epsilon - monitor.epsilon) < 1e-9);
   const slider = h("input", {
@@ -86,7 +87,7 @@ export function createEpsilonCost({ monitor, calibration, evaluation, changed })
         ),
     warnings,
     guarantee,
-    served(monitor),
+    served(monitor, calibrations.length),
   );
   const promised = monitor.recipe.guarantee ?? "average";
   const cost = { element, epsilon: points[slider.value].epsilon };
@@ -97,12 +98,11 @@ export function createEpsilonCost({ monitor, calibration, evaluation, changed })
     const point = points[slider.value];
     const { epsilon } = point;
     const k = rank(epsilon, monitor.n_unsafe, promised);
-    const level = threshold(epsilon, calibration.alphas, promised);
     cost.epsilon = epsilon;
     reading.textContent = `ε = ${figure(epsilon)}`;
     slider.setAttribute("aria-valuetext", `epsilon ${figure(epsilon)}`);
     rule.textContent =
-      `Alert if risk > ${figure(alertAbove(epsilon, monitor.n_unsafe, promised))}, that is if the score is at most ${Number.isFinite(level) ? figure(level) : "anything"} (rank ${k} of ${monitor.n_unsafe}).` +
+      `Alert if risk > ${figure(alertAbove(epsilon, monitor.n_unsafe, promised))}, that is if the score is at most ${levels(epsilon)} (rank ${k} of ${monitor.n_unsafe}).` +
       (Number(slider.value) === own ? " This is the monitor's own epsilon." : "");
     for (const { show } of rows) show(point, epsilon);
     warnings.replaceChildren(...warningLines({ warnings: point.warnings ?? [] }));
@@ -110,18 +110,31 @@ export function createEpsilonCost({ monitor, calibration, evaluation, changed })
     const range = `${percent(low, 0)} and ${percent(high, 0)} (5–95 %)`;
     guarantee.textContent =
       `Promised ${promised === "average" ? "on average over calibration sets" : "with 95 % confidence in this monitor"}: at most ${percent(epsilon)} missed. ` +
-      `One monitor calibrated on ${monitor.n_unsafe} failures may miss between ${range}` +
+      `One monitor calibrated on ${failures(monitor, calibrations.length)} may miss between ${range}` +
       (evaluation ? ": what this one did miss stands above." : ".");
-    changed({ epsilon, rank: k, threshold: level });
+    changed({ epsilon, rank: k });
+  }
+
+  function levels(epsilon) {
+    const words = calibrations.map(({ name, alphas }) => {
+      const level = threshold(epsilon, alphas, promised);
+      return `${Number.isFinite(level) ? figure(level) : "anything"}${name ? ` for ${name}` : ""}`;
+    });
+    return words.join("; ") + (words.length > 1 ? "; while the group is not known, by any that is possible" : "");
   }
 }
 
-function served({ n_unsafe, smallest_epsilon, recipe }) {
+function failures({ n_unsafe }, nGroups) {
+  return nGroups > 1 ? `${n_unsafe} failures of each group` : `${n_unsafe} failures`;
+}
+
+function served(monitor, nGroups) {
+  const { smallest_epsilon, recipe } = monitor;
   const half = smallest_epsilon / 2;
   return h(
     "p",
     { class: "hint" },
-    `The smallest epsilon that ${n_unsafe} failures can serve is ${figure(smallest_epsilon)}. For ${figure(half, 2)} train on at least ${neededFor(Number(half.toPrecision(2)), recipe.guarantee)}.`,
+    `The smallest epsilon that ${failures(monitor, nGroups)} can serve is ${figure(smallest_epsilon)}. For ${figure(half, 2)} train on at least ${neededFor(Number(half.toPrecision(2)), recipe.guarantee)}.`,
   );
 }
 

@@ -2,7 +2,7 @@
  * The figures of a monitor, and of a comparison of methods. Each function returns a <figure> with its words and key.
  *
  * Exports
- *   calibrationFigure(calibration) -> figure, figure.mark({epsilon, rank, threshold})
+ *   calibrationFigure({alphas, n_unsafe, n_early, name}) -> figure, figure.mark({epsilon, rank})   name: of a group
  *   curvesFigure(evaluation) -> figure, figure.mark({epsilon})     miss rate and safe flights without a false alarm
  *   leadFigure(evaluation)                   time from the alert to the failure
  *   preventionFigure(evaluation)             share of failures that the alert prevents, by the reaction to it; null where not flown again
@@ -16,7 +16,7 @@ import { figure as number, percent } from "../lib/numbers.js";
 
 const METHOD_MARKS = ["circle", "square", "triangle", "diamond", "plus"];
 
-export function calibrationFigure({ alphas, n_unsafe, n_early }) {
+export function calibrationFigure({ alphas, n_unsafe, n_early, name }) {
   const finite = alphas.filter((alpha) => alpha !== null);
   const [low, high] = finite.length ? [finite[0], finite.at(-1)] : [-1, 1];
   const spare = 0.12 * (high - low || 1);
@@ -58,12 +58,13 @@ export function calibrationFigure({ alphas, n_unsafe, n_early }) {
       : []),
   );
   const block = framed(
-    "Calibration curve",
+    name ? `Calibration curve: ${name}` : "Calibration curve",
     plot.svg,
     key,
     "Low scores are close to unsafe. An alert is a score at or below the threshold: k of the failures lie there.",
   );
-  block.mark = ({ epsilon, rank: k, threshold }) => {
+  block.mark = ({ epsilon, rank: k }) => {
+    const threshold = alphas[k - 1] ?? Infinity;
     rank.move(k, `k = ${k} of ${n_unsafe}, ε = ${number(epsilon)}`);
     level.move(
       Math.min(threshold, top),

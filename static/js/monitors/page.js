@@ -27,13 +27,14 @@ export function showMonitor(element, { id, api, navigate }) {
       monitor.dataset_id && api.get(`/datasets/${monitor.dataset_id}`),
       monitor.dataset_id && sampleRollouts(api, monitor.dataset_id),
     ]);
-    const curve = calibrationFigure(calibration);
+    const calibrations = calibration.groups.length ? calibration.groups : [calibration];
+    const calibrationCurves = calibrations.map(calibrationFigure);
     const curves = evaluation && curvesFigure(evaluation);
     const cost = createEpsilonCost({
       monitor,
-      calibration,
+      calibrations,
       evaluation,
-      changed: (rule) => [curve, curves].forEach((drawn) => drawn?.mark(rule)),
+      changed: (rule) => [...calibrationCurves, curves].forEach((drawn) => drawn?.mark(rule)),
     });
     const fly = button("Fly it", () => navigate(`#/fly?monitor=${id}&epsilon=${cost.epsilon}`), {
       class: "button button-primary",
@@ -67,23 +68,24 @@ export function showMonitor(element, { id, api, navigate }) {
           "Not flown yet",
           "This monitor came as a file, or was trained without test flights. Train one like it with n_test above 0 to see its miss rate and its share of safe flights without a false alarm.",
         ),
-      curve,
+      ...calibrationCurves,
       evaluation && leadFigure(evaluation),
       evaluation && preventionFigure(evaluation),
+      groups(evaluation, calibration, catalog),
       robustness(evaluation),
     ];
     return pageOf(
       monitor.name,
       actions,
       ...warningLines(monitor),
-      facts({ monitor, dataset, evaluation, catalog }),
+      facts({ monitor, calibration, dataset, evaluation, catalog }),
       cost.element,
       h(
         "div",
         { class: "figures" },
         figures.filter(Boolean).map((block) => h("section", { class: "panel" }, block)),
       ),
-      guarantee(monitor),
+      guarantee(monitor, calibration),
       details(monitor, catalog),
     );
   }
@@ -110,14 +112,14 @@ async function evaluationOf(api, id) {
   }
 }
 
-function facts({ monitor, dataset, evaluation, catalog }) {
+function facts({ monitor, calibration, dataset, evaluation, catalog }) {
   const { aircraft, maneuver, specification } = monitor.dataset_recipe;
   const entries = [
     ["Aircraft", aircraftName(catalog, aircraft)],
     ["Manoeuvre", kindName(catalog, "maneuver", maneuver)],
     ["Limit", formatted(limitWords(catalog, specification))],
     ["Warning lead time", `${figure(monitor.lead)} s`],
-    ["Calibrated on", `${monitor.n_unsafe} failures`],
+    ["Calibrated on", `${monitor.n_unsafe} failures${calibration.groups.length ? ` of each of ${calibration.groups.length} groups` : ""}`],
     ["Smallest epsilon", figure(monitor.smallest_epsilon)],
     ["Unsafe rate", percent(dataset?.unsafe_rate ?? evaluation?.unsafe_rate)],
     ["Test flights", evaluation ? evaluation.n_test.toLocaleString("en") : "none"],
@@ -160,12 +162,52 @@ function robustness(evaluation) {
   );
 }
 
-function guarantee(monitor) {
+/** Misses in each group of failing flights, whether or not the promise is made for it. */
+function groups(evaluation, calibration, catalog) {
+  const found = evaluation?.groups ?? [];
+  if (!found.length) return null;
+  const own = calibration.groups[0]?.rule;
+  const row = ({ rule, name, n_unsafe, misses, miss_interval: [low, high] }) =>
+    h(
+      "tr",
+      {},
+      h("td", {}, name),
+      ...[n_unsafe.toLocaleString("en"), n_unsafe ? percent(misses / n_unsafe) : "–", `${percent(low)} to ${percent(high)}`].map((text) =>
+        h("td", { class: "number" }, text),
+      ),
+      h("td", {}, rule === own ? "its own" : "none"),
+    );
+  const heads = ["Failing flights", "failed", "missed", "95 % interval", "promise"];
+  return h(
+    "div",
+    { class: "stack" },
+    h("h2", { class: "panel-title" }, `Missed in each group, at ε = ${figure(evaluation.epsilon)}`),
+    h(
+      "div",
+      { class: "table-scroll" },
+      h(
+        "table",
+        { class: "table" },
+        h("thead", {}, h("tr", {}, heads.map((head, k) => h("th", k && k < 4 ? { class: "number" } : {}, head)))),
+        h("tbody", {}, found.map(row)),
+      ),
+    ),
+    h(
+      "p",
+      { class: "hint" },
+      own
+        ? `The promise is kept in each group by: ${kindName(catalog, "grouping", { kind: own })}. It is not made for other groups, nor for all groups at once.`
+        : "The promise is on all failing flights together. It is not made for each group, which may be missed more often: train with groups to have it so.",
+    ),
+  );
+}
+
+function guarantee(monitor, calibration) {
   const early = monitor.n_early
     ? h(
         "li",
         {},
-        `${monitor.n_early} of the ${monitor.n_unsafe} failures came earlier than ${figure(monitor.lead)} s into the record: no timely alert was possible, each counts as a miss.`,
+        `${monitor.n_early} of the ${calibration.alphas.length} failures came earlier than ${figure(monitor.lead)} s into the record: no timely alert was possible, each counts as a miss.`,
       )
     : null;
   return h(
@@ -192,6 +234,9 @@ function guarantee(monitor) {
         "the risk (p-value) is not the probability of failure: high means that the flight resembles past failures.",
       ),
       h("li", {}, validity(monitor)),
+      calibration.groups.length
+        ? h("li", {}, `it holds in each group of failing flights: ${calibration.groups.map(({ name }) => name).join("; ")}.`)
+        : null,
       early,
     ),
   );

@@ -29,7 +29,7 @@ def test_it_says_what_fresh_flights_said_and_what_is_promised(monitor: Monitor) 
     assert "90.0%" in page  # prevented within 0.25 s
     assert "20 of 200 safe flights are stopped" in page
     assert "sensor noise twice as large" in page
-    assert "first limit: p limit first" in page
+    assert "limit exceeded first: p limit first" in page
     assert "20.0%" in page  # missed of that group
     assert "ab12" in page
     assert "http" not in page.replace("http-equiv", "")

@@ -217,6 +217,25 @@ def test_a_test_card_needs_a_manoeuvre_of_steps(client):
     assert "go with the score rest_of_card or card_window" in told
 
 
+def test_a_monitor_with_groups_says_of_each_how_it_is_calibrated_and_missed(client):
+    grouping = {"kind": "largest_deflection"}
+    _, result, trained = trained_by(client, {"groups": grouping, "epsilon": 0.3})
+    where = f"/api/v1/monitors/{result['monitor']}"
+    calibration = client.get(f"{where}/calibration").json()
+    assert [len(group["alphas"]) for group in calibration["groups"]] == [trained.n_unsafe] * 3
+    assert calibration["n_unsafe"] == trained.n_unsafe < len(calibration["alphas"])
+    assert calibration["alert_above"] == 0.3
+    y = store_of(client).datasets.get(result["dataset"]).safe[0]
+    told = client.post(f"{where}/score", json=telemetry(y, trained.dt)).json()["assessments"]
+    names = [group["name"] for group in calibration["groups"]]
+    assert told[2]["group"] is None
+    assert told[-1]["group"] in names
+    missed = client.get(f"{where}/evaluation").json()["groups"]
+    assert [g["name"] for g in missed if g["rule"] == grouping["kind"]] == names
+    page = client.get(f"{where}/certificate").text
+    assert "kept in each group by: largest deflection before the failure" in page
+
+
 def test_a_forecast_of_the_peak_is_learned_from_the_dataset_alone(client):
     peaks = {"predictor": {"kind": "peak_ridge"}, "score": {"kind": "rest_of_card"}}
     _, result, trained = trained_by(client, peaks)
