@@ -17,7 +17,7 @@ from pydantic import ConfigDict, TypeAdapter
 from app import labels
 from app.jobs.requests import LARGEST_N_TEST, N_TEST
 from app.labels import choice_label, kind_label
-from app.recipes import Imperfect, family_of, to_plain
+from app.recipes import USUAL_DATASET, USUAL_MONITOR, Imperfect, family_of, to_plain
 from app.telemetry.formats import FORMATS
 from app.telemetry.mapping.derivations import DERIVATIONS
 from app.telemetry.targets import TARGETS
@@ -76,6 +76,7 @@ def catalog() -> dict[str, Any]:
                 "schema": schema_of(recipe),
                 "default": to_plain(recipe),
                 "as_flown": _as_flown(recipe),
+                "usual": _usual(recipe),
             }
             for name, recipe in RECIPES.items()
         },
@@ -96,6 +97,12 @@ def catalog() -> dict[str, Any]:
 def _as_flown(recipe: Any) -> dict[str, Any] | None:
     """A dataset's recipe with what a real flight has besides its model."""
     return to_plain(recipe.as_flown()) if isinstance(recipe, DatasetRecipe) else None
+
+
+def _usual(recipe: Any) -> dict[str, Any] | None:
+    """What an order means that says nothing, where that is not the default."""
+    usual: dict[type, Any] = {DatasetRecipe: USUAL_DATASET, MonitorRecipe: USUAL_MONITOR}
+    return to_plain(usual[type(recipe)]) if type(recipe) in usual else None
 
 
 def _entry(kind: str, member: Any) -> dict[str, Any]:
@@ -254,7 +261,7 @@ def _property(schema: dict[str, Any], value: Any) -> dict[str, Any]:
 
 def dataset_request_schema() -> dict[str, Any]:
     """JSON schema of the body that asks for a dataset."""
-    schema = _ordered(RECIPES["dataset"].as_flown())
+    schema = _ordered(USUAL_DATASET)
     schema["properties"] |= {"name": _NAME}
     return schema | {"title": "Dataset to simulate"}
 
@@ -268,8 +275,8 @@ def amplitude_request_schema() -> dict[str, Any]:
 
 def monitor_request_schema() -> dict[str, Any]:
     """JSON schema of the body that asks for a monitor."""
-    schema = schema_of(RECIPES["monitor"])
-    schema["properties"] |= {"name": _NAME, "dataset": _dataset_choice(DatasetRecipe().as_flown())}
+    schema = schema_of(USUAL_MONITOR)
+    schema["properties"] |= {"name": _NAME, "dataset": _dataset_choice(USUAL_DATASET)}
     schema["properties"] |= {"n_test": _n_test(N_TEST)}
     return schema | {"title": "Monitor to train", "required": ["dataset"]}
 

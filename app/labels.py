@@ -48,8 +48,8 @@ KINDS: dict[str, str] = {
 }
 """Of the members whose key, with blanks for underscores, does not say it in the field's words."""
 METHODS = {
+    "peak_ahead": "forecast of the peak still to come in any manoeuvre: prevents most",
     "test_card": "forecast of the test card: for doublets, pulses and other steps",
-    "peak_ahead": "forecast of the peak, learned from safe flights: for any manoeuvre",
     "outputs_ahead": "forecast of the outputs against past failures: for any manoeuvre",
 }
 """Of core.monitor.recipe.METHODS."""

@@ -5,6 +5,7 @@ from collections.abc import Mapping
 from copy import deepcopy
 from dataclasses import fields, replace
 from functools import cache
+from itertools import takewhile
 from math import inf
 from pathlib import Path
 from typing import Any, Literal, get_args
@@ -15,6 +16,7 @@ from app.input_errors import given, input_errors
 from core import recipe
 from core.amplitude import Suggestion, suggest_amplitude
 from core.channels import BEYOND_FLIGHT, CHANNELS
+from core.monitor.recipe import MonitorRecipe
 from core.planned_test import DatasetRecipe
 from core.recipe import RecipeError, family_of, to_plain
 from core.simulation.aircraft import AIRCRAFT, MatrixAircraft
@@ -23,6 +25,8 @@ from core.specification import Limits
 __all__ = [
     "AS_FLOWN",
     "AUTO",
+    "USUAL_DATASET",
+    "USUAL_MONITOR",
     "Imperfect",
     "RecipeError",
     "as_ordered",
@@ -30,6 +34,7 @@ __all__ = [
     "family_of",
     "from_plain",
     "matrices_renamed",
+    "monitor_as_ordered",
     "overlay",
     "read_plain",
     "set_path",
@@ -38,6 +43,9 @@ __all__ = [
 
 DEFAULT_KIND: str = to_plain(DatasetRecipe())["aircraft"]["kind"]
 BEFORE_IMPERFECTIONS = {entry.name for entry in fields(DatasetRecipe)} - {"imperfections"}
+BEFORE_GUARANTEE = set(
+    takewhile("guarantee".__ne__, (entry.name for entry in fields(MonitorRecipe)))
+)
 MATRICES = {"A": "a", "B": "b", "C": "c", "D": "d"}
 """Matrices of a model or a law as they are printed, and their parameters."""
 
@@ -55,6 +63,10 @@ AS_FLOWN: dict[str, Any] = _changes(to_plain(DatasetRecipe()), to_plain(DatasetR
 """Noise, jitter and imperfections as they are usual in flight: those parts of a recipe."""
 Imperfect = Literal["usual", "none"]
 """Whether rollouts have gust, instrument errors, noise and pilot's scatter as usual in flight."""
+USUAL_DATASET = DatasetRecipe(n_unsafe=500).as_flown()
+"""What an order of a dataset means that says nothing."""
+USUAL_MONITOR = MonitorRecipe(guarantee="95%")
+"""What an order of a monitor means that says nothing."""
 AUTO = "auto"
 """What an amplitude may say for the one that a pilot run suggests."""
 
@@ -113,7 +125,7 @@ def dataset_recipe(plain: Any, where: str = "dataset") -> tuple[DatasetRecipe, S
 
 def as_ordered(plain: Any, unsaid: Imperfect = "usual", asked: Imperfect | None = None) -> Any:
     """A dataset's recipe as it is ordered by option or request, with what it leaves unsaid of
-    noise, jitter and imperfections.
+    noise, jitter and imperfections; and, where these are usual, with the usual number of failures.
 
     asked: what to fill in, which its `imperfections` may say by a word too.   unsaid: what to fill
     in where neither does, but for a recipe that is whole: as versions without imperfections stored
@@ -123,9 +135,21 @@ def as_ordered(plain: Any, unsaid: Imperfect = "usual", asked: Imperfect | None 
         asked = plain["imperfections"]
         plain = {key: value for key, value in plain.items() if key != "imperfections"}
     is_whole = isinstance(plain, dict) and plain.keys() >= BEFORE_IMPERFECTIONS
+    if unsaid == "usual" and isinstance(plain, dict):
+        plain = {"n_unsafe": USUAL_DATASET.n_unsafe} | plain
     if (asked or ("none" if is_whole else unsaid)) == "none":
         return plain
     return overlay(deepcopy(AS_FLOWN), plain)
+
+
+def monitor_as_ordered(plain: Any) -> Any:
+    """A monitor's recipe as it is ordered by option or request, with the usual guarantee.
+
+    One that is whole, as versions without guarantees stored it, keeps its promise on average.
+    """
+    if not isinstance(plain, dict) or plain.keys() >= BEFORE_GUARANTEE:
+        return plain
+    return {"guarantee": USUAL_MONITOR.guarantee} | plain
 
 
 def matrices_renamed(plain: dict[str, Any], where: str = "dataset") -> dict[str, Any]:

@@ -11,6 +11,7 @@ from app.recipes import (
     as_ordered,
     dataset_recipe,
     from_plain,
+    monitor_as_ordered,
     to_plain,
 )
 from app.store.store import Store
@@ -92,7 +93,7 @@ def monitor_request(plain: dict[str, Any], store: Store, max_bytes: int) -> Moni
     name = _name(plain)
     requested = _requested_dataset(plain, store, max_bytes)
     n_test = _count(plain, "n_test", N_TEST, 0, LARGEST_N_TEST)
-    recipe = _recipe(MonitorRecipe(), plain, "monitor")
+    recipe = _recipe(MonitorRecipe(), monitor_as_ordered(plain), "monitor")
     if requested.recipe is not None:
         n_unsafe = requested.recipe.n_unsafe
         _check_test_size(requested.recipe, n_test, max_bytes)

@@ -55,6 +55,10 @@ class RecipeForm(BaseModel):
         default=None,
         description="of a dataset: the default with noise, jitter and imperfections of a flight",
     )
+    usual: dict[str, Any] | None = Field(
+        default=None,
+        description="of a dataset and a monitor: what an order means that says nothing",
+    )
 
 
 class ListedFormat(BaseModel):

@@ -70,8 +70,8 @@ class MonitorRecipe:
 
 
 METHODS: dict[str, tuple[Predictor, Score]] = {
-    "test_card": (PREDICTORS["response_filter"], SCORES["card_window"]),
     "peak_ahead": (PREDICTORS["peak_ridge"], SCORES["rest_of_card"]),
+    "test_card": (PREDICTORS["response_filter"], SCORES["card_window"]),
     "outputs_ahead": (PREDICTORS["linear"], SCORES["nearest_neighbor"]),
 }
 """Pairs of predictor and score that people choose by name, the recommended one first."""

@@ -14,11 +14,14 @@ import numpy as np
 from app.commands.options.sample_interval import adjust_to_interval
 from app.recipes import (
     AUTO,
+    USUAL_DATASET,
+    USUAL_MONITOR,
     Imperfect,
     RecipeError,
     as_ordered,
     dataset_recipe,
     matrices_renamed,
+    monitor_as_ordered,
     read_plain,
     set_path,
     to_plain,
@@ -57,7 +60,13 @@ SHARED: tuple[tuple[str, str, Any, Any, str], ...] = (
     ("--duration", "dataset.maneuver.duration_s", float, None, "length of a rollout [s]"),
     ("--dt", "dataset.dt", float, None, "sample interval [s]; what depends on it is adjusted"),
     ("--substeps", "dataset.substeps", int, None, "limit checks in each interval"),
-    ("--n-unsafe", "dataset.n_unsafe", int, None, "unsafe rollouts of a dataset"),
+    (
+        "--n-unsafe",
+        "dataset.n_unsafe",
+        int,
+        None,
+        f"unsafe rollouts of a dataset; to train, {USUAL_DATASET.n_unsafe}",
+    ),
     ("--n-obs", "dataset.n_obs", int, None, "observations kept of each safe rollout"),
     ("--max-rollouts", "dataset.max_rollouts", int, None, "budget of a collection"),
     ("--seed", "dataset.seed", int, None, "seed of every random draw"),
@@ -67,7 +76,13 @@ SHARED: tuple[tuple[str, str, Any, Any, str], ...] = (
     ("--p-value", "monitor.p_value", str, ("simple", "exact"), "conformal p-value"),
     ("--scaling", "monitor.scaling", str, ("safe_std", "raw"), "units of distances"),
     ("--epsilon", "monitor.epsilon", float, None, "accepted miss rate"),
-    ("--guarantee", "monitor.guarantee", str, get_args(Guarantee), "promise on the miss rate"),
+    (
+        "--guarantee",
+        "monitor.guarantee",
+        str,
+        get_args(Guarantee),
+        f"promise on the miss rate; to train, {USUAL_MONITOR.guarantee.replace('%', '%%')}",
+    ),
     ("--groups", "monitor.groups.kind", str, tuple(GROUPINGS), "a promise for each group"),
 )
 VALUE = re.compile(r"([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*([A-Za-z°/]*)")
@@ -89,7 +104,8 @@ def add_recipe_options(
 ) -> None:
     """Add the options; `method` adds the choice of predictor and score.
 
-    imperfections: what rollouts have of them where neither an option nor a recipe file says.
+    imperfections: what rollouts have of them where neither an option nor a recipe file says; where
+    it is usual, so are the number of failures and the guarantee.
     """
     group = parser.add_argument_group("recipe")
     group.add_argument("--recipe", type=Path, metavar="FILE", help="recipe as JSON, over defaults")
@@ -152,6 +168,8 @@ def plain_recipe(options: argparse.Namespace) -> dict[str, Any]:
         raise RecipeError(f"{options.recipe} holds no JSON object: begin it with {{")
     unsaid: Imperfect = options.usual_imperfections
     plain["dataset"] = as_ordered(plain.get("dataset", {}), unsaid, options.imperfections)
+    if unsaid == "usual":
+        plain["monitor"] = monitor_as_ordered(plain.get("monitor", {}))
     for path, value in vars(options).items():
         if "." in path and value is not None:
             set_path(plain, path.removeprefix("."), value)

@@ -5,8 +5,8 @@
  *   createTestFields({api, catalog, initial, asFlown}) -> {fields, main, folded, size}   parts of a dataset's recipe
  *   datasetChoice({api, catalog, datasets, chosen, initial, asFlown}) -> Choice
  *     chosen: id of the stored dataset to begin with
- *     initial: a recipe to begin with, as it is; else the default one, with noise, jitter and
- *     imperfections of a real flight unless asFlown is false
+ *     initial: a recipe to begin with, as it is; else the default one, with noise, jitter,
+ *     imperfections of a real flight and the usual number of failures unless asFlown is false
  *
  * Choice   element, size (the editor of n_unsafe), read() -> id | recipe, check(), point(message),
  *          failures() -> number of unsafe rollouts | null
@@ -24,10 +24,10 @@ import { createFields } from "./form.js";
 const SIZE = "n_unsafe";
 
 export function createTestFields({ api, catalog, initial, asFlown = true }) {
-  const { schema, default: clean, as_flown: flown } = catalog.recipes.dataset;
+  const { schema, default: clean, usual } = catalog.recipes.dataset;
   const fields = createFields(
     schema,
-    { ...(asFlown && !initial ? flown : clean), ...initial },
+    { ...(asFlown && !initial ? usual : clean), ...initial },
     { catalog, path: "dataset", unfolded: ["specification"] },
   );
   const properties = schema.properties;

@@ -85,7 +85,7 @@ function createTrainForm({ api, catalog, datasets, like, chosen, onsubmit }) {
   const withTest = { ...schema, properties: { ...schema.properties, n_test: TEST } };
   const fields = createFields(
     withTest,
-    { ...catalog.recipes.monitor.default, ...like?.recipe },
+    { ...catalog.recipes.monitor[like ? "default" : "usual"], ...like?.recipe },
     { catalog, path: "monitor" },
   );
   const source = datasetChoice({

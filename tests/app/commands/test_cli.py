@@ -92,7 +92,7 @@ def test_results_are_printed_as_json_also_of_another_limit(tmp_path: Path, monke
         main([*arguments, "--json"])
         return json.loads(capsys.readouterr().out)
 
-    trained = answer("train", "--n-test", "100", "--out", "m.fwm")
+    trained = answer("train", "--n-unsafe", "50", "--n-test", "100", "--out", "m.fwm")
     assert trained["evaluation"]["n_test"] == 100
     assert trained["file"] == "m.fwm"
     assert trained["dataset"]["n_unsafe"] == load(tmp_path / "m.fwm").n_unsafe
@@ -127,7 +127,7 @@ def test_results_are_printed_as_json_also_of_another_limit(tmp_path: Path, monke
             "raise the amplitude, lower the limit or raise max_rollouts. At an amplitude of 9.",
         ),
         (["train", "--amplitude", "80"], "lower the amplitude"),
-        (["train", "--epsilon", "0.01"], "epsilon=0.01 needs at least 99 unsafe rollouts"),
+        (["train", "--n-unsafe", "50", "--epsilon", "0.01"], "needs at least 299 unsafe rollouts"),
         (["train", "--limit", "Ny=90", "--amplitude", "auto"], "exceed a limit even at 45 deg"),
         (["train", "--limit", "Nz=1"], "there is no channel 'Nz'"),
         (["train", "--limit", "Ny"], "write it as CHANNEL=NUMBER"),

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from app.cli import main
-from app.jobs.requests import dataset_request, study_request
-from core.monitor import Monitor, load
+from app.jobs.requests import dataset_request, monitor_request, study_request
+from core.monitor import Monitor, MonitorRecipe, load
 from core.planned_test import USUAL_NOISE, DatasetRecipe, SensorNoise
 from core.recipe import from_plain, to_plain
 from core.simulation.aircraft import AIRCRAFT
@@ -27,6 +27,7 @@ VERSION_0_1_0 = {
 def test_train_writes_a_monitor_that_knows_its_recipe(tmp_path: Path, capsys):
     path = tmp_path / "m.fwm"
     options = ["--n-unsafe", "60", "--t-early", "0.3", "--predictor", "identity", "--seed", "7"]
+    options += ["--guarantee", "average"]
     assert main(["train", *options, "--n-test", "200", "-o", str(path)]) == 0
     monitor = load(path)
     assert isinstance(monitor, Monitor)
@@ -65,6 +66,7 @@ def test_users_own_matrices_and_manoeuvre_table_train_a_monitor(tmp_path: Path):
     arguments = ["--aircraft", str(tmp_path / "model.json"), "--control-law", "none"]
     arguments += ["--maneuver", str(tmp_path / "kick.csv"), "--limit", "Ny=0.45"]
     arguments += ["--set", "dataset.maneuver.interpolation=hold", "--n-test", "100"]
+    arguments += ["--n-unsafe", "50"]
     assert main(["train", *arguments, "-o", str(tmp_path / "m.fwm")]) == 0
     recipe = load(tmp_path / "m.fwm").dataset_recipe
     assert recipe["maneuver"]["kind"] == "table"
@@ -79,9 +81,10 @@ def printed_recipe(capsys: pytest.CaptureFixture, *options: str) -> dict[str, An
 @pytest.mark.parametrize("kind", [kind for kind in AIRCRAFT if kind != "matrices"])
 def test_every_aircraft_brings_its_usual_test(kind: str, tmp_path: Path, capsys):
     recipe = printed_recipe(capsys, "--aircraft", kind)
-    assert recipe == to_plain(DatasetRecipe.usual(AIRCRAFT[kind]).as_flown())
+    usual = replace(DatasetRecipe.usual(AIRCRAFT[kind]), n_unsafe=500)
+    assert recipe == to_plain(usual.as_flown())
     assert recipe["control_law"]["kind"] == AIRCRAFT[kind].usual_test.control_law
-    arguments = ["--aircraft", kind, "--n-unsafe", "20", "--n-test", "20"]
+    arguments = ["--aircraft", kind, "--n-unsafe", "30", "--n-test", "20"]
     assert main(["train", *arguments, "-o", str(tmp_path / "m.fwm")]) == 0
 
 
@@ -89,7 +92,7 @@ def test_a_recipe_has_the_imperfections_of_a_flight_unless_it_is_a_stored_one(tm
     def given(*options: str) -> DatasetRecipe:
         return from_plain(DatasetRecipe(), printed_recipe(capsys, *options))
 
-    clean = DatasetRecipe()
+    clean = DatasetRecipe(n_unsafe=500)
     assert given() == clean.as_flown()
     assert given("--imperfections", "none") == clean
     written = tmp_path / "written.json"
@@ -145,6 +148,28 @@ def test_an_order_means_the_same_on_the_command_line_and_over_rest(
 
 
 @pytest.mark.parametrize(
+    ("written", "guarantee"),
+    [
+        ({}, "95%"),
+        ({"epsilon": 0.2}, "95%"),
+        ({"guarantee": "average"}, "average"),
+        ({k: v for k, v in to_plain(MonitorRecipe()).items() if k != "guarantee"}, "average"),
+    ],
+)
+def test_a_monitor_is_ordered_with_the_same_guarantee_at_every_door(
+    written, guarantee, tmp_path, capsys
+):
+    (tmp_path / "order.json").write_text(json.dumps({"monitor": written}))
+    assert main(["train", "--recipe", str(tmp_path / "order.json"), "--print-recipe"]) == 0
+    printed = json.loads(capsys.readouterr().out)["monitor"]
+    order = {"dataset": {}, **written}
+    assert printed == to_plain(monitor_request(order, None, 2**40).recipe)  # pyright: ignore
+    assert printed["guarantee"] == guarantee
+    assert main(["study", "--print-recipe"]) == 0
+    assert json.loads(capsys.readouterr().out)["monitor"]["guarantee"] == "average"
+
+
+@pytest.mark.parametrize(
     ("written", "key", "value"),
     [
         ("beta=7deg", "beta", np.radians(7)),
@@ -169,11 +194,11 @@ def test_what_an_option_says_goes_before_the_usual_test(capsys):
     assert recipe["specification"]["Ny"] == 0.3
 
 
-def test_the_model_of_the_readme_trains_with_the_defaults(tmp_path: Path, capsys):
+def test_the_model_of_the_readme_trains(tmp_path: Path, capsys):
     readme = (ROOT / "README.md").read_text(encoding="utf-8")
     (model,) = re.findall(r"```json\n(.*?)```", readme, re.DOTALL)
     (tmp_path / "model.json").write_text(model)
-    arguments = ["--aircraft", str(tmp_path / "model.json"), "--n-test", "50"]
+    arguments = ["--aircraft", str(tmp_path / "model.json"), "--n-test", "50", "--n-unsafe", "50"]
     assert main(["train", *arguments, "-o", str(tmp_path / "m.fwm")]) == 0
     assert "% of 400 pilot rollouts exceed a limit" in capsys.readouterr().err
 

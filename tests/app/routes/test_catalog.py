@@ -65,6 +65,9 @@ def test_recipes_come_with_their_defaults(published):
     jsonschema_rs.validate(recipes["dataset"]["schema"], flown)
     assert from_plain(DatasetRecipe(), flown) == DatasetRecipe().as_flown()
     assert recipes["study"]["as_flown"] is None
+    usual = from_plain(DatasetRecipe(), recipes["dataset"]["usual"])
+    assert usual == DatasetRecipe(n_unsafe=500).as_flown()
+    assert recipes["monitor"]["usual"]["guarantee"] == "95%"
 
 
 def test_a_part_of_a_family_names_it(published):

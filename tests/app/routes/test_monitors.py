@@ -17,6 +17,7 @@ from core.monitor.file.portable import pack, unpack
 from tests.support.api import api, finished, problem, store_of
 
 DATASET = {"n_unsafe": 12, "n_obs": 20, "seed": 4}
+AVERAGE = {"guarantee": "average"}
 
 
 @pytest.fixture(scope="module")
@@ -53,7 +54,7 @@ def test_warnings_are_those_at_the_epsilon_that_is_asked_for(client, monitor):
 
 
 def test_a_recipe_becomes_a_trained_and_tested_monitor(client):
-    order = {"dataset": DATASET, "t_early": 0.2, "n_test": 60, "name": "trained"}
+    order = {"dataset": DATASET, "t_early": 0.2, "n_test": 60, "name": "trained"} | AVERAGE
     job = finished(client, client.post("/api/v1/monitors", json=order))
     assert job["status"] == "done", job
     made = job["result"]
@@ -82,7 +83,7 @@ def test_a_recipe_becomes_a_trained_and_tested_monitor(client):
 
 def test_a_monitor_is_trained_on_a_stored_dataset(client, dataset):
     stored = store_of(client).datasets.add(dataset, "oscillator").id
-    order = {"dataset": stored, "epsilon": 0.2, "predictor": {"kind": "identity"}}
+    order = {"dataset": stored, "epsilon": 0.2, "predictor": {"kind": "identity"}} | AVERAGE
     job = finished(client, client.post("/api/v1/monitors", json=order))
     assert job["status"] == "done", job
     info = client.get(f"/api/v1/monitors/{job['result']['monitor']}").json()
@@ -101,7 +102,8 @@ def test_a_monitor_is_trained_on_a_stored_dataset(client, dataset):
         ({"dataset": "nothing"}, 404, "nothing"),
         ({"dataset": DATASET, "lead": 1}, 422, "monitor has no 'lead': choose t_early"),
         ({"dataset": DATASET, "predictor": {"kind": "oracle"}}, 422, "linear"),
-        ({"dataset": DATASET, "epsilon": 0.01}, 422, "99 unsafe rollouts"),
+        ({"dataset": DATASET, "epsilon": 0.01} | AVERAGE, 422, "99 unsafe rollouts"),
+        ({"dataset": DATASET, "epsilon": 0.01}, 422, "299 unsafe rollouts"),
         ({"dataset": DATASET, "n_test": -1}, 422, "n_test"),
         ({"dataset": DATASET, "n_test": 10**9}, 422, "n_test"),
         ({"dataset": DATASET, "score": {"kind": "negative_magnitude", "key": "q"}}, 422, "key"),
@@ -196,7 +198,7 @@ def test_a_promise_with_confidence_is_told_with_the_risk_it_alerts_above(client,
 
 def trained_by(client, part: dict[str, Any]) -> tuple[dict[str, Any], dict[str, Any], Monitor]:
     """Train a small monitor; its order, the job's result, and the monitor."""
-    order = {"dataset": DATASET | {"n_unsafe": 20}, "n_test": 60} | part
+    order = {"dataset": DATASET | {"n_unsafe": 20}, "n_test": 60} | AVERAGE | part
     job = finished(client, client.post("/api/v1/monitors", json=order))
     assert job["status"] == "done", job
     return order, job["result"], store_of(client).monitors.get(job["result"]["monitor"])

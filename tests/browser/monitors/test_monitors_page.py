@@ -49,7 +49,7 @@ def fresh(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
 def site(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Site]:
     with open_site(tmp_path_factory.mktemp("trained")) as server:
         origin = server.http
-        order = {"dataset": SMALL, "n_test": N_TEST, "name": "card 7"}
+        order = {"dataset": SMALL, "n_test": N_TEST, "name": "card 7", "guarantee": "average"}
         job = httpx2.post(f"{origin}/api/v1/monitors", json=order).raise_for_status()
         stream = httpx2.get(f"{origin}{job.headers['location']}/events", timeout=60)
         assert '"done"' in stream.text.replace(" ", "")
@@ -92,6 +92,7 @@ def test_a_monitor_is_trained_through_the_form_and_shown(page: Page, fresh: str)
     page.get_by_label("name of the monitor").fill("first card")
     page.get_by_text("Predictor, score, promise, calibration, test flights").click()
     field(page, "monitor.n_test").fill("200")
+    field(page, "monitor.guarantee").select_option("average")
     page.get_by_role("button", name="Train", exact=True).click()
     expect(page.locator(".job .progress")).to_be_visible()
     expect(page.get_by_role("heading", level=1)).to_have_text("first card", timeout=SLOW)
@@ -198,9 +199,10 @@ def test_an_epsilon_that_the_failures_cannot_serve_is_said_at_once(page: Page, s
     page.goto(f"{site.http}/#/monitors/new")
     field(page, "monitor.epsilon").fill("0.01")
     served_words = page.locator(".served")
-    expect(served_words).to_contain_text("needs at least 99 unsafe rollouts; 50 are asked for")
+    expect(served_words).to_contain_text("500 failures serve an epsilon of 0.00597 or more")
     field(page, "dataset.n_unsafe").fill("99")
-    expect(served_words).to_contain_text("99 failures serve an epsilon of 0.01 or more")
+    expect(served_words).to_contain_text("needs at least 299 unsafe rollouts; 99 are asked for")
+    expect(page.locator("#method option").first).to_contain_text("prevents most (recommended)")
 
 
 READ_BACK = """async ([catalog, cases]) => {
