@@ -11,8 +11,9 @@ from app.commands.output.progress import progress_bar
 from app.commands.output.tables import add_table_options, names, print_table, recipe_of
 from core.evaluation.certificate import USELESS
 from core.evaluation.lead_sweep import (
+    CEILING,
     CEILING_FLIGHTS,
-    CEILINGS,
+    FALSE_ALARMS,
     METHODS,
     TESTS,
     Cell,
@@ -30,7 +31,8 @@ class Row:
 
     earliest_s: time from the first input by which 5 % of the failing flights have failed [s].
     lead: in effect [s].   power_at_epsilon: power where just epsilon is missed of these flights.
-    reaction_s: mean [s].   prevented: share of the failing flights.
+    reaction_s: mean [s].   prevented: share of the failing flights; prevented_alike: where just
+    FALSE_ALARMS of these safe flights has an alert.
     """
 
     test: str
@@ -48,6 +50,7 @@ class Row:
     power_at_epsilon: float
     reaction_s: float
     prevented: float
+    prevented_alike: float
 
 
 def add(parser: argparse.ArgumentParser) -> None:
@@ -149,10 +152,14 @@ def rows_of(name: str, found: PlannedTestSweep, recipe: SweepRecipe) -> list[Row
             power_at_epsilon=float(cell.power_at_epsilon.mean()),
             reaction_s=reaction_s,
             prevented=prevented,
+            prevented_alike=alike,
         )
         for (method, _), cell in found.cells.items()
-        for reaction_s, prevented in zip(
-            recipe.reactions_s, cell.prevented_share.tolist(), strict=True
+        for reaction_s, prevented, alike in zip(
+            recipe.reactions_s,
+            cell.prevented_share.tolist(),
+            cell.prevented_alike_share.tolist(),
+            strict=True,
         )
     ]
 
@@ -164,14 +171,15 @@ def in_words(found: Mapping[str, PlannedTestSweep], recipe: SweepRecipe) -> str:
         f"{recipe.n_monitors} monitors of {recipe.n_unsafe} failures each, epsilon "
         f"{recipe.epsilon:g} {promised}, {recipe.n_test} fresh flights each",
         "missed: of failing flights; no alert: of safe flights (in brackets where just epsilon is "
-        "missed); prevented: of failing flights, by the mean reaction to the alert",
+        "missed); prevented: of failing flights, by the mean reaction to the alert (in brackets "
+        f"where just {FALSE_ALARMS:.0%} of safe flights have one)",
     ]
     if recipe.ceiling:
         lines.append(
             "ceiling: what a posterior of all derivatives could tell, with just epsilon missed of "
-            f"{CEILING_FLIGHTS} flights"
+            f"{CEILING_FLIGHTS // 2} failures"
         )
-    reactions = "".join(f"{f'{reaction:g} s':>7}" for reaction in recipe.reactions_s)
+    reactions = "".join(f"{f'{reaction:g} s':>13}" for reaction in recipe.reactions_s)
     for name, test in found.items():
         lines += [
             "",
@@ -185,7 +193,8 @@ def in_words(found: Mapping[str, PlannedTestSweep], recipe: SweepRecipe) -> str:
 
 
 def _line(method: str, cell: Cell) -> str:
-    prevented = "".join(f"{share:7.2f}" for share in cell.prevented_share)
+    shares = zip(cell.prevented_share, cell.prevented_alike_share, strict=True)
+    prevented = "".join(f"{f'{share:.2f} ({alike:.2f})':>13}" for share, alike in shares)
     no_alert = f"{cell.power:.3f} ({cell.power_at_epsilon.mean():.3f})"
     return (
         f"  {cell.lead:4.2f} s  {method:26} {cell.miss_rate:7.3f} {no_alert:>16}            "
@@ -197,7 +206,7 @@ def _hopeless(test: PlannedTestSweep) -> list[str]:
     """What to do about leads at which no method lets safe flights pass."""
     best: dict[float, float] = {}
     for (method, _), cell in test.cells.items():
-        if method in CEILINGS:
+        if method == CEILING:
             continue
         best[cell.lead] = max(best.get(cell.lead, 0.0), cell.power)
     leads = [f"{lead:g}" for lead, power in best.items() if power < USELESS]

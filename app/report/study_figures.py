@@ -18,13 +18,14 @@ if TYPE_CHECKING:
 
 
 # Okabe and Ito's colours keep apart for colour-blind eyes; dashes repeat the difference.
-COLOURS = ("#0072B2", "#E69F00", "#009E73", "#CC79A7", "#56B4E9")
+COLOURS = ("#0072B2", "#E69F00", "#009E73", "#CC79A7", "#56B4E9", "#D55E00")
 DASHES: tuple[Any, ...] = (
     "-",
     (0, (6, 2)),
     (0, (4, 1, 1, 1)),
     (0, (1, 1)),
     (0, (3, 1, 1, 1, 1, 1)),
+    (0, (8, 1)),
 )
 MEASURED, FORECAST, LIMIT, ALERT = "#222222", "#0072B2", "#B22222", "#B22222"
 STYLE: Any = {

@@ -6,7 +6,7 @@ from matplotlib import rc_context
 from matplotlib.figure import Figure
 
 from app.report.study_figures import COLOURS, DASHES, LIMIT, MEASURED, STYLE
-from core.evaluation.lead_sweep import CEILINGS, METHODS, PlannedTestSweep, SweepRecipe
+from core.evaluation.lead_sweep import CEILING, METHODS, PlannedTestSweep, SweepRecipe
 
 MARKERS = "osv^D*"
 
@@ -36,9 +36,8 @@ def power_against_lead(found: Mapping[str, PlannedTestSweep], recipe: SweepRecip
 
 
 def _look(method: str) -> dict[str, object]:
-    if method in CEILINGS:
-        number = list(CEILINGS).index(method)
-        return {"color": MEASURED, "ls": DASHES[1 + 2 * number], "marker": "x"}
+    if method == CEILING:
+        return {"color": MEASURED, "ls": "--", "marker": "x"}
     number = list(METHODS).index(method) if method in METHODS else 0
     colour, dashes = COLOURS[number % len(COLOURS)], DASHES[number % len(DASHES)]
     return {"color": colour, "ls": dashes, "marker": MARKERS[number % len(MARKERS)]}

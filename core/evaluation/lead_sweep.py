@@ -9,6 +9,7 @@ import os
 from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import Future, ThreadPoolExecutor, as_completed
 from dataclasses import dataclass, fields, replace
+from functools import partial
 from itertools import chain
 from threading import Event
 from typing import Annotated, Any, Literal
@@ -20,7 +21,7 @@ from core.card import Card, CardError
 from core.collection import card_of, collect, evaluation_flights, stopping_flights
 from core.evaluation.ceiling import Ceiling
 from core.evaluation.prevention import REACTIONS_S, Stopped, prevention
-from core.evaluation.rates import clustered_interval, first_alerts
+from core.evaluation.rates import clustered_interval
 from core.kernels.compiled import on_this_thread
 from core.monitor.calibration import Guarantee, alert_above, check_epsilon, p_values
 from core.monitor.monitor import Monitor
@@ -47,10 +48,13 @@ METHODS: dict[str, tuple[Predictor, Score]] = {
     "test card: rest": (PREDICTORS["response_filter"], SCORES["rest_of_card"]),
 }
 """Methods that are compared, as pairs of predictor and score."""
-CEILINGS = {"ceiling: window": SCORES["card_window"], "ceiling: rest": SCORES["rest_of_card"]}
-"""Names of what methods of such a score hardly get beyond, see core.evaluation.ceiling."""
-CEILING_FLIGHTS, FLIGHTS_A_TASK = 1000, 25
-"""Flights of a ceiling, and some of them that a thread takes at a time."""
+CEILING = "ceiling"
+"""Name of what methods hardly get beyond: see core.evaluation.ceiling."""
+CEILING_FLIGHTS, CEILING_POOL, FLIGHTS_A_TASK = 1000, 5000, 25
+"""Flights of a ceiling, half of them failing; those that they are the first of; and some of them
+that a thread takes at a time."""
+FALSE_ALARMS = 0.1
+"""Share of safe flights with an alert at which methods are compared by what they prevent."""
 NOISE = SensorNoise(beta=0.001, p=0.004, r=0.001, Ny=0.004, delta_a=0.003, delta_r=0.0003)
 
 
@@ -137,6 +141,8 @@ class Cell:
     n_early: (n_monitors,) failures that came before any timely alert could.
     power_at_epsilon: (n_monitors,) share of safe flights without an alert where just the share
     epsilon of these very failing flights is missed.
+    prevented_alike: (n_monitors, n_reactions) where just the share FALSE_ALARMS of these safe
+    flights has an alert: what methods are compared by.
     lead: in effect [s].   epsilon: promised.
     """
 
@@ -149,6 +155,7 @@ class Cell:
     n_safe: Indices
     prevented: Indices
     power_at_epsilon: Array
+    prevented_alike: Indices
 
     @classmethod
     def pool(cls, cells: list["Cell"]) -> "Cell":
@@ -182,6 +189,11 @@ class Cell:
         """(n_reactions,) share of all failing flights that an alert prevents."""
         return self.prevented.sum(axis=0) / max(self.n_unsafe.sum(), 1)
 
+    @property
+    def prevented_alike_share(self) -> Array:
+        """(n_reactions,) the same at equal false alarms."""
+        return self.prevented_alike.sum(axis=0) / max(self.n_unsafe.sum(), 1)
+
 
 @dataclass(frozen=True)
 class PlannedTestSweep:
@@ -189,7 +201,7 @@ class PlannedTestSweep:
 
     earliest_s: time from the first input by which 5 % of the failing flights have failed [s]: a
     longer lead leaves the manoeuvre.   unsafe_share: of fresh flights that fail.
-    cells: by method and wanted lead [s]; those of CEILINGS, if asked for, too.
+    cells: by method and wanted lead [s]; the ceiling, if asked for, under CEILING.
     """
 
     earliest_s: float
@@ -276,13 +288,15 @@ class _Said:
     """What one monitor says of flights.
 
     h: lead [samples].   lowest: (n,) lowest timely score.   alerts: (n,) whether it alerts in time.
-    first: (n,) first alert on failing flights, in time or not; n_samples for none.
+    level: highest score that alerts.   first: from a level to the (n,) first alerts on failing
+    flights, in time or not; n_samples for none.
     """
 
     h: int
     lowest: Array
     alerts: Flags
-    first: Indices
+    level: float
+    first: Callable[[float], Indices]
 
 
 class _Part:
@@ -326,14 +340,11 @@ class _Part:
                 yield (name, lead), self._said_by(train(self._dataset, chosen, safe=safe))
 
     def _said_by(self, monitor: Monitor) -> _Said:
-        y, fails, n_samples = self._flights.y, self._flights.fail_index, self._flights.y.shape[1]
         last = _last_timely(self._flights, monitor.h)
-        lowest = monitor.lowest_scores(y, last)
+        lowest = monitor.lowest_scores(self._flights.y, last)
         level = _highest_alerting(monitor.alphas, self._above)
-        unsafe, first = np.flatnonzero(self._flights.is_unsafe), np.full(len(y), n_samples)
-        always = level == np.inf
-        first[unsafe] = 0 if always else first_alerts(monitor, y[unsafe], fails[unsafe])
-        return _Said(monitor.h, lowest, (last >= 0) & (lowest <= level), first)
+        first = partial(_first_alerts, monitor, self._flights)
+        return _Said(monitor.h, lowest, (last >= 0) & (lowest <= level), level, first)
 
     def _by_forecasts(self) -> Iterator[tuple[tuple[str, float], _Said]]:
         """Methods that forecast what is left of the manoeuvre."""
@@ -389,20 +400,25 @@ class _CeilingTest:
 
     def __init__(self, test: DatasetRecipe, recipe: SweepRecipe) -> None:
         self._test, self._recipe, self._ceiling = test, recipe, Ceiling(test)
-        self._flights = evaluation_flights(test, CEILING_FLIGHTS)
+        pool = evaluation_flights(test, CEILING_POOL)
+        half = CEILING_FLIGHTS // 2
+        kinds = np.flatnonzero(pool.is_unsafe)[:half], np.flatnonzero(~pool.is_unsafe)[:half]
+        self._which = which = np.sort(np.concatenate(kinds))
+        self._flights = Rollouts(pool.y[which], pool.fail_index[which], pool.theta[which])
         rng = stream(test.seed, Branch.TEST)
-        self._commands = Simulator(test).commands(CEILING_FLIGHTS, rng)
-        self._looks = {
-            (name, lead): (score.window(h), h)
-            for lead in recipe.leads_s
-            for h in (lead_steps(lead, test.dt),)
-            for name, score in CEILINGS.items()
-        }
-        self._windows = np.array([window for window, _ in self._looks.values()])
+        self._commands = Simulator(test).commands(CEILING_POOL, rng)[self._which]
+        steps = [lead_steps(lead, test.dt) for lead in recipe.leads_s]
+        scores = SCORES["card_window"], SCORES["rest_of_card"]
+        self._looks = [
+            (lead, h, score)
+            for lead, h in zip(recipe.leads_s, steps, strict=True)
+            for score in scores
+        ]
+        self._windows = np.array([score.window(h) for _, h, score in self._looks])
         fails = self._flights.fail_index
         latest = fails.max(where=self._flights.is_unsafe, initial=0)
         self._last = np.minimum(fails, latest)  # later nothing fails: an alert would be in vain
-        self.starts = range(0, CEILING_FLIGHTS, FLIGHTS_A_TASK)
+        self.starts = range(0, len(self._which), FLIGHTS_A_TASK)
 
     def scores(self, start: int, cancelled: Event) -> Array:
         """Scores (n_looks, n, n_samples) of the flights from `start` on."""
@@ -415,27 +431,57 @@ class _CeilingTest:
             )
 
     def cells(self, scores: list[Array]) -> dict[tuple[str, float], Cell]:
-        """Cells where just the share epsilon of these very failing flights is missed."""
+        """Cells where just the share epsilon of these very failing flights is missed.
+
+        Each of the window or the rest of the card, whichever lets more safe flights pass.
+        """
         flights, test, recipe = self._flights, self._test, self._recipe
-        stopped = stopping_flights(test, CEILING_FLIGHTS)
+        of_pool = stopping_flights(test, CEILING_POOL)
         counted: dict[tuple[str, float], Cell] = {}
-        all_scores = np.concatenate(scores, axis=1)
-        for (key, (_, h)), own in zip(self._looks.items(), all_scores, strict=True):
+        for (lead, h, _), own in zip(self._looks, np.concatenate(scores, axis=1), strict=True):
             lowest = _lowest(own, _last_timely(flights, h))
             level = _level_at(recipe.epsilon, lowest[flights.is_unsafe])
             said = _said_by_scores(own, flights, h, level)
-            counted[key] = _counted(said, flights, test, recipe, stopped)
+            cell = _counted(
+                said,
+                flights,
+                test,
+                recipe,
+                lambda which, neutral_from: of_pool(self._which[which], neutral_from),
+            )
+            if (CEILING, lead) not in counted or cell.power > counted[CEILING, lead].power:
+                counted[CEILING, lead] = cell
         return counted
 
 
 def _said_by_scores(scores: Array, flights: Rollouts, h: int, level: float) -> _Said:
     """scores: (n, n_samples) of the flights up to their failure.   level: highest that alerts."""
-    n_samples, last = scores.shape[1], _last_timely(flights, h)
+    last = _last_timely(flights, h)
     lowest = _lowest(scores, last)
-    heard = np.arange(n_samples) <= flights.fail_index[:, np.newaxis]
+    first = partial(_first_at_or_below, scores, flights)
+    return _Said(h, lowest, (last >= 0) & (lowest <= level), level, first)
+
+
+def _first_at_or_below(scores: Array, flights: Rollouts, level: float) -> Indices:
+    """First score (n, n_samples) of each failing flight that is no higher, by its failure."""
+    heard = np.arange(scores.shape[1]) <= flights.fail_index[:, np.newaxis]
     alerts = heard & (scores <= level) & flights.is_unsafe[:, np.newaxis]
-    first = np.where(alerts.any(axis=1), alerts.argmax(axis=1), n_samples)
-    return _Said(h, lowest, (last >= 0) & (lowest <= level), first)
+    return np.where(alerts.any(axis=1), alerts.argmax(axis=1), scores.shape[1])
+
+
+def _first_alerts(monitor: Monitor, flights: Rollouts, level: float) -> Indices:
+    """The same of a monitor's scores, by halves: most of them need not be known."""
+    found = np.full(len(flights.y), flights.y.shape[1])
+    unsafe = np.flatnonzero(flights.is_unsafe)
+    by_failure = monitor.lowest_scores(flights.y[unsafe], flights.fail_index[unsafe])
+    which = unsafe[by_failure <= level]
+    y, silent, alerted = flights.y[which], np.full(len(which), -1), flights.fail_index[which]
+    while (apart := alerted - silent > 1).any():
+        between = np.where(apart, (silent + alerted) // 2, alerted)
+        alerts = monitor.lowest_scores(y, between) <= level
+        silent, alerted = np.where(alerts, silent, between), np.where(alerts, between, alerted)
+    found[which] = alerted
+    return found
 
 
 def _last_timely(flights: Rollouts, h: int) -> Indices:
@@ -474,14 +520,18 @@ def _counted(
 ) -> Cell:
     """Count what is missed, alerted of in vain and prevented."""
     fails, is_unsafe, n_samples = flights.fail_index, flights.is_unsafe, flights.y.shape[1]
-    reactions = prevention(
-        said.first,
-        fails,
-        n_samples,
-        test.dt,
-        stopped,
-        stream(test.seed, Branch.REACTION),
-        recipe.reactions_s,
+    alike = _level_of_false_alarms(said.lowest[~is_unsafe])
+    prevented, prevented_alike = (
+        prevention(
+            said.first(level),
+            fails,
+            n_samples,
+            test.dt,
+            stopped,
+            stream(test.seed, Branch.REACTION),
+            recipe.reactions_s,
+        ).prevented
+        for level in (said.level, alike)
     )
     return Cell(
         epsilon=recipe.epsilon,
@@ -491,9 +541,17 @@ def _counted(
         n_early=np.array([np.count_nonzero(fails[is_unsafe] < said.h)]),
         false_alerts=np.array([np.count_nonzero(said.alerts[~is_unsafe])]),
         n_safe=np.array([np.count_nonzero(~is_unsafe)]),
-        prevented=reactions.prevented[np.newaxis],
+        prevented=prevented[np.newaxis],
         power_at_epsilon=np.array([_power_at(recipe.epsilon, said.lowest, is_unsafe)]),
+        prevented_alike=prevented_alike[np.newaxis],
     )
+
+
+def _level_of_false_alarms(safe: Array) -> float:
+    """Highest level at which no more than FALSE_ALARMS of safe flights alert, by lowest scores."""
+    if not len(safe):
+        return -np.inf
+    return float(np.nextafter(np.sort(safe)[int(FALSE_ALARMS * len(safe) + 1e-9)], -np.inf))
 
 
 def _power_at(epsilon: float, lowest: Array, is_unsafe: Flags) -> float:

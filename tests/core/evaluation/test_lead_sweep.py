@@ -9,7 +9,7 @@ import pytest
 from core.collection import card_of, collect, evaluation_flights, stopped_flights
 from core.evaluation import lead_sweep
 from core.evaluation.lead_sweep import (
-    CEILINGS,
+    CEILING,
     METHODS,
     TESTS,
     PlannedTestSweep,
@@ -75,6 +75,14 @@ def test_what_methods_share_changes_no_count_of_theirs() -> None:
         first[~flights.is_unsafe] = n_samples
         reacted = prevention(first, fails, n_samples, 0.05, again, rng)
         assert cell.prevented[0].tolist() == reacted.prevented.tolist()
+        level = lead_sweep._level_of_false_alarms(
+            monitor.lowest_scores(y, np.full(len(y), n_samples - 1))[~flights.is_unsafe]
+        )
+        first = lead_sweep._first_alerts(monitor, flights, level)
+        alike = prevention(first, fails, n_samples, 0.05, again, stream(test.seed, Branch.REACTION))
+        assert cell.prevented_alike[0].tolist() == alike.prevented.tolist()
+    rest = [cell.prevented_alike.tolist() for (name, _), cell in cells.items() if "rest" in name]
+    assert rest[:2] == rest[2:], "what is alerted of alike does not depend on the lead"
 
 
 def test_where_failures_come_before_the_lead_no_method_has_power(small: PlannedTestSweep) -> None:
@@ -91,6 +99,13 @@ def test_power_at_a_share_of_misses_by_hand() -> None:
     assert lead_sweep._power_at(0.5, lowest, is_unsafe) == pytest.approx(2 / 3)
     assert lead_sweep._power_at(0.01, lowest, is_unsafe) == 0.0
     assert np.isnan(lead_sweep._power_at(0.1, lowest[:4], is_unsafe[:4]))
+
+
+def test_a_tenth_of_safe_flights_alerts_at_most_by_hand() -> None:
+    safe = np.arange(20.0)[::-1]
+    level = lead_sweep._level_of_false_alarms(safe)
+    assert np.count_nonzero(safe <= level) == 2
+    assert np.count_nonzero(np.zeros(20) <= lead_sweep._level_of_false_alarms(np.zeros(20))) == 0
 
 
 def test_a_manoeuvre_without_a_card_leaves_methods_of_cards_out() -> None:
@@ -142,17 +157,20 @@ def test_a_ceiling_misses_just_epsilon_and_stands_beside_its_lead(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(lead_sweep, "CEILING_FLIGHTS", 30)
+    monkeypatch.setattr(lead_sweep, "CEILING_POOL", 100)
     recipe = replace(SMALL, tests=("ATTAS",), n_monitors=1, ceiling=True, methods=SMALL.methods[:1])
     told: list[tuple[int, int]] = []
     cells = sweep(recipe, progress=lambda *done: told.append(done))["ATTAS"].cells
-    names = [*SMALL.methods[:1], *CEILINGS]
+    names = SMALL.methods[0], CEILING
     assert list(cells) == [(name, lead) for lead in recipe.leads_s for name in names]
     assert sorted(told)[-1] == (4, 4)
-    for name in CEILINGS:
-        near, far = (cells[name, lead] for lead in recipe.leads_s)
-        assert near.misses[0] == far.misses[0] == int(0.1 * near.n_unsafe[0])
-        assert near.power == near.power_at_epsilon[0] >= far.power
-        assert near.power > 0.8
+    near, far = (cells[CEILING, lead] for lead in recipe.leads_s)
+    assert near.n_unsafe[0] == near.n_safe[0] == 15
+    assert near.misses[0] == far.misses[0] == 1
+    assert near.power == near.power_at_epsilon[0] >= far.power
+    assert near.power > 0.8
+    assert (np.diff(far.prevented_share) <= 0).all()
+    assert far.prevented_share[0] > 0.8
 
 
 def test_a_ceiling_of_imperfect_flights_is_refused() -> None:
