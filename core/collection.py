@@ -135,6 +135,7 @@ def card_of(recipe: DatasetRecipe, n_plants: int = CARD_PLANTS) -> Card:
     times, steps = np.array(switches).T
     n_lags = maneuver.n_samples(recipe.dt) - round(times[0] / recipe.dt)
     factor = 1.0 + maneuver.amplitude_jitter * rng.standard_normal(n_plants)
+    factor *= maneuver.steps_flown(n_plants, rng)
     command = np.zeros((n_plants, n_lags, len(COLUMN)))
     command[..., COLUMN[maneuver.surface]] = (np.deg2rad(steps[0]) * factor)[:, None]
     responses = roll_out(

@@ -96,4 +96,6 @@ def from_plain(
             raise RecipeError(f"{where} has no {key!r}: {instead_of(str(key), known)}")
         if is_dataclass(known[key]) and not is_dataclass(plain[key]):
             plain[key] = from_plain(known[key], plain[key], f"{where}.{key}", build)
+        elif isinstance(known[key], tuple) and isinstance(plain[key], list):
+            plain[key] = tuple(plain[key])
     return build(default, known | plain, where)

@@ -433,10 +433,11 @@ class Groups:
 
 
 def _rule_of(header: Mapping[str, Any]) -> GroupRule:
-    values = header["rule"]
-    rule = RULES[header["kind"]](
-        **{key: tuple(of) if isinstance(of, list) else of for key, of in values.items()}
-    )
+    values: dict[str, Any] = {
+        key: tuple(value) if isinstance(value, list) else value
+        for key, value in header["rule"].items()
+    }
+    rule = RULES[header["kind"]](**values)
     rule.check()
     return rule
 

@@ -45,6 +45,9 @@ class Maneuver(ABC):
     amplitude_jitter: float = 0.0
     """scatter of the amplitude: standard deviation of the one factor 1 + jitter on all commands of
     a rollout."""
+    build_up: tuple[float, ...] = ()
+    """steps of a build-up: shares of the amplitude, of which each rollout flies one, drawn evenly;
+    none: the amplitude alone."""
 
     def __post_init__(self) -> None:
         for entry in fields(self):
@@ -56,6 +59,10 @@ class Maneuver(ABC):
             if bad := [x for x in numbers if not (isfinite(x) and (signed or x >= 0))]:
                 needed = "a finite number" if signed else "a finite number, zero or more"
                 raise ValueError(f"{entry.name} is {bad[0]}; give {needed}")
+        if not all(self.build_up):
+            raise ValueError(
+                f"build_up is {self.build_up}: give shares of the amplitude above 0, or none"
+            )
         if self.lead_in_s >= self.duration_s:
             raise ValueError(
                 f"lead_in_s={self.lead_in_s} leaves nothing of duration_s={self.duration_s}; "
@@ -110,9 +117,14 @@ class Maneuver(ABC):
         factor = np.ones(1)
         if self.amplitude_jitter > 0.0:
             factor = 1.0 + self.amplitude_jitter * rng.standard_normal(n)
+        factor = factor * self.steps_flown(n, rng)
         commands = self.commands(t - start, segments)
         scale = np.deg2rad(factor)[:, np.newaxis, np.newaxis]
         return np.multiply(commands, scale, out=commands if len(commands) == n else None)
+
+    def steps_flown(self, n: int, rng: np.random.Generator) -> Array:
+        """Share of the amplitude that each of n rollouts flies; (1,) where all fly the same."""
+        return rng.choice(self.build_up, n) if self.build_up else np.ones(1)
 
 
 def _check_word(name: str, word: str, known: tuple[str, ...]) -> None:

@@ -88,6 +88,16 @@ class TestEveryManeuver:
             shaky.pilot(DT, 3, np.random.default_rng(2)), np.stack([plan] * 3), atol=1e-12
         )
 
+    def test_a_build_up_flies_each_step_as_often(self, maneuver):
+        shares, n = (0.5, 1.0, 1.5), 600
+        planned = maneuver.pilot(DT, 1, np.random.default_rng(3))
+        stepped = replace(maneuver, build_up=shares).pilot(DT, n, np.random.default_rng(3))
+        flown = np.abs(stepped).max(axis=(1, 2)) / np.abs(planned).max()
+        counts = [np.isclose(flown, share).sum() for share in shares]
+        assert sum(counts) == n
+        assert min(counts) > 150
+        np.testing.assert_allclose(stepped, flown[:, None, None] * planned)
+
     def test_amplitude_jitter_alone_scales_the_plan(self, maneuver):
         pilot = replace(maneuver, amplitude_jitter=0.1).pilot(DT, 5, np.random.default_rng(3))
         factors = 1 + 0.1 * np.random.default_rng(3).standard_normal(5)
@@ -115,6 +125,8 @@ class TestEveryManeuver:
             ("pedal_lag_s", float("nan")),
             ("timing_jitter_s", -0.1),
             ("amplitude_jitter", -0.1),
+            ("build_up", (1.0, 0.0)),
+            ("build_up", (-0.5,)),
         ],
     )
     def test_an_impossible_number_is_refused_by_name(self, maneuver, field, value):
