@@ -3,6 +3,7 @@
 from collections import deque
 from collections.abc import Callable, Iterator
 from concurrent.futures import Executor
+from dataclasses import replace
 from itertools import count
 
 import numpy as np
@@ -88,6 +89,32 @@ def fresh(recipe: DatasetRecipe, most: int = MOST_FRESH) -> Iterator[Rollouts]:
         flights = simulator.rollouts(min(size, most - made), rng)
         made += len(flights.y)
         yield flights
+
+
+def combination_failures(
+    recipe: DatasetRecipe, n: int, progress: Progress | None = None
+) -> tuple[Rollouts, int]:
+    """Roll out until n flights failed that taught no monitor of this recipe, for a combination.
+
+    progress: called with (failures found, flights made); what it raises cancels.
+    Returns the failing flights, and how many were made for them.   CollectionError where the
+    recipe's budget of rollouts cannot suffice.
+    """
+    simulator, rng = Simulator(recipe), stream(recipe.seed, Branch.COMBINATION)
+    size = max(1, min(FRESH_BATCH, CHUNK_STEPS // recipe.n_steps))
+    parts: list[Rollouts] = []
+    found = made = 0
+    while found < n:
+        flights = simulator.rollouts(min(size, recipe.max_rollouts - made), rng)
+        failed = np.flatnonzero(flights.is_unsafe)[: n - found]
+        found += len(failed)
+        made += int(failed[-1]) + 1 if found == n else len(flights.y)
+        parts.append(flights.some(failed))
+        if progress:
+            progress(found, made)
+        if found < n:
+            _check_budget(replace(recipe, n_unsafe=n), found, made)
+    return Rollouts(*map(np.concatenate, zip(*parts, strict=True))), made
 
 
 def evaluation_flights(recipe: DatasetRecipe, n: int) -> Rollouts:

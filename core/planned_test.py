@@ -88,8 +88,8 @@ class Rollouts(NamedTuple):
         """(n,) whether the rollout exceeds a limit."""
         return self.fail_index < self.y.shape[1]
 
-    def some(self, which: slice | Flags) -> "Rollouts":
-        """Return the rollouts of a slice or a mask."""
+    def some(self, which: slice | Flags | Indices) -> "Rollouts":
+        """Return the rollouts of a slice, a mask or numbers."""
         return Rollouts(self.y[which], self.fail_index[which], self.theta[which])
 
 

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Mapping
 from dataclasses import fields, is_dataclass
+from types import MappingProxyType
 from typing import Any, NamedTuple, TypeVar
 
 from core.mistyped import instead_of
@@ -10,11 +11,20 @@ M = TypeVar("M")
 
 
 class Family(NamedTuple):
-    """Parts of recipes of one base class, which plain data tells apart by `kind`."""
+    """Parts of recipes of one base class, which plain data tells apart by `kind`.
+
+    members: those to choose from.   made: others, by the kind that stored recipes have of them.
+    """
 
     name: str
     base: type
     members: dict[str, Any]
+    made: Mapping[str, Any] = MappingProxyType({})
+
+    @property
+    def known(self) -> dict[str, Any]:
+        """Every kind that a recipe may have."""
+        return {**self.members, **self.made}
 
 
 FAMILIES: dict[str, Family] = {}
@@ -25,9 +35,14 @@ class RecipeError(ValueError):
     """A recipe that names something unknown or holds a value that is not allowed."""
 
 
-def family(name: str, base: type[M], members: dict[str, M]) -> dict[str, M]:
-    """Return the members of a family; recipes hold them by `kind` from now on."""
-    FAMILIES[name] = Family(name, base, members)
+def family(
+    name: str, base: type[M], members: dict[str, M], made: Mapping[str, M] | None = None
+) -> dict[str, M]:
+    """Return the members of a family; recipes hold them by `kind` from now on.
+
+    made: parts that nobody chooses, such as those of what is made from finished parts.
+    """
+    FAMILIES[name] = Family(name, base, members, made or {})
     return members
 
 
@@ -46,7 +61,7 @@ def to_plain(recipe: Any) -> Any:
         return recipe
     plain = {field.name: to_plain(getattr(recipe, field.name)) for field in fields(recipe)}
     of = family_of(recipe)
-    return plain if of is None else {"kind": _kind(recipe, of.members)} | plain
+    return plain if of is None else {"kind": _kind(recipe, of.known)} | plain
 
 
 def _kind(member: Any, members: Mapping[str, Any]) -> str:
@@ -87,9 +102,9 @@ def from_plain(
     plain = dict(plain)
     of = family_of(default)
     if of is not None and (kind := plain.pop("kind", None)) is not None:
-        if not (isinstance(kind, str) and kind in of.members):
+        if not (isinstance(kind, str) and kind in of.known):
             raise RecipeError(f"{where} {kind!r} is unknown: {instead_of(str(kind), of.members)}")
-        default = of.members[kind]
+        default = of.known[kind]
     known = {field.name: getattr(default, field.name) for field in fields(default)}
     for key in plain:
         if key not in known:

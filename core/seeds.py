@@ -29,6 +29,8 @@ class Branch(IntEnum):
     """Flights that differ from the planned test; below it one stream for each difference."""
     FORECAST = 9
     """Flights that a forecast of peaks learns from, beside those of the collection."""
+    COMBINATION = 10
+    """Failing flights that a combination of monitors is calibrated on; they train no member."""
 
 
 def stream(seed: int, branch: Branch, *below: int) -> np.random.Generator:

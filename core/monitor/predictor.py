@@ -26,9 +26,10 @@ class Predictor(ABC):
     """Whether the mapped point is an output y, channel by channel."""
     forecasts: ClassVar[bool] = False
     """Whether that output is the one t_early ahead."""
-    forecast: ClassVar[Literal["", "card", "peaks"]] = ""
-    """How it forecasts what is left of the manoeuvre: from the test card, or by what the peaks of
-    other flights were; and the section of a monitor's file."""
+    forecast: ClassVar[Literal["", "card", "peaks", "members"]] = ""
+    """How it forecasts what is left of the manoeuvre: from the test card, by what the peaks of
+    other flights were, or as the members of a combination do; and the section of a monitor's
+    file."""
 
     @abstractmethod
     def fit(self, o: Array, y_ahead: Array) -> Affine:
@@ -73,7 +74,7 @@ class ResponseFilter(Linear):
     steps. The map fitted beside it serves validity, and names the rollouts that a sample is like.
     """
 
-    forecast: ClassVar[Literal["", "card", "peaks"]] = "card"
+    forecast: ClassVar[Literal["", "card", "peaks", "members"]] = "card"
 
 
 @dataclass(frozen=True)
@@ -85,7 +86,7 @@ class PeakRidge(Linear):
     serves validity, and names the rollouts that a sample is like.
     """
 
-    forecast: ClassVar[Literal["", "card", "peaks"]] = "peaks"
+    forecast: ClassVar[Literal["", "card", "peaks", "members"]] = "peaks"
     past_s: Annotated[float, Bounds(above=0, below=3600)] = 2.0
     """past that is read [s]: samples since the input began, so far back at most."""
     phase: Phase = "input"
@@ -150,6 +151,21 @@ class LastOutput(Predictor):
         return Affine(np.eye(o.shape[1])[:, -N_OUTPUTS:], np.zeros(N_OUTPUTS))
 
 
+@dataclass(frozen=True)
+class Members(Predictor):
+    """Those of a combination's members, see core.monitor.combination."""
+
+    forecast: ClassVar[Literal["", "card", "peaks", "members"]] = "members"
+
+    def fit(self, o: Array, y_ahead: Array) -> Affine:
+        """Refuse: each member was fitted by itself."""
+        raise ValueError(NOT_TRAINED)
+
+
+NOT_TRAINED = (
+    "a combination is made of trained monitors and is not trained itself: train its members, then "
+    "`forewarn combine` or POST /api/v1/monitors/combinations"
+)
 PREDICTORS = family(
     "predictor",
     Predictor,
@@ -161,4 +177,5 @@ PREDICTORS = family(
         "response_filter": ResponseFilter(),
         "peak_ridge": PeakRidge(),
     },
+    made={"combination": Members()},
 )

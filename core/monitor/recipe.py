@@ -79,6 +79,10 @@ METHODS: dict[str, tuple[Predictor, Score]] = {
 
 def mismatch(predictor: Predictor, score: Score) -> str:
     """Why a predictor and a score make no monitor; empty where they do."""
+    if score.of_members != (predictor.forecast == "members"):
+        return (
+            "the predictor combination goes with the score highest_risk, and neither with another"
+        )
     if score.reads_card != bool(predictor.forecast):
         return (
             "the predictors response_filter and peak_ridge go with the score rest_of_card or "

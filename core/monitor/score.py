@@ -19,6 +19,8 @@ class Score:
     safe_weight: ClassVar[float] = 0.0
     reads_card: ClassVar[bool] = False
     """Whether it is of a forecast of the card; distances then only say what a sample is like."""
+    of_members: ClassVar[bool] = False
+    """Whether it is that of a combination."""
 
     @property
     def channel(self) -> int:
@@ -101,6 +103,13 @@ class CardWindow(RestOfCard):
         return h + self.n_after
 
 
+@dataclass(frozen=True)
+class HighestRisk(RestOfCard):
+    """Minus the highest risk that a member of a combination tells."""
+
+    of_members: ClassVar[bool] = True
+
+
 SCORES = family(
     "score",
     Score,
@@ -112,4 +121,5 @@ SCORES = family(
         "rest_of_card": RestOfCard(),
         "card_window": CardWindow(),
     },
+    made={"highest_risk": HighestRisk()},
 )

@@ -24,7 +24,7 @@ from core.monitor.observation import (
 )
 from core.monitor.peak_forecast import PeakForecast
 from core.monitor.peak_ridge import LearnedFlights, fit_peaks
-from core.monitor.predictor import Affine, PeakRidge, Predictor
+from core.monitor.predictor import NOT_TRAINED, Affine, PeakRidge, Predictor
 from core.monitor.recipe import MonitorRecipe
 from core.monitor.response_filter import NO_CARD, fit_card
 from core.monitor.validity.flown_input import FreshInputs
@@ -161,7 +161,7 @@ def _calibrated(
         theta_names=dataset.theta_names,
         theta_unsafe=dataset.theta_unsafe,
         theta_safe=dataset.theta_safe,
-        n_early=len(last) - len(timely),
+        n_early=int(np.isposinf(alphas).sum()),
         fitted=fitted._replace(alphas=np.sort(alphas)),
         exact=exact,
         forecast=forecast,
@@ -216,6 +216,8 @@ def _transduction(
 
 
 def _check(dataset: Dataset, recipe: MonitorRecipe) -> None:
+    if recipe.score.of_members:
+        raise ValueError(NOT_TRAINED)
     if not len(dataset.unsafe) or not len(dataset.safe):
         raise ValueError(
             f"the dataset has {len(dataset.unsafe)} unsafe and {len(dataset.safe)} safe rollouts: "

@@ -77,9 +77,10 @@ def check_arrays(
     if not (arrays["training_max_abs"] >= 0).all():
         raise ValueError("training_max_abs holds what is no magnitude")
     check_alphas(alphas, header["n_early"])
-    if recipe.score.channel < 0 and not (
-        len(arrays["safe_points"]) and len(arrays["unsafe_points"]) == len(alphas) - _early(alphas)
-    ):
+    n_points, n_timely = len(arrays["unsafe_points"]), len(alphas) - _early(alphas)
+    most = n_timely if recipe.score.looks_up_neighbors else len(alphas)
+    fits = recipe.score.of_members or n_timely <= n_points <= most
+    if recipe.score.channel < 0 and not (len(arrays["safe_points"]) and fits):
         raise ValueError("it has not the points of its failures and of its safe flights")
     _check_exact(recipe, exact, alphas)
 

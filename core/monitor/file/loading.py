@@ -4,8 +4,11 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from core.kernels.p_value import SIMPLE, Transduction
 from core.monitor import peak_ridge, response_filter
+from core.monitor.combination import Combined, of_members
 from core.monitor.file import portable
 from core.monitor.file.checks import (
     check_arrays,
@@ -105,9 +108,11 @@ def _forecast(
 ) -> PeakForecast | None:
     """The forecast of what is left of the manoeuvre; None where the predictor makes none."""
     wanted = recipe.predictor.forecast
-    for name in ("card", "peaks"):
+    for name in ("card", "peaks", "members"):
         if (name in sections) != (name == wanted):
             raise ValueError(f"its predictor and its section {name} do not fit together")
+    if wanted == "members":
+        return of_members(_members(sections["members"]), recipe.n_delay, h)
     if wanted == "card":
         return response_filter.of_section(sections["card"], h, recipe.score)
     return peak_ridge.of_section(sections["peaks"]) if wanted else None
@@ -118,6 +123,22 @@ def _groups(section: Section | None, recipe: MonitorRecipe) -> Groups | None:
     if (section is None) != isinstance(recipe.groups, Pooled):
         raise ValueError("its recipe and its section groups do not fit together")
     return None if section is None else Groups.of_section(section)
+
+
+def _members(section: Section) -> tuple[Monitor, ...]:
+    """The members of a combination; MonitorFileError names the one that is none."""
+    n_members, members = section.header["n_members"], []
+    if type(n_members) is not int or n_members != len(section.arrays):
+        raise ValueError(f"n_members is {n_members!r} where {len(section.arrays)} files are held")
+    for number in range(1, n_members + 1):
+        name, file = f"member {number}", section.arrays[f"{number}"]
+        if file.dtype != np.uint8 or file.ndim != 1:
+            raise ValueError(f"{name} is {file.dtype} {file.shape} instead of a file's bytes")
+        parts = portable.unpack(file.tobytes(), name)
+        if Combined.section in parts:
+            raise ValueError(f"{name} is a combination itself")
+        members.append(_rebuild(parts))
+    return tuple(members)
 
 
 def _inputs(section: Section | None) -> InputSupport | None:

@@ -33,6 +33,7 @@ VERSIONS = {
     "card": 1,
     "peaks": 1,
     "groups": 1,
+    "members": 1,
     "evaluation": 1,
 }
 """Newest version of each section that this program knows."""
