@@ -15,7 +15,7 @@ from typing import Any, get_args
 from pydantic import ConfigDict, TypeAdapter
 
 from app import labels
-from app.jobs.requests import LARGEST_N_TEST, N_TEST
+from app.jobs.requests import LARGEST_N_TEST, MOST_MEMBERS, N_TEST, CombinationRecipe
 from app.labels import choice_label, kind_label
 from app.recipes import USUAL_DATASET, USUAL_MONITOR, Imperfect, family_of, to_plain
 from app.telemetry.formats import FORMATS
@@ -40,6 +40,7 @@ RECIPES: dict[str, Any] = {
     "dataset": DatasetRecipe(),
     "monitor": MonitorRecipe(),
     "study": StudyRecipe(),
+    "combination": CombinationRecipe(),
 }
 DOCSTRINGS = ConfigDict(use_attribute_docstrings=True)
 UNIT = re.compile(r"\[([^\[\]]*[A-Za-z/%][^\[\]]*)\]")
@@ -279,6 +280,16 @@ def monitor_request_schema() -> dict[str, Any]:
     schema["properties"] |= {"name": _NAME, "dataset": _dataset_choice(USUAL_DATASET)}
     schema["properties"] |= {"n_test": _n_test(N_TEST)}
     return schema | {"title": "Monitor to train", "required": ["dataset"]}
+
+
+def combination_request_schema() -> dict[str, Any]:
+    """JSON schema of the body that asks for a combination of monitors."""
+    schema = schema_of(RECIPES["combination"])
+    members = {"type": "array", "items": {"type": "string"}, "uniqueItems": True}
+    members |= {"minItems": 2, "maxItems": MOST_MEMBERS}
+    members["description"] = "ids of trained monitors of one planned test"
+    schema["properties"] |= {"name": _NAME, "monitors": members}
+    return schema | {"title": "Monitors to combine", "required": ["monitors"]}
 
 
 def study_request_schema() -> dict[str, Any]:

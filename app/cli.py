@@ -16,6 +16,7 @@ COMMANDS = {
     "study": "repeat the paper's experiment: five methods",
     "sweep": "say how early planned tests can be warned of, by which method and at what cost",
     "train": "simulate, train and test a monitor; write its file",
+    "combine": "make one monitor of several of one planned test, calibrated as a whole",
     "choose-epsilon": "choose an epsilon by costs, or so that misses and false alarms keep targets",
     "certificate": "write what fresh flights said of a monitor as a page that prints",
     "score": "score recorded telemetry with monitors",

@@ -95,7 +95,7 @@ def report(training: Training) -> str:
         f"alerts above a risk of {monitor.alert_above():.3g}, for a miss rate of at most "
         f"{monitor.recipe.epsilon:g} {PROMISED[monitor.recipe.guarantee]}",
     ]
-    lines += _test_lines(test, monitor.lead) if test else []
+    lines += test_lines(test, monitor.lead) if test else []
     warnings = warnings_of(monitor.evaluation, monitor.recipe.epsilon)
     return "\n".join([*lines, *(f"WARNING: {warning}" for warning in warnings)])
 
@@ -125,7 +125,8 @@ def _of_groups(monitor: Monitor) -> str:
     return "" if groups is None else f" ({groups.n_unsafe} in each of {len(groups.alphas)} groups)"
 
 
-def _test_lines(test: FlownTest, lead: float) -> list[str]:
+def test_lines(test: FlownTest, lead: float) -> list[str]:
+    """Return the lines that a person reads of test flights.   lead: the promised one [s]."""
     counts = test.at_epsilon
     caught = int(counts.caught[0])
     silent = counts.n_safe - counts.false_alerts[0]

@@ -78,7 +78,8 @@ class FlightRequest(BaseModel):
             raise ValueError(
                 "a list of monitors was not calibrated as a whole, so that nobody knows how often "
                 "it misses: name one as `monitor`, which raises the alarms, and the others in "
-                "`monitors`, for display"
+                "`monitors`, for display; or make one of them that is calibrated as a whole, by "
+                "POST /api/v1/monitors/combinations or `forewarn combine`, and name that"
             )
         return given
 

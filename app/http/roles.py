@@ -100,6 +100,7 @@ ALLOWED: dict[Role, tuple[str, ...]] = {
         f"POST {API}/datasets/amplitude",
         f"DELETE {API}/datasets/{{id}}",
         f"POST {API}/monitors",
+        f"POST {API}/monitors/combinations",
         f"DELETE {API}/monitors/{{id}}",
         f"POST {API}/studies",
         f"POST {API}/jobs/{{id}}/cancel",

@@ -2,8 +2,9 @@
 
 from typing import Any
 
+from app.jobs.combining import combine_and_test
 from app.jobs.jobs import Task, Work
-from app.jobs.requests import DatasetRequest, MonitorRequest, dataset_name
+from app.jobs.requests import CombinationRequest, DatasetRequest, MonitorRequest, dataset_name
 from app.jobs.training import simulate, train_and_test
 from app.store.store import Store
 from core.evaluation.study import StudyRecipe, study
@@ -33,6 +34,22 @@ def monitor_work(request: MonitorRequest, store: Store) -> Work:
         task.progress("storing", task.done, task.total)
         info = store.monitors.add(training.monitor, request.name, dataset_id)
         return {"monitor": info.id, "dataset": dataset_id}
+
+    return work
+
+
+def combination_work(request: CombinationRequest, store: Store) -> Work:
+    """Calibrate stored monitors as one rule, fly fresh flights, store; the result names it."""
+
+    def work(task: Task) -> dict[str, Any]:
+        members = [store.monitors.get(one) for one in request.monitors]
+        combination, _ = combine_and_test(members, request.recipe, task.progress)
+        task.progress("storing", task.done, task.total)
+        digest = combination.dataset_digest
+        datasets = {store.monitors.info(one).dataset_id for one in request.monitors} - {None}
+        same = [one for one in datasets if one and store.datasets.info(one).digest == digest]
+        info = store.monitors.add(combination, request.name, same[0] if same else None)
+        return {"monitor": info.id, "dataset": info.dataset_id}
 
     return work
 

@@ -1,11 +1,14 @@
 """What a request for long work says: checked at once, so that only what can be met is queued."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Annotated, Any, get_args
 
-from app.jobs.training import recipe_of
+from app.jobs.training import recipe_of, simulated_test
 from app.labels import kind_label
 from app.recipes import (
+    USUAL_DATASET,
+    USUAL_MONITOR,
     Imperfect,
     RecipeError,
     as_ordered,
@@ -16,11 +19,15 @@ from app.recipes import (
 )
 from app.store.store import Store
 from core.amplitude import WANTED_SHARE, Suggestion, suggest_amplitude
+from core.bounds import Bounds, check_bounds
 from core.collection import LARGEST_CHUNK, DatasetRecipe, Simulator, card_of
 from core.dataset import Dataset
 from core.evaluation.study import StudyRecipe
-from core.monitor import MonitorRecipe
-from core.monitor.calibration import check_epsilon
+from core.monitor import Monitor, MonitorRecipe
+from core.monitor.calibration import Guarantee, check_epsilon
+from core.monitor.combination import check_members
+from core.monitor.predictor import NOT_TRAINED
+from core.monitor.recipe import MISS_RATE
 from core.simulation.maneuver import Maneuver
 
 LONGEST_NAME = 200
@@ -28,6 +35,7 @@ LARGEST_N_MONITORS = 100
 N_TEST = 2000
 """Fresh flights that a monitor is evaluated on unless another number is asked for."""
 LARGEST_N_TEST = 100_000
+MOST_MEMBERS = 16
 N_CHANNELS_BYTES = 6 * 8
 
 
@@ -59,6 +67,40 @@ class MonitorRequest:
     dataset: RequestedDataset
     recipe: MonitorRecipe
     n_test: int
+
+
+@dataclass(frozen=True)
+class CombinationRecipe:
+    """How to make one monitor of several of one planned test."""
+
+    lead: Annotated[float, Bounds(above=0, words="the lead must be positive")] = 0.5
+    """warning lead time [s]: an alert of any member counts up to then; that of a member."""
+    n_unsafe: Annotated[int, Bounds(least=2, below=LARGEST_N_TEST + 1)] = USUAL_DATASET.n_unsafe
+    """fresh failures: failing flights that the common rule is calibrated on."""
+    epsilon: Annotated[float, MISS_RATE] = USUAL_MONITOR.epsilon
+    """accepted miss rate epsilon: share of failing flights on which silence is accepted."""
+    guarantee: Guarantee = USUAL_MONITOR.guarantee
+    """promise on the miss rate: on `average` over many combinations made alike, or of this very one
+    with `95%` confidence, exactly so, as these flights chose nothing."""
+    n_test: Annotated[int, Bounds(least=0, below=LARGEST_N_TEST + 1)] = N_TEST
+    """fresh test flights."""
+
+    def __post_init__(self) -> None:
+        """Refuse what no members could make right."""
+        check_bounds(self)
+        if self.guarantee not in get_args(Guarantee):
+            known = " or ".join(get_args(Guarantee))
+            raise ValueError(f"guarantee={self.guarantee!r} was given: choose {known}")
+        check_epsilon(self.epsilon, self.n_unsafe, self.guarantee)
+
+
+@dataclass(frozen=True)
+class CombinationRequest:
+    """A combination to make, of which stored monitors, and what to call it."""
+
+    name: str
+    monitors: tuple[str, ...]
+    recipe: CombinationRecipe
 
 
 def dataset_request(plain: dict[str, Any], max_bytes: int) -> DatasetRequest:
@@ -94,6 +136,8 @@ def monitor_request(plain: dict[str, Any], store: Store, max_bytes: int) -> Moni
     requested = _requested_dataset(plain, store, max_bytes)
     n_test = _count(plain, "n_test", N_TEST, 0, LARGEST_N_TEST)
     recipe = _recipe(MonitorRecipe(), monitor_as_ordered(plain), "monitor")
+    if recipe.score.of_members:
+        raise RecipeError(f"monitor.predictor: {NOT_TRAINED}")
     if requested.recipe is not None:
         n_unsafe = requested.recipe.n_unsafe
         _check_test_size(requested.recipe, n_test, max_bytes)
@@ -107,6 +151,46 @@ def monitor_request(plain: dict[str, Any], store: Store, max_bytes: int) -> Moni
     if recipe.predictor.forecast == "card":
         _check_card(requested, store)
     return MonitorRequest(name or f"{recipe.t_early:g} s ahead", requested, recipe, n_test)
+
+
+def combination_request(plain: dict[str, Any], store: Store, max_bytes: int) -> CombinationRequest:
+    """Read the body that asks for a combination; RecipeError says what would be right."""
+    plain = dict(plain)
+    name, given = _name(plain), plain.pop("monitors", None)
+    if not (
+        isinstance(given, list)
+        and all(isinstance(one, str) for one in given)
+        and 2 <= len(set(given)) == len(given) <= MOST_MEMBERS
+    ):
+        raise RecipeError(
+            f"monitors is {given!r:.200}: give the ids of 2 to {MOST_MEMBERS} stored monitors of "
+            "one planned test, each once"
+        )
+    recipe = _recipe(CombinationRecipe(), plain, "combination")
+    try:
+        _, dataset = planned_test([store.monitors.get(one) for one in given], recipe.lead)
+    except RecipeError:
+        raise
+    except ValueError as error:
+        raise RecipeError(str(error)) from None
+    _check_test_size(dataset, max(recipe.n_test, recipe.n_unsafe), max_bytes)
+    name = name or f"{len(given)} monitors as one, {recipe.lead:g} s ahead"
+    return CombinationRequest(name, tuple(given), recipe)
+
+
+def planned_test(members: Sequence[Monitor], lead: float) -> tuple[Monitor, DatasetRecipe]:
+    """The member of this lead [s], and the planned test of all, to fly afresh.
+
+    ValueError where they make no combination, or were not trained on simulated flights.
+    """
+    own = check_members(members, lead)
+    recipe = simulated_test(own.dataset_recipe)
+    if recipe is None:
+        raise ValueError(
+            "the members have no recipe to fly fresh failures of: combine them in Python, "
+            "core.monitor.combine(members, flights, lead=...), on failing flights of your own"
+        )
+    return own, recipe
 
 
 def _check_card(requested: RequestedDataset, store: Store) -> None:

@@ -124,10 +124,15 @@ def simulate(recipe: DatasetRecipe, progress: Progress) -> Dataset:
 
 def recipe_of(dataset: Dataset) -> DatasetRecipe | None:
     """The recipe a dataset was simulated from; None where it was not simulated here."""
-    if not dataset.recipe:
+    return simulated_test(dataset.recipe)
+
+
+def simulated_test(plain: dict[str, Any]) -> DatasetRecipe | None:
+    """The recipe that a dataset or a monitor keeps as plain data; None for what is none."""
+    if not plain:
         return None
     try:
-        return from_plain(DatasetRecipe(), dataset.recipe)
+        return from_plain(DatasetRecipe(), plain)
     except RecipeError:
         return None
 

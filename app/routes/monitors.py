@@ -10,10 +10,10 @@ from fastapi import APIRouter, Query, Request, Response
 from fastapi.responses import HTMLResponse
 from pydantic import BaseModel, Field
 
-from app.catalog import monitor_request_schema
+from app.catalog import combination_request_schema, monitor_request_schema
 from app.http.problems import Problem, problem_responses
-from app.jobs.kinds import monitor_work
-from app.jobs.requests import monitor_request
+from app.jobs.kinds import combination_work, monitor_work
+from app.jobs.requests import combination_request, monitor_request
 from app.json_telemetry import TelemetryBody, assessed, parse_telemetry
 from app.recipes import to_plain
 from app.recordings.recordings import Recordings
@@ -164,6 +164,28 @@ async def train_monitor(
         "n_test": training.n_test,
     } | to_plain(training.recipe)
     return await accepted(jobs, "monitor", asked, monitor_work(training, store))
+
+
+@router.post(
+    "/combinations",
+    status_code=202,
+    response_model=JobInfo,
+    responses=ACCEPTED | problem_responses(404),
+    openapi_extra=body_of(
+        combination_request_schema(),
+        {"monitors": ["0f3a", "77c1"], "lead": 0.5, "n_unsafe": 200, "epsilon": 0.1},
+    ),
+)
+async def combine_monitors(plain: PlainBody, store: StoreDep, jobs: JobsDep, settings: SettingsDep):
+    """Make one monitor of several of one planned test, answered by a job.
+
+    Its risk is the highest of theirs, and that rule as a whole is calibrated, on `n_unsafe` fresh
+    failing flights. A flight may have it as its alarm authority. `lead` in seconds, that of a
+    member, by whose validity it is withdrawn.
+    """
+    asked = await asyncio.to_thread(combination_request, plain, store, settings.max_array_bytes)
+    request = {"name": asked.name, "monitors": list(asked.monitors)} | to_plain(asked.recipe)
+    return await accepted(jobs, "monitor", request, combination_work(asked, store))
 
 
 async def _add_file(body: bytes, name: str, recordings: Recordings) -> Response:

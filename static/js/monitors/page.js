@@ -48,7 +48,8 @@ export function showMonitor(element, { id, api, navigate }) {
       ),
       evaluation &&
         h("a", { class: "button", href: `/api/v1/monitors/${id}/certificate`, target: "_blank" }, "Certificate"),
-      link("Train one like it", `#/monitors/new?like=${id}`),
+      monitor.recipe.predictor?.kind !== "combination" &&
+        link("Train one like it", `#/monitors/new?like=${id}`),
       button("Delete", () => remove(monitor), { class: "button button-danger", ...needs("DELETE /monitors/{}") }),
     ];
     const figures = [

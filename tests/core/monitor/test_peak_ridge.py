@@ -28,6 +28,7 @@ from core.monitor.peak_ridge import (
 from core.monitor.predictor import PREDICTORS, PeakRidge
 from core.monitor.score import SCORES
 from core.planned_test import DatasetRecipe, SensorNoise
+from core.specification import Limits
 from core.types import Array, Indices
 
 USUAL = DatasetRecipe()
@@ -346,3 +347,11 @@ def test_the_promise_holds_and_more_safe_flights_pass_than_with_the_linear_forec
     scatter = np.sqrt(0.1 * 0.9 * (1 / failed + 1 / 600))
     assert missed / failed <= 0.1 + 3 * scatter
     assert np.mean(passed) > np.mean(default) + 0.2
+
+
+def test_a_failure_before_the_input_is_seen_is_an_early_one_in_the_file_too(
+    dataset: Dataset,
+) -> None:
+    monitor = train(replace(dataset, specification=Limits(Ny=0.5)), asked("card_window"))
+    assert monitor.n_early == np.isposinf(monitor.alphas).sum() > 0
+    assert from_bytes(monitor.to_bytes()).n_early == monitor.n_early

@@ -1,0 +1,84 @@
+"""The command that makes one monitor of several, calibrated as a whole."""
+
+import argparse
+from pathlib import Path
+from typing import get_args
+
+from app.commands.options.destinations import check_file
+from app.commands.output.progress import progress_bar
+from app.commands.output.results import add_json, print_result
+from app.commands.train import test_lines
+from app.jobs.combining import combine_and_test
+from app.jobs.requests import CombinationRecipe
+from app.scoring.wording import PROMISED
+from core.evaluation.certificate import warnings_of
+from core.monitor import load
+from core.monitor.calibration import Guarantee
+
+USUAL = CombinationRecipe()
+
+
+def add(parser: argparse.ArgumentParser) -> None:
+    """Add the command's options."""
+    parser.add_argument(
+        "members", nargs="+", type=Path, metavar="MONITOR.fwm", help="trained monitors of one test"
+    )
+    for option, kind, usual, text in (
+        ("--lead", float, USUAL.lead, "warning lead time [s], that of a member"),
+        ("--n-unsafe", int, USUAL.n_unsafe, "fresh failing flights that calibrate it"),
+        ("--epsilon", float, USUAL.epsilon, "accepted miss rate"),
+        ("--n-test", int, USUAL.n_test, "fresh test flights"),
+    ):
+        parser.add_argument(
+            option, type=kind, default=usual, metavar="NUMBER", help=f"{text}; {usual:g} if absent"
+        )
+    parser.add_argument(
+        "--guarantee", choices=get_args(Guarantee), default=USUAL.guarantee, help="its promise"
+    )
+    parser.add_argument(
+        "-o", "--out", type=Path, default=Path("combination.fwm"), help="file written"
+    )
+    add_json(parser)
+
+
+def run(options: argparse.Namespace) -> int:
+    """Calibrate the members' common rule on fresh failures, test it, write its file."""
+    recipe = CombinationRecipe(
+        lead=options.lead,
+        n_unsafe=options.n_unsafe,
+        epsilon=options.epsilon,
+        guarantee=options.guarantee,
+        n_test=options.n_test,
+    )
+    check_file(options.out)
+    members = [load(path) for path in options.members]
+    with progress_bar("fresh failures") as progress:
+        combination, test = combine_and_test(
+            members, recipe, lambda _, done, total: progress(done, total)
+        )
+    combination.save(options.out)
+    above, warnings = combination.alert_above(), warnings_of(combination.evaluation, recipe.epsilon)
+    lines = [
+        f"{len(members)} monitors, calibrated as one on {combination.n_unsafe} fresh failures, "
+        f"{combination.n_early} of them earlier than the warning lead time of "
+        f"{combination.lead:g} s",
+        f"alerts above a risk of {above:.3g}, for a miss rate of at most {recipe.epsilon:g} "
+        f"{PROMISED[recipe.guarantee]}",
+        *(test_lines(test, combination.lead) if test else []),
+        *(f"WARNING: {warning}" for warning in warnings),
+        f"written: {options.out}",
+    ]
+    plain = {
+        "file": str(options.out),
+        "members": [str(path) for path in options.members],
+        "n_unsafe": combination.n_unsafe,
+        "n_early": combination.n_early,
+        "lead": combination.lead,
+        "epsilon": recipe.epsilon,
+        "guarantee": recipe.guarantee,
+        "alert_above": above,
+        "evaluation": combination.evaluation,
+        "warnings": list(warnings),
+    }
+    print_result(options, "\n".join(lines), plain)
+    return 0
