@@ -18,7 +18,7 @@ from core.monitor.assessment import STATES
 from tests.app.flights.test_withdrawal import checked, quiet_flight, strange
 from tests.support.api import api, store_of
 from tests.support.attas import recorded, score
-from tests.support.flying import EPSILON, T, exact_monitor, failing_flight
+from tests.support.flying import EPSILON, T, exact_monitor, failing_flight, grouped_monitor
 from tests.support.oscillator import DT, Array
 from tests.support.recorded import csv_of
 
@@ -107,7 +107,7 @@ FLIGHTS: dict[str, Callable[[], tuple[Array, Array]]] = {
 
 
 @pytest.mark.parametrize("flight", FLIGHTS)
-@pytest.mark.parametrize("monitor", [checked, exact_monitor])
+@pytest.mark.parametrize("monitor", [checked, exact_monitor, grouped_monitor])
 @pytest.mark.parametrize("door", DOORS)
 def test_every_door_tells_the_same_of_each_sample(
     door: str, monitor: Callable[[], Monitor], flight: str, client: TestClient

@@ -20,6 +20,7 @@ from app.flights.sources.track import Track, times
 from app.flights.watcher import Watcher
 from app.store.store import Store, open_store
 from core.monitor import Monitor, MonitorRecipe, train
+from core.monitor.group import LargestDeflection
 from tests.support import oscillator
 from tests.support.oscillator import DT, N_SAMPLES, Array
 
@@ -33,6 +34,13 @@ def exact_monitor() -> Monitor:
     """A monitor whose p-values remember the flight: its lowest score so far counts."""
     dataset = oscillator.collect(np.random.default_rng(11), n_unsafe=12)
     return train(dataset, MonitorRecipe(p_value="exact", epsilon=EPSILON))
+
+
+@cache
+def grouped_monitor() -> Monitor:
+    """A monitor whose p-values depend on how far a surface has moved so far."""
+    dataset = oscillator.collect(np.random.default_rng(11), n_unsafe=40)
+    return train(dataset, MonitorRecipe(groups=LargestDeflection(), epsilon=EPSILON))
 
 
 @cache

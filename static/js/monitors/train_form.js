@@ -146,7 +146,7 @@ function createTrainForm({ api, catalog, datasets, like, chosen, onsubmit }) {
     h(
       "details",
       { class: "panel fold" },
-      h("summary", {}, "Predictor, score, promise, calibration, test flights"),
+      h("summary", {}, "Predictor, score, groups, promise, calibration, test flights"),
       h("div", { class: "columns" }, families.map(fields.element)),
       h(
         "div",
