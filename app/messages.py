@@ -12,14 +12,16 @@ from dataclasses import asdict
 from functools import lru_cache
 from typing import Annotated, Any, Literal
 
+import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
 
 from app import json_codec
-from core.channels import CHANNELS
+from core.channels import CHANNELS, KEYS
 from core.flight_markers import FlightMarkerKey, FlightMarkerKind
 from core.monitor import Assessment
 from core.monitor.assessment import Cause, State
 from core.monitor.calibration import Guarantee
+from core.monitor.peak_forecast import ForecastAhead
 from core.monitor.status import AlarmKind, Level, Status
 from core.specification import Limits, Specification
 
@@ -188,6 +190,26 @@ class FlownMonitor(Message):
     warnings: list[str] = Field(description="what speaks against relying on it")
 
 
+MOST_AHEAD = 40
+"""Samples to come in a frame, of all channels together."""
+
+
+class ChannelAhead(Message):
+    """What is to be measured of a limited channel in the rest of a test card."""
+
+    low: list[float] = Field(description="that 90 % of the samples lie above `low`, below `high`")
+    high: list[float]
+    predicted: float | None = Field(description="[s] when the mean first exceeds the limit, if so")
+    possible: float | None = Field(description="[s] when `low` or `high` first does, if so")
+
+
+class CardAhead(Message):
+    """The rest of a test card, as the alarm authority forecasts it by this sample."""
+
+    t: list[float] = Field(description="[s] of samples to come, to the end of the card; thinned")
+    channels: dict[str, ChannelAhead]
+
+
 class Frame(Message):
     """One sample and what the monitor says of it; SI units, N_y in g, channels in order.
 
@@ -215,6 +237,11 @@ class Frame(Message):
         default=None,
         description="monotonic milliseconds of the server when a live source took it: it was due "
         "by as much later as its source lags; left out elsewhere",
+    )
+    ahead: CardAhead | None = Field(
+        default=None,
+        description="with some samples of a test card under way, of a monitor that knows the card, "
+        "while someone watches; left out elsewhere",
     )
     display: list[DisplayAssessment] = Field(
         default_factory=list,
@@ -532,6 +559,7 @@ def plain_frame(
     sent: float | None,
     display: Sequence[Assessment] = (),
     taken: float | None = None,
+    ahead: ForecastAhead | None = None,
 ) -> dict[str, Any]:
     """Return a Frame as plain data; unchecked, since this is done for every sample. taken: [s]."""
     frame = {
@@ -548,6 +576,8 @@ def plain_frame(
     }
     if taken is not None:
         frame["taken"] = round(taken * 1e3, 3)
+    if ahead is not None:
+        frame["ahead"] = _plain_ahead(ahead)
     if display:
         frame["display"] = [
             {
@@ -560,6 +590,26 @@ def plain_frame(
             for one in display
         ]
     return frame
+
+
+def _plain_ahead(ahead: ForecastAhead) -> dict[str, Any]:
+    """Return a CardAhead: MOST_AHEAD samples of all channels together, the last one included."""
+    limited = np.flatnonzero(np.isfinite(ahead.limits)).tolist()
+    n = min(len(ahead.t), max(2, MOST_AHEAD // max(len(limited), 1)))
+    shown = np.unique(np.linspace(0, len(ahead.t) - 1, n).round().astype(np.int64))
+    low, high = ahead.low[shown].round(5), ahead.high[shown].round(5)
+    return {
+        "t": ahead.t[shown].round(4).tolist(),
+        "channels": {
+            KEYS[c]: {
+                "low": low[:, c].tolist(),
+                "high": high[:, c].tolist(),
+                "predicted": ahead.predicted(c),
+                "possible": ahead.possible(c),
+            }
+            for c in limited
+        },
+    }
 
 
 def encode_frame(frame: dict[str, Any]) -> str:

@@ -9,6 +9,7 @@ from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
+from math import inf
 from typing import TYPE_CHECKING, Any
 
 from app.flights.alarms import Alarms
@@ -48,6 +49,7 @@ from core.evaluation.certificate import warnings_of
 from core.flight_markers import FLIGHT_MARKERS, FlightMarkerKey
 from core.monitor import Assessment, Monitor, State
 from core.monitor.assessment import Cause
+from core.monitor.peak_forecast import ForecastAhead
 from core.monitor.status import Facts, Headline, Level, headline
 from core.specification import Specification, specification_to_plain
 from core.types import Array
@@ -57,6 +59,8 @@ if TYPE_CHECKING:
 
 LOG = logging.getLogger("forewarn")
 HEARTBEAT_S = 1.0
+AHEAD_S = 0.1
+"""[s] of flight between two samples with which the rest of the card is shown."""
 MOST_HELD = 200
 """Changes of the limits that who joins is told, the newest."""
 BETA, DELTA_A, DELTA_R = (KEYS.index(key) for key in ("beta", "delta_a", "delta_r"))
@@ -144,6 +148,7 @@ class Flight(ABC):
         self._watchers: set[Watcher] = set()
         self._timers: dict[str, Timer] = {}
         self._pose: tuple[Angles, Array] | None = None
+        self._ahead_t = -inf
         self._facts, self._headline = self.facts, self.headline
 
     @property
@@ -408,13 +413,30 @@ class Flight(ABC):
         else:
             self._set_state(assessment.state, assessment.reason, assessment.cause)
         taken = self._taken(assessment.t)
-        frame = plain_frame(self._recent.head + 1, y, assessment, sent, display, taken)
+        ahead = self._ahead_of(assessment)
+        frame = plain_frame(self._recent.head + 1, y, assessment, sent, display, taken, ahead)
         self._recent.append(encode_frame(frame))
         self.t, self._assessment, self._pose = assessment.t, assessment, (attitude, y)
         self._exceeds = exceedance is not None
         self.exceedances.update(assessment.t, y, self._limits, exceedance)
         if self._exceeds:
             self._note_exceedance(assessment.t)
+
+    def _ahead_of(self, assessment: Assessment) -> ForecastAhead | None:
+        """The rest of the card, AHEAD_S apart and while someone watches; None else."""
+        passed = assessment.t - self._ahead_t
+        is_due = bool(self._watchers) and not 0 <= passed < AHEAD_S - 1e-6
+        if assessment.p_value is None or self._late or not is_due:
+            return None
+        ahead = self._forecast_ahead()
+        if ahead is None or not len(ahead.t) or ahead.made_t != assessment.t:
+            return None
+        self._ahead_t = assessment.t
+        return ahead
+
+    def _forecast_ahead(self) -> ForecastAhead | None:
+        """What the alarm authority forecasts by the sample that is shown next."""
+        return None
 
     def _taken(self, t: float) -> float | None:
         """When the sample of t was taken, by the flight's clock [s]; None where it is when due."""

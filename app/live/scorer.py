@@ -16,6 +16,7 @@ from core.kernels import assessing
 from core.monitor import Assessment, Monitor, State
 from core.monitor.assessment import REASONS
 from core.monitor.monitor import Stream
+from core.monitor.peak_forecast import ForecastAhead
 from core.monitor.validity.verdict import exceeds
 from core.types import Array
 
@@ -63,6 +64,10 @@ class GridMonitor:
         """What is said of a sample, y (6,) from trim."""
         self._history.append(sample)
         return self._explained(self._stream.update(sample.t, self._read(y)), sample)
+
+    def forecast_ahead(self) -> ForecastAhead | None:
+        """What is forecast of the rest of the card by the last sample assessed."""
+        return self._stream.forecast_ahead()
 
     def wait(self, sample: Sample, reason: str) -> Assessment:
         """What is said of a sample while no manoeuvre is under way, and why."""
@@ -164,6 +169,10 @@ class CausalScorer:
     def manoeuvre(self) -> int:
         """1, 2, 3 ... of the manoeuvre under way; 0 for none."""
         return self._trim.manoeuvre if self._trim else 0
+
+    def forecast_ahead(self) -> ForecastAhead | None:
+        """What the alarm authority forecasts of the rest of the card."""
+        return self._authority.forecast_ahead()
 
     def put_in_force(self, in_force: LimitsInForce) -> Ruling:
         """Hold what is settled from now on against other limits; return the ruling of now."""

@@ -304,6 +304,40 @@ def _forecast(card, estimate, ahead, y_hat):
         y_hat[c] = counts[SIGN] * (mean + total(multiply(weights, coefficients)))
 
 
+@jit
+def look_ahead(card, estimate, mean, variance):
+    """Write what is to be measured of the rest of the card; returns of how many samples.
+
+    mean, variance: (n, 6) out, from the sample after the last one taken on; over the times at which
+    the pilot may switch next.
+    """
+    counts, m = estimate.counts, estimate.switches.shape[0]
+    n, sample = counts[SWITCHED], counts[TAKEN] - 1
+    if n == 0:
+        return 0
+    _plan_on(card, estimate, sample, card.apart[n] if n < m else 0)
+    n_left = max(min(estimate.plan[m - 1] + card.tail - sample, mean.shape[0]), 0)
+    passed = min(sample - estimate.switches[n - 1], card.later.shape[1] - 1)
+    n_cases = card.later.shape[2] if n < m else 1
+    components, root = address(card.components), address(estimate.root)
+    coefficients = load(address(estimate.mean), 0)
+    mean[:n_left] = 0.0
+    variance[:n_left] = 0.0
+    for case in range(n_cases):
+        _plan_on(card, estimate, sample, card.later[n, passed, case] if n < m else 0)
+        for i in range(n_left):
+            for c in range(N_CHANNELS):
+                at, off, weights = _respond(card, components, estimate.plan, m, sample + 1 + i, c)
+                at += total(multiply(weights, coefficients))
+                mean[i, c] += at / n_cases
+                variance[i, c] += (at * at + off + _spread(root, weights)) / n_cases
+    for i in range(n_left):
+        for c in range(N_CHANNELS):
+            variance[i, c] = max(variance[i, c] - mean[i, c] ** 2, 0.0) + card.noise[c]
+            mean[i, c] *= counts[SIGN]
+    return n_left
+
+
 @brief
 def update(card, estimate, clock, dt, t, y, code, y_hat):
     """Take one sample of a flight, and return its score; NaN where there is none.

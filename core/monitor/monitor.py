@@ -22,13 +22,14 @@ from core.monitor.assessment import (
     Assessment,
     Assessments,
     Exemplar,
+    State,
     Withdrawal,
     withdrawn,
 )
 from core.monitor.calibration import alert_above, check_epsilon, p_values, smallest_epsilon
 from core.monitor.file import portable
 from core.monitor.group import NO_GROUP, Groups
-from core.monitor.peak_forecast import LOST, PeakForecast
+from core.monitor.peak_forecast import LOST, ForecastAhead, PeakForecast
 from core.monitor.predictor import Affine
 from core.monitor.recipe import MonitorRecipe
 from core.monitor.validity.flown_input import FlownInput, InputSupport
@@ -428,7 +429,7 @@ class Stream:
         self._point = np.empty(self._fitted.d)
         basis, self._limits = monitor.validity_basis, monitor.limits
         self._validity = basis and RunningValidity(basis)
-        self._reason = ""
+        self._reason, self._is_ok = "", False
         self._forecast = monitor.forecast and monitor.forecast.begin(monitor.dt)
         self._groups = monitor.groups and monitor.groups.begin()
         has_outputs = monitor.forecast is not None and monitor.forecast.has_outputs
@@ -451,6 +452,7 @@ class Stream:
             raise ValueError(
                 f"a sample of shape {y.shape} was given: it needs the 6 channels, (6,)"
             )
+        self._is_ok = False
         if self._reason:
             return withdrawn(float(t), self._reason)
         assessment = self._assess(float(t), y)
@@ -463,7 +465,15 @@ class Stream:
                 return withdrawn(assessment.t, self._reason)
             if self._limits is not None and exceeds(self._limits, y):
                 self._validity = None  # the verdict of this moment stays
+        self._is_ok = assessment.state is State.OK
         return assessment
+
+    def forecast_ahead(self) -> ForecastAhead | None:
+        """What is to be measured of the rest of the test card, by the last sample.
+
+        None where that is not `ok`, where no card is under way, and of a monitor that knows none.
+        """
+        return self._forecast.ahead() if self._forecast is not None and self._is_ok else None
 
     def _assess(self, t: float, y: Array) -> Assessment:
         code, p, s = self._update(*self._state, self._dt, t, y, self._point)

@@ -1,10 +1,18 @@
 """What predictors that forecast the rest of a manoeuvre have in common: a state for each flight."""
 
 from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from statistics import NormalDist
 from typing import ClassVar, NamedTuple
 
+import numpy as np
+
 from core.monitor.file.portable import Section
-from core.types import Array, Indices
+from core.types import Array, Flags, Indices
+
+BAND = 0.9
+"""Share of the samples to come that the band of a forecast holds."""
+BAND_DEVIATIONS = NormalDist().inv_cdf(0.5 + BAND / 2)
 
 LOST = (
     "too many samples were missing while an input of the test card was due: what is left of the "
@@ -26,6 +34,43 @@ class Followed(NamedTuple):
     lost: int
 
 
+@dataclass(frozen=True, eq=False)
+class ForecastAhead:
+    """What is to be measured of the rest of a test card.
+
+    made_t: of the newest sample [s].   t: (n,) of those to come [s].
+    mean, deviation: (n, 6) of each, SI units, N_y in g.   limits: (6,), inf for none.
+    """
+
+    made_t: float
+    t: Array
+    mean: Array
+    deviation: Array
+    limits: Array
+
+    @property
+    def low(self) -> Array:
+        """(n, 6) that BAND of the samples lie between, each by itself."""
+        return self.mean - BAND_DEVIATIONS * self.deviation
+
+    @property
+    def high(self) -> Array:
+        """(n, 6) see `low`."""
+        return self.mean + BAND_DEVIATIONS * self.deviation
+
+    def predicted(self, c: int) -> float | None:
+        """When the mean of channel c first exceeds its limit [s]; None where it never does."""
+        return self._first(np.abs(self.mean[:, c]) >= self.limits[c])
+
+    def possible(self, c: int) -> float | None:
+        """When the band of channel c first does [s]."""
+        reach = np.abs(self.mean[:, c]) + BAND_DEVIATIONS * self.deviation[:, c]
+        return self._first(reach >= self.limits[c])
+
+    def _first(self, exceeds: Flags) -> float | None:
+        return float(self.t[exceeds.argmax()]) if exceeds.any() else None
+
+
 class RunningForecast(ABC):
     """The forecast of one flight, sample by sample.
 
@@ -42,6 +87,10 @@ class RunningForecast(ABC):
 
         y: (6,) float64, contiguous.   code: its state so far.
         """
+
+    def ahead(self) -> ForecastAhead | None:
+        """The rest of the card after the last sample; None where no card is under way."""
+        return None
 
 
 class PeakForecast(ABC):

@@ -13,9 +13,9 @@ from core.channels import N_CHANNELS
 from core.kernels import response_filter as kernels
 from core.kernels.compiled import entry
 from core.kernels.lanes import WIDTH
-from core.kernels.response_filter import CardResponses, begin, squares, update
+from core.kernels.response_filter import CardResponses, begin, look_ahead, squares, update
 from core.monitor.file.portable import Section
-from core.monitor.peak_forecast import Followed, PeakForecast, RunningForecast
+from core.monitor.peak_forecast import Followed, ForecastAhead, PeakForecast, RunningForecast
 from core.monitor.score import Score
 from core.specification import Specification, magnitudes_of
 from core.types import Array, Indices
@@ -158,6 +158,9 @@ class RunningCard(RunningForecast):
         self._state = card, self._estimate, np.zeros(2), float(dt)
         nothing = 0.0, self._ahead, 0, self._ahead
         self._update: Callable[..., float] = entry(update, *self._state, *nothing)
+        self._rest = np.zeros((2, len(card.mean) + card.tail, N_CHANNELS))
+        about = card, self._estimate, *self._rest
+        self._look_ahead: Callable[..., int] = entry(look_ahead, *about)
 
     def update(self, t: float, y: Array, code: int) -> tuple[float, int]:
         """Take the next sample."""
@@ -165,6 +168,17 @@ class RunningCard(RunningForecast):
         self.lost = bool(self._estimate.counts[kernels.LOST])
         self.y_hat = self._ahead.copy() if isfinite(self._ahead[0]) else None
         return s, code
+
+    def ahead(self) -> ForecastAhead | None:
+        """The rest of the card."""
+        card, estimate, clock, dt = self._state
+        mean, variance = self._rest
+        n = self._look_ahead(card, estimate, mean, variance)
+        if n == 0 or self.lost:
+            return None
+        made_t = float(clock[0])
+        t = made_t + dt * np.arange(1, n + 1)
+        return ForecastAhead(made_t, t, mean[:n].copy(), np.sqrt(variance[:n]), card.limits)
 
 
 @dataclass(frozen=True, eq=False)

@@ -13,6 +13,7 @@ from app.flights.sources.track import Track
 from app.messages import MeasuredExceedance
 from app.scoring.limits_in_force import Ruling
 from core.monitor import Assessment, Monitor
+from core.monitor.peak_forecast import ForecastAhead
 from core.monitor.validity.verdict import exceeds
 from core.types import Array, Flags, Indices
 
@@ -61,6 +62,13 @@ class Script(ABC):
     def display(self, k: int) -> tuple[Assessment, ...]:
         """What the monitors say of sample k that are flown for display."""
         return ()
+
+    def forecast_ahead(self, k: int) -> ForecastAhead | None:
+        """What the monitor forecast of the rest of the card by sample k; None where none is known.
+
+        k: of a sample that is `ok`.
+        """
+        return None
 
     def ruling(self, k: int) -> Ruling | None:
         """Which limits held for sample k when it was flown; None where it was not, or its own."""
@@ -115,6 +123,8 @@ class AssessedTrack(Script):
             self.fail_t = float(track.t[track.fail_index])
         self._track = track
         self._assessments = monitor.assess(track.t, track.y, epsilon)
+        self._monitor, self._followed = monitor, -1
+        self._running = None if monitor.forecast is None else monitor.forecast.begin(monitor.dt)
         self._display = [one.assess(track.t, track.y, at) for one, at in display]
         self.alerts = onsets(self._assessments.alert)
         self.exceedances = self.exceeding(monitor.limits)
@@ -132,6 +142,19 @@ class AssessedTrack(Script):
     def assessment(self, k: int) -> Assessment:
         """What the batch says of sample k."""
         return self._assessments[k]
+
+    def forecast_ahead(self, k: int) -> ForecastAhead | None:
+        """The rest of the card, by the samples since the last one asked for."""
+        forecast = self._monitor.forecast
+        if forecast is None or not forecast.has_outputs:
+            return None
+        if self._running is None or k < self._followed:
+            self._running, self._followed = forecast.begin(self._monitor.dt), -1
+        for at in range(self._followed + 1, k + 1):
+            about = float(self.t[at]), np.ascontiguousarray(self._track.y[at], np.float64)
+            self._running.update(*about, int(self._assessments.state[at]))
+        self._followed = k
+        return self._running.ahead()
 
     def display(self, k: int) -> tuple[Assessment, ...]:
         """What each batch says of sample k."""

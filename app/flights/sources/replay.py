@@ -12,6 +12,7 @@ from app.flights.transport import Due, NotPossible, Transport, TransportError
 from app.messages import MeasuredExceedance, TransportChange, TransportState, plain_frame
 from app.scoring.limits_in_force import LimitsInForce, LimitsRule, Ruling
 from core.monitor import Assessment, State
+from core.monitor.peak_forecast import ForecastAhead
 
 TICK_S = 0.016
 """[s] Samples due within this time go out together."""
@@ -34,7 +35,7 @@ class TrackFlight(Flight):
         self._script = script
         self._transport = Transport(script.t, script.dt)
         self._flown = 0.0
-        self._furthest = -1
+        self._furthest = self._at = -1
         self._held: Ruling | None = None
         self._exceedances = script.exceedances
 
@@ -94,6 +95,9 @@ class TrackFlight(Flight):
         self._held = LimitsRule(in_force, own).at()
         self._exceedances = self._script.exceeding(self._held.limits)
         return self._held
+
+    def _forecast_ahead(self) -> ForecastAhead | None:
+        return self._script.forecast_ahead(self._at)
 
     def _ruled(self, k: int) -> Ruling | None:
         return self._script.ruling(k) or self._held
@@ -185,7 +189,7 @@ class TrackFlight(Flight):
         if due.restarts:
             self._restart(float(script.t[k]))
             self._pass(k)
-        self._furthest = max(self._furthest, k)
+        self._furthest, self._at = max(self._furthest, k), k
         self._late = script.late(k)
         self._hold(self._ruled(k))
         assessment, display = self._assessed(k)

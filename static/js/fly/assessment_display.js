@@ -28,6 +28,7 @@ import { shownState } from "../charts/readout.js";
 import { formatTime, riskText } from "../lib/numbers.js";
 import { headlineOf } from "./headline.js";
 import { windowOf } from "./panels.js";
+import { createRestOfCard } from "./rest_of_card.js";
 import { createRiskAhead } from "./risk_ahead.js";
 import { createRiskGauge } from "./risk_gauge.js";
 
@@ -42,6 +43,7 @@ export function createAssessmentDisplay(panels, { hello, history, alarm, events,
   const gauge = createRiskGauge(panels.gauge, { timeline, led: true });
   const ahead = createRiskAhead(panels.ahead);
   ahead.describe(hello.monitors);
+  const rest = createRestOfCard(panels.rest);
   const chart = createStripChart(panels.strips, {
     channels,
     alertAbove,
@@ -197,7 +199,10 @@ export function createAssessmentDisplay(panels, { hello, history, alarm, events,
       if (linked && newest !== null && alertNote() !== noted) show(newest);
       const headline = headlineNow(wall);
       gauge.draw(wall, headline);
-      ahead.draw(headline.status === "stale" || headline.beside.includes("stale"));
+      const stale = headline.status === "stale" || headline.beside.includes("stale");
+      ahead.draw(stale);
+      rest.show(linked && late === null ? chart.ahead : null, { t: newest?.t ?? 0, channels: hello.channels });
+      rest.draw(stale);
       return headline;
     },
     close: () => {

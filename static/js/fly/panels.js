@@ -2,7 +2,7 @@
  * The panels of a flight on the page: strips, scene, gauge, alarm line, events, status, transport.
  *
  * Exports
- *   createFlightPanels(element) -> {status, strips, alarm, refused, problem, address, scene, lost, gauge, ahead, notice, limits, events, calls, marker, live, transport: elements}
+ *   createFlightPanels(element) -> {status, strips, alarm, refused, problem, address, scene, lost, gauge, ahead, rest, notice, limits, events, calls, marker, live, transport: elements}
  *     refused: of a marker that was not set.   problem, address, live: of a live flight; the last is put into the transport there
  *   windowOf({duration, lead}) -> s     width of the strips: a short flight fills them
  *   limitsOf(channels) -> Node[]        "|N_y| 0.5 g", of the limited channels
@@ -48,13 +48,14 @@ export function createFlightPanels(element) {
     lost: h("div", { class: "link-lost", role: "alert", hidden: true }),
     gauge: h("div", {}),
     ahead: h("section", { hidden: true }),
+    rest: h("section", { hidden: true }),
     events: h("section", { class: "event-panel", "aria-label": "Events" }),
     calls: h("div", { class: "marker-buttons", role: "group", "aria-label": "Markers" }),
     marker: h("p", { class: "marker-last", role: "alert", hidden: true }),
     transport: h("section", { "aria-label": "Transport" }),
   };
   const left = part("div", "strips-column", panels.alarm, panels.refused, panels.problem, panels.notice, panels.limits, panels.address, panels.strips);
-  const right = part("div", "side-column", part("div", "scene-cell", panels.scene, panels.lost), part("section", "gauge-panel", panels.gauge, panels.ahead), panels.events);
+  const right = part("div", "side-column", part("div", "scene-cell", panels.scene, panels.lost), part("section", "gauge-panel", panels.gauge, panels.rest, panels.ahead), panels.events);
   const view = part("div", "flight", h("h1", { class: "visually-hidden" }, "Flight"), panels.status, part("div", "fly", left, right), panels.transport);
   element.replaceChildren(view);
   return panels;

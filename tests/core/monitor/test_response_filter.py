@@ -354,3 +354,34 @@ def test_the_promise_holds_and_more_safe_flights_pass_than_with_the_linear_forec
     scatter = np.sqrt(0.1 * 0.9 * (1 / failed + 1 / 800))
     assert missed / failed <= 0.1 + 3 * scatter
     assert np.mean(passed) > np.mean(default) + 0.2
+
+
+def test_nine_tenths_of_the_samples_to_come_lie_in_the_band_of_the_forecast():
+    monitor, inside = trained(), []
+    for y in evaluation_flights(RECIPE, 60).y:
+        stream = monitor.stream()
+        for k, sample in enumerate(y):
+            stream.update(k * monitor.dt, sample)
+            if k < 30 or k % 10 or (ahead := stream.forecast_ahead()) is None:
+                continue
+            assert ahead.made_t == k * monitor.dt
+            to_come = np.round(ahead.t / monitor.dt).astype(int)
+            use = to_come < len(y)
+            measured = y[to_come[use], 3]
+            inside.append((ahead.low[use, 3] <= measured) & (measured <= ahead.high[use, 3]))
+    share = np.concatenate(inside).mean()
+    assert 0.86 < share < 0.95
+
+
+def test_nothing_is_forecast_ahead_before_the_card_or_while_the_monitor_is_not_ok():
+    monitor, y = trained(), flights()[0]
+    stream = monitor.stream()
+    assert stream.forecast_ahead() is None
+    known = []
+    for k, sample in enumerate(y[:40]):
+        stream.update(k * monitor.dt, sample)
+        known.append(stream.forecast_ahead() is not None)
+    assert not known[2]
+    assert known[-1]
+    stream.update(40 * monitor.dt, np.full(6, np.nan))
+    assert stream.forecast_ahead() is None

@@ -19,11 +19,13 @@
  * @property {{x0: number, x1: number, kind: string, word: string}[]} bands
  * @property {number[]} ticks  times of the vertical grid [s]
  * @property {{key: string | null, t: number, word: string, colour?: string}[]} flags  moments that are marked
+ * @property {object | null} ahead  what is forecast of the rest of the card, see ahead.js
  * @property {number} alertAbove @property {number} cursor @property {{a: number, b: number}} marks [s]
  */
 
 import { leadSeconds } from "../../lib/numbers.js";
 import { createStripFrame, GUTTER, SPARSE } from "../strip_frame.js";
+import { createAheadBand } from "./ahead.js";
 import { createForecast } from "./forecast.js";
 import { createTrace } from "./trace.js";
 
@@ -36,6 +38,7 @@ export function createStripCanvas(canvas, strip) {
   const axis = strip.axis;
   const drawTrace = createTrace(face, strip.series);
   const drawForecast = strip.forecast === null ? () => {} : createForecast(face, strip.forecast);
+  const ahead = createAheadBand(face, strip.key);
   let lastMark = -Infinity; // where the last mark stands, so that a crowd stays legible
 
   function draw(frame) {
@@ -46,6 +49,7 @@ export function createStripCanvas(canvas, strip) {
     pen.rect(0, 0, frame.width, face.height);
     pen.clip();
     if (strip.forecast !== null) drawLead(frame);
+    ahead.draw(frame);
     for (const band of frame.bands) drawBand(band);
     lastMark = -Infinity;
     for (const band of frame.bands) drawWord(band); // under the trace, which no word may hide
@@ -63,9 +67,8 @@ export function createStripCanvas(canvas, strip) {
     face.labels(frame.alertAbove);
   }
 
-  function fitAxis({ ring, visible, wall }) {
-    let low = Infinity;
-    let high = -Infinity;
+  function fitAxis({ ring, visible, wall, ahead: given }) {
+    let [low, high] = ahead.extent(given) ?? [Infinity, -Infinity];
     if (visible.n > 0) {
       const from = visible.from[0];
       const to = visible.to[visible.n - 1];

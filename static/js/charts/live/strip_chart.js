@@ -30,6 +30,7 @@
  *   flag({key, t, word, colour})    marks a moment in a channel's strip, or in all where key is null, for as
  *                                   long as the chart is there; colour "alert" unless given
  *   update(wall) -> ms              draw now (if anything changed); returns the time it took
+ *   ahead                           what is forecast of the rest of a test card, see ahead.js; null while that is not known
  *   timeline, ring                  the parts, see their files
  *   destroy()
  *
@@ -45,6 +46,7 @@ import { stripState } from "../readout.js";
 import { GUTTER } from "../strip_frame.js";
 import { limitedFirst, stripOf } from "../strips.js";
 import { createTimeAxis, timeTicks } from "../time_axis.js";
+import { aheadOf } from "./ahead.js";
 import { bandsOf } from "./bands.js";
 import { createIntake } from "./intake.js";
 import { createReadings } from "./readings.js";
@@ -80,9 +82,13 @@ export function createStripChart(host, options) {
   let plot = 1;
   let wall = performance.now();
   let measured = false;
+  let ahead = null; // what is forecast of the rest of the card, and is of now
 
   function push(given, at = performance.now()) {
-    const stored = intake.push(Array.isArray(given) ? given : [given]);
+    const frames = Array.isArray(given) ? given : [given];
+    const stored = intake.push(frames);
+    ahead = aheadOf(ahead, frames, frames.at(-1));
+    if (ahead) timeline.setRoom(ahead.t.at(-1) - ahead.made);
     if (stored > 0) timeline.observe(newest(), at);
     return stored;
   }
@@ -96,6 +102,8 @@ export function createStripChart(host, options) {
     if (ring.count() === 0) return "none";
     return isStale() ? "stale" : intake.status.state;
   }
+
+  const aheadNow = () => (stateNow() === "ok" ? ahead : null);
 
   function measure() {
     const ratio = devicePixelRatio || 1;
@@ -123,7 +131,7 @@ export function createStripChart(host, options) {
     const { dt, lead, alertAbove } = flight;
     const cursor = timeline.cursorAt(view);
     return { ring, visible, wall, step, first, start, width: plot, x, now: view.now, lead, alertAbove,
-      cursor, marks, flags, samplePx: dt / step, bands: [], ticks: [] };
+      cursor, marks, flags, ahead: aheadNow(), samplePx: dt / step, bands: [], ticks: [] };
   }
 
   function update(at = performance.now()) {
@@ -190,6 +198,9 @@ export function createStripChart(host, options) {
     ring,
     push,
     update,
+    get ahead() {
+      return aheadNow();
+    },
     setState: (given) => {
       intake.setStatus({ state: stripState(given), alert: false });
       look += 1;
@@ -229,6 +240,7 @@ export function createStripChart(host, options) {
       for (const strip of strips) strip.held = undefined;
       timeline.reset();
       intake.clear();
+      ahead = null;
       look += 1;
     },
     setCursor: (t) => timeline.setCursor(t),

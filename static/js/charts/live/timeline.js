@@ -13,6 +13,7 @@
  *
  * Timeline
  *   setFlight({dt, lead, staleAfter})     what a new flight says of itself
+ *   setRoom(seconds)                      forecasts reach so far past now, too: a live window has room for the farthest
  *   observe(t, wall)                      a sample of time t has arrived
  *   heard(wall)                           samples have arrived that are not shown yet
  *   begin(wall)                           the page begins to listen: it calls nothing stale before SETTLED
@@ -37,10 +38,11 @@ const LONGEST = 3600;
 const SHORTEST = 0.25;
 const INTERVALS = 3; // as played, that slow play is waited for
 const SETTLED = 1000; // ms in which a page that opens, strips and scene, may be late itself
+const ROOM = 0.3; // of a live window, at most, right of now
 const SILENT = 0.4; // of a live window, at most, that shows no samples: the last good ones stay in sight
 
 export function createTimeline({ seconds = 60, dt = 0.02, lead = 0, staleAfter = 0.25, start = -Infinity } = {}) {
-  const flight = { dt, lead, staleAfter };
+  const flight = { dt, lead, staleAfter, room: 0 };
   const clock = { t: NaN, wall: NaN, newest: NaN, arrived: NaN, speed: 1, playing: true };
   const cursors = createCursors();
   const { changed } = cursors;
@@ -54,6 +56,9 @@ export function createTimeline({ seconds = 60, dt = 0.02, lead = 0, staleAfter =
     setFlight: (given) => {
       Object.assign(flight, given);
       changed();
+    },
+    setRoom: (seconds) => {
+      if (seconds > flight.room) flight.room = Math.min(seconds, ROOM * width);
     },
     observe,
     heard: (wall) => {
@@ -124,7 +129,7 @@ export function createTimeline({ seconds = 60, dt = 0.02, lead = 0, staleAfter =
     const edge = now(wall);
     if (held !== null) return { start: held, end: held + width, now: edge, live: false };
     const last = Math.min(edge, clock.newest + SILENT * width);
-    const end = Math.max((Number.isNaN(edge) ? 0 : last) + flight.lead, start + width);
+    const end = Math.max((Number.isNaN(edge) ? 0 : last) + Math.max(flight.lead, flight.room), start + width);
     return { start: end - width, end, now: edge, live: true };
   }
 

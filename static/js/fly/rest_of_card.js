@@ -1,0 +1,64 @@
+/**
+ * What is forecast of the rest of the test card, in words: whether and when a limit is predicted to be exceeded.
+ *
+ * Nothing is shown of a flight whose monitor forecasts no card; "not known" while it says nothing of now.
+ *
+ * Exports
+ *   createRestOfCard(element) -> {show(ahead, {t, channels}), draw(stale)}     ahead: see charts/live/ahead.js; t: of the newest sample [s]
+ */
+
+import { symbolNodes } from "../charts/readout.js";
+import { h } from "../lib/dom.js";
+import { magnitudeIn } from "../lib/units.js";
+
+const WORST = ["predicted", "possible", "none"];
+
+export function createRestOfCard(element) {
+  element.classList.add("rest-of-card");
+  element.setAttribute("aria-label", "Rest of the test card");
+  element.hidden = true;
+  const line = h("p", {});
+  element.append(h("h2", { class: "risk-ahead-heading" }, "rest of the test card"), line);
+  let now = { ahead: null, t: 0, channels: [] };
+  let told = "";
+
+  function draw(stale) {
+    if (now.ahead !== null) element.hidden = false;
+    if (element.hidden) return;
+    const worst = stale || now.ahead === null ? null : worstOf(now);
+    const level = worst?.level ?? "unknown";
+    const nodes = worst === null ? ["not known"] : wordsOf(worst, now.t);
+    const text = nodes.map((node) => node.textContent ?? node).join("");
+    if (`${level} ${text}` === told) return;
+    told = `${level} ${text}`;
+    element.dataset.level = level;
+    line.replaceChildren(...nodes);
+  }
+
+  return {
+    draw,
+    show: (ahead, { t, channels }) => {
+      now = { ahead, t, channels };
+    },
+  };
+}
+
+/** Of the channels, the one whose limit is exceeded most surely, and of these first. */
+function worstOf({ ahead, channels }) {
+  const each = Object.entries(ahead.channels).map(([key, { predicted, possible }]) => {
+    const channel = channels.find((one) => one.key === key);
+    const level = predicted !== null ? "predicted" : possible !== null ? "possible" : "none";
+    return { channel, level, at: predicted ?? possible ?? Infinity };
+  });
+  return each.sort((a, b) => WORST.indexOf(a.level) - WORST.indexOf(b.level) || a.at - b.at)[0];
+}
+
+function wordsOf({ channel, level, at }, t) {
+  if (level === "none") return ["no exceedance predicted to the end of the card"];
+  const limit = magnitudeIn(channel, channel.limit);
+  const within = `${Math.max(0, at - t).toFixed(1)} s`;
+  const symbol = symbolNodes(channel.symbol);
+  return level === "predicted"
+    ? ["▲ ", ...symbol, ` predicted to exceed ${limit} in ${within}`]
+    : ["◇ ", ...symbol, ` may exceed ${limit} in ${within}: the 90 % band reaches it`];
+}
