@@ -11,7 +11,6 @@ from typing import NamedTuple
 
 import numpy as np
 from scipy.special import ndtr, ndtri
-from scipy.stats import qmc
 
 from core.planned_test import DatasetRecipe, Simulator
 from core.simulation.imperfections import channel_array
@@ -66,6 +65,8 @@ class Ceiling:
         self._levels = np.deg2rad(np.concatenate([[0.0], np.cumsum(steps)]))
         self._column = COLUMN[maneuver.surface]
         m = len(self._uncertain) + 1
+        from scipy.stats import qmc  # half a second, which only this needs
+
         points = ndtri(qmc.Sobol(m + len(steps), scramble=False).random(2 * N_DRAWN)[N_DRAWN:])
         whitened = np.linalg.cholesky(np.linalg.inv(np.cov(points[:, :m].T, bias=True)))
         self._drawn = (points[:, :m] - points[:, :m].mean(axis=0)) @ whitened

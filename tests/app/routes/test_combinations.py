@@ -2,6 +2,7 @@
 
 import asyncio
 import json
+from typing import Any
 
 import numpy as np
 import pytest
@@ -79,7 +80,7 @@ def test_a_flight_shows_and_alarms_what_the_combination_says(tmp_path, members):
 
     async def run() -> None:
         store, clock = open_store(tmp_path / "store.db"), ScriptedClock()
-        asked = {"source": {"kind": "simulated", "outcome": "unsafe", "seed": 4}}
+        asked: dict[str, Any] = {"source": {"kind": "simulated", "outcome": "unsafe", "seed": 4}}
         asked["monitor"] = store.monitors.add(rule, "both").id
         async with Flights(store, clock=clock) as flown:
             flight = await flown.start(FlightRequest.model_validate(asked))
@@ -87,7 +88,8 @@ def test_a_flight_shows_and_alarms_what_the_combination_says(tmp_path, members):
             await flown.stop(flight.id)
             frames = await flown.records.frames(flight.id, 0, 1000)
             alarms = await flown.records.alarms(flight.id)
-        told = rule.assess(*(np.array([frame[key] for frame in frames]) for key in "ty"))
+        t, y = (np.array([frame[key] for frame in frames]) for key in "ty")
+        told = rule.assess(t, y)
         assert [frame["p_value"] for frame in frames] == told.columns()["p_value"]
         assert told.alert.any()
         assert [a.t for a in alarms if a.kind == "risk"][:1] == [told.t[told.alert.argmax()]]
