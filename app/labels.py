@@ -48,7 +48,7 @@ KINDS: dict[str, str] = {
 }
 """Of the members whose key, with blanks for underscores, does not say it in the field's words."""
 METHODS = {
-    "peak_ahead": "forecast of the peak still to come in any manoeuvre: prevents most",
+    "peak_ahead": "forecast of the peak still to come, in any manoeuvre",
     "test_card": "forecast of the test card: for doublets, pulses and other steps",
     "outputs_ahead": "forecast of the outputs against past failures: for any manoeuvre",
 }

@@ -21,7 +21,7 @@ from core.flight_markers import FlightMarkerKey, FlightMarkerKind
 from core.monitor import Assessment
 from core.monitor.assessment import Cause, State
 from core.monitor.calibration import Guarantee
-from core.monitor.peak_forecast import ForecastAhead
+from core.monitor.peak_forecast import ForecastAhead, PeakAhead
 from core.monitor.status import AlarmKind, Level, Status
 from core.specification import Limits, Specification
 
@@ -203,11 +203,22 @@ class ChannelAhead(Message):
     possible: float | None = Field(description="[s] when `low` or `high` first does, if so")
 
 
+class PeakToCome(Message):
+    """The peak of what is left, as a share of its limit, of the channel that comes nearest."""
+
+    mean: float
+    low: float = Field(description="that 90 % of the peaks lie above `low`, below `high`")
+    high: float
+
+
 class CardAhead(Message):
-    """The rest of a test card, as the alarm authority forecasts it by this sample."""
+    """What is left of the manoeuvre, as the alarm authority forecasts it by this sample."""
 
     t: list[float] = Field(description="[s] of samples to come, to the end of the card; thinned")
     channels: dict[str, ChannelAhead]
+    peak: PeakToCome | None = Field(
+        default=None, description="of a monitor that forecasts the peak alone; left out elsewhere"
+    )
 
 
 class Frame(Message):
@@ -559,7 +570,7 @@ def plain_frame(
     sent: float | None,
     display: Sequence[Assessment] = (),
     taken: float | None = None,
-    ahead: ForecastAhead | None = None,
+    ahead: ForecastAhead | PeakAhead | None = None,
 ) -> dict[str, Any]:
     """Return a Frame as plain data; unchecked, since this is done for every sample. taken: [s]."""
     frame = {
@@ -592,8 +603,11 @@ def plain_frame(
     return frame
 
 
-def _plain_ahead(ahead: ForecastAhead) -> dict[str, Any]:
+def _plain_ahead(ahead: ForecastAhead | PeakAhead) -> dict[str, Any]:
     """Return a CardAhead: MOST_AHEAD samples of all channels together, the last one included."""
+    if isinstance(ahead, PeakAhead):
+        peak = {"mean": ahead.mean, "low": ahead.low, "high": ahead.high}
+        return {"t": [], "channels": {}, "peak": {key: round(v, 4) for key, v in peak.items()}}
     limited = np.flatnonzero(np.isfinite(ahead.limits)).tolist()
     n = min(len(ahead.t), max(2, MOST_AHEAD // max(len(limited), 1)))
     shown = np.unique(np.linspace(0, len(ahead.t) - 1, n).round().astype(np.int64))

@@ -49,7 +49,7 @@ from core.evaluation.certificate import warnings_of
 from core.flight_markers import FLIGHT_MARKERS, FlightMarkerKey
 from core.monitor import Assessment, Monitor, State
 from core.monitor.assessment import Cause
-from core.monitor.peak_forecast import ForecastAhead
+from core.monitor.peak_forecast import ForecastAhead, PeakAhead
 from core.monitor.status import Facts, Headline, Level, headline
 from core.specification import Specification, specification_to_plain
 from core.types import Array
@@ -422,19 +422,19 @@ class Flight(ABC):
         if self._exceeds:
             self._note_exceedance(assessment.t)
 
-    def _ahead_of(self, assessment: Assessment) -> ForecastAhead | None:
+    def _ahead_of(self, assessment: Assessment) -> ForecastAhead | PeakAhead | None:
         """The rest of the card, AHEAD_S apart and while someone watches; None else."""
         passed = assessment.t - self._ahead_t
         is_due = bool(self._watchers) and not 0 <= passed < AHEAD_S - 1e-6
         if assessment.p_value is None or self._late or not is_due:
             return None
         ahead = self._forecast_ahead()
-        if ahead is None or not len(ahead.t) or ahead.made_t != assessment.t:
+        if ahead is None or ahead.made_t != assessment.t:
             return None
         self._ahead_t = assessment.t
         return ahead
 
-    def _forecast_ahead(self) -> ForecastAhead | None:
+    def _forecast_ahead(self) -> ForecastAhead | PeakAhead | None:
         """What the alarm authority forecasts by the sample that is shown next."""
         return None
 

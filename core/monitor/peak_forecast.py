@@ -71,6 +71,28 @@ class ForecastAhead:
         return float(self.t[exceeds.argmax()]) if exceeds.any() else None
 
 
+@dataclass(frozen=True, eq=False)
+class PeakAhead:
+    """The peak that is still to come, as a share of its limit: of the channel nearest to its own.
+
+    made_t: of the newest sample [s].   mean, deviation: of the forecast.
+    """
+
+    made_t: float
+    mean: float
+    deviation: float
+
+    @property
+    def low(self) -> float:
+        """Of a BAND of the peaks."""
+        return max(self.mean - BAND_DEVIATIONS * self.deviation, 0.0)
+
+    @property
+    def high(self) -> float:
+        """See `low`."""
+        return self.mean + BAND_DEVIATIONS * self.deviation
+
+
 class RunningForecast(ABC):
     """The forecast of one flight, sample by sample.
 
@@ -88,8 +110,8 @@ class RunningForecast(ABC):
         y: (6,) float64, contiguous.   code: its state so far.
         """
 
-    def ahead(self) -> ForecastAhead | None:
-        """The rest of the card after the last sample; None where no card is under way."""
+    def ahead(self) -> ForecastAhead | PeakAhead | None:
+        """What is forecast of the rest by the last sample; None where nothing is."""
         return None
 
 

@@ -8,6 +8,7 @@ to come in its place.
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from math import isfinite
 from typing import ClassVar
 
 import numpy as np
@@ -16,9 +17,9 @@ from scipy.special import expit
 from core.channels import N_CHANNELS
 from core.kernels import peak_ridge as kernels
 from core.kernels.compiled import entry
-from core.kernels.peak_ridge import LOST, PeakWeights, begin, update
+from core.kernels.peak_ridge import LOST, PHASE, PeakWeights, begin, update
 from core.monitor.file.portable import Section
-from core.monitor.peak_forecast import Followed, PeakForecast, RunningForecast
+from core.monitor.peak_forecast import Followed, PeakAhead, PeakForecast, RunningForecast
 from core.monitor.predictor import PeakRidge
 from core.monitor.validity.flown_input import SURFACES
 from core.types import Array, Flags, Indices
@@ -45,7 +46,7 @@ LEAST_WEIGHT = 0.05
 """Of a flight whose outcome is certain, so that no step goes too far."""
 MOST_SAMPLES = 100_000
 
-Fit = Callable[[Array, list[Array]], list[tuple[Array, float]]]
+Fit = Callable[[Array, list[Array]], list[tuple[Array, float, float]]]
 """Regressors (n, m) and targets (n,) to the weights (m,) and constant of each target."""
 
 
@@ -119,7 +120,7 @@ def fit_windows(
     reach = max(1, round(predictor.past_s / dt))
     stride = -(-reach // MOST_PAST)
     n_past = -(-reach // stride)
-    weights, offsets = [[] for _ in windows], [[] for _ in windows]
+    weights, offsets, deviations = ([[] for _ in windows] for _ in range(3))
     for phase in range(0, n_samples, every):
         now = start + phase
         use = np.flatnonzero((start >= 0) & (now < np.minimum(flights.fail_index, n_samples - 1)))
@@ -130,10 +131,12 @@ def fit_windows(
         samples = y[use[:, None], start[use, None] + past] * sign[use, None, None]
         x = samples.reshape(len(use), -1)
         found = fit(x, [target[use, now[use]] for target in targets])
-        for own, offset, (coefficients, constant) in zip(weights, offsets, found, strict=True):
-            own.append(np.zeros((n_past, N_CHANNELS)))
-            own[-1][: len(past)] = -coefficients.reshape(-1, N_CHANNELS)
-            offset.append(-constant)
+        for k, (coefficients, constant, deviation) in enumerate(found):
+            own = np.zeros((n_past, N_CHANNELS))
+            own[: len(past)] = -coefficients.reshape(-1, N_CHANNELS)
+            weights[k].append(own)
+            offsets[k].append(-constant)
+            deviations[k].append(deviation)
     if not weights[0]:
         raise ValueError(
             "no phase of the manoeuvre is in a tenth of the rollouts: give rollouts that begin "
@@ -141,9 +144,10 @@ def fit_windows(
         )
     return [
         RidgeForecast(
-            PeakWeights(np.array(own), np.array(offset), every, stride, surface, threshold)
+            PeakWeights(np.array(own), np.array(offset), every, stride, surface, threshold),
+            np.array(off) if window == 0 and limits is not None else None,
         )
-        for own, offset in zip(weights, offsets, strict=True)
+        for window, own, offset, off in zip(windows, weights, offsets, deviations, strict=True)
     ]
 
 
@@ -191,18 +195,18 @@ def _fails_later(flights: LearnedFlights, window: int) -> Flags:
     return (flights.fail_index < n_samples)[:, None] & (ahead <= (window or n_samples))
 
 
-def _margins(x: Array, peaks: list[Array]) -> list[tuple[Array, float]]:
-    """Weights and constants of (forecast of a peak - 1) / deviation of what it is off."""
+def _margins(x: Array, peaks: list[Array]) -> list[tuple[Array, float, float]]:
+    """Weights and constants of (forecast of a peak - 1) / deviation of what it is off, and that."""
     regressors, found = Regressors(x, np.ones(len(x))), []
     for peak in peaks:
         weights, constant, off = regressors.ridge(peak)
         deviation = max(float(np.sqrt(np.mean(off**2))), FINEST)
-        found.append((weights / deviation, (constant - 1.0) / deviation))
+        found.append((weights / deviation, (constant - 1.0) / deviation, deviation))
     return found
 
 
-def _all_log_odds(x: Array, fails: list[Array]) -> list[tuple[Array, float]]:
-    return [log_odds(x, each) for each in fails]
+def _all_log_odds(x: Array, fails: list[Array]) -> list[tuple[Array, float, float]]:
+    return [(*log_odds(x, each), np.nan) for each in fails]
 
 
 def log_odds(x: Array, fails: Array) -> tuple[Array, float]:
@@ -275,7 +279,8 @@ class Regressors:
 class RunningPeaks(RunningForecast):
     """The forecast of one flight; lost where the begin of the input passed unseen."""
 
-    def __init__(self, peaks: PeakWeights, dt: float) -> None:
+    def __init__(self, peaks: PeakWeights, dt: float, deviation: Array | None) -> None:
+        self._deviation, self._score = deviation, np.nan
         self._history = begin(peaks)
         self._state = peaks, self._history, float(dt)
         arguments = *self._state, 0.0, self._history.samples[0], 0
@@ -285,19 +290,33 @@ class RunningPeaks(RunningForecast):
         """Take the next sample."""
         found = self._update(*self._state, t, y, code)
         self.lost = bool(self._history.counts[LOST])
+        self._score = found[0]
         return found
+
+    def ahead(self) -> PeakAhead | None:
+        """The peak of what is left of the manoeuvre, once its input has begun."""
+        if self._deviation is None or not isfinite(self._score):
+            return None
+        phase = self._history.counts.item(PHASE) // self._state[0].every
+        deviation = self._deviation.item(phase)
+        return PeakAhead(self._history.clock.item(), 1.0 - self._score * deviation, deviation)
 
 
 @dataclass(frozen=True, eq=False)
 class RidgeForecast(PeakForecast):
-    """Weights of each phase.   peaks: what its kernels need."""
+    """Weights of each phase.   peaks: what its kernels need.
+
+    deviation: (n_scored,) of forecast peaks, in limits; None where the score looks no farther than
+    a window, where limits are not known, and in files of before.
+    """
 
     section: ClassVar[str] = "peaks"
     peaks: PeakWeights
+    deviation: Array | None = None
 
     def begin(self, dt: float) -> RunningPeaks:
         """Begin a flight."""
-        return RunningPeaks(self.peaks, dt)
+        return RunningPeaks(self.peaks, dt, self.deviation)
 
     def follow(self, t: Array, y: Array, state: Indices, dt: float) -> Followed:
         """Score a flight."""
@@ -320,6 +339,8 @@ class RidgeForecast(PeakForecast):
         """Return the section of a monitor's file."""
         header = self.peaks._asdict()
         arrays = {name: header.pop(name) for name in ("weights", "offset")}
+        if self.deviation is not None:
+            arrays["deviation"] = self.deviation
         return Section(self.section, 1, True, header, arrays)
 
 
@@ -346,4 +367,13 @@ def of_section(section: Section) -> RidgeForecast:
         raise ValueError("peaks weights remember more samples than any flight has")
     if counts["surface"] not in (-1, *SURFACES) or not 0 <= threshold < np.inf:
         raise ValueError(f"peaks surface is {counts['surface']}, threshold {threshold}")
-    return RidgeForecast(PeakWeights(weights, offset, **counts, threshold=threshold))
+    deviation = section.arrays.get("deviation")
+    if deviation is not None and not (
+        deviation.dtype == np.float64
+        and deviation.shape == offset.shape
+        and np.isfinite(deviation).all()
+        and (deviation > 0).all()
+    ):
+        raise ValueError("peaks deviation holds what is no deviation of each phase")
+    peaks = PeakWeights(weights, offset, **counts, threshold=threshold)
+    return RidgeForecast(peaks, deviation)

@@ -13,10 +13,12 @@ from app.flights.sources.track import Track
 from app.messages import MeasuredExceedance
 from app.scoring.limits_in_force import Ruling
 from core.monitor import Assessment, Monitor
-from core.monitor.peak_forecast import ForecastAhead
+from core.monitor.peak_forecast import ForecastAhead, PeakAhead
 from core.monitor.validity.verdict import exceeds
 from core.types import Array, Flags, Indices
 
+MOST_FOLLOWED = 1_000
+"""Samples that a forecast of the rest is brought up to date by at once: some 30 ms."""
 Angles = tuple[float, float, float]
 """Bank, pitch and heading [rad]."""
 
@@ -63,7 +65,7 @@ class Script(ABC):
         """What the monitors say of sample k that are flown for display."""
         return ()
 
-    def forecast_ahead(self, k: int) -> ForecastAhead | None:
+    def forecast_ahead(self, k: int) -> ForecastAhead | PeakAhead | None:
         """What the monitor forecast of the rest of the card by sample k; None where none is known.
 
         k: of a sample that is `ok`.
@@ -143,18 +145,22 @@ class AssessedTrack(Script):
         """What the batch says of sample k."""
         return self._assessments[k]
 
-    def forecast_ahead(self, k: int) -> ForecastAhead | None:
-        """The rest of the card, by the samples since the last one asked for."""
+    def forecast_ahead(self, k: int) -> ForecastAhead | PeakAhead | None:
+        """The rest of the card, by the samples since the last one asked for.
+
+        After a far seek nothing is known until it has followed, a part with each call.
+        """
         forecast = self._monitor.forecast
-        if forecast is None or not forecast.has_outputs:
+        if forecast is None:
             return None
         if self._running is None or k < self._followed:
             self._running, self._followed = forecast.begin(self._monitor.dt), -1
-        for at in range(self._followed + 1, k + 1):
+        until = min(k, self._followed + MOST_FOLLOWED)
+        for at in range(self._followed + 1, until + 1):
             about = float(self.t[at]), np.ascontiguousarray(self._track.y[at], np.float64)
             self._running.update(*about, int(self._assessments.state[at]))
-        self._followed = k
-        return self._running.ahead()
+        self._followed = until
+        return self._running.ahead() if until == k else None
 
     def display(self, k: int) -> tuple[Assessment, ...]:
         """What each batch says of sample k."""

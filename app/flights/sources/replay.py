@@ -12,7 +12,7 @@ from app.flights.transport import Due, NotPossible, Transport, TransportError
 from app.messages import MeasuredExceedance, TransportChange, TransportState, plain_frame
 from app.scoring.limits_in_force import LimitsInForce, LimitsRule, Ruling
 from core.monitor import Assessment, State
-from core.monitor.peak_forecast import ForecastAhead
+from core.monitor.peak_forecast import ForecastAhead, PeakAhead
 
 TICK_S = 0.016
 """[s] Samples due within this time go out together."""
@@ -96,7 +96,7 @@ class TrackFlight(Flight):
         self._exceedances = self._script.exceeding(self._held.limits)
         return self._held
 
-    def _forecast_ahead(self) -> ForecastAhead | None:
+    def _forecast_ahead(self) -> ForecastAhead | PeakAhead | None:
         return self._script.forecast_ahead(self._at)
 
     def _ruled(self, k: int) -> Ruling | None:

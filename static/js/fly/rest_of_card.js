@@ -9,6 +9,7 @@
 
 import { symbolNodes } from "../charts/readout.js";
 import { h } from "../lib/dom.js";
+import { percent } from "../lib/numbers.js";
 import { magnitudeIn } from "../lib/units.js";
 
 const WORST = ["predicted", "possible", "none"];
@@ -25,9 +26,11 @@ export function createRestOfCard(element) {
   function draw(stale) {
     if (now.ahead !== null) element.hidden = false;
     if (element.hidden) return;
-    const worst = stale || now.ahead === null ? null : worstOf(now);
-    const level = worst?.level ?? "unknown";
-    const nodes = worst === null ? ["not known"] : wordsOf(worst, now.t);
+    const known = stale ? null : now.ahead;
+    const peak = known?.peak;
+    const worst = known === null || peak ? null : worstOf(now);
+    const level = peak ? levelOf(peak) : (worst?.level ?? "unknown");
+    const nodes = peak ? peakWords(peak) : worst === null ? ["not known"] : wordsOf(worst, now.t);
     const text = nodes.map((node) => node.textContent ?? node).join("");
     if (`${level} ${text}` === told) return;
     told = `${level} ${text}`;
@@ -51,6 +54,16 @@ function worstOf({ ahead, channels }) {
     return { channel, level, at: predicted ?? possible ?? Infinity };
   });
   return each.sort((a, b) => WORST.indexOf(a.level) - WORST.indexOf(b.level) || a.at - b.at)[0];
+}
+
+function levelOf({ mean, high }) {
+  return mean >= 1 ? "predicted" : high >= 1 ? "possible" : "none";
+}
+
+function peakWords(peak) {
+  const [mean, low, high] = [peak.mean, peak.low, peak.high].map((share) => percent(share, 0));
+  const words = `peak still to come: ${mean} of the limit (90 %: ${low} to ${high})`;
+  return [{ predicted: "▲ exceedance predicted, ", possible: "◇ may exceed, ", none: "" }[levelOf(peak)] + words];
 }
 
 function wordsOf({ channel, level, at }, t) {

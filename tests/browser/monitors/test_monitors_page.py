@@ -202,7 +202,7 @@ def test_an_epsilon_that_the_failures_cannot_serve_is_said_at_once(page: Page, s
     expect(served_words).to_contain_text("500 failures serve an epsilon of 0.00597 or more")
     field(page, "dataset.n_unsafe").fill("99")
     expect(served_words).to_contain_text("needs at least 299 unsafe rollouts; 99 are asked for")
-    expect(page.locator("#method option").first).to_contain_text("prevents most (recommended)")
+    expect(page.locator("#method option").first).to_contain_text("in any manoeuvre (recommended)")
 
 
 READ_BACK = """async ([catalog, cases]) => {

@@ -14,7 +14,7 @@ from core.kernels.peak_ridge import PeakWeights
 from core.monitor import Monitor, MonitorRecipe, State, train
 from core.monitor.file.loading import from_bytes
 from core.monitor.file.portable import MonitorFileError, pack
-from core.monitor.peak_forecast import LOST
+from core.monitor.peak_forecast import LOST, PeakAhead
 from core.monitor.peak_ridge import (
     FINEST,
     LEAST_WEIGHT,
@@ -28,7 +28,7 @@ from core.monitor.peak_ridge import (
 from core.monitor.predictor import PREDICTORS, PeakRidge
 from core.monitor.score import SCORES
 from core.planned_test import DatasetRecipe, SensorNoise
-from core.specification import Limits
+from core.specification import Limits, magnitudes_of
 from core.types import Array, Indices
 
 USUAL = DatasetRecipe()
@@ -297,6 +297,40 @@ def test_what_cannot_be_learned_is_refused_with_what_to_do():
         PeakRidge(phase="end")  # pyright: ignore[reportArgumentType]
 
 
+# --- the rest of the manoeuvre ------------------------------------------------------------------
+
+
+def test_the_band_of_the_peak_holds_as_many_safe_flights_as_it_says():
+    monitor, test = trained(), evaluation_flights(RECIPE, 500)
+    limit, again = magnitudes_of(RECIPE.specification), from_bytes(trained().to_bytes())
+    held = []
+    for y in test.y[~test.is_unsafe][:200]:
+        stream, later = monitor.stream(), again.stream()
+        for k in range(45):
+            said = stream.update(k * monitor.dt, y[k])
+            later.update(k * monitor.dt, y[k])
+        ahead, stored = stream.forecast_ahead(), later.forecast_ahead()
+        if said.score is None:
+            assert ahead is None
+            continue
+        assert isinstance(ahead, PeakAhead)
+        assert isinstance(stored, PeakAhead)
+        assert vars(stored) == vars(ahead)
+        assert ahead.made_t == said.t
+        assert ahead.mean == pytest.approx(1 - said.score * ahead.deviation)
+        held.append(ahead.low <= np.abs(y[45:] / limit).max() <= ahead.high)
+    assert 0.84 <= np.mean(held) <= 0.96
+
+
+def test_no_peak_is_told_before_the_input_of_verdicts_alone_or_of_a_window():
+    y, windowed = flights()[0], train(dataset(), asked("card_window"))
+    for monitor, n in ((trained(), 3), (labelled(), 45), (windowed, 45)):
+        stream = monitor.stream()
+        for k in range(n):
+            stream.update(k * monitor.dt, y[k])
+        assert stream.forecast_ahead() is None
+
+
 # --- the file ------------------------------------------------------------------------------------
 
 
@@ -306,6 +340,8 @@ def test_what_cannot_be_learned_is_refused_with_what_to_do():
         ("weights", np.full((2, 3, 6), np.nan)),
         ("weights", np.zeros((2, 3, 5))),
         ("weights", np.zeros((2, 0, 6))),
+        ("deviation", np.ones(3)),
+        ("deviation", np.zeros(111)),
         ("offset", np.zeros(3)),
         ("offset", np.zeros(111, np.float32)),
         ("every", 0),
