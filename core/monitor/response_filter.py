@@ -177,7 +177,7 @@ class RunningCard(RunningForecast):
         if n == 0 or self.lost:
             return None
         made_t = float(clock[0])
-        t = made_t + dt * np.arange(1, n + 1)
+        t = made_t + dt * np.arange(1, n + 1, dtype=np.float64)
         return ForecastAhead(made_t, t, mean[:n].copy(), np.sqrt(variance[:n]), card.limits)
 
 

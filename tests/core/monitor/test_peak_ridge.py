@@ -306,9 +306,10 @@ def test_the_band_of_the_peak_holds_as_many_safe_flights_as_it_says():
     held = []
     for y in test.y[~test.is_unsafe][:200]:
         stream, later = monitor.stream(), again.stream()
-        for k in range(45):
-            said = stream.update(k * monitor.dt, y[k])
-            later.update(k * monitor.dt, y[k])
+        t = np.arange(45) * monitor.dt
+        said = [stream.update(*sample) for sample in zip(t, y[:45], strict=True)][-1]
+        for sample in zip(t, y[:45], strict=True):
+            later.update(*sample)
         ahead, stored = stream.forecast_ahead(), later.forecast_ahead()
         if said.score is None:
             assert ahead is None

@@ -14,7 +14,7 @@ from core.kernels.response_filter import SIGN, SWITCHED, CardResponses, begin, u
 from core.monitor import Monitor, MonitorRecipe, State, train
 from core.monitor.file.loading import from_bytes
 from core.monitor.file.portable import MonitorFileError, pack
-from core.monitor.peak_forecast import LOST
+from core.monitor.peak_forecast import LOST, ForecastAhead
 from core.monitor.predictor import PREDICTORS
 from core.monitor.response_filter import CardForecast
 from core.monitor.score import SCORES
@@ -362,7 +362,9 @@ def test_nine_tenths_of_the_samples_to_come_lie_in_the_band_of_the_forecast():
         stream = monitor.stream()
         for k, sample in enumerate(y):
             stream.update(k * monitor.dt, sample)
-            if k < 30 or k % 10 or (ahead := stream.forecast_ahead()) is None:
+            if k < 30 or k % 10:
+                continue
+            if not isinstance(ahead := stream.forecast_ahead(), ForecastAhead):
                 continue
             assert ahead.made_t == k * monitor.dt
             to_come = np.round(ahead.t / monitor.dt).astype(int)
