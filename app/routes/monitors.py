@@ -60,7 +60,8 @@ class Calibration(BaseModel):
     """What the failures said of the score."""
 
     alphas: list[float | None] = Field(
-        description="sorted calibration scores; null: too early to be warned of"
+        description="sorted calibration scores of all failures, of every group; null: too early to "
+        "be warned of"
     )
     n_unsafe: int = Field(description="failures that the promise rests on; of each group")
     n_early: int

@@ -107,6 +107,8 @@ def _check_alike(members: Sequence[Monitor]) -> None:
     for number, member in enumerate(members, 1):
         if isinstance(member.forecast, Combined):
             raise ValueError(f"member {number} is a combination: give its own members instead")
+        if any(_is_same(member, before) for before in members[: number - 1]):
+            raise ValueError(f"member {number} was given before: give each monitor once")
         if member.groups is not None:
             raise ValueError(
                 f"member {number} is calibrated by groups: give one whose failures are pooled"
@@ -122,6 +124,12 @@ def _check_alike(members: Sequence[Monitor]) -> None:
                     f"member {number} has another {what} than member 1: combine monitors of one "
                     "planned test that see the same samples"
                 )
+
+
+def _is_same(one: Monitor, other: Monitor) -> bool:
+    """Whether they say the same of every flight."""
+    same = one.recipe == other.recipe and one.dataset_digest == other.dataset_digest
+    return same and np.array_equal(one.alphas, other.alphas)
 
 
 def _test_of(member: Monitor) -> dict[str, Any]:

@@ -182,6 +182,8 @@ def test_members_of_another_history_and_a_combination_are_refused(
     other = train(limited, MonitorRecipe(t_early=0.5, n_delay=0))
     with pytest.raises(ValueError, match="number of past outputs"):
         combine((members[1], other), failures, lead=LEAD)
+    with pytest.raises(ValueError, match="member 2 was given before"):
+        combine((members[1], members[1]), failures, lead=LEAD)
     with pytest.raises(ValueError, match="member 2 is a combination"):
         combine((members[1], combination), failures, lead=LEAD)
     with pytest.raises(ValueError, match="needs at least"):

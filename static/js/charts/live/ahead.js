@@ -5,8 +5,10 @@
  *   createAheadBand(face, key) -> {draw(frame), extent(ahead) -> [low, high] | null}     face: of the strip's frame
  *   aheadOf(known, frames, newest) -> ahead | null    that of the newest frame that has one, or the known one, while it is of now
  *     newest: the last frame
+ *   isOfNow(ahead, t) -> whether it was made by the sample at t [s], or shortly before
  *
- * ahead   {made, t: [s], channels: {key: {low, high, predicted, possible}}}     made: time of the sample it was made by [s]
+ * ahead   {made, t: [s], channels: {key: {low, high, predicted, possible}}, peak}     made: time of the sample it was made by [s];
+ *         peak: {mean, low, high}, shares of the limit, of monitors that forecast the peak alone, with neither t nor channels
  */
 
 const OLDEST = 0.25; // s of flight that a forecast is shown for
@@ -14,9 +16,13 @@ const OLDEST = 0.25; // s of flight that a forecast is shown for
 export function aheadOf(known, frames, newest) {
   const frame = frames.findLast(({ ahead }) => ahead);
   const ahead = frame ? { made: frame.t, ...frame.ahead } : known;
-  if (ahead === null || newest === undefined || newest.state !== "ok") return null;
-  const age = newest.t - ahead.made;
-  return age >= 0 && age <= OLDEST + 1e-6 ? ahead : null;
+  if (newest === undefined || newest.state !== "ok") return null;
+  return isOfNow(ahead, newest.t) ? ahead : null;
+}
+
+export function isOfNow(ahead, t) {
+  const age = ahead === null ? NaN : t - ahead.made;
+  return age >= -1e-6 && age <= OLDEST + 1e-6;
 }
 
 export function createAheadBand(face, key) {

@@ -46,7 +46,7 @@ import { stripState } from "../readout.js";
 import { GUTTER } from "../strip_frame.js";
 import { limitedFirst, stripOf } from "../strips.js";
 import { createTimeAxis, timeTicks } from "../time_axis.js";
-import { aheadOf } from "./ahead.js";
+import { aheadOf, isOfNow } from "./ahead.js";
 import { bandsOf } from "./bands.js";
 import { createIntake } from "./intake.js";
 import { createReadings } from "./readings.js";
@@ -88,7 +88,7 @@ export function createStripChart(host, options) {
     const frames = Array.isArray(given) ? given : [given];
     const stored = intake.push(frames);
     ahead = aheadOf(ahead, frames, frames.at(-1));
-    if (ahead) timeline.setRoom(ahead.t.at(-1) - ahead.made);
+    if (ahead?.t.length) timeline.setRoom(ahead.t.at(-1) - ahead.made);
     if (stored > 0) timeline.observe(newest(), at);
     return stored;
   }
@@ -103,7 +103,7 @@ export function createStripChart(host, options) {
     return isStale() ? "stale" : intake.status.state;
   }
 
-  const aheadNow = () => (stateNow() === "ok" ? ahead : null);
+  const aheadNow = () => (stateNow() === "ok" && isOfNow(ahead, newest()) ? ahead : null);
 
   function measure() {
     const ratio = devicePixelRatio || 1;
