@@ -144,7 +144,7 @@ function robustness(evaluation) {
         share(n_safe - false_alerts, n_safe),
       ].map((text) => h("td", { class: "number" }, text)),
     );
-  const heads = ["Flights that differ by", "failed", "missed", "invalid before an alert", "safe without an alert"];
+  const heads = ["Flights that differ by", "failed", "missed", "invalid before an alert", "safe without an alert, invalid or not"];
   return h(
     "div",
     { class: "stack" },
