@@ -46,7 +46,7 @@ def combination_work(request: CombinationRequest, store: Store) -> Work:
         combination, _ = combine_and_test(members, request.recipe, task.progress)
         task.progress("storing", task.done, task.total)
         digest = combination.dataset_digest
-        datasets = {store.monitors.info(one).dataset_id for one in request.monitors} - {None}
+        datasets = [store.monitors.info(one).dataset_id for one in request.monitors]
         same = [one for one in datasets if one and store.datasets.info(one).digest == digest]
         info = store.monitors.add(combination, request.name, same[0] if same else None)
         return {"monitor": info.id, "dataset": info.dataset_id}

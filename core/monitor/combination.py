@@ -49,8 +49,7 @@ def combine(
     withdrawn or not, each risk counts as in calibration, and one verdict withdraws the whole.
     ValueError where members do not go together, or the failures cannot serve the epsilon.
     """
-    own = _member_of_lead(members, lead)
-    _check_alike(members)
+    own = check_members(members, lead)
     y, fail_index, *_ = flights
     fails = fail_index < y.shape[1]
     rule = Combined(tuple(members))

@@ -59,13 +59,14 @@ class MonitorRecipe:
                     f"{name}={getattr(self, name)!r} was given: choose "
                     f"{' or '.join(get_args(choices))}"
                 )
-        if not isinstance(self.groups, Pooled) and self._is_exact:
+        if not isinstance(self.groups, Pooled) and self.is_exact:
             raise ValueError("groups need p_value simple: choose that, or groups pooled")
         if wrong := mismatch(self.predictor, self.score):
             raise ValueError(wrong)
 
     @property
-    def _is_exact(self) -> bool:
+    def is_exact(self) -> bool:
+        """Whether p-values are transductive, as they are for scores that look up neighbours."""
         return self.p_value == "exact" and self.score.looks_up_neighbors
 
 

@@ -141,7 +141,7 @@ def _calibrated(
         found = recipe.groups.fit(dataset.unsafe, dataset.fail_index, dataset.specification)
         groups = Groups.calibrate(found, alphas, recipe.epsilon, recipe.guarantee)
     exact = SIMPLE
-    if recipe.p_value == "exact" and recipe.score.looks_up_neighbors:
+    if recipe.is_exact:
         running = recipe.calibration == "trajectory"
         exact = _transduction(
             fitted, affine, dataset.unsafe, n_delay, timely, first, last, alphas, running

@@ -13,7 +13,7 @@ from app.flights.sources.track import Track
 from app.messages import MeasuredExceedance
 from app.scoring.limits_in_force import Ruling
 from core.monitor import Assessment, Monitor
-from core.monitor.peak_forecast import ForecastAhead, PeakAhead
+from core.monitor.peak_forecast import ForecastAhead, PeakAhead, RunningForecast
 from core.monitor.validity.verdict import exceeds
 from core.types import Array, Flags, Indices
 
@@ -126,7 +126,7 @@ class AssessedTrack(Script):
         self._track = track
         self._assessments = monitor.assess(track.t, track.y, epsilon)
         self._monitor, self._followed = monitor, -1
-        self._running = None if monitor.forecast is None else monitor.forecast.begin(monitor.dt)
+        self._running: RunningForecast | None = None
         self._display = [one.assess(track.t, track.y, at) for one, at in display]
         self.alerts = onsets(self._assessments.alert)
         self.exceedances = self.exceeding(monitor.limits)

@@ -102,10 +102,9 @@ def check_alphas(alphas: Array, n_early: object) -> None:
 
 
 def _check_exact(recipe: MonitorRecipe, exact: Transduction, alphas: Array) -> None:
-    wanted = recipe.p_value == "exact" and recipe.score.looks_up_neighbors
-    if wanted != bool(len(exact.start)):
+    if recipe.is_exact != bool(len(exact.start)):
         raise ValueError(f"its p-value is {recipe.p_value}, its section transduction says not so")
-    if not wanted:
+    if not recipe.is_exact:
         return
     if type(exact.running) is not bool or not _is_count(exact.always):
         raise ValueError(f"transduction has always={exact.always!r}, running={exact.running!r}")
