@@ -4,7 +4,7 @@ import { rolloutFigure, sampleRollouts } from "../datasets/figures.js";
 import { rawRecipe, recipeTable } from "../forms/recipe_table.js";
 import { aircraftName, kindName, limitWords, loadCatalog } from "../lib/catalog.js";
 import { formatted, h } from "../lib/dom.js";
-import { factList, recipeList } from "../lib/lists.js";
+import { factList, recipeList, tableHead } from "../lib/lists.js";
 import { loadingView } from "../lib/loading_view.js";
 import { needs } from "../lib/me.js";
 import { figure, moment, percent } from "../lib/numbers.js";
@@ -144,22 +144,26 @@ function robustness(evaluation) {
         share(n_safe - false_alerts, n_safe),
       ].map((text) => h("td", { class: "number" }, text)),
     );
-  const heads = ["Flights that differ by", "failed", "missed", "invalid before an alert", "safe without an alert, invalid or not"];
+  return counted({
+    title: `Flights that differ from the planned test, at ε = ${figure(evaluation.epsilon)}`,
+    heads: [["Flights that differ by"], ["failed", 1], ["missed", 1], ["invalid before an alert", 1], ["safe without an alert, invalid or not", 1]],
+    rows: entries.map(row),
+    hint: "The guarantee does not hold for them. Missed is silent and valid: a flight that is called invalid shows no number.",
+  });
+}
+
+/** A table of counts, a kind of flights a row, with the words that say what it means. */
+function counted({ title, heads, rows, hint }) {
   return h(
     "div",
     { class: "stack" },
-    h("h2", { class: "panel-title" }, `Flights that differ from the planned test, at ε = ${figure(evaluation.epsilon)}`),
+    h("h2", { class: "panel-title" }, title),
     h(
       "div",
       { class: "table-scroll" },
-      h(
-        "table",
-        { class: "table" },
-        h("thead", {}, h("tr", {}, heads.map((head, k) => h("th", k ? { class: "number" } : {}, head)))),
-        h("tbody", {}, entries.map(row)),
-      ),
+      h("table", { class: "table" }, tableHead(heads), h("tbody", {}, rows)),
     ),
-    h("p", { class: "hint" }, "The guarantee does not hold for them. Missed is silent and valid: a flight that is called invalid shows no number."),
+    h("p", { class: "hint" }, hint),
   );
 }
 
@@ -178,29 +182,14 @@ function groups(evaluation, calibration, catalog) {
       ),
       h("td", {}, rule === own ? "its own" : "none"),
     );
-  const heads = ["Failing flights", "failed", "missed", "95 % interval", "promise"];
-  return h(
-    "div",
-    { class: "stack" },
-    h("h2", { class: "panel-title" }, `Missed in each group, at ε = ${figure(evaluation.epsilon)}`),
-    h(
-      "div",
-      { class: "table-scroll" },
-      h(
-        "table",
-        { class: "table" },
-        h("thead", {}, h("tr", {}, heads.map((head, k) => h("th", k && k < 4 ? { class: "number" } : {}, head)))),
-        h("tbody", {}, found.map(row)),
-      ),
-    ),
-    h(
-      "p",
-      { class: "hint" },
-      own
-        ? `The promise is kept in each group by: ${kindName(catalog, "grouping", { kind: own })}. It is not made for other groups, nor for all groups at once.`
-        : "The promise is on all failing flights together. It is not made for each group, which may be missed more often: train with groups to have it so.",
-    ),
-  );
+  return counted({
+    title: `Missed in each group, at ε = ${figure(evaluation.epsilon)}`,
+    heads: [["Failing flights"], ["failed", 1], ["missed", 1], ["95 % interval", 1], ["promise"]],
+    rows: found.map(row),
+    hint: own
+      ? `The promise is kept in each group by: ${kindName(catalog, "grouping", { kind: own })}. It is not made for other groups, nor for all groups at once.`
+      : "The promise is on all failing flights together. It is not made for each group, which may be missed more often: train with groups to have it so.",
+  });
 }
 
 function guarantee(monitor, calibration) {
