@@ -16,6 +16,7 @@ from app.input_errors import given, input_errors
 from core import recipe
 from core.amplitude import Suggestion, suggest_amplitude
 from core.channels import BEYOND_FLIGHT, CHANNELS
+from core.monitor.group import Pooled
 from core.monitor.recipe import MonitorRecipe
 from core.planned_test import DatasetRecipe
 from core.recipe import RecipeError, family_of, to_plain
@@ -140,6 +141,13 @@ def as_ordered(plain: Any, unsaid: Imperfect = "usual", asked: Imperfect | None 
     if (asked or ("none" if is_whole else unsaid)) == "none":
         return plain
     return overlay(deepcopy(AS_FLOWN), plain)
+
+
+def dataset_for(monitor: MonitorRecipe, dataset: DatasetRecipe) -> DatasetRecipe:
+    """The dataset to simulate for a monitor: one by groups gets as many failures of each."""
+    return (
+        replace(dataset, groups=monitor.groups) if isinstance(dataset.groups, Pooled) else dataset
+    )
 
 
 def monitor_as_ordered(plain: Any) -> Any:

@@ -1,5 +1,6 @@
 """Collection: roll out the manoeuvre on random aircraft until enough of them turned unsafe."""
 
+from bisect import bisect_left
 from collections import deque
 from collections.abc import Callable, Iterator
 from concurrent.futures import Executor
@@ -13,6 +14,7 @@ from core.amplitude import suggest_amplitude
 from core.card import Card, CardError
 from core.channels import KEYS
 from core.dataset import Dataset
+from core.monitor.group import Pooled
 from core.planned_test import DatasetRecipe, Rollouts, Simulator
 from core.recipe import to_plain
 from core.seeds import Branch, stream
@@ -26,6 +28,8 @@ Progress = Callable[[int, int], object]
 FIRST_CHUNK, LARGEST_CHUNK = 256, 4096
 CHUNK_STEPS = 2_000_000
 """Steps of all rollouts of a chunk: about 100 MB."""
+MOST_UNSAFE = 20_000
+"""Unsafe rollouts that are collected for the sake of a scarce group."""
 CERTAINTY = 1e-6
 FRESH_BATCH, MOST_FRESH = 1_000, 20_000
 """Fresh flights of a batch, and in all unless asked for more."""
@@ -46,22 +50,20 @@ def collect(
 ) -> Dataset:
     """Roll out until recipe.n_unsafe rollouts turned unsafe; keep the safe ones met on the way.
 
+    Of a recipe with groups, as many at least of each group; what others have more is kept too.
+
     executor: where chunks are rolled out; here, on the kernels' threads, unless given. The result
     depends on the recipe alone.
     progress: called with (unsafe rollouts found, rollouts made); what it raises cancels.
     CollectionError where the budget cannot suffice or too few safe rollouts remain.
     """
-    simulator = Simulator(recipe)
+    simulator, failures = Simulator(recipe), _Failures(recipe)
     parts: list[Rollouts] = []
-    n_unsafe = n_made = n_safe_stored = 0
+    n_made = n_safe_stored = 0
     for rollouts in _chunks(simulator, executor):
         rollouts = rollouts.some(slice(recipe.max_rollouts - n_made))
-        unsafe = np.flatnonzero(rollouts.is_unsafe)
-        missing = recipe.n_unsafe - n_unsafe
-        if len(unsafe) >= missing:
-            rollouts = rollouts.some(slice(unsafe[missing - 1] + 1))
+        rollouts = rollouts.some(slice(failures.take(rollouts)))
         n_made += len(rollouts.y)
-        n_unsafe += min(len(unsafe), missing)
         keep = rollouts.is_unsafe | (
             n_safe_stored + np.cumsum(~rollouts.is_unsafe) <= recipe.max_safe
         )
@@ -70,10 +72,10 @@ def collect(
         n_safe_stored += np.count_nonzero(~rollouts.is_unsafe)
         parts.append(rollouts)
         if progress:
-            progress(n_unsafe, n_made)
-        if n_unsafe == recipe.n_unsafe:
-            return _dataset(simulator, parts, n_made - n_unsafe)
-        _check_budget(recipe, n_unsafe, n_made)
+            progress(min(failures.n, recipe.n_unsafe), n_made)
+        if failures.n >= recipe.n_unsafe:
+            return _dataset(simulator, parts, n_made - failures.n_met)
+        _check_reach(failures, recipe, n_made)
     raise AssertionError("chunks never end")
 
 
@@ -114,7 +116,7 @@ def combination_failures(
             progress(found, made)
         if found < n:
             _check_budget(replace(recipe, n_unsafe=n), found, made)
-    return Rollouts(*map(np.concatenate, zip(*parts, strict=True))), made
+    return _joined(parts), made
 
 
 def evaluation_flights(recipe: DatasetRecipe, n: int) -> Rollouts:
@@ -208,8 +210,66 @@ def _chunk(simulator: Simulator, number: int) -> Rollouts:
     return simulator.rollouts(size, stream(recipe.seed, Branch.ROLLOUTS, number))
 
 
+class _Failures:
+    """Failing rollouts met so far.
+
+    n_met: all of them.   n: those of the group that has fewest, `scarcest`; all of them where all
+    are pooled.
+    """
+
+    def __init__(self, recipe: DatasetRecipe) -> None:
+        self._recipe = recipe
+        self._met: list[Rollouts] = []
+        self.n_met = self.n = 0
+        self.scarcest = ""
+
+    def take(self, rollouts: Rollouts) -> int:
+        """Count those of a chunk up to the last one wanted; return how many rollouts that takes."""
+        unsafe, wanted = np.flatnonzero(rollouts.is_unsafe), self._recipe.n_unsafe
+        met = range(self.n_met, self.n_met + len(unsafe) + 1)
+        self._met = [_joined([*self._met, rollouts.some(unsafe)])]
+        end = bisect_left(met, wanted, key=lambda n: self._fewest(n)[0])
+        is_enough = end < len(met)
+        self.n_met = met[end if is_enough else -1]
+        self.n, self.scarcest = self._fewest(self.n_met)
+        return int(unsafe[end - 1]) + 1 if is_enough else len(rollouts.y)
+
+    def _fewest(self, n_met: int) -> tuple[int, str]:
+        """Of the first ones met, how many the group has that has fewest, and its name."""
+        groups = self._recipe.groups
+        if isinstance(groups, Pooled):
+            return n_met, ""
+        y, fail_index, _ = self._met[0].some(slice(n_met))
+        found = groups.fit(y, fail_index, self._recipe.specification)
+        if found is None:
+            return 0, "a second group"
+        rule, group = found
+        sizes = [np.count_nonzero(group == k) for k in range(len(rule.names))]
+        return min(sizes), f"the group {rule.names[int(np.argmin(sizes))]!r}"
+
+
+def _joined(parts: list[Rollouts]) -> Rollouts:
+    return Rollouts(*map(np.concatenate, zip(*parts, strict=True)))
+
+
+def _check_reach(failures: _Failures, recipe: DatasetRecipe, n_made: int) -> None:
+    """CollectionError where not enough failures, of each group, can be met."""
+    if not failures.scarcest:
+        _check_budget(recipe, failures.n, n_made)
+        return
+    among = min(MOST_UNSAFE, int(recipe.max_rollouts * failures.n_met / n_made))
+    highest = _highest_share(failures.n, failures.n_met)
+    if n_made < recipe.max_rollouts and recipe.n_unsafe <= highest * among:
+        return
+    raise CollectionError(
+        f"{failures.n} of {failures.n_met} unsafe rollouts were of {failures.scarcest}: "
+        f"{recipe.n_unsafe} of each group are out of reach among {among} unsafe ones; change the "
+        "groups or the limits, lower n_unsafe, or choose groups pooled"
+    )
+
+
 def _check_budget(recipe: DatasetRecipe, n_unsafe: int, n_made: int) -> None:
-    highest = float(betaincinv(n_unsafe + 1, n_made - n_unsafe or 1, 1 - CERTAINTY))
+    highest = _highest_share(n_unsafe, n_made)
     if n_made < recipe.max_rollouts and recipe.n_unsafe <= highest * recipe.max_rollouts:
         return
     raise CollectionError(
@@ -218,6 +278,11 @@ def _check_budget(recipe: DatasetRecipe, n_unsafe: int, n_made: int) -> None:
         f"{recipe.max_rollouts} rollouts; raise the amplitude, lower the limit or raise "
         f"max_rollouts. {_working_amplitude(recipe)}"
     )
+
+
+def _highest_share(k: int, n: int) -> float:
+    """Largest share of which k of n are as good as ever found."""
+    return float(betaincinv(k + 1, n - k or 1, 1 - CERTAINTY))
 
 
 def _working_amplitude(recipe: DatasetRecipe) -> str:
@@ -230,7 +295,7 @@ def _working_amplitude(recipe: DatasetRecipe) -> str:
 
 def _dataset(simulator: Simulator, parts: list[Rollouts], n_safe_met: int) -> Dataset:
     recipe = simulator.recipe
-    y, fail_index, theta = (np.concatenate(arrays) for arrays in zip(*parts, strict=True))
+    y, fail_index, theta = _joined(parts)
     is_unsafe = fail_index < y.shape[1]
     if n_safe_met == 0:
         raise CollectionError(

@@ -10,6 +10,7 @@ import numpy as np
 
 from core.bounds import Bounds, check_bounds
 from core.channels import KEYS
+from core.monitor.group import GROUPINGS, Grouping
 from core.simulation.aircraft import AIRCRAFT, Aircraft
 from core.simulation.control_law import CONTROL_LAWS, ControlLaw, check_usable
 from core.simulation.imperfections import (
@@ -116,7 +117,10 @@ class DatasetRecipe:
     """substeps of a sample: parts of its interval after which limits are checked; an exceedance
     between two samples then counts at the later one."""
     n_unsafe: Annotated[int, Bounds(least=2)] = 50
-    """unsafe rollouts to collect."""
+    """unsafe rollouts to collect; at least as many of each group."""
+    groups: Grouping = GROUPINGS["pooled"]
+    """groups of failing rollouts: collected until each has enough, for a monitor that is
+    calibrated by groups."""
     n_obs: Annotated[int, Bounds(least=1)] = 50
     """observation times kept of each safe rollout."""
     seed: Annotated[int, Bounds(least=0)] = 0

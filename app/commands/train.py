@@ -1,7 +1,7 @@
 """The command that simulates, trains and tests a monitor, and what it prints of it."""
 
 import argparse
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +13,7 @@ from app.commands.output.progress import progress_bar
 from app.commands.output.results import add_json, print_result
 from app.jobs.requests import N_TEST
 from app.jobs.training import FlownTest, Training, simulate, train_and_test
-from app.recipes import from_plain
+from app.recipes import dataset_for, from_plain
 from app.scoring.wording import PROMISED
 from core.collection import DatasetRecipe
 from core.dataset import Dataset
@@ -49,6 +49,7 @@ def add(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> int:
     """Simulate, train, fly fresh flights through the monitor; write its file."""
     recipe = from_plain(TrainingRecipe(), plain_recipe(options))
+    recipe = replace(recipe, dataset=dataset_for(recipe.monitor, recipe.dataset))
     if options.print_recipe:
         return print_recipe(recipe)
     check_file(options.out)

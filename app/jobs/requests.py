@@ -12,6 +12,7 @@ from app.recipes import (
     Imperfect,
     RecipeError,
     as_ordered,
+    dataset_for,
     dataset_recipe,
     from_plain,
     monitor_as_ordered,
@@ -139,6 +140,7 @@ def monitor_request(plain: dict[str, Any], store: Store, max_bytes: int) -> Moni
     if recipe.score.of_members:
         raise RecipeError(f"monitor.predictor: {NOT_TRAINED}")
     if requested.recipe is not None:
+        requested = replace(requested, recipe=dataset_for(recipe, requested.recipe))
         n_unsafe = requested.recipe.n_unsafe
         _check_test_size(requested.recipe, n_test, max_bytes)
     else:

@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 
 from core.collection import CollectionError, DatasetRecipe, Simulator, collect
+from core.monitor.group import GROUPINGS, LargestDeflection
 from core.planned_test import SensorNoise
 from core.simulation.aircraft import AIRCRAFT, PublishedAircraft, Uncertainty
 from core.simulation.control_law import CONTROL_LAWS
@@ -116,6 +117,46 @@ def test_what_progress_raises_cancels():
 
     with pytest.raises(InterruptedError):
         collect(RECIPE, progress=cancel)
+
+
+BY_LIMIT = replace(
+    RECIPE, specification=Limits(Ny=0.5, p=0.35), groups=GROUPINGS["first_limit"], n_unsafe=40
+)
+"""About as many of its rollouts exceed one limit first as the other."""
+
+
+@pytest.mark.parametrize(
+    "recipe",
+    [
+        BY_LIMIT,
+        replace(BY_LIMIT, groups=LargestDeflection()),
+        replace(
+            with_amplitude(9.5, RECIPE).as_flown(), groups=LargestDeflection(9.0, 10.5), n_unsafe=40
+        ),
+    ],
+)
+def test_collection_ends_as_the_last_group_has_enough(recipe: DatasetRecipe) -> None:
+    seen: list[tuple[int, int]] = []
+    dataset = collect(recipe, progress=lambda *counts: seen.append(counts))
+    assert seen[-1] == (40, len(dataset.unsafe) + dataset.n_safe_met)
+
+    def fewest(n: int) -> int:
+        found = recipe.groups.fit(dataset.unsafe[:n], dataset.fail_index[:n], recipe.specification)
+        assert found is not None
+        rule, group = found
+        return min(np.count_nonzero(group == k) for k in range(len(rule.names)))
+
+    assert fewest(len(dataset.unsafe)) == 40
+    assert fewest(len(dataset.unsafe) - 1) == 39
+    pooled = collect(replace(recipe, groups=GROUPINGS["pooled"], n_unsafe=len(dataset.unsafe)))
+    assert pooled.digest() == dataset.digest()
+
+
+def test_a_group_too_scarce_to_be_collected_is_named() -> None:
+    with pytest.raises(CollectionError, match="were of the group 'large deflections, from 30"):
+        collect(replace(with_amplitude(9.5).as_flown(), groups=LargestDeflection(9.0, 30.0)))
+    with pytest.raises(CollectionError, match=r"of a second group: .* choose groups pooled"):
+        collect(replace(RECIPE, groups=GROUPINGS["first_limit"]))
 
 
 def test_progress_reaches_the_wanted_number():

@@ -90,6 +90,7 @@ function showSimulation(element, { api, navigate }) {
   async function build({ keep }) {
     const catalog = await loadCatalog(api);
     const { fields, main, folded, size } = createTestFields({ api, catalog });
+    folded.append(fields.element("groups"));
     const name = h("input", {
       type: "text",
       id: "dataset-name",

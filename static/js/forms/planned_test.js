@@ -22,6 +22,8 @@ import { button, errorLine } from "../lib/view_states.js";
 import { createFields } from "./form.js";
 
 const SIZE = "n_unsafe";
+/** Follows the monitor's where it is simulated for one; the page of datasets asks for it. */
+const GROUPS = "groups";
 
 export function createTestFields({ api, catalog, initial, asFlown = true }) {
   const { schema, default: clean, usual } = catalog.recipes.dataset;
@@ -31,9 +33,9 @@ export function createTestFields({ api, catalog, initial, asFlown = true }) {
     { catalog, path: "dataset", unfolded: ["specification"] },
   );
   const properties = schema.properties;
-  const families = fields.keys.filter((key) => properties[key]["x-family"]);
+  const families = fields.keys.filter((key) => key !== GROUPS && properties[key]["x-family"]);
   const rest = fields.keys.filter(
-    (key) => !families.includes(key) && ![SIZE, "specification"].includes(key),
+    (key) => ![...families, SIZE, GROUPS, "specification"].includes(key),
   );
   const objects = rest.filter((key) => properties[key].properties);
   const size = fields.element(SIZE);

@@ -225,7 +225,10 @@ def test_a_monitor_with_groups_says_of_each_how_it_is_calibrated_and_missed(clie
     where = f"/api/v1/monitors/{result['monitor']}"
     calibration = client.get(f"{where}/calibration").json()
     assert [len(group["alphas"]) for group in calibration["groups"]] == [trained.n_unsafe] * 3
-    assert calibration["n_unsafe"] == trained.n_unsafe < len(calibration["alphas"])
+    collected = store_of(client).datasets.info(result["dataset"])
+    assert collected.recipe["groups"]["kind"] == "largest_deflection"
+    assert calibration["n_unsafe"] == trained.n_unsafe == collected.recipe["n_unsafe"]
+    assert len(calibration["alphas"]) == collected.n_unsafe > 3 * trained.n_unsafe
     assert calibration["alert_above"] == 0.3
     y = store_of(client).datasets.get(result["dataset"]).safe[0]
     told = client.post(f"{where}/score", json=telemetry(y, trained.dt)).json()["assessments"]
