@@ -244,7 +244,7 @@ class _Failures:
         if found is None:
             return 0, "a second group"
         rule, group = found
-        sizes = [np.count_nonzero(group == k) for k in range(len(rule.names))]
+        sizes = [int(np.count_nonzero(group == k)) for k in range(len(rule.names))]
         return min(sizes), f"the group {rule.names[int(np.argmin(sizes))]!r}"
 
 

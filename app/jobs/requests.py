@@ -140,9 +140,9 @@ def monitor_request(plain: dict[str, Any], store: Store, max_bytes: int) -> Moni
     if recipe.score.of_members:
         raise RecipeError(f"monitor.predictor: {NOT_TRAINED}")
     if requested.recipe is not None:
-        requested = replace(requested, recipe=dataset_for(recipe, requested.recipe))
-        n_unsafe = requested.recipe.n_unsafe
-        _check_test_size(requested.recipe, n_test, max_bytes)
+        simulated = dataset_for(recipe, requested.recipe)
+        requested, n_unsafe = RequestedDataset(None, simulated), simulated.n_unsafe
+        _check_test_size(simulated, n_test, max_bytes)
     else:
         assert requested.id
         n_unsafe = store.datasets.info(requested.id).n_unsafe

@@ -144,7 +144,7 @@ def test_collection_ends_as_the_last_group_has_enough(recipe: DatasetRecipe) -> 
         found = recipe.groups.fit(dataset.unsafe[:n], dataset.fail_index[:n], recipe.specification)
         assert found is not None
         rule, group = found
-        return min(np.count_nonzero(group == k) for k in range(len(rule.names)))
+        return min(int(np.count_nonzero(group == k)) for k in range(len(rule.names)))
 
     assert fewest(len(dataset.unsafe)) == 40
     assert fewest(len(dataset.unsafe) - 1) == 39
