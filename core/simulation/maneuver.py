@@ -52,7 +52,7 @@ class Maneuver(ABC):
     def __post_init__(self) -> None:
         for entry in fields(self):
             value = getattr(self, entry.name)
-            if isinstance(value, str):
+            if isinstance(value, str | Maneuver):
                 continue
             numbers = value if isinstance(value, tuple) else (value,)
             signed = entry.name.endswith("_deg")
@@ -399,6 +399,46 @@ class Table(Maneuver):
             for column in (self.delta_a_deg, self.delta_r_deg)
         )
         return np.stack(tuple(columns), axis=-1)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Altered(Maneuver):
+    """Another manoeuvre flown otherwise than planned: slower, or left for trim before its end."""
+
+    planned: Maneuver
+    slower: float = 1.0
+    """how many times as long every segment lasts."""
+    flown_share: float = 1.0
+    """of the inputs' planned length, after which all is trim."""
+
+    @classmethod
+    def of(cls, planned: Maneuver, slower: float = 1.0, flown_share: float = 1.0) -> Self:
+        """The planned manoeuvre, with its scatter, flown so."""
+        common = {entry.name: getattr(planned, entry.name) for entry in fields(Maneuver)}
+        return cls(planned=planned, slower=slower, flown_share=flown_share, **common)
+
+    @property
+    def segments_s(self) -> tuple[float, ...]:
+        """As planned, before they are stretched."""
+        return self.planned.segments_s
+
+    @property
+    def peak_deg(self) -> float:
+        """As planned."""
+        return self.planned.peak_deg
+
+    def with_peak(self, peak_deg: float) -> Self:
+        """Return the same with this peak [deg]."""
+        return replace(self, planned=self.planned.with_peak(peak_deg))
+
+    def commands(self, elapsed: Array, segments: Array) -> Array:
+        """Those of the planned manoeuvre at the planned time that each sample stands for."""
+        planned = elapsed / self.slower
+        commands = self.planned.commands(planned, segments)
+        if self.flown_share < 1.0:
+            length = min(sum(self.segments_s), self.duration_s - self.lead_in_s)
+            commands[planned >= self.flown_share * length - TIME_GUARD] = 0.0
+        return commands
 
 
 MANEUVERS = family(

@@ -8,6 +8,7 @@ from core.collection import DatasetRecipe, collect, fresh
 from core.evaluation.robustness import DIFFERENCES, robustness
 from core.monitor import MonitorRecipe, train
 from core.planned_test import SensorNoise, Simulator
+from core.simulation.imperfections import USUAL_IMPERFECTIONS, Imperfections
 
 RECIPE = DatasetRecipe(n_unsafe=30, noise=SensorNoise(beta=0.001, Ny=0.004), seed=4)
 
@@ -19,6 +20,41 @@ def test_each_difference_is_the_planned_test_but_for_one_thing() -> None:
     assert recipes["wider_theta"] == RECIPE
     assert replace(recipes["opposite_input"], maneuver=RECIPE.maneuver) == RECIPE
     assert len({difference.number for difference in DIFFERENCES.values()}) == len(DIFFERENCES)
+
+
+def test_a_slower_input_is_the_planned_one_at_the_times_it_stands_for() -> None:
+    slower = DIFFERENCES["slower_input"].recipe(RECIPE).maneuver
+    planned, flown = (
+        maneuver.pilot(0.05, 1, np.random.default_rng(0))[0]
+        for maneuver in (RECIPE.maneuver, slower)
+    )
+    at = round(RECIPE.maneuver.lead_in_s / 0.05)
+    last = (len(planned) - 1 - at) // 3
+    np.testing.assert_array_equal(flown[at::3][: last + 1], planned[at::2][: last + 1])
+    assert np.count_nonzero(flown) == 1.5 * np.count_nonzero(planned)
+
+
+def test_a_stopped_input_is_the_planned_one_up_to_its_middle() -> None:
+    stopped = DIFFERENCES["stopped_input"].recipe(RECIPE).maneuver
+    planned, flown = (
+        maneuver.pilot(0.05, 1, np.random.default_rng(0))[0]
+        for maneuver in (RECIPE.maneuver, stopped)
+    )
+    middle = round((RECIPE.maneuver.lead_in_s + 1.0) / 0.05)  # of two halves of 1 s
+    np.testing.assert_array_equal(flown[:middle], planned[:middle])
+    assert not flown[middle:].any()
+    assert planned[middle:].any()
+
+
+def test_imperfections_are_those_of_flight_or_worse_than_trained() -> None:
+    worse = DIFFERENCES["imperfections"].recipe
+    assert worse(RECIPE).imperfections == USUAL_IMPERFECTIONS
+    rougher = worse(RECIPE.as_flown()).imperfections
+    assert rougher.turbulence == "light"
+    assert (rougher.gain, rougher.lag_s) == (0.04, 0.06)
+    given = replace(RECIPE, imperfections=Imperfections("given", 0.2))
+    assert worse(given).imperfections.gust_sigma_deg == 0.4
+    assert DIFFERENCES["timing"].recipe(RECIPE).maneuver.timing_jitter_s == 0.1
 
 
 def test_a_wider_theta_is_drawn_about_the_same_middle() -> None:
