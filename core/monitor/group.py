@@ -19,7 +19,7 @@ from core.channels import CHANNELS, N_CHANNELS
 from core.monitor.calibration import Guarantee, failures_needed, p_values
 from core.monitor.file.portable import Section
 from core.monitor.validity.flown_input import SURFACES
-from core.monitor.validity.input_direction import deflections
+from core.monitor.validity.input_shape import deflections
 from core.recipe import family
 from core.specification import Specification, magnitudes_of
 from core.types import Array, Flags, Indices

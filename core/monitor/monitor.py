@@ -118,9 +118,9 @@ class Monitor:
         if self.support is None:
             return None
         reference = self.reference(self.support.innovation, self.support.sigma)
-        direction = self.inputs and self.inputs.direction
+        shape = self.inputs and self.inputs.shape
         return ValidityBasis(
-            self.support, reference, self.training_max_abs, self.safe_points, direction
+            self.support, reference, self.training_max_abs, self.safe_points, shape
         )
 
     def reference(
@@ -392,9 +392,9 @@ class Monitor:
         last = np.minimum(fail_index, y.shape[1] - 1)
         basis = self.validity_basis
         first = first_beyond(basis.reference, y, last, basis.support.bounds())
-        if basis.direction is None:
+        if basis.input_shape is None:
             return first
-        wrong = basis.direction.first_wrong_of(y)
+        wrong = basis.input_shape.first_wrong_of(y, self.dt)
         return np.minimum(first, np.where(wrong <= last, wrong, y.shape[1]))
 
     def unsafe_exemplar(self, point: int, distance: float) -> Exemplar:

@@ -2,7 +2,7 @@
 
 Compared by conformal rank with what fresh flights did, from below as from above. That withdraws
 nothing: a doublet of half the amplitude is flown by the same aircraft, and tells less of its limit.
-An input that begins in the other direction does, see `InputDirection`.
+An input that begins in the other direction, or holds for longer, does: see `InputShape`.
 """
 
 import math
@@ -14,13 +14,15 @@ import numpy as np
 
 from core.channels import CHANNELS, KEYS, Channel
 from core.monitor.file.portable import Section
-from core.monitor.validity.input_direction import BEGUN, InputDirection, begins, deflections
+from core.monitor.validity.input_shape import BEGUN, FreshShapes, InputShape, deflections
 from core.monitor.validity.support import LEVEL, WORST_LEVEL
 from core.types import Array, Flags, Indices
 
 SURFACES = (KEYS.index("delta_a"), KEYS.index("delta_r"))
 ARRAYS = {"surfaces": "surfaces", "planned": "usual", "safe": "safe", "unsafe": "unsafe"}
 """What a section of a monitor's file holds, and the field of InputSupport that it is."""
+SHAPE = "begun", "flights", "longest_s"
+"""What it holds of `InputShape`; older files have no `longest_s`, or none of them."""
 MEASURES = PEAK, OTHER_SIDE, LASTING = range(3)
 WORDS = (
     "largest deflection",
@@ -64,14 +66,14 @@ class InputSupport:
     safe, unsafe: (n, k, 3) of fresh flights that stayed safe, and of those that failed up to their
     failure, each measure sorted: peak [rad], largest deflection to the other side as a share of the
     peak, time beyond half the peak [s].
-    direction: in which they began to move; None in older files.
+    shape: which way they began to move, and how long they held; None in older files.
     """
 
     surfaces: Indices
     usual: Array
     safe: Array
     unsafe: Array
-    direction: InputDirection | None = None
+    shape: InputShape | None = None
 
     def check(self) -> None:
         """Refuse arrays that do not fit together; ValueError."""
@@ -87,14 +89,14 @@ class InputSupport:
             raise ValueError(f"input planned is {self.usual.dtype} {self.usual.shape}")
         if not (np.isfinite(self.usual).all() and (self.usual > 0).all()):
             raise ValueError("input planned holds what is no peak")
-        if self.direction is not None:
-            self.direction.check()
+        if self.shape is not None:
+            self.shape.check()
 
     def to_section(self) -> Section:
         """Return the section of a monitor's file; a program that does not know it may ignore it."""
         arrays: dict[str, Any] = {name: getattr(self, field) for name, field in ARRAYS.items()}
-        if self.direction is not None:
-            arrays |= {"begun": self.direction.begun, "flights": self.direction.flights}
+        if self.shape is not None:
+            arrays |= {name: getattr(self.shape, name) for name in SHAPE}
         return Section("input", 1, False, {}, arrays)
 
     @classmethod
@@ -102,8 +104,9 @@ class InputSupport:
         """Rebuild it; ValueError where it makes no sense."""
         arrays: dict[str, Any] = {field: section.arrays[name] for name, field in ARRAYS.items()}
         if "begun" in section.arrays:
-            direction = section.arrays["begun"], section.arrays["flights"]
-            arrays["direction"] = InputDirection(arrays["surfaces"], *direction)
+            no_holds = {"longest_s": np.empty((len(arrays["surfaces"]), 0))}
+            known = {name: section.arrays[name] for name in SHAPE if name in section.arrays}
+            arrays["shape"] = InputShape(arrays["surfaces"], **(no_holds | known))
         support = cls(**arrays)
         support.check()
         return support
@@ -196,16 +199,16 @@ class FreshInputs:
         self.dt = dt
         self._measures: list[Array] = []
         self._fails: list[Flags] = []
-        self._begun = np.empty(0)
-        self._begins = np.zeros((len(SURFACES), 2), np.int64)
+        self._shapes: FreshShapes | None = None
 
     def take(self, y: Array, fail_index: Indices) -> None:
         """y: (n, n_samples, 6).   fail_index: (n,), n_samples for a safe flight."""
         last = np.minimum(fail_index, y.shape[1] - 1)
         found = measures(y, last, self.dt, SURFACES)
-        if not self._measures:
-            self._begun = BEGUN * np.median(found[..., PEAK], axis=0)
-        self._begins += begins(y, last, SURFACES, self._begun)
+        if self._shapes is None:
+            begun = BEGUN * np.median(found[..., PEAK], axis=0)
+            self._shapes = FreshShapes(SURFACES, begun, self.dt)
+        self._shapes.take(y, last)
         self._measures.append(found)
         self._fails.append(fail_index < y.shape[1])
 
@@ -214,13 +217,13 @@ class FreshInputs:
         """Of all flights taken; None where none stayed safe, or no surface moved."""
         found, fails = np.concatenate(self._measures), np.concatenate(self._fails)
         usual = np.median(found[..., PEAK], axis=0)
-        if fails.all() or not usual.any():
+        if fails.all() or not usual.any() or self._shapes is None:
             return None
         main = np.flatnonzero(usual >= MAIN * usual.max())
         safe, unsafe = (np.sort(found[kind][:, main], axis=0) for kind in (~fails, fails))
-        surfaces = np.array(SURFACES)[main]
-        direction = InputDirection(surfaces, self._begun[main], self._begins[main])
-        return InputSupport(surfaces, usual[main], safe, unsafe, direction)
+        return InputSupport(
+            np.array(SURFACES)[main], usual[main], safe, unsafe, self._shapes.shape(main)
+        )
 
 
 def _bounds(peers: Array, tail: float) -> tuple[float, float]:

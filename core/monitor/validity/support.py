@@ -12,7 +12,7 @@ from core.kernels.deviation import Reference, farthest
 from core.kernels.innovation import NO_INNOVATION, Innovation
 from core.monitor.calibration import p_values
 from core.monitor.file.portable import Section
-from core.monitor.validity.input_direction import InputDirection
+from core.monitor.validity.input_shape import InputShape
 from core.types import Array, Indices
 
 LEVEL = 0.02
@@ -149,14 +149,14 @@ class ValidityBasis:
     """What a flight is compared with: all that a monitor remembers of its training.
 
     training_max_abs: (6,) largest magnitude of each channel.   safe_points: (n, d) mapped.
-    direction: in which its inputs begin; None where that is not known.
+    input_shape: which way its inputs begin, and how long they hold; None where it is not known.
     """
 
     support: Support
     reference: Reference
     training_max_abs: Array
     safe_points: Array
-    direction: InputDirection | None = None
+    input_shape: InputShape | None = None
 
 
 def calibrate(

@@ -3,7 +3,8 @@
 A flight drawn like the simulated ones, safe or failing, is called invalid with a probability of at
 most the level, over a whole manoeuvre and so at any moment of it: its statistics only ever grow. A
 longer flight than those of training has more samples to deviate in, and is called so more often.
-A flight whose input begins in another direction than that of every fresh flight is invalid too.
+A flight is invalid too whose input begins in another direction, or holds for longer, than those of
+hardly any fresh flight do.
 
 Once a flight is invalid, it is so to its end: nothing more is said of it. What counts ends with the
 first sample that exceeds a limit, as it did for the flights behind the bounds. The guarantee is
@@ -33,7 +34,7 @@ from core.kernels.deviation import (
 )
 from core.kernels.exceedance import exceeds_any
 from core.monitor.assessment import Assessment, Assessments, Withdrawal, code_of
-from core.monitor.validity.input_direction import RunningDirection, WrongInput
+from core.monitor.validity.input_shape import WrongInput
 from core.monitor.validity.reasons import outside_training, too_little
 from core.monitor.validity.support import ValidityBasis
 from core.types import Array, Flags
@@ -124,10 +125,10 @@ def _wrong_input(
     basis: ValidityBasis, y: Array, assessments: Assessments, end: int | None
 ) -> WrongInput | None:
     """What is wrong with the input of a manoeuvre, in samples up to `end` that were assessed."""
-    if basis.direction is None:
+    if basis.input_shape is None:
         return None
     n = len(assessments) if end is None else end + 1
-    return basis.direction.first_wrong(assessments.t, y[:n], assessments.state[:n] == OK)
+    return basis.input_shape.first_wrong(assessments.t, y[:n], assessments.state[:n] == OK)
 
 
 def deviation_of(
@@ -213,7 +214,7 @@ class RunningValidity:
         self._history = np.zeros((n_before(basis.reference) + 1, N_CHANNELS))
         self._deviation: Deviation = begin(basis.reference)
         self._outlier: Array | None = None
-        self._direction = basis.direction and RunningDirection(basis.direction)
+        self._shape = basis.input_shape and basis.input_shape.begin()
         self._wrong: WrongInput | None = None
 
     def update(self, y: Array, assessment: Assessment) -> bool:
@@ -233,9 +234,9 @@ class RunningValidity:
         )
         if self._deviation.peaks[AT, DISTANCE] == self._deviation.counts[SAMPLES] - 1:
             self._outlier = assessment.y_hat
-        if self._direction is not None and assessment.state == "ok":
+        if self._shape is not None and assessment.state == "ok":
             sample = int(self._deviation.counts[SAMPLES]) - 1
-            self._wrong = self._wrong or self._direction.update(sample, assessment.t, y)
+            self._wrong = self._wrong or self._shape.update(sample, assessment.t, y)
         return (
             residual > self._residual_bound
             or distance > self._distance_bound

@@ -1,0 +1,283 @@
+"""The shape of an input: which way it begins, and how long it holds; another one is another card.
+
+A deflection of half the usual peak or more, to one side without a break, is a hold. One to the
+other side than fresh flights begin with, or one that lasts longer than theirs of the same number,
+tells a card that was flown the other way, or slower.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+
+from core.channels import CHANNELS
+from core.types import Array, Flags, Indices
+
+BEGUN = 0.5
+"""Share of the usual peak from which on a surface has begun to move as the manoeuvre wants it."""
+FEWEST = 500
+"""Fresh flights without any, or hardly any, like that: with fewer, one might be."""
+SIDE_LEVEL = 0.02
+"""p-value up to which a flight begins wrong. Hardly any does, so that hardly any is called so."""
+HOLD_LEVEL = 0.004
+"""Share of fresh flights that may be called wrong for how long they hold."""
+MOST_HOLDS = 8
+"""Holds of a flight that are looked at, the first ones."""
+GUARD_S = 1e-4
+"""Times that are not told apart [s]."""
+
+
+class WrongInput(NamedTuple):
+    """An input that is flown as hardly any of training was.
+
+    sample, t: number and time [s] of the sample that shows it.   channel: its key.
+    p_value: conformal, of all surfaces, sides and holds by Bonferroni's rule.   words: the reason.
+    """
+
+    sample: int
+    t: float
+    channel: str
+    p_value: float
+    words: str
+
+
+class Holds(NamedTuple):
+    """Holds of surfaces, sample by sample: (..., n_samples, k).
+
+    side: -1 or 1 while a surface is held, else 0.   number: of the hold, from 1 on.
+    lasted: time since it began, or since the last gap [s].
+    """
+
+    side: Indices
+    number: Indices
+    lasted: Array
+
+    @classmethod
+    def of(cls, deflection: Array, begun: Array, t: Array, follows: Flags) -> "Holds":
+        """Tell the holds of deflections (..., n_samples, k), NaN for none.
+
+        begun: (k,).   t: (n_samples,) [s].   follows: (n_samples,) whether no sample is missing
+        before it.
+        """
+        side = np.where(np.abs(deflection) >= begun, np.sign(deflection), 0.0).astype(np.int64)
+        before = np.zeros_like(side)
+        before[..., 1:, :] = side[..., :-1, :]
+        begins = (side != 0) & (side != before)
+        anew = begins | ~follows[:, np.newaxis]
+        at = np.where(anew, np.arange(len(t))[:, np.newaxis], 0)
+        since = t[np.maximum.accumulate(at, axis=-2)]
+        return cls(side, begins.cumsum(axis=-2), t[:, np.newaxis] - since)
+
+
+@dataclass(frozen=True, eq=False)
+class InputShape:
+    """Which way surfaces began to move in fresh flights, and how long they held.
+
+    surfaces: (k,) numbers of channels.   begun: (k,) magnitude that tells [rad].
+    flights: (k, 2) fresh flights whose first sample of that magnitude is negative, positive.
+    longest_s: (k, m) hold that hardly a flight exceeds, of the first m ones [s]; none in older
+    files.
+
+    Of flights drawn like them at most SIDE_LEVEL are called wrong for the way they begin, in fact
+    as few as did among these, and HOLD_LEVEL for their holds.
+    """
+
+    surfaces: Indices
+    begun: Array
+    flights: Indices
+    longest_s: Array
+
+    def check(self) -> None:
+        """Refuse arrays that do not fit together; ValueError."""
+        k = len(self.surfaces)
+        if self.begun.dtype != np.float64 or self.begun.shape != (k,):
+            raise ValueError(f"input begun is {self.begun.dtype} {self.begun.shape}")
+        if not (np.isfinite(self.begun).all() and (self.begun > 0).all()):
+            raise ValueError("input begun holds what is no deflection")
+        if self.flights.dtype != np.int64 or self.flights.shape != (k, 2):
+            raise ValueError(f"input flights is {self.flights.dtype} {self.flights.shape}")
+        if (self.flights < 0).any():
+            raise ValueError("input flights holds what is no count")
+        longest = self.longest_s
+        if longest.dtype != np.float64 or longest.ndim != 2 or len(longest) != k:
+            raise ValueError(f"input longest_s is {longest.dtype} {longest.shape}")
+        if not (np.isfinite(longest).all() and (longest >= 0).all()):
+            raise ValueError("input longest_s holds what is no time")
+
+    def first_wrong(self, t: Array, y: Array, counts: Flags) -> WrongInput | None:
+        """The first sample by which a surface was moved as in hardly any of the fresh flights.
+
+        t: (n,) [s].   y: (n, 6) from trim.   counts: (n,) samples that are looked at.
+        """
+        samples = np.flatnonzero(counts)
+        if not len(samples):
+            return None
+        follows = np.diff(samples, prepend=samples[0] - 1) == 1
+        holds = Holds.of(y[samples][:, self.surfaces], self.begun, t[samples], follows)
+        wrong = self._wrong(holds)
+        if not wrong.any():
+            return None
+        first = int(wrong.any(axis=1).argmax())
+        k, sample = int(wrong[first].argmax()), int(samples[first])
+        side, number, lasted = (part[first, k].item() for part in holds)
+        return self.wrong(sample, float(t[sample]), k, (side, number, lasted))
+
+    def first_wrong_of(self, y: Array, dt: float) -> Indices:
+        """(n,) that sample of each trajectory y (n, n_samples, 6); n_samples for none."""
+        t = dt * np.arange(y.shape[1])
+        follows = np.ones(len(t), bool)
+        holds = Holds.of(y[..., self.surfaces], self.begun, t, follows)
+        wrong = self._wrong(holds).any(axis=-1)
+        return np.where(wrong.any(axis=1), wrong.argmax(axis=1), len(t))
+
+    def _wrong(self, holds: Holds) -> Flags:
+        """(..., n_samples, k) samples of holds that begin wrong, or last too long."""
+        k = np.arange(len(self.surfaces))
+        begins_wrong = (holds.number == 1) & self._untaken[k, (holds.side > 0).astype(int)]
+        number = np.minimum(holds.number, self._bounds_s.shape[1] - 1)
+        return (holds.side != 0) & (begins_wrong | (holds.lasted > self._bounds_s[k, number]))
+
+    @cached_property
+    def _n(self) -> Indices:
+        """(k,) fresh flights that moved a surface."""
+        return self.flights.sum(axis=1)
+
+    @cached_property
+    def _untaken(self) -> Flags:
+        """(k, 2) sides, negative and positive, to which hardly any of enough flights began."""
+        n, chances = self._n[:, np.newaxis], self.flights.size
+        return (n >= FEWEST) & (chances * (self.flights + 1) <= SIDE_LEVEL * (n + 1))
+
+    @cached_property
+    def _bounds_s(self) -> Array:
+        """(k, m + 2) what a hold of a number must last beyond [s]; infinite where none is known."""
+        known = np.where(self._n[:, np.newaxis] >= FEWEST, self.longest_s + GUARD_S, np.inf)
+        return np.pad(known, ((0, 0), (1, 1)), constant_values=np.inf)
+
+    def wrong(self, sample: int, t: float, k: int, hold: tuple[int, int, float]) -> WrongInput:
+        """What is wrong with surface k in a hold.
+
+        hold: its side, number, and how long it lasts so far [s].
+        """
+        side, number, lasted = hold
+        n, channel = int(self._n[k]), CHANNELS[self.surfaces[k]]
+        way, other = ("positive", "negative") if side > 0 else ("negative", "positive")
+        if number == 1 and self._untaken[k, int(side > 0)]:
+            rest, chances = int(self.flights[k, int(side > 0)]), self.flights.size
+            words = (
+                f"{channel.label} began to the {way} side at {t:.2f} s, in {_all_but(rest, n)} "
+                f"fresh flights to the {other} one"
+            )
+        else:
+            rest, chances = _rank(n, self.longest_s.shape[1]) - 1, self.longest_s.size
+            words = (
+                f"{channel.label} stayed to the {way} side for {lasted:.2f} s until {t:.2f} s, in "
+                f"{_all_but(rest, n)} fresh flights for {self.longest_s[k, number - 1]:.2f} s at "
+                "most"
+            )
+        p_value = chances * (rest + 1) / (n + 1)
+        words = f"{words}: the input is not the planned one"
+        return WrongInput(sample, t, channel.key, p_value, words)
+
+    def begin(self) -> "RunningShape":
+        """Begin a flight."""
+        return RunningShape(self, self._untaken.tolist(), self._bounds_s.tolist())
+
+
+def _all_but(some: int, n: int) -> str:
+    return f"all but {some} of {n:,}" if some else f"all {n:,}"
+
+
+def _rank(n: int, m: int) -> int:
+    """Which of the longest of n holds bounds each of m numbers."""
+    return max(1, int(HOLD_LEVEL / m * (n + 1)))
+
+
+class RunningShape:
+    """The same of a flight under way, sample by sample.
+
+    untaken: of each surface, both sides.   bounds_s: of each surface, by the number of a hold.
+    """
+
+    def __init__(
+        self, shape: InputShape, untaken: list[list[bool]], bounds_s: list[list[float]]
+    ) -> None:
+        k = len(untaken)
+        self._shape, self._untaken, self._bounds_s = shape, untaken, bounds_s
+        self._surfaces = list(
+            zip(range(k), shape.surfaces.tolist(), shape.begun.tolist(), strict=True)
+        )
+        self._sides, self._numbers, self._since = [0] * k, [0] * k, [0.0] * k
+        self._newest = -2
+
+    def update(self, sample: int, t: float, y: Array) -> WrongInput | None:
+        """Take a sample y (6,) that counts; what is wrong with it, if anything is."""
+        follows, self._newest = sample == self._newest + 1, sample
+        wrong = None
+        for k, channel, begun in self._surfaces:
+            deflection = y.item(channel)
+            side = 0 if not abs(deflection) >= begun else 1 if deflection > 0 else -1
+            begins = side not in (0, self._sides[k])
+            self._sides[k] = side
+            self._numbers[k] += begins
+            if begins or not follows:
+                self._since[k] = t
+            if side == 0 or wrong is not None:
+                continue
+            number, lasted, bounds = self._numbers[k], t - self._since[k], self._bounds_s[k]
+            begins_wrong = number == 1 and self._untaken[k][side > 0]
+            if begins_wrong or lasted > bounds[min(number, len(bounds) - 1)]:
+                wrong = self._shape.wrong(sample, t, k, (side, number, lasted))
+        return wrong
+
+
+class FreshShapes:
+    """Gathers the shapes of fresh flights' inputs, batch by batch.
+
+    surfaces: numbers of channels.   begun: (k,) [rad].   dt: [s].
+    """
+
+    def __init__(self, surfaces: Sequence[int], begun: Array, dt: float) -> None:
+        self._surfaces, self._begun, self._dt = surfaces, begun, dt
+        self._flights = np.zeros((len(surfaces), 2), np.int64)
+        self._longest: list[Array] = []
+
+    def take(self, y: Array, last: Indices) -> None:
+        """Count flights over their samples 0..last.
+
+        y: (n, n_samples, 6) from trim.   last: (n,).
+        """
+        t = self._dt * np.arange(y.shape[1])
+        moved = deflections(y, last, self._surfaces)
+        holds = Holds.of(moved, self._begun, t, np.ones(len(t), bool))
+        begins = (holds.number == 1) & (np.diff(holds.number, axis=1, prepend=0) == 1)
+        for column, side in enumerate((-1, 1)):
+            self._flights[:, column] += (begins & (holds.side == side)).sum(axis=(0, 1))
+        numbers = np.arange(1, MOST_HOLDS + 1)
+        own = (holds.number[..., np.newaxis] == numbers) & (holds.side != 0)[..., np.newaxis]
+        self._longest.append(np.where(own, holds.lasted[..., np.newaxis], -1.0).max(axis=1))
+
+    def shape(self, main: Indices) -> InputShape:
+        """Of all flights taken, and of some of the surfaces."""
+        longest = np.sort(np.concatenate(self._longest)[:, main], axis=0)
+        m = max(1, int((longest[-1] >= 0).any(axis=0).sum()))
+        n = self._flights[main].sum(axis=1)
+        ranks = [_rank(of, m) for of in n.tolist()]
+        bounds = np.array([longest[-rank, k, :m] for k, rank in enumerate(ranks)])
+        return InputShape(
+            np.array(self._surfaces)[main],
+            self._begun[main],
+            self._flights[main],
+            np.maximum(bounds, 0.0),
+        )
+
+
+def deflections(y: Array, last: Indices, surfaces: Sequence[int] | Indices) -> Array:
+    """(n, n_samples, k) surfaces over samples 0..last; 0 after, and where it is not known.
+
+    y: (n, n_samples, 6) from trim.   last: (n,).
+    """
+    counts = np.arange(y.shape[1])[np.newaxis, :, np.newaxis] <= last[:, np.newaxis, np.newaxis]
+    return np.where(counts, np.nan_to_num(y[..., list(surfaces)]), 0.0)
