@@ -104,7 +104,7 @@ class InputSupport:
         """Rebuild it; ValueError where it makes no sense."""
         arrays: dict[str, Any] = {field: section.arrays[name] for name, field in ARRAYS.items()}
         if "begun" in section.arrays:
-            no_holds = {"longest_s": np.empty((len(arrays["surfaces"]), 0))}
+            no_holds: dict[str, Any] = {"longest_s": np.empty((len(arrays["surfaces"]), 0))}
             known = {name: section.arrays[name] for name in SHAPE if name in section.arrays}
             arrays["shape"] = InputShape(arrays["surfaces"], **(no_holds | known))
         support = cls(**arrays)

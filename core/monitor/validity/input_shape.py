@@ -119,7 +119,7 @@ class InputShape:
         wrong = self._wrong(holds)
         if not wrong.any():
             return None
-        first = int(wrong.any(axis=1).argmax())
+        first = int(wrong.any(axis=-1).argmax())
         k, sample = int(wrong[first].argmax()), int(samples[first])
         side, number, lasted = (part[first, k].item() for part in holds)
         return self.wrong(sample, float(t[sample]), k, (side, number, lasted))
@@ -129,8 +129,8 @@ class InputShape:
         t = dt * np.arange(y.shape[1])
         follows = np.ones(len(t), bool)
         holds = Holds.of(y[..., self.surfaces], self.begun, t, follows)
-        wrong = self._wrong(holds).any(axis=-1)
-        return np.where(wrong.any(axis=1), wrong.argmax(axis=1), len(t))
+        wrong: Flags = np.any(self._wrong(holds), axis=-1)
+        return np.where(np.any(wrong, axis=1), np.argmax(wrong, axis=1), len(t))
 
     def _wrong(self, holds: Holds) -> Flags:
         """(..., n_samples, k) samples of holds that begin wrong, or last too long."""

@@ -22,6 +22,7 @@ SHAPE = InputShape(
 )
 """Holds of 0.2 s, then of 0.4 s at most."""
 DT = 0.1
+TIMES: Array = DT * np.arange(30.0)
 RECIPE = DatasetRecipe(n_unsafe=30, seed=4).as_flown()
 
 
@@ -76,7 +77,7 @@ def test_the_first_large_deflection_decides(rudder: tuple[float, ...], first: in
 def test_a_hold_that_outlasts_those_of_its_number_is_wrong(
     rudder: tuple[float, ...], first: int | None
 ) -> None:
-    y, t = flight(*rudder), DT * np.arange(len(rudder))
+    y, t = flight(*rudder), TIMES[: len(rudder)]
     wrong = SHAPE.first_wrong(t, y, np.ones(len(y), bool))
     assert (wrong and wrong.sample) == first
     assert SHAPE.first_wrong_of(y[None], DT).tolist() == [len(y) if first is None else first]
@@ -87,7 +88,7 @@ def test_a_hold_that_outlasts_those_of_its_number_is_wrong(
 
 
 def test_a_gap_begins_a_hold_anew() -> None:
-    y, t = flight(0, 1, 1, 1, 1, 1, 1), DT * np.arange(7)
+    y, t = flight(0, 1, 1, 1, 1, 1, 1), TIMES[:7]
     counts = np.array([True, True, True, False, True, True, True])
     assert SHAPE.first_wrong(t, y, counts) is None
     assert SHAPE.first_wrong(t, y, np.ones(7, bool)) is not None
@@ -103,7 +104,7 @@ def test_a_flight_under_way_is_told_what_the_whole_one_is() -> None:
     )
     found = set()
     for _ in range(300):
-        y, t = np.cumsum(rng.normal(0, 0.3, (n, len(KEYS))), axis=0), DT * np.arange(n)
+        y, t = np.cumsum(rng.normal(0, 0.3, (n, len(KEYS))), axis=0), TIMES
         counts, running = rng.random(n) < 0.95, shape.begin()
         told = (running.update(k, t.item(k), y[k]) for k in np.flatnonzero(counts).tolist())
         first = next((wrong for wrong in told if wrong), None)
