@@ -3,16 +3,19 @@
 The page draws its forms from it, and the OpenAPI document takes the recipes' schemas from it.
 """
 
+import ast
 import re
 from copy import deepcopy
 from dataclasses import asdict, fields, is_dataclass
 from functools import cache
+from importlib import import_module
 from importlib.metadata import PackageNotFoundError, requires, version
-from inspect import cleandoc
+from inspect import cleandoc, getsource
+from itertools import pairwise
 from types import GenericAlias
 from typing import Any, get_args
 
-from pydantic import ConfigDict, TypeAdapter
+from pydantic import TypeAdapter
 
 from app import labels
 from app.jobs.requests import LARGEST_N_TEST, MOST_MEMBERS, N_TEST, CombinationRecipe
@@ -42,7 +45,6 @@ RECIPES: dict[str, Any] = {
     "study": StudyRecipe(),
     "combination": CombinationRecipe(),
 }
-DOCSTRINGS = ConfigDict(use_attribute_docstrings=True)
 UNIT = re.compile(r"\[([^\[\]]*[A-Za-z/%][^\[\]]*)\]")
 SUFFIXES = {
     "_deg_s": "deg/s",
@@ -193,24 +195,38 @@ def schema_of(member: Any) -> dict[str, Any]:
 
 @cache
 def _definitions() -> dict[str, Any]:
-    """JSON schema, with attribute docstrings, of every class that recipes are made of, and bases.
-
-    All at once, since pydantic reads the source of each class anew for every schema it is in.
-    """
+    """JSON schema of every class that recipes are made of, and of their bases, all at once."""
     members = [m for family in FAMILIES.values() for m in family.members.values()]
     classes = [c for m in (*members, *RECIPES.values()) for c in type(m).__mro__ if is_dataclass(c)]
     every: Any = GenericAlias(tuple, tuple(dict.fromkeys(classes)))
-    return TypeAdapter(every, config=DOCSTRINGS).json_schema()["$defs"]
+    return TypeAdapter(every).json_schema()["$defs"]
 
 
 def descriptions(kind: type) -> dict[str, str]:
     """Attribute docstring of each parameter, inherited ones too; a channel's is its name."""
     described = {channel.key: f"{channel.label} {channel.symbol}" for channel in CHANNELS}
     for base in reversed(kind.__mro__):
-        for name, entry in _definitions().get(base.__name__, {}).get("properties", {}).items():
-            if "description" in entry:
-                described[name] = " ".join(entry["description"].split())
+        if is_dataclass(base):
+            described |= _docstrings(base.__module__).get(base.__name__, {})
     return described
+
+
+@cache
+def _docstrings(module: str) -> dict[str, dict[str, str]]:
+    """Attribute docstrings of a module's classes; pydantic reads all source for each class anew."""
+    tree = ast.parse(getsource(import_module(module)))
+    return {
+        each.name: {
+            before.target.id: " ".join(str(ast.literal_eval(after.value)).split())
+            for before, after in pairwise(each.body)
+            if isinstance(before, ast.AnnAssign)
+            and isinstance(before.target, ast.Name)
+            and isinstance(after, ast.Expr)
+            and isinstance(after.value, ast.Constant)
+        }
+        for each in tree.body
+        if isinstance(each, ast.ClassDef)
+    }
 
 
 def title_of(name: str, description: str) -> str:
