@@ -30,6 +30,8 @@ from core.amplitude import WANTED_SHARE
 from core.bounds import bounds_of
 from core.channels import CHANNELS
 from core.collection import DatasetRecipe
+from core.evaluation.epsilon_choice import ChoiceRecipe
+from core.evaluation.lead_sweep import SweepRecipe
 from core.evaluation.study import StudyRecipe
 from core.flight_markers import FLIGHT_MARKERS
 from core.limit_set import CONDITIONS
@@ -44,6 +46,8 @@ RECIPES: dict[str, Any] = {
     "monitor": MonitorRecipe(),
     "study": StudyRecipe(),
     "combination": CombinationRecipe(),
+    "sweep": SweepRecipe(),
+    "epsilon": ChoiceRecipe(most_missed=0.1, most_false_alarms=0.2),
 }
 UNIT = re.compile(r"\[([^\[\]]*[A-Za-z/%][^\[\]]*)\]")
 SUFFIXES = {
@@ -315,6 +319,18 @@ def study_request_schema() -> dict[str, Any]:
     schema["properties"]["n_test"] |= {"minimum": 1, "maximum": LARGEST_N_TEST}
     schema["properties"]["n_monitors"] |= {"minimum": 1, "maximum": 100}
     return schema | {"title": "Study to run", "required": ["dataset"]}
+
+
+def sweep_request_schema() -> dict[str, Any]:
+    """JSON schema of the body that asks for a sweep over leads."""
+    schema = schema_of(RECIPES["sweep"])
+    schema["properties"] |= {"dataset": _dataset_choice(USUAL_DATASET)}
+    return schema | {"title": "Leads to try"}
+
+
+def choice_request_schema() -> dict[str, Any]:
+    """JSON schema of the body that asks for an epsilon."""
+    return schema_of(RECIPES["epsilon"]) | {"title": "What an epsilon is chosen by"}
 
 
 _NAME = {

@@ -56,6 +56,7 @@ METHODS = {
 CHOICES: dict[str, dict[Hashable, str]] = {
     "calibration": {"trajectory": "as flown", "pointwise": "one sample (paper)"},
     "guarantee": {"average": "on average over monitors", "95%": "of this monitor, 95 % confident"},
+    "imperfections": {"none": "none", "usual": "as usual in flight"},
     "phase": {"input": "when its input moves a surface", "start": "first sample"},
     "p_value": {"simple": "simple", "exact": "exact"},
     "scaling": {"safe_std": "standard deviation", "raw": "none (paper)"},

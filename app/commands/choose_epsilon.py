@@ -1,23 +1,21 @@
 """The command that chooses a monitor's epsilon by costs, or so that two targets are kept."""
 
 import argparse
-from dataclasses import asdict
+from dataclasses import asdict, fields
 from pathlib import Path
 
 from app.commands.output.results import add_json, print_result
-from app.recipes import from_plain
-from core.collection import DatasetRecipe, evaluation_flights
-from core.evaluation.epsilon_choice import Choice, choose_by_costs, choose_by_targets
-from core.evaluation.rates import clopper_pearson
+from app.jobs.choosing import fly_and_choose, in_words
+from core.evaluation.epsilon_choice import N_FLIGHTS, ChoiceRecipe
 from core.monitor import load
-
-N_FLIGHTS = 10_000
 
 
 def add(parser: argparse.ArgumentParser) -> None:
     """Add the command's options."""
     parser.add_argument("monitor", type=Path, metavar="MONITOR.fwm", help="a trained monitor")
-    parser.add_argument("--most-missed", type=float, help="share of failing flights, at most")
+    parser.add_argument(
+        "--most-missed", type=float, help="share of failing flights, at most: 0.1 for 10 %%"
+    )
     parser.add_argument(
         "--most-false-alarms", type=float, help="share of safe flights with an alert, at most"
     )
@@ -35,40 +33,8 @@ def add(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Fly fresh flights through the monitor; print the epsilon and what it costs."""
-    targets = options.most_missed, options.most_false_alarms
-    if (options.cost_of_miss is None) == (None in targets):
-        raise ValueError("give --most-missed with --most-false-alarms, or --cost-of-miss alone")
-    if options.n_test < 1:
-        raise ValueError(f"--n-test {options.n_test}: it must be 1 or more")
-    monitor = load(options.monitor)
-    if not monitor.dataset_recipe:
-        raise ValueError(
-            f"{options.monitor} does not say which planned test it was trained for, so no fresh "
-            "flights can be flown: train it again"
-        )
-    recipe = from_plain(DatasetRecipe(), monitor.dataset_recipe, "dataset")
-    flights = evaluation_flights(recipe, options.n_test)
-    if options.cost_of_miss is None:
-        found = choose_by_targets(monitor, flights, *targets)
-    else:
-        found = choose_by_costs(monitor, flights, options.cost_of_miss)
+    asked = {field.name: getattr(options, field.name) for field in fields(ChoiceRecipe)}
+    recipe = ChoiceRecipe(**asked)
+    found = fly_and_choose(load(options.monitor), recipe, lambda *_: None)
     print_result(options, in_words(found), asdict(found))
     return 0
-
-
-def in_words(found: Choice) -> str:
-    """The epsilon, and both shares with their intervals."""
-    missed = clopper_pearson(found.misses, found.n_unsafe)
-    false = clopper_pearson(found.false_alerts, found.n_safe)
-    return "\n".join(
-        [
-            f"epsilon {found.epsilon:.4g}: alerts above a risk of {found.alert_above:.4g}",
-            "on fresh flights that had no part in choosing it:",
-            f"  missed        {found.misses / found.n_unsafe:6.2%} [{missed[0]:.2%}, "
-            f"{missed[1]:.2%}] of {found.n_unsafe} failing flights",
-            f"  false alarms  {found.false_alerts / found.n_safe:6.2%} [{false[0]:.2%}, "
-            f"{false[1]:.2%}] of {found.n_safe} safe flights",
-            f"with 95 % confidence at most {found.most_missed:.2%} missed and at most "
-            f"{found.most_false:.2%} false alarms",
-        ]
-    )

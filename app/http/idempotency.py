@@ -32,7 +32,7 @@ ASGIApp = Callable[[MutableMapping[str, Any], Receive, Send], Awaitable[None]]
 LOG = logging.getLogger("forewarn")
 NAME, REPLAYED = "Idempotency-Key", "Idempotent-Replayed"
 CREATES = re.compile(
-    r"/api/v1/(datasets|monitors|recordings|flights|studies|recordings/[^/]+/(scorings|markers))"
+    r"/api/v1/(datasets|monitors|recordings|flights|studies|sweeps|recordings/[^/]+/(scorings|markers))"
 )
 KEY = re.compile(r"[!-~]{1,200}")
 """Printable ASCII without blanks; the quotes of a structured string may stand around it."""

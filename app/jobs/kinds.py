@@ -1,13 +1,24 @@
 """The kinds of long work: what runs in a worker thread for a request, and what it leaves behind."""
 
+from dataclasses import asdict
 from typing import Any
 
+from app.jobs.choosing import fly_and_choose, in_words
 from app.jobs.combining import combine_and_test
 from app.jobs.jobs import Task, Work
-from app.jobs.requests import CombinationRequest, DatasetRequest, MonitorRequest, dataset_name
+from app.jobs.requests import (
+    CombinationRequest,
+    DatasetRequest,
+    MonitorRequest,
+    SweepRequest,
+    dataset_name,
+)
 from app.jobs.training import simulate, train_and_test
 from app.store.store import Store
+from core.evaluation.epsilon_choice import ChoiceRecipe
+from core.evaluation.lead_sweep import sweep
 from core.evaluation.study import StudyRecipe, study
+from core.monitor import Monitor
 
 
 def dataset_work(request: DatasetRequest, store: Store) -> Work:
@@ -50,6 +61,38 @@ def combination_work(request: CombinationRequest, store: Store) -> Work:
         same = [one for one in datasets if one and store.datasets.info(one).digest == digest]
         info = store.monitors.add(combination, request.name, same[0] if same else None)
         return {"monitor": info.id, "dataset": info.dataset_id}
+
+    return work
+
+
+def epsilon_work(monitor: Monitor, recipe: ChoiceRecipe) -> Work:
+    """Choose an epsilon by fresh flights; the result says it, and what it costs."""
+
+    def work(task: Task) -> dict[str, Any]:
+        found = fly_and_choose(monitor, recipe, task.progress)
+        return asdict(found) | {"words": in_words(found)}
+
+    return work
+
+
+def sweep_work(request: SweepRequest) -> Work:
+    """Train every method at every lead; the result holds each cell, the table, a figure as SVG."""
+
+    def work(task: Task) -> dict[str, Any]:
+        from app.report import study_figures as figures
+        from app.report.sweep import in_words as table
+        from app.report.sweep import summary
+        from app.report.sweep_figure import power_against_lead
+
+        def trained(done: int, total: int) -> None:
+            task.progress(f"{done} of {total} monitors", done, total)
+
+        found = sweep(request.recipe, request.tests, progress=trained)
+        task.progress("drawing", task.done, task.total)
+        drawn = figures.render(power_against_lead(found, request.recipe), "power_by_lead", ["svg"])
+        svg = {name: text.decode() for name, text in drawn.items()}
+        words = table(found, request.recipe)
+        return summary(found, request.recipe) | {"table": words, "figures": svg}
 
     return work
 

@@ -1,9 +1,10 @@
 """What a request for long work says: checked at once, so that only what can be met is queued."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from typing import Annotated, Any, get_args
 
+from app.jobs.choosing import flown_for
 from app.jobs.training import recipe_of, simulated_test
 from app.labels import kind_label
 from app.recipes import (
@@ -23,7 +24,10 @@ from core.amplitude import WANTED_SHARE, Suggestion, suggest_amplitude
 from core.bounds import Bounds, check_bounds
 from core.collection import LARGEST_CHUNK, DatasetRecipe, Simulator, card_of
 from core.dataset import Dataset
+from core.evaluation.epsilon_choice import N_FLIGHTS, ChoiceRecipe
+from core.evaluation.lead_sweep import SweepRecipe, check_leads, planned_tests
 from core.evaluation.study import StudyRecipe
+from core.mistyped import instead_of
 from core.monitor import Monitor, MonitorRecipe
 from core.monitor.calibration import Guarantee, check_epsilon
 from core.monitor.combination import check_members
@@ -36,7 +40,7 @@ LARGEST_N_MONITORS = 100
 N_TEST = 2000
 """Fresh flights that a monitor is evaluated on unless another number is asked for."""
 LARGEST_N_TEST = 100_000
-MOST_MEMBERS = 16
+MOST_MEMBERS, MOST_LEADS = 16, 20
 N_CHANNELS_BYTES = 6 * 8
 
 
@@ -102,6 +106,22 @@ class CombinationRequest:
     name: str
     monitors: tuple[str, ...]
     recipe: CombinationRecipe
+
+
+@dataclass(frozen=True)
+class SweepRequest:
+    """A sweep over leads; of planned tests by name, or those that the recipe names."""
+
+    recipe: SweepRecipe
+    tests: dict[str, DatasetRecipe] | None
+
+
+@dataclass(frozen=True)
+class ChoiceRequest:
+    """A monitor, and what its epsilon is chosen by."""
+
+    monitor: Monitor
+    recipe: ChoiceRecipe
 
 
 def dataset_request(plain: dict[str, Any], max_bytes: int) -> DatasetRequest:
@@ -213,15 +233,7 @@ def study_request(plain: dict[str, Any], store: Store, max_bytes: int) -> StudyR
     """Read the body that asks for the study; a stored dataset lends its recipe."""
     plain = dict(plain)
     requested = _requested_dataset(plain, store, max_bytes, unsaid="none")
-    dataset = requested.recipe
-    if dataset is None:
-        stored = requested.load(store)
-        assert stored
-        dataset = recipe_of(stored)
-        if dataset is None:
-            raise RecipeError(
-                f"dataset {requested.id} was not simulated here: give a recipe instead"
-            )
+    dataset = requested.recipe or _recipe_of_stored(requested, store)
     default = StudyRecipe()
     n_test = _count(plain, "n_test", default.n_test, 1, LARGEST_N_TEST)
     n_monitors = _count(plain, "n_monitors", default.n_monitors, 1, LARGEST_N_MONITORS)
@@ -231,6 +243,77 @@ def study_request(plain: dict[str, Any], store: Store, max_bytes: int) -> StudyR
         raise RecipeError(f"a study has no {next(iter(plain))!r}: choose {known}")
     _check_test_size(dataset, n_test, max_bytes)
     return replace(default, dataset=dataset, monitor=monitor, n_monitors=n_monitors, n_test=n_test)
+
+
+def sweep_request(plain: dict[str, Any], store: Store, max_bytes: int) -> SweepRequest:
+    """Read the body that asks for a sweep; a `dataset` lends its planned test in place of `tests`.
+
+    RecipeError says what would be right.
+    """
+    plain = dict(plain)
+    requested = _requested_dataset(plain, store, max_bytes) if "dataset" in plain else None
+    if requested and not {"tests", "imperfections"}.isdisjoint(plain):
+        raise RecipeError(
+            "dataset was given with tests or imperfections: its recipe says both, leave them out"
+        )
+    recipe: SweepRecipe = _recipe(SweepRecipe(), plain, "sweep")
+    n = {"n_monitors": (recipe.n_monitors, LARGEST_N_MONITORS)}
+    n |= {"n_test": (recipe.n_test, LARGEST_N_TEST), "n_unsafe": (recipe.n_unsafe, LARGEST_N_TEST)}
+    n |= {"leads_s": (len(recipe.leads_s), MOST_LEADS)}
+    for name, (value, most) in n.items():
+        if value > most:
+            raise RecipeError(f"sweep.{name} asks for {value}: this server makes {most} at most")
+    tests: dict[str, DatasetRecipe] | None = None
+    if requested:
+        dataset = requested.recipe or _recipe_of_stored(requested, store)
+        tests = {dataset_name(dataset): dataset}
+        if recipe.ceiling and not dataset.imperfections.are_none:
+            raise RecipeError(
+                "sweep.ceiling: it is known without imperfections only, leave it out, or give a "
+                "dataset whose recipe has none"
+            )
+    flown = tests or planned_tests(recipe)
+    for test in flown.values():
+        _check_test_size(test, max(recipe.n_test, recipe.n_unsafe), max_bytes)
+    try:
+        check_leads(recipe, flown)
+    except ValueError as error:
+        raise RecipeError(str(error)) from None
+    return SweepRequest(recipe, tests)
+
+
+def _recipe_of_stored(requested: RequestedDataset, store: Store) -> DatasetRecipe:
+    """The recipe of a stored dataset; RecipeError where it was not simulated."""
+    stored = requested.load(store)
+    assert stored
+    if (recipe := recipe_of(stored)) is None:
+        raise RecipeError(f"dataset {requested.id} was not simulated here: give a recipe instead")
+    return recipe
+
+
+def choice_request(plain: dict[str, Any], store: Store, monitor_id: str) -> ChoiceRequest:
+    """Read the body that asks for an epsilon of a stored monitor; RecipeError."""
+    monitor = store.monitors.get(monitor_id)
+    known = [field.name for field in fields(ChoiceRecipe)]
+    if unknown := [key for key in plain if key not in known]:
+        raise RecipeError(
+            f"a choice of epsilon has no {unknown[0]!r}: {instead_of(unknown[0], known)}"
+        )
+    n_test = _count(dict(plain), "n_test", N_FLIGHTS, 1, LARGEST_N_TEST)
+    wrong = [key for key in known[:-1] if not is_number_or_none(plain.get(key))]
+    if wrong:
+        raise RecipeError(f"{wrong[0]} is {plain[wrong[0]]!r:.80}: give a number")
+    try:
+        flown_for(monitor)
+        recipe = ChoiceRecipe(**(plain | {"n_test": n_test}))
+    except ValueError as error:
+        raise RecipeError(str(error)) from None
+    return ChoiceRequest(monitor, recipe)
+
+
+def is_number_or_none(value: Any) -> bool:
+    """Whether it is a number or nothing, as JSON says them."""
+    return value is None or (isinstance(value, int | float) and not isinstance(value, bool))
 
 
 def check_size(recipe: DatasetRecipe, max_bytes: int) -> None:

@@ -10,11 +10,11 @@ from fastapi.responses import StreamingResponse
 from fastapi.sse import format_sse_event
 
 from app import json_codec
-from app.catalog import study_request_schema
+from app.catalog import study_request_schema, sweep_request_schema
 from app.http.problems import Problem, problem_responses
 from app.jobs.jobs import NotRunning
-from app.jobs.kinds import study_work
-from app.jobs.requests import study_request
+from app.jobs.kinds import study_work, sweep_work
+from app.jobs.requests import study_request, sweep_request
 from app.recipes import to_plain
 from app.routes.dependencies import (
     JobsDep,
@@ -35,7 +35,7 @@ LAST_EVENT = "end"
 
 @router.get("/jobs")
 async def list_jobs(store: StoreDep, jobs: JobsDep) -> list[JobInfo]:
-    """All jobs, newest first; progress as of now. A study's curves are left out."""
+    """All jobs, newest first; progress as of now. The curves of studies and sweeps are left out."""
 
     def read() -> list[JobInfo]:
         listed = [jobs.fresh(info) for info in store.jobs.all()]
@@ -45,7 +45,7 @@ async def list_jobs(store: StoreDep, jobs: JobsDep) -> list[JobInfo]:
 
 
 def _short(info: JobInfo) -> JobInfo:
-    return replace(info, result=None) if info.kind == "study" else info
+    return replace(info, result=None) if info.kind in ("study", "sweep") else info
 
 
 @router.get("/jobs/{job_id}", responses=problem_responses(404))
@@ -60,7 +60,7 @@ async def read_job(job_id: str, jobs: JobsDep) -> JobInfo:
     response_class=Response,
 )
 async def read_figure(job_id: str, name: str, jobs: JobsDep) -> Response:
-    """A figure of a study, as SVG; `result.figures` of the job links to each."""
+    """A figure of a study or a sweep, as SVG; `result.figures` of the job links to each."""
     info = await asyncio.to_thread(jobs.info, job_id)
     figures = (info.result or {}).get("figures", {})
     if name not in figures:
@@ -148,3 +148,28 @@ async def compare_methods(
     """
     recipe = await asyncio.to_thread(study_request, plain, store, settings.max_array_bytes)
     return await accepted(jobs, "study", to_plain(recipe), study_work(recipe))
+
+
+@router.post(
+    "/sweeps",
+    status_code=202,
+    tags=["studies"],
+    response_model=JobInfo,
+    responses=ACCEPTED,
+    openapi_extra=body_of(
+        sweep_request_schema(),
+        {"tests": ["F-16"], "leads_s": [0.25, 0.5], "n_monitors": 1, "n_test": 500},
+    ),
+)
+async def sweep_leads(
+    plain: PlainBody, request: Request, store: StoreDep, jobs: JobsDep, settings: SettingsDep
+):
+    """How early a planned test can be warned of, by which method, at what cost; a job.
+
+    Of the planned tests that `tests` names, or of that of a `dataset`. Its result holds of each
+    method and lead the miss rate, the share of safe flights without a false alarm (power) and the
+    share of failures that an alert prevents, a table, and a link to the figure.
+    """
+    asked = await asyncio.to_thread(sweep_request, plain, store, settings.max_array_bytes)
+    tests = {} if asked.tests is None else {"dataset": plain["dataset"], "tests": list(asked.tests)}
+    return await accepted(jobs, "sweep", to_plain(asked.recipe) | tests, sweep_work(asked))

@@ -10,10 +10,14 @@ from fastapi import APIRouter, Query, Request, Response
 from fastapi.responses import HTMLResponse
 from pydantic import BaseModel, Field
 
-from app.catalog import combination_request_schema, monitor_request_schema
+from app.catalog import (
+    choice_request_schema,
+    combination_request_schema,
+    monitor_request_schema,
+)
 from app.http.problems import Problem, problem_responses
-from app.jobs.kinds import combination_work, monitor_work
-from app.jobs.requests import combination_request, monitor_request
+from app.jobs.kinds import combination_work, epsilon_work, monitor_work
+from app.jobs.requests import choice_request, combination_request, monitor_request
 from app.json_telemetry import TelemetryBody, assessed, parse_telemetry
 from app.recipes import to_plain
 from app.recordings.recordings import Recordings
@@ -283,6 +287,27 @@ async def read_evaluation(monitor_id: str, store: StoreDep) -> dict[str, Any]:
     curves["warnings"] = [warnings_of(found, epsilon) for epsilon in curves["epsilon"]]
     found["at_epsilon"]["warnings"] = warnings_of(found, found["epsilon"])
     return found
+
+
+@router.post(
+    "/{monitor_id}/epsilon",
+    status_code=202,
+    response_model=JobInfo,
+    responses=ACCEPTED | problem_responses(404),
+    openapi_extra=body_of(
+        choice_request_schema(), {"most_missed": 0.1, "most_false_alarms": 0.2, "n_test": 10000}
+    ),
+)
+async def choose_epsilon(monitor_id: str, plain: PlainBody, store: StoreDep, jobs: JobsDep):
+    """Choose an epsilon by costs, or so that two targets are kept; answered by a job.
+
+    Half of the fresh flights choose, the others certify: the job's result holds the epsilon, what
+    was counted at it, and what holds with 95 % confidence. The job fails where no epsilon keeps
+    both targets, or says how many flights could certify one.
+    """
+    asked = await asyncio.to_thread(choice_request, plain, store, monitor_id)
+    request = {"monitor": monitor_id} | to_plain(asked.recipe)
+    return await accepted(jobs, "epsilon", request, epsilon_work(asked.monitor, asked.recipe))
 
 
 @router.get(

@@ -4,10 +4,12 @@ An epsilon is chosen on one half of the fresh flights and certified on the other
 chosen by chance does not certify itself.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Annotated
 
 import numpy as np
 
+from core.bounds import Bounds, check_bounds
 from core.evaluation.rates import Evaluation, clopper_pearson, evaluate
 from core.monitor.monitor import Monitor
 from core.planned_test import Rollouts
@@ -16,10 +18,42 @@ from core.types import Array, Flags
 MOST_CANDIDATES = 200
 MOST_FLIGHTS = 10_000_000
 """Flights beyond which a certificate is out of reach."""
+N_FLIGHTS = 10_000
+"""Fresh flights unless another number is asked for."""
 
 
 class ChoiceError(ValueError):
     """Targets that no epsilon keeps, or that so few flights cannot certify."""
+
+
+@dataclass(frozen=True)
+class ChoiceRecipe:
+    """What an epsilon is chosen by: both targets, or the cost of a miss."""
+
+    most_missed: float | None = None
+    """misses: share of the failing flights that may be missed."""
+    most_false_alarms: float | None = None
+    """false alarms: share of the safe flights that may have an alert."""
+    cost_of_miss: float | None = None
+    """cost of a miss: in false alarms, instead of both targets."""
+    n_test: Annotated[int, Bounds(least=1)] = N_FLIGHTS
+    """fresh flights: half of them choose, the others certify."""
+
+    def __post_init__(self) -> None:
+        """Refuse what is neither both targets nor a cost."""
+        check_bounds(self)
+        targets = self.most_missed, self.most_false_alarms
+        if (self.cost_of_miss is None) == (None in targets):
+            raise ChoiceError(
+                f"most_missed={self.most_missed}, most_false_alarms={self.most_false_alarms} and "
+                f"cost_of_miss={self.cost_of_miss} were given: give both targets, or the cost alone"
+            )
+        for name, target in (("most_missed", targets[0]), ("most_false_alarms", targets[1])):
+            if target is not None and not 0 < target < 1:
+                raise ChoiceError(f"{name}={target} was given: give a share between 0 and 1")
+        cost = self.cost_of_miss
+        if cost is not None and not (np.isfinite(cost) and cost > 0):
+            raise ChoiceError(f"cost_of_miss={cost} was given: give a number above 0")
 
 
 @dataclass(frozen=True)
@@ -28,6 +62,7 @@ class Choice:
 
     most_missed, most_false: upper bounds of the shares of failing flights that are missed and of
     safe flights with an alert, which hold together with 95 % confidence.
+    cost: of a flight, in false alarms; None where no cost of a miss was given.
     """
 
     epsilon: float
@@ -38,21 +73,27 @@ class Choice:
     n_safe: int
     most_missed: float
     most_false: float
+    cost: float | None = None
 
 
-def choose_by_targets(
-    monitor: Monitor, flights: Rollouts, most_missed: float, most_false: float
-) -> Choice:
-    """Choose the epsilon that keeps two targets with the most room, and certify it.
+def choose(monitor: Monitor, flights: Rollouts, recipe: ChoiceRecipe) -> Choice:
+    """Choose an epsilon as the recipe asks.
 
     flights: fresh ones, which neither trained nor calibrated the monitor; half of them choose.
-    most_missed: share of failing flights that may be missed.   most_false: share of safe flights
-    that may have an alert.
-    ChoiceError where no epsilon keeps both, or with how many flights one could be certified.
+    ChoiceError where no epsilon keeps both targets, or with how many flights one could be
+    certified.
     """
-    for name, target in (("most_missed", most_missed), ("most_false", most_false)):
-        if not 0 < target < 1:
-            raise ChoiceError(f"{name}={target} was given: give a share between 0 and 1")
+    missed, false = recipe.most_missed, recipe.most_false_alarms
+    if missed is not None and false is not None:
+        return _by_targets(monitor, flights, missed, false)
+    assert recipe.cost_of_miss is not None
+    return _by_cost(monitor, flights, recipe.cost_of_miss)
+
+
+def _by_targets(
+    monitor: Monitor, flights: Rollouts, most_missed: float, most_false: float
+) -> Choice:
+    """The epsilon that keeps two targets with the most room, certified."""
     chosen, certified = _halves(monitor, flights, candidates(monitor))
     room = np.minimum(
         _room(chosen.miss_rate, most_missed, chosen.n_unsafe),
@@ -69,12 +110,23 @@ def choose_by_targets(
             (chosen.false_alerts[best], found.false_alerts, chosen.n_safe + found.n_safe),
         )
     )
-    both = f"missed {missed:.2%} and false alarms {false:.2%} at epsilon {found.epsilon:.3g}"
-    if missed >= most_missed or false >= most_false:
+    both = (
+        f"at epsilon {found.epsilon:.3g} {_percent(missed)} are missed and {_percent(false)} have "
+        "a false alarm"
+    )
+    beyond = [
+        f"{name} at most {_percent(target)}"
+        for name, share, target in (
+            ("missed", missed, most_missed),
+            ("false alarms", false, most_false),
+        )
+        if share >= target
+    ]
+    if beyond:
         raise ChoiceError(
-            f"no epsilon keeps both targets: {both} come closest to {most_missed:.3g} and "
-            f"{most_false:.3g}; accept more of either, or train for a shorter lead or by another "
-            "method"
+            f"no epsilon keeps both targets: {both}, which comes closest; out of reach: "
+            f"{' and '.join(beyond)}. Accept more of either, or train for a shorter lead or by "
+            "another method"
         )
     share = chosen.n_unsafe / (chosen.n_unsafe + chosen.n_safe)
     needed = max(
@@ -86,25 +138,25 @@ def choose_by_targets(
     else:
         many = f"about {round(2 * needed, -2):,.0f}"
     raise ChoiceError(
-        f"{len(flights.y):,} fresh flights cannot certify both targets: {both} "
-        f"are below them, but with 95 % confidence only {found.most_missed:.2%} and "
-        f"{found.most_false:.2%}; {many} fresh flights would"
+        f"{len(flights.y):,} fresh flights cannot certify both targets: {both}, which is below "
+        f"them, but with 95 % confidence only at most {_percent(found.most_missed)} and "
+        f"{_percent(found.most_false)}; {many} fresh flights would"
     )
 
 
-def choose_by_costs(monitor: Monitor, flights: Rollouts, cost_of_miss: float) -> Choice:
-    """Choose the epsilon of the least expected cost a flight, where a false alarm costs 1.
+def _percent(share: float) -> str:
+    return f"{100 * share:.3g} %"
 
-    flights: fresh ones, as of `choose_by_targets`.
-    """
-    if not (np.isfinite(cost_of_miss) and cost_of_miss > 0):
-        raise ChoiceError(f"a miss that costs {cost_of_miss} was given: give a number above 0")
+
+def _by_cost(monitor: Monitor, flights: Rollouts, cost_of_miss: float) -> Choice:
+    """The epsilon of the least expected cost a flight, where a false alarm costs 1."""
     chosen, certified = _halves(monitor, flights, candidates(monitor))
     unsafe_share = flights.is_unsafe.mean()
     cost = unsafe_share * cost_of_miss * chosen.miss_rate
-    return _choice(
-        monitor, certified, int((cost + (1 - unsafe_share) * (1 - chosen.power)).argmin())
-    )
+    best = int((cost + (1 - unsafe_share) * (1 - chosen.power)).argmin())
+    found = _choice(monitor, certified, best)
+    of_all = cost_of_miss * found.misses + found.false_alerts
+    return replace(found, cost=of_all / (found.n_unsafe + found.n_safe))
 
 
 def candidates(monitor: Monitor) -> Array:

@@ -88,12 +88,12 @@ class SweepRecipe:
     tests: tuple[str, ...] = tuple(TESTS)
     """planned tests: by name."""
     imperfections: Literal["none", "usual"] = "none"
-    """imperfections of a real flight, with the noise and the scatter that are usual in flight:
-    `none` or `usual`."""
+    """imperfections of a real flight: with noise and a pilot's scatter as usual in flight; `none`
+    or `usual`."""
     leads_s: tuple[float, ...] = (0.25, 0.5, 0.75, 1.0)
     """leads: warning lead times that monitors are trained for [s]."""
     methods: tuple[str, ...] = tuple(METHODS)
-    """methods: by name."""
+    """methods compared: by name."""
     epsilon: Annotated[float, MISS_RATE] = 0.05
     """promised miss rate epsilon."""
     guarantee: Guarantee = "average"
@@ -109,8 +109,8 @@ class SweepRecipe:
     seed: Annotated[int, Bounds(least=0)] = 0
     """seed of every random draw."""
     ceiling: bool = False
-    """ceiling: what a posterior of all derivatives could tell, on 1,000 flights; takes a minute a
-    test."""
+    """information limit: what a posterior of all derivatives could tell, on 1,000 flights; takes a
+    minute a test."""
 
     def __post_init__(self) -> None:
         """Refuse what makes no sweep."""
@@ -226,11 +226,8 @@ def sweep(
     progress: called with (monitors done, monitors in all); what it raises cancels.
     """
     recipe = recipe or SweepRecipe()
-    if tests is None:
-        tests = {name: TESTS[name] for name in recipe.tests}
-        if recipe.imperfections == "usual":
-            tests = {name: test.as_flown() for name, test in tests.items()}
-    _check_leads(recipe, tests)
+    tests = planned_tests(recipe) if tests is None else tests
+    check_leads(recipe, tests)
     seeds = monitor_seeds(recipe.seed, recipe.n_monitors)
     made = {name: replace(test, n_unsafe=recipe.n_unsafe) for name, test in tests.items()}
     one = {name: replace(test, seed=seeds[0][0]) for name, test in made.items()}
@@ -268,7 +265,16 @@ def sweep(
     return found
 
 
-def _check_leads(recipe: SweepRecipe, tests: Mapping[str, DatasetRecipe]) -> None:
+def planned_tests(recipe: SweepRecipe) -> dict[str, DatasetRecipe]:
+    """The planned tests that a recipe names, with the imperfections that it asks for."""
+    tests = {name: TESTS[name] for name in recipe.tests}
+    if recipe.imperfections == "none":
+        return tests
+    return {name: test.as_flown() for name, test in tests.items()}
+
+
+def check_leads(recipe: SweepRecipe, tests: Mapping[str, DatasetRecipe]) -> None:
+    """Refuse a lead that is as long as a manoeuvre; ValueError."""
     longest = max(recipe.leads_s)
     for name, test in tests.items():
         if longest >= test.maneuver.duration_s:

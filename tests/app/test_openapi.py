@@ -137,14 +137,14 @@ def test_an_answer_links_to_what_can_be_done_with_what_it_made(known):
         "marker_id": "$response.body#/id",
     }
     job = paths["/api/v1/jobs/{job_id}"]["get"]["operationId"]
-    for path in ("datasets", "monitors", "studies"):
+    for path in ("datasets", "monitors", "studies", "sweeps"):
         links = paths[f"/api/v1/{path}"]["post"]["responses"]["202"]["links"]
         assert links[job]["parameters"] == {"job_id": "$response.body#/id"}
 
 
 def test_orders_have_examples_that_fit_their_schema(known):
     document = create_app(known[0]).openapi()
-    for path in ("/api/v1/datasets", "/api/v1/monitors", "/api/v1/studies"):
+    for path in ("/api/v1/datasets", "/api/v1/monitors", "/api/v1/studies", "/api/v1/sweeps"):
         body = document["paths"][path]["post"]["requestBody"]["content"]["application/json"]
         jsonschema_rs.validate(body["schema"], body["example"])
 

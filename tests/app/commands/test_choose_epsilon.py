@@ -23,6 +23,9 @@ def test_an_epsilon_is_chosen_by_costs_or_by_targets(file: Path, capsys) -> None
     assert main([*few, "--cost-of-miss", "5", "--json"]) == 0
     found = json.loads(capsys.readouterr().out)
     assert found["n_unsafe"] + found["n_safe"] == 200
+    assert found["cost"] == (5 * found["misses"] + found["false_alerts"]) / 200
+    assert main([*few, "--cost-of-miss", "5"]) == 0
+    assert "false alarms a flight" in capsys.readouterr().out
     assert main([*few, "--most-missed", "0.4", "--most-false-alarms", "0.4"]) == 0
     text = capsys.readouterr().out
     assert "on fresh flights that had no part in choosing it" in text
@@ -31,9 +34,13 @@ def test_an_epsilon_is_chosen_by_costs_or_by_targets(file: Path, capsys) -> None
 
 def test_what_cannot_be_chosen_is_one_error(file: Path, tmp_path: Path, capsys) -> None:
     for options, words in (
-        ([], "give --most-missed with --most-false-alarms, or --cost-of-miss alone"),
-        (["--most-missed", "0.1"], "give --most-missed with --most-false-alarms"),
-        (["--cost-of-miss", "1", "--n-test", "0"], "it must be 1 or more"),
+        ([], "give both targets, or the cost alone"),
+        (["--most-missed", "0.1"], "most_false_alarms=None"),
+        (["--cost-of-miss", "1", "--n-test", "0"], "n_test=0 was given"),
+        (
+            ["--most-missed", "0.01", "--most-false-alarms", "0.9", "--n-test", "400"],
+            "out of reach: missed at most 1 %.",
+        ),
     ):
         assert main(["choose-epsilon", str(file), *options]) != 0
         assert words in capsys.readouterr().err

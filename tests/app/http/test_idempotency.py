@@ -184,6 +184,7 @@ def test_the_document_says_where_a_key_is_honoured(client: TestClient) -> None:
         "recordings",
         "flights",
         "studies",
+        "sweeps",
         "scorings",
         "markers",
     }

@@ -9,9 +9,9 @@ from scipy import stats
 from core.collection import DatasetRecipe, card_of, collect, evaluation_flights
 from core.evaluation.epsilon_choice import (
     ChoiceError,
+    ChoiceRecipe,
     candidates,
-    choose_by_costs,
-    choose_by_targets,
+    choose,
     upper_bound,
 )
 from core.evaluation.rates import evaluate
@@ -39,7 +39,7 @@ def flights() -> Rollouts:
 def test_two_targets_are_certified_by_flights_that_did_not_choose(
     monitor: Monitor, flights: Rollouts
 ) -> None:
-    found = choose_by_targets(monitor, flights, 0.15, 0.15)
+    found = choose(monitor, flights, ChoiceRecipe(0.15, 0.15))
     assert found.most_missed <= 0.15
     assert found.most_false <= 0.15
     second = flights.some(np.arange(len(flights.y)) % 2 == 1)
@@ -62,16 +62,18 @@ def test_targets_that_too_few_flights_can_certify_name_how_many_could(
     with pytest.raises(
         ChoiceError, match=r"160 fresh flights cannot certify.*about [\d,]+00 fresh"
     ):
-        choose_by_targets(monitor, few, 0.12, 0.12)
+        choose(monitor, few, ChoiceRecipe(0.12, 0.12))
 
 
 def test_targets_that_no_epsilon_keeps_are_refused(monitor: Monitor, flights: Rollouts) -> None:
     with pytest.raises(ChoiceError, match="no epsilon keeps both targets"):
-        choose_by_targets(monitor, flights, 0.004, 0.004)
+        choose(monitor, flights, ChoiceRecipe(0.004, 0.004))
 
 
 def test_a_dearer_miss_makes_a_smaller_epsilon(monitor: Monitor, flights: Rollouts) -> None:
-    cheap, dear = (choose_by_costs(monitor, flights, cost) for cost in (0.1, 1000.0))
+    cheap, dear = (
+        choose(monitor, flights, ChoiceRecipe(cost_of_miss=cost)) for cost in (0.1, 1000.0)
+    )
     assert dear.epsilon < cheap.epsilon
     assert dear.misses <= cheap.misses
 
@@ -90,8 +92,8 @@ def test_what_is_no_target_or_cost_is_refused(
     monitor: Monitor, flights: Rollouts, wrong: float
 ) -> None:
     with pytest.raises(ChoiceError, match="give a share between 0 and 1"):
-        choose_by_targets(monitor, flights, wrong, 0.1)
+        choose(monitor, flights, ChoiceRecipe(wrong, 0.1))
     with pytest.raises(ChoiceError, match="give a number above 0"):
-        choose_by_costs(monitor, flights, wrong - 1.0)
+        choose(monitor, flights, ChoiceRecipe(cost_of_miss=wrong - 1.0))
     with pytest.raises(ChoiceError, match="too few of which failed or stayed safe"):
-        choose_by_costs(monitor, flights.some(slice(2)), 1.0)
+        choose(monitor, flights.some(slice(2)), ChoiceRecipe(cost_of_miss=1.0))

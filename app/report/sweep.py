@@ -1,0 +1,165 @@
+"""The sweep's table and plain data: how early tests can be warned of, by method, at what cost."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from app.recipes import to_plain
+from core.evaluation.certificate import USELESS
+from core.evaluation.lead_sweep import (
+    CEILING,
+    CEILING_FLIGHTS,
+    FALSE_ALARMS,
+    Cell,
+    PlannedTestSweep,
+    SweepRecipe,
+)
+
+
+@dataclass(frozen=True)
+class Row:
+    """One method at one lead on one planned test, for one reaction time.
+
+    earliest_s: time from the first input by which 5 % of the failing flights have failed [s].
+    lead: in effect [s].   power_at_epsilon: power where just epsilon is missed of these flights.
+    reaction_s: mean [s].   prevented: share of the failing flights; prevented_alike: where just
+    FALSE_ALARMS of these safe flights has an alert.
+    """
+
+    test: str
+    earliest_s: float
+    method: str
+    lead: float
+    n_unsafe: int
+    n_safe: int
+    miss_rate: float
+    miss_low: float
+    miss_high: float
+    power: float
+    power_low: float
+    power_high: float
+    power_at_epsilon: float
+    reaction_s: float
+    prevented: float
+    prevented_alike: float
+
+
+def rows_of(name: str, found: PlannedTestSweep, recipe: SweepRecipe) -> list[Row]:
+    """One row a cell and reaction time."""
+    return [
+        Row(
+            test=name,
+            earliest_s=found.earliest_s,
+            method=method,
+            lead=cell.lead,
+            n_unsafe=int(cell.n_unsafe.sum()),
+            n_safe=int(cell.n_safe.sum()),
+            miss_rate=cell.miss_rate,
+            miss_low=float(cell.miss_interval[0]),
+            miss_high=float(cell.miss_interval[1]),
+            power=cell.power,
+            power_low=float(cell.power_interval[0]),
+            power_high=float(cell.power_interval[1]),
+            power_at_epsilon=float(cell.power_at_epsilon.mean()),
+            reaction_s=reaction_s,
+            prevented=prevented,
+            prevented_alike=alike,
+        )
+        for (method, _), cell in found.cells.items()
+        for reaction_s, prevented, alike in zip(
+            recipe.reactions_s,
+            cell.prevented_share.tolist(),
+            cell.prevented_alike_share.tolist(),
+            strict=True,
+        )
+    ]
+
+
+def in_words(found: Mapping[str, PlannedTestSweep], recipe: SweepRecipe) -> str:
+    """A table a planned test, a line a lead and method, and where nothing is left to gain."""
+    promised = {"average": "on average", "95%": "with 95 % confidence"}[recipe.guarantee]
+    lines = [
+        f"{recipe.n_monitors} monitors of {recipe.n_unsafe} failures each, epsilon "
+        f"{recipe.epsilon:g} {promised}, {recipe.n_test} fresh flights each",
+        "missed: of failing flights; no alert: of safe flights (in brackets where just epsilon is "
+        "missed); prevented: of failing flights, by the mean reaction to the alert (in brackets "
+        f"where just {FALSE_ALARMS:.0%} of safe flights have one)",
+    ]
+    if recipe.ceiling:
+        lines.append(
+            "ceiling: what a posterior of all derivatives could tell, with just epsilon missed of "
+            f"{CEILING_FLIGHTS // 2} failures"
+        )
+    reactions = "".join(f"{f'{reaction:g} s':>13}" for reaction in recipe.reactions_s)
+    for name, test in found.items():
+        lines += [
+            "",
+            f"{name}: {test.unsafe_share:.0%} of flights fail, 1 in 20 of these within "
+            f"{test.earliest_s:.2f} s of the first input",
+            f"  {'lead':>6}  {'method':26} {'missed':>7} {'no alert':>16}   prevented{reactions}",
+        ]
+        lines += [_line(method, cell) for (method, _), cell in test.cells.items()]
+        lines += _hopeless(test)
+    return "\n".join(lines)
+
+
+def _line(method: str, cell: Cell) -> str:
+    shares = zip(cell.prevented_share, cell.prevented_alike_share, strict=True)
+    prevented = "".join(f"{f'{share:.2f} ({alike:.2f})':>13}" for share, alike in shares)
+    no_alert = f"{cell.power:.3f} ({cell.power_at_epsilon.mean():.3f})"
+    return (
+        f"  {cell.lead:4.2f} s  {method:26} {cell.miss_rate:7.3f} {no_alert:>16}            "
+        f"{prevented}"
+    )
+
+
+def _hopeless(test: PlannedTestSweep) -> list[str]:
+    """What to do about leads at which no method lets safe flights pass."""
+    if not (leads := hopeless_leads(test)):
+        return []
+    return [
+        f"  no method has power left {', '.join(f'{lead:g}' for lead in leads)} s ahead: a shorter "
+        "lead, or clear the point before it is flown"
+    ]
+
+
+def hopeless_leads(test: PlannedTestSweep) -> list[float]:
+    """Leads [s] at which hardly a safe flight passes, whatever the method."""
+    best: dict[float, float] = {}
+    for (method, _), cell in test.cells.items():
+        if method != CEILING:
+            best[cell.lead] = max(best.get(cell.lead, 0.0), cell.power)
+    return [lead for lead, power in best.items() if power < USELESS]
+
+
+def summary(found: Mapping[str, PlannedTestSweep], recipe: SweepRecipe) -> dict[str, Any]:
+    """Return the sweep as plain data: recipe, and every planned test's cells; times [s]."""
+    return {
+        "recipe": to_plain(recipe),
+        "false_alarms_alike": FALSE_ALARMS,
+        "tests": {
+            name: {
+                "earliest_s": test.earliest_s,
+                "unsafe_share": test.unsafe_share,
+                "hopeless_s": hopeless_leads(test),
+                "cells": [_plain(method, cell) for (method, _), cell in test.cells.items()],
+            }
+            for name, test in found.items()
+        },
+    }
+
+
+def _plain(method: str, cell: Cell) -> dict[str, Any]:
+    return {
+        "method": method,
+        "lead": cell.lead,
+        "n_unsafe": int(cell.n_unsafe.sum()),
+        "n_safe": int(cell.n_safe.sum()),
+        "miss_rate": cell.miss_rate,
+        "miss_interval": cell.miss_interval.tolist(),
+        "power": cell.power,
+        "power_interval": cell.power_interval.tolist(),
+        "power_at_epsilon": float(cell.power_at_epsilon.mean()),
+        "prevented": cell.prevented_share.tolist(),
+        "prevented_alike": cell.prevented_alike_share.tolist(),
+    }
