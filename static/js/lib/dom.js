@@ -2,7 +2,7 @@
  * Elements in one expression.
  *
  * Exports
- *   h(tag, attributes, ...children) -> HTMLElement      children: nodes, text, lists; null is left out
+ *   h(tag, attributes, ...children) -> HTMLElement      children: nodes, text, lists; null and false are left out
  *   svg(tag, attributes, ...children) -> SVGElement
  *   put(element, text)           changes the text only where it differs
  *   formatted(words) -> Node     "|N_y| < 0.5 g" with y as a subscript
@@ -25,7 +25,8 @@ export function svg(tag, attributes = {}, ...children) {
 }
 
 function built(element, attributes, children) {
-  element.append(...children.flat(3).filter((child) => child !== null && child !== undefined));
+  const absent = [null, undefined, false];
+  element.append(...children.flat(3).filter((child) => !absent.includes(child)));
   for (const [name, value] of Object.entries(attributes)) {
     if (typeof value === "function") element.addEventListener(name.replace(/^on/, ""), value);
     else if (PROPERTIES.includes(name) && name in element) element[name] = value;

@@ -5,8 +5,8 @@
  *   createJobProgress({api, job, title, done, back}) -> {element, close()}
  *     done(result)   when it has made what was asked for
  *     back()         called from the button that is shown once it failed or was cancelled
- *   followInPlace({form, stage, keep, focus, api, job, title, done})    the job's progress in place of
- *       the form that asked for it; going back shows the form as it was, with the focus on `focus`
+ *   followInPlace({form, stage, keep, focus, api, job, title, done}) -> {back()}    the job's progress in
+ *       place of the form that asked for it; going back shows the form as it was, with the focus on `focus`
  *   jobList({api, kinds, done}) -> Promise<{element | null, close()}>    jobs of these kinds under way, and
  *       the newest that did not finish
  */
@@ -27,6 +27,7 @@ export function followInPlace({ form, stage, keep, focus, ...order }) {
   form.hidden = true;
   const progress = keep(createJobProgress({ ...order, back }));
   stage.append(progress.element);
+  return { back };
 
   function back() {
     progress.close();

@@ -7,6 +7,8 @@
  *   leadFigure(evaluation)                   time from the alert to the failure
  *   preventionFigure(evaluation)             share of failures that the alert prevents, by the reaction to it; null where not flown again
  *   methodsFigure(methods, ranking, what)    what: "miss" or "power" of a study
+ *   leadsFigure(test, recipe, what, alike)   what: "power_at_epsilon" or "prevented_alike" of a sweep's planned test,
+ *       the latter where the share `alike` of the safe flights has an alert
  */
 
 import { barKey, framed, keyOf, sample, SPARE, UNIT_SHARE } from "../charts/figure.js";
@@ -14,7 +16,10 @@ import { createPlot } from "../charts/plot.js";
 import { svg } from "../lib/dom.js";
 import { figure as number, percent } from "../lib/numbers.js";
 
-const METHOD_MARKS = ["circle", "square", "triangle", "diamond", "plus"];
+const METHOD_MARKS = ["circle", "square", "triangle", "diamond", "plus", "cross"];
+const CEILING = "ceiling";
+/** [s] The reaction that failures are shown to be prevented at: a pilot who waits for the call. */
+const USUAL_REACTION_S = 0.5;
 
 export function calibrationFigure({ alphas, n_unsafe, n_early, name }) {
   const finite = alphas.filter((alpha) => alpha !== null);
@@ -221,4 +226,35 @@ export function methodsFigure(methods, ranking, what) {
       ? "At or below the dotted line is what was promised. Band: 95 % of the first."
       : "Higher is better: fewer needless alerts. Band: 95 % of the first.";
   return framed(`${name} against epsilon`, plot.svg, key, words);
+}
+
+export function leadsFigure({ cells, earliest_s: earliest }, recipe, what, alike) {
+  const isPower = what === "power_at_epsilon";
+  const at = recipe.reactions_s.reduce(
+    (best, time, k) =>
+      Math.abs(time - USUAL_REACTION_S) < Math.abs(recipe.reactions_s[best] - USUAL_REACTION_S) ? k : best,
+    0,
+  );
+  const name = isPower ? "Safe flights without a false alarm (power)" : "Failures that the alert prevents";
+  const names = [...new Set(cells.map(({ method }) => method))];
+  const longest = Math.max(earliest, ...cells.map(({ lead }) => lead));
+  const plot = createPlot({
+    x: { label: "warning lead time [s]", domain: [0, 1.05 * longest] },
+    y: { label: isPower ? "share of safe flights" : "share of failing flights", ...UNIT_SHARE },
+    label: `${name} of ${names.length} methods against the warning lead time`,
+  });
+  plot.vertical(earliest, "plot-limit", "1 in 20 has failed");
+  const look = (method, k) => (method === CEILING ? ["plot-promise", "cross"] : [`plot-method-${k}`, METHOD_MARKS[k]]);
+  names.forEach((method, k) => {
+    const [line, mark] = look(method, k);
+    const own = cells.filter((cell) => cell.method === method);
+    const points = own.map((cell) => [cell.lead, isPower ? cell[what] : cell[what][at]]).sort(([a], [b]) => a - b);
+    plot.line(points, line);
+    plot.marks(points, mark, line);
+  });
+  const key = keyOf(...names.map((method, k) => [sample(...look(method, k)), method]));
+  const words = isPower
+    ? `Where just ${percent(recipe.epsilon, 0)} of the failing flights is missed. Higher is better: fewer needless alerts.`
+    : `Where just ${percent(alike, 0)} of the safe flights has an alert, and people take ${number(recipe.reactions_s[at])} s to neutral controls. Power alone misleads: this is what methods are compared by.`;
+  return framed(`${name} against lead`, plot.svg, key, words);
 }

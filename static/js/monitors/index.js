@@ -1,16 +1,18 @@
 /**
- * The Monitors page: the list; #/monitors/new trains one, #/monitors/compare compares the five
- * methods, #/monitors/{id} is one monitor.
+ * The Monitors page: the list; #/monitors/new trains one, #/monitors/combine makes one of several,
+ * #/monitors/compare compares the five methods, #/monitors/sweep leads, #/monitors/{id} is one monitor.
  *
  * Exports  show(element, {id, query, api, navigate}) -> {close()}
  */
 
+import { showCombining } from "./combine_form.js";
 import { showComparison } from "./compare_methods.js";
+import { showSweep } from "./lead_sweep.js";
 import { showMonitors } from "./list.js";
 import { showMonitor } from "./page.js";
 import { showTraining } from "./train_form.js";
 
-const VIEWS = { new: showTraining, compare: showComparison };
+const VIEWS = { new: showTraining, combine: showCombining, compare: showComparison, sweep: showSweep };
 
 export function show(element, context) {
   const view = context.id ? (VIEWS[context.id] ?? showMonitor) : showMonitors;

@@ -35,7 +35,9 @@ export function showMonitors(element, { api, navigate }) {
       "Monitors",
       [
         link("Train a monitor", "#/monitors/new", true),
+        monitors.length > 1 ? link("Combine monitors", "#/monitors/combine") : null,
         link("Compare five methods", "#/monitors/compare"),
+        link("How early can it warn", "#/monitors/sweep"),
         link("Limit sets", "#/limits"),
         uploader(),
       ],

@@ -10,13 +10,14 @@ import { needs } from "../lib/me.js";
 import { figure, moment, percent } from "../lib/numbers.js";
 import { warningLines } from "../lib/monitor_warnings.js";
 import { askToConfirm, button, empty, link, pageOf } from "../lib/view_states.js";
+import { createEpsilonChoice } from "./choose_epsilon.js";
 import { createEpsilonCost } from "./epsilon_cost.js";
 import { calibrationFigure, curvesFigure, leadFigure, preventionFigure } from "./figures.js";
 
 export function showMonitor(element, { id, api, navigate }) {
   return loadingView(element, { title: "Monitor", text: "Opening the monitor", build });
 
-  async function build() {
+  async function build({ keep }) {
     const [catalog, monitor, calibration] = await Promise.all([
       loadCatalog(api),
       api.get(`/monitors/${id}`),
@@ -81,6 +82,7 @@ export function showMonitor(element, { id, api, navigate }) {
       ...warningLines(monitor),
       facts({ monitor, calibration, dataset, evaluation, catalog }),
       cost.element,
+      Object.keys(monitor.dataset_recipe).length ? createEpsilonChoice({ api, id, catalog, navigate, keep }) : null,
       h(
         "div",
         { class: "figures" },

@@ -13,6 +13,7 @@ from scipy import stats
 
 from app.catalog import catalog
 from app.store.store import Store
+from core.monitor import train
 from core.monitor.calibration import alert_above, failures_needed, rank, smallest_epsilon
 from tests.browser.site import open_site
 
@@ -437,6 +438,68 @@ def test_five_methods_are_compared_on_a_dataset(page: Page, site: Site) -> None:
 
 
 # Datasets
+
+
+def test_leads_are_swept_on_a_datasets_test(page: Page, site: Site) -> None:
+    page.goto(f"{site.http}/#/monitors/sweep?dataset={site.dataset}")
+    expect(page.get_by_text("No sweep yet")).to_be_visible()
+    expect(field(page, "sweep.imperfections")).to_be_hidden()
+    for name in ("test card: window", "test card: rest", "predicted magnitude"):
+        page.get_by_label(name, exact=True).uncheck()
+    page.get_by_label("warning lead times").fill("0.25 1.9")
+    for name, number in (("n_unsafe", 25), ("n_monitors", 1), ("n_test", 80)):
+        field(page, f"sweep.{name}").fill(str(number))
+    page.get_by_role("button", name="Sweep").click()
+    expect(page.locator("figure")).to_have_count(2, timeout=SLOW)
+    (job,) = (job for job in site.get("/jobs") if job["kind"] == "sweep")
+    (found,) = site.get(f"/jobs/{job['id']}")["result"]["tests"].values()
+    assert len(found["cells"]) == 6
+    row = page.get_by_role("row").nth(1)
+    expect(row).to_contain_text(found["cells"][0]["method"])
+    expect(row).to_contain_text(percent(found["cells"][0]["power"]))
+    hopeless = page.get_by_text("clear the point before it is flown")
+    expect(hopeless).to_have_count(int(bool(found["hopeless_s"])))
+    page.goto(f"{site.http}/#/monitors/sweep")
+    expect(page.locator(f'a[href="#/monitors/sweep?job={job["id"]}"]')).to_be_visible()
+
+
+def test_an_epsilon_is_chosen_by_fresh_flights(page: Page, site: Site) -> None:
+    page.goto(f"{site.http}/#/monitors/{site.monitor}")
+    page.get_by_text("Choose an epsilon by fresh flights").click()
+    field(page, "epsilon.n_test").fill("400")
+    field(page, "epsilon.most_missed").fill("0.001")
+    page.get_by_role("button", name="Fly and choose").click()
+    expect(page.get_by_text("out of reach: missed at most 0.1 %")).to_be_visible(timeout=SLOW)
+    page.get_by_role("button", name="Back").click()
+    page.get_by_label("choose", exact=True).select_option("cost")
+    expect(field(page, "epsilon.most_missed")).to_be_hidden()
+    page.get_by_role("button", name="Fly and choose").click()
+    expect(page.get_by_text("A flight costs as much as")).to_be_visible(timeout=SLOW)
+    page.get_by_role("button", name="Fly it with this epsilon").click()
+    expect(page).to_have_url(re.compile(rf"#/fly\?monitor={site.monitor}&epsilon=0\.\d+"))
+
+
+def test_two_monitors_are_combined(page: Page, site: Site) -> None:
+    stored = site.store.monitors.get(site.monitor)
+    again = train(site.store.datasets.get(site.dataset), replace(stored.recipe, t_early=0.5))
+    later = site.store.monitors.add(again, "later", site.dataset).id
+    page.goto(f"{site.http}/#/monitors")
+    page.get_by_role("link", name="Combine monitors").click()
+    page.get_by_role("button", name="Combine").click()
+    expect(page.get_by_text("Choose two members or more.")).to_be_visible()
+    for name in ("card 7", "later"):
+        page.get_by_label(name, exact=True).check()
+    expect(page.get_by_label("warning lead time")).to_have_value("0.25")
+    page.get_by_label("warning lead time").select_option("0.5")
+    field(page, "combination.n_unsafe").fill("60")
+    field(page, "combination.n_test").fill("60")
+    page.get_by_role("button", name="Combine").click()
+    title = page.get_by_role("heading", name="2 monitors as one, 0.5 s ahead")
+    expect(title).to_be_visible(timeout=SLOW)
+    expect(page.locator(".page-actions")).not_to_contain_text("false")
+    expect(page.get_by_text("60 failures", exact=True)).to_be_visible()
+    for monitor in (later, page.url.rpartition("/")[2]):
+        site.store.monitors.delete(monitor)
 
 
 def test_a_dataset_in_use_is_not_deleted_and_the_sentence_says_by_what(
