@@ -17,7 +17,7 @@ from core import recipe
 from core.amplitude import Suggestion, suggest_amplitude
 from core.channels import BEYOND_FLIGHT, CHANNELS
 from core.monitor.group import Pooled
-from core.monitor.recipe import MonitorRecipe
+from core.monitor.recipe import METHODS, MonitorRecipe
 from core.planned_test import DatasetRecipe
 from core.recipe import RecipeError, family_of, to_plain
 from core.simulation.aircraft import AIRCRAFT, MatrixAircraft
@@ -153,11 +153,22 @@ def dataset_for(monitor: MonitorRecipe, dataset: DatasetRecipe) -> DatasetRecipe
 def monitor_as_ordered(plain: Any) -> Any:
     """A monitor's recipe as it is ordered by option or request, with the usual guarantee.
 
-    One that is whole, as versions without guarantees stored it, keeps its promise on average.
+    A predictor given alone has the score that goes with it, a score the predictor. A recipe that is
+    whole, as versions without guarantees stored it, means what it says.
     """
     if not isinstance(plain, dict) or plain.keys() >= BEFORE_GUARANTEE:
         return plain
-    return {"guarantee": USUAL_MONITOR.guarantee} | plain
+    return {"guarantee": USUAL_MONITOR.guarantee} | _method(plain) | plain
+
+
+def _method(plain: dict[str, Any]) -> dict[str, Any]:
+    """Predictor and score of the first method that has the one of them that is said."""
+    said = {part: plain[part] for part in ("predictor", "score") if part in plain}
+    for predictor, score in METHODS.values() if len(said) == 1 else ():
+        method = {"predictor": to_plain(predictor), "score": to_plain(score)}
+        if all(isinstance(m, dict) and m.get("kind") == method[p]["kind"] for p, m in said.items()):
+            return method
+    return {}
 
 
 def matrices_renamed(plain: dict[str, Any], where: str = "dataset") -> dict[str, Any]:

@@ -168,8 +168,6 @@ def plain_recipe(options: argparse.Namespace) -> dict[str, Any]:
         raise RecipeError(f"{options.recipe} holds no JSON object: begin it with {{")
     unsaid: Imperfect = options.usual_imperfections
     plain["dataset"] = as_ordered(plain.get("dataset", {}), unsaid, options.imperfections)
-    if unsaid == "usual":
-        plain["monitor"] = monitor_as_ordered(plain.get("monitor", {}))
     for path, value in vars(options).items():
         if "." in path and value is not None:
             set_path(plain, path.removeprefix("."), value)
@@ -195,6 +193,8 @@ def plain_recipe(options: argparse.Namespace) -> dict[str, Any]:
         if not equals:
             raise RecipeError(f"--set {assignment!r}: write it as PATH=VALUE")
         set_path(plain, path, _value(value))
+    if unsaid == "usual":
+        plain["monitor"] = monitor_as_ordered(plain.get("monitor", {}))
     if isinstance(plain.get("dataset"), dict):
         plain["dataset"] = matrices_renamed(plain["dataset"], "recipe.dataset")
     for part, (kind, field, instead) in EXAMPLES.items():

@@ -211,3 +211,20 @@ def test_an_amplitude_is_found_for_any_limit_and_for_a_table(tmp_path: Path, cap
     first, second, last = printed_recipe(capsys, *table)["maneuver"]["delta_r_deg"]
     assert first == -second > 2
     assert last == 0
+
+
+@pytest.mark.parametrize(
+    ("options", "method"),
+    [
+        ([], ("linear", "nearest_neighbor")),
+        (["--predictor", "peak_ridge"], ("peak_ridge", "rest_of_card")),
+        (["--predictor", "response_filter"], ("response_filter", "card_window")),
+        (["--predictor", "identity"], ("identity", "nearest_neighbor")),
+        (["--score", "rest_of_card"], ("peak_ridge", "rest_of_card")),
+        (["--predictor", "peak_ridge", "--score", "card_window"], ("peak_ridge", "card_window")),
+    ],
+)
+def test_a_predictor_alone_has_the_score_that_goes_with_it(capsys, options, method) -> None:
+    assert main(["train", *options, "--print-recipe"]) == 0
+    monitor = json.loads(capsys.readouterr().out)["monitor"]
+    assert (monitor["predictor"]["kind"], monitor["score"]["kind"]) == method
