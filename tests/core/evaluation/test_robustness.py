@@ -3,8 +3,10 @@
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
-from core.collection import DatasetRecipe, collect, fresh
+from core.collection import DatasetRecipe, collect, fresh, training_rollouts
+from core.evaluation.lead_sweep import METHODS, TESTS
 from core.evaluation.robustness import DIFFERENCES, robustness
 from core.monitor import MonitorRecipe, train
 from core.planned_test import SensorNoise, Simulator
@@ -73,3 +75,27 @@ def test_an_opposite_input_is_invalid_and_not_silent() -> None:
     assert opposite.n_unsafe + opposite.n_safe == 200
     assert opposite.withdrawn[0] > 0.9 * opposite.n_unsafe
     assert found["doubled_noise"].withdrawn[0] < 0.2 * found["doubled_noise"].n_unsafe
+
+
+@pytest.mark.fuzz
+@pytest.mark.parametrize("method", ["linear + nearest neighbor", "peaks ahead: rest"])
+@pytest.mark.parametrize("plant", TESTS)
+def test_hardly_a_failure_is_silent_and_valid_whatever_differs(plant: str, method: str) -> None:
+    """Nothing is promised of such flights; of the opposite card's nearly all are invalid."""
+    recipe = replace(TESTS[plant], n_unsafe=300, seed=2_026_11).as_flown()
+    predictor, score = METHODS[method]
+    epsilon, rollouts = 0.05, training_rollouts(recipe) if score.reads_card else None
+    monitor = train(
+        collect(recipe),
+        MonitorRecipe(epsilon=epsilon, predictor=predictor, score=score),
+        fresh(recipe),
+        rollouts=rollouts,
+    )
+    found = robustness(monitor, recipe, 800)
+    for name, counts in found.items():
+        n = max(counts.n_unsafe, 1)
+        most = 3 * epsilon + 3 * np.sqrt(3 * epsilon / n)
+        assert counts.misses[0] / n <= most, (name, counts)
+    opposite = found["opposite_input"]
+    assert opposite.misses[0] <= 0.02 * opposite.n_unsafe
+    assert opposite.withdrawn[0] >= 0.9 * opposite.n_unsafe
