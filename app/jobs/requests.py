@@ -300,7 +300,7 @@ def choice_request(plain: dict[str, Any], store: Store, monitor_id: str) -> Choi
             f"a choice of epsilon has no {unknown[0]!r}: {instead_of(unknown[0], known)}"
         )
     n_test = _count(dict(plain), "n_test", N_FLIGHTS, 1, LARGEST_N_TEST)
-    wrong = [key for key in known[:-1] if not is_number_or_none(plain.get(key))]
+    wrong = [key for key in known[:-1] if not _is_number_or_none(plain.get(key))]
     if wrong:
         raise RecipeError(f"{wrong[0]} is {plain[wrong[0]]!r:.80}: give a number")
     try:
@@ -311,7 +311,7 @@ def choice_request(plain: dict[str, Any], store: Store, monitor_id: str) -> Choi
     return ChoiceRequest(monitor, recipe)
 
 
-def is_number_or_none(value: Any) -> bool:
+def _is_number_or_none(value: Any) -> bool:
     """Whether it is a number or nothing, as JSON says them."""
     return value is None or (isinstance(value, int | float) and not isinstance(value, bool))
 
