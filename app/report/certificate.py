@@ -8,6 +8,7 @@ from core.channels import CHANNELS
 from core.evaluation.certificate import certificate, warnings_of
 from core.evaluation.rates import clopper_pearson
 from core.monitor import Monitor
+from core.monitor.calibration import threshold
 
 
 def certificate_page(monitor: Monitor, name: str, digest: str, created: str = "") -> str:
@@ -45,5 +46,14 @@ def certificate_page(monitor: Monitor, name: str, digest: str, created: str = ""
         else None,
         robustness=list(found.get("robustness", {}).values()),
         groups=found.get("groups"),
+        thresholds=_thresholds(monitor),
         version=__version__,
     )
+
+
+def _thresholds(monitor: Monitor) -> list[tuple[str, float]]:
+    """Each group and the highest score at which it alerts; nothing where failures are pooled."""
+    if monitor.groups is None:
+        return []
+    of_groups = zip(monitor.groups.rule.names, monitor.groups.alphas, strict=True)
+    return [(name, threshold(monitor.alert_above(), alphas)) for name, alphas in of_groups]

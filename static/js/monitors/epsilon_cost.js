@@ -134,7 +134,7 @@ function served(monitor, nGroups) {
   return h(
     "p",
     { class: "hint" },
-    `The smallest epsilon that ${failures(monitor, nGroups)} can serve is ${figure(smallest_epsilon)}. For ${figure(half, 2)} train on at least ${neededFor(Number(half.toPrecision(2)), recipe.guarantee)}.`,
+    `The smallest epsilon that ${failures(monitor, nGroups)} can serve is ${figure(smallest_epsilon)}. For ${figure(half, 2)} train on at least ${neededFor(Number(half.toPrecision(2)), recipe.guarantee)}${nGroups > 1 ? " of each group" : ""}.`,
   );
 }
 

@@ -8,10 +8,10 @@ import pytest
 
 from app.jobs.training import fly_test
 from app.recipes import as_ordered, from_plain
-from core.channels import KEYS
+from core.channels import KEYS, significant
 from core.collection import DatasetRecipe
 from core.monitor import Monitor, MonitorRecipe, train
-from core.monitor.calibration import confident_rank
+from core.monitor.calibration import confident_rank, threshold
 from core.monitor.file.loading import from_bytes
 from core.monitor.file.portable import pack, unpack
 from tests.support.api import api, finished, problem, store_of
@@ -239,6 +239,9 @@ def test_a_monitor_with_groups_says_of_each_how_it_is_calibrated_and_missed(clie
     assert [g["name"] for g in missed if g["rule"] == grouping["kind"]] == names
     page = client.get(f"{where}/certificate").text
     assert "kept in each group by: largest deflection before the failure" in page
+    for group in calibration["groups"]:
+        level = threshold(calibration["alert_above"], np.array(group["alphas"]))
+        assert f"{significant(level)} for {group['name']}" in page
 
 
 def test_a_forecast_of_the_peak_is_learned_from_the_dataset_alone(client):
