@@ -62,12 +62,12 @@ function levelOf({ mean, high }) {
 
 function peakWords(peak) {
   const [mean, low, high] = [peak.mean, peak.low, peak.high].map((share) => percent(share, 0));
-  const words = `peak still to come: ${mean} of the limit (90 %: ${low} to ${high})`;
+  const words = `peak still to come, of any limited channel: ${mean} of its limit (90 %: ${low} to ${high})`;
   return [{ predicted: "▲ exceedance predicted, ", possible: "◇ may exceed, ", none: "" }[levelOf(peak)] + words];
 }
 
 function wordsOf({ channel, level, at }, t) {
-  if (level === "none") return ["no exceedance predicted to the end of the card"];
+  if (level === "none") return ["no exceedance predicted in the rest of the card"];
   const limit = magnitudeIn(channel, channel.limit);
   const within = `${Math.max(0, at - t).toFixed(1)} s`;
   const symbol = symbolNodes(channel.symbol);
