@@ -59,12 +59,13 @@ class FlightRecordings:
                 self.under_way = None
 
     def make_now(self, flight_id: str) -> str | None:
-        """Make the recording of a flight that is over; return its id, None for no live flight.
+        """Make the recording of a flight that is over; return its id, None where it has none.
 
-        For a thread. NotFound; StoreError; NoSpace; TelemetryError where nothing came.
+        That is a flight that was not live, or one that was interrupted a short while ago. For a
+        thread. NotFound; StoreError; NoSpace; TelemetryError where nothing came.
         """
         info, path = self._store.flights.info(flight_id), self._journals.path(flight_id)
-        if info.recording_id is not None or info.status == "running" or not path.exists():
+        if not self._waits(info):
             return info.recording_id
         if not self._journals.is_whole(flight_id):
             raise NoSpace(f"the journal of flight {flight_id} waits for the disk")

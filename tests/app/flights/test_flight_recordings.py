@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from starlette.testclient import TestClient
 
+from app.flights.flight_recordings import FlightRecordings
 from app.live.journal import Journals
 from app.recordings import flown_journal
 from app.store.flights import INTERRUPTED
@@ -203,6 +204,15 @@ def test_an_interrupted_flight_that_is_ended_is_completed_and_becomes_a_recordin
     assert ended["end_reason"] == "the flight was ended by Ann"
     assert ended["ended"] > before
     assert range_.recording_of(flight)["contents"]["groups"][0]["n_rows"] == 5
+
+
+def test_an_interrupted_flight_that_may_go_on_becomes_no_recording(range_: Range) -> None:
+    flight = interrupted(range_)
+    state: Any = range_.client.app.state  # pyright: ignore
+    made = FlightRecordings(state.recordings, state.journals)
+    assert made.make_now(flight) is None
+    os.utime(state.journals.path(flight), (1e9, 1e9))
+    assert made.make_now(flight) is not None
 
 
 def test_an_interrupted_flight_of_long_ago_becomes_a_recording_and_takes_no_more(
