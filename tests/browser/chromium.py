@@ -88,18 +88,18 @@ def watch_errors(page: Page) -> list[str]:
 
 
 def wait_until(page: Page, condition: str, seconds: float = 10) -> None:
-    """Wait until a JavaScript expression is true.
+    """Wait until a JavaScript expression, or what it promises, is true.
 
     Playwright's own wait_for_function evaluates strings in the page, which its policy forbids.
     """
     page.evaluate(
         f"""() => new Promise((done, fail) => {{
             const late = performance.now() + {1000 * seconds};
-            const look = () => {{
-                if ({condition}) done();
+            const look = async () => {{
+                if (await ({condition})) done();
                 else if (performance.now() > late) fail(new Error({condition!r} + " never held"));
-                else requestAnimationFrame(look);
+                else requestAnimationFrame(() => look().catch(fail));
             }};
-            look();
+            look().catch(fail);
         }})"""
     )
