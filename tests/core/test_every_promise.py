@@ -1,6 +1,6 @@
 """Every method on every plant at every lead and with either guarantee: what it promises, it keeps.
 
-Two seeds that no figure was chosen with. A monitor of N failures that alerts above j / (N + 1)
+A seed that no figure was chosen with. A monitor of N failures that alerts above j / (N + 1)
 misses a share distributed as Beta(j, N + 1 - j) over calibration sets (Vovk, ACML 2012), and more
 seldom where failures come before its lead.
 """
@@ -35,10 +35,10 @@ def sweeps(request: pytest.FixtureRequest) -> Sweeps:
                 n_monitors=N_MONITORS,
                 n_test=500,
                 reactions_s=(0.5,),
-                seed=20_261 + number,
+                seed=20_261,
             )
         )
-        for number, guarantee in enumerate(RANKS)
+        for guarantee in RANKS
     }
 
 
@@ -76,9 +76,10 @@ def test_hardly_more_monitors_miss_much_than_the_law_says(
 
 @pytest.mark.parametrize("plant", TESTS)
 def test_the_promise_of_each_monitor_is_dearer(sweeps: Sweeps, plant: str) -> None:
-    """At the shortest lead the recommended method misses less, and still lets most flights pass."""
-    average, each = (
-        sweeps[guarantee][plant].cells["peaks ahead: rest", LEADS[0]] for guarantee in RANKS
-    )
-    assert each.miss_rate < average.miss_rate
-    assert 0.5 < each.power <= average.power + 0.02
+    """Monitor by monitor: the same failures, flights and scores, and a lower threshold."""
+    for method in METHODS:
+        for lead in LEADS:
+            average, each = (sweeps[of][plant].cells[method, lead] for of in RANKS)
+            assert (each.misses <= average.misses).all()
+            assert (each.false_alerts >= average.false_alerts).all()
+            assert (each.n_unsafe == average.n_unsafe).all()
