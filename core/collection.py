@@ -219,28 +219,35 @@ class _Failures:
 
     def __init__(self, recipe: DatasetRecipe) -> None:
         self._recipe = recipe
-        self._met: list[Rollouts] = []
+        self._met: Rollouts | None = None
         self.n_met = self.n = 0
         self.scarcest = ""
 
     def take(self, rollouts: Rollouts) -> int:
         """Count those of a chunk up to the last one wanted; return how many rollouts that takes."""
-        unsafe, wanted = np.flatnonzero(rollouts.is_unsafe), self._recipe.n_unsafe
-        met = range(self.n_met, self.n_met + len(unsafe) + 1)
-        self._met = [_joined([*self._met, rollouts.some(unsafe)])]
-        end = bisect_left(met, wanted, key=lambda n: self._fewest(n)[0])
-        is_enough = end < len(met)
-        self.n_met = met[end if is_enough else -1]
-        self.n, self.scarcest = self._fewest(self.n_met)
-        return int(unsafe[end - 1]) + 1 if is_enough else len(rollouts.y)
+        unsafe, before = np.flatnonzero(rollouts.is_unsafe), self.n_met
+        if not isinstance(self._recipe.groups, Pooled):
+            failing = rollouts.some(unsafe)
+            self._met = failing if self._met is None else _joined([self._met, failing])
+        self._count(before + len(unsafe))
+        wanted = self._recipe.n_unsafe
+        if self.n < wanted:
+            return len(rollouts.y)
+        more = range(1, len(unsafe) + 1)
+        end = bisect_left(more, wanted, key=lambda n: self._fewest(before + n)[0])
+        self._count(before + more[end])
+        return int(unsafe[end]) + 1
+
+    def _count(self, n_met: int) -> None:
+        self.n_met = n_met
+        self.n, self.scarcest = self._fewest(n_met)
 
     def _fewest(self, n_met: int) -> tuple[int, str]:
         """Of the first ones met, how many the group has that has fewest, and its name."""
-        groups = self._recipe.groups
-        if isinstance(groups, Pooled):
+        if self._met is None:
             return n_met, ""
-        y, fail_index, _ = self._met[0].some(slice(n_met))
-        found = groups.fit(y, fail_index, self._recipe.specification)
+        y, fail_index, _ = self._met.some(slice(n_met))
+        found = self._recipe.groups.fit(y, fail_index, self._recipe.specification)
         if found is None:
             return 0, "a second group"
         rule, group = found
