@@ -252,9 +252,9 @@ class FreshShapes:
         t = self._dt * np.arange(y.shape[1])
         moved = deflections(y, last, self._surfaces)
         holds = Holds.of(moved, self._begun, t, np.ones(len(t), bool))
-        begins = (holds.number == 1) & (np.diff(holds.number, axis=1, prepend=0) == 1)
         for column, side in enumerate((-1, 1)):
-            self._flights[:, column] += (begins & (holds.side == side)).sum(axis=(0, 1))
+            first = (holds.number == 1) & (holds.side == side)
+            self._flights[:, column] += first.any(axis=1).sum(axis=0)
         numbers = np.arange(1, MOST_HOLDS + 1)
         own = (holds.number[..., np.newaxis] == numbers) & (holds.side != 0)[..., np.newaxis]
         self._longest.append(np.where(own, holds.lasted[..., np.newaxis], -1.0).max(axis=1))
