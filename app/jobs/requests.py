@@ -110,10 +110,10 @@ class CombinationRequest:
 
 @dataclass(frozen=True)
 class SweepRequest:
-    """A sweep over leads; of planned tests by name, or those that the recipe names."""
+    """A sweep over leads, and the planned tests by name: its own, or that of a dataset."""
 
     recipe: SweepRecipe
-    tests: dict[str, DatasetRecipe] | None
+    tests: dict[str, DatasetRecipe]
 
 
 @dataclass(frozen=True)
@@ -257,14 +257,18 @@ def sweep_request(plain: dict[str, Any], store: Store, max_bytes: int) -> SweepR
             "dataset was given with tests or imperfections: its recipe says both, leave them out"
         )
     recipe: SweepRecipe = _recipe(SweepRecipe(), plain, "sweep")
-    n = {"n_monitors": (recipe.n_monitors, LARGEST_N_MONITORS)}
-    n |= {"n_test": (recipe.n_test, LARGEST_N_TEST), "n_unsafe": (recipe.n_unsafe, LARGEST_N_TEST)}
-    n |= {"leads_s": (len(recipe.leads_s), MOST_LEADS)}
-    for name, (value, most) in n.items():
+    numbers = {
+        "n_monitors": (recipe.n_monitors, LARGEST_N_MONITORS),
+        "n_test": (recipe.n_test, LARGEST_N_TEST),
+        "n_unsafe": (recipe.n_unsafe, LARGEST_N_TEST),
+        "leads_s": (len(recipe.leads_s), MOST_LEADS),
+    }
+    for name, (value, most) in numbers.items():
         if value > most:
             raise RecipeError(f"sweep.{name} asks for {value}: this server makes {most} at most")
-    tests: dict[str, DatasetRecipe] | None = None
-    if requested:
+    if requested is None:
+        tests = planned_tests(recipe)
+    else:
         dataset = requested.recipe or _recipe_of_stored(requested, store)
         tests = {dataset_name(dataset): dataset}
         if recipe.ceiling and not dataset.imperfections.are_none:
@@ -272,11 +276,10 @@ def sweep_request(plain: dict[str, Any], store: Store, max_bytes: int) -> SweepR
                 "sweep.ceiling: it is known without imperfections only, leave it out, or give a "
                 "dataset whose recipe has none"
             )
-    flown = tests or planned_tests(recipe)
-    for test in flown.values():
+    for test in tests.values():
         _check_test_size(test, max(recipe.n_test, recipe.n_unsafe), max_bytes)
     try:
-        check_leads(recipe, flown)
+        check_leads(recipe, tests)
     except ValueError as error:
         raise RecipeError(str(error)) from None
     return SweepRequest(recipe, tests)

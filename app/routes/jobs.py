@@ -171,5 +171,5 @@ async def sweep_leads(
     share of failures that an alert prevents, a table, and a link to the figure.
     """
     asked = await asyncio.to_thread(sweep_request, plain, store, settings.max_array_bytes)
-    tests = {} if asked.tests is None else {"dataset": plain["dataset"], "tests": list(asked.tests)}
+    tests = {"dataset": plain["dataset"], "tests": list(asked.tests)} if "dataset" in plain else {}
     return await accepted(jobs, "sweep", to_plain(asked.recipe) | tests, sweep_work(asked))
