@@ -9,7 +9,7 @@ import { reason } from "../lib/api.js";
 import { aircraftName, kindName, limitWords, loadCatalog } from "../lib/catalog.js";
 import { formatted, h } from "../lib/dom.js";
 import { followInPlace, jobList } from "../lib/job_progress.js";
-import { tableHead } from "../lib/lists.js";
+import { scrolledTable } from "../lib/lists.js";
 import { loadingView } from "../lib/loading_view.js";
 import { needs } from "../lib/me.js";
 import { moment, percent } from "../lib/numbers.js";
@@ -73,11 +73,7 @@ function table(datasets, catalog) {
       h("td", { class: "dim nowrap" }, moment(created)),
     ),
   );
-  return h(
-    "div",
-    { class: "table-scroll panel" },
-    h("table", { class: "table" }, tableHead(heads), h("tbody", {}, rows)),
-  );
+  return scrolledTable({ heads, rows });
 }
 
 function showSimulation(element, { api, navigate }) {

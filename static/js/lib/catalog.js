@@ -3,6 +3,7 @@
  *
  * Exports
  *   loadCatalog(api) -> Promise<catalog>     fetched once a page
+ *   methodOf(catalog, recipe) -> method of a monitor's recipe; undefined where it has no name of its own
  *   aircraftName(catalog, part), kindName(catalog, family, part), limitWords(catalog, specification)
  *   aircraftCondition(entry), plainWords(description)
  *   choiceName(schema, value)     what a parameter's value is called
@@ -20,6 +21,10 @@ export function loadCatalog(api) {
     throw error;
   });
   return catalog;
+}
+
+export function methodOf({ methods }, { predictor, score }) {
+  return methods.find((method) => method.predictor.kind === predictor.kind && method.score.kind === score.kind);
 }
 
 export function aircraftName(catalog, part) {

@@ -13,6 +13,7 @@
  */
 
 const PROPERTIES = ["value", "checked", "disabled", "open", "indeterminate"];
+const ABSENT = [null, undefined, false];
 const SYMBOL = /(?<![\p{L}\w])(\p{L})_([\p{L}\w]+)/gu;
 const SVG = "http://www.w3.org/2000/svg";
 
@@ -25,14 +26,11 @@ export function svg(tag, attributes = {}, ...children) {
 }
 
 function built(element, attributes, children) {
-  const absent = [null, undefined, false];
-  element.append(...children.flat(3).filter((child) => !absent.includes(child)));
+  element.append(...children.flat(3).filter((child) => !ABSENT.includes(child)));
   for (const [name, value] of Object.entries(attributes)) {
     if (typeof value === "function") element.addEventListener(name.replace(/^on/, ""), value);
     else if (PROPERTIES.includes(name) && name in element) element[name] = value;
-    else if (value !== false && value !== null && value !== undefined) {
-      element.setAttribute(name, value === true ? "" : value);
-    }
+    else if (!ABSENT.includes(value)) element.setAttribute(name, value === true ? "" : value);
   }
   return element;
 }

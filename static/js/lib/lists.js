@@ -3,6 +3,7 @@
  *
  * Exports
  *   tableHead([[words, isNumber]]) -> <thead>     words: text, or a node; hiddenHead(words): only read aloud
+ *   scrolledTable({heads, rows, caption}) -> <div>     as above; rows: of <tr>
  *   factList([[name, value]]) -> <dl>                a fact in a cell of its own
  *   recipeList([[name, value, isHash]]) -> <dl>   name beside value; a hash in its own type
  *   sentences(texts) -> <ul>, or null where there are none
@@ -15,6 +16,20 @@ export function tableHead(heads) {
     h("th", { scope: "col", class: isNumber ? "number" : null }, words),
   );
   return h("thead", {}, h("tr", {}, cells));
+}
+
+export function scrolledTable({ heads, rows, caption }) {
+  return h(
+    "div",
+    { class: "table-scroll panel" },
+    h(
+      "table",
+      { class: "table" },
+      caption && h("caption", { class: "hint" }, caption),
+      tableHead(heads),
+      h("tbody", {}, rows),
+    ),
+  );
 }
 
 export function hiddenHead(words) {

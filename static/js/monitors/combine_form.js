@@ -6,7 +6,7 @@
 
 import { createFields } from "../forms/form.js";
 import { reason } from "../lib/api.js";
-import { aircraftName, kindName, loadCatalog } from "../lib/catalog.js";
+import { aircraftName, kindName, loadCatalog, methodOf } from "../lib/catalog.js";
 import { h } from "../lib/dom.js";
 import { followInPlace } from "../lib/job_progress.js";
 import { tableHead } from "../lib/lists.js";
@@ -102,7 +102,6 @@ function formOf({ catalog, members, api, navigate, keep }) {
   function row(monitor, k) {
     const { aircraft, maneuver } = monitor.dataset_recipe;
     const { predictor, score } = monitor.recipe;
-    const method = catalog.methods.find((one) => one.predictor.kind === predictor.kind && one.score.kind === score.kind);
     boxes[k].id = `member-${monitor.id}`;
     return h(
       "tr",
@@ -110,7 +109,7 @@ function formOf({ catalog, members, api, navigate, keep }) {
       h("td", {}, h("label", { class: "row", for: boxes[k].id }, boxes[k], monitor.name, warningMark(monitor))),
       h("td", {}, aircraftName(catalog, aircraft)),
       h("td", { class: "nowrap" }, kindName(catalog, "maneuver", maneuver)),
-      h("td", {}, method?.label ?? `${kindName(catalog, "predictor", predictor)}, ${kindName(catalog, "score", score)}`),
+      h("td", {}, methodOf(catalog, monitor.recipe)?.label ?? `${kindName(catalog, "predictor", predictor)}, ${kindName(catalog, "score", score)}`),
       h("td", { class: "number" }, figure(monitor.lead)),
     );
   }

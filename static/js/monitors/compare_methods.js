@@ -7,47 +7,29 @@
 import { createFields } from "../forms/form.js";
 import { datasetChoice } from "../forms/planned_test.js";
 import { reason } from "../lib/api.js";
-import { choiceName, loadCatalog } from "../lib/catalog.js";
+import { choiceName } from "../lib/catalog.js";
 import { h } from "../lib/dom.js";
-import { createJobProgress } from "../lib/job_progress.js";
-import { tableHead } from "../lib/lists.js";
-import { loadingView } from "../lib/loading_view.js";
+import { scrolledTable } from "../lib/lists.js";
 import { needs } from "../lib/me.js";
-import { figure, interval, moment, percent } from "../lib/numbers.js";
-import { empty, errorLine, link, pageOf } from "../lib/view_states.js";
+import { figure, interval, percent } from "../lib/numbers.js";
+import { errorLine } from "../lib/view_states.js";
 import { methodsFigure } from "./figures.js";
+import { figureFiles, pastStudies, showStudyPage } from "./study_page.js";
 
 const TITLE = "Compare five methods";
+const ADDRESS = "#/monitors/compare";
 const SHOWN = [0.05, 0.1, 0.2, 0.3];
 
-export function showComparison(element, { query, api, navigate }) {
-  return loadingView(element, {
+export function showComparison(element, context) {
+  return showStudyPage(element, context, {
     title: TITLE,
-    text: "Looking up datasets and past comparisons",
-    build,
+    address: ADDRESS,
+    loading: "Looking up datasets and past comparisons",
+    working: "Training and flying monitors of five methods",
+    another: "Another comparison",
+    form,
+    found,
   });
-
-  async function build({ keep, again }) {
-    const catalog = await loadCatalog(api);
-    const id = query.get("job");
-    if (!id) return pageOf(TITLE, [], await form({ catalog, api, query, navigate }));
-    const job = await api.get(`/jobs/${id}`);
-    const actions = [link("Another comparison", "#/monitors/compare")];
-    if (job.status === "done") return pageOf(TITLE, actions, study(job, catalog));
-    return pageOf(
-      TITLE,
-      actions,
-      keep(
-        createJobProgress({
-          api,
-          job,
-          title: "Training and flying monitors of five methods",
-          done: again,
-          back: () => navigate("#/monitors/compare"),
-        }),
-      ).element,
-    );
-  }
 }
 
 async function form({ catalog, api, query, navigate }) {
@@ -87,7 +69,7 @@ async function form({ catalog, api, query, navigate }) {
       ),
     ),
   );
-  return [asForm, past(jobs.filter(({ kind }) => kind === "study"))];
+  return [asForm, pastComparisons(jobs.filter(({ kind }) => kind === "study"))];
 
   async function send(event) {
     event.preventDefault();
@@ -95,7 +77,7 @@ async function form({ catalog, api, query, navigate }) {
     go.disabled = true;
     try {
       const job = await api.post("/studies", { ...sizes.read(), dataset: source.read() });
-      navigate(`#/monitors/compare?job=${job.id}`);
+      navigate(`${ADDRESS}?job=${job.id}`);
     } catch (error) {
       if (!source.point(error.message)) sizes.point(error.message);
       failure.show(reason(error));
@@ -104,39 +86,22 @@ async function form({ catalog, api, query, navigate }) {
   }
 }
 
-function past(jobs) {
-  const rows = jobs.map(({ id, status, created, request }) =>
-    h(
-      "li",
-      {},
-      h("a", { href: `#/monitors/compare?job=${id}` }, moment(created)),
-      ` ${status}, ${request.n_monitors} monitors of each method, ${request.n_test} flights each`,
-    ),
-  );
-  const content = rows.length
-    ? h("ul", {}, rows)
-    : empty(
-        "No comparison yet",
-        "The first one takes about a minute with the numbers as they are.",
-      );
-  return h(
-    "section",
-    { class: "panel stack" },
-    h("h2", { class: "panel-title" }, "Past comparisons"),
-    content,
-  );
-}
+const pastComparisons = (jobs) =>
+  pastStudies(jobs, {
+    title: "Past comparisons",
+    address: ADDRESS,
+    words: ({ n_monitors, n_test }) => `${n_monitors} monitors of each method, ${n_test} flights each`,
+    none: ["No comparison yet", "The first one takes about a minute with the numbers as they are."],
+  });
 
-function study({ result, request, id }, catalog) {
+function found(job, catalog) {
+  const { result, request } = job;
   const { methods, ranking, recipe } = result;
   const { properties } = catalog.recipes.monitor.schema;
   const chosen = (key) => choiceName(properties[key], request.monitor[key]);
   const words =
     `${recipe.n_monitors} monitors of each method, each calibrated on ${recipe.dataset.n_unsafe} failures and flown on ${recipe.n_test} fresh flights; ` +
     `${percent(result.unsafe_rate)} of flights unsafe; warning lead time ${figure(result.lead_s)} s; calibration ${chosen("calibration")}; scaling of the channels ${chosen("scaling")}. Largest mean share of safe flights without a false alarm (power) first. The ranking belongs to this aircraft and manoeuvre.`;
-  const files = Object.entries(result.figures).map(([name, address]) =>
-    h("li", {}, h("a", { href: address, download: name }, name)),
-  );
   return [
     h("p", {}, words),
     h(
@@ -147,13 +112,7 @@ function study({ result, request, id }, catalog) {
       ),
     ),
     table(methods, ranking),
-    h(
-      "section",
-      { class: "panel" },
-      h("h2", { class: "panel-title" }, "For a report"),
-      h("p", { class: "hint" }, "The same figures as files, in the paper's form."),
-      h("ul", { "data-job": id }, files),
-    ),
+    figureFiles(job, "The same figures as files, in the paper's form."),
   ];
 }
 
@@ -169,21 +128,12 @@ function table(methods, ranking) {
       columns.map((k) => cell(methods[name], k)),
     ),
   );
-  return h(
-    "div",
-    { class: "table-scroll panel" },
-    h(
-      "table",
-      { class: "table" },
-      h(
-        "caption",
-        { class: "hint" },
-        "Missed: share of failing flights without a timely alert. No false alarm: share of safe flights without an alert (power). Each with its 95 % interval, which allows for the scatter between monitors.",
-      ),
-      tableHead([["Method"], ...heads]),
-      h("tbody", {}, rows),
-    ),
-  );
+  return scrolledTable({
+    heads: [["Method"], ...heads],
+    rows,
+    caption:
+      "Missed: share of failing flights without a timely alert. No false alarm: share of safe flights without an alert (power). Each with its 95 % interval, which allows for the scatter between monitors.",
+  });
 }
 
 function cell(method, k) {

@@ -7,39 +7,29 @@
 import { decimals } from "../forms/decimals.js";
 import { createFields } from "../forms/form.js";
 import { reason } from "../lib/api.js";
-import { loadCatalog } from "../lib/catalog.js";
 import { h } from "../lib/dom.js";
-import { createJobProgress } from "../lib/job_progress.js";
-import { tableHead } from "../lib/lists.js";
-import { loadingView } from "../lib/loading_view.js";
+import { scrolledTable } from "../lib/lists.js";
 import { needs } from "../lib/me.js";
-import { figure, interval, moment, percent } from "../lib/numbers.js";
-import { empty, errorLine, link, pageOf } from "../lib/view_states.js";
+import { figure, interval, percent } from "../lib/numbers.js";
+import { errorLine } from "../lib/view_states.js";
 import { leadsFigure } from "./figures.js";
+import { figureFiles, pastStudies, showStudyPage } from "./study_page.js";
 
 const TITLE = "How early can it warn";
+const ADDRESS = "#/monitors/sweep";
 const LISTS = ["tests", "methods", "leads_s", "reactions_s"];
 const NUMBERS = ["epsilon", "guarantee", "n_unsafe", "n_monitors", "n_test", "seed"];
 
-export function showSweep(element, { query, api, navigate }) {
-  return loadingView(element, { title: TITLE, text: "Looking up datasets and past sweeps", build });
-
-  async function build({ keep, again }) {
-    const catalog = await loadCatalog(api);
-    const id = query.get("job");
-    if (!id) return pageOf(TITLE, [], await form({ catalog, api, query, navigate }));
-    const job = await api.get(`/jobs/${id}`);
-    const actions = [link("Another sweep", "#/monitors/sweep")];
-    if (job.status === "done") return pageOf(TITLE, actions, found(job));
-    const progress = createJobProgress({
-      api,
-      job,
-      title: "Training and flying monitors of every method and lead",
-      done: again,
-      back: () => navigate("#/monitors/sweep"),
-    });
-    return pageOf(TITLE, actions, keep(progress).element);
-  }
+export function showSweep(element, context) {
+  return showStudyPage(element, context, {
+    title: TITLE,
+    address: ADDRESS,
+    loading: "Looking up datasets and past sweeps",
+    working: "Training and flying monitors of every method and lead",
+    another: "Another sweep",
+    form,
+    found,
+  });
 }
 
 async function form({ catalog, api, query, navigate }) {
@@ -89,7 +79,7 @@ async function form({ catalog, api, query, navigate }) {
     ),
   );
   follow();
-  return [asForm, past(jobs.filter(({ kind }) => kind === "sweep"))];
+  return [asForm, pastSweeps(jobs.filter(({ kind }) => kind === "sweep"))];
 
   /** A dataset's own recipe says which imperfections its flights have. */
   function follow() {
@@ -100,15 +90,17 @@ async function form({ catalog, api, query, navigate }) {
     event.preventDefault();
     if (!fields.check()) return;
     const { tests, imperfections, ...rest } = fields.read();
-    const asked = { ...rest, methods: methods.read(), leads_s: decimals(leads.value).map(Number) };
+    const asked = {
+      ...rest,
+      ...source.read({ tests, imperfections }),
+      methods: methods.read(),
+      leads_s: decimals(leads.value).map(Number),
+    };
     if (!asked.methods.length) return failure.show("Choose one method at least.");
     go.disabled = true;
     try {
-      const job = await api.post("/sweeps", {
-        ...asked,
-        ...(source.isDataset() ? { dataset: source.dataset() } : { tests: source.tests() ?? tests, imperfections }),
-      });
-      navigate(`#/monitors/sweep?job=${job.id}`);
+      const job = await api.post("/sweeps", asked);
+      navigate(`${ADDRESS}?job=${job.id}`);
     } catch (error) {
       fields.point(error.message);
       failure.show(reason(error));
@@ -124,22 +116,22 @@ function testChoice(tests, datasets, chosen) {
     "select",
     { id: "sweep-source" },
     h("option", { value: "" }, `${tests.join(", ")}: rudder doublets of 1 s halves`),
-    tests.map((name) => h("option", { value: `test:${name}` }, `${name}: rudder doublet of 1 s halves`)),
+    tests.map((name) => h("option", { value: name }, `${name}: rudder doublet of 1 s halves`)),
     simulated.length
       ? h(
           "optgroup",
           { label: "the planned test of a dataset" },
-          simulated.map(({ id, name }) => h("option", { value: `dataset:${id}` }, name)),
+          simulated.map(({ id, name }) => h("option", { value: id }, name)),
         )
       : null,
   );
-  if (simulated.some(({ id }) => id === chosen)) element.value = `dataset:${chosen}`;
-  const after = (kind) => (element.value.startsWith(kind) ? element.value.slice(kind.length) : null);
+  const isDataset = () => simulated.some(({ id }) => id === element.value);
+  if (simulated.some(({ id }) => id === chosen)) element.value = chosen;
   return {
     element,
-    isDataset: () => after("dataset:") !== null,
-    dataset: () => after("dataset:"),
-    tests: () => (after("test:") === null ? null : [after("test:")]),
+    isDataset,
+    read: (planned) =>
+      isDataset() ? { dataset: element.value } : { ...planned, ...(element.value && { tests: [element.value] }) },
   };
 }
 
@@ -158,38 +150,24 @@ function checkboxes(legend, names) {
   return { element, read: () => boxes.filter(({ checked }) => checked).map(({ value }) => value) };
 }
 
-function past(jobs) {
-  const rows = jobs.map(({ id, status, created, request }) =>
-    h(
-      "li",
-      {},
-      h("a", { href: `#/monitors/sweep?job=${id}` }, moment(created)),
-      ` ${status}, ${request.tests.join(", ")}; ${request.methods.length} methods at ${request.leads_s.map((lead) => figure(lead)).join(", ")} s`,
-    ),
-  );
-  const content = rows.length
-    ? h("ul", {}, rows)
-    : empty("No sweep yet", "The first one takes about a minute with the numbers as they are.");
-  return h("section", { class: "panel stack" }, h("h2", { class: "panel-title" }, "Past sweeps"), content);
-}
+const pastSweeps = (jobs) =>
+  pastStudies(jobs, {
+    title: "Past sweeps",
+    address: ADDRESS,
+    words: ({ tests, methods, leads_s }) =>
+      `${tests.join(", ")}; ${methods.length} methods at ${leads_s.map((lead) => figure(lead)).join(", ")} s`,
+    none: ["No sweep yet", "The first one takes about a minute with the numbers as they are."],
+  });
 
-function found({ result, id }) {
-  const { recipe, tests } = result;
+function found(job) {
+  const { recipe, tests, false_alarms_alike: alike } = job.result;
   const words =
     `${recipe.n_monitors} monitors of each method and lead, each calibrated on ${recipe.n_unsafe} failures and flown on ${recipe.n_test} fresh flights; ` +
     `promised miss rate ${figure(recipe.epsilon)} ${recipe.guarantee === "average" ? "on average" : "with 95 % confidence"}.`;
-  const files = Object.entries(result.figures).map(([name, address]) =>
-    h("li", {}, h("a", { href: address, download: name }, name)),
-  );
   return [
     h("p", {}, words),
-    Object.entries(tests).map(([name, test]) => planned(name, test, recipe, result.false_alarms_alike)),
-    h(
-      "section",
-      { class: "panel" },
-      h("h2", { class: "panel-title" }, "For a report"),
-      h("ul", { "data-job": id }, files),
-    ),
+    Object.entries(tests).map(([name, test]) => planned(name, test, recipe, alike)),
+    figureFiles(job),
   ];
 }
 
@@ -240,20 +218,16 @@ function table({ cells }, recipe, alike) {
       ),
     ),
   );
-  const heads = [["Lead [s]", true], ["Method"], ["missed", true], ["no false alarm", true], [`… where just ${figure(recipe.epsilon)} is missed`, true]];
-  return h(
-    "div",
-    { class: "table-scroll panel" },
-    h(
-      "table",
-      { class: "table" },
-      h(
-        "caption",
-        { class: "hint" },
-        `Missed: of failing flights. No false alarm: of safe flights (power). By reaction time: share of the failures that the alert prevents where just ${percent(alike, 0)} of the safe flights have one, and below it at the promised miss rate.`,
-      ),
-      tableHead([...heads, ...reactions]),
-      h("tbody", {}, rows),
-    ),
-  );
+  const heads = [
+    ["Lead [s]", true],
+    ["Method"],
+    ["missed", true],
+    ["no false alarm", true],
+    [`… where just ${figure(recipe.epsilon)} is missed`, true],
+  ];
+  return scrolledTable({
+    heads: [...heads, ...reactions],
+    rows,
+    caption: `Missed: of failing flights. No false alarm: of safe flights (power). By reaction time: share of the failures that the alert prevents where just ${percent(alike, 0)} of the safe flights have one, and below it at the promised miss rate.`,
+  });
 }

@@ -4,7 +4,7 @@ import { reason } from "../lib/api.js";
 import { aircraftName, kindName, loadCatalog } from "../lib/catalog.js";
 import { h } from "../lib/dom.js";
 import { jobList } from "../lib/job_progress.js";
-import { hiddenHead, tableHead } from "../lib/lists.js";
+import { hiddenHead, scrolledTable } from "../lib/lists.js";
 import { loadingView } from "../lib/loading_view.js";
 import { needs } from "../lib/me.js";
 import { figure, moment, percent } from "../lib/numbers.js";
@@ -119,9 +119,5 @@ function table(monitors, rates, catalog) {
       ),
     );
   });
-  return h(
-    "div",
-    { class: "table-scroll panel" },
-    h("table", { class: "table" }, tableHead(heads), h("tbody", {}, rows)),
-  );
+  return scrolledTable({ heads, rows });
 }

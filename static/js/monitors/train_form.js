@@ -8,7 +8,7 @@
 import { createFields } from "../forms/form.js";
 import { datasetChoice } from "../forms/planned_test.js";
 import { reason } from "../lib/api.js";
-import { loadCatalog } from "../lib/catalog.js";
+import { loadCatalog, methodOf } from "../lib/catalog.js";
 import { h } from "../lib/dom.js";
 import { followInPlace } from "../lib/job_progress.js";
 import { loadingView } from "../lib/loading_view.js";
@@ -176,9 +176,9 @@ function createTrainForm({ api, catalog, datasets, like, chosen, onsubmit }) {
   }
 
   function tell() {
-    const { epsilon, guarantee, predictor, score } = fields.read();
-    const now = catalog.methods.find((one) => one.predictor.kind === predictor.kind && one.score.kind === score.kind);
-    method.value = now?.kind ?? "";
+    const recipe = fields.read();
+    const { epsilon, guarantee } = recipe;
+    method.value = methodOf(catalog, recipe)?.kind ?? "";
     const n = source.failures();
     const enough = n !== null && epsilon > 0 && n >= neededFor(epsilon, guarantee);
     served.textContent =
