@@ -179,6 +179,10 @@ class DatasetRecipe:
         )
 
 
+Look = Callable[[Array, Array], object]
+"""Called with the true outputs from trim (n, n_samples, 6), and with that trim (n, 6)."""
+
+
 class Simulator:
     """The planned test made ready to roll out on random aircraft."""
 
@@ -200,26 +204,53 @@ class Simulator:
 
     def rollouts(self, n: int, rng: np.random.Generator) -> Rollouts:
         """Roll out n aircraft drawn from D_theta."""
+        return self._rolled_out(self._drawn(n, rng), rng, lambda y, trim: None)
+
+    def fly(
+        self, theta: Array, rng: np.random.Generator, scale: Array | None = None
+    ) -> tuple[Rollouts, Array]:
+        """Fly these aircraft, theta (n, n_parameters), by pilots of their own.
+
+        scale: (n,) what their commands are multiplied by.
+        Returns the rollouts, and (n,) the largest part of a limit that the true outputs reach:
+        infinite for a flight that diverged.
+        """
+        pilot = self.recipe.maneuver.pilot(self.recipe.dt, len(theta), rng)
+        if scale is not None:
+            pilot = scale[:, np.newaxis, np.newaxis] * pilot
+        peaks: list[Array] = []
+
+        def look(y: Array, trim: Array) -> None:
+            parts = np.abs(y) / self.recipe.specification.magnitudes
+            peaks.append(np.nan_to_num(parts, nan=np.inf, posinf=np.inf).max(axis=(1, 2)))
+
+        rollouts = self._rolled_out(self._flown(theta, pilot, rng), rng, look)
+        return rollouts, peaks[0]
+
+    def _rolled_out(self, drawn: "_Drawn", rng: np.random.Generator, look: Look) -> Rollouts:
+        """Roll out flights as this test measures them; look as in `recorded`, trim 0 without
+        imperfections."""
         if not self.recipe.imperfections.are_none:
-            return self.recorded(n, rng, lambda y, trim: None)
-        drawn = self._drawn(n, rng)
+            return self._recorded(drawn, rng, look)
         y = self._outputs(drawn)
         first = self._first_exceedance(y, drawn)
         y = np.ascontiguousarray(y[:, :: self.recipe.substeps])
+        look(y, np.zeros_like(y[:, 0]))
         self.recipe.noise.add_to(y, rng)
         return Rollouts(y, first, drawn.theta)
 
-    def recorded(
-        self, n: int, rng: np.random.Generator, look: Callable[[Array, Array], object]
-    ) -> Rollouts:
+    def recorded(self, n: int, rng: np.random.Generator, look: Look) -> Rollouts:
         """Roll out n aircraft as they would be flown and recorded, whatever the imperfections.
 
         look: called with the true outputs from trim (n, n_samples, 6), and with that trim (n, 6),
         which gust and inexact inputs make differ from 0.
         """
+        return self._recorded(self._drawn(n, rng), rng, look)
+
+    def _recorded(self, drawn: "_Drawn", rng: np.random.Generator, look: Look) -> Rollouts:
+        """Record flights as `recorded` does."""
         recipe, imperfections = self.recipe, self.recipe.imperfections
         every, step = recipe.substeps, recipe.dt / recipe.substeps
-        drawn = self._drawn(n, rng)
         start = imperfections.run_up(recipe.dt) * every
         y = self._outputs(drawn)
         trim = y[:, start].copy()

@@ -31,6 +31,8 @@ class Branch(IntEnum):
     """Flights that a forecast of peaks learns from, beside those of the collection."""
     COMBINATION = 10
     """Failing flights that a combination of monitors is calibrated on; they train no member."""
+    CLEARANCE = 11
+    """Aircraft that a clearance is calibrated on; below it also its predictions, a pilot run."""
 
 
 def stream(seed: int, branch: Branch, *below: int) -> np.random.Generator:

@@ -2,7 +2,7 @@
 
 import re
 from abc import ABC, abstractmethod
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import cos, inf, sin, tan
 from typing import TYPE_CHECKING, Any, Literal, Self
 
@@ -20,6 +20,7 @@ from core.simulation.published import (
     UsualTest,
 )
 from core.simulation.uncertain_plant import Effect, Plants, UncertainPlant, Uncertainty
+from core.types import Array
 
 if TYPE_CHECKING:
     from control import InputOutputSystem
@@ -440,6 +441,95 @@ def _example() -> MatrixAircraft:
     )
 
 
+@dataclass(frozen=True)
+class IdentifiedAircraft(Aircraft):
+    """An aircraft whose parameters are known from flights: their mean and full covariance.
+
+    Raises ValueError for a mean and a covariance that do not fit the aircraft's parameters.
+    """
+
+    base: Aircraft
+    """aircraft before it was identified: its model, class and flight condition."""
+    mean: tuple[float, ...]
+    """mean of each parameter, in the order of the model's."""
+    covariance: Rows
+    """covariance of the parameters: a row each."""
+    sources: tuple[str, ...] = ()
+    """flights that it was identified from."""
+
+    def __post_init__(self) -> None:
+        """Refuse moments that are none."""
+        n = len(self.base.uncertain_plant().names)
+        mean, covariance = np.array(self.mean), np.array(self.covariance)
+        if mean.shape != (n,) or covariance.shape != (n, n):
+            raise ValueError(
+                f"mean has shape {mean.shape} and covariance {covariance.shape}: the aircraft has "
+                f"{n} parameters"
+            )
+        if not (np.isfinite(mean).all() and np.isfinite(covariance).all()):
+            raise ValueError("mean or covariance holds what is no number")
+        deviation = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+        scaled = covariance / np.outer(*(2 * (np.where(deviation > 0.0, deviation, 1.0),)))
+        if not np.allclose(scaled, scaled.T) or np.linalg.eigvalsh(scaled).min() < -1e-6:
+            raise ValueError("covariance is not symmetric and positive")
+
+    @classmethod
+    def of(
+        cls, base: Aircraft, mean: Array, covariance: Array, sources: tuple[str, ...] = ()
+    ) -> Self:
+        """From mean (n_params,) and covariance (n_params, n_params)."""
+        rows = 0.5 * (covariance + covariance.T)
+        return cls(base, tuple(mean.tolist()), tuple(map(tuple, rows.tolist())), sources)
+
+    @classmethod
+    def undetermined(cls, base: Aircraft) -> Self:
+        """As it is known before any flight."""
+        plant = base.uncertain_plant()
+        return cls.of(base, plant.nominal, plant.root @ plant.root.T)
+
+    @property
+    def description(self) -> str:
+        """The aircraft, and what flights it is known from."""
+        return f"{self.base.description}; identified from {', '.join(self.sources) or 'no flight'}"
+
+    @property
+    def aircraft_class(self) -> AircraftClass:
+        """As before."""
+        return self.base.aircraft_class
+
+    @property
+    def usual_test(self) -> UsualTest:
+        """As before."""
+        return self.base.usual_test
+
+    @property
+    def altitude(self) -> float | None:
+        """As before."""
+        return self.base.altitude
+
+    @property
+    def airspeed(self) -> float | None:
+        """As before."""
+        return self.base.airspeed
+
+    def uncertain_plant(self) -> UncertainPlant:
+        """Return the model's parameters, which vary together."""
+        covariance = np.array(self.covariance)
+        deviation = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+        uncertain = np.flatnonzero(deviation)
+        scale = deviation[uncertain]
+        sizes, ways = np.linalg.eigh(covariance[uncertain][:, uncertain] / np.outer(scale, scale))
+        root = np.zeros((len(deviation), len(uncertain)))
+        root[uncertain] = scale[:, np.newaxis] * ways * np.sqrt(np.maximum(sizes, 0.0))
+        return replace(
+            self.base.uncertain_plant(),
+            nominal=np.array(self.mean),
+            spread=deviation,
+            distribution="normal",
+            joint_root=root,
+        )
+
+
 AIRCRAFT = family(
     "aircraft",
     Aircraft,
@@ -447,4 +537,5 @@ AIRCRAFT = family(
         **{name: PublishedAircraft(name) for name in MODELS},
         "matrices": _example(),
     },
+    made={"identified": IdentifiedAircraft.undetermined(PublishedAircraft("attas_id_16kft"))},
 )

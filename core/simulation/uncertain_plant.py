@@ -84,6 +84,8 @@ class UncertainPlant:
     states: names of x.   names, nominal, spread: (n_params,); spread in the parameter's own unit.
     fixed: a batch of one, what the plant holds besides theta (kinematics, the surfaces' rows).
     effects: where theta enters; an entry may take several.
+    joint_root: (n_params, m) what m standard normal deviates do to theta, where parameters do not
+    vary independently: its covariance is joint_root joint_root'. None where they do.
     """
 
     states: tuple[str, ...]
@@ -93,9 +95,24 @@ class UncertainPlant:
     distribution: Distribution
     fixed: Plants
     effects: tuple[Effect, ...]
+    joint_root: Array | None = None
+
+    @property
+    def root(self) -> Array:
+        """(n_params, m) what m deviates of variance 1 do to theta, one each uncertain parameter."""
+        if self.joint_root is not None:
+            return self.joint_root
+        deviation = self.spread if self.distribution == "normal" else 3**-0.5 * self.spread
+        return np.diag(deviation)[:, np.flatnonzero(self.spread)]
+
+    def theta_of(self, deviates: Array) -> Array:
+        """Theta (n, n_params) of deviates (n, m)."""
+        return self.nominal + deviates @ self.root.T
 
     def sample(self, n: int, rng: np.random.Generator) -> Array:
         """Draw theta (n, n_params); certain parameters use no random numbers."""
+        if self.joint_root is not None:
+            return self.theta_of(rng.standard_normal((n, self.joint_root.shape[1])))
         uncertain = np.flatnonzero(self.spread)
         shape = (n, len(uncertain))
         normal = self.distribution == "normal"

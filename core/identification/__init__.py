@@ -1,0 +1,1 @@
+"""Identification: what recorded flights say of an aircraft whose parameters are uncertain."""

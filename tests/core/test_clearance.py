@@ -1,0 +1,213 @@
+"""Clearance of the next point: its two promises, its checks, and what it refuses."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from core.clearance import (
+    BuildUp,
+    Clearance,
+    ClearanceError,
+    ClearanceRecipe,
+    Companion,
+    calibrate,
+)
+from core.evaluation.lead_sweep import TESTS
+from core.planned_test import Simulator
+from core.types import Array
+
+TEST = TESTS["ATTAS"]
+POINTS = BuildUp.fractions(TEST, (0.6,))
+
+
+@pytest.fixture(scope="module")
+def clearance() -> Clearance:
+    """Of the full doublet of an ATTAS after a step of 60 %."""
+    return calibrate(POINTS, ClearanceRecipe(epsilon=0.1, n_exceeding=50, n_draws=32, seed=3))
+
+
+def fly(theta: Array, seed: int, points: BuildUp = POINTS) -> list[Array]:
+    """One flight of each step by one aircraft (1, n_params): (n_samples, 6) each."""
+    rng = np.random.default_rng(seed)
+    return [Simulator(step).fly(theta, rng)[0].y[0] for step in points.flown]
+
+
+def nominal() -> Array:
+    """(1, n_params) of the middle of D_theta."""
+    return TEST.aircraft.uncertain_plant().nominal[np.newaxis]
+
+
+def test_a_safe_point_is_cleared_and_a_dangerous_one_is_not(clearance: Clearance) -> None:
+    """By the record of the step alone: one aircraft answers less, the other more."""
+    simulator, rng = Simulator(TEST), np.random.default_rng(8)
+    theta = simulator.plant.sample(200, rng)
+    _, peaks = simulator.fly(theta, rng)
+    order = np.argsort(peaks)
+    safe, dangerous = (
+        clearance.decide(fly(theta[[which]], 5)) for which in (order[10], order[-10])
+    )
+    assert safe.cleared
+    assert not dangerous.cleared
+    assert safe.p_value < dangerous.p_value
+    assert not safe.withdrawn
+    assert safe.reached[0] < safe.reached[1] < safe.reached[2] < 1.0 < dangerous.reached[1]
+    assert safe.amplitude_deg is not None
+    assert dangerous.amplitude_deg is not None
+    assert safe.amplitude_deg > dangerous.amplitude_deg
+
+
+def test_p_values_are_exact_ranks_among_those_that_exceed(clearance: Clearance) -> None:
+    """Of n exceeding aircraft: those with no higher score, and one, over n + 1."""
+    exceeding = clearance.scores[clearance.exceeds]
+    n = len(exceeding)
+    assert n >= 50
+    found = clearance.p_values(np.array([-np.inf, np.sort(exceeding)[4], np.inf]))
+    np.testing.assert_allclose(found, np.array([1, 6, n + 1]) / (n + 1))
+    assert clearance.clear_below == 0.1
+
+
+def test_promise_with_confidence_clears_less(clearance: Clearance) -> None:
+    """Of this very calibration, where the other holds on average."""
+    sure = replace(clearance, recipe=replace(clearance.recipe, guarantee="95%"))
+    assert 0.0 < sure.clear_below < clearance.clear_below
+
+
+def test_a_prediction_of_a_batch_is_that_of_each_record(clearance: Clearance) -> None:
+    """Posterior by posterior; only the drawn pilots differ."""
+    records = fly(nominal(), 5)
+    companion = Companion(POINTS, 32)
+    twice = companion.predict(
+        [np.repeat(y[np.newaxis], 2, axis=0) for y in records], np.random.default_rng(0)
+    )
+    alone = clearance.decide(records)
+    np.testing.assert_allclose(twice.posterior.mean[0], alone.posterior.mean[0], atol=1e-6)
+    np.testing.assert_allclose(twice.posterior.mean[1], alone.posterior.mean[0], atol=1e-6)
+
+
+def test_amplitudes_just_reach_a_limit(clearance: Clearance) -> None:
+    """Flown again with a little more or less, the same flights exceed or do not."""
+    companion = Companion(POINTS, 32)
+    theta = companion.plant.sample(50, np.random.default_rng(1))
+    factors = companion.amplitudes(theta, np.random.default_rng(2))
+    for share, exceeds in ((0.999, False), (1.001, True)):
+        rollouts, peaks = companion.following.fly(theta, np.random.default_rng(2), share * factors)
+        assert ((peaks >= 1.0) == exceeds).all()
+        assert (rollouts.is_unsafe == exceeds).all()
+
+
+class TestWrongModels:
+    """What a fit can see withdraws the clearance, and says which check speaks against it."""
+
+    def test_noise_that_was_not_said(self, clearance: Clearance) -> None:
+        """Three times as much: the residuals are too large."""
+        noisy = replace(TEST.noise, beta=0.003, p=0.012, r=0.003, Ny=0.012)
+        points = BuildUp.fractions(replace(TEST, noise=noisy), (0.6,))
+        verdict = clearance.decide(fly(nominal(), 5, points))
+        assert not verdict.cleared
+        assert (
+            verdict.withdrawn[0].words
+            == "residuals of the flown step are larger than noise explains"
+        )
+        assert verdict.withdrawn[0].value > verdict.withdrawn[0].level
+        assert verdict.amplitude_deg is None
+
+    def test_an_aircraft_that_is_not_of_the_prior(self, clearance: Clearance) -> None:
+        """With half the damping and twice the stiffness: far from what is expected."""
+        theta, names = nominal(), TEST.aircraft.uncertain_plant().names
+        theta[0, names.index("N_beta")] *= 2.0
+        theta[0, names.index("N_dr")] *= 1.6
+        verdict = clearance.decide(fly(theta, 5))
+        assert not verdict.cleared
+        assert any("far from what is expected" in one.words for one in verdict.withdrawn)
+
+    def test_steps_that_are_of_two_aircraft(self) -> None:
+        """A second step that the first does not explain, as where stiffness falls with sideslip."""
+        points = BuildUp.fractions(TEST, (0.4, 0.6))
+        rule = calibrate(points, ClearanceRecipe(epsilon=0.1, n_exceeding=20, n_draws=16))
+        other = nominal()
+        other[0, TEST.aircraft.uncertain_plant().names.index("N_beta")] *= 0.8
+        first, second = fly(nominal(), 5, points)[0], fly(other, 6, points)[1]
+        verdict = rule.decide([first, second])
+        assert not verdict.cleared
+        assert any("may be nonlinear" in one.words for one in verdict.withdrawn)
+
+
+def test_checks_withdraw_few_of_the_aircraft_they_were_calibrated_on(clearance: Clearance) -> None:
+    """At most one in twenty by any of them."""
+    assert (clearance.checks > clearance.levels).any(axis=1).mean() <= 0.05
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (lambda records: [], "0 records were given"),
+        (lambda records: [records[0][:40]], "has 40 samples"),
+        (lambda records: [records[0][:, :4]], "all six channels"),
+        (lambda records: [np.where(records[0] > 0.01, np.nan, records[0])], "without gaps"),
+    ],
+)
+def test_records_of_another_kind_are_refused(clearance: Clearance, change, words: str) -> None:
+    """With what is needed."""
+    with pytest.raises(ClearanceError, match=words):
+        clearance.decide(change(fly(nominal(), 5)))
+
+
+def test_points_of_different_aircraft_are_refused() -> None:
+    """And a build-up without a step, an epsilon that too few aircraft serve, a harmless point."""
+    with pytest.raises(ClearanceError, match="no flown step"):
+        BuildUp((), TEST)
+    with pytest.raises(ClearanceError, match="the aircraft of a flown step"):
+        BuildUp((TESTS["F-16"],), TEST)
+    with pytest.raises(ValueError, match="it needs 99 at least"):
+        ClearanceRecipe(epsilon=0.01, n_exceeding=98)
+    harmless = replace(TEST, maneuver=TEST.maneuver.with_peak(0.5))
+    with pytest.raises(ClearanceError, match="0 of 2000 simulated aircraft would exceed"):
+        calibrate(BuildUp.fractions(harmless, (0.6,)), ClearanceRecipe(n_draws=8))
+
+
+def test_progress_is_told_and_can_cancel() -> None:
+    """Exceeding aircraft and aircraft flown."""
+    told: list[tuple[int, int]] = []
+
+    def progress(found: int, flown: int) -> None:
+        told.append((found, flown))
+        raise InterruptedError
+
+    with pytest.raises(InterruptedError):
+        calibrate(POINTS, ClearanceRecipe(n_draws=8), progress)
+    assert told[0][1] == 100
+    assert 10 < told[0][0] < 60
+
+
+@pytest.mark.fuzz
+@pytest.mark.parametrize("name", TESTS)
+def test_both_promises_hold_over_twenty_calibrations(name: str) -> None:
+    """Wrong clearances, and flights at the recommended amplitude that exceed, of 20 calibration
+    sets of 100 exceeding aircraft each among 3,000; checks withdraw one in twenty."""
+    points = BuildUp.fractions(TESTS[name], (0.6,))
+    pool = calibrate(points, ClearanceRecipe(n_exceeding=600, seed=20_262))
+    rng, wrong, over, safe = np.random.default_rng(0), [], [], []
+    n = len(pool.scores)
+    for _ in range(20):
+        order = rng.permutation(n)
+        used = np.zeros(n, bool)
+        used[order[: n // 3]] = True
+        rule = Clearance(
+            points,
+            pool.recipe,
+            pool.scores[used],
+            pool.exceeds[used],
+            pool.spare[used],
+            pool.checks[used],
+        )
+        cleared = rule.p_values(pool.scores[~used]) <= rule.clear_below
+        exceeds = pool.exceeds[~used]
+        wrong.append(cleared[exceeds].mean())
+        safe.append(cleared[~exceeds].mean())
+        assert rule.amplitude_spare is not None
+        over.append((pool.spare[~used] <= rule.amplitude_spare).mean())
+    # one pool of 600 exceeding aircraft: standard error of its share .009, of all aircraft .005
+    assert 0.02 <= np.mean(wrong) <= 0.075
+    assert 0.03 <= np.mean(over) <= 0.07
+    assert np.mean(safe) >= {"F-16": 0.7, "F-104A": 0.75, "ATTAS": 0.42}[name]
