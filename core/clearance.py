@@ -18,7 +18,7 @@ import numpy as np
 
 from core.bounds import Bounds, check_bounds
 from core.identification.joint_model import Law
-from core.identification.posterior import Posterior, Record, fit, prior_of
+from core.identification.posterior import PlantPosterior, RecordedStep, fit, prior_of
 from core.monitor.calibration import Guarantee, alert_above, failures_needed, p_values
 from core.planned_test import DatasetRecipe, Simulator
 from core.seeds import Branch, stream
@@ -105,7 +105,7 @@ class BuildUp:
         return cls(steps, following)
 
 
-class Prediction(NamedTuple):
+class PeakPrediction(NamedTuple):
     """Of the logarithm of what part of a limit the next point reaches, of n aircraft.
 
     mean, deviation: (n,).   quantiles: (n, 3) parts, of QUANTILES.   posterior: of deviates.
@@ -115,7 +115,7 @@ class Prediction(NamedTuple):
     mean: Array
     deviation: Array
     quantiles: Array
-    posterior: Posterior
+    posterior: PlantPosterior
     checks: Array
 
     @property
@@ -124,7 +124,7 @@ class Prediction(NamedTuple):
         return self.mean / self.deviation
 
 
-class Withdrawal(NamedTuple):
+class FailedCheck(NamedTuple):
     """A check beyond its calibrated level: which, its value and that level."""
 
     words: str
@@ -132,7 +132,7 @@ class Withdrawal(NamedTuple):
     level: float
 
 
-class Verdict(NamedTuple):
+class PointVerdict(NamedTuple):
     """What a clearance says of the next point.
 
     cleared: whether it may be flown under the promise.   withdrawn: checks that speak against
@@ -142,14 +142,14 @@ class Verdict(NamedTuple):
     """
 
     cleared: bool
-    withdrawn: tuple[Withdrawal, ...]
+    withdrawn: tuple[FailedCheck, ...]
     p_value: float
     reached: tuple[float, float, float]
     amplitude_deg: float | None
-    posterior: Posterior
+    posterior: PlantPosterior
 
 
-class Companion:
+class PointPredictor:
     """Steps and next point made ready: identifies, and predicts what the next point reaches."""
 
     def __init__(self, points: BuildUp, n_draws: int) -> None:
@@ -174,13 +174,15 @@ class Companion:
             )
         return tuple(words)
 
-    def predict(self, records: Sequence[Array], rng: np.random.Generator) -> Prediction:
+    def predict(self, records: Sequence[Array], rng: np.random.Generator) -> PeakPrediction:
         """Identify n aircraft and predict.   records: (n, n_samples, 6) of each step."""
         n = len(records[0])
         posterior, checks = prior_of(self.plant, n), []
         for simulator, y in zip(self.steps, records, strict=True):
             noise = channel_array(simulator.recipe.noise)
-            found = fit(self.plant, self._law, [Record(y, simulator.recipe.dt, noise)], posterior)
+            found = fit(
+                self.plant, self._law, [RecordedStep(y, simulator.recipe.dt, noise)], posterior
+            )
             posterior = found.posterior
             checks += [found.chi_square[:, 0], found.distance]
         root = np.linalg.cholesky(posterior.covariance)
@@ -189,7 +191,7 @@ class Companion:
         theta = self.plant.theta_of(deviates.reshape(n * self._n_draws, -1))
         _, peaks = self.following.fly(theta, rng)
         parts = np.log(np.minimum(peaks, 1e6)).reshape(n, self._n_draws)
-        return Prediction(
+        return PeakPrediction(
             parts.mean(axis=1),
             np.maximum(parts.std(axis=1, ddof=1), LEAST_SCATTER),
             np.exp(np.quantile(parts, QUANTILES, axis=1).T),
@@ -216,7 +218,7 @@ class Clearance:
 
     scores, exceeds: (n,) of the simulated aircraft, and whether they exceed a limit there.
     spare: (n,) logarithm of the amplitude that just reaches a limit over the one that was predicted
-    to.   checks: (n, k) as of Prediction.
+    to.   checks: (n, k) as of PeakPrediction.
     """
 
     points: BuildUp
@@ -252,19 +254,19 @@ class Clearance:
         n, recipe = int(np.count_nonzero(self.exceeds)), self.recipe
         return alert_above(recipe.epsilon, n, recipe.guarantee)
 
-    def decide(self, records: Sequence[Array]) -> Verdict:
+    def decide(self, records: Sequence[Array]) -> PointVerdict:
         """Say whether the next point is cleared.   records: (n_samples, 6) of each flown step, from
         trim.
 
         ClearanceError for records that are not of the flown steps' kind.
         """
-        companion = Companion(self.points, self.recipe.n_draws)
+        predictor = PointPredictor(self.points, self.recipe.n_draws)
         if len(records) != len(self.points.flown):
             raise ClearanceError(
                 f"{len(records)} records were given: the build-up has {len(self.points.flown)} "
                 "flown steps, give one of each"
             )
-        for number, (y, step) in enumerate(zip(records, companion.steps, strict=True), start=1):
+        for number, (y, step) in enumerate(zip(records, predictor.steps, strict=True), start=1):
             if y.ndim != 2 or y.shape[1] != 6 or not np.isfinite(y).all():
                 raise ClearanceError(
                     f"the record of step {number} has shape {y.shape}: it needs (n_samples, 6) "
@@ -277,11 +279,11 @@ class Clearance:
                     f"{expected} of {step.recipe.dt:g} s, give just these"
                 )
         rng = stream(self.recipe.seed, Branch.CLEARANCE, 1)
-        found = companion.predict([y[np.newaxis] for y in records], rng)
+        found = predictor.predict([y[np.newaxis] for y in records], rng)
         withdrawn = tuple(
-            Withdrawal(words, value, level)
+            FailedCheck(words, value, level)
             for words, value, level in zip(
-                companion.checks, found.checks[0].tolist(), self.levels.tolist(), strict=True
+                predictor.checks, found.checks[0].tolist(), self.levels.tolist(), strict=True
             )
             if not value <= level
         )
@@ -289,7 +291,7 @@ class Clearance:
         spare = self.amplitude_spare
         factor = None if spare is None else exp(spare - float(found.mean[0]))
         low, middle, high = found.quantiles[0].tolist()
-        return Verdict(
+        return PointVerdict(
             cleared=p_value <= self.clear_below and not withdrawn,
             withdrawn=withdrawn,
             p_value=p_value,
@@ -309,17 +311,20 @@ def calibrate(
     progress: called with (exceeding aircraft found, aircraft flown); what it raises cancels.
     ClearanceError where too few would.
     """
-    companion, rng = Companion(points, recipe.n_draws), stream(recipe.seed, Branch.CLEARANCE, 0)
-    _check_reach(companion, recipe)
+    predictor, rng = (
+        PointPredictor(points, recipe.n_draws),
+        stream(recipe.seed, Branch.CLEARANCE, 0),
+    )
+    _check_reach(predictor, recipe)
     parts: list[tuple[Array, Flags, Array, Array]] = []
     n_exceeding = n_flown = 0
     while n_exceeding < recipe.n_exceeding:
-        theta = companion.plant.sample(BATCH, rng)
-        records = [step.fly(theta, rng)[0].y for step in companion.steps]
+        theta = predictor.plant.sample(BATCH, rng)
+        records = [step.fly(theta, rng)[0].y for step in predictor.steps]
         same = deepcopy(rng)
-        exceeds = companion.following.fly(theta, rng)[0].is_unsafe
-        reach = np.log(companion.amplitudes(theta, same))
-        found = companion.predict(records, rng)
+        exceeds = predictor.following.fly(theta, rng)[0].is_unsafe
+        reach = np.log(predictor.amplitudes(theta, same))
+        found = predictor.predict(records, rng)
         parts.append((found.score, exceeds, reach + found.mean, found.checks))
         n_exceeding, n_flown = n_exceeding + int(exceeds.sum()), n_flown + BATCH
         if progress:
@@ -327,11 +332,11 @@ def calibrate(
     return Clearance(points, recipe, *map(np.concatenate, zip(*parts, strict=True)))
 
 
-def _check_reach(companion: Companion, recipe: ClearanceRecipe) -> None:
+def _check_reach(predictor: PointPredictor, recipe: ClearanceRecipe) -> None:
     """ClearanceError where MOST_AIRCRAFT would not be enough."""
     rng = stream(recipe.seed, Branch.CLEARANCE, 2)
-    theta = companion.plant.sample(PILOT_RUN, rng)
-    n = int(np.count_nonzero(companion.following.fly(theta, rng)[0].is_unsafe))
+    theta = predictor.plant.sample(PILOT_RUN, rng)
+    n = int(np.count_nonzero(predictor.following.fly(theta, rng)[0].is_unsafe))
     if recipe.n_exceeding * PILOT_RUN <= n * MOST_AIRCRAFT:
         return
     raise ClearanceError(

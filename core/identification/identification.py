@@ -16,7 +16,14 @@ import numpy as np
 
 from core.channels import KEYS, N_CHANNELS
 from core.identification.joint_model import N_OUTPUTS, Law
-from core.identification.posterior import STEPS, Posterior, Record, RecordFit, prior_of, settle
+from core.identification.posterior import (
+    STEPS,
+    PlantPosterior,
+    RecordedStep,
+    RecordFit,
+    prior_of,
+    settle,
+)
 from core.simulation.aircraft import Aircraft, IdentifiedAircraft
 from core.simulation.control_law import ControlLaw
 from core.simulation.uncertain_plant import UncertainPlant
@@ -40,7 +47,7 @@ INTERVAL = 1.96
 
 
 @dataclass(frozen=True, eq=False)
-class Segment:
+class FlownSegment:
     """A run of samples without a gap, from trim: y (n_samples, 6) each dt [s], SI units, N_y in g.
 
     An output that was not recorded is NaN throughout.
@@ -98,7 +105,7 @@ class Identification:
     prior_sigma: Array
     mean: Array
     covariance: Array
-    deviates: Posterior
+    deviates: PlantPosterior
     distance: float
     noise: Array
     residual_rms: Array
@@ -126,7 +133,7 @@ class Identification:
         """The aircraft as it is known now, to simulate and to train monitors with."""
         return IdentifiedAircraft.of(self.aircraft, self.mean, self.covariance, self.sources)
 
-    def predict(self, segment: Segment) -> "Prediction":
+    def predict(self, segment: FlownSegment) -> "OutputPrediction":
         """What the identified aircraft answers to the surfaces of a segment that was not used.
 
         Its initial state and biases are the best ones.
@@ -136,7 +143,7 @@ class Identification:
         return _prediction(fit, segment, self.deviates, self.residual_rms)
 
 
-class Prediction(NamedTuple):
+class OutputPrediction(NamedTuple):
     """y: (n_samples, 4) predicted.   sigma: (n_samples, 4) of a measured sample about it.
     r2: (4,) by channel.   covered: (4,) share of samples within the 95 % interval; NaN where not
     recorded."""
@@ -150,7 +157,7 @@ class Prediction(NamedTuple):
 def identify(
     aircraft: Aircraft,
     law: ControlLaw,
-    segments: Sequence[Segment],
+    segments: Sequence[FlownSegment],
     noise: Array | None = None,
 ) -> Identification:
     """Identify an aircraft under its D_theta as the prior.
@@ -181,7 +188,7 @@ def identify(
         if np.abs(np.log(believed[measured] / before[measured])).max() < CLOSE:
             mean, information = settle(fits, prior, mean)
             break
-    posterior = Posterior(mean, np.asarray(np.linalg.inv(information), np.float64))
+    posterior = PlantPosterior(mean, np.asarray(np.linalg.inv(information), np.float64))
     root = plant.root
     return Identification(
         aircraft=aircraft,
@@ -212,11 +219,13 @@ def swing_s(plant: UncertainPlant) -> float:
     return float(min(2 * np.pi / slowest, LONGEST_SWING_S)) if slowest < np.inf else LONGEST_SWING_S
 
 
-def _record(segment: Segment, noise: Array) -> Record:
-    return Record(segment.y[np.newaxis], segment.dt, np.where(segment.recorded, noise, np.inf))
+def _record(segment: FlownSegment, noise: Array) -> RecordedStep:
+    return RecordedStep(
+        segment.y[np.newaxis], segment.dt, np.where(segment.recorded, noise, np.inf)
+    )
 
 
-def _first_noise(segments: Sequence[Segment]) -> Array:
+def _first_noise(segments: Sequence[FlownSegment]) -> Array:
     """(6,) of outputs a part of their motion, of surfaces their roughness; infinite for none."""
     motion = _rms([segment.y - segment.y.mean(axis=0) for segment in segments])
     rough = _rms([roughness(segment.y)[np.newaxis] for segment in segments])
@@ -225,7 +234,7 @@ def _first_noise(segments: Sequence[Segment]) -> Array:
 
 
 def _noise(
-    segments: Sequence[Segment], residuals: list[Array], swing: float, fitted: float
+    segments: Sequence[FlownSegment], residuals: list[Array], swing: float, fitted: float
 ) -> Array:
     """(6,) noise to believe in: white as far as residuals are rough, the rest once each swing.
 
@@ -267,8 +276,8 @@ def _r2(y: Array, residuals: Array) -> Array:
 
 
 def _prediction(
-    fit: RecordFit, segment: Segment, deviates: Posterior, residual_rms: Array
-) -> Prediction:
+    fit: RecordFit, segment: FlownSegment, deviates: PlantPosterior, residual_rms: Array
+) -> OutputPrediction:
     """Of the outputs to measured surfaces, with the scatter of theta and the residuals."""
     fit.filter_of(deviates.mean)
     for _ in range(2):
@@ -280,7 +289,7 @@ def _prediction(
     sigma = np.sqrt(known + np.square(residual_rms))
     inside = (np.abs(residuals) <= INTERVAL * sigma).mean(axis=0)
     recorded = segment.recorded[:N_OUTPUTS]
-    return Prediction(
+    return OutputPrediction(
         segment.y[:, :N_OUTPUTS] - residuals,
         sigma,
         _r2(segment.y, residuals),

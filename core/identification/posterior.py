@@ -42,7 +42,7 @@ LEAST_NOISE = 1e-4
 """Of a channel, in parts of its motion: where no noise is said."""
 
 
-class Posterior(NamedTuple):
+class PlantPosterior(NamedTuple):
     """Of deviates of n aircraft, which are standard normal where nothing was flown yet.
 
     mean: (n, m).   covariance: (n, m, m).
@@ -51,13 +51,13 @@ class Posterior(NamedTuple):
     mean: Array
     covariance: Array
 
-    def some(self, which: slice) -> "Posterior":
+    def some(self, which: slice) -> "PlantPosterior":
         """Return those of a slice."""
-        return Posterior(self.mean[which], self.covariance[which])
+        return PlantPosterior(self.mean[which], self.covariance[which])
 
 
 @dataclass(frozen=True, eq=False)
-class Record:
+class RecordedStep:
     """What n aircraft answered to a manoeuvre, from trim.
 
     y: (n, n_samples, 6), a sample each dt [s].   noise: (6,) 1 sigma of each channel, SI units, N_y
@@ -79,31 +79,33 @@ class Fit(NamedTuple):
     in the prior's covariance.
     """
 
-    posterior: Posterior
+    posterior: PlantPosterior
     chi_square: Array
     distance: Array
 
 
-def prior_of(plant: UncertainPlant, n: int) -> Posterior:
+def prior_of(plant: UncertainPlant, n: int) -> PlantPosterior:
     """D_theta itself, n times."""
     m = plant.root.shape[1]
-    return Posterior(np.zeros((n, m)), np.broadcast_to(np.eye(m), (n, m, m)))
+    return PlantPosterior(np.zeros((n, m)), np.broadcast_to(np.eye(m), (n, m, m)))
 
 
-def fit(plant: UncertainPlant, law: Law, records: Sequence[Record], prior: Posterior) -> Fit:
+def fit(
+    plant: UncertainPlant, law: Law, records: Sequence[RecordedStep], prior: PlantPosterior
+) -> Fit:
     """Posterior of n aircraft, each from its own part of the records."""
     fits = [RecordFit(plant, law, record) for record in records]
     mean, information = settle(fits, prior, prior.mean)
     covariance, away = np.linalg.inv(information), mean - prior.mean
     return Fit(
-        Posterior(mean, 0.5 * (covariance + np.swapaxes(covariance, -1, -2))),
+        PlantPosterior(mean, 0.5 * (covariance + np.swapaxes(covariance, -1, -2))),
         np.stack([np.square(part.white(mean)).mean(axis=1) for part in fits], axis=1),
         np.einsum("ni,nij,nj->n", away, np.linalg.inv(prior.covariance), away) / mean.shape[1],
     )
 
 
 def settle(
-    fits: Sequence["RecordFit"], prior: Posterior, mean: Array, steps: int = STEPS
+    fits: Sequence["RecordFit"], prior: PlantPosterior, mean: Array, steps: int = STEPS
 ) -> tuple[Array, Array]:
     """Step from a mean (n, m) until that of the posterior is found, or so many times.
 
@@ -130,7 +132,11 @@ def settle(
 
 
 def _helpful(
-    fits: Sequence["RecordFit"], prior: Posterior, from_prior: Array, mean: Array, change: Array
+    fits: Sequence["RecordFit"],
+    prior: PlantPosterior,
+    from_prior: Array,
+    mean: Array,
+    change: Array,
 ) -> Array:
     """(n,) share of a change that is not too large, and does not make the misfit larger."""
 
@@ -151,7 +157,7 @@ def _helpful(
 class RecordFit:
     """One record of n aircraft under fit: its filter, initial states and biases."""
 
-    def __init__(self, plant: UncertainPlant, law: Law, record: Record) -> None:
+    def __init__(self, plant: UncertainPlant, law: Law, record: RecordedStep) -> None:
         self._plant, self._law, self._y, self._dt = plant, law, record.y, record.dt
         n, self._n_states = len(record.y), len(plant.states)
         moved = np.sqrt(np.square(np.nan_to_num(record.y)).mean(axis=(0, 1)))

@@ -10,7 +10,7 @@ from core.clearance import (
     Clearance,
     ClearanceError,
     ClearanceRecipe,
-    Companion,
+    PointPredictor,
     calibrate,
 )
 from core.evaluation.lead_sweep import TESTS
@@ -74,10 +74,10 @@ def test_promise_with_confidence_clears_less(clearance: Clearance) -> None:
 
 
 def test_a_prediction_of_a_batch_is_that_of_each_record(clearance: Clearance) -> None:
-    """Posterior by posterior; only the drawn pilots differ."""
+    """PlantPosterior by posterior; only the drawn pilots differ."""
     records = fly(nominal(), 5)
-    companion = Companion(POINTS, 32)
-    twice = companion.predict(
+    predictor = PointPredictor(POINTS, 32)
+    twice = predictor.predict(
         [np.repeat(y[np.newaxis], 2, axis=0) for y in records], np.random.default_rng(0)
     )
     alone = clearance.decide(records)
@@ -87,11 +87,11 @@ def test_a_prediction_of_a_batch_is_that_of_each_record(clearance: Clearance) ->
 
 def test_amplitudes_just_reach_a_limit(clearance: Clearance) -> None:
     """Flown again with a little more or less, the same flights exceed or do not."""
-    companion = Companion(POINTS, 32)
-    theta = companion.plant.sample(50, np.random.default_rng(1))
-    factors = companion.amplitudes(theta, np.random.default_rng(2))
+    predictor = PointPredictor(POINTS, 32)
+    theta = predictor.plant.sample(50, np.random.default_rng(1))
+    factors = predictor.amplitudes(theta, np.random.default_rng(2))
     for share, exceeds in ((0.999, False), (1.001, True)):
-        rollouts, peaks = companion.following.fly(theta, np.random.default_rng(2), share * factors)
+        rollouts, peaks = predictor.following.fly(theta, np.random.default_rng(2), share * factors)
         assert ((peaks >= 1.0) == exceeds).all()
         assert (rollouts.is_unsafe == exceeds).all()
 

@@ -9,7 +9,7 @@ from core.channels import KEYS
 from core.collection import collect
 from core.equation_error import EquationError, Smoothing
 from core.evaluation.lead_sweep import TESTS
-from core.identification.identification import Identification, Segment, identify, swing_s
+from core.identification.identification import FlownSegment, Identification, identify, swing_s
 from core.monitor import MonitorRecipe, train
 from core.planned_test import Simulator
 from core.recipe import from_plain, to_plain
@@ -25,20 +25,20 @@ COLUMNS = ("beta_rad", "p_radps", "r_radps", "ay_g", "da_rad", "dr_rad")
 real_records = pytest.mark.skipif(not RECORDS.is_dir(), reason="no flight records beside the tests")
 
 
-def record(name: str) -> Segment:
+def record(name: str) -> FlownSegment:
     """A real ATTAS manoeuvre, 30 s at 25 Hz."""
     table = np.genfromtxt(RECORDS / f"{name}.csv", delimiter=",", names=True)
-    return Segment(np.column_stack([table[column] for column in COLUMNS]), 0.04, name)
+    return FlownSegment(np.column_stack([table[column] for column in COLUMNS]), 0.04, name)
 
 
-def flown(name: str, n: int = 1, seed: int = 4) -> tuple[Array, list[Segment]]:
+def flown(name: str, n: int = 1, seed: int = 4) -> tuple[Array, list[FlownSegment]]:
     """Theta (n, n_params) and a flight each of a planned test."""
     simulator, rng = Simulator(TESTS[name]), np.random.default_rng(seed)
     rollouts = simulator.rollouts(n, rng)
-    return rollouts.theta, [Segment(y, TESTS[name].dt, "step") for y in rollouts.y]
+    return rollouts.theta, [FlownSegment(y, TESTS[name].dt, "step") for y in rollouts.y]
 
 
-def identified(name: str, segments: list[Segment], *, noise_is_known: bool) -> Identification:
+def identified(name: str, segments: list[FlownSegment], *, noise_is_known: bool) -> Identification:
     """Identify the aircraft of a planned test."""
     test = TESTS[name]
     noise = channel_array(test.noise) if noise_is_known else None
@@ -78,7 +78,7 @@ def test_what_the_model_leaves_out_makes_intervals_wider() -> None:
     drifting = segment.y.copy()
     drifting[:, 0] += 0.01 * np.sin(2 * np.pi * 0.25 * segment.dt * np.arange(len(drifting)))
     straight, bent = (
-        identified("ATTAS", [Segment(y, segment.dt)], noise_is_known=False)
+        identified("ATTAS", [FlownSegment(y, segment.dt)], noise_is_known=False)
         for y in (segment.y, drifting)
     )
     assert (straight.inflation < 1.5).all()
@@ -91,7 +91,8 @@ def test_an_unused_flight_is_predicted_inside_its_interval() -> None:
     simulator, rng = Simulator(TESTS["ATTAS"]), np.random.default_rng(5)
     theta = simulator.plant.sample(1, rng)
     small, large = (
-        Segment(simulator.fly(theta, rng, np.array([scale]))[0].y[0], 0.05) for scale in (0.5, 1.0)
+        FlownSegment(simulator.fly(theta, rng, np.array([scale]))[0].y[0], 0.05)
+        for scale in (0.5, 1.0)
     )
     found = identified("ATTAS", [small], noise_is_known=False)
     prediction = found.predict(large)
@@ -119,7 +120,7 @@ def test_equation_error_agrees() -> None:
         dt=0.02,
     )
     simulator, rng = Simulator(quiet), np.random.default_rng(6)
-    segment = Segment(simulator.rollouts(1, rng).y[0], quiet.dt)
+    segment = FlownSegment(simulator.rollouts(1, rng).y[0], quiet.dt)
     found = identify(quiet.aircraft, quiet.control_law, [segment], channel_array(quiet.noise))
     smoothing = Smoothing(quiet.dt)
     beta, p, r, _, _, delta_r = segment.y.T
@@ -182,7 +183,7 @@ def test_a_segment_that_cannot_be_fitted_is_refused(change, words: str) -> None:
     """With what it lacks."""
     _, (segment,) = flown("ATTAS")
     with pytest.raises(ValueError, match=words):
-        Segment(change(segment.y.copy()), segment.dt)
+        FlownSegment(change(segment.y.copy()), segment.dt)
 
 
 def test_what_cannot_be_identified_is_refused() -> None:
@@ -191,7 +192,7 @@ def test_what_cannot_be_identified_is_refused() -> None:
     with pytest.raises(ValueError, match="no segment was given"):
         identify(ATTAS, CONTROL_LAWS["none"], [])
     with pytest.raises(ValueError, match="samples are 0"):
-        Segment(segment.y, 0.0)
+        FlownSegment(segment.y, 0.0)
     certain = PublishedAircraft("attas_id_16kft", uncertainty=Uncertainty(0.0))
     with pytest.raises(ValueError, match="no derivative of the aircraft is uncertain"):
         identify(certain, CONTROL_LAWS["none"], [segment])
@@ -202,7 +203,7 @@ def test_an_output_that_was_not_recorded_is_left_out() -> None:
     _, (segment,) = flown("ATTAS")
     blind = segment.y.copy()
     blind[:, 0] = np.nan
-    found = identified("ATTAS", [Segment(blind, segment.dt)], noise_is_known=True)
+    found = identified("ATTAS", [FlownSegment(blind, segment.dt)], noise_is_known=True)
     assert np.isnan(found.r2[0, 0])
     assert (found.r2[0, 1:] > 0.9).all()
 

@@ -7,7 +7,7 @@ import pytest
 
 from core.evaluation.lead_sweep import TESTS
 from core.identification.joint_model import Law
-from core.identification.posterior import Fit, Posterior, Record, fit, prior_of
+from core.identification.posterior import Fit, PlantPosterior, RecordedStep, fit, prior_of
 from core.planned_test import DatasetRecipe, Simulator
 from core.simulation.imperfections import channel_array
 from core.types import Array
@@ -22,14 +22,14 @@ def step(test: DatasetRecipe, fraction: float = 0.6) -> Simulator:
 
 
 def identified(
-    simulator: Simulator, n: int = N, prior: Posterior | None = None, seed: int = 21
+    simulator: Simulator, n: int = N, prior: PlantPosterior | None = None, seed: int = 21
 ) -> tuple[Array, Fit]:
     """Deviates of n aircraft (n, m), and what one flight of each says of them."""
     test, plant, rng = simulator.recipe, simulator.plant, np.random.default_rng(seed)
     deviates = rng.standard_normal((n, plant.root.shape[1]))
     rollouts, _ = simulator.fly(plant.theta_of(deviates), rng)
     law = Law(simulator.controller, test.control_law.actuator)
-    record = Record(rollouts.y, test.dt, channel_array(test.noise))
+    record = RecordedStep(rollouts.y, test.dt, channel_array(test.noise))
     return deviates, fit(plant, law, [record], prior or prior_of(plant, n))
 
 
@@ -66,7 +66,7 @@ def test_a_second_step_goes_on_from_the_first() -> None:
     theta = plant.sample(n, rng)
     law = Law(simulators[0].controller, test.control_law.actuator)
     records = [
-        Record(simulator.fly(theta, rng)[0].y, test.dt, channel_array(test.noise))
+        RecordedStep(simulator.fly(theta, rng)[0].y, test.dt, channel_array(test.noise))
         for simulator in simulators
     ]
     first = fit(plant, law, records[:1], prior_of(plant, n))
@@ -96,7 +96,7 @@ def test_aircraft_of_a_batch_do_not_know_of_each_other() -> None:
         alone = fit(
             simulator.plant,
             law,
-            [Record(y[k : k + 1], simulator.recipe.dt, noise)],
+            [RecordedStep(y[k : k + 1], simulator.recipe.dt, noise)],
             prior_of(simulator.plant, 1),
         )
         np.testing.assert_allclose(alone.posterior.mean[0], three.posterior.mean[k], atol=1e-4)
