@@ -64,7 +64,7 @@ class Deviation(NamedTuple):
         innovation over a window [sigma]; the number, and the time [s], of the sample that made
         each, -1 and NaN for none.
     counts: (6,) samples; those not stale; assessed ones in an unbroken row; those compared with
-        their forecast; those whose distance was taken; the nearest safe point of the last one.
+        their forecast; those whose distance was taken; the nearest safe point last looked up.
     clock: (2,) times of the first and of the last sample [s].
     points: (h, d) of the last h samples.
     innovations: (window, 8) of the last samples, in any order.
@@ -165,8 +165,13 @@ def follow(reference, so_far, t, y, row, codes, near, distance, largest):
                     if near[i] >= 0:
                         far = np.sqrt(squared_distance_at(safe_at, z, near[i]))
                     else:
-                        squared, counts[NEAR] = nearest_at(safe_at, z, -1, counts[NEAR])
-                        far = np.sqrt(squared)
+                        # Only the largest counts, and the last neighbour bounds this one.
+                        last_near = counts[NEAR]
+                        if last_near >= 0:
+                            far = np.sqrt(squared_distance_at(safe_at, z, last_near))
+                        if not far <= peaks[SIZE, DISTANCE]:
+                            squared, counts[NEAR] = nearest_at(safe_at, z, -1, last_near)
+                            far = np.sqrt(squared)
                 counts[PLACED] += 1
                 if not far <= peaks[SIZE, DISTANCE]:
                     peaks[SIZE, DISTANCE] = far if far == far else np.inf

@@ -57,7 +57,7 @@ def _lowest_some(fitted, y, n_delay, first, last, own, levels, start, stop, lowe
                 )
             else:
                 # A step away from the anchor changes each distance by at most its length.
-                step = _distance(z, anchor)
+                step = distance_between(z, anchor)
                 unsafe = a * max(to_unsafe - step, 0.0) ** 2
                 safe = b * (to_safe + step) ** 2
                 if unsafe - safe - ROUNDING * (unsafe + safe) > goal:
@@ -78,7 +78,8 @@ def _lowest_some(fitted, y, n_delay, first, last, own, levels, start, stop, lowe
 
 
 @inlined
-def _distance(z, anchor):
+def distance_between(z, anchor):
+    """Length of the step from one mapped point to another."""
     total = 0.0
     for k in range(z.shape[0]):
         total += (z[k] - anchor[k]) ** 2

@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from core.channels import N_CHANNELS
-from core.kernels import assessing, compiled, peak_risk
+from core.kernels import assessing, compiled, peak_risk, trajectory_p
 from core.kernels.assessing import Fitted
 from core.kernels.deviation import Reference, first_beyond
 from core.kernels.innovation import NO_INNOVATION, Innovation
@@ -38,6 +38,7 @@ from core.monitor.validity.verdict import (
     RunningValidity,
     ValidityVerdict,
     exceeds,
+    first_withdrawn,
     in_words,
     judge,
     judge_and_withdraw,
@@ -180,7 +181,16 @@ class Monitor:
         and from where on the flight is outside training.
         """
         y = _checked(y)
-        return self.assess(np.arange(len(y)) * self.dt, y).p_value
+        t = np.arange(len(y), dtype=np.float64) * self.dt
+        if len(self.exact.start) or self.forecast is not None or self.groups is not None:
+            return self.assess(t, y).p_value
+        state = assessing.states(t, y, self.dt, self.recipe.n_delay)
+        ok = state == assessing.OK
+        p = trajectory_p.simple_p_values(self.fitted, y, ok, self.recipe.n_delay)
+        if self.validity_basis is not None:
+            first = first_withdrawn(self.validity_basis, t, y, state, self.last_counted(y))
+            p[len(p) if first is None else first :] = np.nan
+        return p
 
     def assess(
         self,

@@ -2,13 +2,14 @@ import os
 import subprocess
 import sys
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from time import perf_counter, perf_counter_ns
 
 import numpy as np
 import pytest
 
-from core.collection import DatasetRecipe, Simulator, collect
+from core.collection import DatasetRecipe, Simulator, collect, fresh
 from core.kernels import assessing as live_path
 from core.kernels.compiled import jit, on_this_thread
 from core.monitor import Monitor, train
@@ -82,6 +83,21 @@ def test_batch_scoring_of_an_hour_at_100_hz() -> None:
         f"\n360,000 samples, {len(monitor.safe_points)} safe points: {two.ours.min():.3f} s; "
         f"cKDTree, both on one thread {one}; both on two threads {two}"
     )
+
+
+def test_p_values_alone_of_an_hour_at_100_hz() -> None:
+    """Against assessing every sample, whose scores need every neighbour."""
+    recipe = replace(DatasetRecipe(), n_unsafe=500)
+    monitor = train(collect(recipe), fresh=fresh(recipe))
+    y = Simulator(recipe).rollouts(2976, np.random.default_rng(2)).y.reshape(-1, 6)[:360_000]
+    t = np.arange(len(y)) * monitor.dt
+    for flown, what in ((monitor, "with"), (replace(monitor, support=None), "without")):
+        assert flown.p_values(y).tobytes() == flown.assess(t, y).p_value.tobytes()
+        pair = in_turns(partial(flown.p_values, y), partial(flown.assess, t, y))
+        print(
+            f"\n360,000 p-values {what} validity, {monitor.n_unsafe} failures: "
+            f"{pair.ours.min():.3f} s; assessing every sample {pair}"
+        )
 
 
 def test_training_on_more_than_a_million_observations() -> None:

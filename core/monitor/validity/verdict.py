@@ -37,7 +37,7 @@ from core.monitor.assessment import Assessment, Assessments, Withdrawal, code_of
 from core.monitor.validity.input_shape import WrongInput
 from core.monitor.validity.reasons import outside_training, too_little
 from core.monitor.validity.support import ValidityBasis
-from core.types import Array, Flags
+from core.types import Array, Flags, Indices
 
 
 @dataclass(frozen=True)
@@ -84,7 +84,7 @@ def judge(
     a limit, if one does, as failing flights are calibrated up to there.
     """
     deviation, _ = deviation_of(basis, t, y, assessments, end)
-    wrong = _wrong_input(basis, y, assessments, end)
+    wrong = _wrong_input(basis, assessments.t, y, assessments.state, end)
     return _verdict(basis, deviation, level, _outlier(deviation, assessments), wrong)
 
 
@@ -100,7 +100,7 @@ def judge_and_withdraw(
     Arguments as of `judge`.
     """
     deviation, largest = deviation_of(basis, t, y, assessments, end)
-    wrong = _wrong_input(basis, y, assessments, end)
+    wrong = _wrong_input(basis, assessments.t, y, assessments.state, end)
     verdict = _verdict(basis, deviation, None, _outlier(deviation, assessments), wrong)
     return verdict, _withdrawal(basis, t, y, assessments, largest, wrong)
 
@@ -122,13 +122,13 @@ def _first_outside(basis: ValidityBasis, largest: Array, wrong: WrongInput | Non
 
 
 def _wrong_input(
-    basis: ValidityBasis, y: Array, assessments: Assessments, end: int | None
+    basis: ValidityBasis, t: Array, y: Array, state: Indices, end: int | None
 ) -> WrongInput | None:
     """What is wrong with the input of a manoeuvre, in samples up to `end` that were assessed."""
     if basis.input_shape is None:
         return None
-    n = len(assessments) if end is None else end + 1
-    return basis.input_shape.first_wrong(assessments.t, y[:n], assessments.state[:n] == OK)
+    n = len(t) if end is None else end + 1
+    return basis.input_shape.first_wrong(t, y[:n], state[:n] == OK)
 
 
 def deviation_of(
@@ -143,8 +143,15 @@ def deviation_of(
     Samples in which nothing was assessed add nothing. A sample is compared with a forecast only
     where it and every sample since that was made of were assessed.
     """
-    n = len(assessments) if end is None else end + 1
-    codes, near = assessments.state[:n], assessments.nearest_safe[:n]
+    return _deviation_of(basis, t, y, assessments.state, assessments.nearest_safe, end)
+
+
+def _deviation_of(
+    basis: ValidityBasis, t: Array, y: Array, state: Indices, near: Indices, end: int | None
+) -> tuple[Deviation, Array]:
+    """`deviation_of`. state: (n,) codes.   near: (n,) nearest safe points, -1 where not known."""
+    n = len(state) if end is None else end + 1
+    codes, near = state[:n], near[:n]
     t, y = np.ascontiguousarray(t, np.float64)[:n], np.ascontiguousarray(y, np.float64)[:n]
     fresh = codes != STALE
     deviation, largest = begin(basis.reference), np.empty((n, 2))
@@ -165,8 +172,19 @@ def withdrawal(
     Arguments as of `judge`. It is the sample at which `RunningValidity` becomes invalid.
     """
     _, largest = deviation_of(basis, t, y, assessments, end)
-    wrong = _wrong_input(basis, y, assessments, end)
+    wrong = _wrong_input(basis, assessments.t, y, assessments.state, end)
     return _withdrawal(basis, t, y, assessments, largest, wrong)
+
+
+def first_withdrawn(
+    basis: ValidityBasis, t: Array, y: Array, state: Indices, end: int | None = None
+) -> int | None:
+    """The sample of `withdrawal`, where nothing but the states of the samples is known; or None.
+
+    t: (n,) [s].   y: (n, 6).   state: (n,) codes, not withdrawn.   end: as of `judge`.
+    """
+    _, largest = _deviation_of(basis, t, y, state, np.full(len(state), -1), end)
+    return _first_outside(basis, largest, _wrong_input(basis, t, y, state, end))
 
 
 def _withdrawal(

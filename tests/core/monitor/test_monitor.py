@@ -99,6 +99,34 @@ def test_stream_equals_batch_on_whole_flights(streamed: Monitor, flights: Array)
         assert (batch.p_value == streamed.p_values(y)).all()
 
 
+@settings(max_examples=examples(60))
+@given(
+    size=st.sampled_from([0.3, 1.0, 3.0, 1e160]),
+    defects=st.lists(DEFECTS, min_size=2 * N_SAMPLES, max_size=2 * N_SAMPLES),
+    pair=st.permutations(range(20)),
+)
+def test_p_values_alone_are_those_of_assessed_samples(
+    size: float, defects: list, pair: list[int], streamed: Monitor, flights: Array
+) -> None:
+    """To the bit, though most neighbours are not looked up: through steps, defects and ties."""
+    y = size * np.vstack([flights[pair[0]], flights[pair[1]]])
+    for i, defect in enumerate(defects):
+        if defect is not None:
+            y[i, i % 6] = defect
+    with np.errstate(over="ignore", invalid="ignore"):
+        expected = streamed.assess(np.arange(len(y)) * DT, y).p_value
+        assert streamed.p_values(y).tobytes() == expected.tobytes()
+
+
+def test_p_values_alone_tie_with_the_failures_they_are_calibrated_on(
+    streamed: Monitor, dataset: Dataset
+) -> None:
+    for y, fail in zip(dataset.unsafe, dataset.fail_index.tolist(), strict=True):
+        flown = y[: fail + 1]
+        expected = streamed.assess(TIMES[: fail + 1], flown).p_value
+        assert streamed.p_values(flown).tobytes() == expected.tobytes()
+
+
 def test_columns_say_what_each_sample_says(streamed: Monitor, flights: Array) -> None:
     y, t = flights[0].copy(), TIMES.copy()
     y[7, 2], t[20] = np.nan, t[19]

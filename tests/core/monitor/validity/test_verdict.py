@@ -151,6 +151,24 @@ def test_statistics_equal_brute_force(
         assert (reached[-1, 0] > 0) == has_forecasts
 
 
+def test_the_nearest_safe_points_need_not_be_known(monitor: Monitor) -> None:
+    """The same bits where most of them are passed over, and the same sample of withdrawal."""
+    withdrawn = 0
+    for seed, (t, y) in enumerate(map(rough_flight, range(20))):
+        y = y * (1 + seed % 4)
+        said = untouched(monitor, t, y)
+        unknown = replace(said, nearest_safe=np.full(len(t), -1))
+        of_known, of_unknown = (
+            deviation_of(basis_of(monitor), t, y, assessments) for assessments in (said, unknown)
+        )
+        assert of_known[1].tobytes() == of_unknown[1].tobytes()
+        assert of_known[0].peaks.tobytes() == of_unknown[0].peaks.tobytes()
+        p = monitor.assess(TIMES, y).p_value
+        assert monitor.p_values(y).tobytes() == p.tobytes()
+        withdrawn += np.isnan(p[-1])
+    assert 0 < withdrawn < 20
+
+
 def test_innovations_of_training_have_unit_deviation(dataset: Dataset) -> None:
     """And so has each response by itself, in its unit; but for what a sensor does not resolve."""
     innovation = fit_innovation(dataset)
