@@ -66,10 +66,10 @@ def build(points: Array) -> Tree:
 def locate(tree):
     """Where a tree's arrays lie; taken once before a loop, it saves counting references in it."""
     return (
-        _address(tree.points),
-        _address(tree.original),
-        _address(tree.boxes),
-        _address(tree.slot),
+        address(tree.points),
+        address(tree.original),
+        address(tree.boxes),
+        address(tree.slot),
         tree.original.shape[0] // LEAF,
         tree.slot.shape[0],
     )
@@ -98,7 +98,7 @@ def nearest_at(place, z, skip, hint):
         place[3],
         place[4],
         place[5],
-        _address(z),
+        address(z),
         z.shape[0],
         np.int64(skip),  # literal numbers would compile the search once more for each
         np.int64(hint),
@@ -108,7 +108,7 @@ def nearest_at(place, z, skip, hint):
 @inlined
 def squared_distance_at(place, z, i):
     """Squared distance from z to original point i, 0 <= i < n: the bits `nearest_at` gives."""
-    return _squared_distance(place[0], place[3], _address(z), z.shape[0], np.int64(i))
+    return _squared_distance(place[0], place[3], address(z), z.shape[0], np.int64(i))
 
 
 @jit
@@ -118,7 +118,7 @@ def _squared_distance(points, slot, z, d, i):
 
 
 @intrinsic
-def _address(_context, array):
+def address(_context, array):
     """Where an array's numbers lie. Counting references to five arrays costs more than a search."""
     if array.layout != "C":
         raise TypingError("nearest needs C-contiguous arrays: pass np.ascontiguousarray(z)")
@@ -130,7 +130,7 @@ def _address(_context, array):
 
 
 @intrinsic
-def _stack(_context):
+def scratch(_context):
     """LEAF + 2 * STACK floats on the machine's stack: nothing to allocate, nothing aliases it."""
 
     def generate(_generator, builder, _signature, _arguments):
@@ -142,7 +142,7 @@ def _stack(_context):
 @jit
 def _search(points, original, boxes, slot, n_leaves, n, z, d, skip, hint):
     # A bound or distance a lane; then a stack of (bound, node), each family's nearest on top.
-    total = carray(_stack(), (1,))
+    total = carray(scratch(), (1,))
     points, original = carray(points, (1,)), carray(original, (1,))
     boxes, slot, z = carray(boxes, (1,)), carray(slot, (1,)), carray(z, (1,))
     for k in range(d):
@@ -165,7 +165,7 @@ def _search(points, original, boxes, slot, n_leaves, n, z, d, skip, hint):
             continue
         node = np.int64(total[U(LEAF + STACK + top)])
         if node < n_nodes:
-            _bounds(boxes, node, z, d, total)
+            bounds(boxes, node, z, d, total)
             child, base = WIDTH * node + 1, top
             for j in range(min(WIDTH, n_nodes + n_leaves - child)):
                 if total[j] <= best:
@@ -173,7 +173,7 @@ def _search(points, original, boxes, slot, n_leaves, n, z, d, skip, hint):
         elif node != warm or fresh:
             fresh = fresh and node != warm
             leaf = node - n_nodes
-            _distances(points, leaf, z, d, total)
+            distances(points, leaf, z, d, total)
             hits = 0
             for j in range(LEAF):
                 hits |= total[j] <= best
@@ -210,7 +210,7 @@ def _distance(points, lane, z, d):
 
 
 @inlined
-def _distances(points, leaf, z, d, total):
+def distances(points, leaf, z, d, total):
     """Squared distance from z to each point of a leaf."""
     at, blocks_end = U(leaf * LEAF * d), U(d - d % BLOCK)
     _clear(total, LEAF)
@@ -221,7 +221,7 @@ def _distances(points, leaf, z, d, total):
 
 
 @inlined
-def _bounds(boxes, node, z, d, total):
+def bounds(boxes, node, z, d, total):
     """Squared distance from z to each child's box: 0 inside."""
     at, blocks_end = U(node * 2 * WIDTH * d), U(d - d % BLOCK)
     _clear(total, WIDTH)

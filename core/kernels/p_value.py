@@ -4,6 +4,12 @@ from typing import NamedTuple
 
 import numpy as np
 
+from core.kernels.calibration_tree import (
+    NOTHING,
+    CalibrationTree,
+    build_calibration_tree,
+    n_staying,
+)
 from core.kernels.compiled import inlined, jit
 from core.types import Array, Indices
 
@@ -15,6 +21,7 @@ class Transduction(NamedTuple):
     unsafe, safe: (n,) their weighted squared distances, own failure left out.
     alphas: (n_failures,) in the order of `start`.
     always: failures too early to be warned of.   running: score a flight by its lowest so far.
+    tree: of the samples, see `indexed`.
     Empty arrays mean the simple p-value (SIMPLE).
     """
 
@@ -25,6 +32,12 @@ class Transduction(NamedTuple):
     alphas: Array
     always: int
     running: bool
+    tree: CalibrationTree = NOTHING
+
+    def indexed(self) -> "Transduction":
+        """Return it with its tree, which p-values are taken from."""
+        tree = build_calibration_tree(self.points, self.unsafe, self.safe, self.start, self.alphas)
+        return self._replace(tree=tree)
 
 
 SIMPLE = Transduction(
@@ -46,24 +59,11 @@ def simple_p(alphas, s):
     return _simple_p(alphas, s)
 
 
-@jit
+@inlined
 def _exact_p(fitted, exact, z, s):
     """p-value with z joined to the unsafe points; never above the simple one at the same s."""
-    count = exact.always
-    for i in range(exact.alphas.shape[0]):
-        if exact.alphas[i] < s:
-            continue
-        stays = 1
-        for j in range(exact.start[i], exact.start[i + 1]):
-            total = 0.0
-            for k in range(z.shape[0]):
-                e = z[k] - exact.points[j, k]
-                total += e * e
-            if min(exact.unsafe[j], fitted.unsafe_weight * total) - exact.safe[j] < s:
-                stays = 0
-                break
-        count += stays
-    return (count + 1) / (fitted.alphas.shape[0] + 1)
+    staying = n_staying(exact.tree, fitted.unsafe_weight, z, s)
+    return (exact.always + staying + 1) / (fitted.alphas.shape[0] + 1)
 
 
 @inlined

@@ -13,8 +13,20 @@ EMPTY = 2**31 - 1
 @jit
 def pack(points):
     """Fields of a Tree. points: (n, d) finite, C-contiguous."""
-    n, d = points.shape
     order, slot = _distinct(points)
+    leaves, original, boxes, lane_of = pack_rows(points, order)
+    for i in range(len(points)):
+        slot[i] = lane_of[slot[i]]
+    return leaves, original, boxes, slot
+
+
+@jit
+def pack_rows(points, order):
+    """The first three fields of a Tree of some rows of points, and the lane of each of them.
+
+    order: (m,) int32 rows, sorted into the leaves on the way.   Returns lanes (n,).
+    """
+    n, d = points.shape
     n_leaves = (len(order) + LEAF - 1) // LEAF
     n_nodes = (n_leaves + WIDTH - 3) // (WIDTH - 1)
     start = _split_all(points, order, n_nodes, n_leaves)
@@ -38,9 +50,7 @@ def pack(points):
         for k in range(d):
             boxes[above, 0, k, j] = boxes[node, 0, k].min()
             boxes[above, 1, k, j] = boxes[node, 1, k].max()
-    for i in range(n):
-        slot[i] = lane_of[slot[i]]
-    return leaves.reshape(-1), original, boxes.reshape(-1), slot
+    return leaves.reshape(-1), original, boxes.reshape(-1), lane_of
 
 
 @jit

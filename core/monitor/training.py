@@ -212,7 +212,8 @@ def _transduction(
     sample = first[timely][point] + np.arange(len(point)) - start[point]
     points = map_samples(affine, y, np.column_stack([timely[point], sample]), n_delay)
     unsafe, safe = weighted_distances(fitted, points, point)
-    return Transduction(points, unsafe, safe, start, alphas[timely], len(y) - len(timely), running)
+    always = len(y) - len(timely)
+    return Transduction(points, unsafe, safe, start, alphas[timely], always, running).indexed()
 
 
 def _check(dataset: Dataset, recipe: MonitorRecipe) -> None:

@@ -12,7 +12,7 @@ import pytest
 from core.collection import DatasetRecipe, Simulator, collect, fresh
 from core.kernels import assessing as live_path
 from core.kernels.compiled import jit, on_this_thread
-from core.monitor import Monitor, train
+from core.monitor import Monitor, MonitorRecipe, train
 from tests.benchmarks.pairs import in_turns
 from tests.benchmarks.peers import CKDTreeMonitor
 
@@ -98,6 +98,22 @@ def test_p_values_alone_of_an_hour_at_100_hz() -> None:
             f"\n360,000 p-values {what} validity, {monitor.n_unsafe} failures: "
             f"{pair.ours.min():.3f} s; assessing every sample {pair}"
         )
+
+
+@pytest.mark.parametrize("n_unsafe", [50, 500, 5_000])
+def test_exact_p_values_of_trajectory_calibration(n_unsafe: int) -> None:
+    """Against the simple ones of the same failures."""
+    dataset = collect(replace(DatasetRecipe(), n_unsafe=n_unsafe))
+    y = Simulator(DatasetRecipe()).rollouts(200, np.random.default_rng(1)).y.reshape(-1, 6)
+    exact, simple = (
+        train(dataset, MonitorRecipe(calibration="trajectory", p_value=p_value))
+        for p_value in ("exact", "simple")
+    )
+    pair = in_turns(lambda: compiled_flight(simple, y), lambda: compiled_flight(exact, y))
+    print(
+        f"\n{n_unsafe} failures, {len(exact.exact.points)} samples: a simple p-value "
+        f"{1e6 * pair.ours.min() / len(y):.2f} µs, an exact one {pair}"
+    )
 
 
 def test_training_on_more_than_a_million_observations() -> None:

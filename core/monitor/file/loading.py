@@ -68,7 +68,7 @@ def _rebuild(sections: Mapping[str, Section]) -> Monitor:
     return Monitor(
         recipe=recipe,
         fitted=assemble(recipe, affine, *points, arrays.pop("alphas")),
-        exact=exact,
+        exact=exact.indexed() if recipe.is_exact else SIMPLE,
         theta_names=tuple(header["theta_names"]),
         specification=specification_from_plain(specification),
         support=_support(sections.get("validity"), recipe.predictor.forecasts),
@@ -84,7 +84,7 @@ def _rebuild(sections: Mapping[str, Section]) -> Monitor:
 def _exact(section: Section | None) -> Transduction:
     if section is None:
         return SIMPLE
-    arrays = {key: section.arrays[key] for key in portable.EXACT_ARRAYS}
+    arrays: dict[str, Any] = {key: section.arrays[key] for key in portable.EXACT_ARRAYS}
     return Transduction(
         **arrays, always=section.header["always"], running=section.header["running"]
     )
