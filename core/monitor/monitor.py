@@ -47,7 +47,7 @@ from core.monitor.validity.verdict import (
 from core.recipe import to_plain
 from core.specification import Specification, magnitudes_of, specification_to_plain
 from core.types import Array, Flags, Indices
-from core.whole_file import write_whole
+from core.whole_file import whole_file
 
 
 @dataclass(frozen=True, eq=False)
@@ -357,7 +357,8 @@ class Monitor:
 
     def save(self, path: str | Path) -> None:
         """Write the portable file: whole, or not at all."""
-        write_whole(path, self.to_bytes())
+        with whole_file(path) as file:
+            portable.write(file, self._sections())
 
     def to_bytes(self) -> bytes:
         """Return the portable file's content."""

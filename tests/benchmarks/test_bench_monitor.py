@@ -1,3 +1,5 @@
+import hashlib
+import io
 import os
 import subprocess
 import sys
@@ -130,6 +132,26 @@ def test_training_on_more_than_a_million_observations() -> None:
         "      f'{perf_counter() - begin:.1f} s, peak memory {peak:.2f} GB')\n"
     )
     print("\n" + _run(code))
+
+
+def test_saving_a_million_safe_points(tmp_path: Path) -> None:
+    """Against an archive that compresses everything, its digest taken afterwards."""
+    monitor = train(collect(replace(DatasetRecipe(), n_unsafe=5000, n_obs=100)))
+    with np.load(io.BytesIO(monitor.to_bytes().split(b"\n", 2)[2])) as archive:
+        arrays = dict(archive)
+
+    def compressed() -> None:
+        body = io.BytesIO()
+        np.savez_compressed(body, **arrays)  # pyright: ignore[reportArgumentType]
+        digest = hashlib.sha256(body.getvalue()).hexdigest().encode()
+        (tmp_path / "compressed").write_bytes(digest + body.getvalue())
+
+    pair = in_turns(lambda: monitor.save(tmp_path / "monitor"), compressed)
+    mine, theirs = ((tmp_path / name).stat().st_size for name in ("monitor", "compressed"))
+    print(
+        f"\nsaving {len(monitor.safe_points):,} safe points: {pair.ours.min():.2f} s, "
+        f"{mine / 1e6:.0f} MB ({mine / theirs:.2f} of what is compressed); compressing {pair}"
+    )
 
 
 def test_first_sample_in_a_fresh_process(tmp_path: Path) -> None:

@@ -17,7 +17,7 @@ import zipfile
 import zlib
 from collections.abc import Iterable, Mapping
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, BinaryIO, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -54,6 +54,10 @@ UNFOLDS_BY, UNFOLDS_TO = 8, 16 * 2**20
 """A file's arrays may take so many times its size, or so many bytes if that is more. Those of
 trained monitors take less than twice its size."""
 COMPRESSIONS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
+NO_DIGEST = b"0" * 64
+"""What stands for the digest while the rest is written."""
+SAMPLED, WORTH_SHRINKING = 2**16, 0.75
+"""Bytes of an array that are compressed to see whether it shrinks to less than such a share."""
 LONGEST_TEXT = 4 * 2**20
 LONGEST_REASON = 300
 DEEPEST = 32
@@ -87,17 +91,59 @@ class Section(NamedTuple):
 
 def pack(sections: Iterable[Section]) -> bytes:
     """Return the file of these sections."""
+    file = io.BytesIO()
+    write(file, sections)
+    return file.getvalue()
+
+
+def write(file: BinaryIO, sections: Iterable[Section]) -> None:
+    """Write the file of these sections, which can seek, from where it stands."""
     sections = list(sections)
     index = [{key: getattr(part, key) for key in Section._fields[:-1]} for part in sections]
     arrays = {
         f"{part.name}/{key}": array for part in sections for key, array in part.arrays.items()
     }
     arrays[INDEX] = np.frombuffer(json.dumps(index).encode(), np.uint8)
-    archive = io.BytesIO()
-    np.savez_compressed(archive, allow_pickle=False, **arrays)
-    body = archive.getvalue()
-    digest = hashlib.sha256(body).hexdigest().encode()
-    return MAGIC + str(FORMAT).encode() + b"\n" + digest + b"\n" + body
+    file.write(MAGIC + str(FORMAT).encode() + b"\n")
+    at = file.tell()
+    file.write(NO_DIGEST + b"\n")
+    body = _Digested(file)
+    with zipfile.ZipFile(body, "w") as archive:
+        for name, array in arrays.items():
+            content = io.BytesIO()
+            np.lib.format.write_array(content, array, version=(1, 0), allow_pickle=False)
+            archive.writestr(
+                zipfile.ZipInfo(f"{name}.npy"),
+                content.getvalue(),
+                zipfile.ZIP_DEFLATED if _shrinks(array) else zipfile.ZIP_STORED,
+                compresslevel=1,
+            )
+    file.seek(at)
+    file.write(body.digest.hexdigest().encode())
+    file.seek(0, io.SEEK_END)
+
+
+class _Digested(io.RawIOBase):
+    """A file whose content is digested while it is written."""
+
+    def __init__(self, file: BinaryIO) -> None:
+        self._file = file
+        self.digest = hashlib.sha256()
+
+    def writable(self) -> bool:
+        return True
+
+    def write(self, content: Any) -> int:
+        self.digest.update(content)
+        return self._file.write(content)
+
+
+def _shrinks(array: npt.NDArray[Any]) -> bool:
+    """Whether compressing is worth its time: measurements hardly shrink, counts and text do."""
+    flat = array.reshape(-1)
+    n = max(1, SAMPLED // array.itemsize)
+    sample = flat[(len(flat) - min(n, len(flat))) // 2 :][:n].tobytes()
+    return len(zlib.compress(sample, 1)) < WORTH_SHRINKING * len(sample)
 
 
 def unpack(blob: bytes, name: str) -> dict[str, Section]:

@@ -5,6 +5,7 @@ import io
 import json
 import os
 import pickle
+import zipfile
 from collections.abc import Callable
 from dataclasses import fields, replace
 from pathlib import Path
@@ -346,6 +347,29 @@ def test_an_interrupted_save_leaves_the_old_file_and_nothing_else(
         train(dataset).save(path)
     assert path.read_bytes() == b"the old one"
     assert list(tmp_path.iterdir()) == [path]
+
+
+def test_what_does_not_shrink_is_stored_and_read_as_what_was_compressed() -> None:
+    arrays = {
+        "measured": np.random.default_rng(1).standard_normal((20_000, 6)),
+        "counted": np.repeat(np.arange(2_000), 20).reshape(-1, 2),
+        "by_columns": np.asfortranarray(np.random.default_rng(2).standard_normal((300, 50))),
+        "empty": np.empty((0, 6)),
+        "single": np.array(3.0),
+    }
+    blob = pack([Section("card", 1, False, {}, arrays)])
+    body = blob.split(b"\n", 2)[2]
+    compressed = io.BytesIO()
+    with zipfile.ZipFile(io.BytesIO(body)) as archive:
+        kinds = {member.filename: member.compress_type for member in archive.infolist()}
+    with np.load(io.BytesIO(body)) as archive:
+        np.savez_compressed(compressed, **dict(archive))  # pyright: ignore[reportArgumentType]
+    assert kinds["card/measured.npy"] == kinds["card/by_columns.npy"] == zipfile.ZIP_STORED
+    assert kinds["card/counted.npy"] == zipfile.ZIP_DEFLATED
+    for file in (blob, signed(compressed.getvalue())):
+        read = unpack(file, "monitor")["card"].arrays
+        assert list(read) == list(arrays)
+        assert all(same(read[name], arrays[name]) for name in arrays)
 
 
 def test_saving_replaces_the_old_file_and_leaves_nothing_else(
