@@ -18,8 +18,11 @@ class Lag:
 
     @property
     def reason(self) -> str:
-        """Why what is shown is not now; empty where it is."""
-        return f"samples come {self.now:.1f} s late" if self.now > self._late else ""
+        """Why what is shown is not now; empty where it is.
+
+        The same whatever the lag is, which changes with each sample: every watcher is told anew.
+        """
+        return f"samples come more than {self._late:g} s late" if self.now > self._late else ""
 
     def note(self, arrived: float, t: float) -> None:
         """A sample of t came at `arrived`, each by a clock of its own [s]."""

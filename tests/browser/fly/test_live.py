@@ -21,7 +21,7 @@ from tests.browser.site import Site
 
 __all__ = ["site", "stored"]
 DT = 0.05
-LATE = "samples come 1.5 s late"
+LATE = "samples come more than 0.5 s late"
 
 
 def batch(sequence: int, first: int, n: int = 1) -> dict[str, Any]:
