@@ -1,6 +1,7 @@
 """Measured exceedances: judged from the channels alone, whatever the monitor says of them."""
 
 from collections.abc import Iterable
+from math import inf, isnan
 
 import numpy as np
 
@@ -61,9 +62,10 @@ class Exceedances:
             values[named.channel] = named.value, named.limit
         from_trim = set[str]()
         if limits is not None:
-            for c in np.flatnonzero(np.nan_to_num(np.abs(y)) >= limits).tolist():
-                values[KEYS[c]] = float(y[c]), float(limits[c])
-                from_trim.add(KEYS[c])
+            for key, value, limit in zip(KEYS, y.tolist(), limits.tolist(), strict=True):
+                if abs(value) >= limit < inf:
+                    values[key] = value, limit
+                    from_trim.add(key)
         for key, (value, limit) in values.items():
             self._note(key, t, value, limit)
         self._over = set(values)
@@ -108,7 +110,7 @@ class Exceedances:
             latched.over = True
             latched.value = max(latched.value, value, key=abs)
         for key in [key for key in self._latched if key not in over]:
-            if np.isnan(y[KEYS.index(key)]):
+            if isnan(y.item(KEYS.index(key))):
                 continue
             if self._latched[key].acknowledged:
                 del self._latched[key]
