@@ -19,6 +19,7 @@ COMMANDS = {
     "combine": "make one monitor of several of one planned test, calibrated as a whole",
     "choose-epsilon": "choose an epsilon by costs, or so that misses and false alarms keep targets",
     "certificate": "write what fresh flights said of a monitor as a page that prints",
+    "campaign": "plan a build-up; clear, fly and identify its points one by one",
     "score": "score recorded telemetry with monitors",
     "report": "score recorded telemetry and report it in one HTML file that prints to a clean PDF",
     "sample-flight": "write a simulated flight as CSV, to score",

@@ -27,10 +27,13 @@ from core.types import Array, Flags
 
 Progress = Callable[[int, int], object]
 
-BATCH = 100
-"""Aircraft that are flown and identified at a time."""
-MOST_AIRCRAFT, PILOT_RUN = 20_000, 2_000
-"""Aircraft of a calibration at most, and those that tell beforehand whether these would do."""
+BATCH, DRAWN_AT_ONCE = 100, 1_000
+"""Aircraft that are identified at a time, and those that are tried whether they exceed."""
+MOST_AIRCRAFT = 20_000
+"""Aircraft that are tried."""
+RARE = 0.01
+"""Share of aircraft that exceed, below which a point without failed checks needs no more than a
+prediction below the limit."""
 LEAST_SCATTER = 1e-6
 WIDEST, HALVINGS = 4.0, 14
 """Factor about the next point's amplitude within which that is looked for which just reaches a
@@ -55,6 +58,9 @@ class ClearanceRecipe:
     `95%` confidence."""
     n_exceeding: Annotated[int, Bounds(least=20)] = 200
     """exceeding aircraft: simulated ones that would exceed a limit at the next point."""
+    n_aircraft: Annotated[int, Bounds(least=100)] = 400
+    """aircraft: simulated ones, whether they exceed or not, that calibrate the checks and the
+    recommended amplitude."""
     n_draws: Annotated[int, Bounds(least=8)] = 64
     """draws: flights of the next point that each prediction is made of."""
     seed: Annotated[int, Bounds(least=0)] = 0
@@ -136,14 +142,15 @@ class PointVerdict(NamedTuple):
     """What a clearance says of the next point.
 
     cleared: whether it may be flown under the promise.   withdrawn: checks that speak against
-    that promise; a point is never cleared with one.   p_value: high means risk.   reached: part of
+    that promise; a point is never cleared with one.   p_value: high means risk; None where hardly
+    any aircraft exceeds, and the prediction alone decides.   reached: part of
     a limit, by QUANTILES.   amplitude_deg: largest amplitude recommended, under a promise of its
     own; None where none was found.   posterior: of this aircraft's deviates.
     """
 
     cleared: bool
     withdrawn: tuple[FailedCheck, ...]
-    p_value: float
+    p_value: float | None
     reached: tuple[float, float, float]
     amplitude_deg: float | None
     posterior: PlantPosterior
@@ -202,7 +209,7 @@ class PointPredictor:
     def amplitudes(self, theta: Array, rng: np.random.Generator) -> Array:
         """(n,) factor on the next point's amplitude with which these very flights reach a limit.
 
-        Between 1 / WIDEST and WIDEST.
+        Between 1 / WIDEST and WIDEST.   rng: left as it was.
         """
         low, high = np.full(len(theta), -log(WIDEST)), np.full(len(theta), log(WIDEST))
         for _ in range(HALVINGS):
@@ -216,24 +223,29 @@ class PointPredictor:
 class Clearance:
     """A calibrated rule for the next point of a build-up.
 
-    scores, exceeds: (n,) of the simulated aircraft, and whether they exceed a limit there.
-    spare: (n,) logarithm of the amplitude that just reaches a limit over the one that was predicted
-    to.   checks: (n, k) as of PeakPrediction.
+    n_tried: simulated aircraft among which those that exceed were found.
+    scores, exceeds: (n,) of the identified ones, and whether they exceed a limit there.   drawn:
+    (n,) whether they were identified whatever they do.   spare: (n,) logarithm of the amplitude
+    that just reaches a limit over the one that was predicted to.   checks: (n, k) as of
+    PeakPrediction.
     """
 
     points: BuildUp
     recipe: ClearanceRecipe
+    n_tried: int
     scores: Array
     exceeds: Flags
+    drawn: Flags
     spare: Array
     checks: Array
 
     @property
     def levels(self) -> Array:
         """(k,) what each check may reach; beyond it the clearance is withdrawn."""
-        n, k = self.checks.shape
+        checks = self.checks[self.drawn]
+        n, k = checks.shape
         rank = min(n, ceil((n + 1) * (1.0 - CHECK_LEVEL / k) - 1e-9))
-        return np.sort(self.checks, axis=0)[rank - 1]
+        return np.sort(checks, axis=0)[rank - 1]
 
     @property
     def amplitude_spare(self) -> float | None:
@@ -241,8 +253,19 @@ class Clearance:
 
         So that a flight at that amplitude exceeds in at most a share epsilon.
         """
-        rank = floor(self.recipe.epsilon * (len(self.spare) + 1) + 1e-9)
-        return float(np.sort(self.spare)[rank - 1]) if rank else None
+        spare = np.sort(self.spare[self.drawn])
+        rank = floor(self.recipe.epsilon * (len(spare) + 1) + 1e-9)
+        return float(spare[rank - 1]) if rank else None
+
+    @property
+    def n_exceeding(self) -> int:
+        """Of the aircraft that were tried."""
+        return int(np.count_nonzero(self.exceeds))
+
+    @property
+    def is_rare(self) -> bool:
+        """Whether hardly any aircraft exceeds."""
+        return self.n_exceeding < self.recipe.n_exceeding
 
     def p_values(self, scores: Array) -> Array:
         """(n,) of scores, as if the point would exceed a limit: high means risk."""
@@ -251,8 +274,8 @@ class Clearance:
     @property
     def clear_below(self) -> float:
         """What a p-value of a cleared point is at most."""
-        n, recipe = int(np.count_nonzero(self.exceeds)), self.recipe
-        return alert_above(recipe.epsilon, n, recipe.guarantee)
+        recipe = self.recipe
+        return alert_above(recipe.epsilon, self.n_exceeding, recipe.guarantee)
 
     def decide(self, records: Sequence[Array]) -> PointVerdict:
         """Say whether the next point is cleared.   records: (n_samples, 6) of each flown step, from
@@ -287,12 +310,13 @@ class Clearance:
             )
             if not value <= level
         )
-        p_value = float(self.p_values(found.score)[0])
+        low, middle, high = found.quantiles[0].tolist()
+        p_value = None if self.is_rare else float(self.p_values(found.score)[0])
+        is_safe = high < 1.0 if p_value is None else p_value <= self.clear_below
         spare = self.amplitude_spare
         factor = None if spare is None else exp(spare - float(found.mean[0]))
-        low, middle, high = found.quantiles[0].tolist()
         return PointVerdict(
-            cleared=p_value <= self.clear_below and not withdrawn,
+            cleared=is_safe and not withdrawn,
             withdrawn=withdrawn,
             p_value=p_value,
             reached=(low, middle, high),
@@ -306,41 +330,40 @@ class Clearance:
 def calibrate(
     points: BuildUp, recipe: ClearanceRecipe, progress: Progress | None = None
 ) -> Clearance:
-    """Fly and identify simulated aircraft until enough of them would exceed at the next point.
+    """Find simulated aircraft that exceed at the next point; fly and identify them, and others.
 
-    progress: called with (exceeding aircraft found, aircraft flown); what it raises cancels.
-    ClearanceError where too few would.
+    progress: called with (aircraft identified, aircraft to identify); what it raises cancels.
+    ClearanceError where too few exceed, though they are not rare.
     """
-    predictor, rng = (
-        PointPredictor(points, recipe.n_draws),
-        stream(recipe.seed, Branch.CLEARANCE, 0),
-    )
-    _check_reach(predictor, recipe)
-    parts: list[tuple[Array, Flags, Array, Array]] = []
-    n_exceeding = n_flown = 0
-    while n_exceeding < recipe.n_exceeding:
-        theta = predictor.plant.sample(BATCH, rng)
-        records = [step.fly(theta, rng)[0].y for step in predictor.steps]
-        same = deepcopy(rng)
-        exceeds = predictor.following.fly(theta, rng)[0].is_unsafe
-        reach = np.log(predictor.amplitudes(theta, same))
-        found = predictor.predict(records, rng)
-        parts.append((found.score, exceeds, reach + found.mean, found.checks))
-        n_exceeding, n_flown = n_exceeding + int(exceeds.sum()), n_flown + BATCH
+    predictor = PointPredictor(points, recipe.n_draws)
+    rng = stream(recipe.seed, Branch.CLEARANCE, 0)
+    n_wanted = recipe.n_aircraft + recipe.n_exceeding
+    chosen: list[tuple[Array, Flags, Flags]] = []
+    n_tried = n_exceeding = 0
+    while n_tried < MOST_AIRCRAFT and n_exceeding < recipe.n_exceeding:
         if progress:
-            progress(min(n_exceeding, recipe.n_exceeding), n_flown)
-    return Clearance(points, recipe, *map(np.concatenate, zip(*parts, strict=True)))
-
-
-def _check_reach(predictor: PointPredictor, recipe: ClearanceRecipe) -> None:
-    """ClearanceError where MOST_AIRCRAFT would not be enough."""
-    rng = stream(recipe.seed, Branch.CLEARANCE, 2)
-    theta = predictor.plant.sample(PILOT_RUN, rng)
-    n = int(np.count_nonzero(predictor.following.fly(theta, rng)[0].is_unsafe))
-    if recipe.n_exceeding * PILOT_RUN <= n * MOST_AIRCRAFT:
-        return
-    raise ClearanceError(
-        f"{n} of {PILOT_RUN} simulated aircraft would exceed a limit at the next point: "
-        f"{recipe.n_exceeding} exceeding ones are out of reach among {MOST_AIRCRAFT}; choose a "
-        "larger amplitude for it, or ask for fewer of them"
-    )
+            progress(0, n_wanted)
+        theta = predictor.plant.sample(DRAWN_AT_ONCE, rng)
+        exceeds = predictor.following.fly(theta, rng)[0].is_unsafe
+        drawn = n_tried + np.arange(DRAWN_AT_ONCE) < recipe.n_aircraft
+        last = np.searchsorted(np.cumsum(exceeds), recipe.n_exceeding - n_exceeding) + 1
+        kept = drawn | (exceeds & (np.arange(DRAWN_AT_ONCE) < last))
+        chosen.append((theta[kept], exceeds[kept], drawn[kept]))
+        n_exceeding += int(np.count_nonzero(exceeds[kept]))
+        n_tried += DRAWN_AT_ONCE
+    if n_exceeding < recipe.n_exceeding and n_exceeding > RARE * n_tried:
+        raise ClearanceError(
+            f"{n_exceeding} of {n_tried} simulated aircraft would exceed a limit at the next "
+            f"point: {recipe.n_exceeding} of them are out of reach, ask for fewer"
+        )
+    theta, exceeds, drawn = (np.concatenate(parts) for parts in zip(*chosen, strict=True))
+    parts: list[tuple[Array, Array, Array]] = []
+    for first in range(0, len(theta), BATCH):
+        some = theta[first : first + BATCH]
+        reach = np.log(predictor.amplitudes(some, rng))
+        found = predictor.predict([step.fly(some, rng)[0].y for step in predictor.steps], rng)
+        parts.append((found.score, reach + found.mean, found.checks))
+        if progress:
+            progress(min(first + BATCH, len(theta)), len(theta))
+    scores, spare, checks = (np.concatenate(part) for part in zip(*parts, strict=True))
+    return Clearance(points, recipe, n_tried, scores, exceeds, drawn, spare, checks)

@@ -32,7 +32,7 @@ class Branch(IntEnum):
     COMBINATION = 10
     """Failing flights that a combination of monitors is calibrated on; they train no member."""
     CLEARANCE = 11
-    """Aircraft that a clearance is calibrated on; below it also its predictions, a pilot run."""
+    """Aircraft that a clearance is calibrated on; below it one for its predictions."""
 
 
 def stream(seed: int, branch: Branch, *below: int) -> np.random.Generator:

@@ -38,8 +38,8 @@ DIFFERENCE = 0.01
 """Of a derivative by theta, in standard deviations of D_theta."""
 WIDE = 1.0
 """Deviation of initial states and biases [rad, rad/s, g]: far wider than they are."""
-LEAST_NOISE = 1e-4
-"""Of a channel, in parts of its motion: where no noise is said."""
+LEAST_NOISE, LEAST_RESOLUTION = 1e-4, 1e-6
+"""Of a channel, in parts of its motion, and in its unit: where no noise is said."""
 
 
 class PlantPosterior(NamedTuple):
@@ -161,7 +161,7 @@ class RecordFit:
         self._plant, self._law, self._y, self._dt = plant, law, record.y, record.dt
         n, self._n_states = len(record.y), len(plant.states)
         moved = np.sqrt(np.square(np.nan_to_num(record.y)).mean(axis=(0, 1)))
-        self.noise = np.maximum(record.noise, LEAST_NOISE * moved)
+        self.noise = np.maximum(record.noise, LEAST_NOISE * moved + LEAST_RESOLUTION)
         self.measured = np.isfinite(self.noise)
         self._outputs = np.flatnonzero(self.measured[:N_OUTPUTS])
         self.disturbance = np.broadcast_to(record.disturbance, (len(plant.states),))

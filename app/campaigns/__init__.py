@@ -1,0 +1,1 @@
+"""Campaigns: build-ups that are planned, flown, identified and cleared point by point."""

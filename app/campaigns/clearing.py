@@ -1,0 +1,91 @@
+"""Clearing a campaign's next point, and what stands beside a clearance for a person to confirm."""
+
+from collections.abc import Callable
+from dataclasses import replace
+
+from app.campaigns.campaign import Campaign, CampaignError, Clearing, Point, samples_of
+from core.clearance import calibrate
+from core.identification.identification import FlownSegment, Identification, identify
+from core.planned_test import DatasetRecipe
+from core.simulation.imperfections import channel_array
+
+Progress = Callable[[int, int], object]
+
+CHECKLIST = (
+    "N_y and the surfaces read true: an error of their scale is not seen by a fit",
+    "control law and dampers will be as they were at the flown steps",
+    "the pilot flies the next point no rougher than planned",
+    "Mach, dynamic pressure, mass and configuration are those of the flown steps",
+)
+"""What no fit can see."""
+ONE_STEP = "one step cannot show a nonlinear aircraft: fly a second one to exclude it"
+
+
+def checklist(campaign: Campaign) -> tuple[str, ...]:
+    """What a person confirms before a point is flown that was cleared on condition."""
+    return (*CHECKLIST, *((ONE_STEP,) if len(campaign.flown) == 1 else ()))
+
+
+def clear_next(campaign: Campaign, by: str, progress: Progress | None = None) -> Campaign:
+    """Compute whether the next point may be flown: on condition, or hold.
+
+    A first point has no step before it: it is a person's decision alone.
+    CampaignError where none is left; ClearanceError where none can be calibrated.
+    """
+    number, point = campaign.next
+    if not campaign.flown:
+        raise CampaignError(
+            f"no step was flown before {point.name!r}, so that nothing can be computed of it: "
+            "clear it with `forewarn campaign confirm`, by a name"
+        )
+    rule = calibrate(campaign.build_up(point), campaign.clearance, progress)
+    verdict = rule.decide([samples_of(step.flown) for step in campaign.flown if step.flown])
+    clearing = Clearing(
+        verdict.cleared,
+        verdict.p_value,
+        None if rule.is_rare else rule.clear_below,
+        verdict.reached,
+        verdict.amplitude_deg,
+        tuple(
+            f"{check.words} ({check.value:.3g}, expected at most {check.level:.3g})"
+            for check in verdict.withdrawn
+        ),
+        rule.n_exceeding,
+        rule.n_tried,
+        campaign.clearance,
+        tuple(step.name for step in campaign.flown),
+    )
+    state = "on condition" if verdict.cleared else "hold"
+    return campaign.changed(number, state, by, words_of(clearing), clearing=clearing)
+
+
+def words_of(clearing: Clearing) -> str:
+    """Why a point is cleared on condition, or not."""
+    if clearing.withdrawn:
+        return f"clearance withdrawn: {'; '.join(clearing.withdrawn)}"
+    low, middle, high = (f"{part:.0%}" for part in clearing.reached)
+    predicted = f"predicted to reach {middle} of a limit ({low} to {high})"
+    if clearing.p_value is None:
+        return (
+            f"{clearing.n_exceeding} of {clearing.n_tried:,} simulated aircraft exceed there, "
+            f"{predicted}"
+        )
+    return f"p-value {clearing.p_value:.3g}, cleared up to {clearing.clear_below:.3g}: {predicted}"
+
+
+def identified(campaign: Campaign) -> Identification:
+    """The aircraft as it is known from all complete points; CampaignError where there is none."""
+    segments = [
+        FlownSegment(samples_of(step.flown), campaign.test.dt, step.name)
+        for step in campaign.flown
+        if step.flown
+    ]
+    if not segments:
+        raise CampaignError("no point is complete: fly one before the aircraft is identified")
+    test = campaign.test
+    return identify(test.aircraft, test.control_law, segments, channel_array(test.noise))
+
+
+def updated(campaign: Campaign, point: Point) -> DatasetRecipe:
+    """Planned test of a point with the aircraft as it is known from the complete ones."""
+    return replace(campaign.test_of(point), aircraft=identified(campaign).identified)

@@ -1,0 +1,295 @@
+"""The command of a build-up campaign: plan its points, clear, fly and identify them one by one."""
+
+import argparse
+from pathlib import Path
+from typing import Any, get_args
+
+from app.campaigns.campaign import Campaign, CampaignError, Point, load
+from app.campaigns.clearing import checklist, clear_next, identified, updated
+from app.campaigns.flying import flown_point
+from app.commands.options.destinations import check_file
+from app.commands.options.recipe import add_recipe_options, plain_recipe
+from app.commands.output.mapping_lines import read_mapping
+from app.commands.output.progress import progress_bar
+from app.commands.output.results import add_json, print_result
+from app.recipes import to_plain
+from app.scoring.recipe import Interval
+from core.clearance import ClearanceRecipe
+from core.identification.identification import Identification
+from core.monitor.calibration import Guarantee
+from core.planned_test import DatasetRecipe
+
+STEPS = (0.4, 0.6, 0.8, 1.0)
+USUAL = ClearanceRecipe()
+MARKS = {"cleared": "cleared", "hold": "HOLD", "aborted": "ABORTED"}
+
+
+def add(parser: argparse.ArgumentParser) -> None:
+    """Add what can be done with a campaign."""
+    actions = parser.add_subparsers(required=True, metavar="ACTION", dest="action")
+    new = actions.add_parser("new", help="plan a campaign; write its file")
+    show = actions.add_parser("show", help="points, what each is predicted to reach and reached")
+    clear = actions.add_parser("clear", help="compute whether the next point may be flown")
+    confirm = actions.add_parser("confirm", help="confirm the checklist: the next point is cleared")
+    hold = actions.add_parser("hold", help="do not fly the next point for now")
+    abort = actions.add_parser("abort", help="the next point is not flown, or was broken off")
+    fly = actions.add_parser("fly", help="give the recording of the next point: it is complete")
+    identify = actions.add_parser("identify", help="what the complete points say of the aircraft")
+    recipe = actions.add_parser("recipe", help="recipe that trains a monitor for the next point")
+    for each in (new, show, clear, confirm, hold, abort, fly, identify, recipe):
+        each.add_argument("file", type=Path, metavar="CAMPAIGN.json", help="the campaign")
+    for each in (clear, confirm, hold, abort, fly):
+        each.add_argument("--by", required=True, metavar="NAME", help="who decides")
+    for each in (confirm, hold, abort):
+        each.add_argument("--why", default="", metavar="TEXT", help="reason")
+    fly.add_argument("recording", type=Path, metavar="RECORDING", help="of any known format")
+    fly.add_argument("--start", type=float, help="of the manoeuvre with its trim [s]")
+    fly.add_argument("--end", type=float, help="of the manoeuvre [s]")
+    fly.add_argument("--mapping", type=Path, metavar="FILE", help="as written by `score`")
+    recipe.add_argument("-o", "--out", type=Path, required=True, help="file written")
+    _add_plan(new)
+    for each in (new, show, clear, confirm, hold, abort, fly, identify, recipe):
+        add_json(each)
+
+
+def _add_plan(new: argparse.ArgumentParser) -> None:
+    add_recipe_options(new, method=False, imperfections="usual")
+    new.add_argument("--name", required=True, help="of the campaign")
+    new.add_argument(
+        "--steps",
+        type=float,
+        nargs="+",
+        default=STEPS,
+        metavar="SHARE",
+        help="of the planned amplitude, growing (default: "
+        f"{' '.join(f'{step:g}' for step in STEPS)})",
+    )
+    for option, kind, usual, text in (
+        ("--clearance-epsilon", float, USUAL.epsilon, "accepted share of wrong clearances"),
+        ("--n-exceeding", int, USUAL.n_exceeding, "simulated exceeding aircraft that calibrate it"),
+        ("--n-aircraft", int, USUAL.n_aircraft, "simulated aircraft that calibrate its checks"),
+    ):
+        new.add_argument(
+            option, type=kind, default=usual, metavar="NUMBER", help=f"{text}; {usual:g} if absent"
+        )
+    new.add_argument(
+        "--clearance-guarantee",
+        choices=get_args(Guarantee),
+        default=USUAL.guarantee,
+        help="its promise",
+    )
+
+
+def run(options: argparse.Namespace) -> int:
+    """Do it; write the campaign, and print what came of it."""
+    return ACTIONS[options.action](options)
+
+
+def _new(options: argparse.Namespace) -> int:
+    check_file(options.file)
+    if options.file.exists():
+        raise CampaignError(f"{options.file} exists: a campaign is not written over, give another")
+    test: DatasetRecipe = plain_recipe(options)["dataset"]
+    recipe = ClearanceRecipe(
+        epsilon=options.clearance_epsilon,
+        guarantee=options.clearance_guarantee,
+        n_exceeding=options.n_exceeding,
+        n_aircraft=options.n_aircraft,
+    )
+    campaign = Campaign.planned(options.name, test, tuple(options.steps), recipe)
+    return _done(options, campaign, lines(campaign))
+
+
+def _show(options: argparse.Namespace) -> int:
+    campaign = load(options.file)
+    print_result(options, "\n".join(lines(campaign)), to_plain(campaign))
+    return 0
+
+
+def _clear(options: argparse.Namespace) -> int:
+    campaign = load(options.file)
+    with progress_bar("aircraft identified") as progress:
+        campaign = clear_next(campaign, options.by, progress)
+    point = campaign.next.point
+    told = [f"{point.name}: {point.state}: {point.events[-1].words}"]
+    if point.state == "on condition":
+        told += ["to confirm before it is flown:", *(f"  - {item}" for item in checklist(campaign))]
+    if point.clearing and point.clearing.amplitude_deg is not None:
+        told.append(_recommended(point))
+    return _done(options, campaign, told, ok=point.state == "on condition")
+
+
+def _recommended(point: Point) -> str:
+    clearing = point.clearing
+    assert clearing is not None
+    return (
+        f"largest recommended amplitude {clearing.amplitude_deg:.3g} deg (this point: "
+        f"{point.peak_deg:.3g}): flown at it, at most a share {clearing.recipe.epsilon:g} exceeds "
+        "a limit; that is a promise of its own"
+    )
+
+
+def _confirm(options: argparse.Namespace) -> int:
+    campaign = load(options.file)
+    number, point = campaign.next
+    if campaign.flown and point.state != "on condition":
+        raise CampaignError(
+            f"{point.name!r} is {point.state}: what is confirmed was cleared on condition before, "
+            "by `forewarn campaign clear`"
+        )
+    words = options.why or ("checklist confirmed" if campaign.flown else "first point")
+    campaign = campaign.changed(number, "cleared", options.by, words)
+    return _done(options, campaign, [f"{point.name}: cleared by {options.by}"])
+
+
+def _hold(options: argparse.Namespace) -> int:
+    campaign = load(options.file)
+    number, point = campaign.next
+    campaign = campaign.changed(number, "hold", options.by, options.why)
+    return _done(options, campaign, [f"{point.name}: hold, by {options.by}"])
+
+
+def _abort(options: argparse.Namespace) -> int:
+    campaign = load(options.file)
+    number, point = campaign.next
+    if not options.why:
+        raise CampaignError("no reason was given: say it with --why")
+    campaign = campaign.changed(number, "aborted", options.by, options.why)
+    return _done(options, campaign, [f"{point.name}: aborted by {options.by}: {options.why}"])
+
+
+def _fly(options: argparse.Namespace) -> int:
+    campaign = load(options.file)
+    number, point = campaign.next
+    if (options.start is None) != (options.end is None):
+        raise CampaignError("one of --start and --end was given: give both, or none")
+    marked = None if options.start is None else Interval(options.start, options.end, point.name)
+    mapping = None if options.mapping is None else read_mapping(options.mapping)
+    flown = flown_point(options.recording, campaign.test_of(point), mapping, marked)
+    words = f"{flown.source}: reached {flown.reached:.0%} of a limit"
+    if flown.exceeded:
+        words += f", EXCEEDED {flown.exceeded}"
+    if point.state != "cleared":
+        words += f"; it was flown although it was {point.state}"
+    campaign = campaign.changed(number, "complete", options.by, words, flown=flown)
+    return _done(options, campaign, [f"{point.name}: complete: {words}"])
+
+
+def _identify(options: argparse.Namespace) -> int:
+    found = identified(load(options.file))
+    print_result(options, "\n".join(identification_lines(found)), _identification_plain(found))
+    return 0
+
+
+def _recipe(options: argparse.Namespace) -> int:
+    campaign = load(options.file)
+    check_file(options.out)
+    point = campaign.next.point
+    plain = {"dataset": to_plain(updated(campaign, point))}
+    from app import json_codec
+    from core.whole_file import write_whole
+
+    write_whole(options.out, json_codec.encode(plain))
+    steps = ", ".join(step.name for step in campaign.flown)
+    text = (
+        f"written: {options.out}, for {point.name} with the aircraft as identified from {steps}; "
+        f"train with `forewarn train --recipe {options.out}`"
+    )
+    print_result(options, text, {"file": str(options.out)} | plain)
+    return 0
+
+
+ACTIONS = {
+    "new": _new,
+    "show": _show,
+    "clear": _clear,
+    "confirm": _confirm,
+    "hold": _hold,
+    "abort": _abort,
+    "fly": _fly,
+    "identify": _identify,
+    "recipe": _recipe,
+}
+
+
+def _done(
+    options: argparse.Namespace, campaign: Campaign, told: list[str], *, ok: bool = True
+) -> int:
+    """Save the campaign, then print; 1 where the point may not be flown."""
+    campaign.save(options.file)
+    print_result(options, "\n".join([*told, f"written: {options.file}"]), to_plain(campaign))
+    return 0 if ok else 1
+
+
+def lines(campaign: Campaign) -> list[str]:
+    """Return a campaign as a table, a point a line, and the next one's last words."""
+    test = campaign.test
+    rows = [
+        f"{campaign.name}: {test.aircraft.description.split(';')[0]}",
+        f"  {'point':10} {'amplitude':>10}  {'state':14} {'predicted':>20} {'reached':>8}",
+        *map(_row, campaign.points),
+    ]
+    if any(not point.is_over for point in campaign.points):
+        point = campaign.next.point
+        last = point.events[-1] if point.events else None
+        rows.append(
+            f"next: {point.name}" + (f", {last.by} at {last.at}: {last.words}" if last else "")
+        )
+    return rows
+
+
+def _row(point: Point) -> str:
+    predicted = reached = ""
+    if point.clearing:
+        low, middle, high = point.clearing.reached
+        predicted = f"{middle:.0%} ({low:.0%} to {high:.0%})"
+    if point.flown:
+        reached = f"{point.flown.reached:.0%}{'!' if point.flown.exceeded else ''}"
+    return (
+        f"  {point.name:10} {point.peak_deg:6.3g} deg  {point.state:14} {predicted:>20} "
+        f"{reached:>8}"
+    )
+
+
+def identification_lines(found: Identification) -> list[str]:
+    """Return each parameter before and after, and how well the segments are explained."""
+    rows = [
+        f"identified from {', '.join(found.sources)}",
+        f"  {'':8} {'before':>20} {'after':>20}   sigma left",
+    ]
+    for k, name in enumerate(found.names):
+        before, after = found.prior_sigma[k], found.sigma[k]
+        left = f"{after / before:.0%}" if before else "certain"
+        mark = ", not determined" if name in found.undetermined else ""
+        rows.append(
+            f"  {name:8} {found.prior_mean[k]:>10.4g} ± {before:<7.2g} "
+            f"{found.mean[k]:>10.4g} ± {after:<7.2g}   {left}{mark}"
+        )
+    for source, r2 in zip(found.sources, found.r2, strict=True):
+        explained = ", ".join(
+            f"{key} {share:.3f}" for key, share in zip(("beta", "p", "r", "N_y"), r2, strict=True)
+        )
+        rows.append(f"explained of {source} (R2): {explained}")
+    rows.append(
+        f"mean squared distance from what was expected: {found.distance:.2f}, about 1 at most"
+    )
+    return rows
+
+
+def _identification_plain(found: Identification) -> dict[str, Any]:
+    return {
+        "sources": list(found.sources),
+        "parameters": [
+            {
+                "name": name,
+                "before": [found.prior_mean[k], found.prior_sigma[k]],
+                "after": [found.mean[k], found.sigma[k]],
+                "determined": name not in found.undetermined,
+            }
+            for k, name in enumerate(found.names)
+        ],
+        "covariance": found.covariance.tolist(),
+        "r2": found.r2.tolist(),
+        "distance": found.distance,
+        "noise": found.noise.tolist(),
+    }

@@ -1,0 +1,114 @@
+"""A campaign as a value and a file: its states, and what is refused."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+from app.campaigns.campaign import Campaign, CampaignError, Clearing, FlownPoint, Point, load
+from core.clearance import ClearanceError, ClearanceRecipe
+from core.evaluation.lead_sweep import TESTS
+from core.recipe import RecipeError
+
+TEST = TESTS["ATTAS"]
+FLOWN = FlownPoint("flight.csv, 1.00 to 7.00 s", ((0.0, 1e-3, 0.1, 0.2, 0.3, 0.4),) * 30, 0.55)
+
+
+def planned() -> Campaign:
+    """Three points."""
+    return Campaign.planned("Büild-up", TEST, (0.5, 0.75, 1.0), ClearanceRecipe(epsilon=0.1))
+
+
+def test_points_are_shares_of_the_planned_amplitude() -> None:
+    """Each is a planned test of its own."""
+    campaign = planned()
+    assert [point.name for point in campaign.points] == ["50%", "75%", "100%"]
+    assert campaign.test_of(campaign.points[0]).maneuver.peak_deg == pytest.approx(9.63 / 2)
+    assert campaign.next.point.name == "50%"
+    assert {point.state for point in campaign.points} == {"planned"}
+
+
+def test_states_follow_each_other_with_names_and_times() -> None:
+    """A point that is complete or aborted is over; the next one is the first that is not."""
+    campaign = planned().changed(0, "cleared", " Ann ", "first point")
+    campaign = campaign.changed(0, "complete", "Bob", flown=FLOWN)
+    assert [event.state for event in campaign.points[0].events] == ["cleared", "complete"]
+    assert campaign.points[0].events[0].by == "Ann"
+    assert campaign.points[0].events[0].at.endswith("+00:00")
+    assert campaign.flown[0].flown == FLOWN
+    assert campaign.next == (1, campaign.points[1])
+    campaign = campaign.changed(1, "aborted", "Bob", "gust")
+    build_up = campaign.build_up(campaign.next.point)
+    assert [step.maneuver.peak_deg for step in build_up.flown] == [pytest.approx(9.63 / 2)]
+    over = campaign.changed(2, "aborted", "Bob", "weather")
+    with pytest.raises(CampaignError, match="the campaign is over"):
+        _ = over.next
+
+
+def test_a_file_holds_the_whole_campaign(tmp_path: Path) -> None:
+    """And comes back the same."""
+    clearing = Clearing(
+        True, 0.02, 0.1, (0.5, 0.7, 0.9), 9.1, (), 210, 1_000, ClearanceRecipe(), ("50%",)
+    )
+    campaign = planned().changed(0, "complete", "Bob", flown=FLOWN)
+    campaign = campaign.changed(1, "on condition", "Ann", "p-value 0.02", clearing=clearing)
+    campaign.save(tmp_path / "c.json")
+    assert load(tmp_path / "c.json") == campaign
+    assert "Büild-up" in (tmp_path / "c.json").read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize(
+    ("fractions", "words"),
+    [
+        ((1.0,), "has 2 to 50"),
+        ((0.5, 0.5), "positive and grow"),
+        ((0.8, 0.5), "positive and grow"),
+        ((0.0, 0.5), "positive and grow"),
+        ((0.501, 0.502), "two points have one name"),
+    ],
+)
+def test_points_that_do_not_build_up_are_refused(fractions: tuple[float, ...], words: str) -> None:
+    """With what is needed."""
+    with pytest.raises(CampaignError, match=words):
+        Campaign.planned("c", TEST, fractions, ClearanceRecipe())
+
+
+@pytest.mark.parametrize(
+    ("damage", "words"),
+    [
+        (lambda plain: plain | {"format": "other"}, "is no campaign"),
+        (lambda plain: plain | {"version": 2}, "of version 2"),
+        (lambda plain: {k: v for k, v in plain.items() if k != "points"}, "lacks 'points'"),
+        (lambda plain: plain | {"points": [{"name": 3}]}, "points.0"),
+        (lambda plain: plain | {"test": {"aircraft": {"kind": "b52"}}}, "b52"),
+        (lambda plain: plain | {"clearance": {"epsilon": 2.0}}, "epsilon"),
+    ],
+)
+def test_a_damaged_file_is_refused(tmp_path: Path, damage, words: str) -> None:
+    """By what is wrong with it."""
+    path = tmp_path / "c.json"
+    planned().save(path)
+    path.write_text(json.dumps(damage(json.loads(path.read_text()))))
+    with pytest.raises(CampaignError, match=words):
+        load(path)
+
+
+def test_what_is_no_file_is_refused(tmp_path: Path) -> None:
+    """Missing, or not JSON."""
+    with pytest.raises(RecipeError, match="cannot be read"):
+        load(tmp_path / "none.json")
+    (tmp_path / "text.json").write_text("{")
+    with pytest.raises(RecipeError, match="JSON"):
+        load(tmp_path / "text.json")
+
+
+def test_nobody_decides_nothing() -> None:
+    """Each change has a name."""
+    with pytest.raises(CampaignError, match="say who decides"):
+        planned().changed(0, "cleared", " ")
+
+
+def test_nothing_is_cleared_from_nothing() -> None:
+    """A first point has no build-up."""
+    with pytest.raises(ClearanceError, match="no flown step"):
+        planned().build_up(Point("x", 1.0))

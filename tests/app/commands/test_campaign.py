@@ -1,0 +1,176 @@
+"""`forewarn campaign`: a whole build-up from plan to the last point, and what stops it."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from app.campaigns.campaign import load
+from app.cli import main
+from app.commands.sample_flight import table
+from core.planned_test import DatasetRecipe, Simulator
+from core.recipe import from_plain
+
+QUICK = ("--n-exceeding", "20", "--n-aircraft", "100", "--imperfections", "none")
+TEST = ("--aircraft", "attas_id_16kft", "--control-law", "none", "--limit", "Ny=0.3g")
+NOISE = [
+    word
+    for sigma in (
+        "Ny=0.003g",
+        "p=0.1deg/s",
+        "r=0.1deg/s",
+        "beta=0.05deg",
+        "delta_a=0.02deg",
+        "delta_r=0.02deg",
+    )
+    for word in ("--noise", sigma)
+]
+
+
+@pytest.fixture
+def campaign(tmp_path: Path) -> Path:
+    """Two steps and a point, on an ATTAS without law; nothing flown."""
+    path = tmp_path / "campaign.json"
+    plan = ("campaign", "new", str(path), "--name", "Rudder", "--steps", "0.6", "0.8", "1")
+    assert main([*plan, *TEST, *NOISE, *QUICK]) == 0
+    return path
+
+
+def recorded(campaign: Path, scale: float = 1.0) -> str:
+    """The next point flown by the nominal aircraft, as CSV."""
+    planned = load(campaign)
+    simulator = Simulator(planned.test_of(planned.next.point))
+    theta = simulator.plant.nominal[np.newaxis]
+    y = simulator.fly(theta, np.random.default_rng(1), np.array([scale]))[0].y[0]
+    path = campaign.with_name("flight.csv")
+    path.write_text(table(y, planned.test.dt))
+    return str(path)
+
+
+def run(campaign: Path, action: str, *options: str) -> int:
+    """Run an action on the campaign."""
+    return main(["campaign", action, str(campaign), *options])
+
+
+def test_a_build_up_is_planned_cleared_flown_and_identified(
+    campaign: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Each state after the other, by name; at the end a recipe for the next monitor."""
+    assert run(campaign, "confirm", "--by", "Ann") == 0
+    assert run(campaign, "fly", recorded(campaign), "--by", "Bob") == 0
+    told = capsys.readouterr().out
+    assert "60%: complete: flight.csv" in told
+    assert run(campaign, "clear", "--by", "Ann") == 0
+    told = capsys.readouterr().out
+    assert "80%: on condition" in told
+    assert "fly a second one to exclude it" in told
+    assert "largest recommended amplitude" in told
+    assert run(campaign, "confirm", "--by", "Ann") == 0
+    assert load(campaign).next.point.state == "cleared"
+    assert run(campaign, "fly", recorded(campaign), "--by", "Bob") == 0
+    point = load(campaign).flown[1]
+    assert point.flown is not None
+    assert point.clearing is not None
+    assert point.flown.reached == pytest.approx(point.clearing.reached[1], abs=0.05)
+    capsys.readouterr()
+    assert run(campaign, "show") == 0
+    told = capsys.readouterr().out
+    assert "next: 100%" in told
+    assert told.count("complete") == 2
+    assert run(campaign, "identify", "--json") == 0
+    plain = json.loads(capsys.readouterr().out)
+    assert plain["sources"] == ["60%", "80%"]
+    named = {parameter["name"]: parameter for parameter in plain["parameters"]}
+    assert named["N_beta"]["after"][1] < 0.3 * named["N_beta"]["before"][1]
+    assert not named["L_da"]["determined"]
+    recipe = campaign.with_name("recipe.json")
+    assert run(campaign, "recipe", "-o", str(recipe)) == 0
+    dataset = from_plain(DatasetRecipe(), json.loads(recipe.read_text())["dataset"])
+    assert "identified from 60%, 80%" in dataset.aircraft.description
+
+
+def test_a_flight_that_is_not_the_aircrafts_holds_the_next_point(
+    campaign: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A rudder transducer that reads half: far from what is expected, exit 1."""
+    flight = Path(recorded(campaign))
+    rows = [line.split(",") for line in flight.read_text().splitlines()]
+    for row in rows[1:]:
+        row[-1] = str(0.5 * float(row[-1]))
+    flight.write_text("\n".join(map(",".join, rows)))
+    assert run(campaign, "fly", str(flight), "--by", "Bob") == 0
+    assert "although it was planned" in capsys.readouterr().out
+    assert run(campaign, "clear", "--by", "Ann") == 1
+    told = capsys.readouterr().out
+    assert "80%: hold: clearance withdrawn" in told
+    assert run(campaign, "confirm", "--by", "Ann") == 1
+    assert "'80%' is hold" in capsys.readouterr().err
+
+
+def test_an_exceedance_is_said(campaign: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """With channel and time."""
+    assert run(campaign, "fly", recorded(campaign, 3.0), "--by", "Bob") == 0
+    assert "EXCEEDED Ny at" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("action", "options", "words"),
+    [
+        ("clear", ("--by", "Ann"), "no step was flown before '60%'"),
+        ("identify", (), "no point is complete"),
+        ("abort", ("--by", "Ann"), "no reason was given"),
+        ("fly", ("none.csv", "--by", "Ann"), "none.csv"),
+        ("fly", ("FLIGHT", "--by", "Ann", "--start", "1"), "give both, or none"),
+        ("fly", ("FLIGHT", "--by", "Ann", "--start", "0", "--end", "99"), "not inside"),
+    ],
+)
+def test_what_cannot_be_done_changes_nothing(
+    campaign: Path,
+    capsys: pytest.CaptureFixture[str],
+    action: str,
+    options: tuple[str, ...],
+    words: str,
+) -> None:
+    """One line says why."""
+    before = campaign.read_bytes()
+    given = [recorded(campaign) if option == "FLIGHT" else option for option in options]
+    assert run(campaign, action, *given) == 1
+    assert words in capsys.readouterr().err
+    assert campaign.read_bytes() == before
+
+
+def test_hold_and_abort_are_kept(campaign: Path) -> None:
+    """With their reasons; the next point is then another."""
+    assert run(campaign, "hold", "--by", "Ann", "--why", "cloud") == 0
+    assert load(campaign).next.point.events[-1].words == "cloud"
+    assert run(campaign, "abort", "--by", "Ann", "--why", "bird strike") == 0
+    assert load(campaign).next.point.name == "80%"
+
+
+def test_a_campaign_is_not_written_over(campaign: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """`new` needs a new file."""
+    assert main(["campaign", "new", str(campaign), "--name", "x"]) == 1
+    assert "is not written over" in capsys.readouterr().err
+
+
+def test_a_recording_with_gaps_or_several_manoeuvres_is_refused(
+    campaign: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Each says what to do."""
+    flight = Path(recorded(campaign))
+    head, *rows = flight.read_text().splitlines()
+    step = float(rows[1].split(",")[0])
+    twice = rows + [
+        ",".join([f"{(len(rows) + k) * step:.9g}", *row.split(",")[1:]])
+        for k, row in enumerate(rows)
+    ]
+    flight.write_text("\n".join([head, *twice]))
+    assert run(campaign, "fly", str(flight), "--by", "Bob") == 1
+    assert "say which one is the point" in capsys.readouterr().err
+    assert run(campaign, "fly", str(flight), "--by", "Bob", "--start", "4.5", "--end", "11") == 0
+    for k in range(140, 150):
+        rows[k] = rows[k].split(",")[0] + ",,,,,,"
+    flight.write_text("\n".join([head, *rows]))
+    assert run(campaign, "fly", str(flight), "--by", "Bob") == 1
+    assert "are missing from" in capsys.readouterr().err
