@@ -1,0 +1,83 @@
+"""Model errors: what is flown with them, and what the table says of a clearance."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from app.cli import main
+from core.evaluation import clearance_errors
+from core.evaluation.clearance_errors import (
+    MODEL_ERRORS,
+    ErrorTableRecipe,
+    error_table,
+    softened,
+)
+from core.evaluation.lead_sweep import TESTS
+from core.planned_test import SensorNoise, Simulator
+
+BY_WORDS = {error.words: error for error in MODEL_ERRORS}
+
+
+@pytest.mark.parametrize("name", TESTS)
+def test_an_aircraft_that_does_not_soften_flies_as_the_linear_one(name: str) -> None:
+    """The numerical integration against the exact rollout."""
+    simulator = Simulator(replace(TESTS[name], noise=SensorNoise()))
+    theta = simulator.plant.sample(5, np.random.default_rng(1))
+    exact = simulator.fly(theta, np.random.default_rng(2))[0].y
+    found = softened(simulator, theta, 0.0, np.random.default_rng(2))
+    np.testing.assert_allclose(found, exact, atol=2e-4 * np.abs(exact).max())
+
+
+def test_softening_makes_the_aircraft_swing_farther() -> None:
+    """The more, the larger the input."""
+    planned, grown = replace(TESTS["F-16"], noise=SensorNoise()), []
+    for part in (0.25, 1.0, 1.5):
+        peak = part * planned.maneuver.peak_deg
+        simulator = Simulator(replace(planned, maneuver=planned.maneuver.with_peak(peak)))
+        theta = simulator.plant.nominal[np.newaxis]
+        linear, soft = (
+            np.abs(softened(simulator, theta, lost, np.random.default_rng(2))[..., 0]).max()
+            for lost in (0.0, 0.3)
+        )
+        grown.append(soft / linear - 1.0)
+    assert 0.0 < grown[0] < 0.01 < grown[1] < grown[2]
+
+
+def test_the_command_prints_each_error(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Noise that is twice as large is seen on all flights; as modelled on few."""
+    some = (BY_WORDS["as modelled"], BY_WORDS["noise twice as large"])
+    monkeypatch.setattr(clearance_errors, "MODEL_ERRORS", some)
+    sizes = ["--n-aircraft", "100", "--n-exceeding", "20", "--epsilon", "0.1"]
+    assert main(["clearance-errors", "--tests", "ATTAS", *sizes, "--json"]) == 0
+    modelled, noisy = json.loads(capsys.readouterr().out)
+    assert modelled["error"] == "as modelled"
+    assert modelled["n_exceed"] + modelled["n_safe"] == 100
+    assert modelled["flagged"] <= 20
+    assert noisy["flagged"] >= 95
+    assert noisy["wrongly_unflagged"] == 0
+
+
+def test_what_makes_no_table_is_refused(capsys: pytest.CaptureFixture[str]) -> None:
+    """A test that is not known, and steps that are none."""
+    assert main(["clearance-errors", "--tests", "B-52"]) == 1
+    assert "'B-52' was given: choose F-16" in capsys.readouterr().err
+
+
+@pytest.mark.fuzz
+def test_a_second_step_shows_what_softens() -> None:
+    """Of wrong clearances hardly any is left unflagged after two steps; after one more are."""
+    wrong = {}
+    for steps in ((0.6,), (0.4, 0.6)):
+        recipe = ErrorTableRecipe(tests=("F-16",), steps=steps, n_aircraft=300, seed=5)
+        rows = {row.error: row for row in error_table(recipe)}
+        soft = rows["yaw stiffness falls by 20 % with sideslip"]
+        assert soft.wrongly / soft.n_exceed > 0.05
+        wrong[len(steps)] = soft.wrongly_unflagged / soft.n_exceed
+        assert rows["as modelled"].flagged <= 0.1 * 300
+        assert rows["noise twice as large"].flagged == 300
+        assert rows["N_y reads 0.85"].wrongly_unflagged > 0, "what no fit can see"
+    assert wrong[2] < 0.05
