@@ -14,7 +14,9 @@ from fastapi.routing import iter_route_contexts
 from fastapi.staticfiles import StaticFiles
 from starlette.routing import BaseRoute
 
+from app.flights.clock import MonotonicClock
 from app.flights.flights import Flights
+from app.flights.frame_ticks import FrameTicks
 from app.http.audit import Audit
 from app.http.head_requests import HeadAsGet
 from app.http.idempotency import Idempotent, describe_keys
@@ -181,6 +183,7 @@ async def _lifespan(app: FastAPI) -> AsyncIterator[None]:
             journals=journals,
             host=settings.host,
         )
+        app.state.frame_ticks = FrameTicks(MonotonicClock())
         await parts.enter_async_context(aloft)
         going_on = asyncio.create_task(_go_on(aloft))
         parts.callback(going_on.cancel)

@@ -80,7 +80,8 @@ class RecentFrames:
 class Watcher:
     """What one connection is to be sent next; it pulls that with `take`.
 
-    on_news: called when there may be something to take.
+    on_news: called when there may be something to take that is not to wait.
+    on_frames: called when there are new frames.
     """
 
     def __init__(self, recent: RecentFrames) -> None:
@@ -92,6 +93,7 @@ class Watcher:
         self._heartbeat: Callable[[int], str] | None = None
         self._conflated = 0
         self.on_news: Callable[[], object] | None = None
+        self.on_frames: Callable[[], object] | None = None
         self.credit, self._is_told = CREDIT, False
         self.ended = False
         self.overrun = False
@@ -106,13 +108,15 @@ class Watcher:
         """There are new frames."""
         if not self.credit:
             self._conflating = True
-        if self.on_news is not None:
-            self.on_news()
+        if self.on_frames is not None:
+            self.on_frames()
 
     def grant(self, n: int) -> None:
         """The client took n messages of frames."""
+        had_none = not self.credit
         self.credit, self._is_told = min(self.credit + n, CREDIT), False
-        self._tell_news()
+        if had_none:
+            self._tell_news()
 
     def resume(self, seq: int) -> None:
         """Send what followed seq; where that is not kept, or is too late to ask, reset and all."""

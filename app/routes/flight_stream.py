@@ -1,5 +1,7 @@
 """A flight as it is watched: frames, alarms and states over a WebSocket."""
 
+from functools import partial
+
 from fastapi import APIRouter, WebSocket
 from starlette.status import (
     WS_1000_NORMAL_CLOSURE,
@@ -8,6 +10,7 @@ from starlette.status import (
 )
 
 from app.flights.flights import Flights
+from app.flights.frame_ticks import FrameTicks
 from app.flights.watcher import Watcher
 from app.http.connection import Connection, accepted
 from app.messages import Credit, End, MessageError, decode
@@ -27,20 +30,21 @@ async def stream(websocket: WebSocket, flight_id: str) -> None:
         await refuse(connection, NO_SUCH_FLIGHT, f"no flight {flight_id} is under way")
         return
     watcher = flight.watch()
-    screen = _Screen(connection, watcher)
+    screen = _Screen(connection, watcher, websocket.app.state.frame_ticks)
     try:
         await connection.run(screen.take, screen.show)
     finally:
-        watcher.on_news = None
+        watcher.on_news = watcher.on_frames = None
         flight.leave(watcher)
 
 
 class _Screen:
     """One connection of a watcher."""
 
-    def __init__(self, connection: Connection, watcher: Watcher) -> None:
+    def __init__(self, connection: Connection, watcher: Watcher, ticks: FrameTicks) -> None:
         self._connection, self._watcher = connection, watcher
         watcher.on_news = self.show
+        watcher.on_frames = partial(ticks.ask, self.show)
         self.show()
 
     def show(self) -> None:

@@ -13,6 +13,7 @@ from starlette.testclient import TestClient, WebSocketTestSession
 from starlette.websockets import WebSocketDisconnect
 
 from app.flights.flights import Flights
+from app.flights.frame_ticks import TICK_S, FrameTicks
 from app.flights.watcher import CREDIT
 from app.messages import Hello
 from core.evaluation.certificate import UNTESTED
@@ -36,6 +37,7 @@ class Server:
         self.monitor_id = store.monitors.add(monitor(), "F-16 doublet").id
         self.flights: Flights = client.app.state.flights  # pyright: ignore
         self.flights._clock = self.clock
+        client.app.state.frame_ticks = FrameTicks(self.clock)  # pyright: ignore
         self.flights._scenes = None
 
     def start(self, **choices: Any) -> dict[str, Any]:
@@ -161,6 +163,20 @@ def test_the_record_is_read_in_parts(server: Server, monkeypatch: pytest.MonkeyP
     assert seqs == list(range(121))
     part = server.client.get(f"{URL}/{flight['id']}/assessments?first=7&last=9").json()
     assert ([f["seq"] for f in part["frames"]], part["next"]) == ([7, 8, 9], None)
+
+
+def test_frames_that_come_before_the_next_round_of_sending_are_one_message(server: Server) -> None:
+    flight = server.start()
+    portal = server.client.portal
+    assert portal is not None
+    sending = ScriptedClock()
+    server.client.app.state.frame_ticks = FrameTicks(sending)  # pyright: ignore
+    with server.watch(flight["id"]) as socket:
+        hello = msgspec.json.decode(socket.receive_text())
+        server.advance(0.2)
+        portal.call(sending.advance, TICK_S)
+        message = until(socket, lambda message: message["type"] == "frames")[-1]
+    assert [frame["seq"] - hello["head"] for frame in message["frames"]] == [1, 2, 3, 4]
 
 
 def test_a_watcher_that_gives_no_credit_is_told_what_it_missed(server: Server) -> None:
