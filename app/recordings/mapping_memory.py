@@ -1,12 +1,16 @@
 """Mappings remembered for an aircraft from one recording to the next, for page and command."""
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
-from app.recordings.mapped_columns import signature
 from app.settings import Settings
-from app.store.store import open_store
 from app.telemetry.contents import Contents
 from app.telemetry.mapping.mapping import Mapping
+
+if TYPE_CHECKING:
+    from app.store.mappings import MappingRepository
 
 
 @dataclass(frozen=True)
@@ -18,17 +22,23 @@ class MappingMemory:
 
     def recall(self, contents: Contents) -> Mapping | None:
         """The mapping last remembered for this aircraft, best of one for these very signals."""
-        store = open_store(self.settings.url, recover=False)
-        try:
-            remembered = store.mappings.find(self.aircraft, signature(contents))
-        finally:
-            store.close()
+        with self._mappings(contents) as (mappings, signature):
+            remembered = mappings.find(self.aircraft, signature)
         return None if remembered is None else Mapping.from_plain(remembered.mapping)
 
     def keep(self, contents: Contents, mapping: Mapping) -> None:
         """Use this mapping for the next recording of the aircraft."""
+        with self._mappings(contents) as (mappings, signature):
+            mappings.save(self.aircraft, signature, mapping.to_plain())
+
+    @contextmanager
+    def _mappings(self, contents: Contents) -> Iterator[tuple["MappingRepository", str]]:
+        """The store's mappings, and the signature of a recording's signals."""
+        from app.recordings.mapped_columns import signature
+        from app.store.store import open_store  # slow to import, and only needed here
+
         store = open_store(self.settings.url, recover=False)
         try:
-            store.mappings.save(self.aircraft, signature(contents), mapping.to_plain())
+            yield store.mappings, signature(contents)
         finally:
             store.close()

@@ -13,7 +13,7 @@ import numpy as np
 from scipy.ndimage import maximum_filter1d, median_filter, minimum_filter1d, uniform_filter1d
 
 from app.scoring.planned_test import PlannedTest
-from core.types import Array
+from core.types import Array, Indices
 
 WINDOW = 1.0
 """[s] in which a surface moves, and over which the level before an input is taken."""
@@ -155,8 +155,6 @@ def _times(u: Array, commands: Array) -> int:
     u: (n, k) from the first departure on.   commands: (m, k) planned.
     Further ones count that are as large as ALIKE of the largest, in its direction.
     """
-    from scipy.signal import find_peaks  # slow to import, and only needed here
-
     moved = np.flatnonzero(commands.any(axis=1))
     if not len(moved):
         return 1
@@ -167,8 +165,24 @@ def _times(u: Array, commands: Array) -> int:
     each = [np.correlate(flown[:, k], inputs[:, k]) for k in range(u.shape[1])]
     likeness = np.sum(each, axis=0)
     likeness *= np.sign(likeness[np.abs(likeness).argmax()])
-    peaks, _ = find_peaks(likeness, height=ALIKE * likeness.max(), distance=n)
-    return max(1, len(peaks))
+    return max(1, len(peaks(likeness, ALIKE * likeness.max(), n)))
+
+
+def peaks(x: Array, height: float, distance: int) -> Indices:
+    """Samples of the local maxima of at least a height, each higher than others near it.
+
+    Those of scipy.signal.find_peaks, which takes a second to import: of a plateau its middle.
+    x: (n,).   distance: samples at least between two of them; of equal ones the later stays.
+    """
+    changes = np.flatnonzero(np.diff(x))
+    starts, ends = changes[:-1] + 1, changes[1:]
+    is_peak = (x[starts] > x[starts - 1]) & (x[ends] > x[ends + 1]) & (x[starts] >= height)
+    found = (starts[is_peak] + ends[is_peak]) // 2
+    stays = np.ones(len(found), bool)
+    for k in np.argsort(x[found])[::-1]:
+        if stays[k]:
+            stays &= (np.abs(found - found[k]) >= distance) | (found == found[k])
+    return found[stays]
 
 
 def _departure(u: Array, trim: Array, threshold: Array, begins: int, window: int) -> int:

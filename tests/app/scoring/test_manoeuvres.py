@@ -4,9 +4,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy.signal import lfilter
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+from scipy.signal import find_peaks, lfilter
 
-from app.scoring.manoeuvres import detect
+from app.scoring.manoeuvres import detect, peaks
 from app.scoring.planned_test import PlannedTest
 from core.simulation.maneuver import MANEUVERS, Doublet, Maneuver
 from core.specification import Limits
@@ -162,3 +165,13 @@ def test_real_records_hold_one_manoeuvre_each(name: str, onset: float):
     plan = PlannedTest(float(np.median(np.diff(t))), LIMITS, Doublet(amplitude_deg=-3.7))
     (found,) = detect(surfaces, plan)
     assert found.onset * plan.dt == pytest.approx(onset, abs=0.25)
+
+
+@given(
+    x=arrays(float, st.integers(0, 60), elements=st.sampled_from([0.0, 0.5, 1.0, 2.0])),
+    height=st.sampled_from([-1.0, 0.5, 1.0, 3.0]),
+    distance=st.integers(1, 20),
+)
+def test_peaks_are_those_of_scipy(x: np.ndarray, height: float, distance: int):
+    expected, _ = find_peaks(x, height=height, distance=distance)
+    assert peaks(x, height, distance).tolist() == expected.tolist()
