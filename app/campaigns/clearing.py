@@ -74,7 +74,11 @@ def words_of(clearing: Clearing) -> str:
 
 
 def identified(campaign: Campaign) -> Identification:
-    """The aircraft as it is known from all complete points; CampaignError where there is none."""
+    """The aircraft as it is known from all complete points; CampaignError where there is none.
+
+    What a flight has besides noise stands in the residuals: where the test says that it has some,
+    these tell how sure the derivatives are.
+    """
     segments = [
         FlownSegment(samples_of(step.flown), campaign.test.dt, step.name)
         for step in campaign.flown
@@ -83,7 +87,8 @@ def identified(campaign: Campaign) -> Identification:
     if not segments:
         raise CampaignError("no point is complete: fly one before the aircraft is identified")
     test = campaign.test
-    return identify(test.aircraft, test.control_law, segments, channel_array(test.noise))
+    noise = channel_array(test.noise) if test.imperfections.are_none else None
+    return identify(test.aircraft, test.control_law, segments, noise)
 
 
 def updated(campaign: Campaign, point: Point) -> DatasetRecipe:

@@ -4,6 +4,7 @@ import argparse
 from pathlib import Path
 from typing import Any, get_args
 
+from app import json_codec
 from app.campaigns.campaign import Campaign, CampaignError, Point, load
 from app.campaigns.clearing import checklist, clear_next, identified, updated
 from app.campaigns.flying import flown_point
@@ -18,10 +19,10 @@ from core.clearance import ClearanceRecipe
 from core.identification.identification import Identification
 from core.monitor.calibration import Guarantee
 from core.planned_test import DatasetRecipe
+from core.whole_file import write_whole
 
 STEPS = (0.4, 0.6, 0.8, 1.0)
 USUAL = ClearanceRecipe()
-MARKS = {"cleared": "cleared", "hold": "HOLD", "aborted": "ABORTED"}
 
 
 def add(parser: argparse.ArgumentParser) -> None:
@@ -36,7 +37,8 @@ def add(parser: argparse.ArgumentParser) -> None:
     fly = actions.add_parser("fly", help="give the recording of the next point: it is complete")
     identify = actions.add_parser("identify", help="what the complete points say of the aircraft")
     recipe = actions.add_parser("recipe", help="recipe that trains a monitor for the next point")
-    for each in (new, show, clear, confirm, hold, abort, fly, identify, recipe):
+    report = actions.add_parser("report", help="card of the next point and results, to print")
+    for each in (new, show, clear, confirm, hold, abort, fly, identify, recipe, report):
         each.add_argument("file", type=Path, metavar="CAMPAIGN.json", help="the campaign")
     for each in (clear, confirm, hold, abort, fly):
         each.add_argument("--by", required=True, metavar="NAME", help="who decides")
@@ -46,9 +48,10 @@ def add(parser: argparse.ArgumentParser) -> None:
     fly.add_argument("--start", type=float, help="of the manoeuvre with its trim [s]")
     fly.add_argument("--end", type=float, help="of the manoeuvre [s]")
     fly.add_argument("--mapping", type=Path, metavar="FILE", help="as written by `score`")
+    report.add_argument("-o", "--out", type=Path, help="HTML file, the campaign's name if absent")
     recipe.add_argument("-o", "--out", type=Path, required=True, help="file written")
     _add_plan(new)
-    for each in (new, show, clear, confirm, hold, abort, fly, identify, recipe):
+    for each in (new, show, clear, confirm, hold, abort, fly, identify, recipe, report):
         add_json(each)
 
 
@@ -186,9 +189,6 @@ def _recipe(options: argparse.Namespace) -> int:
     check_file(options.out)
     point = campaign.next.point
     plain = {"dataset": to_plain(updated(campaign, point))}
-    from app import json_codec
-    from core.whole_file import write_whole
-
     write_whole(options.out, json_codec.encode(plain))
     steps = ", ".join(step.name for step in campaign.flown)
     text = (
@@ -196,6 +196,15 @@ def _recipe(options: argparse.Namespace) -> int:
         f"train with `forewarn train --recipe {options.out}`"
     )
     print_result(options, text, {"file": str(options.out)} | plain)
+    return 0
+
+
+def _report(options: argparse.Namespace) -> int:
+    from app.report.campaign import campaign_page  # its templates: a tenth of a second
+
+    out = check_file(options.out or options.file.with_suffix(".html"))
+    write_whole(out, campaign_page(load(options.file)).encode())
+    print_result(options, f"written: {out}", {"file": str(out)})
     return 0
 
 
@@ -209,6 +218,7 @@ ACTIONS = {
     "fly": _fly,
     "identify": _identify,
     "recipe": _recipe,
+    "report": _report,
 }
 
 

@@ -84,6 +84,14 @@ def test_a_build_up_is_planned_cleared_flown_and_identified(
     named = {parameter["name"]: parameter for parameter in plain["parameters"]}
     assert named["N_beta"]["after"][1] < 0.3 * named["N_beta"]["before"][1]
     assert not named["L_da"]["determined"]
+    assert run(campaign, "report") == 0
+    page = campaign.with_suffix(".html").read_text(encoding="utf-8")
+    assert "Next: 100%" in page
+    assert page.count('class="flown"') == 2
+    assert page.count('class="predicted"') == 1
+    assert "N_y and the surfaces read true" in page
+    assert "not determined" in page
+    assert "http" not in page
     recipe = campaign.with_name("recipe.json")
     assert run(campaign, "recipe", "-o", str(recipe)) == 0
     dataset = from_plain(DatasetRecipe(), json.loads(recipe.read_text())["dataset"])
@@ -146,6 +154,19 @@ def test_hold_and_abort_are_kept(campaign: Path) -> None:
     assert load(campaign).next.point.events[-1].words == "cloud"
     assert run(campaign, "abort", "--by", "Ann", "--why", "bird strike") == 0
     assert load(campaign).next.point.name == "80%"
+
+
+def test_a_page_is_written_before_and_after_all_flights(campaign: Path) -> None:
+    """Before the first: a person decides; after the last: all are over. Names stay text."""
+    assert run(campaign, "report") == 0
+    page = campaign.with_suffix(".html").read_text(encoding="utf-8")
+    assert "a person&#39;s decision" in page or "a person's decision" in page
+    for _ in range(3):
+        assert run(campaign, "abort", "--by", "<b>Ann</b>", "--why", "weather") == 0
+    assert run(campaign, "report") == 0
+    page = campaign.with_suffix(".html").read_text(encoding="utf-8")
+    assert "Every point is complete or aborted" in page
+    assert "<b>Ann" not in page
 
 
 def test_a_campaign_is_not_written_over(campaign: Path, capsys: pytest.CaptureFixture[str]) -> None:
