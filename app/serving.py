@@ -3,6 +3,7 @@
 import asyncio
 import gc
 import socket
+import sys
 from collections.abc import Awaitable, Callable, Iterator
 from contextlib import contextmanager
 from functools import partial
@@ -31,6 +32,9 @@ GRACE = 1
 BACKLOG = 128
 COLLECTED = 20_000, 50, 10
 """Objects made before cycles among them are looked for: samples make few, and none waits."""
+THREAD_TURN_S = 0.001
+"""What a thread that computes may keep the event loop waiting [s]; the interpreter's own is five
+times as long, and a sample waits for it again at each wake-up of the loop."""
 
 Opened = Callable[[FastAPI], Awaitable[None]]
 
@@ -129,6 +133,7 @@ def serve(
         gc.collect()
         gc.freeze()  # what is loaded stays: a sample never waits until all of it was looked through
         gc.set_threshold(*COLLECTED)
+        sys.setswitchinterval(THREAD_TURN_S)
         try:
             with asyncio.Runner(loop_factory=_loop_factory()) as runner:
                 runner.run(server.serve(sockets=[listening]))

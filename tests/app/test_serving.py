@@ -1,11 +1,13 @@
 import asyncio
 import signal
 import socket
+import sys
 import threading
 import time
 from base64 import b64encode
 from multiprocessing import active_children
 from typing import Any
+from unittest.mock import AsyncMock, Mock
 
 import httpx2
 import pytest
@@ -79,6 +81,23 @@ def test_the_socket_gives_up_on_watchers_that_do_not_read(tmp_path):
         assert address_of(listening, settings).startswith("http://127.0.0.1:")
     finally:
         listening.close()
+
+
+def test_a_thread_that_computes_gives_the_loop_of_a_server_its_turn_sooner(tmp_path, monkeypatch):
+    intervals = []
+
+    async def look(*_: Any, **__: Any) -> None:
+        intervals.append(sys.getswitchinterval())
+
+    monkeypatch.setattr(serving, "gc", Mock())
+    monkeypatch.setattr(Server, "serve", look)
+    usual = sys.getswitchinterval()
+    try:
+        serving.serve(Settings(data_dir=tmp_path, port=0), AsyncMock())
+    finally:
+        sys.setswitchinterval(usual)
+    assert intervals == [pytest.approx(serving.THREAD_TURN_S)]
+    assert intervals[0] < usual
 
 
 def test_a_watcher_has_a_small_buffer_and_a_download_a_large_one(tmp_path):
