@@ -26,6 +26,7 @@
  *   close()
  */
 
+const DRAWN = 4; // messages of frames that are credited at once: a quarter of what the server gives
 const BEAT = 1000; // ms between the server's heartbeats
 const LATE = 600; // ms that one may come late, if nothing else came either: else it is missed
 const SILENCE = 3500; // ms without any message that mean loss
@@ -42,6 +43,7 @@ export function createConnection(flight, on, { Socket = WebSocket } = {}) {
   const counts = { conflated: 0, before: 0, lost: 0, unwritten: 0, problem: "" };
   let socket = null;
   let seen = -1; // newest seq taken
+  let drawn = 0; // messages of frames since the last credit
   let knowsFlight = false;
   let newest = null; // {taken, latency} of the newest frame; latency NaN where it came late on purpose
   let backlog = -1; // head at hello: frames up to it come late on purpose
@@ -63,6 +65,7 @@ export function createConnection(flight, on, { Socket = WebSocket } = {}) {
 
   function connect() {
     heard = beat = performance.now();
+    drawn = 0;
     const mine = new Socket(address);
     socket = mine;
     mine.addEventListener("message", (event) => {
@@ -150,7 +153,10 @@ export function createConnection(flight, on, { Socket = WebSocket } = {}) {
         if (taken !== null) newest = { taken, latency: sent !== null && last.seq > backlog ? clock.latency(sent) : NaN };
         on.frames?.(frames, message);
       }
-      send({ type: "credit", n: 1 });
+      drawn += 1;
+      if (drawn < DRAWN) return;
+      send({ type: "credit", n: drawn });
+      drawn = 0;
     },
     reset: (message) => {
       seen = message.seq - 1;

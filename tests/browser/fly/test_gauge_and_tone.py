@@ -251,6 +251,42 @@ def test_a_link_is_open_until_the_first_missed_heartbeat(
     assert page.evaluate("links.at(-1)[0]") == "open"
 
 
+def test_credit_for_frames_is_given_back_a_quarter_at_a_time(
+    own_page: Page, origin: str, allowed_errors: list[str]
+) -> None:
+    allowed_errors.append("404 (File not found)")  # no server here tells the time
+    own_page.goto(f"{origin}/browser/strip_harness.html")
+    given = own_page.evaluate(
+        """async () => {
+        const { createConnection } = await import('/static/js/fly/connection.js');
+        const credits = [];
+        let socket;
+        class Scripted {
+          static OPEN = 1;
+          readyState = 1;
+          constructor() { socket = this; }
+          addEventListener(kind, listener) { this[kind] = listener; }
+          send(text) {
+            const message = JSON.parse(text);
+            if (message.type === 'credit') credits.push(message.n);
+          }
+          close() {}
+        }
+        const connection = createConnection('flight', {}, { Socket: Scripted });
+        const tell = (message) => socket.message({ data: JSON.stringify(message) });
+        tell({ type: 'hello', head: -1, server_time: '2030-01-01T00:00:00Z' });
+        const given = [];
+        for (let seq = 0; seq < 9; seq += 1) {
+          tell({ type: 'frames', conflated: 0, frames: [{ seq, sent: 0 }] });
+          given.push(credits.length);
+        }
+        connection.close();
+        return [credits, given];
+      }"""
+    )
+    assert given == [[4, 4], [0, 0, 0, 1, 1, 1, 1, 2, 2]]
+
+
 def test_left_out_samples_and_a_store_that_takes_nothing_are_said(strips: Open) -> None:
     told = run(
         strips(),
