@@ -104,6 +104,7 @@ class Load:
     def __init__(self, seconds: float, hz: float) -> None:
         self.dt, self.n = 1.0 / hz, round(seconds * hz)
         self.sent = self.acknowledged = self.refused = self.conflated = self.gaps = self.seen = 0
+        self.messages = 0
         self.late_ms, self.latencies_ms, self.alarms_ms = array("d"), array("d"), array("d")
         self.timed_from = np.inf
 
@@ -135,6 +136,7 @@ class Watcher:
                 load.seen += 1
                 at = text.find(b'"t":', end)
             self._messages += 1
+            load.messages += 1
             if self._messages % EVERY == 0:
                 self.socket.transport.write(CREDIT)
             seqs = SEQ.findall(text)
@@ -197,7 +199,7 @@ async def main(address: str, seconds: float, hz: float, each: int, *flights: str
         load.acknowledged < load.sent or load.seen + load.gaps < expected
     ):
         await asyncio.sleep(0.05)
-    names = "sent", "acknowledged", "refused", "seen", "gaps", "conflated"
+    names = "sent", "acknowledged", "refused", "seen", "messages", "gaps", "conflated"
     said = {name: getattr(load, name) for name in names}
     said |= {name: getattr(load, name).tolist() for name in ("latencies_ms", "alarms_ms")}
     said["missing"] = expected - load.seen - load.gaps

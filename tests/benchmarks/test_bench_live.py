@@ -35,18 +35,20 @@ def start(server: Server, n: int, **source: Any) -> list[str]:
 def flown(server: Server, flights: list[str], each: int, hz: float) -> dict[str, Any]:
     """Push at hz into every flight and watch each; latencies from when a sample was due.
 
-    cpu_us: of the server for a sample and all its frames.   memory_mb: second by second.
+    cpu_us: of the server for a sample and all its frames.   cores: that it used meanwhile.
+    memory_mb: second by second.
     """
     load = [sys.executable, "-m", "tests.benchmarks.live_load", server.address]
     load += [*map(str, (SECONDS, hz, each)), *flights]
-    began, memory_mb = server.cpu_s, []
+    began, began_cpu, memory_mb = time.monotonic(), server.cpu_s, []
     with subprocess.Popen(load, stdout=subprocess.PIPE, text=True) as process:
         reading = threading.Thread(target=_look, args=(server, process, memory_mb))
         reading.start()
         run = json.loads(process.communicate(timeout=SECONDS + 120)[0])
         reading.join()
-    cpu_us = 1e6 * (server.cpu_s - began) / run["sent"]
-    return run | {"cpu_us": cpu_us, "memory_mb": memory_mb}
+    cpu_s = server.cpu_s - began_cpu
+    cores = cpu_s / (time.monotonic() - began)
+    return run | {"cpu_us": 1e6 * cpu_s / run["sent"], "cores": cores, "memory_mb": memory_mb}
 
 
 def _look(server: Server, process: subprocess.Popen[str], memory_mb: list[float]) -> None:
@@ -62,8 +64,10 @@ def report(what: str, run: dict[str, Any]) -> None:
     print(
         f"\n{what}: {run['sent']} sent, {run['acknowledged']} durable, {run['seen']} frames seen, "
         f"{run['conflated']} conflated, {run['missing']} missing; due to watcher p50 {p50:.1f} ms, "
-        f"p99 {p99:.1f} ms; server {run['cpu_us']:.0f} us a sample, {settled[-1]:.0f} MB, growing "
-        f"by {slope:.1f} MB/min; the sources late by p99 {run['late_ms']:.1f} ms"
+        f"p99 {p99:.1f} ms; server {100 * run['cores']:.0f} % of a core, {run['cpu_us']:.0f} us a "
+        f"sample of {run['messages'] / run['sent']:.1f} messages, {settled[-1]:.0f} MB, growing "
+        f"by {slope:.1f} MB/min; the sources late by p99 {run['late_ms']:.1f} ms; load "
+        f"{os.getloadavg()[0]:.1f}"
     )
     if run["alarms_ms"]:
         p50, p99 = np.percentile(run["alarms_ms"], [50, 99])
