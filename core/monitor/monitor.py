@@ -14,6 +14,7 @@ from core.kernels import assessing, compiled, peak_risk, trajectory_p
 from core.kernels.assessing import Fitted
 from core.kernels.deviation import Reference, first_beyond
 from core.kernels.innovation import NO_INNOVATION, Innovation
+from core.kernels.live_call import live_call, update_at
 from core.kernels.nearest import Tree, build
 from core.kernels.p_value import SIMPLE, Transduction, simple_p
 from core.monitor.assessment import (
@@ -448,10 +449,9 @@ class Stream:
         self._tells_unsafe, self._tells_safe = exemplars, exemplars or basis is not None
         self._unsafe = _Neighbour(monitor.unsafe_exemplar)
         self._safe = _Neighbour(monitor.safe_exemplar)
-        self._state = self._fitted, self._exact, self._buffer, self._status, self._clock
-        self._dt, y = float(monitor.dt), self._buffer[0]
-        about = self._dt, 0.0, y, self._point
-        self._update = compiled.entry(assessing.update, *self._state, *about)
+        arrays = self._buffer, self._status, self._clock, self._point
+        self._call = live_call(self._fitted, self._exact, *arrays, monitor.dt)
+        self._update = compiled.entry(update_at, *self._call, 0.0, self._buffer[0])
 
     def update(self, t: float, y: npt.ArrayLike) -> Assessment:
         """Assess the next sample.
@@ -487,7 +487,7 @@ class Stream:
         return self._forecast.ahead() if self._forecast is not None and self._is_ok else None
 
     def _assess(self, t: float, y: Array) -> Assessment:
-        code, p, s = self._update(*self._state, self._dt, t, y, self._point)
+        code, p, s = self._update(*self._call, t, y)
         is_fresh = code != assessing.STALE
         y_hat = self._point * self.monitor.scale if self._maps_ahead else None
         if self._forecast is not None:

@@ -1,0 +1,135 @@
+"""One sample of a stream by a call from Python: its arrays lie in one table of addresses.
+
+Taking the nested tuples of a monitor apart at each call takes longer than what the call computes.
+"""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numba import extending, types
+from numba.np.numpy_support import carray
+
+from core.kernels import N_CHANNELS
+from core.kernels.assessing import Fitted, update
+from core.kernels.calibration_tree import CalibrationTree
+from core.kernels.compiled import brief, inlined
+from core.kernels.nearest import Tree
+from core.kernels.p_value import Transduction
+from core.types import Array, Indices
+
+# Kernels call what follows without the typing context that its Python signature starts with.
+intrinsic: Any = extending.intrinsic
+
+
+class LiveCall(NamedTuple):
+    """What `update_at` takes, but for the sample.
+
+    table: (29, 2) address and length of each array.
+    counts: (5,) columns of the calibration's points, entries of a point, channel, failures too
+    early to be warned of, whether flights are scored by their lowest so far.
+    numbers: (3,) weights of the unsafe and of the safe distance, sample interval [s].
+    """
+
+    table: Indices
+    counts: Indices
+    numbers: Array
+
+
+def live_call(
+    fitted: Fitted,
+    exact: Transduction,
+    buffer: Array,
+    status: Indices,
+    clock: Array,
+    point: Array,
+    dt: float,
+) -> LiveCall:
+    """Lay out the arguments of `assessing.update`. The arrays must outlive it.
+
+    ValueError for an array that is not in rows.
+    """
+    arrays = (
+        *(fitted.matrix, fitted.offset, *fitted.unsafe, *fitted.safe, fitted.alphas),
+        *(exact.points, exact.unsafe, exact.safe, exact.start, exact.alphas, *exact.tree),
+        *(buffer, status, clock, point),
+    )
+    if not all(array.flags.c_contiguous for array in arrays):
+        raise ValueError("an array of the monitor is not in rows: np.ascontiguousarray makes it so")
+    return LiveCall(
+        np.array([(array.ctypes.data, len(array)) for array in arrays]),
+        np.array(
+            [exact.points.shape[1], fitted.d, fitted.channel, exact.always, int(exact.running)]
+        ),
+        np.array([fitted.unsafe_weight, fitted.safe_weight, dt]),
+    )
+
+
+@brief
+def update_at(table, counts, numbers, t, y):
+    """`assessing.update` of the arrays in the table."""
+    width = table[1, 1]
+    fitted = Fitted(
+        carray(_floats(table[0, 0]), (table[0, 1], width)),
+        _numbers(table, 1),
+        counts[1],
+        Tree(_numbers(table, 2), _lanes(table, 3), _numbers(table, 4), _lanes(table, 5)),
+        Tree(_numbers(table, 6), _lanes(table, 7), _numbers(table, 8), _lanes(table, 9)),
+        numbers[0],
+        numbers[1],
+        counts[2],
+        _numbers(table, 10),
+    )
+    exact = Transduction(
+        carray(_floats(table[11, 0]), (table[11, 1], counts[0])),
+        _numbers(table, 12),
+        _numbers(table, 13),
+        _whole(table, 14),
+        _numbers(table, 15),
+        counts[3],
+        counts[4] != 0,
+        CalibrationTree(
+            _numbers(table, 16),
+            _numbers(table, 17),
+            _lanes(table, 18),
+            _numbers(table, 19),
+            _numbers(table, 20),
+            _numbers(table, 21),
+            _numbers(table, 22),
+            _numbers(table, 23),
+            _numbers(table, 24),
+        ),
+    )
+    buffer = carray(_floats(table[25, 0]), (table[25, 1], N_CHANNELS))
+    status, clock, point = _whole(table, 26), _numbers(table, 27), _numbers(table, 28)
+    return update(fitted, exact, buffer, status, clock, numbers[2], t, y, point)
+
+
+@inlined
+def _numbers(table, k):
+    return carray(_floats(table[k, 0]), (table[k, 1],))
+
+
+@inlined
+def _whole(table, k):
+    return carray(_int64s(table[k, 0]), (table[k, 1],))
+
+
+@inlined
+def _lanes(table, k):
+    return carray(_int32s(table[k, 0]), (table[k, 1],))
+
+
+def _pointer(dtype):
+    """Turn an address into a pointer to numbers of a type."""
+
+    def at(_context, _address):
+        def generate(context, builder, signature, arguments):
+            pointer = context.get_value_type(signature.return_type)
+            return builder.inttoptr(arguments[0], pointer)
+
+        return types.CPointer(dtype)(types.int64), generate
+
+    return intrinsic(at)
+
+
+_floats, _int64s, _int32s = map(_pointer, (types.float64, types.int64, types.int32))
