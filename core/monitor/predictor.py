@@ -58,8 +58,9 @@ class Linear(Predictor):
                 "no safe observation has an output t_early later: shorten t_early or lengthen "
                 "the manoeuvre"
             )
-        o_mean, y_mean = o[known].mean(axis=0), y_ahead[known].mean(axis=0)
-        triangle = _triangle(np.hstack([o - o_mean, y_ahead - y_mean])[known])
+        o, y_ahead = o[known], y_ahead[known]
+        o_mean, y_mean = o.mean(axis=0), y_ahead.mean(axis=0)
+        triangle = _triangle((o, o_mean), (y_ahead, y_mean))
         n_o = o.shape[1]
         found = np.linalg.lstsq(triangle[:, :n_o], triangle[:, n_o:], rcond=RANK_TOLERANCE)
         solution = np.asarray(found[0], np.float64)
@@ -100,11 +101,16 @@ class PeakRidge(Linear):
             raise ValueError(f"phase={self.phase!r} was given: choose input or start")
 
 
-def _triangle(rows: Array) -> Array:
-    """R of the QR decomposition of rows (n, m), block by block: small memory, no lost digits."""
-    triangle = np.empty((0, rows.shape[1]))
-    for start in range(0, len(rows), BLOCK):
-        block = np.vstack([triangle, rows[start : start + BLOCK]])
+def _triangle(*parts: tuple[Array, Array]) -> Array:
+    """R of the QR decomposition of columns less their means, block by block.
+
+    So memory stays small, and no digits are lost.
+    parts: columns (n, k) and means (k,), side by side.   Returns (m, m), m columns in all.
+    """
+    triangle = np.empty((0, sum(len(mean) for _, mean in parts)))
+    for start in range(0, len(parts[0][0]), BLOCK):
+        rows = [columns[start : start + BLOCK] - mean for columns, mean in parts]
+        block = np.vstack([triangle, np.hstack(rows)])
         triangle = np.asarray(np.linalg.qr(block, mode="r"))
     return triangle
 
@@ -134,7 +140,7 @@ class PrincipalComponents(Predictor):
                 f"entries, choose 1 to {o.shape[1]}"
             )
         mean = o.mean(axis=0)
-        vectors = np.linalg.svd(_triangle(o - mean))[2][: self.n_components].T
+        vectors = np.linalg.svd(_triangle((o, mean)))[2][: self.n_components].T
         leading = np.abs(vectors).argmax(axis=0)
         matrix = vectors * np.sign(vectors[leading, np.arange(len(leading))])
         return Affine(matrix, -mean @ matrix)

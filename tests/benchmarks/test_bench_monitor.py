@@ -15,6 +15,8 @@ from core.collection import DatasetRecipe, Simulator, collect, fresh
 from core.kernels import assessing as live_path
 from core.kernels.compiled import entry, jit, on_this_thread
 from core.monitor import Monitor, MonitorRecipe, train
+from core.monitor.predictor import Linear
+from core.monitor.training import SafeObservations
 from tests.benchmarks.pairs import in_turns
 from tests.benchmarks.peers import CKDTreeMonitor
 
@@ -152,6 +154,21 @@ def test_training_on_more_than_a_million_observations() -> None:
         "      f'{perf_counter() - begin:.1f} s, peak memory {peak:.2f} GB')\n"
     )
     print("\n" + _run(code))
+
+
+def test_fitting_a_million_safe_observations() -> None:
+    """Against least squares on the matrix as a whole."""
+    dataset = collect(replace(DatasetRecipe(), n_unsafe=5000, n_obs=100))
+    o, ahead = SafeObservations(dataset, MonitorRecipe())._pairs
+    known = ~np.isnan(ahead[:, 0])
+
+    def at_once() -> np.ndarray:
+        centred = np.hstack([o - o[known].mean(axis=0), ahead - ahead[known].mean(axis=0)])[known]
+        return np.linalg.lstsq(centred[:, :18], centred[:, 18:], rcond=None)[0]
+
+    np.testing.assert_allclose(Linear().fit(o, ahead).matrix, at_once(), rtol=1e-6, atol=1e-9)
+    pair = in_turns(lambda: Linear().fit(o, ahead), at_once)
+    print(f"\nfit of {len(o):,} observations: {pair.ours.min():.2f} s; all at once {pair}")
 
 
 def test_saving_a_million_safe_points(tmp_path: Path) -> None:

@@ -25,6 +25,20 @@ def apply(affine: Affine, o: Array) -> Array:
     return o @ affine.matrix + affine.offset
 
 
+def test_blocks_give_the_bits_of_the_whole_centred_matrix() -> None:
+    o, ahead = pairs(1_000)
+    known = ~np.isnan(ahead[:, 0])
+    o_mean, y_mean = o[known].mean(axis=0), ahead[known].mean(axis=0)
+    rows, triangle = np.hstack([o - o_mean, ahead - y_mean])[known], np.empty((0, 24))
+    for start in range(0, len(rows), predictor.BLOCK):
+        block = np.vstack([triangle, rows[start : start + predictor.BLOCK]])
+        triangle = np.asarray(np.linalg.qr(block, mode="r"))
+    solution = np.linalg.lstsq(triangle[:, :18], triangle[:, 18:], predictor.RANK_TOLERANCE)[0]
+    affine = Linear().fit(o, ahead)
+    assert affine.matrix.tobytes() == solution.tobytes()
+    assert affine.offset.tobytes() == (y_mean - o_mean @ solution).tobytes()
+
+
 @pytest.mark.parametrize("name", PREDICTORS)
 def test_every_predictor_keeps_its_promises(name: str) -> None:
     (o, ahead), recipe = pairs(), PREDICTORS[name]
