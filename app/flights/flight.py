@@ -8,7 +8,7 @@ from abc import ABC, abstractmethod
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import partial
+from functools import cache, partial
 from math import inf
 from typing import TYPE_CHECKING, Any
 
@@ -529,7 +529,7 @@ class Flight(ABC):
             watcher.tell(text)
 
     def _beat(self) -> None:
-        """Send a heartbeat each second."""
+        """Send a heartbeat each second, encoded once for all who were sent as much."""
         recorder = self.recorder
         beat = Heartbeat(
             server_time=self.clock.utc(),
@@ -540,6 +540,7 @@ class Flight(ABC):
             conflated=0,
         )
 
+        @cache
         def heartbeat(conflated: int) -> str:
             return beat.model_copy(update={"conflated": conflated}).encode()
 

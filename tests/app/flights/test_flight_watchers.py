@@ -58,6 +58,21 @@ def test_a_frozen_watcher_changes_nothing_for_the_others(exact: Monitor, failing
     assert mute.watcher.conflated > 100
 
 
+def test_a_heartbeat_is_encoded_once_for_all_who_were_sent_as_much(
+    exact: Monitor, failing: Array
+) -> None:
+    flown = Flown(exact, failing)
+    flight = flown.flight
+    watchers = [flight.watch() for _ in range(2)]
+    for watcher in watchers:
+        watcher.take()  # hello
+    flight._beat()
+    first, second = (watcher.take() for watcher in watchers)
+    assert first is not None
+    assert '"heartbeat"' in first
+    assert first is second
+
+
 def test_a_heartbeat_comes_each_second_even_while_paused(exact: Monitor, failing: Array) -> None:
     flown = Flown(exact, failing).start()
     flown.flight.act("pause")
