@@ -97,17 +97,11 @@ class JointModel(NamedTuple):
     start: Array
 
 
-def joint_model(
-    plants: Plants, law: Law, motion: SurfaceMotion, disturbance: Array, dt: float
-) -> JointModel:
-    """Model of n plants, a sample each dt [s].
-
-    disturbance: (nx,) root of the spectral density of what drives each state besides.
-    """
+def joint_model(plants: Plants, law: Law, motion: SurfaceMotion, dt: float) -> JointModel:
+    """Model of n plants, a sample each dt [s]."""
     flow, h = joint_flow(plants, law, motion)
     n, k = flow.shape[:2]
     density, start = np.zeros((n, k)), np.zeros((n, k, k))
-    density[:, : len(disturbance)] = np.square(disturbance)
     for surface in range(N_SURFACES):
         first = k - 3 * (N_SURFACES - surface)
         variance = np.square(motion.size[:, surface])

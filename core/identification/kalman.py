@@ -12,7 +12,7 @@ from core.identification.joint_model import JointModel
 from core.types import Array
 
 SETTLED = 1e-7
-"""Relative change of covariances from which on they are kept."""
+"""Relative change of what a measurement is expected to scatter by, below which gains are kept."""
 
 
 class Gains(NamedTuple):
@@ -37,10 +37,15 @@ def gains(model: JointModel, noise: Array, n_samples: int) -> Gains:
     turned = np.swapaxes(h, -1, -2)
     diagonal = np.arange(h.shape[1])
     covariance, gain, root, log_roots = model.start, [], [], []
+    before = np.full((len(h), h.shape[1]), np.inf)
     for _ in range(n_samples):
         seen = h @ covariance
         innovation = seen @ turned
         innovation[:, diagonal, diagonal] += r
+        expected = innovation[:, diagonal, diagonal]
+        if np.abs(expected / before - 1.0).max() < SETTLED:
+            break
+        before = expected
         inverse = np.linalg.inv(np.linalg.cholesky(innovation))
         white = inverse @ seen
         gain.append(np.swapaxes(white, -1, -2) @ inverse)
@@ -48,10 +53,7 @@ def gains(model: JointModel, noise: Array, n_samples: int) -> Gains:
         log_roots.append(np.log(inverse[:, diagonal, diagonal]).sum(axis=1))
         updated = covariance - np.swapaxes(white, -1, -2) @ white
         following = model.f @ updated @ np.swapaxes(model.f, -1, -2) + model.q
-        change = np.abs(following - covariance).max() / np.abs(following).max()
         covariance = 0.5 * (following + np.swapaxes(following, -1, -2))
-        if change < SETTLED:
-            break
     log_root = np.sum(log_roots, axis=0) + (n_samples - len(root)) * log_roots[-1]
     return Gains(gain, root, log_root)
 

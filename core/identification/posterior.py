@@ -24,7 +24,7 @@ from core.identification.joint_model import (
     joint_model,
     law_part,
 )
-from core.identification.kalman import Gains, gains, white_residuals
+from core.identification.kalman import gains, white_residuals
 from core.simulation.uncertain_plant import UncertainPlant
 from core.types import Array
 
@@ -51,24 +51,18 @@ class PlantPosterior(NamedTuple):
     mean: Array
     covariance: Array
 
-    def some(self, which: slice) -> "PlantPosterior":
-        """Return those of a slice."""
-        return PlantPosterior(self.mean[which], self.covariance[which])
-
 
 @dataclass(frozen=True, eq=False)
 class RecordedStep:
     """What n aircraft answered to a manoeuvre, from trim.
 
     y: (n, n_samples, 6), a sample each dt [s].   noise: (6,) 1 sigma of each channel, SI units, N_y
-    in g; infinite for an output that is not recorded.   disturbance: (nx,) root of the spectral
-    density of what drives each state besides, gust and what the model lacks; 0 for none.
+    in g; infinite for an output that is not recorded.
     """
 
     y: Array
     dt: float
     noise: Array
-    disturbance: Array | float = 0.0
 
 
 class Fit(NamedTuple):
@@ -164,7 +158,6 @@ class RecordFit:
         self.noise = np.maximum(record.noise, LEAST_NOISE * moved + LEAST_RESOLUTION)
         self.measured = np.isfinite(self.noise)
         self._outputs = np.flatnonzero(self.measured[:N_OUTPUTS])
-        self.disturbance = np.broadcast_to(record.disturbance, (len(plant.states),))
         pilot = self._y[..., N_OUTPUTS:] - law_part(law, self._y, self._dt)
         self._motion = SurfaceMotion.likeliest(pilot, self.noise[N_OUTPUTS:], self._dt)
         self._offsets = np.zeros((n, len(plant.states) + len(self._outputs)))
@@ -176,12 +169,9 @@ class RecordFit:
 
     def filter_of(self, mean: Array) -> None:
         """Take the filter that is best for these deviates (n, m)."""
-        self._gains = self._filter(mean, self.noise[np.newaxis], self.disturbance)
-
-    def _filter(self, mean: Array, noise: Array, disturbance: Array) -> Gains:
         plants = self._plant.plants(self._plant.theta_of(mean))
-        model = joint_model(plants, self._law, self._motion, disturbance, self._dt)
-        return gains(model, noise, self._y.shape[1])
+        model = joint_model(plants, self._law, self._motion, self._dt)
+        self._gains = gains(model, self.noise[np.newaxis], self._y.shape[1])
 
     def linearise(self, mean: Array) -> tuple[Array, Array]:
         """Information (n, m, m) and pull (n, m, 1) on deviates about a mean (n, m).

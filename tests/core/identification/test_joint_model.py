@@ -57,11 +57,10 @@ def test_driven_response_is_that_to_lines_between_samples() -> None:
 
 @pytest.mark.parametrize("name", TESTS)
 def test_white_residuals_have_the_likelihood_of_a_dense_covariance(name: str) -> None:
-    """Sum of squares and determinant of a record of 40 samples, with a disturbance."""
-    n_samples = 40
+    """Sum of squares and determinant of a record of 150 samples."""
+    n_samples = 150
     plants, law, motion = made(name, 2)
-    disturbance = np.full(plants.a.shape[1], 0.01)
-    model = joint_model(plants, law, motion, disturbance, DT)
+    model = joint_model(plants, law, motion, DT)
     filters = gains(model, NOISE[np.newaxis], n_samples)
     y = 0.01 * np.random.default_rng(4).normal(size=(2, n_samples, N_CHANNELS))
     k = model.f.shape[1]
