@@ -11,7 +11,7 @@ import numpy as np
 from core.identification.joint_model import JointModel
 from core.types import Array
 
-SETTLED = 1e-6
+SETTLED = 1e-7
 """Relative change of what a measurement is expected to scatter by, below which gains are kept."""
 
 
