@@ -12,11 +12,6 @@ def test_only_this_machine_can_reach_the_server_unless_told_otherwise():
     assert settings.token is None
 
 
-def test_fifty_flights_of_a_range_are_under_way_at_once_unless_fewer_are_wished():
-    assert read_settings({}).max_flights >= 50
-    assert read_settings({"FOREWARN_MAX_FLIGHTS": "2"}).max_flights == 2
-
-
 def test_options_go_over_the_environment(tmp_path):
     environment = {"FOREWARN_PORT": "9000", "FOREWARN_DATA_DIR": str(tmp_path)}
     settings = read_settings(environment, port=9001, host=None)

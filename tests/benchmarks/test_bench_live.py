@@ -75,7 +75,10 @@ def report(what: str, run: dict[str, Any]) -> None:
 
 
 @pytest.mark.parametrize(("n", "each", "hz"), [(1, 4, 1000.0), (10, 4, 50.0), (50, 4, 50.0)])
-def test_no_sample_is_lost(n: int, each: int, hz: float, tmp_path: Path) -> None:
+def test_no_sample_is_lost(
+    n: int, each: int, hz: float, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("FOREWARN_MAX_FLIGHTS", str(n))
     with serving(tmp_path, dt=0.02) as server:
         flights = start(server, n)
         run = flown(server, flights, each, hz)
