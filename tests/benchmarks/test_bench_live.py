@@ -79,7 +79,7 @@ def test_no_sample_is_lost(
     n: int, each: int, hz: float, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("FOREWARN_MAX_FLIGHTS", str(n))
-    with serving(tmp_path, dt=0.02) as server:
+    with serving(tmp_path, dt=1.0 / hz) as server:
         flights = start(server, n)
         run = flown(server, flights, each, hz)
         counts = [
