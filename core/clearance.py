@@ -160,7 +160,7 @@ class PointPredictor:
     """Steps and next point made ready: identifies, and predicts what the next point reaches."""
 
     def __init__(self, points: BuildUp, n_draws: int) -> None:
-        self.points, self._n_draws = points, n_draws
+        self._n_draws = n_draws
         self.steps = [Simulator(step) for step in points.flown]
         self.following = Simulator(points.following)
         law = points.following.control_law

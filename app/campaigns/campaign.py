@@ -152,14 +152,6 @@ class Campaign:
                 return NextPoint(number, point)
         raise CampaignError("every point is complete or aborted: the campaign is over")
 
-    def named(self, name: str) -> NextPoint:
-        """Return the point of a name; CampaignError where there is none."""
-        for number, point in enumerate(self.points):
-            if point.name == name:
-                return NextPoint(number, point)
-        known = ", ".join(point.name for point in self.points)
-        raise CampaignError(f"there is no point {name!r}: choose {known}")
-
     def test_of(self, point: Point) -> DatasetRecipe:
         """The planned test at a point's amplitude."""
         return replace(self.test, maneuver=self.test.maneuver.with_peak(point.peak_deg))

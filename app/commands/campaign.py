@@ -9,6 +9,7 @@ from app.campaigns.campaign import Campaign, CampaignError, Point, load
 from app.campaigns.clearing import checklist, clear_next, identified, updated
 from app.campaigns.flying import flown_point
 from app.commands.options.destinations import check_file
+from app.commands.options.numbers import add_numbers
 from app.commands.options.recipe import add_recipe_options, plain_recipe
 from app.commands.output.mapping_lines import read_mapping
 from app.commands.output.progress import progress_bar
@@ -67,14 +68,12 @@ def _add_plan(new: argparse.ArgumentParser) -> None:
         help="of the planned amplitude, growing (default: "
         f"{' '.join(f'{step:g}' for step in STEPS)})",
     )
-    for option, kind, usual, text in (
+    numbers = (
         ("--clearance-epsilon", float, USUAL.epsilon, "accepted share of wrong clearances"),
         ("--n-exceeding", int, USUAL.n_exceeding, "simulated exceeding aircraft that calibrate it"),
         ("--n-aircraft", int, USUAL.n_aircraft, "simulated aircraft that calibrate its checks"),
-    ):
-        new.add_argument(
-            option, type=kind, default=usual, metavar="NUMBER", help=f"{text}; {usual:g} if absent"
-        )
+    )
+    add_numbers(new, numbers)
     new.add_argument(
         "--clearance-guarantee",
         choices=get_args(Guarantee),

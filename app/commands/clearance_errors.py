@@ -3,6 +3,7 @@
 import argparse
 from collections.abc import Sequence
 
+from app.commands.options.numbers import add_numbers
 from app.commands.output.progress import progress_bar
 from app.commands.output.results import add_json, print_result
 from app.commands.output.tables import names
@@ -25,15 +26,13 @@ def add(parser: argparse.ArgumentParser) -> None:
         metavar="SHARE",
         help="flown steps, shares of the planned amplitude (default: 0.6)",
     )
-    for option, kind, usual, text in (
+    numbers = (
         ("--epsilon", float, USUAL.epsilon, "accepted share of wrong clearances"),
         ("--n-exceeding", int, USUAL.n_exceeding, "exceeding aircraft that calibrate each"),
         ("--n-aircraft", int, USUAL.n_aircraft, "aircraft that each error is tried on"),
         ("--seed", int, USUAL.seed, "seed of every random draw"),
-    ):
-        parser.add_argument(
-            option, type=kind, default=usual, metavar="NUMBER", help=f"{text}; {usual:g} if absent"
-        )
+    )
+    add_numbers(parser, numbers)
     add_json(parser)
 
 

@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import get_args
 
 from app.commands.options.destinations import check_file
+from app.commands.options.numbers import add_numbers
 from app.commands.output.progress import progress_bar
 from app.commands.output.results import add_json, print_result
 from app.commands.train import test_lines
@@ -23,15 +24,13 @@ def add(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "members", nargs="+", type=Path, metavar="MONITOR.fwm", help="trained monitors of one test"
     )
-    for option, kind, usual, text in (
+    numbers = (
         ("--lead", float, USUAL.lead, "warning lead time [s], that of a member"),
         ("--n-unsafe", int, USUAL.n_unsafe, "fresh failing flights that calibrate it"),
         ("--epsilon", float, USUAL.epsilon, "accepted miss rate"),
         ("--n-test", int, USUAL.n_test, "fresh test flights"),
-    ):
-        parser.add_argument(
-            option, type=kind, default=usual, metavar="NUMBER", help=f"{text}; {usual:g} if absent"
-        )
+    )
+    add_numbers(parser, numbers)
     parser.add_argument(
         "--guarantee", choices=get_args(Guarantee), default=USUAL.guarantee, help="its promise"
     )
