@@ -144,7 +144,6 @@ export function showLiveFlight(element, { id, api, over }) {
     address?.waiting(false);
     source?.explain(newest.reason);
     showEventsUntil(newest.t);
-    transport.moved(newest.t);
     notes?.moved(newest.t);
   }
 
@@ -155,8 +154,9 @@ export function showLiveFlight(element, { id, api, over }) {
 
   async function onReset({ t }) {
     showEventsUntil(t);
+    const newest = await display.restart(t);
     transport.arrived();
-    onFrames([], await display.restart(t));
+    onFrames([], newest);
   }
 
   /** The channels with the limits that alerts warn of, whatever is in force. */
@@ -297,6 +297,7 @@ export function showLiveFlight(element, { id, api, over }) {
   /** All that says how the flight is, in one update: gauge, link, status, title, alarm line, scene. */
   function show(wall) {
     const headline = display?.refresh(wall) ?? null;
+    transport.moved(display?.chart.newest ?? null);
     const saying = `${connection.link} ${headline === null ? "" : textOf(headline, display.withdrawal)}`;
     if (saying === shown.saying && wall - shown.wall < STATUS_EVERY) return;
     shown = { saying, wall };

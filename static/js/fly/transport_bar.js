@@ -7,11 +7,11 @@
  *     end()                            ends the flight
  *
  * TransportBar
- *   show(transport)      as the server says it
- *   moved(t)             a sample of time t [s] has come
- *   arrived()            what comes from now on follows the last seek
+ *   show(transport)      as the server says it; where it is there, its samples may not have come here yet
+ *   moved(t)             the newest sample that is drawn is of t [s]; null for none
+ *   arrived()            what is drawn from now on follows the last seek
  *   steers()             whether who looks on can steer it
- *   t                    time shown [s]: that of the newest sample, or the one sought
+ *   t                    time shown [s]: that of the newest sample drawn, or the one sought, which is marked as such
  *   mark(times)          [{t, level}] drawn above the slider; "To the next event" goes from one to the next
  *   setUsable(boolean)   false while there is no connection
  *   keys                 {key: act} for the page's shortcuts
@@ -26,7 +26,8 @@ const SPEEDS = [0.1, 0.2, 0.5, 1, 2, 5, 10];
 
 export function createTransportBar(element, { act, end }) {
   element.classList.add("transport");
-  let transport = { playing: false, speed: 1, loop: false, start: 0, position: 0, duration: null, seekable: true };
+  let transport = { playing: false, speed: 1, loop: false, start: 0, duration: null, seekable: true };
+  let drawn = null; // time of the newest sample drawn
   let marked = []; // times of the marks, rising
   let dragging = false;
   let wanted = null; // time to seek to, while an earlier seek is under way
@@ -70,6 +71,7 @@ export function createTransportBar(element, { act, end }) {
       await act(action, value); // what it changed comes by the stream, in order
     } catch (error) {
       sought = null;
+      showTime();
       put(failure, reason(error));
       failure.hidden = false;
     }
@@ -79,7 +81,7 @@ export function createTransportBar(element, { act, end }) {
   async function seek(t) {
     if (!steers()) return;
     wanted = sought = t;
-    showTime(t);
+    showTime();
     if (seeking) return;
     seeking = true;
     while (wanted !== null) {
@@ -95,7 +97,7 @@ export function createTransportBar(element, { act, end }) {
   }
 
   function shownTime() {
-    return sought ?? transport.position;
+    return sought ?? drawn ?? transport.start;
   }
 
   function toNextEvent() {
@@ -129,24 +131,28 @@ export function createTransportBar(element, { act, end }) {
     slider.max = String(now.start + (duration ?? 1));
     for (const part of [back, stepBack, play, step, next, loop, speed, track]) part.hidden = !steers();
     event.hidden = !steers() || marked.length === 0;
-    moved(now.position);
+    showTime();
   }
 
   function moved(t) {
-    transport.position = t;
-    if (dragging || sought !== null) return;
-    slider.value = String(t);
-    showTime(t);
+    if (t === drawn) return;
+    drawn = t;
+    showTime();
   }
 
   function arrived() {
     if (wanted === null) sought = null;
+    showTime();
   }
 
-  function showTime(t) {
+  function showTime() {
     const { start, duration } = transport;
-    put(time, duration === null ? `${t.toFixed(2)} s` : `${t.toFixed(2)} / ${(start + duration).toFixed(2)} s`);
-    slider.setAttribute("aria-valuetext", `${t.toFixed(2)} seconds`);
+    const t = sought ?? drawn;
+    const words = t === null ? "–" : `${sought === null ? "" : "→ "}${t.toFixed(2)}`;
+    put(time, duration === null ? `${words} s` : `${words} / ${(start + duration).toFixed(2)} s`);
+    time.title = sought === null ? "Time of the newest sample shown" : "Sought: its samples have not come yet";
+    slider.setAttribute("aria-valuetext", t === null ? "no sample shown" : `${t.toFixed(2)} seconds`);
+    if (!dragging && sought === null) slider.value = String(drawn ?? start);
   }
 
   function mark(times) {
@@ -187,6 +193,7 @@ export function createTransportBar(element, { act, end }) {
     },
     setUsable: (usable) => {
       if (!usable) sought = null;
+      showTime();
       for (const part of [back, stepBack, play, step, next, event, loop, speed, slider, stop]) part.disabled = !usable;
       failure.hidden = true;
     },

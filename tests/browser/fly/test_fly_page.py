@@ -466,6 +466,35 @@ def test_before_a_sample_is_shown_nothing_calm_is_said(
     own_fly.gauge_says("NO DATA")
 
 
+def test_the_transport_s_clock_is_not_ahead_of_the_samples_that_came(own_fly: Fly) -> None:
+    fly, waiting, is_held = own_fly, list[str](), False
+    routes: list[WebSocketRoute] = []
+
+    def pass_on(route: WebSocketRoute) -> None:
+        server = route.connect_to_server()
+        route.on_message(server.send)
+        routes.append(route)
+        server.on_message(lambda text: waiting.append(text) if is_late(text) else route.send(text))
+
+    def is_late(text: str | bytes) -> bool:
+        return is_held and "frames" in json.loads(text)
+
+    fly.page.route_web_socket(re.compile("/stream$"), pass_on)
+    fly.watch(SAFE, ("pause", None), ("seek", 1.0))
+    clock = fly.page.locator(".transport-time")
+    expect(clock).to_have_text(re.compile(r"^1\.00 / "))
+    is_held = True
+    fly.steer("step", 4)
+    fly.steer("loop", True)
+    expect(fly.page.locator('[data-action="loop"]')).to_have_attribute("aria-pressed", "true")
+    assert fly.transport()["position"] == pytest.approx(1.2)
+    assert clock.inner_text().startswith("1.00 / ")
+    is_held = False
+    for text in waiting:
+        routes[-1].send(text)
+    expect(clock).to_have_text(re.compile(r"^1\.20 / "))
+
+
 def test_a_login_that_ended_is_said_and_not_tried_again(own_fly: Fly) -> None:
     fly = own_fly
     routes: list[WebSocketRoute] = []

@@ -21,6 +21,27 @@ TWO_PRESSES = """async () => {
     return [press(), press()];
 }"""
 
+CLOCK = """async () => {
+    const { createTransportBar } = await import("/js/fly/transport_bar.js");
+    const element = document.createElement("div");
+    const bar = createTransportBar(element, { act: async () => {} });
+    bar.show({ playing: true, speed: 1, start: 0, position: 2.25, duration: 6, seekable: true });
+    const clock = () => element.querySelector(".transport-time").textContent;
+    const shown = [clock()];
+    bar.moved(2);
+    shown.push(clock());
+    const sought = bar.seek(5);
+    shown.push(clock());
+    await sought;
+    bar.moved(2.05);
+    shown.push(clock());
+    bar.arrived();
+    bar.moved(5);
+    shown.push(clock());
+    bar.moved(null);
+    return [...shown, clock()];
+}"""
+
 LISTED = """async () => {
     const { createReplayNotes } = await import("/js/fly/replay_notes.js");
     const validity = { valid: false, reasons: ["off its forecast over the 0.5 s to 6.05 s"] };
@@ -120,6 +141,14 @@ def test_two_quick_presses_go_on_by_two_events(page: Page, site: RecordedSite) -
     assert page.evaluate(TWO_PRESSES) == [1, 2]
 
 
+def test_the_clock_is_of_the_newest_sample_shown_and_a_time_sought_is_marked(
+    page: Page, site: RecordedSite
+) -> None:
+    page.goto(site.http)
+    shown = ["–", "2.00", "→ 5.00", "→ 5.00", "5.00", "–"]
+    assert page.evaluate(CLOCK) == [f"{words} / 6.00 s" for words in shown]
+
+
 def test_that_a_manoeuvre_is_invalid_is_said_once_its_replay_comes_to_the_withdrawal(
     page: Page, site: RecordedSite
 ) -> None:
@@ -134,9 +163,8 @@ def test_a_note_written_during_the_replay_stays_with_the_recording(
     seeks: list[Route] = []
     replay.route("**/transport", lambda route: seeks.append(route))
     replay.get_by_label("Time in the flight").fill(str(START + 3.0))
-    wait_until(
-        replay, f"parseFloat(document.querySelector('.transport-time').textContent) > {START + 2.9}"
-    )
+    clock = replay.locator(".transport-time")
+    expect(clock).to_have_text(re.compile(rf"^→ {START + 3.0:.2f} / "))  # it has not come yet
     replay.keyboard.press("t")
     for seek in seeks:
         seek.continue_()
@@ -161,9 +189,8 @@ def test_strips_before_a_point_that_was_sought_are_the_recordings(replay: Page) 
         " s.dispatchEvent(new Event('change')); }",
         START + 8.0,
     )
-    wait_until(
-        replay, f"parseFloat(document.querySelector('.transport-time').textContent) > {START + 7.9}"
-    )
+    clock = replay.locator(".transport-time")
+    expect(clock).to_have_text(re.compile(rf"^{START + 8.0:.2f} / "))
     expect(replay.locator(".strip-chart")).to_be_visible()
     expect(replay.locator(".readout-value", has_text=re.compile(r"\d")).first).to_be_visible()
 

@@ -31,6 +31,7 @@
  *                                   long as the chart is there; colour "alert" unless given
  *   update(wall) -> ms              draw now (if anything changed); returns the time it took
  *   ahead                           what is forecast of the rest of a test card, see ahead.js; null while that is not known
+ *   newest                          time of the newest sample that is drawn [s]; null for none
  *   timeline, ring                  the parts, see their files
  *   destroy()
  *
@@ -198,6 +199,9 @@ export function createStripChart(host, options) {
     ring,
     push,
     update,
+    get newest() {
+      return ring.count() > 0 ? newest() : null;
+    },
     get ahead() {
       return aheadNow();
     },
