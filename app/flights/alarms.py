@@ -26,6 +26,13 @@ CLOSED_KEPT = 50
 """Acknowledged alarms that a flight keeps at hand; the store has all."""
 
 
+def gives_alarm(kind: AlarmKind, assessment: Assessment) -> bool:
+    """Whether what is said of a sample is an alert, or withdraws the monitor where one is flown."""
+    if kind == "risk":
+        return bool(assessment.alert)
+    return assessment.state is State.INVALID and assessment.cause is not Cause.BETWEEN
+
+
 class Onsets:
     """Where one condition began: which of its onsets is an alarm of its own.
 
@@ -113,22 +120,19 @@ class Alarms:
         exceedance: MeasuredExceedance | None,
         clock: Clock,
         late: str = "",
+        only: AlarmKind | None = None,
     ) -> list[Alarm]:
         """Take a sample; return the alarms that it raises, an exceedance first.
 
         index: the sample's number in its source, which a loop meets again.   exceedance: of it.
-        late: why the sample is not of now; empty where it is.
+        late: why the sample is not of now; empty where it is.   only: the kind that it is asked
+        about, of a sample that a seek passes; None for all.
         """
         t, state, reason = assessment.t, assessment.state, assessment.reason
         conditions: tuple[tuple[AlarmKind, float, bool, str | None], ...] = (
             ("limit", t, exceedance is not None, None),
-            ("risk", t, bool(assessment.alert), None),
-            (
-                "invalid",
-                t,
-                state is State.INVALID and assessment.cause is not Cause.BETWEEN,
-                reason,
-            ),
+            ("risk", t, gives_alarm("risk", assessment), None),
+            ("invalid", t, gives_alarm("invalid", assessment), reason),
             ("stale", clock.now(), bool(late) or state is State.STALE, late or reason),
         )
         return [
@@ -144,7 +148,8 @@ class Alarms:
                 raised=clock.utc(),
             )
             for kind, when, is_active, why in conditions
-            if (is_active or self._onsets[kind].is_active)
+            if only in (None, kind)
+            and (is_active or self._onsets[kind].is_active)
             and (kind != "risk" or state is State.OK)
             and self._onsets[kind].begins(index, when, is_active)
         ]

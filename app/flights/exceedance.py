@@ -71,10 +71,16 @@ class Exceedances:
         self._over = set(values)
         self._latch(t, {key: values[key][0] for key in from_trim}, y)
 
-    def pass_by(self, t: float, named: MeasuredExceedance) -> None:
-        """Note one that a seek passes, which no strip shows."""
+    def pass_by(self, t: float, named: MeasuredExceedance, goes_on: bool = False) -> None:
+        """Note one that a seek passes, which no strip shows.
+
+        goes_on: up to the sample that was sought, which then begins none.
+        """
         self._note(named.channel, t, named.value, named.limit)
-        self._over.discard(named.channel)
+        if goes_on:
+            self._over.add(named.channel)
+        else:
+            self._over.discard(named.channel)
 
     def acknowledge(self) -> None:
         """Somebody acknowledged an exceedance: those that are over need no more."""

@@ -6,6 +6,7 @@ samples of that one script: seek, step and loop cannot change a bit of a score.
 
 from typing import Any
 
+from app.flights.alarms import gives_alarm
 from app.flights.flight import Flight, FlightPlan, patience
 from app.flights.sources.playback import Script
 from app.flights.transport import Due, NotPossible, Transport, TransportError
@@ -13,11 +14,17 @@ from app.messages import MeasuredExceedance, TransportChange, TransportState, pl
 from app.scoring.limits_in_force import LimitsInForce, LimitsRule, Ruling
 from core.monitor import Assessment, State
 from core.monitor.peak_forecast import ForecastAhead, PeakAhead
+from core.monitor.status import AlarmKind
+from core.types import Indices
 
 TICK_S = 0.016
 """[s] Samples due within this time go out together."""
 LEFT_S = 600.0
 """[s] At the end of its source."""
+MOST_BACK = 3_000
+"""Samples before one that is sought at which what goes on there may have begun: some 30 ms."""
+LASTING: tuple[AlarmKind, ...] = ("limit", "risk", "invalid")
+"""What a sample by itself gives an alarm of."""
 
 
 class TrackFlight(Flight):
@@ -197,17 +204,43 @@ class TrackFlight(Flight):
         self._fly(script.y(k), assessment, *about)
 
     def _pass(self, k: int) -> None:
-        """Raise the alarms of what a seek to sample k passes: the first of each kind, if new."""
-        script, passed = self._script, set[int]()
-        for begins in (script.alerts, self._exceedances):
-            passed.update(begins[(begins > self._furthest) & (begins < k)][:1].tolist())
-        for at in sorted(passed):
-            exceeded = self._exceeded(at)
+        """Raise the alarms of what a seek to sample k passes, the first of each kind, if new.
+
+        What goes on at k has its alarm by the sample at which it began, not by the one sought.
+        """
+        script, passed = self._script, set[tuple[int, AlarmKind]]()
+        about: tuple[tuple[AlarmKind, Indices], ...] = (
+            ("limit", self._exceedances),
+            ("risk", script.alerts),
+        )
+        for kind, begins in about:
+            new = begins[(begins > self._furthest) & (begins < k)][:1]
+            passed.update((at, kind) for at in new.tolist())
+        under_way = {(at, kind) for kind in LASTING if (at := self._since(k, kind)) < k}
+        for at, kind in sorted(passed | under_way):
+            exceeded = self._exceeded(at) if kind == "limit" else None
             if exceeded is not None:
                 self._note_exceedance(float(script.t[at]))
-                self.exceedances.pass_by(float(script.t[at]), exceeded)
+                goes_on = (at, kind) in under_way
+                self.exceedances.pass_by(float(script.t[at]), exceeded, goes_on)
             seq, (assessment, _) = self.head + 1, self._assessed(at)
-            self._ring(self.alarms.update(seq, at, assessment, exceeded, self.clock))
+            self._ring(self.alarms.update(seq, at, assessment, exceeded, self.clock, only=kind))
+
+    def _since(self, k: int, kind: AlarmKind) -> int:
+        """Sample at which what sample k gives an alarm of began; k where it gives none."""
+        began = k
+        for at in range(k, max(k - MOST_BACK, 0) - 1, -1):
+            if kind == "limit":
+                holds = goes_on = self._exceeded(at) is not None
+            else:
+                assessment, _ = self._assessed(at)
+                holds = goes_on = gives_alarm(kind, assessment)
+                if kind == "risk" and at < k:
+                    goes_on = holds or assessment.state is not State.OK
+            if not goes_on:
+                break
+            began = at if holds else began
+        return began
 
     def _next_alert(self) -> int:
         """Sample at which the next alert begins."""

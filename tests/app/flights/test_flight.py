@@ -22,7 +22,7 @@ from tests.support.flying import (
     exact_monitor,
     failing_flight,
 )
-from tests.support.oscillator import DT, N_SAMPLES, Array
+from tests.support.oscillator import DT, N_SAMPLES, NY, Array
 from tests.support.repetition import examples
 
 
@@ -264,16 +264,37 @@ def test_an_alert_raises_one_alarm_at_its_onset(exact: Monitor, failing: Array) 
     assert late.take()[0]["alarms"] == [told.model_dump()]
 
 
-def test_a_seek_from_alert_to_alert_rings_for_each_that_is_not_open(
+def test_a_seek_into_an_alert_rings_by_the_time_at_which_it_began(
     exact: Monitor, failing: Array
 ) -> None:
     flown = Flown(exact, failing).start()
     flown.flight.act("pause")
-    first, second = np.flatnonzero(exact.assess(T, failing, EPSILON).alert)[[0, 1]]
-    for sample in (first, second, first):
+    onset = int(exact.assess(T, failing, EPSILON).alert.argmax())
+    for sample in (onset + 5, 0, onset + 9, onset):
+        flown.flight.act("seek", float(T[sample]))
+    flown.flight.acknowledge("1", "FTE", "now")
+    for sample in (0, onset + 7, onset + 1):
         flown.flight.act("seek", float(T[sample]))
     flown.seen.take()
-    assert [m["alarm"]["t"] for m in flown.seen.of("alarm")] == [T[first], T[second]]
+    raised = [m["alarm"] for m in flown.seen.of("alarm") if m["alarm"]["acknowledged"] is None]
+    assert [alarm["t"] for alarm in raised] == [T[onset], T[onset]]
+    assert raised[0]["p_value"] == exact.assess(T, failing, EPSILON)[onset].p_value
+
+
+def test_an_exceedance_that_a_seek_comes_into_is_counted_from_where_it_began(
+    exact: Monitor,
+) -> None:
+    y = np.zeros((N_SAMPLES, 6))
+    y[20:25, NY], y[30:40, NY] = 0.529, 0.6
+    flown = Flown(exact, y, epsilon=0.99).start()
+    flown.flight.act("pause")
+    for sample in (35, 0, 22, 37):
+        flown.flight.act("seek", float(T[sample]))
+    flown.seen.take()
+    alarms = [m["alarm"] for m in flown.seen.of("alarm")]
+    assert [(alarm["kind"], alarm["t"]) for alarm in alarms] == [("limit", T[20]), ("limit", T[30])]
+    (ny,) = flown.flight.exceedances.of_channels
+    assert (ny.n, ny.first_t, ny.last_t) == (2, T[20], T[30])
 
 
 def test_an_alarm_reaches_a_watcher_without_credit(exact: Monitor, failing: Array) -> None:
