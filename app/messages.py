@@ -21,7 +21,7 @@ from core.flight_markers import FlightMarkerKey, FlightMarkerKind
 from core.monitor import Assessment
 from core.monitor.assessment import Cause, State
 from core.monitor.calibration import Guarantee
-from core.monitor.peak_forecast import ForecastAhead, PeakAhead
+from core.monitor.peak_forecast import Ahead, NothingAhead, PeakAhead
 from core.monitor.status import AlarmKind, Level, Status
 from core.specification import Limits, Specification
 
@@ -219,6 +219,9 @@ class CardAhead(Message):
     peak: PeakToCome | None = Field(
         default=None, description="of a monitor that forecasts the peak alone; left out elsewhere"
     )
+    why: str = Field(
+        default="", description="why nothing is forecast of it; left out where something is"
+    )
 
 
 class Frame(Message):
@@ -359,6 +362,10 @@ class Hello(Message):
     warnings: list[str] = Field(
         description="what the monitor's test flights say against relying on it at this epsilon, "
         "or that it was not tested; what is wrong, a colon, figures and remedy"
+    )
+    no_rest: str = Field(
+        description="why the alarm authority forecasts nothing of the rest of the test card, of no "
+        "flight; empty where it does"
     )
     source: dict[str, Any]
     mode: Mode = Field(description="whether its samples are measured now, replayed or simulated")
@@ -570,7 +577,7 @@ def plain_frame(
     sent: float | None,
     display: Sequence[Assessment] = (),
     taken: float | None = None,
-    ahead: ForecastAhead | PeakAhead | None = None,
+    ahead: Ahead | None = None,
 ) -> dict[str, Any]:
     """Return a Frame as plain data; unchecked, since this is done for every sample. taken: [s]."""
     frame = {
@@ -603,8 +610,10 @@ def plain_frame(
     return frame
 
 
-def _plain_ahead(ahead: ForecastAhead | PeakAhead) -> dict[str, Any]:
+def _plain_ahead(ahead: Ahead) -> dict[str, Any]:
     """Return a CardAhead: MOST_AHEAD samples of all channels together, the last one included."""
+    if isinstance(ahead, NothingAhead):
+        return {"t": [], "channels": {}, "why": ahead.why}
     if isinstance(ahead, PeakAhead):
         peak = {"mean": ahead.mean, "low": ahead.low, "high": ahead.high}
         return {"t": [], "channels": {}, "peak": {key: round(v, 4) for key, v in peak.items()}}

@@ -9,12 +9,14 @@ from contextlib import suppress
 from typing import Any, NamedTuple
 
 from app.flights.sources.track import SourceError
+from app.labels import kind_label
 from app.live.resampling import DELAY_INTERVALS
 from app.messages import FlownMonitor, validity_word
 from app.store.flights import FlightInfo
 from app.store.monitors import MonitorInfo
 from app.store.store import NotFound, Store
 from core.monitor import Monitor
+from core.recipe import to_plain
 from core.specification import specification_to_plain
 
 ALIKE = {"aircraft": "another aircraft", "maneuver": "another manoeuvre"}
@@ -90,6 +92,14 @@ def flown_monitor(
         validity=validity_word(monitor.support is not None),
         warnings=warnings,
     )
+
+
+def no_rest(monitor: Monitor) -> str:
+    """Why a monitor forecasts nothing of the rest of the test card; empty where it does."""
+    if monitor.forecast is not None:
+        return monitor.forecast.no_rest
+    predictor = kind_label(to_plain(monitor.recipe.predictor)["kind"])
+    return f"the predictor “{predictor}” forecasts nothing of it"
 
 
 def flown_monitors(store: Store, flights: Sequence[FlightInfo]) -> dict[str, list[FlownMonitor]]:

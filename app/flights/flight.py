@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 from app.flights.alarms import Alarms
 from app.flights.clock import Clock, Timer
-from app.flights.display_monitors import DisplayMonitor, flown_monitor
+from app.flights.display_monitors import DisplayMonitor, flown_monitor, no_rest
 from app.flights.exceedance import Exceedances
 from app.flights.flight_limits import status_of, to_store
 from app.flights.flight_markers import FlightMarkers
@@ -49,7 +49,7 @@ from core.evaluation.certificate import warnings_of
 from core.flight_markers import FLIGHT_MARKERS, FlightMarkerKey
 from core.monitor import Assessment, Monitor, State
 from core.monitor.assessment import Cause
-from core.monitor.peak_forecast import ForecastAhead, PeakAhead
+from core.monitor.peak_forecast import Ahead
 from core.monitor.status import Facts, Headline, Level, headline
 from core.specification import Specification, specification_to_plain
 from core.types import Array
@@ -353,6 +353,7 @@ class Flight(ABC):
             monitor={"id": plan.monitor_id, "name": plan.monitor_name},
             monitors=self.monitors,
             warnings=warnings_of(monitor.evaluation, plan.epsilon),
+            no_rest=no_rest(monitor),
             source=plan.source,
             mode=plan.mode,
             theta=self.theta,
@@ -422,10 +423,11 @@ class Flight(ABC):
         if self._exceeds:
             self._note_exceedance(assessment.t)
 
-    def _ahead_of(self, assessment: Assessment) -> ForecastAhead | PeakAhead | None:
-        """The rest of the card, AHEAD_S apart and while someone watches; None else."""
+    def _ahead_of(self, assessment: Assessment) -> Ahead | None:
+        """The rest of the card while someone watches, AHEAD_S apart and by the last sample."""
         passed = assessment.t - self._ahead_t
-        is_due = bool(self._watchers) and not 0 <= passed < AHEAD_S - 1e-6
+        is_apart = self._is_at_end or not 0 <= passed < AHEAD_S - 1e-6
+        is_due = bool(self._watchers) and is_apart
         if assessment.p_value is None or self._late or not is_due:
             return None
         ahead = self._forecast_ahead()
@@ -434,9 +436,14 @@ class Flight(ABC):
         self._ahead_t = assessment.t
         return ahead
 
-    def _forecast_ahead(self) -> ForecastAhead | PeakAhead | None:
+    def _forecast_ahead(self) -> Ahead | None:
         """What the alarm authority forecasts by the sample that is shown next."""
         return None
+
+    @property
+    def _is_at_end(self) -> bool:
+        """Whether that sample is the last one of its source."""
+        return False
 
     def _taken(self, t: float) -> float | None:
         """When the sample of t was taken, by the flight's clock [s]; None where it is when due."""

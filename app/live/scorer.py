@@ -16,7 +16,7 @@ from core.kernels import assessing
 from core.monitor import Assessment, Monitor, State
 from core.monitor.assessment import REASONS
 from core.monitor.monitor import Stream
-from core.monitor.peak_forecast import ForecastAhead, PeakAhead
+from core.monitor.peak_forecast import Ahead
 from core.monitor.validity.verdict import exceeds
 from core.types import Array
 
@@ -65,7 +65,7 @@ class GridMonitor:
         self._history.append(sample)
         return self._explained(self._stream.update(sample.t, self._read(y)), sample)
 
-    def forecast_ahead(self) -> ForecastAhead | PeakAhead | None:
+    def forecast_ahead(self) -> Ahead | None:
         """What is forecast of the rest of the card by the last sample assessed."""
         return self._stream.forecast_ahead()
 
@@ -170,7 +170,7 @@ class CausalScorer:
         """1, 2, 3 ... of the manoeuvre under way; 0 for none."""
         return self._trim.manoeuvre if self._trim else 0
 
-    def forecast_ahead(self) -> ForecastAhead | PeakAhead | None:
+    def forecast_ahead(self) -> Ahead | None:
         """What the alarm authority forecasts of the rest of the card."""
         return self._authority.forecast_ahead()
 

@@ -135,6 +135,9 @@ def _test_of(member: Monitor) -> dict[str, Any]:
     return {key: value for key, value in member.dataset_recipe.items() if key not in SIZES}
 
 
+NO_REST = "a combination tells the risk of its members, and no forecast of the rest of the card"
+
+
 class RunningCombination(RunningForecast):
     """The members' streams of one flight; lost as soon as one of them is.
 
@@ -163,6 +166,11 @@ class Combined(PeakForecast):
 
     section: ClassVar[str] = "members"
     members: tuple[Monitor, ...]
+
+    @property
+    def no_rest(self) -> str:
+        """Why the risk alone is told."""
+        return NO_REST
 
     @cached_property
     def heard(self) -> tuple[Monitor, ...]:

@@ -30,7 +30,7 @@ from core.monitor.assessment import (
 from core.monitor.calibration import alert_above, check_epsilon, p_values, smallest_epsilon
 from core.monitor.file import portable
 from core.monitor.group import NO_GROUP, Groups
-from core.monitor.peak_forecast import LOST, ForecastAhead, PeakAhead, PeakForecast
+from core.monitor.peak_forecast import LOST, Ahead, PeakForecast
 from core.monitor.predictor import Affine
 from core.monitor.recipe import MonitorRecipe
 from core.monitor.validity.flown_input import FlownInput, InputSupport
@@ -479,10 +479,10 @@ class Stream:
         self._is_ok = assessment.state is State.OK
         return assessment
 
-    def forecast_ahead(self) -> ForecastAhead | PeakAhead | None:
+    def forecast_ahead(self) -> Ahead | None:
         """What is forecast of the rest of the manoeuvre by the last sample.
 
-        None where that is not `ok`, where no input is under way, and of a monitor without forecast.
+        None where that is not `ok`, and of a monitor without forecast.
         """
         return self._forecast.ahead() if self._forecast is not None and self._is_ok else None
 

@@ -93,6 +93,22 @@ class PeakAhead:
         return self.mean + BAND_DEVIATIONS * self.deviation
 
 
+@dataclass(frozen=True, eq=False)
+class NothingAhead:
+    """Why nothing is forecast of the rest by a sample that was assessed.
+
+    made_t: of the newest sample [s].   why: NOT_BEGUN or OVER.
+    """
+
+    made_t: float
+    why: str
+
+
+NOT_BEGUN = "not known before the input begins"
+OVER = "nothing is left of the test card"
+Ahead = ForecastAhead | PeakAhead | NothingAhead
+
+
 class RunningForecast(ABC):
     """The forecast of one flight, sample by sample.
 
@@ -110,8 +126,8 @@ class RunningForecast(ABC):
         y: (6,) float64, contiguous.   code: its state so far.
         """
 
-    def ahead(self) -> ForecastAhead | PeakAhead | None:
-        """What is forecast of the rest by the last sample; None where nothing is."""
+    def ahead(self) -> Ahead | None:
+        """What is forecast of the rest by the last sample; None where that is not known."""
         return None
 
 
@@ -122,6 +138,11 @@ class PeakForecast(ABC):
     """Name of its section in a monitor's file."""
     has_outputs: ClassVar[bool] = False
     """Whether it forecasts the outputs too."""
+
+    @property
+    def no_rest(self) -> str:
+        """Why it tells nothing of the rest of the card, of no flight; empty where it does."""
+        return ""
 
     @abstractmethod
     def begin(self, dt: float) -> RunningForecast:

@@ -19,7 +19,16 @@ from core.kernels import peak_ridge as kernels
 from core.kernels.compiled import entry
 from core.kernels.peak_ridge import LOST, PHASE, PeakWeights, begin, update
 from core.monitor.file.portable import Section
-from core.monitor.peak_forecast import Followed, PeakAhead, PeakForecast, RunningForecast
+from core.monitor.peak_forecast import (
+    NOT_BEGUN,
+    OVER,
+    Ahead,
+    Followed,
+    NothingAhead,
+    PeakAhead,
+    PeakForecast,
+    RunningForecast,
+)
 from core.monitor.predictor import PeakRidge
 from core.monitor.validity.flown_input import SURFACES
 from core.types import Array, Flags, Indices
@@ -42,6 +51,10 @@ FINEST = 1e-3
 """Least deviation of a forecast, in limits."""
 NEWTON_STEPS, SMALL_STEP = 10, 0.01
 """Steps of Newton's method at most, and of which size the last one is, in log odds."""
+NO_PEAK = (
+    "this monitor tells no peak to come: its score looks no farther than a window, its "
+    "specification has no limits to share, or its file is an older one"
+)
 LEAST_WEIGHT = 0.05
 """Of a flight whose outcome is certain, so that no step goes too far."""
 MOST_SAMPLES = 100_000
@@ -293,13 +306,23 @@ class RunningPeaks(RunningForecast):
         self._score = found[0]
         return found
 
-    def ahead(self) -> PeakAhead | None:
-        """The peak of what is left of the manoeuvre, once its input has begun."""
-        if self._deviation is None or not isfinite(self._score):
+    def ahead(self) -> Ahead | None:
+        """The peak of what is left of the manoeuvre, once its input has begun.
+
+        After the last scored phase nothing is left that is to be known of.
+        """
+        if self._deviation is None:
             return None
-        phase = self._history.counts.item(PHASE) // self._state[0].every
-        deviation = self._deviation.item(phase)
-        return PeakAhead(self._history.clock.item(), 1.0 - self._score * deviation, deviation)
+        made_t, phase = self._history.clock.item(), self._history.counts.item(PHASE)
+        every = self._state[0].every
+        if phase < 0:
+            return NothingAhead(made_t, NOT_BEGUN)
+        if phase > (len(self._deviation) - 1) * every:
+            return NothingAhead(made_t, OVER)
+        if not isfinite(self._score):
+            return None
+        deviation = self._deviation.item(phase // every)
+        return PeakAhead(made_t, 1.0 - self._score * deviation, deviation)
 
 
 @dataclass(frozen=True, eq=False)
@@ -313,6 +336,11 @@ class RidgeForecast(PeakForecast):
     section: ClassVar[str] = "peaks"
     peaks: PeakWeights
     deviation: Array | None = None
+
+    @property
+    def no_rest(self) -> str:
+        """Why it tells no peak."""
+        return "" if self.deviation is not None else NO_PEAK
 
     def begin(self, dt: float) -> RunningPeaks:
         """Begin a flight."""

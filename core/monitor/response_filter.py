@@ -15,7 +15,16 @@ from core.kernels.compiled import entry
 from core.kernels.lanes import WIDTH
 from core.kernels.response_filter import CardResponses, begin, look_ahead, squares, update
 from core.monitor.file.portable import Section
-from core.monitor.peak_forecast import Followed, ForecastAhead, PeakForecast, RunningForecast
+from core.monitor.peak_forecast import (
+    NOT_BEGUN,
+    OVER,
+    Ahead,
+    Followed,
+    ForecastAhead,
+    NothingAhead,
+    PeakForecast,
+    RunningForecast,
+)
 from core.monitor.score import Score
 from core.specification import Specification, magnitudes_of
 from core.types import Array, Indices
@@ -169,14 +178,17 @@ class RunningCard(RunningForecast):
         self.y_hat = self._ahead.copy() if isfinite(self._ahead[0]) else None
         return s, code
 
-    def ahead(self) -> ForecastAhead | None:
+    def ahead(self) -> Ahead | None:
         """The rest of the card."""
         card, estimate, clock, dt = self._state
         mean, variance = self._rest
         n = self._look_ahead(card, estimate, mean, variance)
-        if n == 0 or self.lost:
+        if self.lost:
             return None
         made_t = float(clock[0])
+        if n == 0:
+            has_begun = estimate.counts[kernels.SWITCHED] > 0
+            return NothingAhead(made_t, OVER if has_begun else NOT_BEGUN)
         t = made_t + dt * np.arange(1, n + 1, dtype=np.float64)
         return ForecastAhead(made_t, t, mean[:n].copy(), np.sqrt(variance[:n]), card.limits)
 

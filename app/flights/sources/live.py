@@ -42,7 +42,7 @@ from app.scoring.limits_in_force import LimitsInForce, Ruling
 from app.telemetry.recording import TelemetryError
 from core.channels import KEYS
 from core.monitor import Assessment, Monitor, State
-from core.monitor.peak_forecast import ForecastAhead, PeakAhead
+from core.monitor.peak_forecast import Ahead
 from core.simulation.attitude import DisplayAttitude
 from core.types import Array
 
@@ -418,7 +418,7 @@ class LiveFlight(Flight):
     def _taken(self, t: float) -> float:
         return self._began + self._lag.taken(t)
 
-    def _forecast_ahead(self) -> ForecastAhead | PeakAhead | None:
+    def _forecast_ahead(self) -> Ahead | None:
         return self.scorer.forecast_ahead()
 
     def _show_all(self, assessed: list[LiveAssessed], now: float) -> None:

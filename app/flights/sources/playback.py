@@ -13,7 +13,7 @@ from app.flights.sources.track import Track
 from app.messages import MeasuredExceedance
 from app.scoring.limits_in_force import Ruling
 from core.monitor import Assessment, Monitor
-from core.monitor.peak_forecast import ForecastAhead, PeakAhead, RunningForecast
+from core.monitor.peak_forecast import Ahead, RunningForecast
 from core.monitor.validity.verdict import exceeds
 from core.types import Array, Flags, Indices
 
@@ -65,7 +65,7 @@ class Script(ABC):
         """What the monitors say of sample k that are flown for display."""
         return ()
 
-    def forecast_ahead(self, k: int) -> ForecastAhead | PeakAhead | None:
+    def forecast_ahead(self, k: int) -> Ahead | None:
         """What the monitor forecast of the rest of the card by sample k; None where none is known.
 
         k: of a sample that is `ok`.
@@ -145,7 +145,7 @@ class AssessedTrack(Script):
         """What the batch says of sample k."""
         return self._assessments[k]
 
-    def forecast_ahead(self, k: int) -> ForecastAhead | PeakAhead | None:
+    def forecast_ahead(self, k: int) -> Ahead | None:
         """The rest of the card, by the samples since the last one asked for.
 
         After a far seek nothing is known until it has followed, a part with each call.

@@ -13,7 +13,7 @@ from app.flights.transport import Due, NotPossible, Transport, TransportError
 from app.messages import MeasuredExceedance, TransportChange, TransportState, plain_frame
 from app.scoring.limits_in_force import LimitsInForce, LimitsRule, Ruling
 from core.monitor import Assessment, State
-from core.monitor.peak_forecast import ForecastAhead, PeakAhead
+from core.monitor.peak_forecast import OVER, Ahead, NothingAhead
 from core.monitor.status import AlarmKind
 from core.types import Indices
 
@@ -103,8 +103,15 @@ class TrackFlight(Flight):
         self._exceedances = self._script.exceeding(self._held.limits)
         return self._held
 
-    def _forecast_ahead(self) -> ForecastAhead | PeakAhead | None:
-        return self._script.forecast_ahead(self._at)
+    def _forecast_ahead(self) -> Ahead | None:
+        ahead = self._script.forecast_ahead(self._at)
+        if ahead is not None and self._is_at_end:
+            return NothingAhead(ahead.made_t, OVER)
+        return ahead
+
+    @property
+    def _is_at_end(self) -> bool:
+        return self._at == len(self._script.t) - 1
 
     def _ruled(self, k: int) -> Ruling | None:
         return self._script.ruling(k) or self._held
@@ -216,7 +223,8 @@ class TrackFlight(Flight):
         for kind, begins in about:
             new = begins[(begins > self._furthest) & (begins < k)][:1]
             passed.update((at, kind) for at in new.tolist())
-        under_way = {(at, kind) for kind in LASTING if (at := self._since(k, kind)) < k}
+        under_way = set[tuple[int, AlarmKind]]()
+        under_way.update((at, kind) for kind in LASTING if (at := self._since(k, kind)) < k)
         for at, kind in sorted(passed | under_way):
             exceeded = self._exceeded(at) if kind == "limit" else None
             if exceeded is not None:

@@ -43,7 +43,7 @@ export function createAssessmentDisplay(panels, { hello, history, alarm, events,
   const gauge = createRiskGauge(panels.gauge, { timeline, led: true });
   const ahead = createRiskAhead(panels.ahead);
   ahead.describe(hello.monitors);
-  const rest = createRestOfCard(panels.rest);
+  const rest = createRestOfCard(panels.rest, hello.no_rest);
   const chart = createStripChart(panels.strips, {
     channels,
     alertAbove,
@@ -201,7 +201,7 @@ export function createAssessmentDisplay(panels, { hello, history, alarm, events,
       gauge.draw(wall, headline);
       const stale = headline.status === "stale" || headline.beside.includes("stale");
       ahead.draw(stale);
-      rest.show(linked && late === null ? chart.ahead : null, { t: newest?.t ?? 0, channels: hello.channels });
+      rest.show(linked && late === null ? chart.ahead : null, { t: newest?.t ?? 0, channels: hello.channels, state: sampled ? shownState(assessment) : null });
       rest.draw(stale);
       return headline;
     },

@@ -1,10 +1,13 @@
 /**
  * What is forecast of the rest of the test card, in words: whether and when a limit is predicted to be exceeded.
  *
- * Nothing is shown of a flight whose monitor forecasts no card; "not known" while it says nothing of now.
+ * Where nothing is, it says why: a monitor that forecasts no card, one that nothing is left of, a sample
+ * that says nothing of now.
  *
  * Exports
- *   createRestOfCard(element) -> {show(ahead, {t, channels}), draw(stale)}     ahead: see charts/live/ahead.js; t: of the newest sample [s]
+ *   createRestOfCard(element, noRest) -> {show(ahead, {t, channels, state}), draw(stale)}
+ *     noRest: why the monitor never forecasts it; empty where it does
+ *     ahead: see charts/live/ahead.js; t, state: of the newest sample [s], as shown; null for none
  */
 
 import { symbolNodes } from "../charts/readout.js";
@@ -13,24 +16,37 @@ import { percent } from "../lib/numbers.js";
 import { magnitudeIn } from "../lib/units.js";
 
 const WORST = ["predicted", "possible", "none"];
+const UNKNOWN = {
+  warming_up: "not known: too few samples yet",
+  invalid: "not known: the monitor is not applicable",
+  not_assessed: "not known between manoeuvres",
+  not_applicable: "not known: the monitor is not applicable",
+  limits_unknown: "not known: the monitor is not applicable",
+};
 
-export function createRestOfCard(element) {
+export function createRestOfCard(element, noRest) {
   element.classList.add("rest-of-card");
   element.setAttribute("aria-label", "Rest of the test card");
-  element.hidden = true;
   const line = h("p", {});
   element.append(h("h2", { class: "risk-ahead-heading" }, "rest of the test card"), line);
-  let now = { ahead: null, t: 0, channels: [] };
+  let now = { ahead: null, t: 0, channels: [], state: null };
   let told = "";
+  element.hidden = false;
+
+  /** How bad it is, and the words for it. */
+  function reading(stale) {
+    if (noRest) return ["unknown", [`no forecast: ${noRest}`]];
+    if (stale) return ["unknown", ["not known: nothing that is shown is of now"]];
+    const { ahead, t, state } = now;
+    if (ahead === null) return ["unknown", [UNKNOWN[state] ?? "not known"]];
+    if (ahead.why) return ["unknown", [ahead.why]];
+    if (ahead.peak) return [levelOf(ahead.peak), peakWords(ahead.peak)];
+    const worst = worstOf(now);
+    return [worst.level, wordsOf(worst, t)];
+  }
 
   function draw(stale) {
-    if (now.ahead !== null) element.hidden = false;
-    if (element.hidden) return;
-    const known = stale ? null : now.ahead;
-    const peak = known?.peak;
-    const worst = known === null || peak ? null : worstOf(now);
-    const level = peak ? levelOf(peak) : (worst?.level ?? "unknown");
-    const nodes = peak ? peakWords(peak) : worst === null ? ["not known"] : wordsOf(worst, now.t);
+    const [level, nodes] = reading(stale);
     const text = nodes.map((node) => node.textContent ?? node).join("");
     if (`${level} ${text}` === told) return;
     told = `${level} ${text}`;
@@ -40,8 +56,8 @@ export function createRestOfCard(element) {
 
   return {
     draw,
-    show: (ahead, { t, channels }) => {
-      now = { ahead, t, channels };
+    show: (ahead, about) => {
+      now = { ahead, ...about };
     },
   };
 }

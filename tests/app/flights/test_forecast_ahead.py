@@ -1,16 +1,22 @@
 """The rest of a test card on a flight: what the stream forecasts, small, and only if known."""
 
-import numpy as np
+from collections.abc import Callable
 
+import numpy as np
+import pytest
+
+from app.flights.display_monitors import no_rest
 from app.flights.sources import playback
 from app.flights.sources.playback import AssessedTrack
 from app.flights.sources.track import Track, times
 from app.messages import MOST_AHEAD, CardAhead, plain_frame
-from core.monitor import Monitor
+from core.monitor import Monitor, MonitorRecipe, combine, train
 from core.monitor.peak_forecast import ForecastAhead, PeakAhead
 from core.types import Array
 from tests.core.monitor.test_peak_ridge import trained as peak_trained
 from tests.core.monitor.test_response_filter import flights, trained
+from tests.support import oscillator
+from tests.support.flying import EPSILON, Flown, exact_monitor
 
 
 def of_the_stream(monitor: Monitor, y: Array, k: int) -> ForecastAhead:
@@ -66,3 +72,85 @@ def test_a_frame_tells_the_rest_of_the_card_in_few_samples_or_not_at_all():
     assert told.t[-1] == round(float(ahead.t[-1]), 4)
     assert (channel.predicted, channel.possible) == (ahead.predicted(3), ahead.possible(3))
     assert "ahead" not in plain_frame(30, y[30], assessment, None)
+
+
+def combination() -> Monitor:
+    """One rule of two monitors."""
+    dataset = oscillator.collect(np.random.default_rng(11), n_unsafe=12)
+    pair = [train(dataset, MonitorRecipe(t_early=lead)) for lead in (0.25, 0.5)]
+    y = oscillator.fly(np.random.default_rng(21), 40)[1]
+    return combine(pair, (y, oscillator.fail_indices(y)), lead=0.5, epsilon=EPSILON)
+
+
+def flown_through(monitor: Monitor, y: Array) -> Flown:
+    """A flight of 0.05 s samples that somebody watches."""
+    flown = Flown(monitor, y)
+    flown.flight.act("pause")
+    return flown
+
+
+def times_told(flown: Flown) -> list[float]:
+    flown.seen.take()
+    return [frame["t"] for frame in flown.seen.frames if "ahead" in frame]
+
+
+def test_the_rest_is_told_a_tenth_of_a_second_apart_and_by_the_first_sample_after_a_seek():
+    monitor, y = peak_trained(), flights()[0]
+    flown = flown_through(monitor, y)
+    flown.flight.act("seek", 1.0)
+    for _ in range(6):
+        flown.flight.act("step", 1)
+    assert times_told(flown) == pytest.approx([1.0, 1.1, 1.2, 1.3])
+    flown.flight.act("seek", 0.95)
+    flown.flight.act("step", 1)
+    assert times_told(flown)[4:] == pytest.approx([0.95])
+
+
+def test_the_rest_is_forecast_for_nobody_while_nobody_watches(monkeypatch: pytest.MonkeyPatch):
+    flown = flown_through(peak_trained(), flights()[0])
+    asked: list[int] = []
+    monkeypatch.setattr(AssessedTrack, "forecast_ahead", lambda _, k: asked.append(k))
+    flown.flight.act("seek", 1.0)
+    assert len(asked) == 1
+    flown.flight.leave(flown.seen.watcher)
+    flown.flight.act("seek", 2.0)
+    assert len(asked) == 1
+
+
+def test_nothing_is_told_of_the_rest_by_a_sample_that_was_not_assessed_or_is_not_of_now():
+    monitor, y = peak_trained(), flights()[0].copy()
+    y[40] = np.nan
+    flown = flown_through(monitor, y)
+    flown.flight.act("seek", 40 * monitor.dt)
+    assert times_told(flown) == []
+    flown.flight._script.late = lambda k: "it came late"
+    flown.flight.act("seek", 1.0)
+    assert times_told(flown) == []
+
+
+def test_the_last_sample_says_that_nothing_is_left_however_short_ago_the_rest_was_told():
+    monitor, y = peak_trained(), flights()[0]
+    flown = flown_through(monitor, y)
+    last = len(y) - 1
+    flown.flight.act("seek", (last - 1) * monitor.dt)
+    flown.flight.act("step", 1)
+    flown.seen.take()
+    before, end = (frame["ahead"] for frame in flown.seen.frames[-2:])
+    assert before["peak"]["mean"] > 0
+    assert end == {"t": [], "channels": {}, "why": "nothing is left of the test card"}
+
+
+@pytest.mark.parametrize(
+    ("monitor", "words"),
+    [
+        (exact_monitor, "the predictor “linear, by least squares” forecasts nothing of it"),
+        (peak_trained, ""),
+        (combination, "a combination tells the risk of its members, and no forecast of the rest"),
+    ],
+    ids=["linear", "peaks", "combination"],
+)
+def test_a_flight_says_why_its_monitor_never_forecasts_the_rest(
+    monitor: Callable[[], Monitor], words: str
+):
+    assert Flown(monitor(), np.zeros((61, 6))).seen.messages[0]["no_rest"].startswith(words)
+    assert bool(no_rest(monitor())) == bool(words)

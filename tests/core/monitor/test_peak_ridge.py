@@ -14,7 +14,7 @@ from core.kernels.peak_ridge import PeakWeights
 from core.monitor import Monitor, MonitorRecipe, State, train
 from core.monitor.file.loading import from_bytes
 from core.monitor.file.portable import MonitorFileError, pack
-from core.monitor.peak_forecast import LOST, PeakAhead
+from core.monitor.peak_forecast import LOST, NOT_BEGUN, OVER, NothingAhead, PeakAhead
 from core.monitor.peak_ridge import (
     FINEST,
     LEAST_WEIGHT,
@@ -323,13 +323,32 @@ def test_the_band_of_the_peak_holds_as_many_safe_flights_as_it_says():
     assert 0.84 <= np.mean(held) <= 0.96
 
 
-def test_no_peak_is_told_before_the_input_of_verdicts_alone_or_of_a_window():
+def test_no_peak_is_told_of_verdicts_alone_or_of_a_window_which_say_so():
     y, windowed = flights()[0], train(dataset(), asked("card_window"))
-    for monitor, n in ((trained(), 3), (labelled(), 45), (windowed, 45)):
+    for monitor in (labelled(), windowed):
         stream = monitor.stream()
-        for k in range(n):
+        for k in range(45):
             stream.update(k * monitor.dt, y[k])
         assert stream.forecast_ahead() is None
+        assert monitor.forecast is not None
+        assert monitor.forecast.no_rest.startswith("this monitor tells no peak to come")
+
+
+def test_before_the_input_and_at_the_end_of_the_manoeuvre_no_peak_is_told_but_why():
+    monitor, y = trained(), flights()[0]
+    assert monitor.forecast is not None
+    assert monitor.forecast.no_rest == ""
+    stream, told = monitor.stream(), []
+    for k, sample in enumerate(np.concatenate([y, np.repeat(y[-1:], 40, axis=0)])):
+        stream.update(k * monitor.dt, sample)
+        told.append(stream.forecast_ahead())
+    before, after = told[2], told[-1]
+    assert isinstance(before, NothingAhead)
+    assert (before.why, before.made_t) == (NOT_BEGUN, 2 * monitor.dt)
+    assert isinstance(after, NothingAhead)
+    assert (after.why, after.made_t) == (OVER, pytest.approx((len(y) + 39) * monitor.dt))
+    known = [k for k, one in enumerate(told) if isinstance(one, PeakAhead)]
+    assert len(known) == len(monitor.forecast.to_section().arrays["offset"])
 
 
 # --- the file ------------------------------------------------------------------------------------

@@ -14,7 +14,7 @@ from core.kernels.response_filter import SIGN, SWITCHED, CardResponses, begin, u
 from core.monitor import Monitor, MonitorRecipe, State, train
 from core.monitor.file.loading import from_bytes
 from core.monitor.file.portable import MonitorFileError, pack
-from core.monitor.peak_forecast import LOST, ForecastAhead
+from core.monitor.peak_forecast import LOST, NOT_BEGUN, OVER, ForecastAhead, NothingAhead
 from core.monitor.predictor import PREDICTORS
 from core.monitor.response_filter import CardForecast
 from core.monitor.score import SCORES
@@ -382,8 +382,20 @@ def test_nothing_is_forecast_ahead_before_the_card_or_while_the_monitor_is_not_o
     known = []
     for k, sample in enumerate(y[:40]):
         stream.update(k * monitor.dt, sample)
-        known.append(stream.forecast_ahead() is not None)
-    assert not known[2]
-    assert known[-1]
+        ahead = stream.forecast_ahead()
+        known.append(ahead.why if isinstance(ahead, NothingAhead) else "")
+    assert known[2] == NOT_BEGUN
+    assert known[-1] == ""
     stream.update(40 * monitor.dt, np.full(6, np.nan))
     assert stream.forecast_ahead() is None
+
+
+def test_after_the_card_nothing_is_left_of_it_to_forecast():
+    monitor, y = trained(), flights()[0]
+    stream = monitor.stream()
+    for k, sample in enumerate(np.concatenate([y, np.repeat(y[-1:], len(y), axis=0)])):
+        said = stream.update(k * monitor.dt, sample)
+    ahead = stream.forecast_ahead()
+    assert said.state is State.OK
+    assert isinstance(ahead, NothingAhead)
+    assert (ahead.why, ahead.made_t) == (OVER, said.t)

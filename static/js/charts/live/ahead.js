@@ -7,8 +7,9 @@
  *     newest: the last frame
  *   isOfNow(ahead, t) -> whether it was made by the sample at t [s], or shortly before
  *
- * ahead   {made, t: [s], channels: {key: {low, high, predicted, possible}}, peak}     made: time of the sample it was made by [s];
- *         peak: {mean, low, high}, shares of the limit, of monitors that forecast the peak alone, with neither t nor channels
+ * ahead   {made, t: [s], channels: {key: {low, high, predicted, possible}}, peak, why}     made: time of the sample it was made by [s];
+ *         peak: {mean, low, high}, shares of the limit, of monitors that forecast the peak alone, with neither t nor channels;
+ *         why: nothing is forecast
  */
 
 const OLDEST = 0.25; // s of flight that a forecast is shown for

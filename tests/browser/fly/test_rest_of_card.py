@@ -1,0 +1,70 @@
+"""The rest of the test card in words: what is forecast of it, or why nothing is."""
+
+from typing import Any
+
+import pytest
+
+from tests.browser.strips import Open
+
+SAID = """async ({ noRest, frames, stale }) => {
+  const { createRestOfCard } = await import("/static/js/fly/rest_of_card.js");
+  const { aheadOf, isOfNow } = await import("/static/js/charts/live/ahead.js");
+  const element = document.createElement("section");
+  const rest = createRestOfCard(element, noRest);
+  const channels = [{ key: "Ny", symbol: "N_y", unit: "g", label: "", limit: 0.5 }];
+  let known = null;
+  for (const frame of frames) known = aheadOf(known, [frame], frame);
+  const newest = frames.at(-1);
+  const shown = newest && isOfNow(known, newest.t) ? known : null;
+  rest.show(shown, { t: newest?.t ?? 0, channels, state: newest?.state ?? null });
+  rest.draw(stale ?? false);
+  return [element.hidden, element.dataset.level, element.querySelector("p").textContent];
+}"""
+PEAK = {"t": [], "channels": {}, "peak": {"mean": 0.8, "low": 0.6, "high": 1.1}}
+OVER = {"t": [], "channels": {}, "why": "nothing is left of the test card"}
+BAND = {"t": [1, 2], "channels": {"Ny": {"low": [0, 0], "high": [1, 1], "predicted": 1.9}}}
+BAND["channels"]["Ny"]["possible"] = 1.2  # pyright: ignore
+
+
+def frame(t: float, ahead: Any = None, state: str = "ok") -> dict[str, Any]:
+    return {"t": t, "state": state} | ({"ahead": ahead} if ahead else {})
+
+
+@pytest.mark.parametrize(
+    ("about", "level", "words"),
+    [
+        ({"frames": []}, "unknown", "not known"),
+        (
+            {"frames": [frame(1, PEAK)], "noRest": "a combination tells the risk"},
+            "unknown",
+            "no forecast: a combination tells the risk",
+        ),
+        (
+            {"frames": [frame(1, state="warming_up")]},
+            "unknown",
+            "not known: too few samples yet",
+        ),
+        ({"frames": [frame(1, PEAK)]}, "possible", "◇ may exceed, peak still to come"),
+        ({"frames": [frame(1, PEAK), frame(1.25)]}, "possible", "◇ may exceed, peak still"),
+        ({"frames": [frame(1, PEAK), frame(1.3)]}, "unknown", "not known"),
+        ({"frames": [frame(1, PEAK), frame(0.9)]}, "unknown", "not known"),
+        (
+            {"frames": [frame(1, PEAK), frame(1.05, state="invalid")]},
+            "unknown",
+            "not known: the monitor is not applicable",
+        ),
+        ({"frames": [frame(1, PEAK), frame(1.1, OVER)]}, "unknown", OVER["why"]),
+        (
+            {"frames": [frame(1, PEAK)], "stale": True},
+            "unknown",
+            "not known: nothing that is shown is of now",
+        ),
+        ({"frames": [frame(1, BAND)]}, "predicted", "▲ Ny predicted to exceed 0.5 g in 0.9 s"),
+    ],
+)
+def test_the_rest_of_the_card_is_said_while_it_is_of_now_and_else_why_it_is_not(
+    strips: Open, about: dict[str, Any], level: str, words: str
+) -> None:
+    hidden, shown, said = strips().evaluate(SAID, {"noRest": "", **about})
+    assert (hidden, shown) == (False, level)
+    assert said.startswith(words)
