@@ -137,6 +137,7 @@ def test_lines(test: FlownTest, lead: float) -> list[str]:
         _share("missed", counts.misses[0], counts.n_unsafe, "of failing flights"),
         *_withdrawn_line(int(counts.withdrawn[0]), counts.n_unsafe),
         _share("no alert", silent, counts.n_safe, "of safe flights"),
+        *_safe_withdrawn_line(int(counts.safe_withdrawn[0]), counts.n_safe),
         _share("P(fail | alert)", caught, caught + counts.false_alerts[0], "of alerts"),
         _lead_line(test.leads, lead),
         *_prevention_lines(test.prevention),
@@ -166,13 +167,14 @@ def _prevention_lines(found: Prevention) -> list[str]:
 
 
 def _robustness_line(words: str, counts: Evaluation) -> str:
-    if not counts.n_unsafe:
-        return f"  {words}: none failed"
-    missed, invalid = (int(n[0]) / counts.n_unsafe for n in (counts.misses, counts.withdrawn))
-    return (
-        f"  {words}: missed {missed:.1%}, invalid before an alert {invalid:.1%} of "
-        f"{counts.n_unsafe} failing flights"
-    )
+    failing, safe = "none failed", "none was safe"
+    if n := counts.n_unsafe:
+        missed, invalid = (int(of[0]) / n for of in (counts.misses, counts.withdrawn))
+        failing = f"missed {missed:.1%}, invalid before an alert {invalid:.1%} of {n} failing"
+    if n := counts.n_safe:
+        vain, invalid = (int(of[0]) / n for of in (counts.false_alerts, counts.safe_withdrawn))
+        safe = f"false alarm on {vain:.1%}, invalid without an alert {invalid:.1%} of {n} safe"
+    return f"  {words}: {failing}; {safe}"
 
 
 def _withdrawn_line(withdrawn: int, n_unsafe: int) -> list[str]:
@@ -180,6 +182,12 @@ def _withdrawn_line(withdrawn: int, n_unsafe: int) -> list[str]:
         return []
     where = "of failing flights, before an alert: neither missed nor caught"
     return [_share("withdrawn", withdrawn, n_unsafe, where)]
+
+
+def _safe_withdrawn_line(withdrawn: int, n_safe: int) -> list[str]:
+    if not withdrawn:
+        return []
+    return [_share("invalid", withdrawn, n_safe, "of safe flights, without an alert: not calm")]
 
 
 def _share(what: str, count: int, total: int, of: str) -> str:

@@ -234,6 +234,7 @@ def _part(whole: Evaluation, at: slice) -> Evaluation:
         misses=whole.misses[at],
         false_alerts=whole.false_alerts[at],
         withdrawn=whole.withdrawn[at],
+        safe_withdrawn=whole.safe_withdrawn[at],
     )
 
 
@@ -245,6 +246,7 @@ def _curves(found: Evaluation) -> dict[str, list[Any]]:
         "misses": found.misses.tolist(),
         "false_alerts": found.false_alerts.tolist(),
         "withdrawn": found.withdrawn.tolist(),
+        "safe_withdrawn": found.safe_withdrawn.tolist(),
         "miss_rate": unknown if no_unsafe else found.miss_rate.tolist(),
         "miss_interval": found.miss_interval.tolist(),
         "power": unknown if no_safe else found.power.tolist(),

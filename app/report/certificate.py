@@ -38,6 +38,7 @@ def certificate_page(monitor: Monitor, name: str, digest: str, created: str = ""
         told=told,
         found=found,
         withdrawn=found["at_epsilon"].get("withdrawn", 0),
+        safe_withdrawn=found["at_epsilon"].get("safe_withdrawn"),
         leads=found.get("leads"),
         warnings=warnings_of(found, epsilon),
         prevention=prevention,

@@ -65,6 +65,8 @@ class Evaluation:
     false_alerts: (n_eps,) safe flights with an alert at any time.
     withdrawn: (n_eps,) failing flights of which nothing was said any more, for being outside
     training, before an alert that would have counted: neither missed nor caught.
+    safe_withdrawn: (n_eps,) safe flights that were called so without an alert: no false alarm, and
+    no calm flight either.
     """
 
     epsilons: Array
@@ -74,6 +76,7 @@ class Evaluation:
     misses: Indices
     false_alerts: Indices
     withdrawn: Indices
+    safe_withdrawn: Indices
 
     @property
     def caught(self) -> Indices:
@@ -92,7 +95,7 @@ class Evaluation:
 
     @property
     def power(self) -> Array:
-        """(n_eps,) share of the safe flights that went without an alert."""
+        """(n_eps,) share of the safe flights without an alert, those called invalid included."""
         return 1 - self.false_alerts / max(self.n_safe, 1)
 
     @property
@@ -139,6 +142,7 @@ def evaluate(
         misses=is_missed[is_unsafe].sum(axis=0),
         false_alerts=(~silent[~is_unsafe]).sum(axis=0),
         withdrawn=(silent & ~is_missed)[is_unsafe].sum(axis=0),
+        safe_withdrawn=(silent & ~is_missed)[~is_unsafe].sum(axis=0),
     )
 
 

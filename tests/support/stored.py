@@ -46,8 +46,14 @@ EVALUATION = {
     "epsilon": 0.1,
     "n_unsafe": 100,
     "n_safe": 200,
-    "at_epsilon": {"misses": 9, "false_alerts": 20, "withdrawn": 0},
-    "curves": {"epsilon": [0.05], "misses": [4], "false_alerts": [50], "withdrawn": [0]},
+    "at_epsilon": {"misses": 9, "false_alerts": 20, "withdrawn": 0, "safe_withdrawn": 6},
+    "curves": {
+        "epsilon": [0.05],
+        "misses": [4],
+        "false_alerts": [50],
+        "withdrawn": [0],
+        "safe_withdrawn": [6],
+    },
     "leads": {"n_timely": 91, "n_without": 3, "p05": 0.3, "median": 0.4, "p95": 0.9},
     "prevention": {
         "reactions_s": [0.25, 0.5, 1.0, 1.5, 2.5],
@@ -67,6 +73,7 @@ EVALUATION = {
             "misses": 5,
             "false_alerts": 30,
             "withdrawn": 20,
+            "safe_withdrawn": 170,
         },
     },
     "groups": [

@@ -278,11 +278,13 @@ def _check_counts(
     if not all(_is_number(epsilon) and 0 < epsilon < 1 for epsilon in epsilons):
         raise ValueError("evaluation epsilon is no miss rate")
     n_unsafe, n_safe = evaluation["n_unsafe"], evaluation["n_safe"]
-    withdrawn = counts.get("withdrawn", [0] * len(epsilons))
-    for missed, wrong, left in zip(*(counts[key] for key in AT_EPSILON), withdrawn, strict=True):
-        if not all(_is_count(count) for count in (missed, wrong, left)):
+    none = [0] * len(epsilons)
+    left = (counts.get(key, none) for key in ("withdrawn", "safe_withdrawn"))
+    for each in zip(*(counts[key] for key in AT_EPSILON), *left, strict=True):
+        if not all(_is_count(count) for count in each):
             raise ValueError("evaluation misses, false_alerts or withdrawn is no count")
-        if missed + left > n_unsafe or wrong > n_safe:
+        missed, wrong, unsafe_left, safe_left = each
+        if missed + unsafe_left > n_unsafe or wrong + safe_left > n_safe:
             raise ValueError("evaluation counts more than its flights")
 
 

@@ -133,8 +133,8 @@ function facts({ monitor, calibration, dataset, evaluation, catalog }) {
 function robustness(evaluation) {
   const entries = Object.values(evaluation?.robustness ?? {});
   if (!entries.length) return null;
-  const share = (count, total) => (total ? percent(count / total) : "–");
-  const row = ({ words, n_unsafe, n_safe, misses, withdrawn, false_alerts }) =>
+  const share = (count, total) => (count === undefined ? "not counted" : total ? percent(count / total) : "–");
+  const row = ({ words, n_unsafe, n_safe, misses, withdrawn, false_alerts, safe_withdrawn }) =>
     h(
       "tr",
       {},
@@ -143,14 +143,17 @@ function robustness(evaluation) {
         n_unsafe.toLocaleString("en"),
         share(misses, n_unsafe),
         share(withdrawn, n_unsafe),
-        share(n_safe - false_alerts, n_safe),
+        n_safe.toLocaleString("en"),
+        share(false_alerts, n_safe),
+        share(safe_withdrawn, n_safe),
+        share(safe_withdrawn === undefined ? undefined : n_safe - false_alerts - safe_withdrawn, n_safe),
       ].map((text) => h("td", { class: "number" }, text)),
     );
   return counted({
     title: `Flights that differ from the planned test, at ε = ${figure(evaluation.epsilon)}`,
-    heads: [["Flights that differ by"], ["failed", 1], ["missed", 1], ["invalid before an alert", 1], ["safe without an alert, invalid or not", 1]],
+    heads: [["Flights that differ by"], ["failed", 1], ["missed", 1], ["invalid before an alert", 1], ["safe", 1], ["false alarm", 1], ["invalid, no alert", 1], ["valid and quiet", 1]],
     rows: entries.map(row),
-    hint: "The guarantee does not hold for them. Missed is silent and valid: a flight that is called invalid shows no number.",
+    hint: "The guarantee does not hold for them. Missed is silent and valid. A flight that is called invalid shows no number: it is neither missed nor quiet, and is counted by itself.",
   });
 }
 

@@ -1,6 +1,7 @@
 """The certificate: what fresh flights said, on a page, over REST and by the command line."""
 
 import json
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -12,6 +13,8 @@ from core.monitor import Monitor, MonitorRecipe, train
 from tests.support import oscillator
 from tests.support.api import api, problem
 from tests.support.stored import EVALUATION
+
+DOUBLED = EVALUATION["robustness"]["doubled_noise"]
 
 
 @pytest.fixture(scope="module")
@@ -35,6 +38,23 @@ def test_it_says_what_fresh_flights_said_and_what_is_promised(monitor: Monitor) 
     assert "http" not in page.replace("http-equiv", "")
 
 
+def test_a_safe_flight_that_was_called_invalid_is_no_calm_one(monitor: Monitor) -> None:
+    page = certificate_page(monitor, "it", "ab12")
+    assert "6 of 200 safe flights were called invalid without an alert" in page
+    differing = next(line for line in page.splitlines() if "sensor noise twice" in line)
+    cells = re.findall(r'<td class="number">([^<]*)</td>', differing)
+    assert cells[3:] == ["210", "14.3%", "81.0%", "4.8%"]
+    older = {key: n for key, n in DOUBLED.items() if key != "safe_withdrawn"}
+    evaluation = EVALUATION | {"robustness": {"doubled_noise": older}}
+    page = certificate_page(replace(monitor, evaluation=evaluation), "it", "ab12")
+    differing = next(line for line in page.splitlines() if "sensor noise twice" in line)
+    assert re.findall(r'<td class="number">([^<]*)</td>', differing)[4:] == [
+        "14.3%",
+        "not counted",
+        "not counted",
+    ]
+
+
 def test_a_monitor_that_was_not_tested_has_none(monitor: Monitor) -> None:
     with pytest.raises(ValueError, match="nothing to certify: train it with test flights"):
         certificate_page(replace(monitor, evaluation=None), "it", "")
@@ -43,7 +63,11 @@ def test_a_monitor_that_was_not_tested_has_none(monitor: Monitor) -> None:
 def test_an_evaluation_of_before_has_a_certificate_too(monitor: Monitor) -> None:
     new = ("prevention", "robustness", "leads", "groups")
     older = {key: value for key, value in EVALUATION.items() if key not in new}
-    page = certificate_page(replace(monitor, evaluation=older), "it", "ab12")
+    uncounted = {"misses": 9, "false_alerts": 20}
+    page = certificate_page(
+        replace(monitor, evaluation=older | {"at_epsilon": uncounted}), "it", "ab12"
+    )
+    assert "not counted by the version that tested it" in page
     assert "What its alerts prevent" not in page
     assert "Flights that differ" not in page
     assert "Missed in each group" not in page

@@ -286,6 +286,23 @@ def test_the_slider_tells_what_the_stored_evaluation_says(page: Page, site: Site
         )
 
 
+def test_of_flights_that_differ_the_safe_ones_that_were_called_invalid_are_not_quiet(
+    page: Page, site: Site
+) -> None:
+    page.goto(f"{site.http}/#/monitors/{site.monitor}")
+    found = site.get(f"/monitors/{site.monitor}/evaluation")["robustness"]
+    table = page.locator("table", has_text="invalid, no alert")
+    rows = table.locator("tbody tr")
+    expect(rows).to_have_count(len(found))
+    for row, one in zip(rows.all(), found.values(), strict=True):
+        cells = row.locator("td").all_inner_texts()[4:]
+        quiet = one["n_safe"] - one["false_alerts"] - one["safe_withdrawn"]
+        assert int(cells[0].replace(",", "")) == one["n_safe"]
+        shares = [float(cell.replace("%", "")) / 100 for cell in cells[1:]]
+        counts = one["false_alerts"], one["safe_withdrawn"], quiet
+        assert shares == pytest.approx([n / one["n_safe"] for n in counts], abs=0.006)
+
+
 def test_a_method_is_a_predictor_and_a_score_that_go_together(page: Page, site: Site) -> None:
     page.goto(f"{site.http}/#/monitors/new")
     method = page.get_by_label("method", exact=True)
@@ -344,7 +361,8 @@ def test_a_monitor_of_no_use_says_so_and_is_flown_only_when_that_is_accepted(
     allowed_errors.append("422")
     trained = site.store.monitors.get(site.monitor)
     evaluation = site.get(f"/monitors/{site.monitor}/evaluation")
-    counts = evaluation["at_epsilon"] | {"false_alerts": evaluation["n_safe"]}
+    alerted = {"false_alerts": evaluation["n_safe"], "safe_withdrawn": 0}
+    counts = evaluation["at_epsilon"] | alerted
     useless = replace(trained, evaluation=evaluation | {"at_epsilon": counts})
     made = site.store.monitors.add(useless, "cries wolf").id
     try:

@@ -177,6 +177,7 @@ def test_intervals_stand_beside_their_rates() -> None:
         misses=np.array([50, 500]),
         false_alerts=np.array([40, 0]),
         withdrawn=np.array([0, 0]),
+        safe_withdrawn=np.array([0, 0]),
     )
     assert (result.miss_interval == clopper_pearson([50, 500], 500)).all()
     assert (result.power_interval == clopper_pearson([360, 400], 400)).all()

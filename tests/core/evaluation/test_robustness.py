@@ -74,6 +74,8 @@ def test_an_opposite_input_is_invalid_and_not_silent() -> None:
     opposite = found["opposite_input"]
     assert opposite.n_unsafe + opposite.n_safe == 200
     assert opposite.withdrawn[0] > 0.9 * opposite.n_unsafe
+    assert opposite.safe_withdrawn[0] > 0.9 * opposite.n_safe
+    assert (opposite.safe_withdrawn <= opposite.n_safe - opposite.false_alerts).all()
     assert found["doubled_noise"].withdrawn[0] < 0.2 * found["doubled_noise"].n_unsafe
 
 

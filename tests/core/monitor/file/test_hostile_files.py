@@ -126,6 +126,7 @@ NO_SENSE = {
     ("evaluation", ("prevention", "reactions_s")): [[], [0.0] * 5, ["a"] * 5],
     ("evaluation", ("robustness",)): [[], None, {"other": {}}, {"other": None}],
     ("evaluation", ("robustness", "doubled_noise", "misses")): [-1, 10**9, "4", None],
+    ("evaluation", ("robustness", "doubled_noise", "safe_withdrawn")): [-1, 181, "4", None],
     ("evaluation", ("robustness", "doubled_noise", "words")): [None, 1],
     ("evaluation", ("groups",)): [None, 1, [{}], [None]],
     ("evaluation", ("groups", 0, "n_unsafe")): [0, -1, 101, 4, "80", None],
