@@ -1,6 +1,7 @@
 """Have files read in processes of their own: start one, send it an order, read how it ended.
 
-After each use a spare process is started, so that the next file need not wait for its libraries.
+A server starts a spare process while a file comes in, and another after each that was used, so that
+the next file need not wait for its libraries. A command reads one file and starts none.
 A process ends with the one that asked, however that ends.
 """
 
@@ -32,12 +33,14 @@ _spares: SimpleQueue[Worker] = SimpleQueue()
 
 def carry_out(order: dict[str, Any]) -> dict[str, Any]:
     """Have an order carried out. Safe in any thread; its process is gone on return."""
+    replaces = not _spares.empty()
     worker = _take()
     try:
         return _answer(worker, order)
     finally:
         _end(worker)
-        warm_up()
+        if replaces:
+            warm_up()
 
 
 def warm_up() -> None:

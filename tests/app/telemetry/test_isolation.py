@@ -135,6 +135,13 @@ def test_the_spare_is_what_reads_the_next_file_and_is_used_once(write, tmp_path)
     assert isolation._spares.qsize() == 1
 
 
+def test_no_spare_is_started_where_there_was_none(write, tmp_path):
+    while not isolation._spares.empty():
+        isolation._end(isolation._spares.get_nowait())
+    read_file(write(TABLE), tmp_path / "columns")
+    assert isolation._spares.empty()
+
+
 def test_a_spare_that_cannot_start_does_not_cost_the_file(write, tmp_path, monkeypatch):
     isolation.warm_up()
     monkeypatch.setattr(sys, "executable", str(tmp_path / "absent"))
@@ -188,6 +195,7 @@ def test_a_script_without_a_main_guard_reads_once_and_leaves_no_process(write, t
     path = str(write(TABLE))
     lines = (
         *READS,
+        "isolation.warm_up()",
         f'print(read_file(Path({path!r}), Path("columns")).groups[0].n_rows)',
         "spare = isolation._spares.get_nowait()",
         "isolation._spares.put(spare)",
