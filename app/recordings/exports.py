@@ -118,11 +118,45 @@ def _table(given: list[ExportColumn], names: list[str]) -> "pa.Table":
     """An Arrow table in which a missing value is null, not a number that is none."""
     import pyarrow as pa
 
-    arrays = [
-        pa.array(np.ascontiguousarray(column.values), from_pandas=column.values.dtype.kind == "f")
-        for column in given
-    ]
-    return pa.table(arrays, names=names)
+    return pa.table([_arrow(column.values) for column in given], names=names)
+
+
+def _arrow(values: npt.NDArray[Any]) -> "pa.Array":
+    """The values as Arrow has them; its own way from numpy imports pandas first."""
+    import pyarrow as pa
+
+    if values.dtype.kind == "U":
+        return _texts(values)
+    if values.dtype.kind == "b":
+        return pa.Array.from_buffers(pa.bool_(), len(values), [None, _bits(values)])
+    known = None if values.dtype.kind != "f" else ~np.isnan(values)
+    validity = None if known is None or known.all() else _bits(known)
+    numbers = pa.py_buffer(np.ascontiguousarray(values))
+    kind = pa.from_numpy_dtype(values.dtype)
+    return pa.Array.from_buffers(kind, len(values), [validity, numbers])
+
+
+def _bits(flags: npt.NDArray[np.bool_]) -> "pa.Buffer":
+    import pyarrow as pa
+
+    return pa.py_buffer(np.packbits(flags, bitorder="little"))
+
+
+def _texts(values: npt.NDArray[np.str_]) -> "pa.Array":
+    """Texts of which many that follow each other are the same."""
+    import pyarrow as pa
+
+    changes = np.ones(len(values), bool)
+    changes[1:] = values[1:] != values[:-1]
+    starts = np.flatnonzero(changes)
+    runs = np.diff(np.append(starts, len(values)))
+    texts = [str(values[start]).encode() for start in starts]
+    ends = np.cumsum(np.repeat([len(text) for text in texts], runs), dtype=np.int32)
+    offsets = np.concatenate([np.zeros(1, np.int32), ends], dtype=np.int32)
+    content = b"".join(text * run for text, run in zip(texts, runs.tolist(), strict=True))
+    return pa.Array.from_buffers(
+        pa.string(), len(values), [None, pa.py_buffer(offsets), pa.py_buffer(content)]
+    )
 
 
 def _csv(given: list[ExportColumn], about: Mapping[str, Any]) -> bytes:

@@ -5,11 +5,12 @@ import io
 import numpy as np
 import numpy.typing as npt
 import pandas as pd
+import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 from scipy.io import loadmat
 
-from app.recordings.exports import EXPORTS, export
+from app.recordings.exports import EXPORTS, _arrow, columns, export
 from core.channels import CHANNELS, KEYS
 from core.monitor.assessment import STATES
 
@@ -53,6 +54,16 @@ def test_csv_names_carry_units_and_numbers_come_back_bit_for_bit(samples: npt.ND
     assert "psi_rad" not in table
     assert table["in_manoeuvre"].tolist() == (samples["manoeuvre"] >= 0).tolist()
     assert b"nan" not in export(samples, ABOUT, "csv").lower()
+
+
+@pytest.mark.parametrize("n", [0, 1, 9, N])
+def test_columns_come_to_arrow_as_by_its_own_way_from_numpy(samples: npt.NDArray, n: int) -> None:
+    for column in columns(samples[:n]):
+        values = np.ascontiguousarray(column.values)
+        known = pa.array(values, from_pandas=values.dtype.kind == "f")
+        ours = _arrow(column.values)
+        ours.validate(full=True)
+        assert (ours.type, ours) == (known.type, known), column.name
 
 
 def test_parquet_keeps_units_beside_the_columns(samples: npt.NDArray) -> None:
