@@ -3,19 +3,23 @@
 import hashlib
 import os
 import shutil
+import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack, contextmanager, suppress
 from functools import cache, partial
+from importlib import import_module
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 import numba
 from filelock import FileLock
-from numba.core import config, event
+from numba.core import config, environment, event
 from numba.core.compiler_lock import global_compiler_lock
+from numba.core.runtime import rtsys
 
 KEPT_S = 24 * 3600.0
 """Compiled kernels that were used so recently stay [s]."""
@@ -85,9 +89,35 @@ def _compiled(function: Callable[..., Any], nogil: bool) -> Any:
         kernel: Any = numba.njit(cache=True, nogil=nogil)(function)
     finally:
         settings.CACHE_DIR = given
+    kernel._cache.load_overload = partial(_load, kernel._cache)
     name = f"{function.__module__}.{function.__qualname__}"
     kernel.compile = partial(_compile_once, kernel.compile, name)
     return kernel
+
+
+def _load(cached: Any, signature: Any, target: Any) -> Any:
+    """Load what was compiled earlier as numba does, but without what only compiling needs.
+
+    numba imports all that it knows of Python and numpy, and with it scipy.linalg: 0.4 s.
+    """
+    rtsys.initialize(target)
+    modules: Any = environment
+    given, modules.importlib = modules.importlib, _Loading
+    try:
+        with cached._guard_against_spurious_io_errors():
+            return cached._load_overload(signature, target)
+    finally:
+        modules.importlib = given
+
+
+class _Loading:
+    """Imports for compiled code the modules it is from: it names numba's own, and reads no name."""
+
+    @staticmethod
+    def import_module(name: str) -> ModuleType:
+        if name.startswith("numba.") and name not in sys.modules:
+            return ModuleType(name)
+        return import_module(name)
 
 
 def _compile_once(compile_: Callable[[Any], Any], name: str, signature: Any) -> Any:

@@ -8,11 +8,13 @@ from concurrent.futures import ThreadPoolExecutor
 from concurrent.futures import wait as wait_for
 from pathlib import Path
 
+import numpy as np
 import pytest
 from filelock import FileLock
 
 import core
 from core.kernels.compiled import KEPT_S, cache_directory, jit, prune
+from core.kernels.tree_build import pack
 
 CORE = Path(core.__file__).parent
 KERNELS = CORE / "kernels"
@@ -112,3 +114,28 @@ def test_a_kernel_that_another_process_compiles_is_waited_for(
             call = thread.submit(kernel, 1.5)
             assert not wait_for([call], timeout=0.3).done
         assert call.result(timeout=60) == 3.0
+
+
+LATER = """
+import sys
+import numba
+import numpy as np
+from core.kernels.tree_build import pack
+
+points = np.random.default_rng(0).normal(size=(40, 3))
+pack(points)
+print("numba.np.arraymath" in sys.modules, "scipy.linalg" in sys.modules)
+
+@numba.njit
+def farthest(points):
+    leaves, _, _, slot = pack(points)
+    return np.sort(leaves)[slot[0]] + np.dot(np.arange(3.0), np.arange(3.0))
+
+print(farthest(points) == farthest.py_func(points))
+"""
+
+
+def test_a_kernel_is_loaded_without_what_compiling_needs_and_others_are_compiled_then() -> None:
+    pack(np.zeros((2, 3)))  # is in the cache from here on
+    told = subprocess.run([sys.executable, "-c", LATER], check=True, capture_output=True, text=True)
+    assert told.stdout.split() == ["False", "False", "True"]
