@@ -13,16 +13,18 @@ import numpy as np
 from app.flights.flight import patience
 from app.flights.recorder import CODES
 from app.flights.sources.live import LiveSetup
-from app.flights.sources.playback import Angles, Script, onsets
+from app.flights.sources.playback import Angles, FollowedForecast, Script, onsets
 from app.flights.sources.track import SourceError
 from app.live.again import ShownSample, shown_again
 from app.live.journal import lines_of
 from app.live.lag import Lag
 from app.scoring.limits_in_force import Ruling
+from app.scoring.planned_test import limits_of, needed_channels
 from app.store.assessments import StoredAssessments
 from core.channels import KEYS, N_CHANNELS
 from core.monitor import Assessment, State
 from core.monitor.assessment import STATES
+from core.monitor.peak_forecast import Ahead
 from core.monitor.status import cause_of
 from core.monitor.validity.verdict import exceeds
 from core.simulation.attitude import DisplayAttitude
@@ -72,6 +74,11 @@ class ShownFlight(Script):
         over = self._over(setup.monitor.limits)
         self.alerts, self.exceedances = onsets(self.samples["alert"]), onsets(over)
         self._late = self._lags(setup.scorer().lead)
+        self._begun = np.concatenate([[0], 1 + np.flatnonzero(np.diff(self.samples["manoeuvre"]))])
+        self._n_history = setup.monitor.recipe.n_delay + 1
+        self._needed = needed_channels(setup.monitor, limits_of(setup.monitor))
+        self._first = 0
+        self._followed = FollowedForecast(setup.monitor, self._followed_sample)
 
     def y(self, k: int) -> Array:
         """Sample k from trim, (6,)."""
@@ -99,6 +106,21 @@ class ShownFlight(Script):
     def display(self, k: int) -> tuple[Assessment, ...]:
         """What was said of sample k for display."""
         return self._display[k]
+
+    def forecast_ahead(self, k: int) -> Ahead | None:
+        """The rest of the card, of which each manoeuvre is one flown, with the history before."""
+        self._first = first = int(self._begun[np.searchsorted(self._begun, k, "right") - 1])
+        return self._followed.ahead(k, max(first - self._n_history, 0))
+
+    def _followed_sample(self, k: int) -> tuple[float, Array, int]:
+        """Sample k from the trim of the manoeuvre that is followed, as the monitor read it."""
+        first, y, code = self._first, self.y(k), int(self.samples["state"][k])
+        if k < first:
+            y = self.recorded(k) - (self.recorded(first) - self.y(first))
+        y = np.where(self._needed | np.isfinite(y), y, 0.0)
+        if STATES[code] is State.INVALID and np.isfinite(y).all():
+            code = CODES[State.OK]
+        return float(self.samples["t"][k]), y, code
 
     def ruling(self, k: int) -> Ruling | None:
         """Which limits held for sample k."""

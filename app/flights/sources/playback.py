@@ -4,7 +4,7 @@ Whatever the transport does, a sample has the history of the flight, not that of
 """
 
 from abc import ABC, abstractmethod
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 
 import numpy as np
 
@@ -107,6 +107,35 @@ class Script(ABC):
         return exceedance(limits, self.y(k), self.recorded(k))
 
 
+class FollowedForecast:
+    """The forecast of the rest of a card, brought up to any sample of a flight that is stored.
+
+    sample: number to time [s], outputs (6,) as the monitor reads them, and code of its state.
+    """
+
+    def __init__(self, monitor: Monitor, sample: Callable[[int], tuple[float, Array, int]]) -> None:
+        self._forecast, self._dt, self._sample = monitor.forecast, monitor.dt, sample
+        self._first = self._followed = -1
+        self._running: RunningForecast | None = None
+
+    def ahead(self, k: int, first: int = 0) -> Ahead | None:
+        """The rest by sample k, which is `ok`.   first: sample with which its manoeuvre began.
+
+        After a far seek nothing is known until it has followed, a part with each call.
+        """
+        if self._forecast is None:
+            return None
+        if self._running is None or first != self._first or k < self._followed:
+            self._running = self._forecast.begin(self._dt)
+            self._first, self._followed = first, first - 1
+        until = min(k, self._followed + MOST_FOLLOWED)
+        for at in range(self._followed + 1, until + 1):
+            t, y, code = self._sample(at)
+            self._running.update(t, np.ascontiguousarray(y, np.float64), code)
+        self._followed = until
+        return self._running.ahead() if until == k else None
+
+
 class AssessedTrack(Script):
     """A track through a monitor, assessed and judged whole; slow to make, for a thread.
 
@@ -125,8 +154,7 @@ class AssessedTrack(Script):
             self.fail_t = float(track.t[track.fail_index])
         self._track = track
         self._assessments = monitor.assess(track.t, track.y, epsilon)
-        self._monitor, self._followed = monitor, -1
-        self._running: RunningForecast | None = None
+        self._followed = FollowedForecast(monitor, self._followed_sample)
         self._display = [one.assess(track.t, track.y, at) for one, at in display]
         self.alerts = onsets(self._assessments.alert)
         self.exceedances = self.exceeding(monitor.limits)
@@ -146,21 +174,11 @@ class AssessedTrack(Script):
         return self._assessments[k]
 
     def forecast_ahead(self, k: int) -> Ahead | None:
-        """The rest of the card, by the samples since the last one asked for.
+        """The rest of the card, by the samples since the last one asked for."""
+        return self._followed.ahead(k)
 
-        After a far seek nothing is known until it has followed, a part with each call.
-        """
-        forecast = self._monitor.forecast
-        if forecast is None:
-            return None
-        if self._running is None or k < self._followed:
-            self._running, self._followed = forecast.begin(self._monitor.dt), -1
-        until = min(k, self._followed + MOST_FOLLOWED)
-        for at in range(self._followed + 1, until + 1):
-            about = float(self.t[at]), np.ascontiguousarray(self._track.y[at], np.float64)
-            self._running.update(*about, int(self._assessments.state[at]))
-        self._followed = until
-        return self._running.ahead() if until == k else None
+    def _followed_sample(self, k: int) -> tuple[float, Array, int]:
+        return float(self.t[k]), self._track.y[k], int(self._assessments.state[k])
 
     def display(self, k: int) -> tuple[Assessment, ...]:
         """What each batch says of sample k."""

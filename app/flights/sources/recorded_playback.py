@@ -9,15 +9,17 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from app.flights.sources.playback import Angles, Script, onsets
+from app.flights.sources.playback import Angles, FollowedForecast, Script, onsets
 from app.messages import Judged, MeasuredExceedance
 from app.recordings.reasons import reason
 from app.scoring.limits_history import HeldLimits
 from app.scoring.limits_in_force import Ruling
 from app.scoring.outcome import SAME_TIME
+from app.scoring.planned_test import limits_of, needed_channels
 from core.channels import KEYS
-from core.monitor import Assessment, State
-from core.monitor.assessment import STATES
+from core.monitor import Assessment, Monitor, State
+from core.monitor.assessment import STATES, code_of
+from core.monitor.peak_forecast import Ahead
 from core.monitor.status import cause_of
 from core.monitor.validity.verdict import exceeds
 from core.simulation.attitude import WASH_OUT_S, DisplayAttitude
@@ -36,6 +38,7 @@ class RecordedScript(Script):
     manoeuvre, plain.   biases: (6,) that the mapping subtracted of what was recorded.
     theta0: pitch at trim [rad], for the scene.   display: the same recording as further monitors
     scored it, which are flown for display.   held: limits that were in force; None for none.
+    monitor: by which it was scored, for what that forecasts of the rest of a card; None for none.
     """
 
     def __init__(
@@ -50,6 +53,7 @@ class RecordedScript(Script):
         theta0: float = 0.0,
         display: Sequence["RecordedScript"] = (),
         held: HeldLimits | None = None,
+        monitor: Monitor | None = None,
     ) -> None:
         self.t, self.dt = np.ascontiguousarray(samples["t"]), dt
         self._held, self.shows_rulings = held, held is not None
@@ -71,10 +75,29 @@ class RecordedScript(Script):
         trims = [[value or 0.0 for value in trim] or [0.0] * len(KEYS) for trim in known]
         self._offsets = np.array([*trims, [0.0] * len(KEYS)]) + biases
         self._starts = np.array([s.get("first", 0) for s in manoeuvres])
+        self._followed: FollowedForecast | None = None
+        if monitor is not None:
+            self._needed = needed_channels(monitor, limits_of(monitor))
+            self._followed = FollowedForecast(monitor, self._followed_sample)
 
     def y(self, k: int) -> Array:
         """Sample k as it was assessed, from trim, (6,)."""
         return self._samples["y"][k]
+
+    def forecast_ahead(self, k: int) -> Ahead | None:
+        """The rest of the card, of which each manoeuvre is one flown from its beginning."""
+        number = int(self._samples["manoeuvre"][k])
+        first = None if number < 0 else self._manoeuvres[number].get("first")
+        if self._followed is None or first is None:
+            return None
+        return self._followed.ahead(k, first)
+
+    def _followed_sample(self, k: int) -> tuple[float, Array, int]:
+        """Sample k as the monitor read it, also where limits in force withdrew what it said."""
+        y, code = np.where(self._needed, self.y(k), 0.0), int(self._samples["state"][k])
+        if STATES[code] is State.INVALID and np.isfinite(y).all():
+            code = code_of(State.OK)
+        return float(self.t[k]), y, code
 
     def ruling(self, k: int) -> Ruling | None:
         """Which limits held for sample k."""

@@ -194,6 +194,7 @@ class Recorded(Source):
             theta0=trim_angles(monitor.dataset_recipe)[1],
             display=[self._displayed(shown, info, opening) for shown in opening.display],
             held=opening.scored.held(info, own),
+            monitor=monitor,
         )
         return script, store.recordings.info(self.recording).name
 

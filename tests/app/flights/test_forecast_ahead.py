@@ -1,22 +1,31 @@
 """The rest of a test card on a flight: what the stream forecasts, small, and only if known."""
 
+import asyncio
 from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from app.flights.display_monitors import no_rest
+from app.flights.shown_flight import ShownFlight
 from app.flights.sources import playback
 from app.flights.sources.playback import AssessedTrack
+from app.flights.sources.recorded_playback import RecordedScript
 from app.flights.sources.track import Track, times
 from app.messages import MOST_AHEAD, CardAhead, plain_frame
-from core.monitor import Monitor, MonitorRecipe, combine, train
+from core.monitor import Monitor, MonitorRecipe, State, combine, train
+from core.monitor.assessment import STATES
 from core.monitor.peak_forecast import ForecastAhead, PeakAhead
 from core.types import Array
+from tests.app.flights.sources import test_live
+from tests.app.flights.sources.test_live import Live
 from tests.core.monitor.test_peak_ridge import trained as peak_trained
 from tests.core.monitor.test_response_filter import flights, trained
 from tests.support import oscillator
 from tests.support.flying import EPSILON, Flown, exact_monitor
+from tests.support.samples import SAMPLE_LIKE
 
 
 def of_the_stream(monitor: Monitor, y: Array, k: int) -> ForecastAhead:
@@ -154,3 +163,58 @@ def test_a_flight_says_why_its_monitor_never_forecasts_the_rest(
 ):
     assert Flown(monitor(), np.zeros((61, 6))).seen.messages[0]["no_rest"].startswith(words)
     assert bool(no_rest(monitor())) == bool(words)
+
+
+def test_a_scored_recording_forecasts_what_the_stream_did_of_each_manoeuvre():
+    monitor, first, second = peak_trained(), *flights()[:2]
+    n, between = len(first), 7
+    samples = np.zeros(2 * n + between, SAMPLE_LIKE)
+    samples["t"] = 3358.0 + times(len(samples), monitor.dt)
+    samples["manoeuvre"] = [0] * n + [-1] * between + [1] * n
+    samples["y"][:n], samples["y"][-n:] = first, second
+    samples["p_value"] = 0.5
+    samples["state"][10] = STATES.index(State.INVALID)  # its limits were others, or not known
+    about = {"alerts": [], "exceedance": None, "validity": {"valid": True, "reasons": []}}
+    manoeuvres = [about | {"first": begin} for begin in (0, n + between)]
+    script = RecordedScript(samples, manoeuvres, monitor.dt, forecasts=False, monitor=monitor)
+    for k in (40, 44, n + between + 40, 20):
+        y, at = (first, k) if k < n else (second, k - n - between)
+        stream = monitor.stream()
+        for i in range(at + 1):
+            stream.update(i * monitor.dt, y[i])
+        ahead, expected = script.forecast_ahead(k), stream.forecast_ahead()
+        assert isinstance(ahead, PeakAhead)
+        assert isinstance(expected, PeakAhead)
+        assert (ahead.made_t, ahead.mean) == (script.t[k], expected.mean)
+    assert script.forecast_ahead(n + 3) is None
+    assert (
+        RecordedScript(samples, manoeuvres, monitor.dt, forecasts=False).forecast_ahead(40) is None
+    )
+
+
+@pytest.mark.parametrize("trim", ["none", "detected"])
+def test_a_live_flight_again_forecasts_what_it_did(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, trim: str
+):
+    monitor, y = replace(peak_trained(), dataset_recipe={}), flights()[0]
+    monkeypatch.setattr(test_live, "exact_monitor", lambda: monitor)
+
+    async def fly() -> Live:
+        live = Live(tmp_path, trim=trim)
+        for k, sample in enumerate(y):
+            if k == 12 and trim == "detected":
+                live.flight.begin_manoeuvre("FTE")
+            live.push(0, sample, sequence=k, t=k * monitor.dt)
+        await live.close()
+        return live
+
+    live = asyncio.run(fly())
+    script = ShownFlight(live.setup, live.flight.id)
+    told = {frame["seq"]: frame["ahead"] for frame in live.seen.frames if "ahead" in frame}
+    again = {
+        k: plain_frame(k, y[0], script.assessment(k), None, ahead=ahead)["ahead"]
+        for k in told
+        if (ahead := script.forecast_ahead(k))
+    }
+    assert again == told
+    assert sum("peak" in one for one in told.values()) > 10
