@@ -95,6 +95,16 @@ CHOICES: dict[str, tuple[str, ...]] = {
 }
 """By the unit of the target, which comes first."""
 
+COMMON: dict[str, dict[str, float]] = {
+    "rad": {"deg": 0.017453292519943295, "mrad": 0.001, "cdeg": 0.00017453292519943294},
+    "rad/s": {"deg/s": 0.017453292519943295},
+    "g": {"m/s^2": 0.10197162129779283, "ft/s^2": 0.031080950171567256, "mg": 0.001},
+    "m/s": {"kt": 0.5144444444444445, "ft/s": 0.3048, "km/h": 0.2777777777777778},
+    "m": {"ft": 0.3048, "FL": 30.48, "km": 1000.0},
+    "s": {"ms": 0.001, "us": 1e-06, "ns": 1e-09, "min": 60.0, "h": 3600.0, "day": 86400.0},
+}
+"""What pint makes of common units, bit for bit: importing it takes as long as reading an hour."""
+
 _NAMES = {
     spelling: unit
     for unit, (_, others) in BASIC.items()
@@ -103,6 +113,7 @@ _NAMES = {
 _IDENTIFIERS = {unit: f"u{number}" for number, unit in enumerate(BASIC)}
 """pint takes no % for a name, and would take FL or min apart."""
 _TIMES = {"s", "ms", "min", "h"}
+_FACTOR = re.compile(r"([*/]) ([A-Za-z]+)(?:\*\*(\d))?")
 _PART = re.compile(r"([*/_ ]*)([a-z%'°º]+)(?:(?:\^|\*\*)?([-+]?\d))?")
 
 
@@ -160,17 +171,38 @@ def _factor(unit: str, target: str) -> float:
     ours = _parsed(target)
     if parts == ours:
         return 1.0
-    from pint import DimensionalityError
-
-    registry = _registry()
-    try:
-        converted = registry.Quantity(1.0, _expression(parts)).to(_expression(ours))
-    except DimensionalityError:
+    if _dimensions(parts) != _dimensions(ours):
         raise TelemetryError(
             f"{unit!r} is not a unit of this quantity, which is in {target}: give one of "
             f"{', '.join(choices(target))}"
-        ) from None
+        )
+    common = COMMON.get(target, {}).get(spelled(text))
+    return _by_pint(parts, ours) if common is None else common
+
+
+def _by_pint(parts: dict[str, int], ours: dict[str, int]) -> float:
+    converted = _registry().Quantity(1.0, _expression(parts)).to(_expression(ours))
     return float(converted.magnitude)
+
+
+def _dimensions(parts: dict[str, int]) -> dict[str, int]:
+    """Dimension -> power, of powers of units."""
+    found: dict[str, int] = {}
+    for unit, power in parts.items():
+        for dimension, times in _dimensions_of(unit).items():
+            found[dimension] = found.get(dimension, 0) + power * times
+    return {dimension: power for dimension, power in found.items() if power}
+
+
+@cache
+def _dimensions_of(unit: str) -> dict[str, int]:
+    definition = BASIC[unit][0]
+    if definition.startswith("["):
+        return {definition: 1}
+    factors = _FACTOR.findall(definition)
+    return _dimensions(
+        {name: int(power or 1) * (-1 if sign == "/" else 1) for sign, name, power in factors}
+    )
 
 
 @cache

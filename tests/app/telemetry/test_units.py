@@ -6,10 +6,23 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from pint import DimensionalityError
 
 from app.telemetry.recording import TelemetryError
 from app.telemetry.targets import TARGETS
-from app.telemetry.units import BASIC, CHOICES, choices, convert, factor, fits, spelled
+from app.telemetry.units import (
+    BASIC,
+    CHOICES,
+    COMMON,
+    ONE_WORD,
+    _by_pint,
+    _parsed,
+    choices,
+    convert,
+    factor,
+    fits,
+    spelled,
+)
 
 SPELLINGS = {
     "deg": "deg DEG Deg ° º degree degrees [deg] (deg) grad deg.",
@@ -163,10 +176,25 @@ def test_any_text_is_a_unit_or_none(text):
     assert spelled(ours) == ours
 
 
-def test_units_cost_nothing_until_one_is_converted():
+def test_units_cost_nothing_until_an_uncommon_one_is_converted():
     code = (
         "import sys; from app.telemetry.units import factor, spelled; spelled('deg/s');"
-        "factor('rad', 'rad'); assert 'pint' not in sys.modules;"
-        "factor('deg', 'rad'); assert 'pint' in sys.modules"
+        "factor('Degrees/sec', 'rad/s'); assert 'pint' not in sys.modules;"
+        "factor('deg/min', 'rad/s'); assert 'pint' in sys.modules"
     )
     subprocess.run([sys.executable, "-c", code], check=True)
+
+
+@pytest.mark.parametrize("target", sorted({*CHOICES, *BASIC} - {"%", "FL"}))
+def test_common_units_and_kinds_of_quantities_are_as_pint_has_them(target):
+    ours = _parsed(target)
+    for unit in (*BASIC, *ONE_WORD.values(), *CHOICES.get(target, ())):
+        if (unit, target) == ("ms", "m/s"):
+            continue  # there they are metres per second, not milliseconds
+        try:
+            by_pint = _by_pint(_parsed(unit), ours)
+        except DimensionalityError:
+            assert not fits(unit, target), unit
+        else:
+            assert unit == target or factor(unit, target) == by_pint, unit
+    assert {*COMMON.get(target, ())} == {*choices(target)[1:]}
