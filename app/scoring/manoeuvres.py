@@ -10,9 +10,9 @@ from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
-from scipy.ndimage import maximum_filter1d, median_filter, minimum_filter1d, uniform_filter1d
 
 from app.scoring.planned_test import PlannedTest
+from app.scoring.windows import extent, medians_of_three, running_mean
 from core.types import Array, Indices
 
 WINDOW = 1.0
@@ -63,8 +63,7 @@ def detect(surfaces: Array, planned: PlannedTest) -> tuple[Activity, ...]:
         return ()
     u = np.column_stack([_despiked(surfaces[:, column]) for column in known])
     u = np.pad(u, ((window, 0), (0, 0)), mode="edge")  # before the first sample it rests
-    smooth = uniform_filter1d(u, round(SMOOTH / planned.dt) | 1, axis=0, mode="nearest")
-    motion = _motion(np.asarray(smooth), window)
+    motion = extent(running_mean(u, round(SMOOTH / planned.dt) | 1), window)
     largest = _input_sizes(motion, planned)[known]
     threshold = np.column_stack(
         [_threshold(motion[:, i], size, planned.dt) for i, size in enumerate(largest)]
@@ -82,13 +81,7 @@ def _despiked(u: Array) -> Array:
     if not known.all():
         at = np.arange(len(u))
         u = np.interp(at, at[known], u[known])
-    return median_filter(u, 3, mode="nearest")
-
-
-def _motion(u: Array, window: int) -> Array:
-    """(n, 2) largest less smallest value in the window around each sample."""
-    most = maximum_filter1d(u, window, axis=0, mode="nearest")
-    return most - minimum_filter1d(u, window, axis=0, mode="nearest")
+    return medians_of_three(u)
 
 
 def _input_sizes(motion: Array, planned: PlannedTest) -> Array:
