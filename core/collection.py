@@ -8,7 +8,6 @@ from dataclasses import replace
 from itertools import count
 
 import numpy as np
-from scipy.special import betaincinv
 
 from core.amplitude import suggest_amplitude
 from core.card import Card, CardError
@@ -289,6 +288,8 @@ def _check_budget(recipe: DatasetRecipe, n_unsafe: int, n_made: int) -> None:
 
 def _highest_share(k: int, n: int) -> float:
     """Largest share of which k of n are as good as ever found."""
+    from scipy.special import betaincinv  # slow to import, and only needed here
+
     return float(betaincinv(k + 1, n - k or 1, 1 - CERTAINTY))
 
 

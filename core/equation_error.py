@@ -10,7 +10,6 @@ from math import floor, inf
 from typing import NamedTuple, Self
 
 import numpy as np
-from scipy.special import stdtrit
 
 from core.types import Array, Flags
 
@@ -199,6 +198,8 @@ class EquationError:
             product = jacobian[:-lag].T @ jacobian[lag:]
             middle += alike[lag] * (product + product.T)
         self._covariance = inverse @ middle @ inverse * (1.0 + n_unknown / n_free)
+        from scipy.special import stdtrit  # slow to import, and only needed here
+
         self._quantile = float(stdtrit(n_free, 0.5 + 0.5 * CONFIDENCE))
         self._noise_shares = self._noise * n * np.diag(inverse)[: len(self._noise)]
         self.share = float(1.0 - alike[0] / self.spread**2) if self.spread else 0.0

@@ -4,7 +4,6 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
-from scipy.special import betaincinv, stdtrit
 
 from core.monitor.group import GROUPINGS, members
 from core.monitor.monitor import Monitor
@@ -22,6 +21,8 @@ def clopper_pearson(
     successes, trials: counts of any one shape, (...); fractional counts serve effective sizes.
     Returns (..., 2) lower and upper bound; (0, 1) where there was no trial.
     """
+    from scipy.special import betaincinv  # slow to import, and only needed here
+
     k, n = np.broadcast_arrays(np.asarray(successes, float), np.asarray(trials, float))
     tail = (1 - confidence) / 2
     none, all_ = k <= 0, k >= n
@@ -40,6 +41,8 @@ def clustered_interval(
 
     successes: (n_clusters, ...).   trials: the same or broadcast to it.   Returns (..., 2).
     """
+    from scipy.special import stdtrit  # slow to import, and only needed here
+
     trials, n_clusters = np.broadcast_to(trials, successes.shape), len(successes)
     if n_clusters == 1:
         return clopper_pearson(successes[0], trials[0], confidence)

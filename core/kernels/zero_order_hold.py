@@ -10,7 +10,6 @@ from math import factorial
 from typing import NamedTuple
 
 import numpy as np
-from scipy.special import hyp1f1
 
 from core.kernels.closed_loop import clear
 from core.kernels.compiled import jit
@@ -64,6 +63,8 @@ def input_series(step: float, lag_s: float) -> tuple[Array, Array]:
     held = np.tile(1.0 / factorials, (MAX_SCALE + 1, 1))
     if lag_s == 0.0:
         return np.stack([held, np.zeros_like(held)]), np.zeros(MAX_SCALE + 1)
+    from scipy.special import hyp1f1  # slow to import, and only needed here
+
     fading = hyp1f1(1, order + 1, -halves[:, None] / lag_s) / factorials
     return np.stack([held, fading]), np.exp(-halves / lag_s)
 

@@ -5,7 +5,6 @@ from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
-from scipy.special import bdtr, betaincinv
 
 from core.types import Array
 
@@ -48,6 +47,8 @@ def confident_rank(epsilon: float, n_unsafe: int) -> int:
     confidence over calibration sets: exactly so where these chose nothing, by experience for scores
     of nearest neighbours, which leave one failure out.
     """
+    from scipy.special import bdtr  # slow to import, and only needed here
+
     missed = bdtr(np.arange(n_unsafe), n_unsafe, epsilon)
     return int(np.count_nonzero(missed <= 1 - CONFIDENCE + 1e-12))
 
@@ -62,6 +63,8 @@ def smallest_epsilon(n_unsafe: int, guarantee: Guarantee = "average", n_early: i
         return 1 / (n_unsafe + 1)
     if n_early >= n_unsafe:
         return 1.0
+    from scipy.special import betaincinv  # slow to import, and only needed here
+
     return float(betaincinv(n_early + 1, n_unsafe - n_early, CONFIDENCE))
 
 

@@ -12,7 +12,6 @@ from math import isfinite
 from typing import ClassVar
 
 import numpy as np
-from scipy.special import expit
 
 from core.channels import N_CHANNELS
 from core.kernels import peak_ridge as kernels
@@ -229,6 +228,8 @@ def log_odds(x: Array, fails: Array) -> tuple[Array, float]:
     Newton's method, each step a weighted ridge regression. Where hardly any flight fails, or all
     do, the odds of all of them.
     """
+    from scipy.special import expit  # slow to import, and only needed here
+
     n_failed = int(fails.sum())
     odds = float(np.log((n_failed + 0.5) / (len(x) - n_failed + 0.5)))
     weights, constant = np.zeros(x.shape[1]), odds

@@ -4,7 +4,6 @@ from math import sqrt
 from typing import Literal, NamedTuple
 
 import numpy as np
-from scipy.special import gammainc
 
 from core.kernels.compiled import in_chunks
 from core.kernels.gusts import fill_gusts
@@ -74,6 +73,8 @@ def sideslip_gusts(
     sigma^2 (1 - t / 2T) exp(-t / T), whose spectrum over angular frequency w is
     sigma^2 (T / pi) (1 + 3 (T w)^2) / (1 + (T w)^2)^2, one-sided.
     """
+    from scipy.special import gammainc  # slow to import, and only needed here
+
     steps = step / gust.time_constant
     a = gust.sigma**2 * (0.5 * -np.expm1(-2 * steps))
     ab = gust.sigma**2 * gammainc(2, 2 * steps) / 4

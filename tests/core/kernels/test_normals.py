@@ -3,7 +3,15 @@ from scipy import stats
 from scipy.special import ndtri
 
 from core.kernels.compiled import jit
-from core.kernels.normals import _half, _in_tail, fill_normals, stream_of, uniform
+from core.kernels.normals import (
+    _QUANTILES,
+    CELLS,
+    _half,
+    _in_tail,
+    fill_normals,
+    stream_of,
+    uniform,
+)
 
 SEED = np.uint64(7)
 
@@ -39,6 +47,11 @@ def test_a_number_is_the_quantile_of_its_bits():
     expected = ndtri((halves + 0.5) / 2.0**32)
     np.testing.assert_allclose(out, expected, atol=2e-3)
     assert abs(out - expected).mean() < 1e-5
+
+
+def test_the_quantiles_are_those_of_the_normal_distribution():
+    quantiles = ndtri(np.arange(CELLS + 1) / CELLS)
+    assert _QUANTILES[1:-1].tobytes() == quantiles[1:-1].tobytes()
 
 
 def test_tails_are_exact():
