@@ -1,16 +1,14 @@
 """The web application: `create_app(settings)`; nothing opens before its lifespan begins."""
 
 import asyncio
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Iterator
 from contextlib import AsyncExitStack, asynccontextmanager
-from functools import cache
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
-from fastapi import APIRouter, FastAPI
+from fastapi import FastAPI
 from fastapi.responses import HTMLResponse, Response
-from fastapi.routing import iter_route_contexts
 from fastapi.staticfiles import StaticFiles
 from starlette.routing import BaseRoute
 
@@ -128,22 +126,17 @@ def create_app(settings: Settings | None = None) -> FastAPI:
     return app
 
 
-@cache
-def _routes() -> tuple[BaseRoute, ...]:
-    """Routes of the API, built once for every application and before any request.
+def _routes() -> Iterator[BaseRoute]:
+    """Routes of the API, built as their modules are imported: before any request, and once.
 
-    FastAPI would build them at the first request, when other threads are at work. It hides
-    pydantic's warnings meanwhile, and that holds for all threads: not safe among them.
+    Those of a router that is included FastAPI would build again, at the first request, when other
+    threads are at work. It hides pydantic's warnings meanwhile, and that holds for all threads.
     """
-    api = APIRouter()
     kept = (datasets, monitors, limit_sets, recordings, scorings, scored_files, markers, storage)
     flown = (flights, flight_stream, live_samples, live_scores, uplink)
     for part in (catalog, *kept, jobs, *flown, people, audit, health):
-        api.include_router(part.router)
-    api.include_router(scene_router())
-    for _ in iter_route_contexts(api.routes):
-        pass
-    return tuple(api.routes)
+        yield from part.router.routes
+    yield from scene_router().routes
 
 
 async def _go_on(aloft: Flights) -> None:
