@@ -1,6 +1,6 @@
 import re
+from copy import deepcopy
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import jsonschema_rs
@@ -15,7 +15,7 @@ from app.main import create_app
 from app.settings import Settings
 from app.store.store import open_store
 from core.monitor import MonitorRecipe, train
-from tests.support.api import api
+from tests.support.api import api, document
 from tests.support.patience import PATIENCE
 from tests.support.recorded import RECORDINGS, csv_of, uploaded
 from tests.support.stored import EVALUATION
@@ -31,7 +31,7 @@ CHECKS = [
 
 
 def described() -> Any:
-    return schemathesis.openapi.from_dict(create_app(Settings(data_dir=Path("unused"))).openapi())
+    return schemathesis.openapi.from_dict(deepcopy(document()))
 
 
 few = described()
@@ -107,10 +107,9 @@ def test_every_answer_is_one_that_the_document_names(case, session, known):
     answered(case, session, known[1])
 
 
-def test_every_operation_and_parameter_says_what_it_is(known):
-    document = create_app(known[0]).openapi()
-    assert "SI units" in document["info"]["description"]
-    for path, item in document["paths"].items():
+def test_every_operation_and_parameter_says_what_it_is():
+    assert "SI units" in document()["info"]["description"]
+    for path, item in document()["paths"].items():
         for method, operation in item.items():
             assert operation["description"], (method, path)
             assert operation["tags"], (method, path)
@@ -118,18 +117,17 @@ def test_every_operation_and_parameter_says_what_it_is(known):
                 assert answer["description"], (method, path)
 
 
-def test_errors_are_described_as_problems(known):
-    document = create_app(known[0]).openapi()
-    assert "HTTPValidationError" not in document["components"]["schemas"]
-    for path, item in document["paths"].items():
+def test_errors_are_described_as_problems():
+    assert "HTTPValidationError" not in document()["components"]["schemas"]
+    for path, item in document()["paths"].items():
         for method, operation in item.items():
             for status, answer in operation["responses"].items():
                 if int(status) >= 400:
                     assert list(answer["content"]) == ["application/problem+json"], (method, path)
 
 
-def test_an_answer_links_to_what_can_be_done_with_what_it_made(known):
-    paths = create_app(known[0]).openapi()["paths"]
+def test_an_answer_links_to_what_can_be_done_with_what_it_made():
+    paths = document()["paths"]
     markers = "/api/v1/recordings/{recording_id}/markers"
     operation = paths[f"{markers}/{{marker_id}}"]["delete"]["operationId"]
     assert paths[markers]["post"]["responses"]["201"]["links"][operation]["parameters"] == {
@@ -142,22 +140,20 @@ def test_an_answer_links_to_what_can_be_done_with_what_it_made(known):
         assert links[job]["parameters"] == {"job_id": "$response.body#/id"}
 
 
-def test_orders_have_examples_that_fit_their_schema(known):
-    document = create_app(known[0]).openapi()
+def test_orders_have_examples_that_fit_their_schema():
     for path in ("/api/v1/datasets", "/api/v1/monitors", "/api/v1/studies", "/api/v1/sweeps"):
-        body = document["paths"][path]["post"]["requestBody"]["content"]["application/json"]
+        body = document()["paths"][path]["post"]["requestBody"]["content"]["application/json"]
         jsonschema_rs.validate(body["schema"], body["example"])
 
 
-def test_units_are_in_the_document(known):
-    document = create_app(known[0]).openapi()
-    body = document["paths"]["/api/v1/monitors"]["post"]["requestBody"]["content"]
+def test_units_are_in_the_document():
+    body = document()["paths"]["/api/v1/monitors"]["post"]["requestBody"]["content"]
     assert body["application/json"]["schema"]["properties"]["t_early"]["x-unit"] == "s"
     assert catalog()["recipes"]["dataset"]["schema"]["properties"]["dt"]["x-unit"] == "s"
 
 
-def test_every_method_that_is_not_allowed_is_answered_by_those_that_are(session, known):
-    paths = create_app(known[0]).openapi()["paths"]
+def test_every_method_that_is_not_allowed_is_answered_by_those_that_are(session):
+    paths = document()["paths"]
     for path in paths:
         address = re.sub(r"\{[^}]+\}", "0", path)
         described = {

@@ -15,7 +15,7 @@ from app.http.security import REFUSED
 from app.main import create_app
 from app.settings import Settings
 from app.store.tokens import ROLES, Role
-from tests.support.api import api, problem, store_of
+from tests.support.api import api, document, problem, store_of
 
 NAMED = {"viewer": "Vi", "operator": "Op", "engineer": "Eng", "admin": "Ada"}
 
@@ -24,7 +24,7 @@ def routes() -> list[tuple[str, str]]:
     """Method and path of all that is served, ids filled in: OpenAPI's, and what it leaves out."""
     app = create_app(Settings(data_dir=Path("unused")))
     described = {
-        (method.upper(), path) for path, item in app.openapi()["paths"].items() for method in item
+        (method.upper(), path) for path, item in document()["paths"].items() for method in item
     }
     served = {
         (method, context.path or "")
