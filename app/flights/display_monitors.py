@@ -99,7 +99,7 @@ def no_rest(monitor: Monitor) -> str:
     if monitor.forecast is not None:
         return monitor.forecast.no_rest
     predictor = kind_label(to_plain(monitor.recipe.predictor)["kind"])
-    return f"the predictor “{predictor}” forecasts nothing of it"
+    return f"“{predictor}” gives none"
 
 
 def flown_monitors(store: Store, flights: Sequence[FlightInfo]) -> dict[str, list[FlownMonitor]]:

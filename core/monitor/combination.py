@@ -135,7 +135,7 @@ def _test_of(member: Monitor) -> dict[str, Any]:
     return {key: value for key, value in member.dataset_recipe.items() if key not in SIZES}
 
 
-NO_REST = "a combination tells the risk of its members, and no forecast of the rest of the card"
+NO_REST = "a combination of monitors gives none"
 
 
 class RunningCombination(RunningForecast):

@@ -51,8 +51,7 @@ FINEST = 1e-3
 NEWTON_STEPS, SMALL_STEP = 10, 0.01
 """Steps of Newton's method at most, and of which size the last one is, in log odds."""
 NO_PEAK = (
-    "this monitor tells no peak to come: its score looks no farther than a window, its "
-    "specification has no limits to share, or its file is an older one"
+    "this monitor gives none: it looks no farther than a window, has no limits, or is an older file"
 )
 LEAST_WEIGHT = 0.05
 """Of a flight whose outcome is certain, so that no step goes too far."""

@@ -32,6 +32,7 @@ export function createRestOfCard(element, noRest) {
   let now = { ahead: null, t: 0, channels: [], state: null };
   let told = "";
   element.hidden = false;
+  element.toggleAttribute("data-never", Boolean(noRest));
 
   /** How bad it is, and the words for it. */
   function reading(stale) {

@@ -644,6 +644,20 @@ def test_the_line_of_states_is_one_line_on_a_screen_of_1024(fly: Fly) -> None:
     assert fly.page.locator(".flight > .status-strip").bounding_box()["height"] < 50  # pyright: ignore
 
 
+@pytest.mark.parametrize("width", [1280, 1024])
+def test_the_transport_is_one_line_on_a_screen_of_1024(fly: Fly, width: int) -> None:
+    fly.page.set_viewport_size({"width": width, "height": 768})
+    fly.watch(UNSAFE, ("pause", None), ("next_alert", None))
+    expect(fly.page.locator('[data-action="next_event"]')).to_be_visible()
+    clock = fly.page.locator(".transport-time")
+    clock.evaluate("(e) => (e.textContent = '→ 3358.45 / 3460.20 s')")  # as of a recording
+    height = fly.page.evaluate("document.querySelector('.flight > .transport').clientHeight")
+    assert height < 60
+    slider = fly.page.locator(".scrub").bounding_box()
+    assert slider is not None
+    assert slider["width"] >= 60
+
+
 def test_nothing_is_green_beside_an_alarm(fly: Fly) -> None:
     fly.watch(UNSAFE, ("pause", None), ("next_alert", None), ("step", 6))
     fly.gauge_says("ALARM")

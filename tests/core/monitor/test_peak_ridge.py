@@ -331,7 +331,7 @@ def test_no_peak_is_told_of_verdicts_alone_or_of_a_window_which_say_so():
             stream.update(k * monitor.dt, y[k])
         assert stream.forecast_ahead() is None
         assert monitor.forecast is not None
-        assert monitor.forecast.no_rest.startswith("this monitor tells no peak to come")
+        assert monitor.forecast.no_rest.startswith("this monitor gives none")
 
 
 def test_before_the_input_and_at_the_end_of_the_manoeuvre_no_peak_is_told_but_why():
