@@ -89,7 +89,7 @@ class GridMonitor:
         if assessment.reason != NOT_FINITE:
             return assessment
         missing = sample.reason or self._missing(sample.y)
-        return replace(assessment, reason=missing) if missing else assessment
+        return assessment._replace(reason=missing) if missing else assessment
 
     def _missing(self, y: Array) -> str:
         """Which channels are missing that the monitor needs; empty where none is."""

@@ -19,7 +19,7 @@ import numba
 from filelock import FileLock
 from numba.core import config, environment, event
 from numba.core.compiler_lock import global_compiler_lock
-from numba.core.runtime import rtsys
+from numba.core.runtime.nrt import rtsys
 
 KEPT_S = 24 * 3600.0
 """Compiled kernels that were used so recently stay [s]."""
