@@ -13,6 +13,9 @@ from core.kernels import N_CHANNELS
 from core.kernels.assessing import Fitted, update
 from core.kernels.calibration_tree import CalibrationTree
 from core.kernels.compiled import brief, inlined
+from core.kernels.deviation import Deviation, Reference, take
+from core.kernels.innovation import Innovation
+from core.kernels.lanes import WIDTH
 from core.kernels.nearest import Tree
 from core.kernels.p_value import Transduction
 from core.types import Array, Indices
@@ -53,15 +56,72 @@ def live_call(
         *(exact.points, exact.unsafe, exact.safe, exact.start, exact.alphas, *exact.tree),
         *(buffer, status, clock, point),
     )
-    if not all(array.flags.c_contiguous for array in arrays):
-        raise ValueError("an array of the monitor is not in rows: np.ascontiguousarray makes it so")
     return LiveCall(
-        np.array([(array.ctypes.data, len(array)) for array in arrays]),
+        _table_of(arrays),
         np.array(
             [exact.points.shape[1], fitted.d, fitted.channel, exact.always, int(exact.running)]
         ),
         np.array([fitted.unsafe_weight, fitted.safe_weight, dt]),
     )
+
+
+def take_call(reference: Reference, so_far: Deviation, history: Array) -> LiveCall:
+    """Lay out the arguments of `deviation.take`: a table of (18, 2), counts (7,) and numbers (1,).
+
+    The arrays must outlive it.   ValueError for an array that is not in rows.
+    """
+    innovation = reference.innovation
+    arrays = (
+        *(reference.matrix, reference.offset, *reference.safe, reference.scale, reference.sigma),
+        *(innovation.matrix, innovation.offset, innovation.sigma, *so_far, history),
+    )
+    counts = (
+        *(reference.d, reference.h, reference.n_delay, int(reference.has_residuals)),
+        *(innovation.n_past, innovation.spacing, innovation.window),
+    )
+    return LiveCall(_table_of(arrays), np.array(counts), np.array([reference.dt]))
+
+
+def _table_of(arrays: tuple[Any, ...]) -> Indices:
+    """Address and length of each."""
+    if not all(array.flags.c_contiguous for array in arrays):
+        raise ValueError("an array of the monitor is not in rows: np.ascontiguousarray makes it so")
+    return np.array([(array.ctypes.data, len(array)) for array in arrays])
+
+
+@brief
+def take_at(table, counts, numbers, y, t, code, distance):
+    """`deviation.take` of the arrays in the table."""
+    reference = Reference(
+        carray(_floats(table[0, 0]), (table[0, 1], table[1, 1])),
+        _numbers(table, 1),
+        Tree(_numbers(table, 2), _lanes(table, 3), _numbers(table, 4), _lanes(table, 5)),
+        _numbers(table, 6),
+        _numbers(table, 7),
+        counts[0],
+        counts[1],
+        counts[2],
+        numbers[0],
+        counts[3] != 0,
+        Innovation(
+            carray(_floats(table[8, 0]), (table[8, 1], WIDTH)),
+            _numbers(table, 9),
+            _numbers(table, 10),
+            counts[4],
+            counts[5],
+            counts[6],
+        ),
+    )
+    so_far = Deviation(
+        carray(_floats(table[11, 0]), (table[11, 1], WIDTH)),
+        _whole(table, 12),
+        _numbers(table, 13),
+        carray(_floats(table[14, 0]), (table[14, 1], counts[0])),
+        carray(_floats(table[15, 0]), (table[15, 1], WIDTH)),
+        _numbers(table, 16),
+    )
+    history = carray(_floats(table[17, 0]), (table[17, 1], N_CHANNELS))
+    return take(reference, so_far, history, y, t, code, distance)
 
 
 @brief

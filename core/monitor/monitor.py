@@ -1,6 +1,5 @@
 """The trained and calibrated monitor: of a batch, of a stream."""
 
-from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -312,7 +311,7 @@ class Monitor:
     def stream(self, epsilon: float | None = None, exemplars: bool = True) -> "Stream":
         """Start assessing one flight, sample by sample.
 
-        exemplars: whether they are told; else only those that its validity needs.
+        exemplars: whether they are told.
         """
         return Stream(self, self.alert_above(epsilon), exemplars)
 
@@ -416,17 +415,17 @@ class Monitor:
 
     def unsafe_exemplar(self, point: int, distance: float) -> Exemplar:
         """The failed rollout behind an unsafe point, at the sample t_early before it failed."""
-        rollout, sample = self.unsafe_where[point].tolist()
-        return self._exemplar(rollout, sample, distance, self.theta_unsafe)
+        return self._unsafe_neighbour().exemplar(point, distance)
 
     def safe_exemplar(self, point: int, distance: float) -> Exemplar:
         """The safe rollout behind a safe point, at the sample it was observed."""
-        rollout, sample = self.safe_where[point].tolist()
-        return self._exemplar(rollout, sample, distance, self.theta_safe)
+        return self._safe_neighbour().exemplar(point, distance)
 
-    def _exemplar(self, rollout: int, sample: int, distance: float, theta: Array) -> Exemplar:
-        parameters = dict(zip(self.theta_names, theta[rollout].tolist(), strict=True))
-        return Exemplar(rollout, sample * self.dt, distance, parameters)
+    def _unsafe_neighbour(self) -> "_Neighbour":
+        return _Neighbour(self.unsafe_where, self.theta_unsafe, self.theta_names, self.dt)
+
+    def _safe_neighbour(self) -> "_Neighbour":
+        return _Neighbour(self.safe_where, self.theta_safe, self.theta_names, self.dt)
 
 
 class Stream:
@@ -452,9 +451,8 @@ class Stream:
         has_outputs = monitor.forecast is not None and monitor.forecast.has_outputs
         self._scale = monitor.scale
         self._maps_ahead = monitor.recipe.predictor.forecasts and not has_outputs
-        self._tells_unsafe, self._tells_safe = exemplars, exemplars or basis is not None
-        self._unsafe = _Neighbour(monitor.unsafe_exemplar)
-        self._safe = _Neighbour(monitor.safe_exemplar)
+        self._tells = exemplars
+        self._unsafe, self._safe = monitor._unsafe_neighbour(), monitor._safe_neighbour()
         arrays = self._buffer, self._status, self._clock, self._point
         self._call = live_call(self._fitted, self._exact, *arrays, monitor.dt)
         self._update = compiled.entry(update_at, *self._call, 0.0, self._buffer[0])
@@ -477,7 +475,8 @@ class Stream:
             self._reason = LOST
             return assessment
         if self._validity is not None:
-            if self._validity.update(y, assessment):
+            near = self._clock.item(3) if self._status.item(3) >= 0 else np.nan
+            if self._validity.update(y, assessment, near if assessment.state is OK else np.nan):
                 self._reason = in_words(self._validity.verdict.reasons)
                 return withdrawn(assessment.t, self._reason)
             if self._limits is not None and exceeds(self._limits, y):
@@ -511,29 +510,34 @@ class Stream:
         if self._groups is not None:
             p, group = self._groups.p_value(s), self._groups.name
         unsafe = safe = None
-        if self._tells_unsafe and (point := self._status.item(2)) >= 0:
-            unsafe = self._unsafe.exemplar(point, self._clock.item(2))
-        if self._tells_safe and (point := self._status.item(3)) >= 0:
-            safe = self._safe.exemplar(point, self._clock.item(3))
+        if self._tells:
+            if (point := self._status.item(2)) >= 0:
+                unsafe = self._unsafe.exemplar(point, self._clock.item(2))
+            if (point := self._status.item(3)) >= 0:
+                safe = self._safe.exemplar(point, self._clock.item(3))
         above = self.alert_above
         fields = (t, p, p > above, OK, "", y_hat, s, unsafe, safe, above, None, group)
         return make_assessment(Assessment, fields)
 
 
 class _Neighbour:
-    """The exemplar of a stream's neighbour, which mostly is that of the sample before."""
+    """The exemplars of a flight's neighbours; mostly of a rollout that it was like before.
 
-    def __init__(self, look_up: Callable[[int, float], Exemplar]) -> None:
-        self._look_up = look_up
-        self._point, self._exemplar = -1, Exemplar(-1, 0.0, 0.0, {})
+    where: (n, 2) rollout and sample of each point.   theta: (n_rollouts, n_parameters).
+    """
+
+    def __init__(self, where: Indices, theta: Array, names: tuple[str, ...], dt: float) -> None:
+        self._where, self._theta, self._names, self._dt = where, theta, names, dt
+        self._parameters: dict[int, dict[str, float]] = {}
 
     def exemplar(self, point: int, distance: float) -> Exemplar:
         """Of a point at a distance."""
-        known = self._exemplar
-        if point != self._point:
-            self._point, self._exemplar = point, (found := self._look_up(point, distance))
-            return found
-        return Exemplar(known.rollout, known.t, distance, known.theta)
+        rollout = self._where.item(point, 0)
+        parameters = self._parameters.get(rollout)
+        if parameters is None:
+            parameters = dict(zip(self._names, self._theta[rollout].tolist(), strict=True))
+            self._parameters[rollout] = parameters
+        return Exemplar(rollout, self._where.item(point, 1) * self._dt, distance, parameters)
 
 
 def assemble(

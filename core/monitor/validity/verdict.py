@@ -19,6 +19,7 @@ import numpy as np
 
 from core.channels import KEYS, N_CHANNELS
 from core.kernels.assessing import OK, STALE
+from core.kernels.compiled import entry
 from core.kernels.deviation import (
     AT,
     DISTANCE,
@@ -30,9 +31,9 @@ from core.kernels.deviation import (
     begin,
     follow,
     n_before,
-    take,
 )
 from core.kernels.exceedance import exceeds_any
+from core.kernels.live_call import take_at, take_call
 from core.monitor.assessment import Assessment, Assessments, Withdrawal, code_of
 from core.monitor.validity.input_shape import WrongInput
 from core.monitor.validity.reasons import outside_training, too_little
@@ -232,28 +233,26 @@ class RunningValidity:
         self._history = np.zeros((n_before(basis.reference) + 1, N_CHANNELS))
         self._deviation: Deviation = begin(basis.reference)
         self._outlier: Array | None = None
+        self._call = take_call(basis.reference, self._deviation, self._history)
+        self._take = entry(take_at, *self._call, self._history[0], 0.0, 0, 0.0)
+        self._peaks, self._counts = self._deviation.peaks, self._deviation.counts
         self._shape = basis.input_shape and basis.input_shape.begin()
         self._wrong: WrongInput | None = None
 
-    def update(self, y: Array, assessment: Assessment) -> bool:
+    def update(self, y: Array, assessment: Assessment, distance: float = np.nan) -> bool:
         """Take the next sample. Returns whether the flight is invalid, from now or before on.
 
         y: (6,) float64, contiguous.   assessment: of it, not withdrawn.
+        distance: from the nearest safe point; NaN where it is not known, or told by the assessment.
         """
-        near = assessment.nearest_safe
-        residual, distance = take(
-            self.basis.reference,
-            self._deviation,
-            self._history,
-            y,
-            assessment.t,
-            code_of(assessment.state),
-            np.nan if near is None else near.distance,
-        )
-        if self._deviation.peaks[AT, DISTANCE] == self._deviation.counts[SAMPLES] - 1:
+        if assessment.nearest_safe is not None:
+            distance = assessment.nearest_safe.distance
+        code = code_of(assessment.state)
+        residual, distance = self._take(*self._call, y, assessment.t, code, distance)
+        if self._peaks.item(AT, DISTANCE) == self._counts.item(SAMPLES) - 1:
             self._outlier = assessment.y_hat
         if self._shape is not None and assessment.state == "ok":
-            sample = int(self._deviation.counts[SAMPLES]) - 1
+            sample = self._counts.item(SAMPLES) - 1
             self._wrong = self._wrong or self._shape.update(sample, assessment.t, y)
         return (
             residual > self._residual_bound
