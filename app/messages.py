@@ -94,6 +94,11 @@ class LimitsFrom(Message):
     limits: dict[str, float | None] | None = Field(
         description="by channel; null where it could not be told which hold"
     )
+    seq: int | None = Field(
+        default=None,
+        description="the first sample itself, in a record: times return where a flight is sought; "
+        "null elsewhere and in records of before",
+    )
 
 
 class Alarm(Message):
@@ -427,7 +432,7 @@ class LimitsChange(Message):
     """Another version of a limit set was put in force, or another flight condition holds."""
 
     type: Literal["limits"] = "limits"
-    limits: LimitsStatus
+    limits: LimitsStatus | None = Field(description="as in hello")
     channels: list[ChannelLimit] = Field(description="as in hello, with the limits that hold")
 
 
@@ -483,6 +488,7 @@ class Reset(Message):
     type: Literal["reset"] = "reset"
     seq: int
     t: float = Field(description="[s] of the next frame")
+    held: list[LimitsFrom] = Field(default_factory=list, description="as in hello, by now")
 
 
 class Heartbeat(Message):

@@ -6,7 +6,7 @@ Where the samples come from, and when, is the matter of TrackFlight and LiveFlig
 import logging
 from abc import ABC, abstractmethod
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cache, partial
 from math import inf
@@ -43,7 +43,7 @@ from app.messages import (
     plain_frame,
     validity_word,
 )
-from app.scoring.limits_in_force import ChangeOfLimits, LimitsInForce, Ruling
+from app.scoring.limits_in_force import ChangeOfLimits, HeldFrom, LimitsInForce, Ruling
 from core.channels import KEYS
 from core.evaluation.certificate import warnings_of
 from core.flight_markers import FLIGHT_MARKERS, FlightMarkerKey
@@ -140,11 +140,11 @@ class Flight(ABC):
         self._exceeds = False
         self.exceeded_t: float | None = None
         self.exceedances = Exceedances()
-        self._has_restarted = False
         self._limits_held: deque[LimitsFrom] = deque(maxlen=MOST_HELD)
+        self._limits_of_record: deque[LimitsFrom] = deque(maxlen=MOST_HELD)
         self._alert_above = plan.monitor.alert_above(plan.epsilon)
         self._on_over = on_over
-        self._recent = RecentFrames()
+        self._recent = RecentFrames(held=lambda: list(self._limits_held))
         self._watchers: set[Watcher] = set()
         self._timers: dict[str, Timer] = {}
         self._pose: tuple[Angles, Array] | None = None
@@ -203,10 +203,9 @@ class Flight(ABC):
         return None if self._ruling is None else status_of(self._ruling, self._held_since)
 
     @property
-    def limits_held(self) -> list[LimitsFrom] | None:
-        """Which limits held from when on; empty for the monitor's own, None where times do not
-        tell, since it was sought under a limit set."""
-        return None if self._has_restarted else list(self._limits_held)
+    def limits_held(self) -> list[LimitsFrom]:
+        """Which limits held from which sample on; empty for the monitor's own."""
+        return list(self._limits_of_record)
 
     @property
     def live(self) -> LiveStatus | None:
@@ -306,16 +305,34 @@ class Flight(ABC):
 
     def _hold(self, ruling: Ruling | None) -> None:
         """Tell everyone which limits hold, where that changed."""
-        if ruling is self._ruling or ruling is None:
+        if ruling is self._ruling:
             return
-        own = specification_to_plain(self._specification)
-        if not self._limits_held and isinstance(own, dict):
+        own = self._plain_limits(None)
+        if not self._limits_held and own is not None:
             self._limits_held.append(LimitsFrom(t=None, limits=own))
-        self._ruling, self._held_since = ruling, self.t if self.head >= 0 else None
-        held: Any = specification_to_plain(ruling.specification)
-        self._limits_held.append(LimitsFrom(t=self._held_since, limits=held))
-        channels, told = limited_channels(ruling.specification), status_of(ruling, self._held_since)
-        self._tell(LimitsChange(limits=told, channels=channels).encode())
+        since = self.t if self.head >= 0 else None
+        self._limits_held.append(LimitsFrom(t=since, limits=self._plain_limits(ruling)))
+        self._change(ruling, since)
+
+    def _change(self, ruling: Ruling | None, since: float | None) -> None:
+        """Hold what comes by a ruling, None for the monitor's own limits; tell and note it.
+
+        since: time of the sample before the first that it held for [s]; None for all.
+        """
+        record, own = self._limits_of_record, self._plain_limits(None)
+        if not record and own is not None:
+            record.append(LimitsFrom(t=None, limits=own, seq=0))
+        limits = self._plain_limits(ruling)
+        record.append(LimitsFrom(t=since, limits=limits, seq=self.head + 1))
+        self._ruling, self._held_since = ruling, since
+        channels = limited_channels(self._specification)
+        self._tell(LimitsChange(limits=self.limits, channels=channels).encode())
+
+    def _plain_limits(self, ruling: Ruling | None) -> Any:
+        """What is held against by a ruling, by channel; None where nobody can tell."""
+        own = self.plan.monitor.specification
+        plain = specification_to_plain(own if ruling is None else ruling.specification)
+        return plain if isinstance(plain, dict) else None
 
     @property
     def _limits(self) -> Array | None:
@@ -471,16 +488,22 @@ class Flight(ABC):
             if alarm.id == alarm_id:
                 self._tell(AlarmRaised(alarm=alarm).encode())
 
-    def _restart(self, t: float) -> None:
-        """The next sample, at t [s], does not follow the last one."""
+    def _restart(self, t: float, held: Sequence[HeldFrom] = ()) -> None:
+        """The next sample, at t [s], does not follow the last one.
+
+        held: which limits held for the samples of the source up to that one; empty for those that
+        hold now, whatever the time.
+        """
         for watcher in self._watchers:
             watcher.before_reset()
-        self._tell(self._recent.restart(t))
         self.alarms.restart()
         self.exceedances.restart()
-        self._has_restarted = self._has_restarted or len(self._limits_held) > 0
-        for newest in list(self._limits_held)[-1:]:
-            self._limits_held = deque([newest.model_copy(update={"t": None})], MOST_HELD)
+        newest = [one.model_copy(update={"t": None}) for one in list(self._limits_held)[-1:]]
+        of_source = [LimitsFrom(t=t, limits=self._plain_limits(ruling)) for t, ruling in held]
+        self._limits_held = deque(of_source or newest, MOST_HELD)
+        self._tell(self._recent.restart(t))
+        if held and held[-1].ruling is not self._ruling:
+            self._change(held[-1].ruling, held[-1].t)
 
     def _show(self) -> None:
         """Let watchers and scene have what is new."""

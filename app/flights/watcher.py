@@ -10,7 +10,7 @@ out: a watcher that does not take them is closed, and finds them again when it r
 from collections import deque
 from collections.abc import Callable
 
-from app.messages import Reset, Waiting, encode_frames
+from app.messages import LimitsFrom, Reset, Waiting, encode_frames
 
 CREDIT = 16
 NEWEST = 16
@@ -27,10 +27,13 @@ MAX_WAITING = 256
 
 
 class RecentFrames:
-    """The newest encoded frames since the last reset, by seq."""
+    """The newest encoded frames since the last reset, by seq.
 
-    def __init__(self, kept: int = KEPT) -> None:
-        self._kept = kept
+    held: which limits held since then.
+    """
+
+    def __init__(self, kept: int = KEPT, held: Callable[[], list[LimitsFrom]] = list) -> None:
+        self._kept, self._held = kept, held
         self._ring: list[str] = []
         self._messages: dict[tuple[int, int, int], str] = {}
         self._newest = ""
@@ -58,7 +61,7 @@ class RecentFrames:
 
     def reset(self) -> str:
         """Return the message that says where the kept frames start."""
-        return Reset(seq=self.first, t=self.first_t).encode()
+        return Reset(seq=self.first, t=self.first_t, held=self._held()).encode()
 
     @property
     def newest(self) -> str:

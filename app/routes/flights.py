@@ -94,7 +94,7 @@ class FlightStatus(BaseModel):
     limits_held: list[LimitsFrom] | None = Field(
         default=None,
         description="which limits did, of a flight that is over: empty where the monitor's own; "
-        "null where nobody knows, as it was cut short or sought",
+        "null where nobody knows, as it was cut short",
     )
     source: dict[str, Any]
     mode: Mode = Field(description="whether its samples are measured, replayed or simulated")

@@ -111,6 +111,13 @@ class Ruling:
         return ruled[0], tuple(ruled[1:])
 
 
+class HeldFrom(NamedTuple):
+    """A ruling that held for samples after t [s], None for all; None for the monitor's own."""
+
+    t: float | None
+    ruling: Ruling | None
+
+
 class LimitsRule:
     """Which limits hold for each sample of a flight, while one version of a set is in force.
 

@@ -11,7 +11,7 @@ import numpy as np
 from app.flights.exceedance import exceedance
 from app.flights.sources.track import Track
 from app.messages import MeasuredExceedance
-from app.scoring.limits_in_force import Ruling
+from app.scoring.limits_in_force import HeldFrom, Ruling
 from core.monitor import Assessment, Monitor
 from core.monitor.peak_forecast import Ahead, RunningForecast
 from core.monitor.validity.verdict import exceeds
@@ -75,6 +75,10 @@ class Script(ABC):
     def ruling(self, k: int) -> Ruling | None:
         """Which limits held for sample k when it was flown; None where it was not, or its own."""
         return None
+
+    def held_until(self, k: int) -> list[HeldFrom]:
+        """Which limits held for the samples up to k when they were flown; empty where its own."""
+        return []
 
     def exceeding(self, limits: Array | None) -> Indices:
         """Samples at which an exceedance of limits begins. limits: (6,), None for none known."""

@@ -13,7 +13,7 @@ from app.flights.sources.playback import Angles, FollowedForecast, Script, onset
 from app.messages import Judged, MeasuredExceedance
 from app.recordings.reasons import reason
 from app.scoring.limits_history import HeldLimits
-from app.scoring.limits_in_force import Ruling
+from app.scoring.limits_in_force import HeldFrom, Ruling
 from app.scoring.outcome import SAME_TIME
 from app.scoring.planned_test import limits_of, needed_channels
 from core.channels import KEYS
@@ -102,6 +102,16 @@ class RecordedScript(Script):
     def ruling(self, k: int) -> Ruling | None:
         """Which limits held for sample k."""
         return None if self._held is None else self._held.ruling(float(self.t[k]))
+
+    def held_until(self, k: int) -> list[HeldFrom]:
+        """Which limits held for the samples up to k."""
+        if self._held is None:
+            return []
+        begins = np.searchsorted(self.t, self._held.starts)
+        held = zip(begins.tolist(), self._held.rulings, strict=True)
+        by_sample = {begin: ruling for begin, ruling in held if begin <= k}
+        each = by_sample.items()
+        return [HeldFrom(float(self.t[i - 1]) if i else None, one) for i, one in each]
 
     def recorded(self, k: int) -> Array:
         """Sample k, bias and trim included, (6,): between manoeuvres, trim of the one before."""

@@ -201,7 +201,7 @@ class TrackFlight(Flight):
     def _fly_due(self, due: Due) -> None:
         script, k = self._script, due.sample
         if due.restarts:
-            self._restart(float(script.t[k]))
+            self._restart(float(script.t[k]), script.held_until(k))
             self._pass(k)
         self._furthest, self._at = max(self._furthest, k), k
         self._late = script.late(k)

@@ -8,7 +8,7 @@
  *
  * Display
  *   take(frames)               newest last; returns the newest that is shown, or null
- *   restart(t) -> Promise<frames | null>    after a seek or a loop: draws what lies before t [s]
+ *   restart(t, held) -> Promise<frames | null>    after a seek or a loop: draws what lies before t [s]; held(): which limits held there, as hello has them
  *   forget()                   what is shown never was: the strips begin anew
  *   setAssessment({state, reason, cause}, quiet)    as the server says it, without a sample
  *   setHeadline({status, level, beside})     as the server decided it
@@ -122,13 +122,14 @@ export function createAssessmentDisplay(panels, { hello, history, alarm, events,
     chart.setState(assessment);
   }
 
-  async function restart(t) {
+  async function restart(t, held) {
     newest = null;
     ahead.take(null);
     origin = t;
     const read = await history.readBefore(t);
     if (read === null) return null;
     chart.clear();
+    if (held().length > 0) chart.setHeld(held());
     seen = true;
     if (read.before.length > 0) chart.push(read.before);
     seen = false;

@@ -152,9 +152,10 @@ export function showLiveFlight(element, { id, api, over }) {
     if (hello.transport.seekable) events.showUntil(t);
   }
 
-  async function onReset({ t }) {
+  async function onReset({ t, held }) {
+    hello.held = held;
     showEventsUntil(t);
-    const newest = await display.restart(t);
+    const newest = await display.restart(t, () => hello.held);
     transport.arrived();
     onFrames([], newest);
   }
@@ -194,9 +195,12 @@ export function showLiveFlight(element, { id, api, over }) {
   /** Others hold from the next sample on, by hand or by the flight condition. */
   function onLimits({ limits: inForce, channels }) {
     hello.channels = channels;
-    const { since } = inForce;
+    const since = inForce === null ? null : inForce.since;
     display.chart.setLimits(channels, since ?? -Infinity);
     limits.show(inForce, channels);
+    if (inForce === null) return; // a seek to before any was
+    const own = hello.held.length > 0 ? hello.held : [{ t: null, limits: hello.monitors[0].limits }];
+    hello.held = [...own, { t: since, limits: inForce.limits }];
     events.add(limits.event(inForce, since));
     display.chart.flag({ key: null, t: since ?? inForce.t, word: inForce.limits === null ? "limits unknown" : "limits", colour: "caution" });
   }

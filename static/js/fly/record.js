@@ -3,6 +3,7 @@
  *
  * Exports
  *   showFlightRecord(element, {flight, why, reopen, api, navigate}) -> {close()}
+ *   heldDuring(held, frames) -> [{t, limits}]    which limits held in these frames, of a record's limits_held
  *     flight: as the server has it.   why: how it ended, if the page saw it.   reopen(): read it again, it is not as it was
  */
 
@@ -114,13 +115,13 @@ export function showFlightRecord(element, { flight, why, reopen, api, navigate }
     if (closed) return;
     shown.monitor = monitor.name;
     status.update(shown);
-    const held = flight.limits_held ?? [];
+    const { passes, longest } = longestPass(frames);
+    const held = heldDuring(flight.limits_held ?? [], longest);
     const newest = held.findLast((one) => one.limits !== null)?.limits ?? {};
-    const limits = put.length > 0 ? newest : (monitor.dataset_recipe.specification ?? {});
+    const limits = put.length > 0 || held.length > 0 ? newest : (monitor.dataset_recipe.specification ?? {});
     panels.notice.append(...putLines(put));
     panels.notice.append(...exceedanceLines(flight.exceedances, catalog.channels));
     const channels = catalog.channels.map((channel) => ({ ...channel, limit: limits[channel.key] ?? null }));
-    const { passes, longest } = longestPass(frames);
     if (longest.length === 0) {
       panels.strips.replaceChildren(state("empty", "Nothing was recorded", "The flight ended before its first sample."));
       return;
@@ -278,6 +279,14 @@ function exceedanceLines(exceedances, channels) {
     const most = `worst ${quantity(channel, worst)} at ${secondsText(at)}, limit ${magnitudeIn(channel, limit)}`;
     return h("p", { class: "exceedance-summary" }, h("strong", {}, ...symbolNodes(channel.symbol), " exceeded: "), `${when}; ${most}.`);
   });
+}
+
+/** Which limits held from when on during a pass, by the numbers of its samples: times return where a flight was sought. */
+export function heldDuring(held, pass) {
+  if (pass.length === 0 || held.every(({ seq }) => seq === null)) return held; // of a record of before
+  const [first, last] = [pass[0].seq, pass.at(-1).seq];
+  const begin = held.findLast(({ seq }) => seq <= first)?.limits ?? null;
+  return [{ t: null, limits: begin }, ...held.filter(({ seq }) => seq > first && seq <= last)];
 }
 
 /** Passes of rising time, between which the flight was sought or looped: the longest, the last of equals. */

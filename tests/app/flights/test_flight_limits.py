@@ -30,7 +30,7 @@ from core.limit_set import LimitSet, limit_set_from_plain
 from core.monitor import Monitor, MonitorRecipe, train
 from core.monitor.status import Facts, headline, in_words
 from core.specification import Limits
-from tests.support.flying import ScriptedClock, T, exact_monitor, failing_flight
+from tests.support.flying import ScriptedClock, Seen, T, exact_monitor, failing_flight
 from tests.support.oscillator import DT, N_SAMPLES
 
 
@@ -183,6 +183,27 @@ CONDITION_OF = {**dict.fromkeys(range(20), 0.6), **dict.fromkeys(range(30, 35), 
 """Mach by number of the sample; it does not come with any other, and 45 says that it is unknown."""
 
 
+def assert_it_knows_its_limits_where_it_is_sought(replay: Any) -> None:
+    """The replay of a flight of 0.5 g, 0.4 g from sample 30 on, of nobody knows what from 45 on."""
+    seen = Seen(replay.watch())
+    replay.act("pause")
+    first, changes = replay.head + 1, [(None, 0.5), (T[29], 0.4), (T[44], None)]
+    for k, n in ((47, 3), (35, 2), (10, 1), (31, 2)):
+        replay.act("seek", float(T[k]))
+        seen.take()
+        hello = Seen(replay.watch()).take()[0]
+        for held in (seen.of("reset")[-1]["held"], hello["held"]):
+            told = [(one["t"], one["limits"] and one["limits"]["Ny"]) for one in held]
+            assert told[-n:] == changes[:n]
+        assert hello["limits"]["since"] == changes[n - 1][0]
+        assert hello["channels"][3]["limit"] == changes[n - 1][1]
+    now = seen.of("limits")[-1]["limits"]
+    assert (now["case"], now["since"]) == ("fast", T[29])
+    record = [one for one in replay.limits_held if one.seq >= first]
+    told = [(one.seq - first, one.limits and one.limits["Ny"]) for one in record]
+    assert told == [(0, None), (1, 0.4), (2, 0.5), (3, 0.4)]
+
+
 def test_a_measured_condition_chooses_the_limits_and_the_journal_says_the_same(
     run: Callable,
 ) -> None:
@@ -238,6 +259,7 @@ def test_a_measured_condition_chooses_the_limits_and_the_journal_says_the_same(
             replay = await flights.start(FlightRequest.model_validate(asked))
             with pytest.raises(NotPossible, match="held against the limits that it was"):
                 await flights.put_in_force(replay.id, place.limits, 1, {}, "Ben")
+            assert_it_knows_its_limits_where_it_is_sought(replay)
             source_frames = replay.source_frames(0, N_SAMPLES)
             assert [f["reason"] for f in source_frames] == [f["reason"] for f in frames]
         expected = exact_monitor().assess(T, y).columns()["p_value"]

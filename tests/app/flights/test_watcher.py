@@ -130,7 +130,7 @@ def test_the_frames_before_a_reset_are_still_sent_before_it() -> None:
     messages = Seen(watcher).take()
     assert [message["type"] for message in messages] == ["frames", "reset", "frames"]
     assert seqs(messages) == [0, 1, 2, 3]
-    assert messages[1] == {"type": "reset", "seq": 3, "t": 7.5}
+    assert messages[1] == {"type": "reset", "seq": 3, "t": 7.5, "held": []}
 
 
 def test_what_a_reset_took_from_a_watcher_without_credit_is_counted() -> None:

@@ -10,6 +10,7 @@ from core.limit_set import LimitCase, LimitSet
 from core.specification import Limits
 from tests.browser.fly.test_fly_page import SAFE, Fly, site, stored
 from tests.browser.site import Site
+from tests.browser.strips import Open
 
 __all__ = ["site", "stored"]
 
@@ -59,3 +60,24 @@ def test_limits_are_changed_in_flight_and_a_monitor_of_others_says_no_number(
     strip = page.locator('.strip[data-key="Ny"] canvas')
     expect(strip).to_have_attribute("aria-label", re.compile("limit ±0.4"))
     assert [one["by"] for one in fly.ask("GET", f"/flights/{fly.flight}/limits")] == ["local"] * 2
+
+
+def test_a_record_shows_the_limits_of_the_samples_that_it_shows(strips: Open) -> None:
+    """Sought back at sample 50 to before the change at 30, and changed again at 60."""
+    script = """async (held) => {
+      const { heldDuring } = await import("/static/js/fly/record.js");
+      const pass = (first, last) => [{ seq: first }, { seq: last }];
+      return [pass(0, 49), pass(50, 80), pass(40, 45), pass(10, 20), []].map((frames) =>
+        heldDuring(held, frames).map(({ t, limits }) => [t, limits?.Ny ?? null]));
+    }"""
+    changes = [(0, None, 0.5), (30, 2.9, 0.4), (50, None, 0.5), (60, 1.9, None)]
+    held = [{"seq": seq, "t": t, "limits": ny and {"Ny": ny}} for seq, t, ny in changes]
+    whole, after, late, early, none = strips().evaluate(script, held)
+    assert whole == [[None, 0.5], [2.9, 0.4]]
+    assert after == [[None, 0.5], [1.9, None]]
+    assert (late, early) == ([[None, 0.4]], [[None, 0.5]])
+    assert len(none) == 4
+    dropped = [one for one in held if one["seq"] > 0]
+    assert strips().evaluate(script, dropped)[3] == [[None, None]]
+    of_before = [{**one, "seq": None} for one in held]
+    assert len(strips().evaluate(script, of_before)[3]) == 4
