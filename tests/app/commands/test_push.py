@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -16,11 +17,17 @@ from app.commands.recorded_rows import si_rows
 from app.commands.sample_flight import TRIM_S, table
 from core.channels import KEYS
 from core.collection import DatasetRecipe, evaluation_flights
+from core.types import Array
 from tests.support.live_server import LiveServer, journal_samples, live_server
 
 pytestmark = pytest.mark.usefixtures("read_here")
-Y = evaluation_flights(DatasetRecipe(seed=0), 1).y[0]
 DT = DatasetRecipe().dt
+
+
+@cache
+def flown() -> Array:
+    """What `sample-flight` writes, y (n, 6): simulated where a test asks for it."""
+    return evaluation_flights(DatasetRecipe(seed=0), 1).y[0]
 
 
 @pytest.fixture(scope="module")
@@ -32,7 +39,7 @@ def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[LiveServer]:
 @pytest.fixture(scope="module")
 def file(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("file") / "flight.csv"
-    path.write_text(table(Y, DT))
+    path.write_text(table(flown(), DT))
     return path
 
 
@@ -51,7 +58,7 @@ def test_a_file_is_pushed_in_si_units_and_is_durable(server: LiveServer, file: P
     assert (flight["name"], flight["progress"]) == ("twice", "ended")
     for i, key in enumerate(KEYS):
         sent = journal_samples(server.root, result["flight"], key)
-        assert sent[-len(Y) :] == pytest.approx(Y[:, i].tolist(), abs=1e-9)
+        assert sent[-len(flown()) :] == pytest.approx(flown()[:, i].tolist(), abs=1e-9)
 
 
 def test_own_names_are_read_by_the_recording_of_the_flight(server: LiveServer, file: Path, capsys):
@@ -66,9 +73,9 @@ def test_own_names_are_read_by_the_recording_of_the_flight(server: LiveServer, f
     code, result = pushed(capsys, file, *options, *more)
     assert (code, result["refused"]) == (0, 0)
     beta = np.radians(journal_samples(server.root, result["flight"], "beta_deg"))
-    assert beta[-len(Y) :] == pytest.approx(Y[:, 0], abs=1e-9)
+    assert beta[-len(flown()) :] == pytest.approx(flown()[:, 0], abs=1e-9)
     frames = httpx2.get(f"{server.url}/api/v1/flights/{result['flight']}/assessments").json()
-    assert frames["frames"][-1]["y"] == pytest.approx(Y[-1].tolist(), abs=1e-9)
+    assert frames["frames"][-1]["y"] == pytest.approx(flown()[-1].tolist(), abs=1e-9)
 
 
 class Watched:
@@ -119,7 +126,7 @@ def test_what_was_sent_is_said_when_it_is_interrupted(
     options = ["--monitor", server.monitor_id, "--server", server.url, "--rate", "max"]
     assert main(["push", str(file), *options]) == 130
     printed = capsys.readouterr().out
-    n = len(Y) + round(TRIM_S / DT)
+    n = len(flown()) + round(TRIM_S / DT)
     assert f"interrupted: 5 of {n} samples were sent" in printed
     assert f"durable: 5 of {n} samples" in printed
 
