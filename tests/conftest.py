@@ -3,6 +3,7 @@
 import gc
 from collections.abc import Generator, Iterator
 from functools import partial
+from itertools import zip_longest
 from typing import Any
 
 import httpx2
@@ -51,15 +52,22 @@ def pytest_collection() -> Generator[None, object, object]:
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Begin with the browser tests: those of one worker share a browser. Then come long files.
 
-    At the end no worker is to wait for another that has a long file left.
+    At the end no worker is to wait for another that has a long file left. Tests of faults wait for
+    other processes most of the time: each of their files comes just before one that computes.
     """
     first = ("browser/", "faults/", "fuzzing/", "test_readme.py", "core/monitor/")
+    files: dict[str, list[pytest.Item]] = {}
+    for item in items:
+        files.setdefault(item.nodeid.partition("::")[0].partition("/")[2], []).append(item)
 
-    def place(item: pytest.Item) -> int:
-        folder = item.nodeid.partition("/")[2]
-        return next((i for i, name in enumerate(first) if folder.startswith(name)), len(first))
+    def place(file: str) -> int:
+        return next((i for i, name in enumerate(first) if file.startswith(name)), len(first))
 
-    items.sort(key=place)
+    browser, waiting, computing = [], [], []
+    for file in sorted(files, key=place):
+        {0: browser, 1: waiting}.get(place(file), computing).append(file)
+    mixed = [file for pair in zip_longest(waiting, computing) for file in pair if file]
+    items[:] = [item for file in browser + mixed for item in files[file]]
 
 
 @pytest.fixture(scope="session")
