@@ -9,7 +9,7 @@ from app.commands.options.destinations import DestinationError, check_file
 from app.commands.options.mapping_request import asking_for_mapping
 from app.commands.options.scoring import SETTINGS, add_scoring_options, request_of
 from app.commands.output.results import add_json, print_result
-from app.commands.score import Report, report_of
+from app.commands.output.scores import Report, report_of
 from app.jobs.requests import N_TEST
 from app.jobs.training import fly_test
 from app.recipes import RecipeError, from_plain

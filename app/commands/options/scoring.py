@@ -1,14 +1,15 @@
 """Options of the command line that say which file is scored by what, and how."""
 
+from __future__ import annotations
+
 import argparse
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from app.commands.output.mapping_lines import read_mapping
-from app.recordings.mapping_memory import MappingMemory
-from app.recordings.scored_file import ScoreRequest
-from app.scoring.recipe import Interval, ScoringRecipe
-from app.settings import read_settings
-from app.telemetry.mapping.typed_rate import read_rate
+if TYPE_CHECKING:  # slow to import, and not needed for help
+    from app.recordings.mapping_memory import MappingMemory
+    from app.recordings.scored_file import ScoreRequest
+    from app.scoring.recipe import Interval, ScoringRecipe
 
 TRIM_SEGMENT, NO_TRIM = "trim-segment", "none"
 SETTINGS = "Settings of the data directory, for --aircraft, come from FOREWARN_*."
@@ -60,6 +61,10 @@ def add_scoring_options(parser: argparse.ArgumentParser) -> None:
 
 def request_of(options: argparse.Namespace) -> tuple[ScoreRequest, MappingMemory | None]:
     """What the options ask for, and the memory of the aircraft where one is named."""
+    from app.commands.output.mapping_lines import read_mapping
+    from app.recordings.scored_file import ScoreRequest
+    from app.telemetry.mapping.typed_rate import read_rate
+
     epsilons = tuple(map(_epsilon, ",".join(options.epsilon).split(","))) if options.epsilon else ()
     request = ScoreRequest(
         monitors=tuple(options.monitors),
@@ -70,7 +75,14 @@ def request_of(options: argparse.Namespace) -> tuple[ScoreRequest, MappingMemory
         rate=None if options.rate is None else read_rate(options.rate),
         accept_useless=options.accept_useless,
     )
-    return request, MappingMemory(read_settings(), options.aircraft) if options.aircraft else None
+    return request, _memory(options.aircraft) if options.aircraft else None
+
+
+def _memory(aircraft: str) -> MappingMemory:
+    from app.recordings.mapping_memory import MappingMemory
+    from app.settings import read_settings
+
+    return MappingMemory(read_settings(), aircraft)
 
 
 def _epsilon(text: str) -> float:
@@ -81,6 +93,8 @@ def _epsilon(text: str) -> float:
 
 
 def _recipe(options: argparse.Namespace) -> ScoringRecipe:
+    from app.scoring.recipe import ScoringRecipe
+
     words = {TRIM_SEGMENT: "trim_segment", NO_TRIM: None}
     trim = words[options.trim] if options.trim in words else _seconds("--trim", options.trim)
     marked = options.manoeuvres
@@ -90,6 +104,8 @@ def _recipe(options: argparse.Namespace) -> ScoringRecipe:
 
 
 def _interval(text: str) -> Interval:
+    from app.scoring.recipe import Interval
+
     start, colon, end = text.partition(":")
     if not colon:
         raise ValueError(

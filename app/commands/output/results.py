@@ -3,8 +3,6 @@
 import argparse
 from typing import Any
 
-from app import json_codec
-
 
 def add_json(parser: argparse.ArgumentParser) -> None:
     """Add the option that prints results as JSON."""
@@ -13,4 +11,8 @@ def add_json(parser: argparse.ArgumentParser) -> None:
 
 def print_result(options: argparse.Namespace, text: str, plain: Any) -> None:
     """Print one of both. plain: JSON's types and arrays; what is not finite becomes null."""
-    print(json_codec.encode(plain).decode() if options.json else text)
+    if options.json:
+        from app import json_codec  # slow to import, and only needed here
+
+        text = json_codec.encode(plain).decode()
+    print(text)

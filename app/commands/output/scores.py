@@ -1,0 +1,134 @@
+"""A scored file: what is told of it, and the tables and figures written of it."""
+
+import json
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from app.commands.options.mapping_request import asking_for_mapping
+from app.commands.output.mapping_lines import contents_lines, mapping_lines
+from app.recordings.exports import export
+from app.recordings.mapping_memory import MappingMemory
+from app.recordings.scored_file import Scored, ScoredFile, ScoreRequest, score_file
+from app.scoring.limits_history import pieces_of
+from app.scoring.planned_test import planned_test
+from app.scoring.verdict import sensors, verdict
+from app.telemetry.mapping.typed_rate import counts_the_day
+from core.evaluation.certificate import warnings_of
+from core.whole_file import write_whole
+
+MAPPING = "mapping.json"
+
+
+class Report(NamedTuple):
+    """What came of it. assessed: whether anything could be.   plain: `text` as plain data."""
+
+    text: str
+    assessed: bool
+    plain: dict[str, Any]
+
+
+def write_scores(
+    request: ScoreRequest, out: Path, memory: MappingMemory | None = None, with_png: bool = False
+) -> Report:
+    """Score a file; write tables, figures and the mapping into a directory.
+
+    memory: as for `score_file`.   Nothing is written before everything is scored and drawn.
+    """
+    with asking_for_mapping(out / MAPPING):
+        scored_file = score_file(request, memory)
+    text = json.dumps(scored_file.mapping.to_plain(), indent=2, ensure_ascii=False)
+    files = {MAPPING: f"{text}\n".encode()}
+    for scoring in scored_file.scored:
+        files |= _files(request.file.name, scoring, with_png)
+    for name, content in files.items():
+        (out / name).parent.mkdir(parents=True, exist_ok=True)
+        write_whole(out / name, content)
+    return report_of(scored_file, [out / name for name in files])
+
+
+def report_of(scored_file: ScoredFile, written: Sequence[Path]) -> Report:
+    """What is told of a scored file and of the files written of it."""
+    names = [str(path) for path in written]
+    return Report(
+        "\n".join([*lines(scored_file), f"written: {', '.join(names)}"]),
+        any(map(is_assessed, scored_file.scored)),
+        {
+            "mapping": scored_file.mapping.to_plain(),
+            "scorings": [_plain(scoring) for scoring in scored_file.scored],
+            "accept_useless": scored_file.accept_useless,
+            "files": names,
+        },
+    )
+
+
+def _plain(scoring: Scored) -> dict[str, Any]:
+    """A scoring without its samples; SI units, N_y in g."""
+    recording, monitor = scoring.recording, scoring.monitor
+    return {
+        "monitor": str(scoring.path),
+        "label": scoring.label,
+        "epsilon": recording.epsilon,
+        "alert_above": recording.alert_above,
+        "assessed": is_assessed(scoring),
+        "manoeuvres": [manoeuvre.to_plain() for manoeuvre in recording.manoeuvres],
+        "outside_exceedances": [asdict(found) for found in recording.outside_exceedances],
+        "notes": [*recording.quality.sentences(), *recording.notes],
+        "compatibility": [check.to_plain() for check in recording.compatibility],
+        "warnings": list(warnings_of(monitor.evaluation, recording.epsilon)),
+    }
+
+
+def lines(scored_file: ScoredFile) -> Iterator[str]:
+    """Everything that is known of a scored file, for a person to read."""
+    yield from contents_lines(scored_file.contents)
+    yield from mapping_lines(scored_file.mapping, scored_file.proposal)
+    for scoring in scored_file.scored:
+        yield from _lines(
+            scoring,
+            scoring is scored_file.scored[0],
+            counts_the_day(scored_file.mapping.times.values()),
+        )
+
+
+def is_assessed(scoring: Scored) -> bool:
+    """Whether any sample of a scoring could be assessed."""
+    samples = scoring.recording.samples
+    return bool((np.isfinite(samples["p_value"]) | np.isfinite(samples["withdrawn"])).any())
+
+
+def _files(file: str, scoring: Scored, with_png: bool) -> dict[str, bytes]:
+    """Table and figure, by their place in the directory of results."""
+    from app.report.score_figure import FlownManeuver, png, score_figure
+
+    scored, monitor = scoring.recording, scoring.monitor
+    drawing = score_figure(
+        scored.samples,
+        [
+            FlownManeuver(m.name, m.start, m.end, m.exceedance and m.exceedance.t)
+            for m in scored.manoeuvres
+        ],
+        pieces_of(planned_test(monitor).limits, scored.limits_in_force),
+        scored.alert_above,
+        monitor.lead,
+        " ".join(["scored:", file, scoring.label]).strip(),
+    )
+    about = {"limits_in_force": scored.limits_in_force}
+    files = {"assessments.csv": export(scored.samples, about, "csv"), "scored.svg": drawing.svg}
+    if with_png:
+        files["scored.png"] = png(drawing)
+    return {str(Path(scoring.label) / name): content for name, content in files.items()}
+
+
+def _lines(scoring: Scored, is_first: bool, of_day: bool) -> Iterator[str]:
+    if is_first:
+        yield from dict.fromkeys((*scoring.recording.quality.sentences(), *scoring.recording.notes))
+        yield from sensors(scoring.recording.compatibility)
+    if scoring.label:
+        yield f"== {scoring.label} =="
+    for warning in warnings_of(scoring.monitor.evaluation, scoring.recording.epsilon):
+        yield f"WARNING: {warning}"
+    yield from verdict(scoring.monitor, scoring.recording, of_day=of_day)
