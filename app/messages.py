@@ -372,6 +372,9 @@ class Hello(Message):
         description="why the alarm authority forecasts nothing of the rest of the test card, of no "
         "flight; empty where it does"
     )
+    ahead: CardAhead | None = Field(
+        description="what it forecasts of the rest by the newest sample, `head`, as of a frame"
+    )
     source: dict[str, Any]
     mode: Mode = Field(description="whether its samples are measured now, replayed or simulated")
     theta: dict[str, float] | None
@@ -601,7 +604,7 @@ def plain_frame(
     if taken is not None:
         frame["taken"] = round(taken * 1e3, 3)
     if ahead is not None:
-        frame["ahead"] = _plain_ahead(ahead)
+        frame["ahead"] = plain_ahead(ahead)
     if display:
         frame["display"] = [
             {
@@ -616,7 +619,7 @@ def plain_frame(
     return frame
 
 
-def _plain_ahead(ahead: Ahead) -> dict[str, Any]:
+def plain_ahead(ahead: Ahead) -> dict[str, Any]:
     """Return a CardAhead: MOST_AHEAD samples of all channels together, the last one included."""
     if isinstance(ahead, NothingAhead):
         return {"t": [], "channels": {}, "why": ahead.why}

@@ -23,6 +23,7 @@ from app.flights.watcher import CREDIT, RecentFrames, Watcher
 from app.messages import (
     Alarm,
     AlarmRaised,
+    CardAhead,
     End,
     FlightMarker,
     FlownMonitor,
@@ -40,6 +41,7 @@ from app.messages import (
     TransportState,
     encode_frame,
     limited_channels,
+    plain_ahead,
     plain_frame,
     validity_word,
 )
@@ -371,6 +373,7 @@ class Flight(ABC):
             monitors=self.monitors,
             warnings=warnings_of(monitor.evaluation, plan.epsilon),
             no_rest=no_rest(monitor),
+            ahead=self._newest_ahead,
             source=plan.source,
             mode=plan.mode,
             theta=self.theta,
@@ -452,6 +455,17 @@ class Flight(ABC):
             return None
         self._ahead_t = assessment.t
         return ahead
+
+    @property
+    def _newest_ahead(self) -> CardAhead | None:
+        """What is forecast by the newest sample, for who joins a flight that is paused."""
+        newest = self._assessment
+        if newest is None or newest.p_value is None or self._late or self.is_over:
+            return None
+        ahead = self._forecast_ahead()
+        if ahead is None or ahead.made_t != newest.t:
+            return None
+        return CardAhead.model_validate(plain_ahead(ahead))
 
     def _forecast_ahead(self) -> Ahead | None:
         """What the alarm authority forecasts by the sample that is shown next."""

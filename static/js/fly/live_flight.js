@@ -76,7 +76,7 @@ export function showLiveFlight(element, { id, api, over }) {
 
   const connection = createConnection(id, {
     hello: onHello,
-    frames: (frames) => onFrames(frames, display.take(frames)),
+    frames: (frames) => onFrames(frames, display.take(withForecast(frames))),
     state: (assessment) => display.setAssessment(assessment),
     status: onStatus,
     alarm: onAlarm,
@@ -137,6 +137,13 @@ export function showLiveFlight(element, { id, api, over }) {
     decided = headline;
     display.setHeadline(headline);
     showHidden();
+  }
+
+  /** The forecast by the newest sample when the page came: of a flight that is paused no other comes. */
+  function withForecast(frames) {
+    const newest = frames.find(({ seq }) => seq === hello.head);
+    if (newest !== undefined && hello.ahead !== null) newest.ahead ??= hello.ahead;
+    return frames;
   }
 
   function onFrames(frames, newest) {

@@ -24,7 +24,7 @@ from tests.app.flights.sources.test_live import Live
 from tests.core.monitor.test_peak_ridge import trained as peak_trained
 from tests.core.monitor.test_response_filter import flights, trained
 from tests.support import oscillator
-from tests.support.flying import EPSILON, Flown, exact_monitor
+from tests.support.flying import EPSILON, Flown, Seen, exact_monitor, track
 from tests.support.samples import SAMPLE_LIKE
 
 
@@ -218,3 +218,19 @@ def test_a_live_flight_again_forecasts_what_it_did(
     }
     assert again == told
     assert sum("peak" in one for one in told.values()) > 10
+
+
+def test_who_joins_a_paused_flight_is_told_the_rest_by_its_newest_sample():
+    monitor, y = peak_trained(), flights()[0]
+    flown = flown_through(monitor, y)
+    assert Seen(flown.flight.watch()).take()[0]["ahead"] is None  # nothing has come
+    flown.flight.leave(flown.seen.watcher)
+    for t, key in ((1.0, "peak"), ((len(y) - 1) * monitor.dt, "why")):
+        flown.flight.act("seek", t)
+        ahead = Seen(flown.flight.watch()).take()[0]["ahead"]
+        assert ahead[key]
+    expected = AssessedTrack(track(y, monitor.dt), monitor, EPSILON).forecast_ahead(20)
+    assert isinstance(expected, PeakAhead)
+    flown.flight.act("seek", 1.0)
+    told = Seen(flown.flight.watch()).take()[0]["ahead"]
+    assert told["peak"]["mean"] == round(expected.mean, 4)

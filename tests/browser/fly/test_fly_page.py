@@ -495,6 +495,32 @@ def test_the_transport_s_clock_is_not_ahead_of_the_samples_that_came(own_fly: Fl
     expect(clock).to_have_text(re.compile(r"^1\.20 / "))
 
 
+def test_a_page_that_joins_a_paused_flight_shows_the_rest_by_its_newest_sample(
+    own_fly: Fly,
+) -> None:
+    peak = {"mean": 0.8, "low": 0.6, "high": 0.9}
+    told = {"no_rest": "", "ahead": {"t": [], "channels": {}, "peak": peak, "why": ""}}
+
+    def forecast(text: str | bytes) -> str:
+        message = json.loads(text)
+        return json.dumps(message | told if message["type"] == "hello" else message)
+
+    def pass_on(route: WebSocketRoute) -> None:
+        server = route.connect_to_server()
+        route.on_message(server.send)
+        server.on_message(lambda text: route.send(forecast(text)))
+
+    own_fly.page.route_web_socket(re.compile("/stream$"), pass_on)
+    own_fly.watch(SAFE, ("pause", None), ("seek", 1.0))
+    rest = own_fly.page.locator(".rest-of-card")
+    expect(rest).to_contain_text("80 % of its limit (90 %: 60 % to 90 %)")
+    own_fly.page.keyboard.press(".")
+    expect(own_fly.page.locator(".transport-time")).to_contain_text("1.05 /")
+    for _ in range(6):
+        own_fly.page.keyboard.press(".")
+    expect(rest).to_contain_text("not known")  # it was of another sample
+
+
 def test_a_login_that_ended_is_said_and_not_tried_again(own_fly: Fly) -> None:
     fly = own_fly
     routes: list[WebSocketRoute] = []
