@@ -289,11 +289,14 @@ def test_the_slider_tells_what_the_stored_evaluation_says(page: Page, site: Site
 def test_of_flights_that_differ_the_safe_ones_that_were_called_invalid_are_not_quiet(
     page: Page, site: Site
 ) -> None:
+    page.set_viewport_size({"width": 1024, "height": 768})
     page.goto(f"{site.http}/#/monitors/{site.monitor}")
     found = site.get(f"/monitors/{site.monitor}/evaluation")["robustness"]
     table = page.locator("table", has_text="invalid, no alert")
     rows = table.locator("tbody tr")
     expect(rows).to_have_count(len(found))
+    hidden = "(e) => e.parentElement.scrollWidth - e.parentElement.clientWidth"
+    assert table.evaluate(hidden) <= 0
     for row, one in zip(rows.all(), found.values(), strict=True):
         cells = row.locator("td").all_inner_texts()[4:]
         quiet = one["n_safe"] - one["false_alerts"] - one["safe_withdrawn"]
