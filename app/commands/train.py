@@ -187,7 +187,7 @@ def _withdrawn_line(withdrawn: int, n_unsafe: int) -> list[str]:
 def _safe_withdrawn_line(withdrawn: int, n_safe: int) -> list[str]:
     if not withdrawn:
         return []
-    return [_share("invalid", withdrawn, n_safe, "of safe flights, without an alert: not calm")]
+    return [_share("invalid", withdrawn, n_safe, "of safe flights, without an alert: not quiet")]
 
 
 def _share(what: str, count: int, total: int, of: str) -> str:

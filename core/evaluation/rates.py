@@ -69,7 +69,7 @@ class Evaluation:
     withdrawn: (n_eps,) failing flights of which nothing was said any more, for being outside
     training, before an alert that would have counted: neither missed nor caught.
     safe_withdrawn: (n_eps,) safe flights that were called so without an alert: no false alarm, and
-    no calm flight either.
+    no quiet flight either.
     """
 
     epsilons: Array
