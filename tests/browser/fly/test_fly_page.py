@@ -467,7 +467,7 @@ def test_before_a_sample_is_shown_nothing_calm_is_said(
 
 
 def test_the_transport_s_clock_is_not_ahead_of_the_samples_that_came(own_fly: Fly) -> None:
-    fly, waiting, is_held = own_fly, list[str](), False
+    fly, waiting, is_held = own_fly, list[str | bytes](), False
     routes: list[WebSocketRoute] = []
 
     def pass_on(route: WebSocketRoute) -> None:

@@ -393,8 +393,8 @@ def test_nothing_is_forecast_ahead_before_the_card_or_while_the_monitor_is_not_o
 def test_after_the_card_nothing_is_left_of_it_to_forecast():
     monitor, y = trained(), flights()[0]
     stream = monitor.stream()
-    for k, sample in enumerate(np.concatenate([y, np.repeat(y[-1:], len(y), axis=0)])):
-        said = stream.update(k * monitor.dt, sample)
+    longer = np.concatenate([y, np.repeat(y[-1:], len(y), axis=0)])
+    said = [stream.update(k * monitor.dt, sample) for k, sample in enumerate(longer)][-1]
     ahead = stream.forecast_ahead()
     assert said.state is State.OK
     assert isinstance(ahead, NothingAhead)
