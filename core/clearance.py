@@ -223,7 +223,8 @@ class PointPredictor:
 class Clearance:
     """A calibrated rule for the next point of a build-up.
 
-    n_tried: simulated aircraft among which those that exceed were found.
+    n_tried: simulated aircraft among which those that exceed were found.   exceeding_share: share
+    of all these that exceed a limit.
     scores, exceeds: (n,) of the identified ones, and whether they exceed a limit there.   drawn:
     (n,) whether they were identified whatever they do.   spare: (n,) logarithm of the amplitude
     that just reaches a limit over the one that was predicted to.   checks: (n, k) as of
@@ -233,6 +234,7 @@ class Clearance:
     points: BuildUp
     recipe: ClearanceRecipe
     n_tried: int
+    exceeding_share: float
     scores: Array
     exceeds: Flags
     drawn: Flags
@@ -339,7 +341,7 @@ def calibrate(
     rng = stream(recipe.seed, Branch.CLEARANCE, 0)
     n_wanted = recipe.n_aircraft + recipe.n_exceeding
     chosen: list[tuple[Array, Flags, Flags]] = []
-    n_tried = n_exceeding = 0
+    n_tried = n_exceeding = n_met = 0
     while n_tried < MOST_AIRCRAFT and n_exceeding < recipe.n_exceeding:
         if progress:
             progress(0, n_wanted)
@@ -350,6 +352,7 @@ def calibrate(
         kept = drawn | (exceeds & (np.arange(DRAWN_AT_ONCE) < last))
         chosen.append((theta[kept], exceeds[kept], drawn[kept]))
         n_exceeding += int(np.count_nonzero(exceeds[kept]))
+        n_met += int(np.count_nonzero(exceeds))
         n_tried += DRAWN_AT_ONCE
     if n_exceeding < recipe.n_exceeding and n_exceeding > RARE * n_tried:
         raise ClearanceError(
@@ -366,4 +369,6 @@ def calibrate(
         if progress:
             progress(min(first + BATCH, len(theta)), len(theta))
     scores, spare, checks = (np.concatenate(part) for part in zip(*parts, strict=True))
-    return Clearance(points, recipe, n_tried, scores, exceeds, drawn, spare, checks)
+    return Clearance(
+        points, recipe, n_tried, n_met / n_tried, scores, exceeds, drawn, spare, checks
+    )

@@ -1,10 +1,11 @@
-"""A campaign: the planned test, its points in order, and what became of each; a value, as a file.
+"""A campaign: planned tests, their points in order, and what became of each; a value, as a file.
 
 Its states are those that are said on the radio. A point that was computed to be safe is cleared on
 condition, until a person confirms what no computation can see.
 """
 
 import json
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
@@ -20,7 +21,8 @@ from core.types import Array
 from core.whole_file import write_whole
 
 State = Literal["planned", "on condition", "cleared", "hold", "complete", "aborted"]
-FORMAT, VERSION = "forewarn campaign", 1
+FORMAT, VERSION = "forewarn campaign", 2
+"""Version 1 had one test for all points."""
 MOST_POINTS = 50
 
 
@@ -43,13 +45,17 @@ class FlownPoint:
     """How a point was flown.
 
     source: recording, and the time in it.   y: (n_samples, 6) from trim, each dt of the test.
-    reached: largest part of a limit.   exceeded: channel and time, or empty.
+    reached: largest part of a limit.   exceeded: channel and time, or empty.   recording: id, where
+    it is stored.   start, end: in the recording [s].
     """
 
     source: str
     y: tuple[tuple[float, ...], ...]
     reached: float
     exceeded: str = ""
+    recording: str = ""
+    start: float | None = None
+    end: float | None = None
 
 
 @dataclass(frozen=True)
@@ -57,9 +63,10 @@ class Clearing:
     """What was computed of a point before it was flown.
 
     steps: the flown points it was computed from.   reached: predicted part of a limit, 5 %, 50 %
-    and 95 %.   withdrawn: checks that speak against the promise.   n_exceeding, n_tried: simulated
-    aircraft that exceed, and among how many they were found; p_value is None where these are rare.
-    amplitude_deg: largest one recommended, under a promise of its own.
+    and 95 %.   withdrawn: checks that speak against the promise.   n_exceeding: simulated aircraft
+    that exceed and calibrated it; p_value is None where they are rare.   n_tried, exceeding_share:
+    how many were simulated, and how many of these exceed.   amplitude_deg: largest one recommended,
+    under a promise of its own.
     """
 
     cleared: bool
@@ -72,17 +79,38 @@ class Clearing:
     n_tried: int
     recipe: ClearanceRecipe
     steps: tuple[str, ...]
+    exceeding_share: float | None = None
+
+
+@dataclass(frozen=True)
+class Condition:
+    """A flight condition: planned test there, of its last point.
+
+    Derivatives are of one flight condition: no point is cleared from steps flown at another.
+    """
+
+    name: str
+    test: DatasetRecipe
 
 
 @dataclass(frozen=True)
 class Point:
-    """A point of a campaign.   peak_deg: of the manoeuvre's command."""
+    """A point of a campaign.
+
+    peak_deg: of the manoeuvre's command.   condition: name of its flight condition.
+    passes_below: pass criterion, the part of a limit that it must stay below.   criteria: what else
+    it must show, in words.   monitor: id of the one that was trained for it, where it is stored.
+    """
 
     name: str
     peak_deg: float
     events: tuple[Event, ...] = ()
     clearing: Clearing | None = None
     flown: FlownPoint | None = None
+    condition: str = ""
+    passes_below: float = 1.0
+    criteria: str = ""
+    monitor: str = ""
 
     @property
     def state(self) -> State:
@@ -94,6 +122,11 @@ class Point:
         """Whether it is not flown any more."""
         return self.state in ("complete", "aborted")
 
+    @property
+    def failed(self) -> bool:
+        """Whether it was flown and did not stay below what it must."""
+        return self.flown is not None and self.flown.reached >= self.passes_below
+
 
 class NextPoint(NamedTuple):
     """The point that is next, and its number from 0."""
@@ -104,45 +137,91 @@ class NextPoint(NamedTuple):
 
 @dataclass(frozen=True)
 class Campaign:
-    """Points of one planned test at growing amplitudes.
+    """Points at growing amplitudes, at one flight condition or several.
 
-    test: of the last point; aircraft, law, limits and interval are those of all.
     CampaignError for points that are none.
     """
 
     name: str
-    test: DatasetRecipe
+    conditions: tuple[Condition, ...]
     points: tuple[Point, ...]
     clearance: ClearanceRecipe = ClearanceRecipe()  # noqa: RUF009
 
     def __post_init__(self) -> None:
         """Refuse points that do not build up."""
+        if not self.name.strip():
+            raise CampaignError("the campaign has no name: give it one")
         if not 2 <= len(self.points) <= MOST_POINTS:
             raise CampaignError(
                 f"{len(self.points)} points were given: a campaign has 2 to {MOST_POINTS}"
             )
-        peaks = [point.peak_deg for point in self.points]
-        if not (peaks[0] > 0.0 and sorted(set(peaks)) == peaks):
-            given = ", ".join(f"{peak:g}" for peak in peaks)
-            raise CampaignError(
-                f"amplitudes of {given} deg were given: those of a build-up are positive and grow"
-            )
-        if len({point.name for point in self.points}) < len(peaks):
-            raise CampaignError("two points have one name: give each its own")
+        for condition in self.conditions:
+            _check_growing([p.peak_deg for p in self.points if p.condition == condition.name])
+        _check_distinct("points", [point.name for point in self.points])
+        _check_distinct("flight conditions", [condition.name for condition in self.conditions])
+        known = {condition.name for condition in self.conditions}
+        for point in self.points:
+            if point.condition not in known:
+                raise CampaignError(
+                    f"{point.name!r} is of the flight condition {point.condition!r}: choose "
+                    f"{', '.join(map(repr, sorted(known)))}"
+                )
+            if not 0.0 < point.passes_below <= 1.0:
+                raise CampaignError(
+                    f"{point.name!r} must stay below {point.passes_below:g} of a limit: give a "
+                    "part above 0, at most 1"
+                )
 
     @classmethod
     def planned(
-        cls, name: str, test: DatasetRecipe, fractions: tuple[float, ...], recipe: ClearanceRecipe
+        cls,
+        name: str,
+        conditions: Iterable[tuple[Condition, Sequence[float]]],
+        recipe: ClearanceRecipe,
+        passes_below: float = 1.0,
     ) -> "Campaign":
-        """Points at these fractions of the test's amplitude."""
-        peak = test.maneuver.peak_deg
-        points = tuple(Point(f"{part:.0%}", part * peak) for part in fractions)
-        return cls(name, test, points, recipe)
+        """Points at these fractions of the amplitude of each condition's test, one after another.
+
+        A point is called by its fraction, and its condition where that has a name.
+        """
+        given = tuple(conditions)
+        points = [
+            point
+            for condition, fractions in given
+            for point in _points(condition, fractions, passes_below)
+        ]
+        return cls(name, tuple(condition for condition, _ in given), tuple(points), recipe)
+
+    def extended(
+        self, condition: Condition, fractions: Sequence[float], passes_below: float = 1.0
+    ) -> "Campaign":
+        """The campaign with points at another flight condition after the others."""
+        points = _points(condition, fractions, passes_below)
+        return replace(
+            self, conditions=(*self.conditions, condition), points=(*self.points, *points)
+        )
 
     @property
-    def flown(self) -> tuple[Point, ...]:
-        """Complete points, in order."""
-        return tuple(point for point in self.points if point.state == "complete")
+    def is_over(self) -> bool:
+        """Whether no point is flown any more."""
+        return all(point.is_over for point in self.points)
+
+    def flown(self, condition: str) -> tuple[Point, ...]:
+        """Complete points of a flight condition, in order."""
+        return tuple(p for p in self.points if p.condition == condition and p.state == "complete")
+
+    @property
+    def exceeding_at_most(self) -> float:
+        """Probability that any point exceeds that was cleared by computation, at most.
+
+        Over the aircraft of D_theta, each flown as simulated: for each point the share of them that
+        exceed there, of which a share epsilon is cleared; and the sum of the points'.
+        """
+        return sum(
+            one.exceeding_share * (1.0 if one.p_value is None else one.recipe.epsilon)
+            for one in (point.clearing for point in self.points)
+            if one and one.cleared and one.exceeding_share is not None
+        )
 
     @property
     def next(self) -> NextPoint:
@@ -152,13 +231,54 @@ class Campaign:
                 return NextPoint(number, point)
         raise CampaignError("every point is complete or aborted: the campaign is over")
 
+    def condition_of(self, point: Point) -> Condition:
+        """The flight condition of a point."""
+        return next(one for one in self.conditions if one.name == point.condition)
+
     def test_of(self, point: Point) -> DatasetRecipe:
         """The planned test at a point's amplitude."""
-        return replace(self.test, maneuver=self.test.maneuver.with_peak(point.peak_deg))
+        test = self.condition_of(point).test
+        return replace(test, maneuver=test.maneuver.with_peak(point.peak_deg))
 
     def build_up(self, point: Point) -> BuildUp:
         """Complete points with the one that follows; ClearanceError where there is none."""
-        return BuildUp(tuple(self.test_of(step) for step in self.flown), self.test_of(point))
+        flown = self.flown(point.condition)
+        return BuildUp(tuple(self.test_of(step) for step in flown), self.test_of(point))
+
+    def confirmed(self, by: str, why: str = "") -> "Campaign":
+        """The next point is cleared: a person confirms the checklist, or a first point."""
+        number, point = self.next
+        is_first = not self.flown(point.condition)
+        if not is_first and point.state != "on condition":
+            raise CampaignError(
+                f"{point.name!r} is {point.state}: what is confirmed was cleared on condition "
+                "before, by computing its clearance"
+            )
+        usual = "first point" if is_first else "checklist confirmed"
+        return self.changed(number, "cleared", by, why.strip() or usual)
+
+    def held(self, by: str, why: str = "") -> "Campaign":
+        """The next point is not flown for now."""
+        return self.changed(self.next.number, "hold", by, why.strip())
+
+    def aborted(self, by: str, why: str) -> "Campaign":
+        """The next point is not flown any more, or was broken off."""
+        number = self.next.number
+        if not why.strip():
+            raise CampaignError("no reason was given: say why the point is aborted")
+        return self.changed(number, "aborted", by, why.strip())
+
+    def completed(self, flown: FlownPoint, by: str) -> "Campaign":
+        """The next point was flown."""
+        number, point = self.next
+        words = f"{flown.source}: reached {flown.reached:.0%} of a limit"
+        if flown.exceeded:
+            words += f", EXCEEDED {flown.exceeded}"
+        elif flown.reached >= point.passes_below:
+            words += f", NOT PASSED: it had to stay below {point.passes_below:.0%}"
+        if point.state != "cleared":
+            words += f"; it was flown although it was {point.state}"
+        return self.changed(number, "complete", by, words, flown=flown)
 
     def changed(
         self, number: int, state: State, by: str, words: str = "", **fields: Any
@@ -168,13 +288,47 @@ class Campaign:
             raise CampaignError("nobody was named: say who decides, with a name")
         point = self.points[number]
         event = Event(datetime.now(UTC).isoformat(timespec="seconds"), by.strip(), state, words)
-        point = replace(point, events=(*point.events, event), **fields)
+        return self.with_point(number, replace(point, events=(*point.events, event), **fields))
+
+    def with_point(self, number: int, point: Point) -> "Campaign":
+        """Return the campaign with another point in the place of one."""
         return replace(self, points=(*self.points[:number], point, *self.points[number + 1 :]))
+
+    def as_plain(self) -> dict[str, Any]:
+        """As JSON's types, to read by `from_file`."""
+        return {"format": FORMAT, "version": VERSION, **to_plain(self)}
 
     def save(self, path: Path) -> None:
         """Write the whole campaign into one file, or nothing."""
-        plain = {"format": FORMAT, "version": VERSION, **to_plain(self)}
-        write_whole(path, f"{json.dumps(plain, indent=1, ensure_ascii=False)}\n".encode())
+        text = json.dumps(self.as_plain(), indent=1, ensure_ascii=False)
+        write_whole(path, f"{text}\n".encode())
+
+
+def _points(
+    condition: Condition, fractions: Sequence[float], passes_below: float
+) -> tuple[Point, ...]:
+    return tuple(
+        Point(
+            f"{part:.0%} {condition.name}".strip(),
+            part * condition.test.maneuver.peak_deg,
+            condition=condition.name,
+            passes_below=passes_below,
+        )
+        for part in fractions
+    )
+
+
+def _check_distinct(what: str, names: list[str]) -> None:
+    if len(set(names)) < len(names):
+        raise CampaignError(f"two {what} have one name: give each its own")
+
+
+def _check_growing(peaks: list[float]) -> None:
+    if not (all(peak > 0.0 for peak in peaks) and sorted(set(peaks)) == peaks):
+        given = ", ".join(f"{peak:g}" for peak in peaks)
+        raise CampaignError(
+            f"amplitudes of {given} deg were given: those of a build-up are positive and grow"
+        )
 
 
 POINTS = TypeAdapter(tuple[Point, ...])
@@ -182,29 +336,39 @@ POINTS = TypeAdapter(tuple[Point, ...])
 
 def load(path: Path) -> Campaign:
     """Read a campaign's file; CampaignError where it is none."""
-    plain = read_plain(path)
+    return from_file(read_plain(path), str(path))
+
+
+def from_file(plain: Any, where: str) -> Campaign:
+    """Rebuild a campaign from what its file holds.   where: it came from, for errors."""
     if not isinstance(plain, dict) or plain.get("format") != FORMAT:
-        raise CampaignError(f"{path} is no campaign: make one with `forewarn campaign new`")
-    if plain.get("version") != VERSION:
+        raise CampaignError(f"{where} is no campaign: make one with `forewarn campaign new`")
+    if (version := plain.get("version")) not in (1, VERSION):
         raise CampaignError(
-            f"{path} is a campaign of version {plain.get('version')!r}: this program reads "
-            f"{VERSION}"
+            f"{where} is a campaign of version {version!r}: this program reads up to {VERSION}"
         )
     try:
+        if version == 1:
+            plain = plain | {"conditions": [{"name": "", "test": plain["test"]}]}
         return Campaign(
             str(plain["name"]),
-            from_plain(DatasetRecipe(), plain["test"], "test"),
+            tuple(
+                Condition(one["name"], from_plain(DatasetRecipe(), one["test"], "test"))
+                for one in plain["conditions"]
+            ),
             POINTS.validate_python(plain["points"]),
             from_plain(ClearanceRecipe(), plain["clearance"], "clearance"),
         )
     except KeyError as error:
-        raise CampaignError(f"{path} lacks {error}: it is damaged") from None
+        raise CampaignError(f"{where} lacks {error}: it is damaged") from None
+    except (TypeError, AttributeError) as error:
+        raise CampaignError(f"{where} is damaged: {error}") from None
     except ValidationError as error:
         first = error.errors()[0]
-        where = ".".join(map(str, first["loc"]))
-        raise CampaignError(f"{path}: points.{where}: {first['msg']}") from None
+        place = ".".join(map(str, first["loc"]))
+        raise CampaignError(f"{where}: points.{place}: {first['msg']}") from None
     except RecipeError as error:
-        raise CampaignError(f"{path}: {error}") from None
+        raise CampaignError(f"{where}: {error}") from None
 
 
 def samples_of(point: FlownPoint) -> Array:

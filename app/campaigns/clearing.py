@@ -21,9 +21,10 @@ CHECKLIST = (
 ONE_STEP = "one step cannot show a nonlinear aircraft: fly a second one to exclude it"
 
 
-def checklist(campaign: Campaign) -> tuple[str, ...]:
-    """What a person confirms before a point is flown that was cleared on condition."""
-    return (*CHECKLIST, *((ONE_STEP,) if len(campaign.flown) == 1 else ()))
+def checklist(campaign: Campaign, point: Point) -> tuple[str, ...]:
+    """What a person confirms before a point is flown; none of a first one, which nothing clears."""
+    n_flown = len(campaign.flown(point.condition))
+    return (*(CHECKLIST if n_flown else ()), *((ONE_STEP,) if n_flown == 1 else ()))
 
 
 def clear_next(campaign: Campaign, by: str, progress: Progress | None = None) -> Campaign:
@@ -33,29 +34,34 @@ def clear_next(campaign: Campaign, by: str, progress: Progress | None = None) ->
     CampaignError where none is left; ClearanceError where none can be calibrated.
     """
     number, point = campaign.next
-    if not campaign.flown:
+    flown = campaign.flown(point.condition)
+    if not flown:
         raise CampaignError(
-            f"no step was flown before {point.name!r}, so that nothing can be computed of it: "
-            "clear it with `forewarn campaign confirm`, by a name"
+            f"no step was flown before {point.name!r} at its flight condition, so that nothing can "
+            "be computed of it: a person clears it, by confirming it with a name"
         )
     rule = calibrate(campaign.build_up(point), campaign.clearance, progress)
-    verdict = rule.decide([samples_of(step.flown) for step in campaign.flown if step.flown])
+    verdict = rule.decide([samples_of(step.flown) for step in flown if step.flown])
+    withdrawn = tuple(
+        f"{check.words} ({check.value:.3g}, expected at most {check.level:.3g})"
+        for check in verdict.withdrawn
+    )
+    if flown[-1].failed:
+        withdrawn += (f"{flown[-1].name} did not pass",)
     clearing = Clearing(
-        verdict.cleared,
+        verdict.cleared and not withdrawn,
         verdict.p_value,
         None if rule.is_rare else rule.clear_below,
         verdict.reached,
         verdict.amplitude_deg,
-        tuple(
-            f"{check.words} ({check.value:.3g}, expected at most {check.level:.3g})"
-            for check in verdict.withdrawn
-        ),
+        withdrawn,
         rule.n_exceeding,
         rule.n_tried,
         campaign.clearance,
-        tuple(step.name for step in campaign.flown),
+        tuple(step.name for step in flown),
+        rule.exceeding_share,
     )
-    state = "on condition" if verdict.cleared else "hold"
+    state = "on condition" if clearing.cleared else "hold"
     return campaign.changed(number, state, by, words_of(clearing), clearing=clearing)
 
 
@@ -73,24 +79,23 @@ def words_of(clearing: Clearing) -> str:
     return f"p-value {clearing.p_value:.3g}, cleared up to {clearing.clear_below:.3g}: {predicted}"
 
 
-def identified(campaign: Campaign) -> Identification:
-    """The aircraft as it is known from all complete points; CampaignError where there is none.
+def identified(campaign: Campaign, condition: str, first: int | None = None) -> Identification:
+    """The aircraft as it is known at a flight condition from its complete points.
 
+    first: how many of them, all if None.   CampaignError where there is none.
     What a flight has besides noise stands in the residuals: where the test says that it has some,
     these tell how sure the derivatives are.
     """
-    segments = [
-        FlownSegment(samples_of(step.flown), campaign.test.dt, step.name)
-        for step in campaign.flown
-        if step.flown
-    ]
-    if not segments:
+    flown = campaign.flown(condition)[:first]
+    if not flown:
         raise CampaignError("no point is complete: fly one before the aircraft is identified")
-    test = campaign.test
+    test = campaign.condition_of(flown[0]).test
+    segments = [FlownSegment(samples_of(p.flown), test.dt, p.name) for p in flown if p.flown]
     noise = channel_array(test.noise) if test.imperfections.are_none else None
     return identify(test.aircraft, test.control_law, segments, noise)
 
 
 def updated(campaign: Campaign, point: Point) -> DatasetRecipe:
     """Planned test of a point with the aircraft as it is known from the complete ones."""
-    return replace(campaign.test_of(point), aircraft=identified(campaign).identified)
+    known = identified(campaign, point.condition).identified
+    return replace(campaign.test_of(point), aircraft=known)

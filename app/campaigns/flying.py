@@ -1,36 +1,32 @@
 """A recorded point: its manoeuvre cut out of a recording, on the test's samples, from trim."""
 
-import tempfile
-from pathlib import Path
-
 import numpy as np
 
 from app.campaigns.campaign import CampaignError, FlownPoint
 from app.scoring.planned_test import PlannedTest
 from app.scoring.recipe import Interval, ScoringRecipe
 from app.scoring.segments import Segment, mean_of_rest, segments
-from app.telemetry.contents import open_columns
-from app.telemetry.mapping.applying import apply_mapping
-from app.telemetry.mapping.mapping import Mapping
-from app.telemetry.mapping.proposal import propose
-from app.telemetry.reading import read_file
 from app.telemetry.recording import Recording
 from app.telemetry.resampling.resampling import on_grid
-from app.telemetry.timing.repair import repair
+from app.telemetry.timing.repair import RepairedTraces
 from core.channels import KEYS
 from core.planned_test import DatasetRecipe
 
 
 def flown_point(
-    file: Path, test: DatasetRecipe, mapping: Mapping | None, marked: Interval | None
+    name: str,
+    recorded: RepairedTraces,
+    test: DatasetRecipe,
+    marked: Interval | None,
+    recording_id: str = "",
 ) -> FlownPoint:
     """Cut the manoeuvre of a point out of a recording.
 
-    mapping: as the program proposes it where None.   marked: from trim to the end of the
-    manoeuvre; the only one that is detected where None.
+    name: of the recording.   marked: from trim to the end of the manoeuvre; the only one that is
+    detected where None.   recording_id: where it is stored.
     CampaignError where there is none, or several; where samples of it are missing.
     """
-    recording = _recording(file, test, mapping)
+    recording = on_grid(recorded.traces, test.dt)
     planned = PlannedTest(test.dt, test.specification.magnitudes, test.maneuver, test.aircraft)
     recipe = ScoringRecipe(manoeuvres="detected" if marked is None else (marked,))
     found, _ = segments(recording, planned, recipe)
@@ -39,8 +35,8 @@ def flown_point(
     if len(found) != 1:
         times = ", ".join(_times(recording, segment) for segment in found) or "none"
         raise CampaignError(
-            f"{file}: {len(found)} manoeuvres were detected ({times}): say which one is the point, "
-            "with --start and --end"
+            f"{name}: {len(found)} manoeuvres were detected ({times}): say which one is the point, "
+            "by the start of its trim and its end"
         )
     (segment,) = found
     part = recording.y[segment.first : segment.last + 1]
@@ -49,7 +45,7 @@ def flown_point(
     missing = [key for key, column in zip(KEYS, y.T, strict=True) if not np.isfinite(column).all()]
     if missing:
         raise CampaignError(
-            f"{file}: samples of {', '.join(missing)} are missing from "
+            f"{name}: samples of {', '.join(missing)} are missing from "
             f"{_times(recording, segment)}: an aircraft is identified from all six channels, "
             "without gaps"
         )
@@ -59,22 +55,14 @@ def flown_point(
     if first < len(y):
         exceeded = f"{KEYS[int(parts[first].argmax())]} at {first * test.dt:.2f} s"
     return FlownPoint(
-        f"{file.name}, {_times(recording, segment)}",
+        f"{name}, {_times(recording, segment)}",
         tuple(map(tuple, y.tolist())),
         float(parts.max()),
         exceeded,
+        recording_id,
+        float(recording.t[segment.first]),
+        float(recording.t[segment.last]),
     )
-
-
-def _recording(file: Path, test: DatasetRecipe, mapping: Mapping | None) -> Recording:
-    """On the test's samples."""
-    with tempfile.TemporaryDirectory(prefix="forewarn-") as place:
-        folder = Path(place) / "columns"
-        read_file(file, folder)
-        columns = open_columns(folder)
-        given = propose(columns).mapping if mapping is None else mapping
-        traces = repair(apply_mapping(columns, given)).traces
-        return on_grid(traces, test.dt)
 
 
 def _times(recording: Recording, segment: Segment) -> str:

@@ -2,11 +2,12 @@
 
 import argparse
 from pathlib import Path
-from typing import Any, get_args
+from typing import get_args
 
 from app import json_codec
-from app.campaigns.campaign import Campaign, CampaignError, Point, load
+from app.campaigns.campaign import Campaign, CampaignError, Condition, Point, load
 from app.campaigns.clearing import checklist, clear_next, identified, updated
+from app.campaigns.derivatives import identification_plain
 from app.campaigns.flying import flown_point
 from app.commands.options.destinations import check_file
 from app.commands.options.numbers import add_numbers
@@ -15,7 +16,10 @@ from app.commands.output.mapping_lines import read_mapping
 from app.commands.output.progress import progress_bar
 from app.commands.output.results import add_json, print_result
 from app.recipes import to_plain
+from app.recordings.mapped_recording import MappedRecording
 from app.scoring.recipe import Interval
+from app.telemetry.mapping.proposal import propose
+from app.telemetry.reading import columns_of
 from core.clearance import ClearanceRecipe
 from core.identification.identification import Identification
 from core.monitor.calibration import Guarantee
@@ -30,6 +34,9 @@ def add(parser: argparse.ArgumentParser) -> None:
     """Add what can be done with a campaign."""
     actions = parser.add_subparsers(required=True, metavar="ACTION", dest="action")
     new = actions.add_parser("new", help="plan a campaign; write its file")
+    add = actions.add_parser(
+        "add", help="plan points at another flight condition, after the others"
+    )
     show = actions.add_parser("show", help="points, what each is predicted to reach and reached")
     clear = actions.add_parser("clear", help="compute whether the next point may be flown")
     confirm = actions.add_parser("confirm", help="confirm the checklist: the next point is cleared")
@@ -39,7 +46,8 @@ def add(parser: argparse.ArgumentParser) -> None:
     identify = actions.add_parser("identify", help="what the complete points say of the aircraft")
     recipe = actions.add_parser("recipe", help="recipe that trains a monitor for the next point")
     report = actions.add_parser("report", help="card of the next point and results, to print")
-    for each in (new, show, clear, confirm, hold, abort, fly, identify, recipe, report):
+    everything = (new, add, show, clear, confirm, hold, abort, fly, identify, recipe, report)
+    for each in everything:
         each.add_argument("file", type=Path, metavar="CAMPAIGN.json", help="the campaign")
     for each in (clear, confirm, hold, abort, fly):
         each.add_argument("--by", required=True, metavar="NAME", help="who decides")
@@ -52,14 +60,16 @@ def add(parser: argparse.ArgumentParser) -> None:
     report.add_argument("-o", "--out", type=Path, help="HTML file, the campaign's name if absent")
     recipe.add_argument("-o", "--out", type=Path, required=True, help="file written")
     _add_plan(new)
-    for each in (new, show, clear, confirm, hold, abort, fly, identify, recipe, report):
+    _add_points(add)
+    new.add_argument("--condition", default="", metavar="NAME", help="flight condition, in words")
+    add.add_argument("--condition", required=True, metavar="NAME", help="flight condition")
+    for each in everything:
         add_json(each)
 
 
-def _add_plan(new: argparse.ArgumentParser) -> None:
-    add_recipe_options(new, method=False, imperfections="usual")
-    new.add_argument("--name", required=True, help="of the campaign")
-    new.add_argument(
+def _add_points(parser: argparse.ArgumentParser) -> None:
+    add_recipe_options(parser, method=False, imperfections="usual")
+    parser.add_argument(
         "--steps",
         type=float,
         nargs="+",
@@ -68,6 +78,13 @@ def _add_plan(new: argparse.ArgumentParser) -> None:
         help="of the planned amplitude, growing (default: "
         f"{' '.join(f'{step:g}' for step in STEPS)})",
     )
+    passes = ("--passes-below", float, 1.0, "pass criterion: part of a limit to stay below")
+    add_numbers(parser, (passes,))
+
+
+def _add_plan(new: argparse.ArgumentParser) -> None:
+    _add_points(new)
+    new.add_argument("--name", required=True, help="of the campaign")
     numbers = (
         ("--clearance-epsilon", float, USUAL.epsilon, "accepted share of wrong clearances"),
         ("--n-exceeding", int, USUAL.n_exceeding, "simulated exceeding aircraft that calibrate it"),
@@ -98,7 +115,16 @@ def _new(options: argparse.Namespace) -> int:
         n_exceeding=options.n_exceeding,
         n_aircraft=options.n_aircraft,
     )
-    campaign = Campaign.planned(options.name, test, tuple(options.steps), recipe)
+    planned = [(Condition(options.condition, test), options.steps)]
+    campaign = Campaign.planned(options.name, planned, recipe, options.passes_below)
+    return _done(options, campaign, lines(campaign))
+
+
+def _add(options: argparse.Namespace) -> int:
+    campaign = load(options.file)
+    test: DatasetRecipe = plain_recipe(options)["dataset"]
+    condition = Condition(options.condition, test)
+    campaign = campaign.extended(condition, options.steps, options.passes_below)
     return _done(options, campaign, lines(campaign))
 
 
@@ -115,7 +141,10 @@ def _clear(options: argparse.Namespace) -> int:
     point = campaign.next.point
     told = [f"{point.name}: {point.state}: {point.events[-1].words}"]
     if point.state == "on condition":
-        told += ["to confirm before it is flown:", *(f"  - {item}" for item in checklist(campaign))]
+        told += [
+            "to confirm before it is flown:",
+            *(f"  - {item}" for item in checklist(campaign, point)),
+        ]
     if point.clearing and point.clearing.amplitude_deg is not None:
         told.append(_recommended(point))
     return _done(options, campaign, told, ok=point.state == "on condition")
@@ -133,31 +162,26 @@ def _recommended(point: Point) -> str:
 
 def _confirm(options: argparse.Namespace) -> int:
     campaign = load(options.file)
-    number, point = campaign.next
-    if campaign.flown and point.state != "on condition":
-        raise CampaignError(
-            f"{point.name!r} is {point.state}: what is confirmed was cleared on condition before, "
-            "by `forewarn campaign clear`"
-        )
-    words = options.why or ("checklist confirmed" if campaign.flown else "first point")
-    campaign = campaign.changed(number, "cleared", options.by, words)
-    return _done(options, campaign, [f"{point.name}: cleared by {options.by}"])
+    point = campaign.next.point
+    return _done(
+        options,
+        campaign.confirmed(options.by, options.why),
+        [f"{point.name}: cleared by {options.by}"],
+    )
 
 
 def _hold(options: argparse.Namespace) -> int:
     campaign = load(options.file)
-    number, point = campaign.next
-    campaign = campaign.changed(number, "hold", options.by, options.why)
-    return _done(options, campaign, [f"{point.name}: hold, by {options.by}"])
+    point = campaign.next.point
+    told = [f"{point.name}: hold, by {options.by}"]
+    return _done(options, campaign.held(options.by, options.why), told)
 
 
 def _abort(options: argparse.Namespace) -> int:
     campaign = load(options.file)
-    number, point = campaign.next
-    if not options.why:
-        raise CampaignError("no reason was given: say it with --why")
-    campaign = campaign.changed(number, "aborted", options.by, options.why)
-    return _done(options, campaign, [f"{point.name}: aborted by {options.by}: {options.why}"])
+    point = campaign.next.point
+    told = [f"{point.name}: aborted by {options.by}: {options.why}"]
+    return _done(options, campaign.aborted(options.by, options.why), told)
 
 
 def _fly(options: argparse.Namespace) -> int:
@@ -167,19 +191,22 @@ def _fly(options: argparse.Namespace) -> int:
         raise CampaignError("one of --start and --end was given: give both, or none")
     marked = None if options.start is None else Interval(options.start, options.end, point.name)
     mapping = None if options.mapping is None else read_mapping(options.mapping)
-    flown = flown_point(options.recording, campaign.test_of(point), mapping, marked)
-    words = f"{flown.source}: reached {flown.reached:.0%} of a limit"
-    if flown.exceeded:
-        words += f", EXCEEDED {flown.exceeded}"
-    if point.state != "cleared":
-        words += f"; it was flown although it was {point.state}"
-    campaign = campaign.changed(number, "complete", options.by, words, flown=flown)
-    return _done(options, campaign, [f"{point.name}: complete: {words}"])
+    with columns_of(options.recording) as columns:
+        recorded = MappedRecording.of(columns, mapping or propose(columns).mapping).scorable()
+        flown = flown_point(options.recording.name, recorded, campaign.test_of(point), marked)
+    campaign = campaign.completed(flown, options.by)
+    told = f"{point.name}: complete: {campaign.points[number].events[-1].words}"
+    return _done(options, campaign, [told])
 
 
 def _identify(options: argparse.Namespace) -> int:
-    found = identified(load(options.file))
-    print_result(options, "\n".join(identification_lines(found)), _identification_plain(found))
+    campaign = load(options.file)
+    flown = [condition for condition in campaign.conditions if campaign.flown(condition.name)]
+    if not flown:
+        raise CampaignError("no point is complete: fly one before the aircraft is identified")
+    found = [identified(campaign, condition.name) for condition in flown]
+    lines = [line for one in found for line in identification_lines(one)]
+    print_result(options, "\n".join(lines), [identification_plain(one) for one in found])
     return 0
 
 
@@ -189,7 +216,7 @@ def _recipe(options: argparse.Namespace) -> int:
     point = campaign.next.point
     plain = {"dataset": to_plain(updated(campaign, point))}
     write_whole(options.out, json_codec.encode(plain))
-    steps = ", ".join(step.name for step in campaign.flown)
+    steps = ", ".join(step.name for step in campaign.flown(point.condition))
     text = (
         f"written: {options.out}, for {point.name} with the aircraft as identified from {steps}; "
         f"train with `forewarn train --recipe {options.out}`"
@@ -209,6 +236,7 @@ def _report(options: argparse.Namespace) -> int:
 
 ACTIONS = {
     "new": _new,
+    "add": _add,
     "show": _show,
     "clear": _clear,
     "confirm": _confirm,
@@ -232,13 +260,19 @@ def _done(
 
 def lines(campaign: Campaign) -> list[str]:
     """Return a campaign as a table, a point a line, and the next one's last words."""
-    test = campaign.test
+    aircraft = [one.test.aircraft.description.split(";")[0] for one in campaign.conditions]
+    width = max(10, *(len(point.name) for point in campaign.points))
     rows = [
-        f"{campaign.name}: {test.aircraft.description.split(';')[0]}",
-        f"  {'point':10} {'amplitude':>10}  {'state':14} {'predicted':>20} {'reached':>8}",
-        *map(_row, campaign.points),
+        f"{campaign.name}: {'; '.join(dict.fromkeys(aircraft))}",
+        f"  {'point':{width}} {'amplitude':>10}  {'state':14} {'predicted':>20} {'reached':>8}",
+        *(_row(point, width) for point in campaign.points),
     ]
-    if any(not point.is_over for point in campaign.points):
+    if any(point.clearing for point in campaign.points):
+        rows.append(
+            f"probability that any point exceeds that was cleared by computation: at most "
+            f"{campaign.exceeding_at_most:.2%}"
+        )
+    if not campaign.is_over:
         point = campaign.next.point
         last = point.events[-1] if point.events else None
         rows.append(
@@ -247,15 +281,15 @@ def lines(campaign: Campaign) -> list[str]:
     return rows
 
 
-def _row(point: Point) -> str:
+def _row(point: Point, width: int) -> str:
     predicted = reached = ""
     if point.clearing:
         low, middle, high = point.clearing.reached
         predicted = f"{middle:.0%} ({low:.0%} to {high:.0%})"
     if point.flown:
-        reached = f"{point.flown.reached:.0%}{'!' if point.flown.exceeded else ''}"
+        reached = f"{point.flown.reached:.0%}{'!' if point.failed else ''}"
     return (
-        f"  {point.name:10} {point.peak_deg:6.3g} deg  {point.state:14} {predicted:>20} "
+        f"  {point.name:{width}} {point.peak_deg:6.3g} deg  {point.state:14} {predicted:>20} "
         f"{reached:>8}"
     )
 
@@ -283,22 +317,3 @@ def identification_lines(found: Identification) -> list[str]:
         f"mean squared distance from what was expected: {found.distance:.2f}, about 1 at most"
     )
     return rows
-
-
-def _identification_plain(found: Identification) -> dict[str, Any]:
-    return {
-        "sources": list(found.sources),
-        "parameters": [
-            {
-                "name": name,
-                "before": [found.prior_mean[k], found.prior_sigma[k]],
-                "after": [found.mean[k], found.sigma[k]],
-                "determined": name not in found.undetermined,
-            }
-            for k, name in enumerate(found.names)
-        ],
-        "covariance": found.covariance.tolist(),
-        "r2": found.r2.tolist(),
-        "distance": found.distance,
-        "noise": found.noise.tolist(),
-    }

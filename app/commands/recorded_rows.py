@@ -1,6 +1,5 @@
 """A recording as the rows that its source sent: read, mapped, in the order of time."""
 
-import tempfile
 from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
@@ -8,11 +7,11 @@ from typing import NamedTuple
 import numpy as np
 
 from app.commands.output.mapping_lines import mapping_lines, read_mapping
-from app.telemetry.contents import Columns, open_columns
+from app.telemetry.contents import Columns
 from app.telemetry.mapping.applying import apply_mapping
 from app.telemetry.mapping.mapping import Mapping
 from app.telemetry.mapping.proposal import Proposal, propose
-from app.telemetry.reading import read_file
+from app.telemetry.reading import columns_of
 from app.telemetry.recording import ATTITUDE, TelemetryError
 from app.telemetry.timing.repair import repair
 from app.telemetry.traces import GAP_RATIO, Trace
@@ -38,8 +37,8 @@ def si_rows(file: Path, mapping: Path | None) -> RecordedRows:
 
     mapping: of a JSON file; as the program proposes it where None.
     """
-    with tempfile.TemporaryDirectory(prefix="forewarn-") as place:
-        columns, given, proposal = _read(file, Path(place), mapping)
+    with columns_of(file) as columns:
+        given, proposal = _mapping(columns, mapping)
         traces = repair(apply_mapping(columns, given)).traces
         notes = [*mapping_lines(given, proposal), *traces.notes]
     channels = {k: x for k, x in traces.channels.items() if k in (*KEYS, *ATTITUDE) and len(x.t)}
@@ -56,8 +55,8 @@ def si_rows(file: Path, mapping: Path | None) -> RecordedRows:
 
 def own_rows(file: Path, mapping: Path | None, names: Sequence[str]) -> RecordedRows:
     """The signals of these names as the file has them, time first. TelemetryError."""
-    with tempfile.TemporaryDirectory(prefix="forewarn-") as place:
-        columns, given, _ = _read(file, Path(place), mapping)
+    with columns_of(file) as columns:
+        given, _ = _mapping(columns, mapping)
         known = {signal.name: signal.group for signal in columns.contents.signals}
         if lacking := [name for name in names if name not in known]:
             raise TelemetryError(
@@ -75,15 +74,12 @@ def own_rows(file: Path, mapping: Path | None, names: Sequence[str]) -> Recorded
     return RecordedRows(t[timed], [*names], values[timed], [])
 
 
-def _read(file: Path, place: Path, path: Path | None) -> tuple[Columns, Mapping, Proposal | None]:
-    """Columns of a file and their mapping, with its proposal unless it was given."""
-    folder = place / "columns"
-    read_file(file, folder)
-    columns = open_columns(folder)
+def _mapping(columns: Columns, path: Path | None) -> tuple[Mapping, Proposal | None]:
+    """What the columns are, with its proposal unless it was given."""
     if path is not None:
-        return columns, read_mapping(path), None
+        return read_mapping(path), None
     proposal = propose(columns)
-    return columns, proposal.mapping, proposal
+    return proposal.mapping, proposal
 
 
 def _between(t: Array, trace: Trace) -> Array:

@@ -1,6 +1,5 @@
 """A recorded flight scored from its file: read, mapped, and scored by every monitor asked for."""
 
-import tempfile
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from itertools import compress
@@ -11,14 +10,14 @@ from app.recordings.mapping_memory import MappingMemory
 from app.scoring import MissingChannels, ScoredRecording, ScoringRecipe, score_at_each
 from app.scoring.limits_history import LimitsHistory
 from app.scoring.planned_test import planned_test
-from app.telemetry.contents import Columns, Contents, open_columns
+from app.telemetry.contents import Columns, Contents
 from app.telemetry.mapping.applying import apply_mapping
 from app.telemetry.mapping.mapping import Mapping, TimeSource
 from app.telemetry.mapping.motion.signs import CONVENTION
 from app.telemetry.mapping.proposal import Proposal, propose
 from app.telemetry.mapping.template import mapping_template
 from app.telemetry.mapping.typed_rate import rate_words
-from app.telemetry.reading import read_file
+from app.telemetry.reading import columns_of
 from app.telemetry.recording import TelemetryError
 from app.telemetry.timing.repair import RepairedTraces, repair
 from core.evaluation.certificate import UselessMonitor, check_use
@@ -87,10 +86,8 @@ def score_file(request: ScoreRequest, memory: MappingMemory | None = None) -> Sc
             checked = monitor.check_epsilon(epsilon)
             if len(monitors) == 1 and not request.accept_useless:
                 _check_use(request.monitors[0], monitor, checked)
-    with tempfile.TemporaryDirectory(prefix="forewarn-") as place:
-        folder = Path(place) / "columns"
-        contents = read_file(request.file, folder)
-        columns = open_columns(folder)
+    with columns_of(request.file) as columns:
+        contents = columns.contents
         proposal = None if request.mapping else _proposed(columns, request, monitors[0], memory)
         mapping = proposal.mapping if proposal else _as_given(contents, request)
         if request.rate and request.rate not in mapping.times.values():

@@ -1,46 +1,59 @@
 """A campaign as a page that prints: the card of the next point, and the results of those flown."""
 
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
 from markupsafe import Markup, escape
 
-from app.campaigns.campaign import Campaign, Point
-from app.campaigns.clearing import checklist, identified
+from app.campaigns.campaign import Campaign, Condition, Point
+from app.campaigns.clearing import checklist
+from app.campaigns.derivatives import history
+from app.labels import kind_label
+from app.recipes import to_plain
 from app.report.page import TEMPLATES
 from app.report.strip_chart import ticks
 from core import __version__
 from core.channels import CHANNELS
+from core.identification.identification import Identification
+from core.types import Array
 
 WIDTH, HEIGHT, LEFT, RIGHT, TOP, BOTTOM = 680.0, 280.0, 46.0, 14.0, 12.0, 34.0
 """Of the build-up plot [px]."""
+LEFT_OF_ROWS, ROW_HEIGHT = 64.0, 20.0
+"""Of the plot of derivatives [px]."""
 ROOM = 1.08
 """Of what is shown, beyond the largest number."""
 
 
 def campaign_page(campaign: Campaign) -> str:
     """Return the campaign as HTML that needs no other file."""
-    over = all(point.is_over for point in campaign.points)
-    point = None if over else campaign.next.point
-    found = identified(campaign) if campaign.flown else None
-    limits = zip(CHANNELS, campaign.test.specification.magnitudes, strict=True)
+    point = None if campaign.is_over else campaign.next.point
     return TEMPLATES.get_template("campaign.html").render(
         campaign=campaign,
         point=point,
-        checklist=checklist(campaign) if campaign.flown else (),
-        plot=build_up_plot(campaign),
-        found=found,
-        parameters=[]
-        if found is None
-        else zip(
-            found.names,
-            found.prior_mean,
-            found.prior_sigma,
-            found.mean,
-            found.sigma,
-            strict=True,
-        ),
-        limits=[(channel, float(limit)) for channel, limit in limits if limit < float("inf")],
-        aircraft=campaign.test.aircraft.description.split(";")[0],
+        checklist=checklist(campaign, point) if point else (),
+        is_first=point is not None and not campaign.flown(point.condition),
+        conditions=[_condition(campaign, condition) for condition in campaign.conditions],
         version=__version__,
     )
+
+
+def _condition(campaign: Campaign, condition: Condition) -> dict[str, Any]:
+    """What the page says of a flight condition."""
+    found = history(campaign, condition.name)
+    test = condition.test
+    limits = zip(CHANNELS, test.specification.magnitudes, strict=True)
+    return {
+        "name": condition.name,
+        "points": [point for point in campaign.points if point.condition == condition.name],
+        "maneuver": kind_label(to_plain(test.maneuver)["kind"]),
+        "limits": [(channel, float(limit)) for channel, limit in limits if limit < float("inf")],
+        "aircraft": test.aircraft.description.split(";")[0],
+        "plot": build_up_plot(campaign, condition.name),
+        "found": found[-1] if found else None,
+        "derivatives": derivatives_plot(found) if found else "",
+    }
 
 
 class _Axes:
@@ -75,20 +88,21 @@ class _Axes:
         return "".join(parts)
 
 
-def build_up_plot(campaign: Campaign) -> Markup:
+def build_up_plot(campaign: Campaign, condition: str) -> Markup:
     """Predicted intervals and flown peaks over the points, with the limit, as SVG."""
-    reached = [point.flown.reached for point in campaign.points if point.flown]
-    predicted = [point.clearing.reached[2] for point in campaign.points if point.clearing]
-    axes = _Axes(max(point.peak_deg for point in campaign.points), max([1.0, *reached, *predicted]))
+    points = [point for point in campaign.points if point.condition == condition]
+    reached = [point.flown.reached for point in points if point.flown]
+    predicted = [point.clearing.reached[2] for point in points if point.clearing]
+    axes = _Axes(max(point.peak_deg for point in points), max([1.0, *reached, *predicted]))
     limit = (
         f'<path class="limit" d="M{LEFT} {axes.y(1.0):.1f}H{WIDTH - RIGHT}"/>'
         f'<text class="limit-words" x="{LEFT + 6}" y="{axes.y(1.0) - 4:.1f}">limit</text>'
     )
-    points = "".join(_drawn(axes, point) for point in campaign.points)
+    drawn = "".join(_drawn(axes, point) for point in points)
     return Markup(
         f'<svg class="chart" viewBox="0 0 {WIDTH:g} {HEIGHT:g}" role="img" '
         'aria-label="Predicted and flown peaks over amplitude">'
-        f"{axes.frame()}{limit}{points}</svg>"
+        f"{axes.frame()}{limit}{drawn}</svg>"
     )
 
 
@@ -108,3 +122,50 @@ def _drawn(axes: _Axes, point: Point) -> str:
     name = escape(point.name)
     parts.append(f'<text x="{x:.1f}" y="{HEIGHT - BOTTOM - 4}" text-anchor="middle">{name}</text>')
     return "".join(parts)
+
+
+def derivatives_plot(history: Sequence[Identification]) -> Markup:
+    """Each uncertain derivative after each point, in sigma of what was known before, as SVG.
+
+    history: after the first point, the second, and so on.
+    """
+    last = history[-1]
+    uncertain = [k for k in range(len(last.names)) if last.prior_sigma[k] > 0.0]
+    known = [_standard(found) for found in history]
+    most = max(3.0, *(float(np.abs(mean[uncertain]).max()) + 1.0 for mean, _ in known))
+    height = TOP + ROW_HEIGHT * len(uncertain) + BOTTOM
+    middle, unit = (LEFT_OF_ROWS + WIDTH - RIGHT) / 2, (WIDTH - RIGHT - LEFT_OF_ROWS) / 2 / most
+    bottom = height - BOTTOM
+    parts = [
+        f'<rect class="prior" x="{middle - 2 * unit:.1f}" y="{TOP}" width="{4 * unit:.1f}" '
+        f'height="{bottom - TOP:.1f}"/>'
+    ]
+    for at in range(-int(most), int(most) + 1):
+        x = middle + unit * at
+        parts.append(f'<path class="grid" d="M{x:.1f} {TOP}V{bottom}"/>')
+        parts.append(f'<text x="{x:.1f}" y="{bottom + 13}" text-anchor="middle">{at}</text>')
+    for row, k in enumerate(uncertain):
+        y = TOP + ROW_HEIGHT * row
+        parts.append(
+            f'<text x="{LEFT_OF_ROWS - 6}" y="{y + ROW_HEIGHT / 2 + 3:.1f}" text-anchor="end">'
+            f"{escape(last.names[k])}</text>"
+        )
+        for number, (mean, sigma) in enumerate(known):
+            at = y + ROW_HEIGHT * (number + 1) / (len(known) + 1)
+            low, high = (middle + unit * (mean[k] + side * sigma[k]) for side in (-1.96, 1.96))
+            kind = "known" if number == len(known) - 1 else "known earlier"
+            parts.append(f'<path class="{kind}" d="M{low:.1f} {at:.1f}H{high:.1f}"/>')
+            x = middle + unit * mean[k]
+            parts.append(f'<circle class="{kind}" cx="{x:.1f}" cy="{at:.1f}" r="2"/>')
+    words = "standard deviations of what was expected, from its middle"
+    parts.append(f'<text x="{middle:.1f}" y="{height - 4}" text-anchor="middle">{words}</text>')
+    return Markup(
+        f'<svg class="chart" viewBox="0 0 {WIDTH:g} {height:g}" role="img" '
+        f'aria-label="Derivatives after each point">{"".join(parts)}</svg>'
+    )
+
+
+def _standard(found: Identification) -> tuple[Array, Array]:
+    """(n_params,) each: shift of each mean and its sigma, in sigma of before."""
+    scale = np.where(found.prior_sigma > 0.0, found.prior_sigma, 1.0)
+    return (found.mean - found.prior_mean) / scale, found.sigma / scale

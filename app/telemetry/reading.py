@@ -3,11 +3,14 @@
 import logging
 import shutil
 import stat
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from app.telemetry.contents import Contents, open_columns, printable
+from app.telemetry.contents import Columns, Contents, open_columns, printable
 from app.telemetry.formats import Format, format_of
 from app.telemetry.readers import isolation
 from app.telemetry.recording import TelemetryError
@@ -58,6 +61,15 @@ def read_file(
             raise
     except TelemetryError as error:
         raise TelemetryError(printable(f"{name}: {error}", LONGEST_SENTENCE)) from None
+
+
+@contextmanager
+def columns_of(path: Path) -> Iterator[Columns]:
+    """The columns of a file, for as long as they are looked at; as `read_file` otherwise."""
+    with tempfile.TemporaryDirectory(prefix="forewarn-") as place:
+        folder = Path(place) / "columns"
+        read_file(path, folder)
+        yield open_columns(folder)
 
 
 def warm_up() -> None:

@@ -5,7 +5,15 @@ from pathlib import Path
 
 import pytest
 
-from app.campaigns.campaign import Campaign, CampaignError, Clearing, FlownPoint, Point, load
+from app.campaigns.campaign import (
+    Campaign,
+    CampaignError,
+    Clearing,
+    Condition,
+    FlownPoint,
+    Point,
+    load,
+)
 from core.clearance import ClearanceError, ClearanceRecipe
 from core.evaluation.lead_sweep import TESTS
 from core.recipe import RecipeError
@@ -16,7 +24,8 @@ FLOWN = FlownPoint("flight.csv, 1.00 to 7.00 s", ((0.0, 1e-3, 0.1, 0.2, 0.3, 0.4
 
 def planned() -> Campaign:
     """Three points."""
-    return Campaign.planned("Büild-up", TEST, (0.5, 0.75, 1.0), ClearanceRecipe(epsilon=0.1))
+    at_once = [(Condition("", TEST), (0.5, 0.75, 1.0))]
+    return Campaign.planned("Büild-up", at_once, ClearanceRecipe(epsilon=0.1))
 
 
 def test_points_are_shares_of_the_planned_amplitude() -> None:
@@ -35,7 +44,7 @@ def test_states_follow_each_other_with_names_and_times() -> None:
     assert [event.state for event in campaign.points[0].events] == ["cleared", "complete"]
     assert campaign.points[0].events[0].by == "Ann"
     assert campaign.points[0].events[0].at.endswith("+00:00")
-    assert campaign.flown[0].flown == FLOWN
+    assert campaign.flown("")[0].flown == FLOWN
     assert campaign.next == (1, campaign.points[1])
     campaign = campaign.changed(1, "aborted", "Bob", "gust")
     build_up = campaign.build_up(campaign.next.point)
@@ -70,17 +79,24 @@ def test_a_file_holds_the_whole_campaign(tmp_path: Path) -> None:
 def test_points_that_do_not_build_up_are_refused(fractions: tuple[float, ...], words: str) -> None:
     """With what is needed."""
     with pytest.raises(CampaignError, match=words):
-        Campaign.planned("c", TEST, fractions, ClearanceRecipe())
+        Campaign.planned("c", [(Condition("", TEST), fractions)], ClearanceRecipe())
 
 
 @pytest.mark.parametrize(
     ("damage", "words"),
     [
         (lambda plain: plain | {"format": "other"}, "is no campaign"),
-        (lambda plain: plain | {"version": 2}, "of version 2"),
+        (lambda plain: plain | {"version": 3}, "of version 3"),
         (lambda plain: {k: v for k, v in plain.items() if k != "points"}, "lacks 'points'"),
         (lambda plain: plain | {"points": [{"name": 3}]}, "points.0"),
-        (lambda plain: plain | {"test": {"aircraft": {"kind": "b52"}}}, "b52"),
+        (
+            lambda plain: (
+                plain | {"conditions": [{"name": "", "test": {"aircraft": {"kind": "b52"}}}]}
+            ),
+            "b52",
+        ),
+        (lambda plain: plain | {"conditions": 3}, "is damaged"),
+        (lambda plain: plain | {"conditions": [{"name": "M .8", "test": {}}]}, "flight condition"),
         (lambda plain: plain | {"clearance": {"epsilon": 2.0}}, "epsilon"),
     ],
 )
@@ -112,3 +128,57 @@ def test_nothing_is_cleared_from_nothing() -> None:
     """A first point has no build-up."""
     with pytest.raises(ClearanceError, match="no flown step"):
         planned().build_up(Point("x", 1.0))
+
+
+def test_a_file_of_the_version_before_has_one_flight_condition(tmp_path: Path) -> None:
+    """Its one test is of all points."""
+    path = tmp_path / "c.json"
+    planned().save(path)
+    plain = json.loads(path.read_text(encoding="utf-8"))
+    plain |= {"version": 1, "test": plain.pop("conditions")[0]["test"]}
+    for point in plain["points"]:
+        del point["condition"], point["passes_below"], point["criteria"], point["monitor"]
+    path.write_text(json.dumps(plain), encoding="utf-8")
+    assert load(path) == planned()
+
+
+def test_steps_of_another_flight_condition_clear_nothing() -> None:
+    """Each condition begins with a person's decision."""
+    campaign = planned().extended(Condition("M 0.8", TEST), (0.5, 1.0))
+    assert [point.name for point in campaign.points[3:]] == ["50% M 0.8", "100% M 0.8"]
+    for number in range(3):
+        campaign = campaign.changed(number, "complete", "Bob", flown=FLOWN)
+    assert campaign.next.point.condition == "M 0.8"
+    with pytest.raises(ClearanceError, match="no flown step"):
+        campaign.build_up(campaign.next.point)
+    campaign = campaign.confirmed("Ann")
+    assert campaign.next.point.state == "cleared"
+    with pytest.raises(CampaignError, match="two flight conditions have one name"):
+        campaign.extended(Condition("M 0.8", TEST), (0.6, 0.7))
+
+
+def test_a_point_beyond_its_criterion_did_not_pass() -> None:
+    """Which is said where it is complete."""
+    at_once = [(Condition("", TEST), (0.5, 1.0))]
+    campaign = Campaign.planned("c", at_once, ClearanceRecipe(), passes_below=0.5)
+    campaign = campaign.completed(FLOWN, "Bob")
+    assert campaign.points[0].failed
+    assert "NOT PASSED: it had to stay below 50%" in campaign.points[0].events[-1].words
+    with pytest.raises(CampaignError, match="above 0, at most 1"):
+        Campaign.planned("c", at_once, ClearanceRecipe(), passes_below=1.1)
+
+
+def test_the_probability_of_any_exceedance_is_bounded_by_the_sum() -> None:
+    """Of each cleared point's exceeding aircraft a share epsilon; of rare ones all."""
+    recipe = ClearanceRecipe(epsilon=0.1)
+    about = (0.1, (0.5, 0.7, 0.9), 9.1, ())
+
+    def clearing(p_value: float | None, share: float, *, cleared: bool = True) -> Clearing:
+        return Clearing(cleared, p_value, *about, 210, 1_000, recipe, ("50%",), share)
+
+    campaign = planned()
+    assert campaign.exceeding_at_most == 0.0
+    campaign = campaign.changed(0, "complete", "Bob", clearing=clearing(None, 0.004))
+    campaign = campaign.changed(1, "complete", "Bob", clearing=clearing(0.02, 0.3))
+    campaign = campaign.changed(2, "hold", "Bob", clearing=clearing(0.5, 0.6, cleared=False))
+    assert campaign.exceeding_at_most == pytest.approx(0.004 + 0.1 * 0.3)

@@ -44,7 +44,7 @@ def recorded(campaign: Path, scale: float = 1.0) -> str:
     theta = simulator.plant.nominal[np.newaxis]
     y = simulator.fly(theta, np.random.default_rng(1), np.array([scale]))[0].y[0]
     path = campaign.with_name("flight.csv")
-    path.write_text(table(y, planned.test.dt))
+    path.write_text(table(y, simulator.recipe.dt))
     return str(path)
 
 
@@ -69,7 +69,7 @@ def test_a_build_up_is_planned_cleared_flown_and_identified(
     assert run(campaign, "confirm", "--by", "Ann") == 0
     assert load(campaign).next.point.state == "cleared"
     assert run(campaign, "fly", recorded(campaign), "--by", "Bob") == 0
-    point = load(campaign).flown[1]
+    point = load(campaign).flown("")[1]
     assert point.flown is not None
     assert point.clearing is not None
     assert point.flown.reached == pytest.approx(point.clearing.reached[1], abs=0.05)
@@ -79,7 +79,7 @@ def test_a_build_up_is_planned_cleared_flown_and_identified(
     assert "next: 100%" in told
     assert told.count("complete") == 2
     assert run(campaign, "identify", "--json") == 0
-    plain = json.loads(capsys.readouterr().out)
+    (plain,) = json.loads(capsys.readouterr().out)
     assert plain["sources"] == ["60%", "80%"]
     named = {parameter["name"]: parameter for parameter in plain["parameters"]}
     assert named["N_beta"]["after"][1] < 0.3 * named["N_beta"]["before"][1]
@@ -195,3 +195,19 @@ def test_a_recording_with_gaps_or_several_manoeuvres_is_refused(
     flight.write_text("\n".join([head, *rows]))
     assert run(campaign, "fly", str(flight), "--by", "Bob") == 1
     assert "are missing from" in capsys.readouterr().err
+
+
+def test_points_at_another_flight_condition_are_added(
+    campaign: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """After the others, each with its condition in its name; its page has a plot of each."""
+    plan = ("--condition", "M 0.6", "--steps", "0.5", "0.9", "--passes-below", "0.8")
+    assert run(campaign, "add", *plan, *TEST, *NOISE, "--imperfections", "none") == 0
+    told = capsys.readouterr().out
+    assert "90% M 0.6" in told
+    assert load(campaign).points[-1].passes_below == 0.8
+    assert run(campaign, "report") == 0
+    page = campaign.with_suffix(".html").read_text(encoding="utf-8")
+    assert page.count("<svg") == 2
+    assert run(campaign, "add", *plan, *TEST) == 1
+    assert "two flight conditions have one name" in capsys.readouterr().err
