@@ -31,6 +31,7 @@ from app.recordings.recordings import Recordings
 from app.recordings.scored import ScoredRecordings
 from app.routes import (
     audit,
+    campaigns,
     catalog,
     datasets,
     flight_stream,
@@ -134,7 +135,7 @@ def _routes() -> Iterator[BaseRoute]:
     """
     kept = (datasets, monitors, limit_sets, recordings, scorings, scored_files, markers, storage)
     flown = (flights, flight_stream, live_samples, live_scores, uplink)
-    for part in (catalog, *kept, jobs, *flown, people, audit, health):
+    for part in (catalog, *kept, jobs, campaigns, *flown, people, audit, health):
         yield from part.router.routes
     yield from scene_router().routes
 

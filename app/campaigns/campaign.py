@@ -24,6 +24,8 @@ State = Literal["planned", "on condition", "cleared", "hold", "complete", "abort
 FORMAT, VERSION = "forewarn campaign", 2
 """Version 1 had one test for all points."""
 MOST_POINTS = 50
+USUAL_STEPS = (0.4, 0.6, 0.8, 1.0)
+"""Of the planned amplitude, where nothing else is asked for."""
 
 
 class CampaignError(ValueError):
@@ -155,10 +157,10 @@ class Campaign:
             raise CampaignError(
                 f"{len(self.points)} points were given: a campaign has 2 to {MOST_POINTS}"
             )
+        _check_distinct("flight conditions", [condition.name for condition in self.conditions])
         for condition in self.conditions:
             _check_growing([p.peak_deg for p in self.points if p.condition == condition.name])
         _check_distinct("points", [point.name for point in self.points])
-        _check_distinct("flight conditions", [condition.name for condition in self.conditions])
         known = {condition.name for condition in self.conditions}
         for point in self.points:
             if point.condition not in known:

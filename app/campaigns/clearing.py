@@ -34,12 +34,8 @@ def clear_next(campaign: Campaign, by: str, progress: Progress | None = None) ->
     CampaignError where none is left; ClearanceError where none can be calibrated.
     """
     number, point = campaign.next
+    check_computable(campaign)
     flown = campaign.flown(point.condition)
-    if not flown:
-        raise CampaignError(
-            f"no step was flown before {point.name!r} at its flight condition, so that nothing can "
-            "be computed of it: a person clears it, by confirming it with a name"
-        )
     rule = calibrate(campaign.build_up(point), campaign.clearance, progress)
     verdict = rule.decide([samples_of(step.flown) for step in flown if step.flown])
     withdrawn = tuple(
@@ -63,6 +59,16 @@ def clear_next(campaign: Campaign, by: str, progress: Progress | None = None) ->
     )
     state = "on condition" if clearing.cleared else "hold"
     return campaign.changed(number, state, by, words_of(clearing), clearing=clearing)
+
+
+def check_computable(campaign: Campaign) -> None:
+    """CampaignError where nothing can be computed of the next point."""
+    point = campaign.next.point
+    if not campaign.flown(point.condition):
+        raise CampaignError(
+            f"no step was flown before {point.name!r} at its flight condition, so that nothing can "
+            "be computed of it: a person clears it, by confirming it with a name"
+        )
 
 
 def words_of(clearing: Clearing) -> str:
@@ -98,4 +104,6 @@ def identified(campaign: Campaign, condition: str, first: int | None = None) -> 
 def updated(campaign: Campaign, point: Point) -> DatasetRecipe:
     """Planned test of a point with the aircraft as it is known from the complete ones."""
     known = identified(campaign, point.condition).identified
-    return replace(campaign.test_of(point), aircraft=known)
+    flown = campaign.flown(point.condition)
+    sources = tuple(f"{one.name} ({one.flown.source})" for one in flown if one.flown)
+    return replace(campaign.test_of(point), aircraft=replace(known, sources=sources))

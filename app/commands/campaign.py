@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import get_args
 
 from app import json_codec
-from app.campaigns.campaign import Campaign, CampaignError, Condition, Point, load
+from app.campaigns.campaign import USUAL_STEPS, Campaign, CampaignError, Condition, Point, load
 from app.campaigns.clearing import checklist, clear_next, identified, updated
 from app.campaigns.derivatives import identification_plain
 from app.campaigns.flying import flown_point
@@ -26,7 +26,6 @@ from core.monitor.calibration import Guarantee
 from core.planned_test import DatasetRecipe
 from core.whole_file import write_whole
 
-STEPS = (0.4, 0.6, 0.8, 1.0)
 USUAL = ClearanceRecipe()
 
 
@@ -73,10 +72,10 @@ def _add_points(parser: argparse.ArgumentParser) -> None:
         "--steps",
         type=float,
         nargs="+",
-        default=STEPS,
+        default=USUAL_STEPS,
         metavar="SHARE",
         help="of the planned amplitude, growing (default: "
-        f"{' '.join(f'{step:g}' for step in STEPS)})",
+        f"{' '.join(f'{step:g}' for step in USUAL_STEPS)})",
     )
     passes = ("--passes-below", float, 1.0, "pass criterion: part of a limit to stay below")
     add_numbers(parser, (passes,))

@@ -11,6 +11,7 @@ from app.store.tokens import ROLES, Role
 
 API = "/api/v1"
 FLIGHT, RECORDING = f"{API}/flights/{{id}}", f"{API}/recordings/{{id}}"
+CAMPAIGN = f"{API}/campaigns/{{id}}"
 SCORING = f"{RECORDING}/scorings/{{id}}"
 WEBSOCKET = "WEBSOCKET"
 """Stands for the method of one."""
@@ -78,6 +79,11 @@ ALLOWED: dict[Role, tuple[str, ...]] = {
         f"GET {API}/limit-sets/{{id}}",
         f"GET {API}/limit-sets/{{id}}/versions/{{n}}",
         f"{WEBSOCKET} {FLIGHT}/stream",
+        f"GET {API}/campaigns",
+        f"GET {CAMPAIGN}",
+        f"GET {CAMPAIGN}/file",
+        f"GET {CAMPAIGN}/derivatives",
+        f"GET {CAMPAIGN}/report",
     ),
     "operator": (
         f"POST {API}/flights",
@@ -94,6 +100,9 @@ ALLOWED: dict[Role, tuple[str, ...]] = {
         f"POST {RECORDING}/scorings",
         f"POST {RECORDING}/markers",
         f"PUT {RECORDING}/markers/{{id}}",
+        f"POST {CAMPAIGN}/hold",
+        f"POST {CAMPAIGN}/abort",
+        f"POST {CAMPAIGN}/flown",
     ),
     "engineer": (
         f"POST {API}/datasets",
@@ -116,6 +125,12 @@ ALLOWED: dict[Role, tuple[str, ...]] = {
         f"DELETE {RECORDING}/markers/{{id}}",
         f"DELETE {SCORING}",
         f"DELETE {FLIGHT}",
+        f"POST {API}/campaigns",
+        f"POST {API}/campaigns/file",
+        f"POST {CAMPAIGN}/confirm",
+        f"POST {CAMPAIGN}/clearance",
+        f"POST {CAMPAIGN}/monitor",
+        f"DELETE {CAMPAIGN}",
     ),
     "admin": (
         f"GET {API}/tokens",

@@ -12,6 +12,7 @@ from sqlalchemy import Engine
 from app.store.alarms import AlarmRepository
 from app.store.answers import AnswerRepository
 from app.store.audit import AuditRepository
+from app.store.campaigns import CampaignRepository
 from app.store.database import Damaged, StoreError, address, damage, make_engine, touch
 from app.store.datasets import DatasetRepository
 from app.store.flight_markers import FlightMarkerRepository
@@ -52,6 +53,7 @@ class Store:
         self.mappings = MappingRepository(*shared)
         self.scorings = ScoringRepository(*shared)
         self.markers = MarkerRepository(*shared)
+        self.campaigns = CampaignRepository(*shared)
         self.keeping = KeepingRepository(*shared)
         self.answers = AnswerRepository(*shared)
         self.tokens = TokenRepository(*shared)

@@ -376,6 +376,17 @@ markers = Table(
     Column("text", Text, nullable=False),
 )
 
+campaigns = Table(
+    "campaigns",
+    metadata,
+    _id(),
+    Column("name", Text, nullable=False),
+    _time("created", nullable=False),
+    _time("changed", nullable=False),
+    Column("revision", Integer, nullable=False),
+    _plain("content"),
+)
+
 answers = Table(
     "answers",
     metadata,

@@ -95,7 +95,9 @@ def test_a_build_up_is_planned_cleared_flown_and_identified(
     recipe = campaign.with_name("recipe.json")
     assert run(campaign, "recipe", "-o", str(recipe)) == 0
     dataset = from_plain(DatasetRecipe(), json.loads(recipe.read_text())["dataset"])
-    assert "identified from 60%, 80%" in dataset.aircraft.description
+    assert (
+        "identified from 60% (flight.csv, 5.00 to 11.00 s), 80% (" in dataset.aircraft.description
+    )
 
 
 def test_a_flight_that_is_not_the_aircrafts_holds_the_next_point(

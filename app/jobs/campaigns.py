@@ -1,0 +1,110 @@
+"""Long work of a campaign, and its request: clear the next point, train a monitor for it."""
+
+from dataclasses import replace
+from typing import Any
+
+from app.campaigns.campaign import USUAL_STEPS, Campaign, CampaignError, Condition
+from app.campaigns.clearing import clear_next, updated
+from app.campaigns.stored import Campaigns, check_next
+from app.jobs.jobs import Task, Work
+from app.jobs.kinds import monitor_work
+from app.jobs.requests import MonitorRequest, dataset_request, monitor_request
+from app.recipes import RecipeError, from_plain, to_plain
+from app.store.store import Store
+from core.clearance import ClearanceRecipe
+
+
+def campaign_request(plain: dict[str, Any], max_bytes: int) -> Campaign:
+    """Read the body that asks for a campaign; RecipeError says what would be right."""
+    plain = dict(plain)
+    name, given = plain.pop("name", None), plain.pop("conditions", None)
+    recipe = from_plain(ClearanceRecipe(), plain.pop("clearance", {}), "clearance")
+    if plain:
+        raise RecipeError(f"{next(iter(plain))!r} is unknown: give name, conditions, clearance")
+    if not isinstance(name, str) or not 0 < len(name.strip()) <= 200:
+        raise RecipeError(f"name is {name!r:.80}: give 1 to 200 characters")
+    if not isinstance(given, list) or not given or not all(isinstance(one, dict) for one in given):
+        raise RecipeError(f"conditions is {given!r:.80}: give a list of flight conditions")
+    listed = [_condition(one, f"conditions.{n}", max_bytes) for n, one in enumerate(given)]
+    passes = listed[0][2]
+    try:
+        campaign = Campaign.planned(name, [(listed[0][0], listed[0][1])], recipe, passes)
+        for condition, steps, passes_below in listed[1:]:
+            campaign = campaign.extended(condition, steps, passes_below)
+    except CampaignError as error:
+        raise RecipeError(str(error)) from None
+    return campaign
+
+
+def _condition(
+    plain: dict[str, Any], where: str, max_bytes: int
+) -> tuple[Condition, list[float], float]:
+    plain = dict(plain)
+    name = plain.pop("name", "")
+    test = dataset_request(plain.pop("dataset", {}), max_bytes).recipe
+    steps, passes_below = plain.pop("steps", list(USUAL_STEPS)), plain.pop("passes_below", 1.0)
+    if plain:
+        raise RecipeError(
+            f"{where}.{next(iter(plain))} is unknown: give name, dataset, steps, passes_below"
+        )
+    if not isinstance(name, str) or len(name) > 200:
+        raise RecipeError(f"{where}.name is {name!r:.80}: give up to 200 characters")
+    if not isinstance(steps, list) or not all(_is_number(step) for step in steps):
+        raise RecipeError(f"{where}.steps is {steps!r:.80}: give shares of the planned amplitude")
+    if not _is_number(passes_below):
+        raise RecipeError(f"{where}.passes_below is {passes_below!r:.80}: give a part of a limit")
+    return Condition(name.strip(), test), steps, float(passes_below)
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool)
+
+
+def clearance_work(campaigns: Campaigns, campaign_id: str, point: str, by: str) -> Work:
+    """Compute whether the next point may be flown, and store that; the result says its state."""
+
+    def work(task: Task) -> dict[str, Any]:
+        stored, campaign = campaigns.get(campaign_id)
+        check_next(campaign, point)
+
+        def identified(done: int, total: int) -> None:
+            task.progress(f"{done} of {total} aircraft identified", done, total)
+
+        cleared = clear_next(campaign, by, identified)
+        task.progress("storing", task.done, task.total)
+        campaigns.put(stored, cleared)
+        return {"campaign": campaign_id, "point": point, "state": cleared.next.point.state}
+
+    return work
+
+
+def next_monitor_request(
+    campaign: Campaign, point: str, plain: dict[str, Any], store: Store, max_bytes: int
+) -> MonitorRequest:
+    """A monitor for the next point, of the aircraft as the complete ones have shown it.
+
+    plain: what is asked of the monitor.   CampaignError; RecipeError.
+    """
+    check_next(campaign, point)
+    following = campaign.next.point
+    is_first = not campaign.flown(following.condition)
+    planned = campaign.test_of(following) if is_first else updated(campaign, following)
+    named = {"name": f"{campaign.name}, {following.name}"} | plain
+    return monitor_request(named | {"dataset": to_plain(planned)}, store, max_bytes)
+
+
+def next_monitor_work(
+    campaigns: Campaigns, campaign_id: str, point: str, request: MonitorRequest
+) -> Work:
+    """Train that monitor and note it with its point; the result names both."""
+    train = monitor_work(request, campaigns.store)
+
+    def work(task: Task) -> dict[str, Any]:
+        made = train(task)
+        stored, campaign = campaigns.get(campaign_id)
+        number = [one.name for one in campaign.points].index(point)
+        trained = replace(campaign.points[number], monitor=made["monitor"])
+        campaigns.put(stored, campaign.with_point(number, trained))
+        return made | {"campaign": campaign_id, "point": point}
+
+    return work

@@ -1,0 +1,375 @@
+"""Campaigns: points of a build-up, cleared, flown and identified one by one."""
+
+import asyncio
+from collections.abc import Callable
+from typing import Annotated, Any
+
+from fastapi import APIRouter, Depends, Response
+from fastapi.responses import HTMLResponse
+from pydantic import BaseModel, ConfigDict, Field
+
+from app.campaigns.campaign import Campaign, CampaignError, from_file
+from app.campaigns.clearing import check_computable
+from app.campaigns.derivatives import derivatives
+from app.campaigns.flying import flown_point
+from app.campaigns.stored import CampaignDetails, Campaigns, CampaignSummary, check_next
+from app.http.people import Person
+from app.http.problems import Problem, problem_responses
+from app.jobs.campaigns import (
+    campaign_request,
+    clearance_work,
+    next_monitor_request,
+    next_monitor_work,
+)
+from app.recipes import to_plain
+from app.report.campaign import campaign_page
+from app.routes.dependencies import (
+    PAGE_TO_PRINT,
+    JobsDep,
+    PersonDep,
+    PlainBody,
+    RecordingsDep,
+    SettingsDep,
+    StoreDep,
+    body_of,
+    json_from,
+    json_response,
+    signature,
+)
+from app.routes.job_answers import ACCEPTED, accepted
+from app.scoring.recipe import Interval
+from app.store.campaigns import CampaignChanged
+from app.store.jobs import JobInfo
+from app.store.tokens import LOCAL
+
+router = APIRouter(prefix="/api/v1/campaigns", tags=["campaigns"])
+Finite = Annotated[float, Field(allow_inf_nan=False)]
+
+
+class Decision(BaseModel):
+    """What is decided of the next point, and by whom."""
+
+    model_config = ConfigDict(
+        extra="forbid", json_schema_extra={"examples": [{"point": "60%", "by": "Ann"}]}
+    )
+
+    point: str = Field(description="name of the next point, as it was seen; another one is refused")
+    by: str = Field(
+        default=LOCAL, min_length=1, max_length=200, description="where nobody is logged in"
+    )
+    why: str = Field(default="", max_length=2000, description="reason")
+
+
+class FlownRequest(Decision):
+    """Which recording is that of the next point."""
+
+    model_config = ConfigDict(
+        json_schema_extra={"examples": [{"point": "60%", "recording": "3f9a1c20b7de", "by": "Bob"}]}
+    )
+
+    recording: str = Field(description="id")
+    start: Finite | None = Field(
+        default=None,
+        description="of the manoeuvre with its trim [s], in the recording; the only one that is "
+        "detected if absent",
+    )
+    end: Finite | None = Field(default=None, description="of the manoeuvre [s]")
+
+
+def _campaigns(store: StoreDep) -> Campaigns:
+    return Campaigns(store)
+
+
+CampaignsDep = Annotated[Campaigns, Depends(_campaigns)]
+_TEST = {"aircraft": {"kind": "attas_id_16kft"}}
+_PLAN = {"name": "Rudder build-up", "conditions": [{"dataset": _TEST, "steps": [0.4, 0.7, 1.0]}]}
+_PLAN_SCHEMA: dict[str, Any] = {
+    "title": "Campaign to plan",
+    "type": "object",
+    "required": ["name", "conditions"],
+    "additionalProperties": False,
+    "properties": {
+        "name": {"type": "string", "minLength": 1, "maxLength": 200},
+        "conditions": {
+            "type": "array",
+            "minItems": 1,
+            "items": {
+                "type": "object",
+                "additionalProperties": False,
+                "properties": {
+                    "name": {"type": "string", "description": "of the flight condition"},
+                    "dataset": {"type": "object", "description": "recipe of its last point"},
+                    "steps": {
+                        "type": "array",
+                        "items": {"type": "number", "exclusiveMinimum": 0},
+                        "description": "shares of the planned amplitude, growing",
+                    },
+                    "passes_below": {
+                        "type": "number",
+                        "exclusiveMinimum": 0,
+                        "maximum": 1,
+                        "description": "part of a limit that every point must stay below",
+                    },
+                },
+            },
+        },
+        "clearance": {"type": "object", "description": "how clearances are calibrated"},
+    },
+}
+_FILE: dict[str, Any] = {"type": "object", "title": "Campaign's file"}
+
+
+@router.get("")
+async def list_campaigns(campaigns: CampaignsDep) -> list[CampaignSummary]:
+    """All campaigns, the one changed last first."""
+    return await asyncio.to_thread(campaigns.all)
+
+
+@router.post(
+    "",
+    status_code=201,
+    response_model=CampaignDetails,
+    responses=problem_responses(413, 415, 422),
+    openapi_extra=body_of(_PLAN_SCHEMA, _PLAN),
+)
+async def plan_campaign(plain: PlainBody, campaigns: CampaignsDep, settings: SettingsDep):
+    """Plan a campaign: a build-up at one flight condition or several.
+
+    The aircraft's usual test where a condition's `dataset` does not say otherwise.
+    """
+
+    def plan() -> CampaignDetails:
+        return campaigns.add(campaign_request(plain, settings.max_array_bytes))
+
+    return _made(await asyncio.to_thread(plan))
+
+
+@router.post(
+    "/file",
+    status_code=201,
+    response_model=CampaignDetails,
+    responses=problem_responses(413, 415, 422),
+    openapi_extra=body_of(_FILE, {"format": "forewarn campaign", "version": 2}),
+)
+async def add_campaign_file(plain: PlainBody, campaigns: CampaignsDep):
+    """Store a campaign's file, as `forewarn campaign` or `GET /campaigns/{id}/file` gives it."""
+
+    def add() -> CampaignDetails:
+        try:
+            return campaigns.add(from_file(plain, "what was sent"))
+        except CampaignError as error:
+            raise Problem(422, str(error), "urn:forewarn:campaign") from None
+
+    return _made(await asyncio.to_thread(add))
+
+
+def _made(details: CampaignDetails) -> Response:
+    return json_response(to_plain(details), 201, {"Location": f"/api/v1/campaigns/{details.id}"})
+
+
+@router.get("/{campaign_id}", responses=problem_responses(404))
+async def read_campaign(campaign_id: str, campaigns: CampaignsDep) -> CampaignDetails:
+    """One campaign, point by point."""
+    return await asyncio.to_thread(campaigns.details, campaign_id)
+
+
+@router.delete("/{campaign_id}", status_code=204, responses=problem_responses(404))
+async def delete_campaign(campaign_id: str, store: StoreDep) -> None:
+    """Delete a campaign; its recordings and monitors stay."""
+    await asyncio.to_thread(store.campaigns.delete, campaign_id)
+
+
+@router.get(
+    "/{campaign_id}/file",
+    responses=problem_responses(404) | {200: {"content": {"application/json": {"schema": _FILE}}}},
+)
+async def read_campaign_file(campaign_id: str, campaigns: CampaignsDep) -> Response:
+    """The whole campaign as one file, flown samples included, for another server."""
+    _, campaign = await asyncio.to_thread(campaigns.get, campaign_id)
+    named = f'attachment; filename="campaign-{campaign_id}.json"'
+    return json_response(campaign.as_plain(), 200, {"Content-Disposition": named})
+
+
+@router.get(
+    "/{campaign_id}/derivatives",
+    responses=problem_responses(404)
+    | {200: {"content": {"application/json": {"schema": {"type": "array"}}}}},
+)
+async def read_derivatives(campaign_id: str, campaigns: CampaignsDep) -> Response:
+    """The aircraft at each flight condition, as known after each complete point.
+
+    Each parameter as [mean, standard deviation] before and after, and whether it was determined.
+    """
+    _, campaign = await asyncio.to_thread(campaigns.get, campaign_id)
+    return await json_from(derivatives, campaign)
+
+
+@router.get("/{campaign_id}/report", response_class=HTMLResponse, responses=problem_responses(404))
+async def read_campaign_report(campaign_id: str, campaigns: CampaignsDep) -> HTMLResponse:
+    """The card of the next point and the results, as a page that prints."""
+    _, campaign = await asyncio.to_thread(campaigns.get, campaign_id)
+    return HTMLResponse(await asyncio.to_thread(campaign_page, campaign), headers=PAGE_TO_PRINT)
+
+
+_DECIDED = problem_responses(404, 409, 422)
+
+
+@router.post("/{campaign_id}/confirm", responses=_DECIDED)
+async def confirm_point(
+    campaign_id: str, decision: Decision, campaigns: CampaignsDep, person: PersonDep
+) -> CampaignDetails:
+    """Confirm the checklist of a point that is on condition, or a first one: it is cleared."""
+    return await _decided(campaigns, campaign_id, decision, person, Campaign.confirmed)
+
+
+@router.post("/{campaign_id}/hold", responses=_DECIDED)
+async def hold_point(
+    campaign_id: str, decision: Decision, campaigns: CampaignsDep, person: PersonDep
+) -> CampaignDetails:
+    """The next point is not flown for now."""
+    return await _decided(campaigns, campaign_id, decision, person, Campaign.held)
+
+
+@router.post("/{campaign_id}/abort", responses=_DECIDED)
+async def abort_point(
+    campaign_id: str, decision: Decision, campaigns: CampaignsDep, person: PersonDep
+) -> CampaignDetails:
+    """The next point is not flown any more, or was broken off; `why` is needed."""
+    return await _decided(campaigns, campaign_id, decision, person, Campaign.aborted)
+
+
+@router.post("/{campaign_id}/flown", responses=_DECIDED)
+async def complete_point(
+    campaign_id: str,
+    asked: FlownRequest,
+    campaigns: CampaignsDep,
+    recordings: RecordingsDep,
+    person: PersonDep,
+) -> CampaignDetails:
+    """The next point was flown: it is complete, with its manoeuvre as a stored recording has it."""
+    if (asked.start is None) != (asked.end is None):
+        raise Problem(422, "one of start and end was given: give both, or none")
+    marked = None
+    if asked.start is not None and asked.end is not None:
+        marked = Interval(asked.start, asked.end, asked.point)
+
+    def decide(campaign: Campaign) -> Campaign:
+        test = campaign.test_of(campaign.next.point)
+        name = recordings.store.recordings.info(asked.recording).name
+        recorded = recordings.mapped(asked.recording).scorable()
+        flown = flown_point(name, recorded, test, marked, asked.recording)
+        return campaign.completed(flown, signature(person, asked.by))
+
+    return await _changed(campaigns, campaign_id, asked.point, decide)
+
+
+async def _decided(
+    campaigns: Campaigns,
+    campaign_id: str,
+    decision: Decision,
+    person: Person,
+    state: Callable[[Campaign, str, str], Campaign],
+) -> CampaignDetails:
+    by = signature(person, decision.by)
+    return await _changed(
+        campaigns, campaign_id, decision.point, lambda one: state(one, by, decision.why)
+    )
+
+
+async def _changed(
+    campaigns: Campaigns, campaign_id: str, point: str, decide: Callable[[Campaign], Campaign]
+) -> CampaignDetails:
+    try:
+        return await asyncio.to_thread(campaigns.change, campaign_id, point, decide)
+    except (CampaignError, CampaignChanged) as error:
+        raise Problem(409, str(error), "urn:forewarn:campaign") from None
+
+
+@router.post(
+    "/{campaign_id}/clearance",
+    status_code=202,
+    response_model=JobInfo,
+    responses=ACCEPTED | problem_responses(409),
+)
+async def clear_point(
+    campaign_id: str,
+    decision: Decision,
+    campaigns: CampaignsDep,
+    jobs: JobsDep,
+    person: PersonDep,
+):
+    """Compute whether the next point may be flown, from those flown before; answered by a job.
+
+    It is on condition then, until a person confirms what no computation can see, or on hold.
+    """
+    by = signature(person, decision.by)
+    await _check_next(campaigns, campaign_id, decision.point)
+    work = clearance_work(campaigns, campaign_id, decision.point, by)
+    request = {"campaign": campaign_id, "point": decision.point, "by": by}
+    return await accepted(jobs, "clearance", request, work)
+
+
+@router.post(
+    "/{campaign_id}/monitor",
+    status_code=202,
+    response_model=JobInfo,
+    responses=ACCEPTED | problem_responses(409),
+    openapi_extra=body_of(
+        {
+            "type": "object",
+            "title": "Monitor for the next point",
+            "required": ["point"],
+            "properties": {
+                "point": {"type": "string", "description": "name of the next point"},
+            },
+            "description": "and what `POST /monitors` takes, but for `dataset`",
+        },
+        {"point": "80%", "t_early": 0.25},
+    ),
+)
+async def train_next_monitor(
+    campaign_id: str,
+    plain: PlainBody,
+    campaigns: CampaignsDep,
+    jobs: JobsDep,
+    settings: SettingsDep,
+):
+    """Train a monitor for the next point, answered by a job.
+
+    On simulated flights of the aircraft as the complete points have shown it, which its certificate
+    names.
+    """
+    asked = dict(plain)
+    if not isinstance(point := asked.pop("point", None), str):
+        raise Problem(422, f"point is {point!r:.80}: give the name of the next point")
+    if "dataset" in asked:
+        raise Problem(422, "dataset was given: the campaign says what is simulated, leave it out")
+    _, campaign = await asyncio.to_thread(campaigns.get, campaign_id)
+
+    def request() -> Any:
+        try:
+            return next_monitor_request(
+                campaign, point, asked, campaigns.store, settings.max_array_bytes
+            )
+        except CampaignError as error:
+            raise Problem(409, str(error), "urn:forewarn:campaign") from None
+
+    training = await asyncio.to_thread(request)
+    said = {"name": training.name, "campaign": campaign_id, "point": point}
+    said |= {"n_test": training.n_test} | to_plain(training.recipe)
+    work = next_monitor_work(campaigns, campaign_id, point, training)
+    return await accepted(jobs, "monitor", said, work)
+
+
+async def _check_next(campaigns: Campaigns, campaign_id: str, point: str) -> None:
+    """Problem 409 where another point is next, or nothing can be computed of it."""
+
+    def check() -> None:
+        _, campaign = campaigns.get(campaign_id)
+        check_next(campaign, point)
+        check_computable(campaign)
+
+    try:
+        await asyncio.to_thread(check)
+    except CampaignError as error:
+        raise Problem(409, str(error), "urn:forewarn:campaign") from None

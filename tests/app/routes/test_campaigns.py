@@ -1,0 +1,216 @@
+"""A campaign over REST: planned, cleared, flown, identified; its monitor; what is refused."""
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from starlette.testclient import TestClient
+
+from app.campaigns.stored import Campaigns
+from app.commands.sample_flight import table
+from app.store.campaigns import CampaignChanged
+from core.planned_test import Simulator
+from tests.support.api import api, finished, problem, store_of
+
+URL = "/api/v1/campaigns"
+NOISE = {"Ny": 0.003, "p": 0.002, "r": 0.002, "beta": 0.001, "delta_a": 0.0004, "delta_r": 0.0004}
+TEST = {
+    "aircraft": {"kind": "attas_id_16kft"},
+    "control_law": {"kind": "none"},
+    "specification": {"Ny": 0.3},
+    "noise": NOISE,
+    "imperfections": "none",
+}
+PLAN = {
+    "name": "Rudder",
+    "conditions": [{"dataset": TEST, "steps": [0.6, 0.8, 1.0], "passes_below": 0.95}],
+    "clearance": {"n_exceeding": 20, "n_aircraft": 100},
+}
+
+
+@pytest.fixture
+def client(tmp_path: Path) -> Iterator[TestClient]:
+    with api(tmp_path) as client:
+        yield client
+
+
+def planned(client: TestClient, **more: Any) -> str:
+    """Address of a new campaign."""
+    response = client.post(URL, json=PLAN | more)
+    assert response.status_code == 201, response.text
+    return response.headers["location"]
+
+
+def recording(client: TestClient, path: str, scale: float = 1.0) -> str:
+    """Id of the next point's recording, flown by the nominal aircraft."""
+    _, campaign = Campaigns(store_of(client)).get(path.rpartition("/")[2])
+    simulator = Simulator(campaign.test_of(campaign.next.point))
+    theta = simulator.plant.nominal[np.newaxis]
+    y = simulator.fly(theta, np.random.default_rng(1), np.array([scale]))[0].y[0]
+    sent = client.post(
+        "/api/v1/recordings?name=flight.csv", content=table(y, simulator.recipe.dt).encode()
+    )
+    assert sent.status_code == 201, sent.text
+    return sent.json()["id"]
+
+
+def test_a_campaign_is_planned_cleared_flown_and_reported(client: TestClient) -> None:
+    """Each state after the other, with names; links to what is stored; a page and a file."""
+    path = planned(client)
+    made = client.get(path).json()
+    assert [point["name"] for point in made["points"]] == ["60%", "80%", "100%"]
+    assert made["is_first"]
+    assert made["checklist"] == []
+    confirmed = client.post(f"{path}/confirm", json={"point": "60%", "by": "Ann"}).json()
+    assert confirmed["points"][0]["state"] == "cleared"
+    assert client.get(f"{path}/derivatives").json() == []
+    flight = recording(client, path)
+    flown = client.post(
+        f"{path}/flown", json={"point": "60%", "recording": flight, "by": "Bob"}
+    ).json()
+    point = flown["points"][0]
+    assert point["state"] == "complete"
+    assert point["flown"]["recording"] == flight
+    assert point["flown"]["flight"] is None
+    assert point["flown"]["passed"]
+    assert (point["flown"]["start"], point["flown"]["end"]) == (5.0, 11.0)
+    assert [event["by"] for event in point["events"]] == ["Ann", "Bob"]
+    assert (flown["next"], flown["n_complete"]) == ("80%", 1)
+
+    job = finished(client, client.post(f"{path}/clearance", json={"point": "80%", "by": "Ann"}))
+    assert job["status"] == "done", job
+    assert job["result"]["state"] == "on condition"
+    cleared = client.get(path).json()
+    clearing = cleared["points"][1]["clearing"]
+    assert clearing["cleared"]
+    assert clearing["steps"] == ["60%"]
+    assert 0.0 < clearing["exceeding_share"] < 1.0
+    bound = 1.0 if clearing["p_value"] is None else 0.05
+    assert cleared["exceeding_at_most"] == pytest.approx(bound * clearing["exceeding_share"])
+    assert any("N_y and the surfaces read true" in item for item in cleared["checklist"])
+    client.post(f"{path}/confirm", json={"point": "80%", "by": "Ann"})
+    (known,) = client.get(f"{path}/derivatives").json()
+    assert [after["sources"] for after in known["after"]] == [["60%"]]
+    page = client.get(f"{path}/report")
+    assert page.headers["content-type"].startswith("text/html")
+    assert "Next: 80%" in page.text
+    (listed,) = client.get(URL).json()
+    assert (listed["next"], listed["state"]) == ("80%", "cleared")
+
+    file = client.get(f"{path}/file")
+    assert "attachment" in file.headers["content-disposition"]
+    copied = client.post(f"{URL}/file", json=file.json())
+    assert copied.status_code == 201, copied.text
+    assert copied.json()["points"] == client.get(path).json()["points"]
+    client.delete(f"/api/v1/recordings/{flight}")
+    assert client.get(path).json()["points"][0]["flown"]["recording"] is None
+    assert client.delete(path).status_code == 204
+    problem(client.get(path), 404)
+    assert len(client.get(URL).json()) == 1
+
+
+def test_the_next_points_monitor_is_of_the_aircraft_as_it_was_flown(client: TestClient) -> None:
+    """Its certificate names the flights; it is noted with the point."""
+    wider = TEST | {"specification": {"Ny": 0.305}}
+    path = planned(client, conditions=[{"dataset": wider, "steps": [0.6, 0.8, 1.0]}])
+    client.post(
+        f"{path}/flown", json={"point": "60%", "recording": recording(client, path), "by": "Bob"}
+    )
+    asked = {"point": "80%", "n_test": 200, "epsilon": 0.1, "guarantee": "average"}
+    problem(client.post(f"{path}/monitor", json=asked | {"point": "100%"}), 409)
+    assert "leave it out" in problem(
+        client.post(f"{path}/monitor", json=asked | {"dataset": {}}), 422
+    )
+    client.post(f"{path}/abort", json={"point": "80%", "by": "Ann", "why": "to the last at once"})
+    job = finished(client, client.post(f"{path}/monitor", json=asked | {"point": "100%"}))
+    assert job["status"] == "done", job
+    monitor = job["result"]["monitor"]
+    assert client.get(path).json()["points"][2]["monitor"] == monitor
+    certificate = client.get(f"/api/v1/monitors/{monitor}/certificate").text
+    assert "60% (flight.csv, 5.00 to 11.00 s)" in certificate
+    assert client.get(f"/api/v1/monitors/{monitor}").json()["name"] == "Rudder, 100%"
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"name": ""}, "1 to 200 characters"),
+        ({"name": 3}, "1 to 200 characters"),
+        ({"conditions": []}, "a list of flight conditions"),
+        ({"conditions": [{"steps": [1.0]}]}, "has 2 to 50"),
+        ({"conditions": [{"steps": [1.0, 0.5]}]}, "positive and grow"),
+        ({"conditions": [{"steps": "all"}]}, "shares of the planned amplitude"),
+        ({"conditions": [{"amplitudes": [1]}]}, "amplitudes is unknown"),
+        ({"conditions": [{"passes_below": 2.0}]}, "at most 1"),
+        ({"conditions": [{"passes_below": True}]}, "a part of a limit"),
+        ({"conditions": [{"name": 7}]}, "up to 200 characters"),
+        ({"conditions": [{"name": "a"}, {"name": "a"}]}, "two flight conditions have one name"),
+        ({"conditions": [{"dataset": {"aircraft": {"kind": "b52"}}}]}, "b52"),
+        ({"clearance": {"epsilon": 2.0}}, "epsilon"),
+        ({"clearance": {"n_exceeding": 20, "epsilon": 0.01}}, "needs 99"),
+        ({"pilot": "Ann"}, "'pilot' is unknown"),
+    ],
+)
+def test_what_is_no_plan_is_refused(client: TestClient, change: dict[str, Any], words: str) -> None:
+    """With what is needed; nothing is stored."""
+    assert words in problem(client.post(URL, json=PLAN | change), 422)
+    assert client.get(URL).json() == []
+
+
+def test_what_cannot_be_decided_changes_nothing(client: TestClient) -> None:
+    """Of another point than the next, without a reason, twice, or by a recording that is none."""
+    path = planned(client)
+    before = client.get(path).json()
+    by = {"by": "Ann"}
+    for action in ("confirm", "hold", "abort", "clearance"):
+        words = problem(client.post(f"{path}/{action}", json={"point": "80%"} | by), 409)
+        assert "'80%' is not the next point, that is '60%'" in words
+    words = problem(client.post(f"{path}/clearance", json={"point": "60%"} | by), 409)
+    assert "no step was flown before '60%'" in words
+    words = problem(client.post(f"{path}/abort", json={"point": "60%"} | by), 409)
+    assert "say why" in words
+    flown = {"point": "60%", "recording": "000000000000"} | by
+    problem(client.post(f"{path}/flown", json=flown), 404)
+    flown |= {"recording": recording(client, path)}
+    assert "give both" in problem(client.post(f"{path}/flown", json=flown | {"start": 1}), 422)
+    away = flown | {"start": 90, "end": 99}
+    assert "not inside" in problem(client.post(f"{path}/flown", json=away), 422)
+    assert client.get(path).json() == before
+    for action, status in (("confirm", 404), ("derivatives", 404)):
+        address = f"{URL}/000000000000/{action}"
+        response = (
+            client.get(address)
+            if action == "derivatives"
+            else client.post(address, json={"point": "60%"})
+        )
+        problem(response, status)
+    assert "is no campaign" in problem(client.post(f"{URL}/file", json={"a": 1}), 422)
+
+
+def test_of_two_who_decide_at_once_one_is_told_to_look_again(client: TestClient) -> None:
+    """What was stored meanwhile stays."""
+    path = planned(client)
+    campaigns = Campaigns(store_of(client))
+    stored, campaign = campaigns.get(path.rpartition("/")[2])
+    campaigns.put(stored, campaign.held("Ann", "gust"))
+    with pytest.raises(CampaignChanged, match="somebody else changed"):
+        campaigns.put(stored, campaign.confirmed("Bob"))
+    assert client.get(path).json()["points"][0]["state"] == "hold"
+
+
+def test_a_point_that_exceeded_leaves_the_next_one_on_hold(client: TestClient) -> None:
+    """It did not pass: no prediction clears what follows."""
+    path = planned(client)
+    flown = {"point": "60%", "recording": recording(client, path, 1.62), "by": "Bob"}
+    told = client.post(f"{path}/flown", json=flown).json()["points"][0]
+    assert not told["flown"]["passed"]
+    assert not told["flown"]["exceeded"]
+    assert "NOT PASSED" in told["events"][-1]["words"]
+    job = finished(client, client.post(f"{path}/clearance", json={"point": "80%", "by": "Ann"}))
+    assert job["result"]["state"] == "hold"
+    point = client.get(path).json()["points"][1]
+    assert "60% did not pass" in point["clearing"]["withdrawn"]
+    words = problem(client.post(f"{path}/confirm", json={"point": "80%", "by": "Ann"}), 409)
+    assert "'80%' is hold" in words
