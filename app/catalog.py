@@ -29,6 +29,7 @@ from core import __version__
 from core.amplitude import WANTED_SHARE
 from core.bounds import bounds_of
 from core.channels import CHANNELS
+from core.clearance import ClearanceRecipe
 from core.collection import DatasetRecipe
 from core.evaluation.epsilon_choice import ChoiceRecipe
 from core.evaluation.lead_sweep import SweepRecipe
@@ -47,6 +48,7 @@ RECIPES: dict[str, Any] = {
     "study": StudyRecipe(),
     "combination": CombinationRecipe(),
     "sweep": SweepRecipe(),
+    "clearance": ClearanceRecipe(),
     "epsilon": ChoiceRecipe(most_missed=0.1, most_false_alarms=0.2),
 }
 UNIT = re.compile(r"\[([^\[\]]*[A-Za-z/%][^\[\]]*)\]")

@@ -127,6 +127,7 @@ ALLOWED: dict[Role, tuple[str, ...]] = {
         f"DELETE {FLIGHT}",
         f"POST {API}/campaigns",
         f"POST {API}/campaigns/file",
+        f"POST {CAMPAIGN}/conditions",
         f"POST {CAMPAIGN}/confirm",
         f"POST {CAMPAIGN}/clearance",
         f"POST {CAMPAIGN}/monitor",

@@ -12,6 +12,7 @@ from app.jobs.requests import MonitorRequest, dataset_request, monitor_request
 from app.recipes import RecipeError, from_plain, to_plain
 from app.store.store import Store
 from core.clearance import ClearanceRecipe
+from core.collection import CollectionError
 
 
 def campaign_request(plain: dict[str, Any], max_bytes: int) -> Campaign:
@@ -25,20 +26,22 @@ def campaign_request(plain: dict[str, Any], max_bytes: int) -> Campaign:
         raise RecipeError(f"name is {name!r:.80}: give 1 to 200 characters")
     if not isinstance(given, list) or not given or not all(isinstance(one, dict) for one in given):
         raise RecipeError(f"conditions is {given!r:.80}: give a list of flight conditions")
-    listed = [_condition(one, f"conditions.{n}", max_bytes) for n, one in enumerate(given)]
-    passes = listed[0][2]
+    (condition, steps, passes_below), *others = [
+        condition_request(one, max_bytes, f"conditions.{n}") for n, one in enumerate(given)
+    ]
     try:
-        campaign = Campaign.planned(name, [(listed[0][0], listed[0][1])], recipe, passes)
-        for condition, steps, passes_below in listed[1:]:
-            campaign = campaign.extended(condition, steps, passes_below)
+        campaign = Campaign.planned(name, [(condition, steps)], recipe, passes_below)
+        for other in others:
+            campaign = campaign.extended(*other)
     except CampaignError as error:
         raise RecipeError(str(error)) from None
     return campaign
 
 
-def _condition(
-    plain: dict[str, Any], where: str, max_bytes: int
+def condition_request(
+    plain: dict[str, Any], max_bytes: int, where: str = "condition"
 ) -> tuple[Condition, list[float], float]:
+    """Read a flight condition, the steps there and what they must stay below; RecipeError."""
     plain = dict(plain)
     name = plain.pop("name", "")
     test = dataset_request(plain.pop("dataset", {}), max_bytes).recipe
@@ -100,7 +103,13 @@ def next_monitor_work(
     train = monitor_work(request, campaigns.store)
 
     def work(task: Task) -> dict[str, Any]:
-        made = train(task)
+        try:
+            made = train(task)
+        except CollectionError as error:
+            raise CampaignError(
+                f"no monitor can be calibrated for {point!r}, as hardly any flight of the aircraft "
+                f"as it was identified exceeds a limit there, or nearly all do: {error}"
+            ) from None
         stored, campaign = campaigns.get(campaign_id)
         number = [one.name for one in campaign.points].index(point)
         trained = replace(campaign.points[number], monitor=made["monitor"])

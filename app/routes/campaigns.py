@@ -18,6 +18,7 @@ from app.http.problems import Problem, problem_responses
 from app.jobs.campaigns import (
     campaign_request,
     clearance_work,
+    condition_request,
     next_monitor_request,
     next_monitor_work,
 )
@@ -83,6 +84,26 @@ def _campaigns(store: StoreDep) -> Campaigns:
 CampaignsDep = Annotated[Campaigns, Depends(_campaigns)]
 _TEST = {"aircraft": {"kind": "attas_id_16kft"}}
 _PLAN = {"name": "Rudder build-up", "conditions": [{"dataset": _TEST, "steps": [0.4, 0.7, 1.0]}]}
+_CONDITION_SCHEMA: dict[str, Any] = {
+    "title": "Flight condition of a campaign",
+    "type": "object",
+    "additionalProperties": False,
+    "properties": {
+        "name": {"type": "string", "maxLength": 200, "description": "of the flight condition"},
+        "dataset": {"type": "object", "description": "recipe of its last point"},
+        "steps": {
+            "type": "array",
+            "items": {"type": "number", "exclusiveMinimum": 0},
+            "description": "shares of the planned amplitude, growing",
+        },
+        "passes_below": {
+            "type": "number",
+            "exclusiveMinimum": 0,
+            "maximum": 1,
+            "description": "part of a limit that every point must stay below",
+        },
+    },
+}
 _PLAN_SCHEMA: dict[str, Any] = {
     "title": "Campaign to plan",
     "type": "object",
@@ -93,25 +114,7 @@ _PLAN_SCHEMA: dict[str, Any] = {
         "conditions": {
             "type": "array",
             "minItems": 1,
-            "items": {
-                "type": "object",
-                "additionalProperties": False,
-                "properties": {
-                    "name": {"type": "string", "description": "of the flight condition"},
-                    "dataset": {"type": "object", "description": "recipe of its last point"},
-                    "steps": {
-                        "type": "array",
-                        "items": {"type": "number", "exclusiveMinimum": 0},
-                        "description": "shares of the planned amplitude, growing",
-                    },
-                    "passes_below": {
-                        "type": "number",
-                        "exclusiveMinimum": 0,
-                        "maximum": 1,
-                        "description": "part of a limit that every point must stay below",
-                    },
-                },
-            },
+            "items": _CONDITION_SCHEMA,
         },
         "clearance": {"type": "object", "description": "how clearances are calibrated"},
     },
@@ -209,6 +212,30 @@ async def read_campaign_report(campaign_id: str, campaigns: CampaignsDep) -> HTM
     """The card of the next point and the results, as a page that prints."""
     _, campaign = await asyncio.to_thread(campaigns.get, campaign_id)
     return HTMLResponse(await asyncio.to_thread(campaign_page, campaign), headers=PAGE_TO_PRINT)
+
+
+@router.post(
+    "/{campaign_id}/conditions",
+    response_model=CampaignDetails,
+    responses=problem_responses(404, 409, 413, 415, 422),
+    openapi_extra=body_of(_CONDITION_SCHEMA, {"name": "Mach 0.6", "steps": [0.5, 1.0]}),
+)
+async def add_condition(
+    campaign_id: str, plain: PlainBody, campaigns: CampaignsDep, settings: SettingsDep
+):
+    """Plan points at another flight condition, after the others."""
+
+    def add() -> Response:
+        stored, campaign = campaigns.get(campaign_id)
+        try:
+            extended = campaign.extended(*condition_request(plain, settings.max_array_bytes))
+            return json_response(to_plain(campaigns.put(stored, extended)))
+        except CampaignError as error:
+            raise Problem(422, str(error), "urn:forewarn:campaign") from None
+        except CampaignChanged as error:
+            raise Problem(409, str(error), "urn:forewarn:campaign") from None
+
+    return await asyncio.to_thread(add)
 
 
 _DECIDED = problem_responses(404, 409, 422)

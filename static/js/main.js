@@ -1,6 +1,6 @@
 /**
  * The page: one address a view (#/fly, #/fly/{flight}, #/recordings/{id}, #/monitors/{id},
- * #/datasets/{id}, #/limits/{id}, #/storage), its theme.
+ * #/datasets/{id}, #/campaigns/{id}, #/limits/{id}, #/storage), its theme.
  *
  * A view's module exports show(element, {id, query, api, navigate}) -> {close()}. `query` holds what
  * follows a question mark (#/fly?monitor=3f9a); navigate("#/fly/3f9a") goes elsewhere.
@@ -13,6 +13,7 @@ import { chooseSI, isSI, tellUnits } from "./lib/units.js";
 
 const VIEWS = {
   fly: { title: "Fly", load: () => import("./fly/index.js") },
+  campaigns: { title: "Campaigns", load: () => import("./campaigns/index.js") },
   recordings: { title: "Recordings", load: () => import("./recordings/index.js") },
   monitors: { title: "Monitors", load: () => import("./monitors/index.js") },
   limits: { title: "Limit sets", load: () => import("./limits/index.js") },

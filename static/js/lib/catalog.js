@@ -28,6 +28,7 @@ export function methodOf({ methods }, { predictor, score }) {
 }
 
 export function aircraftName(catalog, part) {
+  if (part?.base) return `${aircraftName(catalog, part.base)}, identified`;
   const entry = catalog.families.aircraft.entries[part?.kind];
   // an aircraft's description begins with its name: "F-104A, Mach 0.8, sea level, ...; source"
   return entry ? entry.description.split(/[,;]/)[0] : (part?.kind ?? "not recorded");

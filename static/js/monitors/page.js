@@ -119,6 +119,7 @@ function facts({ monitor, calibration, dataset, evaluation, catalog }) {
   const { aircraft, maneuver, specification } = monitor.dataset_recipe;
   const entries = [
     ["Aircraft", aircraftName(catalog, aircraft)],
+    ...(aircraft?.sources ? [["Identified from", aircraft.sources.join(", ")]] : []),
     ["Manoeuvre", kindName(catalog, "maneuver", maneuver)],
     ["Limit", formatted(limitWords(catalog, specification))],
     ["Warning lead time", `${figure(monitor.lead)} s`],

@@ -1,0 +1,88 @@
+/**
+ * Campaigns: the list; #/campaigns/new plans one, #/campaigns/{id} is one, with ?add its next flight condition.
+ *
+ * Exports  show(element, {id, query, api, navigate}) -> {close()}
+ */
+
+import { reason } from "../lib/api.js";
+import { h } from "../lib/dom.js";
+import { scrolledTable } from "../lib/lists.js";
+import { loadingView } from "../lib/loading_view.js";
+import { needs } from "../lib/me.js";
+import { moment } from "../lib/numbers.js";
+import { empty, errorLine, link, pageOf } from "../lib/view_states.js";
+import { showCampaign } from "./page.js";
+import { showPlanning } from "./plan_form.js";
+import { stateChip } from "./states.js";
+
+export function show(element, context) {
+  const query = context.query ?? new URLSearchParams();
+  if (context.id === "new" || query.has("add")) return showPlanning(element, context);
+  return context.id ? showCampaign(element, context) : showCampaigns(element, context);
+}
+
+function showCampaigns(element, { api, navigate }) {
+  return loadingView(element, { title: "Campaigns", text: "Looking up the campaigns", build });
+
+  async function build() {
+    const campaigns = await api.get("/campaigns");
+    const content = campaigns.length
+      ? table(campaigns)
+      : empty(
+          "No campaign yet",
+          "A campaign is a build-up: points at growing amplitudes, each cleared from those flown before it, with a guarantee.",
+          link("Plan a campaign", "#/campaigns/new", true),
+        );
+    return pageOf("Campaigns", [link("Plan a campaign", "#/campaigns/new", true)], content, fileChoice(api, navigate));
+  }
+}
+
+function table(campaigns) {
+  const rows = campaigns.map(({ id, name, aircraft, n_points: points, n_complete: complete, next, state, changed }) =>
+    h(
+      "tr",
+      {},
+      h("th", { scope: "row" }, h("a", { href: `#/campaigns/${id}` }, name)),
+      h("td", {}, aircraft.join("; ")),
+      h("td", { class: "number nowrap" }, `${complete} of ${points}`),
+      h("td", {}, next ?? "all over"),
+      h("td", {}, state ? stateChip(state) : "–"),
+      h("td", { class: "dim nowrap" }, moment(changed)),
+    ),
+  );
+  const heads = [["Name"], ["Aircraft"], ["Complete", 1], ["Next point"], ["State"], ["Changed"]];
+  return scrolledTable({ heads, rows });
+}
+
+/** A campaign that another server, or the command line, wrote. */
+function fileChoice(api, navigate) {
+  const failure = errorLine();
+  const input = h("input", { type: "file", accept: ".json,application/json", id: "campaign-file", onchange: take });
+  return h(
+    "section",
+    { class: "panel stack-tight", ...needs("POST /campaigns/file") },
+    h("div", { class: "field" }, h("label", { for: "campaign-file" }, "Open a campaign's file"), input),
+    failure.element,
+  );
+
+  async function take() {
+    failure.show("");
+    const [file] = input.files;
+    if (!file) return;
+    try {
+      const made = await api.post("/campaigns/file", parsed(await file.text(), file.name));
+      navigate(`#/campaigns/${made.id}`);
+    } catch (error) {
+      failure.show(reason(error));
+      input.value = "";
+    }
+  }
+}
+
+function parsed(text, name) {
+  try {
+    return JSON.parse(text);
+  } catch {
+    throw new Error(`${name} is not JSON: choose the file of a campaign`);
+  }
+}

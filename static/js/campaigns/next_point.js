@@ -1,0 +1,201 @@
+/**
+ * The next point of a campaign: its state, what was computed of it, what a person confirms, what can be done.
+ *
+ * Exports
+ *   nextPoint({api, path, campaign, again}) -> {element, isIdle(), close()}
+ *     again(): shows the campaign anew.   isIdle(): nothing is typed or under way
+ */
+
+import { decimal } from "../forms/decimals.js";
+import { reason } from "../lib/api.js";
+import { h } from "../lib/dom.js";
+import { createJobProgress } from "../lib/job_progress.js";
+import { factList, sentences } from "../lib/lists.js";
+import { asksForToken, needs } from "../lib/me.js";
+import { figure, moment, percent } from "../lib/numbers.js";
+import { remember, remembered } from "../lib/storage.js";
+import { button, errorLine, link } from "../lib/view_states.js";
+import { predictedWords, promiseWords, stateChip } from "./states.js";
+
+const NAME_KEY = "forewarn.name";
+
+export function nextPoint({ api, path, campaign, again }) {
+  const point = campaign.points.find(({ name }) => name === campaign.next);
+  if (!point)
+    return { element: h("section", { class: "panel" }, h("h2", {}, "Every point is complete or aborted")), isIdle: () => true, close: () => {} };
+  const { name, state, clearing } = point;
+  let progress = null;
+  const failure = errorLine();
+  const by = h("input", { type: "text", id: "decided-by", maxlength: 200, value: remembered(NAME_KEY) ?? "", onchange: () => remember(NAME_KEY, by.value.trim()) });
+  const why = h("input", { type: "text", id: "decided-why", maxlength: 2000 });
+  const boxes = campaign.checklist.map((_, k) => h("input", { type: "checkbox", id: `confirmed-${k}`, onchange: follow }));
+  const flown = flownForm(api, (asked) => act("flown", asked));
+  const confirm = button(campaign.is_first ? "Clear it" : "Confirm: cleared", () => act("confirm"), { class: "button button-primary", ...needs("POST /campaigns/{}/confirm") });
+  const compute = button(clearing ? "Compute the clearance again" : "Compute the clearance", () => work("clearance", `Clearing ${name}`, {}), { class: clearing ? "button" : "button button-primary", ...needs("POST /campaigns/{}/clearance") });
+  const train = button(point.monitor ? "Train its monitor again" : "Train a monitor for it", () => work("monitor", `Training a monitor for ${name}`, {}, false), { class: "button", ...needs("POST /campaigns/{}/monitor") });
+  const stage = h("div", { class: "stack" });
+  const element = h(
+    "section",
+    { class: "panel stack campaign-next", "data-state": state, "aria-label": "Next point" },
+    h("div", { class: "row" }, h("h2", {}, `Next: ${name}, ${figure(point.peak_deg)} deg`), stateChip(state), last(point)),
+    clearing ? computed(clearing, point) : null,
+    clearing ? null : h("p", {}, campaign.is_first ? "No step was flown before it at its flight condition: it is a person's decision alone." : "It was not computed yet whether it may be flown."),
+    h("p", { class: "hint" }, passWords(point)),
+    state === "on condition" ? checklist(campaign.checklist, boxes) : null,
+    h(
+      "div",
+      { class: "field-grid" },
+      asksForToken() ? null : h("div", { class: "field" }, h("label", { for: by.id }, "your name"), by),
+      h("div", { class: "field" }, h("label", { for: why.id }, "reason"), why),
+    ),
+    h(
+      "div",
+      { class: "row" },
+      campaign.is_first || state === "on condition" ? (state === "cleared" ? null : confirm) : null,
+      campaign.is_first ? null : compute,
+      train,
+      state === "cleared" ? link("Fly it live", `#/fly?kind=live${point.monitor ? `&monitor=${point.monitor}` : ""}`) : null,
+      state === "hold" ? null : button("Hold", () => act("hold"), needs("POST /campaigns/{}/hold")),
+      button("Abort", () => act("abort"), { class: "button button-danger", ...needs("POST /campaigns/{}/abort") }),
+    ),
+    failure.element,
+    stage,
+    flown.element,
+  );
+  follow();
+  return {
+    element,
+    isIdle: () => progress === null && !why.value && !boxes.some(({ checked }) => checked) && !flown.isTouched() && !element.contains(document.activeElement?.closest("input, select")),
+    close: () => progress?.close(),
+  };
+
+  function follow() {
+    confirm.disabled = !boxes.every(({ checked }) => checked);
+  }
+
+  function signed() {
+    if (asksForToken()) return { point: name };
+    if (by.value.trim()) return { point: name, by: by.value.trim() };
+    by.focus();
+    throw new Error("Nobody was named: give your name, it is kept with what you decide.");
+  }
+
+  async function act(action, more = {}) {
+    failure.show("");
+    try {
+      await api.post(`${path}/${action}`, { ...signed(), why: why.value.trim(), ...more });
+      again();
+    } catch (error) {
+      failure.show(reason(error));
+    }
+  }
+
+  async function work(what, title, asked, isSigned = true) {
+    failure.show("");
+    try {
+      const job = await api.post(`${path}/${what}`, { ...(isSigned ? signed() : { point: name }), ...asked });
+      progress = createJobProgress({ api, job, title, done: again, back });
+      stage.replaceChildren(progress.element);
+      for (const each of [compute, train, confirm]) each.disabled = true;
+    } catch (error) {
+      failure.show(reason(error));
+    }
+  }
+
+  function back() {
+    progress.close();
+    progress = null;
+    stage.replaceChildren();
+    for (const each of [compute, train]) each.disabled = false;
+    follow();
+  }
+}
+
+function passWords({ passes_below: below, criteria }) {
+  const words = below < 1 ? `It passes where it stays below ${percent(below, 0)} of each limit.` : "It passes where it exceeds no limit.";
+  return criteria ? `${words} ${criteria}` : words;
+}
+
+function last({ events }) {
+  const event = events.at(-1);
+  return event ? h("span", { class: "dim" }, `${event.by}, ${moment(event.at)}`) : null;
+}
+
+function computed(clearing, { peak_deg: peak }) {
+  const { p_value: p, clear_below: below, amplitude_deg: amplitude, recipe, withdrawn, steps } = clearing;
+  const facts = [
+    ["Predicted, part of a limit", predictedWords(clearing)],
+    ["p-value (high means risk)", p === null ? "–" : figure(p)],
+    ["Cleared up to", below === null ? "–" : figure(below)],
+    ["Computed from", steps.join(", ")],
+  ];
+  return h(
+    "div",
+    { class: "stack-tight" },
+    factList(facts),
+    withdrawn.length ? h("div", { class: "warning" }, h("strong", {}, "Clearance withdrawn:"), sentences(withdrawn)) : null,
+    h("p", {}, promiseWords(clearing)),
+    amplitude === null
+      ? null
+      : h("p", {}, `Largest recommended amplitude: ${figure(amplitude)} deg (this point: ${figure(peak)} deg). That is another promise: flown at it, at most a share ${figure(recipe.epsilon)} exceeds a limit.`),
+  );
+}
+
+/** What no computation can see: each item by itself. */
+function checklist(items, boxes) {
+  return h(
+    "fieldset",
+    { class: "panel stack-tight" },
+    h("legend", {}, "To confirm before it is flown"),
+    items.map((item, k) => h("label", { class: "row campaign-check", for: boxes[k].id }, boxes[k], item)),
+  );
+}
+
+function flownForm(api, send) {
+  const choice = h("select", { id: "flown-recording" });
+  const ends = ["start", "end"].map((key) => h("input", { type: "text", inputmode: "decimal", id: `flown-${key}`, placeholder: "as detected" }));
+  const failure = errorLine();
+  const element = h(
+    "details",
+    { class: "fold", ontoggle: offer, ...needs("POST /campaigns/{}/flown") },
+    h("summary", {}, "It was flown: give its recording"),
+    h(
+      "div",
+      { class: "field-grid" },
+      h("div", { class: "field" }, h("label", { for: choice.id }, "recording"), choice),
+      ["start of its trim", "end of the manoeuvre"].map((words, k) => h("div", { class: "field" }, h("label", { for: ends[k].id }, `${words} `, h("span", { class: "unit" }, "[s]")), ends[k])),
+    ),
+    failure.element,
+    h("div", { class: "row" }, button("It is complete", complete, { class: "button button-primary" }), link("Upload a recording", "#/recordings")),
+  );
+  return { element, isTouched: () => choice.value !== "" || ends.some(({ value }) => value !== "") };
+
+  /** Those of now: the point's may have come since the page was opened. */
+  async function offer() {
+    if (!element.open) return;
+    failure.show("");
+    try {
+      const recordings = await api.get("/recordings");
+      choice.replaceChildren(
+        h("option", { value: "" }, recordings.length ? "choose a recording" : "there is no recording yet"),
+        ...recordings.map(({ id, name, created }) => h("option", { value: id }, `${name}, ${moment(created)}`)),
+      );
+    } catch (error) {
+      failure.show(reason(error));
+    }
+  }
+
+  function complete() {
+    failure.show("");
+    if (!choice.value) {
+      failure.show("No recording is chosen: choose the one of this point, or upload it first.");
+      return;
+    }
+    const [start, end] = ends.map(({ value }) => (value.trim() ? decimal(value) : null));
+    if (Number.isNaN(start) || Number.isNaN(end)) {
+      failure.show("Start and end are seconds of the recording: give numbers, or leave both empty.");
+      return;
+    }
+    send({ recording: choice.value, start, end });
+  }
+}

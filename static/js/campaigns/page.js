@@ -1,0 +1,162 @@
+/**
+ * One campaign: what is next and what may be done with it, the build-up, its points, the aircraft as identified.
+ *
+ * Exports  showCampaign(element, {id, api, navigate})
+ */
+
+import { reason } from "../lib/api.js";
+import { h } from "../lib/dom.js";
+import { scrolledTable, sentences } from "../lib/lists.js";
+import { loadingView } from "../lib/loading_view.js";
+import { needs } from "../lib/me.js";
+import { figure, moment, percent } from "../lib/numbers.js";
+import { askToConfirm, button, errorLine, link, loading, pageOf } from "../lib/view_states.js";
+import { buildUpFigure, derivativesFigure } from "./figures.js";
+import { nextPoint } from "./next_point.js";
+import { predictedWords, reachedWords, stateChip } from "./states.js";
+
+/** [ms] How often it is asked whether somebody else changed the campaign. */
+const LOOK_EVERY = 5000;
+
+export function showCampaign(element, { id, api, navigate }) {
+  const path = `/campaigns/${encodeURIComponent(id)}`;
+  return loadingView(element, { title: "Campaign", text: "Opening the campaign", build });
+
+  async function build({ keep, again }) {
+    const campaign = await api.get(path);
+    const stale = errorLine();
+    const next = keep(nextPoint({ api, path, campaign, again }));
+    keep(watch(campaign, stale, next, again));
+    const actions = [
+      link("All campaigns", "#/campaigns"),
+      h("a", { class: "button", href: `/api/v1${path}/report`, target: "_blank", rel: "noopener" }, "Card and report"),
+      h("a", { class: "button", href: `/api/v1${path}/file`, download: `campaign-${id}.json` }, "Download"),
+      h("a", { class: "button", href: `#/campaigns/${id}?add`, ...needs("POST /campaigns/{}/conditions") }, "Add a flight condition"),
+      button("Delete", () => remove(campaign), { class: "button button-danger", ...needs("DELETE /campaigns/{}") }),
+    ];
+    return pageOf(
+      campaign.name,
+      actions,
+      h("p", { class: "dim" }, campaign.aircraft.join("; ")),
+      stale.element,
+      h("div", { class: "figures campaign-figures" }, next.element, campaign.conditions.map(({ name }) => buildUp(campaign, name))),
+      table(campaign),
+      campaign.points.some(({ clearing }) => clearing)
+        ? h("p", {}, `Probability that any point exceeds a limit that was cleared by computation: at most ${percent(campaign.exceeding_at_most, 2)}, over aircraft and flights as simulated.`)
+        : null,
+      campaign.n_complete ? derivatives(api, path) : null,
+    );
+  }
+
+  /** Others decide too: the page follows them, unless something is being typed; and says when it cannot know. */
+  function watch({ changed }, stale, next, again) {
+    let seen = Date.now();
+    const timer = setInterval(async () => {
+      try {
+        const now = await api.get(path);
+        seen = Date.now();
+        if (now.changed === changed) stale.show("");
+        else if (next.isIdle()) again();
+        else stale.show("◆ Somebody changed this campaign meanwhile: what is shown here is not the newest. Reload the page.");
+      } catch (error) {
+        stale.show(`◆ Not known whether this is the newest: no answer for ${Math.round((Date.now() - seen) / 1000)} s (${reason(error)})`);
+      }
+    }, LOOK_EVERY);
+    return { close: () => clearInterval(timer) };
+  }
+
+  function remove(campaign) {
+    askToConfirm(
+      `Delete the campaign “${campaign.name}”?`,
+      "What was decided of its points goes with it. Its recordings and monitors stay. Download its file first if you may want it again.",
+      "Delete it",
+      async () => {
+        await api.delete(path);
+        navigate("#/campaigns");
+      },
+    );
+  }
+}
+
+function buildUp({ points }, name) {
+  const own = points.filter(({ condition }) => condition === name);
+  return h("section", { class: "panel" }, buildUpFigure(own, name ? `Build-up at ${name}` : "Build-up"));
+}
+
+function table({ points, conditions }) {
+  const several = conditions.length > 1;
+  const rows = points.map((point) =>
+    h(
+      "tr",
+      { "data-point": point.name },
+      h("th", { scope: "row" }, point.name),
+      several ? h("td", {}, point.condition || "–") : null,
+      h("td", { class: "number" }, figure(point.peak_deg)),
+      h("td", {}, stateChip(point.state)),
+      h("td", { class: "number" }, predictedWords(point.clearing)),
+      h("td", { class: "number" }, point.flown ? reachedWords(point.flown) : "–"),
+      h("td", { class: "number" }, percent(point.passes_below, 0)),
+      h("td", {}, links(point)),
+      h("td", {}, point.events.length ? h("ul", { class: "sentences" }, point.events.map(told)) : "–"),
+    ),
+  );
+  const heads = [["Point"], ...(several ? [["Flight condition"]] : []), ["Amplitude [deg]", 1], ["State"], ["Predicted", 1], ["Reached", 1], ["Must stay below", 1], ["Stored"], ["Decided by, when, why"]];
+  return scrolledTable({ heads, rows });
+}
+
+function told({ state, by, at, words }) {
+  return h("li", {}, h("strong", {}, state), `: ${by}, ${moment(at)}${words && `; ${words}`}`);
+}
+
+function links({ flown, monitor }) {
+  const found = [
+    monitor && h("a", { href: `#/monitors/${monitor}` }, "monitor"),
+    flown?.flight && h("a", { href: `#/fly/${flown.flight}` }, "flight"),
+    flown?.recording && h("a", { href: `#/recordings/${flown.recording}` }, "recording"),
+    ...(flown?.scorings ?? []).flatMap((scoring, k) => {
+      const number = flown.scorings.length > 1 ? ` ${k + 1}` : "";
+      return [
+        h("a", { href: `#/recordings/${flown.recording}?scoring=${scoring}` }, `scoring${number}`),
+        h("a", { href: `/api/v1/recordings/${flown.recording}/scorings/${scoring}/report`, target: "_blank", rel: "noopener" }, `report${number}`),
+      ];
+    }),
+  ].filter(Boolean);
+  return found.length ? h("ul", { class: "sentences" }, found.map((one) => h("li", { class: "nowrap" }, one))) : "–";
+}
+
+/** Computed while the rest is read already. */
+function derivatives(api, path) {
+  const element = h("div", { class: "stack" }, loading("Identifying the aircraft"));
+  api.get(`${path}/derivatives`).then(
+    (found) => element.replaceChildren(...found.map(identified)),
+    (error) => element.replaceChildren(h("p", { class: "error", role: "alert" }, reason(error))),
+  );
+  return element;
+}
+
+function identified(found) {
+  const last = found.after.at(-1);
+  const uncertain = last.parameters.filter(({ before }) => before[1] > 0);
+  const rows = uncertain.map(({ name, before, after, determined }) =>
+    h(
+      "tr",
+      {},
+      h("th", { scope: "row" }, name),
+      h("td", { class: "number nowrap" }, `${figure(before[0], 4)} ± ${figure(before[1], 2)}`),
+      h("td", { class: "number nowrap" }, `${figure(after[0], 4)} ± ${figure(after[1], 2)}`),
+      h("td", { class: "number" }, percent(after[1] / before[1], 0), determined ? null : h("span", { class: "list-mark" }, "not determined")),
+    ),
+  );
+  const fits = last.sources.map((source, k) => `${source}: R² ${["β", "p", "r", "N_y"].map((key, c) => `${key} ${figure(last.r2[k][c])}`).join(", ")}`);
+  return h(
+    "section",
+    { class: "stack" },
+    h(
+      "div",
+      { class: "figures campaign-figures" },
+      h("section", { class: "panel" }, derivativesFigure(found)),
+      scrolledTable({ heads: [["Derivative"], ["Before ± σ", 1], ["After ± σ", 1], ["σ left", 1]], rows }),
+    ),
+    sentences([...fits, `Mean squared distance from what was expected of this aircraft: ${figure(last.distance)}, about 1 at most.`]),
+  );
+}

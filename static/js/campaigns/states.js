@@ -1,0 +1,34 @@
+/**
+ * What the states of a campaign's points look like, and what is said of a point.
+ *
+ * Exports
+ *   stateChip(state) -> element
+ *   predictedWords(clearing), reachedWords(flown) -> text
+ *   promiseWords(clearing) -> text      what its clearance promises
+ */
+
+import { h } from "../lib/dom.js";
+import { figure, percent } from "../lib/numbers.js";
+
+const LEVELS = { planned: "off", "on condition": "caution", cleared: "ok", hold: "alert", complete: "advisory", aborted: "off" };
+
+export function stateChip(state) {
+  return h("span", { class: "chip", "data-level": LEVELS[state] }, state);
+}
+
+export function predictedWords(clearing) {
+  if (!clearing) return "–";
+  const [low, middle, high] = clearing.reached.map((part) => percent(part, 0));
+  return `${middle} (${low} to ${high})`;
+}
+
+export function reachedWords({ reached, exceeded, passed }) {
+  if (exceeded) return `▲ ${percent(reached, 0)}, exceeded ${exceeded}`;
+  return passed ? percent(reached, 0) : `◆ ${percent(reached, 0)}, not passed`;
+}
+
+export function promiseWords({ recipe, n_exceeding: n, n_tried: tried, p_value: p }) {
+  if (p === null) return `Hardly any of ${tried.toLocaleString("en")} simulated aircraft exceeds a limit there (${n}); the prediction alone decides.`;
+  const how = recipe.guarantee === "average" ? "on average over calibrations" : "with 95 % confidence";
+  return `Of the points that would exceed a limit, at most a share ${figure(recipe.epsilon)} is cleared, ${how}; calibrated on ${n} simulated aircraft that exceed, of flights as they were simulated.`;
+}

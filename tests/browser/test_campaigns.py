@@ -1,0 +1,200 @@
+"""A whole campaign on the page, from card to clearance to live flight to report; its refusals."""
+
+import re
+from typing import Any
+
+import numpy as np
+import pytest
+from playwright.sync_api import Locator, Page, expect
+
+from app.campaigns.stored import Campaigns
+from core.channels import KEYS
+from core.planned_test import Simulator
+from tests.browser.fly.test_fly_page import Fly, site, stored
+from tests.browser.site import Site
+
+__all__ = ["site", "stored"]
+TEST = {
+    "aircraft": {"kind": "attas_id_16kft"},
+    "control_law": {"kind": "none"},
+    "specification": {"Ny": 0.305},
+    "noise": {"Ny": 0.003, "p": 0.002, "r": 0.002, "beta": 0.001, "delta_a": 4e-4, "delta_r": 4e-4},
+    "maneuver": {"amplitude_jitter": 0.1},
+    "imperfections": "none",
+}
+QUICK = {"n_exceeding": 20, "n_aircraft": 100}
+LONG = 120_000
+"""[ms] Clearances and trainings on a busy machine."""
+
+
+class Campaign(Fly):
+    """The page of a campaign."""
+
+    def plan(self, steps: list[float]) -> None:
+        plan = {"name": "Rudder", "conditions": [{"dataset": TEST, "steps": steps}]}
+        self.id = self.ask("POST", "/campaigns", plan | {"clearance": QUICK})["id"]
+        self.open()
+
+    def open(self) -> None:
+        self.page.goto(f"{self.site.http}/#/campaigns/{self.id}")
+        expect(self.next).to_be_visible()
+
+    @property
+    def next(self) -> Locator:
+        return self.page.get_by_role("region", name="Next point")
+
+    def press(self, name: str) -> None:
+        self.page.get_by_role("button", name=name, exact=True).click()
+
+    def state(self, words: str) -> None:
+        expect(self.next.get_by_role("heading", level=2).locator("..")).to_contain_text(words)
+
+    def samples(self) -> Any:
+        """(n, 6) of the next point, flown by the nominal aircraft after rest."""
+        _, campaign = Campaigns(self.site.store).get(self.id)
+        simulator = Simulator(campaign.test_of(campaign.next.point))
+        theta = simulator.plant.nominal[np.newaxis]
+        y = simulator.fly(theta, np.random.default_rng(1))[0].y[0]
+        return np.vstack([np.zeros((60, 6)), y])
+
+    def complete(self, recording: str) -> None:
+        self.page.get_by_text("It was flown: give its recording").click()
+        self.page.get_by_label("recording", exact=True).select_option(recording)
+        self.press("It is complete")
+
+    def row(self, point: str) -> Locator:
+        return self.page.locator(f'tr[data-point="{point}"]')
+
+
+@pytest.fixture
+def campaign(page: Page, site: Site) -> Campaign:
+    return Campaign(page, site)
+
+
+def test_a_campaign_goes_from_card_to_clearance_to_live_flight_to_report(
+    campaign: Campaign,
+) -> None:
+    page = campaign.page
+    campaign.plan([0.6, 0.78, 1.0])
+    campaign.state("Next: 60%, 3.84 degplanned")
+    campaign.press("Clear it")
+    expect(campaign.next.get_by_role("alert").first).to_contain_text("Nobody was named")
+    page.get_by_label("your name").fill("Ann")
+    campaign.press("Clear it")
+    campaign.state("cleared")
+
+    text = "\n".join(
+        [
+            "t_s,beta_rad,p_radps,r_radps,ay_g,da_rad,dr_rad",
+            *(
+                ",".join(f"{value:.9g}" for value in (0.05 * k, *row))
+                for k, row in enumerate(campaign.samples())
+            ),
+        ]
+    )
+    sent = page.request.post(
+        f"{campaign.site.http}/api/v1/recordings?name=first.csv", data=text.encode()
+    )
+    assert sent.ok, sent.text()
+    campaign.open()
+    campaign.complete(sent.json()["id"])
+    campaign.state("Next: 78%")
+    expect(campaign.row("60%")).to_contain_text("complete")
+    expect(campaign.row("60%").get_by_role("link", name="recording")).to_be_visible()
+    expect(page.get_by_text("Derivatives, after 60%")).to_be_visible()
+
+    page.reload()
+    expect(page.get_by_label("your name")).to_have_value("Ann")
+    campaign.press("Compute the clearance")
+    expect(campaign.next).to_have_attribute("data-state", "on condition", timeout=LONG)
+    expect(campaign.next).to_contain_text("Largest recommended amplitude")
+    confirm = page.get_by_role("button", name="Confirm: cleared")
+    expect(confirm).to_be_disabled()
+    boxes = campaign.next.get_by_role("checkbox")
+    expect(boxes).to_have_count(5)
+    expect(campaign.next).to_contain_text("one step cannot show a nonlinear aircraft")
+    for box in boxes.all():
+        box.check()
+    confirm.click()
+    campaign.state("cleared")
+
+    campaign.press("Train a monitor for it")
+    expect(campaign.row("78%").get_by_role("link", name="monitor")).to_be_visible(timeout=LONG)
+    (monitor,) = [m for m in campaign.ask("GET", "/monitors") if m["name"] == "Rudder, 78%"]
+    campaign.row("78%").get_by_role("link", name="monitor").click()
+    expect(page.locator(".facts").first).to_contain_text("60% (first.csv, ")
+
+    campaign.open()
+    page.get_by_role("link", name="Fly it live").click()
+    expect(page.locator("select#monitor")).to_have_value(monitor["id"])
+    page.get_by_role("button", name="Start the flight").click()
+    campaign.connected()
+    campaign.flight = page.url.rsplit("/", 1)[-1]
+    y = campaign.samples()
+    for sequence, first in enumerate(range(0, len(y), 20), start=1):
+        some = y[first : first + 20]
+        batch = {"sequence": sequence, "t": [0.05 * (first + k) for k in range(len(some))]}
+        batch |= {key: column.tolist() for key, column in zip(KEYS, some.T, strict=True)}
+        campaign.ask("POST", f"/flights/{campaign.flight}/samples", batch)
+    campaign.end()
+    recording = campaign.ask("GET", f"/flights/{campaign.flight}")["recording_id"]
+    campaign.open()
+    campaign.complete(recording)
+    campaign.state("Next: 100%")
+    row = campaign.row("78%")
+    expect(row).to_contain_text("complete")
+    expect(row.get_by_role("link", name="flight")).to_have_attribute(
+        "href", f"#/fly/{campaign.flight}"
+    )
+    expect(page.get_by_text("Derivatives, after 60%, 78%")).to_be_visible()
+    report = page.request.get(f"{campaign.site.http}/api/v1/campaigns/{campaign.id}/report").text()
+    assert "Next: 100%" in report
+    assert "identified from 60%, 78%" in report
+    page.get_by_role("link", name="Campaigns").click()
+    expect(page.get_by_role("row", name=re.compile("Rudder"))).to_contain_text("2 of 3")
+
+
+def test_a_page_follows_what_others_decide_and_says_when_it_cannot_know(
+    campaign: Campaign, allowed_errors: list[str]
+) -> None:
+    allowed_errors += ["ERR_FAILED", "Failed to fetch"]
+    page = campaign.page
+    campaign.plan([0.5, 1.0])
+    campaign.ask("POST", f"/campaigns/{campaign.id}/hold", {"point": "50%", "by": "Ben"})
+    campaign.state("hold")
+    page.get_by_label("reason").fill("wind is down")
+    campaign.ask("POST", f"/campaigns/{campaign.id}/confirm", {"point": "50%", "by": "Ben"})
+    told = page.get_by_role("alert").filter(has_text="Somebody changed this campaign")
+    expect(told).to_be_visible()
+    pattern = f"**/api/v1/campaigns/{campaign.id}"
+    page.route(pattern, lambda route: route.abort())
+    expect(page.get_by_role("alert").filter(has_text="Not known whether")).to_be_visible()
+    page.unroute(pattern)
+
+
+def test_a_campaign_is_planned_on_the_page_and_refused_with_words(
+    campaign: Campaign, allowed_errors: list[str]
+) -> None:
+    allowed_errors.append("422 (Unprocessable")
+    page = campaign.page
+    page.goto(f"{campaign.site.http}/#/campaigns/new")
+    page.get_by_role("button", name="Plan it").click()
+    expect(page.get_by_role("alert").last).to_contain_text("A name is needed")
+    page.get_by_label("name of the campaign").fill("Doublets")
+    steps = page.get_by_label("steps, as shares of the amplitude")
+    steps.fill("0.8 0.4")
+    page.get_by_role("button", name="Plan it").click()
+    expect(page.get_by_role("alert").last).to_contain_text("positive and grow")
+    steps.fill("0,5 1")
+    page.get_by_label("each must stay below").fill("0.9")
+    page.get_by_role("button", name="Plan it").click()
+    campaign.state("Next: 50%")
+    expect(campaign.next).to_contain_text("stays below 90 % of each limit")
+    page.get_by_role("link", name="Add a flight condition").click()
+    page.get_by_label("flight condition", exact=True).fill("Mach 0.6")
+    page.get_by_role("button", name="Add the points").click()
+    expect(campaign.row("40% Mach 0.6")).to_contain_text("planned")
+    expect(page.get_by_text("Build-up at Mach 0.6")).to_be_visible()
+    campaign.press("Delete")
+    campaign.press("Delete it")
+    expect(page.get_by_role("heading", name="Campaigns")).to_be_visible()
