@@ -20,6 +20,7 @@ COMMANDS = {
     "choose-epsilon": "choose an epsilon by costs, or so that misses and false alarms keep targets",
     "certificate": "write what fresh flights said of a monitor as a page that prints",
     "campaign": "plan a build-up; clear, fly and identify its points one by one",
+    "campaign-study": "say what campaigns avoid, and how many safe points that costs",
     "clearance-errors": "say whom a clearance clears wrongly where the model is wrong",
     "score": "score recorded telemetry with monitors",
     "report": "score recorded telemetry and report it in one HTML file that prints to a clean PDF",

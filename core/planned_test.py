@@ -261,14 +261,21 @@ class Simulator:
         out = imperfections.record(y, start, every, drawn.rest, noise, step, rng)
         return Rollouts(out, first, drawn.theta)
 
-    def stopping(self, n: int, rng: np.random.Generator) -> Callable[[Indices, Indices], Indices]:
+    def stopping(
+        self, n: int, rng: np.random.Generator, theta: Array | None = None
+    ) -> Callable[[Indices, Indices], Indices]:
         """Draw n flights as `rollouts` does from rng, to fly some again with the manoeuvre stopped.
+
+        theta: (n, n_parameters) of these aircraft, as `fly` draws their flights from rng.
 
         Returns what takes (m,) numbers of these flights, and the (m,) samples from which on the
         pilot holds neutral controls; how fast they get there is the manoeuvre's pedal lag. It
         returns (m,) their first sample that exceeds a limit, n_samples where none does.
         """
-        theta, pilot = self._planned(n, rng)
+        if theta is None:
+            theta, pilot = self._planned(n, rng)
+        else:
+            pilot = self.recipe.maneuver.pilot(self.recipe.dt, n, rng)
         pilot, as_before = np.broadcast_to(pilot, (n, *pilot.shape[1:])), deepcopy(rng)
         drawn = self._flown(theta, pilot, rng)
 

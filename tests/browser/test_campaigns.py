@@ -21,6 +21,7 @@ TEST = {
     "noise": {"Ny": 0.003, "p": 0.002, "r": 0.002, "beta": 0.001, "delta_a": 4e-4, "delta_r": 4e-4},
     "maneuver": {"amplitude_jitter": 0.1},
     "imperfections": "none",
+    "n_unsafe": 60,
 }
 QUICK = {"n_exceeding": 20, "n_aircraft": 100}
 LONG = 120_000
@@ -56,6 +57,14 @@ class Campaign(Fly):
         theta = simulator.plant.nominal[np.newaxis]
         y = simulator.fly(theta, np.random.default_rng(1))[0].y[0]
         return np.vstack([np.zeros((60, 6)), y])
+
+    def made_recording(self) -> str:
+        """Id of what its live flight became, which is made in the background."""
+        for _ in range(600):
+            if made := self.ask("GET", f"/flights/{self.flight}")["recording"]:
+                return made
+            self.page.wait_for_timeout(50)
+        raise AssertionError("no recording was made")
 
     def complete(self, recording: str) -> None:
         self.page.get_by_text("It was flown: give its recording").click()
@@ -137,7 +146,7 @@ def test_a_campaign_goes_from_card_to_clearance_to_live_flight_to_report(
         batch |= {key: column.tolist() for key, column in zip(KEYS, some.T, strict=True)}
         campaign.ask("POST", f"/flights/{campaign.flight}/samples", batch)
     campaign.end()
-    recording = campaign.ask("GET", f"/flights/{campaign.flight}")["recording_id"]
+    recording = campaign.made_recording()
     campaign.open()
     campaign.complete(recording)
     campaign.state("Next: 100%")

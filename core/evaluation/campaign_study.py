@@ -1,0 +1,305 @@
+"""What campaigns avoid, and what that costs: exceedances avoided against safe points lost.
+
+Aircraft of D_theta fly a fixed build-up. Each point after the first is flown where its clearance
+says so, from the steps before it; a flight with an alert is aborted, after the crew's reaction. A
+point that is refused or aborted ends the build-up there, and so does an exceedance. Every pair of
+the clearance's and the monitor's epsilon is tried on the same flights.
+"""
+
+from collections.abc import Callable, Sequence
+from copy import deepcopy
+from dataclasses import dataclass, replace
+from typing import Annotated, Literal, NamedTuple
+
+import numpy as np
+
+from core.bounds import Bounds, check_bounds
+from core.clearance import BATCH, BuildUp, ClearanceRecipe, PointPredictor, calibrate
+from core.collection import CollectionError, card_of, collect
+from core.evaluation.lead_sweep import METHODS, TESTS
+from core.evaluation.prevention import VARIATION
+from core.evaluation.rates import clopper_pearson, first_alerts
+from core.monitor import Monitor, MonitorRecipe, train
+from core.monitor.calibration import Guarantee, alert_above, failures_needed
+from core.planned_test import DatasetRecipe, Simulator
+from core.seeds import Branch, stream
+from core.types import Array, Flags, Indices
+
+Progress = Callable[[str, int, int], object]
+WITHOUT = 1.0
+"""Epsilon that stands for no clearance, or no monitor, at all."""
+OTHERS = 10_000
+"""Added to the study's seed for the monitors: their flights are none of those tried."""
+
+
+@dataclass(frozen=True)
+class CampaignStudyRecipe:
+    """Which build-ups are flown, by how many aircraft, and how they are watched."""
+
+    tests: tuple[str, ...] = tuple(TESTS)
+    """planned tests: by name."""
+    imperfections: Literal["none", "usual"] = "none"
+    """imperfections of a real flight: with noise and a pilot's scatter as usual in flight; `none`
+    or `usual`."""
+    steps: tuple[float, ...] = (0.6, 0.8, 1.0)
+    """points: shares of the planned amplitude, growing; the first is flown without a clearance."""
+    clearance_epsilons: tuple[float, ...] = (0.01, 0.02, 0.05, 0.1, 0.2, 0.35, 0.5, WITHOUT)
+    """accepted shares of wrong clearances; 1 for none at all."""
+    monitor_epsilons: tuple[float, ...] = (0.02, 0.05, 0.1, 0.2, WITHOUT)
+    """accepted miss rates; 1 for no monitor."""
+    guarantee: Guarantee = "average"
+    """promise of both."""
+    method: str = "test card: window"
+    """method of the monitor: by name."""
+    lead_s: Annotated[float, Bounds(above=0)] = 0.5
+    """warning lead time [s]."""
+    reaction_s: Annotated[float, Bounds(above=0)] = 0.25
+    """reaction: mean time from an alert to neutral controls [s]."""
+    n_flown: Annotated[int, Bounds(least=10)] = 1000
+    """aircraft that fly the build-up."""
+    n_unsafe: Annotated[int, Bounds(least=2)] = 500
+    """failures that each point's monitor is calibrated on."""
+    n_exceeding: Annotated[int, Bounds(least=20)] = 400
+    """exceeding aircraft that calibrate each clearance."""
+    n_aircraft: Annotated[int, Bounds(least=100)] = 400
+    """aircraft that calibrate its checks."""
+    seed: Annotated[int, Bounds(least=0)] = 0
+    """seed of every random draw."""
+
+    def __post_init__(self) -> None:
+        """Refuse what makes no study."""
+        check_bounds(self)
+        for what, given, known in (
+            ("planned test", self.tests, TESTS),
+            ("method", (self.method,), METHODS),
+            ("imperfections", (self.imperfections,), ("none", "usual")),
+        ):
+            if unknown := [name for name in given if name not in known]:
+                raise ValueError(f"{what} {unknown[0]!r} was given: choose {', '.join(known)}")
+        if len(self.steps) < 2 or sorted({*self.steps}) != [*self.steps] or self.steps[0] <= 0:
+            raise ValueError(f"steps={self.steps} was given: give two or more, positive, growing")
+        for given, n, of in (
+            (self.clearance_epsilons, self.n_exceeding, "exceeding aircraft"),
+            (self.monitor_epsilons, self.n_unsafe, "failures"),
+        ):
+            smallest = min(given, default=0.0)
+            if not 0.0 < smallest <= max(given) <= WITHOUT:
+                raise ValueError(f"epsilons of {given} were given: give numbers above 0, at most 1")
+            if smallest < WITHOUT and (needed := failures_needed(smallest, self.guarantee)) > n:
+                raise ValueError(
+                    f"epsilon={smallest:g} was given with {n} {of}: it needs {needed} at least"
+                )
+
+
+class CampaignCounts(NamedTuple):
+    """What came of the points after the first, at one pair of epsilons on one planned test.
+
+    n_exceeding, avoided: points that would exceed a limit, and of these the refused ones and those
+    aborted in time.   n_safe, lost: points that would not, and of these the refused ones and those
+    aborted in vain.   caused: safe points that exceed since they were aborted.
+    """
+
+    test: str
+    clearance_epsilon: float
+    monitor_epsilon: float
+    n_exceeding: int
+    avoided: int
+    n_safe: int
+    lost: int
+    caused: int
+
+    @property
+    def avoided_share(self) -> float:
+        """Of the points that would exceed; NaN where none would."""
+        return self.avoided / self.n_exceeding if self.n_exceeding else np.nan
+
+    @property
+    def lost_share(self) -> float:
+        """Of the points that would not exceed; NaN where all would."""
+        return self.lost / self.n_safe if self.n_safe else np.nan
+
+    @property
+    def intervals(self) -> Array:
+        """(2, 2) Clopper-Pearson 95 % intervals of both shares, as if points were independent."""
+        counts = np.array([self.avoided, self.lost]), np.array([self.n_exceeding, self.n_safe])
+        return clopper_pearson(*counts)
+
+
+@dataclass(frozen=True, eq=False)
+class _TriedPoint:
+    """A point as every aircraft would fly it.
+
+    would: (n,) exceeds if nobody stops it.   cleared: by epsilon, (n,).   aborted, exceeds: by
+    epsilon of the monitor, (n,) whether it is, and whether it exceeds all the same.
+    """
+
+    would: Flags
+    cleared: dict[float, Flags]
+    aborted: dict[float, Flags]
+    exceeds: dict[float, Flags]
+
+
+def campaign_study(
+    recipe: CampaignStudyRecipe, progress: Progress | None = None
+) -> list[CampaignCounts]:
+    """Fly the build-ups; one entry for each planned test and pair of epsilons.
+
+    progress: called with what is done, and (points done, points in all); what it raises cancels.
+    """
+    total = len(recipe.tests) * (len(recipe.steps) - 1)
+    found: list[CampaignCounts] = []
+    for of_test, name in enumerate(recipe.tests):
+        test = TESTS[name] if recipe.imperfections == "none" else TESTS[name].as_flown()
+        build_up = _BuildUp(test, recipe, of_test)
+        points: list[_TriedPoint] = []
+        for number in range(1, len(recipe.steps)):
+            if progress:
+                progress(
+                    f"{name}, point {number + 1}",
+                    of_test * (total // len(recipe.tests)) + number - 1,
+                    total,
+                )
+            points.append(build_up.tried(number))
+        first = build_up.flown[0].is_unsafe
+        found += [
+            _counted(name, points, first, clearance, monitor)
+            for monitor in recipe.monitor_epsilons
+            for clearance in recipe.clearance_epsilons
+        ]
+    return found
+
+
+class _BuildUp:
+    """The aircraft of one planned test, and their flights of every point."""
+
+    def __init__(self, test: DatasetRecipe, recipe: CampaignStudyRecipe, of_test: int) -> None:
+        self._recipe = recipe
+        peak = test.maneuver.peak_deg
+        self.points = [
+            replace(test, maneuver=test.maneuver.with_peak(part * peak)) for part in recipe.steps
+        ]
+        self._seed = (recipe.seed, Branch.CLEARANCE, 3, of_test)
+        simulators = [Simulator(point) for point in self.points]
+        self.theta = simulators[0].plant.sample(recipe.n_flown, stream(*self._seed))
+        rngs = [stream(*self._seed, number) for number in range(len(self.points))]
+        self._stopped = [
+            simulator.stopping(recipe.n_flown, deepcopy(rng), self.theta)
+            for simulator, rng in zip(simulators, rngs, strict=True)
+        ]
+        self.flown = [
+            simulator.fly(self.theta, rng)[0]
+            for simulator, rng in zip(simulators, rngs, strict=True)
+        ]
+
+    def tried(self, number: int) -> _TriedPoint:
+        """One point after the first, by every epsilon."""
+        flown = self.flown[number]
+        monitor = self._monitor(number)
+        aborted: dict[float, Flags] = {}
+        exceeds: dict[float, Flags] = {}
+        for epsilon in self._recipe.monitor_epsilons:
+            alerts = np.full(len(flown.y), flown.y.shape[1])
+            if monitor is not None and epsilon < WITHOUT:
+                alerts = first_alerts(monitor, flown.y, flown.fail_index, epsilon)
+            aborted[epsilon] = alerts < np.minimum(flown.fail_index, flown.y.shape[1])
+            exceeds[epsilon] = self._exceeds(number, alerts, aborted[epsilon])
+        return _TriedPoint(flown.is_unsafe, self._cleared(number), aborted, exceeds)
+
+    def _exceeds(self, number: int, alerts: Indices, aborted: Flags) -> Flags:
+        """(n,) whether a flight exceeds that is aborted so long after its alert."""
+        flown, recipe = self.flown[number], self._recipe
+        rng = stream(*self._seed, number, 1)
+        reaction = recipe.reaction_s * rng.gamma(VARIATION**-2, VARIATION**2, len(alerts))
+        which = np.flatnonzero(aborted)
+        dt = self.points[number].dt
+        neutral_from = np.ceil(alerts[which] + reaction[which] / dt - 1e-9).astype(np.int64)
+        exceeds = flown.is_unsafe.copy()
+        if len(which):
+            exceeds[which] = self._stopped[number](which, neutral_from) < flown.y.shape[1]
+        return exceeds
+
+    def _monitor(self, number: int) -> Monitor | None:
+        """One trained for the point; None where hardly any of its flights exceeds."""
+        recipe = self._recipe
+        predictor, score = METHODS[recipe.method]
+        settings = MonitorRecipe(
+            t_early=recipe.lead_s,
+            predictor=predictor,
+            score=score,
+            epsilon=min(recipe.monitor_epsilons),
+            guarantee=recipe.guarantee,
+        )
+        if settings.epsilon == WITHOUT:
+            return None
+        wanted = replace(
+            self.points[number], n_unsafe=recipe.n_unsafe, seed=recipe.seed + OTHERS + number
+        )
+        try:
+            card = card_of(wanted) if predictor.forecast == "card" else None
+            return train(collect(wanted), settings, card=card)
+        except CollectionError:
+            return None
+
+    def _cleared(self, number: int) -> dict[float, Flags]:
+        """Whether each aircraft's point is cleared from the steps before it, by epsilon."""
+        recipe = self._recipe
+        every: Flags = np.ones(recipe.n_flown, bool)
+        asked = [epsilon for epsilon in recipe.clearance_epsilons if epsilon < WITHOUT]
+        if not asked:
+            return {WITHOUT: every}
+        rule = calibrate(
+            BuildUp(tuple(self.points[:number]), self.points[number]),
+            ClearanceRecipe(
+                epsilon=min(asked),
+                guarantee=recipe.guarantee,
+                n_exceeding=recipe.n_exceeding,
+                n_aircraft=recipe.n_aircraft,
+                seed=recipe.seed,
+            ),
+        )
+        predictor = PointPredictor(rule.points, rule.recipe.n_draws)
+        rng = stream(*self._seed, number, 2)
+        p_values, unflagged = [], []
+        for first in range(0, recipe.n_flown, BATCH):
+            some = slice(first, first + BATCH)
+            found = predictor.predict([step.y[some] for step in self.flown[:number]], rng)
+            below = found.quantiles[:, 2] < 1.0
+            p_values.append(
+                np.where(below, 0.0, 1.0) if rule.is_rare else rule.p_values(found.score)
+            )
+            unflagged.append((found.checks <= rule.levels).all(axis=1))
+        p, unflagged = np.concatenate(p_values), np.concatenate(unflagged)
+        cleared = {
+            epsilon: (p <= alert_above(epsilon, max(rule.n_exceeding, 1), recipe.guarantee))
+            & unflagged
+            for epsilon in asked
+        }
+        return {**cleared, WITHOUT: every}
+
+
+def _counted(
+    name: str, points: Sequence[_TriedPoint], over: Flags, clearance: float, monitor: float
+) -> CampaignCounts:
+    """Go through the build-up with every aircraft.   over: (n,) exceeded at the first point."""
+    n_exceeding = avoided = n_safe = lost = caused = 0
+    held: Flags = np.zeros(len(over), bool)
+    over = over.copy()
+    for point in points:
+        flown = ~over & ~held & point.cleared[clearance]
+        aborted = flown & point.aborted[monitor]
+        exceeds = flown & point.exceeds[monitor]
+        asked_for = ~over
+        n_exceeding += int(np.count_nonzero(asked_for & point.would))
+        avoided += int(np.count_nonzero(asked_for & point.would & ~exceeds))
+        n_safe += int(np.count_nonzero(asked_for & ~point.would))
+        lost += int(np.count_nonzero(asked_for & ~point.would & (~flown | aborted)))
+        caused += int(np.count_nonzero(exceeds & ~point.would))
+        held |= asked_for & (~flown | aborted)
+        over |= exceeds
+    return CampaignCounts(name, clearance, monitor, n_exceeding, avoided, n_safe, lost, caused)
+
+
+def best_of(counts: Sequence[CampaignCounts], avoided: float) -> CampaignCounts | None:
+    """The pair that loses the fewest safe points of those that avoid at least this share."""
+    enough = [one for one in counts if one.avoided_share >= avoided]
+    return min(enough, key=lambda one: one.lost_share) if enough else None

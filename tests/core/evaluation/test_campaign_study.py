@@ -1,0 +1,137 @@
+"""What campaigns avoid and lose: counted as by hand, on flights that are the same when stopped."""
+
+import json
+from copy import deepcopy
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from app.cli import main
+from core.evaluation.campaign_study import (
+    WITHOUT,
+    CampaignStudyRecipe,
+    _counted,
+    _TriedPoint,
+    best_of,
+    campaign_study,
+)
+from core.evaluation.lead_sweep import TESTS
+from core.planned_test import Simulator
+from core.seeds import Branch, stream
+
+SMALL = CampaignStudyRecipe(
+    tests=("F-16",),
+    steps=(0.6, 1.0),
+    clearance_epsilons=(0.1, 0.4, WITHOUT),
+    monitor_epsilons=(0.1, WITHOUT),
+    n_flown=150,
+    n_unsafe=60,
+    n_exceeding=30,
+    n_aircraft=100,
+)
+
+
+@pytest.mark.parametrize("imperfections", ["none", "usual"])
+def test_flights_of_given_aircraft_are_the_same_where_they_are_not_stopped(
+    imperfections: str,
+) -> None:
+    """And end where the controls are held neutral from the first sample on."""
+    test = TESTS["F-16"] if imperfections == "none" else TESTS["F-16"].as_flown()
+    simulator, rng = Simulator(test), stream(3, Branch.TEST)
+    theta = simulator.plant.sample(40, rng)
+    stopped = simulator.stopping(40, deepcopy(rng), theta)
+    flown, _ = simulator.fly(theta, rng)
+    every, n_samples = np.arange(40), flown.y.shape[1]
+    assert flown.is_unsafe.any()
+    np.testing.assert_array_equal(stopped(every, np.full(40, n_samples)), flown.fail_index)
+    assert (stopped(every, np.zeros(40, np.int64)) == n_samples).all()
+
+
+def test_points_are_counted_as_the_build_up_goes() -> None:
+    """What is refused or aborted ends it, and so does an exceedance; what follows is refused."""
+    no, yes = False, True
+    over = np.array([no, no, no, no, no, yes])
+    #                 refused   aborted in time   in vain   exceeds   safe   over before
+    first = _TriedPoint(
+        np.array([yes, yes, no, yes, no, yes]),
+        {0.1: np.array([no, yes, yes, yes, yes, yes])},
+        {0.2: np.array([no, yes, yes, no, no, no])},
+        {0.2: np.array([yes, no, no, yes, no, yes])},
+    )
+    second = _TriedPoint(
+        np.array([yes, yes, no, yes, no, yes]),
+        {0.1: np.ones(6, bool)},
+        {0.2: np.zeros(6, bool)},
+        {0.2: np.array([yes, yes, no, yes, no, yes])},
+    )
+    counts = _counted("a test", [first, second], over, 0.1, 0.2)
+    assert (counts.n_exceeding, counts.avoided) == (3 + 2, 2 + 2)
+    assert (counts.n_safe, counts.lost) == (2 + 2, 1 + 1)
+    assert counts.caused == 0
+    low, high = counts.intervals[0]
+    assert low < counts.avoided_share == 0.8 < high
+
+
+def test_a_smaller_epsilon_avoids_more_and_loses_more() -> None:
+    """Without clearance and monitor nothing is avoided, nor lost."""
+    found = {(c.clearance_epsilon, c.monitor_epsilon): c for c in campaign_study(SMALL)}
+    nothing = found[WITHOUT, WITHOUT]
+    assert (nothing.avoided, nothing.lost, nothing.caused) == (0, 0, 0)
+    assert nothing.n_exceeding > 20
+    for monitor in SMALL.monitor_epsilons:
+        avoided = [found[e, monitor].avoided for e in SMALL.clearance_epsilons]
+        lost = [found[e, monitor].lost for e in SMALL.clearance_epsilons]
+        assert avoided == sorted(avoided, reverse=True)
+        assert lost == sorted(lost, reverse=True)
+    cleared = found[0.1, WITHOUT]
+    assert cleared.avoided_share >= 1 - 0.1 - 3 * (0.09 / 30 + 0.09 / cleared.n_exceeding) ** 0.5
+    both, alone = found[0.4, 0.1], found[0.4, WITHOUT]
+    assert both.avoided > alone.avoided
+    best = best_of(list(found.values()), cleared.avoided_share)
+    assert best is not None
+    assert best.lost_share <= cleared.lost_share
+    assert best_of([nothing], 0.5) is None
+
+
+def test_the_command_prints_the_table_and_draws_it(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Table, CSV and figure of one small study."""
+    sizes = ["--n-flown", "60", "--n-unsafe", "40", "--n-exceeding", "30", "--n-aircraft", "100"]
+    grid = ["--steps", "0.6,1", "--clearance-epsilons", "0.2,1", "--monitor-epsilons", "0.2,1"]
+    files = ["--figure", str(tmp_path / "c.svg"), "-o", str(tmp_path / "c.csv")]
+    assert main(["campaign-study", "--tests", "F-16", *sizes, *grid, *files]) == 0
+    told = capsys.readouterr().out
+    assert "build-up of 60%, 100%, 60 aircraft" in told
+    assert "F-16: " in told.splitlines()[-1]
+    assert len((tmp_path / "c.csv").read_text().splitlines()) == 5
+    assert "no monitor" in (tmp_path / "c.svg").read_text()
+    assert main(["campaign-study", "--tests", "F-16", *sizes, *grid, "--json"]) == 0
+    rows = json.loads(capsys.readouterr().out)
+    assert {(row["clearance_epsilon"], row["monitor_epsilon"]) for row in rows} == {
+        (0.2, 0.2),
+        (0.2, 1.0),
+        (1.0, 0.2),
+        (1.0, 1.0),
+    }
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (("--tests", "B-52"), "'B-52' was given: choose F-16"),
+        (("--method", "magic"), "'magic' was given"),
+        (("--steps", "1"), "two or more, positive, growing"),
+        (("--steps", "1,0.5"), "two or more, positive, growing"),
+        (("--clearance-epsilons", "0,0.5"), "above 0, at most 1"),
+        (("--clearance-epsilons", "0.0001"), "it needs 9999"),
+        (("--figure", "c.pdf"), "ends in .png or .svg"),
+    ],
+)
+def test_what_makes_no_study_is_refused(
+    capsys: pytest.CaptureFixture[str], options: tuple[str, ...], words: str
+) -> None:
+    """With what would be right."""
+    assert main(["campaign-study", *options]) == 1
+    assert words in capsys.readouterr().err
