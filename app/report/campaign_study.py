@@ -15,7 +15,7 @@ GOAL = 0.99
 
 
 @dataclass(frozen=True)
-class Row:
+class CampaignRow:
     """One pair of epsilons on one planned test; 1 for no clearance, and no monitor.
 
     avoided, lost: shares, each with its 95 % interval.   caused: safe points that exceed since they
@@ -36,10 +36,10 @@ class Row:
     caused: int
 
 
-def rows_of(found: Sequence[CampaignCounts]) -> list[Row]:
+def rows_of(found: Sequence[CampaignCounts]) -> list[CampaignRow]:
     """One row a pair of epsilons on a planned test."""
     return [
-        Row(
+        CampaignRow(
             one.test,
             one.clearance_epsilon,
             one.monitor_epsilon,

@@ -1,6 +1,5 @@
 """A whole campaign on the page, from card to clearance to live flight to report; its refusals."""
 
-import re
 from typing import Any
 
 import numpy as np
