@@ -38,21 +38,25 @@ class CampaignRow:
 
 def rows_of(found: Sequence[CampaignCounts]) -> list[CampaignRow]:
     """One row a pair of epsilons on a planned test."""
-    return [
-        CampaignRow(
-            one.test,
-            one.clearance_epsilon,
-            one.monitor_epsilon,
-            one.n_exceeding,
-            one.avoided_share,
-            *one.intervals[0].tolist(),
-            one.n_safe,
-            one.lost_share,
-            *one.intervals[1].tolist(),
-            one.caused,
-        )
-        for one in found
-    ]
+    return [_row(one) for one in found]
+
+
+def _row(one: CampaignCounts) -> CampaignRow:
+    (avoided_low, avoided_high), (lost_low, lost_high) = one.intervals.tolist()
+    return CampaignRow(
+        test=one.test,
+        clearance_epsilon=one.clearance_epsilon,
+        monitor_epsilon=one.monitor_epsilon,
+        n_exceeding=one.n_exceeding,
+        avoided=one.avoided_share,
+        avoided_low=avoided_low,
+        avoided_high=avoided_high,
+        n_safe=one.n_safe,
+        lost=one.lost_share,
+        lost_low=lost_low,
+        lost_high=lost_high,
+        caused=one.caused,
+    )
 
 
 def in_words(found: Sequence[CampaignCounts], recipe: CampaignStudyRecipe) -> str:

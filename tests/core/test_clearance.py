@@ -219,6 +219,7 @@ def test_both_promises_hold_over_twenty_calibrations(name: str) -> None:
             points,
             pool.recipe,
             pool.n_tried,
+            pool.exceeding_share,
             pool.scores[used],
             pool.exceeds[used],
             pool.drawn[used],
