@@ -330,6 +330,49 @@ def sweep_request_schema() -> dict[str, Any]:
     return schema | {"title": "Leads to try"}
 
 
+def campaign_request_schema() -> dict[str, Any]:
+    """JSON schema of the body that asks for a campaign."""
+    return {
+        "title": "Campaign to plan",
+        "type": "object",
+        "required": ["name", "conditions"],
+        "additionalProperties": False,
+        "properties": {
+            "name": {"type": "string", "minLength": 1, "maxLength": 200},
+            "conditions": {
+                "type": "array",
+                "minItems": 1,
+                "items": condition_request_schema(),
+            },
+            "clearance": {"type": "object", "description": "how clearances are calibrated"},
+        },
+    }
+
+
+def condition_request_schema() -> dict[str, Any]:
+    """JSON schema of a flight condition of a campaign."""
+    return {
+        "title": "Flight condition of a campaign",
+        "type": "object",
+        "additionalProperties": False,
+        "properties": {
+            "name": {"type": "string", "maxLength": 200, "description": "of the flight condition"},
+            "dataset": {"type": "object", "description": "recipe of its last point"},
+            "steps": {
+                "type": "array",
+                "items": {"type": "number", "exclusiveMinimum": 0},
+                "description": "shares of the planned amplitude, growing",
+            },
+            "passes_below": {
+                "type": "number",
+                "exclusiveMinimum": 0,
+                "maximum": 1,
+                "description": "part of a limit that every point must stay below",
+            },
+        },
+    }
+
+
 def choice_request_schema() -> dict[str, Any]:
     """JSON schema of the body that asks for an epsilon."""
     return schema_of(RECIPES["epsilon"]) | {"title": "What an epsilon is chosen by"}

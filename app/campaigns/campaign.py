@@ -5,7 +5,7 @@ condition, until a person confirms what no computation can see.
 """
 
 import json
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
@@ -178,21 +178,16 @@ class Campaign:
     def planned(
         cls,
         name: str,
-        conditions: Iterable[tuple[Condition, Sequence[float]]],
+        condition: Condition,
+        fractions: Sequence[float],
         recipe: ClearanceRecipe,
         passes_below: float = 1.0,
     ) -> "Campaign":
-        """Points at these fractions of the amplitude of each condition's test, one after another.
+        """Points at these fractions of the amplitude of a condition's test.
 
         A point is called by its fraction, and its condition where that has a name.
         """
-        given = tuple(conditions)
-        points = [
-            point
-            for condition, fractions in given
-            for point in _points(condition, fractions, passes_below)
-        ]
-        return cls(name, tuple(condition for condition, _ in given), tuple(points), recipe)
+        return cls(name, (condition,), _points(condition, fractions, passes_below), recipe)
 
     def extended(
         self, condition: Condition, fractions: Sequence[float], passes_below: float = 1.0

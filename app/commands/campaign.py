@@ -114,8 +114,10 @@ def _new(options: argparse.Namespace) -> int:
         n_exceeding=options.n_exceeding,
         n_aircraft=options.n_aircraft,
     )
-    planned = [(Condition(options.condition, test), options.steps)]
-    campaign = Campaign.planned(options.name, planned, recipe, options.passes_below)
+    condition = Condition(options.condition, test)
+    campaign = Campaign.planned(
+        options.name, condition, options.steps, recipe, options.passes_below
+    )
     return _done(options, campaign, lines(campaign))
 
 

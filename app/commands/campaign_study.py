@@ -5,14 +5,13 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import get_args
 
-from app.commands.options.destinations import check_file
+from app.commands.output.figure_file import check_figure, write_figure
 from app.commands.output.progress import progress_bar
 from app.commands.output.tables import add_table_options, names, print_table, recipe_of
 from app.report.campaign_study import in_words, rows_of
-from core.evaluation.campaign_study import CampaignCounts, CampaignStudyRecipe, campaign_study
+from core.evaluation.campaign_study import CampaignStudyRecipe, campaign_study
 from core.evaluation.lead_sweep import METHODS, TESTS
 from core.monitor.calibration import Guarantee
-from core.whole_file import write_whole
 
 
 def add(parser: argparse.ArgumentParser) -> None:
@@ -68,22 +67,13 @@ def shares(text: str) -> tuple[float, ...]:
 def run(options: argparse.Namespace) -> int:
     """Fly every build-up; print the table."""
     recipe: CampaignStudyRecipe = recipe_of(CampaignStudyRecipe, options)
-    if options.figure is not None:
-        check_file(options.figure)
-        if options.figure.suffix not in (".png", ".svg"):
-            raise ValueError(f"{options.figure} was given: a figure's name ends in .png or .svg")
+    check_figure(options.figure)
     with progress_bar("points") as progress:
         found = campaign_study(recipe, lambda words, done, total: progress(done, total))
     if options.figure is not None:
-        write_whole(options.figure, _figure(options.figure, found, recipe))
+        from app.report.campaign_figure import avoided_against_lost  # matplotlib
+
+        write_figure(options.figure, avoided_against_lost(found, recipe))
     rows = rows_of(found)
     print_table(options, rows, in_words(found, recipe), [asdict(row) for row in rows])
     return 0
-
-
-def _figure(path: Path, found: list[CampaignCounts], recipe: CampaignStudyRecipe) -> bytes:
-    from app.report.campaign_figure import avoided_against_lost  # matplotlib
-    from app.report.study_figures import render
-
-    kind = path.suffix[1:]
-    return render(avoided_against_lost(found, recipe), "campaign", [kind])[f"campaign.{kind}"]

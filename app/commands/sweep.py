@@ -1,18 +1,16 @@
 """The command that says how early planned tests can be warned of, by which method, at what cost."""
 
 import argparse
-from collections.abc import Mapping
 from dataclasses import asdict
 from pathlib import Path
 from typing import get_args
 
-from app.commands.options.destinations import check_file
+from app.commands.output.figure_file import check_figure, write_figure
 from app.commands.output.progress import progress_bar
 from app.commands.output.tables import add_table_options, names, print_table, recipe_of
 from app.report.sweep import in_words, rows_of
-from core.evaluation.lead_sweep import METHODS, TESTS, PlannedTestSweep, SweepRecipe, sweep
+from core.evaluation.lead_sweep import METHODS, TESTS, SweepRecipe, sweep
 from core.monitor.calibration import Guarantee
-from core.whole_file import write_whole
 
 
 def add(parser: argparse.ArgumentParser) -> None:
@@ -70,26 +68,13 @@ def seconds(text: str) -> tuple[float, ...]:
 def run(options: argparse.Namespace) -> int:
     """Train and test every monitor; print the tables."""
     recipe = recipe_of(SweepRecipe, options)
-    if options.figure is not None:
-        _check_figure(options.figure)
+    check_figure(options.figure)
     with progress_bar("monitors") as progress:
         found = sweep(recipe, progress=progress)
     if options.figure is not None:
-        write_whole(options.figure, _figure(options.figure, found, recipe))
+        from app.report.sweep_figure import power_against_lead  # matplotlib
+
+        write_figure(options.figure, power_against_lead(found, recipe))
     rows = [row for name, test in found.items() for row in rows_of(name, test, recipe)]
     print_table(options, rows, in_words(found, recipe), [asdict(row) for row in rows])
     return 0
-
-
-def _check_figure(path: Path) -> None:
-    check_file(path)
-    if path.suffix not in (".png", ".svg"):
-        raise ValueError(f"{path} was given: a figure's name ends in .png or .svg")
-
-
-def _figure(path: Path, found: Mapping[str, PlannedTestSweep], recipe: SweepRecipe) -> bytes:
-    from app.report.study_figures import render  # matplotlib: a quarter of a second
-    from app.report.sweep_figure import power_against_lead
-
-    kind = path.suffix[1:]
-    return render(power_against_lead(found, recipe), "sweep", [kind])[f"sweep.{kind}"]

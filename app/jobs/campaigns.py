@@ -30,7 +30,7 @@ def campaign_request(plain: dict[str, Any], max_bytes: int) -> Campaign:
         condition_request(one, max_bytes, f"conditions.{n}") for n, one in enumerate(given)
     ]
     try:
-        campaign = Campaign.planned(name, [(condition, steps)], recipe, passes_below)
+        campaign = Campaign.planned(name, condition, steps, recipe, passes_below)
         for other in others:
             campaign = campaign.extended(*other)
     except CampaignError as error:

@@ -267,7 +267,7 @@ def sweep_request(plain: dict[str, Any], store: Store, max_bytes: int) -> SweepR
         if value > most:
             raise RecipeError(f"sweep.{name} asks for {value}: this server makes {most} at most")
     if requested is None:
-        tests = planned_tests(recipe)
+        tests = planned_tests(recipe.tests, recipe.imperfections)
     else:
         dataset = requested.recipe or _recipe_of_stored(requested, store)
         tests = {dataset_name(dataset): dataset}

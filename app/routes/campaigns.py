@@ -13,6 +13,7 @@ from app.campaigns.clearing import check_computable
 from app.campaigns.derivatives import derivatives
 from app.campaigns.flying import flown_point
 from app.campaigns.stored import CampaignDetails, Campaigns, CampaignSummary, check_next
+from app.catalog import campaign_request_schema, condition_request_schema
 from app.http.people import Person
 from app.http.problems import Problem, problem_responses
 from app.jobs.campaigns import (
@@ -84,41 +85,6 @@ def _campaigns(store: StoreDep) -> Campaigns:
 CampaignsDep = Annotated[Campaigns, Depends(_campaigns)]
 _TEST = {"aircraft": {"kind": "attas_id_16kft"}}
 _PLAN = {"name": "Rudder build-up", "conditions": [{"dataset": _TEST, "steps": [0.4, 0.7, 1.0]}]}
-_CONDITION_SCHEMA: dict[str, Any] = {
-    "title": "Flight condition of a campaign",
-    "type": "object",
-    "additionalProperties": False,
-    "properties": {
-        "name": {"type": "string", "maxLength": 200, "description": "of the flight condition"},
-        "dataset": {"type": "object", "description": "recipe of its last point"},
-        "steps": {
-            "type": "array",
-            "items": {"type": "number", "exclusiveMinimum": 0},
-            "description": "shares of the planned amplitude, growing",
-        },
-        "passes_below": {
-            "type": "number",
-            "exclusiveMinimum": 0,
-            "maximum": 1,
-            "description": "part of a limit that every point must stay below",
-        },
-    },
-}
-_PLAN_SCHEMA: dict[str, Any] = {
-    "title": "Campaign to plan",
-    "type": "object",
-    "required": ["name", "conditions"],
-    "additionalProperties": False,
-    "properties": {
-        "name": {"type": "string", "minLength": 1, "maxLength": 200},
-        "conditions": {
-            "type": "array",
-            "minItems": 1,
-            "items": _CONDITION_SCHEMA,
-        },
-        "clearance": {"type": "object", "description": "how clearances are calibrated"},
-    },
-}
 _FILE: dict[str, Any] = {"type": "object", "title": "Campaign's file"}
 
 
@@ -133,7 +99,7 @@ async def list_campaigns(campaigns: CampaignsDep) -> list[CampaignSummary]:
     status_code=201,
     response_model=CampaignDetails,
     responses=problem_responses(413, 415, 422),
-    openapi_extra=body_of(_PLAN_SCHEMA, _PLAN),
+    openapi_extra=body_of(campaign_request_schema(), _PLAN),
 )
 async def plan_campaign(plain: PlainBody, campaigns: CampaignsDep, settings: SettingsDep):
     """Plan a campaign: a build-up at one flight condition or several.
@@ -218,7 +184,7 @@ async def read_campaign_report(campaign_id: str, campaigns: CampaignsDep) -> HTM
     "/{campaign_id}/conditions",
     response_model=CampaignDetails,
     responses=problem_responses(404, 409, 413, 415, 422),
-    openapi_extra=body_of(_CONDITION_SCHEMA, {"name": "Mach 0.6", "steps": [0.5, 1.0]}),
+    openapi_extra=body_of(condition_request_schema(), {"name": "Mach 0.6", "steps": [0.5, 1.0]}),
 )
 async def add_condition(
     campaign_id: str, plain: PlainBody, campaigns: CampaignsDep, settings: SettingsDep

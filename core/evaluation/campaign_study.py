@@ -16,8 +16,8 @@ import numpy as np
 from core.bounds import Bounds, check_bounds
 from core.clearance import BATCH, BuildUp, ClearanceRecipe, PointPredictor, calibrate
 from core.collection import CollectionError, card_of, collect
-from core.evaluation.lead_sweep import METHODS, TESTS
-from core.evaluation.prevention import VARIATION
+from core.evaluation.lead_sweep import METHODS, TESTS, planned_tests
+from core.evaluation.prevention import neutral_from, unit_reactions
 from core.evaluation.rates import clopper_pearson, first_alerts
 from core.monitor import Monitor, MonitorRecipe, train
 from core.monitor.calibration import Guarantee, alert_above, failures_needed
@@ -146,19 +146,16 @@ def campaign_study(
 
     progress: called with what is done, and (points done, points in all); what it raises cancels.
     """
-    total = len(recipe.tests) * (len(recipe.steps) - 1)
+    each = len(recipe.steps) - 1
     found: list[CampaignCounts] = []
-    for of_test, name in enumerate(recipe.tests):
-        test = TESTS[name] if recipe.imperfections == "none" else TESTS[name].as_flown()
+    tests = planned_tests(recipe.tests, recipe.imperfections)
+    for of_test, (name, test) in enumerate(tests.items()):
         build_up = _BuildUp(test, recipe, of_test)
         points: list[_TriedPoint] = []
         for number in range(1, len(recipe.steps)):
             if progress:
-                progress(
-                    f"{name}, point {number + 1}",
-                    of_test * (total // len(recipe.tests)) + number - 1,
-                    total,
-                )
+                done = of_test * each + number - 1
+                progress(f"{name}, point {number + 1}", done, len(tests) * each)
             points.append(build_up.tried(number))
         first = build_up.flown[0].is_unsafe
         found += [
@@ -208,14 +205,12 @@ class _BuildUp:
     def _exceeds(self, number: int, alerts: Indices, aborted: Flags) -> Flags:
         """(n,) whether a flight exceeds that is aborted so long after its alert."""
         flown, recipe = self.flown[number], self._recipe
-        rng = stream(*self._seed, number, 1)
-        reaction = recipe.reaction_s * rng.gamma(VARIATION**-2, VARIATION**2, len(alerts))
-        which = np.flatnonzero(aborted)
-        dt = self.points[number].dt
-        neutral_from = np.ceil(alerts[which] + reaction[which] / dt - 1e-9).astype(np.int64)
-        exceeds = flown.is_unsafe.copy()
+        unit = unit_reactions(len(alerts), stream(*self._seed, number, 1))
+        which, exceeds = np.flatnonzero(aborted), flown.is_unsafe.copy()
         if len(which):
-            exceeds[which] = self._stopped[number](which, neutral_from) < flown.y.shape[1]
+            reactions = recipe.reaction_s * unit[which]
+            neutral = neutral_from(alerts[which], reactions, self.points[number].dt)
+            exceeds[which] = self._stopped[number](which, neutral) < flown.y.shape[1]
         return exceeds
 
     def _monitor(self, number: int) -> Monitor | None:

@@ -6,7 +6,7 @@ without an alert, and failures that the alert prevents by the time that people t
 """
 
 import os
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor, as_completed
 from dataclasses import dataclass, fields, replace
 from functools import partial
@@ -226,7 +226,7 @@ def sweep(
     progress: called with (monitors done, monitors in all); what it raises cancels.
     """
     recipe = recipe or SweepRecipe()
-    tests = planned_tests(recipe) if tests is None else tests
+    tests = planned_tests(recipe.tests, recipe.imperfections) if tests is None else tests
     check_leads(recipe, tests)
     seeds = monitor_seeds(recipe.seed, recipe.n_monitors)
     made = {name: replace(test, n_unsafe=recipe.n_unsafe) for name, test in tests.items()}
@@ -265,10 +265,10 @@ def sweep(
     return found
 
 
-def planned_tests(recipe: SweepRecipe) -> dict[str, DatasetRecipe]:
-    """The planned tests that a recipe names, with the imperfections that it asks for."""
-    tests = {name: TESTS[name] for name in recipe.tests}
-    if recipe.imperfections == "none":
+def planned_tests(names: Sequence[str], imperfections: str) -> dict[str, DatasetRecipe]:
+    """The planned tests of these names, with imperfections of a real flight: none or usual."""
+    tests = {name: TESTS[name] for name in names}
+    if imperfections == "none":
         return tests
     return {name: test.as_flown() for name, test in tests.items()}
 

@@ -36,6 +36,16 @@ class Prevention:
     caused: Indices
 
 
+def unit_reactions(n: int, rng: np.random.Generator) -> Array:
+    """(n,) reaction times of a mean of 1."""
+    return rng.gamma(VARIATION**-2, VARIATION**2, n)
+
+
+def neutral_from(alerts: Indices, reactions: Array, dt: float) -> Indices:
+    """(m,) first neutral command of flights that are aborted (m,) reactions [s] after an alert."""
+    return np.ceil(alerts + reactions / dt - 1e-9).astype(np.int64)
+
+
 def prevention(
     alerts: Indices,
     fail_index: Indices,
@@ -52,11 +62,10 @@ def prevention(
     """
     is_unsafe = fail_index < n_samples
     which = np.flatnonzero(alerts < n_samples)
-    unit = rng.gamma(VARIATION**-2, VARIATION**2, len(which))
+    unit = unit_reactions(len(which), rng)
     prevented, caused = [], []
     for mean in reactions_s:
-        neutral_from = np.ceil(alerts[which] + mean * unit / dt - 1e-9).astype(np.int64)
-        fails = stopped(which, neutral_from) < n_samples
+        fails = stopped(which, neutral_from(alerts[which], mean * unit, dt)) < n_samples
         prevented.append(np.count_nonzero(is_unsafe[which] & ~fails))
         caused.append(np.count_nonzero(~is_unsafe[which] & fails))
     return Prevention(

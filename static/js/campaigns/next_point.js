@@ -51,7 +51,7 @@ export function nextPoint({ api, path, campaign, again }) {
     h(
       "div",
       { class: "row" },
-      campaign.is_first || state === "on condition" ? (state === "cleared" ? null : confirm) : null,
+      state !== "cleared" && (campaign.is_first || state === "on condition") ? confirm : null,
       campaign.is_first ? null : compute,
       train,
       state === "cleared" ? link("Fly it live", `#/fly?kind=live${point.monitor ? `&monitor=${point.monitor}` : ""}`) : null,

@@ -24,8 +24,8 @@ FLOWN = FlownPoint("flight.csv, 1.00 to 7.00 s", ((0.0, 1e-3, 0.1, 0.2, 0.3, 0.4
 
 def planned() -> Campaign:
     """Three points."""
-    at_once = [(Condition("", TEST), (0.5, 0.75, 1.0))]
-    return Campaign.planned("Büild-up", at_once, ClearanceRecipe(epsilon=0.1))
+    recipe = ClearanceRecipe(epsilon=0.1)
+    return Campaign.planned("Büild-up", Condition("", TEST), (0.5, 0.75, 1.0), recipe)
 
 
 def test_points_are_shares_of_the_planned_amplitude() -> None:
@@ -79,7 +79,7 @@ def test_a_file_holds_the_whole_campaign(tmp_path: Path) -> None:
 def test_points_that_do_not_build_up_are_refused(fractions: tuple[float, ...], words: str) -> None:
     """With what is needed."""
     with pytest.raises(CampaignError, match=words):
-        Campaign.planned("c", [(Condition("", TEST), fractions)], ClearanceRecipe())
+        Campaign.planned("c", Condition("", TEST), fractions, ClearanceRecipe())
 
 
 @pytest.mark.parametrize(
@@ -159,13 +159,13 @@ def test_steps_of_another_flight_condition_clear_nothing() -> None:
 
 def test_a_point_beyond_its_criterion_did_not_pass() -> None:
     """Which is said where it is complete."""
-    at_once = [(Condition("", TEST), (0.5, 1.0))]
-    campaign = Campaign.planned("c", at_once, ClearanceRecipe(), passes_below=0.5)
+    plan = "c", Condition("", TEST), (0.5, 1.0), ClearanceRecipe()
+    campaign = Campaign.planned(*plan, passes_below=0.5)
     campaign = campaign.completed(FLOWN, "Bob")
     assert campaign.points[0].failed
     assert "NOT PASSED: it had to stay below 50%" in campaign.points[0].events[-1].words
     with pytest.raises(CampaignError, match="above 0, at most 1"):
-        Campaign.planned("c", at_once, ClearanceRecipe(), passes_below=1.1)
+        Campaign.planned(*plan, passes_below=1.1)
 
 
 def test_the_probability_of_any_exceedance_is_bounded_by_the_sum() -> None:
