@@ -33,7 +33,6 @@ def certificate_page(monitor: Monitor, name: str, digest: str, created: str = ""
         monitor=monitor,
         recipe=to_plain(monitor.recipe),
         above=monitor.alert_above(),
-        sources=monitor.dataset_recipe.get("aircraft", {}).get("sources", []),
         promised=PROMISED[monitor.recipe.guarantee],
         limits=[(channel, float(limit)) for channel, limit in limits if limit < float("inf")],
         told=told,
