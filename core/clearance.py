@@ -201,7 +201,7 @@ class PointPredictor:
         return PeakPrediction(
             parts.mean(axis=1),
             np.maximum(parts.std(axis=1, ddof=1), LEAST_SCATTER),
-            np.exp(np.quantile(parts, QUANTILES, axis=1).T),
+            np.exp(np.quantile(parts, QUANTILES, axis=1, method="weibull").T),
             posterior,
             np.stack(checks, axis=1),
         )

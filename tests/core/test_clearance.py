@@ -237,3 +237,19 @@ def test_both_promises_hold_over_twenty_calibrations(name: str) -> None:
     assert 0.02 <= np.mean(wrong) <= 0.075
     assert 0.03 <= np.mean(over) <= 0.07
     assert np.mean(safe) >= {"F-16": 0.7, "F-104A": 0.75, "ATTAS": 0.42}[name]
+
+
+@pytest.mark.fuzz
+@pytest.mark.parametrize("name", TESTS)
+def test_the_predicted_interval_holds_nine_of_ten_peaks_as_flown(name: str) -> None:
+    """Also with few draws, of which plain quantiles would lie too far inside."""
+    points, rng = BuildUp.fractions(TESTS[name], (0.6,)), np.random.default_rng(20_263)
+    predictor, inside = PointPredictor(points, 16), []
+    for _ in range(4):
+        theta = predictor.plant.sample(100, rng)
+        _, peaks = predictor.following.fly(theta, rng)
+        found = predictor.predict([step.fly(theta, rng)[0].y for step in predictor.steps], rng)
+        low, _, high = found.quantiles.T
+        inside.append(((low <= peaks) & (peaks <= high)).mean())
+    # smallest and largest of 16: 15 of 17 hold, standard error .016; plain quantiles hold .794
+    assert 0.835 <= np.mean(inside) <= 0.93
