@@ -83,14 +83,13 @@ function buildUp({ points }, name) {
   return h("section", { class: "panel" }, buildUpFigure(own, name ? `Build-up at ${name}` : "Build-up"));
 }
 
-function table({ points, conditions }) {
-  const several = conditions.length > 1;
+/** A point's name says its flight condition, where there are several. */
+function table({ points }) {
   const rows = points.map((point) =>
     h(
       "tr",
       { "data-point": point.name },
       h("th", { scope: "row" }, point.name),
-      several ? h("td", {}, point.condition || "–") : null,
       h("td", { class: "number" }, figure(point.peak_deg)),
       h("td", {}, stateChip(point.state)),
       h("td", { class: "number" }, predictedWords(point.clearing)),
@@ -100,7 +99,7 @@ function table({ points, conditions }) {
       h("td", {}, point.events.length ? h("ul", { class: "sentences" }, point.events.map(told)) : "–"),
     ),
   );
-  const heads = [["Point"], ...(several ? [["Flight condition"]] : []), ["Amplitude [deg]", 1], ["State"], ["Predicted", 1], ["Reached", 1], ["Must stay below", 1], ["Stored"], ["Decided by, when, why"]];
+  const heads = [["Point"], ["Amplitude [deg]", 1], ["State"], ["Predicted", 1], ["Reached", 1], ["Must stay below", 1], ["Stored"], ["Decided by, when, why"]];
   return scrolledTable({ heads, rows });
 }
 
