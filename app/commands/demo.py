@@ -10,22 +10,18 @@ from contextlib import contextmanager
 from itertools import repeat
 from multiprocessing import get_context
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from fastapi import FastAPI
-from httpx2 import ASGITransport, AsyncClient
+from httpx2 import ASGITransport, AsyncClient, Response
 
 from app.commands import serve as serve_command
 from app.commands.output.progress import progress_bar
 from app.http.login import COOKIE
-from app.jobs.requests import dataset_name
-from app.jobs.training import simulate, train_and_test
 from app.recipes import to_plain
-from app.serving import alone, listen, serve
+from app.serving import listen, serve
 from app.settings import Settings
-from app.store.database import StoreError
-from app.store.monitors import MonitorInfo
-from app.store.store import Store, open_store
 from core import __version__
 from core.channels import KEYS
 from core.collection import DatasetRecipe, Rollouts
@@ -40,6 +36,8 @@ DATASET = DatasetRecipe(n_unsafe=100).as_flown()
 MONITOR = MonitorRecipe()
 N_TEST = 1000
 SEED = 1
+LOOK_EVERY_S = 0.25
+"""How often it is asked how far the training is [s]."""
 
 
 def add(parser: argparse.ArgumentParser) -> None:
@@ -53,78 +51,114 @@ def run(options: argparse.Namespace) -> int:
     has_display = sys.platform != "linux" or "DISPLAY" in os.environ
     has_display = has_display or "WAYLAND_DISPLAY" in os.environ
     settings = serve_command.settings_of(options)
-    demonstrate(settings, serve_command.say, browser=has_display and not options.no_browser)
-    return 0
+    return demonstrate(settings, serve_command.say, browser=has_display and not options.no_browser)
 
 
-def demonstrate(settings: Settings, say: Callable[[str], None], *, browser: bool) -> None:
-    """Prepare, serve, fly; returns when interrupted.   browser: open the page there.
+def demonstrate(settings: Settings, say: Callable[[str], None], *, browser: bool) -> int:
+    """Serve the page, train there and fly; returns when interrupted, 1 where something failed.
 
-    SettingsError where the address is taken, before anything is trained.
+    browser: open the page.   SettingsError where the address is taken, before anything is trained.
     """
     listening = listen(settings)
-    try:
-        with alone(settings):
-            store = open_store(settings.url)
-            try:
-                monitor_id = prepare(store, say)
-            finally:
-                store.close()
-    except BaseException:
-        listening.close()
-        raise
+    under_way: list[asyncio.Task[None]] = []
 
     async def opened(app: FastAPI, address: str) -> None:
-        flight = await fly(app, monitor_id)
-        page = f"{address}/#/fly/{flight}"
-        say(f"flying at {page} (stop with Ctrl+C)")
-        serve_command.say_link(app, address)
-        page = serve_command.login_link(app, address) or page
-        if browser and not await asyncio.to_thread(webbrowser.open, page):
-            say("no browser could be opened: open the address yourself")
+        under_way.append(asyncio.create_task(show(app, address, say, browser=browser)))
 
-    serve(settings, opened, listening)
+    with compiling_ahead():
+        serve(settings, opened, listening)
+    return int(any(task.done() and not task.cancelled() and task.exception() for task in under_way))
 
 
-def prepare(store: Store, say: Callable[[str], None]) -> str:
-    """Return the id of the demonstration's monitor, trained unless this version did it before."""
-    for info in store.monitors.all():
-        same = (info.recipe, info.dataset_recipe) == (to_plain(MONITOR), to_plain(DATASET))
-        if info.name == NAME and info.version == __version__ and same:
-            try:
-                store.monitors.get(info.id)
-            except (StoreError, ValueError):
-                say(f"the monitor {NAME!r} there is of an older program")
-                continue
+async def show(app: FastAPI, address: str, say: Callable[[str], None], *, browser: bool) -> None:
+    """Say where the page is, have a monitor and fly through it. What fails is said, and raised."""
+    session = app.state.sessions.begin(app.state.people.server)
+    headers = {"Cookie": f"{COOKIE}={session}"}
+    base = "http://127.0.0.1/api/v1"
+    try:
+        async with AsyncClient(
+            transport=ASGITransport(app), base_url=base, headers=headers, timeout=None
+        ) as client:
+            monitor = await known_monitor(client, say)
+            if is_new := monitor is None:
+                job = await begun_training(client)
+                say(f"training a small monitor: {DATASET.n_unsafe} unsafe rollouts, at {address}")
+                await _welcome(app, address, "", say, browser)
+                monitor = await trained_monitor(client, job)
+            _warn(monitor, say)
+            page = f"/#/fly/{await fly(client, monitor['id'])}"
+    except ValueError as error:
+        say(f"ERROR: {error}")
+        raise
+    finally:
+        app.state.sessions.end(session)
+    say(f"flying at {address}{page} (stop with Ctrl+C)")
+    if not is_new:
+        await _welcome(app, address, page, say, browser)
+
+
+async def _welcome(
+    app: FastAPI, address: str, page: str, say: Callable[[str], None], browser: bool
+) -> None:
+    """Say how to log in, where that is asked, and open a page."""
+    serve_command.say_link(app, address)
+    there = serve_command.login_link(app, address) or address + page
+    if browser and not await asyncio.to_thread(webbrowser.open, there):
+        say("no browser could be opened: open the address yourself")
+
+
+async def known_monitor(client: AsyncClient, say: Callable[[str], None]) -> dict[str, Any] | None:
+    """The demonstration's monitor, where this version trained it before. ValueError."""
+    wanted = [NAME, __version__, to_plain(MONITOR), to_plain(DATASET)]
+    for monitor in _answered(await client.get("/monitors")):
+        if [monitor[key] for key in ("name", "version", "recipe", "dataset_recipe")] != wanted:
+            continue
+        if (await client.get(f"/monitors/{monitor['id']}/calibration")).is_success:
             say(f"the monitor {NAME!r} is there already")
-            _warn(info, say)
-            return info.id
-    say(f"training a small monitor: {DATASET.n_unsafe} unsafe rollouts")
-    with compiling_ahead() as wait:
-        with progress_bar("unsafe rollouts") as progress:
-            dataset = simulate(DATASET, lambda _, done, total: progress(done, total))
-        wait()
-    stored = store.datasets.add(dataset, dataset_name(DATASET))
-    trained = train_and_test(dataset, MONITOR, N_TEST, lambda *_: None)
-    info = store.monitors.add(trained.monitor, NAME, stored.id)
-    _warn(info, say)
-    return info.id
+            return monitor
+        say(f"the monitor {NAME!r} there is of an older program")
+    return None
+
+
+async def begun_training(client: AsyncClient) -> dict[str, Any]:
+    """The job that trains the demonstration's monitor, as one asked for on the page. ValueError."""
+    order = {"name": NAME, "dataset": to_plain(DATASET), "n_test": N_TEST} | to_plain(MONITOR)
+    return _answered(await client.post("/monitors", json=order))
+
+
+async def trained_monitor(client: AsyncClient, job: dict[str, Any]) -> dict[str, Any]:
+    """The monitor that a job makes. ValueError where it makes none."""
+    with progress_bar("training") as progress:
+        while job["ended"] is None:
+            await asyncio.sleep(LOOK_EVERY_S)
+            job = _answered(await client.get(f"/jobs/{job['id']}"))
+            progress(job["progress"] or 0, job["total"] or 0)
+    if job["status"] != "done":
+        raise ValueError(f"no monitor was trained, {job['status']}: {job['error'] or 'as asked'}")
+    return _answered(await client.get(f"/monitors/{job['result']['monitor']}"))
+
+
+def _answered(answer: Response) -> Any:
+    """What was answered. ValueError."""
+    if answer.is_error:
+        raise ValueError(f"the demonstration goes no further: {answer.json()['detail']}")
+    return answer.json()
 
 
 @contextmanager
-def compiling_ahead() -> Iterator[Callable[[], object]]:
+def compiling_ahead() -> Iterator[None]:
     """On a machine without compiled kernels, let another process compile those of training.
 
-    Yields what waits until it has: the first rollouts compile theirs meanwhile, and a cache on the
-    disk is shared. That halves the wait for the first page.
+    The first rollouts compile theirs meanwhile, and a cache on the disk is shared: that halves the
+    wait for the first flight.
     """
     if any(Path(cache_directory()).rglob("*.nbi")):
-        yield lambda: None
+        yield
         return
     process = get_context("spawn").Process(target=train_on_noise, daemon=True)
     process.start()
     try:
-        yield process.join
+        yield
     finally:
         process.kill()
         process.join()
@@ -148,25 +182,17 @@ def train_on_noise() -> None:
     monitor.stream().update(0.0, y[0, 0])
 
 
-def _warn(info: MonitorInfo, say: Callable[[str], None]) -> None:
-    for warning in info.warnings:
+def _warn(monitor: dict[str, Any], say: Callable[[str], None]) -> None:
+    for warning in monitor["warnings"]:
         say(f"WARNING: {warning}")
 
 
-async def fly(app: FastAPI, monitor_id: str) -> str:
+async def fly(client: AsyncClient, monitor_id: str) -> str:
     """Start a flight of a fresh aircraft that will exceed its limit, over and over; its id."""
-    session = app.state.sessions.begin(app.state.people.server)
-    headers = {"Cookie": f"{COOKIE}={session}"}
     source = {"kind": "simulated", "outcome": "unsafe", "seed": SEED}
-    base = "http://127.0.0.1"
-    async with AsyncClient(transport=ASGITransport(app), base_url=base, headers=headers) as client:
-        answer = await client.post(
-            "/api/v1/flights", json={"source": source, "monitor": monitor_id}
-        )
-        if answer.is_error:
-            raise ValueError(f"the demonstration cannot fly: {answer.json()['detail']}")
-        flight = answer.json()["id"]
-        loop = {"action": "loop", "value": True}
-        (await client.post(f"/api/v1/flights/{flight}/transport", json=loop)).raise_for_status()
-    app.state.sessions.end(session)
-    return flight
+    flight = _answered(
+        await client.post("/flights", json={"source": source, "monitor": monitor_id})
+    )
+    loop = {"action": "loop", "value": True}
+    _answered(await client.post(f"/flights/{flight['id']}/transport", json=loop))
+    return flight["id"]

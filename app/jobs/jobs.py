@@ -11,6 +11,7 @@ from typing import Any
 
 from app.store.jobs import ENDED, JobInfo
 from app.store.store import NotFound, Store
+from core.kernels.compiled import announce_compilation
 
 LOG = logging.getLogger("forewarn")
 SAVE_INTERVAL = 0.5
@@ -50,6 +51,11 @@ class Task:
         if self.stop.is_set():
             raise Cancelled
         self.message, self.done, self.total = message, done, total
+        self.tell(self)
+
+    def say(self, message: str) -> None:
+        """Say what holds the work up."""
+        self.message = message
         self.tell(self)
 
 
@@ -181,7 +187,8 @@ class Jobs:
         try:
             self.store.jobs.update(task.id, status="running", message="starting")
             task.progress("starting", 0, 0)
-            result = task.work(task)
+            with announce_compilation(task.say):
+                result = task.work(task)
             self._end(
                 task,
                 status="done",

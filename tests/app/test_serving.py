@@ -16,7 +16,7 @@ from fastapi import FastAPI, Response
 from app import serving
 from app.cli import main
 from app.commands import demo
-from app.commands.demo import NAME, prepare
+from app.commands.demo import NAME
 from app.serving import Server, address_of, alone, listen
 from app.settings import Settings, SettingsError
 from app.store.store import open_store
@@ -158,18 +158,29 @@ def test_the_demonstration_flies_among_people_and_keeps_its_monitor(tmp_path):
     _, token = store.tokens.add("Ann", "viewer")
     store.close()
     arguments = ("demo", "--data-dir", str(tmp_path), "--port", "0", "--no-browser")
-    with command(*arguments) as (_, address):
-        headers = {"Authorization": f"Bearer {token}"}
-        flight = httpx2.get(f"{address}/api/v1/flights", headers=headers).json()[0]
+    headers = {"Authorization": f"Bearer {token}"}
+    with command(*arguments) as (process, address), httpx2.Client(headers=headers) as client:
+        (job,) = client.get(f"{address}/api/v1/jobs").json()
+        assert (job["kind"], job["request"]["name"]) == ("monitor", NAME)
+        assert process.stdout is not None
+        assert any("flying at" in line for line in process.stdout)
+        (flight,) = client.get(f"{address}/api/v1/flights").json()
         assert flight["progress"] == "running"
         assert flight["transport"]["loop"] is True
         assert flight["fail_t"] is not None
-    store = open_store(Settings(data_dir=tmp_path).url)
-    said = []
-    (monitor,) = store.monitors.all()
-    assert prepare(store, said.append) == monitor.id
-    assert said == [f"the monitor {NAME!r} is there already"]
-    store.close()
+    with command(*arguments) as (_, address), httpx2.Client(headers=headers) as client:
+        assert len(client.get(f"{address}/api/v1/monitors").json()) == 1
+        assert len(client.get(f"{address}/api/v1/jobs").json()) == 1
+        assert client.get(f"{address}/api/v1/flights").json()[0]["progress"] == "running"
+
+
+def test_a_demonstration_without_a_monitor_says_why():
+    ended = {"id": "1", "ended": "now", "status": "failed", "error": "there is not enough memory"}
+    with pytest.raises(ValueError, match="failed: there is not enough memory"):
+        asyncio.run(demo.trained_monitor(Mock(), ended))
+    refused = Mock(is_error=True, json=lambda: {"detail": "the server is full"})
+    with pytest.raises(ValueError, match="no further: the server is full"):
+        asyncio.run(demo.fly(Mock(post=AsyncMock(return_value=refused)), "m"))
 
 
 def test_kernels_of_training_are_compiled_by_another_process_where_none_are(tmp_path, monkeypatch):

@@ -65,7 +65,7 @@ def command(*arguments: str) -> Iterator[tuple[subprocess.Popen[str], str]]:
         try:
             assert process.stdout is not None
             line = next((line for line in process.stdout if "http" in line), "")
-            address = re.search(r"http://[^/ ]+", line)
+            address = re.search(r"http://[^/\s]+", line)
             assert address, line
             yield process, address[0]
         finally:

@@ -8,6 +8,7 @@
 
 import { reason } from "../lib/api.js";
 import { h, put } from "../lib/dom.js";
+import { jobList } from "../lib/job_progress.js";
 import { asksForToken, may, needs } from "../lib/me.js";
 import { warningLines, warningMark, warningsAt, warningWords } from "../lib/monitor_warnings.js";
 import { leadSeconds } from "../lib/numbers.js";
@@ -33,6 +34,7 @@ export function showFlightStart(element, { query, api, navigate }) {
   const silent = h("p", { class: "error", role: "status", hidden: true });
   let heard = 0; // when the server answered last
   let asking = false;
+  let training = { element: null, close: () => {} };
 
   async function load() {
     try {
@@ -40,7 +42,10 @@ export function showFlightStart(element, { query, api, navigate }) {
       names = new Map(monitors.map(({ id, name }) => [id, name]));
       await refresh();
       if (closed) return;
-      const start = monitors.length === 0 ? noMonitor() : startForm({ monitors, datasets, recordings, query, api, navigate });
+      training.close();
+      if (monitors.length === 0) training = await jobList({ api, kinds: ["monitor"], done: load });
+      if (closed) return training.close();
+      const start = monitors.length === 0 ? noMonitor(training.element) : startForm({ monitors, datasets, recordings, query, api, navigate });
       page.replaceChildren(h("div", { class: "columns start-columns" }, start, flights));
     } catch (error) {
       if (closed) return;
@@ -85,14 +90,18 @@ export function showFlightStart(element, { query, api, navigate }) {
   return {
     close: () => {
       closed = true;
+      training.close();
       clearInterval(timer);
     },
   };
 }
 
-function noMonitor() {
+/** A monitor in training stands in its place; those that came to nothing, below. */
+function noMonitor(training) {
+  if (training?.querySelector(".job")) return training;
   const train = h("a", { class: "button button-primary", href: "#/monitors" }, "Train a monitor");
-  return state("empty", "No monitor yet", "A flight is flown through a monitor. Train one first: it takes a planned test and about a minute.", train);
+  const none = state("empty", "No monitor yet", "A flight is flown through a monitor. Train one first: it takes a planned test and about a minute.", train);
+  return h("div", { class: "stack" }, none, training);
 }
 
 function flightLists(all, names) {

@@ -1,6 +1,7 @@
 import asyncio
 import threading
 
+import numba
 import pytest
 
 from app.jobs.jobs import Jobs, NotRunning, QueueFull
@@ -48,6 +49,14 @@ def watched(jobs, job_id):
 def run(jobs, work):
     """Run one job to its end; return it."""
     return watched(jobs, jobs.submit("test", {"asked": 1}, work))[-1]
+
+
+def test_a_job_says_that_kernels_are_compiled(jobs):
+    def work(task):
+        numba.njit(lambda x: x + 1)(1)
+        return {"said": task.message}
+
+    assert run(jobs, work).result["said"].startswith("compiling the numerical kernels")
 
 
 def test_a_job_ends_with_its_result(jobs, store):

@@ -146,6 +146,28 @@ class Fly:
 # Flying
 
 
+def test_a_monitor_in_training_is_shown_where_there_is_none(page: Page, site: Site) -> None:
+    job = {"id": "1", "kind": "monitor", "request": {"name": "first"}, "status": "running"}
+    job |= {"message": "unsafe rollouts", "progress": 3, "total": 10, "error": None}
+    monitors, jobs = [], [job]
+    page.route("**/api/v1/monitors", lambda route: route.fulfill(json=monitors))
+    page.route("**/api/v1/jobs", lambda route: route.fulfill(json=jobs))
+    events = "".join(f"data: {json.dumps(job | {'status': s})}\n\n" for s in ("running", "failed"))
+    page.route(
+        "**/jobs/1/events",
+        lambda route: route.fulfill(body=events, content_type="text/event-stream"),
+    )
+    page.goto(f"{site.http}/#/fly")
+    training = page.locator(".job")
+    expect(training).to_contain_text("Training “first”")
+    expect(training).to_contain_text("It failed")
+    expect(page.get_by_text("No monitor yet")).to_have_count(0)
+    jobs[0] = job | {"status": "failed", "error": "no memory", "created": "2026-01-01T00:00:00Z"}
+    page.reload()
+    expect(page.get_by_text("No monitor yet")).to_be_visible()
+    expect(page.get_by_text("1 that did not finish")).to_be_visible()
+
+
 def test_a_flight_is_started_and_alerts_before_its_exceedance(fly: Fly) -> None:
     page = fly.page
     page.goto(f"{fly.site.http}/")
