@@ -1,6 +1,7 @@
 """A server in a process of its own, to be killed or starved; forked of one that has imported it."""
 
 import multiprocessing
+import socket
 from collections.abc import Iterator
 from contextlib import contextmanager
 from multiprocessing.connection import Connection
@@ -30,6 +31,18 @@ def _serve(settings: Settings, opened: Connection) -> None:
         opened.send(address)
 
     serve(settings, say)
+
+
+@contextmanager
+def reserved_port() -> Iterator[int]:
+    """A port for a server that is started again: meanwhile the system gives it to nobody else.
+
+    A socket that does not listen leaves it to one that does, where both may share the address.
+    """
+    with socket.socket() as held:
+        held.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        held.bind(("127.0.0.1", 0))
+        yield held.getsockname()[1]
 
 
 @contextmanager

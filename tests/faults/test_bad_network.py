@@ -12,7 +12,7 @@ from app.client import LiveClient, Way
 from core.channels import KEYS
 from tests.app.flights.test_flights import monitor
 from tests.faults.conftest import keep_monitor
-from tests.faults.server import running
+from tests.faults.server import reserved_port, running
 from tests.support.bad_network import BadLine, badly_delivered
 from tests.support.live_server import assert_shown_again, journal_samples, live_server
 from tests.support.patience import PATIENCE
@@ -66,18 +66,19 @@ def test_datagrams_that_are_lost_doubled_and_late_show_again_as_they_came(
 
 def test_what_a_killed_server_did_not_acknowledge_is_sent_again(tmp_path: Path) -> None:
     monitor_id = keep_monitor(tmp_path, monitor())
-    with running(tmp_path) as (process, http):
-        client = LiveClient(str(http.base_url))
-        flight = client.start(monitor_id, trim="none")
-        for k in range(150):
-            client.send(REST, t=DT * k)
-            assert k != 99 or client.flush()
-        process.kill()
-        process.join()
-    with running(tmp_path, http.base_url.port or 0), client:
-        for k in range(150, 200):
-            client.send(REST, t=DT * k)
-        client.end()
+    with reserved_port() as port:
+        with running(tmp_path, port) as (process, http):
+            client = LiveClient(str(http.base_url))
+            flight = client.start(monitor_id, trim="none")
+            for k in range(150):
+                client.send(REST, t=DT * k)
+                assert k != 99 or client.flush()
+            process.kill()
+            process.join()
+        with running(tmp_path, port), client:
+            for k in range(150, 200):
+                client.send(REST, t=DT * k)
+            client.end()
     assert (client.durable, client.broken > 0) == (200, True)
     assert assert_shown_again(tmp_path, flight) == 200
     assert journal_samples(tmp_path, flight) == [DT * k for k in range(200)]
