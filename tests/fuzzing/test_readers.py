@@ -6,20 +6,23 @@ is named by its kind and number: `python -m tests.fuzzing --seed SEED --kinds KI
 """
 
 from collections import Counter
+from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 import pytest
 
 from app.telemetry.formats import FORMATS
+from app.telemetry.readers import isolation
 from tests.fuzzing.campaign import SECONDS, replayed, run
 from tests.fuzzing.damage import Damaged, damaged
 from tests.fuzzing.hostile import ENDLESS, FEW_HOSTILE, HOSTILE, READABLE
 from tests.fuzzing.seeds import paths_of, write_seeds
 from tests.support.api import api, problem
+from tests.support.forked_readers import Forked, forking
 from tests.support.recorded import RECORDINGS, kept_files, upload
 
-pytestmark = [pytest.mark.xdist_group("fuzzing"), pytest.mark.usefixtures("read_apart")]
+pytestmark = pytest.mark.xdist_group("fuzzing")
 SEED = 20240501
 MOST_MEMORY = 1024
 """Of the process of a batch [MiB]."""
@@ -64,6 +67,15 @@ CAMPAIGN = Extent(
     },
     11,
 )  # fmt: skip
+
+
+@pytest.fixture(scope="module", autouse=True)
+def read_forked(read_apart: None) -> Iterator[None]:
+    """Each file's process is forked of one that has imported the libraries."""
+    with forking() as parent, pytest.MonkeyPatch.context() as patch:
+        patch.setattr(isolation, "_start", lambda: Forked(parent))
+        yield
+        isolation._end_spares()
 
 
 @pytest.fixture(
