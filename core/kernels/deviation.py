@@ -142,7 +142,7 @@ def follow(reference, so_far, t, y, row, codes, near, distance, largest):
                     counts[COMPARED] += 1
                     innovate(matrix, offset, samples, row, n_past, spacing, last, (n - 1) % window)
                     n = min(n, window)
-                    off = root_mean_square(last, n, window, 0, N_RESPONSES)
+                    off = root_mean_square(last, n, window, np.int64(0), np.int64(N_RESPONSES))
                     if off > peaks[SIZE, INNOVATION]:
                         peaks[SIZE, INNOVATION] = off
                         peaks[AT, INNOVATION], peaks[WHEN, INNOVATION] = counts[SAMPLES], t[i]

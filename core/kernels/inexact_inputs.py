@@ -7,8 +7,8 @@ import numpy as np
 from core.kernels.compiled import jit
 from core.kernels.normals import fill_normals, stream_of
 
-ERRORS, MOVES = 0, 1
-"""Streams of a rollout."""
+ERRORS, MOVES = np.int64(0), np.int64(1)
+"""Streams of a rollout. As literal numbers they would compile `stream_of` once more for each."""
 
 
 class InexactInputs(NamedTuple):

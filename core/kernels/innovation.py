@@ -50,7 +50,8 @@ NO_INNOVATION = Innovation(
 @jit
 def innovate(matrix, offset, y, row, n_past, spacing, last, slot):
     """Write the innovations of sample `row` of y (m, 6) to last[slot]; addresses of the arrays."""
-    map_rows(matrix, offset, y, last + slot * WIDTH * N_BYTES, WIDTH, row, n_past, spacing)
+    out, width = last + slot * WIDTH * N_BYTES, np.int64(WIDTH)  # a literal compiles once more
+    map_rows(matrix, offset, y, out, width, row, n_past, spacing)
 
 
 @jit

@@ -42,9 +42,9 @@ def map_observation(fitted, y, i, n_delay, z):
         address(y),
         address(z),
         z.shape[0],
-        np.int64(i),  # a literal 0 would compile `_map` once more
+        np.int64(i),  # literal numbers would compile `map_rows` once more for each
         n_delay,
-        1,
+        np.int64(1),
     )
 
 

@@ -9,8 +9,8 @@ from core.kernels.compiled import jit
 from core.kernels.normals import fill_normals, stream_of, uniform
 from core.types import Array
 
-ERRORS, LAGS, NOISE = 0, 1, 2
-"""Streams of a rollout."""
+ERRORS, LAGS, NOISE = np.int64(0), np.int64(1), np.int64(2)
+"""Streams of a rollout. As literal numbers they would compile `stream_of` once more for each."""
 
 
 class Instruments(NamedTuple):

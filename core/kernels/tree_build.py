@@ -181,4 +181,27 @@ def _select(key, order, middle):
         else:
             return
     # Pivots that keep failing are no accident: sort what is left, so that it stays O(n log n).
-    order[lo:hi] = order[lo:hi][np.argsort(key[lo:hi], kind="mergesort")]
+    _merge_sort(key[lo:hi], order[lo:hi])
+
+
+@jit
+def _merge_sort(key, order):
+    """Put `order` into the order of its keys, equal ones as they were.
+
+    np.argsort(key, kind="mergesort") gives the same, and takes seconds to compile.
+    """
+    n, width = len(key), 1
+    keys, rows = key.copy(), order.copy()
+    while width < n:
+        for lo in range(0, n, 2 * width):
+            i, j = lo, min(lo + width, n)
+            middle, hi = j, min(lo + 2 * width, n)
+            for at in range(lo, hi):
+                if j < hi and (i == middle or key[j] < key[i]):
+                    keys[at], rows[at] = key[j], order[j]
+                    j += 1
+                else:
+                    keys[at], rows[at] = key[i], order[i]
+                    i += 1
+        key[:], order[:] = keys, rows
+        width *= 2

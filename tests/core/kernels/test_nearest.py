@@ -4,9 +4,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numba.core.errors import TypingError
 
+from core.kernels import tree_build
 from core.kernels.compiled import jit
 from core.kernels.nearest import build, locate, nearest, squared_distance_at
-from core.kernels.tree_build import _select
+from core.kernels.tree_build import _merge_sort, _select
 from tests.support.repetition import examples
 
 
@@ -218,7 +219,9 @@ def killer(n, middle):
         def __gt__(self, other: "Key") -> bool:
             return other < self
 
-    _select.py_func([Key(i) for i in range(n)], np.arange(n), middle)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(tree_build, "_merge_sort", _merge_sort.py_func)  # compiled it takes no Key
+        _select.py_func([Key(i) for i in range(n)], np.arange(n), middle)
     return np.minimum(value, n)
 
 
@@ -229,3 +232,13 @@ def test_selection_survives_keys_made_to_defeat_it(n):
         _select(key.copy(), order, n // 2)
         assert sorted(order) == [*range(n)]
         assert key[order[: n // 2]].max() <= key[order[n // 2 :]].min()
+
+
+@pytest.mark.parametrize("n", [0, 1, 2, 3, 8, 100, 1_025])
+def test_keys_are_sorted_as_numpy_sorts_them_stably(n):
+    rng = np.random.default_rng(n)
+    for key in (rng.standard_normal(n), rng.integers(0, 5, n) * 1.0, np.sort(rng.random(n))[::-1]):
+        order = rng.permutation(n).astype(np.int32)
+        expected = order[np.argsort(key, kind="mergesort")]
+        _merge_sort(key.copy(), order)
+        np.testing.assert_array_equal(order, expected)
