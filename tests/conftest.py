@@ -18,9 +18,17 @@ from core.monitor import Monitor
 from tests.support import oscillator
 from tests.support.attas import trained
 from tests.support.patience import PATIENCE
-from tests.support.repetition import examples
+from tests.support.repetition import IS_CAMPAIGN, examples
 
 CARRY_OUT, WARM_UP = isolation.carry_out, isolation.warm_up
+LONG = (
+    "fuzzing/test_readers.py",
+    "core/test_clearance.py",
+    "core/test_every_promise.py",
+    "core/evaluation/test_clearance_errors.py",
+    "app/live/test_hostile_messages.py",
+)
+"""What takes minutes in the campaign; each of the others takes seconds."""
 
 settings.register_profile(
     "forewarn",
@@ -55,7 +63,8 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     At the end no worker is to wait for another that has a long file left. Tests of faults wait for
     other processes most of the time: each of their files comes just before one that computes.
     """
-    first = ("browser/", "faults/", "fuzzing/", "test_readme.py", "core/monitor/")
+    long = LONG if IS_CAMPAIGN else ()
+    first = ("browser/", "faults/", *long, "fuzzing/", "test_readme.py", "core/monitor/")
     files: dict[str, list[pytest.Item]] = {}
     for item in items:
         files.setdefault(item.nodeid.partition("::")[0].partition("/")[2], []).append(item)
