@@ -15,6 +15,7 @@ import numpy as np
 from pydantic import TypeAdapter, ValidationError
 
 from app.recipes import RecipeError, from_plain, read_plain, to_plain
+from core.channels import N_CHANNELS
 from core.clearance import BuildUp, ClearanceRecipe
 from core.planned_test import DatasetRecipe
 from core.types import Array
@@ -23,7 +24,7 @@ from core.whole_file import write_whole
 State = Literal["planned", "on condition", "cleared", "hold", "complete", "aborted"]
 FORMAT, VERSION = "forewarn campaign", 2
 """Version 1 had one test for all points."""
-MOST_POINTS = 50
+MOST_POINTS, LONGEST_NAME, LARGEST_DEG = 50, 200, 90.0
 USUAL_STEPS = (0.4, 0.6, 0.8, 1.0)
 """Of the planned amplitude, where nothing else is asked for."""
 
@@ -41,6 +42,17 @@ class Event:
     state: State
     words: str = ""
 
+    def __post_init__(self) -> None:
+        """Refuse what nobody decided, or nobody knows when."""
+        if not self.by.strip():
+            raise CampaignError("nobody was named: say who decides, with a name")
+        try:
+            datetime.fromisoformat(self.at)
+        except ValueError:
+            raise CampaignError(
+                f"at is {self.at!r:.40}: it is a time, as ISO 8601 has it"
+            ) from None
+
 
 @dataclass(frozen=True)
 class FlownPoint:
@@ -48,7 +60,7 @@ class FlownPoint:
 
     source: recording, and the time in it.   y: (n_samples, 6) from trim, each dt of the test.
     reached: largest part of a limit.   exceeded: channel and time, or empty.   recording: id, where
-    it is stored.   start, end: in the recording [s].
+    it is stored.   start, end: in the recording [s].   remark: on how it was flown, or empty.
     """
 
     source: str
@@ -58,6 +70,21 @@ class FlownPoint:
     recording: str = ""
     start: float | None = None
     end: float | None = None
+    remark: str = ""
+
+    def __post_init__(self) -> None:
+        """Refuse samples that nothing can be computed from."""
+        try:
+            y = np.array(self.y, np.float64)
+        except ValueError:
+            y = np.empty((0, 0))
+        if y.ndim != 2 or y.shape[1] != N_CHANNELS or len(y) < 2 or not np.isfinite(y).all():
+            raise CampaignError(
+                f"the flown samples have the shape {y.shape}: they need to be (n_samples, "
+                f"{N_CHANNELS}), finite"
+            )
+        if not 0.0 <= self.reached < np.inf:
+            raise CampaignError(f"reached is {self.reached:g}: it is a part of a limit, 0 or more")
 
 
 @dataclass(frozen=True)
@@ -82,6 +109,13 @@ class Clearing:
     recipe: ClearanceRecipe
     steps: tuple[str, ...]
     exceeding_share: float | None = None
+
+    def __post_init__(self) -> None:
+        """Refuse shares that are none."""
+        for name in ("p_value", "clear_below", "exceeding_share"):
+            value = getattr(self, name)
+            if value is not None and not 0.0 <= value <= 1.0:
+                raise CampaignError(f"{name} is {value:g}: it is from 0 to 1")
 
 
 @dataclass(frozen=True)
@@ -151,15 +185,19 @@ class Campaign:
 
     def __post_init__(self) -> None:
         """Refuse points that do not build up."""
-        if not self.name.strip():
-            raise CampaignError("the campaign has no name: give it one")
+        if not 0 < len(self.name.strip()) <= LONGEST_NAME:
+            raise CampaignError(
+                f"the campaign's name has {len(self.name.strip())} characters: give 1 to "
+                f"{LONGEST_NAME}"
+            )
         if not 2 <= len(self.points) <= MOST_POINTS:
             raise CampaignError(
                 f"{len(self.points)} points were given: a campaign has 2 to {MOST_POINTS}"
             )
         _check_distinct("flight conditions", [condition.name for condition in self.conditions])
         for condition in self.conditions:
-            _check_growing([p.peak_deg for p in self.points if p.condition == condition.name])
+            own = [p.peak_deg for p in self.points if p.condition == condition.name]
+            _check_growing(own, condition.test.control_law.actuator.position_limit_deg)
         _check_distinct("points", [point.name for point in self.points])
         known = {condition.name for condition in self.conditions}
         for point in self.points:
@@ -173,6 +211,15 @@ class Campaign:
                     f"{point.name!r} must stay below {point.passes_below:g} of a limit: give a "
                     "part above 0, at most 1"
                 )
+            if (point.state == "complete") != (point.flown is not None):
+                there = "and has" if point.flown else "and lacks"
+                raise CampaignError(
+                    f"{point.name!r} is {point.state} {there} flown samples: just a complete point "
+                    "has some"
+                )
+        over = [point.is_over for point in self.points]
+        if sorted(over, reverse=True) != over:
+            raise CampaignError("a point is over before one that comes earlier: they go in order")
 
     @classmethod
     def planned(
@@ -246,6 +293,15 @@ class Campaign:
         """The next point is cleared: a person confirms the checklist, or a first point."""
         number, point = self.next
         is_first = not self.flown(point.condition)
+        if point.state == "cleared":
+            raise CampaignError(f"{point.name!r} is cleared already, see by whom")
+        aborted = [p.name for p in self.points if p.condition == point.condition and p.is_over]
+        if is_first and aborted and not why.strip():
+            raise CampaignError(
+                f"{', '.join(aborted)} came to nothing, and no step was flown before "
+                f"{point.name!r}, so that nothing can be computed of it: give the reason why it "
+                "may be flown all the same"
+            )
         if not is_first and point.state != "on condition":
             raise CampaignError(
                 f"{point.name!r} is {point.state}: what is confirmed was cleared on condition "
@@ -268,6 +324,12 @@ class Campaign:
     def completed(self, flown: FlownPoint, by: str) -> "Campaign":
         """The next point was flown."""
         number, point = self.next
+        for other in self.points:
+            if other.flown and other.flown.y == flown.y:
+                raise CampaignError(
+                    f"{flown.source} are the samples of {other.name!r}: give the recording of "
+                    f"{point.name!r}"
+                )
         words = f"{flown.source}: reached {flown.reached:.0%} of a limit"
         if flown.exceeded:
             words += f", EXCEEDED {flown.exceeded}"
@@ -275,14 +337,14 @@ class Campaign:
             words += f", NOT PASSED: it had to stay below {point.passes_below:.0%}"
         if point.state != "cleared":
             words += f"; it was flown although it was {point.state}"
+        if flown.remark:
+            words += f"; {flown.remark}"
         return self.changed(number, "complete", by, words, flown=flown)
 
     def changed(
         self, number: int, state: State, by: str, words: str = "", **fields: Any
     ) -> "Campaign":
         """Return the campaign with a point in another state; fields: what else of it changes."""
-        if not by.strip():
-            raise CampaignError("nobody was named: say who decides, with a name")
         point = self.points[number]
         event = Event(datetime.now(UTC).isoformat(timespec="seconds"), by.strip(), state, words)
         return self.with_point(number, replace(point, events=(*point.events, event), **fields))
@@ -320,11 +382,19 @@ def _check_distinct(what: str, names: list[str]) -> None:
         raise CampaignError(f"two {what} have one name: give each its own")
 
 
-def _check_growing(peaks: list[float]) -> None:
-    if not (all(peak > 0.0 for peak in peaks) and sorted(set(peaks)) == peaks):
-        given = ", ".join(f"{peak:g}" for peak in peaks)
+def _check_growing(peaks: list[float], stop: float | None) -> None:
+    """stop: largest command that the actuators take [deg]; None for no limit."""
+    given = ", ".join(f"{peak:g}" for peak in peaks)
+    sizes = [abs(peak) for peak in peaks]
+    if len({np.sign(peak) for peak in peaks}) > 1 or sorted({*sizes} - {0.0}) != sizes:
         raise CampaignError(
-            f"amplitudes of {given} deg were given: those of a build-up are positive and grow"
+            f"amplitudes of {given} deg were given: those of a build-up are of one sign, and grow "
+            "from point to point"
+        )
+    if sizes and not sizes[-1] <= (most := LARGEST_DEG if stop is None else stop):
+        raise CampaignError(
+            f"amplitudes of {given} deg were given: the surface goes to {most:g} deg at most, plan "
+            "smaller ones"
         )
 
 
@@ -347,8 +417,10 @@ def from_file(plain: Any, where: str) -> Campaign:
     try:
         if version == 1:
             plain = plain | {"conditions": [{"name": "", "test": plain["test"]}]}
+        if not isinstance(plain["name"], str):
+            raise CampaignError(f"{where}: name is {plain['name']!r:.40}: it is a text")
         return Campaign(
-            str(plain["name"]),
+            plain["name"],
             tuple(
                 Condition(one["name"], from_plain(DatasetRecipe(), one["test"], "test"))
                 for one in plain["conditions"]
@@ -363,7 +435,8 @@ def from_file(plain: Any, where: str) -> Campaign:
     except ValidationError as error:
         first = error.errors()[0]
         place = ".".join(map(str, first["loc"]))
-        raise CampaignError(f"{where}: points.{place}: {first['msg']}") from None
+        said = str(first["msg"]).removeprefix("Value error, ")
+        raise CampaignError(f"{where}: points.{place}: {said}") from None
     except RecipeError as error:
         raise CampaignError(f"{where}: {error}") from None
 

@@ -1,16 +1,27 @@
 """A recorded point: its manoeuvre cut out of a recording, on the test's samples, from trim."""
 
+from typing import NamedTuple
+
 import numpy as np
 
 from app.campaigns.campaign import CampaignError, FlownPoint
-from app.scoring.planned_test import PlannedTest
+from app.scoring.checks import surfaces_flown
+from app.scoring.outside import outside, outside_note
+from app.scoring.planned_test import SURFACES, PlannedTest
 from app.scoring.recipe import Interval, ScoringRecipe
-from app.scoring.segments import Segment, mean_of_rest, segments
+from app.scoring.segments import AFTERWARDS, Segment, mean_of_rest, segments
 from app.telemetry.recording import Recording
 from app.telemetry.resampling.resampling import on_grid
 from app.telemetry.timing.repair import RepairedTraces
 from core.channels import KEYS
-from core.planned_test import DatasetRecipe
+from core.planned_test import DatasetRecipe, Simulator
+from core.types import Array
+
+ENOUGH = 0.8
+"""Of the planned samples: a record of fewer is cut off."""
+AS_PLANNED = 0.75, 1.33
+"""Of the planned amplitude: what was flown outside of it is told."""
+N_SIMULATED = 100
 
 
 def flown_point(
@@ -24,14 +35,16 @@ def flown_point(
 
     name: of the recording.   marked: from trim to the end of the manoeuvre; the only one that is
     detected where None.   recording_id: where it is stored.
-    CampaignError where there is none, or several; where samples of it are missing.
+    Every sample as recorded counts against the limits, from trim and as it is, AFTERWARDS too.
+    CampaignError where there is none, or several; where samples of it are missing; where it is not
+    the planned one.
     """
     recording = on_grid(recorded.traces, test.dt)
     planned = PlannedTest(test.dt, test.specification.magnitudes, test.maneuver, test.aircraft)
-    recipe = ScoringRecipe(manoeuvres="detected" if marked is None else (marked,))
-    found, _ = segments(recording, planned, recipe)
-    if marked is None:
-        found = tuple(segment for segment in found if segment.onset is not None)
+    detected, _ = segments(recording, planned, ScoringRecipe(manoeuvres="detected"))
+    found = detected = tuple(segment for segment in detected if segment.onset is not None)
+    if marked is not None:
+        found, _ = segments(recording, planned, ScoringRecipe(manoeuvres=(marked,)))
     if len(found) != 1:
         times = ", ".join(_times(recording, segment) for segment in found) or "none"
         raise CampaignError(
@@ -39,30 +52,83 @@ def flown_point(
             "by the start of its trim and its end"
         )
     (segment,) = found
+    where, n_planned = _times(recording, segment), test.maneuver.n_samples(test.dt)
     part = recording.y[segment.first : segment.last + 1]
     rest = np.zeros(len(KEYS)) if segment.rest is None else mean_of_rest(recording.y[segment.rest])
-    y = (part - rest)[: test.maneuver.n_samples(test.dt)]
+    y = (part - rest)[:n_planned]
     missing = [key for key, column in zip(KEYS, y.T, strict=True) if not np.isfinite(column).all()]
     if missing:
         raise CampaignError(
-            f"{name}: samples of {', '.join(missing)} are missing from "
-            f"{_times(recording, segment)}: an aircraft is identified from all six channels, "
-            "without gaps"
+            f"{name}: samples of {', '.join(missing)} are missing from {where}: an aircraft is "
+            "identified from all six channels, without gaps"
         )
-    parts = np.abs(y) / test.specification.magnitudes
-    first = int(test.specification.first_exceedance(y[np.newaxis])[0])
-    exceeded = ""
-    if first < len(y):
-        exceeded = f"{KEYS[int(parts[first].argmax())]} at {first * test.dt:.2f} s"
+    if len(y) < ENOUGH * n_planned:
+        raise CampaignError(
+            f"{name}: {where} holds {len(y)} samples, the manoeuvre takes {n_planned} of "
+            f"{test.dt:g} s: give the whole of it"
+        )
+    remark = _flown_as_planned(f"{name}, {where}", y, planned, test)
+    overlapping = [one for one in detected if _overlap(one, segment)]
+    first = min(one.first for one in (segment, *overlapping))
+    last = max(one.last for one in (segment, *overlapping))
+    span = float(recording.t[first]), float(recording.t[last]) + AFTERWARDS
+    worst = _worst(recorded, planned.limits, rest, span)
+    as_is = _worst(recorded, planned.limits, np.zeros(len(KEYS)), span)
+    if worst.part < 1.0 <= as_is.part:
+        worst = as_is._replace(words=f"{as_is.words} as recorded, trim not subtracted")
+    elsewhere = outside(recorded.traces, planned.limits, [span], [rest])
     return FlownPoint(
-        f"{name}, {_times(recording, segment)}",
+        f"{name}, {where}",
         tuple(map(tuple, y.tolist())),
-        float(parts.max()),
-        exceeded,
+        max(worst.part, float((np.abs(y) / planned.limits).max())),
+        worst.words if worst.part >= 1.0 else "",
         recording_id,
         float(recording.t[segment.first]),
         float(recording.t[segment.last]),
+        " ".join([remark, *outside_note(elsewhere)]).strip(),
     )
+
+
+class _Worst(NamedTuple):
+    """Largest part of a limit, and which channel reached it when."""
+
+    part: float
+    words: str
+
+
+def _worst(
+    recorded: RepairedTraces, limits: Array, trim: Array, span: tuple[float, float]
+) -> _Worst:
+    """Of every sample as it was recorded within a span, less its trim."""
+    found = _Worst(0.0, "")
+    for c in np.flatnonzero(np.isfinite(limits)):
+        trace = recorded.traces.channels.get(KEYS[c])
+        if trace is None:
+            continue
+        here = (trace.t >= span[0]) & (trace.t <= span[1]) & np.isfinite(trace.values)
+        parts = np.abs(trace.values[here] - trim[c]) / limits[c]
+        if len(parts) and (part := float(parts.max())) > found.part:
+            found = _Worst(part, f"{KEYS[c]} at {trace.t[here][parts.argmax()]:.2f} s")
+    return found
+
+
+def _flown_as_planned(where: str, y: Array, planned: PlannedTest, test: DatasetRecipe) -> str:
+    """What is to be said of how it was flown. CampaignError where it is another manoeuvre."""
+    usual = np.abs(Simulator(test).rollouts(N_SIMULATED, np.random.default_rng(0)).y).max((0, 1))
+    as_planned, words = surfaces_flown(planned, y, usual)
+    if as_planned is False:
+        raise CampaignError(
+            f"{where}: {words}. This is not the point as it was planned: look at the signs and "
+            "units of its mapping, or say which part of the recording it is"
+        )
+    flown, amplitudes = np.abs(y).max(axis=0)[list(SURFACES)], planned.amplitudes
+    shares = flown[amplitudes > 0.0] / amplitudes[amplitudes > 0.0]
+    low, high = AS_PLANNED
+    return f"{words}." if (shares < low).any() or (shares > high).any() else ""
+
+
+def _overlap(one: Segment, other: Segment) -> bool:
+    return one.first <= other.last and other.first <= one.last
 
 
 def _times(recording: Recording, segment: Segment) -> str:

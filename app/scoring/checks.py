@@ -5,11 +5,12 @@ from collections.abc import Iterator
 import numpy as np
 
 from app.scoring.assessed_segment import AssessedSegment
-from app.scoring.planned_test import SURFACE_NAMES, SURFACES, first_direction
+from app.scoring.planned_test import SURFACE_NAMES, SURFACES, PlannedTest, first_direction
 from app.scoring.scored import Check
 from app.scoring.seen import unassessed
 from app.telemetry.resampling.resampling import RATE_RATIO
 from core.channels import CHANNELS, KEYS
+from core.types import Array
 
 SPEED_SHARE = 0.1
 """Of the model's airspeed: beyond, its derivatives are those of another flight condition."""
@@ -121,7 +122,8 @@ def manoeuvre(assessed: AssessedSegment) -> Iterator[Check]:
     if planned.duration is None:
         yield Check("manoeuvre", None, "the monitor's planned test is not known")
         return
-    yield Check("manoeuvre", *_surfaces(assessed))
+    surfaces = surfaces_flown(planned, assessed.y, assessed.monitor.training_max_abs)
+    yield Check("manoeuvre", *surfaces)
     length = float(assessed.assessments.t[-1] - assessed.assessments.t[0])
     text = f"{length:.2f} s, simulated {planned.duration:.2f} s"
     longer = length - planned.duration > 0.5 * planned.dt
@@ -133,33 +135,36 @@ def manoeuvre(assessed: AssessedSegment) -> Iterator[Check]:
         yield Check("length", True, text)
 
 
-def _surfaces(assessed: AssessedSegment) -> tuple[bool | None, str]:
-    amplitudes, texts, oks = assessed.planned.amplitudes, [], []
+def surfaces_flown(planned: PlannedTest, y: Array, usual: Array) -> tuple[bool | None, str]:
+    """Whether the surfaces moved as planned, None where that is not recorded, and in words.
+
+    y: (n, 6) from trim, NaN where unknown.   usual: (6,) largest magnitudes as simulated.
+    """
+    amplitudes, texts, oks = planned.amplitudes, [], []
+    largest = np.abs(y).max(axis=0, initial=-np.inf, where=np.isfinite(y))
     for column, (c, name) in enumerate(zip(SURFACES, SURFACE_NAMES, strict=True)):
-        moved, planned = assessed.largest[c], amplitudes[column]
+        moved, amplitude = largest[c], amplitudes[column]
         if not np.isfinite(moved):
             oks.append(None)
             texts.append(f"{name} not recorded")
             continue
         text = f"{name} moved by {CHANNELS[c].read(moved, 2)}"
         oks.append(True)
-        if planned > 0.0:
-            text += f", planned {CHANNELS[c].read(planned, 2)}"
-            flown_first = first_direction(assessed.y[:, c])
-            planned_first = first_direction(assessed.planned.commands[:, column])
-            if moved < FLOWN_SHARE * planned:
+        if amplitude > 0.0:
+            text += f", planned {CHANNELS[c].read(amplitude, 2)}"
+            flown_first = first_direction(y[:, c])
+            planned_first = first_direction(planned.commands[:, column])
+            if moved < FLOWN_SHARE * amplitude:
                 oks[-1] = False
                 text += ": it was hardly flown"
             elif flown_first != planned_first:
                 oks[-1] = False
                 text += ": it went the other way first, or its sign is reversed"
-        elif moved > max(
-            FLOWN_SHARE * amplitudes.max(initial=0.0), LARGER * assessed.monitor.training_max_abs[c]
-        ):
+        elif moved > max(FLOWN_SHARE * amplitudes.max(initial=0.0), LARGER * usual[c]):
             oks[-1] = False
             text += ", which the planned manoeuvre leaves alone"
-        elif moved > LARGER * assessed.monitor.training_max_abs[c]:
-            known = CHANNELS[c].read(assessed.monitor.training_max_abs[c], 2)
+        elif moved > LARGER * usual[c]:
+            known = CHANNELS[c].read(usual[c], 2)
             text += f", at most {known} in training"
         texts.append(text)
     ok = False if False in oks else None if None in oks else True

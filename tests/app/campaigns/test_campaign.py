@@ -70,9 +70,9 @@ def test_a_file_holds_the_whole_campaign(tmp_path: Path) -> None:
     ("fractions", "words"),
     [
         ((1.0,), "has 2 to 50"),
-        ((0.5, 0.5), "positive and grow"),
-        ((0.8, 0.5), "positive and grow"),
-        ((0.0, 0.5), "positive and grow"),
+        ((0.5, 0.5), "of one sign, and grow"),
+        ((0.8, 0.5), "of one sign, and grow"),
+        ((0.0, 0.5), "of one sign, and grow"),
         ((0.501, 0.502), "two points have one name"),
     ],
 )
@@ -178,7 +178,7 @@ def test_the_probability_of_any_exceedance_is_bounded_by_the_sum() -> None:
 
     campaign = planned()
     assert campaign.exceeding_at_most == 0.0
-    campaign = campaign.changed(0, "complete", "Bob", clearing=clearing(None, 0.004))
-    campaign = campaign.changed(1, "complete", "Bob", clearing=clearing(0.02, 0.3))
+    campaign = campaign.changed(0, "complete", "Bob", clearing=clearing(None, 0.004), flown=FLOWN)
+    campaign = campaign.changed(1, "complete", "Bob", clearing=clearing(0.02, 0.3), flown=FLOWN)
     campaign = campaign.changed(2, "hold", "Bob", clearing=clearing(0.5, 0.6, cleared=False))
     assert campaign.exceeding_at_most == pytest.approx(0.004 + 0.1 * 0.3)

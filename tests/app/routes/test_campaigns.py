@@ -140,7 +140,7 @@ def test_the_next_points_monitor_is_of_the_aircraft_as_it_was_flown(client: Test
         ({"name": 3}, "1 to 200 characters"),
         ({"conditions": []}, "a list of flight conditions"),
         ({"conditions": [{"steps": [1.0]}]}, "has 2 to 50"),
-        ({"conditions": [{"steps": [1.0, 0.5]}]}, "positive and grow"),
+        ({"conditions": [{"steps": [1.0, 0.5]}]}, "of one sign, and grow"),
         ({"conditions": [{"steps": "all"}]}, "shares of the planned amplitude"),
         ({"conditions": [{"amplitudes": [1]}]}, "amplitudes is unknown"),
         ({"conditions": [{"passes_below": 2.0}]}, "at most 1"),

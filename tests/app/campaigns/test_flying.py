@@ -1,0 +1,137 @@
+"""A point's recording: what counts of it, and what is no flight of the point."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from app.campaigns.campaign import Campaign, CampaignError, Condition, FlownPoint
+from app.campaigns.flying import flown_point
+from app.commands.sample_flight import TRIM_S, table
+from app.recordings.mapped_recording import MappedRecording
+from app.scoring.recipe import Interval
+from app.telemetry.mapping.proposal import propose
+from app.telemetry.reading import columns_of
+from core.channels import KEYS
+from core.clearance import ClearanceRecipe
+from core.evaluation.lead_sweep import TESTS
+from core.planned_test import Simulator
+from core.types import Array
+
+TEST = TESTS["ATTAS"]
+NY, DELTA_A, DELTA_R = (KEYS.index(key) for key in ("Ny", "delta_a", "delta_r"))
+FAST = 10
+"""Times as fast as the test's samples."""
+AFTER = 40
+"""Of the test's samples, that are recorded after the manoeuvre."""
+
+
+def flight(scale: float = 0.6) -> Array:
+    """The nominal aircraft on the planned test, (n, 6) at FAST times its rate, and at rest after.
+
+    It stays below its limit.
+    """
+    simulator = Simulator(TEST)
+    y = simulator.fly(simulator.plant.nominal[np.newaxis], np.random.default_rng(1))[0].y[0]
+    y = np.vstack([scale * y, np.zeros((AFTER, len(KEYS)))])
+    t = np.arange(len(y))
+    fine = np.linspace(0.0, t[-1], FAST * t[-1] + 1)
+    return np.column_stack([np.interp(fine, t, column) for column in y.T])
+
+
+def flown(
+    path: Path, y: Array, marked: tuple[float, float] | None = None, bias: float = 0.0
+) -> FlownPoint:
+    """The point of a recording of such samples, all of it flown with so much N_y in trim [g]."""
+    file = path / "flight.csv"
+    head, *rows = table(y, TEST.dt / FAST).splitlines()
+    cells = np.array([row.split(",") for row in rows], np.float64)
+    cells[:, head.split(",").index("ay_g")] += bias
+    file.write_text("\n".join([head, *(",".join(map(repr, row)) for row in cells.tolist()), ""]))
+    with columns_of(file) as columns:
+        mapping = propose(columns).mapping
+        flown_so = {key: replace(way, bias=0.0) for key, way in mapping.channels.items()}
+        mapping = replace(mapping, channels=flown_so)
+        recorded = MappedRecording.of(columns, mapping).scorable()
+    return flown_point(file.name, recorded, TEST, marked and Interval(*marked, "point"))
+
+
+def test_a_flight_as_planned_passes_without_a_remark(tmp_path: Path) -> None:
+    point = flown(tmp_path, flight(0.8))
+    assert point.exceeded == point.remark == ""
+    assert 0.0 < point.reached < 1.0
+
+
+def test_an_exceedance_between_two_samples_of_the_test_counts(tmp_path: Path) -> None:
+    y = flight()
+    k = 3 * FAST * 20 + FAST // 2
+    y[k - 3 : k + 4, NY] = 0.52
+    point = flown(tmp_path, y)
+    assert point.reached == pytest.approx(1.04, abs=0.001)
+    assert point.exceeded == f"Ny at {TRIM_S + (k - 3) * TEST.dt / FAST:.2f} s"
+
+
+@pytest.mark.parametrize("marked", [(5.0, 9.9), (5.0, 11.0), None])
+def test_marked_times_hide_no_exceedance_of_the_manoeuvre(
+    tmp_path: Path, marked: tuple[float, float] | None
+) -> None:
+    """Nor one that follows it at once; one much later is told."""
+    y = flight()
+    y[round((12.0 - TRIM_S) / TEST.dt * FAST), NY] = -0.6
+    point = flown(tmp_path, y, marked)
+    assert (point.exceeded, point.reached) == ("Ny at 12.00 s", pytest.approx(1.2, abs=0.01))
+    late = np.vstack([y[: -AFTER * FAST], np.zeros((100 * FAST, 6)), np.full((1, 6), 0.0)])
+    late[-1, NY] = 0.6
+    point = flown(tmp_path, late, marked)
+    assert point.exceeded == ""
+    assert "outside every manoeuvre" in point.remark
+
+
+def test_a_sample_beyond_the_limit_as_recorded_is_not_explained_away_by_trim(
+    tmp_path: Path,
+) -> None:
+    y = flight(0.8)
+    largest = y[np.abs(y[:, NY]).argmax(), NY]
+    point = flown(tmp_path, y, bias=float(np.copysign(0.51 - abs(largest), largest)))
+    assert point.exceeded.endswith("as recorded, trim not subtracted")
+    assert point.reached == pytest.approx(1.02, abs=0.001)
+
+
+def reversed_rudder(y: Array) -> Array:
+    y[:, DELTA_R] *= -1.0
+    return y
+
+
+def aileron_instead(y: Array) -> Array:
+    return y[:, [0, 1, 2, 3, 5, 4]]
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (reversed_rudder, "its sign is reversed"),
+        (aileron_instead, "the planned manoeuvre leaves alone"),
+        (lambda y: 0.25 * y, "it was hardly flown"),
+        (lambda y: y[: round(0.7 * (len(y) - AFTER * FAST))], "give the whole of it"),
+    ],
+)
+def test_what_is_no_flight_of_the_point_is_refused(
+    tmp_path: Path, change: Callable[[Array], Array], words: str
+) -> None:
+    with pytest.raises(CampaignError, match=words):
+        flown(tmp_path, change(flight(1.0)))
+
+
+def test_another_amplitude_than_planned_is_told(tmp_path: Path) -> None:
+    assert "rudder moved by" in flown(tmp_path, flight(0.5)).remark
+
+
+def test_one_recording_is_one_points(tmp_path: Path) -> None:
+    point = flown(tmp_path, flight(0.8))
+    condition = Condition("", TEST)
+    campaign = Campaign.planned("c", condition, (0.8, 0.9), ClearanceRecipe())
+    campaign = campaign.completed(point, "Bob")
+    with pytest.raises(CampaignError, match="the samples of '80%'"):
+        campaign.completed(point, "Bob")
