@@ -8,6 +8,7 @@ import json
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
+from math import ceil
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
@@ -439,6 +440,11 @@ def from_file(plain: Any, where: str) -> Campaign:
         raise CampaignError(f"{where}: points.{place}: {said}") from None
     except RecipeError as error:
         raise CampaignError(f"{where}: {error}") from None
+
+
+def percent_at_most(share: float) -> str:
+    """A bound in percent: rounded up, as it would be none otherwise."""
+    return f"{ceil(1e4 * share - 1e-9) / 100:.2f} %"
 
 
 def samples_of(point: FlownPoint) -> Array:

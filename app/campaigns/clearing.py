@@ -49,7 +49,7 @@ def clear_next(campaign: Campaign, by: str, progress: Progress | None = None) ->
         verdict.p_value,
         None if rule.is_rare else rule.clear_below,
         verdict.reached,
-        verdict.amplitude_deg,
+        None if withdrawn else verdict.amplitude_deg,
         withdrawn,
         rule.n_exceeding,
         rule.n_tried,

@@ -5,7 +5,15 @@ from pathlib import Path
 from typing import get_args
 
 from app import json_codec
-from app.campaigns.campaign import USUAL_STEPS, Campaign, CampaignError, Condition, Point, load
+from app.campaigns.campaign import (
+    USUAL_STEPS,
+    Campaign,
+    CampaignError,
+    Condition,
+    Point,
+    load,
+    percent_at_most,
+)
 from app.campaigns.clearing import checklist, clear_next, identified, updated
 from app.campaigns.derivatives import identification_plain
 from app.campaigns.flying import flown_point
@@ -118,15 +126,19 @@ def _new(options: argparse.Namespace) -> int:
     campaign = Campaign.planned(
         options.name, condition, options.steps, recipe, options.passes_below
     )
-    return _done(options, campaign, lines(campaign))
+    return _done(options, None, campaign, lines(campaign))
 
 
 def _add(options: argparse.Namespace) -> int:
-    campaign = load(options.file)
+    before = load(options.file)
+    if options.aircraft is None and options.recipe is None:
+        raise CampaignError(
+            "no aircraft was given: say --aircraft, as it is at that flight condition, or --recipe"
+        )
     test: DatasetRecipe = plain_recipe(options)["dataset"]
     condition = Condition(options.condition, test)
-    campaign = campaign.extended(condition, options.steps, options.passes_below)
-    return _done(options, campaign, lines(campaign))
+    campaign = before.extended(condition, options.steps, options.passes_below)
+    return _done(options, before, campaign, lines(campaign))
 
 
 def _show(options: argparse.Namespace) -> int:
@@ -136,9 +148,9 @@ def _show(options: argparse.Namespace) -> int:
 
 
 def _clear(options: argparse.Namespace) -> int:
-    campaign = load(options.file)
+    before = load(options.file)
     with progress_bar("aircraft identified") as progress:
-        campaign = clear_next(campaign, options.by, progress)
+        campaign = clear_next(before, options.by, progress)
     point = campaign.next.point
     told = [f"{point.name}: {point.state}: {point.events[-1].words}"]
     if point.state == "on condition":
@@ -148,7 +160,7 @@ def _clear(options: argparse.Namespace) -> int:
         ]
     if point.clearing and point.clearing.amplitude_deg is not None:
         told.append(_recommended(point))
-    return _done(options, campaign, told, ok=point.state == "on condition")
+    return _done(options, before, campaign, told, ok=point.state == "on condition")
 
 
 def _recommended(point: Point) -> str:
@@ -166,6 +178,7 @@ def _confirm(options: argparse.Namespace) -> int:
     point = campaign.next.point
     return _done(
         options,
+        campaign,
         campaign.confirmed(options.by, options.why),
         [f"{point.name}: cleared by {options.by}"],
     )
@@ -175,14 +188,14 @@ def _hold(options: argparse.Namespace) -> int:
     campaign = load(options.file)
     point = campaign.next.point
     told = [f"{point.name}: hold, by {options.by}"]
-    return _done(options, campaign.held(options.by, options.why), told)
+    return _done(options, campaign, campaign.held(options.by, options.why), told)
 
 
 def _abort(options: argparse.Namespace) -> int:
     campaign = load(options.file)
     point = campaign.next.point
     told = [f"{point.name}: aborted by {options.by}: {options.why}"]
-    return _done(options, campaign.aborted(options.by, options.why), told)
+    return _done(options, campaign, campaign.aborted(options.by, options.why), told)
 
 
 def _fly(options: argparse.Namespace) -> int:
@@ -195,9 +208,9 @@ def _fly(options: argparse.Namespace) -> int:
     with columns_of(options.recording) as columns:
         recorded = MappedRecording.of(columns, mapping or propose(columns).mapping).scorable()
         flown = flown_point(options.recording.name, recorded, campaign.test_of(point), marked)
-    campaign = campaign.completed(flown, options.by)
-    told = f"{point.name}: complete: {campaign.points[number].events[-1].words}"
-    return _done(options, campaign, [told])
+    after = campaign.completed(flown, options.by)
+    told = f"{point.name}: complete: {after.points[number].events[-1].words}"
+    return _done(options, campaign, after, [told])
 
 
 def _identify(options: argparse.Namespace) -> int:
@@ -251,9 +264,22 @@ ACTIONS = {
 
 
 def _done(
-    options: argparse.Namespace, campaign: Campaign, told: list[str], *, ok: bool = True
+    options: argparse.Namespace,
+    before: Campaign | None,
+    campaign: Campaign,
+    told: list[str],
+    *,
+    ok: bool = True,
 ) -> int:
-    """Save the campaign, then print; 1 where the point may not be flown."""
+    """Save the campaign, then print; 1 where the point may not be flown.
+
+    CampaignError where somebody changed the file since it was read: what was decided stays.
+    """
+    if before is not None and load(options.file) != before:
+        raise CampaignError(
+            f"somebody else changed {options.file} meanwhile: nothing was written, look at it "
+            "again, then decide"
+        )
     campaign.save(options.file)
     print_result(options, "\n".join([*told, f"written: {options.file}"]), to_plain(campaign))
     return 0 if ok else 1
@@ -270,8 +296,8 @@ def lines(campaign: Campaign) -> list[str]:
     ]
     if any(point.clearing for point in campaign.points):
         rows.append(
-            f"probability that any point exceeds that was cleared by computation: at most "
-            f"{campaign.exceeding_at_most:.2%}"
+            "probability that any point exceeds that was cleared by computation: at most "
+            + percent_at_most(campaign.exceeding_at_most)
         )
     if not campaign.is_over:
         point = campaign.next.point

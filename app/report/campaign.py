@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from markupsafe import Markup, escape
 
-from app.campaigns.campaign import Campaign, Condition, Point
+from app.campaigns.campaign import Campaign, Condition, Point, percent_at_most
 from app.campaigns.clearing import checklist
 from app.campaigns.derivatives import history
 from app.labels import kind_label
@@ -35,6 +35,8 @@ def campaign_page(campaign: Campaign) -> str:
         checklist=checklist(campaign, point) if point else (),
         is_first=point is not None and not campaign.flown(point.condition),
         conditions=[_condition(campaign, condition) for condition in campaign.conditions],
+        any_cleared=any(one.clearing and one.clearing.cleared for one in campaign.points),
+        exceeding_at_most=percent_at_most(campaign.exceeding_at_most),
         version=__version__,
     )
 
@@ -57,7 +59,7 @@ def _condition(campaign: Campaign, condition: Condition) -> dict[str, Any]:
 
 
 class _Axes:
-    """Amplitude [deg] to the right, part of a limit upwards, both from 0."""
+    """Amplitude [deg] to the right, of either sign, part of a limit upwards, both from 0."""
 
     def __init__(self, most_deg: float, most_part: float) -> None:
         self._most_deg, self._most_part = ROOM * most_deg, ROOM * most_part
@@ -93,7 +95,7 @@ def build_up_plot(campaign: Campaign, condition: str) -> Markup:
     points = [point for point in campaign.points if point.condition == condition]
     reached = [point.flown.reached for point in points if point.flown]
     predicted = [point.clearing.reached[2] for point in points if point.clearing]
-    axes = _Axes(max(point.peak_deg for point in points), max([1.0, *reached, *predicted]))
+    axes = _Axes(max(abs(point.peak_deg) for point in points), max([1.0, *reached, *predicted]))
     limit = (
         f'<path class="limit" d="M{LEFT} {axes.y(1.0):.1f}H{WIDTH - RIGHT}"/>'
         f'<text class="limit-words" x="{LEFT + 6}" y="{axes.y(1.0) - 4:.1f}">limit</text>'
@@ -107,8 +109,8 @@ def build_up_plot(campaign: Campaign, condition: str) -> Markup:
 
 
 def _drawn(axes: _Axes, point: Point) -> str:
-    """A point: its name, the bar of what was predicted, the dot of what was flown."""
-    x, parts = axes.x(point.peak_deg), []
+    """A point: its name, the bar of what was predicted, the mark of what was flown."""
+    x, parts = axes.x(abs(point.peak_deg)), []
     if point.clearing:
         low, middle, high = (axes.y(part) for part in point.clearing.reached)
         parts.append(
@@ -116,8 +118,11 @@ def _drawn(axes: _Axes, point: Point) -> str:
             f'M{x - 8:.1f} {middle:.1f}h16"/>'
         )
     if point.flown:
+        y = axes.y(point.flown.reached)
         parts.append(
-            f'<circle class="flown" cx="{x:.1f}" cy="{axes.y(point.flown.reached):.1f}" r="4"/>'
+            f'<path class="not-passed" d="M{x - 4:.1f} {y - 4:.1f}l8 8m-8 0l8 -8"/>'
+            if point.failed
+            else f'<circle class="flown" cx="{x:.1f}" cy="{y:.1f}" r="4"/>'
         )
     name = escape(point.name)
     parts.append(f'<text x="{x:.1f}" y="{HEIGHT - BOTTOM - 4}" text-anchor="middle">{name}</text>')

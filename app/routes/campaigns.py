@@ -41,7 +41,7 @@ from app.routes.dependencies import (
 from app.routes.job_answers import ACCEPTED, accepted
 from app.scoring.recipe import Interval
 from app.store.campaigns import CampaignChanged
-from app.store.jobs import JobInfo
+from app.store.jobs import ENDED, JobInfo
 from app.store.tokens import LOCAL
 
 router = APIRouter(prefix="/api/v1/campaigns", tags=["campaigns"])
@@ -189,12 +189,19 @@ async def read_campaign_report(campaign_id: str, campaigns: CampaignsDep) -> HTM
 async def add_condition(
     campaign_id: str, plain: PlainBody, campaigns: CampaignsDep, settings: SettingsDep
 ):
-    """Plan points at another flight condition, after the others."""
+    """Plan points at another flight condition, after the others.
+
+    Where its `dataset` names no aircraft, it says what differs from the last condition's.
+    """
 
     def add() -> Response:
         stored, campaign = campaigns.get(campaign_id)
+        wanted, dataset = plain, plain.get("dataset", {})
+        if isinstance(dataset, dict) and "aircraft" not in dataset:
+            own = to_plain(campaign.conditions[-1].test)
+            wanted = plain | {"dataset": own | dataset}
         try:
-            extended = campaign.extended(*condition_request(plain, settings.max_array_bytes))
+            extended = campaign.extended(*condition_request(wanted, settings.max_array_bytes))
             return json_response(to_plain(campaigns.put(stored, extended)))
         except CampaignError as error:
             raise Problem(422, str(error), "urn:forewarn:campaign") from None
@@ -297,6 +304,9 @@ async def clear_point(
     """
     by = signature(person, decision.by)
     await _check_next(campaigns, campaign_id, decision.point)
+    if await asyncio.to_thread(_is_clearing, campaigns, campaign_id):
+        said = f"the clearance of {decision.point!r} is being computed: wait for it, or cancel it"
+        raise Problem(409, said, "urn:forewarn:campaign")
     work = clearance_work(campaigns, campaign_id, decision.point, by)
     request = {"campaign": campaign_id, "point": decision.point, "by": by}
     return await accepted(jobs, "clearance", request, work)
@@ -352,6 +362,14 @@ async def train_next_monitor(
     said |= {"n_test": training.n_test} | to_plain(training.recipe)
     work = next_monitor_work(campaigns, campaign_id, point, training)
     return await accepted(jobs, "monitor", said, work)
+
+
+def _is_clearing(campaigns: Campaigns, campaign_id: str) -> bool:
+    return any(
+        (job.kind, job.request.get("campaign")) == ("clearance", campaign_id)
+        for job in campaigns.store.jobs.all()
+        if job.status not in ENDED
+    )
 
 
 async def _check_next(campaigns: Campaigns, campaign_id: str, point: str) -> None:

@@ -1,5 +1,6 @@
 """A whole campaign on the page, from card to clearance to live flight to report; its refusals."""
 
+import json
 from typing import Any
 
 import numpy as np
@@ -176,9 +177,36 @@ def test_a_page_follows_what_others_decide_and_says_when_it_cannot_know(
     told = page.get_by_role("alert").filter(has_text="Somebody changed this campaign")
     expect(told).to_be_visible()
     pattern = f"**/api/v1/campaigns/{campaign.id}"
-    page.route(pattern, lambda route: route.abort())
-    expect(page.get_by_role("alert").filter(has_text="Not known whether")).to_be_visible()
+    page.route(pattern, lambda _: None)  # a server that hangs
+    expect(page.get_by_role("alert").filter(has_text="no answer for")).to_be_visible()
+    expect(page.locator(".page[data-lost]")).to_have_count(1)
     page.unroute(pattern)
+
+
+def test_the_list_follows_what_is_decided(campaign: Campaign) -> None:
+    campaign.plan([0.5, 1.0])
+    campaign.page.goto(f"{campaign.site.http}/#/campaigns")
+    row = campaign.page.get_by_role("row").filter(has_text="Rudder").first
+    expect(row).to_contain_text("planned")
+    campaign.ask("POST", f"/campaigns/{campaign.id}/hold", {"point": "50%", "by": "Ben"})
+    expect(row).to_contain_text("hold")
+
+
+def test_a_clearance_under_way_is_seen_by_who_comes_later(campaign: Campaign) -> None:
+    campaign.plan([0.5, 1.0])
+    page = campaign.page
+    job = {"id": "1", "kind": "clearance", "status": "running", "message": "3 of 9 identified"}
+    job |= {"request": {"campaign": campaign.id, "point": "100%"}, "progress": 3, "total": 9}
+    events = f"data: {json.dumps(job)}\n\n"
+    page.route("**/api/v1/jobs", lambda route: route.fulfill(json=[job]))
+    page.route(
+        "**/jobs/1/events",
+        lambda route: route.fulfill(body=events, content_type="text/event-stream"),
+    )
+    page.reload()
+    expect(campaign.next).to_contain_text("3 of 9 identified")
+    page.unroute("**/api/v1/jobs")
+    page.unroute("**/jobs/1/events")
 
 
 def test_a_campaign_is_planned_on_the_page_and_refused_with_words(
@@ -193,7 +221,7 @@ def test_a_campaign_is_planned_on_the_page_and_refused_with_words(
     steps = page.get_by_label("steps, as shares of the amplitude")
     steps.fill("0.8 0.4")
     page.get_by_role("button", name="Plan it").click()
-    expect(page.get_by_role("alert").last).to_contain_text("positive and grow")
+    expect(page.get_by_role("alert").last).to_contain_text("of one sign, and grow")
     steps.fill("0,5 1")
     page.get_by_label("each must stay below").fill("0.9")
     page.get_by_role("button", name="Plan it").click()

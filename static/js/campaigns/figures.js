@@ -9,7 +9,6 @@
 import { framed, keyOf, sample, SPARE } from "../charts/figure.js";
 import { createPlot } from "../charts/plot.js";
 import { svg } from "../lib/dom.js";
-import { percent } from "../lib/numbers.js";
 
 /** Of a 95 % interval, in standard deviations. */
 const WIDTH = 1.96;
@@ -17,25 +16,28 @@ const ROW = 26;
 
 export function buildUpFigure(points, title) {
   const parts = points.flatMap(({ clearing, flown }) => [clearing?.reached[2] ?? 0, flown?.reached ?? 0]);
-  const most = Math.max(...points.map(({ peak_deg: peak }) => peak));
+  const most = Math.max(...points.map(({ peak_deg: peak }) => Math.abs(peak)));
   const plot = createPlot({
-    x: { label: "amplitude of the points [deg]", domain: [0, 1.05 * most], ticks: points.map(({ peak_deg: peak }) => peak) },
-    y: { label: "largest part of a limit", domain: [0, SPARE * Math.max(1, ...parts)], format: (part) => percent(part, 0) },
+    x: { label: "amplitude of the points [deg]", domain: [0, 1.05 * most], ticks: points.map(({ peak_deg: peak }) => Math.abs(peak)) },
+    y: { label: "largest part of a limit", domain: [0, SPARE * Math.max(1, ...parts)], format: (part) => `${Math.round(100 * part)}%` },
     label: "Predicted and flown peaks over amplitude",
   });
   plot.horizontal(1, "plot-limit", "limit");
   const wide = 0.008 * most;
-  for (const { peak_deg: at, clearing, flown } of points) {
+  for (const { peak_deg: peak, clearing, flown } of points) {
+    const at = Math.abs(peak);
     if (clearing) {
       const [low, middle, high] = clearing.reached;
-      plot.line([[at, low], [at, high]], "plot-method-1 campaign-predicted");
-      for (const part of [low, high]) plot.line([[at - wide, part], [at + wide, part]], "plot-method-1 campaign-predicted");
-      plot.line([[at - 2 * wide, middle], [at + 2 * wide, middle]], "plot-method-1 campaign-predicted");
+      const name = clearing.withdrawn.length ? "plot-method-1 campaign-withdrawn" : "plot-method-1 campaign-predicted";
+      plot.line([[at, low], [at, high]], name);
+      for (const part of [low, high]) plot.line([[at - wide, part], [at + wide, part]], name);
+      plot.line([[at - 2 * wide, middle], [at + 2 * wide, middle]], name);
     }
     if (flown) plot.marks([[at, flown.reached]], flown.passed ? "circle" : "cross", flown.passed ? "plot-safe" : "plot-unsafe");
   }
   const key = keyOf(
     [sample("plot-method-1 campaign-predicted"), "predicted before the flight, 5 to 95 %"],
+    ...(points.some(({ clearing }) => clearing?.withdrawn.length) ? [[sample("plot-method-1 campaign-withdrawn"), "prediction withdrawn"]] : []),
     [svg("path", { d: "M13.5 7a3.5 3.5 0 1 0 7 0a3.5 3.5 0 1 0 -7 0", class: "plot-mark plot-safe" }), "flown"],
     [svg("path", { d: "M13 3L21 11M13 11L21 3", class: "plot-mark plot-unsafe" }), "flown, not passed"],
   );

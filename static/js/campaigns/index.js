@@ -4,7 +4,7 @@
  * Exports  show(element, {id, query, api, navigate}) -> {close()}
  */
 
-import { reason } from "../lib/api.js";
+import { ApiError, reason } from "../lib/api.js";
 import { h } from "../lib/dom.js";
 import { scrolledTable } from "../lib/lists.js";
 import { loadingView } from "../lib/loading_view.js";
@@ -14,6 +14,7 @@ import { empty, errorLine, link, pageOf } from "../lib/view_states.js";
 import { showCampaign } from "./page.js";
 import { showPlanning } from "./plan_form.js";
 import { stateChip } from "./states.js";
+import { watching } from "./watching.js";
 
 export function show(element, context) {
   const query = context.query ?? new URLSearchParams();
@@ -24,7 +25,7 @@ export function show(element, context) {
 function showCampaigns(element, { api, navigate }) {
   return loadingView(element, { title: "Campaigns", text: "Looking up the campaigns", build });
 
-  async function build() {
+  async function build({ keep, again }) {
     const campaigns = await api.get("/campaigns");
     const content = campaigns.length
       ? table(campaigns)
@@ -33,7 +34,15 @@ function showCampaigns(element, { api, navigate }) {
           "A campaign is a build-up: points at growing amplitudes, each cleared from those flown before it, with a guarantee.",
           link("Plan a campaign", "#/campaigns/new", true),
         );
-    return pageOf("Campaigns", [link("Plan a campaign", "#/campaigns/new", true)], content, fileChoice(api, navigate));
+    const page = pageOf("Campaigns", [link("Plan a campaign", "#/campaigns/new", true)], content, fileChoice(api, navigate));
+    const shown = JSON.stringify(campaigns);
+    keep(
+      watching(page, async () => {
+        if (JSON.stringify(await api.get("/campaigns")) !== shown) again();
+        return "";
+      }),
+    );
+    return page;
   }
 }
 
@@ -83,6 +92,6 @@ function parsed(text, name) {
   try {
     return JSON.parse(text);
   } catch {
-    throw new Error(`${name} is not JSON: choose the file of a campaign`);
+    throw new ApiError(`${name} is not JSON: choose the file of a campaign.`, 422);
   }
 }

@@ -2,12 +2,12 @@
  * The next point of a campaign: its state, what was computed of it, what a person confirms, what can be done.
  *
  * Exports
- *   nextPoint({api, path, campaign, again}) -> {element, isIdle(), close()}
- *     again(): shows the campaign anew.   isIdle(): nothing is typed or under way
+ *   nextPoint({api, path, campaign, running, again}) -> {element, isIdle(), close()}
+ *     running: its job that is under way, if any.   again(): shows the campaign anew.   isIdle(): nothing is typed or under way
  */
 
 import { decimal } from "../forms/decimals.js";
-import { reason } from "../lib/api.js";
+import { ApiError, reason } from "../lib/api.js";
 import { h } from "../lib/dom.js";
 import { createJobProgress } from "../lib/job_progress.js";
 import { factList, sentences } from "../lib/lists.js";
@@ -19,7 +19,7 @@ import { predictedWords, promiseWords, stateChip } from "./states.js";
 
 const NAME_KEY = "forewarn.name";
 
-export function nextPoint({ api, path, campaign, again }) {
+export function nextPoint({ api, path, campaign, running, again }) {
   const point = campaign.points.find(({ name }) => name === campaign.next);
   if (!point)
     return { element: h("section", { class: "panel" }, h("h2", {}, "Every point is complete or aborted")), isIdle: () => true, close: () => {} };
@@ -63,6 +63,7 @@ export function nextPoint({ api, path, campaign, again }) {
     flown.element,
   );
   follow();
+  if (running) show(running, running.kind === "clearance" ? `Clearing ${running.request.point}` : `Training a monitor for ${running.request.point}`);
   return {
     element,
     isIdle: () => progress === null && !why.value && !boxes.some(({ checked }) => checked) && !flown.isTouched() && !element.contains(document.activeElement?.closest("input, select")),
@@ -77,7 +78,7 @@ export function nextPoint({ api, path, campaign, again }) {
     if (asksForToken()) return { point: name };
     if (by.value.trim()) return { point: name, by: by.value.trim() };
     by.focus();
-    throw new Error("Nobody was named: give your name, it is kept with what you decide.");
+    throw new ApiError("Nobody was named: give your name, it is kept with what you decide.", 422);
   }
 
   async function act(action, more = {}) {
@@ -93,13 +94,16 @@ export function nextPoint({ api, path, campaign, again }) {
   async function work(what, title, asked, isSigned = true) {
     failure.show("");
     try {
-      const job = await api.post(`${path}/${what}`, { ...(isSigned ? signed() : { point: name }), ...asked });
-      progress = createJobProgress({ api, job, title, done: again, back });
-      stage.replaceChildren(progress.element);
-      for (const each of [compute, train, confirm]) each.disabled = true;
+      show(await api.post(`${path}/${what}`, { ...(isSigned ? signed() : { point: name }), ...asked }), title);
     } catch (error) {
       failure.show(reason(error));
     }
+  }
+
+  function show(job, title) {
+    progress = createJobProgress({ api, job, title, done: again, back });
+    stage.replaceChildren(progress.element);
+    for (const each of [compute, train, confirm]) each.disabled = true;
   }
 
   function back() {
@@ -125,7 +129,7 @@ function computed(clearing, { peak_deg: peak }) {
   const { p_value: p, clear_below: below, amplitude_deg: amplitude, recipe, withdrawn, steps } = clearing;
   const facts = [
     ["Predicted, part of a limit", predictedWords(clearing)],
-    ["p-value (high means risk)", p === null ? "–" : figure(p)],
+    ["p-value (high means risk)", p === null || withdrawn.length ? "–" : figure(p)],
     ["Cleared up to", below === null ? "–" : figure(below)],
     ["Computed from", steps.join(", ")],
   ];

@@ -14,19 +14,18 @@ import { askToConfirm, button, errorLine, link, loading, pageOf } from "../lib/v
 import { buildUpFigure, derivativesFigure } from "./figures.js";
 import { nextPoint } from "./next_point.js";
 import { predictedWords, reachedWords, stateChip } from "./states.js";
+import { watching } from "./watching.js";
 
-/** [ms] How often it is asked whether somebody else changed the campaign. */
-const LOOK_EVERY = 5000;
+const UNDER_WAY = ["queued", "running"];
 
 export function showCampaign(element, { id, api, navigate }) {
   const path = `/campaigns/${encodeURIComponent(id)}`;
   return loadingView(element, { title: "Campaign", text: "Opening the campaign", build });
 
   async function build({ keep, again }) {
-    const campaign = await api.get(path);
-    const stale = errorLine();
-    const next = keep(nextPoint({ api, path, campaign, again }));
-    keep(watch(campaign, stale, next, again));
+    const [campaign, jobs] = await Promise.all([api.get(path), api.get("/jobs")]);
+    const running = jobs.find(({ status, request }) => UNDER_WAY.includes(status) && request.campaign === id);
+    const next = keep(nextPoint({ api, path, campaign, running, again }));
     const actions = [
       link("All campaigns", "#/campaigns"),
       h("a", { class: "button", href: `/api/v1${path}/report`, target: "_blank", rel: "noopener" }, "Card and report"),
@@ -34,35 +33,27 @@ export function showCampaign(element, { id, api, navigate }) {
       h("a", { class: "button", href: `#/campaigns/${id}?add`, ...needs("POST /campaigns/{}/conditions") }, "Add a flight condition"),
       button("Delete", () => remove(campaign), { class: "button button-danger", ...needs("DELETE /campaigns/{}") }),
     ];
-    return pageOf(
+    const page = pageOf(
       campaign.name,
       actions,
       h("p", { class: "dim" }, campaign.aircraft.join("; ")),
-      stale.element,
       h("div", { class: "figures campaign-figures" }, next.element, campaign.conditions.map(({ name }) => buildUp(campaign, name))),
       table(campaign),
       campaign.points.some(({ clearing }) => clearing)
-        ? h("p", {}, `Probability that any point exceeds a limit that was cleared by computation: at most ${percent(campaign.exceeding_at_most, 2)}, over aircraft and flights as simulated.`)
+        ? h("p", {}, `Probability that any point exceeds a limit that was cleared by computation: at most ${percentAtMost(campaign.exceeding_at_most)}, over aircraft and flights as simulated.`)
         : null,
       campaign.n_complete ? derivatives(api, path) : null,
     );
+    keep(watching(page, () => newer(campaign, next, again)));
+    return page;
   }
 
-  /** Others decide too: the page follows them, unless something is being typed; and says when it cannot know. */
-  function watch({ changed }, stale, next, again) {
-    let seen = Date.now();
-    const timer = setInterval(async () => {
-      try {
-        const now = await api.get(path);
-        seen = Date.now();
-        if (now.changed === changed) stale.show("");
-        else if (next.isIdle()) again();
-        else stale.show("◆ Somebody changed this campaign meanwhile: what is shown here is not the newest. Reload the page.");
-      } catch (error) {
-        stale.show(`◆ Not known whether this is the newest: no answer for ${Math.round((Date.now() - seen) / 1000)} s (${reason(error)})`);
-      }
-    }, LOOK_EVERY);
-    return { close: () => clearInterval(timer) };
+  /** Others decide too: the page follows them, unless something is being typed. */
+  async function newer({ changed }, next, again) {
+    if ((await api.get(path)).changed === changed) return "";
+    if (!next.isIdle()) return "Somebody changed this campaign meanwhile: what is shown here is not the newest. Reload the page.";
+    again();
+    return "";
   }
 
   function remove(campaign) {
@@ -92,15 +83,20 @@ function table({ points }) {
       h("th", { scope: "row" }, point.name),
       h("td", { class: "number" }, figure(point.peak_deg)),
       h("td", {}, stateChip(point.state)),
-      h("td", { class: "number" }, predictedWords(point.clearing)),
-      h("td", { class: "number" }, point.flown ? reachedWords(point.flown) : "–"),
+      h("td", { class: "number campaign-words" }, predictedWords(point.clearing)),
+      h("td", { class: "number campaign-words" }, point.flown ? reachedWords(point.flown) : "–"),
       h("td", { class: "number" }, percent(point.passes_below, 0)),
       h("td", {}, links(point)),
-      h("td", {}, point.events.length ? h("ul", { class: "sentences" }, point.events.map(told)) : "–"),
+      h("td", { class: "campaign-events" }, point.events.length ? h("ul", { class: "sentences" }, point.events.map(told)) : "–"),
     ),
   );
   const heads = [["Point"], ["Amplitude [deg]", 1], ["State"], ["Predicted", 1], ["Reached", 1], ["Must stay below", 1], ["Stored"], ["Decided by, when, why"]];
   return scrolledTable({ heads, rows });
+}
+
+/** A bound: rounded up, as it would be none otherwise. */
+function percentAtMost(share) {
+  return percent(Math.ceil(1e4 * share - 1e-9) / 1e4, 2);
 }
 
 function told({ state, by, at, words }) {

@@ -19,7 +19,7 @@ export function stateChip(state) {
 export function predictedWords(clearing) {
   if (!clearing) return "–";
   const [low, middle, high] = clearing.reached.map((part) => percent(part, 0));
-  return `${middle} (${low} to ${high})`;
+  return `${clearing.withdrawn.length ? "withdrawn: " : ""}${middle} (${low} to ${high})`;
 }
 
 export function reachedWords({ reached, exceeded, passed }) {
@@ -27,7 +27,8 @@ export function reachedWords({ reached, exceeded, passed }) {
   return passed ? percent(reached, 0) : `◆ ${percent(reached, 0)}, not passed`;
 }
 
-export function promiseWords({ recipe, n_exceeding: n, n_tried: tried, p_value: p }) {
+export function promiseWords({ recipe, n_exceeding: n, n_tried: tried, p_value: p, withdrawn }) {
+  if (withdrawn.length) return "Nothing is promised of this point, and what was predicted of it does not hold.";
   if (p === null) return `Hardly any of ${tried.toLocaleString("en")} simulated aircraft exceeds a limit there (${n}); the prediction alone decides.`;
   const how = recipe.guarantee === "average" ? "on average over calibrations" : "with 95 % confidence";
   return `Of the points that would exceed a limit, at most a share ${figure(recipe.epsilon)} is cleared, ${how}; calibrated on ${n} simulated aircraft that exceed, of flights as they were simulated.`;

@@ -1,7 +1,9 @@
 """A campaign as a value and a file: its states, and what is refused."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -13,6 +15,7 @@ from app.campaigns.campaign import (
     FlownPoint,
     Point,
     load,
+    percent_at_most,
 )
 from core.clearance import ClearanceError, ClearanceRecipe
 from core.evaluation.lead_sweep import TESTS
@@ -74,12 +77,31 @@ def test_a_file_holds_the_whole_campaign(tmp_path: Path) -> None:
         ((0.8, 0.5), "of one sign, and grow"),
         ((0.0, 0.5), "of one sign, and grow"),
         ((0.501, 0.502), "two points have one name"),
+        ((-0.5, 0.6), "of one sign, and grow"),
+        ((0.5, float("inf")), "goes to 90 deg at most"),
+        ((0.5, float("nan")), "of one sign, and grow"),
     ],
 )
 def test_points_that_do_not_build_up_are_refused(fractions: tuple[float, ...], words: str) -> None:
     """With what is needed."""
     with pytest.raises(CampaignError, match=words):
         Campaign.planned("c", Condition("", TEST), fractions, ClearanceRecipe())
+
+
+def flown_so(plain: dict[str, Any], **changes: Any) -> dict[str, Any]:
+    plain["points"][0]["flown"] |= changes
+    return plain
+
+
+def event_so(plain: dict[str, Any], **changes: Any) -> dict[str, Any]:
+    plain["points"][0]["events"][0] |= changes
+    return plain
+
+
+def complete_last(plain: dict[str, Any]) -> dict[str, Any]:
+    first, last = plain["points"][0], plain["points"][2]
+    last |= {key: first[key] for key in ("events", "flown")}
+    return plain
 
 
 @pytest.mark.parametrize(
@@ -98,12 +120,23 @@ def test_points_that_do_not_build_up_are_refused(fractions: tuple[float, ...], w
         (lambda plain: plain | {"conditions": 3}, "is damaged"),
         (lambda plain: plain | {"conditions": [{"name": "M .8", "test": {}}]}, "flight condition"),
         (lambda plain: plain | {"clearance": {"epsilon": 2.0}}, "epsilon"),
+        (lambda plain: plain | {"name": ["c"]}, "it is a text"),
+        (lambda plain: plain | {"name": "c" * 201}, "has 201 characters"),
+        (lambda plain: flown_so(plain, y=[[0.0] * 6] * 2 + [[0.0] * 5]), r"shape \(0, 0\)"),
+        (lambda plain: flown_so(plain, y=[[0.0] * 5] * 3), r"shape \(3, 5\)"),
+        (lambda plain: flown_so(plain, y=[]), "finite"),
+        (lambda plain: flown_so(plain, reached=-5.0), "a part of a limit, 0 or more"),
+        (lambda plain: event_so(plain, at="yesterday"), "as ISO 8601 has it"),
+        (lambda plain: event_so(plain, by=" "), "nobody was named"),
+        (lambda plain: event_so(plain, state="cleared"), "just a complete point"),
+        (lambda plain: plain | {"points": plain["points"][1:] + plain["points"][:1]}, "grow"),
+        (lambda plain: complete_last(plain), "they go in order"),
     ],
 )
 def test_a_damaged_file_is_refused(tmp_path: Path, damage, words: str) -> None:
     """By what is wrong with it."""
     path = tmp_path / "c.json"
-    planned().save(path)
+    planned().completed(FLOWN, "Bob").save(path)
     path.write_text(json.dumps(damage(json.loads(path.read_text()))))
     with pytest.raises(CampaignError, match=words):
         load(path)
@@ -182,3 +215,38 @@ def test_the_probability_of_any_exceedance_is_bounded_by_the_sum() -> None:
     campaign = campaign.changed(1, "complete", "Bob", clearing=clearing(0.02, 0.3), flown=FLOWN)
     campaign = campaign.changed(2, "hold", "Bob", clearing=clearing(0.5, 0.6, cleared=False))
     assert campaign.exceeding_at_most == pytest.approx(0.004 + 0.1 * 0.3)
+
+
+def test_amplitudes_of_either_sign_build_up_within_the_stops() -> None:
+    """Larger ones than the actuators take are refused."""
+    maneuver = TEST.maneuver.with_peak(-9.63)
+    left = Campaign.planned(
+        "c", Condition("", replace(TEST, maneuver=maneuver)), (0.5, 1.0), ClearanceRecipe()
+    )
+    assert [point.peak_deg for point in left.points] == [pytest.approx(-4.815), -9.63]
+    law = TEST.control_law
+    stops = replace(law, actuator=replace(law.actuator, position_limit_deg=9.0))
+    with pytest.raises(CampaignError, match="goes to 9 deg at most"):
+        Campaign.planned(
+            "c", Condition("", replace(TEST, control_law=stops)), (0.5, 1.0), ClearanceRecipe()
+        )
+
+
+def test_a_point_after_an_aborted_first_one_is_cleared_for_a_reason_only() -> None:
+    """Nothing can be computed of it, and nobody overlooks that."""
+    campaign = planned().aborted("Bob", "N_y exceeded, broke off")
+    with pytest.raises(CampaignError, match=r"50% came to nothing.*give the reason"):
+        campaign.confirmed("Ann")
+    cleared = campaign.confirmed("Ann", "gust, not the point")
+    assert cleared.next.point.state == "cleared"
+    with pytest.raises(CampaignError, match="is cleared already"):
+        cleared.confirmed("Ann")
+
+
+def test_a_bound_is_rounded_up() -> None:
+    assert [percent_at_most(share) for share in (0.0, 0.00015, 0.0002, 0.05)] == [
+        "0.00 %",
+        "0.02 %",
+        "0.02 %",
+        "5.00 %",
+    ]

@@ -2,12 +2,14 @@
 
 import json
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
-from app.campaigns.campaign import load
+from app.campaigns.campaign import FlownPoint, load
 from app.cli import main
+from app.commands import campaign as command
 from app.commands.sample_flight import table
 from core.planned_test import DatasetRecipe, Simulator
 from core.recipe import from_plain
@@ -213,3 +215,26 @@ def test_points_at_another_flight_condition_are_added(
     assert page.count("<svg") == 2
     assert run(campaign, "add", *plan, *TEST) == 1
     assert "two flight conditions have one name" in capsys.readouterr().err
+
+
+def test_what_somebody_decided_meanwhile_is_not_written_over(
+    campaign: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    file = recorded(campaign)
+    known = command.flown_point
+
+    def slowly(*about: Any) -> FlownPoint:
+        assert run(campaign, "hold", "--by", "Ben", "--why", "hydraulics") == 0
+        return known(*about)
+
+    monkeypatch.setattr(command, "flown_point", slowly)
+    assert run(campaign, "fly", file, "--by", "Bob") == 1
+    assert "changed" in capsys.readouterr().err
+    assert load(campaign).next.point.events[-1].words == "hydraulics"
+
+
+def test_a_flight_condition_needs_its_aircraft(
+    campaign: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run(campaign, "add", "--condition", "Mach 0.6") == 1
+    assert "say --aircraft" in capsys.readouterr().err
