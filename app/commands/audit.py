@@ -5,8 +5,6 @@ import sys
 
 from app.commands.options.stored_data import add_place, place_of
 from app.commands.output.results import add_json
-from app.routes.audit import as_csv, as_json_lines, utc
-from app.store.store import open_store
 
 
 def add(parser: argparse.ArgumentParser) -> None:
@@ -21,6 +19,9 @@ def add(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Print it, oldest first; `--json`: an object a line."""
+    from app.routes.audit import as_csv, as_json_lines, utc  # slow to import, not needed for help
+    from app.store.store import open_store
+
     since, until = (text and utc(text) for text in (options.since, options.until))
     store = open_store(place_of(options).url, recover=False)
     try:

@@ -6,7 +6,6 @@ from pathlib import Path
 
 from app.commands.options.stored_data import add_place, place_of
 from app.commands.output.results import add_json, print_result
-from app.upkeep.backup import back_up
 
 MIB = 2**20
 
@@ -22,6 +21,8 @@ def add(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Back up; the server may run."""
+    from app.upkeep.backup import back_up  # slow to import, not needed for help
+
     settings = place_of(options)
     backup = back_up(settings.url, settings.data_dir, options.place)
     counts = ", ".join(f"{n} {name}" for name, n in backup.manifest.counts.items())

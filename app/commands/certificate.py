@@ -6,9 +6,6 @@ from pathlib import Path
 
 from app.commands.options.destinations import check_file
 from app.commands.output.results import add_json, print_result
-from app.report.certificate import certificate_page
-from core.monitor import load
-from core.monitor.file.portable import read
 from core.whole_file import write_whole
 
 
@@ -21,6 +18,10 @@ def add(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Write the page; `--json` prints what fresh flights said."""
+    from app.report.certificate import certificate_page  # slow to import, not needed for help
+    from core.monitor import load
+    from core.monitor.file.portable import read
+
     out = check_file(options.out or Path(f"{options.monitor.stem}-certificate.html"))
     monitor = load(options.monitor)
     digest = hashlib.sha256(read(options.monitor)).hexdigest()

@@ -1,5 +1,7 @@
 """The command that pushes a recording into a live flight, as its source would have in flight."""
 
+from __future__ import annotations
+
 import argparse
 import os
 import sys
@@ -8,10 +10,13 @@ from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from app.client import LiveClient, PushFailed
 from app.commands.output.results import add_json, print_result
-from app.commands.recorded_rows import RecordedRows, own_rows, si_rows
+
+if TYPE_CHECKING:  # slow to import, and not needed for help
+    from app.client import LiveClient
+    from app.commands.recorded_rows import RecordedRows
 
 INTERRUPTED = 130
 TOKEN = "FOREWARN_TOKEN"
@@ -74,6 +79,9 @@ def add(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Push the file; 0 only where every sample of it is durable."""
+    from app.client import LiveClient, PushFailed  # slow to import, not needed for help
+    from app.commands.recorded_rows import own_rows, si_rows
+
     rate = _rate(options.rate)
     if options.monitor and options.as_is and not options.recording:
         raise ValueError("--as-is needs a flight that maps the names: give --recording ID too")

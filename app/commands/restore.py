@@ -6,7 +6,6 @@ from pathlib import Path
 
 from app.commands.options.stored_data import add_place, place_of
 from app.commands.output.results import add_json, print_result
-from app.upkeep.restore import restore
 
 
 def add(parser: argparse.ArgumentParser) -> None:
@@ -21,6 +20,8 @@ def add(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Restore; the server must not run."""
+    from app.upkeep.restore import restore  # slow to import, not needed for help
+
     settings = place_of(options)
     done = restore(options.backup, settings.data_dir, settings.url, replace=options.replace)
     counts = ", ".join(f"{n} {name}" for name, n in done.manifest.counts.items())

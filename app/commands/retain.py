@@ -1,17 +1,17 @@
 """The command that deletes flights and recordings by age and by size."""
 
+from __future__ import annotations
+
 import argparse
 from dataclasses import asdict
 from datetime import UTC, datetime
+from typing import TYPE_CHECKING
 
 from app.commands.options.stored_data import add_place, place_of
 from app.commands.output.results import add_json, print_result
-from app.live.journal import Journals
-from app.recordings.recordings import Recordings
-from app.store.database import StoreError, address
-from app.store.schema import current_revision
-from app.store.store import open_store
-from app.upkeep.retention import GB, Retained, choose, everything, retain, retention_rule
+
+if TYPE_CHECKING:  # slow to import, and not needed for help
+    from app.upkeep.retention import Retained
 
 
 def add(parser: argparse.ArgumentParser) -> None:
@@ -27,6 +27,13 @@ def add(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Delete, or say what would go; the server may run."""
+    from app.live.journal import Journals  # slow to import, not needed for help
+    from app.recordings.recordings import Recordings
+    from app.store.database import StoreError, address
+    from app.store.schema import current_revision
+    from app.store.store import open_store
+    from app.upkeep.retention import GB, choose, everything, retain, retention_rule
+
     settings = place_of(options)
     days = settings.retain_days if options.older_than is None else options.older_than
     size = settings.retain_gb if options.above is None else options.above
@@ -57,4 +64,6 @@ def run(options: argparse.Namespace) -> int:
 
 
 def _words(one: Retained) -> str:
+    from app.upkeep.retention import GB
+
     return f"{one.kind} {one.id} {one.name}, of {one.since[:10]}, {one.size / GB:.3f} GB"

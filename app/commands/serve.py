@@ -1,15 +1,18 @@
 """The command that serves, and the options of all that do."""
 
+from __future__ import annotations
+
 import argparse
+from typing import TYPE_CHECKING
 
-from fastapi import FastAPI
-
-from app import serving
 from app.commands.options.stored_data import add_place
-from app.http.people import People
-from app.http.sessions import Sessions
 from app.settings import Settings, read_settings
-from app.store.tokens import LINK_SECONDS
+
+if TYPE_CHECKING:  # slow to import, and not needed for help
+    from fastapi import FastAPI
+
+    from app.http.people import People
+    from app.http.sessions import Sessions
 
 
 def add(parser: argparse.ArgumentParser) -> None:
@@ -44,12 +47,16 @@ def login_link(app: FastAPI, address: str) -> str | None:
 
 def say_link(app: FastAPI, address: str) -> None:
     """Print the link that logs in, where there is one."""
+    from app.store.tokens import LINK_SECONDS  # slow to import, not needed for help
+
     if link := login_link(app, address):
         say(f"log in once, within {LINK_SECONDS / 60:.0f} minutes: {link}")
 
 
 def run(options: argparse.Namespace) -> int:
     """Serve until it is interrupted."""
+    from app import serving  # slow to import, not needed for help
+
     settings = settings_of(options)
 
     async def opened(app: FastAPI, address: str) -> None:

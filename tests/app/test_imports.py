@@ -12,6 +12,9 @@ LIBRARIES = (
     "asammdf", "chapter10", "h5py", "matplotlib", "pandas", "pyarrow", "pyulog", "scipy.io",
     "scipy.signal", "scipy.stats",
 )  # fmt: skip
+LIGHT = ("audit", "backup", "certificate", "push", "restore", "retain", "score", "serve")
+"""Commands whose options need none of what they work with."""
+NOT_FOR_HELP = ("fastapi", "numba", "numpy", "sqlalchemy")
 
 
 def test_slow_libraries_are_loaded_only_when_they_are_used():
@@ -26,3 +29,25 @@ def test_slow_libraries_are_loaded_only_when_they_are_used():
         check=True,
     )
     assert loaded.stdout.split() == []
+
+
+def test_help_of_commands_loads_nothing_that_they_work_with():
+    program = f"""
+import sys
+from app.cli import main
+for command in {LIGHT}:
+    try:
+        main([command, "--help"])
+    except SystemExit as ended:
+        assert ended.code == 0
+print(*(name for name in {NOT_FOR_HELP} if name in sys.modules), file=sys.stderr)
+"""
+    helped = subprocess.run(
+        [sys.executable, "-W", "ignore", "-c", program],
+        env=os.environ | {"PYTHONPATH": os.pathsep.join(filter(None, sys.path))},
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    assert helped.stdout.count("usage: forewarn") == len(LIGHT)
+    assert helped.stderr.split() == []

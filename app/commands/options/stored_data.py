@@ -4,7 +4,6 @@ import argparse
 from pathlib import Path
 
 from app.settings import Settings, read_settings
-from app.upkeep.restore import finish
 
 
 def add_place(parser: argparse.ArgumentParser) -> None:
@@ -18,6 +17,8 @@ def place_of(options: argparse.Namespace) -> Settings:
 
     A restore that died half-way is completed first. StoreError.
     """
+    from app.upkeep.restore import finish  # slow to import, not needed for help
+
     settings = read_settings(data_dir=options.data_dir, database_url=options.database_url)
     finish(settings.data_dir)
     return settings
