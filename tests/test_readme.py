@@ -1,7 +1,6 @@
 import json
 import re
 import shlex
-import socket
 import subprocess
 from collections.abc import Iterator
 from pathlib import Path
@@ -118,14 +117,12 @@ def test_the_udp_sender_and_the_client_of_the_readme_are_taken(server: LiveServe
     file = "\n".join([",".join([*columns, "body/da_deg", "body/dr_deg"]), *rows])
     recordings = f"{server.url}/api/v1/recordings"
     sent = httpx2.post(recordings, files={"file": ("names.csv", file)}).json()
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as free:
-        free.bind(("127.0.0.1", 0))
-        port = free.getsockname()[1]
-    flight = flown(server, udp=port, recording=sent["id"])
-    sender = sender.replace("9870", str(port)).replace("sleep(0.02)", "sleep(0.0)")
-    exec(compile(sender, "README.md", "exec"), {})
+    flight = flown(server, udp=0, recording=sent["id"])
     with LiveClient(server.url) as waiting:
         waiting.join(flight)
+        port = str(waiting.status()["udp"]).rpartition(":")[2]
+        sender = sender.replace("9870", port).replace("sleep(0.02)", "sleep(0.0)")
+        exec(compile(sender, "README.md", "exec"), {})
         until(lambda: waiting.status()["batches"] == 100)
         assert waiting.status()["malformed"] == 0
     client = client.replace("http://127.0.0.1:8000", server.url)
