@@ -120,3 +120,7 @@ def _parser(named: str | None) -> argparse.ArgumentParser:
             options = [option for action in command._actions for option in action.option_strings]
             command.set_defaults(run=module.run, known_options=options)
     return parser
+
+
+if __name__ == "__main__":
+    sys.exit(main())

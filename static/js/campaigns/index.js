@@ -8,7 +8,7 @@ import { ApiError, reason } from "../lib/api.js";
 import { h } from "../lib/dom.js";
 import { scrolledTable } from "../lib/lists.js";
 import { loadingView } from "../lib/loading_view.js";
-import { needs } from "../lib/me.js";
+import { may, needs } from "../lib/me.js";
 import { moment } from "../lib/numbers.js";
 import { empty, errorLine, link, pageOf } from "../lib/view_states.js";
 import { showCampaign } from "./page.js";
@@ -32,9 +32,9 @@ function showCampaigns(element, { api, navigate }) {
       : empty(
           "No campaign yet",
           "A campaign is a build-up: points at growing amplitudes, each cleared from those flown before it, with a guarantee.",
-          link("Plan a campaign", "#/campaigns/new", true),
+          planning(),
         );
-    const page = pageOf("Campaigns", [link("Plan a campaign", "#/campaigns/new", true)], content, fileChoice(api, navigate));
+    const page = pageOf("Campaigns", [planning()], content, fileChoice(api, navigate));
     const shown = JSON.stringify(campaigns);
     keep(
       watching(page, async () => {
@@ -44,6 +44,10 @@ function showCampaigns(element, { api, navigate }) {
     );
     return page;
   }
+}
+
+function planning() {
+  return may("POST /campaigns") ? link("Plan a campaign", "#/campaigns/new", true) : null;
 }
 
 function table(campaigns) {
