@@ -25,15 +25,7 @@ from core.kernels.lanes import (
     write,
     write_integer,
 )
-from core.kernels.zero_order_hold import (
-    FADING,
-    GUST,
-    KINDS,
-    ONE_COLUMN,
-    discretise,
-    product,
-    scratch,
-)
+from core.kernels.zero_order_hold import FADING, GUST, KINDS, discretise, product, scratch
 from core.types import Array
 
 SAMPLES = 4
@@ -332,8 +324,7 @@ def roll_out_linear(plants, law, bandwidth, pilot, hold, gusts, work, iwork, out
                     if is_gusty:
                         rate = load(rates0 + g * rates_bytes, begun * WIDTH)
                         _add_gust(w, gusting, rate, n, start, force)
-                    driven, following = force if is_gusty else start, z + filled * line
-                    product(w, phi, z + now, driven, following, n, ONE_COLUMN)
+                    product(w, phi, z + now, force if is_gusty else start, z + filled * line, n, 1)
                 now = filled * line
                 begun += 1
                 filled += 1

@@ -31,7 +31,7 @@ from core.kernels.response import (
     take_command,
     write_samples,
 )
-from core.kernels.zero_order_hold import ONE_COLUMN, product
+from core.kernels.zero_order_hold import product
 
 LIMITED_IWORK = LANES_IWORK
 
@@ -116,7 +116,7 @@ def _clip(value, limit):
 @inlined
 def _derivative(w, at, z, out, fade, nx, surfaces):
     """out = z_dot, with the loop of unit bandwidth and the pedals at u + fade e."""
-    product(w, at.loop, z, at.outside, out, at.n, ONE_COLUMN)
+    product(w, at.loop, z, at.outside, out, at.n, 1)
     for s in range(2):
         place = (nx + s) * WIDTH
         delta = load(w, z + place)

@@ -32,11 +32,7 @@ from core.kernels.lanes import (
 from core.types import Array
 
 DEGREE = 16
-LAST_BLOCK = 3
-"""Of the polynomial's blocks of four powers; this one has the power DEGREE too."""
 MAX_SCALE = 40
-ONE_COLUMN = np.int64(1)
-"""Of `product`: as a literal number it would compile it once more."""
 _TRUNCATION = (
     factorial(DEGREE + 1) * 2.0**-53
 )  # |M^17| below this: the remainder is below half an ulp
@@ -122,12 +118,9 @@ def _halvings(w, norm, norm4, scale):
 
 
 @jit
-def _block(w, powers, coefficients, block, n, out):
-    """out = sum of c_k M^k, k = 0..3, c = coefficients[4 block:], with M to M^4 at `powers`.
-
-    The last block, 3, has k = 4 too.
-    """
-    size, first = n * n * WIDTH, 4 * block
+def _block(w, powers, coefficients, first, last, n, out):
+    """out = sum of c_k M^k, k = 0..last, c = coefficients[first:], with M to M^4 at `powers`."""
+    size = n * n * WIDTH
     c1 = splat(coefficients[first + 1])
     c2 = splat(coefficients[first + 2])
     c3 = splat(coefficients[first + 3])
@@ -135,7 +128,7 @@ def _block(w, powers, coefficients, block, n, out):
         v = multiply(c1, load(w, powers + at))
         v = fma(c2, load(w, powers + size + at), v)
         v = fma(c3, load(w, powers + 2 * size + at), v)
-        if block == LAST_BLOCK:
+        if last == 4:
             v = fma(splat(coefficients[first + 4]), load(w, powers + 3 * size + at), v)
         store(w, out + at, v)
     c0 = splat(coefficients[first])
@@ -145,10 +138,9 @@ def _block(w, powers, coefficients, block, n, out):
 
 
 @jit
-def _column_block(w, powers, series, block, n, surface, out):
+def _column_block(w, powers, series, first, last, n, surface, out):
     """The two columns from `surface` on of `_block`, its coefficients differing between lanes."""
-    size, first = n * n * WIDTH, 4 * block
-    last = 4 if block == LAST_BLOCK else 3
+    size = n * n * WIDTH
     for i in range(n):
         for j in range(2):
             v = load(w, series + first * WIDTH) if i == surface + j else splat(0.0)
@@ -220,14 +212,13 @@ def _scale_down(w, at, n, step, decays):
 @jit
 def _exponential(w, at, n, phi):
     """exp(M) - I by Horner's rule in M^4; the I would cost slow modes their digits."""
-    result, other = phi, at.total
-    for block in range(LAST_BLOCK, -1, -1):  # literal numbers would compile a block for each
-        if block == LAST_BLOCK:
-            _block(w, at.powers, _EXP, block, n, other)
-        else:
-            _block(w, at.powers, _EXP, block, n, at.start)
-            product(w, at.p4, other, at.start, result, n, n)
-            result, other = other, result
+    _block(w, at.powers, _EXP, 12, 4, n, at.total)
+    _block(w, at.powers, _EXP, 8, 3, n, at.start)
+    product(w, at.p4, at.total, at.start, phi, n, n)
+    _block(w, at.powers, _EXP, 4, 3, n, at.start)
+    product(w, at.p4, phi, at.start, at.total, n, n)
+    _block(w, at.powers, _EXP, 0, 3, n, at.start)
+    product(w, at.p4, at.total, at.start, phi, n, n)
 
 
 @jit
@@ -238,14 +229,13 @@ def _input_effect(w, at, n, surface, factor, series, out):
         s = int(read(w, at.scale + lane))
         for k in range(DEGREE + 1):
             write(w, at.own + k * WIDTH + lane, series[s, k])
-    result, other = out, at.total
-    for block in range(LAST_BLOCK, -1, -1):
-        if block == LAST_BLOCK:
-            _column_block(w, at.powers, at.own, block, n, surface, other)
-        else:
-            _column_block(w, at.powers, at.own, block, n, surface, at.start)
-            product(w, at.p4, other, at.start, result, n, two_columns)
-            result, other = other, result
+    _column_block(w, at.powers, at.own, 12, 4, n, surface, at.total)
+    _column_block(w, at.powers, at.own, 8, 3, n, surface, at.start)
+    product(w, at.p4, at.total, at.start, out, n, two_columns)
+    _column_block(w, at.powers, at.own, 4, 3, n, surface, at.start)
+    product(w, at.p4, out, at.start, at.total, n, two_columns)
+    _column_block(w, at.powers, at.own, 0, 3, n, surface, at.start)
+    product(w, at.p4, at.total, at.start, out, n, two_columns)
     gain = multiply(splat(factor), load(w, at.half_step))
     for i in range(out, out + at.narrow, WIDTH):
         store(w, i, multiply(gain, load(w, i)))
