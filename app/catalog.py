@@ -18,6 +18,7 @@ from typing import Any, get_args
 from pydantic import TypeAdapter
 
 from app import labels
+from app.campaigns.campaign import LONGEST_CRITERIA
 from app.jobs.requests import LARGEST_N_TEST, MOST_MEMBERS, N_TEST, CombinationRecipe
 from app.labels import choice_label, kind_label
 from app.recipes import USUAL_DATASET, USUAL_MONITOR, Imperfect, family_of, to_plain
@@ -368,6 +369,11 @@ def condition_request_schema() -> dict[str, Any]:
                 "exclusiveMinimum": 0,
                 "maximum": 1,
                 "description": "part of a limit that every point must stay below",
+            },
+            "criteria": {
+                "type": "string",
+                "maxLength": LONGEST_CRITERIA,
+                "description": "what else every point must show, judged by a person",
             },
         },
     }

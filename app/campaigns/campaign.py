@@ -25,7 +25,7 @@ from core.whole_file import write_whole
 State = Literal["planned", "on condition", "cleared", "hold", "complete", "aborted"]
 FORMAT, VERSION = "forewarn campaign", 2
 """Version 1 had one test for all points."""
-MOST_POINTS, LONGEST_NAME, LARGEST_DEG = 50, 200, 90.0
+MOST_POINTS, LONGEST_NAME, LONGEST_CRITERIA, LARGEST_DEG = 50, 200, 1_000, 90.0
 USUAL_STEPS = (0.4, 0.6, 0.8, 1.0)
 """Of the planned amplitude, where nothing else is asked for."""
 
@@ -230,18 +230,24 @@ class Campaign:
         fractions: Sequence[float],
         recipe: ClearanceRecipe,
         passes_below: float = 1.0,
+        criteria: str = "",
     ) -> "Campaign":
         """Points at these fractions of the amplitude of a condition's test.
 
         A point is called by its fraction, and its condition where that has a name.
         """
-        return cls(name, (condition,), _points(condition, fractions, passes_below), recipe)
+        points = _points(condition, fractions, passes_below, criteria)
+        return cls(name, (condition,), points, recipe)
 
     def extended(
-        self, condition: Condition, fractions: Sequence[float], passes_below: float = 1.0
+        self,
+        condition: Condition,
+        fractions: Sequence[float],
+        passes_below: float = 1.0,
+        criteria: str = "",
     ) -> "Campaign":
         """The campaign with points at another flight condition after the others."""
-        points = _points(condition, fractions, passes_below)
+        points = _points(condition, fractions, passes_below, criteria)
         return replace(
             self, conditions=(*self.conditions, condition), points=(*self.points, *points)
         )
@@ -365,7 +371,7 @@ class Campaign:
 
 
 def _points(
-    condition: Condition, fractions: Sequence[float], passes_below: float
+    condition: Condition, fractions: Sequence[float], passes_below: float, criteria: str
 ) -> tuple[Point, ...]:
     return tuple(
         Point(
@@ -373,6 +379,7 @@ def _points(
             part * condition.test.maneuver.peak_deg,
             condition=condition.name,
             passes_below=passes_below,
+            criteria=criteria.strip(),
         )
         for part in fractions
     )

@@ -87,6 +87,7 @@ def _add_points(parser: argparse.ArgumentParser) -> None:
     )
     passes = ("--passes-below", float, 1.0, "pass criterion: part of a limit to stay below")
     add_numbers(parser, (passes,))
+    parser.add_argument("--criteria", default="", metavar="TEXT", help="what else each must show")
 
 
 def _add_plan(new: argparse.ArgumentParser) -> None:
@@ -123,9 +124,8 @@ def _new(options: argparse.Namespace) -> int:
         n_aircraft=options.n_aircraft,
     )
     condition = Condition(options.condition, test)
-    campaign = Campaign.planned(
-        options.name, condition, options.steps, recipe, options.passes_below
-    )
+    passes = options.passes_below, options.criteria
+    campaign = Campaign.planned(options.name, condition, options.steps, recipe, *passes)
     return _done(options, None, campaign, lines(campaign))
 
 
@@ -137,7 +137,7 @@ def _add(options: argparse.Namespace) -> int:
         )
     test: DatasetRecipe = plain_recipe(options)["dataset"]
     condition = Condition(options.condition, test)
-    campaign = before.extended(condition, options.steps, options.passes_below)
+    campaign = before.extended(condition, options.steps, options.passes_below, options.criteria)
     return _done(options, before, campaign, lines(campaign))
 
 

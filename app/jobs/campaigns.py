@@ -3,7 +3,13 @@
 from dataclasses import replace
 from typing import Any
 
-from app.campaigns.campaign import USUAL_STEPS, Campaign, CampaignError, Condition
+from app.campaigns.campaign import (
+    LONGEST_CRITERIA,
+    USUAL_STEPS,
+    Campaign,
+    CampaignError,
+    Condition,
+)
 from app.campaigns.clearing import clear_next, updated
 from app.campaigns.stored import Campaigns, check_next
 from app.jobs.jobs import Task, Work
@@ -26,11 +32,11 @@ def campaign_request(plain: dict[str, Any], max_bytes: int) -> Campaign:
         raise RecipeError(f"name is {name!r:.80}: give 1 to 200 characters")
     if not isinstance(given, list) or not given or not all(isinstance(one, dict) for one in given):
         raise RecipeError(f"conditions is {given!r:.80}: give a list of flight conditions")
-    (condition, steps, passes_below), *others = [
+    (condition, steps, passes_below, criteria), *others = [
         condition_request(one, max_bytes, f"conditions.{n}") for n, one in enumerate(given)
     ]
     try:
-        campaign = Campaign.planned(name, condition, steps, recipe, passes_below)
+        campaign = Campaign.planned(name, condition, steps, recipe, passes_below, criteria)
         for other in others:
             campaign = campaign.extended(*other)
     except CampaignError as error:
@@ -40,15 +46,17 @@ def campaign_request(plain: dict[str, Any], max_bytes: int) -> Campaign:
 
 def condition_request(
     plain: dict[str, Any], max_bytes: int, where: str = "condition"
-) -> tuple[Condition, list[float], float]:
-    """Read a flight condition, the steps there and what they must stay below; RecipeError."""
+) -> tuple[Condition, list[float], float, str]:
+    """Read a flight condition, the steps there and their pass criteria; RecipeError."""
     plain = dict(plain)
     name = plain.pop("name", "")
     test = dataset_request(plain.pop("dataset", {}), max_bytes).recipe
     steps, passes_below = plain.pop("steps", list(USUAL_STEPS)), plain.pop("passes_below", 1.0)
+    criteria = plain.pop("criteria", "")
     if plain:
         raise RecipeError(
-            f"{where}.{next(iter(plain))} is unknown: give name, dataset, steps, passes_below"
+            f"{where}.{next(iter(plain))} is unknown: give name, dataset, steps, passes_below, "
+            "criteria"
         )
     if not isinstance(name, str) or len(name) > 200:
         raise RecipeError(f"{where}.name is {name!r:.80}: give up to 200 characters")
@@ -56,7 +64,11 @@ def condition_request(
         raise RecipeError(f"{where}.steps is {steps!r:.80}: give shares of the planned amplitude")
     if not _is_number(passes_below):
         raise RecipeError(f"{where}.passes_below is {passes_below!r:.80}: give a part of a limit")
-    return Condition(name.strip(), test), steps, float(passes_below)
+    if not isinstance(criteria, str) or len(criteria) > LONGEST_CRITERIA:
+        raise RecipeError(
+            f"{where}.criteria is {criteria!r:.80}: give up to {LONGEST_CRITERIA} characters"
+        )
+    return Condition(name.strip(), test), steps, float(passes_below), criteria
 
 
 def _is_number(value: Any) -> bool:

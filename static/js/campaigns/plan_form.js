@@ -36,6 +36,7 @@ function form({ api, catalog, campaign, navigate, title }) {
   const condition = text("condition", { maxlength: 200, placeholder: campaign ? "Mach 0.6, 5,000 ft" : "optional" });
   const steps = text("steps", { inputmode: "decimal", value: STEPS });
   const passes = text("passes", { inputmode: "decimal", value: "1" });
+  const criteria = text("criteria", { maxlength: 1000, placeholder: "optional" });
   const failure = errorLine();
   const route = campaign ? "POST /campaigns/{}/conditions" : "POST /campaigns";
   const go = h("button", { class: "button button-primary", type: "submit", ...needs(route) }, campaign ? "Add the points" : "Plan it");
@@ -61,6 +62,7 @@ function form({ api, catalog, campaign, navigate, title }) {
         labelled("flight condition", condition, "no point is cleared from steps flown at another one"),
         labelled("steps, as shares of the amplitude", steps, "growing, with spaces between them"),
         labelled("each must stay below this part of a limit", passes, "pass criterion: 1 is the limit itself"),
+        labelled("what else each must show", criteria, "pass criteria that a person judges, in words"),
       ),
     ),
     campaign
@@ -84,6 +86,7 @@ function form({ api, catalog, campaign, navigate, title }) {
       dataset: test.fields.read(),
       steps: decimals(steps.value).map(Number),
       passes_below: Number(decimals(passes.value)[0]),
+      criteria: criteria.value.trim(),
     };
     go.disabled = true;
     try {

@@ -25,7 +25,9 @@ TEST = {
 }
 PLAN = {
     "name": "Rudder",
-    "conditions": [{"dataset": TEST, "steps": [0.6, 0.8, 1.0], "passes_below": 0.95}],
+    "conditions": [
+        {"dataset": TEST, "steps": [0.6, 0.8, 1.0], "passes_below": 0.95, "criteria": "no flutter"}
+    ],
     "clearance": {"n_exceeding": 20, "n_aircraft": 100},
 }
 
@@ -61,6 +63,7 @@ def test_a_campaign_is_planned_cleared_flown_and_reported(client: TestClient) ->
     path = planned(client)
     made = client.get(path).json()
     assert [point["name"] for point in made["points"]] == ["60%", "80%", "100%"]
+    assert {point["criteria"] for point in made["points"]} == {"no flutter"}
     assert made["is_first"]
     assert made["checklist"] == []
     confirmed = client.post(f"{path}/confirm", json={"point": "60%", "by": "Ann"}).json()
@@ -93,6 +96,11 @@ def test_a_campaign_is_planned_cleared_flown_and_reported(client: TestClient) ->
     client.post(f"{path}/confirm", json={"point": "80%", "by": "Ann"})
     (known,) = client.get(f"{path}/derivatives").json()
     assert [after["sources"] for after in known["after"]] == [["60%"]]
+    busy = store_of(client).jobs.add("clearance", {"campaign": made["id"], "point": "100%"})
+    problem(client.post(f"{path}/clearance", json={"point": "80%", "by": "Ann"}), 409)
+    store_of(client).jobs.update(busy, status="cancelled")
+    more = client.post(f"{path}/conditions", json={"name": "Mach 0.6", "steps": [0.5, 1.0]}).json()
+    assert more["conditions"][1]["test"]["aircraft"] == made["conditions"][0]["test"]["aircraft"]
     page = client.get(f"{path}/report")
     assert page.headers["content-type"].startswith("text/html")
     assert "Next: 80%" in page.text
@@ -145,6 +153,8 @@ def test_the_next_points_monitor_is_of_the_aircraft_as_it_was_flown(client: Test
         ({"conditions": [{"amplitudes": [1]}]}, "amplitudes is unknown"),
         ({"conditions": [{"passes_below": 2.0}]}, "at most 1"),
         ({"conditions": [{"passes_below": True}]}, "a part of a limit"),
+        ({"conditions": [{"criteria": 3}]}, "up to 1000 characters"),
+        ({"conditions": [{"dataset": TEST, "steps": [1e300, 1e308]}]}, "at most"),
         ({"conditions": [{"name": 7}]}, "up to 200 characters"),
         ({"conditions": [{"name": "a"}, {"name": "a"}]}, "two flight conditions have one name"),
         ({"conditions": [{"dataset": {"aircraft": {"kind": "b52"}}}]}, "b52"),
