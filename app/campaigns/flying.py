@@ -41,17 +41,7 @@ def flown_point(
     """
     recording = on_grid(recorded.traces, test.dt)
     planned = PlannedTest(test.dt, test.specification.magnitudes, test.maneuver, test.aircraft)
-    detected, _ = segments(recording, planned, ScoringRecipe(manoeuvres="detected"))
-    found = detected = tuple(segment for segment in detected if segment.onset is not None)
-    if marked is not None:
-        found, _ = segments(recording, planned, ScoringRecipe(manoeuvres=(marked,)))
-    if len(found) != 1:
-        times = ", ".join(_times(recording, segment) for segment in found) or "none"
-        raise CampaignError(
-            f"{name}: {len(found)} manoeuvres were detected ({times}): say which one is the point, "
-            "by the start of its trim and its end"
-        )
-    (segment,) = found
+    segment, span = _segment(name, recording, planned, marked)
     where, n_planned = _times(recording, segment), test.maneuver.n_samples(test.dt)
     part = recording.y[segment.first : segment.last + 1]
     rest = np.zeros(len(KEYS)) if segment.rest is None else mean_of_rest(recording.y[segment.rest])
@@ -68,10 +58,6 @@ def flown_point(
             f"{test.dt:g} s: give the whole of it"
         )
     remark = _flown_as_planned(f"{name}, {where}", y, planned, test)
-    overlapping = [one for one in detected if _overlap(one, segment)]
-    first = min(one.first for one in (segment, *overlapping))
-    last = max(one.last for one in (segment, *overlapping))
-    span = float(recording.t[first]), float(recording.t[last]) + AFTERWARDS
     worst = _worst(recorded, planned.limits, rest, span)
     as_is = _worst(recorded, planned.limits, np.zeros(len(KEYS)), span)
     if worst.part < 1.0 <= as_is.part:
@@ -80,13 +66,38 @@ def flown_point(
     return FlownPoint(
         f"{name}, {where}",
         tuple(map(tuple, y.tolist())),
-        max(worst.part, float((np.abs(y) / planned.limits).max())),
+        worst.part,
         worst.words if worst.part >= 1.0 else "",
         recording_id,
         float(recording.t[segment.first]),
         float(recording.t[segment.last]),
         " ".join([remark, *outside_note(elsewhere)]).strip(),
     )
+
+
+def _segment(
+    name: str, recording: Recording, planned: PlannedTest, marked: Interval | None
+) -> tuple[Segment, tuple[float, float]]:
+    """The point's segment, and from when to when its samples count [s].
+
+    That is with all of the manoeuvre that marked times lie in, and AFTERWARDS up to the next one.
+    """
+    detected, _ = segments(recording, planned, ScoringRecipe(manoeuvres="detected"))
+    found = detected = tuple(segment for segment in detected if segment.onset is not None)
+    if marked is not None:
+        found, _ = segments(recording, planned, ScoringRecipe(manoeuvres=(marked,)))
+    if len(found) != 1:
+        times = ", ".join(_times(recording, segment) for segment in found) or "none"
+        raise CampaignError(
+            f"{name}: {len(found)} manoeuvres were detected ({times}): say which one is the point, "
+            "by the start of its trim and its end"
+        )
+    (segment,) = found
+    whole = [one for one in (segment, *detected) if _overlap(one, segment)]
+    first, last = min(one.first for one in whole), max(one.last for one in whole)
+    end = float(recording.t[last]) + AFTERWARDS
+    following = [float(recording.t[one.first]) for one in detected if one.first > last]
+    return segment, (float(recording.t[first]), min([end, *following]))
 
 
 class _Worst(NamedTuple):

@@ -89,6 +89,14 @@ def test_marked_times_hide_no_exceedance_of_the_manoeuvre(
     assert "outside every manoeuvre" in point.remark
 
 
+def test_the_next_manoeuvre_of_a_recording_is_another_point(tmp_path: Path) -> None:
+    one, worse = flight(0.6)[: -AFTER * FAST], flight(2.0)
+    both = np.vstack([one, np.zeros((round(1.5 / TEST.dt) * FAST, len(KEYS))), worse])
+    point = flown(tmp_path, both, (TRIM_S, TRIM_S + 6.0))
+    assert (point.exceeded, point.reached < 1.0) == ("", True)
+    assert "outside every manoeuvre" in point.remark
+
+
 def test_a_sample_beyond_the_limit_as_recorded_is_not_explained_away_by_trim(
     tmp_path: Path,
 ) -> None:
