@@ -70,6 +70,8 @@ class CampaignFlight(Entry):
     """in the recording [s]"""
     end: float | None
     """in the recording [s]"""
+    recording_deleted: bool
+    """whether it was stored, and is not any more"""
 
 
 @dataclass(frozen=True)
@@ -196,6 +198,7 @@ class Campaigns:
             [scoring.id for scoring in scorings],
             flown.start,
             flown.end,
+            bool(flown.recording) and info is None,
         )
 
 

@@ -13,15 +13,19 @@ from app.labels import kind_label
 from app.recipes import to_plain
 from app.report.page import TEMPLATES
 from app.report.strip_chart import ticks
+from app.scoring.planned_test import SURFACE_NAMES, PlannedTest
 from core import __version__
 from core.channels import CHANNELS
 from core.identification.identification import Identification
+from core.planned_test import DatasetRecipe
 from core.types import Array
 
 WIDTH, HEIGHT, LEFT, RIGHT, TOP, BOTTOM = 680.0, 280.0, 46.0, 14.0, 12.0, 34.0
 """Of the build-up plot [px]."""
 LEFT_OF_ROWS, ROW_HEIGHT = 64.0, 20.0
 """Of the plot of derivatives [px]."""
+MOST_STEPS = 12
+"""Of an input that is told step by step."""
 ROOM = 1.08
 """Of what is shown, beyond the largest number."""
 
@@ -33,12 +37,27 @@ def campaign_page(campaign: Campaign) -> str:
         campaign=campaign,
         point=point,
         checklist=checklist(campaign, point) if point else (),
+        input=input_words(campaign.test_of(point)) if point else "",
         is_first=point is not None and not campaign.flown(point.condition),
         conditions=[_condition(campaign, condition) for condition in campaign.conditions],
         any_cleared=any(one.clearing and one.clearing.cleared for one in campaign.points),
         exceeding_at_most=percent_at_most(campaign.exceeding_at_most),
         version=__version__,
     )
+
+
+def input_words(test: DatasetRecipe) -> str:
+    """When the pilot moves which surface how far; empty for what is no few steps."""
+    commands = np.degrees(
+        PlannedTest(test.dt, test.specification.magnitudes, test.maneuver).commands
+    )
+    told: list[str] = []
+    for name, command in zip(SURFACE_NAMES, commands.T, strict=True):
+        changes = np.flatnonzero(np.diff(command, prepend=0.0))
+        if 0 < len(changes) <= MOST_STEPS:
+            steps = (f"at {k * test.dt:g} s to {command[k]:.3g} deg" for k in changes)
+            told.append(f"{name} {', '.join(steps)}")
+    return "; ".join(told)
 
 
 def _condition(campaign: Campaign, condition: Condition) -> dict[str, Any]:

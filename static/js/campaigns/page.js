@@ -107,6 +107,7 @@ function links({ flown, monitor }) {
   const found = [
     monitor && h("a", { href: `#/monitors/${monitor}` }, "monitor"),
     flown?.flight && h("a", { href: `#/fly/${flown.flight}` }, "flight"),
+    flown?.recording_deleted && h("span", { class: "dim" }, "recording deleted"),
     flown?.recording && h("a", { href: `#/recordings/${flown.recording}` }, "recording"),
     ...(flown?.scorings ?? []).flatMap((scoring, k) => {
       const number = flown.scorings.length > 1 ? ` ${k + 1}` : "";

@@ -77,6 +77,7 @@ def test_a_campaign_is_planned_cleared_flown_and_reported(client: TestClient) ->
     assert point["state"] == "complete"
     assert point["flown"]["recording"] == flight
     assert point["flown"]["flight"] is None
+    assert point["flown"]["recording_deleted"] is False
     assert point["flown"]["passed"]
     assert (point["flown"]["start"], point["flown"]["end"]) == (5.0, 11.0)
     assert [event["by"] for event in point["events"]] == ["Ann", "Bob"]
@@ -104,6 +105,8 @@ def test_a_campaign_is_planned_cleared_flown_and_reported(client: TestClient) ->
     page = client.get(f"{path}/report")
     assert page.headers["content-type"].startswith("text/html")
     assert "Next: 80%" in page.text
+    peak = made["points"][1]["peak_deg"]
+    assert f"rudder at 0.5 s to {peak:.3g} deg, at 1.5 s to {-peak:.3g} deg, at 2.5 s" in page.text
     (listed,) = client.get(URL).json()
     assert (listed["next"], listed["state"]) == ("80%", "cleared")
 
@@ -113,7 +116,8 @@ def test_a_campaign_is_planned_cleared_flown_and_reported(client: TestClient) ->
     assert copied.status_code == 201, copied.text
     assert copied.json()["points"] == client.get(path).json()["points"]
     client.delete(f"/api/v1/recordings/{flight}")
-    assert client.get(path).json()["points"][0]["flown"]["recording"] is None
+    gone = client.get(path).json()["points"][0]["flown"]
+    assert (gone["recording"], gone["recording_deleted"]) == (None, True)
     assert client.delete(path).status_code == 204
     problem(client.get(path), 404)
     assert len(client.get(URL).json()) == 1
