@@ -40,7 +40,7 @@ def flown_point(
     the planned one.
     """
     recording = on_grid(recorded.traces, test.dt)
-    planned = PlannedTest(test.dt, test.specification.magnitudes, test.maneuver, test.aircraft)
+    planned = PlannedTest.of(test)
     segment, span = _segment(name, recording, planned, marked)
     where, n_planned = _times(recording, segment), test.maneuver.n_samples(test.dt)
     part = recording.y[segment.first : segment.last + 1]

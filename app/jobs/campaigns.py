@@ -5,6 +5,7 @@ from typing import Any
 
 from app.campaigns.campaign import (
     LONGEST_CRITERIA,
+    LONGEST_NAME,
     USUAL_STEPS,
     Campaign,
     CampaignError,
@@ -28,8 +29,8 @@ def campaign_request(plain: dict[str, Any], max_bytes: int) -> Campaign:
     recipe = from_plain(ClearanceRecipe(), plain.pop("clearance", {}), "clearance")
     if plain:
         raise RecipeError(f"{next(iter(plain))!r} is unknown: give name, conditions, clearance")
-    if not isinstance(name, str) or not 0 < len(name.strip()) <= 200:
-        raise RecipeError(f"name is {name!r:.80}: give 1 to 200 characters")
+    if not isinstance(name, str) or not 0 < len(name.strip()) <= LONGEST_NAME:
+        raise RecipeError(f"name is {name!r:.80}: give 1 to {LONGEST_NAME} characters")
     if not isinstance(given, list) or not given or not all(isinstance(one, dict) for one in given):
         raise RecipeError(f"conditions is {given!r:.80}: give a list of flight conditions")
     (condition, steps, passes_below, criteria), *others = [
@@ -58,8 +59,8 @@ def condition_request(
             f"{where}.{next(iter(plain))} is unknown: give name, dataset, steps, passes_below, "
             "criteria"
         )
-    if not isinstance(name, str) or len(name) > 200:
-        raise RecipeError(f"{where}.name is {name!r:.80}: give up to 200 characters")
+    if not isinstance(name, str) or len(name) > LONGEST_NAME:
+        raise RecipeError(f"{where}.name is {name!r:.80}: give up to {LONGEST_NAME} characters")
     if not isinstance(steps, list) or not all(_is_number(step) for step in steps):
         raise RecipeError(f"{where}.steps is {steps!r:.80}: give shares of the planned amplitude")
     if not _is_number(passes_below):

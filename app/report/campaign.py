@@ -48,9 +48,7 @@ def campaign_page(campaign: Campaign) -> str:
 
 def input_words(test: DatasetRecipe) -> str:
     """When the pilot moves which surface how far; empty for what is no few steps."""
-    commands = np.degrees(
-        PlannedTest(test.dt, test.specification.magnitudes, test.maneuver).commands
-    )
+    commands = np.degrees(PlannedTest.of(test).commands)
     told: list[str] = []
     for name, command in zip(SURFACE_NAMES, commands.T, strict=True):
         changes = np.flatnonzero(np.diff(command, prepend=0.0))

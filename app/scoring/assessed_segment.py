@@ -43,4 +43,9 @@ class AssessedSegment:
     @cached_property
     def largest(self) -> Array:
         """(6,) largest magnitude of each channel from trim; -inf where it is not recorded."""
-        return np.abs(self.y).max(axis=0, initial=-np.inf, where=np.isfinite(self.y))
+        return largest(self.y)
+
+
+def largest(y: Array) -> Array:
+    """(6,) largest magnitude of each column of y (n, 6), NaN left out; -inf where all are."""
+    return np.abs(y).max(axis=0, initial=-np.inf, where=np.isfinite(y))

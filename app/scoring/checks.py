@@ -4,7 +4,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from app.scoring.assessed_segment import AssessedSegment
+from app.scoring.assessed_segment import AssessedSegment, largest
 from app.scoring.planned_test import SURFACE_NAMES, SURFACES, PlannedTest, first_direction
 from app.scoring.scored import Check
 from app.scoring.seen import unassessed
@@ -140,10 +140,9 @@ def surfaces_flown(planned: PlannedTest, y: Array, usual: Array) -> tuple[bool |
 
     y: (n, 6) from trim, NaN where unknown.   usual: (6,) largest magnitudes as simulated.
     """
-    amplitudes, texts, oks = planned.amplitudes, [], []
-    largest = np.abs(y).max(axis=0, initial=-np.inf, where=np.isfinite(y))
+    amplitudes, texts, oks, flown = planned.amplitudes, [], [], largest(y)
     for column, (c, name) in enumerate(zip(SURFACES, SURFACE_NAMES, strict=True)):
-        moved, amplitude = largest[c], amplitudes[column]
+        moved, amplitude = flown[c], amplitudes[column]
         if not np.isfinite(moved):
             oks.append(None)
             texts.append(f"{name} not recorded")

@@ -40,6 +40,11 @@ class PlannedTest:
     aircraft: Aircraft | None = None
     limits_known: bool = True
 
+    @classmethod
+    def of(cls, test: DatasetRecipe) -> "PlannedTest":
+        """All that a recipe says."""
+        return cls(test.dt, test.specification.magnitudes, test.maneuver, test.aircraft)
+
     @property
     def duration(self) -> float | None:
         """Of a rollout [s]; None: not known."""

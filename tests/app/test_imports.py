@@ -17,18 +17,22 @@ LIGHT = ("audit", "backup", "certificate", "push", "restore", "retain", "score",
 NOT_FOR_HELP = ("fastapi", "numba", "numpy", "sqlalchemy")
 
 
-def test_slow_libraries_are_loaded_only_when_they_are_used():
-    program = (
-        f"import sys, {', '.join(MODULES)}\nprint(*(n for n in {LIBRARIES} if n in sys.modules))"
-    )
-    loaded = subprocess.run(
+def run_apart(program: str) -> subprocess.CompletedProcess[str]:
+    """Run a program in an interpreter that has imported nothing yet."""
+    return subprocess.run(
         [sys.executable, "-W", "ignore", "-c", program],
         env=os.environ | {"PYTHONPATH": os.pathsep.join(filter(None, sys.path))},
         capture_output=True,
         text=True,
         check=True,
     )
-    assert loaded.stdout.split() == []
+
+
+def test_slow_libraries_are_loaded_only_when_they_are_used():
+    program = (
+        f"import sys, {', '.join(MODULES)}\nprint(*(n for n in {LIBRARIES} if n in sys.modules))"
+    )
+    assert run_apart(program).stdout.split() == []
 
 
 def test_help_of_commands_loads_nothing_that_they_work_with():
@@ -42,12 +46,6 @@ for command in {LIGHT}:
         assert ended.code == 0
 print(*(name for name in {NOT_FOR_HELP} if name in sys.modules), file=sys.stderr)
 """
-    helped = subprocess.run(
-        [sys.executable, "-W", "ignore", "-c", program],
-        env=os.environ | {"PYTHONPATH": os.pathsep.join(filter(None, sys.path))},
-        capture_output=True,
-        text=True,
-        check=True,
-    )
+    helped = run_apart(program)
     assert helped.stdout.count("usage: forewarn") == len(LIGHT)
     assert helped.stderr.split() == []

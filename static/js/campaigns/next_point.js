@@ -18,6 +18,7 @@ import { button, errorLine, link } from "../lib/view_states.js";
 import { predictedWords, promiseWords, stateChip } from "./states.js";
 
 const NAME_KEY = "forewarn.name";
+const JOBS = { clearance: "Clearing", monitor: "Training a monitor for" };
 
 export function nextPoint({ api, path, campaign, running, again }) {
   const point = campaign.points.find(({ name }) => name === campaign.next);
@@ -31,8 +32,8 @@ export function nextPoint({ api, path, campaign, running, again }) {
   const boxes = campaign.checklist.map((_, k) => h("input", { type: "checkbox", id: `confirmed-${k}`, onchange: follow }));
   const flown = flownForm(api, (asked) => act("flown", asked));
   const confirm = button(campaign.is_first ? "Clear it" : "Confirm: cleared", () => act("confirm"), { class: "button button-primary", ...needs("POST /campaigns/{}/confirm") });
-  const compute = button(clearing ? "Compute the clearance again" : "Compute the clearance", () => work("clearance", `Clearing ${name}`, {}), { class: clearing ? "button" : "button button-primary", ...needs("POST /campaigns/{}/clearance") });
-  const train = button(point.monitor ? "Train its monitor again" : "Train a monitor for it", () => work("monitor", `Training a monitor for ${name}`, {}, false), { class: "button", ...needs("POST /campaigns/{}/monitor") });
+  const compute = button(clearing ? "Compute the clearance again" : "Compute the clearance", () => work("clearance", signed), { class: clearing ? "button" : "button button-primary", ...needs("POST /campaigns/{}/clearance") });
+  const train = button(point.monitor ? "Train its monitor again" : "Train a monitor for it", () => work("monitor", () => ({ point: name })), { class: "button", ...needs("POST /campaigns/{}/monitor") });
   const stage = h("div", { class: "stack" });
   const element = h(
     "section",
@@ -63,7 +64,7 @@ export function nextPoint({ api, path, campaign, running, again }) {
     flown.element,
   );
   follow();
-  if (running) show(running, running.kind === "clearance" ? `Clearing ${running.request.point}` : `Training a monitor for ${running.request.point}`);
+  if (running) show(running);
   return {
     element,
     isIdle: () => progress === null && !why.value && !boxes.some(({ checked }) => checked) && !flown.isTouched() && !element.contains(document.activeElement?.closest("input, select")),
@@ -91,16 +92,17 @@ export function nextPoint({ api, path, campaign, running, again }) {
     }
   }
 
-  async function work(what, title, asked, isSigned = true) {
+  async function work(what, asked) {
     failure.show("");
     try {
-      show(await api.post(`${path}/${what}`, { ...(isSigned ? signed() : { point: name }), ...asked }), title);
+      show(await api.post(`${path}/${what}`, asked()));
     } catch (error) {
       failure.show(reason(error));
     }
   }
 
-  function show(job, title) {
+  function show(job) {
+    const title = `${JOBS[job.kind]} ${job.request.point}`;
     progress = createJobProgress({ api, job, title, done: again, back });
     stage.replaceChildren(progress.element);
     for (const each of [compute, train, confirm]) each.disabled = true;

@@ -6,6 +6,7 @@
 
 import { reason } from "../lib/api.js";
 import { h } from "../lib/dom.js";
+import { UNDER_WAY } from "../lib/job_progress.js";
 import { scrolledTable, sentences } from "../lib/lists.js";
 import { loadingView } from "../lib/loading_view.js";
 import { needs } from "../lib/me.js";
@@ -15,8 +16,6 @@ import { buildUpFigure, derivativesFigure } from "./figures.js";
 import { nextPoint } from "./next_point.js";
 import { predictedWords, reachedWords, stateChip } from "./states.js";
 import { watching } from "./watching.js";
-
-const UNDER_WAY = ["queued", "running"];
 
 export function showCampaign(element, { id, api, navigate }) {
   const path = `/campaigns/${encodeURIComponent(id)}`;

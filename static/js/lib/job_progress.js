@@ -9,6 +9,7 @@
  *       place of the form that asked for it; going back shows the form as it was, with the focus on `focus`
  *   jobList({api, kinds, done}) -> Promise<{element | null, close()}>    jobs of these kinds under way, and
  *       the newest that did not finish
+ *   UNDER_WAY    states of a job that has not ended
  */
 
 import { reason } from "./api.js";
@@ -17,6 +18,7 @@ import { needs } from "./me.js";
 import { moment } from "./numbers.js";
 import { button, errorLine } from "./view_states.js";
 
+export const UNDER_WAY = ["queued", "running"];
 const WORDS = {
   failed: "It failed",
   cancelled: "Cancelled",
@@ -96,7 +98,7 @@ export function createJobProgress({ api, job, title, done, back }) {
 export async function jobList({ api, kinds, done }) {
   const jobs = await api.get("/jobs");
   const active = jobs.filter(
-    ({ kind, status }) => kinds.includes(kind) && ["queued", "running"].includes(status),
+    ({ kind, status }) => kinds.includes(kind) && UNDER_WAY.includes(status),
   );
   const shown = active.map((job) => {
     const progress = createJobProgress({

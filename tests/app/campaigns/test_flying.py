@@ -21,7 +21,7 @@ from core.planned_test import Simulator
 from core.types import Array
 
 TEST = TESTS["ATTAS"]
-NY, DELTA_A, DELTA_R = (KEYS.index(key) for key in ("Ny", "delta_a", "delta_r"))
+NY, DELTA_R = KEYS.index("Ny"), KEYS.index("delta_r")
 FAST = 10
 """Times as fast as the test's samples."""
 AFTER = 40
@@ -82,7 +82,7 @@ def test_marked_times_hide_no_exceedance_of_the_manoeuvre(
     y[round((12.0 - TRIM_S) / TEST.dt * FAST), NY] = -0.6
     point = flown(tmp_path, y, marked)
     assert (point.exceeded, point.reached) == ("Ny at 12.00 s", pytest.approx(1.2, abs=0.01))
-    late = np.vstack([y[: -AFTER * FAST], np.zeros((100 * FAST, 6)), np.full((1, 6), 0.0)])
+    late = np.vstack([y[: -AFTER * FAST], np.zeros((100 * FAST + 1, 6))])
     late[-1, NY] = 0.6
     point = flown(tmp_path, late, marked)
     assert point.exceeded == ""
