@@ -7,7 +7,7 @@ from typing import Any
 
 from sqlalchemy import ColumnElement, Connection, func, insert, select, update
 
-from app.store.flights import fetch_flight
+from app.store.flights import fetch_flight, head_of
 from app.store.repository import Entry, NotFound, Repository, columns, fetch
 from app.store.tables import alarms, new_id, now
 from core.monitor.status import AlarmKind, Level
@@ -77,7 +77,7 @@ class AlarmRepository(Repository):
             "reason": reason,
         }
         with self._writing() as connection:
-            fetch_flight(connection, flight_id)
+            head_of(connection, flight_id)
             own = _next_number(connection, flight_id) if number is None else number
             same = select(alarms.c.id).where(_numbered(flight_id, own))
             if (stored := connection.execute(same).scalar_one_or_none()) is not None:

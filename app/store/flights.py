@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from sqlalchemy import Connection, Select, case, delete, func, insert, select, update
+from sqlalchemy import Connection, Select, bindparam, case, delete, func, insert, select, update
 
 from app.store.answers import note_deleted, was_deleted
 from app.store.arrays import from_blob, to_blob
@@ -72,6 +72,12 @@ class FlightInfo(Entry):
     """newest sample number stored; null before the first"""
     lost: int | None
     """samples before that one that were never stored; null where more may be: interrupted"""
+
+
+_OF_FLIGHT = assessment_chunks.c.flight_id == flights.c.id
+_HEAD = select(func.max(assessment_chunks.c.last_seq)).where(_OF_FLIGHT).scalar_subquery()
+_HEAD_OF = select(_HEAD.label("head")).select_from(flights).where(flights.c.id == bindparam("id"))
+"""Made once: it is asked with each batch that a flight under way writes."""
 
 
 class FlightRepository(Repository):
@@ -208,7 +214,7 @@ class FlightRepository(Repository):
         if not chunks:
             return
         with self._writing() as connection:
-            head = fetch_flight(connection, flight_id).head
+            head = head_of(connection, flight_id)
             if head is not None and first_seq <= head:
                 raise ValueError(
                     f"flight {flight_id} is stored up to sample {head}: the next one cannot be "
@@ -308,10 +314,13 @@ def fetch_flight(connection: Connection, flight_id: str) -> FlightInfo:
     return FlightInfo(**fetch(connection, query, "flight", flight_id)._mapping)
 
 
+def head_of(connection: Connection, flight_id: str) -> int | None:
+    """Newest sample of a flight that is stored; None before the first. NotFound."""
+    return fetch(connection, _HEAD_OF.params(id=flight_id), "flight", flight_id).head
+
+
 def _flights() -> Select:
-    chunk = assessment_chunks.c
-    of_flight = chunk.flight_id == flights.c.id
-    head = select(func.max(chunk.last_seq)).where(of_flight).scalar_subquery()
+    chunk, of_flight, head = assessment_chunks.c, _OF_FLIGHT, _HEAD
     n_stored = func.sum(chunk.last_seq - chunk.first_seq + 1)
     n_lost = func.max(chunk.last_seq) + 1 - n_stored
     lost = select(func.coalesce(n_lost, 0)).where(of_flight).scalar_subquery()
