@@ -12,6 +12,7 @@ from collections import deque
 from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
 from typing import Any, NamedTuple
+from zlib import crc32
 
 import numpy as np
 import numpy.typing as npt
@@ -34,6 +35,8 @@ JOURNALLED_S = 8.0
 """Between batches of a flight whose journal has its samples already [s]."""
 ANNOUNCED_S = 0.25
 """An alarm that a slow disk has not taken by then is announced all the same, as not stored yet."""
+PARTS = 64
+"""Of an interval, one of which is the first of a flight whose batches are spread."""
 BATCH = 10_000
 """Most samples in one write."""
 MOST_WAITING = 200_000
@@ -81,9 +84,12 @@ class Recorder:
     threads: where it writes, so that no other work of the server keeps an alarm waiting.
     look: the newest look at the store, which knows a fault also while nothing waits.
     interval: samples wait for the next batch at most so long [s].
+    is_spread: the first batch comes sooner, each flight's at another time: those that began
+    together do not write together.
     """
 
     interval = INTERVAL_S
+    is_spread = False
 
     def __init__(
         self,
@@ -135,7 +141,12 @@ class Recorder:
             del self._samples[:BATCH]
             self.lost += BATCH
         if self._timer is None:
-            self._schedule(self.interval)
+            self._schedule(self.interval * (self._part if seq == 0 else 1.0))
+
+    @property
+    def _part(self) -> float:
+        """Of the interval, until the first batch."""
+        return (1 + crc32(self._flight_id.encode()) % PARTS) / PARTS if self.is_spread else 1.0
 
     def add_alarm(self, alarm: Alarm, announce: Callable[[bool], object]) -> None:
         """Store an alarm and then announce it, see Raised.

@@ -22,7 +22,7 @@ LOG = logging.getLogger("forewarn")
 MOST_WAITING = 64 * 2**20
 """Bytes of one flight that may wait for the disk; more is refused, not lost."""
 RETRY_S = 1.0
-PAUSE_S = 0.002
+PAUSE_S = 0.004
 """For each flight that has lines to write: what comes within so long is written together [s]."""
 ENDING = ".jsonl"
 _encoder = msgspec.json.Encoder()

@@ -110,7 +110,7 @@ class LiveFlight(Flight):
     def __init__(self, plan: FlightPlan, setup: LiveSetup, *about: Any, **more: Any) -> None:
         self.scorer = setup.scorer()
         super().__init__(plan, *about, **more)
-        self.recorder.interval = JOURNALLED_S
+        self.recorder.interval, self.recorder.is_spread = JOURNALLED_S, True
         self.dt, self.is_checked = setup.dt, plan.monitor.support is not None
         self._setup, self._patience = setup, patience(setup.dt)
         self.needed = self.scorer.needed
@@ -126,6 +126,7 @@ class LiveFlight(Flight):
         self._lag = Lag(self.scorer.lead)
         self._n_malformed = self._n_batches = self._n_resumed = 0
         self._begun: deque[ManoeuvreBegun] = deque(maxlen=BEGUN_KEPT)
+        self._newest_manoeuvre = 0
         self._unread: dict[str, None] = {}
         self._has_begun = False
         self._told: LiveStatus | None = None
@@ -443,6 +444,7 @@ class LiveFlight(Flight):
     ) -> tuple[Array, Assessment, MeasuredExceedance | None, Angles]:
         y, recorded, ruling = assessed.y, assessed.recorded, assessed.ruling
         if assessed.manoeuvre > self._newest_manoeuvre:
+            self._newest_manoeuvre = assessed.manoeuvre
             begun = ManoeuvreBegun(number=assessed.manoeuvre, t=assessed.assessment.t)
             self._begun.append(begun)
         self._hold(ruling)
@@ -452,18 +454,12 @@ class LiveFlight(Flight):
             exceeded = exceedance(limits, *assessed.exceeding)
         return y, assessed.assessment, exceeded, self._attitude(assessed)
 
-    @property
-    def _newest_manoeuvre(self) -> int:
-        """Number of the manoeuvre that began last; 0 for none."""
-        return self._begun[-1].number if self._begun else 0
-
     def _attitude(self, assessed: LiveAssessed) -> Angles:
         if assessed.attitude is not None:
             return assessed.attitude
         recorded = assessed.recorded
         rates = recorded.item(P), recorded.item(R)
-        angles = self._display.update(assessed.assessment.t, *rates)
-        return angles.phi, angles.theta, angles.psi
+        return self._display.update(assessed.assessment.t, *rates)
 
     def _settle_later(self) -> None:
         """Settle what waits when its time is up."""
