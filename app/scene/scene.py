@@ -28,6 +28,8 @@ MAX_SCENES = 20
 LOG = logging.getLogger("forewarn")
 
 Clock = Callable[[], float]
+_Pose = tuple[float, tuple[float, float, float], float, float, float]
+_Said = tuple[float | None, float, bool | None, State | str, str, Facts | None, Cause | None]
 NOTHING_YET = Shown(
     0.0, Attitude(0.0, 0.0, 0.0), 0.0, 0.0, 0.0, None, 1.0, False, State.STALE, "no sample yet"
 )
@@ -52,6 +54,8 @@ class Scene:
         self._clock, self._stale_after_s = clock, stale_after_s
         self._lock, self._latest = threading.RLock(), threading.Lock()
         self._shown, self._came = NOTHING_YET, clock()
+        self._pose: _Pose = NOTHING_YET[:5]
+        self._said: _Said | None = None
         self._drawn: Shown | None = None
         self._watchers: list[Callable[[], object]] = []
         self._closed = False
@@ -85,16 +89,12 @@ class Scene:
         facts: what the flight's headline is decided from; of this sample alone unless given.
         cause: why the sample is invalid, where there is a word of its own for it.
         Angles that are not finite keep the last pose.
-        After `close` this does nothing. Costs a few microseconds and never waits.
+        After `close` this does nothing. Costs a microsecond or two and never waits.
         """
-        pose = t, Attitude(*attitude), beta, delta_a, delta_r
-        if p_value is not None and not isfinite(p_value):
-            p_value = None
         with self._latest:
-            if not all(map(isfinite, (t, *attitude, beta, delta_a, delta_r))):
-                pose = self._shown[:5]
-            assessment = p_value, alert_above, bool(alert), State(state), reason
-            self._shown = Shown(*pose, *assessment, facts=facts, cause=cause)
+            if isfinite(t + sum(attitude) + beta + delta_a + delta_r):
+                self._pose = t, attitude, beta, delta_a, delta_r
+            self._said = p_value, alert_above, alert, state, reason, facts, cause
             self._came = self._clock()
 
     def wait(self, stale_after_s: float) -> None:
@@ -105,12 +105,12 @@ class Scene:
     def restate(self, facts: Facts) -> None:
         """The headline's facts have changed, without a sample."""
         with self._latest:
-            self._shown = self._shown._replace(facts=facts)
+            self._shown = self._newest()._replace(facts=facts)
 
     def hold(self) -> None:
         """The flight is paused: keep what is shown, and say PAUSED, not STALE, until a `show`."""
         with self._latest:
-            self._shown = self._shown._replace(paused=True)
+            self._shown = self._newest()._replace(paused=True)
 
     def draw(self) -> bool:
         """Bring the watchers' picture up to date; whether there was anything new."""
@@ -124,10 +124,23 @@ class Scene:
             self._drawn = shown
             return True
 
+    def _newest(self) -> Shown:
+        """What was shown last, made when it is needed; under the lock."""
+        if self._said is not None:
+            t, attitude, beta, delta_a, delta_r = self._pose
+            p_value, alert_above, alert, state, reason, facts, cause = self._said
+            if p_value is not None and not isfinite(p_value):
+                p_value = None
+            assessment = p_value, alert_above, bool(alert), State(state), reason
+            pose = t, Attitude(*attitude), beta, delta_a, delta_r
+            self._shown = Shown(*pose, *assessment, facts=facts, cause=cause)
+            self._said = None
+        return self._shown
+
     def _now(self) -> Shown:
         """What is to be seen now: what came last, or STALE where that is too long ago."""
         with self._latest:
-            came, shown, patience = self._came, self._shown, self._stale_after_s
+            came, shown, patience = self._came, self._newest(), self._stale_after_s
         silent = self._clock() - came
         if silent <= patience or shown.paused or shown.state is State.STALE:
             return shown

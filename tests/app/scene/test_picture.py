@@ -105,8 +105,9 @@ class TestShow:
     def test_what_is_not_a_number_keeps_the_last_pose(self, scene, field):
         show(scene)
         show(scene, **{field: nan, "state": "invalid", "p_value": None, "alert": None})
-        assert all(isfinite(number) for number in (scene._shown.t, *scene._shown[2:5]))
-        assert scene._shown.attitude == pytest.approx((radians(12), radians(3), radians(8)))
+        shown = scene._newest()
+        assert all(isfinite(number) for number in (shown.t, *shown[2:5]))
+        assert shown.attitude == pytest.approx((radians(12), radians(3), radians(8)))
         assert scene.draw()
         assert "INVALID" in nodes(scene)._readout.content
 
