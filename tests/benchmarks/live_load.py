@@ -32,9 +32,8 @@ ALARM_S = 4.0
 """Into a run, the first source exceeds a limit; the others follow sample by sample."""
 BEYOND = 2.0
 """Ny, far beyond its limit [g]."""
-SEQ = re.compile(rb'"seq":(\d+)')
+HEAD = re.compile(rb'{"type":"frames","seq":(\d+),"conflated":(\d+),"frames":\[{"seq":(\d+)')
 COUNT = re.compile(rb'"count":(\d+)')
-CONFLATED = re.compile(rb'"conflated":(\d+)')
 
 
 def masked(text: bytes) -> bytes:
@@ -139,13 +138,12 @@ class Watcher:
             load.messages += 1
             if self._messages % EVERY == 0:
                 self.socket.transport.write(CREDIT)
-            seqs = SEQ.findall(text)
-            if int(seqs[1]) != self.newest + 1:
-                load.gaps += int(seqs[1]) - self.newest - 1
-            self.newest = int(seqs[0])
-            if b'"conflated":0,' not in text:
-                found = CONFLATED.search(text)
-                load.conflated += int(found[1]) if found else 0
+            head = HEAD.match(text)
+            assert head, text[:200]
+            newest, conflated, first = map(int, head.groups())
+            load.gaps += first - self.newest - 1
+            self.newest = newest
+            load.conflated += conflated
         elif text.startswith(b'{"type":"alarm"'):
             at = text.index(b'"t":') + 4
             t = float(text[at : text.index(b",", at)])
