@@ -592,13 +592,13 @@ def plain_frame(
     frame = {
         "seq": seq,
         "t": assessment.t,
-        "y": y,
+        "y": y.tolist(),
         "p_value": assessment.p_value,
         "alert": assessment.alert,
         "state": assessment.state.value,
         "reason": assessment.reason,
         "cause": assessment.cause,
-        "y_hat": assessment.y_hat,
+        "y_hat": assessment.y_hat if assessment.y_hat is None else assessment.y_hat.tolist(),
         "sent": sent,
     }
     if taken is not None:

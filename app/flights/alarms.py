@@ -22,6 +22,8 @@ from core.monitor.assessment import Cause
 from core.monitor.status import ALARM_LEVELS, AlarmKind, Level
 
 REJOIN_S = 1.0
+ALARMING = frozenset({State.INVALID, State.STALE})
+"""States that may be a caution; no other is an alarm by itself."""
 CLOSED_KEPT = 50
 """Acknowledged alarms that a flight keeps at hand; the store has all."""
 
@@ -80,6 +82,7 @@ class Alarms:
         self._number = 0
         self._n_open = Counter[Level]()
         self._onsets: dict[AlarmKind, Onsets] = {kind: Onsets() for kind in ALARM_LEVELS}
+        self._may_be_active = False
 
     @property
     def at_hand(self) -> list[Alarm]:
@@ -129,13 +132,16 @@ class Alarms:
         about, of a sample that a seek passes; None for all.
         """
         t, state, reason = assessment.t, assessment.state, assessment.reason
+        gives_cause = exceedance is not None or assessment.alert or late or state in ALARMING
+        if not gives_cause and not self._may_be_active:
+            return []
         conditions: tuple[tuple[AlarmKind, float, bool, str | None], ...] = (
             ("limit", t, exceedance is not None, None),
             ("risk", t, gives_alarm("risk", assessment), None),
             ("invalid", t, gives_alarm("invalid", assessment), reason),
             ("stale", clock.now(), bool(late) or state is State.STALE, late or reason),
         )
-        return [
+        raised = [
             self._raise(
                 kind,
                 index,
@@ -153,9 +159,12 @@ class Alarms:
             and (kind != "risk" or state is State.OK)
             and self._onsets[kind].begins(index, when, is_active)
         ]
+        self._may_be_active = any(onsets.is_active for onsets in self._onsets.values())
+        return raised
 
     def note_late(self, seq: int, t: float, reason: str, clock: Clock) -> list[Alarm]:
         """Nothing follows sample seq, of t [s]; return the alarm that this raises, if any."""
+        self._may_be_active = True
         if not self._onsets["stale"].begins(seq, clock.now(), True):
             return []
         about = {"seq": seq, "t": t, "p_value": None, "reason": reason, "raised": clock.utc()}

@@ -35,6 +35,7 @@ class Exceedances:
         self._begun: dict[str, set[float]] = {}
         self._over: set[str] = set()
         self._latched: dict[str, LatchedExceedance] = {}
+        self._is_over_any = False
 
     @property
     def of_channels(self) -> list[ChannelExceedances]:
@@ -50,12 +51,13 @@ class Exceedances:
         """The next sample does not follow the last one."""
         self._over.clear()
         self._latched.clear()
+        self._is_over_any = False
 
     def update(
         self, t: float, y: Array, limits: Array | None, named: MeasuredExceedance | None
     ) -> None:
         """Take a sample, y (6,) from trim. named: its exceedance, or one since the one before."""
-        if named is None and not self._over and not self._latched:
+        if named is None and not self._is_over_any:
             return
         values: dict[str, tuple[float, float]] = {}
         if named is not None:
@@ -70,6 +72,7 @@ class Exceedances:
             self._note(key, t, value, limit)
         self._over = set(values)
         self._latch(t, {key: values[key][0] for key in from_trim}, y)
+        self._is_over_any = bool(self._over) or any(one.over for one in self._latched.values())
 
     def pass_by(self, t: float, named: MeasuredExceedance, goes_on: bool = False) -> None:
         """Note one that a seek passes, which no strip shows.
@@ -79,6 +82,7 @@ class Exceedances:
         self._note(named.channel, t, named.value, named.limit)
         if goes_on:
             self._over.add(named.channel)
+            self._is_over_any = True
         else:
             self._over.discard(named.channel)
 

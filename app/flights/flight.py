@@ -273,7 +273,7 @@ class Flight(ABC):
                 self.exceedances.acknowledge()
             self._tell(AlarmRaised(alarm=alarm).encode())
             self._tell_headline()
-            self._stage(lambda scene: scene.restate(self.facts))
+            self._stage(lambda scene: scene.restate(self._facts))
         return alarm
 
     def mark(self, kind: FlightMarkerKey, by: str, text: str | None) -> FlightMarker:
@@ -531,7 +531,7 @@ class Flight(ABC):
             p_value = alert = None
         angles = y.item(BETA), y.item(DELTA_A), y.item(DELTA_R)
         risk = p_value, self._alert_above, alert, self.state, self.reason
-        about = self.facts, self._assessment.cause
+        about = self._facts, self._assessment.cause
         self._stage(lambda scene: scene.show(self.t, attitude, *angles, *risk, *about))
 
     def _miss(self, seconds: float) -> None:

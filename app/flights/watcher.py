@@ -165,6 +165,16 @@ class Watcher:
         """Whether nothing follows what was taken."""
         return self.ended and not self._waiting
 
+    def take_newest(self) -> str | None:
+        """The newest frame, where that is all there is to send; None where it is not."""
+        recent = self._recent
+        has_other = self._waiting or self._heartbeat is not None or self._conflating
+        if has_other or self._next != recent.head or not self.credit:
+            return None
+        self._next, self._started = self._next + 1, True
+        self.credit -= 1
+        return recent.newest
+
     def take(self) -> str | None:
         """The next message; None where there is none yet, or none any more."""
         if self._waiting:
@@ -177,11 +187,7 @@ class Watcher:
         recent = self._recent
         if not self.credit or self._next > recent.head:
             return None
-        if self._next < recent.head or self._conflating:
-            return self._frames()
-        self._next, self._started = self._next + 1, True
-        self.credit -= 1
-        return recent.newest
+        return self.take_newest() or self._frames()
 
     def _tell_news(self) -> None:
         if self.on_news is not None:

@@ -63,6 +63,8 @@ def decode_batch(content: bytes | str) -> Batch:
         raise TelemetryError(
             f"sequence is {str(sequence)[:40]!r}: number the batches of a flight 0, 1, 2 ..."
         )
+    if {*map(type, plain.values())} == _FLOATS:
+        return Batch(sequence, {name: [value] for name, value in plain.items()})
     values: Values = {}
     _flatten(plain, "", values, DEEPEST)
     return Batch(sequence, values)
@@ -80,9 +82,7 @@ def sequence_of(content: bytes | str) -> int | None:
 
 def _flatten(plain: dict[str, Any], prefix: str, values: Values, depth: int) -> None:
     for name, value in plain.items():
-        if type(value) is float:
-            values[prefix + name] = [value]
-        elif isinstance(value, dict):
+        if isinstance(value, dict):
             if depth == 0:
                 raise TelemetryError(f"{prefix}{name} lies too deep: send flatter objects")
             _flatten(value, f"{prefix}{name}/", values, depth - 1)
@@ -163,6 +163,8 @@ class ChannelReader:
 
     def unread(self, batch: Batch) -> list[str]:
         """Names of what a batch holds and nothing reads, in its order."""
+        if batch.values.keys() <= self._read:
+            return []
         return [name for name in batch.values if name not in self._read]
 
     def check(self, batch: Batch, needed: Collection[str]) -> None:
@@ -224,7 +226,8 @@ class ChannelReader:
         return tuple([read(values, 1)[0] if read else NAN for read in self._columns])
 
     def _times(self, values: Values) -> list[float]:
-        name = self._time.name if self._time else next((t for t in TIMES if t in values), TIMES[0])
+        own = self._time.name if self._time else None
+        name = own or next(filter(values.__contains__, TIMES), TIMES[0])
         given = values.get(name)
         if not given:
             sent = ", ".join([*values][:20]) or "nothing"
@@ -282,7 +285,7 @@ def _numbers(values: Values, name: str, n: int) -> list[float]:
         return [NAN] * n
     if len(given) != n:
         raise TelemetryError(f"{name} has {len(given)} samples and the time has {n}: send as many")
-    if all(type(value) is float for value in given):
+    if {*map(type, given)} == _FLOATS:
         return given
     try:
         return [NAN if v is None else _NUMBER[type(v)](v) for v in given]

@@ -4,10 +4,10 @@ All that happens follows from the samples and the times of their arrival: the sa
 same samples to the bit, in flight and whenever they are resampled again.
 """
 
-from bisect import bisect_left, insort
+from bisect import bisect_left, bisect_right
 from collections import deque
 from dataclasses import asdict, dataclass
-from math import isfinite
+from math import inf, isfinite
 from typing import NamedTuple
 
 import numpy as np
@@ -108,10 +108,9 @@ class CausalResampler:
     @property
     def deadline(self) -> float | None:
         """When, by the clock of arrivals, what waits is given up; None where nothing waits."""
-        if self._grid is None:
+        if self._grid is None or not self._came_up_to(self._grid):
             return None
-        following = self._following(self._grid)
-        return None if following is None else self._deadline(self._grid, following)
+        return self._deadline(self._grid, self._following(self._grid))
 
     def push(self, arrived: float, sample: Sample) -> list[Sample]:
         """Take a sample; return those of the grid that are settled by now, in order."""
@@ -123,8 +122,9 @@ class CausalResampler:
     def advance(self, now: float) -> list[Sample]:
         """Return the samples of the grid that are settled at `now`, in order."""
         settled: list[Sample] = []
-        while self._grid is not None and self._settle(self._grid, now, settled):
-            pass
+        while (grid := self._grid) is not None and self._came_up_to(grid):
+            if not self._settle(grid, now, settled):
+                break
         return settled
 
     # --- the source's clock -------------------------------------------------------------------
@@ -215,14 +215,12 @@ class CausalResampler:
                 if len(self._steps) < FEW_INTERVALS:
                     self._interval = min(self._interval, self.dt)
             self._newest, self._newest_arrived = t, arrived
-        insort(self._rows, (t, arrived, sample), key=_time)
+        self._rows.insert(bisect_right(self._rows, (t, inf)), (t, arrived, sample))
         return self.advance(arrived)
 
     def _settle(self, grid: float, now: float, settled: list[Sample]) -> bool:
-        """Settle one time of the grid, if it can be; whether it was."""
+        """Settle one time of the grid that samples came up to, if it can be; whether it was."""
         following = self._following(grid)
-        if following is None:
-            return False
         t, _, sample = self._rows[following]
         if self._interval <= FASTER * self.dt and not self._begins(following):
             is_early = self._newest < grid + self.dt - self._interval
@@ -244,7 +242,7 @@ class CausalResampler:
         settled.append(known._replace(y=UNKNOWN, reason=self._too_few()) if slow else known)
         self._grid = known.t + self.dt
         if len(self._rows) > 1:
-            del self._rows[: max(0, bisect_left(self._rows, known.t - self.dt, key=_time) - 1)]
+            del self._rows[: max(0, bisect_left(self._rows, (known.t - self.dt,)) - 1)]
         return True
 
     def _begins(self, following: int) -> bool:
@@ -253,8 +251,8 @@ class CausalResampler:
 
     def _average(self, grid: float, following: int) -> Sample | None:
         """Hann's average with a local line; None across a gap."""
-        first = bisect_left(self._rows, grid - self.dt, key=_time)
-        stop = bisect_left(self._rows, grid + self.dt, key=_time)
+        first = bisect_left(self._rows, (grid - self.dt,))
+        stop = bisect_left(self._rows, (grid + self.dt,))
         if not first < following < stop:
             return self._between(grid, following)
         after, before = self._rows[following], self._rows[following - 1]
@@ -280,12 +278,13 @@ class CausalResampler:
         y = before.y + share * (after.y - before.y)
         return Sample(grid, y, (after if share > 0.5 else before).attitude)
 
-    def _following(self, grid: float) -> int | None:
-        """Number of the first row at or after a time of the grid; None before it came."""
-        rows, from_ = self._rows, grid - ON_GRID * self.dt
-        if not rows or rows[-1][0] < from_:
-            return None
-        return bisect_left(rows, from_, key=_time)
+    def _came_up_to(self, grid: float) -> bool:
+        """Whether a sample at or after a time of the grid came."""
+        return bool(self._rows) and self._rows[-1][0] >= grid - ON_GRID * self.dt
+
+    def _following(self, grid: float) -> int:
+        """Number of the first row at or after a time of the grid, of which one came."""
+        return bisect_left(self._rows, (grid - ON_GRID * self.dt,))
 
     def _deadline(self, grid: float, following: int) -> float:
         """When a time of the grid is given up: by the first arrival that was measured after it."""
@@ -305,10 +304,6 @@ class CausalResampler:
             f"the source samples each {self._interval:.4g} s, the monitor needs a sample each "
             f"{self.dt:.4g} s: send at {1.0 / self.dt:.4g} Hz"
         )
-
-
-def _time(row: tuple[float, float, Sample]) -> float:
-    return row[0]
 
 
 def _local_line(weights: Array, tau: Array, y: Array) -> Array:

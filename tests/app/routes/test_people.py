@@ -106,6 +106,8 @@ def test_a_websocket_closes_when_its_token_is_revoked(client: TestClient) -> Non
         def take(self) -> None:
             pass
 
+        take_newest = take
+
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(flights, "get", lambda _: Silent())
         headers = ann | {"host": "127.0.0.1:8000"}
