@@ -19,6 +19,7 @@ def add(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> int:
     """Write the page; `--json` prints what fresh flights said."""
     from app.report.certificate import certificate_page  # slow to import, not needed for help
+    from core.evaluation.certificate import with_power_of_quiet
     from core.monitor import load
     from core.monitor.file.portable import read
 
@@ -26,7 +27,7 @@ def run(options: argparse.Namespace) -> int:
     monitor = load(options.monitor)
     digest = hashlib.sha256(read(options.monitor)).hexdigest()
     write_whole(out, certificate_page(monitor, options.monitor.stem, digest).encode())
-    found = monitor.evaluation
+    found = monitor.evaluation and with_power_of_quiet(monitor.evaluation)
     print_result(
         options, f"written: {out}", {"file": str(out), "digest": digest, "evaluation": found}
     )

@@ -130,13 +130,13 @@ def test_lines(test: FlownTest, lead: float) -> list[str]:
     """Return the lines that a person reads of test flights.   lead: the promised one [s]."""
     counts = test.at_epsilon
     caught = int(counts.caught[0])
-    silent = counts.n_safe - counts.false_alerts[0]
     return [
         f"fresh flights: {counts.n_unsafe} failed, {counts.n_safe} did not; at epsilon "
         f"{test.epsilon:g}:",
         _share("missed", counts.misses[0], counts.n_unsafe, "of failing flights"),
         *_withdrawn_line(int(counts.withdrawn[0]), counts.n_unsafe),
-        _share("no alert", silent, counts.n_safe, "of safe flights"),
+        _share("quiet", counts.quiet[0], counts.n_safe, "of safe flights, valid and no alert"),
+        _share("false alarm", counts.false_alerts[0], counts.n_safe, "of safe flights"),
         *_safe_withdrawn_line(int(counts.safe_withdrawn[0]), counts.n_safe),
         _share("P(fail | alert)", caught, caught + counts.false_alerts[0], "of alerts"),
         _lead_line(test.leads, lead),
@@ -187,7 +187,7 @@ def _withdrawn_line(withdrawn: int, n_unsafe: int) -> list[str]:
 def _safe_withdrawn_line(withdrawn: int, n_safe: int) -> list[str]:
     if not withdrawn:
         return []
-    return [_share("invalid", withdrawn, n_safe, "of safe flights, without an alert: not quiet")]
+    return [_share("invalid", withdrawn, n_safe, "of safe flights, no alert: not quiet")]
 
 
 def _share(what: str, count: int, total: int, of: str) -> str:

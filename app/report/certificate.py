@@ -5,7 +5,7 @@ from app.report.page import TEMPLATES
 from app.scoring.wording import PROMISED
 from core import __version__
 from core.channels import CHANNELS
-from core.evaluation.certificate import certificate, warnings_of
+from core.evaluation.certificate import Share, certificate, warnings_of
 from core.evaluation.rates import clopper_pearson
 from core.monitor import Monitor
 from core.monitor.calibration import threshold
@@ -37,8 +37,9 @@ def certificate_page(monitor: Monitor, name: str, digest: str, created: str = ""
         limits=[(channel, float(limit)) for channel, limit in limits if limit < float("inf")],
         told=told,
         found=found,
-        withdrawn=found["at_epsilon"].get("withdrawn", 0),
-        safe_withdrawn=found["at_epsilon"].get("safe_withdrawn"),
+        false_alarm=Share(found["at_epsilon"]["false_alerts"], found["n_safe"])
+        if found["n_safe"]
+        else None,
         leads=found.get("leads"),
         warnings=warnings_of(found, epsilon),
         prevention=prevention,

@@ -41,7 +41,7 @@ from app.routes.sent_files import CONTENT, OCTETS, sent_file
 from app.store.jobs import JobInfo
 from app.store.monitors import MonitorInfo
 from core.channels import KEYS
-from core.evaluation.certificate import warnings_of
+from core.evaluation.certificate import warnings_of, with_power_of_quiet
 from core.monitor import Monitor
 from core.monitor.assessment import Exemplar
 from core.types import Array
@@ -274,8 +274,10 @@ def _finite(alphas: Array) -> list[float | None]:
 async def read_evaluation(monitor_id: str, store: StoreDep) -> dict[str, Any]:
     """What came of fresh flights over epsilon, and the warning lead times.
 
-    Miss rate, share of safe flights without a false alarm (power), and P(fail | alert);
-    `warnings` beside each count say where the monitor is worse than its promise or of no use.
+    Miss rate, share of safe flights that stay valid and without a false alarm (power), and
+    P(fail | alert). Flights that were called invalid, failing ones before an alert (`withdrawn`)
+    and safe ones without one (`safe_withdrawn`), are in neither of the first two. `warnings` beside
+    each count say where the monitor is worse than its promise or of no use.
     404 for a monitor that came as a file and was never flown here.
     """
     found = await asyncio.to_thread(store.monitors.evaluation, monitor_id)
@@ -283,6 +285,7 @@ async def read_evaluation(monitor_id: str, store: StoreDep) -> dict[str, Any]:
         raise Problem(
             404, "this monitor was not flown on fresh flights: train it here to have it so"
         )
+    found = with_power_of_quiet(found)
     curves = found["curves"]
     curves["warnings"] = [warnings_of(found, epsilon) for epsilon in curves["epsilon"]]
     found["at_epsilon"]["warnings"] = warnings_of(found, found["epsilon"])

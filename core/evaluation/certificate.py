@@ -4,6 +4,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+
 from core.evaluation.rates import clopper_pearson
 
 USELESS = 0.2
@@ -46,14 +48,19 @@ class Share:
 class Certificate:
     """What fresh flights said at an epsilon that was tested; None where there was none to count.
 
-    missed: of the failing flights.   without_alert: of the safe flights ("power").
-    fail_given_alert: failing ones of those with an alert.
+    missed: of the failing flights, valid and without a timely alert.   quiet: of the safe flights,
+    valid and without an alert ("power").   fail_given_alert: failing ones of those with an alert.
+    withdrawn, safe_withdrawn: failing and safe flights that were called invalid before, and
+    without, an alert, and so are in neither share; None where the version that tested the monitor
+    did not count them, whose quiet flights may be withdrawn ones.
     """
 
     epsilon: float
     missed: Share | None
-    without_alert: Share | None
+    quiet: Share | None
     fail_given_alert: Share | None
+    withdrawn: int | None = None
+    safe_withdrawn: int | None = None
 
     @property
     def is_worse_than_promised(self) -> bool:
@@ -63,7 +70,7 @@ class Certificate:
     @property
     def is_useless(self) -> bool:
         """Whether so few safe flights pass without an alert that an alert tells nothing."""
-        return self.without_alert is not None and self.without_alert.high < USELESS
+        return self.quiet is not None and self.quiet.high < USELESS
 
     @property
     def warnings(self) -> list[str]:
@@ -78,10 +85,10 @@ class Certificate:
                 f"flights, where at most {self.epsilon:.3g} was promised; calibrate it "
                 "on more failures, or promise with confidence"
             )
-        if self.without_alert is not None and self.is_useless:
+        if self.quiet is not None and self.is_useless:
             found.append(
-                f"the monitor is of no use: only {self.without_alert} of safe flights pass "
-                f"without an alert at epsilon {self.epsilon:.3g}, so that an alert tells "
+                f"the monitor is of no use: only {self.quiet} of safe flights stay valid "
+                f"and without an alert at epsilon {self.epsilon:.3g}, so that an alert tells "
                 "nothing; accept a larger epsilon, or train for a shorter lead or by another method"
             )
         return found
@@ -111,17 +118,36 @@ def certificate(evaluation: Mapping[str, Any] | None, epsilon: float) -> Certifi
         dict(zip(curves, values, strict=True)) for values in zip(*curves.values(), strict=True)
     ]
     at = min(points, key=lambda point: abs(point["epsilon"] - epsilon))
-    misses, false_alerts, withdrawn = (
-        int(at.get(key, 0)) for key in ("misses", "false_alerts", "withdrawn")
-    )  # versions before the count of those withdrawn had none
+    misses, false_alerts = int(at["misses"]), int(at["false_alerts"])
+    withdrawn, safe_withdrawn = at.get("withdrawn"), at.get("safe_withdrawn")
     n_unsafe, n_safe = evaluation["n_unsafe"], evaluation["n_safe"]
-    caught = n_unsafe - misses - withdrawn
+    caught = n_unsafe - misses - (withdrawn or 0)
     return Certificate(
         at["epsilon"],
         _share(misses, n_unsafe),
-        _share(n_safe - false_alerts, n_safe),
+        _share(n_safe - false_alerts - (safe_withdrawn or 0), n_safe),
         _share(caught, caught + false_alerts),
+        withdrawn,
+        safe_withdrawn,
     )
+
+
+def with_power_of_quiet(evaluation: Mapping[str, Any]) -> dict[str, Any]:
+    """The evaluation with the power of quiet flights, also where an older version wrote it.
+
+    Once the power counted flights that were called invalid without an alert. Where these were not
+    counted apart it stays as it is.
+    """
+    n_safe, at, curves = (evaluation[key] for key in ("n_safe", "at_epsilon", "curves"))
+    if not n_safe or "safe_withdrawn" not in at or "safe_withdrawn" not in curves:
+        return dict(evaluation)
+
+    def powers(counts: Mapping[str, Any]) -> dict[str, Any]:
+        left = np.asarray(counts["false_alerts"], int) + np.asarray(counts["safe_withdrawn"], int)
+        interval = clopper_pearson(n_safe - left, n_safe)
+        return {"power": (1 - left / n_safe).tolist(), "power_interval": interval.tolist()}
+
+    return {**evaluation, "at_epsilon": at | powers(at), "curves": curves | powers(curves)}
 
 
 def warnings_of(evaluation: Mapping[str, Any] | None, epsilon: float) -> list[str]:

@@ -97,7 +97,7 @@ def _by_targets(
     chosen, certified = _halves(monitor, flights, candidates(monitor))
     room = np.minimum(
         _room(chosen.miss_rate, most_missed, chosen.n_unsafe),
-        _room(1 - chosen.power, most_false, chosen.n_safe),
+        _room(chosen.false_alarm_rate, most_false, chosen.n_safe),
     )
     best = int(room.argmax())
     found = _choice(monitor, certified, best)
@@ -153,7 +153,7 @@ def _by_cost(monitor: Monitor, flights: Rollouts, cost_of_miss: float) -> Choice
     chosen, certified = _halves(monitor, flights, candidates(monitor))
     unsafe_share = flights.is_unsafe.mean()
     cost = unsafe_share * cost_of_miss * chosen.miss_rate
-    best = int((cost + (1 - unsafe_share) * (1 - chosen.power)).argmin())
+    best = int((cost + (1 - unsafe_share) * chosen.false_alarm_rate).argmin())
     found = _choice(monitor, certified, best)
     of_all = cost_of_miss * found.misses + found.false_alerts
     return replace(found, cost=of_all / (found.n_unsafe + found.n_safe))

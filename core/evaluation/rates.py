@@ -70,6 +70,9 @@ class Evaluation:
     training, before an alert that would have counted: neither missed nor caught.
     safe_withdrawn: (n_eps,) safe flights that were called so without an alert: no false alarm, and
     no quiet flight either.
+
+    So each failing flight is missed, withdrawn or caught, and each safe one has a false alert, is
+    withdrawn or is quiet.
     """
 
     epsilons: Array
@@ -97,14 +100,24 @@ class Evaluation:
         return clopper_pearson(self.misses, self.n_unsafe)
 
     @property
+    def quiet(self) -> Indices:
+        """(n_eps,) safe flights that stayed valid and had no alert."""
+        return self.n_safe - self.false_alerts - self.safe_withdrawn
+
+    @property
+    def false_alarm_rate(self) -> Array:
+        """(n_eps,) share of the safe flights with an alert."""
+        return self.false_alerts / max(self.n_safe, 1)
+
+    @property
     def power(self) -> Array:
-        """(n_eps,) share of the safe flights without an alert, those called invalid included."""
-        return 1 - self.false_alerts / max(self.n_safe, 1)
+        """(n_eps,) share of the safe flights that are quiet: those called invalid do not count."""
+        return 1 - (self.false_alerts + self.safe_withdrawn) / max(self.n_safe, 1)
 
     @property
     def power_interval(self) -> Array:
         """(n_eps, 2) Clopper-Pearson 95 % interval of the power."""
-        return clopper_pearson(self.n_safe - self.false_alerts, self.n_safe)
+        return clopper_pearson(self.quiet, self.n_safe)
 
     @property
     def fail_given_alert(self) -> Array:

@@ -18,13 +18,13 @@ const MEASURES = [
     name: "Missed failures",
     key: "miss",
     rate: "miss_rate",
-    words: "of failing flights have no timely alert",
+    words: "of failing flights stay valid and have no timely alert",
   },
   {
-    name: "Safe flights without a false alarm (power)",
+    name: "Safe flights, valid and without a false alarm (power)",
     key: "power",
     rate: "power",
-    words: "of safe flights have no alert",
+    words: "of safe flights stay valid and have no alert",
   },
   {
     name: "P(fail | alert)",
@@ -50,6 +50,7 @@ export function createEpsilonCost({ monitor, calibrations, evaluation, changed }
   const reading = h("output", { for: "epsilon", class: "epsilon-reading" });
   const rule = h("p", { class: "dim" });
   const rows = MEASURES.map(meter);
+  const counts = h("p", { class: "hint", "data-counts": "" });
   const warnings = h("div");
   const guarantee = h("p", { class: "guarantee-number" });
   const element = h(
@@ -85,6 +86,7 @@ export function createEpsilonCost({ monitor, calibrations, evaluation, changed }
           { class: "hint" },
           "This monitor was never flown on fresh flights here, so what an epsilon costs is not known. Train it here to know.",
         ),
+    evaluation && counts,
     warnings,
     guarantee,
     served(monitor, calibrations.length),
@@ -105,6 +107,7 @@ export function createEpsilonCost({ monitor, calibrations, evaluation, changed }
       `Alert if risk > ${figure(alertAbove(epsilon, monitor.n_unsafe, promised))}, that is if the score is at most ${levels(epsilon)} (rank ${k} of ${monitor.n_unsafe}).` +
       (Number(slider.value) === own ? " This is the monitor's own epsilon." : "");
     for (const { show } of rows) show(point, epsilon);
+    if (evaluation) counts.textContent = countsInWords(point, evaluation);
     warnings.replaceChildren(...warningLines({ warnings: point.warnings ?? [] }));
     const [low, high] = scatter(epsilon, monitor.n_unsafe, promised);
     const range = `${percent(low, 0)} and ${percent(high, 0)} (5–95 %)`;
@@ -122,6 +125,17 @@ export function createEpsilonCost({ monitor, calibrations, evaluation, changed }
     });
     return words.join("; ") + (words.length > 1 ? "; while the group is not known, by any that is possible" : "");
   }
+}
+
+/** Each test flight in one count: those called invalid are neither missed nor quiet. */
+function countsInWords({ misses, withdrawn, false_alerts, safe_withdrawn }, { n_unsafe, n_safe }) {
+  const among = (total, parts) => parts.map(([n, words]) => `${n.toLocaleString("en")} ${words}`).join(", ") + `, of ${total.toLocaleString("en")}`;
+  if (withdrawn === undefined || safe_withdrawn === undefined)
+    return "How many flights were called invalid was not counted by the version that tested it: they are among those without an alert.";
+  return (
+    `Failing flights: ${among(n_unsafe, [[misses, "missed"], [withdrawn, "called invalid before an alert"], [n_unsafe - misses - withdrawn, "warned of in time"]])}. ` +
+    `Safe flights: ${among(n_safe, [[false_alerts, "with a false alarm"], [safe_withdrawn, "called invalid without an alert"], [n_safe - false_alerts - safe_withdrawn, "valid and quiet"]])}.`
+  );
 }
 
 function failures({ n_unsafe }, nGroups) {

@@ -134,7 +134,6 @@ function facts({ monitor, calibration, dataset, evaluation, catalog }) {
 function robustness(evaluation) {
   const entries = Object.values(evaluation?.robustness ?? {});
   if (!entries.length) return null;
-  const share = (count, total) => (count === undefined ? "not counted" : total ? percent(count / total) : "–");
   const row = ({ words, n_unsafe, n_safe, misses, withdrawn, false_alerts, safe_withdrawn }) =>
     h(
       "tr",
@@ -158,6 +157,8 @@ function robustness(evaluation) {
   });
 }
 
+const share = (count, total) => (count === undefined ? "not counted" : total ? percent(count / total) : "–");
+
 /** A table of counts, a kind of flights a row, with the words that say what it means. */
 function counted({ title, heads, rows, hint }) {
   return h(
@@ -178,19 +179,19 @@ function groups(evaluation, calibration, catalog) {
   const found = evaluation?.groups ?? [];
   if (!found.length) return null;
   const own = calibration.groups[0]?.rule;
-  const row = ({ rule, name, n_unsafe, misses, miss_interval: [low, high] }) =>
+  const row = ({ rule, name, n_unsafe, misses, withdrawn, miss_interval: [low, high] }) =>
     h(
       "tr",
       {},
       h("td", {}, name),
-      ...[n_unsafe.toLocaleString("en"), n_unsafe ? percent(misses / n_unsafe) : "–", `${percent(low)} to ${percent(high)}`].map((text) =>
+      ...[n_unsafe.toLocaleString("en"), share(misses, n_unsafe), `${percent(low)} to ${percent(high)}`, share(withdrawn, n_unsafe)].map((text) =>
         h("td", { class: "number" }, text),
       ),
       h("td", {}, rule === own ? "its own" : "none"),
     );
   return counted({
     title: `Missed in each group, at ε = ${figure(evaluation.epsilon)}`,
-    heads: [["Failing flights"], ["failed", 1], ["missed", 1], ["95 % interval", 1], ["promise"]],
+    heads: [["Failing flights"], ["failed", 1], ["missed", 1], ["95 % interval", 1], ["invalid before an alert", 1], ["promise"]],
     rows: found.map(row),
     hint: own
       ? `The promise is kept in each group by: ${kindName(catalog, "grouping", { kind: own })}. It is not made for other groups, nor for all groups at once.`

@@ -281,6 +281,14 @@ def test_the_slider_tells_what_the_stored_evaluation_says(page: Page, site: Site
             expect(row.locator(".meter-value")).to_have_text(percent(curves[share]))
             low, high = (f"{100 * bound:.1f}" for bound in curves[interval])
             expect(row).to_contain_text(f"95 %: {low} to {high} %")
+        failing, safe = page.locator("[data-counts]").inner_text().split(". Safe flights: ")
+        counts = [int(n.replace(",", "")) for n in re.findall(r"[\d,]*\d", failing)]
+        assert counts[:2] == [curves["misses"], curves["withdrawn"]]
+        assert sum(counts[:3]) == counts[3] == evaluation["n_unsafe"]
+        counts = [int(n.replace(",", "")) for n in re.findall(r"[\d,]*\d", safe)]
+        assert counts[:2] == [curves["false_alerts"], curves["safe_withdrawn"]]
+        assert sum(counts[:3]) == counts[3] == evaluation["n_safe"]
+        assert counts[2] / counts[3] == pytest.approx(curves["power"])
         expect(page.locator(".plot-rule-text", has_text="ε =").first).to_contain_text(
             f"{curves['epsilon']:g}"
         )

@@ -4,7 +4,12 @@ from typing import Any
 
 import pytest
 
-from core.evaluation.certificate import UNTESTED, certificate, warnings_of
+from core.evaluation.certificate import (
+    UNTESTED,
+    certificate,
+    warnings_of,
+    with_power_of_quiet,
+)
 from core.evaluation.rates import clopper_pearson
 
 
@@ -58,7 +63,7 @@ def test_sentences_give_share_interval_and_what_was_promised() -> None:
 def test_counts_that_nobody_made_are_none() -> None:
     found = certificate(evaluation(0, 0, n=0), 0.1)
     assert found is not None
-    assert (found.missed, found.without_alert, found.fail_given_alert) == (None, None, None)
+    assert (found.missed, found.quiet, found.fail_given_alert) == (None, None, None)
     assert found.warnings == []
 
 
@@ -68,3 +73,28 @@ def test_flights_that_were_withdrawn_are_neither_missed_nor_caught() -> None:
     assert found is not None
     assert found.fail_given_alert is not None
     assert (found.fail_given_alert.count, found.fail_given_alert.total) == (450, 480)
+
+
+def test_safe_flights_that_were_called_invalid_do_not_make_a_monitor_useful() -> None:
+    counts = {"misses": 10, "false_alerts": 30, "withdrawn": 0, "safe_withdrawn": 450}
+    found = certificate(evaluation(0, 0, at_epsilon=counts), 0.1)
+    assert found is not None
+    assert found.quiet is not None
+    assert found.quiet.count == 20
+    assert found.is_useless
+
+
+def test_a_power_that_an_older_version_wrote_counts_the_quiet_flights_too() -> None:
+    counted = {"power": 0.94, "power_interval": [0.9, 0.96], "safe_withdrawn": 70}
+    at = evaluation(10, 30)["at_epsilon"] | counted
+    curves = {
+        "epsilon": [0.1], "misses": [9], "false_alerts": [30], "safe_withdrawn": [70],
+        "power": [0.94], "power_interval": [[0.9, 0.96]],
+    }  # fmt: skip
+    stored = evaluation(0, 0, at_epsilon=at, curves=curves)
+    told = with_power_of_quiet(stored)
+    assert told["at_epsilon"]["power"] == told["curves"]["power"][0] == pytest.approx(0.8)
+    assert told["curves"]["power_interval"] == [clopper_pearson(400, 500).tolist()]
+    assert stored["at_epsilon"]["power"] == 0.94
+    older = evaluation(10, 30)
+    assert with_power_of_quiet(older) == older

@@ -177,10 +177,13 @@ def test_intervals_stand_beside_their_rates() -> None:
         misses=np.array([50, 500]),
         false_alerts=np.array([40, 0]),
         withdrawn=np.array([0, 0]),
-        safe_withdrawn=np.array([0, 0]),
+        safe_withdrawn=np.array([60, 0]),
     )
     assert (result.miss_interval == clopper_pearson([50, 500], 500)).all()
-    assert (result.power_interval == clopper_pearson([360, 400], 400)).all()
+    assert (result.power_interval == clopper_pearson([300, 400], 400)).all()
+    assert result.false_alarm_rate.tolist() == [0.1, 0.0]
+    assert result.power.tolist() == [0.75, 1.0]
+    assert (result.quiet + result.safe_withdrawn + result.false_alerts == 400).all()
     assert (result.fail_given_alert_interval == clopper_pearson([450, 0], [490, 0])).all()
     assert result.fail_given_alert[0] == 450 / 490
     assert np.isnan(result.fail_given_alert[1])
