@@ -6,6 +6,8 @@ from core.kernels.compiled import jit
 
 LEAF = 32
 WIDTH = 8
+SAMPLED = 128
+"""Points at least that tell which side of many is the longest: no answer depends on it."""
 EMPTY = 2**31 - 1
 """Original index of an unused lane: above every point's, so that it never wins a tie."""
 
@@ -135,9 +137,9 @@ def _split_all(points, order, n_nodes, n_leaves):
 
 @jit
 def _split(points, order, key, middle):
-    """Move the `middle` lowest along the longest side to the front."""
+    """Move the `middle` lowest along the longest side, of a sample where many, to the front."""
     low, high = np.empty(points.shape[1]), np.empty(points.shape[1])
-    _extent(points, order, low, high)
+    _extent(points, order[:: max(1, len(order) // SAMPLED)], low, high)
     axis = np.argmax(high - low)
     for i in range(len(order)):
         key[i] = points[order[i], axis]
@@ -161,27 +163,44 @@ def _select(key, order, middle):
     for _ in range(64):
         if hi - lo < 2:
             return
-        a, b, c = key[lo], key[(lo + hi) // 2], key[hi - 1]
-        pivot = max(min(a, b), min(max(a, b), c))
-        i, j = lo, hi - 1
-        while i <= j:
-            while key[i] < pivot:
-                i += 1
-            while key[j] > pivot:
-                j -= 1
-            if i <= j:
-                key[i], key[j] = key[j], key[i]
-                order[i], order[j] = order[j], order[i]
-                i += 1
-                j -= 1
-        if middle <= j:
-            hi = j + 1
-        elif middle >= i:
-            lo = i
+        third = (hi - lo) // 3
+        low = _median(key[lo], key[lo + third // 2], key[lo + third])
+        mid = _median(key[lo + third + third // 2], key[(lo + hi) // 2], key[hi - 1 - third])
+        high = _median(key[hi - 1 - third // 2], key[hi - 1 - third // 4], key[hi - 1])
+        pivot = _median(low, mid, high)
+        j = _below(key, order, lo, hi, pivot, False)
+        if middle < j:
+            hi = j
+        elif middle > j > lo:
+            lo = j
         else:
-            return
+            if middle > j:
+                # none lies below the pivot: those equal to it come first
+                lo = _below(key, order, lo, hi, pivot, True)
+            if middle <= lo or middle == j:
+                return
     # Pivots that keep failing are no accident: sort what is left, so that it stays O(n log n).
     _merge_sort(key[lo:hi], order[lo:hi])
+
+
+@jit
+def _median(a, b, c):
+    return max(min(a, b), min(max(a, b), c))
+
+
+@jit
+def _below(key, order, lo, hi, pivot, equal):
+    """Move keys below the pivot to the front of lo..hi, without a branch; where they end.
+
+    equal: those equal to it too.
+    """
+    j = lo
+    for i in range(lo, hi):
+        x, row = key[i], order[i]
+        key[i], order[i] = key[j], order[j]
+        key[j], order[j] = x, row
+        j += (x < pivot) | (equal & (x <= pivot))
+    return j
 
 
 @jit
