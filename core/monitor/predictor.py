@@ -2,7 +2,7 @@
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
-from typing import Annotated, ClassVar, Literal, get_args
+from typing import Annotated, Any, ClassVar, Literal, get_args
 
 import numpy as np
 
@@ -12,8 +12,8 @@ from core.recipe import family
 from core.types import Array
 
 N_OUTPUTS = 6
-BLOCK = 256
-"""Rows that a QR step takes: fits the cache, and is too small for BLAS to start threads on."""
+BLOCK = 8192
+"""Numbers that a QR step takes: fits the cache, and is too little for BLAS to start threads on."""
 RANK_TOLERANCE = 1e-10
 Phase = Literal["input", "start"]
 
@@ -58,7 +58,8 @@ class Linear(Predictor):
                 "no safe observation has an output t_early later: shorten t_early or lengthen "
                 "the manoeuvre"
             )
-        o, y_ahead = o[known], y_ahead[known]
+        if not known.all():
+            o, y_ahead = o[known], y_ahead[known]
         o_mean, y_mean = o.mean(axis=0), y_ahead.mean(axis=0)
         triangle = _triangle((o, o_mean), (y_ahead, y_mean))
         n_o = o.shape[1]
@@ -107,12 +108,21 @@ def _triangle(*parts: tuple[Array, Array]) -> Array:
     So memory stays small, and no digits are lost.
     parts: columns (n, k) and means (k,), side by side.   Returns (m, m), m columns in all.
     """
-    triangle = np.empty((0, sum(len(mean) for _, mean in parts)))
-    for start in range(0, len(parts[0][0]), BLOCK):
-        rows = [columns[start : start + BLOCK] - mean for columns, mean in parts]
-        block = np.vstack([triangle, np.hstack(rows)])
-        triangle = np.asarray(np.linalg.qr(block, mode="r"))
-    return triangle
+    from scipy.linalg import get_lapack_funcs  # slow to import, and only needed here
+
+    n, m = len(parts[0][0]), sum(len(mean) for _, mean in parts)
+    n_rows = max(BLOCK // m - m, m)
+    block, upper = np.zeros((m + n_rows, m), order="F"), np.triu(np.ones((m, m)))
+    factorize: Any = get_lapack_funcs("geqrf", (block,))
+    for start in range(0, n, n_rows):
+        stop, at = min(start + n_rows, n), 0
+        for columns, mean in parts:
+            own = block[m : m + stop - start, at : at + len(mean)]
+            np.subtract(columns[start:stop], mean, out=own)
+            at += len(mean)
+        block[m + stop - start :] = 0.0
+        block[:m] = upper * factorize(block, overwrite_a=True)[0][:m]
+    return block[:m].copy()
 
 
 @dataclass(frozen=True)

@@ -25,18 +25,16 @@ def apply(affine: Affine, o: Array) -> Array:
     return o @ affine.matrix + affine.offset
 
 
-def test_blocks_give_the_bits_of_the_whole_centred_matrix() -> None:
+@pytest.mark.parametrize("n", [1, 20, 316, 317, 318, 634, 1_000])
+def test_blocks_give_the_triangle_of_the_whole_centred_matrix(n: int) -> None:
     o, ahead = pairs(1_000)
-    known = ~np.isnan(ahead[:, 0])
-    o_mean, y_mean = o[known].mean(axis=0), ahead[known].mean(axis=0)
-    rows, triangle = np.hstack([o - o_mean, ahead - y_mean])[known], np.empty((0, 24))
-    for start in range(0, len(rows), predictor.BLOCK):
-        block = np.vstack([triangle, rows[start : start + predictor.BLOCK]])
-        triangle = np.asarray(np.linalg.qr(block, mode="r"))
-    solution = np.linalg.lstsq(triangle[:, :18], triangle[:, 18:], predictor.RANK_TOLERANCE)[0]
-    affine = Linear().fit(o, ahead)
-    assert affine.matrix.tobytes() == solution.tobytes()
-    assert affine.offset.tobytes() == (y_mean - o_mean @ solution).tobytes()
+    parts = [(o[:n], o.mean(axis=0)), (ahead[:n] * 0.0 + o[:n, :6] ** 2, np.ones(6))]
+    parts = [(np.nan_to_num(columns), mean) for columns, mean in parts]
+    whole = np.hstack([columns - mean for columns, mean in parts])
+    triangle = predictor._triangle(*parts)
+    assert predictor.BLOCK // 24 - 24 == 317
+    np.testing.assert_array_equal(triangle, np.triu(triangle))
+    np.testing.assert_allclose(triangle.T @ triangle, whole.T @ whole, rtol=1e-12, atol=1e-10)
 
 
 @pytest.mark.parametrize("name", PREDICTORS)
@@ -93,7 +91,7 @@ def test_linear_predicts_as_scikit_learn_does(kind: str) -> None:
 def test_linear_does_not_depend_on_the_block_size(monkeypatch: pytest.MonkeyPatch) -> None:
     o, ahead = pairs()
     whole = Linear().fit(o, ahead)
-    for block in (1, 7, 64, 299):
+    for block in (1, 24 * (24 + 25), 24 * (24 + 64), 24 * (24 + 299)):
         monkeypatch.setattr(predictor, "BLOCK", block)
         np.testing.assert_allclose(apply(Linear().fit(o, ahead), o), apply(whole, o), atol=1e-10)
 
