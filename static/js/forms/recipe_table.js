@@ -59,6 +59,7 @@ function words(value) {
   if (value === null) return "none";
   if (typeof value === "number")
     return Number.isInteger(value) ? value.toLocaleString("en") : figure(value, 6);
+  if (Array.isArray(value) && !value.length) return "none";
   if (Array.isArray(value)) return JSON.stringify(value).replaceAll(",", ", ");
   if (typeof value === "object")
     return Object.entries(value)

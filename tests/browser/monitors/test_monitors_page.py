@@ -294,6 +294,17 @@ def test_the_slider_tells_what_the_stored_evaluation_says(page: Page, site: Site
         )
 
 
+@pytest.mark.parametrize("width", [1280, 500])
+def test_a_recipe_leaves_each_value_room_to_be_read(width: int, page: Page, site: Site) -> None:
+    page.set_viewport_size({"width": width, "height": 900})
+    page.goto(f"{site.http}/#/monitors/{site.monitor}")
+    expect(page.locator(".recipe .recipe .recipe").first).to_be_attached()
+    widths = page.eval_on_selector_all(
+        ".recipe dd", "all => all.map((dd) => dd.getBoundingClientRect().width)"
+    )
+    assert min(widths) > 100
+
+
 def test_of_flights_that_differ_the_safe_ones_that_were_called_invalid_are_not_quiet(
     page: Page, site: Site
 ) -> None:
