@@ -68,12 +68,25 @@ def white_residuals(
     """
     channels = np.flatnonzero(measured)
     h, y = h[:, :, channels], y[..., channels]
-    n, c, m, _ = h.shape
-    out = np.empty((n, c, y.shape[2], m))
+    n, c, m, n_states = h.shape
+    n_samples, n_settled = y.shape[2], min(len(of.gain) - 1, y.shape[2])
+    residuals = np.empty((n, c, n_samples, m))
     state = start[..., np.newaxis]
-    for k in range(y.shape[2]):
-        settled = min(k, len(of.gain) - 1)
+    for k in range(n_settled):
         residual = y[:, :, k, :, np.newaxis] - h @ state
-        out[:, :, k] = (of.root[settled][:, np.newaxis] @ residual)[..., 0]
-        state = f @ (state + of.gain[settled][:, np.newaxis] @ residual)
+        residuals[:, :, k] = residual[..., 0]
+        state = f @ (state + of.gain[k][:, np.newaxis] @ residual)
+    # From here on the gains are the same, and the filter is one linear system.
+    gain, late = f @ of.gain[-1][:, np.newaxis], y[:, :, n_settled:]
+    closed, driven = f - gain @ h, late @ np.swapaxes(gain, -1, -2)
+    states = np.empty((n, c, n_samples - n_settled, n_states))
+    for k in range(n_samples - n_settled):
+        states[:, :, k] = state[..., 0]
+        state = closed @ state + driven[:, :, k, :, np.newaxis]
+    residuals[:, :, n_settled:] = late - states @ np.swapaxes(h, -1, -2)
+    roots = np.stack([*of.root[:n_settled], of.root[-1]], axis=1)[:, np.newaxis]
+    out = np.empty_like(residuals)
+    early, turned = residuals[:, :, :n_settled, :, np.newaxis], np.swapaxes(roots[:, :, -1], -1, -2)
+    out[:, :, :n_settled] = (roots[:, :, :-1] @ early)[..., 0]
+    out[:, :, n_settled:] = residuals[:, :, n_settled:] @ turned
     return out
