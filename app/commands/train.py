@@ -22,6 +22,8 @@ from core.evaluation.prevention import Prevention
 from core.evaluation.rates import Evaluation, clopper_pearson
 from core.evaluation.robustness import DIFFERENCES
 from core.monitor import Monitor, MonitorRecipe
+from core.monitor.calibration import check_epsilon
+from core.monitor.training import check_lead
 
 
 @dataclass(frozen=True)
@@ -52,6 +54,8 @@ def run(options: argparse.Namespace) -> int:
     recipe = replace(recipe, dataset=dataset_for(recipe.monitor, recipe.dataset))
     if options.print_recipe:
         return print_recipe(recipe)
+    check_lead(recipe.monitor.t_early, recipe.dataset.maneuver.duration_s)
+    check_epsilon(recipe.monitor.epsilon, recipe.dataset.n_unsafe, recipe.monitor.guarantee)
     check_file(options.out)
     with progress_bar("unsafe rollouts") as progress:
         dataset = simulate(recipe.dataset, lambda _, done, total: progress(done, total))

@@ -33,6 +33,7 @@ from core.monitor.calibration import Guarantee, check_epsilon
 from core.monitor.combination import check_members
 from core.monitor.predictor import NOT_TRAINED
 from core.monitor.recipe import MISS_RATE
+from core.monitor.training import check_lead
 from core.simulation.maneuver import Maneuver
 
 LONGEST_NAME = 200
@@ -161,6 +162,10 @@ def monitor_request(plain: dict[str, Any], store: Store, max_bytes: int) -> Moni
         raise RecipeError(f"monitor.predictor: {NOT_TRAINED}")
     if requested.recipe is not None:
         simulated = dataset_for(recipe, requested.recipe)
+        try:
+            check_lead(recipe.t_early, simulated.maneuver.duration_s)
+        except ValueError as error:
+            raise RecipeError(f"monitor.{error}") from None
         requested, n_unsafe = RequestedDataset(None, simulated), simulated.n_unsafe
         _check_test_size(simulated, n_test, max_bytes)
     else:

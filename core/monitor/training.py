@@ -216,6 +216,15 @@ def _transduction(
     return Transduction(points, unsafe, safe, start, alphas[timely], always, running).indexed()
 
 
+def check_lead(t_early: float, horizon: float) -> None:
+    """Refuse, by ValueError, a lead [s] that no manoeuvre so long [s] has."""
+    if t_early >= horizon:
+        raise ValueError(
+            f"t_early={t_early} s was given: the manoeuvre lasts {horizon:g} s, choose a "
+            "shorter lead"
+        )
+
+
 def _check(dataset: Dataset, recipe: MonitorRecipe) -> None:
     if recipe.score.of_members:
         raise ValueError(NOT_TRAINED)
@@ -229,9 +238,4 @@ def _check(dataset: Dataset, recipe: MonitorRecipe) -> None:
             f"theta has {dataset.theta_unsafe.shape[1]} parameters and theta_names has "
             f"{len(dataset.theta_names)}: name each parameter"
         )
-    horizon = (dataset.safe.shape[1] - 1) * dataset.dt
-    if recipe.t_early >= horizon:
-        raise ValueError(
-            f"t_early={recipe.t_early} s was given: the manoeuvre lasts {horizon:g} s, choose a "
-            "shorter lead"
-        )
+    check_lead(recipe.t_early, (dataset.safe.shape[1] - 1) * dataset.dt)

@@ -228,3 +228,20 @@ def test_a_predictor_alone_has_the_score_that_goes_with_it(capsys, options, meth
     assert main(["train", *options, "--print-recipe"]) == 0
     monitor = json.loads(capsys.readouterr().out)["monitor"]
     assert (monitor["predictor"]["kind"], monitor["score"]["kind"]) == method
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (["--t-early", "9"], "the manoeuvre lasts 6 s, choose a shorter lead"),
+        (["--epsilon", "0.001"], "needs at least 2995 unsafe rollouts"),
+    ],
+)
+def test_what_cannot_be_trained_is_refused_before_it_is_simulated(
+    options, words, tmp_path: Path, monkeypatch, capsys
+) -> None:
+    monkeypatch.setattr("app.commands.train.simulate", lambda *_: pytest.fail("simulated"))
+    out = tmp_path / "it.fwm"
+    assert main(["train", *options, "--out", str(out)]) == 1
+    assert words in capsys.readouterr().err
+    assert not out.exists()

@@ -102,6 +102,11 @@ def test_a_monitor_is_trained_on_a_stored_dataset(client, dataset):
         ({"dataset": "nothing"}, 404, "nothing"),
         ({"dataset": DATASET, "lead": 1}, 422, "monitor has no 'lead': choose t_early"),
         ({"dataset": DATASET, "predictor": {"kind": "oracle"}}, 422, "linear"),
+        (
+            {"dataset": DATASET, "t_early": 9},
+            422,
+            "monitor.t_early=9.0 s was given: the manoeuvre lasts 6 s",
+        ),
         ({"dataset": DATASET, "epsilon": 0.01} | AVERAGE, 422, "99 unsafe rollouts"),
         ({"dataset": DATASET, "epsilon": 0.01}, 422, "299 unsafe rollouts"),
         ({"dataset": DATASET, "n_test": -1}, 422, "n_test"),
