@@ -1,5 +1,8 @@
 """The certificate of a monitor as a page that prints: what fresh flights said of it."""
 
+import json
+from datetime import UTC, datetime
+
 from app.recipes import to_plain
 from app.report.page import TEMPLATES
 from app.scoring.wording import PROMISED
@@ -9,6 +12,7 @@ from core.evaluation.certificate import Share, certificate, warnings_of
 from core.evaluation.rates import clopper_pearson
 from core.monitor import Monitor
 from core.monitor.calibration import threshold
+from core.monitor.combination import members_of
 
 
 def certificate_page(monitor: Monitor, name: str, digest: str, created: str = "") -> str:
@@ -32,6 +36,13 @@ def certificate_page(monitor: Monitor, name: str, digest: str, created: str = ""
         created=created,
         monitor=monitor,
         recipe=to_plain(monitor.recipe),
+        whole_recipe=json.dumps(
+            to_plain(monitor.recipe) | {"dataset": monitor.dataset_recipe},
+            indent=1,
+            ensure_ascii=False,
+        ),
+        members=[(member, to_plain(member.recipe)) for member in members_of(monitor)],
+        written=datetime.now(UTC).isoformat(),
         above=monitor.alert_above(),
         promised=PROMISED[monitor.recipe.guarantee],
         limits=[(channel, float(limit)) for channel, limit in limits if limit < float("inf")],

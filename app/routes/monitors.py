@@ -44,6 +44,7 @@ from core.channels import KEYS
 from core.evaluation.certificate import warnings_of, with_power_of_quiet
 from core.monitor import Monitor
 from core.monitor.assessment import Exemplar
+from core.monitor.combination import members_of
 from core.types import Array
 
 router = APIRouter(prefix="/api/v1/monitors", tags=["monitors"])
@@ -58,6 +59,14 @@ class GroupCalibration(BaseModel):
     n_unsafe: int = Field(description="as many in each group")
     n_early: int
     alert_above: float
+
+
+class CombinationMember(BaseModel):
+    """A member of a combination, as it was trained."""
+
+    lead: float = Field(description="[s]")
+    n_unsafe: int = Field(description="failures that it was calibrated on by itself")
+    recipe: dict[str, Any]
 
 
 class Calibration(BaseModel):
@@ -75,6 +84,9 @@ class Calibration(BaseModel):
     alert_above: float
     lead: float = Field(description="[s]")
     groups: list[GroupCalibration] = Field(description="empty where all failures are pooled")
+    members: list[CombinationMember] = Field(
+        description="of a combination; empty for any other monitor"
+    )
 
 
 class ForecastByChannel(BaseModel):
@@ -244,6 +256,10 @@ async def read_calibration(monitor_id: str, store: StoreDep):
             "alert_above": monitor.alert_above(),
             "lead": monitor.lead,
             "groups": _groups(monitor),
+            "members": [
+                {"lead": m.lead, "n_unsafe": m.n_unsafe, "recipe": to_plain(m.recipe)}
+                for m in members_of(monitor)
+            ],
         }
 
     return await json_from(read)

@@ -236,6 +236,11 @@ class Combined(PeakForecast):
         return Section(self.section, 1, True, {"n_members": len(files)}, files)
 
 
+def members_of(monitor: Monitor) -> tuple[Monitor, ...]:
+    """The members of a combination, as they were trained; none of any other monitor."""
+    return monitor.forecast.members if isinstance(monitor.forecast, Combined) else ()
+
+
 def of_members(members: tuple[Monitor, ...], n_delay: int, h: int) -> Combined:
     """Rebuild it; ValueError where these are no members of a monitor of this history and lead."""
     own = check_members(members, h * members[0].dt)

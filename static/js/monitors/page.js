@@ -2,7 +2,7 @@
 
 import { rolloutFigure, sampleRollouts } from "../datasets/figures.js";
 import { rawRecipe, recipeTable } from "../forms/recipe_table.js";
-import { aircraftName, kindName, limitWords, loadCatalog } from "../lib/catalog.js";
+import { aircraftName, kindName, limitWords, loadCatalog, methodOf } from "../lib/catalog.js";
 import { formatted, h } from "../lib/dom.js";
 import { factList, recipeList, tableHead } from "../lib/lists.js";
 import { loadingView } from "../lib/loading_view.js";
@@ -89,7 +89,7 @@ export function showMonitor(element, { id, api, navigate }) {
         figures.filter(Boolean).map((block) => h("section", { class: "panel" }, block)),
       ),
       guarantee(monitor, calibration),
-      details(monitor, catalog),
+      details(monitor, calibration, catalog),
     );
   }
 
@@ -247,7 +247,12 @@ function validity({ support }) {
   return `validity: each recorded manoeuvre is either applicable or INVALID. INVALID withdraws the guarantee; of flights drawn like the simulated ones, safe or failing, at most ${percent(level)} are called so. Calibrated on ${flights}.`;
 }
 
-function details(monitor, catalog) {
+function memberWords({ lead, n_unsafe, recipe }, catalog) {
+  const parts = ["predictor", "score"].map((part) => kindName(catalog, part, recipe[part]));
+  return `${figure(lead)} s ahead: ${methodOf(catalog, recipe)?.label ?? parts.join(", ")}; by itself calibrated on ${n_unsafe.toLocaleString("en")} failures`;
+}
+
+function details(monitor, { members }, catalog) {
   const { dataset, monitor: form } = catalog.recipes;
   const hashes = [
     ["File, SHA-256", monitor.digest, true],
@@ -262,6 +267,7 @@ function details(monitor, catalog) {
         : "not stored here",
     ],
     ["Sample interval", `${figure(monitor.dt)} s`],
+    ...members.map((member, k) => [`Member ${k + 1}`, memberWords(member, catalog)]),
   ];
   return h(
     "section",

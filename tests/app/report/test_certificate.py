@@ -9,6 +9,7 @@ import pytest
 
 from app.cli import main
 from app.report.certificate import certificate_page
+from core import __version__
 from core.monitor import Monitor, MonitorRecipe, train
 from tests.support import oscillator
 from tests.support.api import api, problem
@@ -35,6 +36,9 @@ def test_it_says_what_fresh_flights_said_and_what_is_promised(monitor: Monitor) 
     assert "limit exceeded first: p limit first" in page
     assert "20.0%" in page  # missed of that group
     assert "ab12" in page
+    assert "&#34;t_early&#34;: 0.25" in page
+    assert "&#34;dataset&#34;: " in page
+    assert f"certificate written by {__version__} at 20" in page
     assert "http" not in page.replace("http-equiv", "")
 
 

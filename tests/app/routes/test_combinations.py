@@ -10,6 +10,7 @@ import pytest
 from app.cli import main
 from app.flights.flights import Flights
 from app.flights.request import FlightRequest
+from app.recipes import to_plain
 from app.store.store import open_store
 from core.collection import DatasetRecipe, collect, combination_failures
 from core.monitor import Monitor, MonitorRecipe, combine, load, train
@@ -57,6 +58,16 @@ def test_a_job_makes_a_combination_as_python_does(client, members, made):
     assert kinds == ["combination", "highest_risk"]
     assert client.get(f"/api/v1/monitors/{made}/evaluation").json()["n_test"] == 40
     assert "both" in client.get(f"/api/v1/monitors/{made}/certificate").text
+
+
+def test_a_combination_says_of_which_members_it_is(client, ids, members, made):
+    told = client.get(f"/api/v1/monitors/{made}/calibration").json()["members"]
+    assert [(one["lead"], one["n_unsafe"]) for one in told] == [(0.25, 20), (0.5, 20)]
+    assert [one["recipe"] for one in told] == [to_plain(member.recipe) for member in members]
+    page = client.get(f"/api/v1/monitors/{made}/certificate").text
+    assert "Member 1</dt><dd>0.25\N{NO-BREAK SPACE}s ahead" in page
+    assert "Member 2" in page
+    assert client.get(f"/api/v1/monitors/{ids[0]}/calibration").json()["members"] == []
 
 
 def test_a_combination_is_the_alarm_authority_of_a_flight(client, ids, made):
