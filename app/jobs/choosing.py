@@ -37,6 +37,8 @@ def in_words(found: Choice) -> str:
         "on fresh flights that had no part in choosing it:",
         _line("missed", found.misses, found.n_unsafe, "failing flights"),
         _line("false alarms", found.false_alerts, found.n_safe, "safe flights"),
+        f"  called invalid: {found.withdrawn} failing flights before an alert and "
+        f"{found.safe_withdrawn} safe ones without one, neither missed nor false alarms",
         f"with 95 % confidence at most {found.most_missed:.2%} missed and at most "
         f"{found.most_false:.2%} false alarms",
     ]

@@ -62,6 +62,8 @@ class Choice:
 
     most_missed, most_false: upper bounds of the shares of failing flights that are missed and of
     safe flights with an alert, which hold together with 95 % confidence.
+    withdrawn, safe_withdrawn: failing flights that were called invalid before an alert, and safe
+    ones without one: in neither share, and in no cost.
     cost: of a flight, in false alarms; None where no cost of a miss was given.
     """
 
@@ -73,6 +75,8 @@ class Choice:
     n_safe: int
     most_missed: float
     most_false: float
+    withdrawn: int
+    safe_withdrawn: int
     cost: float | None = None
 
 
@@ -198,6 +202,8 @@ def _choice(monitor: Monitor, certified: Evaluation, at: int) -> Choice:
         n_safe=certified.n_safe,
         most_missed=upper_bound(misses, certified.n_unsafe),
         most_false=upper_bound(false, certified.n_safe),
+        withdrawn=int(certified.withdrawn[at]),
+        safe_withdrawn=int(certified.safe_withdrawn[at]),
     )
 
 

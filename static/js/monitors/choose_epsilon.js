@@ -79,13 +79,13 @@ export function createEpsilonChoice({ api, id, catalog, navigate, keep }) {
   }
 
   function tell(found) {
-    const { epsilon, alert_above: above, misses, n_unsafe, false_alerts, n_safe, most_missed, most_false, cost } = found;
+    const { epsilon, alert_above: above, misses, n_unsafe, false_alerts, n_safe, withdrawn, safe_withdrawn, most_missed, most_false, cost } = found;
     outcome.replaceChildren(
       h("p", {}, h("strong", {}, `ε = ${figure(epsilon)}`), `: alerts above a risk of ${figure(above)}.`),
       h(
         "p",
         {},
-        `Of ${n_unsafe.toLocaleString("en")} failing fresh flights ${percent(misses / n_unsafe)} were missed, of ${n_safe.toLocaleString("en")} safe ones ${percent(false_alerts / n_safe)} had a false alarm. With 95 % confidence at most ${percent(most_missed)} and ${percent(most_false)}.`,
+        `Of ${n_unsafe.toLocaleString("en")} failing fresh flights ${percent(misses / n_unsafe)} were missed, of ${n_safe.toLocaleString("en")} safe ones ${percent(false_alerts / n_safe)} had a false alarm; ${calledInvalid(withdrawn, safe_withdrawn)}. With 95 % confidence at most ${percent(most_missed)} and ${percent(most_false)}.`,
         cost === null ? "" : ` A flight costs as much as ${figure(cost)} false alarms.`,
       ),
       h(
@@ -95,4 +95,10 @@ export function createEpsilonChoice({ api, id, catalog, navigate, keep }) {
       ),
     );
   }
+}
+
+/** withdrawn: undefined in what an older version stored. */
+function calledInvalid(withdrawn, safe) {
+  if (withdrawn === undefined) return "how many were called invalid was not counted";
+  return `${withdrawn.toLocaleString("en")} failing ones before an alert and ${safe.toLocaleString("en")} safe ones without one were called invalid, and are in neither share`;
 }

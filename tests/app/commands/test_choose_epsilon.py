@@ -30,6 +30,7 @@ def test_an_epsilon_is_chosen_by_costs_or_by_targets(file: Path, capsys) -> None
     text = capsys.readouterr().out
     assert "on fresh flights that had no part in choosing it" in text
     assert "with 95 % confidence at most" in text
+    assert f"called invalid: {found['withdrawn']} failing flights before an alert" in text
 
 
 def test_what_cannot_be_chosen_is_one_error(file: Path, tmp_path: Path, capsys) -> None:

@@ -46,6 +46,10 @@ def test_two_targets_are_certified_by_flights_that_did_not_choose(
     counts = evaluate(monitor, second.y, second.fail_index, np.array([found.epsilon]))
     assert (found.misses, found.n_unsafe) == (counts.misses[0], counts.n_unsafe)
     assert (found.false_alerts, found.n_safe) == (counts.false_alerts[0], counts.n_safe)
+    assert (found.withdrawn, found.safe_withdrawn) == (
+        counts.withdrawn[0],
+        counts.safe_withdrawn[0],
+    )
     assert found.alert_above == monitor.alert_above(found.epsilon)
 
 
