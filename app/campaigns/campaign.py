@@ -18,6 +18,7 @@ from pydantic import TypeAdapter, ValidationError
 from app.recipes import RecipeError, from_plain, read_plain, to_plain
 from core.channels import N_CHANNELS
 from core.clearance import BuildUp, ClearanceRecipe
+from core.evaluation.rates import clopper_pearson
 from core.planned_test import DatasetRecipe
 from core.types import Array
 from core.whole_file import write_whole
@@ -117,6 +118,14 @@ class Clearing:
             value = getattr(self, name)
             if value is not None and not 0.0 <= value <= 1.0:
                 raise CampaignError(f"{name} is {value:g}: it is from 0 to 1")
+
+    @property
+    def exceeding_share_at_most(self) -> float | None:
+        """Share of aircraft that exceed, at most: with 95 % confidence by those simulated."""
+        if self.exceeding_share is None:
+            return None
+        n_met = round(self.exceeding_share * self.n_tried)
+        return float(clopper_pearson(n_met, self.n_tried, confidence=0.9)[1])
 
 
 @dataclass(frozen=True)
@@ -266,12 +275,12 @@ class Campaign:
         """Probability that any point exceeds that was cleared by computation, at most.
 
         Over the aircraft of D_theta, each flown as simulated: for each point the share of them that
-        exceed there, of which a share epsilon is cleared; and the sum of the points'.
+        exceed there, at most, of which a share epsilon is cleared; and the sum of the points'.
         """
         return sum(
-            one.exceeding_share * (1.0 if one.p_value is None else one.recipe.epsilon)
+            share * (1.0 if one.p_value is None else one.recipe.epsilon)
             for one in (point.clearing for point in self.points)
-            if one and one.cleared and one.exceeding_share is not None
+            if one and one.cleared and (share := one.exceeding_share_at_most) is not None
         )
 
     @property

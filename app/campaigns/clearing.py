@@ -3,7 +3,14 @@
 from collections.abc import Callable
 from dataclasses import replace
 
-from app.campaigns.campaign import Campaign, CampaignError, Clearing, Point, samples_of
+from app.campaigns.campaign import (
+    Campaign,
+    CampaignError,
+    Clearing,
+    Point,
+    percent_at_most,
+    samples_of,
+)
 from core.clearance import calibrate
 from core.identification.identification import FlownSegment, Identification, identify
 from core.planned_test import DatasetRecipe
@@ -71,6 +78,12 @@ def check_computable(campaign: Campaign) -> None:
         )
 
 
+def rarely_words(clearing: Clearing) -> str:
+    """How many exceed at most, where hardly any of those simulated does."""
+    share = clearing.exceeding_share_at_most
+    return "" if share is None else f" (at most {percent_at_most(share)}, 95 % confidence)"
+
+
 def words_of(clearing: Clearing) -> str:
     """Why a point is cleared on condition, or not."""
     if clearing.withdrawn:
@@ -79,8 +92,8 @@ def words_of(clearing: Clearing) -> str:
     predicted = f"predicted to reach {middle} of a limit ({low} to {high})"
     if clearing.p_value is None:
         return (
-            f"{clearing.n_exceeding} of {clearing.n_tried:,} simulated aircraft exceed there, "
-            f"{predicted}"
+            f"{clearing.n_exceeding} of {clearing.n_tried:,} simulated aircraft exceed there"
+            f"{rarely_words(clearing)}, {predicted}"
         )
     return f"p-value {clearing.p_value:.3g}, cleared up to {clearing.clear_below:.3g}: {predicted}"
 

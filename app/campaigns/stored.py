@@ -75,6 +75,14 @@ class CampaignFlight(Entry):
 
 
 @dataclass(frozen=True)
+class CampaignClearing(Clearing):
+    """What was computed of a point, with what follows from it."""
+
+    exceeding_at_most: float | None = None
+    """share of aircraft that exceed, with 95 % confidence by those simulated"""
+
+
+@dataclass(frozen=True)
 class CampaignPoint(Entry):
     """A point, what was computed of it and what became of it."""
 
@@ -89,7 +97,7 @@ class CampaignPoint(Entry):
     criteria: str
     """what else it must show"""
     events: list[Event]
-    clearing: Clearing | None
+    clearing: CampaignClearing | None
     """what was computed before it was flown; null where nothing was"""
     flown: CampaignFlight | None
     monitor: str | None
@@ -176,7 +184,7 @@ class Campaigns:
             point.passes_below,
             point.criteria,
             list(point.events),
-            point.clearing,
+            _told(point.clearing),
             self._flight(point),
             point.monitor if _is_there(self.store.monitors.info, point.monitor) else None,
         )
@@ -226,6 +234,12 @@ def _summary(stored: StoredCampaign, campaign: Campaign) -> CampaignSummary:
         point.name if point else None,
         point.state if point else None,
     )
+
+
+def _told(clearing: Clearing | None) -> CampaignClearing | None:
+    if clearing is None:
+        return None
+    return CampaignClearing(**vars(clearing), exceeding_at_most=clearing.exceeding_share_at_most)
 
 
 def _is_there(look_up: Callable[[str], Any], identity: str) -> Any:

@@ -14,7 +14,7 @@ import { figure, moment, percent } from "../lib/numbers.js";
 import { askToConfirm, button, errorLine, link, loading, pageOf } from "../lib/view_states.js";
 import { buildUpFigure, derivativesFigure } from "./figures.js";
 import { nextPoint } from "./next_point.js";
-import { predictedWords, reachedWords, stateChip } from "./states.js";
+import { percentAtMost, predictedWords, reachedWords, stateChip } from "./states.js";
 import { watching } from "./watching.js";
 
 export function showCampaign(element, { id, api, navigate }) {
@@ -91,11 +91,6 @@ function table({ points }) {
   );
   const heads = [["Point"], ["Amplitude [deg]", 1], ["State"], ["Predicted", 1], ["Reached", 1], ["Must stay below", 1], ["Stored"], ["Decided by, when, why"]];
   return scrolledTable({ heads, rows });
-}
-
-/** A bound: rounded up, as it would be none otherwise. */
-function percentAtMost(share) {
-  return percent(Math.ceil(1e4 * share - 1e-9) / 1e4, 2);
 }
 
 function told({ state, by, at, words }) {

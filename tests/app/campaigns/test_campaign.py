@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from scipy.stats import beta
 
 from app.campaigns.campaign import (
     Campaign,
@@ -17,6 +18,7 @@ from app.campaigns.campaign import (
     load,
     percent_at_most,
 )
+from app.campaigns.clearing import words_of
 from core.clearance import ClearanceError, ClearanceRecipe
 from core.evaluation.lead_sweep import TESTS
 from core.recipe import RecipeError
@@ -214,7 +216,12 @@ def test_the_probability_of_any_exceedance_is_bounded_by_the_sum() -> None:
     campaign = campaign.changed(0, "complete", "Bob", clearing=clearing(None, 0.004), flown=FLOWN)
     campaign = campaign.changed(1, "complete", "Bob", clearing=clearing(0.02, 0.3), flown=FLOWN)
     campaign = campaign.changed(2, "hold", "Bob", clearing=clearing(0.5, 0.6, cleared=False))
-    assert campaign.exceeding_at_most == pytest.approx(0.004 + 0.1 * 0.3)
+    rare, often = (float(beta.ppf(0.95, k + 1, 1_000 - k)) for k in (4, 300))
+    assert 0.004 < rare < 0.01
+    assert campaign.exceeding_at_most == pytest.approx(rare + 0.1 * often)
+    (first, _, _) = (point.clearing for point in campaign.points)
+    assert first
+    assert "(at most 0.92 %, 95 % confidence)" in words_of(first)
 
 
 def test_amplitudes_of_either_sign_build_up_within_the_stops() -> None:
