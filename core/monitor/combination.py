@@ -115,12 +115,15 @@ def _check_alike(members: Sequence[Monitor]) -> None:
         for what, own, others in (
             ("sample interval dt [s]", member.dt, first.dt),
             ("number of past outputs n_delay", member.recipe.n_delay, first.recipe.n_delay),
-            ("specification", *(specification_to_plain(m.specification) for m in (member, first))),
+            (
+                "limits (specification)",
+                *(specification_to_plain(m.specification) for m in (member, first)),
+            ),
             ("planned test", _test_of(member), _test_of(first)),
         ):
             if own != others:
                 raise ValueError(
-                    f"member {number} has another {what} than member 1: combine monitors of one "
+                    f"member {number} differs from member 1 in {what}: combine monitors of one "
                     "planned test that see the same samples"
                 )
 

@@ -33,7 +33,7 @@ function row(key, property, value, catalog) {
     );
     const inner =
       entry && Object.keys(name).length ? recipeTable(entry.schema, name, catalog) : null;
-    return [h("dt", {}, family.label), h("dd", {}, nameOf(entry, property) ?? kind, inner)];
+    return [h("dt", {}, family.label), h("dd", {}, nameOf(entry, property) ?? kind.replaceAll("_", " "), inner)];
   }
   if (property.properties) {
     const told = Object.entries(value ?? {}).filter(

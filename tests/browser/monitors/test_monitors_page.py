@@ -538,6 +538,10 @@ def test_two_monitors_are_combined(page: Page, site: Site) -> None:
     expect(title).to_be_visible(timeout=SLOW)
     expect(page.locator(".page-actions")).not_to_contain_text("false")
     expect(page.get_by_text("60 failures", exact=True)).to_be_visible()
+    recipe = page.locator(".recipe-columns")
+    expect(recipe).to_contain_text("highest risk")
+    expect(recipe).to_contain_text("Member 2")
+    expect(recipe).to_contain_text("s ahead: forecast of the outputs against past failures")
     for monitor in (later, page.url.rpartition("/")[2]):
         site.store.monitors.delete(monitor)
 

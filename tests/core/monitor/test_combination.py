@@ -165,9 +165,9 @@ def test_a_file_with_a_member_that_is_none_is_refused_by_its_number(combination:
     [
         (lambda m: m[:1], "1 monitors were given"),
         (lambda m: (m[0], m[0]), "choose that of a member"),
-        (lambda m: (m[0], replace(m[1], specification=Limits(Ny=0.6))), "another specification"),
-        (lambda m: (m[0], replace(m[1], dataset_recipe={})), "another planned test"),
-        (lambda m: (replace(m[0], dt=0.1, h=5), m[1]), "another sample interval"),
+        (lambda m: (m[0], replace(m[1], specification=Limits(Ny=0.6))), "in limits"),
+        (lambda m: (m[0], replace(m[1], dataset_recipe={})), "in planned test"),
+        (lambda m: (replace(m[0], dt=0.1, h=5), m[1]), "in sample interval"),
     ],
 )
 def test_members_that_do_not_go_together_are_refused(members, failures, change, words) -> None:
