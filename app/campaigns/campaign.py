@@ -26,6 +26,8 @@ from core.whole_file import write_whole
 State = Literal["planned", "on condition", "cleared", "hold", "complete", "aborted"]
 FORMAT, VERSION = "forewarn campaign", 2
 """Version 1 had one test for all points."""
+BY_FILE = " (by the file)"
+"""Behind the name of who decided in a file that was imported."""
 MOST_POINTS, LONGEST_NAME, LONGEST_CRITERIA, LARGEST_DEG = 50, 200, 1_000, 90.0
 USUAL_STEPS = (0.4, 0.6, 0.8, 1.0)
 """Of the planned amplitude, where nothing else is asked for."""
@@ -265,6 +267,16 @@ class Campaign:
     def is_over(self) -> bool:
         """Whether no point is flown any more."""
         return all(point.is_over for point in self.points)
+
+    @property
+    def imported(self) -> "Campaign":
+        """As it is taken from a file: who decided in it, by the file, was not logged in here."""
+
+        def marked(event: Event) -> Event:
+            return replace(event, by=event.by.removesuffix(BY_FILE) + BY_FILE)
+
+        points = (replace(p, events=tuple(map(marked, p.events))) for p in self.points)
+        return replace(self, points=tuple(points))
 
     def flown(self, condition: str) -> tuple[Point, ...]:
         """Complete points of a flight condition, in order."""

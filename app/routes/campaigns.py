@@ -121,11 +121,14 @@ async def plan_campaign(plain: PlainBody, campaigns: CampaignsDep, settings: Set
     openapi_extra=body_of(_FILE, {"format": "forewarn campaign", "version": 2}),
 )
 async def add_campaign_file(plain: PlainBody, campaigns: CampaignsDep):
-    """Store a campaign's file, as `forewarn campaign` or `GET /campaigns/{id}/file` gives it."""
+    """Store a campaign's file, as `forewarn campaign` or `GET /campaigns/{id}/file` gives it.
+
+    Its names are marked: nobody knows whether these people decided.
+    """
 
     def add() -> CampaignDetails:
         try:
-            return campaigns.add(from_file(plain, "what was sent"))
+            return campaigns.add(from_file(plain, "what was sent").imported)
         except CampaignError as error:
             raise Problem(422, str(error), "urn:forewarn:campaign") from None
 

@@ -115,13 +115,18 @@ def test_a_campaign_is_planned_cleared_flown_and_reported(client: TestClient) ->
     assert "attachment" in file.headers["content-disposition"]
     copied = client.post(f"{URL}/file", json=file.json())
     assert copied.status_code == 201, copied.text
-    assert copied.json()["points"] == client.get(path).json()["points"]
+    points = client.get(path).json()["points"]
+    for event in (event for point in points for event in point["events"]):
+        event["by"] += " (by the file)"
+    assert copied.json()["points"] == points
+    again = client.get(f"{URL}/{copied.json()['id']}/file").json()
+    assert client.post(f"{URL}/file", json=again).json()["points"] == points
     client.delete(f"/api/v1/recordings/{flight}")
     gone = client.get(path).json()["points"][0]["flown"]
     assert (gone["recording"], gone["recording_deleted"]) == (None, True)
     assert client.delete(path).status_code == 204
     problem(client.get(path), 404)
-    assert len(client.get(URL).json()) == 1
+    assert len(client.get(URL).json()) == 2
 
 
 def test_the_next_points_monitor_is_of_the_aircraft_as_it_was_flown(client: TestClient) -> None:
