@@ -192,6 +192,23 @@ def test_the_list_follows_what_is_decided(campaign: Campaign) -> None:
     expect(row).to_contain_text("hold")
 
 
+def test_long_names_are_wrapped(campaign: Campaign) -> None:
+    """Of the campaign in the list, and of who decided on its page, its card and its report."""
+    name, by = "W" * 200, "A" * 100
+    plan = {"name": name, "conditions": [{"dataset": TEST, "steps": [0.5, 1.0]}]}
+    path = f"/campaigns/{campaign.ask('POST', '/campaigns', plan | {'clearance': QUICK})['id']}"
+    campaign.ask("POST", f"{path}/confirm", {"point": "50%", "by": by})
+    campaign.page.set_viewport_size({"width": 1024, "height": 700})
+    for url, words in (("#/campaigns", name), (f"#{path}", by), (f"api/v1{path}/report", by)):
+        campaign.page.goto(f"{campaign.site.http}/{url}")
+        expect(campaign.page.get_by_text(words).first).to_be_visible()
+        wide = campaign.page.evaluate(
+            "[...document.querySelectorAll('*')].filter((e) => e.offsetWidth &&"
+            " e.scrollWidth > e.clientWidth + 1).map((e) => e.outerHTML.slice(0, 60))"
+        )
+        assert not [one for one in wide if one.startswith(("<html", "<body", "<section", "<div"))]
+
+
 def test_a_clearance_under_way_is_seen_by_who_comes_later(campaign: Campaign) -> None:
     campaign.plan([0.5, 1.0])
     page = campaign.page

@@ -55,8 +55,8 @@ function table(campaigns) {
     h(
       "tr",
       {},
-      h("th", { scope: "row" }, h("a", { href: `#/campaigns/${id}` }, name)),
-      h("td", {}, aircraft.join("; ")),
+      h("th", { scope: "row", class: "campaign-name" }, h("a", { href: `#/campaigns/${id}` }, name)),
+      h("td", { class: "campaign-aircraft" }, aircraft.join("; ")),
       h("td", { class: "number nowrap" }, `${complete} of ${points}`),
       h("td", {}, next ?? "all over"),
       h("td", {}, state ? stateChip(state) : "–"),
