@@ -33,7 +33,7 @@ LOG = logging.getLogger("forewarn")
 INTERVAL_S = 2.0
 JOURNALLED_S = 8.0
 """Between batches of a flight whose journal has its samples already [s]."""
-ANNOUNCED_S = 0.25
+ANNOUNCED_S = 0.05
 """An alarm that a slow disk has not taken by then is announced all the same, as not stored yet."""
 PARTS = 64
 """Of an interval, one of which is the first of a flight whose batches are spread."""

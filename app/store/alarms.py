@@ -5,12 +5,16 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
 
-from sqlalchemy import ColumnElement, Connection, func, insert, select, update
+from sqlalchemy import Connection, bindparam, func, insert, select, update
 
 from app.store.flights import fetch_flight, head_of
 from app.store.repository import Entry, NotFound, Repository, columns, fetch
 from app.store.tables import alarms, new_id, now
 from core.monitor.status import AlarmKind, Level
+
+_OWN = (alarms.c.flight_id == bindparam("flight")) & (alarms.c.number == bindparam("own"))
+_NUMBERED, _INSERT = select(alarms.c.id).where(_OWN), insert(alarms)
+"""Made once: flights under way wait for them."""
 
 
 @dataclass(frozen=True)
@@ -79,19 +83,19 @@ class AlarmRepository(Repository):
         with self._writing() as connection:
             head_of(connection, flight_id)
             own = _next_number(connection, flight_id) if number is None else number
-            same = select(alarms.c.id).where(_numbered(flight_id, own))
-            if (stored := connection.execute(same).scalar_one_or_none()) is not None:
+            same = connection.execute(_NUMBERED, {"flight": flight_id, "own": own})
+            if (stored := same.scalar_one_or_none()) is not None:
                 return stored
             row |= {"number": own, "raised": raised or now()}
-            connection.execute(insert(alarms).values(**row))
+            connection.execute(_INSERT, row)
         return alarm_id
 
     def acknowledge_number(self, flight_id: str, number: int, by: str) -> StoredAlarm:
         """Note who has seen the alarm of this number in its flight; the first stays. NotFound."""
-        query = select(alarms.c.id).where(_numbered(flight_id, number))
         with self._reading() as connection:
             fetch_flight(connection, flight_id)
-            alarm_id = connection.execute(query).scalar_one_or_none()
+            numbered = connection.execute(_NUMBERED, {"flight": flight_id, "own": number})
+            alarm_id = numbered.scalar_one_or_none()
         if alarm_id is None:
             raise NotFound(f"flight {flight_id} has no alarm {number}")
         return self.acknowledge(alarm_id, by)
@@ -126,7 +130,3 @@ class AlarmRepository(Repository):
 def _next_number(connection: Connection, flight_id: str) -> int:
     last = select(func.max(alarms.c.number)).where(alarms.c.flight_id == flight_id)
     return (connection.execute(last).scalar() or 0) + 1
-
-
-def _numbered(flight_id: str, number: int) -> ColumnElement[bool]:
-    return (alarms.c.flight_id == flight_id) & (alarms.c.number == number)
