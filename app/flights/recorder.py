@@ -117,6 +117,12 @@ class Recorder:
         return self._refusal or (self._look.fault if self._look else "")
 
     @property
+    def _first_interval(self) -> float:
+        """Until the first batch [s]."""
+        part = 1 + crc32(self._flight_id.encode()) % PARTS if self.is_spread else PARTS
+        return self.interval * part / PARTS
+
+    @property
     def unwritten(self) -> int:
         """Samples that wait for the store."""
         return len(self._samples)
@@ -141,12 +147,7 @@ class Recorder:
             del self._samples[:BATCH]
             self.lost += BATCH
         if self._timer is None:
-            self._schedule(self.interval * (self._part if seq == 0 else 1.0))
-
-    @property
-    def _part(self) -> float:
-        """Of the interval, until the first batch."""
-        return (1 + crc32(self._flight_id.encode()) % PARTS) / PARTS if self.is_spread else 1.0
+            self._schedule(self._first_interval if seq == 0 else self.interval)
 
     def add_alarm(self, alarm: Alarm, announce: Callable[[bool], object]) -> None:
         """Store an alarm and then announce it, see Raised.

@@ -103,6 +103,30 @@ def test_a_longer_interval_is_for_what_the_store_takes() -> None:
     asyncio.run(record())
 
 
+def test_flights_that_began_together_write_at_times_of_their_own() -> None:
+    """The first batch of each within the interval, and the next an interval later."""
+    store, clock = NoStore(), ScriptedClock()
+    began, names = clock.now(), [f"flight {k}" for k in range(20)]
+
+    async def record() -> list[float]:
+        recorders = [Recorder(as_store(store), name, clock) for name in names]
+        for recorder in recorders:
+            recorder.is_spread = True
+            fill(recorder, 10)
+        due = [recorder._when - began for recorder in recorders]
+        clock.advance(INTERVAL_S + 0.01)
+        await asyncio.gather(*(task for one in recorders for task in under_way(one)))
+        fill(recorders[0], 10, first=10)
+        assert recorders[0]._when == pytest.approx(clock.now() + INTERVAL_S)
+        return due
+
+    due = asyncio.run(record())
+    assert {chunk[0] for chunk in store.chunks} == {*names}
+    assert 0.0 < min(due) < 0.3 * INTERVAL_S
+    assert 0.7 * INTERVAL_S < max(due) <= INTERVAL_S
+    assert len({*due}) > 10
+
+
 def test_what_the_store_refuses_is_tried_again_and_not_lost(
     caplog: pytest.LogCaptureFixture,
 ) -> None:
