@@ -95,8 +95,18 @@ def _add_plan(new: argparse.ArgumentParser) -> None:
     new.add_argument("--name", required=True, help="of the campaign")
     numbers = (
         ("--clearance-epsilon", float, USUAL.epsilon, "accepted share of wrong clearances"),
-        ("--n-exceeding", int, USUAL.n_exceeding, "simulated exceeding aircraft that calibrate it"),
-        ("--n-aircraft", int, USUAL.n_aircraft, "simulated aircraft that calibrate its checks"),
+        (
+            "--n-exceeding",
+            int,
+            USUAL.n_exceeding,
+            "simulated exceeding aircraft that calibrate it, 20 or more",
+        ),
+        (
+            "--n-aircraft",
+            int,
+            USUAL.n_aircraft,
+            "simulated aircraft that calibrate its checks, 100 or more",
+        ),
     )
     add_numbers(new, numbers)
     new.add_argument(

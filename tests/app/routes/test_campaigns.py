@@ -106,6 +106,8 @@ def test_a_campaign_is_planned_cleared_flown_and_reported(client: TestClient) ->
     page = client.get(f"{path}/report")
     assert page.headers["content-type"].startswith("text/html")
     assert "Next: 80%" in page.text
+    assert "Monitor trained for this point: none." in page.text
+    assert "Test conductor, pilot, date:" in page.text
     peak = made["points"][1]["peak_deg"]
     assert f"rudder at 0.5 s to {peak:.3g} deg, at 1.5 s to {-peak:.3g} deg, at 2.5 s" in page.text
     (listed,) = client.get(URL).json()
