@@ -8,7 +8,7 @@ from typing import get_args
 from app.commands.output.figure_file import check_figure, write_figure
 from app.commands.output.progress import progress_bar
 from app.commands.output.tables import add_table_options, names, print_table, recipe_of
-from app.report.campaign_study import in_words, rows_of
+from app.report.studies.campaign_study import in_words, rows_of
 from core.evaluation.campaign_study import CampaignStudyRecipe, campaign_study
 from core.evaluation.lead_sweep import METHODS, TESTS
 from core.monitor.calibration import Guarantee
@@ -71,7 +71,7 @@ def run(options: argparse.Namespace) -> int:
     with progress_bar("points") as progress:
         found = campaign_study(recipe, lambda words, done, total: progress(done, total))
     if options.figure is not None:
-        from app.report.campaign_figure import avoided_against_lost  # matplotlib
+        from app.report.studies.campaign_figure import avoided_against_lost  # matplotlib
 
         write_figure(options.figure, avoided_against_lost(found, recipe))
     rows = rows_of(found)

@@ -8,7 +8,7 @@ from typing import get_args
 from app.commands.output.figure_file import check_figure, write_figure
 from app.commands.output.progress import progress_bar
 from app.commands.output.tables import add_table_options, names, print_table, recipe_of
-from app.report.sweep import in_words, rows_of
+from app.report.studies.sweep import in_words, rows_of
 from core.evaluation.lead_sweep import METHODS, TESTS, SweepRecipe, sweep
 from core.monitor.calibration import Guarantee
 
@@ -72,7 +72,7 @@ def run(options: argparse.Namespace) -> int:
     with progress_bar("monitors") as progress:
         found = sweep(recipe, progress=progress)
     if options.figure is not None:
-        from app.report.sweep_figure import power_against_lead  # matplotlib
+        from app.report.studies.sweep_figure import power_against_lead  # matplotlib
 
         write_figure(options.figure, power_against_lead(found, recipe))
     rows = [row for name, test in found.items() for row in rows_of(name, test, recipe)]

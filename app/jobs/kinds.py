@@ -79,10 +79,10 @@ def sweep_work(request: SweepRequest) -> Work:
     """Train every method at every lead; the result holds each cell, the table, a figure as SVG."""
 
     def work(task: Task) -> dict[str, Any]:
-        from app.report import study_figures as figures
-        from app.report.sweep import in_words as table
-        from app.report.sweep import summary
-        from app.report.sweep_figure import power_against_lead
+        from app.report.studies import study_figures as figures
+        from app.report.studies.sweep import in_words as table
+        from app.report.studies.sweep import summary
+        from app.report.studies.sweep_figure import power_against_lead
 
         def trained(done: int, total: int) -> None:
             task.progress(f"{done} of {total} monitors", done, total)
@@ -101,8 +101,8 @@ def study_work(recipe: StudyRecipe) -> Work:
     """Compare the five methods; the result holds the curves, the table and figures as SVG."""
 
     def work(task: Task) -> dict[str, Any]:
-        from app.report import study_figures as figures
-        from app.report.study import summary, table
+        from app.report.studies import study_figures as figures
+        from app.report.studies.study import summary, table
 
         def trained(done: int, total: int) -> None:
             task.progress(f"{done} of {total} monitors of every method", done, total)

@@ -8,7 +8,7 @@ import { decimal, decimals } from "/static/js/forms/decimals.js";
 import { changedChannels } from "/static/js/recordings/mapping/changes.js";
 import { outcomeOf, validityWords } from "/static/js/recordings/words.js";
 import { createRingBuffer } from "/static/js/charts/live/ring_buffer.js";
-import { createRiskGauge } from "/static/js/fly/risk_gauge.js";
+import { createRiskGauge } from "/static/js/fly/assessment/risk_gauge.js";
 import { riskText } from "/static/js/lib/numbers.js";
 import { loopStats } from "/static/js/lib/draw_loop.js";
 import { createStripChart } from "/static/js/charts/live/strip_chart.js";

@@ -21,7 +21,7 @@ def check_figure(path: Path | None) -> None:
 
 def write_figure(path: Path, figure: "Figure") -> None:
     """Draw it in the format that the file is named for."""
-    from app.report.study_figures import render  # matplotlib
+    from app.report.studies.study_figures import render  # matplotlib
 
     kind = path.suffix[1:]
     write_whole(path, render(figure, "figure", [kind])[f"figure.{kind}"])

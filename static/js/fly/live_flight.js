@@ -13,21 +13,21 @@ import { createEventList } from "../lib/event_list.js";
 import { sentence } from "../lib/monitor_warnings.js";
 import { askToConfirm, state as stateOf } from "../lib/view_states.js";
 import { createAlarmPanel } from "./alarm_panel.js";
-import { createAssessmentDisplay } from "./assessment_display.js";
+import { createAssessmentDisplay } from "./assessment/assessment_display.js";
 import { createConnection } from "./connection.js";
 import { createFlightLimits } from "./flight_limits.js";
 import { createFlightMarkers, markerEvent, markerFlag } from "./flight_markers.js";
 import { LEVEL_OF, staleText, textOf } from "./headline.js";
 import { acknowledgementOf, alertText, createFlightPanels, exceedanceText, limitsOf, recordedFlag, sourceText } from "./panels.js";
 import { createLivePanel } from "./live_panel.js";
-import { createReplayNotes } from "./replay_notes.js";
+import { createReplayNotes } from "./playback/replay_notes.js";
 import { createSceneFrame } from "./scene_frame.js";
-import { createSeekHistory } from "./seek_history.js";
+import { createSeekHistory } from "./playback/seek_history.js";
 import { bindShortcuts, createShortcutList } from "./shortcuts.js";
 import { createSourceAddress } from "./source_address.js";
 import { createStatusStrip } from "./status_strip.js";
 import { bindMuteButton, createTone } from "./tone.js";
-import { createTransportBar } from "./transport_bar.js";
+import { createTransportBar } from "./playback/transport_bar.js";
 
 const STATUS_EVERY = 200; // ms
 const tone = createTone(); // one for the page: a browser lets it sound once it was touched

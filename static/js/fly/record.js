@@ -24,8 +24,8 @@ import { markerEvent, markerFlag, markerText } from "./flight_markers.js";
 import { LEVEL_OF, resultOf } from "./headline.js";
 import { beginningEvent, beginningFlag, lossText } from "./live_panel.js";
 import { acknowledgementOf, alertText, createFlightPanels, exceedanceText, recordedFlag, sourceText, waitingOf, windowOf } from "./panels.js";
-import { summaryLines } from "./risk_ahead.js";
-import { createRiskGauge } from "./risk_gauge.js";
+import { summaryLines } from "./assessment/risk_ahead.js";
+import { createRiskGauge } from "./assessment/risk_gauge.js";
 import { createStatusStrip } from "./status_strip.js";
 
 const HOW = {

@@ -12,7 +12,7 @@ from core.monitor import load
 
 pytestmark = pytest.mark.usefixtures("read_here")
 LEAST = ("--n-monitors", "1", "--n-test", "20")
-FIGURES = "app.report.study_figures.render"
+FIGURES = "app.report.studies.study_figures.render"
 
 
 @pytest.mark.parametrize("name", COMMANDS)

@@ -14,7 +14,7 @@ from core.recipe import to_plain
 
 FIRST_PNG_BYTES = b"\x89PNG\r\n\x1a\n"
 LEAST = ("--n-monitors", "1", "--n-test", "20")
-FIGURES = "app.report.study_figures.render"
+FIGURES = "app.report.studies.study_figures.render"
 
 
 def small_study(out: Path, *more: str) -> list[str]:
@@ -65,7 +65,7 @@ def test_study_repeats_to_the_byte_for_a_seed(small_studied, tmp_path: Path):
 
 
 @pytest.mark.parametrize(
-    "moment", ["core.evaluation.study.evaluate", "app.report.study_figures.study_curves"]
+    "moment", ["core.evaluation.study.evaluate", "app.report.studies.study_figures.study_curves"]
 )
 def test_interrupted_study_leaves_nothing_behind(
     moment: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture

@@ -12,7 +12,7 @@ from tests.browser.recorded_site import DT, RecordedSite, open_recorded_site
 
 START = 3358.0
 TWO_PRESSES = """async () => {
-    const { createTransportBar } = await import("/js/fly/transport_bar.js");
+    const { createTransportBar } = await import("/js/fly/playback/transport_bar.js");
     const act = () => new Promise(() => {}); // no answer comes between
     const bar = createTransportBar(document.createElement("div"), { act });
     bar.show({ playing: false, speed: 1, start: 0, position: 0, duration: 9, seekable: true });
@@ -22,7 +22,7 @@ TWO_PRESSES = """async () => {
 }"""
 
 CLOCK = """async () => {
-    const { createTransportBar } = await import("/js/fly/transport_bar.js");
+    const { createTransportBar } = await import("/js/fly/playback/transport_bar.js");
     const element = document.createElement("div");
     const bar = createTransportBar(element, { act: async () => {} });
     bar.show({ playing: true, speed: 1, start: 0, position: 2.25, duration: 6, seekable: true });
@@ -43,7 +43,7 @@ CLOCK = """async () => {
 }"""
 
 LISTED = """async () => {
-    const { createReplayNotes } = await import("/js/fly/replay_notes.js");
+    const { createReplayNotes } = await import("/js/fly/playback/replay_notes.js");
     const validity = { valid: false, reasons: ["off its forecast over the 0.5 s to 6.05 s"] };
     const times = { start: 5, withdrawn_t: 5.65, exceedance: null, alerts: [] };
     const flown = { name: "manoeuvre 1", ...times, validity };

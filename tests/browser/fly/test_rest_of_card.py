@@ -7,7 +7,7 @@ import pytest
 from tests.browser.strips import Open
 
 SAID = """async ({ noRest, frames, stale }) => {
-  const { createRestOfCard } = await import("/static/js/fly/rest_of_card.js");
+  const { createRestOfCard } = await import("/static/js/fly/assessment/rest_of_card.js");
   const { aheadOf, isOfNow } = await import("/static/js/charts/live/ahead.js");
   const element = document.createElement("section");
   const rest = createRestOfCard(element, noRest);

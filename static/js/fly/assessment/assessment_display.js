@@ -22,12 +22,12 @@
  *   timeline, chart, close()
  */
 
-import { createStripChart } from "../charts/live/strip_chart.js";
-import { createTimeline } from "../charts/live/timeline.js";
-import { shownState } from "../charts/readout.js";
-import { formatTime, riskText } from "../lib/numbers.js";
-import { headlineOf } from "./headline.js";
-import { windowOf } from "./panels.js";
+import { createStripChart } from "../../charts/live/strip_chart.js";
+import { createTimeline } from "../../charts/live/timeline.js";
+import { shownState } from "../../charts/readout.js";
+import { formatTime, riskText } from "../../lib/numbers.js";
+import { headlineOf } from "../headline.js";
+import { windowOf } from "../panels.js";
 import { createRestOfCard } from "./rest_of_card.js";
 import { createRiskAhead } from "./risk_ahead.js";
 import { createRiskGauge } from "./risk_gauge.js";

@@ -11,12 +11,12 @@
  *     moved(t): the flight is at t [s]; what lies before it is listed, what is to come is not
  */
 
-import { reason } from "../lib/api.js";
-import { h, put } from "../lib/dom.js";
-import { keepDraft } from "../lib/drafts.js";
-import { may, needs } from "../lib/me.js";
-import { errorLine } from "../lib/view_states.js";
-import { readScoring } from "../recordings/scoring/source.js";
+import { reason } from "../../lib/api.js";
+import { h, put } from "../../lib/dom.js";
+import { keepDraft } from "../../lib/drafts.js";
+import { may, needs } from "../../lib/me.js";
+import { errorLine } from "../../lib/view_states.js";
+import { readScoring } from "../../recordings/scoring/source.js";
 
 const NOTE = "POST /recordings/{}/markers";
 const SAME = 1e-6; // s

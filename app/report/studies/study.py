@@ -20,7 +20,7 @@ def write_study(result: StudyResult, out: Path) -> str:
 
     Every file is complete before the first is put in place.
     """
-    from app.report import study_figures as figures
+    from app.report.studies import study_figures as figures
 
     limits = result.recipe.dataset.specification.magnitudes
     files = {

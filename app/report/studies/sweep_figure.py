@@ -5,7 +5,7 @@ from collections.abc import Mapping
 from matplotlib import rc_context
 from matplotlib.figure import Figure
 
-from app.report.study_figures import COLOURS, DASHES, LIMIT, MEASURED, STYLE
+from app.report.studies.study_figures import COLOURS, DASHES, LIMIT, MEASURED, STYLE
 from core.evaluation.lead_sweep import CEILING, METHODS, PlannedTestSweep, SweepRecipe
 
 MARKERS = "osv^D*"

@@ -15,9 +15,9 @@
  *   draw(stale)           stale: nothing that is shown is of now
  */
 
-import { shownState, STATE_WORDS, withdrawnWord } from "../charts/readout.js";
-import { h, put } from "../lib/dom.js";
-import { formatTime, leadSeconds, riskText } from "../lib/numbers.js";
+import { shownState, STATE_WORDS, withdrawnWord } from "../../charts/readout.js";
+import { h, put } from "../../lib/dom.js";
+import { formatTime, leadSeconds, riskText } from "../../lib/numbers.js";
 
 const share = (risk) => `${100 * Math.sqrt(Math.min(1, Math.max(0, risk)))}%`; // as on the gauge
 

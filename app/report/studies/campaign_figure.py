@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from matplotlib import rc_context
 from matplotlib.figure import Figure
 
-from app.report.study_figures import COLOURS, DASHES, STYLE
+from app.report.studies.study_figures import COLOURS, DASHES, STYLE
 from core.evaluation.campaign_study import WITHOUT, CampaignCounts, CampaignStudyRecipe
 
 

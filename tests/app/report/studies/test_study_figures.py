@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
-from app.report.study_figures import draw_flight
+from app.report.studies.study_figures import draw_flight
 from core.channels import CHANNELS
 from core.dataset import Dataset
 from core.monitor import MonitorRecipe, train

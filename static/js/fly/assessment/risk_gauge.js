@@ -15,10 +15,10 @@
  *     scale "sqrt" | "linear": spacing of 0..1, as on the risk strip.
  */
 
-import { shownState } from "../charts/readout.js";
-import { addDrawer } from "../lib/draw_loop.js";
-import { figure, riskText } from "../lib/numbers.js";
-import { besideOf, FACES, headlineOf, ofSample, staleText, wordOf } from "./headline.js";
+import { shownState } from "../../charts/readout.js";
+import { addDrawer } from "../../lib/draw_loop.js";
+import { figure, riskText } from "../../lib/numbers.js";
+import { besideOf, FACES, headlineOf, ofSample, staleText, wordOf } from "../headline.js";
 
 const NS = "http://www.w3.org/2000/svg";
 const CENTRE = { x: 170, y: 150 };

@@ -10,10 +10,10 @@
  *     ahead: see charts/live/ahead.js; t, state: of the newest sample [s], as shown; null for none
  */
 
-import { symbolNodes } from "../charts/readout.js";
-import { h } from "../lib/dom.js";
-import { percent } from "../lib/numbers.js";
-import { magnitudeIn } from "../lib/units.js";
+import { symbolNodes } from "../../charts/readout.js";
+import { h } from "../../lib/dom.js";
+import { percent } from "../../lib/numbers.js";
+import { magnitudeIn } from "../../lib/units.js";
 
 const WORST = ["predicted", "possible", "none"];
 const UNKNOWN = {

@@ -1,0 +1,1 @@
+"""What studies found, in words, tables and figures: methods, leads, campaigns."""
