@@ -13,9 +13,8 @@ from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
-from pydantic import TypeAdapter, ValidationError
 
-from app.recipes import RecipeError, from_plain, read_plain, to_plain
+from app.recipes import to_plain
 from core.channels import N_CHANNELS
 from core.clearance import BuildUp, ClearanceRecipe
 from core.evaluation.rates import clopper_pearson
@@ -425,49 +424,6 @@ def _check_growing(peaks: list[float], stop: float | None) -> None:
             f"amplitudes of {given} deg were given: the surface goes to {most:g} deg at most, plan "
             "smaller ones"
         )
-
-
-POINTS = TypeAdapter(tuple[Point, ...])
-
-
-def load(path: Path) -> Campaign:
-    """Read a campaign's file; CampaignError where it is none."""
-    return from_file(read_plain(path), str(path))
-
-
-def from_file(plain: Any, where: str) -> Campaign:
-    """Rebuild a campaign from what its file holds.   where: it came from, for errors."""
-    if not isinstance(plain, dict) or plain.get("format") != FORMAT:
-        raise CampaignError(f"{where} is no campaign: make one with `forewarn campaign new`")
-    if (version := plain.get("version")) not in (1, VERSION):
-        raise CampaignError(
-            f"{where} is a campaign of version {version!r}: this program reads up to {VERSION}"
-        )
-    try:
-        if version == 1:
-            plain = plain | {"conditions": [{"name": "", "test": plain["test"]}]}
-        if not isinstance(plain["name"], str):
-            raise CampaignError(f"{where}: name is {plain['name']!r:.40}: it is a text")
-        return Campaign(
-            plain["name"],
-            tuple(
-                Condition(one["name"], from_plain(DatasetRecipe(), one["test"], "test"))
-                for one in plain["conditions"]
-            ),
-            POINTS.validate_python(plain["points"]),
-            from_plain(ClearanceRecipe(), plain["clearance"], "clearance"),
-        )
-    except KeyError as error:
-        raise CampaignError(f"{where} lacks {error}: it is damaged") from None
-    except (TypeError, AttributeError) as error:
-        raise CampaignError(f"{where} is damaged: {error}") from None
-    except ValidationError as error:
-        first = error.errors()[0]
-        place = ".".join(map(str, first["loc"]))
-        said = str(first["msg"]).removeprefix("Value error, ")
-        raise CampaignError(f"{where}: points.{place}: {said}") from None
-    except RecipeError as error:
-        raise CampaignError(f"{where}: {error}") from None
 
 
 def percent_at_most(share: float) -> str:

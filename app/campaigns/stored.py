@@ -11,9 +11,9 @@ from app.campaigns.campaign import (
     Event,
     Point,
     State,
-    from_file,
 )
 from app.campaigns.clearing import checklist
+from app.campaigns.file import from_file
 from app.recipes import to_plain
 from app.store.campaigns import StoredCampaign
 from app.store.repository import Entry, NotFound

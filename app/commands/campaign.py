@@ -11,11 +11,11 @@ from app.campaigns.campaign import (
     CampaignError,
     Condition,
     Point,
-    load,
     percent_at_most,
 )
 from app.campaigns.clearing import checklist, clear_next, identified, updated
 from app.campaigns.derivatives import identification_plain
+from app.campaigns.file import load
 from app.campaigns.flying import flown_point
 from app.commands.options.destinations import check_file
 from app.commands.options.numbers import add_numbers

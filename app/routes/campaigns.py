@@ -8,9 +8,10 @@ from fastapi import APIRouter, Depends, Response
 from fastapi.responses import HTMLResponse
 from pydantic import BaseModel, ConfigDict, Field
 
-from app.campaigns.campaign import Campaign, CampaignError, from_file
+from app.campaigns.campaign import Campaign, CampaignError
 from app.campaigns.clearing import check_computable
 from app.campaigns.derivatives import derivatives
+from app.campaigns.file import from_file
 from app.campaigns.flying import flown_point
 from app.campaigns.stored import CampaignDetails, Campaigns, CampaignSummary, check_next
 from app.catalog import campaign_request_schema, condition_request_schema

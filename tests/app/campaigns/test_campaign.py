@@ -15,10 +15,10 @@ from app.campaigns.campaign import (
     Condition,
     FlownPoint,
     Point,
-    load,
     percent_at_most,
 )
 from app.campaigns.clearing import words_of
+from app.campaigns.file import load
 from core.clearance import ClearanceError, ClearanceRecipe
 from core.evaluation.lead_sweep import TESTS
 from core.recipe import RecipeError
