@@ -61,9 +61,10 @@ class Event:
 class FlownPoint:
     """How a point was flown.
 
-    source: recording, and the time in it.   y: (n_samples, 6) from trim, each dt of the test.
-    reached: largest part of a limit.   exceeded: channel and time, or empty.   recording: id, where
-    it is stored.   start, end: in the recording [s].   remark: on how it was flown, or empty.
+    source: recording, and the time in it.   y: (n_samples, 6) from trim, each dt of the test; empty
+    of a point that was aborted in flight, of which nothing is computed.   reached: largest part of
+    a limit.   exceeded: channel and time, or empty.   recording: id, where it is stored.   start,
+    end: in the recording [s].   remark: on how it was flown, or empty.
     """
 
     source: str
@@ -77,15 +78,8 @@ class FlownPoint:
 
     def __post_init__(self) -> None:
         """Refuse samples that nothing can be computed from."""
-        try:
-            y = np.array(self.y, np.float64)
-        except ValueError:
-            y = np.empty((0, 0))
-        if y.ndim != 2 or y.shape[1] != N_CHANNELS or len(y) < 2 or not np.isfinite(y).all():
-            raise CampaignError(
-                f"the flown samples have the shape {y.shape}: they need to be (n_samples, "
-                f"{N_CHANNELS}), finite"
-            )
+        if self.y:
+            _check_samples(self.y)
         if not 0.0 <= self.reached < np.inf:
             raise CampaignError(f"reached is {self.reached:g}: it is a part of a limit, 0 or more")
 
@@ -171,7 +165,7 @@ class Point:
 
     @property
     def failed(self) -> bool:
-        """Whether it was flown and did not stay below what it must."""
+        """Whether it was flown, all of it or not, and did not stay below what it must."""
         return self.flown is not None and self.flown.reached >= self.passes_below
 
 
@@ -222,12 +216,7 @@ class Campaign:
                     f"{point.name!r} must stay below {point.passes_below:g} of a limit: give a "
                     "part above 0, at most 1"
                 )
-            if (point.state == "complete") != (point.flown is not None):
-                there = "and has" if point.flown else "and lacks"
-                raise CampaignError(
-                    f"{point.name!r} is {point.state} {there} flown samples: just a complete point "
-                    "has some"
-                )
+            _check_flown(point)
         over = [point.is_over for point in self.points]
         if sorted(over, reverse=True) != over:
             raise CampaignError("a point is over before one that comes earlier: they go in order")
@@ -280,6 +269,10 @@ class Campaign:
     def flown(self, condition: str) -> tuple[Point, ...]:
         """Complete points of a flight condition, in order."""
         return tuple(p for p in self.points if p.condition == condition and p.state == "complete")
+
+    def last_flown(self, condition: str) -> Point:
+        """The last point of a flight condition that was flown, all of it or not."""
+        return [p for p in self.points if p.condition == condition and p.flown][-1]
 
     @property
     def exceeding_at_most(self) -> float:
@@ -341,12 +334,16 @@ class Campaign:
         """The next point is not flown for now."""
         return self.changed(self.next.number, "hold", by, why.strip())
 
-    def aborted(self, by: str, why: str) -> "Campaign":
-        """The next point is not flown any more, or was broken off."""
-        number = self.next.number
+    def aborted(self, by: str, why: str, flown: FlownPoint | None = None) -> "Campaign":
+        """The next point is not flown any more, or was broken off.
+
+        flown: what a recording shows of it, without samples.
+        """
+        number, point = self.next
         if not why.strip():
             raise CampaignError("no reason was given: say why the point is aborted")
-        return self.changed(number, "aborted", by, why.strip())
+        words = why.strip() if flown is None else f"{why.strip()}; {_reached(flown, point)}"
+        return self.changed(number, "aborted", by, words, flown=flown)
 
     def completed(self, flown: FlownPoint, by: str) -> "Campaign":
         """The next point was flown."""
@@ -357,11 +354,7 @@ class Campaign:
                     f"{flown.source} are the samples of {other.name!r}: give the recording of "
                     f"{point.name!r}"
                 )
-        words = f"{flown.source}: reached {flown.reached:.0%} of a limit"
-        if flown.exceeded:
-            words += f", EXCEEDED {flown.exceeded}"
-        elif flown.reached >= point.passes_below:
-            words += f", NOT PASSED: it had to stay below {point.passes_below:.0%}"
+        words = _reached(flown, point)
         if point.state != "cleared":
             words += f"; it was flown although it was {point.state}"
         if flown.remark:
@@ -403,6 +396,41 @@ def _points(
         )
         for part in fractions
     )
+
+
+def _reached(flown: FlownPoint, point: Point) -> str:
+    """How far a point was flown, in words."""
+    words = f"{flown.source}: reached {flown.reached:.0%} of a limit"
+    if flown.exceeded:
+        return f"{words}, EXCEEDED {flown.exceeded}"
+    if flown.reached >= point.passes_below:
+        return f"{words}, NOT PASSED: it had to stay below {point.passes_below:.0%}"
+    return words
+
+
+def _check_samples(samples: tuple[tuple[float, ...], ...]) -> None:
+    try:
+        y = np.array(samples, np.float64)
+    except ValueError:
+        y = np.empty((0, 0))
+    if y.ndim != 2 or y.shape[1] != N_CHANNELS or len(y) < 2 or not np.isfinite(y).all():
+        raise CampaignError(
+            f"the flown samples have the shape {y.shape}: they need to be (n_samples, "
+            f"{N_CHANNELS}), finite"
+        )
+
+
+def _check_flown(point: Point) -> None:
+    has_samples = point.flown is not None and len(point.flown.y) > 0
+    if has_samples != (point.state == "complete"):
+        there = "and has" if has_samples else "and lacks"
+        raise CampaignError(
+            f"{point.name!r} is {point.state} {there} flown samples: just a complete point has some"
+        )
+    if point.flown is not None and not point.is_over:
+        raise CampaignError(
+            f"{point.name!r} is {point.state} and was flown: that is complete or aborted"
+        )
 
 
 def _check_distinct(what: str, names: list[str]) -> None:

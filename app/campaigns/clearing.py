@@ -49,8 +49,8 @@ def clear_next(campaign: Campaign, by: str, progress: Progress | None = None) ->
         f"{check.words} ({check.value:.3g}, expected at most {check.level:.3g})"
         for check in verdict.withdrawn
     )
-    if flown[-1].failed:
-        withdrawn += (f"{flown[-1].name} did not pass",)
+    if (last := campaign.last_flown(point.condition)).failed:
+        withdrawn += (f"{last.name} did not pass",)
     clearing = Clearing(
         verdict.cleared and not withdrawn,
         verdict.p_value,

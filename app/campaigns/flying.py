@@ -75,6 +75,40 @@ def flown_point(
     )
 
 
+def aborted_flight(
+    name: str,
+    recorded: RepairedTraces,
+    test: DatasetRecipe,
+    marked: Interval | None,
+    recording_id: str = "",
+) -> FlownPoint:
+    """How far a point came that was aborted in flight, as a recording shows it.
+
+    marked: from when to when; the whole recording where None.
+    Every sample counts as recorded, trim not subtracted: a manoeuvre that was broken off may be
+    none that is detected. CampaignError where a limited channel has no sample.
+    """
+    start, end = (-np.inf, np.inf) if marked is None else (marked.start, marked.end)
+    where = "all of it" if marked is None else f"{start:.2f} to {end:.2f} s"
+    limits = PlannedTest.of(test).limits
+    limited = [KEYS[c] for c in np.flatnonzero(np.isfinite(limits))]
+    if missing := [key for key in limited if not _within(recorded, key, start, end)[0].size]:
+        raise CampaignError(
+            f"{name}: {where} holds no sample of {', '.join(missing)}, which has a limit: map it, "
+            "or give other times"
+        )
+    worst = _worst(recorded, limits, np.zeros(len(KEYS)), (start, end))
+    return FlownPoint(
+        f"{name}, {where}",
+        (),
+        worst.part,
+        worst.words if worst.part >= 1.0 else "",
+        recording_id,
+        None if marked is None else start,
+        None if marked is None else end,
+    )
+
+
 def _segment(
     name: str, recording: Recording, planned: PlannedTest, marked: Interval | None
 ) -> tuple[Segment, tuple[float, float]]:
@@ -113,14 +147,20 @@ def _worst(
     """Of every sample as it was recorded within a span, less its trim."""
     found = _Worst(0.0, "")
     for c in np.flatnonzero(np.isfinite(limits)):
-        trace = recorded.traces.channels.get(KEYS[c])
-        if trace is None:
-            continue
-        here = (trace.t >= span[0]) & (trace.t <= span[1]) & np.isfinite(trace.values)
-        parts = np.abs(trace.values[here] - trim[c]) / limits[c]
+        t, values = _within(recorded, KEYS[c], *span)
+        parts = np.abs(values - trim[c]) / limits[c]
         if len(parts) and (part := float(parts.max())) > found.part:
-            found = _Worst(part, f"{KEYS[c]} at {trace.t[here][parts.argmax()]:.2f} s")
+            found = _Worst(part, f"{KEYS[c]} at {t[parts.argmax()]:.2f} s")
     return found
+
+
+def _within(recorded: RepairedTraces, key: str, start: float, end: float) -> tuple[Array, Array]:
+    """Times and values of a channel that are finite, from start to end; none where it has none."""
+    trace = recorded.traces.channels.get(key)
+    if trace is None:
+        return np.empty(0), np.empty(0)
+    here = (trace.t >= start) & (trace.t <= end) & np.isfinite(trace.values)
+    return trace.t[here], trace.values[here]
 
 
 def _flown_as_planned(where: str, y: Array, planned: PlannedTest, test: DatasetRecipe) -> str:

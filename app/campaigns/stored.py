@@ -60,6 +60,7 @@ class CampaignFlight(Entry):
     exceeded: str
     """channel and time, or empty"""
     passed: bool
+    """whether it is complete and stayed below what it must"""
     recording: str | None
     """id, where it is stored still"""
     flight: str | None
@@ -200,7 +201,7 @@ class Campaigns:
             flown.source,
             flown.reached,
             flown.exceeded,
-            not point.failed,
+            point.state == "complete" and not point.failed,
             info.id if info else None,
             info.flight_id if info else None,
             [scoring.id for scoring in scorings],

@@ -1,6 +1,7 @@
 """The command of a build-up campaign: plan its points, clear, fly and identify them one by one."""
 
 import argparse
+from collections.abc import Callable
 from pathlib import Path
 from typing import get_args
 
@@ -10,13 +11,14 @@ from app.campaigns.campaign import (
     Campaign,
     CampaignError,
     Condition,
+    FlownPoint,
     Point,
     percent_at_most,
 )
 from app.campaigns.clearing import checklist, clear_next, identified, updated
 from app.campaigns.derivatives import identification_plain
 from app.campaigns.file import load
-from app.campaigns.flying import flown_point
+from app.campaigns.flying import aborted_flight, flown_point
 from app.commands.options.destinations import check_file
 from app.commands.options.numbers import add_numbers
 from app.commands.options.recipe import add_recipe_options, plain_recipe
@@ -61,9 +63,11 @@ def add(parser: argparse.ArgumentParser) -> None:
     for each in (confirm, hold, abort):
         each.add_argument("--why", default="", metavar="TEXT", help="reason")
     fly.add_argument("recording", type=Path, metavar="RECORDING", help="of any known format")
-    fly.add_argument("--start", type=float, help="of the manoeuvre with its trim [s]")
-    fly.add_argument("--end", type=float, help="of the manoeuvre [s]")
-    fly.add_argument("--mapping", type=Path, metavar="FILE", help="as written by `score`")
+    abort.add_argument("--recording", type=Path, help="how far the point came that was broken off")
+    for each in (fly, abort):
+        each.add_argument("--start", type=float, help="of the manoeuvre with its trim [s]")
+        each.add_argument("--end", type=float, help="of the manoeuvre [s]")
+        each.add_argument("--mapping", type=Path, metavar="FILE", help="as written by `score`")
     report.add_argument("-o", "--out", type=Path, help="HTML file, the campaign's name if absent")
     recipe.add_argument("-o", "--out", type=Path, required=True, help="file written")
     _add_plan(new)
@@ -203,24 +207,37 @@ def _hold(options: argparse.Namespace) -> int:
 
 def _abort(options: argparse.Namespace) -> int:
     campaign = load(options.file)
-    point = campaign.next.point
-    told = [f"{point.name}: aborted by {options.by}: {options.why}"]
-    return _done(options, campaign, campaign.aborted(options.by, options.why), told)
+    number, point = campaign.next
+    if options.recording is None and (options.start, options.end) != (None, None):
+        raise CampaignError(
+            "--start and --end are of a recording: give it with --recording, or leave them out"
+        )
+    flown = _cut(aborted_flight, options, campaign) if options.recording else None
+    after = campaign.aborted(options.by, options.why, flown)
+    told = f"{point.name}: aborted by {options.by}: {after.points[number].events[-1].words}"
+    return _done(options, campaign, after, [told])
 
 
 def _fly(options: argparse.Namespace) -> int:
     campaign = load(options.file)
     number, point = campaign.next
+    after = campaign.completed(_cut(flown_point, options, campaign), options.by)
+    told = f"{point.name}: complete: {after.points[number].events[-1].words}"
+    return _done(options, campaign, after, [told])
+
+
+def _cut(
+    cut: Callable[..., FlownPoint], options: argparse.Namespace, campaign: Campaign
+) -> FlownPoint:
+    """The next point, cut out of the recording that was given."""
+    point = campaign.next.point
     if (options.start is None) != (options.end is None):
         raise CampaignError("one of --start and --end was given: give both, or none")
     marked = None if options.start is None else Interval(options.start, options.end, point.name)
     mapping = None if options.mapping is None else read_mapping(options.mapping)
     with columns_of(options.recording) as columns:
         recorded = MappedRecording.of(columns, mapping or propose(columns).mapping).scorable()
-        flown = flown_point(options.recording.name, recorded, campaign.test_of(point), marked)
-    after = campaign.completed(flown, options.by)
-    told = f"{point.name}: complete: {after.points[number].events[-1].words}"
-    return _done(options, campaign, after, [told])
+        return cut(options.recording.name, recorded, campaign.test_of(point), marked)
 
 
 def _identify(options: argparse.Namespace) -> int:

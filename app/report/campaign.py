@@ -139,7 +139,7 @@ def _drawn(axes: _Axes, point: Point) -> str:
         y = axes.y(point.flown.reached)
         parts.append(
             f'<path class="not-passed" d="M{x - 4:.1f} {y - 4:.1f}l8 8m-8 0l8 -8"/>'
-            if point.failed
+            if point.failed or point.state == "aborted"
             else f'<circle class="flown" cx="{x:.1f}" cy="{y:.1f}" r="4"/>'
         )
     name = escape(point.name)

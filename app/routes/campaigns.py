@@ -8,11 +8,11 @@ from fastapi import APIRouter, Depends, Response
 from fastapi.responses import HTMLResponse
 from pydantic import BaseModel, ConfigDict, Field
 
-from app.campaigns.campaign import Campaign, CampaignError
+from app.campaigns.campaign import Campaign, CampaignError, FlownPoint
 from app.campaigns.clearing import check_computable
 from app.campaigns.derivatives import derivatives
 from app.campaigns.file import from_file
-from app.campaigns.flying import flown_point
+from app.campaigns.flying import aborted_flight, flown_point
 from app.campaigns.stored import CampaignDetails, Campaigns, CampaignSummary, check_next
 from app.catalog import campaign_request_schema, condition_request_schema
 from app.http.people import Person
@@ -25,6 +25,7 @@ from app.jobs.campaigns import (
     next_monitor_work,
 )
 from app.recipes import to_plain
+from app.recordings.recordings import Recordings
 from app.report.campaign import campaign_page
 from app.routes.dependencies import (
     PAGE_TO_PRINT,
@@ -63,7 +64,27 @@ class Decision(BaseModel):
     why: str = Field(default="", max_length=2000, description="reason")
 
 
-class FlownRequest(Decision):
+class _Recorded(Decision):
+    """What is decided of the next point, and the part of a recording that shows it."""
+
+    start: Finite | None = Field(
+        default=None,
+        description="of the manoeuvre with its trim [s], in the recording; if absent the only one "
+        "that is detected, of an aborted point the whole recording",
+    )
+    end: Finite | None = Field(default=None, description="of the manoeuvre [s]")
+
+    @property
+    def marked(self) -> Interval | None:
+        """The part; Problem 422 for half of it."""
+        if (self.start is None) != (self.end is None):
+            raise Problem(422, "one of start and end was given: give both, or none")
+        if self.start is None or self.end is None:
+            return None
+        return Interval(self.start, self.end, self.point)
+
+
+class FlownRequest(_Recorded):
     """Which recording is that of the next point."""
 
     model_config = ConfigDict(
@@ -71,12 +92,16 @@ class FlownRequest(Decision):
     )
 
     recording: str = Field(description="id")
-    start: Finite | None = Field(
-        default=None,
-        description="of the manoeuvre with its trim [s], in the recording; the only one that is "
-        "detected if absent",
+
+
+class AbortRequest(_Recorded):
+    """Why the next point is aborted, and which recording shows it, where it was in flight."""
+
+    model_config = ConfigDict(
+        json_schema_extra={"examples": [{"point": "60%", "by": "Bob", "why": "flutter at 0.4 g"}]}
     )
-    end: Finite | None = Field(default=None, description="of the manoeuvre [s]")
+
+    recording: str | None = Field(default=None, description="id, of one that was broken off")
 
 
 def _campaigns(store: StoreDep) -> Campaigns:
@@ -236,10 +261,28 @@ async def hold_point(
 
 @router.post("/{campaign_id}/abort", responses=_DECIDED)
 async def abort_point(
-    campaign_id: str, decision: Decision, campaigns: CampaignsDep, person: PersonDep
+    campaign_id: str,
+    asked: AbortRequest,
+    campaigns: CampaignsDep,
+    recordings: RecordingsDep,
+    person: PersonDep,
 ) -> CampaignDetails:
-    """The next point is not flown any more, or was broken off; `why` is needed."""
-    return await _decided(campaigns, campaign_id, decision, person, Campaign.aborted)
+    """The next point is not flown any more, or was broken off; `why` is needed.
+
+    `recording` shows how far a point came that was broken off: it counts against the limits, and
+    nothing is identified from it.
+    """
+    marked, recording, by = asked.marked, asked.recording, signature(person, asked.by)
+    if marked is not None and recording is None:
+        raise Problem(422, "start and end are of a recording: give its id, or leave them out")
+
+    def decide(campaign: Campaign) -> Campaign:
+        flown = None
+        if recording is not None:
+            flown = _cut(aborted_flight, recordings, recording, campaign, marked)
+        return campaign.aborted(by, asked.why, flown)
+
+    return await _changed(campaigns, campaign_id, asked.point, decide)
 
 
 @router.post("/{campaign_id}/flown", responses=_DECIDED)
@@ -251,20 +294,26 @@ async def complete_point(
     person: PersonDep,
 ) -> CampaignDetails:
     """The next point was flown: it is complete, with its manoeuvre as a stored recording has it."""
-    if (asked.start is None) != (asked.end is None):
-        raise Problem(422, "one of start and end was given: give both, or none")
-    marked = None
-    if asked.start is not None and asked.end is not None:
-        marked = Interval(asked.start, asked.end, asked.point)
+    marked, by = asked.marked, signature(person, asked.by)
 
     def decide(campaign: Campaign) -> Campaign:
-        test = campaign.test_of(campaign.next.point)
-        name = recordings.store.recordings.info(asked.recording).name
-        recorded = recordings.mapped(asked.recording).scorable()
-        flown = flown_point(name, recorded, test, marked, asked.recording)
-        return campaign.completed(flown, signature(person, asked.by))
+        flown = _cut(flown_point, recordings, asked.recording, campaign, marked)
+        return campaign.completed(flown, by)
 
     return await _changed(campaigns, campaign_id, asked.point, decide)
+
+
+def _cut(
+    cut: Callable[..., FlownPoint],
+    recordings: Recordings,
+    recording_id: str,
+    campaign: Campaign,
+    marked: Interval | None,
+) -> FlownPoint:
+    """The next point, cut out of a stored recording."""
+    name = recordings.store.recordings.info(recording_id).name
+    recorded = recordings.mapped(recording_id).scorable()
+    return cut(name, recorded, campaign.test_of(campaign.next.point), marked, recording_id)
 
 
 async def _decided(

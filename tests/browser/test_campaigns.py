@@ -1,6 +1,7 @@
 """A whole campaign on the page, from card to clearance to live flight to report; its refusals."""
 
 import json
+import re
 from typing import Any
 
 import numpy as np
@@ -181,6 +182,29 @@ def test_a_page_follows_what_others_decide_and_says_when_it_cannot_know(
     expect(page.get_by_role("alert").filter(has_text="no answer for")).to_be_visible()
     expect(page.locator(".page[data-lost]")).to_have_count(1)
     page.unroute(pattern)
+
+
+def test_a_point_aborted_in_flight_links_to_its_recording(
+    campaign: Campaign, allowed_errors: list[str]
+) -> None:
+    allowed_errors.append("409 (Conflict")
+    page = campaign.page
+    campaign.plan([0.5, 1.0])
+    text = "t_s,ay_g\n" + "".join(f"{0.05 * k:g},{0.2 if k == 50 else 0.0}\n" for k in range(99))
+    sent = page.request.post(
+        f"{campaign.site.http}/api/v1/recordings?name=gust.csv", data=text.encode()
+    )
+    page.get_by_label("your name").fill("Ann")
+    page.get_by_text("It was flown: give its recording").click()
+    page.get_by_label("recording", exact=True).select_option(sent.json()["id"])
+    campaign.press("It was aborted in flight")
+    expect(campaign.next.get_by_role("alert").first).to_contain_text("say why")
+    page.get_by_label("reason").fill("gust")
+    campaign.press("It was aborted in flight")
+    row = campaign.row("50%")
+    expect(row).to_contain_text(re.compile("◆ 66.%, aborted"))
+    expect(row).to_contain_text("Ann")
+    expect(row.get_by_role("link", name="recording")).to_be_visible()
 
 
 def test_the_list_follows_what_is_decided(campaign: Campaign) -> None:

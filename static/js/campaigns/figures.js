@@ -39,7 +39,7 @@ export function buildUpFigure(points, title) {
     [sample("plot-method-1 campaign-predicted"), "predicted before the flight, 5 to 95 %"],
     ...(points.some(({ clearing }) => clearing?.withdrawn.length) ? [[sample("plot-method-1 campaign-withdrawn"), "prediction withdrawn"]] : []),
     [svg("path", { d: "M13.5 7a3.5 3.5 0 1 0 7 0a3.5 3.5 0 1 0 -7 0", class: "plot-mark plot-safe" }), "flown"],
-    [svg("path", { d: "M13 3L21 11M13 11L21 3", class: "plot-mark plot-unsafe" }), "flown, not passed"],
+    [svg("path", { d: "M13 3L21 11M13 11L21 3", class: "plot-mark plot-unsafe" }), "flown, not passed or aborted"],
   );
   return framed(title, plot.svg, key);
 }

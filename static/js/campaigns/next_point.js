@@ -30,7 +30,7 @@ export function nextPoint({ api, path, campaign, running, again }) {
   const by = h("input", { type: "text", id: "decided-by", maxlength: 200, value: remembered(NAME_KEY) ?? "", onchange: () => remember(NAME_KEY, by.value.trim()) });
   const why = h("input", { type: "text", id: "decided-why", maxlength: 2000 });
   const boxes = campaign.checklist.map((_, k) => h("input", { type: "checkbox", id: `confirmed-${k}`, onchange: follow }));
-  const flown = flownForm(api, (asked) => act("flown", asked));
+  const flown = flownForm(api, act);
   const confirm = button(campaign.is_first ? "Clear it" : "Confirm: cleared", () => act("confirm"), { class: "button button-primary", ...needs("POST /campaigns/{}/confirm") });
   const compute = button(clearing ? "Compute the clearance again" : "Compute the clearance", () => work("clearance", signed), { class: clearing ? "button" : "button button-primary", ...needs("POST /campaigns/{}/clearance") });
   const train = button(point.monitor ? "Train its monitor again" : "Train a monitor for it", () => work("monitor", () => ({ point: name })), { class: "button", ...needs("POST /campaigns/{}/monitor") });
@@ -172,7 +172,7 @@ function flownForm(api, send) {
       ["start of its trim", "end of the manoeuvre"].map((words, k) => h("div", { class: "field" }, h("label", { for: ends[k].id }, `${words} `, h("span", { class: "unit" }, "[s]")), ends[k])),
     ),
     failure.element,
-    h("div", { class: "row" }, button("It is complete", complete, { class: "button button-primary" }), link("Upload a recording", "#/recordings")),
+    h("div", { class: "row" }, button("It is complete", () => give("flown"), { class: "button button-primary" }), button("It was aborted in flight", () => give("abort"), { class: "button button-danger", ...needs("POST /campaigns/{}/abort") }), link("Upload a recording", "#/recordings")),
   );
   return { element, isTouched: () => choice.value !== "" || ends.some(({ value }) => value !== "") };
 
@@ -191,7 +191,7 @@ function flownForm(api, send) {
     }
   }
 
-  function complete() {
+  function give(action) {
     failure.show("");
     if (!choice.value) {
       failure.show("No recording is chosen: choose the one of this point, or upload it first.");
@@ -202,6 +202,6 @@ function flownForm(api, send) {
       failure.show("Start and end are seconds of the recording: give numbers, or leave both empty.");
       return;
     }
-    send({ recording: choice.value, start, end });
+    send(action, { recording: choice.value, start, end });
   }
 }

@@ -83,7 +83,7 @@ function table({ points }) {
       h("td", { class: "number" }, figure(point.peak_deg)),
       h("td", {}, stateChip(point.state)),
       h("td", { class: "number campaign-words" }, predictedWords(point.clearing)),
-      h("td", { class: "number campaign-words" }, point.flown ? reachedWords(point.flown) : "–"),
+      h("td", { class: "number campaign-words" }, point.flown ? reachedWords(point) : "–"),
       h("td", { class: "number" }, percent(point.passes_below, 0)),
       h("td", {}, links(point)),
       h("td", { class: "campaign-events" }, point.events.length ? h("ul", { class: "sentences" }, point.events.map(told)) : "–"),

@@ -3,7 +3,7 @@
  *
  * Exports
  *   stateChip(state) -> element
- *   predictedWords(clearing), reachedWords(flown) -> text
+ *   predictedWords(clearing), reachedWords(point) -> text
  *   promiseWords(clearing) -> text      what its clearance promises
  *   percentAtMost(share) -> text        a bound
  */
@@ -23,9 +23,9 @@ export function predictedWords(clearing) {
   return `${clearing.withdrawn.length ? "withdrawn: " : ""}${middle} (${low} to ${high})`;
 }
 
-export function reachedWords({ reached, exceeded, passed }) {
+export function reachedWords({ state, flown: { reached, exceeded, passed } }) {
   if (exceeded) return `▲ ${percent(reached, 0)}, exceeded ${exceeded}`;
-  return passed ? percent(reached, 0) : `◆ ${percent(reached, 0)}, not passed`;
+  return passed ? percent(reached, 0) : `◆ ${percent(reached, 0)}, ${state === "aborted" ? "aborted" : "not passed"}`;
 }
 
 /** Rounded up, as it would be no bound otherwise. */

@@ -126,11 +126,13 @@ def complete_last(plain: dict[str, Any]) -> dict[str, Any]:
         (lambda plain: plain | {"name": "c" * 201}, "has 201 characters"),
         (lambda plain: flown_so(plain, y=[[0.0] * 6] * 2 + [[0.0] * 5]), r"shape \(0, 0\)"),
         (lambda plain: flown_so(plain, y=[[0.0] * 5] * 3), r"shape \(3, 5\)"),
-        (lambda plain: flown_so(plain, y=[]), "finite"),
+        (lambda plain: flown_so(plain, y=[]), "lacks flown samples"),
         (lambda plain: flown_so(plain, reached=-5.0), "a part of a limit, 0 or more"),
         (lambda plain: event_so(plain, at="yesterday"), "as ISO 8601 has it"),
         (lambda plain: event_so(plain, by=" "), "nobody was named"),
         (lambda plain: event_so(plain, state="cleared"), "just a complete point"),
+        (lambda plain: event_so(plain, state="aborted"), "and has flown samples"),
+        (lambda plain: event_so(flown_so(plain, y=[]), state="hold"), "complete or aborted"),
         (lambda plain: plain | {"points": plain["points"][1:] + plain["points"][:1]}, "grow"),
         (lambda plain: complete_last(plain), "they go in order"),
     ],
@@ -248,6 +250,21 @@ def test_a_point_after_an_aborted_first_one_is_cleared_for_a_reason_only() -> No
     assert cleared.next.point.state == "cleared"
     with pytest.raises(CampaignError, match="is cleared already"):
         cleared.confirmed("Ann")
+
+
+def test_a_point_aborted_in_flight_says_how_far_it_came() -> None:
+    """It is no step to compute from; its exceedance is told, and what follows goes by it."""
+    campaign = planned().completed(FLOWN, "Bob")
+    part = FlownPoint("gust.csv, all of it", (), 1.2, "Ny at 7.00 s")
+    campaign = campaign.aborted("Bob", "broke off", part)
+    point = campaign.points[1]
+    assert point.events[-1].words == (
+        "broke off; gust.csv, all of it: reached 120% of a limit, EXCEEDED Ny at 7.00 s"
+    )
+    assert point.failed
+    assert campaign.last_flown("") == point
+    assert [one.name for one in campaign.flown("")] == ["50%"]
+    assert planned().aborted("Bob", "weather").points[0].flown is None
 
 
 def test_a_bound_is_rounded_up() -> None:

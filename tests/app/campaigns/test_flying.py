@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from app.campaigns.campaign import Campaign, CampaignError, Condition, FlownPoint
-from app.campaigns.flying import flown_point
+from app.campaigns.flying import aborted_flight, flown_point
 from app.commands.sample_flight import TRIM_S, table
 from app.recordings.mapped_recording import MappedRecording
 from app.scoring.recipe import Interval
@@ -42,7 +42,11 @@ def flight(scale: float = 0.6) -> Array:
 
 
 def flown(
-    path: Path, y: Array, marked: tuple[float, float] | None = None, bias: float = 0.0
+    path: Path,
+    y: Array,
+    marked: tuple[float, float] | None = None,
+    bias: float = 0.0,
+    cut: Callable[..., FlownPoint] = flown_point,
 ) -> FlownPoint:
     """The point of a recording of such samples, all of it flown with so much N_y in trim [g]."""
     file = path / "flight.csv"
@@ -55,7 +59,7 @@ def flown(
         flown_so = {key: replace(way, bias=0.0) for key, way in mapping.channels.items()}
         mapping = replace(mapping, channels=flown_so)
         recorded = MappedRecording.of(columns, mapping).scorable()
-    return flown_point(file.name, recorded, TEST, marked and Interval(*marked, "point"))
+    return cut(file.name, recorded, TEST, marked and Interval(*marked, "point"))
 
 
 def test_a_flight_as_planned_passes_without_a_remark(tmp_path: Path) -> None:
@@ -134,6 +138,21 @@ def test_what_is_no_flight_of_the_point_is_refused(
 
 def test_another_amplitude_than_planned_is_told(tmp_path: Path) -> None:
     assert "rudder moved by" in flown(tmp_path, flight(0.5)).remark
+
+
+def test_a_flight_that_was_broken_off_counts_against_the_limits_as_recorded(tmp_path: Path) -> None:
+    """Trim and all, within the marked times; nothing can be computed from it."""
+    y = flight()[: 2 * FAST * 20]
+    y[FAST * 20, NY] = 0.55
+    at = TRIM_S + 20 * TEST.dt
+    whole = flown(tmp_path, y, bias=0.05, cut=aborted_flight)
+    assert (whole.y, whole.source) == ((), "flight.csv, all of it")
+    assert (whole.exceeded, whole.reached) == (f"Ny at {at:.2f} s", pytest.approx(1.2))
+    before = flown(tmp_path, y, (0.0, TRIM_S), bias=0.05, cut=aborted_flight)
+    assert (before.exceeded, before.reached) == ("", pytest.approx(0.1, abs=0.01))
+    assert (before.start, before.end) == (0.0, TRIM_S)
+    with pytest.raises(CampaignError, match="holds no sample of Ny, which has a limit"):
+        flown(tmp_path, y, (90.0, 99.0), cut=aborted_flight)
 
 
 def test_one_recording_is_one_points(tmp_path: Path) -> None:

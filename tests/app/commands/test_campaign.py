@@ -161,6 +161,18 @@ def test_hold_and_abort_are_kept(campaign: Path) -> None:
     assert load(campaign).next.point.name == "80%"
 
 
+def test_a_point_is_aborted_in_flight(campaign: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """With its recording, or refused: start and end are of one."""
+    why = ("--by", "Ann", "--why", "flutter")
+    assert run(campaign, "abort", *why, "--start", "0", "--end", "9") == 1
+    assert "give it with --recording" in capsys.readouterr().err
+    assert run(campaign, "abort", *why, "--recording", recorded(campaign)) == 0
+    assert "aborted by Ann: flutter; flight.csv, all of it: reached" in capsys.readouterr().out
+    flown = load(campaign).points[0].flown
+    assert flown is not None
+    assert (flown.y, flown.exceeded) == ((), "")
+
+
 def test_a_page_is_written_before_and_after_all_flights(campaign: Path) -> None:
     """Before the first: a person decides; after the last: all are over. Names stay text."""
     assert run(campaign, "report") == 0

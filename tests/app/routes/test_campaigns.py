@@ -222,6 +222,34 @@ def test_of_two_who_decide_at_once_one_is_told_to_look_again(client: TestClient)
     assert client.get(path).json()["points"][0]["state"] == "hold"
 
 
+def test_a_point_aborted_in_flight_keeps_its_recording(client: TestClient) -> None:
+    """As how far it came; where it exceeded, nothing clears what follows."""
+    path = planned(client)
+    by = {"by": "Bob"}
+    flown = {"point": "60%", "recording": recording(client, path)} | by
+    client.post(f"{path}/flown", json=flown)
+    abort = {"point": "80%", "why": "broke off"} | by
+    words = problem(client.post(f"{path}/abort", json=abort | {"start": 0, "end": 9}), 422)
+    assert "give its id" in words
+    problem(client.post(f"{path}/abort", json=abort | {"recording": "000000000000"}), 404)
+    assert client.get(path).json()["next"] == "80%"
+    far = recording(client, path, 2.0)
+    told = client.post(f"{path}/abort", json=abort | {"recording": far}).json()["points"][1]
+    assert told["state"] == "aborted"
+    assert told["flown"]["recording"] == far
+    assert told["flown"]["exceeded"].startswith("Ny at ")
+    assert not told["flown"]["passed"]
+    assert "broke off; flight.csv, all of it: reached" in told["events"][-1]["words"]
+    job = finished(client, client.post(f"{path}/clearance", json={"point": "100%"} | by))
+    assert job["result"]["state"] == "hold"
+    point = client.get(path).json()["points"][2]
+    assert "80% did not pass" in point["clearing"]["withdrawn"]
+    page = client.get(f"{path}/report").text
+    assert "exceeded Ny at" in page
+    copied = client.post(f"{URL}/file", json=client.get(f"{path}/file").json())
+    assert copied.json()["points"][1]["flown"]["exceeded"] == told["flown"]["exceeded"]
+
+
 def test_a_point_that_exceeded_leaves_the_next_one_on_hold(client: TestClient) -> None:
     """It did not pass: no prediction clears what follows."""
     path = planned(client)
