@@ -15,6 +15,7 @@ from functools import lru_cache
 
 import numpy as np
 
+from core.kernels.decimation import decimated
 from core.types import Array
 
 PASS, STOP = 0.4, 0.6
@@ -45,7 +46,7 @@ def low_passed(x: Array, first: float, stride: float, n: int) -> Array:
     if step and abs(stride - step) * n < SAME_PLACE:
         begin = max(0, int(np.floor(first)))
         weights = _kernel(round(first - begin, 9), reach, slower)
-        return _decimated(padded[begin + 1 :], weights, step, n)
+        return decimated(padded[begin + 1 :], weights, step, n)
     return _swept(padded, first, stride, n, _table(reach, slower))
 
 
@@ -85,16 +86,6 @@ def _kernels(place: Array, reach: int, slower: float) -> Array:
         slope = (lean * w0 - excess * w1) / (w0 * w2 - w1 * w1)
         weights -= (constant[:, None] + slope[:, None] * distance) * window
     return weights
-
-
-def _decimated(x: Array, weights: Array, stride: int, n: int) -> Array:
-    """Row k is the sum of weights[i] x[k stride + i]."""
-    from scipy.signal import upfirdn  # slow to import, and only needed here
-
-    spare = -(len(weights) - 1) % stride
-    taps = np.concatenate([np.zeros(spare), weights[::-1]])
-    skipped = (len(taps) - 1) // stride
-    return upfirdn(taps, x[: (n - 1) * stride + len(weights)], 1, stride)[skipped : skipped + n]
 
 
 def _swept(padded: Array, first: float, stride: float, n: int, table: Array) -> Array:
