@@ -2,6 +2,7 @@
 
 import argparse
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -9,7 +10,7 @@ from app.commands.options.destinations import DestinationError, check_file
 from app.commands.options.mapping_request import asking_for_mapping
 from app.commands.options.scoring import SETTINGS, add_scoring_options, request_of
 from app.commands.output.results import add_json, print_result
-from app.commands.output.scores import Report, report_of
+from app.commands.output.scores import Report, Write, just, report_of, write_files
 from app.jobs.requests import N_TEST
 from app.jobs.training import fly_test
 from app.recipes import RecipeError, from_plain
@@ -21,7 +22,6 @@ from app.report.page import report
 from app.report.subject import about
 from core.collection import DatasetRecipe
 from core.monitor import Monitor
-from core.whole_file import write_whole
 
 
 def add(parser: argparse.ArgumentParser) -> None:
@@ -104,14 +104,13 @@ def write_reports(
     wanted.check(request)
     with asking_for_mapping(wanted.out.with_name(f"{wanted.out.stem}-mapping.json")):
         scored_file = tested(score_file(request, memory), wanted.n_test)
-    files: dict[Path, bytes] = {}
+    files: dict[Path, Write] = {}
     for scoring, subject in file_subjects(request, scored_file, wanted.aircraft):
         notes = about(subject.recording, subject.scoring)
-        exported = [export(subject.samples, notes, form) for form in wanted.exports]
-        content = [report(subject).encode(), *exported]
-        files |= zip(wanted.places(scoring.label), content, strict=True)
-    for path, content in files.items():
-        write_whole(path, content)
+        page = report(subject).encode()
+        exports = [partial(export, subject.samples, notes, form) for form in wanted.exports]
+        files |= zip(wanted.places(scoring.label), [just(page), *exports], strict=True)
+    write_files(files)
     return report_of(scored_file, list(files))
 
 

@@ -8,7 +8,7 @@ import io
 import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, BinaryIO
 
 import numpy as np
 import numpy.typing as npt
@@ -26,19 +26,24 @@ ANGLES = ("phi", "theta", "psi")
 MAT_TITLE = b"MATLAB 5.0 MAT-file, written by Forewarn"
 MAT_TITLE_BYTES = 116
 """scipy writes the time of day there; the same flight makes the same file."""
+BLOCK = 65_536
+"""Rows of a table in memory at once, where its format is written row by row."""
+ALL = slice(None)
 
 
 @dataclass(frozen=True, eq=False)
 class ExportColumn:
     """One column of an export.
 
-    unit: "" for what has none.   values: (n,).   from_trim: whether the trim is subtracted.
+    unit: "" for what has none.   values: (n,); where there are words, their numbers.
+    from_trim: whether the trim is subtracted.
     """
 
     name: str
     unit: str
     values: npt.NDArray[Any]
     from_trim: bool = False
+    words: tuple[str, ...] = ()
 
     @property
     def long_name(self) -> str:
@@ -49,19 +54,19 @@ class ExportColumn:
 
 @dataclass(frozen=True)
 class ExportFormat:
-    """A format of exports. pack: of columns and what is known about them, to the file's bytes."""
+    """A format of exports. write: columns and what is known about them, into a file."""
 
     ending: str
     media_type: str
-    pack: Callable[[list[ExportColumn], Mapping[str, Any]], bytes]
+    write: Callable[[list[ExportColumn], Mapping[str, Any], BinaryIO], object]
 
 
-def export(samples: npt.NDArray, about: Mapping[str, Any], form: str) -> bytes:
-    """Pack stored samples (see app.scoring) in a format of EXPORTS.
+def export(samples: npt.NDArray, about: Mapping[str, Any], form: str, file: BinaryIO) -> None:
+    """Write stored samples (see app.scoring) in a format of EXPORTS.
 
     about: plain data kept with them where the format has a place: hashes, epsilon, monitor.
     """
-    return EXPORTS[form].pack(columns(samples, about.get("limits_in_force")), about)
+    EXPORTS[form].write(columns(samples, about.get("limits_in_force")), about, file)
 
 
 def columns(
@@ -72,7 +77,7 @@ def columns(
     in_force: limits that were, see app.scoring.limits_history; a column each channel with one.
     """
     units = {channel.key: channel.unit for channel in CHANNELS}
-    states = np.array([state.value for state in STATES])
+    states = tuple(state.value for state in STATES)
     measured = [
         ExportColumn(key, unit, samples["y"][:, c], from_trim=True)
         for c, (key, unit) in enumerate(units.items())
@@ -89,7 +94,7 @@ def columns(
     return [
         ExportColumn("t", "s", samples["t"]),
         *measured,
-        ExportColumn("state", "", states[samples["state"]]),
+        ExportColumn("state", "", samples["state"], words=states),
         ExportColumn("p_value", "", samples["p_value"]),
         ExportColumn("alert", "", samples["alert"]),
         ExportColumn("manoeuvre", "", samples["manoeuvre"].astype(np.int32)),
@@ -114,19 +119,20 @@ def _limits(t: Array, in_force: Sequence[Mapping[str, Any]]) -> list[ExportColum
     ]
 
 
-def _table(given: list[ExportColumn], names: list[str]) -> "pa.Table":
+def _table(given: list[ExportColumn], names: list[str], rows: slice = ALL) -> "pa.Table":
     """An Arrow table in which a missing value is null, not a number that is none."""
     import pyarrow as pa
 
-    return pa.table([_arrow(column.values) for column in given], names=names)
+    return pa.table([_arrow(column, rows) for column in given], names=names)
 
 
-def _arrow(values: npt.NDArray[Any]) -> "pa.Array":
-    """The values as Arrow has them; its own way from numpy imports pandas first."""
+def _arrow(column: ExportColumn, rows: slice = ALL) -> "pa.Array":
+    """Some rows of a column as Arrow has them; its own way from numpy imports pandas first."""
     import pyarrow as pa
 
-    if values.dtype.kind == "U":
-        return _texts(values)
+    values = column.values[rows]
+    if column.words:
+        return _texts(values, column.words)
     if values.dtype.kind == "b":
         return pa.Array.from_buffers(pa.bool_(), len(values), [None, _bits(values)])
     known = None if values.dtype.kind != "f" else ~np.isnan(values)
@@ -142,15 +148,15 @@ def _bits(flags: npt.NDArray[np.bool_]) -> "pa.Buffer":
     return pa.py_buffer(np.packbits(flags, bitorder="little"))
 
 
-def _texts(values: npt.NDArray[np.str_]) -> "pa.Array":
-    """Texts of which many that follow each other are the same."""
+def _texts(values: npt.NDArray[Any], words: tuple[str, ...]) -> "pa.Array":
+    """Words by their numbers, of which many that follow each other are the same."""
     import pyarrow as pa
 
     changes = np.ones(len(values), bool)
     changes[1:] = values[1:] != values[:-1]
     starts = np.flatnonzero(changes)
     runs = np.diff(np.append(starts, len(values)))
-    texts = [str(values[start]).encode() for start in starts]
+    texts = [words[values[start]].encode() for start in starts]
     ends = np.cumsum(np.repeat([len(text) for text in texts], runs), dtype=np.int32)
     offsets = np.concatenate([np.zeros(1, np.int32), ends], dtype=np.int32)
     content = b"".join(text * run for text, run in zip(texts, runs.tolist(), strict=True))
@@ -159,16 +165,19 @@ def _texts(values: npt.NDArray[np.str_]) -> "pa.Array":
     )
 
 
-def _csv(given: list[ExportColumn], about: Mapping[str, Any]) -> bytes:
-    from pyarrow.csv import WriteOptions, write_csv
+def _csv(given: list[ExportColumn], about: Mapping[str, Any], file: BinaryIO) -> None:
+    from pyarrow.csv import CSVWriter, WriteOptions
 
-    file = io.BytesIO()
-    table = _table(given, [column.long_name for column in given])
-    write_csv(table, file, WriteOptions(quoting_style="none", quoting_header="none"))
-    return file.getvalue()
+    names = [column.long_name for column in given]
+    options = WriteOptions(quoting_style="none", quoting_header="none")
+    first = _table(given, names, slice(0, BLOCK))
+    with CSVWriter(file, first.schema, write_options=options) as writer:
+        writer.write_table(first)
+        for begin in range(BLOCK, len(given[0].values), BLOCK):
+            writer.write_table(_table(given, names, slice(begin, begin + BLOCK)))
 
 
-def _parquet(given: list[ExportColumn], about: Mapping[str, Any]) -> bytes:
+def _parquet(given: list[ExportColumn], about: Mapping[str, Any], file: BinaryIO) -> None:
     import pyarrow as pa
     from pyarrow.parquet import write_table
 
@@ -178,17 +187,15 @@ def _parquet(given: list[ExportColumn], about: Mapping[str, Any]) -> bytes:
         for field, column in zip(table.schema, given, strict=True)
     ]
     schema = pa.schema(fields, metadata={"forewarn": _text(about)})
-    file = io.BytesIO()
     write_table(table.cast(schema), file)
-    return file.getvalue()
 
 
-def _mat(given: list[ExportColumn], about: Mapping[str, Any]) -> bytes:
+def _mat(given: list[ExportColumn], about: Mapping[str, Any], file: BinaryIO) -> None:
     from scipy.io import savemat
 
-    file = io.BytesIO()
     data = {column.name: np.ascontiguousarray(column.values) for column in given}
-    names, data["state"] = np.unique(data["state"], return_inverse=True)
+    states = next(column for column in given if column.words)
+    names, data["state"] = np.unique(np.array(states.words)[states.values], return_inverse=True)
     units = {column.name: column.unit for column in given if column.unit}
     data["state"] = data["state"].astype(np.uint8) + 1  # MATLAB counts from 1
     content = {
@@ -198,8 +205,10 @@ def _mat(given: list[ExportColumn], about: Mapping[str, Any]) -> bytes:
         "from_trim": np.array([column.name for column in given if column.from_trim], object),
         "about": _text(about),
     }
-    savemat(file, content, oned_as="column")
-    return MAT_TITLE.ljust(MAT_TITLE_BYTES) + file.getvalue()[MAT_TITLE_BYTES:]
+    made = io.BytesIO()
+    savemat(made, content, oned_as="column")
+    file.write(MAT_TITLE.ljust(MAT_TITLE_BYTES))
+    file.write(made.getbuffer()[MAT_TITLE_BYTES:])
 
 
 def _text(about: Mapping[str, Any]) -> str:

@@ -1,6 +1,7 @@
 """What leaves the house: the report of a scored recording, and its samples for other programs."""
 
 import asyncio
+import io
 from dataclasses import asdict
 from pathlib import PurePath
 from typing import Annotated, Any, Literal
@@ -69,10 +70,10 @@ async def export_samples(
     def make() -> Response:
         info = scored.store.scorings.info(recording_id, scoring_id)
         recording = scored.store.recordings.info(recording_id)
-        content = export(scored.samples(info), about(asdict(recording), asdict(info)), form)
-        kind = EXPORTS[form]
+        file, kind = io.BytesIO(), EXPORTS[form]
+        export(scored.samples(info), about(asdict(recording), asdict(info)), form, file)
         headers = _as_file(f"{PurePath(recording.name).stem} scored.{kind.ending}")
-        return Response(content, headers=headers, media_type=kind.media_type)
+        return Response(file.getvalue(), headers=headers, media_type=kind.media_type)
 
     return await asyncio.to_thread(make)
 

@@ -1,5 +1,6 @@
 """Scoring: from channels as recorded to a verdict on each manoeuvre. The same in, the same out."""
 
+from bisect import bisect_left, bisect_right
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -23,10 +24,11 @@ from app.scoring.ready import Ready
 from app.scoring.recipe import Interval, ScoringRecipe
 from app.scoring.scored import (
     BETWEEN,
+    BLOCK,
+    SAMPLE,
     ScoredManoeuvre,
     ScoredRecording,
     Validity,
-    packed,
 )
 from app.scoring.seen import could_not_warn, not_seen
 from app.scoring.segments import Segment, mean_of_rest, segments
@@ -137,12 +139,12 @@ class JudgedSegment:
         """The sample after its last one in the recording."""
         return self.segment.last + 1
 
-    @property
-    def withdrawn(self) -> Flags:
-        """(n,) samples of which nothing is said: not applicable, for whatever reason."""
+    def withdrawn(self, part: slice) -> Flags:
+        """Samples of a part of which nothing is said: not applicable, for whatever reason."""
+        silent = self.silent[part]
         if self.withdrawal is None:
-            return self.silent
-        return self.silent | (np.arange(len(self.silent)) >= self.withdrawal.first)
+            return silent
+        return silent | (np.arange(part.start, part.stop) >= self.withdrawal.first)
 
 
 def _judge(flight: Ready, segment: Segment) -> JudgedSegment:
@@ -206,45 +208,73 @@ def _assessed(
     flight: Ready, judged: list[JudgedSegment], epsilon: float, alert_above: float
 ) -> tuple[npt.NDArray[np.void], tuple[ScoredManoeuvre, ...]]:
     """Samples and manoeuvres at a miss rate, and the risk to alert above for it."""
-    fields = _between(flight.recording, judged)
-    for number, segment in enumerate(judged):
-        _fill(fields, number, segment, alert_above)
-    samples = packed(fields)
+    samples = _samples(flight.recording, judged, alert_above)
     return samples, tuple(
         _verdict(flight, segment, samples[segment.first : segment.stop], epsilon, alert_above)
         for segment in judged
     )
 
 
+def _samples(
+    recording: Recording, judged: list[JudgedSegment], alert_above: float
+) -> npt.NDArray[np.void]:
+    """(n,) of SAMPLE: block by block, so that a row is touched once and little is held twice."""
+    n = len(recording.t)
+    firsts, stops = [each.first for each in judged], [each.stop for each in judged]
+    trims = np.nan_to_num([each.trim for each in judged])
+    samples = np.empty(n, SAMPLE)
+    for first in range(0, n, BLOCK):
+        rows = slice(first, min(first + BLOCK, n))
+        fields = _between(recording, rows, trims, stops)
+        for number in range(bisect_right(stops, first), bisect_left(firsts, rows.stop)):
+            _fill(fields, rows, number, judged[number], alert_above)
+        for name, values in fields.items():
+            samples[name][rows] = values
+    return samples
+
+
 def _fill(
-    fields: dict[str, npt.NDArray[Any]], number: int, judged: JudgedSegment, alert_above: float
+    fields: dict[str, npt.NDArray[Any]],
+    rows: slice,
+    number: int,
+    judged: JudgedSegment,
+    alert_above: float,
 ) -> None:
     """Put the assessments of a segment in their place: those that stand, and those withdrawn."""
-    assessments, gone = judged.assessments, judged.withdrawn
-    every = slice(judged.first, judged.stop)
-    fields["manoeuvre"][every] = number
-    fields["y"][every] = judged.y
-    fields["y_hat"][every] = np.where(gone[:, None], np.nan, assessments.y_hat)
-    fields["withdrawn"][every] = np.where(gone, assessments.p_value, np.nan)
-    fields["state"][every] = np.where(gone, INVALID, assessments.state)
-    fields["p_value"][every] = np.where(gone, np.nan, assessments.p_value)
-    fields["alert"][every] = ~gone & (assessments.p_value > alert_above)
+    begin, end = max(rows.start, judged.first), min(rows.stop, judged.stop)
+    there, here = _shifted(begin, end, rows.start), _shifted(begin, end, judged.first)
+    assessments, gone = judged.assessments, judged.withdrawn(here)
+    p_value = assessments.p_value[here]
+    fields["manoeuvre"][there] = number
+    fields["y"][there] = judged.y[here]
+    fields["y_hat"][there] = np.where(gone[:, None], np.nan, assessments.y_hat[here])
+    fields["withdrawn"][there] = np.where(gone, p_value, np.nan)
+    fields["state"][there] = np.where(gone, INVALID, assessments.state[here])
+    fields["p_value"][there] = np.where(gone, np.nan, p_value)
+    fields["alert"][there] = ~gone & (p_value > alert_above)
 
 
-def _between(recording: Recording, judged: list[JudgedSegment]) -> dict[str, npt.NDArray[Any]]:
-    """The fields of SAMPLE where nothing is said yet.
+def _shifted(begin: int, end: int, by: int) -> slice:
+    return slice(begin - by, end - by)
 
-    Channels are from the trim of the segment before; ahead of the first, from its own.
+
+def _between(
+    recording: Recording, rows: slice, trims: Array, stops: list[int]
+) -> dict[str, npt.NDArray[Any]]:
+    """The fields of SAMPLE in some rows, where nothing is said yet.
+
+    trims: (n_segments, 6); stops: the row behind each segment. Channels are from the trim of the
+    segment before; ahead of the first, from its own.
     """
-    n, unknown = len(recording.t), np.full(len(recording.t), np.nan)
-    attitude = [recording.attitude.get(key, unknown) for key in ATTITUDE]
-    y = np.empty((n, len(KEYS)))
-    starts = [0, *(segment.stop for segment in judged), n]
-    for segment, begin, end in zip((judged[0], *judged), starts, starts[1:], strict=False):
-        np.subtract(recording.y[begin:end], np.nan_to_num(segment.trim), out=y[begin:end])
+    n = rows.stop - rows.start
+    before = np.searchsorted(stops, np.arange(rows.start, rows.stop), side="right") - 1
+    unknown = np.full(n, np.nan)
+    attitude = [
+        recording.attitude[key][rows] if key in recording.attitude else unknown for key in ATTITUDE
+    ]
     return {
-        "t": recording.t,
-        "y": y,
+        "t": recording.t[rows],
+        "y": recording.y[rows] - trims[np.maximum(before, 0)],
         "p_value": unknown.copy(),
         "withdrawn": unknown.copy(),
         "alert": np.zeros(n, bool),

@@ -1,6 +1,5 @@
 """A scored recording: its samples as one table, and a verdict on each manoeuvre."""
 
-from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
@@ -154,14 +153,3 @@ class ScoredRecording:
     outside_exceedances: tuple[RecordedExceedance, ...] = ()
     compatibility: tuple[SensorCheck, ...] = ()
     limits_in_force: tuple[dict[str, Any], ...] | None = None
-
-
-def packed(fields: Mapping[str, npt.NDArray[Any]]) -> npt.NDArray[np.void]:
-    """Samples of their fields, each (n, ...): block by block, so that a row is touched once."""
-    n = len(fields["t"])
-    samples = np.empty(n, SAMPLE)
-    for first in range(0, n, BLOCK):
-        rows = slice(first, first + BLOCK)
-        for name, values in fields.items():
-            samples[name][rows] = values[rows]
-    return samples

@@ -1,10 +1,11 @@
 """A scored file: what is told of it, and the tables and figures written of it."""
 
 import json
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict
+from functools import partial
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, BinaryIO, NamedTuple
 
 import numpy as np
 
@@ -18,9 +19,10 @@ from app.scoring.planned_test import planned_test
 from app.scoring.verdict import sensors, verdict
 from app.telemetry.mapping.typed_rate import counts_the_day
 from core.evaluation.certificate import warnings_of
-from core.whole_file import write_whole
+from core.whole_file import whole_file
 
 MAPPING = "mapping.json"
+Write = Callable[[BinaryIO], object]
 
 
 class Report(NamedTuple):
@@ -41,13 +43,24 @@ def write_scores(
     with asking_for_mapping(out / MAPPING):
         scored_file = score_file(request, memory)
     text = json.dumps(scored_file.mapping.to_plain(), indent=2, ensure_ascii=False)
-    files = {MAPPING: f"{text}\n".encode()}
+    files = {MAPPING: just(f"{text}\n".encode())}
     for scoring in scored_file.scored:
         files |= _files(request.file.name, scoring, with_png)
-    for name, content in files.items():
-        (out / name).parent.mkdir(parents=True, exist_ok=True)
-        write_whole(out / name, content)
+    write_files({out / name: write for name, write in files.items()})
     return report_of(scored_file, [out / name for name in files])
+
+
+def write_files(files: Mapping[Path, Write]) -> None:
+    """Write each file, whole or not at all."""
+    for path, write in files.items():
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with whole_file(path) as file:
+            write(file)
+
+
+def just(content: bytes) -> Write:
+    """What writes nothing but this."""
+    return lambda file: file.write(content)
 
 
 def report_of(scored_file: ScoredFile, written: Sequence[Path]) -> Report:
@@ -100,8 +113,8 @@ def is_assessed(scoring: Scored) -> bool:
     return bool((np.isfinite(samples["p_value"]) | np.isfinite(samples["withdrawn"])).any())
 
 
-def _files(file: str, scoring: Scored, with_png: bool) -> dict[str, bytes]:
-    """Table and figure, by their place in the directory of results."""
+def _files(file: str, scoring: Scored, with_png: bool) -> dict[str, Write]:
+    """What writes table and figure, by their place in the directory of results."""
     from app.report.score_figure import FlownManeuver, png, score_figure
 
     scored, monitor = scoring.recording, scoring.monitor
@@ -117,10 +130,11 @@ def _files(file: str, scoring: Scored, with_png: bool) -> dict[str, bytes]:
         " ".join(["scored:", file, scoring.label]).strip(),
     )
     about = {"limits_in_force": scored.limits_in_force}
-    files = {"assessments.csv": export(scored.samples, about, "csv"), "scored.svg": drawing.svg}
+    table = partial(export, scored.samples, about, "csv")
+    files: dict[str, Write] = {"assessments.csv": table, "scored.svg": just(drawing.svg)}
     if with_png:
-        files["scored.png"] = png(drawing)
-    return {str(Path(scoring.label) / name): content for name, content in files.items()}
+        files["scored.png"] = just(png(drawing))
+    return {str(Path(scoring.label) / name): write for name, write in files.items()}
 
 
 def _lines(scoring: Scored, is_first: bool, of_day: bool) -> Iterator[str]:
