@@ -13,6 +13,8 @@ from core.types import Array
 
 APART = 1.0
 """[s] Samples past a limit that lie closer are of one exceedance."""
+BLOCK = 65_536
+"""Samples that are looked at together."""
 MANY = 3
 """Exceedances of one channel that are rather a fault of its mapping than of the flight."""
 MOST_OUTSIDE = 1000
@@ -42,20 +44,22 @@ def outside(
         if key not in traces.channels:
             continue
         trace = traces.channels[key]
-        known = np.isfinite(trace.values)
-        t, values = trace.t[known], trace.values[known]
-        number = np.maximum(np.searchsorted(starts - SAME_TIME, t, "right") - 1, 0)
-        value = values - subtracted[number, c]
-        limit = np.full(len(t), limits[c]) if held is None else held.at(t)[:, c]
-        over = np.flatnonzero(np.abs(value) >= limit)
-        begins = over[np.diff(t[over], prepend=-np.inf) > APART]
-        of = number[begins]
-        inside = (t[begins] >= starts[of] - SAME_TIME) & (t[begins] <= ends[of] + SAME_TIME)
+        parts = []
+        for first in range(0, len(trace.t), BLOCK):
+            t, values = trace.t[first : first + BLOCK], trace.values[first : first + BLOCK]
+            number = np.maximum(np.searchsorted(starts - SAME_TIME, t, "right") - 1, 0)
+            value = values - subtracted[number, c]
+            limit = np.full(len(t), limits[c]) if held is None else held.at(t)[:, c]
+            over = np.isfinite(values) & (np.abs(value) >= limit)
+            parts.append((t[over], number[over], value[over], limit[over]))
+        t, number, value, limit = (np.concatenate(column) for column in zip(*parts, strict=True))
+        inside = (t >= starts[number] - SAME_TIME) & (t <= ends[number] + SAME_TIME)
+        begins = np.diff(t, prepend=-np.inf) > APART
         exceedances += [
             RecordedExceedance(
                 float(t[i]), key, float(value[i]), None if held is None else float(limit[i])
             )
-            for i in begins[~inside]
+            for i in np.flatnonzero(begins & ~inside)
         ]
     return tuple(sorted(exceedances, key=lambda exceedance: exceedance.t))
 

@@ -34,6 +34,7 @@ from app.scoring.seen import could_not_warn, not_seen
 from app.scoring.segments import Segment, mean_of_rest, segments
 from app.scoring.validity import under_limits, validity
 from app.scoring.wording import guarantee, limits_remarks, remarks, withdrawn
+from app.telemetry.contents import release
 from app.telemetry.recording import ATTITUDE, Recording
 from app.telemetry.timing.repair import RepairedTraces
 from core.channels import KEYS
@@ -75,6 +76,8 @@ def score_at_each(
     flight = Ready.of(monitor, recorded, history)
     chosen, notes = segments(flight.recording, flight.planned, recipe)
     judged = [_judge(flight, segment) for segment in chosen]
+    for trace in flight.traces.channels.values():
+        release(trace.values)
     exceedances = _outside(flight, judged)
     notes = (*flight.notes, *notes, *outside_note(exceedances))
     checks, t = compatibility(flight.traces), flight.recording.t

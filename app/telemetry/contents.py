@@ -5,6 +5,7 @@ than a block of rows is ever in memory, and what is read later is mapped, not lo
 """
 
 import json
+import mmap
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property
@@ -230,6 +231,18 @@ class Columns:
     @cached_property
     def _numbers(self) -> dict[str, int]:
         return {signal.name: number for number, signal in enumerate(self.contents.signals)}
+
+
+def release(values: Array) -> None:
+    """Leave a column on the disk until it is used again; nothing for one that is in memory alone.
+
+    What is mapped from a file counts as memory of the process from its first use on.
+    """
+    owner: Any = values
+    while isinstance(owner, np.ndarray):
+        owner = owner.base
+    if isinstance(owner, mmap.mmap) and hasattr(mmap, "MADV_DONTNEED"):
+        owner.madvise(mmap.MADV_DONTNEED)
 
 
 def open_columns(folder: Path) -> Columns:

@@ -9,6 +9,7 @@ from math import radians
 
 import numpy as np
 
+from app.telemetry.contents import release
 from app.telemetry.traces import Trace
 from core.types import Array, Indices
 
@@ -52,6 +53,7 @@ def implausible(key: str, values: Array) -> Indices:
 def plausible(key: str, trace: Trace) -> Trace:
     """A channel with its implausible values missing; the channel itself where it has none."""
     rows = implausible(key, trace.values)
+    release(trace.values)
     return replace(trace, values=without(trace.values, rows)) if len(rows) else trace
 
 

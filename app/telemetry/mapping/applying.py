@@ -6,7 +6,7 @@ from textwrap import shorten
 
 import numpy as np
 
-from app.telemetry.contents import Columns, Signal
+from app.telemetry.contents import Columns, Signal, release
 from app.telemetry.mapping.derivations import DERIVATIONS, derive
 from app.telemetry.mapping.group_times import dead_time, no_clock, repeated_time
 from app.telemetry.mapping.mapping import ChannelSource, Mapping
@@ -128,6 +128,7 @@ def _read(columns: Columns, mapping: Mapping, key: str, times: dict[str, Array])
         values = _finite(convert(values, source.unit, TARGETS[key].unit))
     except TelemetryError as error:
         raise TelemetryError(f"unit of {key} ({signal.name}): {error}") from None
+    release(values)
     return Trace(times[group], _signed(values, source), group, signal.name, bias=source.bias)
 
 

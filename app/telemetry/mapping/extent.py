@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from app.telemetry.contents import release
 from core.types import Array
 
 N_TILES = 2048
@@ -60,8 +61,9 @@ class Extent:
 
 
 def extent_of(values: Array) -> Extent:
-    """Return the extent of values (n,); NaN and infinities are left out."""
-    values, n = np.asarray(values), len(values)
+    """Return the extent of a column (n,), which is released; NaN and infinities are left out."""
+    column, n = values, len(values)
+    values = np.asarray(column)
     if not n:
         return Extent(0, 0, np.empty(0), np.empty(0))
     starts = np.linspace(0, n, min(n, N_TILES), endpoint=False).astype(np.intp)
@@ -69,4 +71,6 @@ def extent_of(values: Array) -> Extent:
     n_finite = int(np.count_nonzero(finite))
     if np.isinf(values).any():
         values = np.where(finite, values, np.nan)
-    return Extent(n, n_finite, np.fmin.reduceat(values, starts), np.fmax.reduceat(values, starts))
+    low, high = np.fmin.reduceat(values, starts), np.fmax.reduceat(values, starts)
+    release(column)
+    return Extent(n, n_finite, low, high)

@@ -10,6 +10,7 @@ from functools import cached_property
 
 import numpy as np
 
+from app.telemetry.contents import release
 from app.telemetry.recording import ATTITUDE, Recording, TelemetryError
 from app.telemetry.resampling.resampling_notes import Treatment, notes_on
 from app.telemetry.resampling.segments import Grid, ResamplingPlan, resampling_plan
@@ -20,6 +21,8 @@ from core.types import Array, Flags, Indices
 CONDITION = ("V", "h")
 RATE_RATIO = 1.5
 """A needed channel whose step is longer than this many of the grid's is refused."""
+BLOCK = 65_536
+"""Values that are looked at together."""
 MAX_ROWS = 10_000_000
 """More rows than any flight has; a clock that jumps would ask for them."""
 
@@ -49,13 +52,14 @@ def on_grid(traces: Traces, dt: float, needed: Collection[str] = KEYS) -> Record
     recorded = {
         key: trace
         for key, trace in traces.channels.items()
-        if key in (*KEYS, *ATTITUDE, *CONDITION) and np.isfinite(trace.values).any()
+        if key in (*KEYS, *ATTITUDE, *CONDITION) and _has_value(trace.values)
     }
     grid = _grid({key: recorded[key].t for key in KEYS if key in needed and key in recorded}, dt)
     clocks = {id(trace.t): _GridClock(trace.t, grid) for trace in recorded.values()}
     rows, treatments = {}, []
     for key, trace in recorded.items():
         rows[key], treatment = clocks[id(trace.t)].rows(key, trace.values, key in needed)
+        release(trace.values)
         treatments.append(treatment)
     on_the_grid = [clock.t for clock in clocks.values() if clock.is_grid]
     return _recording(
@@ -120,6 +124,12 @@ def _grid(clocks: dict[str, Array], dt: float) -> Grid:
             "where its clock jumps"
         )
     return Grid(start, dt, int(steps) + 1, tolerance)
+
+
+def _has_value(values: Array) -> bool:
+    """Whether any is finite; the first ones mostly tell."""
+    blocks = (values[first : first + BLOCK] for first in range(0, len(values), BLOCK))
+    return any(np.isfinite(block).any() for block in blocks)
 
 
 @dataclass(eq=False)

@@ -5,6 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from app.telemetry.contents import release
 from app.telemetry.recording import TelemetryError
 from app.telemetry.timing.clock_faults import WRAPS, OrderedClock, in_order
 from app.telemetry.timing.quality import ClockQuality, Fault, faults
@@ -168,7 +169,10 @@ def _same(values: dict[str, Array], a: Indices, b: Indices) -> Flags:
 
 def _finite(x: Array) -> Array:
     """Infinite values are no measurements."""
-    return np.where(np.isinf(x), np.nan, x) if np.isinf(x).any() else x
+    is_infinite = np.isinf(x)
+    finite = np.where(is_infinite, np.nan, x) if is_infinite.any() else x
+    release(x)
+    return finite
 
 
 def _quality(

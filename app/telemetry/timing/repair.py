@@ -4,6 +4,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from app.telemetry.contents import release
 from app.telemetry.plausibility import implausible, without
 from app.telemetry.timing.channel_quality import channel_quality
 from app.telemetry.timing.clock_repair import on_one_clock, ordered, repair_clock
@@ -56,6 +57,7 @@ def repair(traces: Traces) -> RepairedTraces:
             x, quality, of_channel = _plausible(key, clock.t, x, clock.quality.step)
             channels[key] = replace(traces.channels[key], t=clock.t, values=x), quality
             marks += of_channel
+            release(x)
     in_order = {key: channels[key] for key in traces.channels}
     about = tuple(quality for _, quality in in_order.values())
     notes = [line for quality in (*qualities, *about) for line in quality.repairs()]

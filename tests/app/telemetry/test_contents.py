@@ -1,0 +1,39 @@
+"""Columns on the disk: mapped when they are used, and given back."""
+
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from app.telemetry.contents import ColumnWriter, open_columns, release
+
+
+def resident(path: Path) -> int:
+    """Bytes of a file that are in this process's memory."""
+    lines = iter(Path("/proc/self/smaps").read_text().splitlines())
+    kept = 0
+    for line in lines:
+        if line.endswith(str(path)):
+            kept += next(int(row.split()[1]) for row in lines if row.startswith("Rss:"))
+    return kept * 1024
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="the system does not say it")
+def test_a_column_that_is_released_takes_no_memory_and_is_there_again(tmp_path: Path) -> None:
+    """Also through views of it; what is in memory alone stays."""
+    place = tmp_path / "columns"
+    place.mkdir()
+    writer = ColumnWriter(place, 1 << 30)
+    writer.add_signal(writer.add_group(), "x")
+    values = np.arange(1e6)
+    writer.append(0, values)
+    writer.finish("csv")
+    column = open_columns(place).values("x")
+    np.testing.assert_array_equal(column, values)
+    assert resident(place / "0.f8") >= column.nbytes
+    release(np.asarray(column)[5:])
+    assert resident(place / "0.f8") == 0
+    np.testing.assert_array_equal(column, values)
+    release(values)
+    assert values[-1] == 1e6 - 1
