@@ -33,6 +33,7 @@ from core.channels import CHANNELS
 from core.clearance import ClearanceRecipe
 from core.collection import DatasetRecipe
 from core.evaluation.epsilon_choice import ChoiceRecipe
+from core.evaluation.lead_sweep import METHODS as SWEPT
 from core.evaluation.lead_sweep import SweepRecipe
 from core.evaluation.study import StudyRecipe
 from core.flight_markers import FLIGHT_MARKERS
@@ -99,9 +100,17 @@ def catalog() -> dict[str, Any]:
             }
             for kind, (predictor, score) in METHODS.items()
         ],
+        "sweep_methods": {name: _method_words(*pair) for name, pair in SWEPT.items()},
         "flight_markers": [asdict(kind) for kind in FLIGHT_MARKERS.values()],
         "telemetry": _telemetry(),
     }
+
+
+def _method_words(predictor: Any, score: Any) -> str:
+    """What the form calls a method of the sweep; its parts, where it has no name there."""
+    named = (labels.METHODS[kind] for kind, pair in METHODS.items() if pair == (predictor, score))
+    parts = (to_plain(part)["kind"] for part in (predictor, score))
+    return next(named, "") or ", ".join(map(kind_label, parts))
 
 
 def _as_flown(recipe: Any) -> dict[str, Any] | None:

@@ -162,15 +162,17 @@ def monitor_request(plain: dict[str, Any], store: Store, max_bytes: int) -> Moni
         raise RecipeError(f"monitor.predictor: {NOT_TRAINED}")
     if requested.recipe is not None:
         simulated = dataset_for(recipe, requested.recipe)
-        try:
-            check_lead(recipe.t_early, simulated.maneuver.duration_s)
-        except ValueError as error:
-            raise RecipeError(f"monitor.{error}") from None
+        duration = simulated.maneuver.duration_s
         requested, n_unsafe = RequestedDataset(None, simulated), simulated.n_unsafe
         _check_test_size(simulated, n_test, max_bytes)
     else:
         assert requested.id
-        n_unsafe = store.datasets.info(requested.id).n_unsafe
+        info = store.datasets.info(requested.id)
+        duration, n_unsafe = (info.n_samples - 1) * info.dt, info.n_unsafe
+    try:
+        check_lead(recipe.t_early, duration)
+    except ValueError as error:
+        raise RecipeError(f"monitor.{error}") from None
     try:
         check_epsilon(recipe.epsilon, n_unsafe, recipe.guarantee)
     except (ValueError, OverflowError) as error:

@@ -190,3 +190,9 @@ def test_no_member_is_called_by_a_key_that_is_no_words():
 def test_a_title_is_the_head_of_a_description(member, key, title, unit_):
     entry = schema_of(member)["properties"][key]
     assert (entry["title"], entry.get("x-unit", "")) == (title, unit_)
+
+
+def test_the_sweep_calls_a_method_as_the_form_does():
+    swept, form = catalog()["sweep_methods"], catalog()["methods"]
+    assert {method["label"] for method in form} < set(swept.values())
+    assert len(set(swept.values())) == len(swept)

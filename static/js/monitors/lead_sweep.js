@@ -37,7 +37,7 @@ async function form({ catalog, api, query, navigate }) {
   const { schema, default: usual } = catalog.recipes.sweep;
   const fields = createFields(schema, usual, { catalog, path: "sweep", hidden: LISTS });
   const source = testChoice(usual.tests, datasets, query.get("dataset"));
-  const methods = checkboxes("Methods", usual.methods);
+  const methods = checkboxes("Methods", usual.methods, catalog.sweep_methods);
   const leads = h("input", { type: "text", inputmode: "decimal", id: "sweep-leads", value: usual.leads_s.join(" ") });
   const failure = errorLine();
   const go = h("button", { class: "button button-primary", type: "submit", ...needs("POST /sweeps") }, "Sweep");
@@ -135,17 +135,18 @@ function testChoice(tests, datasets, chosen) {
   };
 }
 
-function checkboxes(legend, names) {
+/** words: of each name, as the form for a monitor has them. */
+function checkboxes(legend, names, words) {
   const boxes = names.map((name) => h("input", { type: "checkbox", value: name, checked: true }));
   const element = h(
     "fieldset",
     { class: "stack-tight" },
     h("legend", {}, legend),
-    h(
-      "div",
-      { class: "row" },
-      boxes.map((box) => h("label", { class: "row" }, box, box.value)),
-    ),
+    boxes.map((box, k) => {
+      const hint = h("span", { class: "hint", id: `method-words-${k}` }, words[box.value]);
+      box.setAttribute("aria-describedby", hint.id);
+      return h("div", { class: "row" }, h("label", { class: "row" }, box, box.value), hint);
+    }),
   );
   return { element, read: () => boxes.filter(({ checked }) => checked).map(({ value }) => value) };
 }

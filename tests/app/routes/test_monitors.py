@@ -118,6 +118,15 @@ def test_a_wrong_order_is_refused_at_once(client, order, status, words):
     assert words in problem(client.post("/api/v1/monitors", json=order), status)
 
 
+def test_a_lead_longer_than_a_stored_datasets_manoeuvre_is_refused_at_once(client, dataset):
+    stored = store_of(client).datasets.add(dataset, "oscillator").id
+    lasts = (dataset.safe.shape[1] - 1) * dataset.dt
+    order = {"dataset": stored, "t_early": lasts, "epsilon": 0.2} | AVERAGE
+    words = problem(client.post("/api/v1/monitors", json=order), 422)
+    assert f"the manoeuvre lasts {lasts:g} s, choose a shorter lead" in words
+    assert not store_of(client).jobs.all()
+
+
 def test_scores_are_the_streams_own(client, stored, monitor, flights):
     for y in flights[:3]:
         answer = client.post(f"/api/v1/monitors/{stored}/score", json=telemetry(y, monitor.dt))

@@ -484,6 +484,9 @@ def test_leads_are_swept_on_a_datasets_test(page: Page, site: Site) -> None:
     page.goto(f"{site.http}/#/monitors/sweep?dataset={site.dataset}")
     expect(page.get_by_text("No sweep yet")).to_be_visible()
     expect(field(page, "sweep.imperfections")).to_be_hidden()
+    expect(page.get_by_label("test card: window", exact=True)).to_have_accessible_description(
+        "forecast of the test card: for doublets, pulses and other steps"
+    )
     for name in ("test card: window", "test card: rest", "predicted magnitude"):
         page.get_by_label(name, exact=True).uncheck()
     page.get_by_label("warning lead times").fill("0.25 1.9")
