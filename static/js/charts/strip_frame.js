@@ -13,6 +13,7 @@
  *   resize(width, height, ratio), setPalette(palette)
  *   y(value) -> px
  *   begin(ticks, x, plot)       clears, draws the grid; the pen then stands at the plot's left edge
+ *   wide(text) -> px of a word with its plate
  *   word(text, x, middle, colour), upright(text, x, colour)     text on a plate
  *   triangle(x, up), line(x, colour, dash, thick)
  *   cursors({x, cursor, marks})      the cursor, A and B
@@ -47,6 +48,7 @@ export function createStripFrame(canvas, strip) {
     setPalette,
     begin,
     word,
+    wide,
     upright,
     triangle,
     line,
@@ -94,9 +96,14 @@ export function createStripFrame(canvas, strip) {
   }
 
   /** Text on a plate of the panel's colour, so that it reads over any hatch. */
-  function word(text, x, middle, colour) {
+  /** How wide a word is with what is left free around it [px]. */
+  function wide(text) {
     pen.font = `700 12px ${own.palette.font}`;
-    const half = pen.measureText(text).width / 2 + 4;
+    return pen.measureText(text).width + 8;
+  }
+
+  function word(text, x, middle, colour) {
+    const half = wide(text) / 2;
     pen.globalAlpha = 0.85;
     pen.fillStyle = own.palette.panel;
     pen.fillRect(x - half, middle - 8, 2 * half, 16);

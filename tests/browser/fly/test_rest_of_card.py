@@ -68,3 +68,25 @@ def test_the_rest_of_the_card_is_said_while_it_is_of_now_and_else_why_it_is_not(
     hidden, shown, said = strips().evaluate(SAID, {"noRest": "", **about})
     assert (hidden, shown) == (False, level)
     assert said.startswith(words)
+
+
+PLACED = """async () => {
+  const { createAheadBand } = await import("/static/js/charts/live/ahead.js");
+  const pen = document.createElement("canvas").getContext("2d");
+  const placed = [];
+  const word = (text, x) => placed.push([x - 120, x + 120]);
+  const face = { pen, y: () => 0, height: 60, palette: {}, line: () => {}, wide: () => 240, word };
+  const band = createAheadBand(face, "Ny");
+  const ahead = { t: [0, 1], channels: { Ny: { low: [0, 0], high: [1, 1], predicted: null } } };
+  for (let end = 150; end <= 600; end += 50) {
+    band.draw({ ahead, x: (t) => 100 + t * (end - 100), now: 0, width: 500 });
+  }
+  return placed;
+}"""
+
+
+def test_the_words_of_the_forecast_stand_within_it(strips: Open) -> None:
+    """Or not at all, where it is too short; up to the strip's edge, beyond which none is seen."""
+    placed = strips().evaluate(PLACED)
+    assert len(placed) == 6
+    assert all(left >= 100 and right <= 500 for left, right in placed)

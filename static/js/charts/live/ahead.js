@@ -12,6 +12,7 @@
  *         why: nothing is forecast
  */
 
+const WORDS = "90 % forecast to the end of the card";
 const OLDEST = 0.25; // s of flight that a forecast is shown for
 
 export function aheadOf(known, frames, newest) {
@@ -46,7 +47,7 @@ export function createAheadBand(face, key) {
     pen.lineWidth = 1.2;
     pen.stroke();
     if (band.predicted !== null) face.line(x(band.predicted), face.palette.alert, [4, 3], 2);
-    if (end - x(now) > 190) word("90 % forecast to the end of the card", (x(now) + 2 * end) / 3, 0.7 * face.height, face.palette.forecast);
+    if (end - x(now) > face.wide(WORDS)) word(WORDS, (x(now) + end) / 2, 0.7 * face.height, face.palette.forecast);
   }
 
   return {
