@@ -19,6 +19,7 @@ from core.channels import N_CHANNELS
 from core.clearance import BuildUp, ClearanceRecipe
 from core.evaluation.rates import clopper_pearson
 from core.planned_test import DatasetRecipe
+from core.quoted import quoted
 from core.types import Array
 from core.whole_file import write_whole
 
@@ -53,7 +54,7 @@ class Event:
             datetime.fromisoformat(self.at)
         except ValueError:
             raise CampaignError(
-                f"at is {self.at!r:.40}: it is a time, as ISO 8601 has it"
+                f"at is {quoted(self.at)}: it is a time, as ISO 8601 has it"
             ) from None
 
 

@@ -9,6 +9,7 @@ from app.campaigns.campaign import FORMAT, VERSION, Campaign, CampaignError, Con
 from app.recipes import RecipeError, from_plain, read_plain
 from core.clearance import ClearanceRecipe
 from core.planned_test import DatasetRecipe
+from core.quoted import quoted
 
 POINTS = TypeAdapter(tuple[Point, ...])
 
@@ -30,7 +31,7 @@ def from_file(plain: Any, where: str) -> Campaign:
         if version == 1:
             plain = plain | {"conditions": [{"name": "", "test": plain["test"]}]}
         if not isinstance(plain["name"], str):
-            raise CampaignError(f"{where}: name is {plain['name']!r:.40}: it is a text")
+            raise CampaignError(f"{where}: name is {quoted(plain['name'])}: it is a text")
         return Campaign(
             plain["name"],
             tuple(

@@ -20,6 +20,7 @@ from app.recipes import RecipeError, from_plain, to_plain
 from app.store.store import Store
 from core.clearance import ClearanceRecipe
 from core.collection import CollectionError
+from core.quoted import quoted
 
 
 def campaign_request(plain: dict[str, Any], max_bytes: int) -> Campaign:
@@ -30,9 +31,9 @@ def campaign_request(plain: dict[str, Any], max_bytes: int) -> Campaign:
     if plain:
         raise RecipeError(f"{next(iter(plain))!r} is unknown: give name, conditions, clearance")
     if not isinstance(name, str) or not 0 < len(name.strip()) <= LONGEST_NAME:
-        raise RecipeError(f"name is {name!r:.80}: give 1 to {LONGEST_NAME} characters")
+        raise RecipeError(f"name is {quoted(name)}: give 1 to {LONGEST_NAME} characters")
     if not isinstance(given, list) or not given or not all(isinstance(one, dict) for one in given):
-        raise RecipeError(f"conditions is {given!r:.80}: give a list of flight conditions")
+        raise RecipeError(f"conditions is {quoted(given)}: give a list of flight conditions")
     (condition, steps, passes_below, criteria), *others = [
         condition_request(one, max_bytes, f"conditions.{n}") for n, one in enumerate(given)
     ]
@@ -60,14 +61,14 @@ def condition_request(
             "criteria"
         )
     if not isinstance(name, str) or len(name) > LONGEST_NAME:
-        raise RecipeError(f"{where}.name is {name!r:.80}: give up to {LONGEST_NAME} characters")
+        raise RecipeError(f"{where}.name is {quoted(name)}: give up to {LONGEST_NAME} characters")
     if not isinstance(steps, list) or not all(_is_number(step) for step in steps):
-        raise RecipeError(f"{where}.steps is {steps!r:.80}: give shares of the planned amplitude")
+        raise RecipeError(f"{where}.steps is {quoted(steps)}: give shares of the planned amplitude")
     if not _is_number(passes_below):
-        raise RecipeError(f"{where}.passes_below is {passes_below!r:.80}: give a part of a limit")
+        raise RecipeError(f"{where}.passes_below is {quoted(passes_below)}: give a part of a limit")
     if not isinstance(criteria, str) or len(criteria) > LONGEST_CRITERIA:
         raise RecipeError(
-            f"{where}.criteria is {criteria!r:.80}: give up to {LONGEST_CRITERIA} characters"
+            f"{where}.criteria is {quoted(criteria)}: give up to {LONGEST_CRITERIA} characters"
         )
     return Condition(name.strip(), test), steps, float(passes_below), criteria
 

@@ -34,6 +34,7 @@ from core.monitor.combination import check_members
 from core.monitor.predictor import NOT_TRAINED
 from core.monitor.recipe import MISS_RATE
 from core.monitor.training import check_lead
+from core.quoted import quoted
 from core.simulation.maneuver import Maneuver
 
 LONGEST_NAME = 200
@@ -141,7 +142,7 @@ def amplitude_suggestion(plain: dict[str, Any], max_bytes: int) -> tuple[Suggest
     plain = dict(plain)
     share = plain.pop("share", WANTED_SHARE)
     if isinstance(share, bool) or not isinstance(share, int | float):
-        raise RecipeError(f"share is {share!r:.80}: give a number between 0 and 1")
+        raise RecipeError(f"share is {quoted(share)}: give a number between 0 and 1")
     plain.pop("name", None)
     recipe = _dataset_recipe(plain, max_bytes)
     try:
@@ -192,7 +193,7 @@ def combination_request(plain: dict[str, Any], store: Store, max_bytes: int) -> 
         and 2 <= len(set(given)) == len(given) <= MOST_MEMBERS
     ):
         raise RecipeError(
-            f"monitors is {given!r:.200}: give the ids of 2 to {MOST_MEMBERS} stored monitors of "
+            f"monitors is {quoted(given)}: give the ids of 2 to {MOST_MEMBERS} stored monitors of "
             "one planned test, each once"
         )
     recipe = _recipe(CombinationRecipe(), plain, "combination")
@@ -312,7 +313,7 @@ def choice_request(plain: dict[str, Any], store: Store, monitor_id: str) -> Choi
     n_test = _count(dict(plain), "n_test", N_FLIGHTS, 1, LARGEST_N_TEST)
     wrong = [key for key in known[:-1] if not _is_number_or_none(plain.get(key))]
     if wrong:
-        raise RecipeError(f"{wrong[0]} is {plain[wrong[0]]!r:.80}: give a number")
+        raise RecipeError(f"{wrong[0]} is {quoted(plain[wrong[0]])}: give a number")
     try:
         flown_for(monitor)
         recipe = ChoiceRecipe(**(plain | {"n_test": n_test}))
@@ -385,7 +386,7 @@ def _name(plain: dict[str, Any]) -> str | None:
     if name is None:
         return None
     if not isinstance(name, str) or not 0 < len(name) <= LONGEST_NAME:
-        raise RecipeError(f"name is {name!r:.80}: give 1 to {LONGEST_NAME} characters")
+        raise RecipeError(f"name is {quoted(name)}: give 1 to {LONGEST_NAME} characters")
     return name
 
 
@@ -394,7 +395,7 @@ def _count(plain: dict[str, Any], key: str, default: int, lowest: int, highest: 
     if isinstance(value, float) and value.is_integer():
         value = int(value)
     if not isinstance(value, int) or isinstance(value, bool) or not lowest <= value <= highest:
-        raise RecipeError(f"{key} is {value!r:.80}: give an integer from {lowest} to {highest}")
+        raise RecipeError(f"{key} is {quoted(value)}: give an integer from {lowest} to {highest}")
     return value
 
 

@@ -45,6 +45,7 @@ from app.scoring.recipe import Interval
 from app.store.campaigns import CampaignChanged
 from app.store.jobs import ENDED, JobInfo
 from app.store.tokens import LOCAL
+from core.quoted import quoted
 
 router = APIRouter(prefix="/api/v1/campaigns", tags=["campaigns"])
 Finite = Annotated[float, Field(allow_inf_nan=False)]
@@ -397,7 +398,7 @@ async def train_next_monitor(
     """
     asked = dict(plain)
     if not isinstance(point := asked.pop("point", None), str):
-        raise Problem(422, f"point is {point!r:.80}: give the name of the next point")
+        raise Problem(422, f"point is {quoted(point)}: give the name of the next point")
     if "dataset" in asked:
         raise Problem(422, "dataset was given: the campaign says what is simulated, leave it out")
     _, campaign = await asyncio.to_thread(campaigns.get, campaign_id)

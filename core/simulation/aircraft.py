@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, Literal, Self
 import numpy as np
 
 from core.channels import KEYS, N_CHANNELS
+from core.quoted import quoted
 from core.recipe import family
 from core.simulation.published import (
     DERIVATIVES,
@@ -225,7 +226,9 @@ class MatrixAircraft(Aircraft):
         `altitude_m` and `airspeed_mps` too, and `kind`, as in recipes.
         """
         if not isinstance(document, dict):
-            raise ValueError(f"a model is a JSON object with A, B, C, D; this is {document!r:.40}")
+            raise ValueError(
+                f"a model is a JSON object with A, B, C, D; this is {quoted(document)}"
+            )
         fields = {key.lower(): value for key, value in document.items() if key != "kind"}
         needed = {"a", "b", "c", "d", "uncertainty"}
         condition = {"altitude_m", "airspeed_mps"}
@@ -240,16 +243,16 @@ class MatrixAircraft(Aircraft):
             {"spread"} <= uncertainty.keys() <= {"spread", "distribution", "unit"}
         ):
             raise ValueError(
-                f"uncertainty is {uncertainty!r:.60}; give an object with spread, and if you like "
-                "distribution and unit"
+                f"uncertainty is {quoted(uncertainty)}; give an object with spread, and if you "
+                "like distribution and unit"
             )
         states = fields.get("states", [])
         if not isinstance(states, list) or not all(isinstance(name, str) for name in states):
-            raise ValueError(f"states is {states!r:.60}; give a list of names")
+            raise ValueError(f"states is {quoted(states)}; give a list of names")
         for name in condition & fields.keys():
             value = fields[name]
             if isinstance(value, bool) or not isinstance(value, int | float | None):
-                raise ValueError(f"{name} is {value!r:.60}; give a number")
+                raise ValueError(f"{name} is {quoted(value)}; give a number")
         return cls(
             *(_rows(key.upper(), fields[key]) for key in "abcd"),
             uncertainty=Uncertainty(**uncertainty),
@@ -395,7 +398,7 @@ def _rows(name: str, matrix: Any) -> Rows:
     except (TypeError, ValueError):
         array = np.empty(0)
     if array.ndim != 2 or array.size == 0:
-        raise ValueError(f"{name} is {matrix!r:.60}; give a list of rows of equally many numbers")
+        raise ValueError(f"{name} is {quoted(matrix)}; give a list of rows of equally many numbers")
     if not np.isfinite(array).all():
         row, column = np.argwhere(~np.isfinite(array))[0]
         raise ValueError(f"{name}[{row},{column}] is {array[row, column]}; give a finite number")

@@ -18,6 +18,7 @@ from core.monitor.observation import lead_steps
 from core.monitor.predictor import Affine
 from core.monitor.recipe import MonitorRecipe
 from core.monitor.validity.support import Support
+from core.quoted import quoted
 from core.recipe import RecipeError
 from core.types import Array
 
@@ -43,7 +44,7 @@ def check_header(header: Mapping[str, Any], recipe: MonitorRecipe) -> None:
         raise ValueError("theta_names is no list of names")
     for key, kind in (("dataset_recipe", dict), ("dataset_digest", str), ("version", str)):
         if not isinstance(header[key], kind):
-            raise ValueError(f"{key} is {header[key]!r:.40}")
+            raise ValueError(f"{key} is {quoted(header[key])}")
 
 
 def recipe_of(default: Any, values: Mapping[str, Any], where: str) -> Any:
@@ -53,7 +54,7 @@ def recipe_of(default: Any, values: Mapping[str, Any], where: str) -> Any:
         if isinstance(usual, float) and _is_number(value):
             continue
         if type(value) is not type(usual) and not hasattr(usual, "__dataclass_fields__"):
-            raise RecipeError(f"{where}.{field.name} is {value!r:.40}")
+            raise RecipeError(f"{where}.{field.name} is {quoted(value)}")
     return type(default)(**values)
 
 

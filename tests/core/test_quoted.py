@@ -1,0 +1,11 @@
+from core.quoted import MOST_SIGNS, quoted
+
+
+def test_what_was_given_is_repeated_with_its_quotes_and_brackets():
+    """However long it is: its beginning and its end."""
+    assert quoted("F-16") == "'F-16'"
+    assert quoted(["a", 1.5, None]) == "['a', 1.5, None]"
+    long = quoted("begin" + "W" * 300 + "end")
+    assert len(long) == MOST_SIGNS
+    assert (long[:6], long[-4:]) == ("'begin", "end'")
+    assert quoted(list(range(40))) == "[0, 1, 2, 3, 4, 5, ...]"
