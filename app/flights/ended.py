@@ -26,6 +26,8 @@ from core.monitor.assessment import REASONS, STATES, Cause
 from core.monitor.status import Facts, Headline, Level, cause_of, headline
 
 RUNNING = "running"
+NO_SAMPLE = STATES.index(State.WARMING_UP), "no sample came"
+"""State and reason of a flight that ended before its first one."""
 BEFORE, JUMP = 20, 5.0
 """Samples before an exceedance that must have been flown; steps that are no step of the flight."""
 WORST: tuple[Outcome, ...] = ("missed", "late_alert", "unseen", "invalid", "timely_alert")
@@ -72,7 +74,7 @@ def records(store: Store, flights: Iterable[FlightInfo]) -> dict[str, Record]:
             info,
             monitors[info.monitor_id],
             alarms.get(info.id, ()),
-            *states.get(info.id, (0, "")),
+            *states.get(info.id, NO_SAMPLE),
         )
         for info in over
     }
@@ -93,6 +95,7 @@ def _record(
         alarm=warnings > 0,
         caution=cautions > 0,
         invalid=STATES[last] is State.INVALID,
+        warming_up=STATES[last] is State.WARMING_UP,
         calibrated=monitor.support is not None,
         exceeded_t=min(exceeded, default=None),
     )

@@ -23,6 +23,7 @@ from tests.support.oscillator import DT, N_SAMPLES, NY, Array
 from tests.support.samples import SAMPLE_LIKE
 
 INVALID = STATES.index(State.INVALID)
+WARMING_UP = STATES.index(State.WARMING_UP)
 LIMITS = np.array([np.inf, np.inf, np.inf, 0.5, np.inf, np.inf])
 
 
@@ -206,7 +207,23 @@ def test_a_caution_that_waits_is_no_alarm_of_a_flight_that_is_over(tmp_path: Pat
     assert (record.headline.status, record.verdict) == ("caution", None)
     assert record.headline.exceeded_t is None
     store.alarms.acknowledge(caution, "FTE")
-    assert records(store, [info])[flight].headline.status == "not_calibrated"
+    assert records(store, [info])[flight].headline.status == "warming_up"
+
+
+@pytest.mark.parametrize(("state", "status"), [(WARMING_UP, "warming_up"), (0, "not_calibrated")])
+def test_a_flight_that_ended_before_it_was_assessed_is_not_said_to_be_well(
+    tmp_path: Path, state: int, status: str
+) -> None:
+    store, monitor = store_with(exact_monitor(), tmp_path)
+    flight = store.flights.add({"kind": "scripted"}, monitor, EPSILON)
+    info = store.flights.end(flight)
+    record = records(store, [info])[flight]
+    assert (record.headline.status, record.reason) == ("warming_up", "no sample came")
+    none = np.full(1, np.nan)
+    about = none, none == 0, [state], None, ["too few samples" if state else ""]
+    store.flights.append(flight, 0, np.zeros(1), np.zeros((1, 6)), *about)
+    record = records(store, [info])[flight]
+    assert record.headline.status == status
 
 
 def stored(kind: str, t: float, judged: Judged = "both") -> StoredAlarm:
