@@ -303,6 +303,9 @@ class LiveStatus(Message):
     malformed: int = Field(
         description="messages that were no batch, or had the number of another one"
     )
+    refused: str = Field(
+        default="", description="why the newest message was one of them; empty where it was a batch"
+    )
     foreign: int = Field(description="datagrams of somebody else than the source")
     counts: dict[str, int] = Field(description="samples by kind, see the README")
     unread: list[str] = Field(

@@ -49,7 +49,7 @@ from core.types import Array
 P, R = KEYS.index("p"), KEYS.index("r")
 BEGUN_KEPT = 50
 """Newest manoeuvres whose beginnings are told."""
-UNREAD_KEPT, LONGEST_NAME = 20, 60
+UNREAD_KEPT, LONGEST_NAME, LONGEST_REASON = 20, 60, 300
 """Names that nothing reads which are told, and letters of each."""
 FORMAT = 1
 
@@ -125,6 +125,7 @@ class LiveFlight(Flight):
         self._last_sequence: int | None = None
         self._lag = Lag(self.scorer.lead)
         self._n_malformed = self._n_batches = self._n_resumed = 0
+        self._refused = ""
         self._begun: deque[ManoeuvreBegun] = deque(maxlen=BEGUN_KEPT)
         self._newest_manoeuvre = 0
         self._unread: dict[str, None] = {}
@@ -168,6 +169,7 @@ class LiveFlight(Flight):
             batches=self._n_batches,
             last_sequence=self._last_sequence,
             malformed=self._n_malformed,
+            refused=self._refused,
             foreign=self._udp.n_foreign if self._udp else 0,
             counts=self.scorer.counts.to_plain(),
             unread=list(self._unread),
@@ -251,8 +253,9 @@ class LiveFlight(Flight):
             if not self._has_begun:
                 self._setup.reader.check(batch, self.needed)
             samples = self._setup.reader.samples(batch)
-        except (TelemetryError, SequenceConflict):
+        except (TelemetryError, SequenceConflict) as error:
             self._n_malformed += 1
+            self._refused = str(error)[:LONGEST_REASON]
             raise
         values = msgspec.json.encode(batch.values)
         line = {"v": via, "s": batch.sequence, "b": msgspec.Raw(values)}
@@ -357,6 +360,7 @@ class LiveFlight(Flight):
         """Remember a batch, so that it is known when it comes again. values: in JSON."""
         self._has_begun = True
         self._n_batches += 1
+        self._refused = ""
         if sequence is not None:
             self._known_batches.note(sequence, _digest(values))
             self._last_sequence = max(sequence, self._last_sequence or 0)

@@ -123,8 +123,10 @@ export function createLivePanel({ line, problem }, { begin, address, events, fla
   }
 
   function showProblem() {
-    problem.hidden = live.problem === "";
-    if (live.problem !== "") put(problem, `◆ NOT DURABLE: the disk takes nothing (${live.problem}). Samples are shown, but not acknowledged: make space.`);
+    const { problem: disk, refused = "" } = live;
+    problem.hidden = disk === "" && refused === "";
+    if (refused !== "") put(problem, `◆ REFUSED, the source's newest message: ${refused}`);
+    if (disk !== "") put(problem, `◆ NOT DURABLE: the disk takes nothing (${disk}). Samples are shown, but not acknowledged: make space.`);
   }
 
   function mark({ number, t }) {

@@ -148,6 +148,19 @@ def test_a_source_that_died_is_as_old_in_each_place_and_grows_older(own_live: Li
     expect(live.page.locator(f'[data-flight="{live.flight}"] .flight-stale')).to_have_text(words)
 
 
+def test_a_datagram_that_is_no_batch_is_said_why_until_one_is(live: Live) -> None:
+    """Nobody answers a datagram."""
+    live.begin(udp=0)
+    address, port = live.ask("GET", f"/flights/{live.flight}/samples")["udp"].split(":")
+    warning = live.page.locator(".live-problem")
+    with socket.socket(type=socket.SOCK_DGRAM) as source:
+        source.sendto(b'{"t": 0, "air": {"beta_deg": 1}}', (address, int(port)))
+        expect(warning).to_contain_text("REFUSED, the source's newest message:")
+        expect(warning).to_contain_text("beta")
+        source.sendto(json.dumps(batch(0, 0)).encode(), (address, int(port)))
+        expect(warning).to_be_hidden()
+
+
 def test_samples_that_are_not_durable_are_said_so_until_they_are(
     live: Live, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -271,7 +271,9 @@ def test_a_flight_begins_with_all_channels_and_then_names_what_is_missing(tmp_pa
             live.flight.receive(batch(0, y[0], beta=None), "rest")
         with pytest.raises(TelemetryError, match="beta of 20 rad is implausible: look at its unit"):
             live.flight.receive(batch(0, y[0], beta=20.0), "rest")
+        assert "beta of 20 rad is implausible" in live.flight.live.refused
         live.push(0, y[0])
+        assert live.flight.live.refused == ""
         live.push(1, y[1], beta=None)
         assert live.flight.reason == "beta is missing"
         live.push(2, y[2], beta=20.0)
