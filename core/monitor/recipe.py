@@ -85,13 +85,14 @@ def mismatch(predictor: Predictor, score: Score) -> str:
             "the predictor combination goes with the score highest_risk, and neither with another"
         )
     if score.reads_card != bool(predictor.forecast):
+        forecasting = (key for key, one in PREDICTORS.items() if one.forecast)
+        reading = (key for key, one in SCORES.items() if one.reads_card)
         return (
-            "the predictors response_filter and peak_ridge go with the score rest_of_card or "
-            "card_window, and these with no other predictor"
+            f"the predictors {' and '.join(forecasting)} go with the score "
+            f"{' or '.join(reading)}, and these with no other predictor"
         )
     if score.channel >= 0 and not predictor.maps_to_outputs:
-        return (
-            "the score negative_magnitude reads an output: choose the predictor linear or "
-            "last_output"
-        )
+        own = next(key for key, one in SCORES.items() if type(one) is type(score))
+        mapping = (k for k, one in PREDICTORS.items() if one.maps_to_outputs and not one.forecast)
+        return f"the score {own} reads an output: choose the predictor {' or '.join(mapping)}"
     return ""

@@ -55,7 +55,9 @@ def write_seeds(folder: Path) -> list[Seed]:
 
 def paths_of(seeds: Sequence[Seed], kind: str) -> list[Path]:
     """The whole files of a kind."""
-    return [seed.path for seed in seeds if seed.kind == kind]
+    paths = [seed.path for seed in seeds if seed.kind == kind]
+    assert paths, f"no file of the format {kind} is written: add one to TABLES, ARRAYS or BUSES"
+    return paths
 
 
 def _foreign(package: str, pattern: str) -> list[Path]:

@@ -52,6 +52,7 @@ def test_the_text_table_is_listed_first_and_recognised_last(write):
 
 @pytest.mark.parametrize("key", FORMATS)
 def test_a_format_is_known_by_its_content_under_any_name(key, write):
+    assert key in HEADS, "add the first bytes of such a file to HEADS"
     for ending in FORMATS[key].endings:
         assert format_of(write(HEADS[key]), f"flight{ending.upper()}") == (FORMATS[key], ())
     assert format_of(write(HEADS[key]), "flight") == (FORMATS[key], ())

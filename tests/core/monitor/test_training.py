@@ -47,6 +47,10 @@ class Twin:
     """The same monitor from scikit-learn and double loops."""
 
     def __init__(self, dataset: Dataset, recipe: MonitorRecipe, predictor: str, score: str) -> None:
+        assert predictor in TWIN_FITS, (
+            "give its fit by hand in TWIN_FITS, see support/plain_twin.py"
+        )
+        assert score in TWIN_SCORES, "give its twin in TWIN_SCORES, see support/plain_twin.py"
         pairs = list(zip(dataset.safe, dataset.safe_times, strict=True))
         raw = recipe.scaling == "raw"
         self.recipe, self.score = recipe, twin.SCORES[TWIN_SCORES[score]]
