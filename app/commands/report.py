@@ -99,7 +99,7 @@ def write_reports(
 ) -> Report:
     """Score a file and report it, each monitor at each epsilon in a file of its own.
 
-    memory: as for `score_file`.   Nothing is written before everything is made.
+    memory: as for `score_file`.   Nothing is written before everything is scored and drawn.
     """
     wanted.check(request)
     with asking_for_mapping(wanted.out.with_name(f"{wanted.out.stem}-mapping.json")):

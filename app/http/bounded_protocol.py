@@ -43,6 +43,7 @@ class BoundedHttp(HttpToolsProtocol):
         self._address, self._status = "", 0
         self._unread = b""
         """What came behind requests that wait for their answers."""
+        self._is_held = False
         self._in_head = True
         self._begun = False
         self._plain = 0
@@ -60,7 +61,7 @@ class BoundedHttp(HttpToolsProtocol):
             self._expect_head()
         elif BoundedHttp._n_held < MOST_HELD:
             BoundedHttp._n_held += 1
-            self.flow.pause_reading()
+            self._is_held = True
             self.loop.call_later(HELD_S, self._let_in)
         else:
             self.transport.abort()
@@ -68,9 +69,11 @@ class BoundedHttp(HttpToolsProtocol):
     def _let_in(self) -> None:
         """Read a connection that waited."""
         BoundedHttp._n_held -= 1
+        self._is_held = False
         if not self.transport.is_closing():
             self.flow.resume_reading()
             self._expect_head()
+            self.data_received(b"")
 
     def connection_lost(self, exc: Exception | None) -> None:
         """Wait for nothing more, and answer nothing more of what was asked ahead."""
@@ -83,6 +86,9 @@ class BoundedHttp(HttpToolsProtocol):
 
     def data_received(self, data: bytes) -> None:
         """Parse what came, no more at once than a header may have, nor far ahead of the answers."""
+        if self._is_held:  # a loop may read what comes first, paused or not
+            self._unread += data
+            return self.flow.pause_reading()
         most = self.settings.max_header_bytes
         data, self._unread = self._unread + data, b""
         while data and not self.transport.is_closing():

@@ -1,15 +1,20 @@
 """A peer that is refused all the time: it is read slowly, and others as before."""
 
+import asyncio
 from pathlib import Path
 from typing import Any
 
 import pytest
+from fastapi import WebSocket
+from fastapi.routing import APIWebSocketRoute
+from websockets.sync.client import connect
 
 from app.http import bounded_protocol, refusals
 from app.http.bounded_protocol import PART, BoundedHttp
 from app.http.refusals import MOST, MOST_ADDRESSES, WITHIN_S, Refusals
-from tests.app.http.test_bounded_protocol import GET, HOST, connected, read_ok, rest
+from tests.app.http.test_bounded_protocol import GET, HOST, SOON, connected, read_ok, rest
 from tests.support.api import served
+from tests.support.patience import PATIENCE
 
 FEW = 10
 WRONG = b"GET /api/v1/flights/none HTTP/1.1\r\n" + HOST + b"\r\n"
@@ -51,10 +56,17 @@ def test_a_flood_of_refused_requests_waits_and_a_connection_that_asks_well_does_
         while answers.count(b"HTTP/1.1 404 ") < FEW:
             answers += flooding.recv(65536)
         flooding.sendall(WRONG)
-        with connected(address):
+        with connected(address) as new:
+            new.sendall(GET + b"\r\n")
             while BoundedHttp._n_held == 0:
                 other.sendall(GET + b"\r\n")
                 read_ok(other, 1)
+            for _ in range(FEW):
+                other.sendall(GET + b"\r\n")
+                read_ok(other, 1)
+            new.setblocking(False)
+            with pytest.raises(BlockingIOError):
+                new.recv(65536)
         flooding.setblocking(False)
         with pytest.raises(BlockingIOError):
             flooding.recv(65536)
@@ -68,6 +80,31 @@ def test_who_was_held_is_read_again(tmp_path: Path, monkeypatch: pytest.MonkeyPa
         answers = rest(flooding)
     assert answers.count(b"HTTP/1.1 404 ") == FEW + 2
     assert answers.count(b"HTTP/1.1 200 ") == 1
+
+
+def test_a_websocket_whose_connection_was_held_is_not_given_up(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The time that a header may take ends with it, whenever it was read."""
+    monkeypatch.setattr(bounded_protocol, "HELD_S", 0.05)
+    monkeypatch.setattr(refusals, "WITHIN_S", 3600.0)
+    monkeypatch.setattr(refusals, "MOST", FEW)
+
+    async def echo(websocket: WebSocket) -> None:
+        await websocket.accept()
+        await asyncio.sleep(3 * SOON)
+        await websocket.send_text(await websocket.receive_text())
+
+    with served(tmp_path, header_seconds=SOON) as (address, server):
+        server.app.router.routes[:0] = [APIWebSocketRoute("/echo", echo)]
+        with connected(address) as flooding:
+            flooding.sendall(FEW * WRONG)
+            answers = b""
+            while answers.count(b"HTTP/1.1 404 ") < FEW:
+                answers += flooding.recv(65536)
+        with connect(address.replace("http", "ws") + "/echo") as watcher:
+            watcher.send("still here")
+            assert watcher.recv(PATIENCE) == "still here"
 
 
 def test_requests_far_ahead_of_their_answers_are_not_parsed_yet(tmp_path: Path) -> None:
