@@ -1,58 +1,77 @@
 """How the points of a nearest-neighbour search are laid out: distinct, split, packed by leaf."""
 
 import numpy as np
+import numpy.typing as npt
 
-from core.kernels.compiled import jit
+from core.kernels.compiled import in_chunks, jit
+from core.types import Array, Indices
+
+Rows = npt.NDArray[np.int32]
 
 LEAF = 32
 WIDTH = 8
 SAMPLED = 128
 """Points at least that tell which side of many is the longest: no answer depends on it."""
+POINTS_A_TASK = 32_768
 EMPTY = 2**31 - 1
 """Original index of an unused lane: above every point's, so that it never wins a tie."""
 
 
-@jit
-def pack(points):
+def pack(points: Array) -> tuple[Array, Rows, Array, Rows]:
     """Fields of a Tree. points: (n, d) finite, C-contiguous."""
-    order, slot = _distinct(points)
+    order, first = _distinct(points)
     leaves, original, boxes, lane_of = pack_rows(points, order)
-    for i in range(len(points)):
-        slot[i] = lane_of[slot[i]]
-    return leaves, original, boxes, slot
+    return leaves, original, boxes, lane_of[first]
 
 
-@jit
-def pack_rows(points, order):
+def pack_rows(points: Array, order: Rows) -> tuple[Array, Rows, Array, Rows]:
     """The first three fields of a Tree of some rows of points, and the lane of each of them.
 
-    order: (m,) int32 rows, sorted into the leaves on the way.   Returns lanes (n,).
+    order: (m,) rows, sorted into the leaves on the way.   Returns lanes (n,).
     """
     n, d = points.shape
     n_leaves = (len(order) + LEAF - 1) // LEAF
     n_nodes = (n_leaves + WIDTH - 3) // (WIDTH - 1)
-    start = _split_all(points, order, n_nodes, n_leaves)
+    owned = _split_all(points, order, n_nodes, n_leaves)
     leaves = np.full((n_leaves, d, LEAF), np.inf)
     original = np.full(n_leaves * LEAF, EMPTY, np.int32)
     boxes = np.empty((n_nodes, 2, d, WIDTH))
     boxes[:, 0], boxes[:, 1] = np.inf, -np.inf
     lane_of = np.empty(n, np.int32)
-    for leaf in range(n_leaves):
+    in_chunks(
+        n_leaves,
+        POINTS_A_TASK // LEAF,
+        lambda a, b: _fill_some(
+            points, order, owned, n_nodes, a, b, leaves, original, boxes, lane_of
+        ),
+    )
+    _enclose(boxes)
+    return leaves.reshape(-1), original, boxes.reshape(-1), lane_of
+
+
+@jit
+def _fill_some(points, order, owned, n_nodes, start, stop, leaves, original, boxes, lane_of):
+    for leaf in range(start, stop):
         node = n_nodes + leaf
-        rows = order[start[node, 0] : start[node, 1]]
-        for j in range(len(rows)):
-            original[leaf * LEAF + j] = rows[j]
-            lane_of[rows[j]] = leaf * LEAF + j
-            leaves[leaf, :, j] = points[rows[j]]
+        lo, hi = owned[node]
+        for j in range(hi - lo):
+            original[leaf * LEAF + j] = order[lo + j]
+            lane_of[order[lo + j]] = leaf * LEAF + j
+            for k in range(points.shape[1]):
+                leaves[leaf, k, j] = points[order[lo + j], k]
         if node > 0:
             above, j = (node - 1) // WIDTH, (node - 1) % WIDTH
-            _extent(points, rows, boxes[above, 0, :, j], boxes[above, 1, :, j])
-    for node in range(n_nodes - 1, 0, -1):
+            _extent(points, order[lo:hi], boxes[above, 0, :, j], boxes[above, 1, :, j])
+
+
+@jit
+def _enclose(boxes):
+    """Give each node's box to the node above it."""
+    for node in range(len(boxes) - 1, 0, -1):
         above, j = (node - 1) // WIDTH, (node - 1) % WIDTH
-        for k in range(d):
+        for k in range(boxes.shape[2]):
             boxes[above, 0, k, j] = boxes[node, 0, k].min()
             boxes[above, 1, k, j] = boxes[node, 1, k].max()
-    return leaves.reshape(-1), original, boxes.reshape(-1), lane_of
 
 
 @jit
@@ -101,23 +120,44 @@ def _equal(bits, i, j):
     return same
 
 
-@jit
-def _split_all(points, order, n_nodes, n_leaves):
-    """Sort `order` so that each node of the heap owns a compact range of it, evenly filled.
+def _split_all(points: Array, order: Rows, n_nodes: int, n_leaves: int) -> Indices:
+    """Sort `order` so that each node of the heap owns a compact range, evenly filled.
 
     Returns (n_nodes + n_leaves, 2): first and past-the-last position of each node's points.
     """
+    leaves = _leaves_below(n_nodes, n_leaves)
+    owned = np.zeros((len(leaves), 2), np.int64)
+    owned[0, 1] = len(order)
+    key = np.empty(len(order))
+    first, stop = 0, min(1, n_nodes)
+    while first < stop:  # nodes of one depth, that own no point in common
+        n = stop - first
+        in_chunks(
+            n,
+            max(1, n * POINTS_A_TASK // len(order)),
+            lambda a, b, first=first: _split_some(
+                leaves, owned, first + a, first + b, points, order, key
+            ),
+        )
+        first, stop = WIDTH * first + 1, min(WIDTH * stop + 1, n_nodes)
+    return owned
+
+
+@jit
+def _leaves_below(n_nodes, n_leaves):
     # Numbers up to the last node's last child; those past the last leaf own no leaf and no point.
-    size = max(WIDTH * n_nodes + 1, n_nodes + n_leaves)
-    leaves = np.zeros(size, np.int64)
+    leaves = np.zeros(max(WIDTH * n_nodes + 1, n_nodes + n_leaves), np.int64)
     leaves[n_nodes : n_nodes + n_leaves] = 1
     for node in range(n_nodes - 1, -1, -1):
         leaves[node] = leaves[WIDTH * node + 1 : WIDTH * node + 1 + WIDTH].sum()
-    owned = np.zeros((size, 2), np.int64)
-    owned[0, 1] = len(order)
-    key = np.empty(len(order))
+    return leaves
+
+
+@jit
+def _split_some(leaves, owned, start, stop, points, order, key):
+    """Split nodes start..stop among their children. key: (m,) room to work in."""
     edge = np.empty(WIDTH + 1, np.int64)
-    for node in range(n_nodes):
+    for node in range(start, stop):
         child = WIDTH * node + 1
         edge[0], edge[WIDTH] = owned[node]
         half = WIDTH // 2
@@ -128,11 +168,10 @@ def _split_all(points, order, n_nodes, n_leaves):
                 right = leaves[child + a + half : child + a + 2 * half].sum()
                 edge[a + half] = lo + (hi - lo) * left // max(left + right, 1)
                 if left > 0 and right > 0:
-                    _split(points, order[lo:hi], key, edge[a + half] - lo)
+                    _split(points, order[lo:hi], key[lo:hi], edge[a + half] - lo)
             half //= 2
         for j in range(WIDTH):
             owned[child + j, 0], owned[child + j, 1] = edge[j], edge[j + 1]
-    return owned
 
 
 @jit
@@ -149,9 +188,9 @@ def _split(points, order, key, middle):
 @jit
 def _extent(points, rows, low, high):
     low[:], high[:] = np.inf, -np.inf
-    for i in range(len(rows)):
+    for i in rows:
         for k in range(points.shape[1]):
-            x = points[rows[i], k]
+            x = points[i, k]
             low[k] = x if x < low[k] else low[k]
             high[k] = x if x > high[k] else high[k]
 

@@ -7,7 +7,7 @@ from numba.core.errors import TypingError
 from core.kernels import tree_build
 from core.kernels.compiled import jit
 from core.kernels.nearest import build, locate, nearest, squared_distance_at
-from core.kernels.tree_build import _merge_sort, _select
+from core.kernels.tree_build import LEAF, _merge_sort, _select
 from tests.support.repetition import examples
 
 
@@ -246,3 +246,11 @@ def test_keys_are_sorted_as_numpy_sorts_them_stably(n):
         expected = order[np.argsort(key, kind="mergesort")]
         _merge_sort(key.copy(), order)
         np.testing.assert_array_equal(order, expected)
+
+
+def test_a_tree_packed_on_many_threads_is_the_same(monkeypatch):
+    points = np.random.default_rng(5).standard_normal((3_000, 4)).round(1)
+    alone = build(points)
+    monkeypatch.setattr(tree_build, "POINTS_A_TASK", LEAF)
+    for ours, expected in zip(build(points), alone, strict=True):
+        np.testing.assert_array_equal(ours, expected)
