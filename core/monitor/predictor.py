@@ -7,13 +7,16 @@ from typing import Annotated, Any, ClassVar, Literal, get_args
 import numpy as np
 
 from core.bounds import Bounds, check_bounds
+from core.kernels.compiled import in_chunks
 from core.kernels.mapping import Affine
+from core.monitor.observation import Rows
 from core.recipe import family
 from core.types import Array
 
 N_OUTPUTS = 6
 BLOCK = 8192
 """Numbers that a QR step takes: fits the cache, and is too little for BLAS to start threads on."""
+ROWS_A_TASK = 8192
 RANK_TOLERANCE = 1e-10
 Phase = Literal["input", "start"]
 
@@ -32,11 +35,12 @@ class Predictor(ABC):
     file."""
 
     @abstractmethod
-    def fit(self, o: Array, y_ahead: Array) -> Affine:
+    def fit(self, o: Rows, y_ahead: Rows) -> Affine:
         """Fit the map.
 
         o: (n, 6 * (n_delay + 1)) safe observations, the newest outputs last.
         y_ahead: (n, 6) outputs t_early later; rows of NaN where the rollout ended before.
+        Both may be too many for the memory: read a slice of rows at a time.
         """
 
 
@@ -50,22 +54,18 @@ class Linear(Predictor):
     maps_to_outputs: ClassVar[bool] = True
     forecasts: ClassVar[bool] = True
 
-    def fit(self, o: Array, y_ahead: Array) -> Affine:
+    def fit(self, o: Rows, y_ahead: Rows) -> Affine:
         """Fit by QR in blocks, so that memory stays small, and without normal equations."""
-        known = ~np.isnan(y_ahead[:, 0])
-        if not known.any():
+        mean, triangle = _centred_triangle(o, y_ahead)
+        if np.isnan(mean).any():
             raise ValueError(
                 "no safe observation has an output t_early later: shorten t_early or lengthen "
                 "the manoeuvre"
             )
-        if not known.all():
-            o, y_ahead = o[known], y_ahead[known]
-        o_mean, y_mean = o.mean(axis=0), y_ahead.mean(axis=0)
-        triangle = _triangle((o, o_mean), (y_ahead, y_mean))
         n_o = o.shape[1]
         found = np.linalg.lstsq(triangle[:, :n_o], triangle[:, n_o:], rcond=RANK_TOLERANCE)
         solution = np.asarray(found[0], np.float64)
-        return Affine(solution, y_mean - o_mean @ solution)
+        return Affine(solution, mean[n_o:] - mean[:n_o] @ solution)
 
 
 @dataclass(frozen=True)
@@ -102,25 +102,39 @@ class PeakRidge(Linear):
             raise ValueError(f"phase={self.phase!r} was given: choose input or start")
 
 
-def _triangle(*parts: tuple[Array, Array]) -> Array:
-    """R of the QR decomposition of columns less their means, block by block.
+def _centred_triangle(*columns: Rows) -> tuple[Array, Array]:
+    """Means (m,) of columns, and R (m, m) of the QR decomposition of columns less their means.
 
-    So memory stays small, and no digits are lost.
-    parts: columns (n, k) and means (k,), side by side.   Returns (m, m), m columns in all.
+    columns: (n, k) side by side, m in all; rows that end with NaN are left out. A column of ones
+    before them takes the means out. Means are NaN where no row is left.
     """
+    n, m = columns[0].shape[0], 1 + sum(part.shape[1] for part in columns)
+    triangles = np.empty((-(-n // ROWS_A_TASK), m, m))
+
+    def decompose(start: int, stop: int) -> None:
+        for i in range(start, stop):
+            rows = slice(i * ROWS_A_TASK, min((i + 1) * ROWS_A_TASK, n))
+            ones = np.ones((rows.stop - rows.start, 1))
+            block = np.hstack([ones, *(part[rows] for part in columns)])
+            triangles[i] = _triangle(block[~np.isnan(block[:, -1])])
+
+    in_chunks(len(triangles), 1, decompose)
+    whole = _triangle(triangles.reshape(-1, m))
+    with np.errstate(invalid="ignore"):
+        return whole[0, 1:] / whole[0, 0], whole[1:, 1:]
+
+
+def _triangle(rows: Array) -> Array:
+    """R (m, m) of the QR decomposition of rows (n, m), block by block: no digits are lost."""
     from scipy.linalg import get_lapack_funcs  # slow to import, and only needed here
 
-    n, m = len(parts[0][0]), sum(len(mean) for _, mean in parts)
+    m = rows.shape[1]
     n_rows = max(BLOCK // m - m, m)
     block, upper = np.zeros((m + n_rows, m), order="F"), np.triu(np.ones((m, m)))
     factorize: Any = get_lapack_funcs("geqrf", (block,))
-    for start in range(0, n, n_rows):
-        stop, at = min(start + n_rows, n), 0
-        for columns, mean in parts:
-            own = block[m : m + stop - start, at : at + len(mean)]
-            np.subtract(columns[start:stop], mean, out=own)
-            at += len(mean)
-        block[m + stop - start :] = 0.0
+    for start in range(0, len(rows), n_rows):
+        own = rows[start : start + n_rows]
+        block[m : m + len(own)], block[m + len(own) :] = own, 0.0
         block[:m] = upper * factorize(block, overwrite_a=True)[0][:m]
     return block[:m].copy()
 
@@ -129,7 +143,7 @@ def _triangle(*parts: tuple[Array, Array]) -> Array:
 class Identity(Predictor):
     """The observation itself (the paper's "No pred")."""
 
-    def fit(self, o: Array, y_ahead: Array) -> Affine:
+    def fit(self, o: Rows, y_ahead: Rows) -> Affine:
         """Fit nothing."""
         n_o = o.shape[1]
         return Affine(np.eye(n_o), np.zeros(n_o))
@@ -142,15 +156,15 @@ class PrincipalComponents(Predictor):
     n_components: int = 6
     """principal components kept."""
 
-    def fit(self, o: Array, y_ahead: Array) -> Affine:
+    def fit(self, o: Rows, y_ahead: Rows) -> Affine:
         """Fit by singular vectors; each sign makes the largest entry positive."""
         if not 1 <= self.n_components <= o.shape[1]:
             raise ValueError(
                 f"n_components={self.n_components} was given: observations have {o.shape[1]} "
                 f"entries, choose 1 to {o.shape[1]}"
             )
-        mean = o.mean(axis=0)
-        vectors = np.linalg.svd(_triangle((o, mean)))[2][: self.n_components].T
+        mean, triangle = _centred_triangle(o)
+        vectors = np.linalg.svd(triangle)[2][: self.n_components].T
         leading = np.abs(vectors).argmax(axis=0)
         matrix = vectors * np.sign(vectors[leading, np.arange(len(leading))])
         return Affine(matrix, -mean @ matrix)
@@ -162,7 +176,7 @@ class LastOutput(Predictor):
 
     maps_to_outputs: ClassVar[bool] = True
 
-    def fit(self, o: Array, y_ahead: Array) -> Affine:
+    def fit(self, o: Rows, y_ahead: Rows) -> Affine:
         """Fit nothing."""
         return Affine(np.eye(o.shape[1])[:, -N_OUTPUTS:], np.zeros(N_OUTPUTS))
 
@@ -173,7 +187,7 @@ class Members(Predictor):
 
     forecast: ClassVar[Literal["", "card", "peaks", "members"]] = "members"
 
-    def fit(self, o: Array, y_ahead: Array) -> Affine:
+    def fit(self, o: Rows, y_ahead: Rows) -> Affine:
         """Refuse: each member was fitted by itself."""
         raise ValueError(NOT_TRAINED)
 

@@ -17,10 +17,11 @@ from core.kernels.peak_risk import lowest_scores
 from core.monitor.group import Groups, Pooled
 from core.monitor.monitor import Monitor, assemble
 from core.monitor.observation import (
+    Observations,
+    OutputsAhead,
+    channel_peaks,
     channel_scale,
     lead_steps,
-    observations_at,
-    outputs_ahead,
 )
 from core.monitor.peak_forecast import PeakForecast
 from core.monitor.peak_ridge import LearnedFlights, fit_peaks
@@ -41,16 +42,14 @@ class SafeObservations:
     """What a dataset's safe rollouts teach: the scale, and each predictor's fit, made once."""
 
     def __init__(self, dataset: Dataset, recipe: MonitorRecipe) -> None:
-        h, n_delay = lead_steps(recipe.t_early, dataset.dt), recipe.n_delay
-        o = observations_at(dataset.safe, dataset.safe_times, n_delay)
-        ahead = outputs_ahead(dataset.safe, dataset.safe_times, h)
-        newest = o[:, -N_CHANNELS:]
-        raw = recipe.scaling == "raw"
-        self.scale = np.ones(N_CHANNELS) if raw else channel_scale(newest)
-        self._units = np.tile(self.scale, n_delay + 1)
-        o /= self._units
-        ahead /= self.scale
-        self._pairs = o, ahead
+        y, times, self.scale = dataset.safe, dataset.safe_times, np.ones(N_CHANNELS)
+        if recipe.scaling != "raw":
+            self.scale = channel_scale(Observations(y, times, 0, self.scale)[:])
+        self._units = np.tile(self.scale, recipe.n_delay + 1)
+        self._pairs = (
+            Observations(y, times, recipe.n_delay, self.scale),
+            OutputsAhead(y, times, lead_steps(recipe.t_early, dataset.dt), self.scale),
+        )
         self._fits: dict[Predictor, Affine] = {}
 
     def fit(self, predictor: Predictor) -> Affine:
@@ -151,9 +150,7 @@ def _calibrated(
         dt=dataset.dt,
         h=h,
         scale=safe.scale,
-        training_max_abs=np.fmax(
-            np.abs(dataset.safe).max(axis=(0, 1)), np.nanmax(np.abs(dataset.unsafe), axis=(0, 1))
-        ),
+        training_max_abs=np.fmax(channel_peaks(dataset.safe), channel_peaks(dataset.unsafe)),
         unsafe_points=unsafe_points,
         unsafe_where=unsafe_where,
         safe_points=safe_points,

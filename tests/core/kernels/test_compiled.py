@@ -14,7 +14,7 @@ from filelock import FileLock
 
 import core
 from core.kernels.compiled import KEPT_S, cache_directory, jit, prune
-from core.kernels.tree_build import pack
+from core.kernels.spread import spread
 
 CORE = Path(core.__file__).parent
 KERNELS = CORE / "kernels"
@@ -120,22 +120,22 @@ LATER = """
 import sys
 import numba
 import numpy as np
-from core.kernels.tree_build import pack
+from core.kernels.spread import spread
 
 points = np.random.default_rng(0).normal(size=(40, 3))
-pack(points)
+spread(points)
 print("numba.np.arraymath" in sys.modules, "scipy.linalg" in sys.modules)
 
 @numba.njit
 def farthest(points):
-    leaves, _, _, slot = pack(points)
-    return np.sort(leaves)[slot[0]] + np.dot(np.arange(3.0), np.arange(3.0))
+    deviation, peak = spread(points)
+    return np.sort(deviation)[0] + np.dot(peak, np.arange(3.0))
 
 print(farthest(points) == farthest.py_func(points))
 """
 
 
 def test_a_kernel_is_loaded_without_what_compiling_needs_and_others_are_compiled_then() -> None:
-    pack(np.zeros((2, 3)))  # is in the cache from here on
+    spread(np.zeros((2, 3)))  # is in the cache from here on
     told = subprocess.run([sys.executable, "-c", LATER], check=True, capture_output=True, text=True)
     assert told.stdout.split() == ["False", "False", "True"]

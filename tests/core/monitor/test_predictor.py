@@ -25,16 +25,23 @@ def apply(affine: Affine, o: Array) -> Array:
     return o @ affine.matrix + affine.offset
 
 
-@pytest.mark.parametrize("n", [1, 20, 316, 317, 318, 634, 1_000])
-def test_blocks_give_the_triangle_of_the_whole_centred_matrix(n: int) -> None:
-    o, ahead = pairs(1_000)
-    parts = [(o[:n], o.mean(axis=0)), (ahead[:n] * 0.0 + o[:n, :6] ** 2, np.ones(6))]
-    parts = [(np.nan_to_num(columns), mean) for columns, mean in parts]
-    whole = np.hstack([columns - mean for columns, mean in parts])
-    triangle = predictor._triangle(*parts)
-    assert predictor.BLOCK // 24 - 24 == 317
-    np.testing.assert_array_equal(triangle, np.triu(triangle))
-    np.testing.assert_allclose(triangle.T @ triangle, whole.T @ whole, rtol=1e-12, atol=1e-10)
+@pytest.mark.parametrize("n", [1, 20, 301, 302, 303, 604, 1_000])
+def test_blocks_give_the_triangle_of_the_whole_centred_matrix(
+    n: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    o, ahead = pairs(n + 1)
+    ahead[: n // 2 + 1] = np.nan_to_num(ahead[: n // 2 + 1], nan=1.0)
+    whole = np.hstack([o, ahead])[~np.isnan(ahead[:, 0])] + 100.0
+    expected = whole - whole.mean(axis=0)
+    assert predictor.BLOCK // 25 - 25 == 302
+    for task in (predictor.ROWS_A_TASK, 302, 7):
+        monkeypatch.setattr(predictor, "ROWS_A_TASK", task)
+        mean, triangle = predictor._centred_triangle(o + 100.0, ahead + 100.0)
+        np.testing.assert_allclose(mean, whole.mean(axis=0), rtol=1e-13)
+        np.testing.assert_array_equal(triangle, np.triu(triangle))
+        np.testing.assert_allclose(
+            triangle.T @ triangle, expected.T @ expected, rtol=1e-10, atol=1e-8
+        )
 
 
 @pytest.mark.parametrize("name", PREDICTORS)
@@ -91,7 +98,7 @@ def test_linear_predicts_as_scikit_learn_does(kind: str) -> None:
 def test_linear_does_not_depend_on_the_block_size(monkeypatch: pytest.MonkeyPatch) -> None:
     o, ahead = pairs()
     whole = Linear().fit(o, ahead)
-    for block in (1, 24 * (24 + 25), 24 * (24 + 64), 24 * (24 + 299)):
+    for block in (1, 25 * (25 + 26), 25 * (25 + 64), 25 * (25 + 299)):
         monkeypatch.setattr(predictor, "BLOCK", block)
         np.testing.assert_allclose(apply(Linear().fit(o, ahead), o), apply(whole, o), atol=1e-10)
 
