@@ -155,9 +155,7 @@ def unpack(blob: bytes, name: str) -> dict[str, Section]:
     digest, _, body = rest.partition(b"\n")
     number = title.removeprefix(MAGIC)
     if not title.startswith(MAGIC) or not number.isdigit() or number == b"0":
-        raise MonitorFileError(
-            f"{name} is not a Forewarn monitor: choose a file written by `forewarn train`"
-        )
+        raise _not_a_monitor(name)
     if int(number) > FORMAT:
         raise MonitorFileError(
             f"{name} has monitor format {int(number)}, this program reads up to {FORMAT}: "
@@ -289,10 +287,20 @@ def _of_older_format(
     return {section.name: section for section in sections}
 
 
+def _not_a_monitor(name: str | Path) -> MonitorFileError:
+    return MonitorFileError(
+        f"{name} is not a Forewarn monitor: choose a file written by `forewarn train`"
+    )
+
+
 def read(path: str | Path) -> bytes:
-    """Read the file's bytes; MonitorFileError where there is no such file."""
+    """Read the file's bytes; MonitorFileError where there is none, or it begins as no monitor."""
     try:
-        return Path(path).read_bytes()
+        with Path(path).open("rb") as file:
+            begin = file.read(len(MAGIC))
+            if begin != MAGIC:  # a recording, say: it may be larger than the memory
+                raise _not_a_monitor(path)
+            return begin + file.read()
     except OSError as error:
         raise MonitorFileError(
             f"{path} cannot be read ({error.strerror}): give the path of a monitor file"

@@ -380,3 +380,11 @@ def test_saving_replaces_the_old_file_and_leaves_nothing_else(
     train(dataset).save(path)
     assert path.read_bytes() == blob
     assert list(tmp_path.iterdir()) == [path]
+
+
+def test_a_file_larger_than_the_memory_is_refused_by_its_first_bytes(tmp_path: Path) -> None:
+    recording = tmp_path / "flight.csv"
+    with recording.open("wb") as file:
+        file.truncate(2**40)
+    with pytest.raises(MonitorFileError, match=r"flight\.csv is not a Forewarn monitor"):
+        load(recording)
