@@ -8,7 +8,7 @@
 | token            | FOREWARN_TOKEN            | none; at least 16 characters                     |
 | database_url     | FOREWARN_DATABASE_URL     | sqlite, forewarn.db in the data directory        |
 | allowed_hosts    | FOREWARN_ALLOWED_HOSTS    | none besides the address itself; comma separated |
-| max_flights      | FOREWARN_MAX_FLIGHTS      | 20                                               |
+| max_flights      | FOREWARN_MAX_FLIGHTS      | 64                                               |
 | max_jobs         | FOREWARN_MAX_JOBS         | 1 at once                                        |
 | max_queued_jobs  | FOREWARN_MAX_QUEUED_JOBS  | 20                                               |
 | max_body_bytes   | FOREWARN_MAX_BODY_BYTES   | 32 MiB                                           |
@@ -60,7 +60,7 @@ class Settings:
     token: str | None = field(default=None, repr=False)
     database_url: str | None = field(default=None, repr=False)
     allowed_hosts: tuple[str, ...] = ()
-    max_flights: int = 20
+    max_flights: int = 64
     max_jobs: int = 1
     max_queued_jobs: int = 20
     max_body_bytes: int = 32 * 2**20

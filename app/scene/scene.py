@@ -24,7 +24,7 @@ PERIOD_S = 0.05
 """Between two drawings [s]: 20 Hz."""
 STALE_AFTER_S = 2.0
 """Without a new sample for so long a scene says STALE that its flight told no better [s]."""
-MAX_SCENES = 20
+MAX_SCENES = 64
 LOG = logging.getLogger("forewarn")
 
 Clock = Callable[[], float]

@@ -56,3 +56,7 @@ def test_secrets_are_not_printed():
     settings = read_settings({"FOREWARN_TOKEN": TOKEN, "FOREWARN_DATABASE_URL": "pg://me:pw@x/y"})
     assert TOKEN not in repr(settings)
     assert "pw@" not in repr(settings)
+
+
+def test_a_control_room_of_fifty_flights_needs_no_setting():
+    assert read_settings({}).max_flights >= 50
