@@ -108,15 +108,19 @@ def columns(
 
 def _limits(t: Array, in_force: Sequence[Mapping[str, Any]]) -> list[ExportColumn]:
     """The limit in force of each channel that had one, at each time; NaN where none held."""
-    limits = np.full((len(t), len(CHANNELS)), np.nan)
-    for piece in pieces_of(np.full(len(CHANNELS), np.inf), in_force):
-        limits[(t >= piece.start) & (t <= piece.end)] = piece.limits
-    limits[np.isinf(limits)] = np.nan
-    return [
-        ExportColumn(f"limit_{channel.key}", channel.unit, limits[:, c], from_trim=True)
-        for c, channel in enumerate(CHANNELS)
-        if np.isfinite(limits[:, c]).any()
+    pieces = [
+        (piece.limits, (t >= piece.start) & (t <= piece.end))
+        for piece in pieces_of(np.full(len(CHANNELS), np.inf), in_force)
     ]
+    given = []
+    for c, channel in enumerate(CHANNELS):
+        limits = np.full(len(t), np.nan)
+        for of_channels, within in pieces:
+            limits[within] = of_channels[c] if np.isfinite(of_channels[c]) else np.nan
+        if np.isfinite(limits).any():
+            name = f"limit_{channel.key}"
+            given.append(ExportColumn(name, channel.unit, limits, from_trim=True))
+    return given
 
 
 def _table(given: list[ExportColumn], names: list[str], rows: slice = ALL) -> "pa.Table":

@@ -14,12 +14,14 @@ import json
 import logging
 import os
 import shutil
+import tempfile
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import replace
 from functools import partial
 from math import ceil
 from pathlib import Path
+from typing import BinaryIO, cast
 
 from app.recordings.verified import Verified, digest_of
 from app.store.database import Damaged
@@ -75,6 +77,12 @@ class RecordingFiles:
         except FileNotFoundError:
             return
         shutil.rmtree(gone, ignore_errors=True)
+
+    def unnamed(self) -> BinaryIO:
+        """A file on the same disk, to write and read, that is gone once it is closed."""
+        with spacious():
+            self.incoming.mkdir(parents=True, exist_ok=True)
+            return cast(BinaryIO, tempfile.TemporaryFile(dir=self.incoming))
 
     def file(self, recording_id: str) -> Path:
         """The uploaded file."""

@@ -1,21 +1,25 @@
 """What leaves the house: the report of a scored recording, and its samples for other programs."""
 
 import asyncio
-import io
+from collections.abc import Iterator
+from contextlib import ExitStack
 from dataclasses import asdict
 from pathlib import PurePath
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, BinaryIO, Literal
 from urllib.parse import quote
 
 from fastapi import APIRouter, Query, Response
+from fastapi.responses import StreamingResponse
 
 from app.http.problems import problem_responses
 from app.recordings.exports import EXPORTS, export
+from app.recordings.files import spacious
 from app.report.page import report
 from app.report.stored import stored_subject
 from app.report.subject import about
 from app.routes.dependencies import PAGE_TO_PRINT, ScoredDep
 
+SENT_BYTES = 2**20
 SAMPLES: dict[int | str, dict[str, Any]] = {
     200: {
         "description": "the samples",
@@ -70,12 +74,25 @@ async def export_samples(
     def make() -> Response:
         info = scored.store.scorings.info(recording_id, scoring_id)
         recording = scored.store.recordings.info(recording_id)
-        file, kind = io.BytesIO(), EXPORTS[form]
-        export(scored.samples(info), about(asdict(recording), asdict(info)), form, file)
-        headers = _as_file(f"{PurePath(recording.name).stem} scored.{kind.ending}")
-        return Response(file.getvalue(), headers=headers, media_type=kind.media_type)
+        samples, kind = scored.samples(info), EXPORTS[form]
+        with ExitStack() as held:
+            file = held.enter_context(scored.files.unnamed())
+            with spacious():
+                export(samples, about(asdict(recording), asdict(info)), form, file)
+                headers = {"Content-Length": str(file.tell())}
+            headers |= _as_file(f"{PurePath(recording.name).stem} scored.{kind.ending}")
+            kept = held.pop_all()
+        return StreamingResponse(_blocks(file, kept), headers=headers, media_type=kind.media_type)
 
     return await asyncio.to_thread(make)
+
+
+def _blocks(file: BinaryIO, held: ExitStack) -> Iterator[bytes]:
+    """Of a file from its begin; it is closed afterwards."""
+    with held:
+        file.seek(0)
+        while block := file.read(SENT_BYTES):
+            yield block
 
 
 def _as_file(name: str) -> dict[str, str]:

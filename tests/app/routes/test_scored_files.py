@@ -1,9 +1,10 @@
 """Report and exports over REST: files that stand alone, under names of any letters."""
 
 import io
+import os
 import re
 from collections.abc import Iterator
-from typing import Any
+from typing import Any, BinaryIO
 from urllib.parse import quote, unquote
 
 import numpy as np
@@ -13,6 +14,7 @@ import pytest
 from scipy.io import loadmat
 from starlette.testclient import TestClient
 
+from app.recordings.files import RecordingFiles
 from core.channels import CHANNELS, KEYS
 from core.monitor import Monitor
 from tests.support.api import api, problem, store_of
@@ -160,6 +162,26 @@ def test_csv_is_the_default_and_others_are_refused(scored: Scored):
     path = f"{scored.path}/export"
     assert scored.client.get(path).content == scored.export("csv").getvalue()
     assert "format" in problem(scored.client.get(path, params={"format": "xlsx"}), 422)
+
+
+def test_an_export_is_sent_from_the_disk_and_leaves_nothing_there(
+    scored: Scored, monkeypatch: pytest.MonkeyPatch
+):
+    whole = scored.export("csv").getvalue()
+    made: list[int] = []
+    given = RecordingFiles.unnamed
+
+    def seen(files: RecordingFiles) -> BinaryIO:
+        file = given(files)
+        made.append(os.fstat(file.fileno()).st_dev)
+        return file
+
+    monkeypatch.setattr(RecordingFiles, "unnamed", seen)
+    answer = scored.client.get(f"{scored.path}/export")
+    assert int(answer.headers["content-length"]) == len(whole) == len(answer.content)
+    files = scored.client.app.state.recordings.files  # pyright: ignore
+    assert made == [os.stat(files.root).st_dev]
+    assert not list(files.incoming.iterdir())
 
 
 @pytest.mark.parametrize("end", ["report", "export"])
