@@ -16,7 +16,7 @@ import { reason } from "../lib/api.js";
 import { aircraftName, kindName, limitWords } from "../lib/catalog.js";
 import { formatted, h } from "../lib/dom.js";
 import { needs } from "../lib/me.js";
-import { figure, percent } from "../lib/numbers.js";
+import { figure, moment, percent } from "../lib/numbers.js";
 import { followUnits } from "../lib/units.js";
 import { button, errorLine } from "../lib/view_states.js";
 import { createFields } from "./form.js";
@@ -147,8 +147,8 @@ export function datasetChoice({ api, catalog, datasets, chosen, initial, asFlown
   const select = h(
     "select",
     { "aria-label": "stored dataset" },
-    datasets.map(({ id, name, n_unsafe }) =>
-      h("option", { value: id }, `${name} (${n_unsafe} failures)`),
+    datasets.map(({ id, name, n_unsafe, created }) =>
+      h("option", { value: id }, `${name} (${n_unsafe} failures, ${moment(created)})`),
     ),
   );
   const stored = datasets.some(({ id }) => id === chosen);

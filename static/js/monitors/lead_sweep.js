@@ -10,7 +10,7 @@ import { reason } from "../lib/api.js";
 import { h } from "../lib/dom.js";
 import { scrolledTable } from "../lib/lists.js";
 import { needs } from "../lib/me.js";
-import { figure, interval, percent } from "../lib/numbers.js";
+import { figure, interval, moment, percent } from "../lib/numbers.js";
 import { errorLine } from "../lib/view_states.js";
 import { leadsFigure } from "./figures.js";
 import { figureFiles, pastStudies, showStudyPage } from "./study_page.js";
@@ -121,7 +121,7 @@ function testChoice(tests, datasets, chosen) {
       ? h(
           "optgroup",
           { label: "the planned test of a dataset" },
-          simulated.map(({ id, name }) => h("option", { value: id }, name)),
+          simulated.map(({ id, name, created }) => h("option", { value: id }, `${name} (${moment(created)})`)),
         )
       : null,
   );

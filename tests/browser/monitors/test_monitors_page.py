@@ -328,8 +328,10 @@ def test_of_flights_that_differ_the_safe_ones_that_were_called_invalid_are_not_q
 def test_a_method_is_a_predictor_and_a_score_that_go_together(page: Page, site: Site) -> None:
     page.goto(f"{site.http}/#/monitors/new")
     method = page.get_by_label("method", exact=True)
-    expect(method).to_have_value("outputs_ahead")
+    expect(method.locator("option:checked")).to_contain_text("(recommended)")
     predictor, score = (page.locator(f'[name="monitor.{part}.kind"]') for part in PAIR)
+    expect(predictor).to_have_value("peak_ridge")
+    expect(score).to_have_value("rest_of_card")
     method.select_option("test_card")
     expect(predictor).to_have_value("response_filter")
     expect(score).to_have_value("card_window")
@@ -338,6 +340,31 @@ def test_a_method_is_a_predictor_and_a_score_that_go_together(page: Page, site: 
     expect(method).to_have_value("")
     method.select_option("outputs_ahead")
     expect(predictor).to_have_value("linear")
+
+
+def test_a_form_begun_from_a_monitor_keeps_its_method(page: Page, site: Site) -> None:
+    recipe = site.get(f"/monitors/{site.monitor}")["recipe"]
+    page.goto(f"{site.http}/#/monitors/new?like={site.monitor}")
+    for part in PAIR:
+        expect(page.locator(f'[name="monitor.{part}.kind"]')).to_have_value(recipe[part]["kind"])
+
+
+def test_texts_of_methods_and_of_datasets_of_one_recipe_are_read_in_a_narrow_window(
+    page: Page, site: Site
+) -> None:
+    page.set_viewport_size({"width": 1024, "height": 768})
+    page.goto(f"{site.http}/#/monitors/new")
+    method = page.get_by_label("method", exact=True)
+    widest = """(e) => {
+        const pen = document.createElement("canvas").getContext("2d");
+        pen.font = getComputedStyle(e).font;
+        return Math.max(...[...e.options].map((o) => pen.measureText(o.text).width));
+    }"""
+    assert method.evaluate(widest) < method.evaluate("(e) => e.clientWidth") - 30
+    stored = site.get("/datasets")[0]
+    page.get_by_label("Use a stored dataset").check()
+    option = page.get_by_label("stored dataset", exact=True).locator("option").first
+    expect(option).to_contain_text(f"{stored['created'][:10]} {stored['created'][11:16]} UTC")
 
 
 def test_the_page_knows_the_rule_of_either_promise(page: Page, site: Site) -> None:
