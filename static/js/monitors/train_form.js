@@ -83,11 +83,11 @@ export function showTraining(element, { query, api, navigate }) {
 function createTrainForm({ api, catalog, datasets, like, chosen, onsubmit }) {
   const { schema } = catalog.recipes.monitor;
   const withTest = { ...schema, properties: { ...schema.properties, n_test: TEST } };
-  const { predictor, score } = catalog.methods[0];
-  const initial = like
-    ? { ...catalog.recipes.monitor.default, ...like.recipe }
-    : { ...catalog.recipes.monitor.usual, predictor, score };
-  const fields = createFields(withTest, initial, { catalog, path: "monitor" });
+  const fields = createFields(
+    withTest,
+    { ...catalog.recipes.monitor[like ? "default" : "usual"], ...like?.recipe },
+    { catalog, path: "monitor" },
+  );
   const source = datasetChoice({
     api,
     catalog,
