@@ -10,6 +10,7 @@ from core.collection import collect
 from core.equation_error import EquationError, Smoothing
 from core.evaluation.lead_sweep import TESTS
 from core.identification.identification import FlownSegment, Identification, identify, swing_s
+from core.identification.posterior import prior_of
 from core.monitor import MonitorRecipe, train
 from core.planned_test import Simulator
 from core.recipe import from_plain, to_plain
@@ -159,6 +160,23 @@ def test_a_real_rudder_record_leaves_the_aileron_where_it_was() -> None:
     moved = (found.mean - found.prior_mean) / found.prior_sigma
     assert np.abs(moved[of_aileron]).max() < 1.0
     assert {"Y_da", "N_da"} <= set(found.undetermined)
+
+
+@real_records
+def test_a_real_rudder_record_helps_where_the_catalog_was_not_fitted_to_these_records() -> None:
+    """The catalog's derivatives were, to the aileron's among them: its own R2 there is no peer."""
+    law, plant, rng = CONTROL_LAWS["none"], ATTAS.uncertain_plant(), np.random.default_rng(2)
+    covariance = plant.root @ plant.root.T
+    told = []
+    for deviates in rng.standard_normal((12, plant.root.shape[1])):
+        guess = IdentifiedAircraft.of(ATTAS, plant.nominal + plant.root @ deviates, covariance)
+        found = identify(guess, law, [record("attas_rud1")])
+        unflown = replace(found, deviates=prior_of(guess.uncertain_plant(), 1))
+        told.append([one.predict(record("attas_ail1")).r2 for one in (unflown, found)])
+    before, after = np.moveaxis(np.array(told), 1, 0)
+    slow = [0, 2, 3]  # a rudder says little of the roll rate, which is known well before
+    assert (np.mean(after > before, axis=0)[slow] > 0.6).all()
+    assert (np.mean(after - before, axis=0)[slow] > 0.1).all()
 
 
 def test_swing_is_the_dutch_roll() -> None:
