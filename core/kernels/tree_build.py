@@ -6,7 +6,7 @@ import numpy.typing as npt
 from core.kernels.compiled import in_chunks, jit
 from core.types import Array, Indices
 
-Rows = npt.NDArray[np.int32]
+Indices32 = npt.NDArray[np.int32]
 
 LEAF = 32
 WIDTH = 8
@@ -17,14 +17,14 @@ EMPTY = 2**31 - 1
 """Original index of an unused lane: above every point's, so that it never wins a tie."""
 
 
-def pack(points: Array) -> tuple[Array, Rows, Array, Rows]:
+def pack(points: Array) -> tuple[Array, Indices32, Array, Indices32]:
     """Fields of a Tree. points: (n, d) finite, C-contiguous."""
     order, first = _distinct(points)
     leaves, original, boxes, lane_of = pack_rows(points, order)
     return leaves, original, boxes, lane_of[first]
 
 
-def pack_rows(points: Array, order: Rows) -> tuple[Array, Rows, Array, Rows]:
+def pack_rows(points: Array, order: Indices32) -> tuple[Array, Indices32, Array, Indices32]:
     """The first three fields of a Tree of some rows of points, and the lane of each of them.
 
     order: (m,) rows, sorted into the leaves on the way.   Returns lanes (n,).
@@ -120,7 +120,7 @@ def _equal(bits, i, j):
     return same
 
 
-def _split_all(points: Array, order: Rows, n_nodes: int, n_leaves: int) -> Indices:
+def _split_all(points: Array, order: Indices32, n_nodes: int, n_leaves: int) -> Indices:
     """Sort `order` so that each node of the heap owns a compact range, evenly filled.
 
     Returns (n_nodes + n_leaves, 2): first and past-the-last position of each node's points.

@@ -18,7 +18,7 @@ def lead_steps(t_early: float, dt: float) -> int:
     return math.ceil(t_early / dt - 1e-9)
 
 
-class Rows(Protocol):
+class RowSource(Protocol):
     """Rows that are read slice by slice: an array, or what makes them when they are asked for."""
 
     @property

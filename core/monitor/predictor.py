@@ -9,7 +9,7 @@ import numpy as np
 from core.bounds import Bounds, check_bounds
 from core.kernels.compiled import in_chunks
 from core.kernels.mapping import Affine
-from core.monitor.observation import Rows
+from core.monitor.observation import RowSource
 from core.recipe import family
 from core.types import Array
 
@@ -35,7 +35,7 @@ class Predictor(ABC):
     file."""
 
     @abstractmethod
-    def fit(self, o: Rows, y_ahead: Rows) -> Affine:
+    def fit(self, o: RowSource, y_ahead: RowSource) -> Affine:
         """Fit the map.
 
         o: (n, 6 * (n_delay + 1)) safe observations, the newest outputs last.
@@ -54,7 +54,7 @@ class Linear(Predictor):
     maps_to_outputs: ClassVar[bool] = True
     forecasts: ClassVar[bool] = True
 
-    def fit(self, o: Rows, y_ahead: Rows) -> Affine:
+    def fit(self, o: RowSource, y_ahead: RowSource) -> Affine:
         """Fit by QR in blocks, so that memory stays small, and without normal equations."""
         mean, triangle = _centred_triangle(o, y_ahead)
         if np.isnan(mean).any():
@@ -102,7 +102,7 @@ class PeakRidge(Linear):
             raise ValueError(f"phase={self.phase!r} was given: choose input or start")
 
 
-def _centred_triangle(*columns: Rows) -> tuple[Array, Array]:
+def _centred_triangle(*columns: RowSource) -> tuple[Array, Array]:
     """Means (m,) of columns, and R (m, m) of the QR decomposition of columns less their means.
 
     columns: (n, k) side by side, m in all; rows that end with NaN are left out. A column of ones
@@ -143,7 +143,7 @@ def _triangle(rows: Array) -> Array:
 class Identity(Predictor):
     """The observation itself (the paper's "No pred")."""
 
-    def fit(self, o: Rows, y_ahead: Rows) -> Affine:
+    def fit(self, o: RowSource, y_ahead: RowSource) -> Affine:
         """Fit nothing."""
         n_o = o.shape[1]
         return Affine(np.eye(n_o), np.zeros(n_o))
@@ -156,7 +156,7 @@ class PrincipalComponents(Predictor):
     n_components: int = 6
     """principal components kept."""
 
-    def fit(self, o: Rows, y_ahead: Rows) -> Affine:
+    def fit(self, o: RowSource, y_ahead: RowSource) -> Affine:
         """Fit by singular vectors; each sign makes the largest entry positive."""
         if not 1 <= self.n_components <= o.shape[1]:
             raise ValueError(
@@ -176,7 +176,7 @@ class LastOutput(Predictor):
 
     maps_to_outputs: ClassVar[bool] = True
 
-    def fit(self, o: Rows, y_ahead: Rows) -> Affine:
+    def fit(self, o: RowSource, y_ahead: RowSource) -> Affine:
         """Fit nothing."""
         return Affine(np.eye(o.shape[1])[:, -N_OUTPUTS:], np.zeros(N_OUTPUTS))
 
@@ -187,7 +187,7 @@ class Members(Predictor):
 
     forecast: ClassVar[Literal["", "card", "peaks", "members"]] = "members"
 
-    def fit(self, o: Rows, y_ahead: Rows) -> Affine:
+    def fit(self, o: RowSource, y_ahead: RowSource) -> Affine:
         """Refuse: each member was fitted by itself."""
         raise ValueError(NOT_TRAINED)
 
