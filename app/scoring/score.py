@@ -43,6 +43,8 @@ from core.monitor.assessment import STATES, State, Withdrawal
 from core.monitor.validity.flown_input import FlownInput, amplitude
 from core.types import Array, Flags
 
+JUDGED_TOGETHER = 64
+"""Segments after which the columns are left on the disk again: many lie all over them."""
 INVALID = STATES.index(State.INVALID)
 
 
@@ -75,9 +77,7 @@ def score_at_each(
     levels = [(epsilon, monitor.alert_above(epsilon)) for epsilon in checked]
     flight = Ready.of(monitor, recorded, history)
     chosen, notes = segments(flight.recording, flight.planned, recipe)
-    judged = [_judge(flight, segment) for segment in chosen]
-    for trace in flight.traces.channels.values():
-        release(trace.values)
+    judged = _judge_all(flight, chosen)
     exceedances = _outside(flight, judged)
     notes = (*flight.notes, *notes, *outside_note(exceedances))
     checks, t = compatibility(flight.traces), flight.recording.t
@@ -148,6 +148,15 @@ class JudgedSegment:
         if self.withdrawal is None:
             return silent
         return silent | (np.arange(part.start, part.stop) >= self.withdrawal.first)
+
+
+def _judge_all(flight: Ready, chosen: Sequence[Segment]) -> list[JudgedSegment]:
+    judged: list[JudgedSegment] = []
+    for begin in range(0, len(chosen), JUDGED_TOGETHER):
+        judged += [_judge(flight, one) for one in chosen[begin : begin + JUDGED_TOGETHER]]
+        for trace in flight.traces.channels.values():
+            release(trace.values)
+    return judged
 
 
 def _judge(flight: Ready, segment: Segment) -> JudgedSegment:

@@ -1,6 +1,7 @@
 """A recording is scored manoeuvre by manoeuvre, and only where the monitor is applicable."""
 
 import json
+import sys
 from dataclasses import replace
 
 import numpy as np
@@ -103,6 +104,22 @@ def test_each_manoeuvre_is_a_flight_of_its_own(attas: Monitor):
         assert manoeuvre.peak_risk == alone.peak_risk
         part = scored.samples[manoeuvre.first : manoeuvre.last + 1]
         assert (part["manoeuvre"] == number).all()
+
+
+def test_columns_are_left_on_the_disk_while_many_manoeuvres_are_judged(
+    attas: Monitor, monkeypatch: pytest.MonkeyPatch
+):
+    flights = fly(3, 2).y
+    rest = np.tile(flights[0, :1], (200, 1))
+    traces = recorded(np.vstack([part for y in flights for part in (y, rest)]))
+    expected = score(attas, traces)
+    released: list[np.ndarray] = []
+    module = sys.modules["app.scoring.score"]
+    monkeypatch.setattr(module, "JUDGED_TOGETHER", 1)
+    monkeypatch.setattr(module, "release", released.append)
+    scored = score(attas, traces)
+    assert len(released) == len(scored.manoeuvres) * len(traces.channels) > len(traces.channels)
+    assert scored.samples.tobytes() == expected.samples.tobytes()
 
 
 def test_a_found_manoeuvre_begins_with_the_planned_lead_in_and_lasts_as_planned(attas: Monitor):
