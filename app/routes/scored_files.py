@@ -81,15 +81,15 @@ async def export_samples(
                 export(samples, about(asdict(recording), asdict(info)), form, file)
                 headers = {"Content-Length": str(file.tell())}
             headers |= _as_file(f"{PurePath(recording.name).stem} scored.{kind.ending}")
-            kept = held.pop_all()
-        return StreamingResponse(_blocks(file, kept), headers=headers, media_type=kind.media_type)
+            held.pop_all()
+        return StreamingResponse(_blocks(file), headers=headers, media_type=kind.media_type)
 
     return await asyncio.to_thread(make)
 
 
-def _blocks(file: BinaryIO, held: ExitStack) -> Iterator[bytes]:
+def _blocks(file: BinaryIO) -> Iterator[bytes]:
     """Of a file from its begin; it is closed afterwards."""
-    with held:
+    with file:
         file.seek(0)
         while block := file.read(SENT_BYTES):
             yield block
