@@ -1,6 +1,7 @@
 """A peer that is refused all the time: it is read slowly, and others as before."""
 
 import asyncio
+import socket
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +19,14 @@ from tests.support.patience import PATIENCE
 
 FEW = 10
 WRONG = b"GET /api/v1/flights/none HTTP/1.1\r\n" + HOST + b"\r\n"
+
+
+def refuse_few(connection: socket.socket) -> None:
+    """Send FEW wrong requests, and read their answers."""
+    connection.sendall(FEW * WRONG)
+    answers = b""
+    while answers.count(b"HTTP/1.1 404 ") < FEW:
+        answers += connection.recv(65536)
 
 
 def test_many_refusals_within_a_second_are_too_many(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -51,10 +60,7 @@ def test_a_flood_of_refused_requests_waits_and_a_connection_that_asks_well_does_
     ):
         other.sendall(GET + b"\r\n")
         read_ok(other, 1)
-        flooding.sendall(FEW * WRONG)
-        answers = b""
-        while answers.count(b"HTTP/1.1 404 ") < FEW:
-            answers += flooding.recv(65536)
+        refuse_few(flooding)
         flooding.sendall(WRONG)
         with connected(address) as new:
             new.sendall(GET + b"\r\n")
@@ -98,10 +104,7 @@ def test_a_websocket_whose_connection_was_held_is_not_given_up(
     with served(tmp_path, header_seconds=SOON) as (address, server):
         server.app.router.routes[:0] = [APIWebSocketRoute("/echo", echo)]
         with connected(address) as flooding:
-            flooding.sendall(FEW * WRONG)
-            answers = b""
-            while answers.count(b"HTTP/1.1 404 ") < FEW:
-                answers += flooding.recv(65536)
+            refuse_few(flooding)
         with connect(address.replace("http", "ws") + "/echo") as watcher:
             watcher.send("still here")
             assert watcher.recv(PATIENCE) == "still here"
