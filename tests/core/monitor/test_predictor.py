@@ -31,17 +31,26 @@ def test_blocks_give_the_triangle_of_the_whole_centred_matrix(
 ) -> None:
     o, ahead = pairs(n + 1)
     ahead[: n // 2 + 1] = np.nan_to_num(ahead[: n // 2 + 1], nan=1.0)
-    whole = np.hstack([o, ahead])[~np.isnan(ahead[:, 0])] + 100.0
+    whole = np.hstack([o, ahead])[~np.isnan(ahead[:, 0])]
     expected = whole - whole.mean(axis=0)
     assert predictor.BLOCK // 25 - 25 == 302
     for task in (predictor.ROWS_A_TASK, 302, 7):
         monkeypatch.setattr(predictor, "ROWS_A_TASK", task)
-        mean, triangle = predictor._centred_triangle(o + 100.0, ahead + 100.0)
-        np.testing.assert_allclose(mean, whole.mean(axis=0), rtol=1e-13)
+        mean, triangle = predictor._centred_triangle(o, ahead)
+        np.testing.assert_allclose(mean, whole.mean(axis=0), rtol=1e-12, atol=1e-14)
         np.testing.assert_array_equal(triangle, np.triu(triangle))
         np.testing.assert_allclose(
-            triangle.T @ triangle, expected.T @ expected, rtol=1e-10, atol=1e-8
+            triangle.T @ triangle, expected.T @ expected, rtol=1e-12, atol=1e-10
         )
+
+
+def test_means_far_from_zero_are_taken_out() -> None:
+    o, ahead = (columns[:250] + 100.0 for columns in pairs())
+    whole = np.hstack([o, ahead])
+    expected = whole - whole.mean(axis=0)
+    mean, triangle = predictor._centred_triangle(o, ahead)
+    np.testing.assert_allclose(mean, whole.mean(axis=0), rtol=1e-13)
+    np.testing.assert_allclose(triangle.T @ triangle, expected.T @ expected, rtol=1e-10, atol=1e-8)
 
 
 @pytest.mark.parametrize("name", PREDICTORS)
