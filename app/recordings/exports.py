@@ -108,15 +108,14 @@ def columns(
 
 def _limits(t: Array, in_force: Sequence[Mapping[str, Any]]) -> list[ExportColumn]:
     """The limit in force of each channel that had one, at each time; NaN where none held."""
-    pieces = [
-        (piece.limits, (t >= piece.start) & (t <= piece.end))
-        for piece in pieces_of(np.full(len(CHANNELS), np.inf), in_force)
-    ]
+    pieces = pieces_of(np.full(len(CHANNELS), np.inf), in_force)
+    limited = np.isfinite([piece.limits for piece in pieces]).any(axis=0)
     given = []
-    for c, channel in enumerate(CHANNELS):
-        limits = np.full(len(t), np.nan)
-        for of_channels, within in pieces:
-            limits[within] = of_channels[c] if np.isfinite(of_channels[c]) else np.nan
+    for c in np.flatnonzero(limited):
+        channel, limits = CHANNELS[c], np.full(len(t), np.nan)
+        for piece in pieces:
+            limit = piece.limits[c] if np.isfinite(piece.limits[c]) else np.nan
+            limits[(t >= piece.start) & (t <= piece.end)] = limit
         if np.isfinite(limits).any():
             name = f"limit_{channel.key}"
             given.append(ExportColumn(name, channel.unit, limits, from_trim=True))
