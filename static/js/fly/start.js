@@ -144,7 +144,7 @@ function startForm({ monitors, datasets, recordings, query, api, navigate }) {
   const kind = radios("kind", [["simulated", "Simulated"], ["replay", "Replay"], ["live", "Live"]], query.get("kind") ?? (query.get("dataset") ? "replay" : "simulated"));
   const outcome = select("outcome", [["unsafe", "exceeds its limit"], ["safe", "stays within its limit"], ["any", "as it comes"]], query.get("outcome"));
   const seed = h("input", { id: "seed", type: "number", min: 0, step: 1, value: query.get("seed") ?? 1, required: true });
-  const dataset = select("dataset", datasets.map(({ id, name, n_unsafe: unsafe, n_safe: safe, created }) => [id, `${name} (${unsafe} unsafe, ${safe} safe, ${moment(created)})`]), query.get("dataset"));
+  const dataset = select("dataset", datasets.map(({ id, name, n_unsafe: unsafe, n_safe: safe, created }) => [id, `${name} (${moment(created)}, ${unsafe} unsafe, ${safe} safe)`]), query.get("dataset"));
   const rollout = h("input", { id: "rollout", type: "number", min: 0, step: 1, value: query.get("rollout") ?? 0, required: true });
   const range = h("p", { class: "hint" });
   const none = h("p", { class: "error" }, "No stored dataset has this monitor's sample interval: fly a fresh simulation, or make a dataset.");
