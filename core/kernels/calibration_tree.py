@@ -9,10 +9,10 @@ from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from numba.np.numpy_support import carray
 
 from core.kernels.compiled import inlined, jit
-from core.kernels.nearest import U, address, bounds, distances, scratch
+from core.kernels.lanes import address, read, write
+from core.kernels.nearest import U, bounds, distances, scratch
 from core.kernels.tree_build import EMPTY, LEAF, WIDTH, pack_rows
 from core.types import Array, Indices
 
@@ -101,39 +101,38 @@ def n_staying(tree, weight, z, s):
 def _n_lowered(tree, weight, z, s):
     n_leaves = tree.failure.shape[0] // LEAF
     n_nodes = tree.node_level.shape[0] // WIDTH
-    total, d = carray(scratch(), (1,)), z.shape[0]
-    points, boxes = carray(address(tree.points), (1,)), carray(address(tree.boxes), (1,))
-    waiting = U(LEAF)
+    room, d = scratch(), z.shape[0]
+    points, boxes, z = address(tree.points), address(tree.boxes), address(z)
     is_lowered = np.zeros(0, np.bool_)
     lowered, top = 0, 0
     if n_leaves > 0:
-        total[waiting] = 0
+        write(room, LEAF, 0.0)
         top = 1
     while top > 0:
         top -= 1
-        node = np.int64(total[waiting + U(top)])
+        node = np.int64(read(room, LEAF + top))
         if node < n_nodes:
-            bounds(boxes, node, z, d, total)
+            bounds(boxes, node, z, d, np.inf, room)
             for j in range(WIDTH):
                 child = U(node * WIDTH + j)
-                away = weight * total[j]
+                away = weight * read(room, j)
                 lowers = away < tree.node_unsafe[child] and away - tree.node_safe[child] < s
                 if lowers and tree.node_level[child] >= s:
-                    total[waiting + U(top)] = WIDTH * node + 1 + j
+                    write(room, LEAF + top, np.float64(WIDTH * node + 1 + j))
                     top += 1
         else:
             first = (node - n_nodes) * LEAF
-            distances(points, node - n_nodes, z, d, total)
+            distances(points, node - n_nodes, z, d, np.inf, room)
             hits = 0
             for j in range(LEAF):
                 lane = U(first + j)
-                hits |= (weight * total[j] - tree.safe[lane] < s) & (tree.level[lane] >= s)
+                hits |= (weight * read(room, j) - tree.safe[lane] < s) & (tree.level[lane] >= s)
             if hits:
                 if is_lowered.shape[0] == 0:
                     is_lowered = np.zeros(tree.levels.shape[0], np.bool_)
                 for j in range(LEAF):
                     lane = U(first + j)
-                    if weight * total[j] - tree.safe[lane] < s and tree.level[lane] >= s:
+                    if weight * read(room, j) - tree.safe[lane] < s and tree.level[lane] >= s:
                         failure = tree.failure[lane]
                         lowered += not is_lowered[failure]
                         is_lowered[failure] = True

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 from llvmlite import ir
 from numba.core import cgutils, types
+from numba.core.errors import TypingError
 from numba.extending import intrinsic as numba_intrinsic
 from numba.extending import models, register_model
 
@@ -100,6 +101,8 @@ read_integer, write_integer = _reader(types.int64, _INTEGER), _writer(types.int6
 @intrinsic
 def address(typing, array):
     """Where an array's numbers lie."""
+    if array.layout != "C":
+        raise TypingError("an array is not in rows: pass np.ascontiguousarray of it")
 
     def generate(context, builder, signature, arguments):
         data = context.make_array(signature.args[0])(context, builder, arguments[0]).data
@@ -185,6 +188,41 @@ def where_greater(typing, a, b, x, y):
         return builder.select(builder.fcmp_ordered(">", a, b), x, y)
 
     return lanes(lanes, lanes, lanes, lanes), generate
+
+
+@intrinsic
+def at_most(typing, a, b):
+    """Return a bit a lane, the first lane's lowest: whether a <= b."""
+
+    def generate(context, builder, signature, arguments):
+        lower = builder.fcmp_ordered("<=", *arguments)
+        return builder.zext(builder.bitcast(lower, ir.IntType(WIDTH)), _INTEGER)
+
+    return types.uint64(lanes, lanes), generate
+
+
+@intrinsic
+def lowest_bit(typing, bits):
+    """Return the number of the lowest bit that is set; one must be."""
+
+    def generate(context, builder, signature, arguments):
+        return builder.cttz(arguments[0], ir.Constant(ir.IntType(1), 1))
+
+    return types.uint64(types.uint64), generate
+
+
+@intrinsic
+def prefetch(typing, address, position):
+    """Ask for the cache line at this position: it is read soon."""
+
+    def generate(context, builder, signature, arguments):
+        place = _pointer(builder, *arguments, ir.IntType(8))
+        kind = ir.FunctionType(ir.VoidType(), [place.type] + [_INDEX] * 3)
+        function = builder.module.declare_intrinsic("llvm.prefetch", (place.type,), kind)
+        builder.call(function, [place, _INDEX(0), _INDEX(3), _INDEX(1)])
+        return context.get_dummy_value()
+
+    return types.void(types.intp, types.intp), generate
 
 
 def _column_function(module, n: int, columns: int):

@@ -12,14 +12,27 @@ import numpy.typing as npt
 from llvmlite import ir
 from numba import extending, types
 from numba.core import cgutils
-from numba.core.errors import TypingError
 from numba.np.numpy_support import carray
 
 from core.kernels.compiled import inlined, jit
+from core.kernels.lanes import (
+    add,
+    address,
+    at_most,
+    load,
+    lowest_bit,
+    multiply,
+    prefetch,
+    read,
+    splat,
+    store,
+    subtract,
+    where_greater,
+    write,
+)
 from core.kernels.tree_build import EMPTY, LEAF, WIDTH, pack
 from core.types import Array
 
-BLOCK = 6  # coordinates summed in registers at a time: one observation's channels
 STACK = 128  # 7 siblings wait at each level, and 9 levels hold 2^31 points
 MOST = 2**30  # points, so that 32-bit lanes suffice
 
@@ -67,9 +80,9 @@ def locate(tree):
     """Where a tree's arrays lie; taken once before a loop, it saves counting references in it."""
     return (
         address(tree.points),
-        address(tree.original),
+        lanes_at(tree.original),
         address(tree.boxes),
-        address(tree.slot),
+        lanes_at(tree.slot),
         tree.original.shape[0] // LEAF,
         tree.slot.shape[0],
     )
@@ -113,15 +126,12 @@ def squared_distance_at(place, z, i):
 
 @jit
 def _squared_distance(points, slot, z, d, i):
-    lane = np.int64(carray(slot, (1,))[U(i)])
-    return _distance(carray(points, (1,)), lane, carray(z, (1,)), d)
+    return _distance(points, np.int64(carray(slot, (1,))[U(i)]), z, d)
 
 
 @intrinsic
-def address(_context, array):
-    """Where an array's numbers lie. Counting references to five arrays costs more than a search."""
-    if array.layout != "C":
-        raise TypingError("nearest needs C-contiguous arrays: pass np.ascontiguousarray(z)")
+def lanes_at(_context, array):
+    """Where an array's whole numbers of 32 bits lie."""
 
     def generate(context, builder, _signature, arguments):
         return context.make_array(array)(context, builder, arguments[0]).data
@@ -131,130 +141,131 @@ def address(_context, array):
 
 @intrinsic
 def scratch(_context):
-    """LEAF + 2 * STACK floats on the machine's stack: nothing to allocate, nothing aliases it."""
+    """Address of LEAF + 2 * STACK floats on the machine's stack: nothing to allocate."""
 
     def generate(_generator, builder, _signature, _arguments):
-        return cgutils.alloca_once(builder, ir.DoubleType(), size=LEAF + 2 * STACK)
+        room = cgutils.alloca_once(builder, ir.DoubleType(), size=LEAF + 2 * STACK)
+        return builder.ptrtoint(room, ir.IntType(64))
 
-    return types.CPointer(types.float64)(), generate
+    return types.intp(), generate
 
 
 @jit
 def _search(points, original, boxes, slot, n_leaves, n, z, d, skip, hint):
-    # A bound or distance a lane; then a stack of (bound, node), each family's nearest on top.
-    total = carray(scratch(), (1,))
-    points, original = carray(points, (1,)), carray(original, (1,))
-    boxes, slot, z = carray(boxes, (1,)), carray(slot, (1,)), carray(z, (1,))
+    # A bound or distance a lane; then a stack of bounds, and one of their nodes.
+    room = scratch()
+    original, slot = carray(original, (1,)), carray(slot, (1,))
     for k in range(d):
-        if not np.isfinite(z[k]):
+        if not np.isfinite(read(z, k)):
             return np.nan, -1
     n_nodes = (n_leaves + WIDTH - 3) // (WIDTH - 1)
     best, winner, warm, top = np.inf, np.int64(EMPTY), -1, 0
     if n_leaves > 0:
-        top = _push(total, top, top, 0.0, 0)
+        top = _push(room, top, 0.0, 0)
     if 0 <= hint < n:
         lane = np.int64(slot[U(hint)])
         if original[U(lane)] != skip:
             best, winner = _distance(points, lane, z, d), np.int64(original[U(lane)])
         warm = n_nodes + lane // LEAF
-        top = _push(total, top, top, 0.0, warm)
+        top = _push(room, top, 0.0, warm)
     fresh = True
     while top > 0:
         top -= 1
-        if total[U(LEAF + top)] > best:
+        if read(room, LEAF + top) > best:
             continue
-        node = np.int64(total[U(LEAF + STACK + top)])
+        node = np.int64(read(room, LEAF + STACK + top))
         if node < n_nodes:
-            bounds(boxes, node, z, d, total)
-            child, base = WIDTH * node + 1, top
-            for j in range(min(WIDTH, n_nodes + n_leaves - child)):
-                if total[j] <= best:
-                    top = _push(total, base, top, total[j], child + j)
+            child = WIDTH * node + 1
+            near = bounds(boxes, node, z, d, best, room)
+            if n_nodes + n_leaves - child < WIDTH:
+                near &= (U(1) << U(n_nodes + n_leaves - child)) - U(1)
+            if near != U(0):
+                top = _push_children(room, top, near, child)
+                leaf = np.int64(read(room, LEAF + STACK + top - 1)) - n_nodes
+                if leaf >= 0:
+                    for at in range(leaf * LEAF * d, (leaf + 1) * LEAF * d, WIDTH):
+                        prefetch(points, at)
         elif node != warm or fresh:
             fresh = fresh and node != warm
             leaf = node - n_nodes
-            distances(points, leaf, z, d, total)
-            hits = 0
-            for j in range(LEAF):
-                hits |= total[j] <= best
-            if hits:
-                for j in range(LEAF):
-                    if total[j] <= best:
-                        i = np.int64(original[U(leaf * LEAF + j)])
-                        if i != skip and (total[j] < best or i < winner):
-                            best, winner = total[j], i
+            near = distances(points, leaf, z, d, best, room)
+            while near != U(0):
+                j = np.int64(lowest_bit(near))
+                near &= near - U(1)
+                i = np.int64(original[U(leaf * LEAF + j)])
+                distance = read(room, j)
+                if i != skip and (distance < best or (distance == best and i < winner)):
+                    best, winner = distance, i
     return best, (winner if winner != EMPTY else -1)
 
 
 @inlined
-def _push(total, base, top, bound, node):
-    """Put a node on the stack, above those after `base` that are farther; returns the new top."""
-    at = U(LEAF + top)
-    while at > U(LEAF + base) and total[at - U(1)] < bound:
-        total[at] = total[at - U(1)]
-        total[at + U(STACK)] = total[at + U(STACK - 1)]
-        at -= U(1)
-    total[at] = bound
-    total[at + U(STACK)] = node
+def _push(room, top, bound, node):
+    """Put a node on the stack; returns the new top."""
+    write(room, LEAF + top, bound)
+    write(room, LEAF + STACK + top, np.float64(node))
     return top + 1
 
 
 @inlined
+def _push_children(room, top, near, child):
+    """Put the children whose bit is set on the stack, the nearest on top; returns the new top."""
+    closest = top
+    while near != U(0):
+        j = np.int64(lowest_bit(near))
+        near &= near - U(1)
+        bound = read(room, j)
+        closest = top if bound < read(room, LEAF + closest) else closest
+        top = _push(room, top, bound, child + j)
+    for at in (LEAF, LEAF + STACK):
+        last = read(room, at + top - 1)
+        write(room, at + top - 1, read(room, at + closest))
+        write(room, at + closest, last)
+    return top
+
+
+@inlined
 def _distance(points, lane, z, d):
-    at = U(lane // LEAF * LEAF * d + lane % LEAF)
+    at = lane // LEAF * LEAF * d + lane % LEAF
     total = 0.0
-    for k in range(U(d)):
-        e = z[k] - points[at + k * U(LEAF)]
+    for k in range(d):
+        e = read(z, k) - read(points, at + k * LEAF)
         total += e * e
     return total
 
 
 @inlined
-def distances(points, leaf, z, d, total):
-    """Squared distance from z to each point of a leaf."""
-    at, blocks_end = U(leaf * LEAF * d), U(d - d % BLOCK)
-    _clear(total, LEAF)
-    for k in range(U(0), blocks_end, U(BLOCK)):
-        _add_squares(points, at + k * U(LEAF), z, k, BLOCK, total)
-    for k in range(blocks_end, U(d)):
-        _add_squares(points, at + k * U(LEAF), z, k, 1, total)
+def distances(points, leaf, z, d, most, room):
+    """Write the squared distance from z to each point of a leaf to `room`.
+
+    Returns a bit a point: whether it lies within `most`.
+    """
+    near = U(0)
+    for first in range(0, LEAF, WIDTH):
+        total = splat(0.0)
+        for k in range(d):
+            e = subtract(splat(read(z, k)), load(points, (leaf * d + k) * LEAF + first))
+            total = add(total, multiply(e, e))
+        store(room, first, total)
+        near |= at_most(total, splat(most)) << U(first)
+    return near
 
 
 @inlined
-def bounds(boxes, node, z, d, total):
-    """Squared distance from z to each child's box: 0 inside."""
-    at, blocks_end = U(node * 2 * WIDTH * d), U(d - d % BLOCK)
-    _clear(total, WIDTH)
-    for k in range(U(0), blocks_end, U(BLOCK)):
-        _add_gaps(boxes, at + k * U(WIDTH), U(WIDTH * d), z, k, BLOCK, total)
-    for k in range(blocks_end, U(d)):
-        _add_gaps(boxes, at + k * U(WIDTH), U(WIDTH * d), z, k, 1, total)
+def bounds(boxes, node, z, d, most, room):
+    """Write the squared distance from z to each child's box, 0 inside, to `room`.
 
-
-@inlined
-def _clear(total, n):
-    for j in range(n):
-        total[j] = 0.0
-
-
-@inlined
-def _add_squares(points, at, z, first, n, total):
-    for j in range(U(LEAF)):
-        s = total[j]
-        for k in range(U(n)):
-            e = z[first + k] - points[at + k * U(LEAF) + j]
-            s += e * e
-        total[j] = s
-
-
-@inlined
-def _add_gaps(boxes, low, side, z, first, n, total):
-    for j in range(U(WIDTH)):
-        s = total[j]
-        for k in range(U(n)):
-            below = boxes[low + k * U(WIDTH) + j] - z[first + k]
-            above = z[first + k] - boxes[low + side + k * U(WIDTH) + j]
-            e = below if below > above else above
-            e = e if e > 0.0 else 0.0
-            s += e * e
-        total[j] = s
+    Returns a bit a child: whether its box lies within `most`.
+    """
+    low = 2 * d * WIDTH * node
+    high = low + d * WIDTH
+    total, zero = splat(0.0), splat(0.0)
+    for k in range(d):
+        x = splat(read(z, k))
+        below = subtract(load(boxes, low + k * WIDTH), x)
+        above = subtract(x, load(boxes, high + k * WIDTH))
+        e = where_greater(below, above, below, above)
+        e = where_greater(e, zero, e, zero)
+        total = add(total, multiply(e, e))
+    store(room, 0, total)
+    return at_most(total, splat(most))
