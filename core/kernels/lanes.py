@@ -216,7 +216,8 @@ def prefetch(typing, address, position):
     """Ask for the cache line at this position: it is read soon."""
 
     def generate(context, builder, signature, arguments):
-        place = _pointer(builder, *arguments, ir.IntType(8))
+        address, position = arguments
+        place = _pointer(builder, address, position, ir.IntType(8))
         kind = ir.FunctionType(ir.VoidType(), [place.type] + [_INDEX] * 3)
         function = builder.module.declare_intrinsic("llvm.prefetch", (place.type,), kind)
         builder.call(function, [place, _INDEX(0), _INDEX(3), _INDEX(1)])

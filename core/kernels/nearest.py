@@ -1,8 +1,9 @@
 """Exact nearest neighbour among many points, fast enough for every sample of a live flight.
 
 The tree is an 8-way heap of bounding boxes over leaves of 32 points, both stored lane by lane so
-that one instruction serves eight children or points. It is exact to the last bit: rounding is
-monotone, so a box's bound, summed in the order of a distance, never exceeds a distance inside.
+that one instruction serves eight children or points; a bit each then tells which are near enough.
+It is exact to the last bit: rounding is monotone, so a box's bound, summed in the order of a
+distance, never exceeds a distance inside.
 """
 
 from typing import Any, NamedTuple
@@ -179,12 +180,10 @@ def _search(points, original, boxes, slot, n_leaves, n, z, d, skip, hint):
             near = bounds(boxes, node, z, d, best, room)
             if n_nodes + n_leaves - child < WIDTH:
                 near &= (U(1) << U(n_nodes + n_leaves - child)) - U(1)
+            if child >= n_nodes:
+                _fetch(points, child - n_nodes, near, d)
             if near != U(0):
                 top = _push_children(room, top, near, child)
-                leaf = np.int64(read(room, LEAF + STACK + top - 1)) - n_nodes
-                if leaf >= 0:
-                    for at in range(leaf * LEAF * d, (leaf + 1) * LEAF * d, WIDTH):
-                        prefetch(points, at)
         elif node != warm or fresh:
             fresh = fresh and node != warm
             leaf = node - n_nodes
@@ -197,6 +196,16 @@ def _search(points, original, boxes, slot, n_leaves, n, z, d, skip, hint):
                 if i != skip and (distance < best or (distance == best and i < winner)):
                     best, winner = distance, i
     return best, (winner if winner != EMPTY else -1)
+
+
+@inlined
+def _fetch(points, first, near, d):
+    """Ask for the leaves whose bit is set while the nearest is looked at: in flight all is cold."""
+    while near != U(0):
+        leaf = first + np.int64(lowest_bit(near))
+        near &= near - U(1)
+        for at in range(leaf * LEAF * d, (leaf + 1) * LEAF * d, WIDTH):
+            prefetch(points, at)
 
 
 @inlined
