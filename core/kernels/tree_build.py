@@ -4,6 +4,7 @@ import numpy as np
 import numpy.typing as npt
 
 from core.kernels.compiled import in_chunks, jit
+from core.kernels.lanes import address, prefetch
 from core.types import Array, Indices
 
 Indices32 = npt.NDArray[np.int32]
@@ -12,6 +13,8 @@ LEAF = 32
 WIDTH = 8
 SAMPLED = 128
 """Points at least that tell which side of many is the longest: no answer depends on it."""
+AHEAD = 16
+"""How many points before its turn the memory is asked for what a point needs."""
 POINTS_A_TASK = 32_768
 EMPTY = 2**31 - 1
 """Original index of an unused lane: above every point's, so that it never wins a tie."""
@@ -33,8 +36,7 @@ def pack_rows(points: Array, order: Indices32) -> tuple[Array, Indices32, Array,
     n_leaves = (len(order) + LEAF - 1) // LEAF
     n_nodes = (n_leaves + WIDTH - 3) // (WIDTH - 1)
     owned = _split_all(points, order, n_nodes, n_leaves)
-    leaves = np.full((n_leaves, d, LEAF), np.inf)
-    original = np.full(n_leaves * LEAF, EMPTY, np.int32)
+    leaves, original = np.empty((n_leaves, d, LEAF)), np.empty(n_leaves * LEAF, np.int32)
     boxes = np.empty((n_nodes, 2, d, WIDTH))
     boxes[:, 0], boxes[:, 1] = np.inf, -np.inf
     lane_of = np.empty(n, np.int32)
@@ -51,17 +53,27 @@ def pack_rows(points: Array, order: Indices32) -> tuple[Array, Indices32, Array,
 
 @jit
 def _fill_some(points, order, owned, n_nodes, start, stop, leaves, original, boxes, lane_of):
+    d, rows = points.shape[1], address(points)
     for leaf in range(start, stop):
         node = n_nodes + leaf
         lo, hi = owned[node]
         for j in range(hi - lo):
-            original[leaf * LEAF + j] = order[lo + j]
-            lane_of[order[lo + j]] = leaf * LEAF + j
-            for k in range(points.shape[1]):
-                leaves[leaf, k, j] = points[order[lo + j], k]
+            row = order[lo + j]
+            prefetch(rows, np.int64(order[min(lo + j + AHEAD, len(order) - 1)]) * d)
+            original[leaf * LEAF + j] = row
+            lane_of[row] = leaf * LEAF + j
+            for k in range(d):
+                leaves[leaf, k, j] = points[row, k]
+        leaves[leaf, :, hi - lo :] = np.inf
+        original[leaf * LEAF + hi - lo : (leaf + 1) * LEAF] = EMPTY
         if node > 0:
             above, j = (node - 1) // WIDTH, (node - 1) % WIDTH
-            _extent(points, order[lo:hi], boxes[above, 0, :, j], boxes[above, 1, :, j])
+            for k in range(d):
+                low, high = np.inf, -np.inf
+                for x in leaves[leaf, k, : hi - lo]:
+                    low = x if x < low else low
+                    high = x if x > high else high
+                boxes[above, 0, k, j], boxes[above, 1, k, j] = low, high
 
 
 @jit
@@ -88,10 +100,17 @@ def _distinct(points):
     table = np.full(size, -1, np.int32)
     twice = np.zeros(n, np.bool_)
     first, stored, n_stored = np.empty(n, np.int32), np.empty(n, np.int32), 0
-    for i in range(n):
-        at = _hash(bits, i) % np.uint64(size)
+    slots, lies_at = np.empty(AHEAD, np.uint64), address(table)
+    for i in range(-AHEAD, n):  # each point is hashed AHEAD turns before its own
+        at = slots[i % AHEAD]
+        if i + AHEAD < n:
+            slot = _hash(bits, i + AHEAD) & np.uint64(size - 1)
+            slots[i % AHEAD] = slot
+            prefetch(lies_at, np.int64(slot) // 2)
+        if i < 0:
+            continue
         while table[at] >= 0 and not _equal(bits, i, table[at]):
-            at = (at + np.uint64(1)) % np.uint64(size)
+            at = (at + np.uint64(1)) & np.uint64(size - 1)
         new = table[at] < 0
         if new:
             table[at] = i
@@ -177,22 +196,18 @@ def _split_some(leaves, owned, start, stop, points, order, key):
 @jit
 def _split(points, order, key, middle):
     """Move the `middle` lowest along the longest side, of a sample where many, to the front."""
-    low, high = np.empty(points.shape[1]), np.empty(points.shape[1])
-    _extent(points, order[:: max(1, len(order) // SAMPLED)], low, high)
-    axis = np.argmax(high - low)
+    axis, longest, step = 0, -1.0, max(1, len(order) // SAMPLED)
+    for k in range(points.shape[1]):
+        low, high = np.inf, -np.inf
+        for i in range(0, len(order), step):
+            x = points[order[i], k]
+            low = x if x < low else low
+            high = x if x > high else high
+        if high - low > longest:
+            axis, longest = k, high - low
     for i in range(len(order)):
         key[i] = points[order[i], axis]
     _select(key, order, middle)
-
-
-@jit
-def _extent(points, rows, low, high):
-    low[:], high[:] = np.inf, -np.inf
-    for i in rows:
-        for k in range(points.shape[1]):
-            x = points[i, k]
-            low[k] = x if x < low[k] else low[k]
-            high[k] = x if x > high[k] else high[k]
 
 
 @jit

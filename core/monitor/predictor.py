@@ -116,7 +116,8 @@ def _centred_triangle(*columns: RowSource) -> tuple[Array, Array]:
             rows = slice(i * ROWS_A_TASK, min((i + 1) * ROWS_A_TASK, n))
             ones = np.ones((rows.stop - rows.start, 1))
             block = np.hstack([ones, *(part[rows] for part in columns)])
-            triangles[i] = _triangle(block[~np.isnan(block[:, -1])])
+            known = ~np.isnan(block[:, -1])
+            triangles[i] = _triangle(block if known.all() else block[known])
 
     in_chunks(len(triangles), 1, decompose)
     whole = _triangle(triangles.reshape(-1, m))
