@@ -102,13 +102,29 @@ read_integer, write_integer = _reader(types.int64, _INTEGER), _writer(types.int6
 def address(typing, array):
     """Where an array's numbers lie."""
     if array.layout != "C":
-        raise TypingError("an array is not in rows: pass np.ascontiguousarray of it")
+        raise TypingError("kernels need C-contiguous arrays: pass np.ascontiguousarray of it")
 
     def generate(context, builder, signature, arguments):
         data = context.make_array(signature.args[0])(context, builder, arguments[0]).data
         return builder.ptrtoint(data, _INTEGER)
 
     return types.intp(array), generate
+
+
+def pointer_to(numba_type):
+    """Return what turns an address into a pointer to numbers of a type."""
+
+    @intrinsic
+    def pointer(typing, address):
+        """Return the address as a pointer, for `carray`."""
+
+        def generate(context, builder, signature, arguments):
+            kind = context.get_value_type(signature.return_type)
+            return builder.inttoptr(arguments[0], kind)
+
+        return types.CPointer(numba_type)(types.intp), generate
+
+    return pointer
 
 
 @intrinsic

@@ -6,7 +6,7 @@ Taking the nested tuples of a monitor apart at each call takes longer than what 
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba import extending, types
+from numba import types
 from numba.np.numpy_support import carray
 
 from core.kernels import N_CHANNELS
@@ -15,13 +15,10 @@ from core.kernels.calibration_tree import CalibrationTree
 from core.kernels.compiled import brief, inlined
 from core.kernels.deviation import Deviation, Reference, take
 from core.kernels.innovation import Innovation
-from core.kernels.lanes import WIDTH
+from core.kernels.lanes import WIDTH, pointer_to
 from core.kernels.nearest import Tree
 from core.kernels.p_value import Transduction
 from core.types import Array, Indices
-
-# Kernels call what follows without the typing context that its Python signature starts with.
-intrinsic: Any = extending.intrinsic
 
 
 class LiveCall(NamedTuple):
@@ -179,17 +176,4 @@ def _lanes(table, k):
     return carray(_int32s(table[k, 0]), (table[k, 1],))
 
 
-def _pointer(dtype):
-    """Turn an address into a pointer to numbers of a type."""
-
-    def at(_context, _address):
-        def generate(context, builder, signature, arguments):
-            pointer = context.get_value_type(signature.return_type)
-            return builder.inttoptr(arguments[0], pointer)
-
-        return types.CPointer(dtype)(types.int64), generate
-
-    return intrinsic(at)
-
-
-_floats, _int64s, _int32s = map(_pointer, (types.float64, types.int64, types.int32))
+_floats, _int64s, _int32s = map(pointer_to, (types.float64, types.int64, types.int32))

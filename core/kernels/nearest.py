@@ -23,6 +23,7 @@ from core.kernels.lanes import (
     load,
     lowest_bit,
     multiply,
+    pointer_to,
     prefetch,
     read,
     splat,
@@ -42,6 +43,7 @@ intrinsic: Any = extending.intrinsic
 
 # Signed indices may be negative and then count from the end, which no compiler can vectorise.
 U = np.uint64
+_int32s = pointer_to(types.int32)
 
 
 class Tree(NamedTuple):
@@ -81,9 +83,9 @@ def locate(tree):
     """Where a tree's arrays lie; taken once before a loop, it saves counting references in it."""
     return (
         address(tree.points),
-        lanes_at(tree.original),
+        address(tree.original),
         address(tree.boxes),
-        lanes_at(tree.slot),
+        address(tree.slot),
         tree.original.shape[0] // LEAF,
         tree.slot.shape[0],
     )
@@ -127,17 +129,7 @@ def squared_distance_at(place, z, i):
 
 @jit
 def _squared_distance(points, slot, z, d, i):
-    return _distance(points, np.int64(carray(slot, (1,))[U(i)]), z, d)
-
-
-@intrinsic
-def lanes_at(_context, array):
-    """Where an array's whole numbers of 32 bits lie."""
-
-    def generate(context, builder, _signature, arguments):
-        return context.make_array(array)(context, builder, arguments[0]).data
-
-    return types.CPointer(array.dtype)(array), generate
+    return _distance(points, np.int64(carray(_int32s(slot), (1,))[U(i)]), z, d)
 
 
 @intrinsic
@@ -155,7 +147,7 @@ def scratch(_context):
 def _search(points, original, boxes, slot, n_leaves, n, z, d, skip, hint):
     # A bound or distance a lane; then a stack of bounds, and one of their nodes.
     room = scratch()
-    original, slot = carray(original, (1,)), carray(slot, (1,))
+    original, slot = carray(_int32s(original), (1,)), carray(_int32s(slot), (1,))
     for k in range(d):
         if not np.isfinite(read(z, k)):
             return np.nan, -1
@@ -178,8 +170,9 @@ def _search(points, original, boxes, slot, n_leaves, n, z, d, skip, hint):
         if node < n_nodes:
             child = WIDTH * node + 1
             near = bounds(boxes, node, z, d, best, room)
-            if n_nodes + n_leaves - child < WIDTH:
-                near &= (U(1) << U(n_nodes + n_leaves - child)) - U(1)
+            n_children = n_nodes + n_leaves - child
+            if n_children < WIDTH:
+                near &= (U(1) << U(n_children)) - U(1)
             if child >= n_nodes:
                 _fetch(points, child - n_nodes, near, d)
             if near != U(0):

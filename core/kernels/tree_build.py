@@ -69,10 +69,7 @@ def _fill_some(points, order, owned, n_nodes, start, stop, leaves, original, box
         if node > 0:
             above, j = (node - 1) // WIDTH, (node - 1) % WIDTH
             for k in range(d):
-                low, high = np.inf, -np.inf
-                for x in leaves[leaf, k, : hi - lo]:
-                    low = x if x < low else low
-                    high = x if x > high else high
+                low, high = _extent(points, order, lo, hi, 1, k)
                 boxes[above, 0, k, j], boxes[above, 1, k, j] = low, high
 
 
@@ -198,16 +195,23 @@ def _split(points, order, key, middle):
     """Move the `middle` lowest along the longest side, of a sample where many, to the front."""
     axis, longest, step = 0, -1.0, max(1, len(order) // SAMPLED)
     for k in range(points.shape[1]):
-        low, high = np.inf, -np.inf
-        for i in range(0, len(order), step):
-            x = points[order[i], k]
-            low = x if x < low else low
-            high = x if x > high else high
+        low, high = _extent(points, order, 0, len(order), step, k)
         if high - low > longest:
             axis, longest = k, high - low
     for i in range(len(order)):
         key[i] = points[order[i], axis]
     _select(key, order, middle)
+
+
+@jit
+def _extent(points, order, start, stop, step, k):
+    """Lowest and highest coordinate k of the rows that stand in `order` from start to stop."""
+    low, high = np.inf, -np.inf
+    for i in range(start, stop, step):
+        x = points[order[i], k]
+        low = x if x < low else low
+        high = x if x > high else high
+    return low, high
 
 
 @jit
