@@ -1,4 +1,4 @@
-"""A mapping applied to the columns of a file: channels in our units, on the times of the file."""
+"""Apply a mapping to the columns of a file: channels in our units, at the times of the file."""
 
 from contextlib import suppress
 from dataclasses import replace
@@ -19,21 +19,21 @@ from app.telemetry.units import convert, spelled
 from core.types import Array
 
 ANY_NUMBERS = np.errstate(over="ignore", invalid="ignore", divide="ignore")
-"""A file may hold any numbers; what overflows is infinite, and so missing, without a warning."""
+"""A file may hold any numbers; an overflow becomes infinite and so missing, without a warning."""
 
 
 @ANY_NUMBERS
 def apply_mapping(columns: Columns, mapping: Mapping) -> Traces:
-    """Read the channels that a mapping names, and derive those that it derives.
+    """Read the mapped channels and compute the derived ones.
 
-    What needs no conversion stays in the memory of the file. An infinity is a missing value, and
-    nothing is derived from an implausible value.
-    Raises TelemetryError, which names the channel, where the mapping does not fit the file.
+    Values that need no conversion stay memory-mapped. Infinite values count as missing, and
+    implausible values are not used in derivations.
+    Raises TelemetryError with the channel if the mapping does not fit the file.
     """
     if not mapping.channels:
         raise TelemetryError(
             _without_time(columns, mapping)
-            or f"the mapping names no channel: map signals to {', '.join(list(TARGETS)[:6])}"
+            or f"the mapping has no channel: map signals to {', '.join(list(TARGETS)[:6])}"
         )
     times: dict[str, Array] = {}
     traces = {
@@ -53,7 +53,7 @@ def apply_mapping(columns: Columns, mapping: Mapping) -> Traces:
 
 
 def applicable(columns: Columns, mapping: Mapping) -> Traces:
-    """The channels that can be applied one by one, where the mapping cannot be as a whole."""
+    """The channels that can be applied alone, for a mapping that fails as a whole."""
     channels: dict[str, Trace] = {}
     for key in (key for key in TARGETS if key in mapping.channels):
         with suppress(TelemetryError):
@@ -62,7 +62,7 @@ def applicable(columns: Columns, mapping: Mapping) -> Traces:
 
 
 def derivation_order(mapping: Mapping) -> list[str]:
-    """Derived channels, each after what it is derived from; TelemetryError where that is not."""
+    """Derived channels, each after its inputs; TelemetryError if there is no such order."""
     pending = {
         key: source.derivation for key, source in mapping.channels.items() if not source.signal
     }
@@ -73,7 +73,7 @@ def derivation_order(mapping: Mapping) -> list[str]:
         free = [key for key, name in pending.items() if not _waits(name, pending)]
         if not free:
             raise TelemetryError(
-                f"{' and '.join(pending)} would be derived from each other: map a signal to one"
+                f"{' and '.join(pending)} depend on each other: map a signal to one of them"
             )
         order += free
         pending = {key: name for key, name in pending.items() if key not in free}
@@ -89,7 +89,7 @@ def _check_derivation(mapping: Mapping, key: str, name: str) -> None:
         )
     if lacking := [need for need in way.needs if need not in mapping.channels]:
         raise TelemetryError(
-            f"{key} is to be derived from {' and '.join(way.needs)}, but "
+            f"{key} is derived from {' and '.join(way.needs)}, but "
             f"{' and '.join(lacking)} is not mapped: map a signal to it"
         )
 
@@ -100,7 +100,7 @@ def _waits(derivation: str, pending: dict[str, str]) -> bool:
 
 
 def part_of(mapping: Mapping, key: str) -> Mapping:
-    """Return one channel of a mapping, with all that it is derived from."""
+    """Reduce a mapping to one channel and its inputs."""
     channels, wanted = {}, [key]
     while wanted:
         name = wanted.pop()
@@ -112,7 +112,6 @@ def part_of(mapping: Mapping, key: str) -> Mapping:
 
 
 def _read(columns: Columns, mapping: Mapping, key: str, times: dict[str, Array]) -> Trace:
-    """One mapped signal in the target's unit."""
     source = mapping.channels[key]
     signal = _signal(columns, key, source.signal)
     group = columns.contents.groups[signal.group].name
@@ -121,8 +120,8 @@ def _read(columns: Columns, mapping: Mapping, key: str, times: dict[str, Array])
     values = np.asarray(columns.values(signal.name))
     if len(values) != len(times[group]):
         raise TelemetryError(
-            f"{key} is taken from {signal.name!r} with {len(values)} values, but its time has "
-            f"{len(times[group])}: choose a time of its own group"
+            f"{key} comes from {signal.name!r} with {len(values)} values, but its time has "
+            f"{len(times[group])}: choose a time from the same group"
         )
     try:
         values = _finite(convert(values, source.unit, TARGETS[key].unit))
@@ -132,13 +131,13 @@ def _read(columns: Columns, mapping: Mapping, key: str, times: dict[str, Array])
     return Trace(times[group], _signed(values, source), group, signal.name, bias=source.bias)
 
 
-def _signal(columns: Columns, what: str, name: str) -> Signal:
+def _signal(columns: Columns, role: str, name: str) -> Signal:
     try:
         return columns.signal(name)
     except KeyError:
         names = ", ".join(signal.name for signal in columns.contents.signals)
         raise TelemetryError(
-            f"the mapping takes {what} from {name!r}, which the file does not hold: choose one of "
+            f"the mapping takes {role} from {name!r}, which is not in the file: choose one of "
             f"{shorten(names, 300, placeholder=' ...')}"
         ) from None
 
@@ -148,8 +147,8 @@ def _time(columns: Columns, mapping: Mapping, signal: Signal, group: str) -> Arr
     where = f"the group {group!r}" if group else "the table"
     if group not in mapping.times:
         why = (
-            f"{signal.name!r} has no time: choose the signal that is the time of {where}, or give "
-            "the rate of its rows, such as 50 Hz"
+            f"{signal.name!r} has no time: choose a signal as the time of {where}, or give "
+            "the sample rate, such as 50 Hz"
         )
         raise TelemetryError(repeated_time(columns, signal.group) or why)
     source = mapping.times[group]
@@ -168,7 +167,7 @@ def _time(columns: Columns, mapping: Mapping, signal: Signal, group: str) -> Arr
 
 
 def _without_time(columns: Columns, mapping: Mapping) -> str:
-    """Why the signals of a file have no time, where one is named as a time but is not."""
+    """Why signals have no time, if a signal is named as the time but is not usable."""
     contents = columns.contents
     reasons = [
         why
@@ -189,7 +188,7 @@ def _signed(values: Array, source: ChannelSource) -> Array:
 
 
 def _notes(mapping: Mapping, channels: dict[str, Trace]) -> list[str]:
-    """What was done to the numbers of the file, a sentence each."""
+    """Sentences about the changes made to the numbers of the file."""
     sources = {key: mapping.channels[key] for key in channels}
     converted = [
         f"{key} from {spelled(source.unit)}"
@@ -205,17 +204,17 @@ def _notes(mapping: Mapping, channels: dict[str, Trace]) -> list[str]:
         for key in channels
         if channels[key].derived
     ]
-    done = (
-        ("Converted", converted),
-        ("Reversed in sign", reversed_),
-        ("Bias removed", shifted),
-        ("Derived, not measured", derived),
-    )
     used = {trace.group for trace in channels.values()}
-    counted = [
+    by_rate = [
         f"{rate_words(source)}{f' ({group})' if group else ''}"
         for group, source in mapping.times.items()
         if source.rate and group in used
     ]
-    done = (*done, ("Times counted by the rate, not recorded", counted))
-    return [f"{what}: {', '.join(parts)}." for what, parts in done if parts]
+    changes = (
+        ("Converted", converted),
+        ("Sign reversed", reversed_),
+        ("Bias removed", shifted),
+        ("Derived, not measured", derived),
+        ("Times computed from the sample rate, not recorded", by_rate),
+    )
+    return [f"{change}: {', '.join(parts)}." for change, parts in changes if parts]

@@ -1,4 +1,4 @@
-"""Signals that could be a channel, by name, unit and extent; and which is assigned to which."""
+"""Find the signals that could be each channel, by name, unit and range; assign the best."""
 
 from dataclasses import dataclass, field, replace
 
@@ -12,20 +12,20 @@ from app.telemetry.units import NOT_GIVEN, PLAIN, factor, fits, spelled
 from core.channels import KEYS
 
 MUST_MOVE = ("beta", "p", "r", "Ny", "v", "Ay")
-"""A constant one of these is a dead sensor; an aileron may be left alone, and h be held."""
+"""If one of these is constant its sensor is dead; an aileron or h may well be constant."""
 PROPOSED = 0.4
-"""Certainty from which a signal is proposed."""
+"""Least certainty of a signal that is proposed."""
 MENTIONED = 0.15
-"""Certainty from which it is an alternative."""
+"""Least certainty of an alternative."""
 
 
 @dataclass(frozen=True)
 class Candidate:
-    """A signal as a channel.
+    """A signal that may be a channel.
 
-    certainty: of name, unit and extent together, 0 to 1.   stem: what of the name means the
-    channel.   unit: in our spelling; "" where neither file nor name gives one.
-    unit_share: how likely an inferred unit is; 1 where it is given.
+    certainty: by name, unit and range together, 0 to 1.   stem: the part of the name that means
+    the channel.   unit: in our spelling; "" if neither file nor name gives one.
+    unit_share: probability of an inferred unit; 1 if the unit is given.
     """
 
     key: str
@@ -38,28 +38,28 @@ class Candidate:
     unit_share: float = 1.0
 
     def because(self, reason: str, factor: float = 1.0, **changes: str) -> "Candidate":
-        """The same with another reason, which multiplies the certainty by a factor."""
+        """Add a reason and multiply the certainty by a factor."""
         reasons = (*self.reasons, reason)
         return replace(self, certainty=factor * self.certainty, reasons=reasons, **changes)
 
 
 @dataclass(frozen=True)
 class Rejection:
-    """Why a signal that is named like a channel is not it."""
+    """Why a signal is not the channel that its name suggests."""
 
     reason: str
 
 
 @dataclass(eq=False)
 class Candidates:
-    """by_key: the most certain first.   rejected: channel -> why signals of its name are not it."""
+    """by_key: the most certain first.   rejected: channel -> why signals were ruled out."""
 
     by_key: dict[str, list[Candidate]] = field(default_factory=dict)
     rejected: dict[str, list[str]] = field(default_factory=dict)
 
 
 def find_candidates(columns: Columns, usable: set[int], mapped: set[str]) -> Candidates:
-    """Judge all signals of the groups that have a time, except those that are mapped already."""
+    """Judge all signals of usable groups, except those that are already mapped."""
     candidates = Candidates()
     contents = columns.contents
     rates = rates_by_letter(contents.signals)
@@ -83,9 +83,9 @@ def find_candidates(columns: Columns, usable: set[int], mapped: set[str]) -> Can
 
 
 def assign(candidates: Candidates, mapped: set[str]) -> dict[str, Candidate]:
-    """Assign signals to channels: of all pairs the most certain first, each of both once.
+    """Assign signals to channels one to one, the most certain pairs first.
 
-    mapped: channels that have a source already.
+    mapped: channels that already have a source.
     """
     pairs = [
         (-candidate.certainty, rank, candidate)
@@ -104,7 +104,7 @@ def assign(candidates: Candidates, mapped: set[str]) -> dict[str, Candidate]:
 
 
 def _support(candidates: Candidates) -> dict[int, int]:
-    """Channels that each group offers: of equals, the one beside the others is taken."""
+    """Number of channels that each group offers, to prefer one group among equals."""
     offers: dict[int, set[str]] = {}
     for key, ranked in candidates.by_key.items():
         for candidate in ranked:
@@ -113,14 +113,13 @@ def _support(candidates: Candidates) -> dict[int, int]:
 
 
 def _judge(signal: Signal, match: NameMatch, extent: Extent) -> Candidate | Rejection:
-    """The signal as one target; or why it is not."""
     key, label = match.key, TARGETS[match.key].label
-    named = f"{signal.name} is named like {label}"
+    named = f"the name {signal.name} suggests {label}"
     if extent.empty:
-        return Rejection(f"{named}, but has no value in any of its {extent.n} rows")
+        return Rejection(f"{named}, but all its {extent.n} rows are empty")
     if extent.still and key in MUST_MOVE:
         return Rejection(
-            f"{named}, but is constant at {extent.lowest:.4g}: check that its sensor is connected"
+            f"{named}, but it is constant at {extent.lowest:.4g}: check its sensor and connection"
         )
     candidate = Candidate(key, signal, match.certainty, "", extent, match.stem, (named,))
     with_unit = _with_unit(candidate, match)
@@ -130,11 +129,11 @@ def _judge(signal: Signal, match: NameMatch, extent: Extent) -> Candidate | Reje
         return Rejection(
             f"{named}, but its values up to {extent.peak:.4g} are implausible in any unit"
         )
-    return _told_apart(with_unit)
+    return _speed_or_velocity(with_unit)
 
 
 def _with_unit(candidate: Candidate, match: NameMatch) -> Candidate | Rejection:
-    """Take the unit that the file or the name gives, if it can be one of the target."""
+    """Apply the unit that the file or the name gives, if it fits the channel."""
     signal, target = candidate.signal, TARGETS[candidate.key]
     if target.unit == PLAIN:
         return replace(candidate, unit=PLAIN)
@@ -150,12 +149,12 @@ def _with_unit(candidate: Candidate, match: NameMatch) -> Candidate | Rejection:
         return _checked(replace(candidate, certainty=0.85 * candidate.certainty), f"{unit}/s", why)
     if not fits(text, target.unit):
         return Rejection(
-            f"{signal.name} is named like {target.label}, but {unit} is not a unit of it"
+            f"the name {signal.name} suggests {target.label}, but its unit {unit} does not fit"
         )
     if factor(text, target.unit) == factor(target.unit, target.unit):
         unit = target.unit
     certainty = candidate.certainty
-    if certainty >= PROPOSED:  # else it is named as something else is, in the same unit
+    if certainty >= PROPOSED:  # else the name suggests another quantity with the same unit
         certainty = 1.0 - 0.35 * (1.0 - certainty)
     why = f"its unit {where} is {unit}"
     if in_file and match.unit and spelled(match.unit) not in ("", unit):
@@ -165,7 +164,7 @@ def _with_unit(candidate: Candidate, match: NameMatch) -> Candidate | Rejection:
 
 
 def _checked(candidate: Candidate, unit: str, why: str) -> Candidate | Rejection:
-    """Accept a unit in which the values are plausible, else try another."""
+    """Accept a unit in which the values are plausible, otherwise try another."""
     key, extent = candidate.key, candidate.extent
     if unit_is_plausible(key, extent, unit):
         return candidate.because(why, unit=unit)
@@ -173,13 +172,13 @@ def _checked(candidate: Candidate, unit: str, why: str) -> Candidate | Rejection
     implausible = f"values up to {extent.peak:.4g} {unit} are implausible"
     if not others or key in ("V", "h", "v"):
         name, label = candidate.signal.name, TARGETS[key].label
-        return Rejection(f"{name} is named like {label}, but its {implausible}")
+        return Rejection(f"the name {name} suggests {label}, but its {implausible}")
     reason = f"{why}, but {implausible}: taken as {others[0]}"
     return candidate.because(reason, 0.6, unit=others[0])
 
 
-def _told_apart(candidate: Candidate) -> Candidate:
-    """V is positive and lateral velocity is not, where one letter stands for either."""
+def _speed_or_velocity(candidate: Candidate) -> Candidate:
+    """Airspeed V is positive and lateral velocity v is not; one letter stands for both."""
     key, extent = candidate.key, candidate.extent
     if key == "v" and extent.lowest > 0.0:
         return replace(candidate, certainty=0.2 * candidate.certainty)  # V in lower case

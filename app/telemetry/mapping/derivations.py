@@ -1,4 +1,4 @@
-"""Channels that were not recorded, derived from others: offered, never taken for measured."""
+"""Derive channels that were not recorded from others. They are always marked as derived."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
@@ -16,11 +16,11 @@ Inputs = dict[str, Array]
 
 @dataclass(frozen=True)
 class Derivation:
-    """A way to make one channel of others.
+    """A way to compute one channel from others.
 
-    needs: keys of TARGETS, without which it cannot be; it comes on the times of the first.
-    helps: keys that make it more accurate, used all together where all are there.
-    title: what it does, in words.   apply: (times (n,) [s], inputs) -> (n,).
+    needs: required keys of TARGETS; the result is on the times of the first.
+    helps: keys that make it more accurate; all are used, or none.
+    title: in words.   apply: (times (n,) [s], inputs) -> (n,).
     """
 
     key: str
@@ -32,7 +32,7 @@ class Derivation:
 
 
 def ways(key: str) -> str:
-    """What could derive a channel, in words: "v and V (...)"; "" where nothing could."""
+    """Possible inputs of a channel in words: "v and V (...)"; "" if it has no derivation."""
     return ", or ".join(
         f"{' and '.join(way.needs)} ({way.title})"
         for way in DERIVATIONS.values()
@@ -41,7 +41,7 @@ def ways(key: str) -> str:
 
 
 def derive(way: Derivation, traces: Mapping[str, Trace]) -> Trace:
-    """Make a channel of traces that hold at least what it needs."""
+    """Compute a channel from traces, which include all that it needs."""
     helps = way.helps if all(key in traces for key in way.helps) else ()
     first = traces[way.needs[0]]
     inputs = {key: on_times_of(first, traces[key], key) for key in (*way.needs, *helps)}
@@ -55,17 +55,17 @@ def _named(source: str, key: str) -> str:
 
 
 def on_times_of(first: Trace, other: Trace, key: str) -> Array:
-    """Values of another trace at the times of the first, without bridging gaps."""
+    """Values of another trace at the times of the first, NaN in gaps."""
     if other.t is first.t:
         return other.values
     if key not in ("phi", "psi"):
         return values_at(first.t, other.t, other.values)
-    # an angle that jumps by a turn between two samples has no straight line between them
+    # do not interpolate across a jump of a full turn
     return values_at(first.t, other.t, unwrapped(other.t, other.values))
 
 
 def _ratio(above: Array, below: Array) -> Array:
-    """Quotient; NaN where it is none or its magnitude above 1, as that of a sine may not be."""
+    """Quotient; NaN if undefined or above 1 in magnitude, which no sine can be."""
     with np.errstate(invalid="ignore", divide="ignore"):
         quotient = above / below
         return np.where(np.abs(quotient) <= 1.0, quotient, np.nan)
@@ -96,7 +96,7 @@ def _without_gravity(t: Array, given: Inputs) -> Array:
 
 
 def _quaternion(given: Inputs) -> tuple[Array, Array, Array, Array]:
-    """Scalar first and of unit length; NaN where it is far from that."""
+    """Scalar first, normalised; NaN if the length is far from 1."""
     q = np.array([given[key] for key in ("q0", "q1", "q2", "q3")])
     length = np.sqrt((q * q).sum(axis=0))
     q0, q1, q2, q3 = q / np.where(np.abs(length - 1.0) < 0.1, length, np.nan)
@@ -130,11 +130,11 @@ DERIVATIONS: dict[str, Derivation] = {
         ),
         Derivation(
             "p_from_attitude", "p", ("phi",),
-            f"roll rate of the attitude's rates ({_SLOPE})", _p, ("theta", "psi"),
+            f"roll rate from attitude rates ({_SLOPE})", _p, ("theta", "psi"),
         ),
         Derivation(
             "r_from_attitude", "r", ("psi",),
-            f"yaw rate of the attitude's rates ({_SLOPE})", _r, ("phi", "theta"),
+            f"yaw rate from attitude rates ({_SLOPE})", _r, ("phi", "theta"),
         ),
         Derivation(
             "Ny_without_gravity", "Ny", ("Ay", "phi"),
@@ -146,28 +146,28 @@ DERIVATIONS: dict[str, Derivation] = {
             "positive trailing edge down", lambda t, given: 0.5 * (given[_A[0]] - given[_A[1]]),
         ),
         Derivation(
-            "delta_a_of_right", "delta_a", _A[:1], "the right aileron for both",
+            "delta_a_of_right", "delta_a", _A[:1], "right aileron used for both",
             lambda t, given: given[_A[0]].copy(),
         ),
         Derivation(
-            "delta_a_of_left", "delta_a", _A[1:], "the left aileron reversed for both",
+            "delta_a_of_left", "delta_a", _A[1:], "left aileron, reversed, used for both",
             lambda t, given: -given[_A[1]],
         ),
         Derivation(
-            "delta_r_of_both", "delta_r", _R, "the mean of left and right rudder",
+            "delta_r_of_both", "delta_r", _R, "mean of left and right rudder",
             lambda t, given: 0.5 * (given[_R[0]] + given[_R[1]]),
         ),
         Derivation(
-            "delta_r_of_left", "delta_r", _R[:1], "the left rudder for both",
+            "delta_r_of_left", "delta_r", _R[:1], "left rudder used for both",
             lambda t, given: given[_R[0]].copy(),
         ),
         Derivation(
-            "delta_r_of_right", "delta_r", _R[1:], "the right rudder for both",
+            "delta_r_of_right", "delta_r", _R[1:], "right rudder used for both",
             lambda t, given: given[_R[1]].copy(),
         ),
-        Derivation("phi_from_quaternion", "phi", _Q, "bank angle of the quaternion", _phi_of_q),
-        Derivation("theta_from_quaternion", "theta", _Q, "pitch of the quaternion", _theta_of_q),
-        Derivation("psi_from_quaternion", "psi", _Q, "heading of the quaternion", _psi_of_q),
+        Derivation("phi_from_quaternion", "phi", _Q, "bank angle from the quaternion", _phi_of_q),
+        Derivation("theta_from_quaternion", "theta", _Q, "pitch from the quaternion", _theta_of_q),
+        Derivation("psi_from_quaternion", "psi", _Q, "heading from the quaternion", _psi_of_q),
     )
 }  # fmt: skip
 assert all({way.target, *way.needs, *way.helps} <= TARGETS.keys() for way in DERIVATIONS.values())

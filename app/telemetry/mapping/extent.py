@@ -1,4 +1,4 @@
-"""The range of a signal's values, from one pass over them: what a proposal goes by."""
+"""The range of a signal's values, from one pass over them."""
 
 from dataclasses import dataclass
 
@@ -9,14 +9,14 @@ from core.types import Array
 
 N_TILES = 2048
 OUTLIERS = 2
-"""Tiles with larger values than the peak: spikes are not motion."""
+"""Tiles that are ignored for the peak, because spikes are not motion."""
 FEW = 20
-"""With fewer values there is no telling spikes from motion, nor a dead channel from a still one."""
+"""Fewer values cannot tell spikes from motion, or a dead channel from a still one."""
 
 
 @dataclass(frozen=True, eq=False)
 class Extent:
-    """n: values.   n_finite: of them.   low, high: (n_tiles,) extremes of as many equal parts."""
+    """n: values.   n_finite: finite ones.   low, high: (n_tiles,) extremes of equal parts."""
 
     n: int
     n_finite: int
@@ -25,27 +25,24 @@ class Extent:
 
     @property
     def empty(self) -> bool:
-        """Whether no value is finite."""
         return not self.n_finite
 
     @property
     def still(self) -> bool:
-        """Whether there are values enough to tell that it never changes."""
+        """Whether it never changes, over at least FEW values."""
         return self.n_finite >= FEW and self.lowest == self.highest
 
     @property
     def lowest(self) -> float:
-        """The smallest number."""
         return float(np.fmin.reduce(self.low))
 
     @property
     def highest(self) -> float:
-        """The largest number."""
         return float(np.fmax.reduce(self.high))
 
     @property
     def peak(self) -> float:
-        """Largest magnitude but for single spikes; 0 where no value is finite."""
+        """Largest magnitude without single spikes; 0 if no value is finite."""
         largest = np.fmax(np.abs(self.low), np.abs(self.high))
         largest = np.sort(largest[np.isfinite(largest)])
         if not len(largest):
@@ -54,14 +51,14 @@ class Extent:
 
     @property
     def middle(self) -> float:
-        """Typical value: the median over the tiles; 0 where no value is finite."""
+        """Median over the tiles; 0 if no value is finite."""
         centre = 0.5 * (self.low + self.high)
         centre = centre[np.isfinite(centre)]
         return float(np.median(centre)) if len(centre) else 0.0
 
 
 def extent_of(values: Array) -> Extent:
-    """Return the extent of a column (n,), which is released; NaN and infinities are left out."""
+    """Extent of a column (n,), ignoring NaN and infinities; releases its memory."""
     column, n = values, len(values)
     values = np.asarray(column)
     if not n:

@@ -1,4 +1,4 @@
-"""Which signal of a group is its time, and in which unit."""
+"""Find the time signal of a group, and its unit."""
 
 from dataclasses import dataclass
 
@@ -12,34 +12,33 @@ from app.telemetry.units import NOT_GIVEN, factor, fits, spelled
 from core.types import Array
 
 MOSTLY = 0.9
-"""Share of the steps that must go forward; clocks repeat and step back now and then."""
+"""Share of the steps that must go forward; clocks sometimes repeat or step back."""
 EVEN = 0.2
-"""Steps of a time without the name of one scatter less than this, as a share of the median."""
+"""Largest scatter of the steps of an unnamed time, as a share of their median."""
 TIME_NAME = 0.4
 MOST_STEPS = 20_000
-"""Steps that are sorted for their median."""
+"""Steps used for their median."""
 USUAL_STEP_S = (2e-5, 10.0)
-"""A unit that puts the step outside of this is suspect."""
+"""A unit that puts the step outside this range is suspect."""
 EPOCHS = ((1e17, "ns"), (1e14, "us"), (1e11, "ms"), (5e8, "s"))
-"""Times beyond this count from 1970, which gives their unit."""
+"""Larger times count from 1970 in this unit."""
 STEPS = ((2e6, "ns"), (2e3, "us"), (2.0, "ms"))
-"""Median steps from here on are of this unit: recorders take 0.5 to 2000 samples a second."""
+"""Larger median steps are in this unit: recorders take 0.5 to 2000 samples per second."""
 DAYS = (3e4, 1e6)
-"""Spreadsheets and MATLAB count days, since 1900 and since the year 0."""
-
+"""Spreadsheets count days since 1900, MATLAB since year 0."""
 
 CHOOSE = "choose another signal as the time"
 RATE_CONFIDENCE = 0.9
-"""In a declared rate: rows may have been lost without a trace."""
+"""Confidence in a declared rate: lost rows leave no trace."""
 DOUBTED = 0.6
-"""A time of less confidence gives way to a rate that the format declares, or a person."""
+"""A rate from the format or a person replaces a time of less confidence."""
 BACKWARD = 0.3
 """Factor on the confidence in a declared time that does not run forward."""
 
 
 @dataclass(frozen=True)
 class TimeProposal:
-    """The time of a group, with confidence and reasons."""
+    """A proposed time of a group; confidence: 0 to 1."""
 
     source: TimeSource
     confidence: float
@@ -48,10 +47,10 @@ class TimeProposal:
 
 @dataclass(frozen=True)
 class _Steps:
-    """The steps of a signal from row to row.
+    """Steps of a signal from row to row.
 
-    forward: share above zero.   known: share that is finite.   step: median of those forward.
-    scatter: from the 10th to the 90th percentile, over the median.   start: first value.
+    forward: share above zero.   known: share that is finite.   step: median of positive steps.
+    scatter: 10th to 90th percentile, over the median.   start: first value.
     """
 
     forward: float
@@ -66,14 +65,14 @@ class _Steps:
 
     @property
     def count_rows(self) -> bool:
-        """Whether the signal numbers the rows instead of timing them."""
+        """Whether the signal is a row number."""
         return self.step == 1.0 and self.scatter == 0.0 and self.start in (0.0, 1.0)
 
 
 def find_time(columns: Columns, group: int) -> TimeProposal | None:
-    """Return the time of a group: as the format declares it, else by name, else by its values.
+    """Find the time of a group: as the format declares it, else by name, else by its values.
 
-    One whose steps and unit do not conflict is preferred, and a declared rate to one that does.
+    A signal whose steps fit its unit comes first; a declared rate comes before a doubtful signal.
     """
     contents = columns.contents
     members = [signal for signal in contents.signals if signal.group == group]
@@ -89,13 +88,13 @@ def find_time(columns: Columns, group: int) -> TimeProposal | None:
         if certainty >= TIME_NAME
     ]
     if declared or not any(proposals):
-        # a table's time is mostly its first column
+        # usually the first column is the time
         proposals += [_unnamed(columns, signal) for signal in members]
     proposals += [declared]
     best = max((time for time in proposals if time), key=lambda time: time.confidence, default=None)
     rate, start = contents.groups[group].rate, contents.groups[group].start
     if rate and (best is None or best.confidence < DOUBTED):
-        reason = f"the format declares the rate of its rows, {rate:g} Hz"
+        reason = f"the format declares a sample rate of {rate:g} Hz"
         return TimeProposal(TimeSource(rate=rate, start=start), RATE_CONFIDENCE, (reason,))
     return best
 
@@ -107,7 +106,7 @@ def _declared(columns: Columns, group: int) -> TimeProposal | None:
         return None
     steps = _steps(columns.values(declared))
     unit, confidence, why = _unit(columns.signal(declared), steps)
-    reasons = ("the format declares it to be the time", why)
+    reasons = ("the format declares it as the time", why)
     if not steps.run_forward:
         confidence *= BACKWARD
         reasons += (f"only {steps.forward:.0%} of its steps go forward",)
@@ -115,15 +114,15 @@ def _declared(columns: Columns, group: int) -> TimeProposal | None:
 
 
 def dead_time(columns: Columns, group: int) -> str:
-    """Why what a group declares or names as its time is no clock; "" if it is one or has none."""
-    times = (signal.name for signal in _called_time(columns, group))
+    """Why the declared or named time of a group is unusable; "" if it is usable or absent."""
+    times = (signal.name for signal in _named_times(columns, group))
     reasons = (no_clock(signal, columns.values(signal)) for signal in times)
     return next((why for why in reasons if why), "")
 
 
 def repeated_time(columns: Columns, group: int) -> str:
-    """How many rows share each time of what a group calls its time; "" if they do not."""
-    for signal in _called_time(columns, group):
+    """How many rows share each time of a group; "" if times differ."""
+    for signal in _named_times(columns, group):
         steps = np.diff(np.asarray(columns.values(signal.name)))
         forward = np.flatnonzero(steps > 0.0)
         if len(forward) < 2 or not (steps >= 0.0).all() or len(forward) > MOSTLY * len(steps):
@@ -132,14 +131,14 @@ def repeated_time(columns: Columns, group: int) -> str:
         unit = _unit(signal, _steps(columns.values(signal.name)))[0]
         step = float(np.median(steps[forward])) * factor(unit, "s")
         return (
-            f"{n_each:.3g} rows share each time of {signal.name}, which cannot tell them apart: "
-            f"give the rate of the rows, about {n_each / step:.3g} Hz, or {CHOOSE}"
+            f"{n_each:.3g} rows share each time of {signal.name}: give the sample rate, about "
+            f"{n_each / step:.3g} Hz, or {CHOOSE}"
         )
     return ""
 
 
-def _called_time(columns: Columns, group: int) -> list[Signal]:
-    """What a group of two rows or more declares or names as its time."""
+def _named_times(columns: Columns, group: int) -> list[Signal]:
+    """Signals of a group that the format declares or the name suggests as its time."""
     contents = columns.contents
     name, declared = contents.groups[group].name, contents.groups[group].time
     return [
@@ -151,17 +150,17 @@ def _called_time(columns: Columns, group: int) -> list[Signal]:
 
 
 def no_clock(name: str, values: Array) -> str:
-    """Why values cannot be times of several rows: they are all one, or none; "" if they can."""
+    """Why values cannot be times of several rows; "" if they can."""
     n = len(values)
     if n < 2:
         return ""
     finite = np.isfinite(values)
     if not finite.any():
-        return f"{name} has no value in any of its {n} rows, which is no clock: {CHOOSE}"
+        return f"all {n} rows of {name} are empty, so it cannot be the time: {CHOOSE}"
     known = values if finite.all() else values[finite]
     if len(known) > 1 and known.min() == known.max():
-        where = f"all {n} rows" if len(known) == n else f"all of its {len(known)} values"
-        return f"{name} is {known[0]:.10g} in {where}, which is no clock: {CHOOSE}"
+        rows = f"all {n} rows" if len(known) == n else f"all of its {len(known)} values"
+        return f"{name} is {known[0]:.10g} in {rows}, so it cannot be the time: {CHOOSE}"
     return ""
 
 
@@ -174,18 +173,18 @@ def _time_certainty(signal: Signal, group: str) -> float:
 
 
 def _named(columns: Columns, signal: Signal, certainty: float) -> TimeProposal | None:
-    """A signal that is named as a time is, with that certainty, if it runs forward."""
+    """A signal whose name suggests a time, if it runs forward."""
     steps = _steps(columns.values(signal.name))
     if not steps.run_forward:
         return None
     unit, confidence, why = _unit(signal, steps)
     confidence *= 1.0 - 0.4 * (1.0 - certainty)
-    reasons = (f"{signal.name} is named like a time", why)
+    reasons = (f"the name {signal.name} suggests a time", why)
     return TimeProposal(TimeSource(signal.name, unit), confidence, reasons)
 
 
 def _unnamed(columns: Columns, signal: Signal) -> TimeProposal | None:
-    """A signal that runs on evenly, is no channel by its name and no mere count of rows."""
+    """A signal that increases evenly, is not a channel by name and not a row number."""
     values = columns.values(signal.name)
     if len(values) < FEW or name_matches(signal.name):
         return None
@@ -196,7 +195,7 @@ def _unnamed(columns: Columns, signal: Signal) -> TimeProposal | None:
     if not steps.run_forward or steps.scatter > EVEN or steps.count_rows:
         return None
     unit, confidence, why = _unit(signal, steps)
-    reasons = ("no signal is named like a time, and this one goes on in even steps", why)
+    reasons = ("no signal name suggests a time, and this signal increases in even steps", why)
     return TimeProposal(TimeSource(signal.name, unit), 0.5 * confidence, reasons)
 
 
@@ -222,7 +221,7 @@ def _steps(values: Array) -> _Steps:
 
 
 def _unit(signal: Signal, steps: _Steps) -> tuple[str, float, str]:
-    """Unit of a time, confidence in it, and why: given by file or name, or inferred."""
+    """Unit of a time, given or inferred; confidence in it, and the reason."""
     given = spelled(signal.unit) or spelled(_unit_of_name(signal))
     if given and fits(given, "s"):
         step = steps.step * factor(given, "s")
@@ -231,7 +230,7 @@ def _unit(signal: Signal, steps: _Steps) -> tuple[str, float, str]:
         return (
             given,
             0.5,
-            f"its unit is given as {given}, although that makes one sample every {step:.3g} s",
+            f"its unit is given as {given}, but that means one sample every {step:.3g} s",
         )
     unit, confidence, why = _inferred_unit(steps)
     return unit, confidence, f"unit not given: {why}"

@@ -1,9 +1,9 @@
-"""Units that a file does not give: one decision for all, by physics, magnitudes and company.
+"""Infer the units that a file does not give, jointly, by physics, magnitudes and other signals.
 
-Each unit is as likely as the extent that it would mean. The signals of one group of a file come
-from one recorder, which writes its angles and rates either in degrees or in radians and its lengths
-either in metres or in feet; and what physics relates must agree. The likeliest combination is
-taken, and the confidence in each unit is its share over all combinations.
+The likelihood of a unit is that of the resulting range of values. The signals of one group come
+from one recorder, which writes angles and rates in degrees or in radians, and lengths in metres or
+in feet. Physical relations between signals must hold. The most likely combination wins, and the
+confidence in each unit is its probability over all combinations.
 """
 
 from collections import Counter
@@ -33,27 +33,27 @@ from core.types import Array
 ALIKE = 0.9
 """Correlation of the magnitudes' log likelihoods: in a gentle manoeuvre all angles are small."""
 LEAST = -12.0
-"""Smallest log likelihood of a relation or magnitude: any may mislead."""
+"""Smallest log likelihood of a relation or magnitude, since each may mislead."""
 LEAST_BY_AIRCRAFT = -6.0
-"""The same of a relation that is usual of aircraft, and not kinematics."""
+"""The same for a relation that is typical of aircraft rather than kinematic."""
 MOST_BY_MAGNITUDE = 2.5
-"""Log odds that the magnitude of one angle or rate says at most."""
+"""Largest log odds from the magnitude of one angle or rate."""
 SAME = 3.0
-"""Log odds that a signal shares the unit of its recorder's others."""
+"""Log odds that a signal uses the units of its recorder's other signals."""
 NEITHER = log(0.5 * (1.0 + exp(-SAME)))
-"""Log likelihood of a unit that goes with either system: the mean of that of the others."""
+"""Log likelihood of a unit that fits both systems: mean of the likelihoods of the others."""
 SAME_FILE = 1.0
-"""Log odds that a recorder shares the units of the file's others."""
+"""Log odds that a recorder uses the units of the file's other recorders."""
 BOTH_ANGULAR = 2.0
-"""Log odds that degrees go with degrees per second."""
+"""Log odds that degrees and degrees per second occur together."""
 CONTRADICTED = 3.5
-"""Deviation from a relation, in its scatters, that is a contradiction."""
+"""Deviation from a relation, in multiples of its scatter, that contradicts it."""
 LARGE = log(20.0)
-"""Deviation that no error of scale makes."""
+"""Deviation too large for an error of scale."""
 BY_PHYSICS, BY_AIRCRAFT = 0.5, 0.8
-"""Factors on the confidence where a contradicted relation is kinematics or usual of aircraft."""
+"""Factors on the confidence if a contradicted relation is kinematic or typical of aircraft."""
 SELDOM = 0.8
-"""Factor on the confidence where a peak, or without evidence a unit, is seldom seen."""
+"""Factor on the confidence if the peak is rare, or the unit is rare and lacks evidence."""
 LOAD_FACTOR = {"g": 0.9, "m/s^2": 0.07, "ft/s^2": 0.03}
 ACCELERATION = {"g": 0.35, "m/s^2": 0.55, "ft/s^2": 0.1}
 SYSTEMS = {
@@ -61,23 +61,22 @@ SYSTEMS = {
     "rate": {"rad/s": 0, "deg/s": 1},
     "length": {"m/s": 0, "m/s^2": 0, "km/h": 0, "ft/s": 1, "ft/s^2": 1},
 }
-"""Units that one recorder uses together; knots say nothing, nor does g."""
+"""Units that one recorder uses together; knots and g fit both systems."""
 ANGULAR = ("angle", "rate")
 ALIKE_OR_NOT = np.array([[0.0, -1.0], [-1.0, 0.0]])
-"""Log likelihood of two systems, for log odds of one that they are alike."""
+"""Log likelihood of two systems, per log odds that they are alike."""
 ALTITUDE = {"m": (log(0.7), log(0.03)), "ft": (log(0.3), log(0.97))}
 """Log likelihood in a metric recorder and in one that writes feet per second."""
 
-
 _Axes = dict[str | tuple[str, int], int]
-"""Of a table of all combinations: by channel, by (system, recorder), and by system of the file."""
+"""Axes of the table of all combinations, by channel, (system, recorder) and system of the file."""
 
 
 @dataclass(frozen=True, eq=False)
 class UnitDecision:
     """Candidates with units.
 
-    contradictions: key -> (reason, factor on the confidence), also of channels known before.
+    contradictions: key -> (reason, factor on the confidence), also for channels known before.
     """
 
     assigned: dict[str, Candidate]
@@ -86,7 +85,7 @@ class UnitDecision:
 
 @dataclass(frozen=True, eq=False)
 class _Choice:
-    """Of a channel's unit. units, weights: (n,) with log likelihoods.   recorder: its number."""
+    """Possible units of a channel. weights: (n,) log likelihoods.   recorder: its number."""
 
     units: tuple[str, ...]
     weights: Array
@@ -95,9 +94,9 @@ class _Choice:
 
 
 def decide_units(columns: Columns, before: Mapping, assigned: dict[str, Candidate]) -> UnitDecision:
-    """Give each candidate a unit; an inferred one lowers its certainty to that of the unit.
+    """Give each candidate a unit; an inferred unit limits the certainty.
 
-    before: channels that were settled before, and the times of the groups.
+    before: channels with confirmed sources, and the times of the groups.
     """
     known = {key: source for key, source in before.channels.items() if source.signal}
     choices = _choices(columns, known, assigned)
@@ -141,10 +140,10 @@ def _choices(
                 weights = power * np.maximum(weights, -MOST_BY_MAGNITUDE)
             weights += np.log([common[unit] for unit in units])
             weights = np.where(impossible, LEAST, weights)
-        # a group of one angle is no recorder
+        # a group with one angle shows no system of units
         recorder = group if _system(key) in ANGULAR and members[group] > 1 else -1
         choices[key] = _Choice(units, weights, recorder, _system(key))
-    for key in angles_of_quaternion(groups):  # in radians whatever the recorder writes
+    for key in angles_of_quaternion(groups):  # always in radians
         choices[key] = _Choice(("rad",), np.zeros(1), -1, "")
     return choices
 
@@ -183,10 +182,10 @@ def _relations(
 def _likeliest(
     choices: dict[str, _Choice], relations: list[UnitRelation]
 ) -> tuple[dict[str, str], dict[str, float]]:
-    """The units of the likeliest combination, and the share of each over all combinations.
+    """Units of the most likely combination, and the probability of each over all combinations.
 
-    A log likelihood over all combinations of the units of related channels and of the systems of
-    the recorders; the other channels depend on their recorder's system alone.
+    `total` holds the log likelihood of all combinations of the units of related channels and the
+    systems of the recorders. Other channels depend only on the system of their recorder.
     """
     relations = [relation for relation in relations if relation.powers.keys() <= choices.keys()]
     related = sorted({key for relation in relations for key in relation.powers})
@@ -214,7 +213,7 @@ def _likeliest(
 
 
 def _fit(choice: _Choice) -> Array:
-    """(n units, 2 systems) log likelihood of the units under the system of the recorder."""
+    """(n units, 2 systems) log likelihood of the units given the system of the recorder."""
     fits = np.full((len(choice.units), 2), NEITHER)
     for row, unit in enumerate(choice.units):
         if choice.system == "length" and unit in ALTITUDE:
@@ -226,7 +225,7 @@ def _fit(choice: _Choice) -> Array:
 
 
 def _along(table: Array, at: list[int], n_axes: int) -> Array:
-    """A table laid along axes, for broadcasting."""
+    """Arrange a table along axes, for broadcasting."""
     order = np.argsort(at)
     shape = [1] * n_axes
     for axis, size in zip(at, table.shape, strict=True):
@@ -241,8 +240,8 @@ def _along_relation(
     for key, power in relation.powers.items():
         logs = [log(factor(unit, TARGETS[key].unit)) for unit in choices[key].units]
         size = size + _along(power * np.array(logs), [axes[key]], n_axes)
-    away = (size - relation.expected) / relation.scatter
-    return np.maximum(-0.5 * away * away, LEAST if relation.exact else LEAST_BY_AIRCRAFT)
+    deviation = (size - relation.expected) / relation.scatter
+    return np.maximum(-0.5 * deviation * deviation, LEAST if relation.exact else LEAST_BY_AIRCRAFT)
 
 
 def _read_off(
@@ -283,26 +282,26 @@ def _inferred(
     alone = max(weights, key=lambda unit: weights[unit])
     why = f"unit not given: values up to {candidate.extent.peak:.3g} are taken as {unit}"
     evidence = [
-        relation.told(factors)
+        relation.in_words(factors)
         for relation in relations
         if key in relation.powers
         and relation.powers.keys() <= factors.keys()
         and abs(relation.deviation(factors)) < CONTRADICTED
     ]
     if evidence:
-        why += f", as then {', and '.join(evidence)}"
+        why += f", because then {', and '.join(evidence)}"
     elif unit != alone:
         others = "angles" if _system(key) in ANGULAR else "speeds and lengths"
-        why += f", as for the other {others} of the file"
+        why += f", like the other {others} of the file"
     if share < 0.9:
         rivals = sorted((u for u in weights if u != unit), key=lambda u: -weights[u])
-        why += f", although {rivals[0]} is plausible too"
+        why += f", but {rivals[0]} is also plausible"
     if is_seldom(key, candidate.extent, unit):
         share *= SELDOM
-        why += f"; few {TARGETS[key].label}s go so far: check the unit"
+        why += f"; such values are rare for {TARGETS[key].label}: check the unit"
     elif unit == "cdeg" and not evidence:
         share *= SELDOM
-        why += ", but may be no angle at all: check the unit"
+        why += ", but this may not be an angle: check the unit"
     return replace(candidate.because(why, share, unit=unit), unit_share=share)
 
 
@@ -314,17 +313,18 @@ def _contradictions(
         if not relation.powers.keys() <= factors.keys():
             continue
         if abs(relation.deviation(factors)) > CONTRADICTED:
-            what = "one of them" if len(relation.powers) > 1 else "it"
-            unit = abs(relation.in_si(factors) - relation.expected) > LARGE
-            wrong = "unit" if unit or what == "it" else "unit or scale"
-            text = f"{relation.told(factors)}: the {wrong} of {what} is wrong"
+            several = len(relation.powers) > 1
+            is_large = abs(relation.in_si(factors) - relation.expected) > LARGE
+            fault = "unit or scale" if several and not is_large else "unit"
+            channel = "one of them" if several else "it"
+            text = f"{relation.in_words(factors)}: the {fault} of {channel} is wrong"
             least = BY_PHYSICS if relation.exact else BY_AIRCRAFT
             contradictions |= dict.fromkeys(relation.powers, (text, least))
     return contradictions
 
 
 def _common(candidate: Candidate) -> dict[str, float]:
-    """How common units are, by what the signal is called: a load factor is in g."""
+    """How common units are, also by name: a load factor is in g."""
     if TARGETS[candidate.key].unit != "g":
         return COMMON[TARGETS[candidate.key].unit]
     stem = candidate.stem

@@ -1,7 +1,7 @@
-"""Which unit numbers are in, by their magnitude: a sideslip of up to 8 is in degrees.
+"""Infer the unit of a signal from its magnitude: a sideslip of up to 8 is in degrees.
 
-Each target has a usual peak, lognormally scattered over aircraft and manoeuvres; a unit is as
-likely as the peak that it would mean, times how common it is. An implausible peak rules it out.
+Each target has a usual peak, with lognormal scatter over aircraft and manoeuvres. The likelihood of
+a unit is that of the resulting peak, times how common the unit is. An implausible peak excludes it.
 """
 
 from dataclasses import dataclass
@@ -14,10 +14,10 @@ from app.telemetry.units import choices, factor
 
 @dataclass(frozen=True)
 class Magnitude:
-    """Of a target, in its unit: usual peak, the factor of its scatter, the most that is plausible.
+    """Usual peak of a target in its unit, factor of its scatter, and largest plausible peak.
 
-    floor: the least that is plausible; for the quantities that are never negative.
-    seldom: a peak beyond it is seldom seen, and worth a look.
+    floor: least plausible value, for quantities that are never negative.
+    seldom: larger peaks are rare; a person should check the unit.
     """
 
     usual: float
@@ -54,26 +54,26 @@ COMMON: dict[str, dict[str, float]] = {
     "m": {"m": 0.5, "ft": 0.5},
     "1": {"1": 1.0},
 }
-"""Units that a file may not give, by the target's, and how common they are."""
+"""By unit of the target: possible units and how common they are, if the file gives none."""
 RULED_OUT = 1e-6
 LEAST_LIKELY = 1e-4
 
 
 def likelihood(key: str, extent: Extent, per_unit: float) -> float:
-    """How usual the peak is if one of the signal's units is `per_unit` of the target's; 0 to 1."""
+    """Likelihood of the peak, 0 to 1. per_unit: one unit of the signal, in the target's unit."""
     magnitude = MAGNITUDES[key]
     if extent.peak * per_unit > magnitude.most or extent.middle * per_unit < magnitude.floor:
         return RULED_OUT
     if not extent.peak:
-        return 1.0  # which tells nothing
-    away = log(extent.peak * per_unit / magnitude.usual) / log(magnitude.scatter)
-    return max(exp(-0.5 * away * away), LEAST_LIKELY)
+        return 1.0  # all zero: no information
+    deviation = log(extent.peak * per_unit / magnitude.usual) / log(magnitude.scatter)
+    return max(exp(-0.5 * deviation * deviation), LEAST_LIKELY)
 
 
 def unit_weights(
     key: str, extent: Extent, common: dict[str, float] | None = None
 ) -> dict[str, float]:
-    """Unit -> likelihood times how common it is, not normalised; for a signal that gives none."""
+    """Unit -> likelihood times how common it is, not normalised."""
     target = TARGETS[key].unit
     return {
         unit: share * likelihood(key, extent, factor(unit, target))
@@ -82,17 +82,16 @@ def unit_weights(
 
 
 def is_seldom(key: str, extent: Extent, unit: str) -> bool:
-    """Whether the peak is plausible in this unit, but seldom seen."""
+    """Whether the peak is plausible in this unit, but rare."""
     return extent.peak * factor(unit, TARGETS[key].unit) > MAGNITUDES[key].seldom
 
 
 def unit_is_plausible(key: str, extent: Extent, unit: str) -> bool:
-    """Whether the values are plausible in this unit."""
     return likelihood(key, extent, factor(unit, TARGETS[key].unit)) > RULED_OUT
 
 
 def plausible_units(key: str, extent: Extent) -> list[str]:
-    """Return the units in which the values are plausible, the likeliest first."""
+    """Units in which the values are plausible, the likeliest first."""
     target = TARGETS[key].unit
     weights = {
         unit: likelihood(key, extent, factor(unit, target)) * COMMON[target].get(unit, 0.02)

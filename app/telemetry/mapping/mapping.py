@@ -1,4 +1,4 @@
-"""Which signal of a file is which channel: in what unit, with what sign, or derived from what."""
+"""A mapping: the signal, unit, sign and bias of each channel, or its derivation."""
 
 from collections.abc import Mapping as AnyMapping
 from dataclasses import asdict, dataclass, field
@@ -11,24 +11,24 @@ from app.telemetry.recording import TelemetryError
 from app.telemetry.targets import TARGETS
 
 EARLIER_NAMES = {"offset": "bias"}
-"""Of fields in mapping files that version 0.1.0 wrote."""
+"""Field names in mapping files of version 0.1.0, and their names today."""
 OF_REQUEST = ConfigDict(extra="forbid", use_attribute_docstrings=True)
-"""How a request is read into the classes below."""
+"""Pydantic reads requests into the classes below with these settings."""
 LEAST_RATE_HZ, MOST_RATE_HZ = 0.1, 5e4
 
 
 @dataclass(frozen=True)
 class ChannelSource:
-    """Where a channel comes from: a signal of the file, or a derivation from other channels.
+    """Source of a channel: a signal of the file, or a derivation from other channels.
 
-    value = sign * (signal in the target's unit, or what was derived) - bias.
+    value = sign * (signal in the target's unit, or derived value) - bias.
     """
 
     __pydantic_config__ = OF_REQUEST
 
     signal: str = ""
     unit: str = ""
-    """of the signal's values, as it is written: deg/s, kt ..."""
+    """of the signal's values, in any common spelling: deg/s, kt ..."""
     sign: Literal[1, -1] = 1
     bias: Annotated[float, Strict()] = 0.0
     """in the target's unit"""
@@ -38,19 +38,19 @@ class ChannelSource:
 
 @dataclass(frozen=True)
 class TimeSource:
-    """What gives a group its times: a signal of it, or the rate at which its rows were sampled."""
+    """Source of a group's times: one of its signals, or a sample rate."""
 
     __pydantic_config__ = OF_REQUEST
 
     signal: str = ""
     unit: str = "s"
     rate: Annotated[float, Strict()] = 0.0
-    """of the rows [Hz], where no signal is their time"""
+    """sample rate [Hz], if no signal is the time"""
     start: Annotated[float, Strict()] = 0.0
-    """time of the first row where a rate is given [s]"""
+    """time of the first row, with a rate [s]"""
 
     def problem(self) -> str:
-        """What is wrong with it, "" for nothing."""
+        """The fault in words, "" if valid."""
         if bool(self.signal) == bool(self.rate):
             return "needs either a signal or a rate: give one of them"
         if self.rate and not LEAST_RATE_HZ <= self.rate <= MOST_RATE_HZ:
@@ -63,24 +63,23 @@ class TimeSource:
 
 @dataclass(frozen=True)
 class Mapping:
-    """Which signal is which channel."""
+    """Sources of channels, and of the times of groups."""
 
     __pydantic_config__ = OF_REQUEST
 
     channels: dict[str, ChannelSource] = field(default_factory=dict)
-    """by key of TARGETS, the targets in the catalog"""
+    """by key of a target in the catalog"""
     times: dict[str, TimeSource] = field(default_factory=dict)
-    """by name of group; a group without one is not used"""
+    """by name of a group; a group without an entry is not used"""
 
     def to_plain(self) -> dict[str, Any]:
-        """Return JSON's types."""
         return asdict(self)
 
     @classmethod
     def from_plain(cls, plain: Any) -> Self:
-        """Rebuild a mapping; TelemetryError says which entry is not one."""
+        """Rebuild a mapping; TelemetryError names an invalid entry."""
         if not isinstance(plain, AnyMapping) or set(plain) - {"channels", "times"}:
-            raise TelemetryError("a mapping is an object of `channels` and `times`: give both")
+            raise TelemetryError("a mapping is an object with `channels` and `times`: give both")
         parts: dict[str, Any] = {}
         for part, entry, known in (
             ("channels", ChannelSource, TARGETS),
@@ -88,10 +87,12 @@ class Mapping:
         ):
             entries = plain.get(part, {})
             if not isinstance(entries, AnyMapping):
-                raise TelemetryError(f"`{part}` of a mapping is an object: give one entry a name")
+                raise TelemetryError(
+                    f"`{part}` of a mapping is not an object: give one entry per name"
+                )
             if known and (unknown := [key for key in entries if key not in known]):
                 raise TelemetryError(
-                    f"the mapping names {unknown[0]!r}: there are {', '.join(known)}"
+                    f"the mapping has an unknown channel {unknown[0]!r}: use {', '.join(known)}"
                 )
             parts[part] = {key: _entry(entry, key, value) for key, value in entries.items()}
         return cls(**parts)
@@ -103,13 +104,13 @@ def _entry(kind: type, key: str, plain: Any) -> Any:
         entry = kind(**{EARLIER_NAMES.get(name, name): value for name, value in named.items()})
     except (AttributeError, TypeError):
         raise TelemetryError(
-            f"the mapping of {key!r} is not of the fields of {kind.__name__}: "
-            f"{', '.join(kind.__dataclass_fields__)}"
+            f"the mapping of {key!r} is not a {kind.__name__}: "
+            f"give an object with {', '.join(kind.__dataclass_fields__)}"
         ) from None
     for name, written in get_type_hints(kind).items():
         form, value = int if name == "sign" else written, getattr(entry, name)
-        good = isinstance(value, (int, float) if form is float else form)
-        if not good or isinstance(value, bool):
+        is_valid = isinstance(value, (int, float) if form is float else form)
+        if not is_valid or isinstance(value, bool):
             raise TelemetryError(
                 f"{name} of the mapping of {key!r} is {value!r}: give {form.__name__}"
             )

@@ -1,7 +1,6 @@
-"""Warnings about a mapping that a person has made: its units, signs, biases and duplicates.
+"""Warn about units, signs, biases and duplicates in a mapping that a person has made.
 
-Nothing is changed, and nothing is forbidden: an aircraft may be unusual, and a file may be wrong
-about itself.
+Warnings change and forbid nothing: an aircraft may be unusual, and a file may state a wrong unit.
 """
 
 from dataclasses import replace
@@ -28,9 +27,9 @@ MappingWarnings = dict[str, list[str]]
 
 @ANY_NUMBERS
 def find_warnings(columns: Columns, mapping: Mapping, applied: Traces | None) -> MappingWarnings:
-    """Return sentences by channel; a channel without a warning is left out.
+    """Return sentences by channel, only for channels with warnings.
 
-    applied: the channels under the mapping; None where it cannot be applied.
+    applied: the mapped channels; None if the mapping cannot be applied.
     """
     warnings: MappingWarnings = {key: [] for key in TARGETS if key in mapping.channels}
     for key in warnings:
@@ -59,11 +58,11 @@ def _used_twice(mapping: Mapping, key: str) -> list[str]:
     ]
     others += [f"the time{f' of {g}' if g else ''}" for g, t in mapping.times.items()
                if t.signal == name]  # fmt: skip
-    return [f"{name} is mapped to {' and '.join(others)} too"] if others else []
+    return [f"{name} is also mapped to {' and '.join(others)}"] if others else []
 
 
 def _other_unit(columns: Columns, key: str, source: ChannelSource) -> list[str]:
-    """The unit that the file gives, or else the name, where it is not the one chosen."""
+    """Warn if the chosen unit differs from that of the file, or else of the name."""
     try:
         signal = columns.signal(source.signal)
     except KeyError:
@@ -84,7 +83,7 @@ def _other_unit(columns: Columns, key: str, source: ChannelSource) -> list[str]:
 
 
 def _off_centre(key: str, source: ChannelSource, trace: Trace) -> list[str]:
-    """A bias whose removal takes a lateral channel away from zero, by more than it moves."""
+    """Warn if removing the bias moves a channel away from zero by more than it varies."""
     extent = extent_of(trace.values)
     if extent.empty:
         return []
@@ -101,9 +100,9 @@ def _off_centre(key: str, source: ChannelSource, trace: Trace) -> list[str]:
 def _check_signs(warnings: MappingWarnings, mapping: Mapping, moves: Motion) -> None:
     for key, evidence in find_signs(moves).items():
         if key in ANGLE_OF and mapping.channels[key].derivation:
-            continue  # it was made of the angle itself
+            continue  # it is derived from this angle
         if evidence.sign < 0 and evidence.proven:
-            warnings[key].append(f"by the motion it is {evidence.text}")
+            warnings[key].append(f"according to the motion it is {evidence.text}")
         if evidence.times != 1.0:
             angle = ANGLE_OF[key]
             text = f"{key} is {evidence.times:.3g} times d({angle})/dt: one unit is wrong"
@@ -112,7 +111,7 @@ def _check_signs(warnings: MappingWarnings, mapping: Mapping, moves: Motion) -> 
 
 
 def _check_lateral(trace: Trace, moves: Motion | None) -> list[str]:
-    """Gravity or a bias in what is taken for N_y."""
+    """Warn about gravity or a bias in the channel mapped to N_y."""
     warnings = []
     effect = gravity_effect(moves) if moves is not None else None
     if effect is not None and effect.slope > 0.0:

@@ -1,4 +1,4 @@
-"""What the signals of a file most likely are: a mapping to check, with confidence and reasons."""
+"""Propose a mapping from the signals of a file to channels, with confidence and reasons."""
 
 from dataclasses import dataclass, field
 
@@ -33,26 +33,26 @@ from core.channels import KEYS
 from core.simulation.attitude import SurfaceSigns
 
 RIVALS = 0.08
-"""Signals whose certainty differs by less fit as well."""
+"""Signals whose certainty differs by less are rivals."""
 DERIVED = 0.7
-"""Confidence in a derived channel, as a share of that in what it is derived from."""
+"""Confidence in a derived channel, as a share of the confidence in its inputs."""
 DERIVED_FROM = 0.4
-"""Confidence that each of its inputs must have."""
+"""Least confidence in each input of a derivation."""
 DERIVED_FIRST = ("phi", "theta", "psi")
-"""Others are derived from these."""
+"""Inputs of other derivations."""
 MOST_NAMED = 8
-NO_TIME = f"none of its signals is a time: choose one, or give the rate of its rows ({EXAMPLE})"
+NO_TIME = f"no signal is a time: choose one as the time, or give the sample rate ({EXAMPLE})"
 
 
 @dataclass(frozen=True)
 class Proposal:
-    """A mapping and why.
+    """A mapping with its reasons.
 
-    rationales: by key of TARGETS, or "t:" and the name of a group; of channels without a source
-        too, where there are reasons for that.
-    alternatives: key -> signals that it could be instead, the likeliest first.
-    derivable: key -> derivations that what is mapped suffices for.
-    missing: channels of the monitor without any source.
+    rationales: by key of TARGETS, or "t:" and the name of a group. A channel without a source can
+        have one too.
+    alternatives: key -> other signals that fit, the likeliest first.
+    derivable: key -> derivations whose inputs are mapped.
+    missing: channels of the monitor without a source.
     """
 
     mapping: Mapping
@@ -71,12 +71,12 @@ def propose(
     expected: SurfaceSigns = CONVENTION,
     rate: TimeSource | None = None,
 ) -> Proposal:
-    """Propose what the signals of a file are, by names, units, extent and motion.
+    """Propose a mapping by names, units, ranges of values and motion.
 
-    remembered: a confirmed mapping, which is taken wherever the file has its signals.
-    aircraft: for which it was confirmed, in words.
-    expected: which way the monitor's aircraft goes at positive deflections.
-    rate: of the rows of groups without a time of their own, as a person gives it.
+    remembered: a confirmed mapping; it applies to each of its signals that the file has.
+    aircraft: name of the aircraft that it was confirmed for.
+    expected: how the monitor's aircraft responds to positive deflections.
+    rate: sample rate given by a person, for groups without a time signal.
     """
     builder = ProposalBuilder(columns)
     if remembered is not None:
@@ -97,7 +97,7 @@ def propose(
 
 
 def _assign_signals(builder: ProposalBuilder) -> Candidates:
-    """Give channels the signals that fit best by name, unit and extent; return all that fit."""
+    """Assign to each channel the signal that fits best; return all that fit."""
     mapped = {source.signal for source in (*builder.channels.values(), *builder.times.values())}
     groups = builder.columns.contents.groups
     usable = {
@@ -119,16 +119,16 @@ def _assign_signals(builder: ProposalBuilder) -> Candidates:
 
 
 def _find_times(builder: ProposalBuilder, rate: TimeSource | None) -> None:
-    """The time of each group; a group without one is not used, for the reason entered.
+    """Find the time of each group; record why a group without one is not used.
 
-    Where no group has one the signals are proposed all the same: the rate may still be given.
+    If no group has a time, signals are proposed anyway: a person may still give the sample rate.
     """
     for number, group in enumerate(builder.columns.contents.groups):
         if group.name in builder.times:
             continue
         time = find_time(builder.columns, number)
         if rate and (time is None or time.confidence < DOUBTED):
-            time = TimeProposal(rate, 0.99, (f"given: {rate_words(rate)}",))
+            time = TimeProposal(rate, 0.99, (f"sample rate given: {rate_words(rate)}",))
         if time:
             builder.times[group.name] = time.source
             rationale = Rationale(round(time.confidence, 4), time.reasons)
@@ -143,37 +143,36 @@ def _find_times(builder: ProposalBuilder, rate: TimeSource | None) -> None:
 
 
 def _unused(columns: Columns, number: int) -> str:
-    """Why the signals of a group are not used, and which they are."""
+    """Why the signals of a group are not used, with their names."""
     names = [signal.name for signal in columns.contents.signals if signal.group == number]
     more = f" and {len(names) - MOST_NAMED} more" if len(names) > MOST_NAMED else ""
     listed = f"{', '.join(names[:MOST_NAMED])}{more}"
     if why := dead_time(columns, number):
-        return f"{why}; until then its group is not used: {listed}"
+        return f"{why}; until then these signals are not used: {listed}"
     few = columns.contents.groups[number].n_rows < 2
-    why = "it has fewer than two rows" if few else "none of its signals is a time"
+    why = "their group has fewer than two rows" if few else "no signal of their group is a time"
     why = repeated_time(columns, number) or why
-    return f"the group is not used, as {why}: {listed}"
+    return f"signals not used because {why}: {listed}"
 
 
 def _enter(builder: ProposalBuilder, candidate: Candidate, ranked: list[Candidate]) -> None:
-    """Enter a candidate, with less confidence where another fits as well."""
+    """Assign a candidate, with less confidence if other signals fit as well."""
     key, name = candidate.key, candidate.signal.name
     source = ChannelSource(name, candidate.unit)
     builder.assign(key, source, round(candidate.certainty, 4), *candidate.reasons)
     builder.most_confident[key] = round(candidate.unit_share, 4)
-    itself = next(other for other in ranked if other.signal.name == name)
+    chosen = next(other for other in ranked if other.signal.name == name)
     rivals = [
         other.signal.name
         for other in ranked
-        if other is not itself and other.certainty > itself.certainty - RIVALS
+        if other is not chosen and other.certainty > chosen.certainty - RIVALS
     ]
     if rivals:
-        fit = "fits" if len(rivals) == 1 else "fit"
-        builder.comment(key, f"{', '.join(rivals[:MOST_NAMED])} {fit} as well", 0.85)
+        builder.comment(key, f"{', '.join(rivals[:MOST_NAMED])} would also fit", 0.85)
 
 
 def _derive(builder: ProposalBuilder) -> None:
-    """Propose a derivation for what has no signal, where all that it needs has."""
+    """Propose a derivation for each channel without a signal, if its inputs are mapped."""
     for key in (*DERIVED_FIRST, *KEYS):
         if key in builder.channels:
             continue
@@ -182,14 +181,14 @@ def _derive(builder: ProposalBuilder) -> None:
                 continue
             confidence = min(builder.rationales[need].confidence for need in way.needs)
             if confidence >= DERIVED_FROM:
-                reason = f"no signal of the file is {TARGETS[key].label}: derived as {way.title}"
+                reason = f"the file has no signal for {TARGETS[key].label}: derived ({way.title})"
                 source = ChannelSource(derivation=way.key)
                 builder.assign(key, source, round(DERIVED * confidence, 4), reason)
                 break
 
 
 def _explain_missing(builder: ProposalBuilder, candidates: Candidates) -> None:
-    """Enter why a channel has no source, and what could derive it."""
+    """Record why a channel has no source, and what it could be derived from."""
     timeless = _timeless(builder)
     for key, target in TARGETS.items():
         rejected = [*timeless.get(key, []), *candidates.rejected.get(key, [])]
@@ -198,15 +197,15 @@ def _explain_missing(builder: ProposalBuilder, candidates: Candidates) -> None:
         reasons = [*builder.rationales.get(key, Rationale(0.0)).reasons, *rejected[:MOST_NAMED]]
         if key in KEYS:
             if not reasons:
-                reasons.append(f"no signal is named like {target.label}")
-            if made_of := ways(key):
-                reasons.append(f"it could be derived from {made_of}")
+                reasons.append(f"no signal name suggests {target.label}")
+            if inputs := ways(key):
+                reasons.append(f"it can be derived from {inputs}")
         if reasons:
             builder.rationales[key] = Rationale(0.0, tuple(reasons))
 
 
 def _timeless(builder: ProposalBuilder) -> dict[str, list[str]]:
-    """Signals named like a channel whose group has no time, by channel, in words."""
+    """Reasons by channel: signals whose names suggest it, but whose group has no time."""
     contents = builder.columns.contents
     timeless: dict[str, list[str]] = {}
     reasons: dict[int, str] = {}
@@ -219,8 +218,10 @@ def _timeless(builder: ProposalBuilder) -> dict[str, list[str]]:
                 if signal.group not in reasons:
                     why = dead_time(builder.columns, signal.group)
                     reasons[signal.group] = why or "no signal of its group is a time"
-                named = f"{signal.name} is named like {TARGETS[match.key].label}"
-                text = f"{named}, but has no time: {reasons[signal.group]}"
+                text = (
+                    f"the name {signal.name} suggests {TARGETS[match.key].label}, but the signal "
+                    f"has no time: {reasons[signal.group]}"
+                )
                 timeless.setdefault(match.key, []).append(text)
     return timeless
 

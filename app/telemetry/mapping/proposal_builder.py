@@ -1,4 +1,4 @@
-"""A mapping being proposed: each entry with its confidence, and every reason for it."""
+"""Build a proposed mapping: every entry has a confidence and reasons."""
 
 from dataclasses import dataclass, field, replace
 
@@ -10,7 +10,7 @@ MOST_CONFIDENT = 0.99
 
 @dataclass(frozen=True)
 class Rationale:
-    """Confidence in an entry, 0 to 1, and why; a channel without a source has confidence 0."""
+    """Confidence in an entry, 0 to 1, and reasons; 0 for a channel without a source."""
 
     confidence: float
     reasons: tuple[str, ...] = ()
@@ -18,10 +18,10 @@ class Rationale:
 
 @dataclass(eq=False)
 class ProposalBuilder:
-    """What has been decided so far.
+    """The proposal so far.
 
-    confirmed: channels that a person has settled before; they are commented on, never changed.
-    most_confident: of channels whose unit is inferred, which their signs do not support.
+    confirmed: channels that a person has confirmed; they get comments but are never changed.
+    most_confident: upper limit of the confidence in channels with an inferred unit.
     """
 
     columns: Columns
@@ -33,26 +33,23 @@ class ProposalBuilder:
 
     @property
     def mapping(self) -> Mapping:
-        """The mapping so far."""
         return Mapping(dict(self.channels), dict(self.times))
 
     def assign(self, key: str, source: ChannelSource, confidence: float, *reasons: str) -> None:
-        """Give a channel its source."""
         self.channels[key] = source
         self.rationales[key] = Rationale(min(confidence, MOST_CONFIDENT), reasons)
 
     def change(self, key: str, **changes: object) -> None:
-        """Change the source of a channel."""
         self.channels[key] = replace(self.channels[key], **changes)
 
     def comment(self, key: str, reason: str, factor: float = 1.0) -> None:
-        """Add a reason, which multiplies the confidence by a factor."""
+        """Add a reason and multiply the confidence by a factor."""
         before = self.rationales.get(key, Rationale(0.0))
         confidence = round(before.confidence * factor, 4)
         self.rationales[key] = Rationale(confidence, (*before.reasons, reason))
 
     def support(self, key: str, reason: str, factor: float) -> None:
-        """Add a reason, which multiplies what the confidence lacks to 1 by a factor."""
+        """Add a reason and multiply the doubt, 1 - confidence, by a factor."""
         before = self.rationales[key]
         most = min(MOST_CONFIDENT, max(self.most_confident.get(key, 1.0), before.confidence))
         confidence = round(min(1.0 - factor * (1.0 - before.confidence), most), 4)

@@ -1,4 +1,4 @@
-"""A mapping that a person has confirmed, laid over a new file of the same recorder."""
+"""Apply a confirmed mapping to a new file of the same recorder."""
 
 from dataclasses import replace
 
@@ -13,39 +13,39 @@ CONFIDENCE = 0.98
 
 
 def recall(builder: ProposalBuilder, remembered: Mapping, aircraft: str) -> None:
-    """Take what was confirmed wherever the file has the signals for it, else enter the reason."""
-    whom = f"as confirmed for {aircraft}" if aircraft else "as confirmed before"
-    _times(builder, remembered, whom)
+    """Use each confirmed entry whose signals the file has; otherwise record the reason."""
+    origin = f"as confirmed for {aircraft}" if aircraft else "as confirmed before"
+    _times(builder, remembered, origin)
     for key, source in remembered.channels.items():
         if not source.signal:
             continue
         if obstacle := _obstacle(builder, key, source.signal, source.unit):
-            builder.rationales[key] = Rationale(0.0, (f"not {whom}: {obstacle}",))
+            builder.rationales[key] = Rationale(0.0, (f"not {origin}: {obstacle}",))
             continue
-        builder.assign(key, source, CONFIDENCE, whom)
+        builder.assign(key, source, CONFIDENCE, origin)
         builder.confirmed.add(key)
         unit = spelled(builder.columns.signal(source.signal).unit)
         if unit and fits(unit, TARGETS[key].unit) and unit != spelled(source.unit):
             reason = f"the file now gives {unit} where {source.unit} was confirmed: check the unit"
             builder.comment(key, reason, 0.5)
-    _derived(builder, remembered, whom)
+    _derived(builder, remembered, origin)
 
 
-def _times(builder: ProposalBuilder, remembered: Mapping, whom: str) -> None:
+def _times(builder: ProposalBuilder, remembered: Mapping, origin: str) -> None:
     contents = builder.columns.contents
     rows = {signal.name: contents.groups[signal.group].n_rows for signal in contents.signals}
     for group in contents.groups:
         source = remembered.times.get(group.name)
         if source and source.rate and not group.time:
-            builder.times[group.name] = replace(source, start=group.start)  # the day's, not before
-            builder.rationales[f"t:{group.name}"] = Rationale(CONFIDENCE, (whom,))
+            builder.times[group.name] = replace(source, start=group.start)  # of this file
+            builder.rationales[f"t:{group.name}"] = Rationale(CONFIDENCE, (origin,))
         elif source and rows.get(source.signal) == group.n_rows and fits(source.unit, "s"):
             builder.times[group.name] = source
-            builder.rationales[f"t:{group.name}"] = Rationale(CONFIDENCE, (whom,))
+            builder.rationales[f"t:{group.name}"] = Rationale(CONFIDENCE, (origin,))
 
 
 def _obstacle(builder: ProposalBuilder, key: str, name: str, unit: str) -> str:
-    """Why a confirmed signal cannot be taken from this file; "" if it can."""
+    """Why a confirmed signal cannot be used in this file; "" if it can."""
     contents = builder.columns.contents
     try:
         signal = builder.columns.signal(name)
@@ -56,22 +56,24 @@ def _obstacle(builder: ProposalBuilder, key: str, name: str, unit: str) -> str:
     if contents.groups[signal.group].name not in builder.times:
         return f"{name} has no time"
     extent = extent_of(builder.columns.values(name))
-    return f"{name} has no value in any of its {extent.n} rows" if extent.empty else ""
+    return f"all {extent.n} rows of {name} are empty" if extent.empty else ""
 
 
-def _derived(builder: ProposalBuilder, remembered: Mapping, whom: str) -> None:
-    """Confirmed derivations, each as soon as what it needs is there."""
+def _derived(builder: ProposalBuilder, remembered: Mapping, origin: str) -> None:
+    """Assign confirmed derivations, each as soon as its inputs are mapped."""
     pending = {key: source for key, source in remembered.channels.items() if source.derivation}
     while True:
         ready = [key for key, source in pending.items() if not _lacking(builder, key, source)]
         if not ready:
             break
         for key in ready:
-            builder.assign(key, pending.pop(key), CONFIDENCE, f"{whom}: derived")
+            builder.assign(key, pending.pop(key), CONFIDENCE, f"{origin}: derived")
             builder.confirmed.add(key)
     for key, source in pending.items():
         lacking = _lacking(builder, key, source)
-        builder.rationales[key] = Rationale(0.0, (f"not {whom}: it lacks {' and '.join(lacking)}",))
+        builder.rationales[key] = Rationale(
+            0.0, (f"not {origin}: missing {' and '.join(lacking)}",)
+        )
 
 
 def _lacking(builder: ProposalBuilder, key: str, source: ChannelSource) -> list[str]:

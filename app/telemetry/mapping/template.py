@@ -1,4 +1,4 @@
-"""A mapping to be filled in by a person, where nothing in a file is known for some channels."""
+"""A mapping for a person to complete when some channels have no source."""
 
 from collections.abc import Collection
 from dataclasses import asdict
@@ -13,8 +13,8 @@ from core.channels import KEYS
 def mapping_template(
     mapping: Mapping, contents: Contents, missing: Collection[str] = KEYS
 ) -> dict[str, Any]:
-    """The mapping in JSON's types, with an empty entry for each missing channel, and for each group
-    where none has a time.
+    """The mapping as plain data, with an empty entry for each missing channel; if no group has a
+    time, also one for each group.
     """
     empty = {key: ChannelSource(unit=TARGETS[key].unit) for key in missing}
     groups = [group.name for group in contents.groups if group.n_rows > 1]

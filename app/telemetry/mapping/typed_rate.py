@@ -1,4 +1,4 @@
-"""The rate of a table without a vector of times, as people write it: "50 Hz from 12:31:05"."""
+"""Read and write the sample rate of a table without times, such as "50 Hz from 12:31:05"."""
 
 import re
 from collections.abc import Iterable
@@ -17,21 +17,21 @@ RATE = re.compile(
 
 
 def read_rate(text: str) -> TimeSource:
-    """Times by a rate, from a time of day as seconds of the day or from a number of seconds.
+    """Read a rate and an optional start: a time of day, or a number of seconds.
 
-    TelemetryError where the text is not of that kind.
+    Raises TelemetryError for any other text.
     """
     match = RATE.fullmatch(text.strip())
     if match is None:
-        raise TelemetryError(f"{text!r} is no rate: write {EXAMPLE}")
+        raise TelemetryError(f"{text!r} is not a sample rate: write {EXAMPLE}")
     hours, minutes = int(match["hour"] or 0), int(match["minute"] or 0)
     seconds = _number(match["second"] or "0")
     if match["minute"] and (hours > 23 or seconds >= 60.0):
-        raise TelemetryError(f"{text!r} begins at no time of day: write {EXAMPLE}")
+        raise TelemetryError(f"{text!r} starts at an invalid time of day: write {EXAMPLE}")
     start = 3600.0 * hours + 60.0 * minutes + seconds
     if not _number(match["rate"]):
         raise TelemetryError(
-            f"{text!r} has no samples: give a rate of {LEAST_RATE_HZ:g} to {MOST_RATE_HZ:g} Hz, "
+            f"{text!r} is a rate of zero: give a rate of {LEAST_RATE_HZ:g} to {MOST_RATE_HZ:g} Hz, "
             f"such as {EXAMPLE}"
         )
     source = TimeSource(rate=_number(match["rate"]), start=start)
@@ -41,7 +41,7 @@ def read_rate(text: str) -> TimeSource:
 
 
 def rate_words(source: TimeSource) -> str:
-    """A rate as `read_rate` reads it; a start of a minute or more is a time of day."""
+    """A rate in the form that `read_rate` reads; a start of 60 s or more is a time of day."""
     rate = f"{source.rate:.10g} Hz"
     if not source.start:
         return rate
@@ -52,13 +52,13 @@ def rate_words(source: TimeSource) -> str:
 
 
 def counts_the_day(times: Iterable[TimeSource]) -> bool:
-    """Whether times are seconds of the day: of rates that begin at a time of day, and no others."""
+    """Whether times are seconds of the day: all are rates with a start at a time of day."""
     sources = list(times)
     return bool(sources) and all(each.rate and _is_time_of_day(each.start) for each in sources)
 
 
 def time_of_day(t: float, decimals: int = 2) -> str:
-    """Seconds of the day as `12:31:13.76`, those after midnight of the next."""
+    """Seconds of the day as `12:31:13.76`; midnight starts again at zero."""
     minutes, seconds = divmod(round(t, decimals) % DAY_S, 60.0)
     return f"{minutes // 60:02.0f}:{minutes % 60:02.0f}:{seconds:0{3 + decimals}.{decimals}f}"
 

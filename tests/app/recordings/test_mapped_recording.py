@@ -99,7 +99,7 @@ def test_a_file_without_times_is_scored_by_its_rate(monitor, flights, tmp_path):
     monitor.save(path)
     recipe = ScoringRecipe(trim=None, manoeuvres="entire")
     request = ScoreRequest((path,), untimed, recipe=recipe)
-    with pytest.raises(TelemetryError, match="or give the rate of its rows"):
+    with pytest.raises(TelemetryError, match="or give the sample rate"):
         score_file(request)
     (scored,) = score_file(replace(request, rate=read_rate("20 Hz from 12:31:05"))).scored
     (expected,) = score_file(replace(request, file=timed)).scored

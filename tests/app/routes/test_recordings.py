@@ -281,7 +281,7 @@ def test_a_mapping_is_tried_without_being_kept(client, kept, flights):
     mapping["channels"] |= {"p": twice, "r": twice}
     seen = client.post(f"{path}/preview", json={"mapping": mapping}).json()
     assert seen["warnings"]["p"] == [
-        "p_radps is mapped to yaw rate too",
+        "p_radps is also mapped to yaw rate",
         "its name gives p_radps in rad/s, not in deg/s",
     ]
 
@@ -299,7 +299,7 @@ def test_a_signal_is_shown_as_the_file_holds_it(client, kept, flights):
 def test_a_recording_without_times_is_mapped_by_a_rate(client, file):
     untimed = b"".join(row.partition(b",")[2] for row in file.splitlines(keepends=True))
     made = uploaded(client, untimed)
-    assert "or give the rate of its rows" in made["problem"]
+    assert "or give the sample rate" in made["problem"]
     path = f"{RECORDINGS}/{made['id']}"
     by_rate = made["mapping"] | {"times": {"": {"rate": 20, "start": 45065}}}
     seen = client.post(f"{path}/preview", json={"mapping": by_rate}).json()

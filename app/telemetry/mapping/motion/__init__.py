@@ -1,1 +1,1 @@
-"""What the motion of the aircraft says of a mapping: units, signs, gravity and bias."""
+"""Check a mapping against the motion of the aircraft: units, signs, gravity and bias."""

@@ -1,4 +1,4 @@
-"""The motion in the numbers of a file as they stand, before their units are known."""
+"""The motion in the raw numbers of a file, before their units are known."""
 
 from collections.abc import Collection
 from collections.abc import Mapping as AnyMapping
@@ -15,9 +15,9 @@ from app.telemetry.targets import TARGETS
 from core.types import Array
 
 MOST = 1_000_000
-"""Samples that a jump of an angle is looked for in."""
+"""Samples that are searched for a jump of an angle."""
 WRAP = 0.02
-"""Scatter of a jump about a full turn, as a share of it."""
+"""Deviation of a jump from a full turn, as a share of the turn."""
 QUATERNION = ("q0", "q1", "q2", "q3")
 TURNS = {"rad": 2.0 * pi, "deg": 360.0}
 
@@ -25,9 +25,9 @@ TURNS = {"rad": 2.0 * pi, "deg": 360.0}
 def motion_as_recorded(
     columns: Columns, times: AnyMapping[str, TimeSource], names: AnyMapping[str, str]
 ) -> tuple[Motion | None, dict[str, str]]:
-    """Return the motion of signals, and the unit of each angle that jumps by a full turn.
+    """The motion of signals, and the unit of each angle that jumps by a full turn.
 
-    names: key of TARGETS -> signal of the file. The attitude of a quaternion is in radians.
+    names: key of TARGETS -> signal of the file. Attitude from a quaternion is in radians.
     """
     units: dict[str, str] = {}
     for key in ("phi", "psi"):
@@ -48,18 +48,18 @@ def motion_as_recorded(
 
 
 def angles_of_quaternion(names: Collection[str]) -> tuple[str, ...]:
-    """The angles that are not among channels, where a quaternion is that has them."""
-    whole = set(QUATERNION) <= set(names)
-    return tuple(key for key in ("phi", "psi") if whole and key not in names)
+    """Angles that are not recorded but follow from a quaternion."""
+    is_complete = set(QUATERNION) <= set(names)
+    return tuple(key for key in ("phi", "psi") if is_complete and key not in names)
 
 
 def turn_of(values: Array) -> str:
-    """The unit of an angle that jumps by a full turn; "" where it does not jump."""
+    """The unit of an angle that jumps by a full turn; "" if it does not jump."""
     with np.errstate(invalid="ignore", over="ignore"):
         jumps = np.abs(np.diff(values[:MOST]))
     for unit, turn in TURNS.items():
         near = np.abs(jumps / turn - 1.0) < WRAP
-        # other jumps would be spikes
+        # most large jumps must be full turns, otherwise they are spikes
         if near.any() and near.sum() >= 0.5 * np.count_nonzero(jumps > 0.5 * turn):
             return unit
     return ""

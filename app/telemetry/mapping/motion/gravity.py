@@ -1,4 +1,4 @@
-"""What an accelerometer's channel holds besides N_y: gravity in a bank, or a constant bias."""
+"""Detect gravity or a constant bias in a lateral acceleration."""
 
 from dataclasses import dataclass
 from math import radians
@@ -9,30 +9,30 @@ from app.telemetry.mapping.motion.motion import Motion, PartialEffect
 from app.telemetry.traces import Trace
 
 IN_FULL = (0.7, 1.3)
-"""Share of sin(phi) cos(theta) that is gravity, and not a manoeuvre that was not coordinated."""
+"""Slope on sin(phi) cos(theta) that is gravity, not an uncoordinated manoeuvre [g]."""
 CLEAR = 0.7
-"""What it must explain of what the other channels leave unexplained."""
+"""Share of the variation left by the other channels that gravity must explain."""
 BANKED = radians(0.8)
-"""Standard deviation of the bank angle from which gravity can be told [rad]."""
+"""Least standard deviation of the bank angle that reveals gravity [rad]."""
 QUIET_S = 2.0
-"""At the start, before the manoeuvre [s]."""
+"""Time before the manoeuvre [s]."""
 QUIET = 0.3
-"""Scatter of a quiet start, as a share of the whole recording's."""
+"""Largest scatter of a quiet start, as a share of that of the whole recording."""
 MOST = 20_000
-"""Samples that the whole recording's scatter is taken of."""
+"""Samples used for the scatter of the whole recording."""
 STILL = 0.01
-"""Scatter that is quiet whatever comes later [g]."""
+"""Smaller scatter is always quiet [g]."""
 LEAST_BIAS = 0.02
-"""Smaller ones are trim: the side force of a real aircraft [g]."""
+"""Smaller biases are trim: real aircraft have a side force [g]."""
 BEYOND_NOISE = 3.0
 ONE_G = (0.85, 1.15)
 
 
 @dataclass(frozen=True)
 class Bias:
-    """A constant part of a channel in its unit, and the evidence in words.
+    """A constant part of a channel in its unit, with the evidence in words.
 
-    like_gravity: whether it is as large as gravity itself.
+    like_gravity: whether it is about 1 g.
     """
 
     value: float
@@ -41,11 +41,11 @@ class Bias:
 
 
 def gravity_effect(moves: Motion) -> PartialEffect | None:
-    """How the lateral acceleration follows sin(phi) cos(theta), where it does so in full.
+    """Effect of sin(phi) cos(theta) on the lateral acceleration, if it is about 1 g.
 
-    Specific force, which an accelerometer measures, does not know the bank of a coordinated turn;
-    the acceleration over ground follows it with +1, and a reversed one with -1. In steady
-    sideslips the specific force follows with -1 too.
+    An accelerometer measures specific force, which does not depend on the bank in a coordinated
+    turn. Inertial acceleration follows the bank with +1, and with -1 if reversed. In steady
+    sideslips specific force also follows with -1.
     """
     if "Ny" not in moves.values or moves.spread("phi") < BANKED:
         return None
@@ -58,7 +58,7 @@ def gravity_effect(moves: Motion) -> PartialEffect | None:
 
 
 def quiet_bias(trace: Trace) -> Bias | None:
-    """A constant part of the quiet first seconds, well beyond their noise and any trim."""
+    """A constant value in the quiet first seconds, beyond their noise and any trim."""
     t, values = trace.t, trace.values
     known = np.flatnonzero(np.isfinite(t))
     if not len(known):

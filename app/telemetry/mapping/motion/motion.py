@@ -1,8 +1,8 @@
-"""The motion of the aircraft in a recording, smoothed and with derivatives, and its regressions.
+"""The motion of the aircraft in a recording: smoothed channels, derivatives and regressions.
 
-Signs are found from it: rates against the attitude, accelerations against the surfaces. Channels
-and their derivatives go through one window, a smooth one and its slope, so that an equation between
-them stays exact while the noise of the sensors averages out.
+It shows signs and units: rates against the attitude, accelerations against the surfaces. One window
+and its derivative filter both channels and rates, so equations between them stay exact while sensor
+noise averages out.
 """
 
 from collections.abc import Mapping
@@ -19,26 +19,26 @@ from core.equation_error import smoothing_window
 from core.types import Array, Indices
 
 STEP = 0.05
-"""Of the grid that channels of several rates meet on [s]."""
+"""Step of the common grid for channels of different rates [s]."""
 SLOWEST = 0.25
-"""Recordings with longer steps show no accelerations [s]."""
+"""Longest step that still shows accelerations [s]."""
 LONG = 400.0
-"""Of longer recordings only the windows with most motion are looked at [s]."""
+"""In longer recordings only the windows with most motion are used [s]."""
 WINDOW = 40.0
 LEADERS = ("delta_r", "delta_a", "r", "p")
-"""The windows are where these move most."""
+"""These channels place the windows, where they move most."""
 N_EACH = 2
 LATERAL = ("beta", "p", "r", "Ny", "Ay", "delta_a", "delta_r", "phi", "theta", "psi")
 FULL_TURNS = {"phi": 2.0 * pi, "psi": 2.0 * pi}
 FEWEST = 60
-"""Rows that a relation needs: 3 s."""
+"""Fewest rows for a regression: 3 s."""
 
 
 @dataclass(frozen=True)
 class PartialEffect:
-    """Of one cause on a response, beside all others.
+    """Effect of one cause on a response, beside all other causes.
 
-    slope: response per cause.   share: of what the others leave unexplained, from 0 to 1.
+    slope: response per cause.   share: explained part of what the others leave, 0 to 1.
     """
 
     slope: float
@@ -47,9 +47,9 @@ class PartialEffect:
 
 @dataclass(frozen=True, eq=False)
 class Motion:
-    """values, rates: channel -> (n,) smoothed, and its derivative [1/s]; NaN where unknown.
+    """values, rates: channel -> (n,) smoothed, and its derivative [1/s]; NaN if unknown.
 
-    window: (n,) number of the window that a row lies in.
+    window: (n,) number of the window of each row.
     """
 
     values: dict[str, Array]
@@ -57,16 +57,16 @@ class Motion:
     window: Indices
 
     def spread(self, key: str) -> float:
-        """Standard deviation of a channel about its mean in each window; 0 where it is absent."""
+        """Standard deviation of a channel about its mean in each window; 0 if absent."""
         if key not in self.values:
             return 0.0
         (values,) = self._centred([self.values[key]])
         return float(values.std()) if len(values) else 0.0
 
     def effects(self, response: Array, causes: dict[str, Array]) -> dict[str, PartialEffect]:
-        """Least squares of a response on its causes, all from their means in each window.
+        """Least squares of a response on its causes, relative to their means in each window.
 
-        {} where there are too few rows. A cause that does not move is left out.
+        Returns {} if there are too few rows, and omits causes that do not move.
         """
         y, *columns = self._centred([response, *causes.values()])
         scales = [float(column.std()) if len(column) else 0.0 for column in columns]
@@ -79,8 +79,8 @@ class Motion:
             return {}
         inverse = np.linalg.pinv(gram, rcond=1e-9, hermitian=True)
         slopes = inverse @ (x.T @ y)
-        left = y - x @ slopes
-        unexplained = float(left @ left)
+        residual = y - x @ slopes
+        unexplained = float(residual @ residual)
         names = list(causes)
         effects = {}
         for i, k in enumerate(moving):
@@ -102,16 +102,16 @@ class Motion:
 
     @cached_property
     def gravity(self) -> Array:
-        """Gravity's part sin(phi) cos(theta) of a lateral acceleration [g]; NaN without phi."""
+        """Gravity part sin(phi) cos(theta) of a lateral acceleration [g]; NaN without phi."""
         phi = self.values.get("phi", np.full(len(self.window), np.nan))
         theta = self.values.get("theta", np.zeros(1))
         return np.sin(phi) * np.cos(theta)
 
 
 def motion(traces: Traces, turns: Mapping[str, float] = FULL_TURNS) -> Motion | None:
-    """Return the motion; None where it was recorded too slowly for it.
+    """The motion; None if the sample rate is too low.
 
-    turns: key -> full turn of an angle that jumps by it, in the unit of the trace.
+    turns: key -> full turn of an angle that may jump, in the unit of the trace.
     """
     channels = {key: traces.channels[key] for key in LATERAL if key in traces.channels}
     leader = next((channels[key] for key in ("r", "p", *LEADERS) if key in channels), None)
@@ -138,7 +138,7 @@ def motion(traces: Traces, turns: Mapping[str, float] = FULL_TURNS) -> Motion | 
 
 
 def windows_of_motion(channels: Mapping[str, Trace], leader: Trace) -> list[tuple[float, float]]:
-    """Intervals to look at [s]: all of a short recording, of a long one those with most motion."""
+    """Intervals with motion [s]; a short recording is one interval."""
     known = leader.t[np.isfinite(leader.t)]
     if len(known) < 2 or not known[-1] > known[0]:
         return []
@@ -158,7 +158,7 @@ def windows_of_motion(channels: Mapping[str, Trace], leader: Trace) -> list[tupl
 
 
 def _apart(starts: list[float]) -> list[tuple[float, float]]:
-    """Windows without overlap, those that touch as one."""
+    """Windows, merged where they touch."""
     merged: list[tuple[float, float]] = []
     for start in starts:
         if merged and start <= merged[-1][1]:
@@ -169,7 +169,7 @@ def _apart(starts: list[float]) -> list[tuple[float, float]]:
 
 
 def on_even_times(grid: Array, trace: Trace, turn: float | None) -> Array:
-    """The samples around a grid, by straight lines; NaN in gaps and where it is too slow."""
+    """Samples interpolated onto a grid; NaN in gaps and if the rate is too low."""
     t = trace.t
     if len(grid) * STEP < t[-1] - t[0]:
         first, last = np.searchsorted(t, (grid[0] - SLOWEST, grid[-1] + SLOWEST))

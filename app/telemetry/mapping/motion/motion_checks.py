@@ -1,4 +1,4 @@
-"""A proposed mapping checked against the motion it implies: signs, gravity and bias."""
+"""Check a proposed mapping against the motion that it implies: signs, gravity and bias."""
 
 from dataclasses import replace
 
@@ -18,14 +18,13 @@ from core.simulation.attitude import SurfaceSigns
 SURFACES = ("delta_a", "delta_r")
 LEFT, RIGHT = "delta_a_left", "delta_a_right"
 ALIKE = 0.6
-"""Correlation above which two ailerons are counted the same way."""
+"""Two ailerons with a higher correlation have the same sign convention."""
 
 
 def check_against_motion(builder: ProposalBuilder, expected: SurfaceSigns) -> None:
-    """Correct and comment on a proposed mapping by the motion that it implies.
+    """Correct a proposed mapping and comment on it. Confirmed channels only get comments.
 
-    expected: which way the aircraft goes at positive deflections. A confirmed channel is commented
-    on only.
+    expected: response of the aircraft to positive deflections.
     """
     traces = _applied(builder)
     if traces is None:
@@ -59,7 +58,7 @@ def _applied(builder: ProposalBuilder) -> Traces | None:
 
 
 def _oppose_ailerons(builder: ProposalBuilder, traces: Traces) -> bool:
-    """Reverse the left aileron if both deflect alike, as one goes up when the other goes down."""
+    """Reverse the left aileron if both move alike; real ailerons move in opposition."""
     if not {LEFT, RIGHT} <= traces.channels.keys() or {LEFT, RIGHT} & builder.confirmed:
         return False
     left, right = traces.channels[LEFT], traces.channels[RIGHT]
@@ -73,17 +72,19 @@ def _oppose_ailerons(builder: ProposalBuilder, traces: Traces) -> bool:
     if not correlation > ALIKE:
         return False
     builder.change(LEFT, sign=-builder.channels[LEFT].sign)
-    builder.comment(LEFT, f"reversed: it moves like the right one (correlation {correlation:.2f})")
+    builder.comment(
+        LEFT, f"reversed: it moves like the right aileron (correlation {correlation:.2f})"
+    )
     return True
 
 
 def _check_sign(builder: ProposalBuilder, key: str, evidence: SignEvidence) -> None:
-    """Reverse a channel, or enter the evidence for its sign."""
+    """Reverse a channel, or add the evidence for its sign."""
     if key in ANGLE_OF and builder.channels[key].derivation:
-        return  # it was made of the angle itself
+        return  # it is derived from this angle
     if key in builder.confirmed or (key == "phi" and builder.channels[key].derivation):
         if evidence.sign < 0 and evidence.proven:
-            builder.comment(key, f"but by the motion it is {evidence.text}", 0.6)
+            builder.comment(key, f"but according to the motion it is {evidence.text}", 0.6)
         return
     if evidence.sign < 0:
         builder.change(key, sign=-builder.channels[key].sign)
@@ -95,9 +96,9 @@ def _check_sign(builder: ProposalBuilder, key: str, evidence: SignEvidence) -> N
 
 
 def _take_out_gravity(builder: ProposalBuilder, moves: Motion, same_bank: int) -> None:
-    """Take gravity out of a lateral acceleration that holds it.
+    """Remove gravity from a lateral acceleration that contains it.
 
-    same_bank: -1 where the bank angle was reversed since.
+    same_bank: -1 if the bank angle was reversed in between.
     """
     source = builder.channels.get("Ny")
     if source is None or not source.signal or "Ny" in builder.confirmed or "Ay" in builder.channels:
@@ -108,7 +109,7 @@ def _take_out_gravity(builder: ProposalBuilder, moves: Motion, same_bank: int) -
     slope = source.sign * same_bank * effect.slope
     why = (
         f"it follows {slope:+.2f} g times sin(phi) cos(theta), which explains "
-        f"{effect.share:.0%} of what the other channels do not"
+        f"{effect.share:.0%} of the variation left by the other channels"
     )
     if slope < 0.0:
         reason = f"{why}: it is reversed and contains gravity, or was flown in steady sideslips"
@@ -117,12 +118,12 @@ def _take_out_gravity(builder: ProposalBuilder, moves: Motion, same_bank: int) -
     before = builder.rationales["Ny"]
     builder.assign("Ay", source, before.confidence, *before.reasons, why)
     derived = ChannelSource(derivation="Ny_without_gravity")
-    reason = f"derived, as {source.signal} contains gravity: {why}"
+    reason = f"derived, because {source.signal} contains gravity: {why}"
     builder.assign("Ny", derived, round(0.8 * before.confidence, 4), reason)
 
 
 def _remove_bias(builder: ProposalBuilder) -> None:
-    """Remove what an accelerometer shows in the quiet first seconds."""
+    """Remove the bias that an accelerometer shows in the quiet first seconds."""
     if "Ny" not in builder.channels or "Ny" in builder.confirmed:
         return
     try:

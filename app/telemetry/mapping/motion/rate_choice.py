@@ -1,4 +1,4 @@
-"""Of several signals that are named like a rate, the one that the attitude follows."""
+"""Choose among several rate signals the one that fits the attitude best."""
 
 from math import sqrt
 
@@ -14,7 +14,7 @@ from app.telemetry.mapping.motion.signs import ANGLE_OF, FOLLOWS
 from app.telemetry.mapping.naming.names import is_derived
 
 CLEARER = 0.1
-"""Correlation that another signal must have more: filters and noise make less of a difference."""
+"""Least gain in correlation for another signal; filters and noise make less difference."""
 MOST_TRIED = 6
 
 
@@ -23,8 +23,8 @@ def choose_rates(
 ) -> dict[str, Candidate]:
     """Replace a rate by another signal that follows the derivative of its angle clearly better.
 
-    A rate that was derived follows it best, and is not taken for one that was measured.
-    before: channels that were settled before, and the times of the groups.
+    Rates that were derived from the angle would follow it best, so they do not replace others.
+    before: channels with confirmed sources, and the times of the groups.
     """
     chosen = dict(assigned)
     for key, angle in ANGLE_OF.items():
@@ -47,13 +47,13 @@ def choose_rates(
             rival.signal.name: _follows(columns, before, key, rival, of_angle) for rival in rivals
         }
         best = max(rivals, key=lambda rival: follows[rival.signal.name])
-        itself = chosen[key].signal.name
+        current = chosen[key].signal.name
         if follows[best.signal.name] ** 2 < FOLLOWS:
             continue
-        if follows[best.signal.name] > follows[itself] + CLEARER:
+        if follows[best.signal.name] > follows[current] + CLEARER:
             chosen[key] = best.because(
                 f"it follows d({angle})/dt with a correlation of {follows[best.signal.name]:.2f}, "
-                f"{itself} with {follows[itself]:.2f}"
+                f"{current} with only {follows[current]:.2f}"
             )
     return chosen
 
@@ -61,7 +61,7 @@ def choose_rates(
 def _follows(
     columns: Columns, before: Mapping, key: str, rate: Candidate, of_angle: dict[str, str]
 ) -> float:
-    """Magnitude of the correlation of a signal with the derivative of its angle."""
+    """Magnitude of the correlation between a signal and the derivative of its angle."""
     angle, names = ANGLE_OF[key], of_angle | {key: rate.signal.name}
     moves, _ = motion_as_recorded(columns, before.times, names)
     if moves is None or angle not in moves.values:

@@ -1,4 +1,4 @@
-"""What turns the velocity against the nose: d(beta)/dt = -r + p sin(alpha) + g/V (N_y + phi)."""
+"""Regression of the sideslip equation d(beta)/dt = -r + p sin(alpha) + g/V (N_y + phi)."""
 
 import numpy as np
 
@@ -8,15 +8,15 @@ from core.types import Array
 
 CAUSES = ("r", "Ny", "phi", "p")
 BALANCED = 0.5
-"""Share of beta-dot that the causes must explain."""
+"""Least share of beta-dot that the causes must explain."""
 LARGEST = 1e9
-"""Numbers beyond it are no motion in any unit."""
+"""Larger numbers are not a motion in any unit."""
 
 
 def sideslip_balance(moves: Motion) -> dict[str, Estimate]:
-    """beta-dot per cause, in level flight; {} where it is not explained, or one is not recorded.
+    """beta-dot per cause, in level flight; {} if unexplained or if a channel is missing.
 
-    With beta late: a vane's delay else takes the place of the side force.
+    The fit allows for a delay of beta. Without it the delay of a vane would look like side force.
     """
     if not {"beta", "r", "Ny", "phi"} <= moves.values.keys():
         return {}
@@ -24,7 +24,7 @@ def sideslip_balance(moves: Motion) -> dict[str, Estimate]:
     causes = [key for key in CAUSES if key in moves.values]
     if any(_peak(x) > LARGEST for x in (rates, *(moves.values[key] for key in causes))):
         return {}
-    apart = np.flatnonzero(np.diff(moves.window)) + 1  # windows do not go on in one another
+    apart = np.flatnonzero(np.diff(moves.window)) + 1  # separate the windows
 
     def parted(values: Array) -> Array:
         return np.insert(values, apart, np.nan)

@@ -1,13 +1,12 @@
-"""The signs of recorded channels, found from the motion of the aircraft; the evidence in words.
+"""Find the signs of recorded channels from the motion of the aircraft, with evidence in words.
 
-The convention: beta is positive with wind from the right, p right wing down, r nose right, N_y to
-the right; positive rudder yaws the nose left (C_n,dr < 0) and positive aileron rolls to the left
-(C_l,da < 0), as on the F-16 and the ATTAS. Published models agree on the rudder, not on the
-aileron: `expected` says which way the aircraft at hand goes.
+Convention: beta is positive with wind from the right, p right wing down, r nose right, N_y to the
+right; positive rudder yaws the nose left (C_n,dr < 0) and positive aileron rolls left (C_l,da < 0),
+as on the F-16 and the ATTAS. Published models agree on the rudder but not on the aileron:
+`expected` gives the response of the aircraft at hand.
 
-Nothing in the motion tells left from right if everything is mirrored: signs are relative to the
-attitude where it was recorded, else to the rates as they are. Of a bank angle that nothing else
-agrees with, the bank angle is reversed.
+If everything is mirrored, the motion does not show it. So signs are relative to the attitude, or to
+the rates if there is no attitude. A bank angle that contradicts all other channels is reversed.
 """
 
 from dataclasses import dataclass, replace
@@ -22,23 +21,23 @@ CONVENTION = SurfaceSigns(aileron=-1, rudder=-1)
 ANGLE_OF = {"p": "phi", "r": "psi"}
 """The angle whose derivative a rate is."""
 CLEAR = 0.5
-"""Share of what the other causes leave that a cause must explain for its sign to count."""
+"""Share of the variation left by other causes that a cause must explain to show a sign."""
 FOLLOWS = 0.7
-"""The same for a rate that is the derivative of an angle."""
+"""The same for a rate against the derivative of its angle."""
 MOVED = radians(0.12)
-"""Standard deviation below which a surface, or the sideslip, moved too little for a sign [rad]."""
+"""Least standard deviation of a surface or the sideslip that shows a sign [rad]."""
 RATE_MOVED = radians(0.15)
 """The same for a rate [rad/s]."""
 MIX_UP = (40.0, 80.0)
-"""A ratio of a rate to its angle's derivative in here is degrees taken for radians: 57.3."""
+"""Ratios of a rate to the derivative of its angle that show degrees read as radians (57.3)."""
 
 
 @dataclass(frozen=True)
 class SignEvidence:
-    """A channel's sign by the motion.
+    """Sign of a channel according to the motion.
 
-    sign: 1 as it should be, -1 reversed.   proven: by the channel itself.   times: ratio of a rate
-    to its angle's derivative where that shows a wrong unit; else 1.
+    sign: 1 correct, -1 reversed.   proven: by the channel itself.   times: ratio of a rate to the
+    derivative of its angle if that shows a wrong unit; otherwise 1.
     """
 
     sign: int
@@ -50,9 +49,9 @@ class SignEvidence:
 def find_signs(
     moves: Motion, expected: SurfaceSigns = CONVENTION, *, yaw_is_known: bool = False
 ) -> dict[str, SignEvidence]:
-    """Return the evidence by channel; channels without any are left out.
+    """Evidence by channel; channels without evidence are omitted.
 
-    yaw_is_known: the sign of r is settled otherwise.
+    yaw_is_known: whether the sign of r is confirmed.
     """
     signs: dict[str, SignEvidence] = {}
     for key, angle in ANGLE_OF.items():
@@ -83,31 +82,31 @@ def find_signs(
 
 
 def _bank_is_odd(moves: Motion, signs: dict[str, SignEvidence]) -> bool:
-    """Whether the bank angle alone speaks against a roll rate that goes with the aileron."""
+    """Whether only the bank angle contradicts a roll rate that agrees with the aileron."""
     against = [key for key in signs if signs[key].sign < 0]
     slope = sideslip_balance(moves).get("phi")
     return against == ["p"] and not (slope and slope.low > 0.0)
 
 
 def _bank_reversed(rate: SignEvidence) -> dict[str, SignEvidence]:
-    """Of roll rate and bank angle, where the latter is the odd one. rate: against the attitude."""
-    agrees = "its sign agrees with the aileron, and with the attitude once that is reversed"
-    text = "reversed: else roll rate and aileron would both be"
+    """Reverse the bank angle instead of the roll rate. rate: evidence against the attitude."""
+    agrees = "its sign agrees with the aileron, and with the attitude once the bank is reversed"
+    text = "reversed: otherwise roll rate and aileron would both be reversed"
     return {"p": replace(rate, sign=1, text=agrees), "phi": SignEvidence(-1, text)}
 
 
 def _fewest_reversals(signs: dict[str, SignEvidence]) -> dict[str, SignEvidence]:
-    """Where all evidence that rests on an unproven yaw rate is reversed, it is the yaw rate."""
+    """If all evidence that rests on the yaw rate is reversed, reverse the yaw rate instead."""
     dependent = ("beta", "Ny", "delta_r")
     if "r" in signs or any(key not in signs or signs[key].sign > 0 for key in dependent):
         return signs
-    text = "reversed: else sideslip, lateral acceleration and rudder would all be reversed"
+    text = "reversed: otherwise sideslip, lateral acceleration and rudder would all be reversed"
     agrees = SignEvidence(1, "its sign agrees with the motion once the yaw rate is reversed")
     return signs | dict.fromkeys(dependent, agrees) | {"r": SignEvidence(-1, text)}
 
 
 def _rate(moves: Motion, key: str, angle: str) -> SignEvidence | None:
-    """A body rate against the derivative of the angle that it turns."""
+    """Compare a body rate with the derivative of its angle."""
     if key not in moves.values or angle not in moves.values or moves.spread(key) < RATE_MOVED:
         return None
     effect = moves.effects(moves.values[key], {angle: moves.rates[angle]}).get(angle)
@@ -120,11 +119,11 @@ def _rate(moves: Motion, key: str, angle: str) -> SignEvidence | None:
     how = f"{effect.slope:+.2f} times d({angle})/dt, which explains {effect.share:.0%} of it"
     if effect.slope > 0.0:
         return SignEvidence(1, f"its sign agrees with the attitude: {how}", times=times)
-    return SignEvidence(-1, f"reversed, as it is opposite to the attitude: {how}", times=times)
+    return SignEvidence(-1, f"reversed, because it is opposite to the attitude: {how}", times=times)
 
 
 def _accelerations(moves: Motion, key: str, signs: dict[str, SignEvidence]) -> Array | None:
-    """Angular acceleration about an axis, in the convention's direction [rad/s2]."""
+    """Angular acceleration about an axis, in the direction of the convention [rad/s2]."""
     if key not in moves.values:
         return None
     return moves.rates[key] * (signs[key].sign if key in signs else 1)
@@ -135,7 +134,7 @@ def _causes(moves: Motion, *keys: str) -> dict[str, Array]:
 
 
 def _sideslip(moves: Motion, yaw: Array) -> SignEvidence | None:
-    """Weathercock stability: wind from the right yaws the nose to the right."""
+    """Weathercock stability: wind from the right yaws the nose right."""
     if moves.spread("beta") < MOVED:
         return None
     causes = _causes(moves, "beta", "p", "r", "delta_a", "delta_r")
@@ -145,11 +144,11 @@ def _sideslip(moves: Motion, yaw: Array) -> SignEvidence | None:
     how = f"{effect.slope:+.2g} rad/s^2 of yaw acceleration per rad{_explains(effect)}"
     if effect.slope > 0.0:
         return SignEvidence(1, f"its sign agrees with weathercock stability: {how}")
-    return SignEvidence(-1, f"reversed, as it contradicts weathercock stability: {how}")
+    return SignEvidence(-1, f"reversed, because it contradicts weathercock stability: {how}")
 
 
 def _lateral(moves: Motion, key: str, signs: dict[str, SignEvidence]) -> SignEvidence | None:
-    """Side force: wind from the right pushes to the left."""
+    """Side force: wind from the right pushes left."""
     if key not in moves.values or moves.spread("beta") < MOVED:
         return None
     causes = _causes(moves, "beta", "p", "r", "delta_a", "delta_r")
@@ -162,18 +161,18 @@ def _lateral(moves: Motion, key: str, signs: dict[str, SignEvidence]) -> SignEvi
     how = f"{slope:+.2g} g per rad of sideslip{_explains(effect)}"
     if slope < 0.0:
         return SignEvidence(1, f"its sign agrees with the sideslip: {how}")
-    return SignEvidence(-1, f"reversed, as wind from the right must push to the left: {how}")
+    return SignEvidence(-1, f"reversed, because wind from the right must push left: {how}")
 
 
 def _surface(
     moves: Motion, acceleration: Array | None, key: str, expected: int, words: tuple[str, str]
 ) -> SignEvidence | None:
-    """A surface against the angular acceleration that it makes."""
+    """Compare a surface with the angular acceleration that it causes."""
     other = "delta_a" if key == "delta_r" else "delta_r"
     if acceleration is None or moves.spread(key) < MOVED:
         return None
     if "beta" not in moves.values and moves.spread(key) < moves.spread(other):
-        # without the sideslip only the surface that leads the motion can be told from its answer
+        # without sideslip only the surface that leads the motion can be separated from the response
         return None
     causes = _causes(moves, key, "p", "r", other, "beta")
     effect = moves.effects(acceleration, causes).get(key)
@@ -185,30 +184,30 @@ def _surface(
 def _against(
     effect: PartialEffect, expected: int, words: tuple[str, str], name: str
 ) -> SignEvidence:
-    does, axis = words
-    goes, should = (("right" if sign > 0 else "left") for sign in (effect.slope, expected))
+    verb, axis = words
+    measured, usual = (("right" if sign > 0 else "left") for sign in (effect.slope, expected))
     how = f"{effect.slope:+.2g} rad/s^2 of {axis} acceleration per rad{_explains(effect)}"
     if effect.slope * expected > 0.0:
         return SignEvidence(
-            1, f"its sign agrees with the convention: positive {name} {does} {goes} ({how})"
+            1, f"its sign agrees with the convention: positive {name} {verb} {measured} ({how})"
         )
     return SignEvidence(
-        -1, f"reversed: positive {name} {does} {goes} here ({how}), and {should} by convention"
+        -1, f"reversed: positive {name} {verb} {measured} here ({how}), but {usual} by convention"
     )
 
 
 def _explains(effect: PartialEffect) -> str:
-    return f", which explains {effect.share:.0%} of what the other channels do not"
+    return f", which explains {effect.share:.0%} of the variation left by the other channels"
 
 
 def _like_the_rudder(expected: SurfaceSigns) -> SignEvidence:
-    """A recorder that turns right at positive rudder counts moments, and so for the aileron."""
+    """If positive rudder yaws right, signs follow moments, also that of the aileron."""
     sign = 1 if expected.aileron > 0 else -1
-    what = "reversed like the rudder" if sign < 0 else "not reversed"
+    change = "reversed like the rudder" if sign < 0 else "not reversed"
     return SignEvidence(
         sign,
-        f"{what}: its sign cannot be verified from the motion here, but a recorder whose positive "
-        "rudder yaws right counts deflections by the moment they make; check it on a recording "
-        "with aileron inputs",
+        f"{change}: its sign cannot be verified from the motion here, but positive rudder yaws "
+        "right, so this recorder seems to count deflections by their moment; check the sign on a "
+        "recording with aileron inputs",
         proven=False,
     )

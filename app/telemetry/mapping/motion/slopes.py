@@ -1,4 +1,4 @@
-"""Derivatives and values between samples of recorded traces, without amplifying their noise."""
+"""Derivatives and interpolation of recorded traces, without amplifying noise."""
 
 import numpy as np
 
@@ -6,19 +6,19 @@ from app.telemetry.traces import GAP_RATIO
 from core.types import Array, Indices
 
 HALF_WINDOW_S = 0.1
-"""A slope looks this far to either side, at the least one sample [s]."""
+"""A slope uses samples this far to either side, at least one [s]."""
 MOST_TERMS = 10
-"""Samples to either side that a slope goes by; of more, as many that are evenly spread."""
+"""Most samples to either side for a slope, evenly spread."""
 
 
 def slopes(t: Array, x: Array) -> Array:
-    """dx/dt (n,): of the least-squares line through the samples within HALF_WINDOW_S of each.
+    """dx/dt (n,): slope of the least-squares line through the samples within HALF_WINDOW_S.
 
-    A sine of f [Hz] keeps 1 - (2 pi f HALF_WINDOW_S)^2 / 10 of its slope and none of it is delayed.
-    White noise of sigma at n samples a second becomes sigma sqrt(12 / (n T^3)), T being the whole
-    window; the difference of neighbours would make it sigma n sqrt(2).
-    t: (n,) in any order; of equal times the first counts.   x: (n,) NaN where missing; there, and
-    where a sample has no neighbour on its own side of a gap, the slope is NaN.
+    A sine of f [Hz] keeps 1 - (2 pi f HALF_WINDOW_S)^2 / 10 of its slope, without delay. White
+    noise of sigma at n samples per second becomes sigma sqrt(12 / (n T^3)), T being the whole
+    window; the difference of neighbours would give sigma n sqrt(2).
+    t: (n,) in any order; the first of equal times counts.   x: (n,) NaN if missing. The slope is
+    NaN there, and for a sample without a neighbour on its side of a gap.
     """
     slope = np.full(len(t), np.nan)
     order = _usable(t, x)
@@ -29,34 +29,34 @@ def slopes(t: Array, x: Array) -> Array:
 
 
 def _line_slopes(t: Array, x: Array) -> Array:
-    """Of the line through the window of each sample, NaN where it is alone. t: increasing."""
+    """Slope of the line through the window of each sample, NaN if alone. t: increasing."""
     steps = np.diff(t)
     step = float(np.median(steps))
     segment = np.concatenate([[0], np.cumsum(steps > GAP_RATIO * step)])
     reach = max(1, int(HALF_WINDOW_S / step + 1e-6))
     offsets = np.unique(np.linspace(1, reach, min(reach, MOST_TERMS)).round().astype(int))
-    # sums over the window, of times and values from its own middle
+    # sums over the window, relative to its middle sample
     n, st, sx = np.ones(len(t)), np.zeros(len(t)), np.zeros(len(t))
     stt, stx = np.zeros(len(t)), np.zeros(len(t))
     for offset in (*-offsets[::-1], *offsets):
-        here = slice(max(0, -offset), len(t) - max(0, offset))
-        there = slice(max(0, offset), len(t) - max(0, -offset))
-        if here.start >= len(t) or there.start >= len(t):
+        base = slice(max(0, -offset), len(t) - max(0, offset))
+        neighbour = slice(max(0, offset), len(t) - max(0, -offset))
+        if base.start >= len(t) or neighbour.start >= len(t):
             continue
-        within = segment[here] == segment[there]
-        dt = np.where(within, t[there] - t[here], 0.0)
-        dx = np.where(within, x[there] - x[here], 0.0)
+        within = segment[base] == segment[neighbour]
+        dt = np.where(within, t[neighbour] - t[base], 0.0)
+        dx = np.where(within, x[neighbour] - x[base], 0.0)
         for total, term in ((n, within), (st, dt), (sx, dx), (stt, dt * dt), (stx, dt * dx)):
-            total[here] += term
+            total[base] += term
     spread = stt - st * st / n
     with np.errstate(invalid="ignore", divide="ignore"):
         return np.where(spread > 0.0, (stx - st * sx / n) / spread, np.nan)
 
 
 def values_at(at: Array, t: Array, x: Array) -> Array:
-    """Straight lines between neighbouring samples (t, x), at times in any order: (n,).
+    """Linear interpolation of (t, x) at times in any order: (n,).
 
-    NaN before the first and behind the last sample, in gaps, and beside a missing value.
+    NaN before the first and after the last sample, in gaps and next to a missing value.
     """
     order = _usable(t, x, missing=True)
     if len(order) < 2:
@@ -73,7 +73,7 @@ def values_at(at: Array, t: Array, x: Array) -> Array:
 
 
 def unwrapped(t: Array, angle: Array) -> Array:
-    """An angle [rad] without its jumps of a turn, in the order of its times."""
+    """An angle [rad] without jumps of a full turn, in the order of its times."""
     order = _usable(t, angle)
     free = angle.copy()
     free[order] = np.unwrap(angle[order])
@@ -81,7 +81,7 @@ def unwrapped(t: Array, angle: Array) -> Array:
 
 
 def _usable(t: Array, x: Array, *, missing: bool = False) -> Indices:
-    """Samples in the order of their times, of equal times the first; with finite values."""
+    """Samples with finite values in the order of time, the first of equal times."""
     usable = np.isfinite(t) if missing else np.isfinite(t) & np.isfinite(x)
     if usable.all() and bool((np.diff(t) > 0.0).all()):
         return np.arange(len(t))

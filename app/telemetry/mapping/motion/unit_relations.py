@@ -1,8 +1,8 @@
-"""What physics says of units that a file does not give: ratios that are known in SI.
+"""Physical relations that show units a file does not give: ratios that are known in SI.
 
 A roll rate is the slope of the bank angle, beta-dot follows minus the yaw rate and g/V times side
-force and bank, N_z is near 1 g, and the airspeed over the Mach number is the speed of sound. The
-numbers as they stand in the file show such a ratio times a quotient of units.
+force and bank, N_z is near 1 g, and airspeed over Mach number is the speed of sound. The raw
+numbers show such a ratio times a quotient of units.
 """
 
 from dataclasses import dataclass
@@ -21,14 +21,14 @@ from app.telemetry.mapping.naming.vocabulary import MACH, NORMAL_ACCELERATION
 from app.telemetry.units import STANDARD_GRAVITY, factor, fits
 
 SIDE_FORCE_CLEAR = 0.6
-"""Share of the lateral acceleration that the sideslip must explain beside the others."""
+"""Least share of the lateral acceleration that the sideslip must explain."""
 EFFECTIVENESS = {"delta_a": ("p", 6.0), "delta_r": ("r", 1.7)}
 """Rate that a surface accelerates, and usual acceleration [rad/s2 per rad]: 0.2 to 47 and 0.5 to 7
-for the published aircraft, more for small ones."""
+for the published aircraft, more for small aircraft."""
 WIDEST = 0.3
-"""Half an interval of a part of it, as a share of that, beyond which it gives no airspeed."""
+"""Largest half interval of a slope, relative to the slope, that still gives an airspeed."""
 STILL_MACH = 0.1
-"""Below it the airspeed says nothing."""
+"""Slower samples are ignored."""
 
 
 @dataclass(frozen=True)
@@ -36,9 +36,8 @@ class UnitRelation:
     """A ratio of quantities that is known in SI (N_y in g).
 
     powers: key of TARGETS -> power of its unit in the ratio.   recorded: natural logarithm of the
-    ratio of the numbers as they stand.   expected, scatter: of the logarithm in SI, as normal.
-    text: what the ratio is, in words.   exact: whether it is kinematics, and no statistic of
-    aircraft.
+    ratio of the raw numbers.   expected, scatter: of the logarithm in SI, normally distributed.
+    text: the ratio in words.   exact: whether it is kinematics, not a statistic of aircraft.
     """
 
     powers: dict[str, int]
@@ -49,37 +48,36 @@ class UnitRelation:
     exact: bool = True
 
     def in_si(self, factors: dict[str, float]) -> float:
-        """The logarithm in SI under units, given as their factors to SI."""
+        """Logarithm of the ratio in SI. factors: factors of the units to SI."""
         return self.recorded + sum(n * log(factors[key]) for key, n in self.powers.items())
 
     def deviation(self, factors: dict[str, float]) -> float:
-        """Distance from the expected in scatters."""
+        """Distance from the expected value, in multiples of the scatter."""
         return (self.in_si(factors) - self.expected) / self.scatter
 
-    def told(self, factors: dict[str, float]) -> str:
-        """The ratio under units, in words."""
+    def in_words(self, factors: dict[str, float]) -> str:
         return self.text.format(exp(self.in_si(factors)))
 
 
 def relations_of_motion(moves: Motion) -> list[UnitRelation]:
-    """Ratios between channels, from a motion in the numbers of the file."""
+    """Ratios between channels, from a motion in raw numbers."""
     relations = []
     for key, angle in ANGLE_OF.items():
         if key not in moves.values or angle not in moves.values:
             continue
         effect = moves.effects(moves.values[key], {angle: moves.rates[angle]}).get(angle)
         if effect and effect.share >= FOLLOWS:
-            # noise of the derivative alone would make the slope too small
+            # undo the bias of the slope by noise in the derivative
             size = log(abs(effect.slope) / sqrt(effect.share))
             text = f"{key} is {{:.3g}} times d({angle})/dt"
-            # r is cos(phi) times it in a bank
+            # in a bank r is smaller by cos(phi)
             scatter = 0.2 if key == "p" else 0.35
             relations.append(UnitRelation({key: 1, angle: -1}, size, 0.0, scatter, text))
     return [*relations, *_of_sideslip(moves), *_of_surfaces(moves)]
 
 
 def _of_surfaces(moves: Motion) -> list[UnitRelation]:
-    """The angular acceleration that a surface makes."""
+    """Angular acceleration per deflection."""
     relations = []
     for key, (rate, usual) in EFFECTIVENESS.items():
         if key not in moves.values or rate not in moves.values:
@@ -96,7 +94,7 @@ def _of_surfaces(moves: Motion) -> list[UnitRelation]:
 
 
 def _of_sideslip(moves: Motion) -> list[UnitRelation]:
-    """beta-dot against the yaw rate, and the side force against the sideslip."""
+    """beta-dot against the yaw rate, and side force against sideslip."""
     if "beta" not in moves.values:
         return []
     relations = []
@@ -123,9 +121,9 @@ def _of_sideslip(moves: Motion) -> list[UnitRelation]:
 
 
 def relations_of_airspeed(moves: Motion, speed: float) -> list[UnitRelation]:
-    """Side force and bank against the turning of the velocity, which is g/V times each.
+    """beta-dot against side force and bank, which is g/V times each.
 
-    speed: the airspeed as it stands in the file.
+    speed: raw airspeed.
     """
     relations = []
     slopes = sideslip_balance(moves) if 0.0 < speed < LARGEST else {}
@@ -144,28 +142,27 @@ def relations_of_airspeed(moves: Motion, speed: float) -> list[UnitRelation]:
 
 
 def relation_of_turn(key: str, unit: str) -> UnitRelation:
-    """A heading or bank angle jumps by a full turn."""
     text = f"{key} jumps by {{:.3g}} rad, a full turn"
     return UnitRelation({key: 1}, log(TURNS[unit]), log(2.0 * pi), WRAP, text)
 
 
 def relation_of_normal(columns: Columns, key: str, like: Signal) -> UnitRelation | None:
-    """A normal acceleration beside a lateral one, which is near 1 g."""
-    beside = _named(columns, like.group, NORMAL_ACCELERATION)
-    if beside is None:
+    """A normal acceleration of the same group is near 1 g."""
+    normal = _named(columns, like.group, NORMAL_ACCELERATION)
+    if normal is None:
         return None
-    if fits(beside.unit, "g"):
-        text = f"{beside.name} beside it is given in {beside.unit}"
-        return UnitRelation({key: 1}, -log(factor(beside.unit, "g")), 0.0, 0.1, text)
-    level = abs(extent_of(columns.values(beside.name)).middle)
+    if fits(normal.unit, "g"):
+        text = f"{normal.name} in its group is given in {normal.unit}"
+        return UnitRelation({key: 1}, -log(factor(normal.unit, "g")), 0.0, 0.1, text)
+    level = abs(extent_of(columns.values(normal.name)).middle)
     if not 0.5 < level < 50.0:
         return None
-    text = f"{beside.name} beside it is at {{:.3g}} g"
+    text = f"{normal.name} in its group is at {{:.3g}} g"
     return UnitRelation({key: 1}, log(level), 0.0, 0.15, text)
 
 
 def relation_of_mach(columns: Columns, key: str, like: Signal) -> UnitRelation | None:
-    """The airspeed over the Mach number is the speed of sound, 295 to 345 m/s."""
+    """Airspeed over Mach number is the speed of sound, 295 to 345 m/s."""
     mach = _named(columns, like.group, MACH)
     if mach is None:
         return None
@@ -182,7 +179,7 @@ def relation_of_mach(columns: Columns, key: str, like: Signal) -> UnitRelation |
 
 
 def _named(columns: Columns, group: int, names: frozenset[str]) -> Signal | None:
-    """The first moving signal of a group whose words make one of the names."""
+    """The first signal of a group whose words make one of the names."""
     place = columns.contents.groups[group].name
     for signal in columns.contents.signals:
         ways = spellings(signal.name, place) if signal.group == group else ()

@@ -1,7 +1,7 @@
-"""What a signal is by its name and by what the file says of it in words.
+"""Find the targets that a signal can be by its name and its description in the file.
 
-NetCDF has a long_name, HDF5 and Parquet a description, MDF a comment: "Sideslip angle from the
-nose boom [deg]".
+A description is a long_name in NetCDF, a description in HDF5 and Parquet, a comment in MDF, such as
+"Sideslip angle from the nose boom [deg]".
 """
 
 import re
@@ -15,29 +15,28 @@ from app.telemetry.mapping.naming.vocabulary import MEANINGS, OTHER
 from app.telemetry.units import NOT_GIVEN, spelled
 
 LONGEST = 8
-"""Words; more are prose."""
+"""Most words of a description; longer texts are prose."""
 LESS_THAN_A_NAME = 0.97
-"""Factor on the certainty of a description, which is no name."""
+"""Factor on the certainty of a description, which is less reliable than a name."""
 ANOTHER = 0.3
-"""Factor on what a name means where the description means something else."""
+"""Factor on the certainty of a name whose description means something else."""
 CLEAR = 0.6
-"""Certainty from which a description means something."""
+"""Least certainty of a description with a clear meaning."""
 ARTICLES = frozenset(["a", "an", "the", "of", "about", "around", "along", "in", "at", "on", "its"])
 BEHIND = re.compile(
     r"\b(?:from|for|about|around|by|using|with|via|as|relative|corrected|positive|measured|recorded)"
     r"\b|[;:,]|\. "
 )
-"""What stands behind these says how it was measured or counted, not what it is."""
-
+"""Text after these words describes the measurement or its sign, not the quantity."""
 
 LETTER = re.compile(r"(.*?)([A-Za-z])$", re.DOTALL)
 AXES_BY_LETTER = {"R": "roll_rate", "P": "pitch_rate", "Y": "yaw_rate"}
 
 
 def rates_by_letter(signals: Iterable[Signal]) -> dict[str, Signal]:
-    """Rates named R, P and Y for roll, pitch and yaw, as ArduPilot's RATE: by a name that says so.
+    """Rename rates called R, P and Y to roll, pitch and yaw rate, as in ArduPilot's RATE.
 
-    A Q beside them makes P and R those of p, q and r.
+    If there is a Q in the group, P and R are p and r instead.
     """
     letters: dict[tuple[int, str], dict[str, Signal]] = {}
     for signal in signals:
@@ -45,33 +44,33 @@ def rates_by_letter(signals: Iterable[Signal]) -> dict[str, Signal]:
             letters.setdefault((signal.group, match[1]), {})[match[2].upper()] = signal
     return {
         signal.name: replace(signal, name=f"{before}{AXES_BY_LETTER[letter]}")
-        for (_, before), found in letters.items()
-        if AXES_BY_LETTER.keys() <= found.keys() and "Q" not in found
-        for letter, signal in found.items()
+        for (_, before), group in letters.items()
+        if AXES_BY_LETTER.keys() <= group.keys() and "Q" not in group
+        for letter, signal in group.items()
         if letter in AXES_BY_LETTER
     }
 
 
 @cache
 def signal_matches(signal: Signal, group: str = "") -> tuple[NameMatch, ...]:
-    """Return the targets that a signal can be by its name and description, the surest first.
+    """The targets that a signal can be by name and description, the most certain first.
 
-    A description makes a name surer, or stands for a name that means nothing; where the two mean
-    different things neither is sure.
+    A description supports a name, or replaces a name without a meaning. If the two disagree,
+    neither is certain.
     """
     names = {match.key: match for match in name_matches(signal.name, group)}
-    said = {match.key: match for match in _described(signal.description)}
-    if not said and not _means_another(signal.description):
+    descriptions = {match.key: match for match in _described(signal.description)}
+    if not descriptions and not _means_another(signal.description):
         return tuple(names.values())
-    clear = max((match.certainty for match in said.values()), default=0.0) >= CLEAR
+    clear = max((match.certainty for match in descriptions.values()), default=0.0) >= CLEAR
     merged = []
-    for key in names | said:
-        name, words = names.get(key), said.get(key)
+    for key in names | descriptions:
+        name, words = names.get(key), descriptions.get(key)
         if name is None and words is not None:
             of_name = max((match.certainty for match in names.values()), default=0.0)
             merged.append(replace(words, certainty=_less(words, of_name)))
         elif name is not None and words is None:
-            other = ANOTHER if clear or not said else 1.0
+            other = ANOTHER if clear or not descriptions else 1.0
             merged.append(replace(name, certainty=other * name.certainty))
         elif name is not None and words is not None:
             surest = max(name, words, key=lambda match: match.certainty)
@@ -80,12 +79,12 @@ def signal_matches(signal: Signal, group: str = "") -> tuple[NameMatch, ...]:
 
 
 def _less(words: NameMatch, of_name: float) -> float:
-    """Certainty of a description beside a name that means another target."""
+    """Certainty of a description if the name means another target."""
     return words.certainty * (1.0 - 0.3 * of_name)
 
 
 def _described(description: str) -> tuple[NameMatch, ...]:
-    """What a description means; () where it is empty, prose or of something else."""
+    """Targets that a description means; () if it is empty, prose or of something else."""
     words, unit = _clause(description)
     if not words:
         return ()
@@ -98,13 +97,13 @@ def _described(description: str) -> tuple[NameMatch, ...]:
 
 
 def _means_another(description: str) -> bool:
-    """Whether a description is of another quantity: of a command, a limit, a pitch rate."""
+    """Whether a description is of another quantity: a command, a limit, a pitch rate."""
     words, _ = _clause(description)
     return any(word in OTHER or (word in MEANINGS and len(word) > 1) for word in words)
 
 
 def _clause(description: str) -> tuple[list[str], str]:
-    """The words that say what a signal is, and the unit in brackets or behind a comma."""
+    """The words that name the quantity, and the unit in brackets or after a comma."""
     ends = re.findall(r"[\[(]([^\])]*)[\])]", description) + description.rsplit(",", 1)[1:]
     units = [end.strip() for end in ends if spelled(end) and end.strip().lower() not in NOT_GIVEN]
     bare = re.sub(r"[\[(][^\])]*[\])]", " ", description)

@@ -1,4 +1,4 @@
-"""What a signal can be by its name alone."""
+"""Find the targets that a signal's name can mean."""
 
 from dataclasses import dataclass
 from functools import cache
@@ -20,7 +20,7 @@ from app.telemetry.mapping.naming.vocabulary import (
 )
 
 LONGEST_STEM = 5
-"""Words that make one name: angle, of, side, slip."""
+"""Most words of one stem: angle, of, side, slip."""
 LEAST = 0.1
 SIDED = ("delta_a", "delta_r")
 
@@ -29,7 +29,7 @@ SIDED = ("delta_a", "delta_r")
 class NameMatch:
     """A target that a name can mean.
 
-    certainty: 0 to 1.   stem: the part of the name that means it.   unit: that the name gives.
+    certainty: 0 to 1.   stem: the matching part of the name.   unit: given by the name.
     """
 
     key: str
@@ -40,9 +40,9 @@ class NameMatch:
 
 @cache
 def name_matches(name: str, group: str = "") -> tuple[NameMatch, ...]:
-    """Return the targets that a name can mean, each once, the most certain first.
+    """The targets that a name can mean, each once, the most certain first.
 
-    group: of the file, whose name is looked at too: vehicle_angular_velocity holds x, y and z.
+    group: name of the signal's group, which may complete it: vehicle_angular_velocity, x.
     """
     best: dict[str, NameMatch] = {}
     for spelling in spellings(name, group):
@@ -54,7 +54,7 @@ def name_matches(name: str, group: str = "") -> tuple[NameMatch, ...]:
 
 
 def is_derived(name: str) -> bool:
-    """Whether a name says that its values were computed, not measured."""
+    """Whether the name indicates computed rather than measured values."""
     return any(word in DERIVED for way in spellings(name) for word in way.words)
 
 
@@ -74,7 +74,7 @@ def _of_spelling(spelling: Spelling) -> list[NameMatch]:
 def _weighed(
     key: str, certainty: float, stem: str, path: tuple[str, ...], rest: tuple[str, ...], unit: str
 ) -> list[NameMatch]:
-    """Weigh a stem by the words beside it."""
+    """Adjust the certainty of a stem by the words around it."""
     sides = {SIDES[word] for word in rest if word in SIDES} if key in SIDED else set()
     if len(sides) == 1:
         key = f"{key}_{sides.pop()}"
@@ -82,7 +82,7 @@ def _weighed(
     for word in rest:
         certainty *= _beside(word, key, stem)
     for word in path:
-        # what a name lies in may make another quantity of it; else it means nothing
+        # a path can turn a name into another quantity; its other words do not matter
         certainty *= 0.0 if word in OTHER else OF_KIND.get(word, {}).get(key, 1.0)
     if certainty < LEAST:
         return []
@@ -90,7 +90,7 @@ def _weighed(
 
 
 def _beside(word: str, key: str, stem: str) -> float:
-    """Factor on the certainty of a stem, for a word of the name beside it."""
+    """Factor on the certainty of a stem, for a neighbouring word of the name."""
     if word in OTHER:
         return 0.0
     if word in OF_KIND:
@@ -101,9 +101,9 @@ def _beside(word: str, key: str, stem: str) -> float:
         return NEUTRAL_FACTOR
     if word.isdigit():
         return PER_NUMBER
-    if key in MEANINGS.get(word, {}):  # said twice: ny beside lateral
+    if key in MEANINGS.get(word, {}):  # the same meaning twice: ny and lateral
         return NEUTRAL_FACTOR
-    # the name of another channel: roll beside rudder
+    # the name of another channel: roll and rudder
     if word in MEANINGS and len(word) > 1:
         return 0.1
     return UNKNOWN if len(stem) > 1 else UNKNOWN_BESIDE_LETTER

@@ -1,4 +1,4 @@
-"""A signal's name taken apart: its words, the unit behind them, and the path before them.
+"""Split a signal's name into a path, words and a unit.
 
 "/fdm/jsbsim/velocities/p-rad_sec" is the word p in rad/s on a path; "Ahrs1_bRollRate [deg/s]" the
 words ahrs, 1, b, roll, rate in deg/s; "vehicle_angular_velocity/xyz[2]" the word z on a path.
@@ -21,9 +21,9 @@ VECTORS = {
     *("xyz", "gyro", "gyr", "acc", "accel", "accelerometer", "acceleration"),
     *("rate", "rates", "omega", "velocity", "pqr", "rpy"),
 }
-"""Words whose number in brackets counts axes."""
+"""Words that are followed by the number of an axis in brackets."""
 FROM_TRIM = re.compile(r"[_ ]from[_ ]trim(?=_|\b)", re.IGNORECASE)
-"""A deviation from trim is of the same quantity; a trim is not."""
+"""A deviation from trim is the same quantity; a trim is not."""
 LETTERS = {"pqr": ("p", "q", "r"), "rpy": ("roll", "pitch", "yaw")}
 
 
@@ -31,7 +31,7 @@ LETTERS = {"pqr": ("p", "q", "r"), "rpy": ("roll", "pitch", "yaw")}
 class Spelling:
     """One way to read a name.
 
-    path: words of what the name lies in.   words: of the name itself, all in lower case.
+    path: words of the group and the path.   words: of the name itself, all in lower case.
     unit: as the name spells it; "" if it gives none.
     """
 
@@ -42,16 +42,16 @@ class Spelling:
 
 @cache
 def spellings(name: str, group: str = "") -> tuple[Spelling, ...]:
-    """Return the ways to read a name: with its last words as a unit, and with all as words."""
-    name = re.sub(r"\s\(\d+\)$", "", name)  # "beta (2)" is a namesake of beta
-    path, own = _place(FROM_TRIM.sub("", name))
+    """The ways to read a name: with its last words as a unit, and with all as words."""
+    name = re.sub(r"\s\(\d+\)$", "", name)  # "beta (2)" is a second beta
+    path, bare = _place(FROM_TRIM.sub("", name))
     # vehicle_acceleration_0 is the first of its kind
     before = tuple(w for part in (group, *path) for w in _words(part) if not w.isdigit())
-    own, index = _index(own)
-    own, bracketed = _bracketed(own)
+    bare, index = _index(bare)
+    bare, bracketed = _bracketed(bare)
     if bracketed and (spelled(bracketed) or bracketed.lower() in NOT_GIVEN):
-        return (Spelling(before, _with_index(_words(own), index), bracketed),)
-    rest = f"{own} {bracketed}"
+        return (Spelling(before, _with_index(_words(bare), index), bracketed),)
+    rest = f"{bare} {bracketed}"
     ways = [
         Spelling(before, _with_index(_words(stem), index), unit) for stem, unit in _suffixes(rest)
     ]
@@ -61,7 +61,7 @@ def spellings(name: str, group: str = "") -> tuple[Spelling, ...]:
 
 
 def _place(name: str) -> tuple[list[str], str]:
-    """What stands before the last / or : or dot between letters; behind a \\ stands the device."""
+    """Split off the path before the last / or : or dot, and the device after a backslash."""
     name, *device = name.strip().split("\\")
     units = re.search(r"\s*[\[(<{][^\[(<{]*[\])>}]\s*$|\s+/\s+\S+$", name)
     head, tail = (name[: units.start()], units[0]) if units else (name, "")
@@ -76,19 +76,19 @@ def _place(name: str) -> tuple[list[str], str]:
 
 
 def _index(name: str) -> tuple[str, str]:
-    """A number in brackets at the end counts axes or the parts of a quaternion."""
+    """Split off a number in brackets, which counts axes or parts of a quaternion."""
     match = re.search(r"\s*[\[(](\d{1,2})[\])]\s*$", name)
     return (name[: match.start()], match[1]) if match else (name, "")
 
 
 def _bracketed(name: str) -> tuple[str, str]:
-    """What stands in brackets at the end, or behind a comma: "beta (deg)", "Beta,__deg"."""
+    """Split off text in brackets or after a comma: "beta (deg)", "Beta,__deg"."""
     match = re.search(r"[\[({<]([^\[({<]*)[\])}>]\s*$", name) or re.search(r",([^,]+)$", name)
     return (name[: match.start()], match[1].strip(" _")) if match else (name, "")
 
 
 def _suffixes(name: str) -> list[tuple[str, str]]:
-    """(stem, unit) for each way in which the end of a name is a unit: ay_m_s2, BetaDeg, altft."""
+    """(stem, unit) for each way in which a name ends in a unit: ay_m_s2, BetaDeg, altft."""
     name = name.strip()
     ends = [match.start() for match in re.finditer(r"[_\s\-]+(?=[^_\s\-])", name)][-4:]
     suffixes = []
@@ -107,7 +107,7 @@ def _suffixes(name: str) -> list[tuple[str, str]]:
 
 
 def _words(text: str) -> tuple[str, ...]:
-    """Words in lower case, at changes of case and kind: "AccY2_cg" -> acc, y, 2, cg."""
+    """Split at changes of case and kind, in lower case: "AccY2_cg" -> acc, y, 2, cg."""
     for letter, latin in GREEK.items():
         text = text.replace(letter, f"{latin}" if len(latin) < 3 else f"_{latin}_")
     text = unicodedata.normalize("NFKD", text).encode("ascii", "ignore").decode()

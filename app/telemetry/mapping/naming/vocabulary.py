@@ -1,8 +1,8 @@
-"""What flight test calls the channels, in several countries and programs, with certainties."""
+"""Names of the channels in flight test, in several languages and programs, with certainties."""
 
 from collections.abc import Iterator
 
-# target -> certainty of the name alone -> spellings without gaps, in lower case
+# target -> certainty of the name alone -> spellings without spaces, in lower case
 STEMS: dict[str, dict[float, str]] = {
     "beta": {
         0.97: "sideslip sslip sideslipangle angleofsideslip aoss schiebewinkel derapage "
@@ -115,7 +115,7 @@ SIDES = {
     **dict.fromkeys(("left", "lh", "l", "port", "links", "lt", "lft"), "left"),
     **dict.fromkeys(("right", "rh", "r", "stbd", "starboard", "rechts", "rt", "rgt"), "right"),
 }
-"""Of an aircraft with two ailerons or rudders that are recorded apart."""
+"""For aircraft with two ailerons or rudders recorded separately."""
 
 
 def _words(text: str) -> frozenset[str]:
@@ -129,7 +129,7 @@ NEUTRAL = _words(
     "pcm eng si euler att attitude nav state aero air data true is ist flight aircraft ac vehicle "
     "chan channel ch sys system rec msl asl baro act total tot fdm std nz"
 )
-"""Tell where or how a quantity was measured, not that it is another one."""
+"""Words for the place or method of measurement; the quantity stays the same."""
 OF_KIND: dict[str, dict[str, float]] = {
     "rate": dict.fromkeys(("p", "r"), 0.985),
     "gyro": dict.fromkeys(("p", "r"), 0.985),
@@ -144,9 +144,9 @@ OF_KIND: dict[str, dict[str, float]] = {
     **{word: {"V": 0.3, "h": 0.3} for word in ("ground", "radio", "radar", "ktgs")},
     **{word: {"V": 0.3, "v": 0.0, "": 0.985} for word in ("local", "global", "ned", "earth")},
 }
-"""Words that fit some targets, each with a factor on its certainty; "": for all others."""
+"""Words that fit some targets, with a factor on their certainty; "": all other targets."""
 DERIVED = _words("derived differentiated computed calc calculated numerical")
-"""Of rates, that they were not measured."""
+"""Words for rates that were computed, not measured."""
 UNCERTAIN = {
     **dict.fromkeys(DERIVED, 0.7),
     "raw": 0.93, "est": 0.9, "estimated": 0.9, "filt": 0.97, "filtered": 0.97, "model": 0.6,
@@ -166,7 +166,7 @@ OTHER = _words(
     "vertical vert nick pitchrate q energy power density mach innov innovs innovation innovations "
     "variances residual residuals resid ratio ratios integ"
 )
-"""Make another quantity of what stands beside them; a rudder command is no rudder."""
+"""Words that change the quantity: a rudder command is not a rudder position."""
 NORMAL_ACCELERATION = _words(
     "nz nzcg az azcg accz acclz accelz zacc zaccel accelerationz zacceleration accelerometerz "
     "normalacceleration normalaccel normalacc normacc normaccel nzaccel nznormalaccel "
@@ -174,9 +174,9 @@ NORMAL_ACCELERATION = _words(
     "verticalloadfactor nznormal loadfactor gnormal gload gloadnorml"
 )
 MACH = _words("mach machnumber machno truemach machtrue machratio mn")
-"""No targets, but they say in which units those beside them are."""
+"""Not targets, but they show the units of other signals of their group."""
 UNKNOWN, UNKNOWN_BESIDE_LETTER = 0.45, 0.3
-"""Factor on the certainty for an unknown word, and for one beside a stem of one letter."""
+"""Factors on the certainty for an unknown word, and for one next to a one-letter stem."""
 PER_NUMBER = 0.93
 NEUTRAL_FACTOR = 0.985
 

@@ -51,7 +51,7 @@ def test_a_mapping_that_is_right_has_no_warning(columns, right):
 @pytest.mark.parametrize("key", ["beta", "p", "Ny", "delta_r"])
 def test_a_sign_against_the_motion_is_warned_of(key, columns, right):
     warnings = warnings_about(columns, changed(right, key, sign=-1))
-    assert any("by the motion it is reversed" in text for text in warnings[key])
+    assert any("according to the motion it is reversed" in text for text in warnings[key])
 
 
 def test_a_bias_away_from_zero_is_warned_of(columns, right):
@@ -69,10 +69,10 @@ def test_a_bias_of_an_accelerometer_is_warned_of(columns, right):
 
 def test_a_signal_used_twice_is_warned_of_on_both(columns, right):
     warnings = warnings_about(columns, changed(right, "r", signal="p"))
-    assert "p is mapped to yaw rate too" in warnings["p"]
-    assert "p is mapped to roll rate too" in warnings["r"]
+    assert "p is also mapped to yaw rate" in warnings["p"]
+    assert "p is also mapped to roll rate" in warnings["r"]
     assert (
-        "t is mapped to the time too"
+        "t is also mapped to the time"
         in warnings_about(columns, changed(right, "r", signal="t"))["r"]
     )
 

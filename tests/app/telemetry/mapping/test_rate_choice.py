@@ -30,7 +30,7 @@ def test_the_rate_that_the_attitude_follows_is_chosen(key, tmp_path):
     assert proposal.alternatives[key] == (surer,)
     reasons = " ".join(proposal.rationales[key].reasons)
     assert f"it follows d({ANGLE_OF[key]})/dt with a correlation of " in reasons
-    assert f", {surer} with 0." in reasons
+    assert f", {surer} with only 0." in reasons
 
 
 def test_the_attitude_may_be_a_quaternion(tmp_path):

@@ -45,7 +45,7 @@ def test_what_is_no_rate_is_refused_with_an_example(text):
 
 def test_a_rate_of_zero_is_refused_with_the_rates_that_are_possible():
     with pytest.raises(
-        TelemetryError, match=r"'0 Hz' has no samples: give a rate of .* such as 50"
+        TelemetryError, match=r"'0 Hz' is a rate of zero: give a rate of .* such as 50"
     ):
         read_rate("0 Hz")
 
@@ -64,12 +64,14 @@ def test_the_rows_of_a_table_without_times_are_counted_by_a_rate_that_is_given(t
     columns = columns_of(tmp_path, {"beta_deg": SWING})
     proposal = propose(columns)
     assert proposal.mapping.channels["beta"].signal == "beta_deg"
-    with pytest.raises(TelemetryError, match="or give the rate of its rows, such as 50 Hz"):
+    with pytest.raises(TelemetryError, match="or give the sample rate, such as 50 Hz"):
         apply_mapping(columns, proposal.mapping)
     given = propose(columns, rate=read_rate("50 Hz from 12:31:05")).mapping
     trace = apply_mapping(columns, Mapping.from_plain(given.to_plain()))
     np.testing.assert_allclose(trace.channels["beta"].t, 45_065.0 + EVEN, rtol=1e-15)
-    assert trace.notes[-1] == ("Times counted by the rate, not recorded: 50 Hz from 12:31:05.")
+    assert trace.notes[-1] == (
+        "Times computed from the sample rate, not recorded: 50 Hz from 12:31:05."
+    )
 
 
 def test_a_rate_that_is_given_leaves_recorded_times_alone(tmp_path):

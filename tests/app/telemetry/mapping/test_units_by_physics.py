@@ -87,14 +87,14 @@ def test_a_sign_that_agrees_makes_no_unit_sure(tmp_path):
 def test_the_evidence_of_a_unit_is_shown(tmp_path):
     columns = columns_of(tmp_path, unnamed(gentle(), *ANGLES, *RATES))
     reasons = {key: " ".join(r.reasons) for key, r in propose(columns).rationales.items()}
-    assert "are taken as deg/s, as then p is 1" in reasons["p"]
+    assert "are taken as deg/s, because then p is 1" in reasons["p"]
     assert "times d(phi)/dt" in reasons["phi"]
     assert "times d(psi)/dt, and d(beta)/dt is" in reasons["r"]
     assert "the side force is 2.6 g per rad of sideslip" in reasons["beta"]
     assert "delta_a makes 6.4 rad/s^2 of d(p)/dt per rad" in reasons["delta_a"]
     table = unnamed({k: x for k, x in gentle().items() if k != "p"}, *ANGLES, *RATES)
     without_roll_rate = propose(columns_of(tmp_path / "few", table)).rationales["delta_a"]
-    assert "as for the other angles of the file" in " ".join(without_roll_rate.reasons)
+    assert "like the other angles of the file" in " ".join(without_roll_rate.reasons)
 
 
 @pytest.mark.parametrize("known", [True, False], ids=["rates", "no-rates"])
@@ -107,8 +107,8 @@ def test_surfaces_in_hundredths_of_a_degree_are_told_by_what_they_do(known, tmp_
     assert units == {"delta_a": "cdeg" if known else "deg", "delta_r": "cdeg"}
     if not known:
         reasons = {key: " ".join(proposal.rationales[key].reasons) for key in units}
-        assert "few ailerons go so far: check" in reasons["delta_a"]
-        assert "may be no angle at all: check" in reasons["delta_r"]
+        assert "such values are rare for aileron: check" in reasons["delta_a"]
+        assert "this may not be an angle: check" in reasons["delta_r"]
         assert all(proposal.rationales[key].confidence < SURE - 0.1 for key in units)
 
 
@@ -145,7 +145,7 @@ def test_the_quaternion_gives_the_unit_of_the_rates(in_degrees, tmp_path):
     proposal = propose(columns_of(tmp_path, table, times={"attitude": "t_a", "gyro": "t_g"}))
     units = {proposal.mapping.channels[rate].unit for rate in RATES}
     assert units == {"deg/s" if in_degrees else "rad/s"}
-    assert "as then p is 1.01 times d(phi)/dt" in " ".join(proposal.rationales["p"].reasons)
+    assert "because then p is 1.01 times d(phi)/dt" in " ".join(proposal.rationales["p"].reasons)
 
 
 def test_a_given_unit_that_the_quaternion_contradicts_is_never_sure(tmp_path):
@@ -175,7 +175,7 @@ def test_the_normal_acceleration_at_1_g_gives_the_unit_of_the_lateral_one(
     table["accel_y"] = per_g * table.pop("ny_g")
     proposal = propose(columns_of(tmp_path, table))
     assert proposal.mapping.channels["Ny"].unit == unit
-    assert f"{normal} beside it is at 1 g" in " ".join(proposal.rationales["Ny"].reasons)
+    assert f"{normal} in its group is at 1 g" in " ".join(proposal.rationales["Ny"].reasons)
 
 
 def test_the_given_unit_of_the_normal_acceleration_is_that_of_the_lateral_one(tmp_path):
