@@ -77,6 +77,21 @@ class ChannelExceedances(Message):
     limit: float = Field(description="that the worst one exceeds")
 
 
+class Verdict(Message):
+    """How a flight was warned of the limit that it exceeded; of a replay, as its recording."""
+
+    exceeded_t: float = Field(description="[s] of the exceedance")
+    lead: float | None = Field(
+        description="[s] from the first alarm of a risk to it; null where there was none before"
+    )
+    text: str = Field(description="for people")
+    warning: str = Field(
+        default="",
+        description="`Warned 0.45 s before the limit` or `Missed: no alert before the limit`, "
+        "shown beside the headline; empty where the monitor could not warn",
+    )
+
+
 class LatchedExceedance(Message):
     """An exceedance from trim that a strip shows until it was acknowledged and is over."""
 
@@ -394,6 +409,9 @@ class Hello(Message):
         default=None,
         description="[s] of the first exceedance that the flight has come to, sought back or not",
     )
+    verdict: Verdict | None = Field(
+        default=None, description="on that exceedance; null before one and where none is known"
+    )
     exceedances: list[ChannelExceedances] = Field(
         description="that the flight has come to, of each channel that had one"
     )
@@ -452,7 +470,7 @@ class StateChange(Message):
 
 
 class StatusChange(Message):
-    """The headline changed: the worst that is true of the flight now.
+    """The headline or the verdict changed: the worst that is true of the flight now.
 
     beside: `stale` and `invalid` where they are true and not the headline.
     """
@@ -465,6 +483,7 @@ class StatusChange(Message):
         default=None,
         description="[s] of the first exceedance that the flight has come to, sought back or not",
     )
+    verdict: Verdict | None = Field(default=None, description="as in hello")
 
 
 class AlarmRaised(Message):

@@ -16,6 +16,7 @@ from collections import Counter
 from typing import Any
 
 from app.flights.clock import Clock
+from app.flights.verdict import exceeds_from_trim
 from app.messages import Alarm, MeasuredExceedance
 from core.monitor import Assessment, State
 from core.monitor.assessment import Cause
@@ -83,6 +84,15 @@ class Alarms:
         self._n_open = Counter[Level]()
         self._onsets: dict[AlarmKind, Onsets] = {kind: Onsets() for kind in ALARM_LEVELS}
         self._may_be_active = False
+        self._evidence: dict[str, Alarm] = {}
+
+    @property
+    def evidence(self) -> list[Alarm]:
+        """The alarms that decide whether the flight was warned, however many were acknowledged.
+
+        The earliest risk, the earliest exceedance from trim, the earliest and the latest of all.
+        """
+        return [*self._evidence.values()]
 
     @property
     def at_hand(self) -> list[Alarm]:
@@ -109,6 +119,7 @@ class Alarms:
         """Take the alarms of a flight that goes on."""
         for alarm in alarms:
             self._number = max(self._number, alarm.number)
+            self._keep_evidence(alarm)
             if alarm.acknowledged is None:
                 self._keep_open(alarm)
                 self._onsets[alarm.kind].latch(alarm.id, alarm.seq)
@@ -175,8 +186,19 @@ class Alarms:
         number, level = self._number, ALARM_LEVELS[kind]
         alarm = Alarm(id=str(number), number=number, kind=kind, level=level, **about)
         self._keep_open(alarm)
+        self._keep_evidence(alarm)
         self._onsets[kind].latch(alarm.id, index)
         return alarm
+
+    def _keep_evidence(self, alarm: Alarm) -> None:
+        if alarm.level is not Level.WARNING:
+            return
+        kept = self._evidence
+        names = ["from trim"] if exceeds_from_trim(alarm) else []
+        for name in (alarm.kind, *names):
+            kept[name] = min(kept.get(name, alarm), alarm, key=lambda one: one.t)
+        if alarm.kind == "limit":
+            kept["latest"] = max(kept.get("latest", alarm), alarm, key=lambda one: one.t)
 
     def _keep_open(self, alarm: Alarm) -> None:
         self._open[alarm.id] = alarm

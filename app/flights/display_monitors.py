@@ -108,7 +108,9 @@ def flown_monitors(store: Store, flights: Sequence[FlightInfo]) -> dict[str, lis
     used = {info.id: [(info.monitor_id, info.epsilon), *shown.get(info.id, ())] for info in flights}
     warnings = store.monitors.warnings(pair for pairs in used.values() for pair in pairs)
     monitors = {monitor.id: monitor for monitor in store.monitors.all()} if used else {}
-    delays = {info.id: _delay(store, info.source, monitors[info.monitor_id].dt) for info in flights}
+    delays = {
+        info.id: stated_delay(store, info.source, monitors[info.monitor_id].dt) for info in flights
+    }
     return {
         flight_id: [
             flown_monitor(
@@ -126,11 +128,11 @@ def flown_monitors(store: Store, flights: Sequence[FlightInfo]) -> dict[str, lis
     }
 
 
-def _delay(store: Store, source: Mapping[str, Any], dt: float) -> float:
+def stated_delay(store: Store, source: Mapping[str, Any], dt: float) -> float:
     """How long the samples of a flight could wait [s]: live, or as a live one was shown."""
     if source.get("kind") == "journal":
         with suppress(NotFound):
-            return _delay(store, store.flights.info(source["flight_id"]).source, dt)
+            return stated_delay(store, store.flights.info(source["flight_id"]).source, dt)
     if source.get("kind") not in ("live", "journal"):
         return 0.0
     delay = source.get("delay")

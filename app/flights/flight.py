@@ -6,11 +6,13 @@ Where the samples come from, and when, is the matter of TrackFlight and LiveFlig
 import logging
 from abc import ABC, abstractmethod
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache, partial
 from math import inf
 from typing import TYPE_CHECKING, Any
+
+import numpy as np
 
 from app.flights.alarms import Alarms
 from app.flights.clock import Clock, Timer
@@ -19,6 +21,15 @@ from app.flights.exceedance import Exceedances
 from app.flights.flight_limits import status_of, to_store
 from app.flights.flight_markers import FlightMarkers
 from app.flights.recorder import Recorder
+from app.flights.verdict import (
+    BEFORE,
+    Circumstances,
+    first_exceedance,
+    is_jump,
+    is_withdrawn,
+    verdict,
+    verdict_of_recording,
+)
 from app.flights.watcher import CREDIT, RecentFrames, Watcher
 from app.messages import (
     Alarm,
@@ -39,6 +50,7 @@ from app.messages import (
     StateChange,
     StatusChange,
     TransportState,
+    Verdict,
     encode_frame,
     limited_channels,
     plain_ahead,
@@ -111,6 +123,7 @@ class Flight(ABC):
     on_over: called once when the flight is over by itself, with status and reason.
     is_checked: whether it is judged by its monitor's validity.   exceeded_t: first exceedance that
     it has come to [s], flown or passed, sought back since or not; None for none.
+    verdict: how it was warned of that exceedance.   manoeuvres: plain, of a scored recording.
     _late: why the samples that come are not of now; empty while they are.
     """
 
@@ -119,6 +132,7 @@ class Flight(ABC):
     theta: dict[str, float] | None = None
     duration: float | None = None
     fail_t: float | None = None
+    manoeuvres: Sequence[Mapping[str, Any]] | None = None
 
     def __init__(
         self,
@@ -152,6 +166,11 @@ class Flight(ABC):
         self._pose: tuple[Angles, Array] | None = None
         self._ahead_t = -inf
         self._facts, self._headline = self.facts, self.headline
+        self.verdict: Verdict | None = None
+        self._shown_verdict: Verdict | None = None
+        self._has_new_evidence = False
+        self._times = deque[float](maxlen=BEFORE + 1)
+        self._before_exceedance = False, False
 
     @property
     @abstractmethod
@@ -384,6 +403,7 @@ class Flight(ABC):
             reason=self.reason,
             cause=self.cause,
             **_plain(self.headline),
+            verdict=self.verdict,
             exceedances=self.exceedances.of_channels,
             latched=self.exceedances.latched,
             held=list(self._limits_held),
@@ -418,6 +438,8 @@ class Flight(ABC):
         about = assessment, exceedance, self.clock, self._late
         if raised := self.alarms.update(seq, index, *about):
             self._ring(raised)
+        if self._has_new_evidence:
+            self._judge(seq, assessment)
 
     def _follow(
         self,
@@ -437,6 +459,7 @@ class Flight(ABC):
         ahead = self._ahead_of(assessment)
         frame = plain_frame(self._recent.head + 1, y, assessment, sent, display, taken, ahead)
         self._recent.append(encode_frame(frame))
+        self._times.append(assessment.t)
         self.t, self._assessment, self._pose = assessment.t, assessment, (attitude, y)
         self._exceeds = exceedance is not None
         self.exceedances.update(assessment.t, y, self._limits, exceedance)
@@ -489,9 +512,31 @@ class Flight(ABC):
     def _note_exceedance(self, t: float) -> None:
         self.exceeded_t = t if self.exceeded_t is None else min(t, self.exceeded_t)
 
+    def _judge(self, seq: int, assessment: Assessment) -> None:
+        """Decide the verdict by the alarms raised so far, the newest with sample seq."""
+        first = first_exceedance(self.alarms.evidence)
+        if first is not None and first.seq == seq:
+            about = assessment.state, assessment.reason, assessment.cause
+            jumped = is_jump(np.array(self._times), self.plan.monitor.dt)
+            self._before_exceedance = jumped, is_withdrawn(*about)
+        self.judge(self._before_exceedance)
+
+    def judge(self, before_exceedance: tuple[bool, bool]) -> None:
+        """Decide the verdict. before_exceedance: `jumped` and `withdrawn` of Circumstances."""
+        self._has_new_evidence, self._before_exceedance = False, before_exceedance
+        alarms, live = self.alarms.evidence, self.plan.source.get("kind") == "live"
+        reached = [alarm.t for alarm in alarms if alarm.kind == "limit"]
+        if self.manoeuvres is not None and reached:
+            dt = self.plan.monitor.dt
+            found = verdict_of_recording(self.manoeuvres, alarms, reached, dt, self.lead)
+        else:
+            found = verdict(alarms, Circumstances(self.lead, *before_exceedance, live))
+        self.verdict = found
+
     def _ring(self, alarms: list[Alarm]) -> None:
         """Store alarms and then announce them."""
         for alarm in alarms:
+            self._has_new_evidence |= alarm.level is Level.WARNING
             self.recorder.add_alarm(alarm, partial(self._announce, alarm.id))
 
     def _announce(self, alarm_id: str, is_stored: bool) -> None:
@@ -544,12 +589,12 @@ class Flight(ABC):
             self._show()
 
     def _tell_headline(self) -> None:
-        if (facts := self.facts) == self._facts:
+        if (facts := self.facts) == self._facts and self.verdict is self._shown_verdict:
             return
         self._facts, now = facts, headline(facts)
-        if now != self._headline:
-            self._headline = now
-            self._tell(StatusChange(**_plain(self._headline)).encode())
+        if now != self._headline or self.verdict != self._shown_verdict:
+            self._headline, self._shown_verdict = now, self.verdict
+            self._tell(StatusChange(**_plain(now), verdict=self.verdict).encode())
 
     def _stage(self, act: "Callable[[Scene], object]") -> None:
         """Use the scene; the flight goes on without one that fails, which says stale by itself."""

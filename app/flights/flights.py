@@ -13,6 +13,7 @@ from pydantic import ValidationError
 
 from app.flights.clock import Clock, MonotonicClock, Timer
 from app.flights.display_monitors import DisplayMonitor, check_alike, check_limits
+from app.flights.ended import before_exceedance
 from app.flights.flight import Flight, FlightPlan, patience
 from app.flights.flight_limits import change_of_limits
 from app.flights.flight_recordings import RESUMED_WITHIN_S, FlightRecordings
@@ -39,6 +40,7 @@ from app.flights.sources.source import (
 )
 from app.flights.sources.track import SourceError
 from app.flights.transport import NotPossible
+from app.flights.verdict import first_exceedance
 from app.live.again import header_of
 from app.live.journal import Journals, lines_of
 from app.messages import FlightMarker, LiveStatus
@@ -377,6 +379,9 @@ class Flights:
                 flight.is_restoring = True
                 lines = lines_of(path)
                 unrecorded = await asyncio.to_thread(flight.restore, lines, stored, alarms, markers)
+                if (first := first_exceedance(alarms)) is not None:
+                    about = flight_id, first.seq, monitor.dt
+                    flight.judge(await asyncio.to_thread(before_exceedance, self.store, *about))
                 await asyncio.to_thread(self.store.flights.resume, flight_id, flight.head)
                 flight.resume(unrecorded)
 

@@ -7,7 +7,7 @@ from fastapi import APIRouter, Depends, Query, Request, Response
 from pydantic import BaseModel, ConfigDict, Field, StrictBool
 
 from app.flights.display_monitors import flown_monitors
-from app.flights.ended import Record, Verdict, records
+from app.flights.ended import Record, records
 from app.flights.flight import Flight
 from app.flights.flight_records import accepts_useless, flight_name, source_of
 from app.flights.flights import Flights, TooManyFlights
@@ -27,6 +27,7 @@ from app.messages import (
     LiveStatus,
     Mode,
     TransportState,
+    Verdict,
 )
 from app.recipes import RecipeError
 from app.routes.dependencies import PersonDep, json_from, signature
@@ -85,7 +86,9 @@ class FlightStatus(BaseModel):
         description="[s] since the newest sample of a live flight was taken; null for any other",
     )
     verdict: Verdict | None = Field(
-        default=None, description="of a flight that is over and exceeded its limit"
+        default=None,
+        description="how it was warned of the limit that it exceeded, in flight or over; null "
+        "where it exceeded none",
     )
     exceedances: list[ChannelExceedances] = Field(
         default_factory=list,
@@ -394,7 +397,7 @@ def _status(
         name=flight_name(info),
         progress=info.status,
         **_plain(flight, record),
-        verdict=record.verdict if record else None,
+        verdict=record.verdict if record else flight.verdict if flight else None,
         limits_held=None
         if info.limits_held is None
         else [LimitsFrom(**held) for held in info.limits_held],

@@ -172,28 +172,44 @@ def lead_words(lead: float) -> str:
     return f"{floor(100.0 * (lead + SAME_TIME)) / 100.0:.2f}"
 
 
-def exceedance_verdict(
-    outcome: Outcome, lead: float | None, *, exceeded: bool = True, recorded: bool = False
-) -> str:
-    """What came of an exceedance, in the words of every view; "" where there was none.
+def warning_words(outcome: Outcome, lead: float | None, promised: float | None = None) -> str:
+    """How an exceedance was warned of: `warned 0.45 s before the limit`.
 
-    lead: [s] from the first alert to it.   exceeded: from trim, as the monitor judges.
+    lead: [s] from the first alert to it.   promised: lead time that the monitor states [s], named
+    where the alert was late; None where it is not known.
+    """
+    if lead is None or outcome not in ("timely_alert", "late_alert"):
+        return UNWARNED.get(outcome, "missed: no alert before the limit")
+    warned = f"warned {lead_words(lead)} s before the limit"
+    if outcome == "timely_alert":
+        return warned
+    return f"{warned}: too late" if promised is None else f"{warned} ({promised:.4g} s promised)"
+
+
+def exceedance_verdict(
+    outcome: Outcome,
+    lead: float | None,
+    *,
+    promised: float | None = None,
+    exceeded: bool = True,
+    recorded: bool = False,
+) -> str:
+    """The outcome of an exceedance, in the words of every view; "" where there was none.
+
+    lead, promised: see warning_words.   exceeded: from trim, as the monitor judges.
     recorded: as recorded.
     """
     if not exceeded:
         return f"{EXCEEDED} as recorded, not from trim" if recorded else ""
-    if outcome == "timely_alert" and lead is not None:
-        return f"{EXCEEDED}, warned {lead_words(lead)} s before"
-    if outcome == "late_alert" and lead is not None:
-        return f"{EXCEEDED}, warned {lead_words(lead)} s before: too late"
-    return f"{EXCEEDED}, {UNWARNED.get(outcome, 'no warning')}"
+    return f"{EXCEEDED}, {warning_words(outcome, lead, promised)}"
 
 
-def verdict_of(manoeuvre: Mapping[str, Any]) -> str:
+def verdict_of(manoeuvre: Mapping[str, Any], promised: float | None = None) -> str:
     """The exceedance_verdict of a scored manoeuvre in plain data, as stored."""
     return exceedance_verdict(
         manoeuvre["outcome"],
         manoeuvre["lead"],
+        promised=promised,
         exceeded=manoeuvre["exceedance"] is not None,
         recorded=manoeuvre.get("recorded_exceedance") is not None,
     )

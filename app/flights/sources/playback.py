@@ -4,7 +4,8 @@ Whatever the transport does, a sample has the history of the flight, not that of
 """
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from typing import Any
 
 import numpy as np
 
@@ -31,7 +32,7 @@ class Script(ABC):
     is like those that its monitor was trained on.   alerts, exceedances: rising, samples at which
     an alert or a measured exceedance begins.   shows_rulings: whether it says which limits held for
     each sample when it was flown.   delay: that a live flight stated [s], by
-    which its lead is less than the monitor's.
+    which its lead is less than the monitor's.   manoeuvres: plain, of a scored recording.
     """
 
     t: Array
@@ -43,6 +44,7 @@ class Script(ABC):
     delay: float = 0.0
     theta: dict[str, float] | None = None
     fail_t: float | None = None
+    manoeuvres: Sequence[Mapping[str, Any]] | None = None
 
     @property
     def duration(self) -> float:

@@ -63,7 +63,8 @@ class RecordedScript(Script):
         self._exceedances = {self._at(one["t"]): one for one in (*outside, *judged)}
         self._recorded_exceedances = {self._at(one["t"]): one for one in raw}
         self.is_checked = all(s["validity"]["valid"] is not None for s in manoeuvres)
-        self._samples, self._manoeuvres, self._forecasts = samples, manoeuvres, forecasts
+        self.manoeuvres = self._manoeuvres = manoeuvres
+        self._samples, self._forecasts = samples, forecasts
         begins = [begin for manoeuvre in manoeuvres for begin, _ in manoeuvre["alerts"]]
         self.alerts = np.searchsorted(self.t, np.sort(np.array(begins, float)) - 0.5 * dt)
         beyond = sorted({*self._exceedances, *self._recorded_exceedances})

@@ -39,7 +39,7 @@ class TrackFlight(Flight):
         super().__init__(plan, *about, **more)
         self.dt, self.theta, self.duration = script.dt, script.theta, script.duration
         self.fail_t, self.is_checked = script.fail_t, script.is_checked
-        self._script = script
+        self._script, self.manoeuvres = script, script.manoeuvres
         self._transport = Transport(script.t, script.dt)
         self._flown = 0.0
         self._furthest = self._at = -1

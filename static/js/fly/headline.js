@@ -5,12 +5,12 @@
  *
  * Exports
  *   FACES {status: {word, long, shape}}     what each is called; `shape` names the gauge's sign
- *   headlineOf({status, level, beside, exceeded_t}, {stale, alarms, blank}) -> Headline
+ *   headlineOf({status, level, beside, exceeded_t, verdict}, {stale, alarms, blank}) -> Headline
  *     stale: the browser hears nothing new.   alarms: how many warnings wait, as it knows
  *     blank: no sample is shown yet, and nothing is said to explain it: nothing calm is said either
  *   ofSample({state, alert}) -> Headline     of a sample alone, where nothing more is known
  *   wordOf(status, cause) -> string          INVALID has a word of its own for some causes, as NOT ASSESSED between manoeuvres
- *   besideOf(headline, cause) ->  string     what stands beside its word: "STALE · EXCEEDED first at 8.76 s"
+ *   besideOf(headline, cause) ->  string     what is shown beside its word: "STALE · EXCEEDED first at 8.76 s · Warned 0.45 s before the limit"
  *   textOf(headline, cause) ->  string       "▲ ALARM · STALE · EXCEEDED first at 8.76 s"
  *   resultOf(flight) -> {words, level}       what a flight came to: its verdict, else its headline; data-level
  *   staleText(cause, age) -> string          why it is stale, and how old the newest sample is [s], NaN if unknown: the same everywhere
@@ -48,7 +48,7 @@ export function headlineOf(server, { stale, alarms, blank = false }) {
   const holds = [...known, "stale", ...(alarms > 0 ? ["alarm"] : [])];
   const status = WORST_FIRST.find((one) => holds.includes(one));
   const beside = BESIDE.filter((one) => one !== status && holds.includes(one));
-  return { status, level: LEVELS[status], beside, exceeded_t: server.exceeded_t };
+  return { status, level: LEVELS[status], beside, exceeded_t: server.exceeded_t, verdict: server.verdict };
 }
 
 export function ofSample({ state, alert, p_value: risk }) {
@@ -66,7 +66,7 @@ export function resultOf({ verdict, progress, cause, mode, head, ...headline }) 
   const { level } = headline;
   if (progress === "running" && mode === "live" && head < 0 && CALM.includes(level)) return { words: FACES.no_data.word, level: "advisory" };
   if (!verdict && level === "none" && progress !== "running") return { words: progress.toUpperCase(), level: "off" };
-  if (!verdict) return { words: textOf(headline, cause), level: LEVEL_OF[level] };
+  if (!verdict || progress === "running") return { words: textOf({ ...headline, verdict }, cause), level: LEVEL_OF[level] };
   const shown = level === "warning" ? level : "caution";
   return { words: MARKS[shown] + verdict.text, level: LEVEL_OF[shown] };
 }
@@ -76,9 +76,10 @@ export function wordOf(status, cause = null) {
   return withdrawn ?? FACES[status === "invalid" ? shownState({ state: status, cause }) : status].word;
 }
 
-export function besideOf({ status, beside, exceeded_t: t }, cause = null) {
+export function besideOf({ status, beside, exceeded_t: t, verdict }, cause = null) {
   const exceeded = Number.isFinite(t) && status !== "exceeding" && status !== "exceeded";
-  return [...beside.map((one) => wordOf(one, cause)), ...(exceeded ? [exceededAt(t)] : [])].join(" · ");
+  const words = [...beside.map((status) => wordOf(status, cause)), exceeded && exceededAt(t), verdict?.warning];
+  return words.filter(Boolean).join(" · ");
 }
 
 export function textOf(headline, cause = null) {

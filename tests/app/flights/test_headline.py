@@ -9,21 +9,32 @@ from typing import Any
 import numpy as np
 import pytest
 
-from app.flights.ended import records, verdict
+from app.flights.ended import records
 from app.flights.exceedance import exceedance
 from app.flights.sources.recorded_playback import RecordedScript
+from app.flights.verdict import Circumstances, verdict
 from app.messages import Judged, MeasuredExceedance
+from app.scoring.outcome import lead_words
 from app.store.alarms import StoredAlarm
 from core.monitor import State
 from core.monitor.assessment import REASONS, STATES
 from core.monitor.status import ALARM_LEVELS, BETWEEN, Level
 from tests.app.flights.sources.test_live import Live
-from tests.support.flying import EPSILON, Flown, exact_monitor, failing_flight, store_with
+from tests.support.flying import (
+    EPSILON,
+    Flown,
+    Seen,
+    exact_monitor,
+    failing_flight,
+    store_with,
+)
 from tests.support.oscillator import DT, N_SAMPLES, NY, Array
 from tests.support.samples import SAMPLE_LIKE
 
 INVALID = STATES.index(State.INVALID)
 WARMING_UP = STATES.index(State.WARMING_UP)
+WARNED = "LIMIT EXCEEDED, warned 0.31 s before the limit"
+MISSED = "LIMIT EXCEEDED, missed: no alert before the limit"
 LIMITS = np.array([np.inf, np.inf, np.inf, 0.5, np.inf, np.inf])
 
 
@@ -187,6 +198,48 @@ def test_a_caution_waits_in_amber_after_its_cause_has_ended(tmp_path: Path) -> N
     asyncio.run(fly())
 
 
+def test_the_headline_says_how_early_it_was_warned_as_soon_as_a_limit_is_exceeded() -> None:
+    y = failing_flight().copy()
+    y[-5:, NY] = 0.6
+    flown = Flown(exact_monitor(), y).start()
+    flown.advance(N_SAMPLES * DT)
+    risk, limit = (message["alarm"]["t"] for message in flown.seen.of("alarm")[:2])
+    first = next(message for message in flown.seen.of("status") if message["verdict"])
+    assert (first["status"], first["exceeded_t"]) == ("exceeding", limit)
+    assert first["verdict"]["lead"] == pytest.approx(limit - risk)
+    assert first["verdict"]["warning"] == f"Warned {lead_words(limit - risk)} s before the limit"
+    verdicts = [message["verdict"] for message in flown.seen.of("status")]
+    assert verdicts[: verdicts.index(first["verdict"])].count(None) > 0
+    joined = Seen(flown.flight.watch()).take()[0]
+    assert joined["verdict"] == first["verdict"] == verdicts[-1]
+
+
+def test_the_headline_says_that_an_exceedance_without_an_alert_was_missed() -> None:
+    y = np.zeros((N_SAMPLES, 6))
+    y[20:25, NY] = 0.529
+    flown = Flown(exact_monitor(), y, epsilon=0.99).start()
+    flown.advance(19 * DT)
+    assert flown.flight.verdict is None
+    flown.advance(2 * DT)
+    assert flown.seen.of("status")[-1]["verdict"]["warning"] == "Missed: no alert before the limit"
+
+
+def test_a_late_alert_is_shown_with_the_lead_time_that_was_promised() -> None:
+    found = verdict([stored("risk", 1.2), stored("limit", 1.3)], Circumstances(promised=0.25))
+    assert found is not None
+    assert found.warning == "Warned 0.10 s before the limit (0.25 s promised)"
+
+
+def test_a_flight_that_was_sought_to_its_exceedance_neither_warned_nor_missed() -> None:
+    y = np.zeros((N_SAMPLES, 6))
+    y[20:25, NY] = 0.529
+    flown = Flown(exact_monitor(), y, epsilon=0.99).start()
+    flown.flight.act("seek", 22 * DT)
+    assert flown.flight.verdict is not None
+    assert (flown.flight.verdict.exceeded_t, flown.flight.verdict.warning) == (20 * DT, "")
+    assert "not flown" in flown.flight.verdict.text
+
+
 def test_hello_says_the_headline() -> None:
     flown = Flown(exact_monitor(), np.full((N_SAMPLES, 6), 0.529)).start()
     hello = flown.seen.of("hello")[0]
@@ -248,12 +301,12 @@ def stored(kind: str, t: float, judged: Judged = "both") -> StoredAlarm:
 @pytest.mark.parametrize(
     ("alarms", "text"),
     [
-        ([stored("risk", 1.0), stored("limit", 1.31)], "LIMIT EXCEEDED, warned 0.31 s before"),
-        ([stored("limit", 1.31)], "LIMIT EXCEEDED, no warning"),
-        ([stored("limit", 1.31), stored("risk", 1.5)], "LIMIT EXCEEDED, no warning"),
+        ([stored("risk", 1.0), stored("limit", 1.31)], WARNED),
+        ([stored("limit", 1.31)], MISSED),
+        ([stored("limit", 1.31), stored("risk", 1.5)], MISSED),
         (
             [stored("risk", 0.1), stored("risk", 1.0), stored("limit", 2.0), stored("limit", 1.5)],
-            "LIMIT EXCEEDED, warned 1.40 s before",
+            "LIMIT EXCEEDED, warned 1.40 s before the limit",
         ),
     ],
 )
@@ -271,16 +324,16 @@ def test_a_live_flight_was_warned_when_the_alarm_was_raised_not_when_its_sample_
         replace(stored(kind, t), raised=raised[kind])
         for kind, t in (("risk", 6.25), ("limit", 7.7))
     ]
-    found = verdict(alarms, promised=0.25, live=True)
+    found = verdict(alarms, Circumstances(promised=0.25, live=True))
     assert found is not None
-    assert found.text == "LIMIT EXCEEDED, warned 0.02 s before: too late"
+    assert found.text == "LIMIT EXCEEDED, warned 0.02 s before the limit (0.25 s promised)"
 
 
 @pytest.mark.parametrize(("promised", "late"), [(0.25, False), (0.31, False), (0.5, True)])
 def test_less_than_the_promised_warning_lead_time_is_too_late(promised: float, late: bool) -> None:
-    found = verdict([stored("risk", 1.0), stored("limit", 1.31)], promised=promised)
+    found = verdict([stored("risk", 1.0), stored("limit", 1.31)], Circumstances(promised))
     assert found is not None
-    assert found.text.endswith("before: too late") == late
+    assert ("promised" in found.text) == late
 
 
 def test_the_verdict_is_the_monitor_s_own_from_trim_and_else_names_what_was_recorded() -> None:
@@ -290,17 +343,17 @@ def test_the_verdict_is_the_monitor_s_own_from_trim_and_else_names_what_was_reco
     assert found.text == "LIMIT EXCEEDED as recorded, not from trim"
     both = verdict([stored("limit", 1.0, "recorded"), stored("limit", 1.5)])
     assert both is not None
-    assert both.text == "LIMIT EXCEEDED, no warning"
+    assert both.text == MISSED
     assert verdict([]) is None
 
 
 def test_an_exceedance_where_the_monitor_was_withdrawn_is_neither_missed_nor_caught() -> None:
-    found = verdict([stored("limit", 1.31)], withdrawn=True)
+    found = verdict([stored("limit", 1.31)], Circumstances(withdrawn=True))
     assert found is not None
     assert found.text == "LIMIT EXCEEDED, INVALID, no verdict"
-    warned = verdict([stored("risk", 1.0), stored("limit", 1.31)], withdrawn=True)
+    warned = verdict([stored("risk", 1.0), stored("limit", 1.31)], Circumstances(withdrawn=True))
     assert warned is not None
-    assert warned.text == "LIMIT EXCEEDED, warned 0.31 s before"  # before it was withdrawn
+    assert warned.text == WARNED  # before it was withdrawn
 
 
 def test_a_flight_knows_by_its_samples_that_its_monitor_was_withdrawn(tmp_path: Path) -> None:
@@ -319,7 +372,7 @@ def test_a_flight_knows_by_its_samples_that_its_monitor_was_withdrawn(tmp_path: 
         assert found is not None
         texts[why] = found.text
     assert texts["outside training"] == "LIMIT EXCEEDED, INVALID, no verdict"
-    assert texts[REASONS[INVALID]] == "LIMIT EXCEEDED, no warning"  # a lost sample
+    assert texts[REASONS[INVALID]] == MISSED  # a lost sample
 
 
 def scored(word: str, lead: float | None, t: float, **more: Any) -> dict[str, Any]:
@@ -333,11 +386,11 @@ def scored(word: str, lead: float | None, t: float, **more: Any) -> dict[str, An
         ([scored("invalid", None, 2 * DT)], "LIMIT EXCEEDED, INVALID, no verdict"),
         (
             [scored("timely_alert", 0.31, DT), scored("missed", None, 2 * DT)],
-            "LIMIT EXCEEDED, no warning",
+            MISSED,
         ),
         (
             [scored("timely_alert", 0.31, DT), scored("missed", None, 90.0)],
-            "LIMIT EXCEEDED, warned 0.31 s before",  # it never came to the other one
+            WARNED,  # it never came to the other one
         ),
         (
             [scored("quiet", None, 0.0, exceedance=None)],
@@ -383,7 +436,7 @@ def test_what_a_seek_had_passed_is_said_of_a_flight_that_is_over(tmp_path: Path)
 
 
 def test_a_flight_that_was_sought_to_its_exceedance_is_not_said_to_have_had_no_warning() -> None:
-    found = verdict([stored("limit", 1.31)], jumped=True)
+    found = verdict([stored("limit", 1.31)], Circumstances(jumped=True))
     assert found is not None
     assert found.text == "LIMIT EXCEEDED, what came before it was not flown"
 

@@ -48,8 +48,8 @@ RAW = QUIET | {"recorded_exceedance": exceedance(2)}
 @pytest.mark.parametrize(
     ("given", "level", "words"),
     [
-        (WARNED, "caution", "LIMIT EXCEEDED, warned 0.50 s before"),
-        (MISSED, "bad", "LIMIT EXCEEDED, no warning"),
+        (WARNED, "caution", "LIMIT EXCEEDED, warned 0.50 s before the limit"),
+        (MISSED, "bad", "LIMIT EXCEEDED, missed: no alert before the limit"),
         (
             INVALID | {"exceedance": exceedance(3)},
             "bad",

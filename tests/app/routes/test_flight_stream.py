@@ -289,15 +289,18 @@ def test_the_headline_is_told_by_list_flight_and_stream_and_the_verdict_at_the_e
     flight = server.start()["id"]
     with server.watch(flight) as socket:
         server.advance(6.5)
-        until(socket, lambda m: m["type"] == "status" and m["status"] == "exceeding")
-        assert server.client.get(URL).json()[0]["status"] == "alarm"
+        *_, told = until(socket, lambda m: m["type"] == "status" and m["status"] == "exceeding")
+        assert told["verdict"]["warning"] == "Warned 0.40 s before the limit"
+        (under_way,) = server.client.get(URL).json()
+        assert (under_way["status"], under_way["verdict"]) == ("alarm", told["verdict"])
         for alarm in server.client.get(f"{URL}/{flight}/alarms").json():
             server.client.post(f"{URL}/{flight}/alarms/{alarm['id']}/acknowledge")
         until(socket, lambda m: m["type"] == "status" and m["status"] == "not_calibrated")
     server.client.post(f"{URL}/{flight}/end")
     (ended,) = server.client.get(URL).json()
     assert (ended["progress"], ended["status"]) == ("ended", "not_calibrated")
-    assert ended["verdict"]["text"] == "LIMIT EXCEEDED, warned 0.40 s before"
+    assert ended["verdict"] == told["verdict"]
+    assert ended["verdict"]["text"] == "LIMIT EXCEEDED, warned 0.40 s before the limit"
     assert server.client.get(f"{URL}/{flight}").json() == ended
     stored = server.client.get(f"{URL}/{flight}/alarms").json()
     assert [(alarm["kind"], alarm["level"]) for alarm in stored] == [

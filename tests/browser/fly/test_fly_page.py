@@ -274,7 +274,7 @@ def test_the_record_of_a_flight_that_exceeded_says_how_it_was_warned(fly: Fly) -
     fly.steer("seek", fail_t)
     fly.gauge_says("EXCEEDING")
     fly.ask("POST", f"/flights/{fly.flight}/end")
-    said = f"LIMIT EXCEEDED, warned {fail_t - when:.2f} s before"
+    said = f"LIMIT EXCEEDED, warned {fail_t - when:.2f} s before the limit"
     expect(fly.page.locator(".verdict")).to_contain_text(said)
     expect(fly.status("state")).to_have_text(f"▲ {said}")
     expect(fly.page.locator(".gauge-beside")).to_contain_text(said)

@@ -17,7 +17,7 @@ def test_every_verdict_has_a_word_and_says_what_is_promised(
 ) -> None:
     words = [
         "✓ QUIET",
-        re.compile(r"^▲ LIMIT EXCEEDED, warned \d\.\d\d s before$"),
+        re.compile(r"^▲ LIMIT EXCEEDED, warned \d\.\d\d s before the limit$"),
         re.compile("INVALID$"),
     ]
     expect(scored.locator(".scored-summary .chip")).to_have_text(words)

@@ -217,8 +217,8 @@ function whyOf({ key, stale }, { reason, state, p_value: risk, last = risk, aler
 }
 
 /** Below the word EXCEEDED, which is wide enough for the dial. */
-function firstText({ exceeded_t: t }) {
-  return Number.isFinite(t) ? `first at ${t.toFixed(2)} s` : "";
+function firstText({ exceeded_t: t, verdict }) {
+  return [Number.isFinite(t) && `first at ${t.toFixed(2)} s`, verdict?.warning].filter(Boolean).join(" · ");
 }
 
 function addHatches(svg, id) {

@@ -40,6 +40,8 @@ def samples() -> npt.NDArray:
 
 MANOEUVRES: list[dict[str, Any]] = [
     {
+        "outcome": "timely_alert",
+        "lead": 0.52,
         "alerts": [[3359.5, 3359.55], [3361.0, 3361.0]],
         "exceedance": {"t": 3360.02, "channel": "Ny", "value": 0.6},
         "validity": {"valid": True, "reasons": []},
@@ -123,6 +125,8 @@ def test_a_recording_flies_with_the_transport_of_any_flight(samples: npt.NDArray
     kinds = [(alarm["kind"], round(alarm["t"], 3)) for alarm in raised]
     passed = [("limit", 3360.05), ("risk", 3361.0)]
     assert kinds == [("risk", 3359.5), *passed, ("invalid", 3363.0)]
+    assert flight.verdict is not None
+    assert flight.verdict.warning == "Warned 0.52 s before the limit"  # as it was scored
 
 
 def test_a_recorded_exceedance_between_two_samples_is_that_of_the_sample_after_it(

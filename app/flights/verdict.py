@@ -1,0 +1,168 @@
+"""How a flight was warned of the limit that it exceeded: one answer in flight and in the record."""
+
+from collections.abc import Iterable, Mapping, Sequence
+from datetime import datetime
+from typing import Any, NamedTuple, Protocol
+
+import numpy as np
+
+from app.messages import MeasuredExceedance, Verdict
+from app.scoring.outcome import (
+    EXCEEDED,
+    Outcome,
+    RecordedExceedance,
+    exceedance_verdict,
+    outcome,
+    verdict_of,
+    warning_words,
+)
+from core.monitor import State
+from core.monitor.assessment import REASONS, Cause
+from core.types import Array
+
+BEFORE, JUMP = 20, 5.0
+"""Samples before an exceedance that must have been flown; longer steps, in intervals, are jumps."""
+WORST: tuple[Outcome, ...] = ("missed", "late_alert", "unseen", "invalid", "timely_alert")
+"""Outcomes of the exceedances of a recording, of which the first here is the flight's."""
+NOT_FLOWN = f"{EXCEEDED}, what came before it was not flown"
+OUTSIDE = f"{EXCEEDED} outside every manoeuvre, where nothing was assessed"
+
+
+class RaisedAlarm(Protocol):
+    """An alarm, of a flight in progress or stored."""
+
+    @property
+    def kind(self) -> str: ...
+    @property
+    def seq(self) -> int: ...
+    @property
+    def t(self) -> float: ...
+    @property
+    def raised(self) -> str: ...
+    @property
+    def exceedance(self) -> MeasuredExceedance | dict[str, Any] | None: ...
+
+
+class Circumstances(NamedTuple):
+    """What else decides whether a flight was warned.
+
+    promised: lead time that the monitor states [s]; a shorter warning is late.
+    jumped: the samples just before the first exceedance were not flown, so an alarm raised with it
+    could not warn.
+    withdrawn: the monitor was not applicable by then; without an alarm it has not missed.
+    live: a warning counts from when its alarm was raised, however old its sample was by then.
+    """
+
+    promised: float = 0.0
+    jumped: bool = False
+    withdrawn: bool = False
+    live: bool = False
+
+
+AS_FLOWN = Circumstances()
+
+
+def verdict(
+    alarms: Iterable[RaisedAlarm], circumstances: Circumstances = AS_FLOWN
+) -> Verdict | None:
+    """How the first exceedance from trim was warned of; None without an exceedance."""
+    alarms, (promised, jumped, withdrawn, live) = [*alarms], circumstances
+    first, raw = first_exceedance(alarms), _first(alarms)
+    if first is None:
+        return None if raw is None else _as_recorded(raw.t)
+    alerts = sorted(
+        _warned(alarm, first, live)
+        for alarm in alarms
+        if alarm.kind == "risk" and alarm.t <= first.t and not (jumped and alarm.seq >= first.seq)
+    )
+    if jumped and not alerts:
+        return not_flown(first.t)
+    exceedance = RecordedExceedance(first.t, "", 0.0)
+    result, lead = outcome(tuple((t, t) for t in alerts), exceedance, promised)
+    result = "invalid" if withdrawn and not alerts else result
+    text = exceedance_verdict(result, lead, promised=promised)
+    return _verdict(first.t, lead, text, result, promised)
+
+
+def verdict_of_recording(
+    manoeuvres: Sequence[Mapping[str, Any]],
+    alarms: Sequence[RaisedAlarm],
+    reached: Sequence[float],
+    dt: float,
+    promised: float,
+) -> Verdict:
+    """The worst verdict of the scored exceedances that a replay has come to.
+
+    manoeuvres: as scored, plain.   reached: times of the exceedances it has come to [s], one or
+    more.   dt: sample interval [s].   promised: see Circumstances.
+    """
+    by_trim = [
+        manoeuvre
+        for manoeuvre in manoeuvres
+        if manoeuvre["exceedance"] and manoeuvre["exceedance"]["t"] <= max(reached) + dt
+    ]
+    if by_trim:
+        worst = min(by_trim, key=lambda m: (_rank(m["outcome"]), m["exceedance"]["t"]))
+        t, lead, text = worst["exceedance"]["t"], worst["lead"], verdict_of(worst, promised)
+        return _verdict(t, lead, text, worst["outcome"], promised)
+    if (first := first_exceedance(alarms)) is not None:
+        return Verdict(exceeded_t=first.t, lead=None, text=OUTSIDE)
+    return _as_recorded(min(reached))
+
+
+def not_flown(t: float) -> Verdict:
+    """The verdict on an exceedance at t [s] that a seek led to."""
+    return Verdict(exceeded_t=t, lead=None, text=NOT_FLOWN)
+
+
+def first_exceedance(alarms: Iterable[RaisedAlarm]) -> RaisedAlarm | None:
+    """The alarm of the earliest exceedance from trim."""
+    return _first(filter(exceeds_from_trim, alarms))
+
+
+def exceeds_from_trim(alarm: RaisedAlarm) -> bool:
+    exceedance = alarm.exceedance
+    if exceedance is None:
+        return False
+    judged = exceedance["judged"] if isinstance(exceedance, dict) else exceedance.judged
+    return judged != "recorded"
+
+
+def is_jump(t: Array, dt: float) -> bool:
+    """Whether a flight was sought or looped within these samples. t: (n,) [s]."""
+    steps = np.diff(t)
+    return bool(((steps <= 0.0) | (steps > JUMP * dt)).any())
+
+
+def is_withdrawn(state: State, reason: str, cause: Cause | None) -> bool:
+    """Whether a monitor was not applicable to a sample; a lost sample withdraws nothing."""
+    return state is State.INVALID and reason not in REASONS and cause is not Cause.BETWEEN
+
+
+def _verdict(t: float, lead: float | None, text: str, result: Outcome, promised: float) -> Verdict:
+    warning = warning_words(result, lead, promised)
+    decided = result in ("timely_alert", "late_alert", "missed")
+    warning = warning[:1].upper() + warning[1:] if decided else ""
+    return Verdict(exceeded_t=t, lead=lead, text=text, warning=warning)
+
+
+def _as_recorded(t: float) -> Verdict:
+    text = exceedance_verdict("quiet", None, exceeded=False, recorded=True)
+    return Verdict(exceeded_t=t, lead=None, text=text)
+
+
+def _warned(risk: RaisedAlarm, exceedance: RaisedAlarm, live: bool) -> float:
+    """Flight time at which an alarm warned of an exceedance [s]."""
+    if not live:
+        return risk.t
+    raised = datetime.fromisoformat(exceedance.raised) - datetime.fromisoformat(risk.raised)
+    return max(risk.t, exceedance.t - max(0.0, raised.total_seconds()))
+
+
+def _first(alarms: Iterable[RaisedAlarm]) -> RaisedAlarm | None:
+    measured = (alarm for alarm in alarms if alarm.kind == "limit")
+    return min(measured, key=lambda alarm: alarm.t, default=None)
+
+
+def _rank(result: Outcome) -> int:
+    return WORST.index(result) if result in WORST else len(WORST)
