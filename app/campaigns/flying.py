@@ -6,7 +6,7 @@ import numpy as np
 
 from app.campaigns.campaign import CampaignError, FlownPoint
 from app.scoring.checks import surfaces_flown
-from app.scoring.outside import outside, outside_note
+from app.scoring.exceedances_outside import exceedances_outside, notes_on_outside
 from app.scoring.planned_test import SURFACES, PlannedTest
 from app.scoring.recipe import Interval, ScoringRecipe
 from app.scoring.segments import AFTERWARDS, Segment, mean_of_rest, segments
@@ -62,7 +62,7 @@ def flown_point(
     as_is = _worst(recorded, planned.limits, np.zeros(len(KEYS)), span)
     if worst.part < 1.0 <= as_is.part:
         worst = as_is._replace(words=f"{as_is.words} as recorded, trim not subtracted")
-    elsewhere = outside(recorded.traces, planned.limits, [span], [rest])
+    elsewhere = exceedances_outside(recorded.traces, planned.limits, [span], [rest])
     return FlownPoint(
         f"{name}, {where}",
         tuple(map(tuple, y.tolist())),
@@ -71,7 +71,7 @@ def flown_point(
         recording_id,
         float(recording.t[segment.first]),
         float(recording.t[segment.last]),
-        " ".join([remark, *outside_note(elsewhere)]).strip(),
+        " ".join([remark, *notes_on_outside(elsewhere)]).strip(),
     )
 
 

@@ -10,8 +10,8 @@ from app.scoring.fault_table import (
     FAULTS,
     KINDS,
     SENSORS,
+    FaultCounts,
     FaultTableRecipe,
-    FoundFaults,
     fault_table,
 )
 from core.simulation.published import MODELS
@@ -52,7 +52,7 @@ def run(options: argparse.Namespace) -> int:
     return 0
 
 
-def in_words(rows: Sequence[FoundFaults]) -> str:
+def in_words(rows: Sequence[FaultCounts]) -> str:
     """One line a fault: how many of the safe and of the failing flights each means found."""
     n = rows[0].n if rows else 0
     head = f"{'sensor':8} {'fault':14}" + "".join(

@@ -57,7 +57,7 @@ from app.messages import (
     plain_frame,
     validity_word,
 )
-from app.scoring.limits_in_force import ChangeOfLimits, HeldFrom, LimitsInForce, Ruling
+from app.scoring.limits_in_force import InForceFrom, LimitsInForce, RequestedLimits, Ruling
 from core.channels import KEYS
 from core.evaluation.certificate import warnings_of
 from core.flight_markers import FLIGHT_MARKERS, FlightMarkerKey
@@ -113,7 +113,7 @@ class FlightPlan:
     epsilon: float
     mode: Mode = "live"
     display: tuple[DisplayMonitor, ...] = ()
-    limits: ChangeOfLimits | None = None
+    limits: RequestedLimits | None = None
     by: str = ""
 
 
@@ -302,7 +302,7 @@ class Flight(ABC):
         self.recorder.add_marker(marker, partial(self._note_marker, marker.number))
         return marker
 
-    def put_in_force(self, change: ChangeOfLimits, by: str) -> LimitsInForce:
+    def put_in_force(self, change: RequestedLimits, by: str) -> LimitsInForce:
         """Hold the samples from the next one on against a limit set; everyone is told. NotPossible.
 
         What was declared of the flight condition stays, unless it is declared anew.
@@ -547,7 +547,7 @@ class Flight(ABC):
             if alarm.id == alarm_id:
                 self._tell(AlarmRaised(alarm=alarm).encode())
 
-    def _restart(self, t: float, held: Sequence[HeldFrom] = ()) -> None:
+    def _restart(self, t: float, held: Sequence[InForceFrom] = ()) -> None:
         """The next sample, at t [s], does not follow the last one.
 
         held: which limits held for the samples of the source up to that one; empty for those that

@@ -5,7 +5,7 @@ from typing import Any
 
 from app.flights.display_monitors import ALIKE
 from app.messages import LimitsStatus
-from app.scoring.limits_in_force import ChangeOfLimits, LimitsInForce, Ruling
+from app.scoring.limits_in_force import LimitsInForce, RequestedLimits, Ruling
 from app.store.limit_sets import FlightLimits
 from app.store.monitors import MonitorInfo
 from app.store.store import Store
@@ -23,7 +23,7 @@ def change_of_limits(
     limit_set: str,
     version: int | None,
     fixed: Mapping[ConditionKey, float] | None,
-) -> ChangeOfLimits:
+) -> RequestedLimits:
     """A version of a limit set, the newest if None, for flights of a monitor; for a thread.
 
     NotFound.
@@ -31,7 +31,7 @@ def change_of_limits(
     stored = store.limit_sets.version(limit_set, version)
     limits, monitors = stored.limits, store.monitors.all()
     serving = tuple(_serving(monitor, case.limits, monitors) for case in limits.cases)
-    return ChangeOfLimits(stored.limit_set, stored.name, stored.version, limits, serving, fixed)
+    return RequestedLimits(stored.limit_set, stored.name, stored.version, limits, serving, fixed)
 
 
 def _serving(monitor: Monitor, limits: Limits, stored: list[MonitorInfo]) -> str:

@@ -45,7 +45,7 @@ from app.live.again import header_of
 from app.live.journal import Journals, lines_of
 from app.messages import FlightMarker, LiveStatus
 from app.recordings.scored import ScoredRecordings
-from app.scoring.limits_in_force import ChangeOfLimits, LimitsInForce
+from app.scoring.limits_in_force import LimitsInForce, RequestedLimits
 from app.store.flights import INTERRUPTED, UnderWay
 from app.store.look import StoreLook
 from app.store.store import NotFound, Store, StoreError
@@ -190,7 +190,7 @@ class Flights:
         finally:
             self._starting -= 1
 
-    def _asked_limits(self, request: FlightRequest, monitor: Monitor) -> ChangeOfLimits | None:
+    def _asked_limits(self, request: FlightRequest, monitor: Monitor) -> RequestedLimits | None:
         if request.limit_set is None:
             return None
         if isinstance(request.source, FlownLive):

@@ -18,7 +18,7 @@ from app.flights.sources.track import SourceError
 from app.live.again import ShownSample, shown_again
 from app.live.journal import lines_of
 from app.live.lag import Lag
-from app.scoring.limits_in_force import HeldFrom, Ruling
+from app.scoring.limits_in_force import InForceFrom, Ruling
 from app.scoring.planned_test import limits_of, needed_channels
 from app.store.assessments import StoredAssessments
 from core.channels import KEYS, N_CHANNELS
@@ -126,7 +126,7 @@ class ShownFlight(Script):
         """Which limits held for sample k."""
         return self._rulings[k]
 
-    def held_until(self, k: int) -> list[HeldFrom]:
+    def held_until(self, k: int) -> list[InForceFrom]:
         """Which limits held for the samples up to k."""
         if all(ruling is None for ruling in self._rulings):
             return []
@@ -136,7 +136,7 @@ class ShownFlight(Script):
             if i == 0 or ruling is not self._rulings[i - 1]
         ]
         t = self.samples["t"]
-        return [HeldFrom(float(t[i - 1]) if i else None, one) for i, one in changes]
+        return [InForceFrom(float(t[i - 1]) if i else None, one) for i, one in changes]
 
     def late(self, k: int) -> str:
         """Why sample k was not of now."""

@@ -25,7 +25,7 @@ from app.recordings.samples import (
 )
 from app.recordings.tiles import TILE, Window, window
 from app.scoring import ScoredRecording, ScoringRecipe, score
-from app.scoring.limits_history import HeldLimits, LimitsHistory
+from app.scoring.limits_history import InForceTimeline, LimitsHistory
 from app.store.monitors import MonitorInfo
 from app.store.recordings import MappedColumns, RecordingInfo
 from app.store.scorings import ScoringInfo
@@ -134,10 +134,12 @@ class ScoredRecordings:
             remove(folder, scoring_id)
         return stored, stored.id == scoring_id
 
-    def held(self, info: ScoringInfo, own: Sequence[Array | None]) -> HeldLimits | None:
+    def limits_timeline(
+        self, info: ScoringInfo, own: Sequence[Array | None]
+    ) -> InForceTimeline | None:
         """Which limits were in force when, for monitors of `own` limits; None for no limit set."""
         history = self._history(info.recording_id, Mapping.from_plain(info.mapping))
-        return None if history is None else history.held(own)
+        return None if history is None else history.timeline(own)
 
     def _history(self, recording_id: str, mapping: Mapping) -> LimitsHistory | None:
         with self.recordings.present(recording_id):
@@ -183,5 +185,5 @@ def _entry(
         quality=quality_of(scored),
         manoeuvres=[plain(manoeuvre.to_plain()) for manoeuvre in scored.manoeuvres],
         outside_exceedances=[asdict(exceedance) for exceedance in scored.outside_exceedances],
-        limits_in_force=None if (held := scored.limits_in_force) is None else list(held),
+        limits_in_force=None if (in_force := scored.limits_in_force) is None else list(in_force),
     )

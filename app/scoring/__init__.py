@@ -1,12 +1,12 @@
-"""Scoring recordings: manoeuvres, assessments, whether the monitor applies, and a verdict on each.
+"""Score a recording: detect manoeuvres, assess them, check validity, give a verdict on each.
 
-`score` is the way in; what it returns is one table of samples and a verdict a manoeuvre.
+Start at `score`: it returns one table of samples and one verdict for each manoeuvre.
 """
 
-from app.scoring.ready import MissingChannels
 from app.scoring.recipe import Interval, ScoringRecipe
 from app.scoring.score import manoeuvres_in, score, score_at_each
 from app.scoring.scored import BETWEEN, SAMPLE, ScoredManoeuvre, ScoredRecording
+from app.scoring.scoring_input import MissingChannels
 
 __all__ = [
     "BETWEEN",

@@ -1,4 +1,4 @@
-"""Whether the sensors of a recording agree by kinematics: its channels put on one even grid."""
+"""Put a recording's channels on one even grid and check that they agree by kinematics."""
 
 from weakref import WeakKeyDictionary
 
@@ -17,14 +17,14 @@ from core.equation_error import CORRELATED_S
 from core.types import Array
 
 RATES = ("p", "r")
-"""What was derived from the attitude is not compared with it."""
+"""Not compared where they were derived from the attitude."""
 
 _COMPARED: WeakKeyDictionary[Traces, tuple[SensorCheck, ...]] = WeakKeyDictionary()
-"""What was found of recordings that are still in memory: it does not depend on the monitor."""
+"""Results for recordings still in memory. They do not depend on the monitor."""
 
 
 def compatibility(traces: Traces) -> tuple[SensorCheck, ...]:
-    """Compare the sensors of a recording, of a long one where it moves most; once a recording.
+    """Compare the sensors of a recording, once; in a long one, where it moves most.
 
     traces: repaired.
     """

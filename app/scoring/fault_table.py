@@ -1,8 +1,8 @@
-"""The table of faults: each sensor of simulated flights at fault, and by what that is found.
+"""Sensor fault study: inject one fault at a time and count which checks find it.
 
-Flights of the monitor's own aircraft with all imperfections, recorded with attitude and airspeed.
-One sensor at a time reads a fifth too little, the wrong way round, in another unit, late or with a
-bias; then the recording is mapped anew from names that say no unit, and scored as it stands.
+The flights are of the monitor's aircraft with all imperfections, recorded with attitude and
+airspeed. One sensor at a time gets a wrong gain, sign or unit, a delay or a bias. The recording is
+then mapped again from names without units, and scored unchanged.
 """
 
 import tempfile
@@ -39,14 +39,14 @@ REST_S, AFTERWARDS_S = 3.0, 3.0
 ATTITUDE_NOISE, SPEED_NOISE = float(np.radians(0.05)), 0.3
 """[rad], [m/s] 1 sigma, white."""
 SURE = 0.9
-"""Confidence of a mapping below which a person is asked to look."""
+"""Below this confidence a mapping asks a person to check."""
 NO_FAULT = "none"
 BATCH = 100
 Progress = Callable[[int, int], object]
 
 
 class Reading(NamedTuple):
-    """What a sensor reads: x (n,), a sample each dt [s]; noise: 1 sigma.   unit: times another."""
+    """x: (n,), one sample each dt [s].   noise: 1 sigma.   unit: factor of a wrong unit."""
 
     x: Array
     dt: float
@@ -78,10 +78,10 @@ FAULTS: dict[str, Callable[[Reading], Array]] = {
     "bias 10 sigma": _biased(10.0),
     "bias 30 sigma": _biased(30.0),
 }
-"""By name. A bias is there from the beginning."""
+"""By name. A bias is constant over the recording."""
 P, R = KEYS.index("p"), KEYS.index("r")
 UNITS = {"Ny": GRAVITY, "V": 1.0 / 0.3048}
-"""m/s2 for g, ft/s for m/s; degrees for radians elsewhere."""
+"""m/s2 instead of g, ft/s instead of m/s; other sensors read degrees instead of radians."""
 
 
 @dataclass(frozen=True)
@@ -89,20 +89,19 @@ class FaultTableRecipe:
     """Which aircraft, sensors and faults, and how many flights of each."""
 
     aircraft: ModelName = "attas_id_16kft"
-    """published aircraft: its usual test is trained for, and flown."""
+    """published aircraft; its usual test is trained for and flown"""
     sensors: tuple[str, ...] = SENSORS
-    """channels that are at fault in turn."""
+    """sensors to fault, one at a time"""
     faults: tuple[str, ...] = tuple(FAULTS)
-    """faults that each has in turn."""
+    """faults to inject in each sensor"""
     n_flights: int = 8
-    """flights of each kind, safe and failing, of each fault."""
+    """flights of each kind, safe and failing, for each fault"""
     n_unsafe: int = 100
-    """unsafe rollouts that the monitor is trained on."""
+    """unsafe rollouts for training the monitor"""
     seed: int = 1
-    """seed of every random draw: the flights are the same for every fault."""
+    """seed of every random draw; every fault uses the same flights"""
 
     def __post_init__(self) -> None:
-        """Refuse what there is not, and no flights."""
         for name, known in (("sensors", SENSORS), ("faults", FAULTS)):
             if unknown := [each for each in getattr(self, name) if each not in known]:
                 raise ValueError(f"{name} {unknown[0]!r}: choose {', '.join(known)}")
@@ -114,12 +113,12 @@ class FaultTableRecipe:
 
 
 @dataclass(frozen=True)
-class FoundFaults:
-    """Of how many flights a fault was found, and by what.
+class FaultCounts:
+    """How many of n flights each check found the fault in.
 
-    mapping: another mapping is proposed than without the fault, or a channel is not sure any more.
-    validity: the manoeuvre is invalid.   flown_input: the input is remarked on.
-    compatibility: the sensors do not agree by kinematics.   found: by any of them.
+    mapping: the proposed mapping changed, or a channel is no longer sure.
+    validity: a manoeuvre is invalid.   flown_input: the flown input got a remark.
+    compatibility: the sensors disagree by kinematics.   found: any of these.
     """
 
     sensor: str
@@ -143,8 +142,8 @@ class RecordedFlight(NamedTuple):
 
 def fault_table(
     recipe: FaultTableRecipe, progress: Progress | None = None
-) -> Iterator[FoundFaults]:
-    """Train, fly, and find faults: first of flights without any, then by sensor and fault."""
+) -> Iterator[FaultCounts]:
+    """Train, fly, and count: first flights without a fault, then by sensor and fault."""
     planned = DatasetRecipe.usual(PublishedAircraft(recipe.aircraft, 4)).as_flown()
     planned = replace(planned, n_unsafe=recipe.n_unsafe, seed=recipe.seed)
     monitor = train(collect(planned), fresh=fresh(planned))
@@ -160,15 +159,15 @@ def fault_table(
             counts = np.zeros(5, np.int64)
             for flight, proposal in zip(flights[kind], before[kind], strict=True):
                 at_fault = flight if sensor == NO_FAULT else _with(flight, sensor, fault)
-                found = _found(monitor, at_fault, proposal, expected)
-                counts += np.array([*found, any(found)])
-            yield FoundFaults(sensor, fault, kind, len(flights[kind]), *counts.tolist())
+                findings = _findings(monitor, at_fault, proposal, expected)
+                counts += np.array([*findings, any(findings)])
+            yield FaultCounts(sensor, fault, kind, len(flights[kind]), *counts.tolist())
 
 
 def flights_of(
     planned: DatasetRecipe, recipe: FaultTableRecipe
 ) -> dict[Kind, list[RecordedFlight]]:
-    """Flights of each kind with attitude and airspeed, as many as the recipe says."""
+    """n_flights of each kind, with attitude and airspeed."""
     usual = planned.maneuver
     duration = usual.duration_s - usual.lead_in_s + REST_S + AFTERWARDS_S
     longer = replace(usual, lead_in_s=REST_S, duration_s=duration)
@@ -191,7 +190,7 @@ def flights_of(
 def _recorded(
     planned: DatasetRecipe, y: Array, true: Array, rng: np.random.Generator
 ) -> RecordedFlight:
-    """A flight (n, 6) with the attitude that its true rates make, and its airspeed."""
+    """Add attitude, integrated from the true rates, and airspeed to a flight (n, 6)."""
     aircraft, dt, n = planned.aircraft, planned.dt, len(y)
     assert isinstance(aircraft, PublishedAircraft)
     theta, p, r = aircraft.model.theta0, true[:, P], true[:, R]
@@ -206,21 +205,20 @@ def _recorded(
 
 
 def _integral(rate: Array, dt: float) -> Array:
-    """By trapezia, from 0."""
+    """Trapezoidal rule, from 0."""
     return np.concatenate([[0.0], np.cumsum(0.5 * dt * (rate[1:] + rate[:-1]))])
 
 
 def _with(flight: RecordedFlight, sensor: str, fault: str) -> RecordedFlight:
-    """The flight with one sensor at fault."""
     unit = UNITS.get(sensor, float(np.degrees(1.0)))
     reading = Reading(flight.channels[sensor], flight.dt, flight.noise[sensor], unit)
     return flight._replace(channels=flight.channels | {sensor: FAULTS[fault](reading)})
 
 
-def _found(
+def _findings(
     monitor: Monitor, flight: RecordedFlight, before: Proposal, expected: SurfaceSigns
 ) -> tuple[bool, bool, bool, bool]:
-    """Whether a fault is found by mapping, validity, remark on the input, and compatibility."""
+    """Whether mapping, validity, flown input and compatibility find the fault."""
     scored = score(monitor, _repaired(flight))
     flown = [scored.samples["y"][m.first : m.last + 1] for m in scored.manoeuvres]
     inputs = [each for y in flown for each in monitor.flown_input(y, monitor.last_counted(y))]
@@ -239,7 +237,7 @@ def _repaired(flight: RecordedFlight) -> RepairedTraces:
 
 
 def _proposed(flight: RecordedFlight, expected: SurfaceSigns) -> Proposal:
-    """The mapping that is proposed for a file whose names say no unit."""
+    """The mapping proposed for a file whose names give no unit."""
     table = {"t": flight.dt * np.arange(len(flight.channels["beta"]))} | flight.channels
     with tempfile.TemporaryDirectory(prefix="forewarn-") as place:
         writer = ColumnWriter(Path(place), 2**24)
@@ -251,7 +249,7 @@ def _proposed(flight: RecordedFlight, expected: SurfaceSigns) -> Proposal:
 
 
 def _is_other(before: Proposal, now: Proposal) -> bool:
-    """Whether a proposal differs, or is less than sure of a channel that it was sure of."""
+    """Whether a proposal changed, or is no longer sure of a channel."""
     if before.mapping.channels != now.mapping.channels:
         return True
     was, is_now = (

@@ -1,4 +1,4 @@
-"""The limits that were in force while a recording was flown, from what its flight wrote down."""
+"""The limits in force while a recording was flown, from the records of its flight."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -7,7 +7,13 @@ from typing import Any, NamedTuple, Self
 
 import numpy as np
 
-from app.scoring.limits_in_force import HELD_S, ROUNDING, LimitsInForce, LimitsRule, Ruling
+from app.scoring.limits_in_force import (
+    CONDITION_VALID_S,
+    ROUNDING,
+    LimitsInForce,
+    LimitsRule,
+    Ruling,
+)
 from app.scoring.outcome import SAME_TIME
 from app.telemetry.contents import Columns
 from app.telemetry.mapping.mapping import Mapping as ChannelMapping
@@ -23,7 +29,7 @@ KNOWN = ""
 
 
 class ConditionSeries(NamedTuple):
-    """What was sent of a channel of the flight condition: t (n,) rising [s], values (n,)."""
+    """One channel of the flight condition as sent: t (n,) increasing [s], values (n,)."""
 
     t: Array
     values: Array
@@ -31,10 +37,10 @@ class ConditionSeries(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class LimitsHistory:
-    """The limit sets that were put in force during a flight, and the flight condition.
+    """The limit sets put in force during a flight, and the flight condition.
 
-    A version holds for the samples after its time, the first of a flight for all; a value of the
-    condition until the next of its channel, HELD_S at most.
+    A version applies to samples after its time; the first version of a flight to all samples.
+    A condition value applies until the next one of its channel, for at most CONDITION_VALID_S.
     """
 
     versions: tuple[LimitsInForce, ...]
@@ -42,9 +48,9 @@ class LimitsHistory:
 
     @classmethod
     def of(cls, columns: Columns, mapping: ChannelMapping) -> Self | None:
-        """That of a recording by its mapping's times; None where no limit set was in force.
+        """Read it from a recording, on its mapping's times; None where no limit set was in force.
 
-        TelemetryError where what was written of them cannot be read.
+        TelemetryError if the record of limit sets is damaged.
         """
         contents = columns.contents
         if not contents.limits:
@@ -62,10 +68,10 @@ class LimitsHistory:
         }
         return cls(versions, measured)
 
-    def held(self, own: Sequence[Array | None]) -> "HeldLimits":
-        """Which limits held for monitors, the alarm authority first. own: (6,) of each."""
+    def timeline(self, own: Sequence[Array | None]) -> "InForceTimeline":
+        """Limits in force over time. own: (6,) limits of each monitor, alarm authority first."""
         starts, rulings = [-np.inf], list[Ruling | None]([None])
-        begins = [-np.inf if one.seq == 0 else one.t + SAME_TIME for one in self.versions]
+        begins = [-np.inf if v.seq == 0 else v.t + SAME_TIME for v in self.versions]
         for version, (begin, end) in zip(self.versions, pairwise([*begins, np.inf]), strict=True):
             rule = LimitsRule(version, own)
             for t, condition in self._conditions(begin, end):
@@ -73,13 +79,13 @@ class LimitsHistory:
                 if ruling is not rulings[-1]:
                     starts.append(t)
                     rulings.append(ruling)
-        return HeldLimits(np.array(starts), tuple(rulings), own[0])
+        return InForceTimeline(np.array(starts), tuple(rulings), own[0])
 
     def _conditions(self, begin: float, end: float) -> list[tuple[float, Condition]]:
-        """The measured condition from `begin` on [s], at each time before `end` that it changes."""
+        """The measured condition at `begin` [s] and at each later change before `end`."""
         edges = [np.array([begin])]
-        for one in self.measured.values():
-            edges += [one.t - ROUNDING, np.nextafter(one.t + HELD_S, np.inf)]
+        for series in self.measured.values():
+            edges += [series.t - ROUNDING, np.nextafter(series.t + CONDITION_VALID_S, np.inf)]
         t = np.unique(np.concatenate(edges))
         t = t[(t >= begin) & (t < end)]
         columns = [_at(self.measured.get(key), t) for key in CONDITION_KEYS]
@@ -93,45 +99,44 @@ class LimitsHistory:
         ]
 
 
-class HeldLimits:
-    """Which limits hold when, for monitors.
+class InForceTimeline:
+    """Which limits are in force when, and which monitors they suit.
 
-    starts: (n,) rising [s], the first -inf.   rulings: from each on; None for the authority's own
-    limits, (6,), None where they are not known.
+    starts: (n,) increasing [s], the first -inf.   rulings: the ruling from each start on; None for
+    the alarm authority's own limits.   own: (6,) those; None where unknown.
     """
 
     def __init__(self, starts: Array, rulings: tuple[Ruling | None, ...], own: Array | None):
         self.starts, self.rulings = starts, rulings
-        each = [own if one is None else one.limits for one in rulings]
+        limits = [own if ruling is None else ruling.limits for ruling in rulings]
         unlimited = np.full(N_CHANNELS, np.inf)
-        self.limits = np.array([unlimited if one is None else one for one in each])
-        """(n, 6), infinite where there is none, or nobody can tell"""
-        self._silent = np.array([bool(one and one.reasons[0]) for one in rulings])
+        self.limits = np.array([unlimited if each is None else each for each in limits])
+        """(n, 6), infinite where there is no limit or it is unknown"""
+        self._silent = np.array([bool(ruling and ruling.reasons[0]) for ruling in rulings])
 
     def index(self, t: Array | float) -> Indices:
-        """Number of the ruling at each time."""
         return np.searchsorted(self.starts, t, "right") - 1
 
     def ruling(self, t: float) -> Ruling | None:
-        """The ruling at a time [s]; None for the authority's own limits."""
+        """The ruling at a time [s]; None for the alarm authority's own limits."""
         return self.rulings[int(self.index(t))]
 
     def at(self, t: Array) -> Array:
-        """(n, 6) magnitudes that must not be exceeded at each time."""
+        """(n, 6) largest permitted magnitudes at each time."""
         return self.limits[self.index(t)]
 
     def during(self, start: float, end: float) -> list[Array]:
-        """(6,) each of the limits that hold from start to end [s], once, in order."""
+        """(6,) each distinct limits in force from start to end [s], in order."""
         first, last = self.index(np.array([start, end]))
-        each = {one.tobytes(): one for one in self.limits[first : last + 1]}
-        return list(each.values())
+        distinct = {limits.tobytes(): limits for limits in self.limits[first : last + 1]}
+        return list(distinct.values())
 
     def silent(self, t: Array) -> Flags:
-        """(n,) whether the alarm authority is not applicable at each time, for the limits."""
+        """(n,) whether the limits in force make the alarm authority not applicable."""
         return self._silent[self.index(t)]
 
     def intervals(self, start: float, end: float) -> list[dict[str, Any]]:
-        """Which limits held from start to end [s], in plain data; those of a monitor left out.
+        """Limits of limit sets in force from start to end [s], in plain data.
 
         reason: why the alarm authority is not applicable; empty where it is.
         """
@@ -144,7 +149,7 @@ class HeldLimits:
 
 
 class LimitPiece(NamedTuple):
-    """Limits (6,) from start to end [s], infinite where there is none, or nobody can tell."""
+    """Limits (6,) from start to end [s], infinite where there is no limit or it is unknown."""
 
     start: float
     end: float
@@ -152,17 +157,19 @@ class LimitPiece(NamedTuple):
 
 
 def pieces_of(limits: Array, in_force: Sequence[Mapping[str, Any]] | None) -> list[LimitPiece]:
-    """Which limits held when. limits: (6,) the monitor's.
+    """Which limits were in force when. limits: (6,) the monitor's.
 
-    in_force: plain, see HeldLimits.intervals; None where these held all along.
+    in_force: plain, see InForceTimeline.intervals; None where the monitor's applied throughout.
     """
     if in_force is None:
         return [LimitPiece(-np.inf, np.inf, limits)]
     pieces = [
         LimitPiece(
-            one["start"], one["end"], np.array([(one["limits"] or {}).get(k, np.inf) for k in KEYS])
+            each["start"],
+            each["end"],
+            np.array([(each["limits"] or {}).get(key, np.inf) for key in KEYS]),
         )
-        for one in in_force
+        for each in in_force
     ]
     begin = pieces[0].start if pieces else np.inf
     return [LimitPiece(-np.inf, begin, limits), *pieces]
@@ -185,7 +192,7 @@ def _plain(ruling: Ruling) -> dict[str, Any]:
 
 
 def _measured(columns: Columns, mapping: ChannelMapping, name: str) -> ConditionSeries:
-    """The values of a signal in the order of their times, infinite where nobody knew it."""
+    """The values of a signal in order of time, infinite where marked unknown."""
     group = columns.contents.groups[columns.signal(name).group]
     source = mapping.times.get(group.name, TimeSource())
     clock, unit = (source.signal, source.unit) if source.signal else (group.time, "s")
@@ -196,12 +203,12 @@ def _measured(columns: Columns, mapping: ChannelMapping, name: str) -> Condition
 
 
 def _at(measured: ConditionSeries | None, t: Array) -> tuple[Array, np.ndarray]:
-    """Value of a channel at each time, and the word for why there is none, empty where it is."""
+    """Value of a channel at each time, and the word for why it has none; empty where it has."""
     if measured is None or not len(measured.t):
         return np.zeros(len(t)), np.full(len(t), MISSING)
     newest = np.searchsorted(measured.t, t + 2 * ROUNDING, "right") - 1
     at = np.maximum(newest, 0)
-    late = t - measured.t[at] > HELD_S
+    late = t - measured.t[at] > CONDITION_VALID_S
     unknown = (newest < 0) | np.isinf(measured.values[at])
     words = np.where(unknown, MISSING, np.where(late, STALE, KNOWN))
     return np.where(words == KNOWN, measured.values[at], 0.0), words

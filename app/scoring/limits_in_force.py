@@ -1,7 +1,7 @@
-"""The limits in force during a flight, by its condition, and which monitors warn of them.
+"""The limits in force during a flight, by flight condition, and the monitors they suit.
 
-A monitor's own limits are frozen: its promise is about them alone. Where others are in force it is
-not applicable; where nobody can tell which are, nothing is said.
+A monitor's own limits never change: its guarantee holds for them alone. Where other limits are in
+force the monitor is not applicable. Where the limits in force are unknown, nothing is assessed.
 """
 
 from collections import deque
@@ -30,18 +30,18 @@ from core.monitor.status import LIMITS_UNKNOWN, NOT_APPLICABLE
 from core.specification import Limits
 from core.types import Array
 
-HELD_S = 1.0
-"""How long a value of a condition's channel counts that is not followed by another [s]."""
+CONDITION_VALID_S = 1.0
+"""How long a flight-condition value stays valid without a newer one [s]."""
 ROUNDING = 1e-9
 
 
 @dataclass(frozen=True)
 class LimitsInForce:
-    """A version of a limit set as it was put in force during a flight.
+    """A version of a limit set, put in force during a flight.
 
-    number: 1, 2, 3 ... in its flight.   seq: first sample that it holds for.   t: of the sample
-    before [s].   serving: of each case, which stored monitors would serve, in words.
-    fixed: values of conditions that are declared and not measured.   created: UTC, ISO 8601.
+    number: 1, 2, 3 ... in its flight.   seq: first sample it applies to.   t: time of the sample
+    before [s].   serving: for each case, which stored monitors would fit, in words.
+    fixed: declared, not measured, condition values.   created: UTC, ISO 8601.
     """
 
     number: int
@@ -58,11 +58,9 @@ class LimitsInForce:
 
     @property
     def words(self) -> str:
-        """How people call it."""
         return f"limit set {self.name} version {self.version}"
 
     def to_plain(self) -> dict[str, Any]:
-        """Return JSON's types."""
         return vars(self) | {
             "limits": limit_set_to_plain(self.limits),
             "serving": list(self.serving),
@@ -71,17 +69,16 @@ class LimitsInForce:
 
     @classmethod
     def from_plain(cls, plain: Mapping[str, Any]) -> "LimitsInForce":
-        """Rebuild it."""
         limits = limit_set_from_plain(plain["limits"])
         return cls(**{**plain, "limits": limits, "serving": tuple(plain["serving"])})
 
 
 @dataclass(frozen=True, eq=False)
 class Ruling:
-    """Which limits hold for a sample.
+    """Which limits apply to a sample.
 
-    limits: (6,); None where that cannot be told.   case: name of the flight condition; empty where
-    there is none.   reasons: of each monitor why it is not applicable; empty where it is.
+    limits: (6,); None where unknown.   case: name of the flight condition; empty where there is
+    none.   reasons: for each monitor, why it is not applicable; empty where it is.
     """
 
     in_force: LimitsInForce
@@ -92,34 +89,35 @@ class Ruling:
 
     @property
     def reason(self) -> str:
-        """Why it cannot be told which limits hold; empty where it can."""
+        """Why the limits are unknown; empty where they are known."""
         return self.reasons[0] if self.limits is None else ""
 
     @property
     def cause(self) -> Cause:
-        """Why a monitor is withdrawn by it."""
         return Cause.LIMITS_UNKNOWN if self.limits is None else Cause.NOT_APPLICABLE
 
     def apply(
         self, assessment: Assessment, display: Sequence[Assessment] = ()
     ) -> tuple[Assessment, tuple[Assessment, ...]]:
-        """What the monitors say, withdrawn where they are not applicable."""
+        """Replace each assessment by a withdrawal where its monitor is not applicable."""
         ruled = [
-            withdrawn(one.t, reason, self.cause) if reason and one.state is not State.STALE else one
-            for one, reason in zip((assessment, *display), self.reasons, strict=True)
+            withdrawn(each.t, reason, self.cause)
+            if reason and each.state is not State.STALE
+            else each
+            for each, reason in zip((assessment, *display), self.reasons, strict=True)
         ]
         return ruled[0], tuple(ruled[1:])
 
 
-class HeldFrom(NamedTuple):
-    """A ruling that held for samples after t [s], None for all; None for the monitor's own."""
+class InForceFrom(NamedTuple):
+    """A ruling for samples after t [s] (None: all samples). ruling None: the monitor's own."""
 
     t: float | None
     ruling: Ruling | None
 
 
 class LimitsRule:
-    """Which limits hold for each sample of a flight, while one version of a set is in force.
+    """Which limits apply to each sample of a flight while one version of a set is in force.
 
     own: (6,) limits of each monitor of the flight, the alarm authority first.
     """
@@ -132,7 +130,7 @@ class LimitsRule:
         self._last: tuple[Condition, Ruling] | None = None
 
     def at(self, measured: Condition = NO_CONDITION) -> Ruling:
-        """The ruling at a condition; what is declared goes before what is measured."""
+        """The ruling at a condition; declared values override measured ones."""
         if self._last is not None and self._last[0] == measured:
             return self._last[1]
         condition = tuple(
@@ -145,8 +143,8 @@ class LimitsRule:
 
     def _ruling(self, condition: Condition) -> Ruling:
         limits = self.in_force.limits
-        found = limits.find(condition)
-        key = limits.why_none(condition) if found is None else found
+        case = limits.find(condition)
+        key = limits.why_none(condition) if case is None else case
         if key not in self._rulings:
             if len(self._rulings) > 2 * len(limits.cases):
                 self._rulings.clear()
@@ -163,30 +161,30 @@ class LimitsRule:
         reasons = tuple(
             ""
             if own is not None and np.array_equal(own, magnitudes)
-            else f"{NOT_APPLICABLE}: {words_of(magnitudes)} in force, the monitor warns of "
-            f"{words_of(own)}; {in_force.serving[key]}"
+            else f"{NOT_APPLICABLE}: {limits_in_words(magnitudes)} in force, the monitor warns of "
+            f"{limits_in_words(own)}; {in_force.serving[key]}"
             for own in self._own
         )
         return Ruling(in_force, magnitudes, case.name, reasons, case.limits)
 
 
 class ConditionHold:
-    """The measured condition at each time of a live flight, by what had come by then.
+    """The measured condition at each time of a live flight, from the values received by then.
 
-    A value holds until the next one of its channel, HELD_S at most.
+    A value applies until the next one of its channel, for at most CONDITION_VALID_S.
     """
 
     def __init__(self) -> None:
         self._values: dict[int, deque[tuple[float, float]]] = {}
 
     def note(self, t: float, condition: Sequence[float | None]) -> None:
-        """Take what came with a sample: NaN where it is not known, None where it did not come."""
+        """Store the values sent with a sample: NaN means unknown, None means not sent."""
         for k, value in enumerate(condition):
             if value is not None:
                 self._values.setdefault(k, deque(maxlen=10_000)).append((t, value))
 
     def at(self, t: float) -> Condition:
-        """The condition at a time of the grid, which rises but for steps of the clock."""
+        """The condition at a grid time. Times increase, except where the clock steps."""
         if not self._values:
             return NO_CONDITION
         return tuple(self._at(k, t) for k in range(len(CONDITION_KEYS)))
@@ -203,13 +201,13 @@ class ConditionHold:
         when, value = values[0]
         if not isfinite(value):
             return MISSING
-        return value if t - when <= HELD_S else STALE
+        return value if t - when <= CONDITION_VALID_S else STALE
 
 
-class ChangeOfLimits(NamedTuple):
-    """What an engineer asks to be put in force, from the store.
+class RequestedLimits(NamedTuple):
+    """A stored limit set that an engineer asks to put in force.
 
-    fixed: declared values; those of before where they are None.
+    fixed: declared condition values; None keeps the present ones.
     """
 
     limit_set: str
@@ -220,9 +218,9 @@ class ChangeOfLimits(NamedTuple):
     fixed: Mapping[ConditionKey, float] | None = None
 
 
-def words_of(magnitudes: Array | None) -> str:
-    """`|N_y| 0.5 g`: limits as people read them."""
+def limits_in_words(magnitudes: Array | None) -> str:
+    """`|N_y| 0.5 g`: limits in words."""
     if magnitudes is None:
-        return "no limits that are known"
+        return "unknown limits"
     channels = zip(BY_KEY.values(), magnitudes.tolist(), strict=True)
     return " or ".join(f"|{c.symbol}| {c.read(limit)}" for c, limit in channels if isfinite(limit))

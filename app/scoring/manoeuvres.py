@@ -1,9 +1,9 @@
-"""Manoeuvres detected by control activity: where the crew moved aileron or rudder on purpose.
+"""Detect manoeuvres by control activity: where the crew moved aileron or rudder on purpose.
 
-Surfaces never rest altogether: trim drifts, sensors are noisy, a damper answers turbulence. So a
-surface is active where it moves within WINDOW by more than a share of the planned input, and by
-more than is usual there. An input begins with the first departure and is over when both surfaces
-rest where they were before it, or have rested elsewhere for long.
+Surfaces are never completely still: trim drifts, sensors are noisy, a damper reacts to turbulence.
+A surface is active where it moves within WINDOW by more than a share of the planned input and by
+more than its usual motion nearby. An input starts at the first departure. It ends when both
+surfaces rest at their earlier position, or have rested elsewhere for SETTLED.
 """
 
 from collections.abc import Iterator
@@ -16,35 +16,35 @@ from app.scoring.windows import extent, medians_of_three, running_mean
 from core.types import Array, Indices
 
 WINDOW = 1.0
-"""[s] in which a surface moves, and over which the level before an input is taken."""
+"""[s] Motion is measured within this window; so is the level before an input."""
 SMOOTH = 0.2
-"""[s] Faster motion than this is no hand's."""
+"""[s] Faster motion does not come from a hand."""
 RESTED = 1.5
-"""[s] Between two manoeuvres the surfaces rest at least so long where they were before."""
+"""[s] Shortest rest at the earlier position between two manoeuvres."""
 SETTLED = 4.0
-"""[s] Surfaces that rest so long elsewhere have a new trim."""
+"""[s] Surfaces that rest this long elsewhere have a new trim."""
 SHARE = 0.25
-"""Of the planned amplitude: less is no input. Small steps of a build-up are."""
+"""Share of the planned amplitude that makes an input, small enough for a build-up."""
 BEGINNING = 0.5
-"""Of that: motion that belongs to an input if an input is there. It begins and ends one."""
+"""Share of the input threshold at which motion next to an input belongs to it."""
 OTHER = 2.0
-"""Times as large as the planned input: an input of the surface that should not move."""
+"""Times the planned input: size of an input on a surface that should not move."""
 USUAL, TIMES_USUAL = 0.3, 10.0
-"""Of all windows, this share moves less than is usual; an input moves so many times as much."""
+"""Usual motion is this quantile over all windows; an input moves this many times as much."""
 SMALLEST = np.radians(0.1)
-"""[rad] Motion of a surface that is never an input."""
+"""[rad] Smaller motion is never an input."""
 NEIGHBOURHOOD = 300.0
-"""[s] over which it is learned how much motion is usual."""
+"""[s] Length of the parts in which usual motion is measured."""
 ALIKE = 0.5
-"""Of the likeness with the planned inputs: what has as much is the same inputs once more."""
+"""Share of the best match with the planned inputs that counts as another repetition."""
 DEPARTED = 0.1
-"""Of the threshold: where the first departure is sought, as far as noise allows."""
+"""Share of the threshold at which a departure starts, where noise is lower."""
 
 
 class Activity(NamedTuple):
     """Samples from the first departure of a surface to the end of its motion, both inclusive.
 
-    times: how often the planned inputs lie in it, one after the other; 1 where they are not known.
+    times: repetitions of the planned inputs in it; 1 where the inputs are unknown.
     """
 
     onset: int
@@ -53,16 +53,16 @@ class Activity(NamedTuple):
 
 
 def detect(surfaces: Array, planned: PlannedTest) -> tuple[Activity, ...]:
-    """Inputs in a recording, in order; those that belong to one manoeuvre are one.
+    """Control inputs in a recording, in order; inputs of one manoeuvre count as one.
 
-    surfaces: (n, 2) aileron and rudder [rad], a sample each planned.dt, NaN where unknown.
+    surfaces: (n, 2) aileron and rudder [rad], one sample each planned.dt, NaN where unknown.
     """
     window = max(3, round(WINDOW / planned.dt) | 1)
     known = [column for column in range(2) if np.isfinite(surfaces[:, column]).any()]
     if not known:
         return ()
     u = np.column_stack([_despiked(surfaces[:, column]) for column in known])
-    u = np.pad(u, ((window, 0), (0, 0)), mode="edge")  # before the first sample it rests
+    u = np.pad(u, ((window, 0), (0, 0)), mode="edge")  # at rest before the first sample
     motion = extent(running_mean(u, round(SMOOTH / planned.dt) | 1), window)
     largest = _input_sizes(motion, planned)[known]
     threshold = np.column_stack(
@@ -76,7 +76,7 @@ def detect(surfaces: Array, planned: PlannedTest) -> tuple[Activity, ...]:
 
 
 def _despiked(u: Array) -> Array:
-    """The surface with its gaps bridged by lines and without outliers of one sample."""
+    """Bridge gaps by lines and remove outliers of one sample."""
     known = np.isfinite(u)
     if not known.all():
         at = np.arange(len(u))
@@ -85,7 +85,7 @@ def _despiked(u: Array) -> Array:
 
 
 def _input_sizes(motion: Array, planned: PlannedTest) -> Array:
-    """(2,) what counts as a whole input of each surface [rad]."""
+    """(2,) size of a full input of each surface [rad]."""
     if planned.amplitudes.any():
         return np.where(
             planned.amplitudes > 0.0, planned.amplitudes, OTHER * planned.amplitudes.max()
@@ -94,7 +94,7 @@ def _input_sizes(motion: Array, planned: PlannedTest) -> Array:
 
 
 def _threshold(motion: Array, size: float, dt: float) -> Array:
-    """(n,) motion within a window from which on it is an input [rad]."""
+    """(n,) motion within a window that makes an input [rad]."""
     length = max(1, round(NEIGHBOURHOOD / dt))
     n_parts = max(1, round(len(motion) / length))
     usual = np.array([np.quantile(part, USUAL) for part in np.array_split(motion, n_parts)])
@@ -108,10 +108,10 @@ def _threshold(motion: Array, size: float, dt: float) -> Array:
 def _activities(
     u: Array, motion: Array, threshold: Array, window: int, planned: PlannedTest
 ) -> Iterator[Activity]:
-    """Join moves of motion to inputs: between two of them the surfaces rest in trim.
+    """Join moves to inputs: between two inputs the surfaces rest in trim.
 
-    A run holds the samples around which a window has motion. So a surface passes the threshold half
-    a window after a run begins, and comes to rest half a window before the run ends.
+    A run holds the samples with motion in the window around them. So a surface passes the threshold
+    half a window after a run begins and comes to rest half a window before it ends.
     """
     least = BEGINNING * threshold
     moving = (motion > least).any(axis=1).view(np.int8)
@@ -143,10 +143,10 @@ def _activities(
 
 
 def _times(u: Array, commands: Array) -> int:
-    """How often the planned inputs lie in the motion, by their correlation with it.
+    """How often the planned inputs occur in the motion, by correlation.
 
     u: (n, k) from the first departure on.   commands: (m, k) planned.
-    Further ones count that are as large as ALIKE of the largest, in its direction.
+    A repetition counts from ALIKE of the best match, in the same direction.
     """
     moved = np.flatnonzero(commands.any(axis=1))
     if not len(moved):
@@ -162,26 +162,26 @@ def _times(u: Array, commands: Array) -> int:
 
 
 def peaks(x: Array, height: float, distance: int) -> Indices:
-    """Samples of the local maxima of at least a height, each higher than others near it.
+    """Local maxima of at least a height, at least a distance apart; the higher one stays.
 
-    Those of scipy.signal.find_peaks, which takes a second to import: of a plateau its middle.
-    x: (n,).   distance: samples at least between two of them; of equal ones the later stays.
+    As scipy.signal.find_peaks, which takes a second to import: the middle of a plateau counts.
+    x: (n,).   distance: [samples]; of two equal maxima the later stays.
     """
     changes = np.flatnonzero(np.diff(x))
     starts, ends = changes[:-1] + 1, changes[1:]
     is_peak = (x[starts] > x[starts - 1]) & (x[ends] > x[ends + 1]) & (x[starts] >= height)
-    found = (starts[is_peak] + ends[is_peak]) // 2
-    stays = np.ones(len(found), bool)
-    for k in np.argsort(x[found])[::-1]:
+    maxima = (starts[is_peak] + ends[is_peak]) // 2
+    stays = np.ones(len(maxima), bool)
+    for k in np.argsort(x[maxima])[::-1]:
         if stays[k]:
-            stays &= (np.abs(found - found[k]) >= distance) | (found == found[k])
-    return found[stays]
+            stays &= (np.abs(maxima - maxima[k]) >= distance) | (maxima == maxima[k])
+    return maxima[stays]
 
 
 def _departure(u: Array, trim: Array, threshold: Array, begins: int, window: int) -> int:
-    """The last sample at which every surface still rested before it passed the threshold.
+    """The last sample at which every surface was still at rest.
 
-    begins: the sample at which one has moved by the threshold within the window before.
+    begins: sample at which one surface has moved by the threshold within the window before.
     """
     start = max(0, begins - window)
     part = np.abs(u[start : begins + window] - trim)

@@ -1,4 +1,4 @@
-"""What came of a manoeuvre: the first exceedance of a limit, and whether an alert was in time."""
+"""The outcome of a manoeuvre: its first exceedance, and whether an alert came in time."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -12,29 +12,29 @@ from core.channels import CHANNELS
 from core.types import Array, Flags
 
 if TYPE_CHECKING:
-    from app.scoring.limits_history import HeldLimits
+    from app.scoring.limits_history import InForceTimeline
 
 Outcome = Literal[
     "timely_alert", "late_alert", "missed", "false_alert", "quiet", "unseen", "invalid", "unknown"
 ]
 Alerts = tuple[tuple[float, float], ...]
 GAP_RATIO = 1.5
-"""Recorded samples further apart than this many usual steps have lost something between them."""
+"""Steps between recorded samples this many times the median count as a gap."""
 EXCEEDED = "LIMIT EXCEEDED"
 UNWARNED: dict[Outcome, str] = {
     "invalid": "INVALID, no verdict",
-    "unseen": "not all seen, no verdict",
+    "unseen": "data missing, no verdict",
 }
-"""Of an exceedance that is neither a miss nor a catch: the monitor was withdrawn, or blind."""
+"""Exceedances that are neither missed nor warned: the monitor was withdrawn or had no data."""
 SAME_TIME = 1e-6
-"""[s] Times that differ by less are the same: a clock counts from 1970."""
+"""[s] Times that differ by less are equal: a clock may count from 1970."""
 
 
 @dataclass(frozen=True)
 class RecordedExceedance:
     """The first recorded sample that exceeds a limit. t: [s].   value: from trim, in its unit.
 
-    limit: that it exceeds, where a limit set was in force; None for the monitor's own.
+    limit: the limit exceeded where a limit set was in force; None for the monitor's own.
     """
 
     t: float
@@ -44,7 +44,7 @@ class RecordedExceedance:
 
 
 class Hole(NamedTuple):
-    """Times between which a channel has no sample [s].   lost: of them beyond a usual step [s]."""
+    """Times between which a channel has no sample [s].   lost: beyond one usual step [s]."""
 
     channel: str
     start: float
@@ -53,10 +53,10 @@ class Hole(NamedTuple):
 
 
 class Peak(NamedTuple):
-    """Largest magnitude of a limited channel: from trim, which is judged, and as recorded.
+    """Largest magnitude of a limited channel, from trim (judged) and as recorded.
 
-    largest: None where no value, or no trim, is known.   recorded: 0 where there is no value.
-    bias: what the mapping subtracted of what was recorded.
+    largest: None where no value or no trim is known.   recorded: 0 where there is no value.
+    bias: removed by the mapping.
     """
 
     channel: str
@@ -67,10 +67,10 @@ class Peak(NamedTuple):
 
 
 class Limited(NamedTuple):
-    """What the recorded samples of the limited channels show between two times.
+    """The recorded samples of the limited channels between two times, against the limits.
 
-    lost: seconds of which one has no sample.   holes: of each limited channel.
-    as_recorded: the first sample whose recorded value exceeds a limit, bias and trim included.
+    lost: seconds without samples, in the worst channel.   holes: in every limited channel.
+    as_recorded: the first sample that exceeds a limit as recorded, with its bias and trim.
     """
 
     exceedance: RecordedExceedance | None
@@ -86,22 +86,22 @@ def against_limits(
     trim: Array,
     start: float,
     end: float,
-    held: "HeldLimits | None" = None,
+    timeline: "InForceTimeline | None" = None,
 ) -> Limited:
-    """Judge the recording's own samples, not those resampled for the monitor.
+    """Judge the recorded samples, not those resampled for the monitor.
 
     traces: repaired.   limits, trim: (6,).   start, end: [s], both included.
-    held: the limits that held when, instead of `limits`; a peak each of them.
+    timeline: limits in force over time, instead of `limits`; each gets a peak of its own.
     """
     exceedances: list[RecordedExceedance] = []
     raw: list[RecordedExceedance] = []
     peaks: list[Peak] = []
     holes: list[Hole] = []
-    every = [limits] if held is None else held.during(start, end)
-    for c in np.flatnonzero(np.isfinite(every).any(axis=0)):
+    in_force = [limits] if timeline is None else timeline.during(start, end)
+    for c in np.flatnonzero(np.isfinite(in_force).any(axis=0)):
         key = CHANNELS[c].key
-        magnitudes = dict.fromkeys(float(one[c]) for one in every if np.isfinite(one[c]))
-        if held is not None and key not in traces.channels:
+        magnitudes = dict.fromkeys(float(each[c]) for each in in_force if np.isfinite(each[c]))
+        if timeline is not None and key not in traces.channels:
             peaks += [Peak(key, None, limit, 0.0) for limit in magnitudes]
             continue
         trace = traces.channels[key]
@@ -109,13 +109,13 @@ def against_limits(
         known = np.isfinite(trace.values[part])
         t, values = trace.t[part][known], trace.values[part][known]
         value, recorded = values - trim[c], values + trace.bias
-        limit = np.full(len(t), limits[c]) if held is None else held.at(t)[:, c]
-        for judged, found in ((value, exceedances), (recorded, raw)):
+        limit = np.full(len(t), limits[c]) if timeline is None else timeline.at(t)[:, c]
+        for judged, results in ((value, exceedances), (recorded, raw)):
             over = np.flatnonzero(np.abs(judged) >= limit)
             if len(over):
                 i = over[0]
-                told = None if held is None else float(limit[i])
-                found.append(RecordedExceedance(float(t[i]), key, float(judged[i]), told))
+                exceeded = None if timeline is None else float(limit[i])
+                results.append(RecordedExceedance(float(t[i]), key, float(judged[i]), exceeded))
         for magnitude in magnitudes:
             here = limit == magnitude
             if len(t) and not here.any():
@@ -126,15 +126,15 @@ def against_limits(
             peaks.append(Peak(key, largest, magnitude, as_recorded, trace.bias))
         holes += _holes(key, t, start, end)
     first, first_raw = (
-        min(found, key=lambda exceedance: exceedance.t, default=None)
-        for found in (exceedances, raw)
+        min(results, key=lambda exceedance: exceedance.t, default=None)
+        for results in (exceedances, raw)
     )
     each = [sum(hole.lost for hole in holes if hole.channel == key) for key, *_ in peaks]
     return Limited(first, tuple(peaks), max(each, default=0.0), tuple(holes), first_raw)
 
 
 def _holes(key: str, t: Array, start: float, end: float) -> list[Hole]:
-    """Holes of a channel between start and end. t: (n,) of the samples it has."""
+    """Holes of a channel between start and end. t: (n,) times of its samples."""
     if len(t) < 2:
         return [Hole(key, start, end, end - start)]
     step = float(np.median(np.diff(t)))
@@ -147,7 +147,7 @@ def _holes(key: str, t: Array, start: float, end: float) -> list[Hole]:
 
 
 def runs(t: Array, alert: Flags) -> Alerts:
-    """Times of the first and the last sample of each run of alerts [s]."""
+    """First and last time of each run of alerts [s]."""
     edges = np.flatnonzero(np.diff(alert.view(np.int8), prepend=0, append=0)).reshape(-1, 2)
     return tuple((float(t[begin]), float(t[end - 1])) for begin, end in edges)
 
@@ -155,9 +155,9 @@ def runs(t: Array, alert: Flags) -> Alerts:
 def outcome(
     alerts: Alerts, exceedance: RecordedExceedance | None, promised: float
 ) -> tuple[Outcome, float | None]:
-    """What a manoeuvre came to, and the lead from the first alert to the exceedance [s].
+    """The outcome of a manoeuvre, and the lead from the first alert to the exceedance [s].
 
-    promised: lead in effect [s]. A exceedance without an alert before it is a miss.
+    promised: lead in effect [s]. An exceedance without an alert before it is a miss.
     """
     if exceedance is None:
         return ("false_alert" if alerts else "quiet"), None
@@ -168,15 +168,15 @@ def outcome(
 
 
 def lead_words(lead: float) -> str:
-    """`1.34`: a lead to the hundredth of a second, rounded down: never more than there was."""
+    """`1.34`: a lead in seconds, rounded down so that it never overstates."""
     return f"{floor(100.0 * (lead + SAME_TIME)) / 100.0:.2f}"
 
 
 def warning_words(outcome: Outcome, lead: float | None, promised: float | None = None) -> str:
-    """How an exceedance was warned of: `warned 0.45 s before the limit`.
+    """How early the alert came: `warned 0.45 s before the limit`.
 
-    lead: [s] from the first alert to it.   promised: lead time that the monitor states [s], named
-    where the alert was late; None where it is not known.
+    lead: [s] from the first alert to it.   promised: lead time of the monitor [s], named where the
+    alert was late; None where unknown.
     """
     if lead is None or outcome not in ("timely_alert", "late_alert"):
         return UNWARNED.get(outcome, "missed: no alert before the limit")
@@ -194,10 +194,10 @@ def exceedance_verdict(
     exceeded: bool = True,
     recorded: bool = False,
 ) -> str:
-    """The outcome of an exceedance, in the words of every view; "" where there was none.
+    """The verdict on an exceedance, worded alike in every view; "" where there was none.
 
     lead, promised: see warning_words.   exceeded: from trim, as the monitor judges.
-    recorded: as recorded.
+    recorded: with trim and bias, as recorded.
     """
     if not exceeded:
         return f"{EXCEEDED} as recorded, not from trim" if recorded else ""
@@ -205,7 +205,7 @@ def exceedance_verdict(
 
 
 def verdict_of(manoeuvre: Mapping[str, Any], promised: float | None = None) -> str:
-    """The exceedance_verdict of a scored manoeuvre in plain data, as stored."""
+    """The exceedance_verdict of a stored manoeuvre (plain data)."""
     return exceedance_verdict(
         manoeuvre["outcome"],
         manoeuvre["lead"],

@@ -1,4 +1,4 @@
-"""What a monitor was trained for: the only flights that its guarantee is about."""
+"""The test a monitor was trained for: its guarantee covers these flights only."""
 
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -15,22 +15,22 @@ from core.simulation.maneuver import Maneuver
 from core.types import Array, Flags
 
 SURFACES = (KEYS.index("delta_a"), KEYS.index("delta_r"))
-"""Where aileron and rudder stand in y, in the order of the pilot's commands."""
+"""Columns of aileron and rudder in y, in the order of the pilot's commands."""
 SURFACE_NAMES = ("aileron", "rudder")
 TRIM_SEGMENT_S = 0.5
-"""[s] where a monitor does not say its own."""
+"""[s] Used where a monitor does not record its own."""
 ROUNDING = 1e-9
-"""Of the largest weight: a channel that never moved in training has one of rounding errors."""
+"""Share of the largest weight. Below it, a weight is rounding error of a constant channel."""
 MAIN_INPUT = 0.5
-"""Share of the largest command from which one counts as an input of its own."""
+"""Share of the largest command from which a movement counts as an input."""
 
 
 @dataclass(frozen=True, eq=False)
 class PlannedTest:
-    """The planned test as far as a monitor knows it.
+    """The planned test, as far as the monitor records it.
 
-    limits: (6,) magnitudes that must not be exceeded, infinite where there is none.
-    limits_known: whether the monitor says which limits it was trained for.
+    limits: (6,) largest permitted magnitudes, infinite where there is no limit.
+    limits_known: whether the monitor records the limits it was trained for.
     maneuver, aircraft: None where the monitor does not come from a recipe.
     """
 
@@ -42,12 +42,11 @@ class PlannedTest:
 
     @classmethod
     def of(cls, test: DatasetRecipe) -> "PlannedTest":
-        """All that a recipe says."""
         return cls(test.dt, test.specification.magnitudes, test.maneuver, test.aircraft)
 
     @property
     def duration(self) -> float | None:
-        """Of a rollout [s]; None: not known."""
+        """Duration of a rollout [s]; None where unknown."""
         return self.maneuver.duration_s if self.maneuver else None
 
     @property
@@ -62,7 +61,7 @@ class PlannedTest:
 
     @cached_property
     def commands(self) -> Array:
-        """(n, 2) planned commands of aileron and rudder [rad]; (0, 2): not known."""
+        """(n, 2) planned commands of aileron and rudder [rad]; (0, 2) where unknown."""
         if self.maneuver is None:
             return np.empty((0, 2))
         exact = replace(self.maneuver, timing_jitter_s=0.0, amplitude_jitter=0.0)
@@ -70,18 +69,18 @@ class PlannedTest:
 
     @property
     def amplitudes(self) -> Array:
-        """(2,) largest magnitude of each command [rad]; zeros where nothing is known."""
+        """(2,) largest magnitude of each command [rad]; zeros where unknown."""
         return np.abs(self.commands).max(axis=0, initial=0.0)
 
     @property
     def inputs_last(self) -> float:
-        """From the first input to the end of the last one [s]; 0 where nothing is known."""
+        """From the first input to the end of the last one [s]; 0 where unknown."""
         moved = np.flatnonzero(self.commands.any(axis=1))
         return float(moved[-1] - moved[0] + 1) * self.dt if len(moved) else 0.0
 
 
 def planned_test(monitor: Monitor) -> PlannedTest:
-    """The test that a monitor was trained for, as far as it says."""
+    """The test a monitor was trained for, as far as it records it."""
     recipe: dict[str, Any] = monitor.dataset_recipe
     given = {part: {part: recipe[part]} for part in ("maneuver", "aircraft") if part in recipe}
     parts = {
@@ -93,12 +92,12 @@ def planned_test(monitor: Monitor) -> PlannedTest:
 
 
 def limits_of(monitor: Monitor) -> Array:
-    """(6,) magnitudes that must not be exceeded; infinite where there is none, or none is known."""
+    """(6,) largest permitted magnitudes; infinite where there is no limit or it is unknown."""
     return np.full(N_CHANNELS, np.inf) if monitor.limits is None else monitor.limits
 
 
 def first_direction(deviation: Array) -> int:
-    """1 or -1: which way a surface goes first, small movements left out; 0 where it rests.
+    """Direction of the first large movement of a surface, 1 or -1; 0 where it does not move.
 
     deviation: (n,) from trim, NaN where unknown.
     """
@@ -108,9 +107,9 @@ def first_direction(deviation: Array) -> int:
 
 
 def read_channels(monitor: Monitor, *, scored: bool = False) -> Flags:
-    """(6,) whether a channel has a weight, beyond rounding, in the map from observations to points.
+    """(6,) whether a channel has more than a rounding-error weight in the predictor.
 
-    scored: only to that part of a point that the score looks at.
+    scored: count only the outputs that the score uses.
     """
     channel = monitor.recipe.score.channel
     matrix = monitor.affine.matrix
@@ -121,5 +120,5 @@ def read_channels(monitor: Monitor, *, scored: bool = False) -> Flags:
 
 
 def needed_channels(monitor: Monitor, limits: Array) -> Flags:
-    """(6,) whether the monitor cannot do without a channel: it is scored by it, or limited."""
+    """(6,) whether the monitor needs a channel: the score uses it, or it has a limit."""
     return read_channels(monitor, scored=True) | np.isfinite(limits)

@@ -1,4 +1,4 @@
-"""How a recording is scored: at which miss rate, from which trim, which manoeuvres."""
+"""How to score a recording: miss rate, trim, manoeuvres."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -13,7 +13,7 @@ TRIM_SEGMENT = "trim_segment"
 
 
 class Interval(NamedTuple):
-    """A manoeuvre marked by hand. start, end: [s] of the recording's own time."""
+    """A manoeuvre marked by hand. start, end: [s] in the recording's own time."""
 
     start: float
     end: float
@@ -22,14 +22,14 @@ class Interval(NamedTuple):
 
 @dataclass(frozen=True)
 class ScoringRecipe:
-    """How a recording is to be scored.
+    """How to score a recording.
 
-    epsilon: accepted miss rate, the monitor's unless given.
-    trim: what is subtracted from each manoeuvre, channel by channel: the mean of its own trim
-        segment, or of so many seconds before the first input (of one marked by hand: its first
-        ones); None leaves the channels as they are. Linear models, and so monitors, fly about trim.
-    manoeuvres: those detected by control activity, the entire recording as one, or some by hand.
-    Raises TelemetryError for numbers that are not finite, intervals without length and overlaps.
+    epsilon: accepted miss rate; None: the monitor's own.
+    trim: value to subtract from each channel of a manoeuvre: the mean of its trim segment, or of
+        this many seconds before the first input (at the start of a manoeuvre marked by hand); None
+        subtracts nothing. Linear models, and so their monitors, describe deviations from trim.
+    manoeuvres: detected by control activity, the entire recording as one, or marked by hand.
+    Raises TelemetryError for non-finite numbers, empty intervals and overlaps.
     """
 
     epsilon: float | None = None
@@ -41,7 +41,7 @@ class ScoringRecipe:
             _check_word("trim", self.trim, (TRIM_SEGMENT,))
         elif self.trim is not None and not 0.0 < self.trim < inf:
             raise TelemetryError(
-                f"a trim segment of {self.trim:g} s was asked for; give a length above zero"
+                f"the trim segment is {self.trim:g} s long; give a length above zero"
             )
         if isinstance(self.manoeuvres, str):
             _check_word("manoeuvres", self.manoeuvres, get_args(Manoeuvres))
@@ -49,7 +49,6 @@ class ScoringRecipe:
         object.__setattr__(self, "manoeuvres", _ordered(self.manoeuvres))
 
     def to_plain(self) -> dict[str, Any]:
-        """Return JSON's types."""
         marked = self.manoeuvres
         return {
             "epsilon": self.epsilon,
@@ -66,9 +65,9 @@ def _check_word(name: str, word: str, known: tuple[str, ...]) -> None:
 
 
 def _ordered(intervals: Sequence[Interval]) -> tuple[Interval, ...]:
-    """Intervals by their starts, each with a name."""
+    """Sort the intervals and name those without a name."""
     if not intervals:
-        raise TelemetryError("no manoeuvre was marked; mark one at least, or let them be detected")
+        raise TelemetryError("no manoeuvre is marked; mark at least one, or have them detected")
     for interval in intervals:
         if not (
             isfinite(interval.start) and isfinite(interval.end) and interval.start < interval.end
@@ -90,5 +89,4 @@ def _ordered(intervals: Sequence[Interval]) -> tuple[Interval, ...]:
 
 
 def in_words(interval: Interval) -> str:
-    """The interval in words."""
     return f"{interval.start:.10g} to {interval.end:.10g} s"

@@ -1,4 +1,4 @@
-"""Scoring: from channels as recorded to a verdict on each manoeuvre. The same in, the same out."""
+"""Scoring: from recorded channels to a verdict on each manoeuvre. Deterministic."""
 
 from bisect import bisect_left, bisect_right
 from collections.abc import Mapping, Sequence
@@ -10,6 +10,8 @@ import numpy.typing as npt
 
 from app.scoring.assessed_segment import AssessedSegment
 from app.scoring.compatibility import compatibility
+from app.scoring.coverage import why_outcome_unknown, why_warning_unknown
+from app.scoring.exceedances_outside import MOST_OUTSIDE, exceedances_outside, notes_on_outside
 from app.scoring.limits_history import LimitsHistory
 from app.scoring.outcome import (
     SAME_TIME,
@@ -19,8 +21,6 @@ from app.scoring.outcome import (
     outcome,
     runs,
 )
-from app.scoring.outside import MOST_OUTSIDE, outside, outside_note
-from app.scoring.ready import Ready
 from app.scoring.recipe import Interval, ScoringRecipe
 from app.scoring.scored import (
     BETWEEN,
@@ -30,7 +30,7 @@ from app.scoring.scored import (
     ScoredRecording,
     Validity,
 )
-from app.scoring.seen import could_not_warn, not_seen
+from app.scoring.scoring_input import ScoringInput
 from app.scoring.segments import Segment, mean_of_rest, segments
 from app.scoring.validity import under_limits, validity
 from app.scoring.wording import guarantee, limits_remarks, remarks, withdrawn
@@ -44,7 +44,7 @@ from core.monitor.validity.flown_input import FlownInput, amplitude
 from core.types import Array, Flags
 
 JUDGED_TOGETHER = 64
-"""Segments after which the columns are left on the disk again: many lie all over them."""
+"""Release the mapped columns from memory after this many segments."""
 INVALID = STATES.index(State.INVALID)
 
 
@@ -56,10 +56,10 @@ def score(
 ) -> ScoredRecording:
     """Score a recording.
 
-    recorded: in SI units.   history: limits that were in force, None for the monitor's own: by them
-    an exceedance is judged, and the monitor says nothing where they are others.
-    TelemetryError where the monitor cannot be given what it needs, or the recipe does not fit the
-    recording; ValueError for an epsilon it cannot serve.
+    recorded: in SI units.   history: limits that were in force; None for the monitor's own. They
+    decide what an exceedance is; where they differ from the monitor's, it is not applicable.
+    TelemetryError where the recording lacks what the monitor needs or the recipe does not fit it;
+    ValueError for an epsilon that the monitor is too small for.
     """
     recipe = recipe or ScoringRecipe()
     return score_at_each(monitor, recorded, recipe, (recipe.epsilon,), history)[0]
@@ -72,16 +72,17 @@ def score_at_each(
     epsilons: Sequence[float | None],
     history: LimitsHistory | None = None,
 ) -> tuple[ScoredRecording, ...]:
-    """Score once at each miss rate, for the price of one: only alerts depend on it."""
+    """Score at several miss rates in one pass: only the alerts depend on epsilon."""
     checked = [monitor.check_epsilon(epsilon) for epsilon in epsilons]
     levels = [(epsilon, monitor.alert_above(epsilon)) for epsilon in checked]
-    flight = Ready.of(monitor, recorded, history)
-    chosen, notes = segments(flight.recording, flight.planned, recipe)
-    judged = _judge_all(flight, chosen)
-    exceedances = _outside(flight, judged)
-    notes = (*flight.notes, *notes, *outside_note(exceedances))
+    flight = ScoringInput.of(monitor, recorded, history)
+    selected, notes = segments(flight.recording, flight.planned, recipe)
+    judged = _judge_all(flight, selected)
+    outside = _outside(flight, judged)
+    notes = (*flight.notes, *notes, *notes_on_outside(outside))
     checks, t = compatibility(flight.traces), flight.recording.t
-    held = flight.held and tuple(flight.held.intervals(float(t[0]), float(t[-1])))
+    timeline = flight.timeline
+    in_force = timeline and tuple(timeline.intervals(float(t[0]), float(t[-1])))
     return tuple(
         ScoredRecording(
             *_assessed(flight, judged, epsilon, above),
@@ -90,17 +91,17 @@ def score_at_each(
             above,
             flight.quality,
             notes,
-            exceedances[:MOST_OUTSIDE],
+            outside[:MOST_OUTSIDE],
             checks,
-            held,
+            in_force,
         )
         for epsilon, above in levels
     )
 
 
 def manoeuvres_in(monitor: Monitor, recorded: RepairedTraces) -> tuple[Interval, ...]:
-    """The manoeuvres that scoring would detect; none where there are none."""
-    flight = Ready.of(monitor, recorded)
+    """The manoeuvres that scoring would detect; may be empty."""
+    flight = ScoringInput.of(monitor, recorded)
     detected, _ = segments(flight.recording, flight.planned, ScoringRecipe())
     t = flight.recording.t
     return tuple(
@@ -114,10 +115,11 @@ def manoeuvres_in(monitor: Monitor, recorded: RepairedTraces) -> tuple[Interval,
 class JudgedSegment:
     """A segment with everything that does not depend on epsilon.
 
-    assessments: of all its samples.   withdrawal: from which one on nothing is said; None where
-    all is.   inputs: how the surfaces were moved, those that the manoeuvre moves.
-    silent: (n,) where nothing is said since the monitor's limits were not those in force.
-    in_force: limits that were, in plain data.   own: by the monitor's limits, where others were.
+    assessments: of all its samples.   withdrawal: the first sample without an assessment, and why;
+    None if the monitor applies throughout.   inputs: flown inputs of the planned surfaces.
+    silent: (n,) samples where other limits than the monitor's were in force.
+    in_force: those limits, in plain data.   own: judged by the monitor's limits, where others were
+    in force.
     """
 
     segment: Segment
@@ -134,33 +136,31 @@ class JudgedSegment:
 
     @property
     def first(self) -> int:
-        """Its first sample in the recording."""
         return self.segment.first
 
     @property
     def stop(self) -> int:
-        """The sample after its last one in the recording."""
         return self.segment.last + 1
 
     def withdrawn(self, part: slice) -> Flags:
-        """Samples of a part of which nothing is said: not applicable, for whatever reason."""
+        """Samples of a part at which the monitor is not applicable, for any reason."""
         silent = self.silent[part]
         if self.withdrawal is None:
             return silent
         return silent | (np.arange(part.start, part.stop) >= self.withdrawal.first)
 
 
-def _judge_all(flight: Ready, chosen: Sequence[Segment]) -> list[JudgedSegment]:
+def _judge_all(flight: ScoringInput, selected: Sequence[Segment]) -> list[JudgedSegment]:
     judged: list[JudgedSegment] = []
-    for begin in range(0, len(chosen), JUDGED_TOGETHER):
-        judged += [_judge(flight, one) for one in chosen[begin : begin + JUDGED_TOGETHER]]
+    for begin in range(0, len(selected), JUDGED_TOGETHER):
+        judged += [_judge(flight, part) for part in selected[begin : begin + JUDGED_TOGETHER]]
         for trace in flight.traces.channels.values():
             release(trace.values)
     return judged
 
 
-def _judge(flight: Ready, segment: Segment) -> JudgedSegment:
-    """Assess a segment as a flight of its own, then ask whether that was right."""
+def _judge(flight: ScoringInput, segment: Segment) -> JudgedSegment:
+    """Assess a segment as a flight of its own, then check its validity."""
     part = slice(segment.first, segment.last + 1)
     t, recorded = flight.recording.t[part], flight.recording.y
     trim = np.zeros(len(KEYS)) if segment.rest is None else mean_of_rest(recorded[segment.rest])
@@ -168,8 +168,9 @@ def _judge(flight: Ready, segment: Segment) -> JudgedSegment:
     y_read = np.where(flight.needed, y, 0.0) if not flight.needed.all() else y
     assessments = flight.monitor.assess(t, y_read, withdraw=False)
     limits = flight.planned.limits
-    about = flight.traces, limits, trim, float(t[0]), float(t[-1])
-    limited, silent, in_force = against_limits(*about, flight.held), np.zeros(len(t), bool), ()
+    arguments = flight.traces, limits, trim, float(t[0]), float(t[-1])
+    limited = against_limits(*arguments, flight.timeline)
+    silent, in_force = np.zeros(len(t), bool), ()
     assessed = AssessedSegment(
         flight.monitor,
         flight.planned,
@@ -184,23 +185,34 @@ def _judge(flight: Ready, segment: Segment) -> JudgedSegment:
     )
     verdict, withdrawal = validity(assessed)
     own = None
-    if flight.held is not None:
-        silent = flight.held.silent(t)
-        in_force = tuple(flight.held.intervals(float(t[0]), float(t[-1])))
+    if flight.timeline is not None:
+        silent = flight.timeline.silent(t)
+        in_force = tuple(flight.timeline.intervals(float(t[0]), float(t[-1])))
         verdict = under_limits(verdict, in_force)
-        own = against_limits(*about) if silent.any() else None
-        withdrawal = _for_good(silent, withdrawal, in_force)
+        own = against_limits(*arguments) if silent.any() else None
+        withdrawal = _final_withdrawal(silent, withdrawal, in_force)
     inputs = flight.monitor.flown_input(
         y, flight.monitor.last_counted(y_read), flight.planned.amplitudes
     )
-    said = assessments, limited, verdict, withdrawal, inputs
-    return JudgedSegment(segment, trim, y, *said, silent, in_force, own)
+    return JudgedSegment(
+        segment,
+        trim,
+        y,
+        assessments,
+        limited,
+        verdict,
+        withdrawal,
+        inputs,
+        silent,
+        in_force,
+        own,
+    )
 
 
-def _for_good(
+def _final_withdrawal(
     silent: Flags, withdrawal: Withdrawal | None, in_force: Sequence[Mapping[str, Any]]
 ) -> Withdrawal | None:
-    """From where on nothing is said up to the end: where the limits are others, if that is so."""
+    """The withdrawal that lasts to the end: by validity, or earlier by the limits in force."""
     if not silent[-1]:
         return withdrawal
     first = int(np.flatnonzero(~silent)[-1]) + 1 if not silent.all() else 0
@@ -209,17 +221,19 @@ def _for_good(
     return Withdrawal(first, in_force[-1]["reason"])
 
 
-def _outside(flight: Ready, judged: list[JudgedSegment]) -> tuple[RecordedExceedance, ...]:
+def _outside(flight: ScoringInput, judged: list[JudgedSegment]) -> tuple[RecordedExceedance, ...]:
     t = flight.recording.t
     intervals = [(float(t[each.first]), float(t[each.stop - 1])) for each in judged]
     trims = [each.trim for each in judged]
-    return outside(flight.traces, flight.planned.limits, intervals, trims, flight.held)
+    return exceedances_outside(
+        flight.traces, flight.planned.limits, intervals, trims, flight.timeline
+    )
 
 
 def _assessed(
-    flight: Ready, judged: list[JudgedSegment], epsilon: float, alert_above: float
+    flight: ScoringInput, judged: list[JudgedSegment], epsilon: float, alert_above: float
 ) -> tuple[npt.NDArray[np.void], tuple[ScoredManoeuvre, ...]]:
-    """Samples and manoeuvres at a miss rate, and the risk to alert above for it."""
+    """Samples and manoeuvres at one miss rate and its alert threshold."""
     samples = _samples(flight.recording, judged, alert_above)
     return samples, tuple(
         _verdict(flight, segment, samples[segment.first : segment.stop], epsilon, alert_above)
@@ -230,7 +244,7 @@ def _assessed(
 def _samples(
     recording: Recording, judged: list[JudgedSegment], alert_above: float
 ) -> npt.NDArray[np.void]:
-    """(n,) of SAMPLE: block by block, so that a row is touched once and little is held twice."""
+    """(n,) of SAMPLE, filled block by block to save memory."""
     n = len(recording.t)
     firsts, stops = [each.first for each in judged], [each.stop for each in judged]
     trims = np.nan_to_num([each.trim for each in judged])
@@ -252,18 +266,18 @@ def _fill(
     judged: JudgedSegment,
     alert_above: float,
 ) -> None:
-    """Put the assessments of a segment in their place: those that stand, and those withdrawn."""
+    """Fill in the assessments of a segment, valid and withdrawn ones."""
     begin, end = max(rows.start, judged.first), min(rows.stop, judged.stop)
-    there, here = _shifted(begin, end, rows.start), _shifted(begin, end, judged.first)
-    assessments, gone = judged.assessments, judged.withdrawn(here)
-    p_value = assessments.p_value[here]
-    fields["manoeuvre"][there] = number
-    fields["y"][there] = judged.y[here]
-    fields["y_hat"][there] = np.where(gone[:, None], np.nan, assessments.y_hat[here])
-    fields["withdrawn"][there] = np.where(gone, p_value, np.nan)
-    fields["state"][there] = np.where(gone, INVALID, assessments.state[here])
-    fields["p_value"][there] = np.where(gone, np.nan, p_value)
-    fields["alert"][there] = ~gone & (p_value > alert_above)
+    target, source = _shifted(begin, end, rows.start), _shifted(begin, end, judged.first)
+    assessments, gone = judged.assessments, judged.withdrawn(source)
+    p_value = assessments.p_value[source]
+    fields["manoeuvre"][target] = number
+    fields["y"][target] = judged.y[source]
+    fields["y_hat"][target] = np.where(gone[:, None], np.nan, assessments.y_hat[source])
+    fields["withdrawn"][target] = np.where(gone, p_value, np.nan)
+    fields["state"][target] = np.where(gone, INVALID, assessments.state[source])
+    fields["p_value"][target] = np.where(gone, np.nan, p_value)
+    fields["alert"][target] = ~gone & (p_value > alert_above)
 
 
 def _shifted(begin: int, end: int, by: int) -> slice:
@@ -273,10 +287,10 @@ def _shifted(begin: int, end: int, by: int) -> slice:
 def _between(
     recording: Recording, rows: slice, trims: Array, stops: list[int]
 ) -> dict[str, npt.NDArray[Any]]:
-    """The fields of SAMPLE in some rows, where nothing is said yet.
+    """The fields of SAMPLE in some rows, without assessments.
 
-    trims: (n_segments, 6); stops: the row behind each segment. Channels are from the trim of the
-    segment before; ahead of the first, from its own.
+    trims: (n_segments, 6); stops: the row behind each segment. Channels are relative to the trim of
+    the segment before; before the first segment, to its own.
     """
     n = rows.stop - rows.start
     before = np.searchsorted(stops, np.arange(rows.start, rows.stop), side="right") - 1
@@ -298,7 +312,7 @@ def _between(
 
 
 def _verdict(
-    flight: Ready,
+    flight: ScoringInput,
     judged: JudgedSegment,
     part: npt.NDArray[np.void],
     epsilon: float,
@@ -316,20 +330,20 @@ def _verdict(
     elif not alerts and (withdrawal is not None or _was_silent(judged)):
         result, lead = "invalid", None
     elif limited.exceedance is None and own is not None and own.exceedance is not None:
-        result, lead = "invalid", None  # the alert was of limits that were in force no longer
-    first = list(limits_remarks(judged.in_force, own, flight.monitor.limits))
+        result, lead = "invalid", None  # the alert was about limits no longer in force
+    lines = list(limits_remarks(judged.in_force, own, flight.monitor.limits))
     if withdrawal is not None:
-        first.append(withdrawn(judged.assessments, withdrawal.first, limited, alert_above))
+        lines.append(withdrawn(judged.assessments, withdrawal.first, limited, alert_above))
     why = ""
     if not limits_known:
         pass
     elif limited.exceedance is None:
-        why = not_seen(limited, judged.assessments, alerts, flight.monitor.dt)
+        why = why_outcome_unknown(limited, judged.assessments, alerts, flight.monitor.dt)
     elif withdrawal is None and not _was_silent(judged):
-        why = could_not_warn(limited, limited.exceedance, judged.assessments, alerts, promised)
+        why = why_warning_unknown(limited, limited.exceedance, judged.assessments, alerts, promised)
     if why:
         result, lead = "unseen", None
-        first.append(why)
+        lines.append(why)
     return ScoredManoeuvre(
         name=judged.segment.name,
         start=float(part["t"][0]),
@@ -352,7 +366,7 @@ def _verdict(
         limits_in_force=judged.in_force,
         own_exceedance=None if own is None else own.exceedance,
         remarks=(
-            *first,
+            *lines,
             *(remark for flown in judged.inputs for remark in flown.remarks),
             *remarks(flight.planned, judged.segment, limited, judged.assessments),
         ),
@@ -361,7 +375,7 @@ def _verdict(
 
 
 def _was_silent(judged: JudgedSegment) -> bool:
-    """Whether the monitor was not applicable for the limits before the exceedance, or at all."""
+    """Whether other limits were in force before the exceedance, or at all without one."""
     exceedance, silent = judged.limited.exceedance, judged.silent
     if exceedance is None:
         return bool(silent.any())

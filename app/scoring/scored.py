@@ -1,4 +1,4 @@
-"""A scored recording: its samples as one table, and a verdict on each manoeuvre."""
+"""A scored recording: one table of samples, and a verdict on each manoeuvre."""
 
 from dataclasses import asdict, dataclass, field
 from typing import Any
@@ -11,7 +11,7 @@ from app.telemetry.timing.quality import Quality
 from core.compatibility import SensorCheck
 
 BETWEEN = -1
-"""Segment of a sample that lies in none: between manoeuvres."""
+"""Manoeuvre number of samples between manoeuvres."""
 SAMPLE = np.dtype(
     [
         ("t", "<f8"),
@@ -27,22 +27,22 @@ SAMPLE = np.dtype(
 )
 """A scored sample.
 
-t: [s].   y: from trim, as assessed; NaN where it was not recorded; between manoeuvres, from the
-trim of the one before.   p_value: NaN unless state is `ok`.   withdrawn: the p-value of a sample
-where the monitor was not applicable, NaN elsewhere.   alert: false unless state is `ok`.
-state: code into core.monitor.assessment.STATES.   manoeuvre: number of its manoeuvre, or BETWEEN.
-y_hat: forecast, NaN where there is none.   attitude: phi, theta, psi [rad], NaN where not recorded.
+t: [s].   y: from trim, as assessed, NaN where not recorded; between manoeuvres, from the trim of
+the one before.   p_value: NaN unless state is `ok`.   withdrawn: p-value where the monitor was not
+applicable, NaN elsewhere.   alert: false unless state is `ok`.   state: index into
+core.monitor.assessment.STATES.   manoeuvre: number, or BETWEEN.   y_hat: forecast, NaN without one.
+attitude: phi, theta, psi [rad], NaN where not recorded.
 """
 OBSERVATIONS = "observations within training"
-"""Name of the check that only calibration can make."""
+"""Name of the check that needs a calibrated support."""
 BLOCK = 4096
-"""Rows that a processor's cache holds."""
+"""Rows that fit in a processor's cache."""
 MOST_MANOEUVRES = int(np.iinfo(np.int16).max)
 
 
 @dataclass(frozen=True)
 class Check:
-    """One condition of applicability. ok: None where it is not known."""
+    """One validity check. ok: None where unknown."""
 
     name: str
     ok: bool | None
@@ -53,10 +53,10 @@ class Check:
 class Validity:
     """Whether the monitor was applicable to a manoeuvre.
 
-    valid: False where a check failed; None where its validity is not calibrated or was not to be
-    judged, or too few samples could be assessed; and then nothing is promised either.
-    p_value: that a flight like the simulated ones deviates so far, of the residual and the distance
-    together; residual_p, distance_p: of each; None where there is none.
+    valid: False where a check failed. None where validity is not calibrated or cannot be judged, or
+    too few samples were assessed; the guarantee does not apply then either.
+    p_value: of a deviation this large in a flight like the simulated ones, residual and distance
+    together; residual_p, distance_p: of each alone; None without one.
     reasons: why valid is not True.
     """
 
@@ -70,24 +70,24 @@ class Validity:
 
 @dataclass(frozen=True)
 class ScoredManoeuvre:
-    """One manoeuvre and what came of it.
+    """One manoeuvre and its outcome.
 
     start, end: [s].   first, last: numbers of its samples, both included.
-    trim: what was subtracted of each channel, in order; None where it is unknown.
+    trim: subtracted from each channel, in order; None where unknown.
     peak_risk, peak_t: largest p-value and its time [s]; None where nothing was assessed.
     alerts: first and last time of each run of alerts [s].
     exceedance: the first recorded sample that exceeds a limit, from trim.
-    recorded_exceedance: where there is none, the first that does as recorded, bias and trim in it.
-    lead: from the first alert to the exceedance [s]; None where one of them is missing.
-    look_ahead: how far resampling let its samples look into the future [s]: in flight an alert
-    could come so much later; 0 where they are as recorded.
-    withdrawn_t: first sample of which nothing is said any more [s]; None where there is none.
-    withdrawn_reason: why, by what was known at that time; `validity` is of the whole manoeuvre.
-    limits_in_force: those of a limit set, in plain data, see HeldLimits.intervals; by them an
-    exceedance is judged, and nothing is said where they are others than the monitor's.
-    own_exceedance: of the monitor's own limits, where others were in force meanwhile.
-    amplitude: largest deflection as a share of the planned; None where that is not known.
-    remarks: what limits the verdict.   guarantee: what is promised, or that nothing is.
+    recorded_exceedance: without one, the first that exceeds it as recorded, with bias and trim.
+    lead: from the first alert to the exceedance [s]; None where either is missing.
+    look_ahead: how far resampling used later samples [s]; in flight an alert could come this much
+    later. 0 where the samples are as recorded.
+    withdrawn_t: time from which the monitor is withdrawn to the end [s]; None if it is not.
+    withdrawn_reason: the reason known at that time; `validity` covers the whole manoeuvre.
+    limits_in_force: of a limit set, in plain data, see InForceTimeline.intervals. They decide what
+    an exceedance is; where they differ from the monitor's, it is not applicable.
+    own_exceedance: of the monitor's own limits, where others were in force.
+    amplitude: largest deflection as a share of the planned one; None where unknown.
+    remarks: what limits the verdict.   guarantee: what is guaranteed, or why nothing is.
     """
 
     name: str
@@ -115,14 +115,12 @@ class ScoredManoeuvre:
 
     @property
     def exceedance_verdict(self) -> str:
-        """What came of an exceedance; "" where there was none."""
         exceeded, recorded = (
             each is not None for each in (self.exceedance, self.recorded_exceedance)
         )
         return exceedance_verdict(self.outcome, self.lead, exceeded=exceeded, recorded=recorded)
 
     def to_plain(self) -> dict[str, Any]:
-        """Return JSON's types."""
         plain = asdict(self)
         plain["validity"]["reasons"] = list(self.validity.reasons)
         plain["validity"]["checks"] = [asdict(check) for check in self.validity.checks]
@@ -133,14 +131,14 @@ class ScoredManoeuvre:
 
 @dataclass(frozen=True, eq=False)
 class ScoredRecording:
-    """A recording as a monitor scored it.
+    """A recording scored by a monitor.
 
-    samples: (n,) of SAMPLE, one each dt [s].   notes: what was assumed and done, oldest first.
+    samples: (n,) of SAMPLE, one each dt [s].   notes: assumptions and steps, oldest first.
     alert_above: risk above which a sample alerts.
     quality: of the recorded times and channels.
-    outside_exceedances: those that begin in no manoeuvre, by their first recorded sample.
-    compatibility: whether its sensors agree.
-    limits_in_force: over the whole recording, as in ScoredManoeuvre; None where no limit set was.
+    outside_exceedances: first recorded sample of each exceedance that begins in no manoeuvre.
+    compatibility: whether the sensors agree.
+    limits_in_force: over the whole recording, as in ScoredManoeuvre; None without a limit set.
     """
 
     samples: npt.NDArray[np.void]

@@ -1,4 +1,4 @@
-"""The segments of a recording that are scored, each with the rest that its trim is taken from."""
+"""The segments of a recording to score, each with the rest that gives its trim."""
 
 from typing import NamedTuple
 
@@ -12,17 +12,17 @@ from app.telemetry.recording import Recording, TelemetryError
 from core.types import Array
 
 ON_GRID = 1e-6
-"""Of a step: times so close to a sample are the sample's."""
+"""Share of a step within which a time counts as the sample's."""
 AFTERWARDS = 3.0
-"""[s] that a manoeuvre of unknown length goes on after the last input."""
+"""[s] A manoeuvre of unknown length continues this long after its last input."""
 
 
 class Segment(NamedTuple):
     """Samples first..last of a recording, both included, scored as a flight of their own.
 
-    onset: sample from which a surface moves; None where it was not looked for.
-    rest: samples before it, of which trim is the mean; None where nothing is subtracted.
-    asked: length of the rest [s] where it was asked for and is not there; else None.
+    onset: sample at which a surface starts to move; None where not detected.
+    rest: samples whose mean is the trim; None where no trim is subtracted.
+    requested: length of rest requested [s], if the recording has less; else None.
     """
 
     name: str
@@ -30,15 +30,15 @@ class Segment(NamedTuple):
     last: int
     onset: int | None = None
     rest: slice | None = None
-    asked: float | None = None
+    requested: float | None = None
 
 
 def segments(
     recording: Recording, planned: PlannedTest, recipe: ScoringRecipe
 ) -> tuple[tuple[Segment, ...], tuple[str, ...]]:
-    """The segments that a recipe asks for, and notes on how they were detected.
+    """The segments of a recipe, and notes on their detection.
 
-    recording: on the grid of planned.dt.   TelemetryError for intervals outside of it.
+    recording: on the grid of planned.dt.   TelemetryError for intervals outside it.
     """
     if isinstance(recipe.manoeuvres, tuple):
         _check_number(len(recipe.manoeuvres))
@@ -57,11 +57,11 @@ def _detected(
 ) -> tuple[tuple[Segment, ...], tuple[str, ...]]:
     surfaces = recording.y[:, SURFACES]
     if np.isnan(surfaces).all():
-        note = "Neither surface is recorded, so no manoeuvre can be detected"
+        note = "No manoeuvre can be detected without aileron and rudder"
         return (), (f"{note}: the entire recording is scored as one.",)
     inputs = detect(surfaces, planned)
     if not inputs:
-        return (), ("No control input was detected: the entire recording is scored as one.",)
+        return (), ("No control input detected: the entire recording is scored as one.",)
     _check_number(len(inputs))
     n, n_trim = len(recording.t), round(planned.trim_segment_s / planned.dt)
     ends = [_length(activity, planned) for activity in inputs]
@@ -73,13 +73,13 @@ def _detected(
         start = max(start, before)
         last = min(activity.onset - n_trim + length, following, n) - 1
         rest = _rest(activity.onset, start, before, planned, recipe)
-        asked = _lacking(rest, planned, recipe)
+        requested = _request_unmet(rest, planned, recipe)
         name = f"manoeuvre {number + 1}"
-        result.append(Segment(name, start, last, activity.onset, rest, asked))
+        result.append(Segment(name, start, last, activity.onset, rest, requested))
         if activity.times > 1:
             notes.append(
-                f"The planned inputs lie {activity.times} times in {name}, too close together to "
-                "be told apart: mark each by hand to have it scored by itself."
+                f"{name} holds the planned inputs {activity.times} times, too close together to "
+                "separate: mark each by hand to score it alone."
             )
         before = last + 1
     return tuple(result), tuple(notes)
@@ -88,13 +88,13 @@ def _detected(
 def _check_number(n: int) -> None:
     if n > MOST_MANOEUVRES:
         raise TelemetryError(
-            f"{n} manoeuvres are more than the {MOST_MANOEUVRES} that a scoring holds: split the "
+            f"{n} manoeuvres exceed the {MOST_MANOEUVRES} that one scoring holds: split the "
             "recording, or mark fewer by hand"
         )
 
 
 def _length(activity: Activity, planned: PlannedTest) -> int:
-    """Samples of a detected manoeuvre from the planned start on."""
+    """Number of samples of a detected manoeuvre, from its planned start."""
     if planned.duration is not None:
         return round(planned.duration / planned.dt) + 1
     moving = activity.end - activity.onset + 1
@@ -104,7 +104,7 @@ def _length(activity: Activity, planned: PlannedTest) -> int:
 def _rest(
     onset: int, start: int, before: int, planned: PlannedTest, recipe: ScoringRecipe
 ) -> slice | None:
-    """The trim segment, or so many seconds before the first input, as far as they are there."""
+    """The trim segment, or the requested seconds before the first input, if recorded."""
     if recipe.trim is None:
         return None
     if isinstance(recipe.trim, float | int):
@@ -112,8 +112,8 @@ def _rest(
     return slice(max(0, min(start, onset - 1)), max(onset, 1))
 
 
-def _lacking(rest: slice | None, planned: PlannedTest, recipe: ScoringRecipe) -> float | None:
-    """The seconds that were asked for, where fewer are there."""
+def _request_unmet(rest: slice | None, planned: PlannedTest, recipe: ScoringRecipe) -> float | None:
+    """The requested seconds of rest, if the recording has fewer."""
     if rest is None or not isinstance(recipe.trim, float | int):
         return None
     return recipe.trim if rest.stop - rest.start < round(recipe.trim / planned.dt) else None
@@ -122,7 +122,7 @@ def _lacking(rest: slice | None, planned: PlannedTest, recipe: ScoringRecipe) ->
 def _marked(
     recording: Recording, planned: PlannedTest, recipe: ScoringRecipe, interval: Interval
 ) -> Segment:
-    """A segment from the first to the last sample within an interval; its rest is its beginning."""
+    """The samples within an interval, as a segment that starts with its rest."""
     t, dt = recording.t, planned.dt
     if interval.start < t[0] - 0.5 * dt or interval.end > t[-1] + 0.5 * dt:
         raise TelemetryError(
@@ -142,7 +142,7 @@ def _marked(
         length = (stop - first - 1) * dt
         if seconds > length + near and seconds == recipe.trim:
             raise TelemetryError(
-                f"a trim segment of {seconds:g} s was asked of {length:.4g} s ({interval.name}); "
+                f"a trim segment of {seconds:g} s is longer than {interval.name} ({length:.4g} s); "
                 "give a shorter one"
             )
         rest = slice(first, min(first + max(1, round(seconds / dt)), stop))
@@ -150,7 +150,7 @@ def _marked(
 
 
 def mean_of_rest(rest: Array) -> Array:
-    """Trim of a rest (n, 6): (6,) mean of each channel's known samples, NaN where there is none."""
+    """Trim from a rest (n, 6): (6,) mean of each channel's known samples, NaN without any."""
     known = np.isfinite(rest)
     count = known.sum(axis=0)
     total = np.where(known, rest, 0.0).sum(axis=0)

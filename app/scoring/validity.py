@@ -1,4 +1,4 @@
-"""Validity of a manoeuvre: every condition of the guarantee, one verdict."""
+"""Validity of a manoeuvre: all conditions of the guarantee in one verdict."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -15,15 +15,14 @@ from core.monitor.assessment import Withdrawal
 from core.monitor.validity.verdict import ValidityVerdict, in_words
 
 LIMITS = "limits in force"
-"""Name of the check whether they are the monitor's own."""
+"""Name of the check that these are the monitor's own limits."""
 
 
 def validity(assessed: AssessedSegment) -> tuple[Validity, Withdrawal | None]:
-    """Every check of a manoeuvre, and the first sample of which nothing is said, and why.
+    """Check a manoeuvre; return its validity and the withdrawal, if any.
 
-    That is the sample at which a stream withdraws; the first of all where another check fails,
-    which knows more than a stream does: the airspeed, say, or which manoeuvre was flown. None
-    where all is said.
+    The withdrawal starts where a live stream withdraws. If another check fails (airspeed, wrong
+    manoeuvre: a stream cannot know these), it starts at the first sample. None if valid throughout.
     """
     verdict, withdrawal = support(assessed)
     enough = coverage(assessed)
@@ -41,7 +40,7 @@ def validity(assessed: AssessedSegment) -> tuple[Validity, Withdrawal | None]:
     valid = False if failed else verdict.valid
     lacking = () if enough.ok or failed else (enough.text,)
     if lacking and valid:
-        valid = None  # the assessments stand, but a flight half unseen is none of the simulated
+        valid = None  # keep the assessments, but simulated flights have no such gaps
     result = Validity(
         valid=valid,
         p_value=verdict.p_value,
@@ -54,11 +53,11 @@ def validity(assessed: AssessedSegment) -> tuple[Validity, Withdrawal | None]:
 
 
 def under_limits(verdict: Validity, in_force: Sequence[Mapping[str, Any]]) -> Validity:
-    """The same under a limit set: not applicable where its limits are not the monitor's.
+    """Add the limit set's check: not applicable where its limits are not the monitor's.
 
-    in_force: plain, see HeldLimits.intervals.
+    in_force: plain, see InForceTimeline.intervals.
     """
-    reasons = tuple(dict.fromkeys(one["reason"] for one in in_force if one["reason"]))
+    reasons = tuple(dict.fromkeys(each["reason"] for each in in_force if each["reason"]))
     if not reasons:
         return verdict
     check = Check(LIMITS, False, "; ".join(reasons))
@@ -67,10 +66,10 @@ def under_limits(verdict: Validity, in_force: Sequence[Mapping[str, Any]]) -> Va
 
 
 def support(assessed: AssessedSegment) -> tuple[ValidityVerdict, Withdrawal | None]:
-    """Whether the observations lie within those of training, by conformal rank; and up to where."""
+    """Are the observations within training, by conformal rank; and from where not?"""
     monitor, absent = assessed.monitor, ~np.isfinite(assessed.y).any(axis=0)
     if missing := [KEYS[c] for c in np.flatnonzero(absent & read_channels(monitor))]:
-        reason = f"not judged: that needs {', '.join(missing)}, which is not recorded"
+        reason = f"not judged: {', '.join(missing)} not recorded"
         return ValidityVerdict(None, reasons=(reason,)), None
     assessments = assessed.assessments
     return monitor.judge_and_withdraw(assessments.t, assessed.y_read, assessments)

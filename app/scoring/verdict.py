@@ -1,4 +1,4 @@
-"""A scored recording as lines to print: each manoeuvre, and every check that it did not pass."""
+"""Print a scored recording: each manoeuvre and the checks it did not pass."""
 
 from collections.abc import Iterator, Sequence
 
@@ -16,53 +16,53 @@ from core.monitor.validity.flown_input import amplitude_in_words
 OUTCOMES = {
     "false_alert": "alert, no limit exceeded",
     "quiet": "no alert, no limit exceeded",
-    "unseen": "not all seen: nothing can be said",
+    "unseen": "data missing, no verdict",
     "invalid": "INVALID, no verdict",
-    "unknown": "unknown: the monitor does not say which limits it was trained for",
+    "unknown": "unknown: the monitor does not record the limits it was trained for",
 }
-"""Of manoeuvres without an exceedance; of the others, see exceedance_verdict."""
-MOST_TOLD = 20
-"""Exceedances outside every manoeuvre."""
-NOTHING = "no sample could be assessed: see the state column of assessments.csv"
+"""For manoeuvres without an exceedance; for the others see exceedance_verdict."""
+MOST_LISTED = 20
+"""Exceedances outside every manoeuvre that are printed."""
+NOTHING = "no sample assessed: see the state column of assessments.csv"
 
 
 def verdict(monitor: Monitor, scored: ScoredRecording, *, of_day: bool = False) -> list[str]:
-    """Everything that is said of each manoeuvre, in the order of their times.
+    """The lines for all manoeuvres and exceedances outside, in order of time.
 
-    of_day: whether these are seconds of the day.
+    of_day: whether times are seconds of the day.
     """
-    told = [
+    lines = [
         line
         for manoeuvre in scored.manoeuvres
         for line in _lines(monitor, scored, manoeuvre, of_day)
     ]
     outside = [
         f"outside every manoeuvre: {_place(exceedance, of_day)}"
-        for exceedance in scored.outside_exceedances[:MOST_TOLD]
+        for exceedance in scored.outside_exceedances[:MOST_LISTED]
     ]
-    if (more := len(scored.outside_exceedances) - MOST_TOLD) > 0:
+    if (more := len(scored.outside_exceedances) - MOST_LISTED) > 0:
         outside.append(f"outside every manoeuvre: and {more} more")
-    return told + outside
+    return lines + outside
 
 
 def sensors(checks: Sequence[SensorCheck]) -> list[str]:
-    """Whether the sensors of a recording agree, a line each comparison and each remark."""
+    """The sensor checks: one line for each comparison and each remark."""
     if not checks:
         return []
     lines = [f"Data compatibility, 95 % intervals; {TOLERANCES}:"]
     for check in checks:
         channel = TARGETS[check.channel]
-        read = (
+        estimates = (
             ("scale", check.scale, 1.0, ""),
             ("bias", check.bias, channel.display_factor, f" {channel.display_unit}"),
             ("delay", check.delay, 1.0, " s"),
         )
-        told = [
+        known = [
             f"{name} {_interval(estimate, factor, unit)}"
-            for name, estimate, factor, unit in read
+            for name, estimate, factor, unit in estimates
             if estimate
         ]
-        lines.append(f"  {check.title}: {', '.join(told) or f'not checked: {check.unchecked}'}")
+        lines.append(f"  {check.title}: {', '.join(known) or f'not checked: {check.unchecked}'}")
         lines += [f"    {remark}" for remark in check.remarks]
     return lines
 
@@ -73,17 +73,16 @@ def _interval(estimate: Estimate, factor: float, unit: str) -> str:
 
 
 def _outcome(manoeuvre: ScoredManoeuvre) -> str:
-    """What came of it; an exceedance is said first."""
-    said = manoeuvre.exceedance_verdict
+    verdict = manoeuvre.exceedance_verdict
     if manoeuvre.exceedance is not None:
-        return said
+        return verdict
     words = OUTCOMES[manoeuvre.outcome]
     of = amplitude_of(manoeuvre.outcome, manoeuvre.amplitude)
-    return f"{said}; {words} from trim{of}" if said else f"{words}{of}"
+    return f"{verdict}; {words} from trim{of}" if verdict else f"{words}{of}"
 
 
 def amplitude_of(outcome: str, share: float | None) -> str:
-    """What share of the planned amplitude a manoeuvre had that exceeded no limit; else ""."""
+    """The share of the planned amplitude, for a manoeuvre without exceedance; else ""."""
     if share is None or outcome not in ("quiet", "false_alert"):
         return ""
     return amplitude_in_words([share])
@@ -108,7 +107,7 @@ def _lines(
         yield "  first alert        withdrawn"
     if manoeuvre.withdrawn_t is not None:
         since = _time(manoeuvre.withdrawn_t, of_day)
-        yield f"  withdrawn          from {since} on: nothing is assessed"
+        yield f"  withdrawn          from {since} on: no assessments"
     yield f"  exceedance         {_exceedance(manoeuvre, of_day)}"
     if manoeuvre.outcome == "unknown":
         yield "  warning lead time  unknown"
@@ -127,7 +126,7 @@ def _lines(
         yield f"  {remark}"
     for check in manoeuvre.validity.checks:
         if check.ok is not True:
-            state = "not known" if check.ok is None else "OUTSIDE"
+            state = "unknown" if check.ok is None else "OUTSIDE"
             yield f"  {state:18} {check.name}: {check.text}"
         elif check.name == OBSERVATIONS:
             yield f"  validity           {check.text}"
@@ -138,7 +137,7 @@ def _risk(
     monitor: Monitor, alert_above: float, manoeuvre: ScoredManoeuvre, peak: float, of_day: bool
 ) -> Iterator[str]:
     least = peak <= smallest_epsilon(monitor.n_unsafe)
-    when = ", never above its least" if least else f" at {manoeuvre.peak_t:.2f} s"
+    when = ", never above the smallest value" if least else f" at {manoeuvre.peak_t:.2f} s"
     yield f"  peak risk          {peak:.3f}{when}"
     alerts = manoeuvre.alerts
     if not alerts:
@@ -155,7 +154,7 @@ def _exceedance(manoeuvre: ScoredManoeuvre, of_day: bool) -> str:
     if manoeuvre.outcome == "unknown":
         return "unknown"
     if exceedance is None:
-        return "none in what was recorded"
+        return "none recorded"
     return _place(exceedance, of_day)
 
 
@@ -166,11 +165,11 @@ def _place(exceedance: RecordedExceedance, of_day: bool) -> str:
 
 def _lead(monitor: Monitor, manoeuvre: ScoredManoeuvre) -> str:
     if manoeuvre.outcome == "unseen":
-        return "not known"
+        return "unknown"
     if manoeuvre.lead is None:
         return "none: no alert before the exceedance (a miss)"
-    timely = "at least" if manoeuvre.outcome == "timely_alert" else "short of"
-    ahead = f"; resampling looks up to {manoeuvre.look_ahead:.2g} s ahead, a flight cannot"
+    timely = "at least" if manoeuvre.outcome == "timely_alert" else "less than"
+    ahead = f"; up to {manoeuvre.look_ahead:.2g} s less in flight (resampling used later samples)"
     return (
         f"{lead_words(manoeuvre.lead)} s from the first alert, {timely} the promised "
         f"{monitor.lead:g} s"

@@ -1,6 +1,6 @@
-"""What a window that moves along samples sees; beyond the first and the last they stay as there.
+"""Moving-window filters; the first and last samples extend beyond the ends.
 
-The bits of scipy.ndimage, which takes half a second to import.
+Same results as scipy.ndimage, which takes half a second to import.
 """
 
 import numpy as np
@@ -15,7 +15,7 @@ def medians_of_three(x: Array) -> Array:
 
 
 def running_mean(x: Array, size: int) -> Array:
-    """Mean of the window around each sample, from the sum of the one before.
+    """Mean of the window around each sample, by a running sum.
 
     x: (n, k).   size: odd.
     """
@@ -26,7 +26,7 @@ def running_mean(x: Array, size: int) -> Array:
 
 
 def extent(x: Array, size: int) -> Array:
-    """Largest less smallest value of the window around each sample.
+    """Largest minus smallest value in the window around each sample.
 
     x: (n, k).   size: odd.
     """
@@ -39,8 +39,8 @@ def _extended(x: Array, size: int) -> Array:
 
 
 def _extreme(of_two: np.ufunc, wide: Array, size: int) -> Array:
-    """That of each `size` samples: of windows twice as long each time, then of two."""
-    seen = 1
-    while 2 * seen <= size:
-        wide, seen = of_two(wide[:-seen], wide[seen:]), 2 * seen
-    return of_two(wide[: len(wide) - (size - seen)], wide[size - seen :])
+    """Extreme of each `size` samples, by doubling the window."""
+    window = 1
+    while 2 * window <= size:
+        wide, window = of_two(wide[:-window], wide[window:]), 2 * window
+    return of_two(wide[: len(wide) - (size - window)], wide[size - window :])

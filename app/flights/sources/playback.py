@@ -12,7 +12,7 @@ import numpy as np
 from app.flights.exceedance import exceedance
 from app.flights.sources.track import Track
 from app.messages import MeasuredExceedance
-from app.scoring.limits_in_force import HeldFrom, Ruling
+from app.scoring.limits_in_force import InForceFrom, Ruling
 from core.monitor import Assessment, Monitor
 from core.monitor.peak_forecast import Ahead, RunningForecast
 from core.monitor.validity.verdict import exceeds
@@ -78,7 +78,7 @@ class Script(ABC):
         """Which limits held for sample k when it was flown; None where it was not, or its own."""
         return None
 
-    def held_until(self, k: int) -> list[HeldFrom]:
+    def held_until(self, k: int) -> list[InForceFrom]:
         """Which limits held for the samples up to k when they were flown; empty where its own."""
         return []
 

@@ -12,8 +12,8 @@ import numpy.typing as npt
 from app.flights.sources.playback import Angles, FollowedForecast, Script, onsets
 from app.messages import Judged, MeasuredExceedance
 from app.recordings.reasons import reason
-from app.scoring.limits_history import HeldLimits
-from app.scoring.limits_in_force import HeldFrom, Ruling
+from app.scoring.limits_history import InForceTimeline
+from app.scoring.limits_in_force import InForceFrom, Ruling
 from app.scoring.outcome import SAME_TIME
 from app.scoring.planned_test import limits_of, needed_channels
 from core.channels import KEYS
@@ -52,7 +52,7 @@ class RecordedScript(Script):
         biases: Sequence[float] = (0.0,) * len(KEYS),
         theta0: float = 0.0,
         display: Sequence["RecordedScript"] = (),
-        held: HeldLimits | None = None,
+        held: InForceTimeline | None = None,
         monitor: Monitor | None = None,
     ) -> None:
         self.t, self.dt = np.ascontiguousarray(samples["t"]), dt
@@ -104,7 +104,7 @@ class RecordedScript(Script):
         """Which limits held for sample k."""
         return None if self._held is None else self._held.ruling(float(self.t[k]))
 
-    def held_until(self, k: int) -> list[HeldFrom]:
+    def held_until(self, k: int) -> list[InForceFrom]:
         """Which limits held for the samples up to k."""
         if self._held is None:
             return []
@@ -112,7 +112,7 @@ class RecordedScript(Script):
         held = zip(begins.tolist(), self._held.rulings, strict=True)
         by_sample = {begin: ruling for begin, ruling in held if begin <= k}
         each = by_sample.items()
-        return [HeldFrom(float(self.t[i - 1]) if i else None, one) for i, one in each]
+        return [InForceFrom(float(self.t[i - 1]) if i else None, one) for i, one in each]
 
     def recorded(self, k: int) -> Array:
         """Sample k, bias and trim included, (6,): between manoeuvres, trim of the one before."""

@@ -193,7 +193,7 @@ class Recorded(Source):
             biases=[info.mapping["channels"].get(key, {}).get("bias", 0.0) for key in KEYS],
             theta0=trim_angles(monitor.dataset_recipe)[1],
             display=[self._displayed(shown, info, opening) for shown in opening.display],
-            held=opening.scored.held(info, own),
+            held=opening.scored.limits_timeline(info, own),
             monitor=monitor,
         )
         return script, store.recordings.info(self.recording).name

@@ -62,16 +62,16 @@ const OUTCOMES = {
   },
   quiet: { word: "QUIET", level: "ok", mark: "✓", text: "no alert, and no exceedance" },
   unseen: {
-    word: "NOT ALL SEEN",
+    word: "DATA MISSING",
     level: "caution",
     mark: "◇",
-    text: "part of it was not recorded: whether a limit was exceeded is not known",
+    text: "data missing: a limit may have been exceeded",
   },
   unknown: {
     word: "UNKNOWN",
     level: "caution",
     mark: "◆",
-    text: "which limits the monitor was trained for is not known",
+    text: "the monitor does not record its limits",
   },
   invalid: {
     word: "INVALID",
@@ -153,7 +153,7 @@ export function leadText(manoeuvre, promised) {
   if (lead === null || lead === undefined) return alerts.length ? "none before it" : "no alert";
   const enough = lead >= promised - 1e-9;
   const ahead = manoeuvre.look_ahead
-    ? `; resampling looks up to ${figure(manoeuvre.look_ahead)} s ahead, a flight cannot`
+    ? `; up to ${figure(manoeuvre.look_ahead)} s less in flight (resampling used later samples)`
     : "";
-  return `${leadSeconds(lead, 2)} s, ${enough ? "at least" : "short of"} ${figure(promised)} s${ahead}`;
+  return `${leadSeconds(lead, 2)} s, ${enough ? "at least" : "less than"} ${figure(promised)} s${ahead}`;
 }

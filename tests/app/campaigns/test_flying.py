@@ -124,8 +124,8 @@ def aileron_instead(y: Array) -> Array:
     ("change", "words"),
     [
         (reversed_rudder, "its sign is reversed"),
-        (aileron_instead, "the planned manoeuvre leaves alone"),
-        (lambda y: 0.25 * y, "it was hardly flown"),
+        (aileron_instead, "the planned manoeuvre does not use it"),
+        (lambda y: 0.25 * y, "hardly flown"),
         (lambda y: y[: round(0.7 * (len(y) - AFTER * FAST))], "give the whole of it"),
     ],
 )

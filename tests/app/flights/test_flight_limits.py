@@ -252,8 +252,8 @@ def test_a_measured_condition_chooses_the_limits_and_the_journal_says_the_same(
             mapping = Mapping({}, {"": TimeSource("t")})
             history = LimitsHistory.of(open_columns(place.directory / "columns"), mapping)
             assert history is not None
-            held = history.held([exact_monitor().limits])
-            rulings = [held.ruling(frame["t"]) for frame in frames]
+            timeline = history.timeline([exact_monitor().limits])
+            rulings = [timeline.ruling(frame["t"]) for frame in frames]
             assert [one and one.reasons[0] for one in rulings] == [f["reason"] for f in frames]
             asked = {"source": {"kind": "journal", "flight_id": flight.id}, "monitor": ids}
             replay = await flights.start(FlightRequest.model_validate(asked))

@@ -1,4 +1,4 @@
-"""Data compatibility of recordings: real ones, and what is measured of one at all."""
+"""Data compatibility of recordings, real and simulated."""
 
 from dataclasses import replace
 
@@ -18,19 +18,19 @@ def checked(traces: Traces) -> dict[str, SensorCheck]:
     return {check.channel: check for check in compatibility(repair(traces).traces)}
 
 
-def test_a_real_record_agrees_but_for_its_vane_ahead_of_the_centre_of_gravity() -> None:
-    """The vane of the ATTAS is on a boom ahead of its nose, which is some 10 m from there."""
+def test_a_real_record_agrees_except_for_its_vane_ahead_of_the_centre_of_gravity() -> None:
+    """The vane of the ATTAS is on a boom ahead of its nose, itself 10 m ahead of the c.g."""
     checks = checked(record("attas_rud1"))
     assert [key for key, check in checks.items() if check.remarks] == ["beta"]
     assert "measured 13 m ahead of the centre of gravity" in checks["beta"].remarks[0]
     for key, scale in {"p": 1.02, "beta": 0.95, "V": 0.98}.items():
-        told = checks[key].scale
-        assert told is not None
-        assert abs(told.value - scale) < 0.01
+        estimate = checks[key].scale
+        assert estimate is not None
+        assert abs(estimate.value - scale) < 0.01
     assert checks["r"].unchecked == "without heading"
 
 
-def test_it_is_printed_a_line_a_comparison_and_a_remark() -> None:
+def test_each_comparison_and_remark_is_one_printed_line() -> None:
     lines = sensors(compatibility(repair(record("attas_rud1")).traces))
     assert [line.split(":")[0].strip() for line in lines] == [
         "Data compatibility, 95 % intervals; remarked on where all of an interval is beyond",
@@ -58,7 +58,7 @@ def test_a_recording_is_compared_once_however_many_monitors_score_it(
         compatibility(replace(traces))
 
 
-def test_what_was_derived_from_the_attitude_is_not_compared_with_it() -> None:
+def test_rates_derived_from_the_attitude_are_not_compared_with_it() -> None:
     traces = record("attas_rud1")
     derived = replace(traces.channels["p"], derived=True)
     checks = checked(replace(traces, channels=traces.channels | {"p": derived}))
@@ -83,7 +83,7 @@ def test_sensors_of_different_rates_and_a_heading_that_jumps_are_compared() -> N
     assert not check.remarks
 
 
-def test_a_recording_of_nothing_that_can_be_compared_says_so() -> None:
+def test_a_recording_without_comparable_channels_names_what_is_missing() -> None:
     t = np.arange(0.0, 10.0, 0.05)
     checks = checked(Traces({"Ny": Trace(t, np.sin(t))}))
     assert all(check.unchecked.startswith("without") for check in checks.values())

@@ -1,4 +1,4 @@
-"""The table of faults: the one that is kept, and a part of it made again."""
+"""The stored fault table, and a part of it recomputed."""
 
 import csv
 
@@ -11,20 +11,20 @@ from app.scoring.fault_table import (
     KINDS,
     NO_FAULT,
     SENSORS,
+    FaultCounts,
     FaultTableRecipe,
-    FoundFaults,
     fault_table,
 )
 from tests.support.places import DATA, ROOT
 
 ROUNDING = 1
-"""Flights that another processor's rounding may tip over a bound."""
+"""Flights that rounding on another processor may move across a bound."""
 
 
-def kept() -> dict[tuple[str, str, str], FoundFaults]:
-    """The table as `forewarn fault-table` wrote it."""
+def kept() -> dict[tuple[str, str, str], FaultCounts]:
+    """The table written by `forewarn fault-table`."""
     with (DATA / "fault_table.csv").open() as file:
-        rows = TypeAdapter(list[FoundFaults]).validate_python(list(csv.DictReader(file)))
+        rows = TypeAdapter(list[FaultCounts]).validate_python(list(csv.DictReader(file)))
     return {(row.sensor, row.fault, row.kind): row for row in rows}
 
 
@@ -33,15 +33,15 @@ def test_every_fault_of_every_sensor_is_in_the_table() -> None:
     assert kept().keys() == {(*fault, kind) for fault in faults for kind in KINDS}
 
 
-def test_flights_without_a_fault_are_hardly_ever_called_faulty() -> None:
+def test_flights_without_a_fault_are_rarely_called_faulty() -> None:
     for kind in KINDS:
         row = kept()[NO_FAULT, NO_FAULT, kind]
         assert (row.mapping, row.compatibility) == (0, 0)
         assert row.found <= ROUNDING
 
 
-def test_what_turns_or_spoils_a_monitored_channel_is_always_found() -> None:
-    """But for the aileron, which a rudder doublet leaves alone."""
+def test_wrong_signs_and_units_of_monitored_channels_are_always_found() -> None:
+    """Except for the aileron, which a rudder doublet does not use."""
     for sensor in ("beta", "p", "r", "Ny", "delta_r"):
         for fault in ("sign", "unit"):
             for kind in KINDS:
@@ -49,7 +49,7 @@ def test_what_turns_or_spoils_a_monitored_channel_is_always_found() -> None:
                 assert row.found == row.n, row
 
 
-def test_a_fifth_of_the_scale_is_found_by_kinematics_where_validity_cannot() -> None:
+def test_kinematics_find_a_gain_error_that_validity_cannot() -> None:
     for sensor in ("beta", "p", "r", "phi", "psi"):
         for kind in KINDS:
             row = kept()[sensor, "gain x0.8", kind]
@@ -57,8 +57,8 @@ def test_a_fifth_of_the_scale_is_found_by_kinematics_where_validity_cannot() -> 
             assert sensor in ("r", "p") or row.validity <= row.n // 2, row
 
 
-def test_a_part_made_again_is_that_of_the_table() -> None:
-    """All flights of the table, as their number decides the draws, of one fault."""
+def test_a_recomputed_part_equals_the_table() -> None:
+    """One fault, all flights of the table: their number decides the draws."""
     recipe = FaultTableRecipe(sensors=("r",), faults=("gain x0.8",))
     rows = list(fault_table(recipe))
     assert [row.fault for row in rows] == [NO_FAULT, NO_FAULT, "gain x0.8", "gain x0.8"]
@@ -80,13 +80,13 @@ def test_the_readme_says_what_the_table_does() -> None:
     ) in said
 
 
-def test_it_is_printed_a_line_a_fault() -> None:
+def test_each_fault_is_one_printed_line() -> None:
     lines = in_words(list(kept().values())).splitlines()
     assert len(lines) == 2 + 1 + len(SENSORS) * len(FAULTS)
     assert all(f" {name.replace('_', ' ')}" in lines[1] for name in MEANS)
 
 
-def test_what_there_is_not_is_refused() -> None:
+def test_unknown_sensors_and_faults_are_refused() -> None:
     with pytest.raises(ValueError, match="sensors 'q': choose beta, p"):
         FaultTableRecipe(sensors=("q",))
     with pytest.raises(ValueError, match="faults 'stuck': choose gain"):

@@ -1,4 +1,4 @@
-"""Manoeuvres are found where the crew moved a surface, and nowhere else."""
+"""Manoeuvres are detected where the crew moved a surface, and nowhere else."""
 
 from dataclasses import replace
 
@@ -29,7 +29,7 @@ def lagged(commands: np.ndarray, dt: float = DT, lag: float = 0.1) -> np.ndarray
 
 
 def doublets(n: int, at: np.ndarray, dt: float = DT, amplitude: float = AMPLITUDE) -> np.ndarray:
-    """(n, 2) surfaces at rest but for rudder doublets that begin at these times [s]."""
+    """(n, 2) surfaces at rest except for rudder doublets that begin at these times [s]."""
     t, commands = np.arange(n) * dt, np.zeros((n, 2))
     for start in at:
         elapsed = t - start + 1e-9
@@ -39,7 +39,7 @@ def doublets(n: int, at: np.ndarray, dt: float = DT, amplitude: float = AMPLITUD
 
 
 def turbulence(n: int, rms: float, time: float, rng: np.random.Generator) -> np.ndarray:
-    """(n, 2) motion of surfaces that a damper moves all the time."""
+    """(n, 2) surfaces that a damper keeps moving."""
     keep = np.exp(-DT / time)
     white = rng.standard_normal((n, 2)) * rms * np.sqrt(1.0 - keep**2)
     return np.asarray(lfilter([1.0], [1.0, -keep], white, axis=0))
@@ -60,9 +60,9 @@ def test_an_hour_yields_its_doublets_and_nothing_else(
     drift = np.radians(0.5) * np.arange(n)[:, None] * DT / 60.0
     noise = 3e-4 * rng.standard_normal((n, 2))
     surfaces = doublets(n, at) + turbulence(n, np.radians(rms_deg), time, rng) + drift + noise
-    found = onsets(surfaces, plan)
-    assert len(found) == len(at)
-    assert np.abs(np.array(found) - at).max() <= (0.06 if rms_deg == 0.0 else 0.5)
+    detected = onsets(surfaces, plan)
+    assert len(detected) == len(at)
+    assert np.abs(np.array(detected) - at).max() <= (0.06 if rms_deg == 0.0 else 0.5)
 
 
 @pytest.mark.parametrize("plan", [PLAN, NO_PLAN], ids=["planned", "unplanned"])
@@ -81,7 +81,7 @@ def test_quiet_surfaces_and_unknown_ones_have_no_manoeuvre():
 
 
 @pytest.mark.parametrize("name", sorted(MANEUVERS))
-def test_every_planned_manoeuvre_is_found_whole(name: str):
+def test_every_planned_manoeuvre_is_detected_whole(name: str):
     maneuver = replace(MANEUVERS[name], lead_in_s=2.0, duration_s=30.0)
     plan = PlannedTest(DT, LIMITS, maneuver)
     surfaces = lagged(plan.commands)
@@ -91,7 +91,7 @@ def test_every_planned_manoeuvre_is_found_whole(name: str):
     assert activity.end * DT == pytest.approx(last_input * DT, abs=0.5)
 
 
-def test_inputs_of_one_manoeuvre_are_joined_also_where_the_surface_rests_between():
+def test_inputs_of_one_manoeuvre_are_joined_across_rests():
     maneuver: Maneuver = MANEUVERS["table"]
     table = {"t_s": (0.0, 1.0, 4.0, 5.0), "delta_a_deg": (0.0,) * 4}
     maneuver = replace(
@@ -102,13 +102,13 @@ def test_inputs_of_one_manoeuvre_are_joined_also_where_the_surface_rests_between
     assert len(detect(lagged(plan.commands), PLAN)) == 2
 
 
-def test_manoeuvres_that_follow_closely_stay_apart():
+def test_manoeuvres_in_quick_succession_stay_separate():
     at = np.array([10.0, 15.0, 20.0])
     assert onsets(doublets(700, at)) == pytest.approx(at, abs=0.06)
 
 
 @pytest.mark.parametrize("gap", [0.3, 1.0])
-def test_inputs_too_close_to_be_told_apart_are_counted(gap: float):
+def test_inputs_too_close_to_separate_are_counted(gap: float):
     assert [a.times for a in detect(doublets(700, np.array([10.0])), PLAN)] == [1]
     for n in (2, 3):
         at = 10.0 + (2.0 + gap) * np.arange(n)
@@ -117,11 +117,11 @@ def test_inputs_too_close_to_be_told_apart_are_counted(gap: float):
             assert [a.times for a in detect(sign * doublets(700, at), NO_PLAN)] == [1]
 
 
-def test_a_step_of_a_build_up_is_found():
+def test_a_step_of_a_build_up_is_detected():
     assert onsets(doublets(2000, np.array([50.0]), amplitude=0.3 * AMPLITUDE)) == [50.0]
 
 
-def test_a_new_trim_is_no_end_of_finding():
+def test_detection_continues_after_a_new_trim():
     surfaces = doublets(3000, np.array([40.0, 100.0]))
     surfaces[1200:, 1] += np.radians(2.0)
     assert onsets(surfaces) == pytest.approx([40.0, 60.0, 100.0], abs=0.06)
@@ -131,7 +131,7 @@ def test_a_recording_may_begin_just_before_the_input():
     assert onsets(doublets(400, np.array([0.2]))) == [pytest.approx(0.2)]
 
 
-def test_an_input_of_the_other_surface_is_one_too():
+def test_an_input_of_the_other_surface_is_detected():
     assert onsets(doublets(2000, np.array([50.0]), amplitude=4 * AMPLITUDE)[:, ::-1]) == [50.0]
 
 
@@ -163,8 +163,8 @@ def test_real_records_hold_one_manoeuvre_each(name: str, onset: float):
     surfaces = np.column_stack([channels["delta_a"].values, channels["delta_r"].values])
     t = channels["delta_r"].t
     plan = PlannedTest(float(np.median(np.diff(t))), LIMITS, Doublet(amplitude_deg=-3.7))
-    (found,) = detect(surfaces, plan)
-    assert found.onset * plan.dt == pytest.approx(onset, abs=0.25)
+    (activity,) = detect(surfaces, plan)
+    assert activity.onset * plan.dt == pytest.approx(onset, abs=0.25)
 
 
 @given(

@@ -1,4 +1,4 @@
-"""Moving windows, bit for bit those of scipy."""
+"""Moving windows give the same bits as scipy."""
 
 import numpy as np
 import pytest
@@ -9,7 +9,7 @@ from app.scoring.windows import extent, medians_of_three, running_mean
 
 @pytest.mark.parametrize("n", [1, 2, 3, 40, 1000])
 @pytest.mark.parametrize("size", [1, 3, 5, 21, 51, 99])
-def test_windows_see_what_those_of_scipy_see(n: int, size: int) -> None:
+def test_windows_equal_those_of_scipy(n: int, size: int) -> None:
     x = np.random.default_rng(n + size).normal(size=(n, 2)) * 10.0 ** np.arange(-3, 1, 3)
     x[n // 3 : n // 2] = 0.25
     most, least = (

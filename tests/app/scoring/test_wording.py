@@ -1,4 +1,4 @@
-"""Sentences about a manoeuvre: what a monitor that is not applicable would have said."""
+"""Sentences about a manoeuvre: withdrawn assessments, peaks, exceedances."""
 
 from dataclasses import fields
 from types import SimpleNamespace
@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+from app.scoring.exceedances_outside import notes_on_outside
 from app.scoring.outcome import Limited, Peak, RecordedExceedance, against_limits, lead_words
-from app.scoring.outside import outside_note
 from app.scoring.scored import ScoredManoeuvre, Validity
 from app.scoring.verdict import verdict
 from app.scoring.wording import remarks, withdrawn
@@ -19,15 +19,15 @@ from core.monitor import Assessments
 NONE = Limited(None, (Peak("Ny", 0.1, 0.2, 0.1),), 0.0)
 
 
-def said(*p_values: float) -> Assessments:
-    """Assessments at 8.0, 8.1, ... s; what else they say does not matter."""
+def assessments(*p_values: float) -> Assessments:
+    """Assessments at 8.0, 8.1, ... s; all other fields are 0."""
     n = len(p_values)
     given: dict[str, Any] = {field.name: np.zeros(n) for field in fields(Assessments)}
     given["t"], given["p_value"] = 8.0 + 0.1 * np.arange(n), np.array(p_values)
     return Assessments(**given)
 
 
-def reached(t: float) -> Limited:
+def exceeded(t: float) -> Limited:
     return NONE._replace(exceedance=RecordedExceedance(t, "Ny", 0.2))
 
 
@@ -35,55 +35,55 @@ def reached(t: float) -> Limited:
     ("limited", "end"),
     [
         (NONE, "0.1 at 8.20 s"),
-        (reached(8.51), "0.1 at 8.20 s, 0.31 s before the limit"),
-        (reached(8.2), "0.1 at 8.20 s, 0.00 s before the limit"),
-        (reached(8.0), "0.1 at 8.20 s, 0.20 s after the limit"),
+        (exceeded(8.51), "0.1 at 8.20 s, 0.31 s before the exceedance"),
+        (exceeded(8.2), "0.1 at 8.20 s, 0.00 s before the exceedance"),
+        (exceeded(8.0), "0.1 at 8.20 s, 0.20 s after the exceedance"),
     ],
 )
-def test_an_alert_that_was_withdrawn_is_told_with_its_lead(limited: Limited, end: str):
-    words = withdrawn(said(np.nan, 0.1, 0.11, 0.9), 1, limited, 0.1)
+def test_a_withdrawn_alert_is_reported_with_its_lead(limited: Limited, end: str):
+    words = withdrawn(assessments(np.nan, 0.1, 0.11, 0.9), 1, limited, 0.1)
     assert words == f"without the withdrawal the risk would have exceeded {end}"
 
 
-def test_an_alert_before_the_withdrawal_stands():
-    words = withdrawn(said(np.nan, 0.1, 0.11, 0.9), 3, reached(8.51), 0.1)
-    assert words.startswith("the alert at 8.20 s stands, 0.31 s before the limit: ")
-    assert words.endswith("withdrawn is what follows from 8.30 s on")
+def test_an_alert_before_the_withdrawal_remains():
+    words = withdrawn(assessments(np.nan, 0.1, 0.11, 0.9), 3, exceeded(8.51), 0.1)
+    assert words.startswith("the alert at 8.20 s remains, 0.31 s before the exceedance: ")
+    assert words.endswith("withdrawn from 8.30 s on")
 
 
-def test_so_is_a_silence():
-    words = withdrawn(said(np.nan, 0.05, 0.031), 1, NONE, 0.1)
+def test_a_withdrawn_manoeuvre_without_alert_reports_its_peak_risk():
+    words = withdrawn(assessments(np.nan, 0.05, 0.031), 1, NONE, 0.1)
     assert words.endswith("stayed at or below 0.1, at most 0.050 at 8.10 s")
-    assert "no sample could be assessed" in withdrawn(said(np.nan, np.nan), 0, NONE, 0.1)
+    assert "no sample was assessed" in withdrawn(assessments(np.nan, np.nan), 0, NONE, 0.1)
 
 
 SKID = RecordedExceedance(8.5, "beta", float(np.radians(-7.0)))
 
 
-def test_peaks_are_told_in_the_units_that_people_read():
+def test_peaks_are_in_display_units():
     within, beyond = np.radians([4.0, 6.0]).tolist()
     limited = Limited(None, (Peak("beta", within, float(np.radians(5.0)), beyond),), 0.0)
     planned: Any = SimpleNamespace(limits_known=True, trim_segment_s=1.0, dt=0.1)
-    segment: Any = SimpleNamespace(asked=None, rest=None, onset=None, first=0)
-    inside, as_recorded = remarks(planned, segment, limited, said(0.1))
-    assert inside.endswith("recorded of it: |beta| 4 deg of 5 deg from trim")
+    segment: Any = SimpleNamespace(requested=None, rest=None, onset=None, first=0)
+    inside, as_recorded = remarks(planned, segment, limited, assessments(0.1))
+    assert inside.endswith(": |beta| 4 deg of 5 deg from trim")
     assert "is 6 deg, beyond the limit of 5 deg:" in as_recorded
     biased = limited._replace(peaks=(limited.peaks[0]._replace(bias=float(np.radians(2.0))),))
-    _, as_recorded = remarks(planned, segment, biased, said(0.1))
-    assert "trim and the bias of 2 deg that the mapping removes included, is 6 deg" in as_recorded
+    _, as_recorded = remarks(planned, segment, biased, assessments(0.1))
+    assert "trim and the bias of 2 deg that the mapping removes, is 6 deg" in as_recorded
 
 
-def test_a_limited_channel_without_a_trim_has_no_peak_and_denies_no_exceedance():
+def test_a_limited_channel_without_trim_may_have_exceeded_its_limit():
     traces = Traces({key: Trace(np.arange(3.0), np.full(3, 0.1)) for key in KEYS})
     limits = np.where(np.array(KEYS) == "Ny", 0.2, np.inf)
     limited = against_limits(traces, limits, np.full(len(KEYS), np.nan), 0.0, 2.0)
     planned: Any = SimpleNamespace(limits_known=True, trim_segment_s=1.0, dt=0.1)
-    segment: Any = SimpleNamespace(asked=None, rest=None, onset=None, first=0)
-    (line,) = remarks(planned, segment, limited, said(0.1))
-    assert line == "no value of Ny from trim is known: whether a limit was exceeded is unknown"
+    segment: Any = SimpleNamespace(requested=None, rest=None, onset=None, first=0)
+    (line,) = remarks(planned, segment, limited, assessments(0.1))
+    assert line.startswith("no value of Ny from trim is known")
 
 
-def test_exceedances_and_trim_are_told_in_the_units_that_people_read():
+def test_exceedances_and_trim_are_in_display_units():
     manoeuvre = ScoredManoeuvre(
         "doublet", 8.0, 9.0, 0, 9, (None, float(np.radians(1.5)), 0.0, 0.0213, 0.0, 0.0),
         Validity(True), "missed", "promised", peak_risk=0.2, peak_t=8.1, exceedance=SKID,
@@ -100,12 +100,12 @@ def test_exceedances_and_trim_are_told_in_the_units_that_people_read():
     of_day = verdict(monitor, scored, of_day=True)
     assert of_day[0].startswith("doublet, 8.00 to 9.00 s, 00:00:08.00 to 00:00:09.00: ")
     assert "  exceedance         at 8.50 s, 00:00:08.50 (beta -7 deg)" in of_day
-    assert outside_note((SKID,))[0].endswith("once beta -7 deg at 8.50 s.")
+    assert notes_on_outside((SKID,))[0].endswith("once beta -7 deg at 8.50 s.")
 
 
 @pytest.mark.parametrize(
     ("lead", "words"), [(1.345, "1.34"), (1.3499, "1.34"), (1.3499999999, "1.35"), (0.3, "0.30")]
 )
 def test_a_lead_is_never_rounded_up(lead: float, words: str) -> None:
-    """But for what floats lost."""
+    """Except for rounding errors of floats."""
     assert lead_words(lead) == words

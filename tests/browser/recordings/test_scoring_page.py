@@ -34,7 +34,7 @@ def test_every_verdict_has_a_word_and_says_what_is_promised(
     expect(verdicts.nth(0)).to_contain_text(share)
     promised = f"{scoring['manoeuvres'][1]['lead']:.2f} s, at least 0.25 s"
     expect(verdicts.nth(1)).to_contain_text(promised)
-    expect(verdicts.nth(2)).to_contain_text("The guarantee is withdrawn")
+    expect(verdicts.nth(2)).to_contain_text("Guarantee withdrawn")
     for label in ("First alert", "Warning lead time", "Peak risk"):
         expect(verdicts.nth(2).locator(f'[data-label="{label}"]')).to_have_text("withdrawn")
     expect(scored.locator(".scored-summary")).to_contain_text("channels are deviations from trim")
@@ -70,7 +70,7 @@ def test_an_exceedance_outside_every_manoeuvre_is_told(
     line = page.locator(".outside-line")
     expect(line).to_contain_text("exceeds its limit outside every manoeuvre: −0.210 g at 0.20 s")
     expect(page.locator(".event-list .event")).to_contain_text(["outside every manoeuvre"])
-    expect(page.locator(".verdict .chip").first).to_have_text("◇ NOT ALL SEEN")
+    expect(page.locator(".verdict .chip").first).to_have_text("◇ DATA MISSING")
     expect(page.locator('.verdict [data-label="First exceedance"]')).to_have_text("not known")
     expect(page.locator('.verdict .chip[data-level="ok"]')).to_have_count(0)
     press(page, "n")

@@ -1,10 +1,10 @@
-"""A recording made ready for a monitor: its times repaired, its channels on the monitor's grid."""
+"""The input of scoring: a recording with repaired times, its channels on the monitor's grid."""
 
 from collections.abc import Collection
 from dataclasses import dataclass
 from typing import Self
 
-from app.scoring.limits_history import HeldLimits, LimitsHistory
+from app.scoring.limits_history import InForceTimeline, LimitsHistory
 from app.scoring.planned_test import PlannedTest, needed_channels, planned_test
 from app.telemetry.mapping.derivations import DERIVATIONS
 from app.telemetry.recording import Recording, TelemetryError
@@ -18,9 +18,9 @@ from core.types import Flags
 
 
 class MissingChannels(TelemetryError):
-    """Channels that a monitor reads and a recording lacks; says what each could be derived from.
+    """Channels a monitor needs and a recording lacks; the message offers derivations.
 
-    recorded: keys of TARGETS that it has.
+    recorded: keys of TARGETS in the recording.
     """
 
     def __init__(self, keys: list[str], recorded: Collection[str] = ()) -> None:
@@ -33,16 +33,16 @@ class MissingChannels(TelemetryError):
         derive = f"derive {', '.join(ways)}, " if ways else ""
         super().__init__(
             f"the monitor needs {', '.join(keys)}, which the recording does not have: map signals "
-            f"to what is missing, {derive}or choose a monitor that does not need it"
+            f"to the missing channels, {derive}or choose a monitor that does not need them"
         )
 
 
 @dataclass(frozen=True, eq=False)
-class Ready:
-    """A recording and the monitor that is to judge it.
+class ScoringInput:
+    """A recording and the monitor that scores it.
 
-    traces: repaired.   recording: on the monitor's grid.   needed: (6,) channels it reads.
-    held: the limits that were in force when; None where no limit set was.
+    traces: repaired.   recording: on the monitor's grid.   needed: (6,) channels the monitor needs.
+    timeline: limits in force over time; None where no limit set was in force.
     """
 
     monitor: Monitor
@@ -52,13 +52,13 @@ class Ready:
     recording: Recording
     needed: Flags
     notes: tuple[str, ...]
-    held: HeldLimits | None = None
+    timeline: InForceTimeline | None = None
 
     @classmethod
     def of(
         cls, monitor: Monitor, repaired: RepairedTraces, history: LimitsHistory | None = None
     ) -> Self:
-        """MissingChannels; TelemetryError where one is too slow."""
+        """Raises MissingChannels, or TelemetryError for a channel that is too slow."""
         traces, quality = repaired.traces, repaired.quality
         planned = planned_test(monitor)
         needed = needed_channels(monitor, planned.limits)
@@ -70,6 +70,6 @@ class Ready:
         recording = on_grid(traces, monitor.dt, read)
         notes = list(recording.notes)
         if absent:
-            notes.append(f"Not recorded, and the monitor does not read it: {', '.join(absent)}.")
-        held = None if history is None else history.held([monitor.limits])
-        return cls(monitor, planned, traces, quality, recording, needed, tuple(notes), held)
+            notes.append(f"Not recorded and not read by the monitor: {', '.join(absent)}.")
+        timeline = None if history is None else history.timeline([monitor.limits])
+        return cls(monitor, planned, traces, quality, recording, needed, tuple(notes), timeline)
