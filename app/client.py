@@ -50,6 +50,8 @@ class LiveClient:
     url: of the server.   token: of somebody who may push samples, where the server asks for one.
     way: `websocket`; `rest`; `udp`: as datagrams, and what got lost by WebSocket in the end.
     patience: that leaving waits for acknowledgements, from the last one on [s].
+    keep_open: leave the flight in progress. Otherwise leaving the client's context ends the flight
+    that it started or pushed into, once every sample is durable; an error never ends a flight.
     """
 
     def __init__(
@@ -59,7 +61,9 @@ class LiveClient:
         *,
         way: Way = "websocket",
         patience: float = PATIENCE_S,
+        keep_open: bool = False,
     ) -> None:
+        self.keep_open, self._has_started = keep_open, False
         self.url, self.way, self.patience = url.rstrip("/"), way, patience
         self.flight = ""
         self.problem = ""
@@ -87,7 +91,9 @@ class LiveClient:
             source = {"udp": 0} | source
         source = {"kind": "live"} | {key: x for key, x in source.items() if x is not None}
         body = {"source": source, "monitor": monitor} | ({"name": name} if name else {})
-        return self.join(self._ask("POST", "/flights", body, START_S)["id"])
+        flight = self.join(self._ask("POST", "/flights", body, START_S)["id"])
+        self._has_started = True
+        return flight
 
     def join(self, flight: str) -> str:
         """Push into a flight that was started, after what it has; return its id."""
@@ -175,6 +181,8 @@ class LiveClient:
                 n, of = self.sent - self.durable, self.sent
                 why = self.problem or self.refusal
                 raise PushFailed(f"{n} of {of} samples are not known to be durable: {why}")
+            if kind is None and not self.keep_open and (self._has_started or self.sent):
+                self.end()
         finally:
             self.close()
 

@@ -72,7 +72,13 @@ def add(parser: argparse.ArgumentParser) -> None:
         metavar="ID",
         help="on the server, by whose mapping the flight that is started reads its samples",
     )
-    parser.add_argument("--end", action="store_true", help="end the flight when all is durable")
+    parser.add_argument(
+        "--keep-open",
+        action="store_true",
+        help="leave the flight in progress; otherwise it ends when every sample is durable, also "
+        "one given by --flight",
+    )
+    parser.add_argument("--end", action="store_true", help=argparse.SUPPRESS)  # the default now
     add_json(parser)
     parser.set_defaults(way="websocket")
 
@@ -103,13 +109,13 @@ def run(options: argparse.Namespace) -> int:
     began, is_interrupted, failure = time.monotonic(), False, ""
     try:
         _push(client, rows, rate)
-        if options.end and client.durable == len(rows.t):
+        if not options.keep_open and client.durable == len(rows.t):
             client.end()
     except KeyboardInterrupt:
         is_interrupted = True
         with suppress(PushFailed, KeyboardInterrupt):
             client.flush(LAST_S)
-    except PushFailed as error:
+    except OSError as error:
         failure = str(error)
         print(f"forewarn: {failure}", file=sys.stderr)
     finally:

@@ -4,6 +4,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import get_args
 
+import httpx2
 import pytest
 
 from app.client import LiveClient, PushFailed, Way
@@ -29,6 +30,10 @@ def send(client: LiveClient, first: int, n: int) -> None:
         client.send(REST, t=DT * k)
 
 
+def progress(server: LiveServer, flight: str) -> str:
+    return httpx2.get(f"{server.url}/api/v1/flights/{flight}").json()["progress"]
+
+
 @pytest.mark.parametrize("way", get_args(Way))
 def test_all_that_was_sent_is_durable_once_the_client_is_left(server: LiveServer, way: Way) -> None:
     with LiveClient(server.url, way=way) as client:
@@ -50,13 +55,33 @@ def test_the_largest_batch_of_a_client_is_one_for_the_server(way: Way) -> None:
 
 
 def test_a_second_client_goes_on_after_the_first(server: LiveServer) -> None:
-    with LiveClient(server.url) as client:
+    with LiveClient(server.url, keep_open=True) as client:
         flight = client.start(server.monitor_id, trim="none")
         send(client, 0, 10)
     with LiveClient(server.url) as client:
         client.join(flight)
         send(client, 10, 10)
     assert journal_samples(server.root, flight) == [DT * k for k in range(20)]
+
+
+@pytest.mark.parametrize("keep_open", [False, True])
+def test_leaving_a_client_ends_its_flight_unless_it_is_to_stay_open(
+    server: LiveServer, keep_open: bool
+) -> None:
+    with LiveClient(server.url, keep_open=keep_open) as client:
+        flight = client.start(server.monitor_id, trim="none")
+        send(client, 0, 10)
+    assert progress(server, flight) == ("running" if keep_open else "ended")
+
+
+def test_neither_an_error_nor_a_mere_look_ends_a_flight(server: LiveServer) -> None:
+    client = LiveClient(server.url)
+    flight = client.start(server.monitor_id, trim="none")
+    send(client, 0, 10)
+    client.__exit__(ZeroDivisionError, None, None)
+    with LiveClient(server.url) as other:
+        other.join(flight)
+    assert progress(server, flight) == "running"
 
 
 def test_a_sample_that_is_none_is_left_out_and_told(server: LiveServer) -> None:
@@ -110,7 +135,7 @@ def test_a_token_of_a_viewer_may_not_push(tmp_path: Path) -> None:
     _, viewer = store.tokens.add("Vi", "viewer", None)
     store.close()
     with live_server(tmp_path) as server:
-        with LiveClient(server.url, operator) as client:
+        with LiveClient(server.url, operator, keep_open=True) as client:
             flight = client.start(server.monitor_id)
             send(client, 0, 1)
         watching = LiveClient(server.url, viewer)

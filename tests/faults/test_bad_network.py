@@ -26,7 +26,7 @@ def test_a_line_that_is_cut_and_slow_loses_and_doubles_nothing(tmp_path: Path, w
     n, cuts = 600, 6
     with live_server(tmp_path) as server:
         with BadLine(server.url, 1, cuts, 3000).open() as line:
-            with LiveClient(line.url, way=way) as client:
+            with LiveClient(line.url, way=way, keep_open=True) as client:
                 flight = client.start(server.monitor_id, trim="none")
                 for k in range(n):
                     client.send(REST, t=DT * k)
@@ -68,7 +68,7 @@ def test_what_a_killed_server_did_not_acknowledge_is_sent_again(tmp_path: Path) 
     monitor_id = keep_monitor(tmp_path, monitor())
     with reserved_port() as port:
         with running(tmp_path, port) as (process, http):
-            client = LiveClient(str(http.base_url))
+            client = LiveClient(str(http.base_url), keep_open=True)
             flight = client.start(monitor_id, trim="none")
             for k in range(150):
                 client.send(REST, t=DT * k)

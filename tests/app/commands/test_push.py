@@ -50,7 +50,7 @@ def pushed(capsys: pytest.CaptureFixture, *words: Any) -> tuple[int, dict[str, A
 
 
 def test_a_file_is_pushed_in_si_units_and_is_durable(server: LiveServer, file: Path, capsys):
-    options = ["--monitor", server.monitor_id, "--server", server.url, "--rate", "max", "--end"]
+    options = ["--monitor", server.monitor_id, "--server", server.url, "--rate", "max"]
     code, result = pushed(capsys, file, *options, "--name", "twice")
     assert (code, result["durable"], result["interrupted"]) == (0, result["samples"], False)
     assert result["address"] == f"{server.url}/#/fly/{result['flight']}"
@@ -59,6 +59,24 @@ def test_a_file_is_pushed_in_si_units_and_is_durable(server: LiveServer, file: P
     for i, key in enumerate(KEYS):
         sent = journal_samples(server.root, result["flight"], key)
         assert sent[-len(flown()) :] == pytest.approx(flown()[:, i].tolist(), abs=1e-9)
+
+
+def test_a_flight_that_was_given_is_ended_too_unless_it_is_to_stay_open(
+    server: LiveServer, file: Path, capsys
+):
+    options = ["--server", server.url, "--rate", "max"]
+    _, first = pushed(capsys, file, "--monitor", server.monitor_id, *options, "--keep-open")
+    path = f"{server.url}/api/v1/flights/{first['flight']}"
+    assert httpx2.get(path).json()["progress"] == "running"
+    later = file.with_name("later.csv")
+    rows = file.read_text().splitlines()
+    later.write_text(
+        rows[0]
+        + "\n"
+        + "\n".join(f"{1000 + k}{row[row.index(',') :]}" for k, row in enumerate(rows[1:]))
+    )
+    code, _ = pushed(capsys, later, "--flight", first["flight"], *options)
+    assert (code, httpx2.get(path).json()["progress"]) == (0, "ended")
 
 
 def test_own_names_are_read_by_the_recording_of_the_flight(server: LiveServer, file: Path, capsys):
@@ -146,6 +164,17 @@ def test_a_flight_that_somebody_ends_is_told_with_what_is_durable(
     code, result = pushed(capsys, file, *options)
     assert (code, result["durable"]) == (1, 5)
     assert "takes no samples" in result["failure"]
+
+
+def test_a_push_that_fails_leaves_the_flight_in_progress(
+    server: LiveServer, tmp_path: Path, capsys
+):
+    path = tmp_path / "beta.csv"
+    path.write_text("t_s,beta_deg\n" + "".join(f"{0.02 * k},{k % 3}\n" for k in range(50)))
+    options = ["--monitor", server.monitor_id, "--server", server.url, "--rate", "max"]
+    code, result = pushed(capsys, path, *options)
+    flight = httpx2.get(f"{server.url}/api/v1/flights/{result['flight']}").json()
+    assert (code, flight["progress"]) == (1, "running")
 
 
 def test_what_is_refused_is_counted_and_is_no_success(server: LiveServer, tmp_path: Path, capsys):
