@@ -16,7 +16,7 @@ FAMILIES = {
 }
 KINDS: dict[str, str] = {
     **{name: model.title for name, model in MODELS.items()},
-    "matrices": "own model",
+    "matrices": "Your own model (matrices)",
     "none": "none, the bare airframe",
     "f16_sl_ofb": "F-16 output feedback (Stevens and Lewis)",
     "f16_damper": "F-16 yaw and roll damper",
@@ -26,10 +26,10 @@ KINDS: dict[str, str] = {
     "nt33a_damper": "NT-33A yaw and roll damper",
     "b747_yaw_damper_mathworks": "Boeing 747 yaw damper (MathWorks)",
     "b747_yaw_damper_bryson": "Boeing 747 yaw damper (Bryson)",
-    "state_space": "own law as matrices",
+    "state_space": "Your own control law (matrices)",
     "multistep_3211": "3-2-1-1 multistep",
     "bank_to_bank": "bank to bank",
-    "table": "own table of commands",
+    "table": "your own table of commands",
     "linear": "linear, by least squares",
     "identity": "none, the observation itself",
     "pca": "principal components (PCA)",

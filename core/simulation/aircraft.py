@@ -296,8 +296,8 @@ class MatrixAircraft(Aircraft):
 
     @property
     def description(self) -> str:
-        """The model's size; it has no other source than its user."""
-        return f"own model with {len(self.a)} states"
+        """Its name in lists, then its size, where a published model has its source."""
+        return f"Your own model (matrices); {len(self.a)} states"
 
     @property
     def usual_test(self) -> UsualTest:

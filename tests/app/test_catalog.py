@@ -196,3 +196,8 @@ def test_the_sweep_calls_a_method_as_the_form_does():
     swept, form = catalog()["sweep_methods"], catalog()["methods"]
     assert {method["label"] for method in form} < set(swept.values())
     assert len(set(swept.values())) == len(swept)
+
+
+def test_the_list_of_aircraft_names_the_user_s_own_model() -> None:
+    entry = catalog()["families"]["aircraft"]["entries"]["matrices"]
+    assert entry["label"] == entry["description"].split(";")[0] == "Your own model (matrices)"

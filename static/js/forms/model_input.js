@@ -19,12 +19,12 @@ export function createModelInput(use) {
     spellcheck: "false",
     class: "json",
     placeholder: EXAMPLE,
-    "aria-label": "own model as JSON",
+    "aria-label": "your own model as JSON",
   });
   const file = h("input", {
     type: "file",
     accept: ".json,application/json",
-    "aria-label": "own model as a file",
+    "aria-label": "your own model as a file",
     onchange: read,
   });
   const failure = errorLine();
