@@ -179,6 +179,11 @@ class TransportState(Message):
     n_samples: int | None
     slipped: float = Field(description="[s] by which the flight could not keep its clock, in all")
     seekable: bool = Field(description="false for a live source: it only plays")
+    waiting: bool = Field(
+        default=False,
+        description="whether it waits at its start for a first viewer: it plays from the first "
+        "connection to the stream on, or after 10 s",
+    )
 
 
 class DisplayAssessment(Message):

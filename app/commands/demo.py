@@ -191,7 +191,9 @@ async def fly(client: AsyncClient, monitor_id: str) -> str:
     """Start a flight of a fresh aircraft that will exceed its limit, over and over; its id."""
     source = {"kind": "simulated", "outcome": "unsafe", "seed": SEED}
     flight = _answered(
-        await client.post("/flights", json={"source": source, "monitor": monitor_id})
+        await client.post(
+            "/flights", json={"source": source, "monitor": monitor_id, "wait_for_viewer": True}
+        )
     )
     loop = {"action": "loop", "value": True}
     _answered(await client.post(f"/flights/{flight['id']}/transport", json=loop))

@@ -101,7 +101,7 @@ class FlightPlan:
     source: as it was asked for, in plain data.   monitor: the alarm authority.
     monitor_name: what people call it.   mode: whether what is flown is live, replayed or simulated.
     display: monitors that raise no alarm.   limits, by: put in force at the start, and by whom;
-    None for the monitor's own.
+    None for the monitor's own.   wait_for_viewer: see FlightRequest.
     """
 
     id: str
@@ -115,6 +115,7 @@ class FlightPlan:
     display: tuple[DisplayMonitor, ...] = ()
     limits: RequestedLimits | None = None
     by: str = ""
+    wait_for_viewer: bool = False
 
 
 class Flight(ABC):
@@ -125,6 +126,7 @@ class Flight(ABC):
     it has come to [s], flown or passed, sought back since or not; None for none.
     verdict: how it was warned of that exceedance.   manoeuvres: plain, of a scored recording.
     _late: why the samples that come are not of now; empty while they are.
+    _is_waiting: at its start, for a first viewer.
     """
 
     dt: float
@@ -133,6 +135,7 @@ class Flight(ABC):
     duration: float | None = None
     fail_t: float | None = None
     manoeuvres: Sequence[Mapping[str, Any]] | None = None
+    _is_waiting = False
 
     def __init__(
         self,
@@ -278,6 +281,8 @@ class Flight(ABC):
         self._watchers.add(watcher)
         if self.is_over:
             watcher.end(End(reason="the flight is over").encode())
+        elif self._is_waiting:
+            self.act("play")
         return watcher
 
     def leave(self, watcher: Watcher) -> None:

@@ -185,7 +185,8 @@ class Flights:
             script, name = await asyncio.to_thread(request.source.open, opening)
             source = request.source.model_dump(exclude_none=True)
             plan = await self._plan(request, request.name or name, source, epsilon, display)
-            plan = replace(plan, limits=limits, by=by)
+            waits = request.wait_for_viewer
+            plan = replace(plan, limits=limits, by=by, wait_for_viewer=waits)
             return await self._start(plan, request.source.flight, script)
         finally:
             self._starting -= 1

@@ -54,6 +54,11 @@ class FlightRequest(BaseModel):
         "SI units, or the name under which a live source sends it; its own name if absent",
     )
     name: str | None = Field(default=None, min_length=1, max_length=200)
+    wait_for_viewer: StrictBool = Field(
+        default=False,
+        description="start at the first connection to the stream, or after 10 s without one: "
+        "the viewer sees the flight from its first sample. A live source never waits",
+    )
     accept_useless: StrictBool = Field(
         default=False,
         description="fly a monitor although by its evaluation less than 20 % of safe flights pass "

@@ -2,6 +2,7 @@
 
 import heapq
 from collections.abc import Callable
+from dataclasses import replace
 from datetime import UTC, datetime, timedelta
 from functools import cache
 from itertools import count
@@ -17,7 +18,7 @@ from app.flights.recorder import Raised, Recorder
 from app.flights.sources.playback import AssessedTrack
 from app.flights.sources.replay import TrackFlight
 from app.flights.sources.track import Track, times
-from app.flights.watcher import Watcher
+from app.flights.watcher import RecentFrames, Watcher
 from app.store.store import Store, open_store
 from core.monitor import Monitor, MonitorRecipe, train
 from core.monitor.group import LargestDeflection
@@ -195,18 +196,25 @@ class Flown:
         epsilon: float = EPSILON,
         scene: Any = None,
         clock: ScriptedClock | None = None,
+        wait_for_viewer: bool = False,
     ) -> None:
+        """wait_for_viewer: nobody watches yet; else one watcher does before the flight starts."""
         self.clock = clock or ScriptedClock()
         self.over: list[tuple[str, str]] = []
         self.recorder = SilentRecorder(self.clock)
         self.flight = TrackFlight(
-            plan(monitor, epsilon=epsilon),
+            replace(plan(monitor, epsilon=epsilon), wait_for_viewer=wait_for_viewer),
             AssessedTrack(track(y), monitor, epsilon),
             self.recorder,
             self.clock,
             lambda *how: self.over.append(how),
             scene,
         )
+        self.seen = Seen(Watcher(RecentFrames()) if wait_for_viewer else self.flight.watch())
+        self.seen.take()
+
+    def join(self) -> None:
+        """Begin to watch."""
         self.seen = Seen(self.flight.watch())
         self.seen.take()
 

@@ -19,6 +19,11 @@ from core.types import Indices
 
 TICK_S = 0.016
 """[s] Samples due within this time go out together."""
+VIEWER_S = 10.0
+"""[s] that a flight waits for its first viewer, where that was asked."""
+WAITING = "waiting for a viewer"
+KEEP_WAITING = frozenset({"loop", "speed"})
+"""Actions that leave a flight waiting for its first viewer; any other starts it."""
 LEFT_S = 600.0
 """[s] At the end of its source."""
 MOST_BACK = 3_000
@@ -45,6 +50,9 @@ class TrackFlight(Flight):
         self._furthest = self._at = -1
         self._held: Ruling | None = None
         self._exceedances = script.exceedances
+        self._is_waiting = plan.wait_for_viewer
+        if self._is_waiting:
+            self.reason = WAITING
 
     @property
     def lead(self) -> float:
@@ -66,20 +74,36 @@ class TrackFlight(Flight):
             n_samples=len(script.t),
             slipped=transport.slipped,
             seekable=True,
+            waiting=self._is_waiting and not self.is_over,
         )
 
     def start(self) -> None:
-        """Begin to fly, playing."""
+        """Play, or wait for the first viewer where the plan says so."""
         if self.plan.limits is not None:
             self.put_in_force(self.plan.limits, self.plan.by)
         self._beat()
-        self.act("play")
+        if self._is_waiting:
+            self._call_at("viewer", self.clock.now() + VIEWER_S, lambda: self.act("play"))
+        else:
+            self.act("play")
 
     def act(self, action: str, value: float | bool | None = None) -> None:
         """Do an action of the transport; TransportError says what is wrong with it."""
         if self.is_over:
             raise NotPossible("the flight is over: start another one")
-        self._do(action, value, self.clock.now())
+        now = self.clock.now()
+        starts = self._is_waiting and action not in KEEP_WAITING
+        if starts:
+            self._transport.play(now)
+        try:
+            self._do(action, value, now)
+        except TransportError:
+            if starts:
+                self._transport.pause()
+            raise
+        if starts:
+            self._is_waiting = False
+            self._stop_timer("viewer")
         self._tick(changed=True)
 
     def source_frames(self, first: int, last: int) -> list[dict[str, Any]]:

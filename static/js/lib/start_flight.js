@@ -12,7 +12,7 @@ const USELESS = "urn:forewarn:useless-monitor";
 
 export async function startFlight({ api, navigate }, request) {
   const start = async (order) => {
-    const flight = await api.post("/flights", order);
+    const flight = await api.post("/flights", { wait_for_viewer: true, ...order });
     navigate(`#/fly/${flight.id}`);
   };
   try {

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from app.flights.sources.replay import LEFT_S
+from app.flights.sources.replay import LEFT_S, VIEWER_S, WAITING
 from app.flights.transport import CATCH_UP_S, NotPossible, TransportError
 from core.monitor import Monitor, State
 from core.monitor.status import Level
@@ -318,3 +318,47 @@ def test_next_alert_goes_from_onset_to_onset(exact: Monitor, failing: Array) -> 
         assert flown.flight.transport.sample == onset
     with pytest.raises(NotPossible, match="no alert begins after"):
         flown.flight.act("next_alert")
+
+
+def test_a_flight_waits_at_its_start_for_its_first_viewer(exact: Monitor, failing: Array) -> None:
+    flown = Flown(exact, failing, wait_for_viewer=True).start()
+    flown.flight.act("loop", True)  # the start page asks for it before anybody watches
+    flown.advance(5.0)
+    state = flown.flight.transport
+    assert (state.waiting, state.playing, flown.flight.head) == (True, False, -1)
+    assert flown.flight.reason == WAITING
+    flown.join()
+    hello, *messages = flown.seen.messages
+    assert hello["head"] == -1
+    assert [message["frames"][0]["t"] for message in messages if "frames" in message] == [0.0]
+    flown.advance(1.0)
+    assert (flown.flight.transport.waiting, flown.flight.transport.playing) == (False, True)
+    assert flown.flight.t == pytest.approx(1.0, abs=DT)
+    flown.advance(N_SAMPLES * DT - 1.0)
+    assert [frame["seq"] for frame in flown.seen.frames] == [*range(flown.flight.head + 1)]
+
+
+def test_a_flight_without_a_viewer_flies_after_a_while(exact: Monitor, failing: Array) -> None:
+    flown = Flown(exact, failing, wait_for_viewer=True).start()
+    flown.advance(VIEWER_S - 0.1)
+    assert flown.flight.head == -1
+    flown.advance(1.1)
+    assert flown.flight.t == pytest.approx(1.0, abs=DT)
+
+
+@pytest.mark.parametrize(
+    ("action", "value", "t", "playing"),
+    [("play", None, 0.0, True), ("seek", 2.0, 2.0, True), ("step", 3, 2 * DT, False)],
+)
+def test_whoever_steers_a_flight_that_waits_starts_it(
+    action: str, value: float | None, t: float, playing: bool, exact: Monitor, failing: Array
+) -> None:
+    flown = Flown(exact, failing, wait_for_viewer=True).start()
+    with pytest.raises(TransportError):
+        flown.flight.act("seek", None)
+    assert flown.flight.transport.waiting
+    flown.flight.act(action, value)
+    state = flown.flight.transport
+    assert (state.waiting, state.playing, state.position) == (False, playing, pytest.approx(t))
+    flown.advance(2 * VIEWER_S)
+    assert flown.flight.transport.playing == (playing and not flown.flight._transport.at_end)

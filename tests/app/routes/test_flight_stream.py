@@ -115,6 +115,18 @@ def test_a_flight_is_started_listed_read_and_ended(server: Server) -> None:
     problem(server.client.delete(f"{URL}/0123456789ab"), 404)
 
 
+def test_a_flight_started_for_a_viewer_waits_and_a_live_one_never(server: Server) -> None:
+    flight = server.start(wait_for_viewer=True)
+    assert (flight["transport"]["waiting"], flight["reason"]) == (True, "waiting for a viewer")
+    server.advance(5.0)
+    with server.watch(flight["id"]) as socket:
+        messages = until(socket, lambda m: m["type"] == "frames")
+        assert [frame["t"] for frame in frames_of(messages)] == [0.0]
+    assert "wait_for_viewer" not in flight["source"]
+    live = server.start(source={"kind": "live"}, wait_for_viewer=True)
+    assert (live["transport"]["waiting"], live["transport"]["playing"]) == (False, True)
+
+
 def test_hello_then_every_frame_with_the_scores_of_the_batch(server: Server) -> None:
     flight = server.start()
     server.steer(flight["id"], "pause")
