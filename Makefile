@@ -1,4 +1,4 @@
-.PHONY: demo study test fuzz lint types bench clean
+.PHONY: demo study test fuzz lint types bench command-line pictures clean
 VENV := .venv
 BIN := $(VENV)/bin
 PYTHON ?= python3
@@ -33,6 +33,12 @@ types: $(READY) ## static types
 
 bench: $(READY) ## ratios against public peers, each pair in one run
 	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -m benchmark -s tests/benchmarks
+
+command-line: $(READY) ## write the guide's page on the command line from the parser
+	$(BIN)/python -m tests.support.command_line_page
+
+pictures: $(READY) ## take the guide's pictures of the pages in Chromium, and draw its figures
+	$(BIN)/python -m tests.support.guide_pictures
 
 $(RUNS): pyproject.toml
 	@echo "Making $(VENV) with what the program needs: about 0.9 GB, under a minute with a fast connection."

@@ -50,6 +50,7 @@ from app.routes import (
     storage,
     uplink,
 )
+from app.routes.guide import guide_router
 from app.routes.scene import scene_router
 from app.scene.scene import Scenes
 from app.settings import Settings
@@ -138,6 +139,7 @@ def _routes() -> Iterator[BaseRoute]:
     for part in (catalog, *kept, jobs, campaigns, *flown, people, audit, health):
         yield from part.router.routes
     yield from scene_router().routes
+    yield from guide_router(STATIC / "guide").routes
 
 
 async def _go_on(aloft: Flights) -> None:

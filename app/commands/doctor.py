@@ -47,6 +47,7 @@ TESTED = {
     "httpx2": "2.16",
     "jinja2": "3.1",
     "llvmlite": "0.50",
+    "markdown-it-py": "4.3",
     "markupsafe": "3.0",
     "matplotlib": "3.11",
     "msgspec": "0.22",
