@@ -157,9 +157,16 @@ def needs_upgrade(url: URL) -> bool:
     current = current_revision(url)
     if current is None or current in known:
         return current != known[0]
+    place = url.render_as_string(hide_password=True)
+    if current < known[0]:
+        raise StoreError(
+            f"{place} has schema {current} of an unreleased Forewarn, this program opens those of "
+            f"releases ({', '.join(reversed(known))}): choose another data directory; nothing was "
+            "changed"
+        )
     raise StoreError(
-        f"{url.render_as_string(hide_password=True)} has schema {current}, this program knows up "
-        f"to {known[0]}: a newer Forewarn made it, upgrade this one; nothing was changed"
+        f"{place} has schema {current}, this program knows up to {known[0]}: a newer Forewarn made "
+        "it, upgrade this one; nothing was changed"
     )
 
 

@@ -1,4 +1,4 @@
-"""Migrations: up, down and up again with data; never past the program, never by halves."""
+"""Migrations: from the oldest release with its data; all or nothing, never past the program."""
 
 import shutil
 import signal
@@ -6,11 +6,8 @@ import sqlite3
 import subprocess
 import sys
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import replace
-from itertools import pairwise
 from pathlib import Path
 
-import numpy as np
 import pytest
 from alembic.autogenerate import compare_metadata
 from alembic.config import Config
@@ -22,26 +19,22 @@ from sqlalchemy import Column, Integer, Table, insert, inspect
 from app.store import schema
 from app.store.database import address, make_engine, writing
 from app.store.schema import configuration, current_revision
-from app.store.store import NotFound, StoreError, open_store
+from app.store.store import StoreError, open_store
 from app.store.tables import jobs, metadata
 from core.dataset import Dataset
 from core.monitor import train
-from core.specification import specification_to_plain
 from tests.support.api import api
 from tests.support.places import ROOT
 from tests.support.store_writer import add_a_job, open_by_migrations, remaining, start
 from tests.support.stored import (
-    EVALUATION,
-    append,
-    assert_says_its_number,
-    keep_recording,
     move,
-    scoring,
 )
 
 REVISIONS = [
     script.revision for script in ScriptDirectory.from_config(configuration()).walk_revisions()
 ][::-1]
+
+OLDEST = REVISIONS[0]
 
 NEXT = """
 '''One change more.'''
@@ -120,70 +113,8 @@ def test_a_new_store_has_the_schema_that_migrations_make(path: Path, tmp_path: P
     assert current_revision(address(path)) == REVISIONS[-1]
 
 
-def test_every_revision_goes_up_down_and_up(path: Path) -> None:
-    """A step at a time from the newest on; a longer way is made of these steps."""
-    revisions = ["base", *REVISIONS]
-    there = {"base": tables(path)}
-    for revision in REVISIONS:
-        move(path, revision)
-        there[revision] = tables(path)
-    assert there[REVISIONS[-1]] == {*metadata.tables, "alembic_version"}
-    for below, above in reversed([*pairwise(revisions)]):
-        for revision in (below, above, below):
-            move(path, revision)
-            assert tables(path) == there[revision] | {"alembic_version"}, (below, above)
-    move(path, "head")
-    assert tables(path) == there[REVISIONS[-1]]
-
-
-def test_what_an_older_schema_knows_survives_down_and_up(path: Path, dataset: Dataset) -> None:
-    plain = specification_to_plain(dataset.specification)
-    dataset = replace(dataset, recipe={"specification": plain})
-    monitor = replace(train(dataset), evaluation=EVALUATION)
-    store = open_store(path)
-    dataset_info = store.datasets.add(dataset, "d")
-    monitor_info = store.monitors.add(monitor, "m", dataset_info.id)
-    job = store.jobs.add("collect", {})
-    finished = store.jobs.update(job, "done")
-    flight = store.flights.add({}, monitor_info.id, 0.1)
-    append(store, flight, 0, 1200)
-    store.alarms.add(flight, 3, 0.06, 0.5)
-    keep_recording(store, "a")
-    scored = store.scorings.add(scoring(store, "a", monitor_info.id))
-    store.close()
-
-    move(path, "0003")
-    store = open_store(path)
-    assert store.recordings.all() == []
-    with pytest.raises(NotFound):
-        store.scorings.info("a", scored.id)
-    assert_says_its_number(store.flights.assessments(flight), np.arange(1200))
-    store.close()
-
-    move(path, "0002")
-    store = open_store(path)
-    assert store.flights.all() == []
-    assert store.jobs.all() == [finished]
-    store.close()
-
-    move(path, "0001")
-    store = open_store(path)
-    assert store.revision() == REVISIONS[-1]
-    assert store.jobs.all() == []
-    assert store.datasets.all() == [dataset_info]
-    assert store.datasets.get(dataset_info.id).digest() == dataset.digest()
-    assert store.monitors.all() == [monitor_info]
-    assert store.monitors.file(monitor_info.id) == monitor.to_bytes()
-    assert store.monitors.evaluation(monitor_info.id) == EVALUATION
-    flight = store.flights.add({}, monitor_info.id, 0.1)
-    append(store, flight, 0, 10)
-    assert_says_its_number(store.flights.assessments(flight), np.arange(10))
-    assert store.damage() == []
-    store.close()
-
-
 def test_a_store_of_an_older_program_is_upgraded_when_it_opens(path: Path) -> None:
-    move(path, "0002")
+    move(path, OLDEST)
     engine = make_engine(address(path))
     row = {"id": "a", "kind": "collect", "request": {}, "status": "done", "message": ""}
     with writing(engine) as connection:
@@ -193,6 +124,17 @@ def test_a_store_of_an_older_program_is_upgraded_when_it_opens(path: Path) -> No
     assert store.revision() == REVISIONS[-1]
     assert [job.id for job in store.jobs.all()] == ["a"]
     store.close()
+
+
+def test_a_store_of_an_unreleased_program_is_refused_untouched(path: Path) -> None:
+    move(path, OLDEST)
+    with sqlite3.connect(path) as connection:
+        connection.execute("UPDATE alembic_version SET version_num = '0013'")
+    connection.close()
+    before = path.read_bytes()
+    with pytest.raises(StoreError, match=r"schema 0013 .* unreleased"):
+        open_store(path)
+    assert path.read_bytes() == before
 
 
 def test_a_store_of_a_newer_program_is_refused_untouched(path: Path, tmp_path: Path) -> None:
@@ -348,20 +290,21 @@ def test_the_command_alembic_finds_its_configuration(
     finally:
         metadata.remove(more)
     monkeypatch.delenv("FOREWARN_DATABASE_URL")
-    alembic(["-x", f"url={path}", "downgrade", "0001"])
-    assert current_revision(address(path)) == "0001"
+    another = path.with_name("another.db")
+    alembic(["-x", f"url={another}", "upgrade", OLDEST])
+    assert current_revision(address(another)) == OLDEST
 
 
 def test_a_migration_keeps_a_copy_until_the_next_good_start(
     path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    move(path, REVISIONS[2])
+    move(path, OLDEST)
     before = sorted(tables(path))
     with api(path.parent, database_url=f"sqlite:///{path}"):
         pass
-    copy = path.with_name(f"{path.name}.before-{REVISIONS[2]}")
+    copy = path.with_name(f"{path.name}.before-{OLDEST}")
     assert current_revision(address(path)) == REVISIONS[-1]
-    assert current_revision(address(copy)) == REVISIONS[2]
+    assert current_revision(address(copy)) == OLDEST
     assert sorted(tables(copy)) == before
     monkeypatch.setattr(schema, "_COPIES", set())  # as another process has it
     with api(path.parent, database_url=f"sqlite:///{path}"):
@@ -372,8 +315,8 @@ def test_a_migration_keeps_a_copy_until_the_next_good_start(
 def test_a_database_that_cannot_be_copied_is_not_migrated(
     path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    move(path, REVISIONS[2])
-    path.with_name(f"{path.name}.before-{REVISIONS[2]}.part").mkdir()
+    move(path, OLDEST)
+    path.with_name(f"{path.name}.before-{OLDEST}.part").mkdir()
     with pytest.raises(StoreError, match="make space for a copy"):
         open_store(path)
-    assert current_revision(address(path)) == REVISIONS[2]
+    assert current_revision(address(path)) == OLDEST

@@ -1,4 +1,4 @@
-"""A database that version 0.1.0 wrote: all of it is there, in this schema and in that one."""
+"""A database that version 0.1.0 wrote: all of it is there."""
 
 import json
 import shutil
@@ -15,14 +15,13 @@ from app.recipes import from_plain
 from app.recordings.samples import digest, open_samples
 from app.recordings.verified import Verified
 from app.store.mappings import RememberedMapping
-from app.store.store import Store, open_store
+from app.store.store import Store
 from core.collection import DatasetRecipe, collect
 from core.monitor.assessment import STATES
 from tests.support.places import DATA
-from tests.support.stored import move, opened
+from tests.support.stored import opened
 
 WRITTEN = DATA / "version_0_1_0"
-REVISION = "0005"
 ANSWERS: dict[str, Any] = json.loads((WRITTEN / "answers.json").read_text())
 MONITOR, FLIGHT, RECORDING = (
     next(key.split("/")[1] for key in ANSWERS if key.startswith(kind))
@@ -47,11 +46,8 @@ def path(tmp_path: Path) -> Path:
     return Path(shutil.copy(WRITTEN / "data" / "forewarn.db", tmp_path))
 
 
-@pytest.fixture(params=["up", "up, down and up"])
-def store(path: Path, request: pytest.FixtureRequest) -> Iterator[Store]:
-    if request.param != "up":
-        move(path, "head")
-        move(path, REVISION)
+@pytest.fixture
+def store(path: Path) -> Iterator[Store]:
     with opened(path) as store:
         yield store
 
@@ -150,15 +146,13 @@ def test_the_samples_of_a_scoring_are_those_of_its_digest(store: Store) -> None:
     assert (samples["manoeuvre"] == 0).all()
 
 
-def test_a_mapping_outlives_the_way_down_and_up(path: Path) -> None:
-    store = open_store(path)
-    store.mappings.save("PH-LAB", "signals", {"channels": {}})
-    store.close()
-    move(path, REVISION)
+def test_a_remembered_mapping_is_there(path: Path) -> None:
     with sqlite3.connect(path) as connection:
-        rows = connection.execute("SELECT aircraft, signature, mapping FROM channel_maps")
-        assert rows.fetchall() == [("PH-LAB", "signals", '{"channels":{}}')]
+        connection.execute(
+            "INSERT INTO channel_maps VALUES ('a', 'PH-LAB', 'signals', '2026-01-01T00:00:00Z', "
+            """'{"channels": {"beta": {"offset": 0.1}}}')"""
+        )
     connection.close()
-    with opened(path) as again:
-        mapping = again.mappings.find("PH-LAB", "signals")
-        assert mapping == RememberedMapping("PH-LAB", {"channels": {}})
+    with opened(path) as store:
+        mapping = store.mappings.find("PH-LAB", "signals")
+    assert mapping == RememberedMapping("PH-LAB", {"channels": {"beta": {"bias": 0.1}}})
