@@ -517,7 +517,12 @@ class Reset(Message):
 
     type: Literal["reset"] = "reset"
     seq: int
-    t: float = Field(description="[s] of the next frame")
+    t: float = Field(description="[s] where the flight began or was sought, with sample `since`")
+    since: int = Field(
+        default=0,
+        description="samples from `since` up to `seq` belong to the same strips; they are not "
+        "streamed any more, and are at /assessments",
+    )
     held: list[LimitsFrom] = Field(default_factory=list, description="as in hello, by now")
 
 

@@ -14,9 +14,11 @@ from app.messages import LimitsFrom, Reset, Waiting, encode_frames
 
 CREDIT = 16
 NEWEST = 16
-"""Frames that a watcher is sent of all that came while it had no credit."""
+"""Frames that a watcher that is always slow is sent of those that came while it had no credit."""
 LARGEST = 250
-"""Frames a message, after a burst or for a watcher that resumes."""
+"""Frames a message: after a burst, for a watcher that resumes or that was held up once."""
+RARELY = 500
+"""Frames between two times without credit that make a watcher held up, not slow."""
 KEPT = 3_600
 """Frames kept for those who reconnect: over a minute at 50 Hz."""
 FEW_WAITING = 4
@@ -37,7 +39,7 @@ class RecentFrames:
         self._ring: list[str] = []
         self._messages: dict[tuple[int, int, int], str] = {}
         self._newest = ""
-        self.first = 0
+        self.first = self.since = 0
         self.head = -1
         self.first_t = 0.0
 
@@ -55,13 +57,15 @@ class RecentFrames:
 
     def restart(self, t: float) -> str:
         """What comes next, at t [s], does not follow what is kept. Returns the reset to send."""
-        self.first, self.first_t = self.head + 1, t
+        self.first = self.since = self.head + 1
+        self.first_t = t
         self._messages.clear()
         return self.reset()
 
     def reset(self) -> str:
         """Return the message that says where the kept frames start."""
-        return Reset(seq=self.first, t=self.first_t, held=self._held()).encode()
+        about = {"seq": self.first, "t": self.first_t, "since": self.since}
+        return Reset(**about, held=self._held()).encode()
 
     @property
     def newest(self) -> str:
@@ -95,6 +99,7 @@ class Watcher:
         self._waiting: deque[str] = deque()
         self._heartbeat: Callable[[int], str] | None = None
         self._conflated = 0
+        self._conflated_at = -RARELY
         self.on_news: Callable[[], object] | None = None
         self.on_frames: Callable[[], object] | None = None
         self.credit, self._is_told = CREDIT, False
@@ -105,7 +110,12 @@ class Watcher:
     def conflated(self) -> int:
         """Frames left out so far, those that will be when credit comes included."""
         behind = self._recent.head + 1 - self._next
-        return self._conflated + (max(behind - NEWEST, 0) if self._conflating else 0)
+        return self._conflated + (max(behind - self._most, 0) if self._conflating else 0)
+
+    @property
+    def _most(self) -> int:
+        """Frames that are sent of those that came without credit."""
+        return LARGEST if self._recent.head - self._conflated_at >= RARELY else NEWEST
 
     def wake(self) -> None:
         """There are new frames."""
@@ -205,7 +215,9 @@ class Watcher:
     def _frames(self) -> str:
         """Spend a credit on the next frames; of those that came without one, on the newest."""
         recent = self._recent
-        oldest = max(recent.first, recent.head + 1 - NEWEST if self._conflating else 0)
+        oldest = max(recent.first, recent.head + 1 - self._most if self._conflating else 0)
+        if self._conflating:
+            self._conflated_at = recent.head
         first = max(self._next, oldest)
         last = min(first + LARGEST - 1, recent.head)
         left_out = first - self._next

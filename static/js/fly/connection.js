@@ -9,18 +9,19 @@
  *     on.hello(hello, again)       again: the page already shows this flight
  *     on.frames(frames, message)   new samples, oldest first, each once
  *     on.state(message), on.status(headline), on.alarm(alarm), on.marker(marker), on.transport(transport), on.live(live), on.limits(message), on.heartbeat(message)
- *     on.reset({seq, t})           the next frame does not follow the last one: clear the strips
+ *     on.reset({seq, t, since, held})  the next frame, seq, does not follow the last one: clear the strips; the record has since..seq-1
+ *     on.gap(first, last)          samples first..last were not sent: the server has them in the flight's record
  *     on.link(link)                "connecting" | "open" | "silent" (a heartbeat is missed) | "lost" | "over"
  *     on.over(reason)              the flight is not under way any more; nothing follows
  *
  * Connection
  *   link, attempt, retryIn(wall) -> s     where it is; while lost, which attempt comes next and when
  *   loggedOut    it is lost since the login ended: it does not connect again
- *   figures(wall) -> {age, latency, conflated, lost, unwritten, problem, utc}
+ *   figures(wall) -> {age, latency, lost, unwritten, problem, utc}
  *     age      s since the newest sample was taken, growing while nothing comes; NaN before any
  *     latency  ms from due to here, above the quickest message of the last minute plus half a
  *              round trip; NaN before any
- *     conflated, lost   samples left out for this display, samples the server could not record
+ *     lost     samples the server could not record
  *     unwritten, problem   samples that wait for the server's disk, and why it takes none at present
  *     utc      the server's date and time as a Date, or null
  *   close()
@@ -40,7 +41,7 @@ export function createConnection(flight, on, { Socket = WebSocket } = {}) {
   const scheme = location.protocol === "https:" ? "wss" : "ws";
   const address = `${scheme}://${location.host}/api/v1/flights/${encodeURIComponent(flight)}/stream`;
   const clock = createServerClock();
-  const counts = { conflated: 0, before: 0, lost: 0, unwritten: 0, problem: "" };
+  const counts = { lost: 0, unwritten: 0, problem: "" };
   let socket = null;
   let seen = -1; // newest seq taken
   let drawn = 0; // messages of frames since the last credit
@@ -134,8 +135,6 @@ export function createConnection(flight, on, { Socket = WebSocket } = {}) {
     hello: (message) => {
       const again = knowsFlight;
       [knowsFlight, backlog, connection.attempt] = [true, message.head, 0];
-      counts.before += counts.conflated;
-      counts.conflated = 0;
       clock.setUtc(message.server_time);
       clock.measureRoundTrip();
       beat = heard;
@@ -148,10 +147,12 @@ export function createConnection(flight, on, { Socket = WebSocket } = {}) {
       const frames = message.frames.filter((frame) => frame.seq > seen);
       const last = frames.at(-1);
       if (last !== undefined) {
+        const before = seen;
         seen = last.seq;
         const { sent, taken = sent } = last;
         if (taken !== null) newest = { taken, latency: sent !== null && last.seq > backlog ? clock.latency(sent) : NaN };
         on.frames?.(frames, message);
+        if (frames[0].seq > before + 1) on.gap?.(before + 1, frames[0].seq - 1);
       }
       drawn += 1;
       if (drawn < DRAWN) return;
@@ -166,7 +167,7 @@ export function createConnection(flight, on, { Socket = WebSocket } = {}) {
       beat = heard;
       clock.observe(message.sent);
       clock.setUtc(message.server_time);
-      Object.assign(counts, { lost: message.lost, unwritten: message.unwritten, problem: message.problem, conflated: message.conflated });
+      Object.assign(counts, { lost: message.lost, unwritten: message.unwritten, problem: message.problem });
       on.heartbeat?.(message);
     },
     state: (message) => on.state?.(message),
@@ -195,7 +196,6 @@ export function createConnection(flight, on, { Socket = WebSocket } = {}) {
     return {
       age: newest === null ? NaN : Math.max(0, clock.since(newest.taken, wall)) / 1000,
       latency: newest === null ? NaN : newest.latency,
-      conflated: counts.before + counts.conflated,
       lost: counts.lost,
       unwritten: counts.unwritten,
       problem: counts.problem,

@@ -14,6 +14,7 @@ import { sentence } from "../lib/monitor_warnings.js";
 import { askToConfirm, state as stateOf } from "../lib/view_states.js";
 import { createAlarmPanel } from "./alarm_panel.js";
 import { createAssessmentDisplay } from "./assessment/assessment_display.js";
+import { createBackfill } from "./backfill.js";
 import { createConnection } from "./connection.js";
 import { createFlightLimits } from "./flight_limits.js";
 import { createFlightMarkers, markerEvent, markerFlag } from "./flight_markers.js";
@@ -69,8 +70,10 @@ export function showLiveFlight(element, { id, api, over }) {
   let shown = { saying: "", wall: 0 }; // what is said of link and flight, and since when its figures stand
   let recorded = true; // by the last heartbeat
   let decided = null; // the server's headline
+  let resets = 0; // of the strips
   let cautioned = false; // of being stale, which the server does not know
 
+  const backfill = createBackfill({ api, path, insert: (frames, complete) => display.chart.insert(frames, complete) });
   element.dataset.flight = "connecting";
   panels.strips.append(stateOf("loading", "Connecting to the flight", "The strips begin with its first sample."));
 
@@ -86,6 +89,7 @@ export function showLiveFlight(element, { id, api, over }) {
     limits: onLimits,
     heartbeat: onHeartbeat,
     reset: onReset,
+    gap: backfill.need,
     link: onLink,
     over,
   });
@@ -130,6 +134,7 @@ export function showLiveFlight(element, { id, api, over }) {
   function forgetFrom(head) {
     const n = display.seq - head;
     events.add({ t: null, text: `${n} samples that were shown were not durable when the server was killed: their source must repeat them`, level: "caution" });
+    backfill.clear();
     display.forget();
   }
 
@@ -159,10 +164,17 @@ export function showLiveFlight(element, { id, api, over }) {
     if (hello.transport.seekable) events.showUntil(t);
   }
 
-  async function onReset({ t, held }) {
+  async function onReset({ seq, t, since, held }) {
+    const mine = ++resets;
+    backfill.clear();
+    backfill.hold();
     hello.held = held;
     showEventsUntil(t);
     const newest = await display.restart(t, () => hello.held);
+    if (mine === resets) {
+      backfill.need(since, seq - 1);
+      backfill.release();
+    }
     transport.arrived();
     onFrames([], newest);
   }
@@ -330,13 +342,14 @@ export function showLiveFlight(element, { id, api, over }) {
       headline,
       cause: display?.withdrawal,
       staleAfter: display?.staleAfter ?? Infinity,
-      figures: connection.figures(wall),
+      figures: { ...connection.figures(wall), skipped: backfill.skipped },
     });
   }
 
   return {
     close: () => {
       connection.close();
+      backfill.clear();
       alarm.close();
       for (const release of unbind) release();
       notes?.close();

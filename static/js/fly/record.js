@@ -42,7 +42,7 @@ export function showFlightRecord(element, { flight, why, reopen, api, navigate }
   const status = createStatusStrip(panels.status);
   const gauge = createRiskGauge(panels.gauge);
   const source = sourceText(flight.source, flight.name);
-  const nothing = { age: NaN, latency: NaN, conflated: 0, lost: flight.lost, unwritten: 0, problem: "", utc: null };
+  const nothing = { age: NaN, latency: NaN, skipped: 0, lost: flight.lost, unwritten: 0, problem: "", utc: null };
   const shown = { mode: flight.mode, source, monitor: flight.monitor, warnings: flight.warnings, link: "over", staleAfter: 1, playing: false, live: false, headline: null, figures: nothing };
   const alertAbove = flight.monitors[0].alert_above;
   const isLive = flight.mode === "live";

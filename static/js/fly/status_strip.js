@@ -4,7 +4,7 @@
  * Exports
  *   createStatusStrip(element) -> {update(status)}
  *     status: {mode, source, monitor, warnings, validity, link, staleAfter, playing, live, headline, cause, result,
- *              figures: {age [s], latency [ms], conflated, lost, unwritten, problem, utc: Date | null}}
+ *              figures: {age [s], latency [ms], skipped, lost, unwritten, problem, utc: Date | null}}
  *     lost: null where nobody knows how many: the server was killed
  *     mode: "live", "replay" or "simulated"; only live data have an age and a latency, only a flight
  *     that is not over a link and the time of day
@@ -29,7 +29,7 @@ const ITEMS = [
   ["utc", "UTC", "The server's date and time"],
   ["age", "data age", "Time since the newest sample was taken; it grows while none comes"],
   ["latency", "latency", "Newest sample: from the server's clock to this page"],
-  ["conflated", "left out", "Samples left out of this display because it was slow; all were assessed and recorded"],
+  ["skipped", "display", "Samples that are not drawn because this page was busy and could not read them again"],
   ["record", "record", RECORD],
 ];
 const LATE = 300; // ms
@@ -61,7 +61,7 @@ export function createStatusStrip(element) {
     mode.dataset.mode = live ? (from ?? "") : "record";
     for (const key of ["age", "latency"]) items[key].box.hidden = from !== "live";
     for (const key of ["utc", "link"]) items[key].box.hidden = !live;
-    items.conflated.box.hidden = figures.conflated === 0;
+    items.skipped.box.hidden = figures.skipped === 0;
     show("source", source);
     show("monitor", monitor);
     for (const key of ["source", "monitor"]) items[key].value.title = items[key].value.textContent; // may be cut
@@ -81,7 +81,7 @@ export function createStatusStrip(element) {
     else show("age", `${figures.age.toFixed(1)} s`, figures.age > staleAfter ? "caution" : "");
     const known = linked && Number.isFinite(figures.latency);
     show("latency", known ? `${Math.round(figures.latency)} ms` : "–", !known ? "off" : figures.latency > LATE ? "caution" : "");
-    show("conflated", `${figures.conflated.toLocaleString("en")} samples`, figures.conflated > 0 ? "caution" : "");
+    show("skipped", `skipped ${figures.skipped.toLocaleString("en")} samples${figures.lost === 0 ? " (all recorded)" : ""}`, "caution");
     show("record", ...(live && link === "lost" ? ["–", "off"] : recordOf(figures)));
     items.record.box.title = figures.problem === "" ? RECORD : sentence(figures.problem);
   }

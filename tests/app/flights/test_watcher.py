@@ -3,7 +3,15 @@
 import msgspec
 import pytest
 
-from app.flights.watcher import CREDIT, LARGEST, MAX_WAITING, NEWEST, RecentFrames, Watcher
+from app.flights.watcher import (
+    CREDIT,
+    LARGEST,
+    MAX_WAITING,
+    NEWEST,
+    RARELY,
+    RecentFrames,
+    Watcher,
+)
 from tests.support.flying import Seen
 
 
@@ -38,20 +46,39 @@ def test_the_same_message_is_encoded_once_for_all() -> None:
     assert all(text is first for text in others)
 
 
-def test_without_credit_no_frames_come_and_then_the_newest_with_the_count() -> None:
+def held_up(n: int, *, before: int = 0) -> tuple[Watcher, Seen, RecentFrames]:
+    """A watcher that gave no credit while n frames came, after it had taken some."""
     recent = RecentFrames()
     watcher = Watcher(recent)
     seen = Seen(watcher)
-    for _ in range(CREDIT + 100):
+    for k in range(before + CREDIT + n):
         append(recent, watcher)
-        seen.take(credit=False)
-    assert seqs(seen.messages) == list(range(CREDIT))
+        seen.take(credit=k < before)
+    return watcher, seen, recent
+
+
+def test_a_watcher_that_was_held_up_once_is_sent_every_frame() -> None:
+    watcher, seen, recent = held_up(LARGEST, before=200)
+    assert watcher.conflated == 0
+    watcher.grant(1)
+    seen.take(credit=False)
+    assert seqs(seen.messages) == list(range(recent.head + 1))
+
+
+def test_a_watcher_that_is_always_slow_is_sent_the_newest_frames_with_the_count() -> None:
+    watcher, seen, recent = held_up(LARGEST)
+    watcher.grant(1)
+    seen.take(credit=False)
+    append(recent, watcher, n=100)
     assert watcher.conflated == 100 - NEWEST
     watcher.grant(1)
     (message,) = seen.take(credit=False)
-    assert seqs([message]) == list(range(CREDIT + 100 - NEWEST, CREDIT + 100))
-    assert message["conflated"] == 100 - NEWEST
-    assert watcher.conflated == 100 - NEWEST
+    assert seqs([message]) == list(range(recent.head + 1 - NEWEST, recent.head + 1))
+    assert message["conflated"] == watcher.conflated == 100 - NEWEST
+    append(recent, watcher, n=RARELY)
+    watcher.grant(1)
+    (message,) = seen.take(credit=False)
+    assert len(message["frames"]) == LARGEST
 
 
 def test_shown_and_conflated_frames_add_up_to_those_flown() -> None:
@@ -92,14 +119,14 @@ def test_other_messages_need_no_credit_and_come_first() -> None:
     recent = RecentFrames()
     watcher = Watcher(recent)
     watcher.credit = 0
-    append(recent, watcher, n=40)
+    append(recent, watcher, n=LARGEST + 40)
     watcher.tell('{"type":"alarm"}')
     watcher.tell('{"type":"state"}')
     watcher.beat(lambda conflated: f'{{"type":"heartbeat","conflated":{conflated}}}')
     seen = Seen(watcher)
     told = [message["type"] for message in seen.take()]
     assert told == ["alarm", "state", "waiting", "heartbeat"]
-    assert seen.messages[-1]["conflated"] == 40 - NEWEST
+    assert seen.messages[-1]["conflated"] == 40
 
 
 def test_of_waiting_heartbeats_only_the_newest_is_sent() -> None:
@@ -130,7 +157,7 @@ def test_the_frames_before_a_reset_are_still_sent_before_it() -> None:
     messages = Seen(watcher).take()
     assert [message["type"] for message in messages] == ["frames", "reset", "frames"]
     assert seqs(messages) == [0, 1, 2, 3]
-    assert messages[1] == {"type": "reset", "seq": 3, "t": 7.5, "held": []}
+    assert messages[1] == {"type": "reset", "seq": 3, "t": 7.5, "since": 3, "held": []}
 
 
 def test_what_a_reset_took_from_a_watcher_without_credit_is_counted() -> None:
@@ -163,7 +190,7 @@ def test_resume_from_what_is_not_kept_resets_and_sends_what_is(seen_before: int)
     watcher = Watcher(recent)
     watcher.resume(seen_before)
     reset, *messages = Seen(watcher).take()
-    assert (reset["type"], reset["seq"]) == ("reset", 90)
+    assert (reset["type"], reset["since"], reset["seq"]) == ("reset", 0, 90)
     assert seqs(messages) == list(range(90, 150))
 
 

@@ -12,9 +12,10 @@ import pytest
 from starlette.testclient import TestClient, WebSocketTestSession
 from starlette.websockets import WebSocketDisconnect
 
+from app.flights import watcher
 from app.flights.flights import Flights
 from app.flights.frame_ticks import TICK_S, FrameTicks
-from app.flights.watcher import CREDIT
+from app.flights.watcher import CREDIT, NEWEST
 from app.messages import Hello
 from core.evaluation.certificate import UNTESTED
 from tests.app.flights.test_flights import RECIPE, monitor
@@ -191,7 +192,10 @@ def test_frames_that_come_before_the_next_round_of_sending_are_one_message(serve
     assert [frame["seq"] - hello["head"] for frame in message["frames"]] == [1, 2, 3, 4]
 
 
-def test_a_watcher_that_gives_no_credit_is_told_what_it_missed(server: Server) -> None:
+def test_a_watcher_that_gives_no_credit_is_told_what_it_missed(
+    server: Server, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(watcher, "LARGEST", NEWEST)
     flight = server.start()
     with server.watch(flight["id"]) as socket:
         hello = msgspec.json.decode(socket.receive_text())

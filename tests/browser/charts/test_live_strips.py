@@ -241,6 +241,33 @@ def test_samples_left_out_for_display_are_told_from_missing_ones(strips: Open) -
     assert thinned > missing > 0, "the word LEFT OUT is longer than GAP"
 
 
+def test_samples_that_come_later_are_drawn_where_they_belong(strips: Open) -> None:
+    page = strips("seconds=20&lead=0")
+    whole, broken, partly, filled, latched = run(
+        page,
+        """
+        const all = Array.from({ length: 1000 }, (_, k) => ({ ...h.frame(k / 50), seq: k }));
+        all[450].y[3] = 0.6;
+        const drawn = () => { h.draw(1000); return h.pixels('p', 'trace')[0]; };
+        h.chart.push(all, 1000);
+        const whole = drawn();
+        h.chart.clear();
+        h.chart.push(all.slice(100, 400), 1000); h.chart.push(all.slice(600), 1000);
+        const broken = drawn();
+        const none = h.chart.exceedances().some(({ t }) => t === 9);
+        h.chart.insert(all.slice(400, 500), false);
+        const partly = [drawn(), h.chart.ring.flags(400, 401)];
+        h.chart.insert(all.slice(500, 600), true);
+        h.chart.insert(all.slice(0, 100), true);
+        return [whole, broken, partly, [drawn(), h.chart.ring.flags(0, 1000) & 20], none];
+        """,
+    )
+    assert broken < partly[0] < whole
+    assert partly[1] & 16, "more is missing"
+    assert filled == [whole, 0]
+    assert latched is False
+
+
 def test_the_forecast_reaches_past_the_newest_sample_by_the_lead(strips: Open) -> None:
     page = strips("seconds=20&lead=2")
     right = run(page, "h.feed(0, 10, 1000); h.draw(1000); return h.pixels('Ny', 'forecast', 60)[2]")

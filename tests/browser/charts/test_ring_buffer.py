@@ -85,3 +85,39 @@ def test_hours_of_samples_leave_memory_flat(strips: Open) -> None:
     session.detach()
     assert run(page, "return h.chart.ring.first()") > 120_000
     assert sizes[2] - sizes[1] < 0.3
+
+
+def test_samples_put_in_later_make_the_ring_that_they_would_have_made_in_order(
+    strips: Open,
+) -> None:
+    wrong = run(
+        strips(),
+        """
+        let seed = 11;
+        const random = () => (seed = (seed * 16807) % 2147483647) / 2147483647;
+        const rows = Array.from({ length: 7000 }, (_, k) =>
+          ({ t: k / 50, row: [Math.fround(random() - 0.5)], flags: random() < 0.01 ? 2 : 0 }));
+        const put = (ring, from, to) => {
+          for (const { t, row, flags } of rows.slice(from, to)) ring.push(t, row, flags);
+        };
+        const whole = h.createRingBuffer({ series: 1, capacity: 8192 });
+        put(whole, 0, 7000);
+        const ring = h.createRingBuffer({ series: 1, capacity: 8192 });
+        put(ring, 2000, 4200); put(ring, 4500, 7000);
+        const stored = [
+          ring.insert(2200, rows.slice(4200, 4500), rows[4500].flags),
+          ring.insert(0, rows.slice(0, 2000), rows[2000].flags),
+        ];
+        let wrong = ring.count() === 7000 ? 0 : 1;
+        const [a, b] = [new Float64Array(2), new Float64Array(2)];
+        for (let trial = 0; trial < 500; trial++) {
+          const from = Math.floor(7000 * random());
+          const to = from + 1 + Math.floor(random() * (6999 - from));
+          ring.extent(0, from, to, a); whole.extent(0, from, to, b);
+          if (a[0] !== b[0] || a[1] !== b[1] || ring.time(from) !== whole.time(from)) wrong += 1;
+          if (ring.flags(from, to) !== whole.flags(from, to)) wrong += 1;
+        }
+        return [...stored, wrong];
+        """,
+    )
+    assert wrong == [True, True, 0]

@@ -10,6 +10,7 @@ from typing import Any
 import pytest
 from playwright.sync_api import Page, Route, WebSocketRoute, expect
 
+from app.flights.watcher import RecentFrames
 from app.http.security import SESSION_OVER
 from core.collection import DatasetRecipe, collect
 from core.monitor import MonitorRecipe, train
@@ -347,6 +348,23 @@ def test_scrubbing_shows_the_source_at_that_time_with_what_came_before(fly: Fly)
     fly.page.keyboard.press("Shift+ArrowLeft")
     cursor = fly.page.locator('.strip[data-key="Ny"] .readout-detail')
     expect(cursor).to_have_text(re.compile(r"^cursor −?\d\.\d{3}$"))
+
+
+def test_a_page_that_joins_late_shows_the_flight_from_its_beginning(
+    fly: Fly, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(RecentFrames.__init__, "__defaults__", (20, list))  # kept for the stream
+    with fly.page.expect_response(re.compile(r"/assessments\?first=0&last=")):
+        fly.watch(UNSAFE, ("step", 60))
+    frames = fly.ask("GET", f"/flights/{fly.flight}/assessments")["frames"]
+    fly.page.locator(".strip-chart").focus()
+    fly.page.keyboard.press("End")
+    for _ in range(len(frames) - 6):
+        fly.page.keyboard.press("ArrowLeft")
+    shown = f"{frames[5]['y'][3]:.3f}".replace("-", "−").replace("−0.000", "0.000")
+    cursor = fly.page.locator('.strip[data-key="Ny"] .readout-detail')
+    expect(cursor).to_have_text(f"cursor {shown}")
+    expect(fly.page.locator('.status-item[data-item="skipped"]')).to_be_hidden()
 
 
 def test_keys_play_step_and_jump_to_the_next_alert(fly: Fly) -> None:

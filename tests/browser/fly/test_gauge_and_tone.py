@@ -287,7 +287,7 @@ def test_credit_for_frames_is_given_back_a_quarter_at_a_time(
     assert given == [[4, 4], [0, 0, 0, 1, 1, 1, 1, 2, 2]]
 
 
-def test_left_out_samples_and_a_store_that_takes_nothing_are_said(strips: Open) -> None:
+def test_skipped_samples_and_a_store_that_takes_nothing_are_said(strips: Open) -> None:
     told = run(
         strips(),
         """
@@ -295,18 +295,19 @@ def test_left_out_samples_and_a_store_that_takes_nothing_are_said(strips: Open) 
         const { createStatusStrip } = await import('/static/js/fly/status_strip.js');
         const element = document.createElement('div');
         const figures = {
-          age: 0, latency: 0, conflated: 1074, lost: 0, unwritten: 0, utc: null, problem: 'no disk',
+          age: 0, latency: 0, skipped: 1074, lost: 0, unwritten: 0, utc: null, problem: 'no disk',
         };
         createStatusStrip(element).update({
           mode: 'live', source: 'a file', monitor: '', link: 'open', live: true, figures,
           headline: null,
         });
         const said = (item) => element.querySelector(`[data-item="${item}"]`);
-        const [left, record] = ['conflated', 'record'].map(said);
+        const [left, record] = ['skipped', 'record'].map(said);
         const words = [left, record].map((one) => one.querySelector('.status-value').textContent);
         const source = said('source').querySelector('.status-value').title; // it may be cut
         return [...words, record.dataset.level, record.title, source];
         })();
         """,
     )
-    assert told == ["1,074 samples", "◆ STORE TAKES NOTHING", "caution", "No disk.", "a file"]
+    skipped = "skipped 1,074 samples (all recorded)"
+    assert told == [skipped, "◆ STORE TAKES NOTHING", "caution", "No disk.", "a file"]

@@ -9,6 +9,7 @@
  *
  * Intake
  *   push(frames) -> how many were stored
+ *   insert(frames, complete)          earlier ones, where they belong; complete: the sample after them follows
  *   status -> {state, alert}          of the newest frame, or as set by setStatus({state, alert})
  *   exceedances -> Map of key -> {t, value, over}     the first exceedance and the peak since; over: it goes on
  *   acknowledge()                     forgets those that are over; one that goes on stays until it is
@@ -17,7 +18,7 @@
  */
 
 import { stripState } from "../readout.js";
-import { ALERT, GAP, INVALID, LIMITS_UNKNOWN, NOT_APPLICABLE, THINNED, UNASSESSED, WARMING_UP } from "./ring_buffer.js";
+import { ALERT, BROKEN, GAP, INVALID, LIMITS_UNKNOWN, NOT_APPLICABLE, THINNED, UNASSESSED, WARMING_UP } from "./ring_buffer.js";
 
 const NO_DATA = { state: "none", alert: false };
 
@@ -35,13 +36,18 @@ export function createIntake({ ring, channels, strips, flight, onExceedance }) {
     return ring.count() - before;
   }
 
-  function store(frame) {
+  /** Values of a frame as the ring buffer holds them; the same array each time. */
+  function rowOf(frame) {
     for (let k = 0; k < channels.length; k++) row[k] = number(frame.y[k]);
     row[channels.length] = frame.state === "ok" ? number(frame.p_value) : NaN;
     for (const { forecast, series, key } of forecasting) {
       row[forecast] = number(frame.y_hat?.[series] ?? frame.y_hat?.[key]);
     }
-    const stored = ring.push(frame.t, row, flagsOf(frame));
+    return row;
+  }
+
+  function store(frame) {
+    const stored = ring.push(frame.t, rowOf(frame), flagsOf(frame));
     status = { state: stripState(frame), alert: frame.alert === true && frame.state === "ok" };
     if (!stored) return;
     seq = frame.seq ?? null;
@@ -55,10 +61,43 @@ export function createIntake({ ring, channels, strips, flight, onExceedance }) {
     }
   }
 
+  function insert(frames, complete) {
+    const at = ring.after(frames[0].t);
+    const end = at < ring.count() ? ring.time(at) : Infinity;
+    const fits = frames.filter(({ t }) => t < end);
+    if (fits.length === 0) return;
+    let before = at > ring.first() ? ring.time(at - 1) : -Infinity;
+    const rows = fits.map((frame) => {
+      const stored = { t: frame.t, row: Float64Array.from(rowOf(frame)), flags: stateFlags(frame) | gapFlag(before, frame.t) };
+      before = frame.t;
+      return stored;
+    });
+    const follows = at < ring.count() ? ring.flags(at, at + 1) & ~BROKEN : 0;
+    if (!ring.insert(at, rows, follows | (complete ? gapFlag(before, end) : THINNED))) return;
+    if (end === Infinity) seq = fits.at(-1).seq ?? null;
+    for (const frame of fits) latchEarlier(frame);
+  }
+
+  /** An exceedance that this page had missed, and that was over before the newest sample. */
+  function latchEarlier(frame) {
+    if (frame.seq <= told) return;
+    for (const strip of strips) {
+      const [value, limit] = [number(frame.y[strip.series]), limitAt(strip, frame.t)];
+      if (strip.risk || limit === null || !(Math.abs(value) >= limit) || exceedances.has(strip.key)) continue;
+      latch(strip, frame.t, value);
+      release(strip.key);
+    }
+  }
+
+  const gapFlag = (before, t) => (Number.isFinite(before) && Number.isFinite(t) && t - before > 1.5 * flight.dt ? GAP : 0);
+
   function flagsOf(frame) {
     const n = ring.count();
     const thinned = n > 0 && seq !== null && frame.seq != null && frame.seq > seq + 1;
-    const missing = n > 0 && !thinned && frame.t - ring.time(n - 1) > 1.5 * flight.dt;
+    return stateFlags(frame) | (thinned ? THINNED : n > 0 ? gapFlag(ring.time(n - 1), frame.t) : 0);
+  }
+
+  function stateFlags(frame) {
     const state = stripState(frame);
     return (
       (state === "invalid" ? INVALID : 0) |
@@ -66,9 +105,7 @@ export function createIntake({ ring, channels, strips, flight, onExceedance }) {
       (state === "not_applicable" ? NOT_APPLICABLE : 0) |
       (state === "limits_unknown" ? LIMITS_UNKNOWN : 0) |
       (frame.state === "warming_up" ? WARMING_UP : 0) |
-      (frame.alert === true && frame.state === "ok" ? ALERT : 0) |
-      (missing ? GAP : 0) |
-      (thinned ? THINNED : 0)
+      (frame.alert === true && frame.state === "ok" ? ALERT : 0)
     );
   }
 
@@ -106,6 +143,7 @@ export function createIntake({ ring, channels, strips, flight, onExceedance }) {
 
   return {
     push,
+    insert,
     exceedances,
     acknowledge,
     restore,

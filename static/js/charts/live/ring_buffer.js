@@ -16,6 +16,9 @@
  * @property {() => number} count  number after the newest sample
  * @property {(t: number, row: ArrayLike<number>, flags?: number) => boolean} push  append a sample;
  *   NaN is a missing value. False, and nothing stored, unless t [s] is finite and after the last one
+ * @property {(at: number, rows: {t: number, row: ArrayLike<number>, flags: number}[], flags: number) => boolean} insert
+ *   put samples before sample `at`, whose flags are then `flags`; their times rise and lie between
+ *   those of its neighbours. False, and nothing stored, where what lies before is not held any more
  * @property {(i: number) => number} time  [s]
  * @property {(s: number, i: number) => number} value
  * @property {(from: number, to: number) => number} flags  all flags of samples from..to-1, or-ed
@@ -79,6 +82,23 @@ export function createRingBuffer({ series, capacity = 180_000 }) {
     }
     count += 1;
     return true;
+  }
+
+  /** Everything from the block of `at` on is stored again, so that the pyramid is right. */
+  function insert(at, rows, flags) {
+    const from = at - (at % COARSEST);
+    if (from < first()) return false;
+    const kept = Array.from({ length: count - from }, (_, k) => copy(from + k));
+    if (at < count) kept[at - from].flags = flags;
+    kept.splice(at - from, 0, ...rows);
+    count = from;
+    for (const { t, row, flags } of kept) push(t, row, flags);
+    return true;
+  }
+
+  function copy(i) {
+    const slot = i % size;
+    return { t: times[slot], row: values.map((series) => series[slot]), flags: marks[slot] };
   }
 
   /** Coarsest level with a whole block starting at sample i and ending by `to`. */
@@ -150,6 +170,7 @@ export function createRingBuffer({ series, capacity = 180_000 }) {
     first,
     count: () => count,
     push,
+    insert,
     time,
     value: (s, i) => values[s][i % size],
     flags,

@@ -18,6 +18,7 @@
  * StripChart
  *   push(frame | frames, wall)      {t, y, p_value, alert, state, y_hat, seq}; y by channel order;
  *                                   y_hat likewise, or by key. Returns how many were stored.
+ *   insert(frames, complete)        earlier samples, where the trace jumps; complete: the sample after them follows
  *   setState({state, reason})       when it changes without a sample ("stale" by the server's clock)
  *   setFlight({alertAbove, lead, dt, staleAfter}), setTransport({playing, speed})
  *   setHeld([{t, limits}])          which limits by key held for samples after t [s], null for all, since the flight began
@@ -92,6 +93,11 @@ export function createStripChart(host, options) {
     if (ahead?.t.length) timeline.setRoom(ahead.t.at(-1) - ahead.made);
     if (stored > 0) timeline.observe(newest(), at);
     return stored;
+  }
+
+  function insert(frames, complete) {
+    intake.insert(frames, complete);
+    look += 1;
   }
 
   const newest = () => (ring.count() > 0 ? ring.time(ring.count() - 1) : NaN);
@@ -198,6 +204,7 @@ export function createStripChart(host, options) {
     timeline,
     ring,
     push,
+    insert,
     update,
     get newest() {
       return ring.count() > 0 ? newest() : null;
