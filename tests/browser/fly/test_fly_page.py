@@ -274,8 +274,11 @@ def test_the_record_of_a_flight_that_exceeded_says_how_it_was_warned(fly: Fly) -
     when = fly.event_time("alert, risk")
     fly.steer("seek", fail_t)
     fly.gauge_says("EXCEEDING")
+    warning = f"Warned {fail_t - when:.2f} s before the limit"
+    expect(fly.status("state")).to_have_text(f"▲ EXCEEDING · {warning}")
+    expect(fly.page.locator(".gauge-beside")).to_have_text(warning)
     fly.ask("POST", f"/flights/{fly.flight}/end")
-    said = f"LIMIT EXCEEDED, warned {fail_t - when:.2f} s before the limit"
+    said = f"LIMIT EXCEEDED, {warning.replace('W', 'w')}"
     expect(fly.page.locator(".verdict")).to_contain_text(said)
     expect(fly.status("state")).to_have_text(f"▲ {said}")
     expect(fly.page.locator(".gauge-beside")).to_contain_text(said)
